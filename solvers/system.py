@@ -1,0 +1,62 @@
+"""What a solver knows of a mechanism: arrays and callables, not bodies.
+
+The equations of motion of a constrained mechanical system in relative coordinates::
+
+    q' = N(q) v                               positions q (nq), velocities v (n)
+    M(q) v' + h(t, q, v) + J(q)^T lambda = 0  (14) of the sheet paper, h holds every force but M v'
+    Phi(t, q) = 0                             m cut-joint constraints, J = dPhi/dq N
+    J v = nu,  J v' = gamma                   its first and second time derivative
+
+``nq`` exceeds ``n`` where an orientation is held as a unit quaternion; then ``N`` is not square and a change of
+position is applied by :attr:`System.retract`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class Terms(NamedTuple):
+    """The terms of the equations at one state; allocated once, filled by :attr:`System.dynamics`."""
+
+    qdot: Array  # (nq,)   N(q) v
+    M: Array  # (n, n)  mass matrix
+    h: Array  # (n,)    bias: inertia at v' = 0 less applied forces
+    Phi: Array  # (m,)    constraint residual
+    J: Array  # (m, n)  constraint Jacobian with respect to v
+    nu: Array  # (m,)    J v = nu
+    gamma: Array  # (m,)    J v' = gamma
+
+    @staticmethod
+    def allocate(nq: int, n: int, m: int) -> Terms:
+        """Return zeroed terms for ``nq`` positions, ``n`` velocities and ``m`` constraints."""
+        return Terms(
+            np.zeros(nq), np.zeros((n, n)), np.zeros(n), np.zeros(m), np.zeros((m, n)), np.zeros(m), np.zeros(m)
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class System:
+    """A mechanism as a solver sees it.
+
+    The callables are compiled callbacks (see :mod:`solvers.kernel`); ``data`` is whatever tuple of arrays they need
+    and is passed through untouched.
+    """
+
+    nq: int
+    n: int
+    m: int
+    data: Any
+    dynamics: Callable[[float, Array, Array, Any, Terms], None]  # (t, q, v, data, terms): fills all terms
+    position: Callable[[float, Array, Any, Terms], None]  # (t, q, data, terms): fills Phi and J only
+    retract: Callable[[Array, Array, Any], None]  # (q, dq, data): q <- q (+) N dq in place, dq (n,)
+    energy: Callable[[float, Array, Array, Any], float]  # (t, q, v, data): total mechanical energy, J
+    coordinate_names: tuple[str, ...] = ()  # (n,)
+    constraint_names: tuple[str, ...] = ()  # (m,)
