@@ -1,0 +1,170 @@
+"""The flat arrays a mechanism compiles to: what is constant, and what moves.
+
+Two types, passed to every kernel. :class:`Arrays` describes the mechanism and does not change while it moves (inputs
+and tunable parameters are written between steps). :class:`State` is scratch and result of the recursions, allocated
+once. Body 0 is the ground, so no recursion asks whether a body has a parent, and parents come before children.
+
+Vectors are in global axes unless a name ends in ``_local``; a motion or wrench is one 6-vector, linear part first, and
+a body's is taken at that body's origin. SI units throughout.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solvers.kernel import records
+
+BODY = np.dtype(
+    [
+        ("parent", np.int64),  # index of the parent; parents come first
+        ("joint", np.int64),  # kind of the tree joint to the parent (joints.REGISTRY)
+        ("nq", np.int64),  # positions and velocities of the joint
+        ("nv", np.int64),
+        ("qi", np.int64),  # where they start in State.q and State.v
+        ("vi", np.int64),
+        ("qf", np.int64),  # where they start in the solver's free q and v; -1: driven
+        ("vf", np.int64),
+        ("quaternion", np.int64),  # 1: the last four positions are a unit quaternion
+        ("drive", np.int64),  # signal that gives the coordinate; -1: free
+        ("mass", np.float64),  # kg
+        ("com", np.float64, (3,)),  # centre of mass from the body's origin, body axes, m
+        ("inertia", np.float64, (3, 3)),  # about the centre of mass, body axes, kg m^2
+        ("s", np.float64, (3,)),  # joint frame in the parent: origin s'_j, m
+        ("R", np.float64, (3, 3)),  # ... and axes
+        ("axis", np.float64, (3,)),  # unit axis of the joint in the joint frame
+    ],
+    align=True,
+)
+
+CUT = np.dtype(
+    [
+        ("kind", np.int64),  # cuts.REGISTRY
+        ("a", np.int64),  # the two bodies
+        ("b", np.int64),
+        ("row", np.int64),  # first of its rows in State.rows
+        ("Pa", np.float64, (3,)),  # point on body a, body axes, m
+        ("Pb", np.float64, (3,)),
+        ("Ra", np.float64, (3, 3)),  # axes of the cut frame in body a; columns x, y, z
+        ("Rb", np.float64, (3, 3)),
+        ("length", np.float64),  # distance joint, m
+    ],
+    align=True,
+)
+
+FORCE = np.dtype(
+    [
+        ("kind", np.int64),  # forces.REGISTRY
+        ("a", np.int64),
+        ("b", np.int64),
+        ("v", np.int64),  # coordinate a joint force acts on: velocity and position index
+        ("q", np.int64),
+        ("signal", np.int64),  # magnitude of an applied force; -1: none
+        ("Pa", np.float64, (3,)),  # points of action, body axes, m
+        ("Pb", np.float64, (3,)),
+        ("axis", np.float64, (3,)),  # direction of an applied force or torque
+        ("stiffness", np.float64),  # N/m or N m/rad
+        ("damping", np.float64),  # N s/m or N m s/rad
+        ("free", np.float64),  # free length or angle, m or rad
+    ],
+    align=True,
+)
+
+SIGNAL = np.dtype(
+    [
+        ("kind", np.int64),  # signals.POLYNOMIAL or signals.HARMONIC
+        ("t0", np.float64),  # s
+        ("c", np.float64, (4,)),  # coefficients, see signals
+    ],
+    align=True,
+)
+
+SENSOR = np.dtype(
+    [
+        ("kind", np.int64),  # sensors.Kind
+        ("index", np.int64),  # body, coordinate or constraint row
+        ("component", np.int64),
+        ("point", np.float64, (3,)),  # body axes, m
+    ],
+    align=True,
+)
+
+WORLD = np.dtype([("gravity", np.float64, (3,))], align=True)  # m/s^2
+
+
+class Arrays(NamedTuple):
+    """A compiled mechanism."""
+
+    world: NDArray[Any]  # (1,) WORLD
+    bodies: NDArray[Any]  # (nb,) BODY, ground first
+    cuts: NDArray[Any]  # CUT
+    forces: NDArray[Any]  # FORCE
+    signals: NDArray[Any]  # SIGNAL
+    kept: NDArray[np.int64]  # (rows,) number of a cut-joint row among the constraints; -1: void in this mechanism
+
+
+MOTION = np.dtype(
+    [
+        ("r", np.float64, (3,)),  # origin, m
+        ("A", np.float64, (3, 3)),  # orientation, body to global
+        ("Y", np.float64, (6,)),  # velocity (r', w)
+        ("dY", np.float64, (6,)),  # acceleration (r'', w'), less gravity
+        ("beta", np.float64, (6,)),  # acceleration at q'' = 0 and parent's Y' = 0 (velocity products)
+        ("com", np.float64, (3,)),  # centre of mass from the origin, global axes
+        ("Jc", np.float64, (3, 3)),  # inertia about the centre of mass, global axes
+        ("F", np.float64, (6,)),  # applied wrench
+        ("W", np.float64, (6,)),  # wrench the joint transmits from the parent
+        ("mass", np.float64),  # composite body: mass, first and second moment about the origin
+        ("mc", np.float64, (3,)),
+        ("J", np.float64, (3, 3)),
+        ("IA", np.float64, (6, 6)),  # articulated inertia
+        ("pA", np.float64, (6,)),  # articulated bias wrench
+    ],
+    align=True,
+)
+
+ROW = np.dtype(
+    [
+        ("Phi", np.float64),  # constraint residual
+        ("Ga", np.float64, (6,)),  # Phi' = Ga . Y_a + Gb . Y_b
+        ("Gb", np.float64, (6,)),
+        ("bias", np.float64),  # Phi'' = Ga . Y'_a + Gb . Y'_b + bias
+    ],
+    align=True,
+)
+
+
+class State(NamedTuple):
+    """What the recursions read and write."""
+
+    bodies: NDArray[Any]  # (nb,) MOTION
+    rows: NDArray[Any]  # (rows,) ROW
+    S: NDArray[np.float64]  # (nv, 6) joint motion subspaces, columns of B2
+    q: NDArray[np.float64]  # (nq,) every joint position, driven ones included
+    v: NDArray[np.float64]  # (nv,)
+    a: NDArray[np.float64]  # (nv,)
+    Q: NDArray[np.float64]  # (nv,) forces applied along joint coordinates
+    tau: NDArray[np.float64]  # (nv,) inverse dynamics
+    rel: NDArray[np.float64]  # (10, 6) one joint at work: rows 0-5 subspace, 6 bias, 7-9 rotation | offset
+    U: NDArray[np.float64]  # (nv, 6) articulated body: IA S
+    D: NDArray[np.float64]  # (6, 7) articulated body: a joint's S^T IA S and right-hand side
+
+
+class Data(NamedTuple):
+    """What a solver passes through to the mechanics."""
+
+    arrays: Arrays
+    state: State
+
+
+def allocate_state(nb: int, rows: int, nq: int, nv: int) -> State:
+    """Return zeroed scratch for ``nb`` bodies (ground included), with the ground placed."""
+    state = State(
+        records(nb, MOTION),
+        records(rows, ROW),
+        *(np.zeros(shape) for shape in ((nv, 6), nq, nv, nv, nv, nv, (10, 6), (nv, 6), (6, 7))),
+    )
+    state.bodies[0].A[...] = np.eye(3)
+    return state

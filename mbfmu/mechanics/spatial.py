@@ -1,0 +1,85 @@
+"""Vectors, rotations and the shift of a motion or wrench between two origins, as kernels."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from solvers.kernel import kernel
+
+Vec = Any  # a float array seen from a kernel
+
+
+@kernel
+def cross(a: Vec, b: Vec, out: Vec) -> None:
+    """out = a x b; ``out`` may not alias."""
+    out[0] = a[1] * b[2] - a[2] * b[1]
+    out[1] = a[2] * b[0] - a[0] * b[2]
+    out[2] = a[0] * b[1] - a[1] * b[0]
+
+
+@kernel
+def rotate(A: Vec, x: Vec, out: Vec) -> None:
+    """out = A x; ``out`` may not alias."""
+    for i in range(3):
+        out[i] = A[i, 0] * x[0] + A[i, 1] * x[1] + A[i, 2] * x[2]
+
+
+@kernel
+def multiply(A: Vec, B: Vec, out: Vec) -> None:
+    """out = A B, 3x3; ``out`` may not alias."""
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
+
+
+@kernel
+def dot6(a: Vec, b: Vec) -> float:
+    """Power of wrench a on motion b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
+
+
+@kernel
+def add_wrench(W: Vec, x: float, y: float, z: float, f: Vec) -> None:
+    """Add to W the force f[0:3] and moment f[3:6] that act at the offset (x, y, z) from W's origin."""
+    W[0] += f[0]
+    W[1] += f[1]
+    W[2] += f[2]
+    W[3] += f[3] + y * f[2] - z * f[1]
+    W[4] += f[4] + z * f[0] - x * f[2]
+    W[5] += f[5] + x * f[1] - y * f[0]
+
+
+@kernel
+def add_force(W: Vec, x: float, y: float, z: float, fx: float, fy: float, fz: float) -> None:
+    """Add to W a force that acts at the offset (x, y, z) from W's origin."""
+    W[0] += fx
+    W[1] += fy
+    W[2] += fz
+    W[3] += y * fz - z * fy
+    W[4] += z * fx - x * fz
+    W[5] += x * fy - y * fx
+
+
+@kernel
+def quaternion_matrix(e: Vec, i: int, A: Vec) -> None:
+    """Rotation matrix of the quaternion e[i:i+4] (scalar first), taken at unit length."""
+    w, x, y, z = e[i], e[i + 1], e[i + 2], e[i + 3]
+    s = 2.0 / (w * w + x * x + y * y + z * z)
+    A[0, 0] = 1.0 - s * (y * y + z * z)
+    A[0, 1] = s * (x * y - w * z)
+    A[0, 2] = s * (x * z + w * y)
+    A[1, 0] = s * (x * y + w * z)
+    A[1, 1] = 1.0 - s * (x * x + z * z)
+    A[1, 2] = s * (y * z - w * x)
+    A[2, 0] = s * (x * z - w * y)
+    A[2, 1] = s * (y * z + w * x)
+    A[2, 2] = 1.0 - s * (x * x + y * y)
+
+
+@kernel
+def quaternion_rate(e: Vec, i: int, w: Vec, j: int, rate: Vec) -> None:
+    """rate[i:i+4] = e (0, w[j:j+3]) / 2 for an angular velocity in body axes."""
+    rate[i] = 0.5 * (-e[i + 1] * w[j] - e[i + 2] * w[j + 1] - e[i + 3] * w[j + 2])
+    rate[i + 1] = 0.5 * (e[i] * w[j] + e[i + 2] * w[j + 2] - e[i + 3] * w[j + 1])
+    rate[i + 2] = 0.5 * (e[i] * w[j + 1] + e[i + 3] * w[j] - e[i + 1] * w[j + 2])
+    rate[i + 3] = 0.5 * (e[i] * w[j + 2] + e[i + 1] * w[j + 1] - e[i + 2] * w[j])
