@@ -1,0 +1,47 @@
+"""Tree joints: one file a kind, and this registry."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from solvers.kernel import kernel
+
+from . import floating, revolute, spherical, translational, weld
+from .base import Joint
+from .floating import Floating
+from .revolute import Revolute
+from .spherical import Spherical
+from .translational import Translational
+from .weld import Weld
+
+REGISTRY: tuple[type[Joint], ...] = (Weld, Revolute, Translational, Spherical, Floating)
+
+# A kernel cannot index a tuple of functions, so the registry's order is spelled out once more.
+_weld, _revolute, _translational, _spherical, _floating = (
+    weld.move,
+    revolute.move,
+    translational.move,
+    spherical.move,
+    floating.move,
+)
+
+
+@kernel
+def move(kind: int, axis: Any, q: Any, qi: int, v: Any, vi: int, rel: Any) -> None:
+    """Place the child of a joint of this kind; see :mod:`.base`."""
+    for i in range(rel.shape[0]):
+        for j in range(rel.shape[1]):
+            rel[i, j] = 0.0
+    if kind == 1:
+        _revolute(axis, q, qi, v, vi, rel)
+    elif kind == 2:
+        _translational(axis, q, qi, v, vi, rel)
+    elif kind == 3:
+        _spherical(axis, q, qi, v, vi, rel)
+    elif kind == 4:
+        _floating(axis, q, qi, v, vi, rel)
+    else:
+        _weld(axis, q, qi, v, vi, rel)
+
+
+__all__ = ["REGISTRY", "Floating", "Joint", "Revolute", "Spherical", "Translational", "Weld", "move"]

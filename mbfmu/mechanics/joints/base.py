@@ -1,0 +1,92 @@
+"""What every tree joint says of itself.
+
+A joint places its child in the joint frame F, which is fixed in the parent at the placement the builder was given. Its
+kernel ``move(axis, q, qi, v, vi, rel)`` writes, in F axes,
+
+    rel[0:nv]        the columns of the motion subspace: the child's relative velocity is  sum_k v_k rel[k]
+    rel[6]           what differentiating them adds to the relative acceleration: sum_k v_k d(rel[k])/dt
+    rel[7:10, 0:3]   the child's axes in F,   rel[7:10, 3] its origin in F
+
+and finds ``rel`` zeroed. Everything else about tree joints is common and lives in the recursions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.errors import UserError
+
+Vector = Sequence[float]
+AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+
+
+def unit_axis(axis: str | Vector) -> NDArray[np.float64]:
+    """Return the unit vector of 'x', 'y', 'z' or of three numbers."""
+    if isinstance(axis, str):
+        if axis not in AXES:
+            raise UserError(f"axis is {axis!r}; allowed: 'x', 'y', 'z' or three numbers")
+        return np.array(AXES[axis])
+    vector = np.asarray(axis, float)
+    norm = float(np.linalg.norm(vector))
+    if vector.shape != (3,) or not np.isfinite(norm) or norm == 0.0:
+        raise UserError(f"axis is {axis!r}; it needs three finite numbers, not all zero")
+    return vector / norm
+
+
+@dataclass(frozen=True, kw_only=True)
+class Joint:
+    """A tree joint at rest in its start position.
+
+    Parameters
+    ----------
+    at, rotation
+        Origin (m) and 3x3 axes of the joint frame in the parent's frame.
+    start, rate
+        First position (nq,) and velocity (nv,); a single number where there is one coordinate.
+    fixed
+        Assembly keeps ``start`` exactly instead of taking it as a guess.
+    drive
+        Signal the coordinate follows (joints of one coordinate); None: free.
+    """
+
+    at: Vector = (0.0, 0.0, 0.0)
+    rotation: Any = None
+    start: float | Vector | None = None
+    rate: float | Vector | None = None
+    fixed: bool = False
+    drive: Any = None
+
+    nq: ClassVar[int]
+    nv: ClassVar[int]
+    quaternion: ClassVar[bool] = False
+    move: ClassVar[Any]
+    coordinates: ClassVar[tuple[str, ...]] = ()  # suffix of each velocity coordinate's name
+    units: ClassVar[tuple[str, ...]] = ()  # of the coordinates: m or rad
+
+    @property
+    def direction(self) -> NDArray[np.float64]:
+        """Unit axis in the joint frame; zero where the joint has none."""
+        return np.zeros(3)
+
+    def rest(self) -> NDArray[np.float64]:
+        """Positions (nq,) at which the child's frame lies on the joint frame."""
+        q = np.zeros(self.nq)
+        if self.quaternion:
+            q[self.nq - 4] = 1.0
+        return q
+
+
+@dataclass(frozen=True, kw_only=True)
+class AxisJoint(Joint):
+    """A joint of one coordinate with an axis."""
+
+    axis: str | Vector = "z"
+
+    @property
+    def direction(self) -> NDArray[np.float64]:
+        return unit_axis(self.axis)

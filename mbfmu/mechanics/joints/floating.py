@@ -1,0 +1,39 @@
+"""Floating: six free motions. Position in the joint frame, orientation as a unit quaternion.
+
+The sheet paper (eq. 1-3, 7-8) uses A = A_x A_y A_z, singular at theta_y = +-90 deg; a body that tumbles passes
+through that, so we do not. Velocities: the origin's velocity in the joint frame, then the angular velocity in the
+child's axes; neither has a bias.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from mbfmu.mechanics.spatial import quaternion_matrix
+from solvers.kernel import kernel
+
+from .base import Joint
+
+
+@kernel
+def move(axis: Any, q: Any, qi: int, v: Any, vi: int, rel: Any) -> None:
+    """See :mod:`.base`."""
+    quaternion_matrix(q, qi + 3, rel[7:10])
+    for k in range(3):
+        rel[k, k] = 1.0
+        rel[7 + k, 3] = q[qi + k]
+        for i in range(3):
+            rel[3 + k, 3 + i] = rel[7 + i, k]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Floating(Joint):
+    """Moves freely; positions: x, y, z in m and unit quaternion, velocities: m/s and rad/s in the child's axes."""
+
+    nq = 7
+    nv = 6
+    quaternion = True
+    move = move
+    coordinates = ("x", "y", "z", "wx", "wy", "wz")
+    units = ("m", "m", "m", "rad", "rad", "rad")

@@ -1,0 +1,39 @@
+"""Revolute: the angle q about an axis fixed in both bodies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import cos, sin
+from typing import Any
+
+from solvers.kernel import kernel
+
+from .base import AxisJoint
+
+
+@kernel
+def move(axis: Any, q: Any, qi: int, v: Any, vi: int, rel: Any) -> None:
+    """See :mod:`.base`. Rotation by Rodrigues' formula, R = c I + s skew(n) + (1 - c) n n^T."""
+    c, s = cos(q[qi]), sin(q[qi])
+    for i in range(3):
+        rel[0, 3 + i] = axis[i]
+        for j in range(3):
+            rel[7 + i, j] = (1.0 - c) * axis[i] * axis[j]
+        rel[7 + i, i] += c
+    rel[7, 1] -= s * axis[2]
+    rel[7, 2] += s * axis[1]
+    rel[8, 0] += s * axis[2]
+    rel[8, 2] -= s * axis[0]
+    rel[9, 0] -= s * axis[1]
+    rel[9, 1] += s * axis[0]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Revolute(AxisJoint):
+    """Turns about ``axis``; coordinate: angle in rad."""
+
+    nq = 1
+    nv = 1
+    move = move
+    coordinates = ("",)
+    units = ("rad",)

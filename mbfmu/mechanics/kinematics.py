@@ -1,0 +1,149 @@
+"""Outward recursion: positions, velocities and velocity-product accelerations of every body.
+
+In global axes a motion is handed from a parent's origin to its child's by a shift alone, with rho = r_i - r_j:
+
+    Y_i  = B1 Y_j + S v,         B1 = [[I, -skew(rho)], [0, I]]                            (6) of the sheet paper
+    Y'_i = B1 Y'_j + S v' + beta                                                           (11)
+    beta = (w_j x (w_j x rho) + 2 w_j x u + C b_lin ;  w_j x w_rel + C b_ang)
+
+S is the joint's subspace turned into global axes, (u, w_rel) = S v the relative velocity, b the joint's own bias and
+C the axes of the joint frame. (w_j x (w_j x rho) + 2 w_j x u is B1' Y_j and the turning of S together.)
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from solvers.kernel import kernel
+
+from . import signals
+from .joints import move
+from .spatial import cross, multiply, rotate
+
+_value, _rate, _second = signals.value, signals.rate, signals.second
+
+
+@kernel
+def scatter(t: float, q: Any, v: Any, arrays: Any, state: Any) -> None:
+    """Fill State.q, v, a from the solver's free coordinates and the drives; free accelerations become zero."""
+    for i in range(1, arrays.bodies.shape[0]):
+        body = arrays.bodies[i]
+        if body.drive >= 0:
+            signal = arrays.signals[body.drive]
+            state.q[body.qi] = _value(signal, t)
+            state.v[body.vi] = _rate(signal, t)
+            state.a[body.vi] = _second(signal, t)
+            continue
+        for k in range(body.nq):
+            state.q[body.qi + k] = q[body.qf + k]
+        for k in range(body.nv):
+            state.v[body.vi + k] = v[body.vf + k]
+            state.a[body.vi + k] = 0.0
+
+
+@kernel
+def place(arrays: Any, state: Any) -> None:
+    """Positions r, A, the subspaces S and the joints' own bias (left in beta, global axes), from State.q and v."""
+    rel = state.rel
+    for i in range(1, arrays.bodies.shape[0]):
+        body = arrays.bodies[i]
+        here = state.bodies[i]
+        parent = state.bodies[body.parent]
+        move(body.joint, body.axis, state.q, body.qi, state.v, body.vi, rel)
+        C = here.Jc  # scratch until the inertia is turned
+        multiply(parent.A, body.R, C)
+        multiply(C, rel[7:10], here.A)
+        for k in range(3):
+            here.r[k] = (
+                parent.r[k]
+                + parent.A[k, 0] * body.s[0]
+                + parent.A[k, 1] * body.s[1]
+                + parent.A[k, 2] * body.s[2]
+                + C[k, 0] * rel[7, 3]
+                + C[k, 1] * rel[8, 3]
+                + C[k, 2] * rel[9, 3]
+            )
+        for k in range(body.nv):
+            rotate(C, rel[k], state.S[body.vi + k])
+            rotate(C, rel[k, 3:6], state.S[body.vi + k, 3:6])
+        rotate(C, rel[6], here.beta)
+        rotate(C, rel[6, 3:6], here.beta[3:6])
+
+
+@kernel
+def turn_inertia(arrays: Any, state: Any) -> None:
+    """Centre of mass and inertia of every body in global axes: c = A c', J = A J' A^T."""
+    for i in range(1, arrays.bodies.shape[0]):
+        body = arrays.bodies[i]
+        here = state.bodies[i]
+        A = here.A
+        rotate(A, body.com, here.com)
+        AJ = here.J  # scratch until the composite pass
+        multiply(A, body.inertia, AJ)
+        for k in range(3):
+            for j in range(3):
+                here.Jc[k, j] = AJ[k, 0] * A[j, 0] + AJ[k, 1] * A[j, 1] + AJ[k, 2] * A[j, 2]
+
+
+@kernel
+def velocities(arrays: Any, state: Any) -> None:
+    """Velocities Y and velocity products beta, after :func:`place`."""
+    for i in range(1, arrays.bodies.shape[0]):
+        body = arrays.bodies[i]
+        here = state.bodies[i]
+        parent = state.bodies[body.parent]
+        Yj, Y, beta = parent.Y, here.Y, here.beta
+        wx, wy, wz = Yj[3], Yj[4], Yj[5]
+        x, y, z = here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2]
+        for k in range(6):
+            Y[k] = 0.0
+        for j in range(body.nv):
+            for k in range(6):
+                Y[k] += state.S[body.vi + j, k] * state.v[body.vi + j]
+        # w_j x rho, then beta += w_j x (w_j x rho + 2 u), w_j x w_rel
+        px, py, pz = wy * z - wz * y, wz * x - wx * z, wx * y - wy * x
+        ux, uy, uz = px + 2.0 * Y[0], py + 2.0 * Y[1], pz + 2.0 * Y[2]
+        beta[0] += wy * uz - wz * uy
+        beta[1] += wz * ux - wx * uz
+        beta[2] += wx * uy - wy * ux
+        beta[3] += wy * Y[5] - wz * Y[4]
+        beta[4] += wz * Y[3] - wx * Y[5]
+        beta[5] += wx * Y[4] - wy * Y[3]
+        Y[0] += Yj[0] + px
+        Y[1] += Yj[1] + py
+        Y[2] += Yj[2] + pz
+        Y[3] += wx
+        Y[4] += wy
+        Y[5] += wz
+
+
+@kernel
+def accelerations(arrays: Any, state: Any) -> None:
+    """Accelerations Y' less gravity for State.a, after :func:`velocities`: the ground accelerates by -g."""
+    ground = state.bodies[0]
+    for k in range(3):
+        ground.dY[k] = -arrays.world[0].gravity[k]
+    for i in range(1, arrays.bodies.shape[0]):
+        body = arrays.bodies[i]
+        here = state.bodies[i]
+        parent = state.bodies[body.parent]
+        dYj, dY = parent.dY, here.dY
+        wx, wy, wz = dYj[3], dYj[4], dYj[5]
+        x, y, z = here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2]
+        for k in range(6):
+            dY[k] = dYj[k] + here.beta[k]
+        dY[0] += wy * z - wz * y
+        dY[1] += wz * x - wx * z
+        dY[2] += wx * y - wy * x
+        for j in range(body.nv):
+            for k in range(6):
+                dY[k] += state.S[body.vi + j, k] * state.a[body.vi + j]
+
+
+@kernel
+def point_velocity(here: Any, p: Any, out: Any) -> None:
+    """Velocity of the point at offset p (global axes) from a body's origin."""
+    Y = here.Y
+    cross(Y[3:6], p, out)
+    for k in range(3):
+        out[k] += Y[k]

@@ -1,0 +1,117 @@
+"""Known functions of time: what drives a joint or scales an applied force.
+
+A signal is data, so that the compiled loop can evaluate it. An input is a polynomial about the last communication
+point whose coefficients the host writes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import cos, pi, sin
+from typing import Any
+
+import numpy as np
+
+from mbfmu.errors import UserError
+from solvers.kernel import kernel
+
+POLYNOMIAL, HARMONIC = 0, 1
+
+
+@kernel
+def value(signal: Any, t: float) -> float:
+    """The signal at time t."""
+    s = t - signal.t0
+    c = signal.c
+    if signal.kind == HARMONIC:
+        return c[0] + c[1] * sin(c[2] * s + c[3])
+    return c[0] + s * (c[1] + s * (c[2] + s * c[3]))
+
+
+@kernel
+def rate(signal: Any, t: float) -> float:
+    """Its first derivative."""
+    s = t - signal.t0
+    c = signal.c
+    if signal.kind == HARMONIC:
+        return c[1] * c[2] * cos(c[2] * s + c[3])
+    return c[1] + s * (2.0 * c[2] + s * 3.0 * c[3])
+
+
+@kernel
+def second(signal: Any, t: float) -> float:
+    """Its second derivative."""
+    s = t - signal.t0
+    c = signal.c
+    if signal.kind == HARMONIC:
+        return -c[1] * c[2] * c[2] * sin(c[2] * s + c[3])
+    return 2.0 * c[2] + s * 6.0 * c[3]
+
+
+@dataclass(frozen=True)
+class Polynomial:
+    """c0 + c1 t + c2 t^2 + c3 t^3."""
+
+    c: Sequence[float]
+
+    def fill(self, record: Any) -> None:
+        """Write the signal into its record."""
+        if not 1 <= len(self.c) <= 4 or not np.all(np.isfinite(self.c)):
+            raise UserError(f"polynomial coefficients are {self.c!r}; allowed: one to four finite numbers")
+        record.kind = POLYNOMIAL
+        for i, c in enumerate(self.c):
+            record.c[i] = c
+
+
+@dataclass(frozen=True, kw_only=True)
+class Harmonic:
+    """mean + amplitude sin(2 pi frequency t + phase); frequency in Hz, phase in rad."""
+
+    amplitude: float
+    frequency: float
+    phase: float = 0.0
+    mean: float = 0.0
+
+    def fill(self, record: Any) -> None:
+        """Write the signal into its record."""
+        c = (self.mean, self.amplitude, 2.0 * pi * self.frequency, self.phase)
+        if not np.all(np.isfinite(c)):
+            raise UserError(f"{self!r}: every number must be finite")
+        record.kind = HARMONIC
+        for i, x in enumerate(c):
+            record.c[i] = x
+
+
+@dataclass(frozen=True, kw_only=True)
+class Input:
+    """A value the host sets between steps; held, or continued with ``rate_name`` where the host gives the rate too.
+
+    Parameters
+    ----------
+    name, unit, description
+        Of the FMU's input variable.
+    rate_name
+        Name of a second input, the time derivative; without it the rate is zero.
+    start
+        Value until the host sets one.
+    """
+
+    name: str
+    unit: str
+    description: str = ""
+    rate_name: str = ""
+    start: float = 0.0
+
+    def fill(self, record: Any) -> None:
+        """Write the start value into the record."""
+        record.kind = POLYNOMIAL
+        record.c[0] = self.start
+
+
+Signal = Polynomial | Harmonic | Input
+
+
+def as_signal(value_: float | Signal) -> Signal:
+    """Take a number for a constant."""
+    return Polynomial((float(value_),)) if isinstance(value_, int | float) else value_
