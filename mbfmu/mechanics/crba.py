@@ -1,0 +1,100 @@
+"""Composite body: the mass matrix of the free coordinates, M = B^T M_abs B (Featherstone 2008, section 6.2).
+
+A composite inertia about an origin O is kept as mass m, first moment mc and second moment J. Shifting O by -rho:
+
+    mc += m rho,    J += m (rho.rho I - rho rho^T) + 2 (rho.mc) I - rho mc^T - mc rho^T     (mc before the shift)
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from solvers.kernel import kernel
+
+from .spatial import dot6
+
+
+@kernel
+def composite_inertia(arrays: Any, state: Any) -> None:
+    """Inertia of each body with all that hangs on it, about its origin."""
+    for i in range(1, arrays.bodies.shape[0]):
+        here = state.bodies[i]
+        mass, c = arrays.bodies[i].mass, here.com
+        cc = mass * (c[0] * c[0] + c[1] * c[1] + c[2] * c[2])
+        here.mass = mass
+        for k in range(3):
+            here.mc[k] = mass * c[k]
+            for j in range(3):
+                here.J[k, j] = here.Jc[k, j] - mass * c[k] * c[j]
+            here.J[k, k] += cc
+    for i in range(arrays.bodies.shape[0] - 1, 0, -1):
+        j = arrays.bodies[i].parent
+        if j > 0:
+            collect(state.bodies[i], state.bodies[j])
+
+
+@kernel
+def collect(here: Any, parent: Any) -> None:
+    """Add a child's composite inertia to its parent's."""
+    m, mc, J = here.mass, here.mc, here.J
+    rho = here.W  # scratch
+    for k in range(3):
+        rho[k] = here.r[k] - parent.r[k]
+    diagonal = 0.0
+    for k in range(3):
+        diagonal += rho[k] * (m * rho[k] + 2.0 * mc[k])
+    for k in range(3):
+        for j in range(3):
+            parent.J[k, j] += J[k, j] - m * rho[k] * rho[j] - rho[k] * mc[j] - mc[k] * rho[j]
+        parent.J[k, k] += diagonal
+        parent.mc[k] += mc[k] + m * rho[k]
+    parent.mass += m
+
+
+@kernel
+def momentum_of(here: Any, s: Any, out: Any) -> None:
+    """out = composite inertia times the motion s: the momentum wrench about the body's origin."""
+    m, mc, J = here.mass, here.mc, here.J
+    out[0] = m * s[0] + s[4] * mc[2] - s[5] * mc[1]
+    out[1] = m * s[1] + s[5] * mc[0] - s[3] * mc[2]
+    out[2] = m * s[2] + s[3] * mc[1] - s[4] * mc[0]
+    out[3] = mc[1] * s[2] - mc[2] * s[1] + J[0, 0] * s[3] + J[0, 1] * s[4] + J[0, 2] * s[5]
+    out[4] = mc[2] * s[0] - mc[0] * s[2] + J[1, 0] * s[3] + J[1, 1] * s[4] + J[1, 2] * s[5]
+    out[5] = mc[0] * s[1] - mc[1] * s[0] + J[2, 0] * s[3] + J[2, 1] * s[4] + J[2, 2] * s[5]
+
+
+@kernel
+def shift_to(here: Any, parent: Any, f: Any) -> None:
+    """Re-refer the wrench f from a body's origin to its parent's."""
+    x, y, z = here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2]
+    f[3] += y * f[2] - z * f[1]
+    f[4] += z * f[0] - x * f[2]
+    f[5] += x * f[1] - y * f[0]
+
+
+@kernel
+def mass_matrix(arrays: Any, state: Any, M: Any) -> None:
+    """M (n, n) over the free coordinates, after :func:`composite_inertia`."""
+    for i in range(M.shape[0]):
+        for j in range(M.shape[1]):
+            M[i, j] = 0.0
+    f = state.rel[6]  # scratch
+    for i in range(1, arrays.bodies.shape[0]):
+        body = arrays.bodies[i]
+        if body.vf < 0:
+            continue
+        for k in range(body.nv):
+            momentum_of(state.bodies[i], state.S[body.vi + k], f)
+            row = body.vf + k
+            for j in range(k + 1):
+                M[row, body.vf + j] = dot6(state.S[body.vi + j], f)
+                M[body.vf + j, row] = M[row, body.vf + j]
+            j = i
+            while arrays.bodies[j].parent > 0:
+                up = arrays.bodies[j].parent
+                shift_to(state.bodies[j], state.bodies[up], f)
+                j = up
+                if arrays.bodies[j].vf >= 0:
+                    for c in range(arrays.bodies[j].nv):
+                        M[row, arrays.bodies[j].vf + c] = dot6(state.S[arrays.bodies[j].vi + c], f)
+                        M[arrays.bodies[j].vf + c, row] = M[row, arrays.bodies[j].vf + c]

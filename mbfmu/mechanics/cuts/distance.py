@@ -1,0 +1,48 @@
+"""Distance: the points P and Q keep their distance L.
+
+Phi = (d.d - L^2) / (2 L) with d = r_Q - r_P: smooth at every d, and lambda is the force in N at the closed position.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from solvers.kernel import kernel
+
+from .base import Cut, arm, centripetal
+
+
+@kernel
+def close(cut: Any, A: Any, B: Any, rows: Any) -> None:
+    """See :mod:`.base`. Phi' = d.d'/L, Phi'' = (d.d'' + d'.d')/L."""
+    row = rows[cut.row]
+    ax, ay, az = arm(A, cut.Pa)
+    bx, by, bz = arm(B, cut.Pb)
+    inverse = 1.0 / cut.length
+    Ya, Yb = A.Y, B.Y
+    dx, dy, dz = B.r[0] + bx - A.r[0] - ax, B.r[1] + by - A.r[1] - ay, B.r[2] + bz - A.r[2] - az
+    ux = Yb[0] + Yb[4] * bz - Yb[5] * by - (Ya[0] + Ya[4] * az - Ya[5] * ay)
+    uy = Yb[1] + Yb[5] * bx - Yb[3] * bz - (Ya[1] + Ya[5] * ax - Ya[3] * az)
+    uz = Yb[2] + Yb[3] * by - Yb[4] * bx - (Ya[2] + Ya[3] * ay - Ya[4] * ax)
+    row.Phi = 0.5 * inverse * (dx * dx + dy * dy + dz * dz - cut.length * cut.length)
+    bias = ux * ux + uy * uy + uz * uz
+    bias += dx * (centripetal(B, bx, by, bz, 0) - centripetal(A, ax, ay, az, 0))
+    bias += dy * (centripetal(B, bx, by, bz, 1) - centripetal(A, ax, ay, az, 1))
+    bias += dz * (centripetal(B, bx, by, bz, 2) - centripetal(A, ax, ay, az, 2))
+    row.bias = inverse * bias
+    dx, dy, dz = inverse * dx, inverse * dy, inverse * dz
+    row.Gb[0], row.Gb[1], row.Gb[2] = dx, dy, dz
+    row.Gb[3], row.Gb[4], row.Gb[5] = by * dz - bz * dy, bz * dx - bx * dz, bx * dy - by * dx
+    row.Ga[0], row.Ga[1], row.Ga[2] = -dx, -dy, -dz
+    row.Ga[3], row.Ga[4], row.Ga[5] = az * dy - ay * dz, ax * dz - az * dx, ay * dx - ax * dy
+
+
+@dataclass(frozen=True, kw_only=True)
+class DistanceCut(Cut):
+    """A massless rod of ``length`` (m) with a ball at each end."""
+
+    length: float
+    rows = ("",)
+    units = ("N",)
+    close = close

@@ -1,0 +1,27 @@
+"""Revolute: the points coincide and the z axes of the two cut frames stay parallel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from solvers.kernel import kernel
+
+from .base import Cut, coincide, perpendicular
+
+
+@kernel
+def close(cut: Any, A: Any, B: Any, rows: Any) -> None:
+    """See :mod:`.base`. z_a is perpendicular to x_b and y_b."""
+    coincide(cut, A, B, rows)
+    perpendicular(cut, 2, 0, A, B, rows[cut.row + 3])
+    perpendicular(cut, 2, 1, A, B, rows[cut.row + 4])
+
+
+@dataclass(frozen=True, kw_only=True)
+class RevoluteCut(Cut):
+    """A hinge about the z axis of the cut frames."""
+
+    rows = ("x", "y", "z", "zx", "zy")
+    units = ("N", "N", "N", "N.m", "N.m")
+    close = close

@@ -1,0 +1,25 @@
+"""Spherical: the points P and Q coincide."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from solvers.kernel import kernel
+
+from .base import Cut, coincide
+
+
+@kernel
+def close(cut: Any, A: Any, B: Any, rows: Any) -> None:
+    """See :mod:`.base`."""
+    coincide(cut, A, B, rows)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SphericalCut(Cut):
+    """A ball joint."""
+
+    rows = ("x", "y", "z")
+    units = ("N", "N", "N")
+    close = close

@@ -1,0 +1,28 @@
+"""Weld: the points coincide and the two cut frames stay parallel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from solvers.kernel import kernel
+
+from .base import Cut, coincide, perpendicular
+
+
+@kernel
+def close(cut: Any, A: Any, B: Any, rows: Any) -> None:
+    """See :mod:`.base`. x_a, y_a, z_a are perpendicular to y_b, z_b, x_b."""
+    coincide(cut, A, B, rows)
+    perpendicular(cut, 0, 1, A, B, rows[cut.row + 3])
+    perpendicular(cut, 1, 2, A, B, rows[cut.row + 4])
+    perpendicular(cut, 2, 0, A, B, rows[cut.row + 5])
+
+
+@dataclass(frozen=True, kw_only=True)
+class WeldCut(Cut):
+    """Glues two bodies together."""
+
+    rows = ("x", "y", "z", "xy", "yz", "zx")
+    units = ("N", "N", "N", "N.m", "N.m", "N.m")
+    close = close
