@@ -1,0 +1,90 @@
+"""Cut-joint constraints of the free coordinates: Phi, J = Phi_q, nu and gamma.
+
+A row is a pair of wrenches on two bodies (see ``cuts``); carried inward to the root it meets every joint whose
+coordinate moves the body, and J[row, k] is its power on that joint's motion subspace.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from solvers.kernel import kernel
+
+from .crba import shift_to
+from .cuts import close
+from .spatial import add_wrench, dot6
+
+
+@kernel
+def close_cuts(arrays: Any, state: Any) -> None:
+    """Fill State.rows from positions and velocities."""
+    for i in range(arrays.cuts.shape[0]):
+        cut = arrays.cuts[i]
+        close(cut, state.bodies[cut.a], state.bodies[cut.b], state.rows)
+
+
+@kernel
+def carry_inward(i: int, G: Any, row: int, arrays: Any, state: Any, J: Any) -> None:
+    """Add to J[row] the power of the wrench G on body i for every free coordinate between it and the ground."""
+    f = state.rel[6]  # scratch
+    for k in range(6):
+        f[k] = G[k]
+    while i > 0:
+        body = arrays.bodies[i]
+        if body.vf >= 0:
+            for k in range(body.nv):
+                J[row, body.vf + k] += dot6(state.S[body.vi + k], f)
+        shift_to(state.bodies[i], state.bodies[body.parent], f)
+        i = body.parent
+
+
+@kernel
+def jacobian(arrays: Any, state: Any, Phi: Any, J: Any) -> None:
+    """Phi (m,) and J (m, n), after :func:`close_cuts`."""
+    for i in range(J.shape[0]):
+        for j in range(J.shape[1]):
+            J[i, j] = 0.0
+    for i in range(arrays.cuts.shape[0]):
+        cut = arrays.cuts[i]
+        end = arrays.cuts[i + 1].row if i + 1 < arrays.cuts.shape[0] else state.rows.shape[0]
+        for r in range(cut.row, end):
+            row = arrays.kept[r]
+            if row >= 0:
+                Phi[row] = state.rows[r].Phi
+                carry_inward(cut.a, state.rows[r].Ga, row, arrays, state, J)
+                carry_inward(cut.b, state.rows[r].Gb, row, arrays, state, J)
+
+
+@kernel
+def right_hand_sides(v: Any, arrays: Any, state: Any, J: Any, nu: Any, gamma: Any) -> None:
+    """nu and gamma of J v = nu and J v' = gamma; State holds velocities, and accelerations at zero free v'."""
+    for i in range(arrays.cuts.shape[0]):
+        cut = arrays.cuts[i]
+        end = arrays.cuts[i + 1].row if i + 1 < arrays.cuts.shape[0] else state.rows.shape[0]
+        A, B = state.bodies[cut.a], state.bodies[cut.b]
+        for r in range(cut.row, end):
+            row = arrays.kept[r]
+            if row >= 0:
+                here = state.rows[r]
+                nu[row] = -dot6(here.Ga, A.Y) - dot6(here.Gb, B.Y)
+                for k in range(v.shape[0]):
+                    nu[row] += J[row, k] * v[k]
+                gamma[row] = -dot6(here.Ga, A.dY) - dot6(here.Gb, B.dY) - here.bias
+
+
+@kernel
+def load_cuts(lam: Any, arrays: Any, state: Any) -> None:
+    """Add the cut-joint forces -lambda G to the applied wrenches F."""
+    f = state.rel[6]  # scratch
+    for i in range(arrays.cuts.shape[0]):
+        cut = arrays.cuts[i]
+        end = arrays.cuts[i + 1].row if i + 1 < arrays.cuts.shape[0] else state.rows.shape[0]
+        for r in range(cut.row, end):
+            row = arrays.kept[r]
+            if row >= 0:
+                for k in range(6):
+                    f[k] = -lam[row] * state.rows[r].Ga[k]
+                add_wrench(state.bodies[cut.a].F, 0.0, 0.0, 0.0, f)
+                for k in range(6):
+                    f[k] = -lam[row] * state.rows[r].Gb[k]
+                add_wrench(state.bodies[cut.b].F, 0.0, 0.0, 0.0, f)

@@ -1,0 +1,65 @@
+"""Forces: one file a kind, and this registry."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from solvers.kernel import kernel
+
+from . import joint_force, joint_spring, point_force, spring, torque
+from .base import Force
+from .joint_force import JointForce
+from .joint_spring import JointSpring
+from .point_force import PointForce
+from .spring import Spring
+from .torque import Torque
+
+REGISTRY: tuple[type[Force], ...] = (Spring, JointSpring, JointForce, PointForce, Torque)
+
+_spring, _joint_spring, _joint_force, _point_force, _torque = (
+    spring.apply,
+    joint_spring.apply,
+    joint_force.apply,
+    point_force.apply,
+    torque.apply,
+)
+_spring_potential, _joint_spring_potential = spring.potential, joint_spring.potential
+
+
+@kernel
+def apply(t: float, arrays: Any, state: Any) -> None:
+    """Clear the applied wrenches and coordinate forces and let every force add its own."""
+    for i in range(state.bodies.shape[0]):
+        F = state.bodies[i].F
+        for k in range(6):
+            F[k] = 0.0
+    for k in range(state.Q.shape[0]):
+        state.Q[k] = 0.0
+    for i in range(arrays.forces.shape[0]):
+        force = arrays.forces[i]
+        if force.kind == 0:
+            _spring(force, t, arrays, state)
+        elif force.kind == 1:
+            _joint_spring(force, t, arrays, state)
+        elif force.kind == 2:
+            _joint_force(force, t, arrays, state)
+        elif force.kind == 3:
+            _point_force(force, t, arrays, state)
+        else:
+            _torque(force, t, arrays, state)
+
+
+@kernel
+def potential(arrays: Any, state: Any) -> float:
+    """Energy stored in all forces, J."""
+    total = 0.0
+    for i in range(arrays.forces.shape[0]):
+        force = arrays.forces[i]
+        if force.kind == 0:
+            total += _spring_potential(force, arrays, state)
+        elif force.kind == 1:
+            total += _joint_spring_potential(force, arrays, state)
+    return total
+
+
+__all__ = ["REGISTRY", "Force", "JointForce", "JointSpring", "PointForce", "Spring", "Torque", "apply", "potential"]

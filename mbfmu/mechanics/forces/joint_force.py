@@ -1,0 +1,29 @@
+"""A given force or torque along the coordinate of a joint, a motor between parent and child."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from mbfmu.mechanics import signals
+from solvers.kernel import kernel
+
+from .base import Force, nothing_stored
+
+_value = signals.value
+
+
+@kernel
+def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
+    """See :mod:`.base`."""
+    state.Q[force.v] += _value(arrays.signals[force.signal], t)
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointForce(Force):
+    """Torque (N m) or force (N) on a joint's coordinate: a number, a signal or an input."""
+
+    magnitude: Any
+
+    apply = apply
+    potential = nothing_stored

@@ -1,0 +1,66 @@
+"""Spring-damper between two points: F = k (l - l0) + c l' along the line that joins them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import sqrt
+from typing import Any
+
+from mbfmu.mechanics.cuts.base import arm
+from mbfmu.mechanics.spatial import add_force
+from solvers.kernel import kernel
+
+from .base import Force
+
+
+@kernel
+def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
+    """See :mod:`.base`. Points that coincide have no line of action and exert nothing."""
+    A, B = state.bodies[force.a], state.bodies[force.b]
+    ax, ay, az = arm(A, force.Pa)
+    bx, by, bz = arm(B, force.Pb)
+    dx, dy, dz = B.r[0] + bx - A.r[0] - ax, B.r[1] + by - A.r[1] - ay, B.r[2] + bz - A.r[2] - az
+    length = sqrt(dx * dx + dy * dy + dz * dz)
+    if length == 0.0:
+        return
+    dx, dy, dz = dx / length, dy / length, dz / length
+    Ya, Yb = A.Y, B.Y
+    rate = dx * (Yb[0] + Yb[4] * bz - Yb[5] * by - (Ya[0] + Ya[4] * az - Ya[5] * ay))
+    rate += dy * (Yb[1] + Yb[5] * bx - Yb[3] * bz - (Ya[1] + Ya[5] * ax - Ya[3] * az))
+    rate += dz * (Yb[2] + Yb[3] * by - Yb[4] * bx - (Ya[2] + Ya[3] * ay - Ya[4] * ax))
+    f = force.stiffness * (length - force.free) + force.damping * rate
+    add_force(A.F, ax, ay, az, f * dx, f * dy, f * dz)
+    add_force(B.F, bx, by, bz, -f * dx, -f * dy, -f * dz)
+
+
+@kernel
+def potential(force: Any, arrays: Any, state: Any) -> float:
+    """k (l - l0)^2 / 2."""
+    A, B = state.bodies[force.a], state.bodies[force.b]
+    ax, ay, az = arm(A, force.Pa)
+    bx, by, bz = arm(B, force.Pb)
+    dx, dy, dz = B.r[0] + bx - A.r[0] - ax, B.r[1] + by - A.r[1] - ay, B.r[2] + bz - A.r[2] - az
+    stretch = sqrt(dx * dx + dy * dy + dz * dz) - force.free
+    return 0.5 * force.stiffness * stretch * stretch
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spring(Force):
+    """Translational spring-damper from ``at_a`` on body a to ``at_b`` on body b (m, body frames).
+
+    Parameters
+    ----------
+    stiffness, damping
+        N/m and N s/m.
+    free
+        Free length, m.
+    """
+
+    stiffness: float = 0.0
+    damping: float = 0.0
+    free: float = 0.0
+    at_a: Any = (0.0, 0.0, 0.0)
+    at_b: Any = (0.0, 0.0, 0.0)
+
+    apply = apply
+    potential = potential
