@@ -148,8 +148,8 @@ class State(NamedTuple):
     Q: NDArray[np.float64]  # (nv,) forces applied along joint coordinates
     tau: NDArray[np.float64]  # (nv,) inverse dynamics
     rel: NDArray[np.float64]  # (10, 6) one joint at work: rows 0-5 subspace, 6 bias, 7-9 rotation | offset
-    U: NDArray[np.float64]  # (nv, 6) articulated body: IA S
-    D: NDArray[np.float64]  # (6, 7) articulated body: a joint's S^T IA S and right-hand side
+    U: NDArray[np.float64]  # (nv, 6) articulated body: (IA S)^T, with the joint's Cholesky factor taken out
+    D: NDArray[np.float64]  # (nv, 7) articulated body: a joint's Cholesky factor, and in column 6 its right-hand side
 
 
 class Data(NamedTuple):
@@ -164,7 +164,7 @@ def allocate_state(nb: int, rows: int, nq: int, nv: int) -> State:
     state = State(
         records(nb, MOTION),
         records(rows, ROW),
-        *(np.zeros(shape) for shape in ((nv, 6), nq, nv, nv, nv, nv, (10, 6), (nv, 6), (6, 7))),
+        *(np.zeros(shape) for shape in ((nv, 6), nq, nv, nv, nv, nv, (10, 6), (nv, 6), (nv, 7))),
     )
     state.bodies[0].A[...] = np.eye(3)
     return state

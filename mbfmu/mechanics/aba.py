@@ -1,0 +1,167 @@
+"""Articulated body: forward dynamics of the tree in O(n) (Featherstone 2008, section 7.3, in global axes).
+
+Inward, per body:   U = IA S,  D = S^T U,  u = Q - S^T (pA + IA beta)
+    passed to the parent:  IA - U D^-1 U^T   and   pA + IA beta + U D^-1 u
+Outward:            D v' = u - U^T B1 Y'_j,     Y'_i = B1 Y'_j + beta + S v'
+
+A driven coordinate has its acceleration already: its joint passes IA on whole, with IA S v' in the bias.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import Any
+
+from solvers.kernel import kernel
+
+from .crba import shift_to
+from .rnea import inertia_wrench
+from .spatial import dot6
+
+
+@kernel
+def forward_dynamics(arrays: Any, state: Any) -> int:
+    """State.a for the tree alone (cut joints enter as applied forces); 1 where a coordinate moves no mass."""
+    start(arrays, state)
+    for i in range(arrays.bodies.shape[0] - 1, 0, -1):
+        if pass_inward(i, arrays, state) != 0:
+            return 1
+    for k in range(3):
+        state.bodies[0].dY[k] = -arrays.world[0].gravity[k]
+    for i in range(1, arrays.bodies.shape[0]):
+        pass_outward(i, arrays, state)
+    return 0
+
+
+@kernel
+def start(arrays: Any, state: Any) -> None:
+    """Rigid-body inertia about the origin as a 6x6 matrix, and the wrench at zero acceleration."""
+    for i in range(1, arrays.bodies.shape[0]):
+        here = state.bodies[i]
+        mass, c, IA, dY = arrays.bodies[i].mass, here.com, here.IA, here.dY
+        cc = c[0] * c[0] + c[1] * c[1] + c[2] * c[2]
+        for k in range(3):
+            for j in range(3):
+                IA[k, j] = 0.0
+                IA[3 + k, 3 + j] = here.Jc[k, j] - mass * c[k] * c[j]
+            IA[k, k] = mass
+            IA[3 + k, 3 + k] += mass * cc
+            IA[k, 3 + k] = 0.0
+            IA[3 + k, k] = 0.0
+        IA[0, 4], IA[0, 5], IA[1, 5] = mass * c[2], -mass * c[1], mass * c[0]
+        IA[1, 3], IA[2, 3], IA[2, 4] = -mass * c[2], mass * c[1], -mass * c[0]
+        for k in range(3):
+            for j in range(3):
+                IA[3 + j, k] = IA[k, 3 + j]
+        for k in range(6):
+            dY[k] = 0.0
+        inertia_wrench(mass, here, here.pA)
+        for k in range(6):
+            here.pA[k] -= here.F[k]
+
+
+@kernel
+def pass_inward(i: int, arrays: Any, state: Any) -> int:
+    """Hand body i's articulated inertia and bias to its parent; 1 where D is not positive."""
+    body = arrays.bodies[i]
+    here = state.bodies[i]
+    IA, pA, beta, S, U, D = here.IA, here.pA, here.beta, state.S, state.U, state.D
+    nv, vi = body.nv, body.vi
+    for k in range(6):
+        for j in range(6):
+            pA[k] += IA[k, j] * beta[j]
+    for c in range(nv):
+        for k in range(6):
+            U[vi + c, k] = 0.0
+            for j in range(6):
+                U[vi + c, k] += IA[k, j] * S[vi + c, j]
+    if body.drive >= 0:
+        for c in range(nv):
+            for k in range(6):
+                pA[k] += U[vi + c, k] * state.a[vi + c]
+    else:
+        for c in range(nv):
+            for e in range(nv):
+                D[vi + c, e] = dot6(S[vi + c], U[vi + e])
+            D[vi + c, 6] = state.Q[vi + c] - dot6(S[vi + c], pA)
+        if eliminate(D, nv, U, vi) != 0:
+            return 1
+        for c in range(nv):
+            for k in range(6):
+                pA[k] += U[vi + c, k] * D[vi + c, 6]
+                for j in range(6):
+                    IA[k, j] -= U[vi + c, k] * U[vi + c, j]
+    if body.parent > 0:
+        hand_over(here, state.bodies[body.parent])
+    return 0
+
+
+@kernel
+def eliminate(D: Any, nv: int, U: Any, vi: int) -> int:
+    """One joint's D = L L^T, in place; D[:, 6] <- L^-1 u and U <- L^-1 U^T; 1 where D is not positive."""
+    for c in range(nv):
+        for e in range(c + 1):
+            x = D[vi + c, e]
+            for j in range(e):
+                x -= D[vi + c, j] * D[vi + e, j]
+            if e < c:
+                D[vi + c, e] = x / D[vi + e, e]
+            elif x > 0.0:
+                D[vi + c, c] = sqrt(x)
+            else:
+                return 1
+        for j in range(c):
+            D[vi + c, 6] -= D[vi + c, j] * D[vi + j, 6]
+            for k in range(6):
+                U[vi + c, k] -= D[vi + c, j] * U[vi + j, k]
+        D[vi + c, 6] /= D[vi + c, c]
+        for k in range(6):
+            U[vi + c, k] /= D[vi + c, c]
+    return 0
+
+
+@kernel
+def hand_over(here: Any, parent: Any) -> None:
+    """Add B1^T IA B1 and B1^T pA to the parent's; rows and columns shift alike."""
+    IA = here.IA
+    x, y, z = here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2]
+    for k in range(6):
+        row = IA[k]
+        row[3] += y * row[2] - z * row[1]
+        row[4] += z * row[0] - x * row[2]
+        row[5] += x * row[1] - y * row[0]
+    for k in range(6):
+        IA[3, k] += y * IA[2, k] - z * IA[1, k]
+        IA[4, k] += z * IA[0, k] - x * IA[2, k]
+        IA[5, k] += x * IA[1, k] - y * IA[0, k]
+    shift_to(here, parent, here.pA)
+    for k in range(6):
+        parent.pA[k] += here.pA[k]
+        for j in range(6):
+            parent.IA[k, j] += IA[k, j]
+
+
+@kernel
+def pass_outward(i: int, arrays: Any, state: Any) -> None:
+    """Accelerations of body i and of its joint from its parent's."""
+    body = arrays.bodies[i]
+    here = state.bodies[i]
+    parent = state.bodies[body.parent]
+    dY, dYj, D, vi, nv = here.dY, parent.dY, state.D, body.vi, body.nv
+    wx, wy, wz = dYj[3], dYj[4], dYj[5]
+    x, y, z = here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2]
+    for k in range(6):
+        dY[k] = dYj[k]
+    dY[0] += wy * z - wz * y
+    dY[1] += wz * x - wx * z
+    dY[2] += wx * y - wy * x
+    if body.drive < 0:  # L^T v' = L^-1 u - L^-1 U^T B1 Y'_j
+        for c in range(nv - 1, -1, -1):
+            rest = D[vi + c, 6] - dot6(state.U[vi + c], dY)
+            for j in range(c + 1, nv):
+                rest -= D[vi + j, c] * state.a[vi + j]
+            state.a[vi + c] = rest / D[vi + c, c]
+    for k in range(6):
+        dY[k] += here.beta[k]
+        for c in range(nv):
+            dY[k] += state.S[vi + c, k] * state.a[vi + c]

@@ -1,0 +1,174 @@
+"""The equations of motion as a solver calls them: the recursions in their order.
+
+Each function here is a callback of :class:`solvers.system.System`, compiled for one signature on first use.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numba import types, typeof
+
+from solvers.kernel import COMPILED, callback, kernel, records
+from solvers.system import Terms
+
+from .arrays import BODY, CUT, FORCE, SIGNAL, WORLD, Arrays, Data, allocate_state
+from .constraints import close_cuts, jacobian, load_cuts, right_hand_sides
+from .crba import composite_inertia, mass_matrix
+from .energy import kinetic_energy, potential_energy
+from .forces import apply
+from .kinematics import accelerations, place, scatter, turn_inertia, velocities
+from .rnea import inverse_dynamics
+from .sensors import read
+from .signals import value
+from .spatial import quaternion_rate
+
+
+@kernel
+def move(t: float, q: Any, v: Any, arrays: Any, state: Any) -> None:
+    """Positions, velocities and applied forces at (t, q, v)."""
+    scatter(t, q, v, arrays, state)
+    place(arrays, state)
+    turn_inertia(arrays, state)
+    velocities(arrays, state)
+    apply(t, arrays, state)
+    close_cuts(arrays, state)
+
+
+@kernel
+def position_rate(arrays: Any, q: Any, v: Any, rate: Any) -> None:
+    """rate (nq,) = N(q) v over the free coordinates."""
+    for i in range(1, arrays.bodies.shape[0]):
+        body = arrays.bodies[i]
+        if body.vf < 0:
+            continue
+        plain = body.nq - 4 * body.quaternion
+        for k in range(plain):
+            rate[body.qf + k] = v[body.vf + k]
+        if body.quaternion == 1:
+            quaternion_rate(q, body.qf + plain, v, body.vf + plain, rate)
+
+
+def dynamics(t: float, q: Any, v: Any, data: Any, terms: Any) -> None:
+    """Every term of the equations of motion; the free accelerations are zero while the bias is taken."""
+    arrays, state = data.arrays, data.state
+    move(t, q, v, arrays, state)
+    accelerations(arrays, state)
+    inverse_dynamics(arrays, state)
+    for i in range(1, arrays.bodies.shape[0]):
+        body = arrays.bodies[i]
+        if body.vf >= 0:
+            for k in range(body.nv):
+                terms.h[body.vf + k] = state.tau[body.vi + k]
+    composite_inertia(arrays, state)
+    mass_matrix(arrays, state, terms.M)
+    jacobian(arrays, state, terms.Phi, terms.J)
+    right_hand_sides(v, arrays, state, terms.J, terms.nu, terms.gamma)
+    position_rate(arrays, q, v, terms.qdot)
+
+
+def position(t: float, q: Any, data: Any, terms: Any) -> None:
+    """Phi and J alone; the velocities left in the state do not enter."""
+    arrays, state = data.arrays, data.state
+    for i in range(1, arrays.bodies.shape[0]):
+        body = arrays.bodies[i]
+        if body.drive >= 0:
+            scatter_drive(t, body, arrays, state)
+        else:
+            for k in range(body.nq):
+                state.q[body.qi + k] = q[body.qf + k]
+    place(arrays, state)
+    close_cuts(arrays, state)
+    jacobian(arrays, state, terms.Phi, terms.J)
+
+
+def retract(q: Any, dq: Any, data: Any) -> None:
+    """q <- q + N(q) dq, quaternions brought back to unit length."""
+    arrays = data.arrays
+    for i in range(1, arrays.bodies.shape[0]):
+        body = arrays.bodies[i]
+        if body.vf < 0:
+            continue
+        plain = body.nq - 4 * body.quaternion
+        for k in range(plain):
+            q[body.qf + k] += dq[body.vf + k]
+        if body.quaternion == 1:
+            turn_quaternion(q, body.qf + plain, dq, body.vf + plain)
+
+
+def energy(t: float, q: Any, v: Any, data: Any) -> float:
+    """Kinetic and potential energy, J."""
+    arrays, state = data.arrays, data.state
+    scatter(t, q, v, arrays, state)
+    place(arrays, state)
+    turn_inertia(arrays, state)
+    velocities(arrays, state)
+    return kinetic_energy(arrays, state) + potential_energy(arrays, state)
+
+
+@kernel
+def solved(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any) -> None:
+    """Put the solution (q, v, a, lam) into the state: motion of all bodies, joint wrenches, drive efforts."""
+    arrays, state = data.arrays, data.state
+    move(t, q, v, arrays, state)
+    for i in range(1, arrays.bodies.shape[0]):
+        body = arrays.bodies[i]
+        if body.vf >= 0:
+            for k in range(body.nv):
+                state.a[body.vi + k] = a[body.vf + k]
+    accelerations(arrays, state)
+    load_cuts(lam, arrays, state)
+    inverse_dynamics(arrays, state)
+
+
+@kernel
+def observe(t: float, q: Any, v: Any, a: Any, lam: Any, sensors: Any, data: Any, out: Any) -> None:
+    """Every output at the solution (q, v, a, lam)."""
+    solved(t, q, v, a, lam, data)
+    read(sensors, lam, data.arrays, data.state, out)
+
+
+@kernel
+def scatter_drive(t: float, body: Any, arrays: Any, state: Any) -> None:
+    """Position of a driven coordinate."""
+    state.q[body.qi] = value(arrays.signals[body.drive], t)
+
+
+@kernel
+def turn_quaternion(q: Any, i: int, dq: Any, j: int) -> None:
+    """e <- e + e (0, dq) / 2, normalised."""
+    w, x, y, z = q[i], q[i + 1], q[i + 2], q[i + 3]
+    a, b, c = 0.5 * dq[j], 0.5 * dq[j + 1], 0.5 * dq[j + 2]
+    q[i] = w - x * a - y * b - z * c
+    q[i + 1] = x + w * a + y * c - z * b
+    q[i + 2] = y + w * b + z * a - x * c
+    q[i + 3] = z + w * c + x * b - y * a
+    norm = (q[i] * q[i] + q[i + 1] * q[i + 1] + q[i + 2] * q[i + 2] + q[i + 3] * q[i + 3]) ** 0.5
+    for k in range(4):
+        q[i + k] /= norm
+
+
+@cache
+def callbacks() -> tuple[Callable[..., Any], ...]:
+    """Return dynamics, position, retract, energy as a solver takes them; compiled on first use."""
+    if not COMPILED:
+        return dynamics, position, retract, energy
+    data = typeof(empty_data())
+    terms = typeof(Terms.allocate(1, 1, 1))
+    real, vector = types.float64, types.float64[::1]
+    return (
+        callback(types.void(real, vector, vector, data, terms))(dynamics),
+        callback(types.void(real, vector, data, terms))(position),
+        callback(types.void(vector, vector, data))(retract),
+        callback(real(real, vector, vector, data))(energy),
+    )
+
+
+def empty_data() -> Data:
+    """Return data of a mechanism of one body: an example of the types every mechanism has."""
+    tables = (records(1, dtype) for dtype in (WORLD, BODY, CUT, FORCE, SIGNAL))
+    return Data(Arrays(*tables, np.zeros(1, np.int64)), allocate_state(1, 1, 1, 1))
+

@@ -1,0 +1,117 @@
+"""What can be read off a mechanism: outputs of a model, as records the compiled observer evaluates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+from mbfmu.errors import UserError
+from solvers.kernel import kernel
+
+from .cuts.base import arm, centripetal
+from .energy import kinetic_energy, potential_energy
+
+
+class Kind(IntEnum):
+    """The quantities; ``index`` and ``component`` of a sensor record mean what the comment says."""
+
+    COORDINATE = 0  # index: of q
+    RATE = 1  # index: of v
+    ACCELERATION = 2  # index: of v
+    POINT_POSITION = 3  # index: body, component: global axis
+    POINT_VELOCITY = 4
+    POINT_ACCELERATION = 5
+    CUT_FORCE = 6  # index: constraint row; force or moment on body b
+    JOINT_FORCE = 7  # index: body, component: of the wrench the joint transmits to it, about its origin
+    EFFORT = 8  # index: of v; force or torque of a driven coordinate
+    KINETIC = 9
+    POTENTIAL = 10
+    ENERGY = 11
+    POSITION_RESIDUAL = 12
+    VELOCITY_RESIDUAL = 13
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sensor:
+    """A quantity of a mechanism; made by the methods of ``Body``, ``CutHandle`` and ``Mechanism``."""
+
+    kind: Kind
+    unit: str
+    item: Any = None  # the body or cut it belongs to
+    component: int = 0
+    point: Sequence[float] = (0.0, 0.0, 0.0)
+
+
+def axis_index(axis: str) -> int:
+    """Return 0, 1, 2 for 'x', 'y', 'z'."""
+    if axis not in ("x", "y", "z"):
+        raise UserError(f"component is {axis!r}; allowed: 'x', 'y', 'z'")
+    return "xyz".index(axis)
+
+
+@kernel
+def point_value(sensor: Any, arrays: Any, state: Any) -> float:
+    """Position, velocity or acceleration component of a body-fixed point, global axes."""
+    here = state.bodies[sensor.index]
+    k = sensor.component
+    x, y, z = arm(here, sensor.point)
+    p = (x, y, z)
+    if sensor.kind == 3:
+        return here.r[k] + p[k]
+    i, j = (k + 1) % 3, (k + 2) % 3
+    if sensor.kind == 4:
+        return here.Y[k] + here.Y[3 + i] * p[j] - here.Y[3 + j] * p[i]
+    along = here.dY[k] + here.dY[3 + i] * p[j] - here.dY[3 + j] * p[i]
+    return along + centripetal(here, x, y, z, k) + arrays.world[0].gravity[k]
+
+
+@kernel
+def largest_residual(velocity: bool, arrays: Any, state: Any) -> float:
+    """Largest |Phi| or |Phi'| of the kept rows."""
+    worst = 0.0
+    for i in range(arrays.cuts.shape[0]):
+        cut = arrays.cuts[i]
+        end = arrays.cuts[i + 1].row if i + 1 < arrays.cuts.shape[0] else state.rows.shape[0]
+        for r in range(cut.row, end):
+            if arrays.kept[r] < 0:
+                continue
+            row = state.rows[r]
+            residual = row.Phi
+            if velocity:
+                residual = 0.0
+                for k in range(6):
+                    residual += row.Ga[k] * state.bodies[cut.a].Y[k] + row.Gb[k] * state.bodies[cut.b].Y[k]
+            worst = max(worst, abs(residual))
+    return worst
+
+
+@kernel
+def read(sensors: Any, lam: Any, arrays: Any, state: Any, out: Any) -> None:
+    """Evaluate every sensor into ``out``; State holds the solution of the equations of motion."""
+    for i in range(sensors.shape[0]):
+        sensor = sensors[i]
+        kind, j = sensor.kind, sensor.index
+        if kind == 0:
+            out[i] = state.q[j]
+        elif kind == 1:
+            out[i] = state.v[j]
+        elif kind == 2:
+            out[i] = state.a[j]
+        elif kind <= 5:
+            out[i] = point_value(sensor, arrays, state)
+        elif kind == 6:
+            out[i] = -lam[j]
+        elif kind == 7:
+            out[i] = state.bodies[j].W[sensor.component]
+        elif kind == 8:
+            out[i] = state.tau[j]
+        elif kind == 9:
+            out[i] = kinetic_energy(arrays, state)
+        elif kind == 10:
+            out[i] = potential_energy(arrays, state)
+        elif kind == 11:
+            out[i] = kinetic_energy(arrays, state) + potential_energy(arrays, state)
+        else:
+            out[i] = largest_residual(kind == 13, arrays, state)
