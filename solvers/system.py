@@ -20,6 +20,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .kernel import kernel
+
 Array = NDArray[np.float64]
 
 
@@ -42,6 +44,29 @@ class Terms(NamedTuple):
         )
 
 
+# A compiled callback can be called from a kernel only; these let Python in.
+
+
+@kernel
+def _dynamics(function: Any, t: float, q: Array, v: Array, data: Any, terms: Terms) -> None:
+    function(t, q, v, data, terms)
+
+
+@kernel
+def _position(function: Any, t: float, q: Array, data: Any, terms: Terms) -> None:
+    function(t, q, data, terms)
+
+
+@kernel
+def _retract(function: Any, q: Array, dq: Array, data: Any) -> None:
+    function(q, dq, data)
+
+
+@kernel
+def _energy(function: Any, t: float, q: Array, v: Array, data: Any) -> float:
+    return float(function(t, q, v, data))
+
+
 @dataclass(frozen=True, kw_only=True)
 class System:
     """A mechanism as a solver sees it.
@@ -60,3 +85,23 @@ class System:
     energy: Callable[[float, Array, Array, Any], float]  # (t, q, v, data): total mechanical energy, J
     coordinate_names: tuple[str, ...] = ()  # (n,)
     constraint_names: tuple[str, ...] = ()  # (m,)
+
+    def allocate_terms(self) -> Terms:
+        """Return zeroed terms of this system's size."""
+        return Terms.allocate(self.nq, self.n, self.m)
+
+    def fill(self, t: float, q: Array, v: Array, terms: Terms) -> None:
+        """Fill all terms at (t, q, v)."""
+        _dynamics(self.dynamics, t, q, v, self.data, terms)
+
+    def fill_position(self, t: float, q: Array, terms: Terms) -> None:
+        """Fill Phi and J at (t, q)."""
+        _position(self.position, t, q, self.data, terms)
+
+    def apply(self, q: Array, dq: Array) -> None:
+        """Change the positions in place by dq (n,): q <- q (+) N dq."""
+        _retract(self.retract, q, dq, self.data)
+
+    def total_energy(self, t: float, q: Array, v: Array) -> float:
+        """Total mechanical energy, J."""
+        return _energy(self.energy, t, q, v, self.data)

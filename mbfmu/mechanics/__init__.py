@@ -1,0 +1,40 @@
+"""What a mechanism is and how it moves; knows neither solvers' methods nor FMI."""
+
+from mbfmu.errors import AssemblyError, UserError
+
+from .compile import Variable
+from .cuts import DistanceCut, RevoluteCut, SphericalCut, WeldCut
+from .forces import JointForce, JointSpring, PointForce, Spring, Torque
+from .joints import Floating, Revolute, Spherical, Translational, Weld
+from .mechanism import Body, Mechanism, rod
+from .plant import Plant
+from .sensors import Sensor
+from .signals import Harmonic, Input, Polynomial
+
+__all__ = [
+    "AssemblyError",
+    "Body",
+    "DistanceCut",
+    "Floating",
+    "Harmonic",
+    "Input",
+    "JointForce",
+    "JointSpring",
+    "Mechanism",
+    "Plant",
+    "PointForce",
+    "Polynomial",
+    "Revolute",
+    "RevoluteCut",
+    "Sensor",
+    "Spherical",
+    "SphericalCut",
+    "Spring",
+    "Torque",
+    "Translational",
+    "UserError",
+    "Variable",
+    "Weld",
+    "WeldCut",
+    "rod",
+]

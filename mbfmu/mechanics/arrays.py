@@ -166,5 +166,5 @@ def allocate_state(nb: int, rows: int, nq: int, nv: int) -> State:
         records(rows, ROW),
         *(np.zeros(shape) for shape in ((nv, 6), nq, nv, nv, nv, nv, (10, 6), (nv, 6), (nv, 7))),
     )
-    state.bodies[0].A[...] = np.eye(3)
+    state.bodies["A"][0] = np.eye(3)
     return state

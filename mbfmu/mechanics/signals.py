@@ -59,9 +59,9 @@ class Polynomial:
         """Write the signal into its record."""
         if not 1 <= len(self.c) <= 4 or not np.all(np.isfinite(self.c)):
             raise UserError(f"polynomial coefficients are {self.c!r}; allowed: one to four finite numbers")
-        record.kind = POLYNOMIAL
+        record["kind"] = POLYNOMIAL
         for i, c in enumerate(self.c):
-            record.c[i] = c
+            record["c"][i] = c
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,9 +78,9 @@ class Harmonic:
         c = (self.mean, self.amplitude, 2.0 * pi * self.frequency, self.phase)
         if not np.all(np.isfinite(c)):
             raise UserError(f"{self!r}: every number must be finite")
-        record.kind = HARMONIC
+        record["kind"] = HARMONIC
         for i, x in enumerate(c):
-            record.c[i] = x
+            record["c"][i] = x
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,8 +105,8 @@ class Input:
 
     def fill(self, record: Any) -> None:
         """Write the start value into the record."""
-        record.kind = POLYNOMIAL
-        record.c[0] = self.start
+        record["kind"] = POLYNOMIAL
+        record["c"][0] = self.start
 
 
 Signal = Polynomial | Harmonic | Input
