@@ -1,0 +1,117 @@
+"""Random mechanisms: every joint, cut joint and force on trees and forests, for identities that hold for all."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from hypothesis import strategies as st
+
+from mbfmu.mechanics import Mechanism, Plant
+from mbfmu.mechanics.cuts import REGISTRY as CUTS
+from mbfmu.mechanics.cuts import DistanceCut
+from mbfmu.mechanics.forces import REGISTRY as FORCES
+from mbfmu.mechanics.forces import JointForce, JointSpring
+from mbfmu.mechanics.joints import REGISTRY as JOINTS
+from mbfmu.mechanics.joints import Joint
+from mbfmu.mechanics.joints.base import AxisJoint
+from mbfmu.mechanics.signals import Harmonic, Polynomial
+
+Generator = np.random.Generator
+
+
+@dataclass
+class Case:
+    """A plant with a random state."""
+
+    plant: Plant
+    t: float
+    q: Any
+    v: Any
+    a: Any
+
+
+def random_rotation(rng: Generator) -> Any:
+    """A uniformly random rotation matrix."""
+    Q, R = np.linalg.qr(rng.normal(size=(3, 3)))
+    Q = Q * np.sign(np.diag(R))
+    return Q if np.linalg.det(Q) > 0 else -Q
+
+
+def random_inertia(rng: Generator) -> Any:
+    """Inertia of a random mass distribution: fulfils the triangle inequality."""
+    points = rng.normal(size=(5, 3))
+    return sum((p @ p) * np.eye(3) - np.outer(p, p) for p in points) * 0.1
+
+
+def random_joint(kind: type[Joint], rng: Generator, driven: bool) -> Joint:
+    """A joint of this kind at a random placement."""
+    options: dict[str, Any] = {"at": rng.normal(size=3), "rotation": random_rotation(rng)}
+    if issubclass(kind, AxisJoint):
+        options["axis"] = rng.normal(size=3)
+        if driven:
+            options["drive"] = Harmonic(amplitude=rng.normal(), frequency=0.5, phase=rng.normal(), mean=rng.normal())
+    return kind(**options)
+
+
+def add_forces(m: Mechanism, rng: Generator) -> None:
+    """One force of every kind that finds a place."""
+    for kind in FORCES:
+        body = m.bodies[rng.integers(1, len(m.bodies))]
+        other = m.bodies[rng.integers(0, body.index)]
+        if kind in (JointForce, JointSpring) and body.joint.nv != 1:
+            continue
+        names = kind.__dataclass_fields__
+        options: dict[str, Any] = {k: rng.uniform(0.1, 2.0) for k in ("stiffness", "damping", "free") if k in names}
+        options |= {k: rng.normal(size=3) for k in ("at_a", "at_b", "axis") if k in names}
+        if "magnitude" in names:
+            options["magnitude"] = Polynomial(rng.normal(size=3))
+        m.force(kind.__name__, kind(**options), body, other)
+
+
+def build(seed: int, kinds: list[type[Joint]], cuts: list[type], driven: bool, forces: bool) -> Case:
+    """A mechanism of these joints and cuts in a random state."""
+    rng = np.random.default_rng(seed)
+    m = Mechanism(gravity=rng.normal(size=3))
+    for i, kind in enumerate(kinds):
+        parent = m.bodies[rng.integers(0, i + 1)]
+        joint = random_joint(kind, rng, driven and i == 0)
+        mass = rng.uniform(0.5, 2.0)
+        m.body(f"b{i}", parent, joint, mass=mass, com=rng.normal(size=3), inertia=random_inertia(rng))
+    for i, cut in enumerate(cuts):
+        options: dict[str, Any] = {"at_a": rng.normal(size=3), "at_b": rng.normal(size=3)}
+        options |= {"rotation_a": random_rotation(rng), "rotation_b": random_rotation(rng)}
+        if cut is DistanceCut:
+            options["length"] = rng.uniform(0.5, 2.0)
+        m.cut(f"c{i}", cut(**options), m.bodies[-1], m.bodies[rng.integers(0, len(m.bodies) - 1)])
+    if forces:
+        add_forces(m, rng)
+    for body in m.bodies[1:]:
+        for axis in "xyz":
+            m.output(f"{body.name}.r{axis}", body.position(axis, (0.3, -0.2, 0.5)))
+            m.output(f"{body.name}.v{axis}", body.velocity(axis, (0.3, -0.2, 0.5)))
+            m.output(f"{body.name}.a{axis}", body.point_acceleration(axis, (0.3, -0.2, 0.5)))
+        if body.joint.drive is not None:
+            m.output(f"{body.name}.effort", body.effort())
+            m.output(f"{body.name}.drive_rate", body.rate())
+    m.output("energy", m.energy)
+    plant = m.compile()
+    n = plant.system.n
+    q = plant.start_positions()
+    plant.system.apply(q, rng.normal(size=n))
+    return Case(plant, float(rng.normal()), q, rng.normal(size=n), rng.normal(size=n))
+
+
+MOVING = [joint for joint in JOINTS if joint.nv > 0]
+
+
+@st.composite
+def cases(draw: Any, *, cuts: bool = False, driven: bool = False, forces: bool = False) -> Case:
+    """Draw a random mechanism and state; the last body always moves."""
+    kinds = draw(st.lists(st.sampled_from(JOINTS), min_size=0, max_size=4))
+    kinds.append(draw(st.sampled_from([j for j in MOVING if j.nv >= 3] if cuts else MOVING)))
+    if driven:
+        kinds.insert(0, draw(st.sampled_from([j for j in MOVING if j.nv == 1])))
+    closing = draw(st.lists(st.sampled_from(CUTS), min_size=1, max_size=2)) if cuts else []
+    return build(draw(st.integers(0, 2**32 - 1)), kinds, closing, driven, forces)

@@ -1,0 +1,228 @@
+"""Mechanics by identities on random mechanisms: what must hold whatever the numbers are."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from random_mechanisms import CUTS, JOINTS, MOVING, Case, build, cases
+
+from mbfmu.mechanics.aba import forward_dynamics
+from mbfmu.mechanics.dynamics import move, solved
+from mbfmu.mechanics.joints import move as place_joint
+from mbfmu.mechanics.rnea import momentum
+
+TOLERANCE = 1e-9
+STENCIL = {-3: -1 / 60, -2: 9 / 60, -1: -45 / 60, 1: 45 / 60, 2: -9 / 60, 3: 1 / 60}  # sixth order
+H = 2e-3
+
+
+def close(a: Any, b: Any, scale: float = 1.0) -> None:
+    """Agree to the tolerance, relative to the larger of 1, the values and ``scale``."""
+    size = max(1.0, scale, float(np.abs(a).max(initial=0.0)), float(np.abs(b).max(initial=0.0)))
+    np.testing.assert_allclose(a, b, rtol=0, atol=TOLERANCE * size)
+
+
+def along(case: Case, s: float) -> tuple[float, Any, Any]:
+    """State at time s from the case's on the path with constant v' = a, by classical Runge-Kutta on q' = N v."""
+    system, steps = case.plant.system, 4
+    terms = system.allocate_terms()
+    q, h = case.q.copy(), s / steps
+
+    def rate(q: Any, x: float) -> Any:
+        system.fill(case.t + x, q, case.v + x * case.a, terms)
+        return terms.qdot.copy()
+
+    for i in range(steps):
+        x = i * h
+        k1 = rate(q, x)
+        k2 = rate(q + h / 2 * k1, x + h / 2)
+        k3 = rate(q + h / 2 * k2, x + h / 2)
+        k4 = rate(q + h * k3, x + h)
+        q = q + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    return case.t + s, q, case.v + s * case.a
+
+
+def derivative(case: Case, function: Any) -> Any:
+    """Time derivative of ``function(t, q, v)`` along that path."""
+    return sum(weight * function(*along(case, k * H)) for k, weight in STENCIL.items()) / H
+
+
+def observed(case: Case, t: float, q: Any, v: Any, a: Any, lam: Any) -> dict[str, float]:
+    """All outputs by name."""
+    out = np.zeros(len(case.plant.outputs))
+    case.plant.observe(t, q, v, a, lam, out)
+    return {variable.name: float(x) for variable, x in zip(case.plant.outputs, out, strict=True)}
+
+
+def test_registry_order_matches_the_compiled_dispatch() -> None:
+    rel = np.zeros((10, 6))
+    q, v = np.array([0.6, 0.0, 0.8, 0.0, 0.0, 0.0, 1.0]), np.ones(6)
+    for kind, joint in enumerate(JOINTS):
+        place_joint(kind, np.array([0.0, 0.0, 1.0]), q, 0, v, 0, rel)
+        columns = int(np.sum(np.abs(rel[:6]).max(axis=1) > 0))
+        assert columns == joint.nv
+        np.testing.assert_allclose(rel[7:10, :3] @ rel[7:10, :3].T, np.eye(3), atol=1e-15)
+
+
+@settings(deadline=None)
+@given(cases(forces=True))
+def test_mass_matrix_is_inverse_dynamics_by_columns(case: Case) -> None:
+    system, data = case.plant.system, case.plant.data
+    terms = system.allocate_terms()
+    system.fill(case.t, case.q, case.v, terms)
+    solved(case.t, case.q, case.v, case.a, np.zeros(0), data)
+    free = data.arrays.bodies["vf"][1:]
+    tau = np.concatenate(
+        [data.state.tau[b["vi"] : b["vi"] + b["nv"]] for b in data.arrays.bodies[1:]] if len(free) else []
+    )
+    close(tau, terms.M @ case.a + terms.h)
+
+
+@settings(deadline=None)
+@given(cases())
+def test_kinetic_energy_is_the_mass_matrix_form(case: Case) -> None:
+    system = case.plant.system
+    terms = system.allocate_terms()
+    system.fill(case.t, case.q, case.v, terms)
+    at_rest = case.plant.energy(case.t, case.q, 0 * case.v)
+    kinetic = case.plant.energy(case.t, case.q, case.v) - at_rest
+    close(kinetic, 0.5 * case.v @ terms.M @ case.v, abs(at_rest))
+
+
+@settings(deadline=None)
+@given(cases(forces=True))
+def test_inverse_dynamics_undoes_articulated_body(case: Case) -> None:
+    data = case.plant.data
+    move(case.t, case.q, case.v, *data)
+    assert forward_dynamics(*data) == 0
+    terms = case.plant.system.allocate_terms()
+    a = data.state.a.copy()
+    case.plant.system.fill(case.t, case.q, case.v, terms)
+    close(terms.M @ a + terms.h, np.zeros_like(a), float(np.abs(terms.h).max()))
+
+
+@settings(deadline=None)
+@given(cases(driven=True, forces=True))
+def test_articulated_body_with_a_drive_agrees_with_the_free_equations(case: Case) -> None:
+    data, system = case.plant.data, case.plant.system
+    move(case.t, case.q, case.v, *data)
+    assert forward_dynamics(*data) == 0
+    free = np.concatenate([np.arange(b["vi"], b["vi"] + b["nv"]) for b in data.arrays.bodies[1:] if b["vf"] >= 0])
+    a = data.state.a[free.astype(int)].copy()
+    terms = system.allocate_terms()
+    system.fill(case.t, case.q, case.v, terms)
+    close(terms.M @ a + terms.h, np.zeros_like(a), float(np.abs(terms.h).max()))
+
+
+@settings(deadline=None)
+@given(cases(cuts=True, driven=True))
+def test_constraint_derivatives(case: Case) -> None:
+    system = case.plant.system
+    terms = system.allocate_terms()
+
+    def Phi(t: float, q: Any, v: Any) -> Any:
+        system.fill(t, q, v, terms)
+        return terms.Phi.copy()
+
+    def Phi_rate(t: float, q: Any, v: Any) -> Any:
+        system.fill(t, q, v, terms)
+        return terms.J @ v - terms.nu
+
+    first, second = derivative(case, Phi), derivative(case, Phi_rate)
+    system.fill(case.t, case.q, case.v, terms)
+    close(first, terms.J @ case.v - terms.nu)
+    close(second, terms.J @ case.a - terms.gamma)
+
+
+@settings(deadline=None)
+@given(cases(driven=True))
+def test_point_velocity_and_acceleration(case: Case) -> None:
+    lam = np.zeros(case.plant.system.m)
+    exact = observed(case, case.t, case.q, case.v, case.a, lam)
+    for body in case.plant.mechanism.bodies[1:]:
+        for axis in "xyz":
+            for low, high in (("r", "v"), ("v", "a")):
+                rate = derivative(case, lambda t, q, v: observed(case, t, q, v, case.a, lam)[f"{body.name}.{low}{axis}"])  # noqa: B023
+                close(rate, exact[f"{body.name}.{high}{axis}"])
+
+
+@settings(deadline=None)
+@given(cases(cuts=True, driven=True, forces=True))
+def test_power_equals_energy_rate(case: Case) -> None:
+    """dE/dt = v . (M a + h_without_forces ...): power of free coordinates' net effort, drives, cut joints and forces."""
+    plant, system = case.plant, case.plant.system
+    rng = np.random.default_rng(1)
+    lam = rng.normal(size=system.m)
+    terms = system.allocate_terms()
+    rate = derivative(case, lambda t, q, v: plant.energy(t, q, v))
+    system.fill(case.t, case.q, case.v, terms)
+    effort = terms.M @ case.a + terms.h + terms.J.T @ lam  # what would have to act on the free coordinates
+    out = observed(case, case.t, case.q, case.v, case.a, lam)
+    drive = out["b0.effort"] * out["b0.drive_rate"]
+    cut = -lam @ (terms.J @ case.v - terms.nu)
+    power = effort @ case.v + drive + cut + non_conservative_power(case)
+    close(rate, power, float(np.abs(effort).max(initial=0.0)))
+
+
+def non_conservative_power(case: Case) -> float:
+    """Power of dampers and given forces, from the records and the body motions, written out anew."""
+    arrays, state = case.plant.data.arrays, case.plant.data.state
+    names = [type(force).__name__ for _, force, _, _ in case.plant.mechanism.forces]
+    power = 0.0
+    for name, f in zip(names, arrays.forces, strict=True):
+        A, B = state.bodies[int(f["a"])], state.bodies[int(f["b"])]
+
+        def velocity(body: Any, p: Any) -> Any:
+            return body["Y"][:3] + np.cross(body["Y"][3:], body["A"] @ p)
+
+        magnitude = np.polyval(arrays.signals[int(f["signal"])]["c"][::-1], case.t) if f["signal"] >= 0 else 0.0
+        if name == "Spring":
+            d = B["r"] + B["A"] @ f["Pb"] - A["r"] - A["A"] @ f["Pa"]
+            rate = d @ (velocity(B, f["Pb"]) - velocity(A, f["Pa"])) / np.linalg.norm(d)
+            power -= f["damping"] * rate**2
+        elif name == "JointSpring":
+            power -= f["damping"] * state.v[int(f["v"])] ** 2
+        elif name == "JointForce":
+            power += magnitude * state.v[int(f["v"])]
+        elif name == "PointForce":
+            power += magnitude * f["axis"] @ velocity(A, f["Pa"])
+        else:
+            power += magnitude * f["axis"] @ A["Y"][3:]
+    return power
+
+
+@settings(deadline=None)
+@given(cases())
+def test_momentum_changes_with_what_the_ground_gives(case: Case) -> None:
+    plant, zero = case.plant, np.zeros(0)
+
+    def total(t: float, q: Any, v: Any) -> Any:
+        out = np.zeros(6)
+        solved(t, q, v, case.a, zero, plant.data)
+        momentum(*plant.data, out)
+        return out
+
+    rate = derivative(case, total)
+    solved(case.t, case.q, case.v, case.a, zero, plant.data)
+    g, expected = plant.mechanism.gravity, np.zeros(6)
+    for record, here in zip(plant.data.arrays.bodies[1:], plant.data.state.bodies[1:], strict=True):
+        weight = record["mass"] * g
+        expected[:3] += weight
+        expected[3:] += np.cross(here["r"] + here["com"], weight)
+        if record["parent"] == 0:
+            expected[:3] += here["W"][:3]
+            expected[3:] += here["W"][3:] + np.cross(here["r"], here["W"][:3])
+    close(rate, expected)
+
+
+@pytest.mark.parametrize("kind", MOVING)
+def test_every_joint_moves_in_a_loop(kind: Any) -> None:
+    """The strategies draw at random; this makes sure that each joint and each cut joint was there."""
+    for cut in CUTS:
+        case = build(7, [kind, MOVING[-1]], [cut], False, True)
+        terms = case.plant.system.allocate_terms()
+        case.plant.system.fill(case.t, case.q, case.v, terms)
+        assert np.all(np.isfinite(terms.J)) and np.abs(terms.J).max() > 0.0
