@@ -4,12 +4,21 @@ A *kernel* is a closed compiled function: scalar loops, no allocation, no except
 out-parameters last. A *callback* is a kernel with a fixed signature that a solver receives as an argument;
 numba types it by signature only, so the solver compiles once, is cached, and serves every system.
 
+Machine code is cached in a folder named by a fingerprint of all kernel sources: numba alone would go on using a
+cached caller after its callee was edited. The folder is ``mbfmu/<fingerprint>`` under ``NUMBA_CACHE_DIR`` or the
+user's cache.
+
 With ``NUMBA_DISABLE_JIT=1`` everything here is plain Python, for coverage and debugging.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
@@ -21,9 +30,35 @@ F = TypeVar("F", bound=Callable[..., Any])
 COMPILED: bool = not numba.config.DISABLE_JIT
 
 
+@cache
+def cache_folder() -> Path:
+    """Return the folder that holds the machine code of these sources."""
+    here = Path(__file__).resolve().parent
+    fingerprint = sha256()
+    for folder in (here, here.parent / "mbfmu" / "mechanics"):
+        for source in sorted(folder.rglob("*.py")):
+            fingerprint.update(source.relative_to(here.parent).as_posix().encode())
+            fingerprint.update(source.read_bytes())
+    default = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or Path.home() / ".cache"
+    base = Path(os.environ.get("NUMBA_CACHE_DIR") or default)
+    return base / "mbfmu" / fingerprint.hexdigest()[:16]
+
+
+@contextmanager
+def _cached_here() -> Iterator[None]:
+    """Let numba choose our folder while it sets up one function's cache, and leave other packages theirs."""
+    before = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = str(cache_folder())
+    try:
+        yield
+    finally:
+        numba.config.CACHE_DIR = before
+
+
 def kernel(function: F) -> F:
     """Compile a closed function on first use and keep the machine code on disk."""
-    return cast(F, numba.njit(cache=True, error_model="numpy")(function))
+    with _cached_here():
+        return cast(F, numba.njit(cache=True, error_model="numpy")(function))
 
 
 def callback(signature: Any) -> Callable[[F], F]:
@@ -32,7 +67,8 @@ def callback(signature: Any) -> Callable[[F], F]:
     def compile_(function: F) -> F:
         if not COMPILED:
             return function
-        return cast(F, numba.cfunc(signature, cache=True, error_model="numpy")(function))
+        with _cached_here():
+            return cast(F, numba.cfunc(signature, cache=True, error_model="numpy")(function))
 
     return compile_
 

@@ -1,0 +1,197 @@
+"""From the builder's objects to flat arrays: numbering, and one record a body, cut, force, signal, sensor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.errors import UserError
+from solvers.kernel import records
+
+from .arrays import BODY, CUT, FORCE, SENSOR, SIGNAL, WORLD, Arrays, Data, allocate_state
+from .cuts import REGISTRY as CUTS
+from .forces import REGISTRY as FORCES
+from .joints import REGISTRY as JOINTS
+from .joints.base import unit_axis
+from .mechanism import Body, CutHandle, Mechanism, rotation, signal_of, vector
+from .sensors import Kind, Sensor
+from .signals import Input, Signal
+
+
+@dataclass(frozen=True)
+class Variable:
+    """An input or output as a host sees it."""
+
+    name: str
+    unit: str
+    description: str = ""
+    start: float = 0.0
+    nominal: float | None = None
+
+
+@dataclass(frozen=True)
+class Slot:
+    """Where the value of an input is kept: a coefficient of a signal."""
+
+    variable: Variable
+    signal: int
+    coefficient: int
+
+
+class Numbering:
+    """Offsets of every joint in the full and the free coordinates; signals in the order they are met."""
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        self.signals: list[Signal] = []
+        self.slots: list[Slot] = []
+        self.q: list[int] = []
+        self.v: list[int] = []
+        self.qf: list[int] = []
+        self.vf: list[int] = []
+        self.drive: list[int] = []
+        self.coordinate_names: list[str] = []
+        self.nq_full = self.nv_full = self.nq = self.nv = 0
+        for body in mechanism.bodies:
+            self._count(body)
+
+    def _count(self, body: Body) -> None:
+        joint = body.joint
+        driven = joint.drive is not None
+        self.q.append(self.nq_full)
+        self.v.append(self.nv_full)
+        self.nq_full += joint.nq
+        self.nv_full += joint.nv
+        self.qf.append(-1 if driven else self.nq)
+        self.vf.append(-1 if driven else self.nv)
+        self.drive.append(self.signal(joint.drive, f"drive of body {body.name!r}") if driven else -1)
+        if not driven:
+            self.nq += joint.nq
+            self.nv += joint.nv
+            self.coordinate_names += [f"{body.name}.{c}" if c else body.name for c in joint.coordinates]
+
+    def signal(self, value: Any, what: str) -> int:
+        """Number a signal and, if it is an input, its slots."""
+        signal = signal_of(value, what)
+        index = len(self.signals)
+        self.signals.append(signal)
+        if isinstance(signal, Input):
+            self._slot(Variable(signal.name, signal.unit, signal.description, signal.start), index, 0)
+            if signal.rate_name:
+                rate = Variable(signal.rate_name, signal.unit + "/s", f"rate of {signal.name}")
+                self._slot(rate, index, 1)
+        return index
+
+    def _slot(self, variable: Variable, signal: int, coefficient: int) -> None:
+        if variable.name in [slot.variable.name for slot in self.slots]:
+            raise UserError(f"input {variable.name!r} is used twice; each input moves one thing")
+        self.slots.append(Slot(variable, signal, coefficient))
+
+
+def compile_data(mechanism: Mechanism, numbering: Numbering) -> Data:
+    """Return arrays and state; every cut-joint row is kept for now."""
+    world = records(1, WORLD)
+    world["gravity"] = mechanism.gravity
+    forces = force_records(mechanism, numbering)  # numbers its signals, so before they are written
+    cuts, rows = cut_records(mechanism)
+    arrays = Arrays(
+        world, body_records(mechanism, numbering), cuts, forces, signal_records(numbering), np.arange(rows)
+    )
+    return Data(arrays, allocate_state(len(mechanism.bodies), rows, numbering.nq_full, numbering.nv_full))
+
+
+def body_records(mechanism: Mechanism, numbering: Numbering) -> NDArray[Any]:
+    """One record a body, ground first."""
+    table = records(len(mechanism.bodies), BODY)
+    for i, body in enumerate(mechanism.bodies):
+        record, joint = table[i], body.joint
+        record["parent"], record["joint"] = body.parent, JOINTS.index(type(joint))
+        record["nq"], record["nv"], record["quaternion"] = joint.nq, joint.nv, int(joint.quaternion)
+        record["qi"], record["vi"] = numbering.q[i], numbering.v[i]
+        record["qf"], record["vf"], record["drive"] = numbering.qf[i], numbering.vf[i], numbering.drive[i]
+        record["mass"] = body.mass
+        record["com"], record["inertia"] = body.com, body.inertia
+        record["s"] = vector(f"placement of body {body.name!r}", joint.at)
+        record["R"] = rotation(f"rotation of body {body.name!r}", joint.rotation)
+        record["axis"] = joint.direction
+    return table
+
+
+def cut_records(mechanism: Mechanism) -> tuple[NDArray[Any], int]:
+    """One record a cut, and the number of rows."""
+    table, row = records(len(mechanism.cuts), CUT), 0
+    for record, handle in zip(table, mechanism.cuts, strict=True):
+        cut, what = handle.cut, f"of cut {handle.name!r}"
+        record["kind"], record["a"], record["b"], record["row"] = (
+            CUTS.index(type(cut)),
+            handle.a.index,
+            handle.b.index,
+            row,
+        )
+        record["Pa"], record["Pb"] = vector(f"at_a {what}", cut.at_a), vector(f"at_b {what}", cut.at_b)
+        record["Ra"] = rotation(f"rotation_a {what}", cut.rotation_a)
+        record["Rb"] = rotation(f"rotation_b {what}", cut.rotation_b)
+        record["length"] = getattr(cut, "length", 0.0)
+        row += len(cut.rows)
+    return table, row
+
+
+def force_records(mechanism: Mechanism, numbering: Numbering) -> NDArray[Any]:
+    """One record a force."""
+    table = records(len(mechanism.forces), FORCE)
+    for record, (name, force, a, b) in zip(table, mechanism.forces, strict=True):
+        record["kind"] = FORCES.index(type(force))
+        record["a"], record["b"] = a.index, b.index
+        record["q"], record["v"] = numbering.q[a.index], numbering.v[a.index]
+        record["signal"] = -1
+        if hasattr(force, "magnitude"):
+            record["signal"] = numbering.signal(force.magnitude, f"magnitude of force {name!r}")
+        record["Pa"] = vector(f"at_a of force {name!r}", getattr(force, "at_a", np.zeros(3)))
+        record["Pb"] = vector(f"at_b of force {name!r}", getattr(force, "at_b", np.zeros(3)))
+        record["axis"] = unit_axis(force.axis) if hasattr(force, "axis") else 0.0
+        for key in ("stiffness", "damping", "free"):
+            record[key] = getattr(force, key, 0.0)
+    return table
+
+
+def signal_records(numbering: Numbering) -> NDArray[Any]:
+    """One record a signal."""
+    table = records(len(numbering.signals), SIGNAL)
+    for i, signal in enumerate(numbering.signals):
+        signal.fill(table[i])
+    return table
+
+
+def sensor_records(mechanism: Mechanism, numbering: Numbering, kept: NDArray[np.int64]) -> NDArray[Any]:
+    """One record an output."""
+    table = records(len(mechanism.outputs), SENSOR)
+    first_row = np.cumsum([0] + [len(c.cut.rows) for c in mechanism.cuts])
+    for record, (name, sensor, _, _) in zip(table, mechanism.outputs, strict=True):
+        record["kind"], record["component"] = sensor.kind, sensor.component
+        record["point"] = sensor.point
+        record["index"] = sensor_index(name, sensor, numbering, first_row, kept)
+    return table
+
+
+def sensor_index(
+    name: str, sensor: Sensor, numbering: Numbering, first_row: NDArray[np.int64], kept: NDArray[np.int64]
+) -> int:
+    """Return what a sensor's record points at; see :class:`.sensors.Kind`."""
+    match sensor.kind, sensor.item:
+        case Kind.COORDINATE, Body(index=i):
+            return numbering.q[i] + sensor.component
+        case (Kind.RATE | Kind.ACCELERATION | Kind.EFFORT), Body(index=i):
+            return numbering.v[i] + sensor.component
+        case Kind.CUT_FORCE, CutHandle(index=i, name=cut):
+            row = int(kept[first_row[i] + sensor.component])
+            if row < 0:
+                raise UserError(
+                    f"output {name!r} reads row {sensor.item.cut.rows[sensor.component]!r} of cut {cut!r}, "
+                    "which is void in this mechanism: no free motion works against it"
+                )
+            return row
+        case _, Body(index=i):
+            return i
+    return 0

@@ -1,0 +1,293 @@
+"""The builder: a mechanism in a dozen lines, and every check of what a user writes.
+
+>>> from mbfmu.mechanics import Mechanism, Revolute, rod
+>>> m = Mechanism(gravity=(0, -9.81, 0))
+>>> bob = m.body("bob", m.ground, Revolute(axis="z"), **rod(mass=1.0, length=1.0))
+>>> m.output("bob.angle", bob.angle(), "angle from the horizontal")
+>>> plant = m.compile()
+
+A body's frame is where its tree joint puts it: at rest it lies on the joint frame in the parent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.errors import UserError
+
+from .cuts import REGISTRY as CUTS
+from .cuts import Cut, DistanceCut
+from .forces import REGISTRY as FORCES
+from .forces import Force, JointForce, JointSpring
+from .joints import REGISTRY as JOINTS
+from .joints import Joint, Weld
+from .sensors import Kind, Sensor, axis_index
+from .signals import Signal, as_signal
+
+if TYPE_CHECKING:
+    from .plant import Plant
+
+Vector = Sequence[float]
+Matrix = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A body of a mechanism, as :meth:`Mechanism.body` returns it."""
+
+    name: str
+    index: int
+    parent: int
+    joint: Joint
+    mass: float = 0.0
+    com: Matrix = field(default_factory=lambda: np.zeros(3))
+    inertia: Matrix = field(default_factory=lambda: np.zeros((3, 3)))
+
+    def coordinate(self, k: int = 0) -> Sensor:
+        """Joint position k, rad or m."""
+        return Sensor(kind=Kind.COORDINATE, unit=self._unit(k), item=self, component=k)
+
+    def rate(self, k: int = 0) -> Sensor:
+        """Joint velocity k, rad/s or m/s."""
+        return Sensor(kind=Kind.RATE, unit=self._unit(k) + "/s", item=self, component=k)
+
+    def acceleration(self, k: int = 0) -> Sensor:
+        """Joint acceleration k, rad/s2 or m/s2."""
+        return Sensor(kind=Kind.ACCELERATION, unit=self._unit(k) + "/s2", item=self, component=k)
+
+    def effort(self, k: int = 0) -> Sensor:
+        """Force or torque that drives a driven joint."""
+        return Sensor(kind=Kind.EFFORT, unit="N.m" if self._unit(k) == "rad" else "N", item=self, component=k)
+
+    angle = coordinate
+
+    def position(self, axis: str, point: Vector = (0.0, 0.0, 0.0)) -> Sensor:
+        """Global component of the position of a body-fixed point, m."""
+        return Sensor(
+            kind=Kind.POINT_POSITION, unit="m", item=self, component=axis_index(axis), point=vector("point", point)
+        )
+
+    def velocity(self, axis: str, point: Vector = (0.0, 0.0, 0.0)) -> Sensor:
+        """... of its velocity, m/s."""
+        return Sensor(
+            kind=Kind.POINT_VELOCITY, unit="m/s", item=self, component=axis_index(axis), point=vector("point", point)
+        )
+
+    def point_acceleration(self, axis: str, point: Vector = (0.0, 0.0, 0.0)) -> Sensor:
+        """... of its acceleration, m/s2."""
+        return Sensor(
+            kind=Kind.POINT_ACCELERATION,
+            unit="m/s2",
+            item=self,
+            component=axis_index(axis),
+            point=vector("point", point),
+        )
+
+    def joint_force(self, axis: str) -> Sensor:
+        """Global component of the force the tree joint exerts on this body, N."""
+        return Sensor(kind=Kind.JOINT_FORCE, unit="N", item=self, component=axis_index(axis))
+
+    def joint_moment(self, axis: str) -> Sensor:
+        """Global component of the moment it exerts about the body's origin, N m."""
+        return Sensor(kind=Kind.JOINT_FORCE, unit="N.m", item=self, component=3 + axis_index(axis))
+
+    def _unit(self, k: int) -> str:
+        if not 0 <= k < self.joint.nv:
+            raise UserError(f"body {self.name!r} has no joint coordinate {k}; it has {self.joint.nv}")
+        return self.joint.units[k]
+
+
+@dataclass(frozen=True, eq=False)
+class CutHandle:
+    """A cut joint of a mechanism, as :meth:`Mechanism.cut` returns it."""
+
+    name: str
+    index: int
+    cut: Cut
+    a: Body
+    b: Body
+
+    def force(self, row: str = "") -> Sensor:
+        """Force (N) or moment (N m) of one row on body b, along the row's direction from a to b."""
+        if row not in self.cut.rows:
+            raise UserError(f"cut {self.name!r} has no row {row!r}; allowed: {', '.join(map(repr, self.cut.rows))}")
+        k = self.cut.rows.index(row)
+        return Sensor(kind=Kind.CUT_FORCE, unit=self.cut.units[k], item=self, component=k)
+
+
+class Mechanism:
+    """Bodies on tree joints from the ground, closed by cut joints, moved by forces and drives.
+
+    Parameters
+    ----------
+    gravity
+        Acceleration of gravity, global axes, m/s^2; zero: none.
+    """
+
+    def __init__(self, *, gravity: Vector = (0.0, 0.0, 0.0)) -> None:
+        self.gravity = vector("gravity", gravity)
+        self.ground = Body("ground", 0, 0, Weld())
+        self.bodies: list[Body] = [self.ground]
+        self.cuts: list[CutHandle] = []
+        self.forces: list[tuple[str, Force, Body, Body]] = []
+        self.outputs: list[tuple[str, Sensor, str, float | None]] = []
+        self.energy = Sensor(kind=Kind.ENERGY, unit="J")
+        self.kinetic_energy = Sensor(kind=Kind.KINETIC, unit="J")
+        self.potential_energy = Sensor(kind=Kind.POTENTIAL, unit="J")
+        self.position_residual = Sensor(kind=Kind.POSITION_RESIDUAL, unit="m")
+        self.velocity_residual = Sensor(kind=Kind.VELOCITY_RESIDUAL, unit="m/s")
+
+    def body(
+        self,
+        name: str,
+        parent: Body,
+        joint: Joint,
+        *,
+        mass: float = 0.0,
+        com: Vector = (0.0, 0.0, 0.0),
+        inertia: Any = (0.0, 0.0, 0.0),
+    ) -> Body:
+        """Hang a body on its parent.
+
+        Parameters
+        ----------
+        mass
+            kg; zero is allowed where the motion has inertia from other bodies.
+        com
+            Centre of mass in the body's frame, m.
+        inertia
+            About the centre of mass, body axes, kg m^2: three principal values or a 3x3 matrix.
+        """
+        self._new_name("body", name, [b.name for b in self.bodies])
+        self._member(parent, f"parent of body {name!r}")
+        if type(joint) not in JOINTS:
+            raise UserError(f"joint of body {name!r} is {joint!r}; allowed: {names_of(JOINTS)}")
+        if joint.drive is not None and joint.nv != 1:
+            raise UserError(
+                f"joint of body {name!r} cannot be driven: only joints of one coordinate can; "
+                "chain revolute and translational joints through bodies without mass"
+            )
+        new = Body(
+            name,
+            len(self.bodies),
+            parent.index,
+            joint,
+            not_negative(f"mass of body {name!r}", mass),
+            vector(f"com of body {name!r}", com),
+            inertia_matrix(name, inertia),
+        )
+        self.bodies.append(new)
+        return new
+
+    def cut(self, name: str, cut: Cut, a: Body, b: Body) -> CutHandle:
+        """Close a loop with a cut joint between bodies a and b."""
+        self._new_name("cut", name, [c.name for c in self.cuts])
+        if type(cut) not in CUTS:
+            raise UserError(f"cut {name!r} is {cut!r}; allowed: {names_of(CUTS)}")
+        self._member(a, f"body a of cut {name!r}")
+        self._member(b, f"body b of cut {name!r}")
+        if a is b:
+            raise UserError(f"cut {name!r} ties body {a.name!r} to itself; it needs two bodies")
+        if isinstance(cut, DistanceCut) and not (np.isfinite(cut.length) and cut.length > 0.0):
+            raise UserError(f"length of cut {name!r} is {cut.length!r} m; allowed: greater than zero")
+        self.cuts.append(CutHandle(name, len(self.cuts), cut, a, b))
+        return self.cuts[-1]
+
+    def force(self, name: str, force: Force, a: Body, b: Body | None = None) -> None:
+        """Let a force act on body a (and b); joint forces act on a's tree joint."""
+        self._new_name("force", name, [f[0] for f in self.forces])
+        if type(force) not in FORCES:
+            raise UserError(f"force {name!r} is {force!r}; allowed: {names_of(FORCES)}")
+        self._member(a, f"body a of force {name!r}")
+        other = self.ground if b is None else b
+        self._member(other, f"body b of force {name!r}")
+        if isinstance(force, JointForce | JointSpring) and a.joint.nv != 1:
+            raise UserError(f"force {name!r} needs a joint of one coordinate; that of {a.name!r} has {a.joint.nv}")
+        for key in ("stiffness", "damping", "free"):
+            if not np.isfinite(getattr(force, key, 0.0)):
+                raise UserError(f"{key} of force {name!r} is {getattr(force, key)!r}; it must be finite")
+        self.forces.append((name, force, a, other))
+
+    def output(self, name: str, sensor: Sensor, description: str = "", nominal: float | None = None) -> None:
+        """Publish a quantity under a structured name such as ``crank.angle``."""
+        self._new_name("output", name, [o[0] for o in self.outputs])
+        self.outputs.append((name, sensor, description, nominal))
+
+    def compile(self) -> Plant:
+        """Turn the mechanism into flat arrays and callbacks."""
+        from .plant import Plant
+
+        if len(self.bodies) == 1:
+            raise UserError("the mechanism has no bodies; add at least one with Mechanism.body")
+        return Plant(self)
+
+    def _member(self, body: Body, role: str) -> None:
+        if not isinstance(body, Body) or body.index >= len(self.bodies) or self.bodies[body.index] is not body:
+            raise UserError(f"{role} is {body!r}, which is not a body of this mechanism")
+
+    @staticmethod
+    def _new_name(what: str, name: str, taken: list[str]) -> None:
+        if not name or name in taken:
+            raise UserError(f"{what} is named {name!r}; a name must not be empty and must be new among {taken}")
+
+
+def rod(*, mass: float, length: float) -> dict[str, Any]:
+    """Mass properties of a uniform slender rod along x from the body's origin: mass kg, length m."""
+    transverse = mass * length**2 / 12.0
+    return {"mass": mass, "com": (0.5 * length, 0.0, 0.0), "inertia": (0.0, transverse, transverse)}
+
+
+def signal_of(value: Any, what: str) -> Signal:
+    """Return a signal from a number, a signal or an input."""
+    if isinstance(value, int | float) and not np.isfinite(value):
+        raise UserError(f"{what} is {value!r}; it must be finite")
+    return as_signal(value)
+
+
+def vector(what: str, value: Vector) -> Matrix:
+    """Check three finite numbers."""
+    array = np.asarray(value, float)
+    if array.shape != (3,) or not np.all(np.isfinite(array)):
+        raise UserError(f"{what} is {value!r}; it needs three finite numbers")
+    return array
+
+
+def rotation(what: str, value: Any) -> Matrix:
+    """Check a rotation matrix; None is the identity."""
+    if value is None:
+        return np.eye(3)
+    R = np.asarray(value, float)
+    if R.shape != (3, 3) or not np.allclose(R @ R.T, np.eye(3), atol=1e-9) or np.linalg.det(R) < 0.0:
+        raise UserError(f"{what} is {value!r}; it must be a 3x3 rotation matrix")
+    return R
+
+
+def not_negative(what: str, value: float) -> float:
+    """Check a finite number that is not negative."""
+    if not np.isfinite(value) or value < 0.0:
+        raise UserError(f"{what} is {value!r}; allowed: finite and not negative")
+    return float(value)
+
+
+def inertia_matrix(body: str, value: Any) -> Matrix:
+    """Check an inertia: symmetric, no negative principal value, triangle inequality."""
+    array = np.asarray(value, float)
+    J = np.diag(array) if array.shape == (3,) else array
+    what = f"inertia of body {body!r} is {value!r}"
+    if J.shape != (3, 3) or not np.all(np.isfinite(J)) or not np.allclose(J, J.T):
+        raise UserError(f"{what}; it needs three principal values or a symmetric 3x3 matrix, kg m^2")
+    p = np.linalg.eigvalsh(J)
+    slack = 1e-9 * max(1.0, p[2])
+    if p[0] < -slack or p[2] > p[0] + p[1] + slack:
+        raise UserError(f"{what}; principal values must not be negative, nor one exceed the sum of the others")
+    return J
+
+
+def names_of(registry: tuple[type, ...]) -> str:
+    """Class names, for messages."""
+    return ", ".join(kind.__name__ for kind in registry)

@@ -1,0 +1,163 @@
+"""A compiled mechanism at work: what simulation and FMU hold."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.errors import AssemblyError, UserError
+from solvers.system import Array, System
+
+from .assembly import assemble_positions, assemble_velocities, check_inertia
+from .compile import Numbering, Variable, compile_data, sensor_records
+from .dynamics import callbacks, observe
+from .mechanism import Mechanism
+from .sensors import largest_residual
+
+
+class Plant:
+    """A mechanism as arrays, with its inputs, its outputs and the system a solver takes.
+
+    Attributes
+    ----------
+    system
+        The equations of motion over the free coordinates.
+    inputs, outputs
+        Variables in the order of :meth:`set_input` and :meth:`observe`.
+    void_rows
+        Names of cut-joint rows that no free motion works against; dropped.
+    """
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        self.mechanism = mechanism
+        self._numbering = numbering = Numbering(mechanism)
+        self.data = compile_data(mechanism, numbering)
+        names = [f"{c.name}.{r}" if r else c.name for c in mechanism.cuts for r in c.cut.rows]
+        self.system = self._system(names)
+        self.void_rows = self._drop_void_rows(names)
+        self.system = self._system([n for n in names if n not in self.void_rows])
+        self.inputs = tuple(slot.variable for slot in numbering.slots)
+        self.outputs = tuple(Variable(n, s.unit, d, 0.0, nominal) for n, s, d, nominal in mechanism.outputs)
+        self._sensors = sensor_records(mechanism, numbering, self.data.arrays.kept)
+
+    def _system(self, constraint_names: list[str]) -> System:
+        dynamics, position, retract, energy = callbacks()
+        return System(
+            nq=self._numbering.nq,
+            n=self._numbering.nv,
+            m=len(constraint_names),
+            data=self.data,
+            dynamics=dynamics,
+            position=position,
+            retract=retract,
+            energy=energy,
+            coordinate_names=tuple(self._numbering.coordinate_names),
+            constraint_names=tuple(constraint_names),
+        )
+
+    def _drop_void_rows(self, names: list[str]) -> list[str]:
+        """Find the rows whose Jacobian vanishes wherever the mechanism may be, and number the others anew.
+
+        A few random positions decide: a row that is not void vanishes there with probability zero.
+        """
+        system, kept = self.system, self.data.arrays.kept
+        terms = system.allocate_terms()
+        largest, residual = np.zeros(system.m), np.zeros(system.m)
+        random = np.random.default_rng(0)
+        for _ in range(3):
+            q = self.start_positions()
+            system.apply(q, random.normal(size=system.n))
+            system.fill_position(0.0, q, terms)
+            largest = np.maximum(largest, np.abs(terms.J).max(axis=1, initial=0.0))
+            residual = np.maximum(residual, np.abs(terms.Phi))
+        void = largest < 1e-12
+        for i in np.flatnonzero(void & (residual > 1e-9)):
+            raise AssemblyError(
+                f"loop cannot close: {names[i]!r} is off by {residual[i]:.3g} and no free joint can change that"
+            )
+        kept[:] = np.where(void, -1, np.cumsum(~void) - 1)
+        return [names[i] for i in np.flatnonzero(void)]
+
+    def start_positions(self) -> Array:
+        """Return the first free positions (nq,) as given to the builder, loops not closed yet."""
+        return self._gather("start", "nq", "rest")
+
+    def start_velocities(self) -> Array:
+        """Return the first free velocities (n,) as given to the builder."""
+        return self._gather("rate", "nv", None)
+
+    def _gather(self, attribute: str, count: str, default: str | None) -> Array:
+        parts = [np.zeros(0)]
+        for body in self.mechanism.bodies:
+            joint = body.joint
+            if joint.drive is not None:
+                continue
+            given = getattr(joint, attribute)
+            if given is None:
+                parts.append(getattr(joint, default)() if default else np.zeros(getattr(joint, count)))
+                continue
+            value = np.atleast_1d(np.asarray(given, float))
+            if value.shape != (getattr(joint, count),) or not np.all(np.isfinite(value)):
+                raise UserError(
+                    f"{attribute} of body {body.name!r} is {given!r}; it needs {getattr(joint, count)} finite numbers"
+                )
+            parts.append(value)
+        return np.concatenate(parts)
+
+    def held(self) -> NDArray[np.bool_]:
+        """Return which free velocity coordinates (n,) assembly must leave as they are."""
+        parts = [np.full(b.joint.nv, b.joint.fixed) for b in self.mechanism.bodies if b.joint.drive is None]
+        return np.concatenate([np.zeros(0, bool), *parts])
+
+    def assemble(self, t: float = 0.0) -> tuple[Array, Array]:
+        """Close the loops from the start given to the builder; return consistent (q, v).
+
+        Raises
+        ------
+        AssemblyError
+            A loop cannot close (says which and by how much), or a free motion has no inertia.
+        """
+        q = assemble_positions(self.system, t, self.start_positions(), self.held())
+        v = assemble_velocities(self.system, t, q, self.start_velocities(), self.held())
+        check_inertia(self.system, t, q, v)
+        return q, v
+
+    def set_input(self, index: int, value: float, t: float = 0.0) -> None:
+        """Write an input (finite) that holds from time t on; one with a rate is continued from there."""
+        if not np.isfinite(value):
+            raise UserError(f"input {self.inputs[index].name!r} is {value!r}; it must be finite")
+        slot = self._numbering.slots[index]
+        signal = self.data.arrays.signals[slot.signal]
+        signal["t0"] = t
+        signal["c"][slot.coefficient] = value
+
+    def observe(self, t: float, q: Array, v: Array, a: Array, lam: Array, out: Array) -> None:
+        """Fill ``out`` (len(outputs),) from the solution: accelerations a (n,), multipliers lam (m,)."""
+        observe(t, q, v, a, lam, self._sensors, self.data, out)
+
+    def energy(self, t: float, q: Array, v: Array) -> float:
+        """Kinetic and potential energy, J."""
+        return self.system.total_energy(t, q, v)
+
+    def residuals(self, t: float, q: Array, v: Array) -> tuple[float, float]:
+        """Largest constraint residual in position and in velocity."""
+        terms = self.system.allocate_terms()
+        self.system.fill(t, q, v, terms)
+        return tuple(float(largest_residual(which, *self.data)) for which in (False, True))  # type: ignore[return-value]
+
+    def adopt(self, other: Plant) -> None:
+        """Take over the numbers of a plant of the same structure, built with other parameter values.
+
+        Inputs keep their values. Raises UserError where the structures differ.
+        """
+        mine: Any = self.data.arrays
+        theirs: Any = other.data.arrays
+        if any(a.shape != b.shape for a, b in zip(mine, theirs, strict=True)) or np.any(mine.kept != theirs.kept):
+            raise UserError("the parameter changes the structure of the mechanism; it cannot change during a run")
+        inputs = [mine.signals[slot.signal].copy() for slot in self._numbering.slots]
+        for a, b in zip(mine, theirs, strict=True):
+            a[...] = b
+        for slot, kept in zip(self._numbering.slots, inputs, strict=True):
+            mine.signals[slot.signal] = kept
