@@ -25,7 +25,7 @@ from .cuts import Cut, DistanceCut
 from .forces import REGISTRY as FORCES
 from .forces import Force, JointForce, JointSpring
 from .joints import REGISTRY as JOINTS
-from .joints import Joint, Weld
+from .joints import Joint, Revolute, Weld
 from .sensors import Kind, Sensor, axis_index
 from .signals import Signal, as_signal
 
@@ -213,6 +213,24 @@ class Mechanism:
                 raise UserError(f"{key} of force {name!r} is {getattr(force, key)!r}; it must be finite")
         self.forces.append((name, force, a, other))
 
+    def turn(self, body: Body) -> Sensor:
+        """Absolute angle (rad) of a body that hangs on the ground by parallel revolutes; it counts whole turns."""
+        return Sensor(kind=Kind.TURN, unit="rad", item=self._planar(body))
+
+    def turn_rate(self, body: Body) -> Sensor:
+        """Rate of :meth:`turn`, rad/s."""
+        return Sensor(kind=Kind.TURN_RATE, unit="rad/s", item=self._planar(body))
+
+    def _planar(self, body: Body) -> Body:
+        here, axis = body, body.joint.direction
+        while here.index > 0:
+            joint = here.joint
+            turned = rotation("rotation", joint.rotation) @ joint.direction
+            if not isinstance(joint, Revolute) or abs(abs(turned @ axis) - 1.0) > 1e-12:
+                raise UserError(f"turn of body {body.name!r} needs parallel revolutes down to the ground")
+            here = self.bodies[here.parent]
+        return body
+
     def output(self, name: str, sensor: Sensor, description: str = "", nominal: float | None = None) -> None:
         """Publish a quantity under a structured name such as ``crank.angle``."""
         self._new_name("output", name, [o[0] for o in self.outputs])
@@ -237,7 +255,7 @@ class Mechanism:
 
 
 def rod(*, mass: float, length: float) -> dict[str, Any]:
-    """Mass properties of a uniform slender rod along x from the body's origin: mass kg, length m."""
+    """Mass properties of a uniform slender rod along x from the body's origin (along -x for a negative length)."""
     transverse = mass * length**2 / 12.0
     return {"mass": mass, "com": (0.5 * length, 0.0, 0.0), "inertia": (0.0, transverse, transverse)}
 

@@ -31,6 +31,8 @@ class Kind(IntEnum):
     ENERGY = 11
     POSITION_RESIDUAL = 12
     VELOCITY_RESIDUAL = 13
+    TURN = 14  # index: body; sum of the joint angles from the ground to it
+    TURN_RATE = 15
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,6 +90,18 @@ def largest_residual(velocity: bool, arrays: Any, state: Any) -> float:
 
 
 @kernel
+def turn(rate: bool, i: int, arrays: Any, state: Any) -> float:
+    """Absolute angle (or its rate) of body i in a chain of parallel revolutes; counts whole turns."""
+    total = 0.0
+    while i > 0:
+        body = arrays.bodies[i]
+        if body.nv == 1:
+            total += state.v[body.vi] if rate else state.q[body.qi]
+        i = body.parent
+    return total
+
+
+@kernel
 def read(sensors: Any, lam: Any, arrays: Any, state: Any, out: Any) -> None:
     """Evaluate every sensor into ``out``; State holds the solution of the equations of motion."""
     for i in range(sensors.shape[0]):
@@ -113,5 +127,7 @@ def read(sensors: Any, lam: Any, arrays: Any, state: Any, out: Any) -> None:
             out[i] = potential_energy(arrays, state)
         elif kind == 11:
             out[i] = kinetic_energy(arrays, state) + potential_energy(arrays, state)
-        else:
+        elif kind <= 13:
             out[i] = largest_residual(kind == 13, arrays, state)
+        else:
+            out[i] = turn(kind == 15, j, arrays, state)

@@ -1,0 +1,5 @@
+"""The rigid four-bar of Kim and Kim: two cranks and a coupler that swing through singular positions."""
+
+from .model import FourBar
+
+__all__ = ["FourBar"]

@@ -1,0 +1,124 @@
+"""Four-bar linkage: crank, coupler and rocker as a chain of revolutes, closed at the rocker's ground pivot.
+
+With equal cranks and a coupler as long as the ground link it is a parallelogram. It then swings as a pendulum,
+
+    (m_crank l^2/3 + m_rocker l^2/3 + m_coupler l^2) theta'' = tau - ((m_crank + m_rocker)/2 + m_coupler) g l cos theta,
+
+and is singular whenever all links lie on one line: there Phi_q loses rank, and a branch on which crank and rocker turn
+against each other crosses the true motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import cos, radians
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from mbfmu.mechanics import Input, JointForce, Mechanism, Revolute, RevoluteCut, rod
+from mbfmu.model import Model, parameter
+
+
+@dataclass(frozen=True, kw_only=True)
+class FourBar(Model):
+    """Four-bar linkage in a vertical plane, swinging through its singular positions."""
+
+    name = "fourbar"
+    stop_time = 10.0
+    output_interval = 0.01
+
+    ground_length: float = parameter(3.0, unit="m", min=1e-3, doc="distance of the two ground pivots")
+    crank_length: float = parameter(1.0, unit="m", min=1e-3, doc="crank, pivot to pin")
+    coupler_length: float = parameter(3.0, unit="m", min=1e-3, doc="coupler, pin to pin")
+    rocker_length: float = parameter(1.0, unit="m", min=1e-3, doc="rocker, pin to pivot")
+    crank_mass: float = parameter(1.0, unit="kg", min=0.0, doc="crank, a uniform slender bar")
+    coupler_mass: float = parameter(3.0, unit="kg", min=0.0, doc="coupler, a uniform slender bar")
+    rocker_mass: float = parameter(1.0, unit="kg", min=0.0, doc="rocker, a uniform slender bar")
+    start_angle: float = parameter(radians(10.0), unit="rad", doc="crank above the horizontal at the start")
+    start_rate: float = parameter(0.0, unit="rad/s", doc="angular velocity of the crank at the start")
+    gravity: float = parameter(9.81, unit="m/s2", doc="acceleration of gravity, downward", tunable=True)
+    crank_torque: float = parameter(0.0, unit="N.m", doc="start value of the input crank.torque")
+
+    def build(self) -> Mechanism:
+        """Return the mechanism: motion in the x-y plane, y upward, crank pivot at the origin."""
+        angle, rate = self.start_angle, self.start_rate
+        m = Mechanism(gravity=(0.0, -self.gravity, 0.0))
+        crank = m.body(
+            "crank",
+            m.ground,
+            Revolute(start=angle, rate=rate, fixed=True),
+            **rod(mass=self.crank_mass, length=self.crank_length),
+        )
+        coupler = m.body(
+            "coupler",
+            crank,
+            Revolute(at=(self.crank_length, 0.0, 0.0), start=-angle, rate=-rate),
+            **rod(mass=self.coupler_mass, length=self.coupler_length),
+        )
+        rocker = m.body(  # its x axis points from the ground pivot to the pin, as the crank's does
+            "rocker",
+            coupler,
+            Revolute(at=(self.coupler_length, 0.0, 0.0), start=angle, rate=rate),
+            **rod(mass=self.rocker_mass, length=-self.rocker_length),
+        )
+        pivot = m.cut(
+            "pivot",
+            RevoluteCut(at_a=(-self.rocker_length, 0.0, 0.0), at_b=(self.ground_length, 0.0, 0.0)),
+            rocker,
+            m.ground,
+        )
+        torque = Input(name="crank.torque", unit="N.m", description="torque on the crank", start=self.crank_torque)
+        m.force("motor", JointForce(magnitude=torque), crank)
+
+        m.output("crank.angle", m.turn(crank), "crank above the horizontal")
+        m.output("coupler.angle", m.turn(coupler), "coupler above the horizontal")
+        m.output("rocker.angle", m.turn(rocker), "rocker above the horizontal")
+        m.output("crank.rate", m.turn_rate(crank), "angular velocity of the crank")
+        m.output("coupler.rate", m.turn_rate(coupler), "angular velocity of the coupler")
+        m.output("rocker.rate", m.turn_rate(rocker), "angular velocity of the rocker")
+        middle = (0.5 * self.coupler_length, 0.0, 0.0)
+        for axis, direction in (("x", "horizontal"), ("y", "vertical")):
+            m.output(f"coupler.position.{axis}", coupler.position(axis, middle), f"middle of the coupler, {direction}")
+            m.output(f"coupler.velocity.{axis}", coupler.velocity(axis, middle), f"its velocity, {direction}")
+            m.output(
+                f"coupler.acceleration.{axis}",
+                coupler.point_acceleration(axis, middle),
+                f"its acceleration, {direction}",
+            )
+            m.output(f"pivot.force.{axis}", pivot.force(axis), f"force of the rocker on its ground pivot, {direction}")
+        m.output("energy", m.energy, "kinetic and potential energy, zero at the height of the pivots")
+        m.output("position_residual", m.position_residual, "largest gap of the closed loop")
+        m.output("velocity_residual", m.velocity_residual, "largest rate at which the loop opens")
+        return m
+
+    @property
+    def is_parallelogram(self) -> bool:
+        """Whether the linkage swings as a pendulum."""
+        return self.crank_length == self.rocker_length and self.ground_length == self.coupler_length
+
+    def exact(self, times: NDArray[np.float64]) -> dict[str, NDArray[np.float64]] | None:
+        """Return the exact angles at ``times`` (s) under the start torque; None where no closed motion is known."""
+        if not self.is_parallelogram:
+            return None
+        l, g = self.crank_length, self.gravity  # noqa: E741
+        bars = self.crank_mass + self.rocker_mass
+        inertia = (bars / 3.0 + self.coupler_mass) * l**2
+        weight = (0.5 * bars + self.coupler_mass) * g * l
+
+        def pendulum(_: float, y: Any) -> list[float]:
+            return [y[1], (self.crank_torque - weight * cos(y[0])) / inertia]
+
+        start = [self.start_angle, self.start_rate]
+        span = (float(times[0]), float(times[-1]))
+        solution = solve_ivp(pendulum, span, start, method="DOP853", t_eval=times, rtol=2.3e-14, atol=1e-14)
+        angle = solution.y[0]
+        return {"crank.angle": angle, "coupler.angle": np.zeros_like(angle), "rocker.angle": angle}
+
+    def branch_gap(self, outputs: dict[str, NDArray[np.float64]]) -> NDArray[np.float64] | None:
+        """Return how far the motion is from the parallelogram's branch: |crank angle - rocker angle|, rad."""
+        if not self.is_parallelogram:
+            return None
+        return np.abs(outputs["crank.angle"] - outputs["rocker.angle"])
