@@ -1,0 +1,270 @@
+"""Small dense linear algebra as closed kernels: factorisations and solves for constraint Jacobians and mass matrices.
+
+Sizes are a mechanism's few degrees of freedom, so everything is plain loops over C-contiguous arrays; sizes are passed
+beside the arrays because scratch is allocated once at its largest.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .kernel import kernel
+
+SWEEPS = 40  # one-sided Jacobi converges quadratically: 3 to 6 sweeps in practice
+ORTHOGONAL = 1e-15  # relative to the lengths of the two columns
+
+
+@kernel
+def decompose(J: Any, m: int, n: int, A: Any, pivots: Any, U: Any, sigma: Any, W: Any) -> None:
+    """Singular value decomposition J^T = U diag(sigma) W^T with a complete U, m and n in any order.
+
+    ``J`` (m, n) is read; ``A`` (n, m) and ``pivots`` (m,) are scratch. ``U`` (n, n) is orthogonal, its last columns span
+    the null space of J. ``sigma`` (m,) descends and is zero beyond min(m, n). ``W`` (m, m) has as many orthonormal
+    columns as there are nonzero singular values.
+
+    Column-pivoted Householder QR of J^T first, then one-sided Jacobi on R^T, which keeps small singular values accurate
+    (Drmac, Veselic 2008).
+    """
+    householder(J, m, n, A, pivots, U)
+    size = min(m, n)
+    for i in range(m):
+        sigma[i] = 0.0
+        for j in range(m):
+            W[i, j] = 0.0
+    for j in range(size):
+        for i in range(j, m):
+            W[pivots[i], j] = A[j, i]
+    for _ in range(SWEEPS):
+        if not sweep(m, n, size, U, W):
+            break
+    descend(m, n, size, U, sigma, W)
+
+
+@kernel
+def householder(J: Any, m: int, n: int, A: Any, pivots: Any, U: Any) -> None:
+    """Column-pivoted QR of J^T: ``A`` holds R on and above its diagonal, ``U`` (n, n) the orthogonal factor."""
+    for i in range(n):
+        for j in range(m):
+            A[i, j] = J[j, i]
+        for j in range(n):
+            U[i, j] = 1.0 if i == j else 0.0
+    for j in range(m):
+        pivots[j] = j
+    for k in range(min(m, n)):
+        bring_longest(k, m, n, A, pivots)
+        square = 0.0
+        for i in range(k, n):
+            square += A[i, k] * A[i, k]
+        if square == 0.0:
+            return
+        length = np.sqrt(square)
+        diagonal = -length if A[k, k] > 0.0 else length
+        A[k, k] -= diagonal  # column k below the diagonal is now the reflector w, with w.w = 2 scale
+        scale = square - diagonal * (A[k, k] + diagonal)
+        for j in range(k + 1, m):
+            dot = 0.0
+            for i in range(k, n):
+                dot += A[i, k] * A[i, j]
+            for i in range(k, n):
+                A[i, j] -= dot / scale * A[i, k]
+        for row in range(n):
+            dot = 0.0
+            for i in range(k, n):
+                dot += U[row, i] * A[i, k]
+            for i in range(k, n):
+                U[row, i] -= dot / scale * A[i, k]
+        A[k, k] = diagonal
+
+
+@kernel
+def bring_longest(k: int, m: int, n: int, A: Any, pivots: Any) -> None:
+    """Swap the column longest below row k to place k."""
+    best, longest = k, -1.0
+    for j in range(k, m):
+        square = 0.0
+        for i in range(k, n):
+            square += A[i, j] * A[i, j]
+        if square > longest:
+            best, longest = j, square
+    if best != k:
+        pivots[k], pivots[best] = pivots[best], pivots[k]
+        for i in range(n):
+            A[i, k], A[i, best] = A[i, best], A[i, k]
+
+
+@kernel
+def sweep(m: int, n: int, size: int, U: Any, W: Any) -> bool:
+    """One round of Jacobi rotations making the first ``size`` columns of W orthogonal; U turns along. True: rotated."""
+    rotated = False
+    for p in range(size - 1):
+        for q in range(p + 1, size):
+            pp, qq, pq = 0.0, 0.0, 0.0
+            for i in range(m):
+                pp += W[i, p] * W[i, p]
+                qq += W[i, q] * W[i, q]
+                pq += W[i, p] * W[i, q]
+            if abs(pq) <= ORTHOGONAL * np.sqrt(pp) * np.sqrt(qq):
+                continue
+            rotated = True
+            zeta = 0.5 * (qq - pp) / pq
+            tangent = 1.0 / (abs(zeta) + np.sqrt(1.0 + zeta * zeta))
+            if zeta < 0.0:
+                tangent = -tangent
+            c = 1.0 / np.sqrt(1.0 + tangent * tangent)
+            rotate(m, p, q, c, c * tangent, W)
+            rotate(n, p, q, c, c * tangent, U)
+    return rotated
+
+
+@kernel
+def rotate(rows: int, p: int, q: int, c: float, s: float, A: Any) -> None:
+    """Turn columns p and q of A by the rotation (c, s)."""
+    for i in range(rows):
+        x, y = A[i, p], A[i, q]
+        A[i, p] = c * x - s * y
+        A[i, q] = s * x + c * y
+
+
+@kernel
+def descend(m: int, n: int, size: int, U: Any, sigma: Any, W: Any) -> None:
+    """Column lengths of W become sigma, the columns unit vectors; the largest come first."""
+    for j in range(size):
+        square = 0.0
+        for i in range(m):
+            square += W[i, j] * W[i, j]
+        sigma[j] = np.sqrt(square)
+        if sigma[j] > 0.0:
+            for i in range(m):
+                W[i, j] /= sigma[j]
+    for j in range(size - 1):
+        best = j
+        for k in range(j + 1, size):
+            if sigma[k] > sigma[best]:
+                best = k
+        if best != j:
+            sigma[j], sigma[best] = sigma[best], sigma[j]
+            rotate(m, j, best, 0.0, 1.0, W)
+            rotate(n, j, best, 0.0, 1.0, U)
+
+
+@kernel
+def least_norm(b: Any, m: int, n: int, rank: int, U: Any, sigma: Any, W: Any, x: Any) -> None:
+    """Shortest x (n,) with J x = b (m,) in the first ``rank`` singular directions: x = J^+ b."""
+    for i in range(n):
+        x[i] = 0.0
+    for j in range(rank):
+        dot = 0.0
+        for i in range(m):
+            dot += W[i, j] * b[i]
+        dot /= sigma[j]
+        for i in range(n):
+            x[i] += U[i, j] * dot
+
+
+@kernel
+def least_norm_transposed(f: Any, m: int, n: int, rank: int, U: Any, sigma: Any, W: Any, y: Any) -> None:
+    """Shortest y (m,) with J^T y = f (n,) in the first ``rank`` singular directions."""
+    for i in range(m):
+        y[i] = 0.0
+    for j in range(rank):
+        dot = 0.0
+        for i in range(n):
+            dot += U[i, j] * f[i]
+        dot /= sigma[j]
+        for i in range(m):
+            y[i] += W[i, j] * dot
+
+
+@kernel
+def full_pivot(A: Any, m: int, n: int, tolerance: float, rows: Any, columns: Any) -> int:
+    """Gauss elimination of A (m, n) in place with full pivoting; return the rank.
+
+    ``rows`` (m,) and ``columns`` (n,) become permutations whose first ``rank`` entries are the pivots in order; a pivot
+    at or below ``tolerance`` times the first one ends the elimination.
+    """
+    for i in range(m):
+        rows[i] = i
+    for j in range(n):
+        columns[j] = j
+    first = 0.0
+    for k in range(min(m, n)):
+        row, column, largest = k, k, 0.0
+        for i in range(k, m):
+            for j in range(k, n):
+                if abs(A[rows[i], columns[j]]) > largest:
+                    row, column, largest = i, j, abs(A[rows[i], columns[j]])
+        if k == 0:
+            first = largest
+        if largest <= tolerance * first:
+            return k
+        rows[k], rows[row] = rows[row], rows[k]
+        columns[k], columns[column] = columns[column], columns[k]
+        for i in range(k + 1, m):
+            factor = A[rows[i], columns[k]] / A[rows[k], columns[k]]
+            for j in range(k + 1, n):
+                A[rows[i], columns[j]] -= factor * A[rows[k], columns[j]]
+    return min(m, n)
+
+
+@kernel
+def factor_lu(A: Any, n: int, order: Any) -> bool:
+    """LU factors of A (n, n) in place, rows exchanged as in ``order`` (n,); False where a pivot is zero."""
+    for i in range(n):
+        order[i] = i
+    for k in range(n):
+        best = k
+        for i in range(k + 1, n):
+            if abs(A[i, k]) > abs(A[best, k]):
+                best = i
+        if not abs(A[best, k]) > 0.0:
+            return False
+        if best != k:
+            order[k], order[best] = order[best], order[k]
+            for j in range(n):
+                A[k, j], A[best, j] = A[best, j], A[k, j]
+        for i in range(k + 1, n):
+            A[i, k] /= A[k, k]
+            for j in range(k + 1, n):
+                A[i, j] -= A[i, k] * A[k, j]
+    return True
+
+
+@kernel
+def solve_lu(LU: Any, n: int, order: Any, b: Any, x: Any) -> None:
+    """Solve A x = b with the factors of :func:`factor_lu`; ``b`` (n,) and ``x`` (n,) are different arrays."""
+    for i in range(n):
+        x[i] = b[order[i]]
+        for j in range(i):
+            x[i] -= LU[i, j] * x[j]
+    for back in range(n):
+        i = n - 1 - back
+        for j in range(i + 1, n):
+            x[i] -= LU[i, j] * x[j]
+        x[i] /= LU[i, i]
+
+
+@kernel
+def solve_positive(A: Any, n: int, x: Any) -> bool:
+    """Solve A x = b for a symmetric positive definite A (n, n), in place; False where A is not."""
+    for j in range(n):
+        for k in range(j):
+            A[j, j] -= A[j, k] * A[j, k]
+        if not A[j, j] > 0.0:
+            return False
+        A[j, j] = np.sqrt(A[j, j])
+        for i in range(j + 1, n):
+            for k in range(j):
+                A[i, j] -= A[i, k] * A[j, k]
+            A[i, j] /= A[j, j]
+    for i in range(n):
+        for k in range(i):
+            x[i] -= A[i, k] * x[k]
+        x[i] /= A[i, i]
+    for back in range(n):
+        i = n - 1 - back
+        for k in range(i + 1, n):
+            x[i] -= A[k, i] * x[k]
+        x[i] /= A[i, i]
+    return True
