@@ -1,0 +1,202 @@
+"""Closing loops, refusing what cannot close or has no inertia, and the builder's messages."""
+
+from __future__ import annotations
+
+from math import pi, sqrt
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mbfmu.errors import AssemblyError, UserError
+from mbfmu.mechanics import (
+    DistanceCut,
+    Floating,
+    Harmonic,
+    Input,
+    JointForce,
+    Mechanism,
+    Revolute,
+    RevoluteCut,
+    Spherical,
+    SphericalCut,
+    Spring,
+    Translational,
+    WeldCut,
+    rod,
+)
+from mbfmu.mechanics.assembly import dependent_rows
+
+
+def four_bar(*, ground: float = 3.0, angle: float = 0.3, guess: float = 0.0) -> Mechanism:
+    m = Mechanism(gravity=(0, -9.81, 0))
+    crank = m.body("crank", m.ground, Revolute(start=angle, fixed=True), **rod(mass=1, length=1))
+    coupler = m.body("coupler", crank, Revolute(at=(1, 0, 0), start=-angle + guess), **rod(mass=3, length=3))
+    rocker = m.body("rocker", coupler, Revolute(at=(3, 0, 0), start=angle), **rod(mass=1, length=-1))
+    m.cut("pivot", RevoluteCut(at_a=(-1, 0, 0), at_b=(ground, 0, 0)), rocker, m.ground)
+    return m
+
+
+def test_void_rows_are_dropped_and_named() -> None:
+    plant = four_bar().compile()
+    assert plant.void_rows == ["pivot.z", "pivot.zx", "pivot.zy"]
+    assert plant.system.constraint_names == ("pivot.x", "pivot.y")
+
+
+def test_closes_from_a_bad_guess_and_holds_what_is_fixed() -> None:
+    plant = four_bar(guess=0.2).compile()
+    q, v = plant.assemble()
+    assert q[0] == 0.3
+    np.testing.assert_allclose(q, [0.3, -0.3, 0.3], atol=1e-10)
+    assert max(plant.residuals(0.0, q, v)) < 1e-11
+
+
+def test_says_which_loop_cannot_close_and_by_how_much() -> None:
+    with pytest.raises(AssemblyError, match=r"'pivot\.[xy]' stays off by"):
+        four_bar(ground=10.0).compile().assemble()
+
+
+def test_out_of_plane_gap_cannot_close() -> None:
+    m = Mechanism()
+    a = m.body("a", m.ground, Revolute(), **rod(mass=1, length=1))
+    b = m.body("b", a, Revolute(at=(1, 0, 0)), **rod(mass=1, length=1))
+    m.cut("pin", RevoluteCut(at_a=(1, 0, 0), at_b=(2, 0, 0.5)), b, m.ground)
+    with pytest.raises(AssemblyError, match=r"'pin\.z' is off by 0\.5"):
+        m.compile()
+
+
+def test_parallelogram_with_three_cranks_reports_its_redundant_row() -> None:
+    m = Mechanism()
+    crank = m.body("crank", m.ground, Revolute(start=0.5, fixed=True), **rod(mass=1, length=1))
+    coupler = m.body("coupler", crank, Revolute(at=(1, 0, 0), start=-0.5), **rod(mass=2, length=2))
+    for i, x in enumerate((1.0, 2.0)):
+        follower = m.body(f"f{i}", coupler, Revolute(at=(x, 0, 0), start=0.5), **rod(mass=1, length=-1))
+        m.cut(f"pin{i}", RevoluteCut(at_a=(-1, 0, 0), at_b=(x, 0, 0)), follower, m.ground)
+    plant = m.compile()
+    q, _ = plant.assemble()
+    assert len(dependent_rows(plant.system, 0.0, q)) == 1
+
+
+def test_zero_mass_is_refused_where_inertia_is_needed_and_welcome_where_not() -> None:
+    m = Mechanism()
+    a = m.body("a", m.ground, Revolute(), **rod(mass=1, length=1))
+    m.body("b", a, Revolute(at=(1, 0, 0)))
+    with pytest.raises(AssemblyError, match="no inertia: coordinate.* 'b'"):
+        m.compile().assemble()
+    m = Mechanism()
+    a = m.body("a", m.ground, Revolute())
+    m.body("b", a, Revolute(at=(1, 0, 0)), **rod(mass=1, length=1))
+    m.compile().assemble()
+
+
+def test_driven_joint_moves_as_told_and_tells_its_effort() -> None:
+    """A point mass on a driven slide: effort = m (a + g)."""
+    m = Mechanism(gravity=(0, -9.81, 0))
+    slide = m.body(
+        "slide", m.ground, Translational(axis="y", drive=Harmonic(amplitude=0.2, frequency=1.5)), mass=2.0
+    )
+    m.output("y", slide.position("y"))
+    m.output("effort", slide.effort())
+    plant = m.compile()
+    out, none = np.zeros(2), np.zeros(0)
+    t, w = 0.123, 2 * pi * 1.5
+    plant.observe(t, none, none, none, none, out)
+    y = 0.2 * np.sin(w * t)
+    np.testing.assert_allclose(out, [y, 2.0 * (9.81 - w * w * y)], rtol=1e-13)
+
+
+def test_reactions_of_a_hanging_chain_carry_the_weight_below() -> None:
+    m = Mechanism(gravity=(0, -10, 0))
+    a = m.body("a", m.ground, Revolute(start=-pi / 2), **rod(mass=1, length=1))
+    b = m.body("b", a, Revolute(at=(1, 0, 0)), **rod(mass=3, length=1))
+    m.output("top", a.joint_force("y"))
+    m.output("middle", b.joint_force("y"))
+    plant = m.compile()
+    q, v = plant.assemble()
+    out = np.zeros(2)
+    plant.observe(0.0, q, v, np.zeros(2), np.zeros(0), out)
+    np.testing.assert_allclose(out, [40.0, 30.0], rtol=1e-13)
+
+
+def test_inputs_are_written_and_must_be_finite() -> None:
+    m = Mechanism()
+    a = m.body("a", m.ground, Revolute(), **rod(mass=3, length=1))
+    m.force("motor", JointForce(magnitude=Input(name="a.torque", unit="N.m")), a)
+    plant = m.compile()
+    terms = plant.system.allocate_terms()
+    q, v = plant.assemble()
+    plant.set_input(0, 5.0)
+    plant.system.fill(0.0, q, v, terms)
+    np.testing.assert_allclose(terms.h, [-5.0])
+    with pytest.raises(UserError, match=r"'a\.torque' is nan"):
+        plant.set_input(0, float("nan"))
+
+
+def test_adopt_takes_numbers_and_refuses_another_structure() -> None:
+    def spring(k: float) -> Any:
+        m = Mechanism()
+        a = m.body("a", m.ground, Floating(), mass=1, inertia=(1, 1, 1))
+        m.force("spring", Spring(stiffness=k, free=1.0), m.ground, a)
+        return m.compile()
+
+    plant = spring(1.0)
+    q = np.array([3.0, 0, 0, 1, 0, 0, 0])
+    assert plant.energy(0.0, q, np.zeros(6)) == pytest.approx(2.0)
+    plant.adopt(spring(2.0))
+    assert plant.energy(0.0, q, np.zeros(6)) == pytest.approx(4.0)
+    with pytest.raises(UserError, match="structure"):
+        plant.adopt(four_bar().compile())
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"mass": -1.0}, r"mass of body 'b' is -1\.0"),
+        ({"mass": float("nan")}, "mass of body 'b' is nan"),
+        ({"inertia": (1, 1, 3)}, "inertia of body 'b'"),
+        ({"com": (0, 0)}, "com of body 'b'"),
+    ],
+)
+def test_builder_names_what_is_wrong(options: dict[str, Any], message: str) -> None:
+    m = Mechanism()
+    with pytest.raises(UserError, match=message):
+        m.body("b", m.ground, Revolute(), **options)
+
+
+def test_builder_refuses_strangers_twins_and_loops_on_themselves() -> None:
+    m, other = Mechanism(), Mechanism()
+    a = m.body("a", m.ground, Spherical(), mass=1, inertia=(1, 1, 1))
+    with pytest.raises(UserError, match="must be new"):
+        m.body("a", m.ground, Revolute())
+    with pytest.raises(UserError, match="not a body of this mechanism"):
+        m.body("b", other.ground, Revolute())
+    with pytest.raises(UserError, match="to itself"):
+        m.cut("c", SphericalCut(), a, a)
+    with pytest.raises(UserError, match=r"length of cut 'd' is 0\.0 m"):
+        m.cut("d", DistanceCut(length=0.0), a, m.ground)
+    with pytest.raises(UserError, match="cannot be driven"):
+        m.body("s", m.ground, Spherical(drive=1.0))
+    with pytest.raises(UserError, match="one coordinate"):
+        m.force("f", JointForce(magnitude=1.0), a)
+    with pytest.raises(UserError, match="is not|void|no row"):
+        m.cut("w", WeldCut(), a, m.ground).force("q")
+    with pytest.raises(UserError, match="axis is 'w'"):
+        m.body("r", m.ground, Revolute(axis="w"))
+        m.compile()
+
+
+def test_distance_multiplier_is_the_rod_force() -> None:
+    """A mass on a rod under gravity, hanging still: the rod pulls with the weight."""
+    m = Mechanism(gravity=(0, -10, 0))
+    bob = m.body("bob", m.ground, Floating(start=(0, -2, 0, 1, 0, 0, 0)), mass=3, inertia=(1, 1, 1))
+    rod_ = m.cut("rod", DistanceCut(length=2.0), m.ground, bob)
+    m.output("pull", rod_.force())
+    plant = m.compile()
+    q, v = plant.assemble()
+    terms = plant.system.allocate_terms()
+    plant.system.fill(0.0, q, v, terms)
+    lam = np.linalg.lstsq(terms.J.T, -terms.h, rcond=None)[0]
+    out = np.zeros(1)
+    plant.observe(0.0, q, v, np.zeros(6), lam, out)
+    assert out[0] == pytest.approx(-30.0)  # on bob, along the line from the ground to bob: inward
+    assert sqrt(q[:3] @ q[:3]) == 2.0
