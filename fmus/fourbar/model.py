@@ -15,11 +15,11 @@ from math import cos, radians
 from typing import Any
 
 import numpy as np
+from mbfmu.model import Model, parameter
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from mbfmu.mechanics import Input, JointForce, Mechanism, Revolute, RevoluteCut, rod
-from mbfmu.model import Model, parameter
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,7 +103,7 @@ class FourBar(Model):
         """Return the exact angles at ``times`` (s) under the start torque; None where no closed motion is known."""
         if not self.is_parallelogram:
             return None
-        l, g = self.crank_length, self.gravity  # noqa: E741
+        l, g = self.crank_length, self.gravity
         bars = self.crank_mass + self.rocker_mass
         inertia = (bars / 3.0 + self.coupler_mass) * l**2
         weight = (0.5 * bars + self.coupler_mass) * g * l

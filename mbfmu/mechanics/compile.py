@@ -96,9 +96,7 @@ def compile_data(mechanism: Mechanism, numbering: Numbering) -> Data:
     world["gravity"] = mechanism.gravity
     forces = force_records(mechanism, numbering)  # numbers its signals, so before they are written
     cuts, rows = cut_records(mechanism)
-    arrays = Arrays(
-        world, body_records(mechanism, numbering), cuts, forces, signal_records(numbering), np.arange(rows)
-    )
+    arrays = Arrays(world, body_records(mechanism, numbering), cuts, forces, signal_records(numbering), np.arange(rows))
     return Data(arrays, allocate_state(len(mechanism.bodies), rows, numbering.nq_full, numbering.nv_full))
 
 
@@ -182,7 +180,7 @@ def sensor_index(
     match sensor.kind, sensor.item:
         case Kind.COORDINATE, Body(index=i):
             return numbering.q[i] + sensor.component
-        case (Kind.RATE | Kind.ACCELERATION | Kind.EFFORT), Body(index=i):
+        case ((Kind.RATE | Kind.ACCELERATION | Kind.EFFORT), Body(index=i)):
             return numbering.v[i] + sensor.component
         case Kind.CUT_FORCE, CutHandle(index=i, name=cut):
             row = int(kept[first_row[i] + sensor.component])

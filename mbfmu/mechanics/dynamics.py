@@ -10,7 +10,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numba import types, typeof
+from numba import typeof, types
 
 from solvers.kernel import COMPILED, callback, kernel, records
 from solvers.system import Terms
@@ -171,4 +171,3 @@ def empty_data() -> Data:
     """Return data of a mechanism of one body: an example of the types every mechanism has."""
     tables = (records(1, dtype) for dtype in (WORLD, BODY, CUT, FORCE, SIGNAL))
     return Data(Arrays(*tables, np.zeros(1, np.int64)), allocate_state(1, 1, 1, 1))
-

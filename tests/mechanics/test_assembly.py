@@ -92,9 +92,7 @@ def test_zero_mass_is_refused_where_inertia_is_needed_and_welcome_where_not() ->
 def test_driven_joint_moves_as_told_and_tells_its_effort() -> None:
     """A point mass on a driven slide: effort = m (a + g)."""
     m = Mechanism(gravity=(0, -9.81, 0))
-    slide = m.body(
-        "slide", m.ground, Translational(axis="y", drive=Harmonic(amplitude=0.2, frequency=1.5)), mass=2.0
-    )
+    slide = m.body("slide", m.ground, Translational(axis="y", drive=Harmonic(amplitude=0.2, frequency=1.5)), mass=2.0)
     m.output("y", slide.position("y"))
     m.output("effort", slide.effort())
     plant = m.compile()

@@ -145,7 +145,9 @@ def test_point_velocity_and_acceleration(case: Case) -> None:
     for body in case.plant.mechanism.bodies[1:]:
         for axis in "xyz":
             for low, high in (("r", "v"), ("v", "a")):
-                rate = derivative(case, lambda t, q, v: observed(case, t, q, v, case.a, lam)[f"{body.name}.{low}{axis}"])  # noqa: B023
+                rate = derivative(
+                    case, lambda t, q, v: observed(case, t, q, v, case.a, lam)[f"{body.name}.{low}{axis}"]
+                )
                 close(rate, exact[f"{body.name}.{high}{axis}"])
 
 
