@@ -1,0 +1,1 @@
+"""Multibody mechanisms in relative coordinates, packaged as FMUs."""

@@ -1,0 +1,1 @@
+"""Numerics: integrators and partitions that know arrays and callables, not bodies."""

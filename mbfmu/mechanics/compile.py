@@ -146,8 +146,8 @@ def force_records(mechanism: Mechanism, numbering: Numbering) -> NDArray[Any]:
         record["signal"] = -1
         if hasattr(force, "magnitude"):
             record["signal"] = numbering.signal(force.magnitude, f"magnitude of force {name!r}")
-        record["Pa"] = vector(f"at_a of force {name!r}", getattr(force, "at_a", np.zeros(3)))
-        record["Pb"] = vector(f"at_b of force {name!r}", getattr(force, "at_b", np.zeros(3)))
+        record["Pa"] = vector(f"at_a of force {name!r}", getattr(force, "at_a", (0.0, 0.0, 0.0)))
+        record["Pb"] = vector(f"at_b of force {name!r}", getattr(force, "at_b", (0.0, 0.0, 0.0)))
         record["axis"] = unit_axis(force.axis) if hasattr(force, "axis") else 0.0
         for key in ("stiffness", "damping", "free"):
             record[key] = getattr(force, key, 0.0)

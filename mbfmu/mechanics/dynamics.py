@@ -156,8 +156,7 @@ def callbacks() -> tuple[Callable[..., Any], ...]:
     """Return dynamics, position, retract, energy as a solver takes them; compiled on first use."""
     if not COMPILED:
         return dynamics, position, retract, energy
-    data = typeof(empty_data())
-    terms = typeof(Terms.allocate(1, 1, 1))
+    data, terms = typeof(empty_data()), typeof(Terms.allocate(1, 1, 1))  # type: ignore[no-untyped-call]
     real, vector = types.float64, types.float64[::1]
     return (
         callback(types.void(real, vector, vector, data, terms))(dynamics),
@@ -169,5 +168,5 @@ def callbacks() -> tuple[Callable[..., Any], ...]:
 
 def empty_data() -> Data:
     """Return data of a mechanism of one body: an example of the types every mechanism has."""
-    tables = (records(1, dtype) for dtype in (WORLD, BODY, CUT, FORCE, SIGNAL))
-    return Data(Arrays(*tables, np.zeros(1, np.int64)), allocate_state(1, 1, 1, 1))
+    world, bodies, cuts, forces, signals = (records(1, dtype) for dtype in (WORLD, BODY, CUT, FORCE, SIGNAL))
+    return Data(Arrays(world, bodies, cuts, forces, signals, np.zeros(1, np.int64)), allocate_state(1, 1, 1, 1))

@@ -32,8 +32,8 @@ from .signals import Signal, as_signal
 if TYPE_CHECKING:
     from .plant import Plant
 
-Vector = Sequence[float]
 Matrix = NDArray[np.float64]
+Vector = Sequence[float] | Matrix
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,6 +156,12 @@ class Mechanism:
 
         Parameters
         ----------
+        name
+            New among the bodies.
+        parent
+            A body of this mechanism or its ground.
+        joint
+            Tree joint; places the body's frame in the parent's.
         mass
             kg; zero is allowed where the motion has inertia from other bodies.
         com

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
@@ -43,7 +42,7 @@ class Sensor:
     unit: str
     item: Any = None  # the body or cut it belongs to
     component: int = 0
-    point: Sequence[float] = (0.0, 0.0, 0.0)
+    point: Any = (0.0, 0.0, 0.0)  # body axes, m
 
 
 def axis_index(axis: str) -> int:

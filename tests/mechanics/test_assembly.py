@@ -81,7 +81,7 @@ def test_zero_mass_is_refused_where_inertia_is_needed_and_welcome_where_not() ->
     m = Mechanism()
     a = m.body("a", m.ground, Revolute(), **rod(mass=1, length=1))
     m.body("b", a, Revolute(at=(1, 0, 0)))
-    with pytest.raises(AssemblyError, match="no inertia: coordinate.* 'b'"):
+    with pytest.raises(AssemblyError, match=r"no inertia: coordinate.* 'b'"):
         m.compile().assemble()
     m = Mechanism()
     a = m.body("a", m.ground, Revolute())
@@ -176,10 +176,10 @@ def test_builder_refuses_strangers_twins_and_loops_on_themselves() -> None:
         m.body("s", m.ground, Spherical(drive=1.0))
     with pytest.raises(UserError, match="one coordinate"):
         m.force("f", JointForce(magnitude=1.0), a)
-    with pytest.raises(UserError, match="is not|void|no row"):
+    with pytest.raises(UserError, match=r"has no row 'q'"):
         m.cut("w", WeldCut(), a, m.ground).force("q")
+    m.body("r", m.ground, Revolute(axis="w"))
     with pytest.raises(UserError, match="axis is 'w'"):
-        m.body("r", m.ground, Revolute(axis="w"))
         m.compile()
 
 

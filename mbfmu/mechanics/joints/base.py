@@ -89,4 +89,5 @@ class AxisJoint(Joint):
 
     @property
     def direction(self) -> NDArray[np.float64]:
+        """Unit axis in the joint frame."""
         return unit_axis(self.axis)
