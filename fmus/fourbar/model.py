@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import cos, radians
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -117,7 +118,7 @@ class FourBar(Model):
         angle = solution.y[0]
         return {"crank.angle": angle, "coupler.angle": np.zeros_like(angle), "rocker.angle": angle}
 
-    def branch_gap(self, outputs: dict[str, NDArray[np.float64]]) -> NDArray[np.float64] | None:
+    def branch_gap(self, outputs: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64] | None:
         """Return how far the motion is from the parallelogram's branch: |crank angle - rocker angle|, rad."""
         if not self.is_parallelogram:
             return None

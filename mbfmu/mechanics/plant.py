@@ -133,6 +133,17 @@ class Plant:
         signal["t0"] = t
         signal["c"][slot.coefficient] = value
 
+    def input_state(self) -> list[tuple[float, list[float]]]:
+        """Return what the inputs hold, to be given to :meth:`restore_inputs`."""
+        signals = [self.data.arrays.signals[slot.signal] for slot in self._numbering.slots]
+        return [(float(s["t0"]), [float(x) for x in s["c"]]) for s in signals]
+
+    def restore_inputs(self, state: list[tuple[float, list[float]]]) -> None:
+        """Let the inputs hold what they held when ``state`` was taken."""
+        for slot, (t0, c) in zip(self._numbering.slots, state, strict=True):
+            signal = self.data.arrays.signals[slot.signal]
+            signal["t0"], signal["c"] = t0, c
+
     def observe(self, t: float, q: Array, v: Array, a: Array, lam: Array, out: Array) -> None:
         """Fill ``out`` (len(outputs),) from the solution: accelerations a (n,), multipliers lam (m,)."""
         observe(t, q, v, a, lam, self._sensors, self.data, out)
@@ -156,8 +167,7 @@ class Plant:
         theirs: Any = other.data.arrays
         if any(a.shape != b.shape for a, b in zip(mine, theirs, strict=True)) or np.any(mine.kept != theirs.kept):
             raise UserError("the parameter changes the structure of the mechanism; it cannot change during a run")
-        inputs = [mine.signals[slot.signal].copy() for slot in self._numbering.slots]
+        inputs = self.input_state()
         for a, b in zip(mine, theirs, strict=True):
             a[...] = b
-        for slot, kept in zip(self._numbering.slots, inputs, strict=True):
-            mine.signals[slot.signal] = kept
+        self.restore_inputs(inputs)

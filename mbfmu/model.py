@@ -1,0 +1,239 @@
+"""What a model is: a frozen dataclass of parameters whose ``build`` makes a mechanism.
+
+>>> from dataclasses import dataclass
+>>> from mbfmu.mechanics import Mechanism, Revolute, rod
+>>> @dataclass(frozen=True, kw_only=True)
+... class Pendulum(Model):
+...     '''A swinging rod.'''
+...     length: float = parameter(1.0, unit="m", min=1e-3, doc="length of the rod")
+...     def build(self):
+...         m = Mechanism(gravity=(0, -9.81, 0))
+...         bar = m.body("bar", m.ground, Revolute(), **rod(mass=1.0, length=self.length))
+...         m.output("bar.angle", bar.angle(), "angle from the horizontal")
+...         return m
+>>> Pendulum(length=2.0).build().outputs[0][0]
+'bar.angle'
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib.util
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from hashlib import sha256
+from importlib.metadata import entry_points
+from math import inf, isfinite
+from pathlib import Path
+from types import ModuleType
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics import Mechanism
+
+GROUP = "mbfmu.models"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameter:
+    """What is known of a parameter besides its value."""
+
+    name: str
+    default: float | int | bool
+    unit: str
+    min: float
+    max: float
+    doc: str
+    tunable: bool
+
+
+def parameter(
+    default: Any, *, unit: str = "1", min: float = -inf, max: float = inf, doc: str = "", tunable: bool = False
+) -> Any:
+    """Declare a parameter of a model.
+
+    Parameters
+    ----------
+    default
+        Its value unless set; its type (float, int or bool) is the parameter's.
+    unit
+        FMI unit; ``"1"`` for a pure number.
+    min, max
+        Allowed range, ends included.
+    doc
+        Meaning, in a few words.
+    tunable
+        It may change during a run; it must not change the mechanism's structure.
+    """
+    return field(default=default, metadata={"unit": unit, "min": min, "max": max, "doc": doc, "tunable": tunable})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Model:
+    """Base of all models. Subclass it as a frozen dataclass, declare parameters, and write :meth:`build`.
+
+    Class attributes a subclass may set: ``name`` (of the command line and the FMU), ``stop_time`` and
+    ``output_interval`` (s) of the default experiment.
+    """
+
+    name: ClassVar[str] = ""
+    stop_time: ClassVar[float] = 10.0
+    output_interval: ClassVar[float] = 0.01
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if not cls.__dict__.get("name"):
+            cls.name = cls.__name__.lower()
+
+    def __post_init__(self) -> None:
+        """Check every parameter; raises UserError naming it, its value and what is allowed."""
+        for declared in self.parameters():
+            value = check(self.name, declared, getattr(self, declared.name))
+            object.__setattr__(self, declared.name, value)
+
+    def build(self) -> Mechanism:
+        """Return the mechanism for these parameters."""
+        raise NotImplementedError(f"model {self.name!r} does not say how it is built; write its build()")
+
+    def exact(self, times: NDArray[np.float64]) -> dict[str, NDArray[np.float64]] | None:
+        """Return outputs whose exact motion is known, by name, at ``times`` (s); None: none is."""
+        return None
+
+    def branch_gap(self, outputs: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64] | None:
+        """Return the distance from the right branch of the motion, zero on it; None: there is no other branch."""
+        return None
+
+    @classmethod
+    def parameters(cls) -> tuple[Parameter, ...]:
+        """Return the declared parameters in order."""
+        return tuple(Parameter(name=f.name, default=f.default, **f.metadata) for f in fields(cls) if f.metadata)  # type: ignore[arg-type]
+
+    @classmethod
+    def title(cls) -> str:
+        """Return the first line of the docstring."""
+        return (cls.__doc__ or cls.name).strip().splitlines()[0]
+
+    def with_values(self, values: Mapping[str, Any]) -> Self:
+        """Return a copy with other parameter values; text is read as a number."""
+        known = {p.name: p for p in self.parameters()}
+        changes = {}
+        for name, value in values.items():
+            if name not in known:
+                raise UserError(f"model {self.name!r} has no parameter {name!r}{suggest(name, known)}")
+            changes[name] = read_text(known[name], value) if isinstance(value, str) else value
+        return replace(self, **changes)
+
+
+def check(model: str, declared: Parameter, value: Any) -> Any:
+    """Return the value in the parameter's type, or say what is wrong with it."""
+    kind = type(declared.default)
+    what = f"parameter {declared.name!r} of {model!r} is {value!r}"
+    if kind is bool or isinstance(value, bool | np.bool_):
+        if kind is bool and isinstance(value, bool | np.bool_):
+            return bool(value)
+        raise UserError(f"{what}; allowed: {'true or false' if kind is bool else 'a number'}")
+    if not isinstance(value, int | float | np.integer | np.floating) or not isfinite(value):
+        raise UserError(f"{what}; allowed: a finite number")
+    if kind is int and value != int(value):
+        raise UserError(f"{what}; allowed: a whole number")
+    if not declared.min <= value <= declared.max:
+        raise UserError(f"{what}; allowed: {span(declared)}")
+    return kind(value)
+
+
+def read_text(declared: Parameter, text: str) -> Any:
+    """Turn text into a value of the parameter's type as far as it can be; :func:`check` judges the rest."""
+    if isinstance(declared.default, bool):
+        return {"true": True, "false": False}.get(text.lower(), text)
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def span(declared: Parameter) -> str:
+    """Return the allowed range in words."""
+    unit = "" if declared.unit == "1" else f" {declared.unit}"
+    if declared.min == -inf:
+        return "any finite number" if declared.max == inf else f"at most {declared.max:g}{unit}"
+    if declared.max == inf:
+        return f"at least {declared.min:g}{unit}"
+    return f"{declared.min:g} to {declared.max:g}{unit}"
+
+
+def suggest(name: str, known: Any) -> str:
+    """Return a hint at near names, or the list of all."""
+    near = difflib.get_close_matches(name, list(known), n=1)
+    return f"; did you mean {near[0]!r}?" if near else f"; allowed: {', '.join(sorted(known))}"
+
+
+def models() -> dict[str, type[Model]]:
+    """Return every model registered under the entry-point group ``mbfmu.models``."""
+    found = {}
+    for point in entry_points(group=GROUP):
+        found[point.name] = _model_class(point.load(), f"entry point {point.name!r}")
+    return found
+
+
+def find(reference: str) -> type[Model]:
+    """Return the model of a registered name, or of ``path/to/file.py:Class``.
+
+    Raises
+    ------
+    UserError
+        No such model, file or class.
+    """
+    if ".py" in reference:
+        path, _, name = reference.rpartition(":") if ".py:" in reference else (reference, "", "")
+        return load(Path(path), name)
+    points = {point.name: point for point in entry_points(group=GROUP)}
+    if reference not in points:
+        raise UserError(
+            f"unknown model {reference!r}{suggest(reference, points)} (or name a file: my_model.py:MyModel)"
+        )
+    return _model_class(points[reference].load(), f"entry point {reference!r}")
+
+
+def load(path: Path, name: str = "") -> type[Model]:
+    """Return a model class from a file; ``name`` may be left out where the file has one model."""
+    if not path.is_file():
+        raise UserError(f"model file {str(path)!r} does not exist")
+    module = load_module(path)
+    own = {
+        k: v
+        for k, v in vars(module).items()
+        if isinstance(v, type) and issubclass(v, Model) and v.__module__ == module.__name__
+    }
+    if not name and len(own) == 1:
+        return next(iter(own.values()))
+    if name not in own:
+        raise UserError(f"{str(path)!r} has no model {name!r}; it has: {', '.join(own) or 'none'}")
+    return own[name]
+
+
+def load_module(path: Path) -> ModuleType:
+    """Import a file under a name made from its content, so that two files of one name never meet."""
+    name = f"{path.stem}_{sha256(path.read_bytes()).hexdigest()[:8]}"
+    if name in sys.modules:
+        return sys.modules[name]
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        del sys.modules[name]
+        raise UserError(f"model file {str(path)!r} cannot be imported: {type(error).__name__}: {error}") from error
+    return module
+
+
+def _model_class(found: Any, what: str) -> type[Model]:
+    if not (isinstance(found, type) and issubclass(found, Model)):
+        raise UserError(f"{what} is {found!r}, which is not a subclass of mbfmu.model.Model")
+    return found

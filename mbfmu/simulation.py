@@ -1,0 +1,204 @@
+"""A model at work: one object behind the native run and inside the FMU."""
+
+from __future__ import annotations
+
+import csv
+import pickle
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from math import inf
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics import Variable
+from mbfmu.model import Model, suggest
+from solvers.stepper import SOLVERS, Options, Statistics, Status
+
+Array = NDArray[np.float64]
+
+PARTITIONS = {"projection": "adams", "lu": "adams-lu", "hybrid": "hybrid"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """How a model is integrated.
+
+    Parameters
+    ----------
+    solver
+        ``ida``, ``adams``, ``hybrid`` or ``adams-lu``.
+    partition
+        Of ``adams``: ``projection``, ``lu`` (the same as solver ``adams-lu``) or ``hybrid``.
+    tolerance
+        Relative tolerance; the absolute one is the same in SI units.
+    max_step
+        Largest step, s; 0: no limit.
+    """
+
+    solver: str = "ida"
+    partition: str = "projection"
+    tolerance: float = 1e-6
+    max_step: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the names and numbers; raises UserError."""
+        if self.solver not in SOLVERS:
+            raise UserError(f"solver is {self.solver!r}{suggest(self.solver, SOLVERS)}")
+        if self.partition not in PARTITIONS:
+            raise UserError(f"partition is {self.partition!r}{suggest(self.partition, PARTITIONS)}")
+        try:
+            self.options()
+        except (ValueError, TypeError) as error:
+            raise UserError(str(error)) from error
+
+    @property
+    def name(self) -> str:
+        """The solver's name with its partition resolved."""
+        return PARTITIONS[self.partition] if self.solver == "adams" else self.solver
+
+    def options(self) -> Options:
+        """Return what the stepper takes."""
+        return Options(rtol=self.tolerance, max_step=self.max_step or inf)
+
+
+class Simulation:
+    """A model started at ``t0``: advance it, read its outputs, change inputs and tunable parameters between steps.
+
+    Raises
+    ------
+    UserError
+        The model cannot be built or assembled with these parameters.
+    """
+
+    def __init__(self, model: Model, settings: Settings, t0: float = 0.0) -> None:
+        self.model = model
+        self.settings = settings
+        self.plant = model.build().compile()
+        q, v = self.plant.assemble(t0)
+        self.stepper = SOLVERS[settings.name](self.plant.system, t0, q, v, settings.options())
+        self._out = np.zeros(len(self.plant.outputs))
+
+    @property
+    def t(self) -> float:
+        """Time reached, s."""
+        return float(self.stepper.t)
+
+    @property
+    def statistics(self) -> Statistics:
+        """What the solver has done so far."""
+        return self.stepper.statistics
+
+    def advance(self, t: float) -> Status:
+        """Advance to t (s); on failure the last good state stays."""
+        return self.stepper.advance(t)
+
+    def outputs(self) -> Array:
+        """Return the outputs at the time reached, in the plant's order; the array is used again."""
+        stepper = self.stepper
+        a, lam = stepper.accelerations()
+        self.plant.observe(stepper.t, stepper.q, stepper.v, a, lam, self._out)
+        return self._out
+
+    def set_input(self, index: int, value: float) -> None:
+        """Let an input hold from now on."""
+        self.plant.set_input(index, value, self.t)
+        self.stepper.restart()
+
+    def retune(self, model: Model) -> None:
+        """Go on with other values of the tunable parameters.
+
+        Raises
+        ------
+        UserError
+            A parameter that is not tunable differs, or the structure would change.
+        """
+        for declared in model.parameters():
+            before, after = getattr(self.model, declared.name), getattr(model, declared.name)
+            if before != after and not declared.tunable:
+                raise UserError(f"parameter {declared.name!r} is not tunable; it cannot change during a run")
+        self.plant.adopt(model.build().compile())
+        self.model = model
+        self.stepper.restart()
+
+    def save(self) -> bytes:
+        """Return the whole state: solver, inputs and tunable parameters."""
+        changed = {p.name: getattr(self.model, p.name) for p in self.model.parameters() if p.tunable}
+        return pickle.dumps((changed, self.plant.input_state(), self.stepper.save()), protocol=4)
+
+    def restore(self, state: bytes) -> None:
+        """Take up a state saved by a simulation of the same model and settings."""
+        changed, inputs, solver = pickle.loads(state)
+        model = self.model.with_values(changed)
+        if model != self.model:
+            self.plant.adopt(model.build().compile())
+            self.model = model
+        self.plant.restore_inputs(inputs)
+        self.stepper.restore(solver)
+
+
+@dataclass
+class Result:
+    """Outputs over time, and how the run went."""
+
+    times: Array  # (k,) s
+    values: Array  # (k, outputs)
+    variables: tuple[Variable, ...]
+    status: Status
+    statistics: Statistics
+    wall_time: float  # s, compile time not included
+    notes: dict[str, Any] = field(default_factory=dict)
+
+    def __getitem__(self, name: str) -> Array:
+        """Return one output over time."""
+        names = [v.name for v in self.variables]
+        if name not in names:
+            raise UserError(f"no output {name!r}{suggest(name, names)}")
+        return self.values[:, names.index(name)]
+
+    def as_dict(self) -> dict[str, Array]:
+        """Return every output over time, by name."""
+        return {v.name: self.values[:, i] for i, v in enumerate(self.variables)}
+
+    def write_csv(self, path: Path) -> None:
+        """Write time and outputs; the header names each with its unit."""
+        with path.open("w", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow(["time [s]", *(f"{v.name} [{v.unit}]" for v in self.variables)])
+            for t, row in zip(self.times, self.values, strict=True):
+                writer.writerow([repr(float(t)), *(repr(float(x)) for x in row)])
+
+
+def communication_points(stop_time: float, interval: float) -> Array:
+    """Return 0, interval, 2 interval, ... and the stop time."""
+    count = int(np.ceil(stop_time / interval - 1e-9))
+    times: Array = np.minimum(interval * np.arange(count + 1), stop_time)
+    return times
+
+
+def run(
+    model: Model,
+    settings: Settings,
+    times: Array,
+    progress: Callable[[float], None] | None = None,
+) -> Result:
+    """Run a model natively, without an FMU, and record its outputs at ``times``; stops at a failure."""
+    simulation = Simulation(model, settings, float(times[0]))
+    values = np.zeros((len(times), len(simulation.plant.outputs)))
+    values[0] = simulation.outputs()
+    begin, done, status = time.perf_counter(), 1, simulation.stepper.status
+    for i, t in enumerate(times[1:], 1):
+        status = simulation.advance(float(t))
+        if not status.ok:
+            break
+        values[i] = simulation.outputs()
+        done = i + 1
+        if progress is not None:
+            progress(float(t))
+    wall = time.perf_counter() - begin
+    outputs = simulation.plant.outputs
+    return Result(times[:done], values[:done], outputs, status, simulation.statistics, wall)
