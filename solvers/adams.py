@@ -1,0 +1,324 @@
+"""Adams PECE on constrained motion: the compiled step loop over the projection, LU and hybrid partitions.
+
+State y = (q, v), all of it in the history in either regime. Predict (P), evaluate at the prediction (E), correct (C),
+*close* the corrected state onto the constraints, evaluate there (E). Closing does not touch the history: its
+differences belong to y' at closed states, so no restart is needed after it.
+
+In the projection regime closing is a correction of the size of the tolerance along the constraint normals. In the LU
+regime the dependents are solved from the independents at every evaluation and carry no error control
+(:mod:`solvers.lu`). The hybrid changes regime by the rules of :func:`leave_lu` and :func:`return_to_lu`.
+
+A step may pass the time asked for; the reported state is then interpolated and closed, so what is computed does not
+depend on when results are asked for.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .kernel import kernel
+from .lu import choose, close_dependent, dependent_acceleration, same_choice
+from .multistep import accept, begin, coefficients, correct, estimate, interpolate, predict, unwind
+from .partition import NOT_CLOSED, OK, acceleration, close, factor, multipliers, normal_rank, ratio
+
+MAX_STEPS, COLLAPSED = 5, 6  # beside the codes of partition
+PROJECTION, LU = 0, 1  # regimes
+SWITCHED = -1  # a step was given up for a change of regime
+
+SETTINGS = np.dtype(
+    [
+        ("rtol", "f8"), ("atol", "f8"), ("max_step", "f8"), ("max_order", "i8"), ("max_steps", "i8"),
+        ("partition", "i8"),  # PROJECTION, LU, or HYBRID
+        ("ratio_in", "f8"), ("ratio_out", "f8"), ("flicker_time", "f8"), ("flicker_count", "i8"),
+        ("energy_jump", "f8"), ("collapse_cuts", "i8"), ("calm_steps", "i8"),
+    ],
+    align=True,
+)  # fmt: skip
+HYBRID = 2
+SMALLEST_STEP = 1e-11  # times max(1, |t|)
+
+
+@kernel
+def split(y: Any, q: Any, v: Any) -> None:
+    """(q, v) <- y."""
+    nq = q.shape[0]
+    for i in range(nq):
+        q[i] = y[i]
+    for i in range(v.shape[0]):
+        v[i] = y[nq + i]
+
+
+@kernel
+def join(q: Any, v: Any, y: Any) -> None:
+    """y <- (q, v)."""
+    nq = q.shape[0]
+    for i in range(nq):
+        y[i] = q[i]
+    for i in range(v.shape[0]):
+        y[nq + i] = v[i]
+
+
+@kernel
+def weigh(c: Any, o: Any, H: Any, nq: int, n: int) -> None:
+    """Error weights at y; dependent coordinates have none."""
+    for i in range(nq + n):
+        H.weight[i] = 1.0 / (o.rtol * abs(H.y[i]) + o.atol)
+    if c.regime == LU:
+        for j in range(c.rank):
+            H.weight[nq + H.columns[j]] = 0.0
+            if nq == n:
+                H.weight[H.columns[j]] = 0.0
+
+
+@kernel
+def differentiate(
+    dynamics: Any, position: Any, retract: Any, data: Any, terms: Any, t: float, closing: bool, c: Any, H: Any,
+    work: Any,
+) -> int:  # fmt: skip
+    """y' in ``H.yp`` at (work.q, work.v), which are closed first where ``closing`` or in the LU regime."""
+    q, v, rank = work.q, work.v, c.rank
+    c.evaluations += 1
+    if c.regime == LU:
+        code = close_dependent(
+            dynamics, position, retract, t, q, v, H.y, data, terms, rank, H.rows, H.columns, work
+        )
+        if code == OK:
+            code = dependent_acceleration(terms, rank, H.rows, H.columns, work, work.slope)
+    else:
+        code = OK
+        if closing:
+            code = close(dynamics, position, retract, t, q, v, data, terms, rank, work)
+        else:
+            dynamics(t, q, v, data, terms)
+            factor(terms, work)
+        if code == OK:
+            code = acceleration(
+                dynamics, position, retract, t, q, v, data, terms, rank, work, work.slope
+            )
+    if code == OK:
+        join(terms.qdot, work.slope, H.yp)
+    return code
+
+
+@kernel
+def start(
+    dynamics: Any, position: Any, retract: Any, energy: Any, data: Any, terms: Any, c: Any, o: Any, H: Any, work: Any
+) -> int:
+    """Close y, choose coordinates, and begin a history of order 1."""
+    q, v = work.q, work.v
+    split(H.y, q, v)
+    code = close(dynamics, position, retract, c.t, q, v, data, terms, c.rank, work)
+    if code != OK:
+        return code
+    join(q, v, H.y)
+    near = ratio(work.sigma, c.rank) < o.ratio_in
+    if o.partition == HYBRID and c.regime == LU and near:
+        c.regime = PROJECTION
+        c.by_ratio += 1
+    if c.regime == LU:
+        if not choose(terms, c.rank, work):
+            return NOT_CLOSED
+        take_choice(H, work)
+    c.energy = energy(c.t, q, v, data)
+    code = differentiate(dynamics, position, retract, data, terms, c.t, False, c, H, work)
+    if code == OK:
+        weigh(c, o, H, q.shape[0], v.shape[0])
+        begin(c, H, o.max_step)
+        c.starts += 1
+        c.equal, c.h_before = 0, 0.0
+    return code
+
+
+@kernel
+def take_choice(H: Any, work: Any) -> None:
+    """Make the candidate choice of rows and coordinates the choice."""
+    for i in range(work.rows.shape[0]):
+        H.rows[i] = work.rows[i]
+    for i in range(work.columns.shape[0]):
+        H.columns[i] = work.columns[i]
+
+
+@kernel
+def step(
+    dynamics: Any, position: Any, retract: Any, energy: Any, data: Any, terms: Any, c: Any, o: Any, H: Any, work: Any
+) -> int:
+    """One accepted step, however often it has to be cut; or the code of what made it too small."""
+    q, v = work.q, work.v
+    weigh(c, o, H, q.shape[0], v.shape[0])
+    cuts = 0
+    while True:
+        coefficients(c, H)
+        predict(c, H)
+        split(H.p, q, v)
+        after = c.t + c.h
+        c.erk, error = 0.0, 0.0
+        code = differentiate(dynamics, position, retract, data, terms, after, False, c, H, work)
+        if code == OK:
+            error = estimate(c, H)
+            if error <= 1.0:
+                correct(c, H)
+                split(H.trial, q, v)
+                code = differentiate(dynamics, position, retract, data, terms, after, True, c, H, work)
+                join(q, v, H.trial)
+                if code == OK and jumped(energy, after, data, terms, c, o, work):
+                    give_up_lu(c, H)
+                    c.by_energy += 1
+                    return SWITCHED
+                if code == OK:
+                    accept(c, H, o.max_order, o.max_step)
+                    return OK
+        cuts += 1
+        c.rejected += 1
+        cut(cuts, c, H)
+        if o.partition == HYBRID and c.regime == LU and cuts >= o.collapse_cuts:
+            give_up_lu(c, H)
+            c.by_collapse += 1
+            return SWITCHED
+        if not c.h > SMALLEST_STEP * max(1.0, abs(c.t)):
+            return COLLAPSED if code == OK else code
+
+
+@kernel
+def cut(cuts: int, c: Any, H: Any) -> None:
+    """Block 3 of STEP: undo the attempt, halve the step, after three failures fall back to order one."""
+    unwind(c, H)
+    shrink = 0.5
+    if cuts > 3 and 0.5 < 0.25 * c.erk:
+        shrink = np.sqrt(0.5 / c.erk)
+    c.h *= shrink
+    if cuts >= 3:
+        c.k = 1
+    elif c.erk > 0.0:
+        c.k = c.knew
+
+
+@kernel
+def jumped(energy: Any, t: float, data: Any, terms: Any, c: Any, o: Any, work: Any) -> bool:
+    """Whether the total energy has jumped in an LU step of the hybrid, in units of the largest kinetic energy so far."""
+    if o.partition != HYBRID:
+        return False
+    after = energy(t, work.q, work.v, data)
+    kinetic = 0.0
+    for i in range(work.v.shape[0]):
+        for j in range(work.v.shape[0]):
+            kinetic += 0.5 * work.v[i] * terms.M[i, j] * work.v[j]
+    if c.regime == LU and abs(after - c.energy) > o.energy_jump * max(kinetic, c.kinetic) + o.rtol * abs(after):
+        return True
+    c.energy = after
+    c.kinetic = max(kinetic, c.kinetic)
+    return False
+
+
+@kernel
+def give_up_lu(c: Any, H: Any) -> None:
+    """Go on by projection from the last accepted state, with a new history."""
+    c.regime, c.start, c.calm = PROJECTION, 1, 0
+
+
+@kernel
+def leave_lu(c: Any, o: Any, terms: Any, work: Any, H: Any) -> None:
+    """After an accepted LU step: the paper's re-choice, and the hybrid's switch by ratio or flicker."""
+    if o.partition == HYBRID:
+        factor(terms, work)
+        if ratio(work.sigma, c.rank) < o.ratio_in:
+            c.regime, c.calm = PROJECTION, 0
+            c.by_ratio += 1
+            return
+    c.equal = c.equal + 1 if c.hold == c.h_before else 0
+    shrunk = c.hold < c.h_before
+    c.h_before = c.hold
+    if not (shrunk or c.equal >= 5):
+        return
+    c.equal = 0
+    if choose(terms, c.rank, work) and not same_choice(c.rank, H.columns, work.columns):
+        take_choice(H, work)
+        c.flickers = c.flickers + 1 if c.t - c.changed_at < o.flicker_time else 0
+        c.changes += 1
+        c.changed_at, c.start = c.t, 1
+        if o.partition == HYBRID and c.flickers >= o.flicker_count:
+            give_up_lu(c, H)
+            c.by_flicker += 1
+
+
+@kernel
+def return_to_lu(c: Any, o: Any, terms: Any, work: Any, H: Any) -> None:
+    """After an accepted projection step of the hybrid: count steps in which LU would have kept its choice."""
+    calm = c.h >= min(c.hold, o.max_step) and ratio(work.sigma, c.rank) > o.ratio_out
+    calm = choose(terms, c.rank, work) and calm
+    if not same_choice(c.rank, H.columns, work.columns):
+        take_choice(H, work)
+        calm = False
+    c.calm = c.calm + 1 if calm else 0
+    if c.calm >= o.calm_steps:
+        c.regime, c.equal, c.h_before, c.flickers = LU, 0, 0.0, 0
+        c.returns += 1
+
+
+@kernel
+def prepare(
+    dynamics: Any, position: Any, retract: Any, data: Any, terms: Any, control: Any, settings: Any, H: Any, work: Any,
+    t: float, q: Any, v: Any,
+) -> int:  # fmt: skip
+    """Fix the normal rank and the first regime; close (q, v), in place, and take it as the first state."""
+    c, o = control[0], settings[0]
+    c.t, c.start, c.changed_at = t, 1, -np.inf
+    c.regime = PROJECTION if o.partition == PROJECTION else LU
+    c.rank = normal_rank(position, retract, t, q, v, data, terms, work)
+    code = close(dynamics, position, retract, t, q, v, data, terms, c.rank, work)
+    join(q, v, H.y)
+    return code
+
+
+@kernel
+def advance(
+    dynamics: Any, position: Any, retract: Any, energy: Any, data: Any, terms: Any, control: Any, settings: Any,
+    H: Any, work: Any, target: float, q: Any, v: Any,
+) -> int:  # fmt: skip
+    """Step until ``target`` is passed; put the state there, closed, into (q, v), or the last good one on failure."""
+    c, o = control[0], settings[0]
+    code, taken = OK, 0
+    while c.t < target:
+        if taken >= o.max_steps:
+            code = MAX_STEPS
+            break
+        if c.start == 1:
+            code = start(dynamics, position, retract, energy, data, terms, c, o, H, work)
+            if code != OK:
+                break
+        code = step(dynamics, position, retract, energy, data, terms, c, o, H, work)
+        if code == SWITCHED:
+            continue
+        if code != OK:
+            break
+        taken += 1
+        c.steps += 1
+        if c.regime == LU:
+            c.time_lu += c.hold
+            leave_lu(c, o, terms, work, H)
+        else:
+            c.time_projection += c.hold
+            if o.partition == HYBRID:
+                return_to_lu(c, o, terms, work, H)
+    split(H.y, q, v)
+    if code == OK and target < c.t:
+        interpolate(c, H, target, H.g_out, H.w_out, H.trial)
+        split(H.trial, q, v)
+        code = close(dynamics, position, retract, target, q, v, data, terms, c.rank, work)
+    return code
+
+
+@kernel
+def evaluate(
+    dynamics: Any, position: Any, retract: Any, data: Any, terms: Any, control: Any, work: Any, t: float, q: Any,
+    v: Any, a: Any, lam: Any,
+) -> int:  # fmt: skip
+    """Accelerations and shortest multipliers at a closed state."""
+    rank = control[0].rank
+    dynamics(t, q, v, data, terms)
+    factor(terms, work)
+    code = acceleration(dynamics, position, retract, t, q, v, data, terms, rank, work, a)
+    if code == OK:
+        multipliers(terms, rank, work, a, lam)
+    return code

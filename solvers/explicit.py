@@ -1,0 +1,127 @@
+"""The steppers on Adams PECE: 'adams' (projection), 'adams-lu', and 'hybrid'."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from . import adams
+from .kernel import records
+from .multistep import HIGHEST, History
+from .partition import Workspace
+from .stepper import Code, Options, SolverError, Statistics, Status, Stepper, pack, unpack
+from .system import Array, System, Terms
+
+
+class AdamsStepper(Stepper):
+    """Adams PECE with the projection partition; see :mod:`solvers.adams`."""
+
+    partition = adams.PROJECTION
+
+    def __init__(self, system: System, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
+        super().__init__(system, t0, q0, v0, options)
+        sizes = (system.nq, system.n, system.m)
+        self._terms = Terms.allocate(*sizes)
+        self._work = Workspace.allocate(*sizes)
+        self._history = History.allocate(*sizes)
+        self._settings = self._encode(self.options)
+        self._reported = np.zeros(1)  # the time of (_q, _v), in an array to be saved with them
+        code = adams.prepare(
+            system.dynamics, system.position, system.retract, system.data, self._terms, self._control,
+            self._settings, self._history, self._work, self._t, self._q, self._v,
+        )  # fmt: skip
+        if code != 0:
+            self.status = Status(Code(code), self._t)
+
+    def _encode(self, options: Options) -> Array:
+        """Return the record the kernels read."""
+        settings = records(1, adams.SETTINGS)
+        settings["rtol"], settings["atol"] = options.rtol, options.absolute
+        settings["max_step"], settings["max_steps"] = options.max_step, options.max_steps
+        settings["max_order"] = HIGHEST if options.max_order is None else options.max_order
+        settings["partition"] = self.partition
+        for name in (
+            "ratio_in", "ratio_out", "flicker_time", "flicker_count", "energy_jump", "collapse_cuts", "calm_steps"
+        ):  # fmt: skip
+            settings[name] = getattr(options.switching, name)
+        return settings
+
+    @property
+    def _control(self) -> Array:
+        return self._history.control
+
+    def _advance(self, t: float) -> tuple[Code, float]:
+        s = self.system
+        code = Code(
+            adams.advance(
+                s.dynamics, s.position, s.retract, s.energy, s.data, self._terms, self._control, self._settings,
+                self._history, self._work, t, self._q, self._v,
+            )
+        )  # fmt: skip
+        self._t = t if code is Code.OK else float(self._control["t"][0])
+        return code, self._t
+
+    def accelerations(self) -> tuple[Array, Array]:
+        """Return v' (n,) and lambda (m,) of the reported state."""
+        s = self.system
+        a, lam = np.zeros(s.n), np.zeros(s.m)
+        code = adams.evaluate(
+            s.dynamics, s.position, s.retract, s.data, self._terms, self._control, self._work, self._t, self._q,
+            self._v, a, lam,
+        )  # fmt: skip
+        if code != 0:
+            raise SolverError(Status(Code(code), self._t))
+        return a, lam
+
+    def restart(self) -> None:
+        """Begin a new history at the reported state."""
+        self._control["t"] = self._t
+        self._control["start"] = 1
+        self._history.y[:] = np.concatenate((self._q, self._v))
+
+    def _arrays(self) -> list[Array]:
+        return [*self._history, self._reported, self._q, self._v]
+
+    def save(self) -> bytes:
+        """Return the complete history: a restored run goes on bit for bit."""
+        self._reported[0] = self._t
+        return pack(self._arrays())
+
+    def restore(self, data: bytes) -> None:
+        """Take over a saved history."""
+        unpack(data, self._arrays())
+        self._t = float(self._reported[0])
+        self.status = Status(Code.OK, self._t)
+
+    @property
+    def statistics(self) -> Statistics:
+        """What the run has cost so far."""
+        c = self._control[0]
+        left = int(c["by_ratio"] + c["by_flicker"] + c["by_energy"] + c["by_collapse"])
+        return Statistics(
+            steps=int(c["steps"]),
+            rejected=int(c["rejected"]),
+            rhs_evals=int(c["evaluations"]),
+            restarts=max(0, int(c["starts"]) - 1),
+            order=int(c["kold"]),
+            step_size=float(c["hold"]),
+            partition_switches=left + int(c["returns"]),
+            choices=int(c["changes"]),
+            left_by_ratio=int(c["by_ratio"]),
+            left_by_flicker=int(c["by_flicker"]),
+            left_by_energy=int(c["by_energy"]),
+            left_by_collapse=int(c["by_collapse"]),
+            time_lu=float(c["time_lu"]),
+            time_projection=float(c["time_projection"]),
+        )
+
+
+class AdamsLUStepper(AdamsStepper):
+    """Adams PECE with the LU partition, for comparison: fails at singular positions; see :mod:`solvers.lu`."""
+
+    partition = adams.LU
+
+
+class HybridStepper(AdamsStepper):
+    """Adams PECE with LU partition away from singular positions and projection near them."""
+
+    partition = adams.HYBRID

@@ -1,0 +1,282 @@
+"""Adams-Bashforth-Moulton formulas of variable order and step in modified divided differences.
+
+The arithmetic of subroutine STEP of Shampine and Gordon, *Computer Solution of Ordinary Differential Equations* (1975),
+chapter 10: PECE with local extrapolation, orders 1 to 12. Names are theirs. Indices count from 1 as in the book; row
+and entry 0 of every array is unused. What is left out is the propagated-rounding switch ``nornd``, of use below relative
+tolerances of 1e-12 only, and the wrapper's stiffness test.
+
+The tolerance sits in the weights: a step is good where ||e * weight||_2 <= 1.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .kernel import kernel, records
+from .system import Array
+
+HIGHEST = 12  # order
+ROWS = HIGHEST + 3
+GAMMA_STAR = np.array(
+    [1.0, 0.5, 0.0833, 0.0417, 0.0264, 0.0188, 0.0143, 0.0114, 0.00936, 0.00789, 0.00679, 0.00592, 0.00524, 0.00468]
+)  # |coefficient| of the error of the fixed-step formulas, gstr of STEP
+
+CONTROL = np.dtype(
+    [
+        ("t", "f8"), ("h", "f8"), ("hold", "f8"),  # time reached, next step, last step
+        ("k", "i8"), ("kold", "i8"), ("ns", "i8"),  # next order, last order, steps taken with h
+        ("phase1", "i8"), ("start", "i8"),  # still doubling and raising; history to be built from y
+        ("knew", "i8"), ("erk", "f8"), ("erkm1", "f8"), ("erkm2", "f8"),  # order and error estimates of this step
+        ("rank", "i8"), ("regime", "i8"),  # of J; which partition
+        ("steps", "i8"), ("rejected", "i8"), ("evaluations", "i8"), ("starts", "i8"),
+        ("h_before", "f8"), ("equal", "i8"), ("changes", "i8"), ("changed_at", "f8"), ("flickers", "i8"),  # LU choice
+        ("calm", "i8"), ("energy", "f8"), ("kinetic", "f8"),  # hybrid: steps fit for LU, J, largest J
+        ("by_ratio", "i8"), ("by_flicker", "i8"), ("by_energy", "i8"), ("by_collapse", "i8"), ("returns", "i8"),
+        ("time_lu", "f8"), ("time_projection", "f8"),
+    ],
+    align=True,
+)  # fmt: skip
+
+
+class History(NamedTuple):
+    """All an integration remembers; copying these arrays copies the integration. ``size`` is nq + n."""
+
+    control: Array  # (1,)          record of CONTROL
+    y: Array  # (size,)       state (q, v) at control.t
+    phi: Array  # (ROWS, size)  modified divided differences of y'
+    psi: Array  # (ROWS,)       sums of steps, s
+    alpha: Array  # (ROWS,)
+    beta: Array  # (ROWS,)
+    sig: Array  # (ROWS,)
+    v: Array  # (ROWS,)
+    w: Array  # (ROWS,)
+    g: Array  # (ROWS,)       coefficients of the predictor
+    g_out: Array  # (ROWS,)       of the interpolation
+    w_out: Array  # (ROWS,)
+    weight: Array  # (size,)       1 / (rtol |y| + atol), 0 where the error is not controlled
+    p: Array  # (size,)       predicted state
+    yp: Array  # (size,)       y' last evaluated
+    trial: Array  # (size,)       corrected state before it is accepted
+    rows: Array  # (m,)          chosen constraints, int64
+    columns: Array  # (n,)          chosen dependents, then independents, int64
+
+    @staticmethod
+    def allocate(nq: int, n: int, m: int) -> History:
+        """Return a zeroed history for ``nq`` positions, ``n`` velocities and ``m`` constraints."""
+        size = nq + n
+        coefficients = (np.zeros(ROWS) for _ in range(9))
+        vectors = (np.zeros(size) for _ in range(4))
+        choice = (np.arange(m), np.arange(n))
+        return History(
+            records(1, CONTROL), np.zeros(size), np.zeros((ROWS, size)), *coefficients, *vectors, *choice
+        )
+
+
+@kernel
+def weighted_norm(x: Any, weight: Any) -> float:
+    """||x * weight||_2."""
+    total = 0.0
+    for i in range(x.shape[0]):
+        total += (x[i] * weight[i]) ** 2
+    return np.sqrt(total)
+
+
+@kernel
+def begin(c: Any, H: Any, max_step: float) -> None:
+    """History of order 1 from y' = ``H.yp`` at ``c.t``."""
+    for j in range(ROWS):
+        for i in range(H.y.shape[0]):
+            H.phi[j, i] = 0.0
+    for i in range(H.y.shape[0]):
+        H.phi[1, i] = H.yp[i]
+    slope = weighted_norm(H.yp, H.weight)
+    c.h = max_step
+    if 16.0 * slope * c.h * c.h > 1.0:
+        c.h = 0.25 * np.sqrt(1.0 / slope)
+    c.h = max(c.h, 4.0 * 2.3e-16 * abs(c.t))
+    c.hold = 0.0
+    c.k, c.kold, c.ns, c.phase1, c.start = 1, 0, 0, 1, 0
+
+
+@kernel
+def coefficients(c: Any, H: Any) -> None:
+    """Block 1 of STEP: coefficients of the formulas for step ``c.h`` at order ``c.k``; those that stay are kept."""
+    k = c.k
+    if c.h != c.hold:
+        c.ns = 0
+    if c.ns <= c.kold:
+        c.ns += 1
+    ns = c.ns
+    if k < ns:
+        return
+    H.g[1], H.g[2], H.sig[1] = 1.0, 0.5, 1.0
+    H.beta[ns], H.alpha[ns], H.sig[ns + 1] = 1.0, 1.0 / ns, 1.0
+    total = c.h * ns
+    for i in range(ns + 1, k + 1):
+        before = H.psi[i - 1]
+        H.psi[i - 1] = total
+        H.beta[i] = H.beta[i - 1] * H.psi[i - 1] / before
+        total = before + c.h
+        H.alpha[i] = c.h / total
+        H.sig[i + 1] = i * H.alpha[i] * H.sig[i]
+    H.psi[k] = total
+    predictor(c, H)
+
+
+@kernel
+def predictor(c: Any, H: Any) -> None:
+    """The g of block 1: integrals of the divided-difference basis, by recurrence over v and w."""
+    k, ns = c.k, c.ns
+    if ns <= 1:
+        for iq in range(1, k + 1):
+            H.v[iq] = 1.0 / (iq * (iq + 1))
+            H.w[iq] = H.v[iq]
+    else:
+        if k > c.kold:
+            H.v[k] = 1.0 / (k * (k + 1))
+            for j in range(1, ns - 1):
+                H.v[k - j] -= H.alpha[j + 1] * H.v[k - j + 1]
+        for iq in range(1, k + 2 - ns):
+            H.v[iq] -= H.alpha[ns] * H.v[iq + 1]
+            H.w[iq] = H.v[iq]
+        H.g[ns + 1] = H.w[1]
+    for i in range(ns + 2, k + 2):
+        for iq in range(1, k + 3 - i):
+            H.w[iq] -= H.alpha[i - 1] * H.w[iq + 1]
+        H.g[i] = H.w[1]
+
+
+@kernel
+def predict(c: Any, H: Any) -> None:
+    """Block 2, first half: the predicted state ``H.p`` and differences as of t + h without the new y'."""
+    k = c.k
+    for i in range(H.y.shape[0]):
+        for j in range(c.ns + 1, k + 1):
+            H.phi[j, i] *= H.beta[j]
+        H.phi[k + 2, i] = H.phi[k + 1, i]
+        H.phi[k + 1, i] = 0.0
+        total = 0.0
+        for j in range(k, 0, -1):
+            total += H.g[j] * H.phi[j, i]
+            H.phi[j, i] += H.phi[j + 1, i]
+        H.p[i] = H.y[i] + c.h * total
+
+
+@kernel
+def estimate(c: Any, H: Any) -> float:
+    """Block 2, second half: return the weighted error at order k; note those of orders k, k-1, k-2 and the next order."""
+    k = c.k
+    two_below, one_below, here = 0.0, 0.0, 0.0
+    for i in range(H.y.shape[0]):
+        difference = H.yp[i] - H.phi[1, i]
+        if k > 2:
+            two_below += ((H.phi[k - 1, i] + difference) * H.weight[i]) ** 2
+        if k > 1:
+            one_below += ((H.phi[k, i] + difference) * H.weight[i]) ** 2
+        here += (difference * H.weight[i]) ** 2
+    scaled = c.h * np.sqrt(here)
+    c.erk = scaled * H.sig[k + 1] * GAMMA_STAR[k]
+    c.knew = k
+    if k > 1:
+        c.erkm1 = c.h * H.sig[k] * GAMMA_STAR[k - 1] * np.sqrt(one_below)
+        if k == 2 and c.erkm1 <= 0.5 * c.erk:
+            c.knew = 1
+    if k > 2:
+        c.erkm2 = c.h * H.sig[k - 1] * GAMMA_STAR[k - 2] * np.sqrt(two_below)
+        if max(c.erkm1, c.erkm2) <= c.erk:
+            c.knew = k - 1
+    return scaled * (H.g[k] - H.g[k + 1])
+
+
+@kernel
+def unwind(c: Any, H: Any) -> None:
+    """Block 3, first half: take :func:`predict` and :func:`coefficients` back after a failed step."""
+    c.phase1 = 0
+    for i in range(H.y.shape[0]):
+        for j in range(1, c.k + 1):
+            H.phi[j, i] = (H.phi[j, i] - H.phi[j + 1, i]) / H.beta[j]
+    for j in range(2, c.k + 1):
+        H.psi[j - 1] = H.psi[j] - c.h
+
+
+@kernel
+def correct(c: Any, H: Any) -> None:
+    """Block 4: the corrected state, one order higher, in ``H.trial``."""
+    for i in range(H.y.shape[0]):
+        H.trial[i] = H.p[i] + c.h * H.g[c.k + 1] * (H.yp[i] - H.phi[1, i])
+
+
+@kernel
+def accept(c: Any, H: Any, max_order: int, max_step: float) -> None:
+    """Rest of block 4: take over ``H.trial`` and its y' = ``H.yp``; choose the next order and step."""
+    k = c.k
+    c.t += c.h
+    c.kold, c.hold = k, c.h
+    for i in range(H.y.shape[0]):
+        H.y[i] = H.trial[i]
+        H.phi[k + 1, i] = H.yp[i] - H.phi[1, i]
+        H.phi[k + 2, i] = H.phi[k + 1, i] - H.phi[k + 2, i]
+        for j in range(1, k + 1):
+            H.phi[j, i] += H.phi[k + 1, i]
+    choose_order(c, H, max_order)
+    choose_step(c, max_step)
+
+
+@kernel
+def choose_order(c: Any, H: Any, max_order: int) -> None:
+    """Next order: lower where errors fall with lower order, higher in phase 1 or where the higher order is better."""
+    k = c.k
+    if c.knew < k or k >= max_order:
+        c.phase1 = 0
+    if c.phase1 == 1:
+        c.k, c.erk = k + 1, 0.0
+        return
+    if c.knew < k:
+        c.k, c.erk = c.knew, c.erkm1
+        return
+    if k >= c.ns:  # differences of order k + 1 need k + 1 equal steps
+        return
+    above = 0.0
+    for i in range(H.y.shape[0]):
+        above += (H.phi[k + 2, i] * H.weight[i]) ** 2
+    above = c.h * GAMMA_STAR[k + 1] * np.sqrt(above)
+    if k > 1 and c.erkm1 <= min(c.erk, above):
+        c.k, c.erk = k - 1, c.erkm1
+    elif k < max_order and above < (c.erk if k > 1 else 0.5 * c.erk):
+        c.k, c.erk = k + 1, above
+
+
+@kernel
+def choose_step(c: Any, max_step: float) -> None:
+    """Next step: doubled, kept, or cut to between a half and nine tenths, never more than ``max_step``."""
+    h = c.h
+    if c.phase1 == 1 or 0.5 >= c.erk * 2.0 ** (c.k + 1):
+        c.h = 2.0 * h
+    elif 0.5 < c.erk:
+        c.h = h * max(0.5, min(0.9, (0.5 / c.erk) ** (1.0 / (c.k + 1))))
+    c.h = min(c.h, max_step)
+
+
+@kernel
+def interpolate(c: Any, H: Any, t: float, g: Any, w: Any, y: Any) -> None:
+    """State at t in the last step, in ``y`` (size,): subroutine INTRP; ``g`` and ``w`` (ROWS,) are scratch."""
+    hi = t - c.t
+    last = c.kold + 1
+    for i in range(1, last + 1):
+        w[i] = 1.0 / i
+    g[1] = 1.0
+    term = 0.0
+    for j in range(2, last + 1):
+        before = H.psi[j - 1]
+        gamma, eta = (hi + term) / before, hi / before
+        for i in range(1, last + 2 - j):
+            w[i] = gamma * w[i] - eta * w[i + 1]
+        g[j] = w[1]
+        term = before
+    for i in range(y.shape[0]):
+        total = 0.0
+        for j in range(last, 0, -1):
+            total += g[j] * H.phi[j, i]
+        y[i] = H.y[i] + hi * total

@@ -1,0 +1,270 @@
+"""The contract of every solver: options in, states and a status out."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+
+from .system import Array, System
+
+
+class Code(IntEnum):
+    """How an :meth:`Stepper.advance` ended; the numbers are those the kernels return."""
+
+    OK = 0
+    NOT_CLOSED = 1
+    NO_MASS = 2
+    UNDECIDABLE = 3
+    NOT_FINITE = 4
+    MAX_STEPS = 5
+    COLLAPSED = 6
+
+
+MESSAGES: dict[Code, tuple[str, str]] = {
+    Code.OK: ("reached the time asked for", ""),
+    Code.NOT_CLOSED: (
+        "the constraints could not be closed",
+        "Check that the initial position nearly closes every loop; with 'adams-lu' near a singular position use 'adams'.",
+    ),
+    Code.NO_MASS: (
+        "some motion the constraints allow moves no mass",
+        "Give a mass or inertia to the bodies that move freely, or lock the coordinate.",
+    ),
+    Code.UNDECIDABLE: (
+        "at rest in a singular position, where branches of the motion cross and none can be preferred",
+        "Start slightly off the singular position, or with a velocity along the branch that is meant.",
+    ),
+    Code.NOT_FINITE: (
+        "the equations of motion gave a value that is not finite",
+        "Look at forces and signals for a division by zero or an overflow near the time reached.",
+    ),
+    Code.MAX_STEPS: (
+        "the largest number of steps for one call was taken",
+        "Call advance again to go on, raise max_steps, or loosen rtol.",
+    ),
+    Code.COLLAPSED: (
+        "the step has become too small to move time",
+        "The motion has a jump or a kink here, or 'adams-lu' a singular position: use 'adams', 'hybrid' or 'ida', "
+        "or smooth the force.",
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Status:
+    """Result of :meth:`Stepper.advance`."""
+
+    code: Code
+    t: float  # s, where the stepper stands now
+
+    @property
+    def ok(self) -> bool:
+        """Whether the time asked for was reached."""
+        return self.code is Code.OK
+
+    @property
+    def message(self) -> str:
+        """What happened, and when."""
+        return f"{MESSAGES[self.code][0]} (t = {self.t:.9g} s)"
+
+    @property
+    def remedy(self) -> str:
+        """What to try next; empty where nothing is wrong."""
+        return MESSAGES[self.code][1]
+
+
+class SolverError(ArithmeticError):
+    """A quantity was asked for that the solver cannot determine; the message names the remedy."""
+
+    def __init__(self, status: Status) -> None:
+        super().__init__(f"{status.message}. {status.remedy}")
+        self.status = status
+
+
+@dataclass(frozen=True, kw_only=True)
+class Switching:
+    """When the hybrid changes between LU and projection."""
+
+    ratio_in: float = 0.1  # leave LU where sigma_r / sigma_1 of J falls below
+    ratio_out: float = 0.2  # return only above
+    flicker_time: float = 0.05  # s; changes of the independents closer than this count as flicker
+    flicker_count: int = 3  # that many leave LU
+    energy_jump: float = 0.01  # of the largest kinetic energy so far, in one step
+    collapse_cuts: int = 6  # cuts of one step that leave LU
+    calm_steps: int = 5  # consecutive steps not shrinking and with one choice of independents to return to LU
+
+    def __post_init__(self) -> None:
+        """Refuse a hysteresis that is none, and counts below one."""
+        if not 0.0 < self.ratio_in <= self.ratio_out < 1.0:
+            raise ValueError(f"ratio_in = {self.ratio_in}, ratio_out = {self.ratio_out}: need 0 < in <= out < 1")
+        for name in ("flicker_time", "energy_jump", "flicker_count", "collapse_cuts", "calm_steps"):
+            require(name, getattr(self, name), 0.0, math.inf)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Options of every solver; those a solver has no use for it ignores."""
+
+    rtol: float = 1e-6  # relative tolerance of positions and velocities
+    atol: float | None = None  # absolute tolerance, in units of each coordinate; None: rtol
+    max_step: float = math.inf  # s
+    max_order: int | None = None  # None: 12 for Adams, 5 for IDA
+    max_steps: int = 100_000  # in one call of advance
+    switching: Switching = field(default_factory=Switching)
+
+    def __post_init__(self) -> None:
+        """Refuse what no solver can honour."""
+        if not 1e-12 <= self.rtol <= 1e-2:
+            raise ValueError(f"rtol = {self.rtol}: allowed is 1e-12 to 1e-2")
+        require("atol", self.absolute, 0.0, math.inf)
+        if not self.max_step > 0.0:
+            raise ValueError(f"max_step = {self.max_step}: must be positive")
+        require("max_steps", self.max_steps, 0.0, math.inf)
+        if self.max_order is not None and not 1 <= self.max_order <= 12:
+            raise ValueError(f"max_order = {self.max_order}: allowed is 1 to 12")
+
+    @property
+    def absolute(self) -> float:
+        """The absolute tolerance in force."""
+        return self.rtol if self.atol is None else self.atol
+
+
+def require(name: str, value: float, above: float, below: float) -> None:
+    """Raise unless ``value`` lies strictly between the bounds."""
+    if not above < value < below:
+        raise ValueError(f"{name} = {value}: must lie between {above} and {below}, bounds excluded")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Statistics:
+    """What a run has cost so far; counts since construction, kept by save and restore."""
+
+    steps: int = 0
+    rejected: int = 0
+    rhs_evals: int = 0  # evaluations of y' (Adams) or of the residual (IDA)
+    restarts: int = 0  # begins of a history after the first
+    order: int = 0  # of the last step
+    step_size: float = 0.0  # s, of the last step
+    partition_switches: int = 0  # between LU and projection
+    choices: int = 0  # changes of the independent coordinates under LU
+    left_by_ratio: int = 0
+    left_by_flicker: int = 0
+    left_by_energy: int = 0
+    left_by_collapse: int = 0
+    time_lu: float = 0.0  # s of motion
+    time_projection: float = 0.0  # s of motion
+
+
+class Solution(NamedTuple):
+    """The reported state."""
+
+    t: float  # s
+    q: Array  # (nq,)
+    v: Array  # (n,)
+
+
+class Stepper(ABC):
+    """Advances one motion of a :class:`System` in time.
+
+    A solver is a subclass; what a caller may rely on:
+
+    1. Construction closes (q0, v0) onto the constraints and evaluates nothing else; wrong sizes raise ValueError.
+    2. ``t``, ``q``, ``v`` are the reported state: always the last good one, always on the constraints. The arrays are
+       copies.
+    3. ``advance(t)`` goes to ``t`` and returns a :class:`Status`; it never raises for numerical reasons. After a status
+       that is not ok the reported state is the last good one reached, and ``advance`` may be called again.
+    4. ``advance`` to a time before the reported one raises ValueError; to the same time it does nothing.
+    5. After the equations have changed by a jump (an input, a parameter) call ``restart()``: whatever has been computed
+       beyond the reported time is discarded and the next step begins at the reported state.
+    6. ``accelerations()`` are those of the reported state and today's equations, with the shortest multipliers; in a
+       singular position their limit along the motion. Raises :class:`SolverError` where there is none.
+    7. ``save()`` gives bytes, ``restore()`` takes them into a stepper of the same system and options.
+    """
+
+    def __init__(self, system: System, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
+        self.system = system
+        self.options = options or Options()
+        self._t = float(t0)
+        self._q = sized("q0", q0, system.nq)
+        self._v = sized("v0", v0, system.n)
+        self.status = Status(Code.OK, self._t)
+
+    @property
+    def t(self) -> float:
+        """Reported time, s."""
+        return self._t
+
+    @property
+    def q(self) -> Array:
+        """Reported positions (nq,)."""
+        return self._q.copy()
+
+    @property
+    def v(self) -> Array:
+        """Reported velocities (n,)."""
+        return self._v.copy()
+
+    def advance(self, t: float) -> Status:
+        """Go to time ``t``, s."""
+        if not t >= self._t:
+            raise ValueError(f"advance to t = {t}: time stands at {self._t} and cannot go back; use restore()")
+        if t > self._t or not self.status.ok:
+            self.status = Status(*self._advance(float(t)))
+        return self.status
+
+    @abstractmethod
+    def _advance(self, t: float) -> tuple[Code, float]:
+        """Go to ``t``, set the reported state, return the code and the reported time."""
+
+    @abstractmethod
+    def accelerations(self) -> tuple[Array, Array]:
+        """Return v' (n,) and lambda (m,) of the reported state."""
+
+    @abstractmethod
+    def restart(self) -> None:
+        """Discard the history; the equations have changed."""
+
+    @abstractmethod
+    def save(self) -> bytes:
+        """Return all that is needed to go on from here."""
+
+    @abstractmethod
+    def restore(self, data: bytes) -> None:
+        """Go back to where ``data`` was saved."""
+
+    @property
+    @abstractmethod
+    def statistics(self) -> Statistics:
+        """What the run has cost so far."""
+
+
+def sized(name: str, values: Array, size: int) -> Array:
+    """Return a contiguous copy of ``values`` (size,); raise for another size or what is not finite."""
+    array = np.array(values, dtype=np.float64, ndmin=1)
+    if array.shape != (size,):
+        raise ValueError(f"{name} has shape {array.shape}: this system needs ({size},)")
+    if not np.isfinite(array).all():
+        raise ValueError(f"{name} = {array}: must be finite")
+    return array
+
+
+def pack(arrays: list[Array]) -> bytes:
+    """Return the bytes of the arrays, one after the other."""
+    return b"".join(array.tobytes() for array in arrays)
+
+
+def unpack(data: bytes, arrays: list[Array]) -> None:
+    """Fill the arrays from :func:`pack`'s bytes; raise if they are of another length."""
+    needed = sum(array.nbytes for array in arrays)
+    if len(data) != needed:
+        raise ValueError(f"saved state has {len(data)} bytes: this stepper's has {needed}; was it another system?")
+    offset = 0
+    for array in arrays:
+        count = array.size
+        array.reshape(-1)[:] = np.frombuffer(data, array.dtype, count, offset)
+        offset += array.nbytes

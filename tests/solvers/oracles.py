@@ -1,0 +1,173 @@
+"""Systems written by hand, with exact motions: four-bar, oscillator, free rigid body.
+
+All share one type of data, an array of parameters, so the solver's kernels are compiled once for all of them.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numba import types, typeof
+from scipy.integrate import solve_ivp
+
+from solvers.kernel import callback
+from solvers.system import Array, System, Terms
+
+G = 9.81  # m/s^2
+
+
+class Parameters(NamedTuple):
+    """Data of every system here."""
+
+    values: Array
+
+
+DATA = typeof(Parameters(np.zeros(1)))
+TERMS = typeof(Terms.allocate(1, 1, 1))
+VECTOR = types.float64[::1]
+DYNAMICS = types.void(types.float64, VECTOR, VECTOR, DATA, TERMS)
+POSITION = types.void(types.float64, VECTOR, DATA, TERMS)
+RETRACT = types.void(VECTOR, VECTOR, DATA)
+ENERGY = types.float64(types.float64, VECTOR, VECTOR, DATA)
+
+
+@callback(RETRACT)
+def add(q, dq, data):
+    for i in range(q.shape[0]):
+        q[i] += dq[i]
+
+
+# --- four-bar: planar chain crank, coupler, rocker; uniform bars; cut joint on the second ground pivot -------------
+# values: l1, l2, l3, m1, m2, m3, x of the second pivot, copies of the closing rows (redundant)
+
+
+@callback(DYNAMICS)
+def fourbar_dynamics(t, q, v, data, terms):
+    x = data.values
+    for i in range(3):
+        terms.qdot[i] = v[i]
+        terms.h[i] = 0.0
+        for j in range(3):
+            terms.M[i, j] = 0.0
+    for row in range(terms.Phi.shape[0]):
+        terms.nu[row] = 0.0
+        terms.gamma[row] = 0.0
+        terms.Phi[row] = -x[6] if row % 2 == 0 else 0.0
+        for j in range(3):
+            terms.J[row, j] = 0.0
+    # bar b has angle phi_b = q_0 + .. + q_b; its centre sits at sum over bars c <= b of r_bc (cos, sin) phi_c
+    for b in range(3):
+        for i in range(b + 1):
+            for j in range(b + 1):
+                terms.M[i, j] += x[3 + b] * x[b] ** 2 / 12.0
+        phi_c = 0.0
+        wc = 0.0
+        for c in range(b + 1):
+            phi_c += q[c]
+            wc += v[c]
+            rc = 0.5 * x[c] if c == b else x[c]
+            for i in range(c + 1):
+                terms.h[i] += x[3 + b] * G * rc * np.cos(phi_c)
+            phi_d = 0.0
+            wd = 0.0
+            for d in range(b + 1):
+                phi_d += q[d]
+                wd += v[d]
+                rd = 0.5 * x[d] if d == b else x[d]
+                for i in range(c + 1):
+                    for j in range(d + 1):
+                        terms.M[i, j] += x[3 + b] * rc * rd * np.cos(phi_c - phi_d)
+                    terms.h[i] += x[3 + b] * rc * rd * np.sin(phi_c - phi_d) * wd * wd
+    phi = 0.0
+    w = 0.0
+    for b in range(3):
+        phi += q[b]
+        w += v[b]
+        for row in range(terms.Phi.shape[0]):
+            along = np.cos(phi) if row % 2 == 0 else np.sin(phi)
+            across = -np.sin(phi) if row % 2 == 0 else np.cos(phi)
+            terms.Phi[row] += x[b] * along
+            terms.gamma[row] += x[b] * along * w * w
+            for j in range(b + 1):
+                terms.J[row, j] += x[b] * across
+
+
+@callback(POSITION)
+def fourbar_position(t, q, data, terms):
+    x = data.values
+    for row in range(terms.Phi.shape[0]):
+        terms.Phi[row] = -x[6] if row % 2 == 0 else 0.0
+        for j in range(3):
+            terms.J[row, j] = 0.0
+    phi = 0.0
+    for b in range(3):
+        phi += q[b]
+        for row in range(terms.Phi.shape[0]):
+            terms.Phi[row] += x[b] * (np.cos(phi) if row % 2 == 0 else np.sin(phi))
+            for j in range(b + 1):
+                terms.J[row, j] += x[b] * (-np.sin(phi) if row % 2 == 0 else np.cos(phi))
+
+
+@callback(ENERGY)
+def fourbar_energy(t, q, v, data):
+    x = data.values
+    total = 0.0
+    px, py, vx, vy, phi, w = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for b in range(3):
+        phi += q[b]
+        w += v[b]
+        cx = vx - 0.5 * x[b] * np.sin(phi) * w
+        cy = vy + 0.5 * x[b] * np.cos(phi) * w
+        total += 0.5 * x[3 + b] * (cx * cx + cy * cy) + x[3 + b] * x[b] ** 2 / 24.0 * w * w
+        total += x[3 + b] * G * (py + 0.5 * x[b] * np.sin(phi))
+        vx -= x[b] * np.sin(phi) * w
+        vy += x[b] * np.cos(phi) * w
+        py += x[b] * np.sin(phi)
+    return total
+
+
+def fourbar(rocker_mass: float = 1.0, redundant: bool = False) -> System:
+    """Parallelogram: cranks 1 m, coupler 3 m and 3 kg."""
+    values = np.array([1.0, 3.0, 1.0, 1.0, 3.0, rocker_mass, 3.0])
+    m = 4 if redundant else 2
+    return System(
+        nq=3, n=3, m=m, data=Parameters(values), dynamics=fourbar_dynamics, position=fourbar_position,
+        retract=add, energy=fourbar_energy,
+    )  # fmt: skip
+
+
+def fourbar_q(theta: float) -> Array:
+    """Relative angles at crank angle theta: coupler horizontal, rocker hanging back to its pivot."""
+    return np.array([theta, -theta, theta + np.pi])
+
+
+def fourbar_v(rate: float) -> Array:
+    """Relative velocities at crank rate ``rate``."""
+    return np.array([rate, -rate, rate])
+
+
+@lru_cache
+def pendulum(theta: float = np.radians(10.0), rate: float = 0.0, rocker_mass: float = 1.0, end: float = 10.0):
+    """Exact crank angle and rate as a function of time: (I1 + I3 + m_c l^2) th'' = -(m1/2 + m3/2 + m_c) g l cos th."""
+    inertia, weight = (1.0 + rocker_mass) / 3.0 + 3.0, (1.0 + rocker_mass) / 2.0 + 3.0
+
+    def slope(t, y):
+        return [y[1], -weight * G * np.cos(y[0]) / inertia]
+
+    return solve_ivp(slope, (0.0, end), [theta, rate], method="DOP853", rtol=1e-13, atol=1e-13, dense_output=True).sol
+
+
+@lru_cache
+def singular_times(theta: float = np.radians(10.0), end: float = 10.0) -> tuple[float, ...]:
+    """When the crank is horizontal."""
+    from scipy.optimize import brentq
+
+    exact = pendulum(theta, end=end)
+    grid = np.linspace(0.0, end, 4001)
+    sines = np.sin(exact(grid)[0])
+    return tuple(
+        brentq(lambda t: np.sin(exact(t)[0]), grid[i], grid[i + 1], xtol=1e-15)
+        for i in np.flatnonzero(sines[:-1] * sines[1:] < 0.0)
+    )
