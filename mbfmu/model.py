@@ -224,6 +224,7 @@ def load_module(path: Path) -> ModuleType:
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
+    module.__dict__["__mbfmu_file__"] = str(path)
     sys.modules[name] = module
     try:
         spec.loader.exec_module(module)

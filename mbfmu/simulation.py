@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-import pickle
+import json
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -128,17 +128,19 @@ class Simulation:
     def save(self) -> bytes:
         """Return the whole state: solver, inputs and tunable parameters."""
         changed = {p.name: getattr(self.model, p.name) for p in self.model.parameters() if p.tunable}
-        return pickle.dumps((changed, self.plant.input_state(), self.stepper.save()), protocol=4)
+        head = json.dumps({"parameters": changed, "inputs": self.plant.input_state()}).encode()
+        return len(head).to_bytes(8, "little") + head + self.stepper.save()
 
     def restore(self, state: bytes) -> None:
         """Take up a state saved by a simulation of the same model and settings."""
-        changed, inputs, solver = pickle.loads(state)
-        model = self.model.with_values(changed)
+        split = 8 + int.from_bytes(state[:8], "little")
+        head = json.loads(state[8:split])
+        model = self.model.with_values(head["parameters"])
         if model != self.model:
             self.plant.adopt(model.build().compile())
             self.model = model
-        self.plant.restore_inputs(inputs)
-        self.stepper.restore(solver)
+        self.plant.restore_inputs(head["inputs"])
+        self.stepper.restore(state[split:])
 
 
 @dataclass

@@ -1,0 +1,130 @@
+"""Drive one of our FMUs through FMPy: what ``mbfmu run`` and the tests use."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from fmpy import extract, read_model_description
+from fmpy.fmi2 import FMU2Slave
+from numpy.typing import NDArray
+
+from mbfmu.errors import UserError
+
+
+class Fmu:
+    """An FMU unzipped and instantiated.
+
+    >>> with Fmu(path, {"gravity": 1.62}) as fmu:                                   # doctest: +SKIP
+    ...     fmu.step(0.01)
+    ...     fmu["crank.angle"]
+
+    Parameters
+    ----------
+    path
+        The FMU file.
+    values
+        Start values of parameters and inputs by name.
+    start_time
+        s.
+    tolerance
+        Passed to fmi2SetupExperiment; None: not defined.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        values: Mapping[str, Any] | None = None,
+        *,
+        start_time: float = 0.0,
+        tolerance: float | None = None,
+    ) -> None:
+        self.description = read_model_description(str(path))
+        self.variables = {v.name: v for v in self.description.modelVariables}
+        self._folder = Path(extract(str(path)))
+        self.outputs = [v.name for v in self.description.modelVariables if v.causality == "output"]
+        self.real_outputs = [n for n in self.outputs if self.variables[n].type == "Real"]
+        self._real_references = [self.variables[n].valueReference for n in self.real_outputs]
+        self.slave = FMU2Slave(
+            guid=self.description.guid,
+            unzipDirectory=str(self._folder),
+            modelIdentifier=self.description.coSimulation.modelIdentifier,
+            instanceName=self.description.modelName,
+        )
+        self.slave.instantiate()
+        self.t = start_time
+        self.start(values or {}, tolerance)
+
+    def start(self, values: Mapping[str, Any], tolerance: float | None = None) -> None:
+        """Initialize with these start values; raises UserError with the FMU's reason where it cannot."""
+        self.slave.setupExperiment(startTime=self.t, tolerance=tolerance)
+        self.slave.enterInitializationMode()
+        for name, value in values.items():
+            self[name] = value
+        self.slave.exitInitializationMode()
+        if self["solver.message"]:
+            raise UserError(self["solver.message"])
+
+    def step(self, dt: float) -> None:
+        """Advance by dt (s); raises UserError with the FMU's reason if it discards the step."""
+        try:
+            self.slave.doStep(currentCommunicationPoint=self.t, communicationStepSize=dt)
+        except Exception as error:
+            raise UserError(self["solver.message"] or str(error)) from error
+        if self["solver.message"]:
+            raise UserError(self["solver.message"])
+        self.t += dt
+
+    def reals(self) -> NDArray[np.float64]:
+        """Return all real outputs, in the order of ``real_outputs``."""
+        return np.array(self.slave.getReal(self._real_references))
+
+    def __getitem__(self, name: str) -> Any:
+        variable = self._variable(name)
+        value = getattr(self.slave, f"get{variable.type}")([variable.valueReference])[0]
+        return value.decode() if isinstance(value, bytes) else value
+
+    def __setitem__(self, name: str, value: Any) -> None:
+        variable = self._variable(name)
+        getattr(self.slave, f"set{variable.type}")([variable.valueReference], [value])
+
+    def _variable(self, name: str) -> Any:
+        if name not in self.variables:
+            raise UserError(f"the FMU has no variable {name!r}")
+        return self.variables[name]
+
+    def names(self, causality: str) -> Sequence[str]:
+        """Return the names of the variables of a causality: parameter, input, output."""
+        return [n for n, v in self.variables.items() if v.causality == causality]
+
+    def save(self) -> bytes:
+        """Return the FMU's state as bytes."""
+        state = self.slave.getFMUstate()
+        try:
+            return bytes(self.slave.serializeFMUstate(state))
+        finally:
+            self.slave.freeFMUstate(state)
+
+    def restore(self, state: bytes) -> None:
+        """Take up a state saved by this or another instance of the same FMU."""
+        handle = self.slave.deSerializeFMUstate(state)
+        try:
+            self.slave.setFMUstate(handle)
+        finally:
+            self.slave.freeFMUstate(handle)
+
+    def close(self) -> None:
+        """Terminate, free the instance and remove its folder."""
+        self.slave.terminate()
+        self.slave.freeInstance()
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None) -> None:
+        self.close()

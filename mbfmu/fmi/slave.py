@@ -1,0 +1,379 @@
+"""The FMI 2.0 co-simulation slave around any model.
+
+PythonFMU turns an exception that leaves a callback into fmi2Fatal and then frees what it should not, so none may: a
+failure is logged, printed to stderr, kept in ``solver.message``, and makes every step return fmi2Discard; the last good
+state stays.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import sys
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+import numpy as np
+from pythonfmu import Boolean, DefaultExperiment, Fmi2Causality, Fmi2Initial, Fmi2Slave, Fmi2Variability
+from pythonfmu import Integer as FmiInteger
+from pythonfmu import String as FmiString
+from pythonfmu.enums import Fmi2Status
+
+import mbfmu
+from mbfmu.errors import UserError
+from mbfmu.model import Model, Parameter
+from mbfmu.simulation import Settings, Simulation
+
+from .description import Quantity, QuantityReal, complete
+from .guards import finalize_at_exit
+
+STATE_FORMAT = 1
+COUNTERS = {
+    "steps": "steps taken",
+    "rejected": "steps rejected",
+    "rhs_evals": "evaluations of the equations of motion",
+    "partition_switches": "changes between LU and projection partition",
+    "restarts": "restarts of the integrator",
+}
+
+
+def guarded(callback: Callable[..., Any]) -> Callable[..., Any]:
+    """Let no exception escape a callback."""
+
+    @functools.wraps(callback)
+    def safe(self: ModelSlave, *args: Any) -> Any:
+        try:
+            return callback(self, *args)
+        except Exception as error:
+            self.fail(error if isinstance(error, UserError) else f"{type(error).__name__}: {error}")
+            return False
+
+    return safe
+
+
+class ModelSlave(Fmi2Slave):  # type: ignore[misc]
+    """One instance of a model in a host. Subclasses, one per FMU, set the class attributes."""
+
+    model: ClassVar[Model]
+    identifier: ClassVar[str] = "model"
+    fmu_guid: ClassVar[str] = ""
+    settings: ClassVar[Settings] = Settings()
+
+    log_categories: ClassVar[dict[str, str]] = {
+        "logStatusWarning": "something unusual that does not stop the run",
+        "logStatusError": "a failure: what happened, where, and what to try",
+        "logAll": "everything",
+    }
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__(**kwargs)
+        self.modelName = self.identifier
+        self.guid = self.fmu_guid
+        self.version = mbfmu.__version__
+        self.author = "mbfmu"
+        self.description = self.model.title()
+        self.default_experiment = DefaultExperiment(
+            start_time=0.0,
+            stop_time=self.model.stop_time,
+            step_size=self.model.output_interval,
+            tolerance=self.settings.tolerance,
+        )
+        self.simulation: Simulation | None = None
+        self.message = ""
+        self._t0 = 0.0
+        self._refused: dict[str, str] = {}  # variable -> why its last value was not taken
+        self._changed: set[int] = set()  # value references of inputs and parameters set since the last step
+        self._fresh = True  # outputs are those of the present state
+        self._set_tolerance = False
+        plant = self.model.build().compile()  # names and units of inputs and outputs
+        self._register(plant)
+        finalize_at_exit(self.resources, self.identifier)
+
+    # ---- variables ----------------------------------------------------------------------------------------------
+
+    def _register(self, plant: Any) -> None:
+        """Declare every variable; value references count them in this order, which is the FMU's interface."""
+        self._texts = {"solver": self.settings.solver, "partition": self.settings.partition}
+        self._parameters: dict[int, Parameter] = {}
+        self._reals: list[tuple[int, float]] = []
+        for declared in self.model.parameters():
+            self._parameter(declared)
+        self._tolerance = self._real(
+            "tolerance", Quantity(min=1e-12, max=1e-2), "relative tolerance of the solver", self.settings.tolerance
+        )
+        self._max_step = self._real(
+            "max_step", Quantity(unit="s", min=0.0), "largest step; 0: no limit", self.settings.max_step
+        )
+        self._string("solver", "ida, adams, hybrid or adams-lu", parameter=True)
+        self._string("partition", "of adams: projection, lu or hybrid", parameter=True)
+        self._inputs = [
+            self._real(v.name, Quantity(unit=v.unit), v.description, v.start, causality=Fmi2Causality.input)
+            for v in plant.inputs
+        ]
+        self._outputs = np.array(
+            [self._output(v.name, Quantity(unit=v.unit, nominal=v.nominal), v.description) for v in plant.outputs],
+            dtype=int,
+        )
+        self._counters = {name: self._counter(f"solver.{name}", text) for name, text in COUNTERS.items()}
+        self._string("solver.message", "why the solver stopped, and what to try; empty while all is well")
+        self._buffer = np.zeros(len(self.vars))
+        for reference, start in self._reals:
+            self._buffer[reference] = start
+
+    def _parameter(self, p: Parameter) -> None:
+        start = getattr(self.model, p.name)
+        variability = Fmi2Variability.tunable if p.tunable else Fmi2Variability.fixed
+        if isinstance(p.default, float):
+            reference = self._real(
+                p.name, Quantity(unit=p.unit, min=p.min, max=p.max), p.doc, start, variability=variability
+            )
+        else:
+            kind = Boolean if isinstance(p.default, bool) else FmiInteger
+            reference = len(self.vars)
+            self.register_variable(
+                kind(
+                    p.name,
+                    causality=Fmi2Causality.parameter,
+                    variability=variability,
+                    description=p.doc,
+                    getter=lambda: self._buffer[reference],
+                    setter=lambda value: self._take(reference, p.name, value),
+                ),
+                nested=False,
+            )
+            self._reals.append((reference, float(start)))
+        self._parameters[reference] = p
+
+    def _real(
+        self,
+        name: str,
+        quantity: Quantity,
+        text: str,
+        start: float,
+        *,
+        causality: Fmi2Causality = Fmi2Causality.parameter,
+        variability: Fmi2Variability = Fmi2Variability.fixed,
+    ) -> int:
+        if causality == Fmi2Causality.input:
+            variability = Fmi2Variability.continuous
+        reference = len(self.vars)
+        variable = QuantityReal(
+            name,
+            quantity,
+            causality=causality,
+            variability=variability,
+            description=text,
+            getter=lambda: None,
+            setter=lambda value: None,
+        )
+        self.register_variable(variable, nested=False)
+        self._reals.append((reference, start))
+        return reference
+
+    def _output(self, name: str, quantity: Quantity, text: str) -> int:
+        reference = len(self.vars)
+        variable = QuantityReal(
+            name,
+            quantity,
+            causality=Fmi2Causality.output,
+            variability=Fmi2Variability.continuous,
+            initial=Fmi2Initial.calculated,
+            description=text,
+            getter=lambda: None,
+        )
+        self.register_variable(variable, nested=False)
+        return reference
+
+    def _counter(self, name: str, text: str) -> int:
+        reference = len(self.vars)
+        self.register_variable(
+            FmiInteger(
+                name,
+                causality=Fmi2Causality.output,
+                variability=Fmi2Variability.discrete,
+                initial=Fmi2Initial.calculated,
+                description=text,
+                getter=lambda: self._count(name.removeprefix("solver.")),
+            ),
+            nested=False,
+        )
+        return reference
+
+    def _string(self, name: str, text: str, *, parameter: bool = False) -> None:
+        getter = (lambda: self._texts[name]) if parameter else (lambda: self.message)
+        self.register_variable(
+            FmiString(
+                name,
+                causality=Fmi2Causality.parameter if parameter else Fmi2Causality.output,
+                variability=Fmi2Variability.fixed if parameter else Fmi2Variability.discrete,
+                initial=None if parameter else Fmi2Initial.calculated,
+                description=text,
+                getter=getter,
+                setter=lambda value: self._texts.__setitem__(name, value),
+            ),
+            nested=False,
+        )
+
+    def _count(self, name: str) -> int:
+        return int(getattr(self.simulation.statistics, name)) if self.simulation else 0
+
+    def to_xml(self, model_options: dict[str, str] | None = None) -> Any:
+        """Return the model description."""
+        return complete(super().to_xml(model_options or {}), list(self.vars.values()), bool(self._inputs))
+
+    # ---- values -------------------------------------------------------------------------------------------------
+
+    def get_real(self, vrs: list[int]) -> list[float]:
+        """Return real values; outputs are evaluated once a step, when first asked for."""
+        if not self._fresh:
+            self._refresh()
+        values: list[float] = self._buffer[vrs].tolist()
+        return values
+
+    @guarded
+    def _refresh(self) -> None:
+        assert self.simulation is not None
+        self._buffer[self._outputs] = self.simulation.outputs()
+        self._fresh = True
+
+    @guarded
+    def set_real(self, vrs: list[int], values: list[float]) -> None:
+        """Take real values; one that is not finite is refused, and the next step fails unless it is set anew."""
+        for reference, value in zip(vrs, values, strict=True):
+            self._take(reference, self.vars[reference].name, value)
+
+    def _take(self, reference: int, name: str, value: float) -> None:
+        if not np.isfinite(value):
+            self._refused[name] = f"{name!r} was set to {value!r}; allowed: a finite number"
+            self._report(self._refused[name])
+            return
+        self._refused.pop(name, None)
+        if self._buffer[reference] != value:
+            self._buffer[reference] = value
+            self._changed.add(reference)
+        self._set_tolerance |= reference == self._tolerance
+
+    # ---- life of an instance ------------------------------------------------------------------------------------
+
+    @guarded
+    def setup_experiment(self, start_time: float, stop_time: float | None, tolerance: float | None) -> None:
+        """Note the start time, and the host's tolerance unless the parameter was set."""
+        self._t0 = start_time
+        if tolerance and not self._set_tolerance:
+            self._buffer[self._tolerance] = tolerance
+
+    @guarded
+    def exit_initialization_mode(self) -> None:
+        """Build, assemble and start the model from the parameters as they are now."""
+        self._raise_refused()
+        model = self._model_now()
+        settings = Settings(
+            solver=self._texts["solver"],
+            partition=self._texts["partition"],
+            tolerance=float(self._buffer[self._tolerance]),
+            max_step=float(self._buffer[self._max_step]),
+        )
+        self.simulation = Simulation(model, settings, self._t0)
+        for index, reference in enumerate(self._inputs):
+            self.simulation.plant.set_input(index, float(self._buffer[reference]), self._t0)
+        self._changed.clear()
+        self._refresh()
+
+    def _model_now(self) -> Model:
+        return self.model.with_values({p.name: self._value(r, p) for r, p in self._parameters.items()})
+
+    def _value(self, reference: int, declared: Parameter) -> Any:
+        value = self._buffer[reference]
+        return bool(value) if isinstance(declared.default, bool) else value
+
+    @guarded
+    def do_step(self, current_time: float, step_size: float) -> bool:
+        """Advance by a communication step; False (fmi2Discard) on failure, with the reason in the log."""
+        if self.simulation is None:
+            self._report(self.message or "the model was not started")
+            return False
+        self._raise_refused()
+        self._apply_changes()
+        if step_size == 0.0:
+            return True
+        status = self.simulation.advance(current_time + step_size)
+        self._fresh = False
+        if not status.ok:
+            self.fail(f"{status.message}; {status.remedy}")
+        return bool(status.ok)
+
+    def _apply_changes(self) -> None:
+        simulation = self.simulation
+        assert simulation is not None
+        if not self._changed:
+            return
+        if any(reference in self._parameters for reference in self._changed):
+            simulation.retune(self._model_now())
+        for index, reference in enumerate(self._inputs):
+            if reference in self._changed:
+                simulation.set_input(index, float(self._buffer[reference]))
+        self._changed.clear()
+        self._fresh = False
+
+    def _raise_refused(self) -> None:
+        if self._refused:
+            raise UserError("; ".join(self._refused.values()))
+
+    @guarded
+    def terminate(self) -> None:
+        """Nothing to release: all memory is Python's."""
+
+    # ---- failures -----------------------------------------------------------------------------------------------
+
+    def fail(self, reason: object) -> None:
+        """Keep the reason where a host can read it."""
+        self.message = str(reason)
+        self._report(self.message)
+
+    def _report(self, text: str) -> None:
+        print(f"{self.identifier} ({self.instance_name}): {text}", file=sys.stderr)  # noqa: T201
+        self.log(text, Fmi2Status.error, "logStatusError")
+
+    # ---- FMU state ----------------------------------------------------------------------------------------------
+
+    @guarded
+    def _get_fmu_state(self) -> bytes:
+        head = {
+            "format": STATE_FORMAT,
+            "guid": self.fmu_guid,
+            "values": self._buffer.tolist(),
+            "texts": self._texts,
+            "t0": self._t0,
+            "started": self.simulation is not None,
+        }
+        text = json.dumps(head).encode()
+        body = self.simulation.save() if self.simulation else b""
+        return len(text).to_bytes(8, "little") + text + body
+
+    @guarded
+    def _set_fmu_state(self, state: bytes) -> None:
+        split = 8 + int.from_bytes(state[:8], "little")
+        head = json.loads(state[8:split])
+        if head["format"] != STATE_FORMAT or head["guid"] != self.fmu_guid:
+            raise UserError("the FMU state was saved by another FMU or another version; it cannot be restored here")
+        self._buffer[:] = head["values"]
+        self._texts.update(head["texts"])
+        self._t0 = head["t0"]
+        self._changed.clear()
+        self._refused.clear()
+        self.message = ""
+        self.simulation = None
+        if head["started"]:
+            if self.simulation is None:
+                self.exit_initialization_mode()
+            assert self.simulation is not None
+            self.simulation.restore(state[split:])
+            self._fresh = False
+
+    @staticmethod
+    def _fmu_state_to_bytes(state: bytes) -> bytes:
+        return state
+
+    @staticmethod
+    def _fmu_state_from_bytes(state: bytes) -> bytes:
+        return bytes(state)
