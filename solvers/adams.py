@@ -21,7 +21,7 @@ import numpy as np
 from .kernel import kernel
 from .lu import choose, close_dependent, dependent_acceleration, same_choice
 from .multistep import accept, begin, coefficients, correct, estimate, interpolate, predict, unwind
-from .partition import NOT_CLOSED, OK, acceleration, close, factor, multipliers, normal_rank, ratio
+from .partition import NOT_CLOSED, OK, acceleration, close, factor, ratio
 
 MAX_STEPS, COLLAPSED = 5, 6  # beside the codes of partition
 PROJECTION, LU = 0, 1  # regimes
@@ -257,21 +257,6 @@ def return_to_lu(c: Any, o: Any, terms: Any, work: Any, H: Any) -> None:
 
 
 @kernel
-def prepare(
-    dynamics: Any, position: Any, retract: Any, data: Any, terms: Any, control: Any, settings: Any, H: Any, work: Any,
-    t: float, q: Any, v: Any,
-) -> int:  # fmt: skip
-    """Fix the normal rank and the first regime; close (q, v), in place, and take it as the first state."""
-    c, o = control[0], settings[0]
-    c.t, c.start, c.changed_at = t, 1, -np.inf
-    c.regime = PROJECTION if o.partition == PROJECTION else LU
-    c.rank = normal_rank(position, retract, t, q, v, data, terms, work)
-    code = close(dynamics, position, retract, t, q, v, data, terms, c.rank, work)
-    join(q, v, H.y)
-    return code
-
-
-@kernel
 def advance(
     dynamics: Any, position: Any, retract: Any, energy: Any, data: Any, terms: Any, control: Any, settings: Any,
     H: Any, work: Any, target: float, q: Any, v: Any,
@@ -306,19 +291,4 @@ def advance(
         interpolate(c, H, target, H.g_out, H.w_out, H.trial)
         split(H.trial, q, v)
         code = close(dynamics, position, retract, target, q, v, data, terms, c.rank, work)
-    return code
-
-
-@kernel
-def evaluate(
-    dynamics: Any, position: Any, retract: Any, data: Any, terms: Any, control: Any, work: Any, t: float, q: Any,
-    v: Any, a: Any, lam: Any,
-) -> int:  # fmt: skip
-    """Accelerations and shortest multipliers at a closed state."""
-    rank = control[0].rank
-    dynamics(t, q, v, data, terms)
-    factor(terms, work)
-    code = acceleration(dynamics, position, retract, t, q, v, data, terms, rank, work, a)
-    if code == OK:
-        multipliers(terms, rank, work, a, lam)
     return code

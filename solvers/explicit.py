@@ -7,9 +7,8 @@ import numpy as np
 from . import adams
 from .kernel import records
 from .multistep import HIGHEST, History
-from .partition import Workspace
-from .stepper import Code, Options, SolverError, Statistics, Status, Stepper, pack, unpack
-from .system import Array, System, Terms
+from .stepper import Code, Options, Statistics, Stepper, pack, unpack
+from .system import Array, System
 
 
 class AdamsStepper(Stepper):
@@ -19,18 +18,11 @@ class AdamsStepper(Stepper):
 
     def __init__(self, system: System, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
         super().__init__(system, t0, q0, v0, options)
-        sizes = (system.nq, system.n, system.m)
-        self._terms = Terms.allocate(*sizes)
-        self._work = Workspace.allocate(*sizes)
-        self._history = History.allocate(*sizes)
+        self._history = History.allocate(system.nq, system.n, system.m)
         self._settings = self._encode(self.options)
-        self._reported = np.zeros(1)  # the time of (_q, _v), in an array to be saved with them
-        code = adams.prepare(
-            system.dynamics, system.position, system.retract, system.data, self._terms, self._control,
-            self._settings, self._history, self._work, self._t, self._q, self._v,
-        )  # fmt: skip
-        if code != 0:
-            self.status = Status(Code(code), self._t)
+        self._control["rank"], self._control["changed_at"] = self._rank, -np.inf
+        self._control["regime"] = adams.PROJECTION if self.partition == adams.PROJECTION else adams.LU
+        self.restart()
 
     def _encode(self, options: Options) -> Array:
         """Return the record the kernels read."""
@@ -60,18 +52,6 @@ class AdamsStepper(Stepper):
         self._t = t if code is Code.OK else float(self._control["t"][0])
         return code, self._t
 
-    def accelerations(self) -> tuple[Array, Array]:
-        """Return v' (n,) and lambda (m,) of the reported state."""
-        s = self.system
-        a, lam = np.zeros(s.n), np.zeros(s.m)
-        code = adams.evaluate(
-            s.dynamics, s.position, s.retract, s.data, self._terms, self._control, self._work, self._t, self._q,
-            self._v, a, lam,
-        )  # fmt: skip
-        if code != 0:
-            raise SolverError(Status(Code(code), self._t))
-        return a, lam
-
     def restart(self) -> None:
         """Begin a new history at the reported state."""
         self._control["t"] = self._t
@@ -89,8 +69,7 @@ class AdamsStepper(Stepper):
     def restore(self, data: bytes) -> None:
         """Take over a saved history."""
         unpack(data, self._arrays())
-        self._t = float(self._reported[0])
-        self.status = Status(Code.OK, self._t)
+        self._resume()
 
     @property
     def statistics(self) -> Statistics:

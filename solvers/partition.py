@@ -262,6 +262,20 @@ def multipliers(terms: Any, rank: int, work: Any, a: Any, lam: Any) -> None:
 
 
 @kernel
+def evaluate(
+    dynamics: Any, position: Any, retract: Any, t: float, q: Any, v: Any, data: Any, terms: Any, rank: int, work: Any,
+    a: Any, lam: Any,
+) -> int:  # fmt: skip
+    """Accelerations and shortest multipliers at a closed state; leaves ``terms`` there."""
+    dynamics(t, q, v, data, terms)
+    factor(terms, work)
+    code = acceleration(dynamics, position, retract, t, q, v, data, terms, rank, work, a)
+    if code == OK:
+        multipliers(terms, rank, work, a, lam)
+    return code
+
+
+@kernel
 def normal_rank(position: Any, retract: Any, t: float, q: Any, v: Any, data: Any, terms: Any, work: Any) -> int:
     """Largest rank of J at q and at neighbours a finite move away, along v and along every allowed motion.
 

@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .system import Array, System
+from .partition import Workspace, close, evaluate, normal_rank
+from .system import Array, System, Terms
 
 
 class Code(IntEnum):
@@ -192,7 +193,17 @@ class Stepper(ABC):
         self._t = float(t0)
         self._q = sized("q0", q0, system.nq)
         self._v = sized("v0", v0, system.n)
-        self.status = Status(Code.OK, self._t)
+        self._reported = np.zeros(1)  # t in an array, to be saved with q and v
+        sizes = (system.nq, system.n, system.m)
+        self._terms, self._work = Terms.allocate(*sizes), Workspace.allocate(*sizes)
+        self._rank = normal_rank(
+            system.position, system.retract, self._t, self._q, self._v, system.data, self._terms, self._work
+        )
+        code = close(
+            system.dynamics, system.position, system.retract, self._t, self._q, self._v, system.data, self._terms,
+            self._rank, self._work,
+        )  # fmt: skip
+        self.status = Status(Code(code), self._t)
 
     @property
     def t(self) -> float:
@@ -221,9 +232,26 @@ class Stepper(ABC):
     def _advance(self, t: float) -> tuple[Code, float]:
         """Go to ``t``, set the reported state, return the code and the reported time."""
 
-    @abstractmethod
     def accelerations(self) -> tuple[Array, Array]:
         """Return v' (n,) and lambda (m,) of the reported state."""
+        code, a, lam = self._evaluate()
+        if code is not Code.OK:
+            raise SolverError(Status(code, self._t))
+        return a, lam
+
+    def _evaluate(self) -> tuple[Code, Array, Array]:
+        s = self.system
+        a, lam = np.zeros(s.n), np.zeros(s.m)
+        code = evaluate(
+            s.dynamics, s.position, s.retract, self._t, self._q, self._v, s.data, self._terms, self._rank,
+            self._work, a, lam,
+        )  # fmt: skip
+        return Code(code), a, lam
+
+    def _resume(self) -> None:
+        """Take the reported time from a restored array."""
+        self._t = float(self._reported[0])
+        self.status = Status(Code.OK, self._t)
 
     @abstractmethod
     def restart(self) -> None:
