@@ -6,10 +6,9 @@ import csv
 import json
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import inf
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +16,8 @@ from numpy.typing import NDArray
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Variable
 from mbfmu.model import Model, suggest
-from solvers.stepper import SOLVERS, Options, Statistics, Status
+from solvers import SOLVERS
+from solvers.stepper import Options, Statistics, Status
 
 Array = NDArray[np.float64]
 
@@ -150,10 +150,9 @@ class Result:
     times: Array  # (k,) s
     values: Array  # (k, outputs)
     variables: tuple[Variable, ...]
-    status: Status
     statistics: Statistics
-    wall_time: float  # s, compile time not included
-    notes: dict[str, Any] = field(default_factory=dict)
+    wall_time: float  # s, between the first and the last output
+    failure: str = ""  # why the run ended early and what to try; empty: it did not
 
     def __getitem__(self, name: str) -> Array:
         """Return one output over time."""
@@ -192,15 +191,18 @@ def run(
     simulation = Simulation(model, settings, float(times[0]))
     values = np.zeros((len(times), len(simulation.plant.outputs)))
     values[0] = simulation.outputs()
-    begin, done, status = time.perf_counter(), 1, simulation.stepper.status
-    for i, t in enumerate(times[1:], 1):
-        status = simulation.advance(float(t))
-        if not status.ok:
-            break
-        values[i] = simulation.outputs()
-        done = i + 1
-        if progress is not None:
-            progress(float(t))
+    begin, done, failure = time.perf_counter(), 1, ""
+    try:
+        for i, t in enumerate(times[1:], 1):
+            status = simulation.advance(float(t))
+            if not status.ok:
+                failure = f"{status.message}. {status.remedy}"
+                break
+            values[i] = simulation.outputs()
+            done = i + 1
+            if progress is not None:
+                progress(float(t))
+    except SolverError as error:
+        failure = str(error)
     wall = time.perf_counter() - begin
-    outputs = simulation.plant.outputs
-    return Result(times[:done], values[:done], outputs, status, simulation.statistics, wall)
+    return Result(times[:done], values[:done], simulation.plant.outputs, simulation.statistics, wall, failure)

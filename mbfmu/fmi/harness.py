@@ -10,6 +10,7 @@ from typing import Any, Self
 
 import numpy as np
 from fmpy import extract, read_model_description
+from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import FMU2Slave
 from numpy.typing import NDArray
 
@@ -71,13 +72,15 @@ class Fmu:
 
     def step(self, dt: float) -> None:
         """Advance by dt (s); raises UserError with the FMU's reason if it discards the step."""
+        self.step_to(self.t + dt)
+
+    def step_to(self, t: float) -> None:
+        """Advance to the communication point t (s); the same failures."""
         try:
-            self.slave.doStep(currentCommunicationPoint=self.t, communicationStepSize=dt)
-        except Exception as error:
+            self.slave.doStep(currentCommunicationPoint=self.t, communicationStepSize=t - self.t)
+        except FMICallException as error:
             raise UserError(self["solver.message"] or str(error)) from error
-        if self["solver.message"]:
-            raise UserError(self["solver.message"])
-        self.t += dt
+        self.t = t
 
     def reals(self) -> NDArray[np.float64]:
         """Return all real outputs, in the order of ``real_outputs``."""

@@ -299,7 +299,7 @@ class ModelSlave(Fmi2Slave):  # type: ignore[misc]
         status = self.simulation.advance(current_time + step_size)
         self._fresh = False
         if not status.ok:
-            self.fail(f"{status.message}; {status.remedy}")
+            self.fail(f"{status.message}. {status.remedy}")
         return bool(status.ok)
 
     def _apply_changes(self) -> None:
@@ -364,8 +364,7 @@ class ModelSlave(Fmi2Slave):  # type: ignore[misc]
         self.message = ""
         self.simulation = None
         if head["started"]:
-            if self.simulation is None:
-                self.exit_initialization_mode()
+            self.exit_initialization_mode()
             assert self.simulation is not None
             self.simulation.restore(state[split:])
             self._fresh = False

@@ -1,0 +1,166 @@
+"""What accuracy costs in time: every solver at several tolerances against the exact motion."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.model import Model
+from mbfmu.report import table
+from mbfmu.scene import Scene
+from mbfmu.simulation import Result, Settings, communication_points, run
+
+SOLVER_NAMES = ("ida", "adams", "hybrid", "adams-lu")
+TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10)
+BRANCH_TOLERANCE = 0.05  # rad; twice the error that the loosest tolerance leaves on the right branch
+REFERENCE_TOLERANCE = 1e-12
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One solver at one tolerance.
+
+    Attributes
+    ----------
+    wall_s
+        Median run time, compile time not included, s.
+    max_error
+        Largest error of an angle against the exact motion up to the last good time, rad; None where none is known.
+    energy_drift
+        Largest change of the energy from its start, J.
+    position_residual, velocity_residual
+        Largest at the outputs, m and m/s.
+    branch_jump
+        Whether the motion left its branch.
+    end_time
+        Last good time, s.
+    """
+
+    solver: str
+    rtol: float
+    wall_s: float
+    steps: int
+    rhs_evals: int
+    max_error: float | None
+    energy_drift: float
+    position_residual: float
+    velocity_residual: float
+    partition_switches: int
+    branch_jump: bool
+    end_time: float
+    status: str
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the row for JSON."""
+        return asdict(self)
+
+
+Reference = dict[str, NDArray[np.float64]]
+History = tuple[NDArray[np.float64], NDArray[np.float64]]
+
+
+def reference_motion(model: Model, times: NDArray[np.float64]) -> Reference:
+    """Return the exact motion where the model knows it, else that of ``adams`` at a tight tolerance."""
+    exact = model.exact(times)
+    if exact is not None:
+        return exact
+    result = run(model, Settings(solver="adams", tolerance=REFERENCE_TOLERANCE), times)
+    if result.failure:
+        return {}
+    return {v.name: result[v.name] for v in result.variables if v.unit == "rad"}
+
+
+def compare(
+    scene: Scene,
+    *,
+    solvers: Sequence[str] = SOLVER_NAMES,
+    tolerances: Sequence[float] = TOLERANCES,
+    repeats: int = 5,
+    progress: Callable[[str], None] | None = None,
+) -> tuple[list[Row], dict[str, History]]:
+    """Run every solver at every tolerance.
+
+    Returns
+    -------
+    rows
+        One a run, in the order of solvers and tolerances.
+    energies
+        Times and energy of each solver at the tolerance nearest the scene's.
+    """
+    times = communication_points(scene.stop_time, scene.output_interval)
+    reference = reference_motion(scene.model, times)
+    shown = min(tolerances, key=lambda tol: abs(np.log(tol / scene.settings.tolerance)))
+    rows: list[Row] = []
+    energies: dict[str, History] = {}
+    for solver in solvers:
+        for tolerance in tolerances:
+            settings = Settings(solver=solver, tolerance=tolerance, max_step=scene.settings.max_step)
+            results = [run(scene.model, settings, times) for _ in range(repeats + 1)][1:]  # the first may compile
+            wall = statistics.median(result.wall_time for result in results)
+            rows.append(judge(scene.model, solver, tolerance, wall, results[-1], reference))
+            if tolerance == shown and "energy" in results[-1].as_dict():
+                energies[solver] = (results[-1].times, results[-1]["energy"])
+            if progress is not None:
+                progress(f"{solver} {tolerance:.0e}")
+    return rows, energies
+
+
+def judge(model: Model, solver: str, rtol: float, wall: float, result: Result, reference: Reference) -> Row:
+    """Measure one result."""
+    outputs = result.as_dict()
+    count = len(result.times)
+    errors = [np.abs(outputs[name] - exact[:count]).max() for name, exact in reference.items()]
+    gap = model.branch_gap(outputs)
+    energy = outputs.get("energy", np.zeros(count))
+    return Row(
+        solver=solver,
+        rtol=rtol,
+        wall_s=wall,
+        steps=result.statistics.steps,
+        rhs_evals=result.statistics.rhs_evals,
+        max_error=float(max(errors)) if errors else None,
+        energy_drift=float(np.abs(energy - energy[0]).max()),
+        position_residual=largest(outputs, "position_residual"),
+        velocity_residual=largest(outputs, "velocity_residual"),
+        partition_switches=result.statistics.partition_switches,
+        branch_jump=bool(gap is not None and gap.max() > BRANCH_TOLERANCE),
+        end_time=float(result.times[-1]),
+        status=result.failure or "ok",
+    )
+
+
+def largest(outputs: dict[str, NDArray[np.float64]], name: str) -> float:
+    """Return the largest value of an output; zero where the model does not have it."""
+    return float(outputs[name].max()) if name in outputs else 0.0
+
+
+def as_text(rows: Sequence[Row]) -> str:
+    """Return the rows as a table for people."""
+    header = ("solver", "rtol", "time [ms]", "steps", "evals", "error [rad]", "energy [J]", "switches", "outcome")
+    lines = [
+        (
+            row.solver,
+            f"{row.rtol:.0e}",
+            f"{1e3 * row.wall_s:.2f}",
+            str(row.steps),
+            str(row.rhs_evals),
+            "-" if row.max_error is None else f"{row.max_error:.1e}",
+            f"{row.energy_drift:.1e}",
+            str(row.partition_switches),
+            outcome(row),
+        )
+        for row in rows
+    ]
+    return table(header, lines)
+
+
+def outcome(row: Row) -> str:
+    """Say in a few words how a run ended."""
+    jump = "left its branch" if row.branch_jump else ""
+    stop = "" if row.status == "ok" else f"stopped at {row.end_time:g} s: {row.status}"
+    return "; ".join(filter(None, (jump, stop))) or "ok"

@@ -1,0 +1,50 @@
+"""Run a model as an FMU through FMPy and record what the native run records."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics import Variable
+from mbfmu.model import Model
+from mbfmu.simulation import Result, Settings
+from solvers.stepper import Statistics
+
+from .export import export
+from .harness import Fmu
+from .slave import COUNTERS
+
+
+def run_fmu(
+    model: Model,
+    settings: Settings,
+    times: NDArray[np.float64],
+    path: Path,
+    progress: Callable[[float], None] | None = None,
+) -> Result:
+    """Export ``model`` to ``path`` and drive the FMU over ``times`` (s); stops where the FMU discards a step."""
+    export(model, path, settings)
+    with Fmu(path, start_time=float(times[0]), tolerance=settings.tolerance) as fmu:
+        values = np.zeros((len(times), len(fmu.real_outputs)))
+        values[0] = fmu.reals()
+        begin, done, failure = time.perf_counter(), 1, ""
+        for i, t in enumerate(times[1:], 1):
+            try:
+                fmu.step_to(float(t))
+            except UserError as error:
+                failure = str(error)
+                break
+            values[i] = fmu.reals()
+            done = i + 1
+            if progress is not None:
+                progress(float(t))
+        wall = time.perf_counter() - begin
+        described = [fmu.variables[name] for name in fmu.real_outputs]
+        variables = tuple(Variable(v.name, v.unit or "1", v.description or "") for v in described)
+        statistics = Statistics(**{name: fmu[f"solver.{name}"] for name in COUNTERS})
+        return Result(times[:done], values[:done], variables, statistics, wall, failure)

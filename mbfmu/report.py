@@ -1,0 +1,96 @@
+"""Pictures and short texts of results."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import matplotlib as mpl
+import numpy as np
+
+from mbfmu.simulation import Result
+
+if TYPE_CHECKING:
+    from mbfmu.compare import Row
+
+mpl.use("Agg")
+
+import matplotlib.pyplot as plt  # noqa: E402
+
+COLOURS = {"ida": "#4269d0", "adams": "#3ca951", "hybrid": "#efb118", "adams-lu": "#ff725c"}
+
+
+def plot_result(result: Result, title: str, path: Path) -> None:
+    """Draw every output against time, one panel a unit."""
+    groups: dict[str, list[int]] = {}
+    for i, variable in enumerate(result.variables):
+        groups.setdefault(variable.unit, []).append(i)
+    figure, axes = plt.subplots(
+        len(groups), 1, figsize=(9.0, 1.0 + 1.9 * len(groups)), sharex=True, squeeze=False, layout="constrained"
+    )
+    for ax, (unit, members) in zip(axes[:, 0], groups.items(), strict=True):
+        for i in members:
+            ax.plot(result.times, result.values[:, i], lw=1.0, label=result.variables[i].name)
+        ax.set_ylabel(unit)
+        ax.grid(alpha=0.3)
+        ax.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+    axes[-1, 0].set_xlabel("time [s]")
+    figure.suptitle(title)
+    finish(figure, path)
+
+
+def plot_work_precision(rows: Sequence[Row], title: str, path: Path) -> None:
+    """Draw error against run time, log-log, one line a solver; a failed run is a hollow marker."""
+    figure, ax = plt.subplots(figsize=(7.0, 5.0), layout="constrained")
+    for solver in dict.fromkeys(row.solver for row in rows):
+        own = [row for row in rows if row.solver == solver and row.max_error is not None and row.max_error > 0.0]
+        good = [row for row in own if row.status == "ok" and not row.branch_jump]
+        bad = [row for row in own if row not in good]
+        colour = COLOURS.get(solver)
+        if good:
+            ax.loglog([r.wall_s for r in good], [r.max_error for r in good], "o-", color=colour, label=solver)
+        if bad:
+            ax.loglog(
+                [r.wall_s for r in bad],
+                [r.max_error for r in bad],
+                "o",
+                mfc="none",
+                color=colour,
+                label=f"{solver}: failed or left the branch",
+            )
+        for row in own:
+            ax.annotate(f"{row.rtol:.0e}", (row.wall_s, row.max_error), fontsize=7, xytext=(4, 4), textcoords="offset points")
+    ax.set_xlabel("run time [s], compile time apart")
+    ax.set_ylabel("largest error of an angle [rad]")
+    ax.set_title(title)
+    ax.grid(alpha=0.3, which="both")
+    ax.legend()
+    finish(figure, path)
+
+
+def plot_energy(histories: dict[str, tuple[Any, Any]], title: str, path: Path) -> None:
+    """Draw the energy's change from its start against time, one line a solver: solver -> (times, energy)."""
+    figure, ax = plt.subplots(figsize=(8.0, 4.5), layout="constrained")
+    for solver, (times, energy) in histories.items():
+        change = np.abs(np.asarray(energy) - energy[0])
+        ax.semilogy(times, np.maximum(change, 1e-17), lw=1.0, color=COLOURS.get(solver), label=solver)
+    ax.set_xlabel("time [s]")
+    ax.set_ylabel("|energy - energy at the start| [J]")
+    ax.set_title(title)
+    ax.grid(alpha=0.3)
+    ax.legend()
+    finish(figure, path)
+
+
+def finish(figure: Any, path: Path) -> None:
+    """Write the picture and close it."""
+    figure.savefig(path, dpi=130)
+    plt.close(figure)
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return rows as aligned text."""
+    widths = [max(len(line[i]) for line in [header, *rows]) for i in range(len(header))]
+    lines = ["  ".join(cell.ljust(w) for cell, w in zip(line, widths, strict=True)).rstrip() for line in [header, *rows]]
+    return "\n".join([lines[0], "  ".join("-" * w for w in widths), *lines[1:]])

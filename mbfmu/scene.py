@@ -1,0 +1,145 @@
+"""A scene: which model, with which numbers, integrated how, for how long. A TOML file, or a model's name alone.
+
+    model = "fourbar"          # registered name, or path/to/file.py:Class
+    solver = "adams"           # ida, adams, hybrid, adams-lu
+    partition = "projection"   # of adams
+    tolerance = 1e-6
+    max_step = 0.0             # s; 0: no limit
+    stop_time = 10.0           # s
+    output_interval = 0.01     # s
+
+    [parameters]
+    start_angle = 0.1745
+"""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass, replace
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+from mbfmu.errors import UserError
+from mbfmu.model import Model, find, suggest
+from mbfmu.simulation import Settings
+
+KEYS = (
+    "model",
+    "solver",
+    "partition",
+    "tolerance",
+    "max_step",
+    "stop_time",
+    "output_interval",
+    "parameters",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene:
+    """What ``mbfmu run`` runs.
+
+    Parameters
+    ----------
+    name
+        Names the result files.
+    stop_time, output_interval
+        s, greater than zero.
+    """
+
+    name: str
+    model: Model
+    settings: Settings
+    stop_time: float
+    output_interval: float
+
+    def __post_init__(self) -> None:
+        """Check the times; raises UserError."""
+        for key in ("stop_time", "output_interval"):
+            value = getattr(self, key)
+            if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value) or value <= 0.0:
+                raise UserError(f"{key} is {value!r}; allowed: a number of seconds greater than zero")
+        if self.stop_time / self.output_interval > 1e7:
+            raise UserError(f"output_interval is {self.output_interval!r} s: more than ten million outputs; enlarge it")
+
+    def changed(self, **changes: Any) -> Scene:
+        """Return a copy with the given fields; None leaves a field as it is."""
+        settings = {k: changes.pop(k) for k in ("solver", "partition", "tolerance", "max_step") if k in changes}
+        given = {k: v for k, v in settings.items() if v is not None}
+        rest = {k: v for k, v in changes.items() if v is not None}
+        return replace(self, settings=replace(self.settings, **given), **rest)
+
+
+def load_scene(reference: str) -> Scene:
+    """Return the scene of a TOML file, of a shipped scene ``model/scene``, or the default scene of a model.
+
+    Raises
+    ------
+    UserError
+        Names the file, the key, its value and what is allowed.
+    """
+    path = Path(reference)
+    if path.suffix == ".toml":
+        return read_scene(path)
+    model, slash, scene = reference.partition("/")
+    if slash and ".py" not in reference:
+        return read_scene(shipped(model, scene))
+    return default_scene(find(reference)(), path.stem if ".py" in reference else reference)
+
+
+def default_scene(model: Model, name: str) -> Scene:
+    """Return a model's own scene."""
+    return Scene(
+        name=name.partition(":")[0],
+        model=model,
+        settings=Settings(),
+        stop_time=model.stop_time,
+        output_interval=model.output_interval,
+    )
+
+
+def shipped(model: str, scene: str) -> Path:
+    """Return the file of a scene that ships with a model."""
+    import inspect
+
+    folder = Path(inspect.getfile(find(model))).parent / "scenes"
+    known = {p.stem: p for p in sorted(folder.glob("*.toml"))}
+    if scene not in known:
+        raise UserError(f"model {model!r} has no scene {scene!r}{suggest(scene, known)}")
+    return known[scene]
+
+
+def read_scene(path: Path) -> Scene:
+    """Read a scene file."""
+    try:
+        content = tomllib.loads(path.read_text())
+    except OSError as error:
+        raise UserError(f"scene file {str(path)!r} cannot be read: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise UserError(f"scene file {str(path)!r} is not valid TOML: {error}") from error
+    for key in content:
+        if key not in KEYS:
+            raise UserError(f"scene file {str(path)!r} has an unknown key {key!r}{suggest(key, KEYS)}")
+    try:
+        return from_content(path, content)
+    except UserError as error:
+        raise UserError(f"scene file {str(path)!r}: {error}") from error
+
+
+def from_content(path: Path, content: dict[str, Any]) -> Scene:
+    """Build the scene from the keys of a file."""
+    reference = content.pop("model", None)
+    if not isinstance(reference, str):
+        raise UserError(f"model is {reference!r}; allowed: a model's name, or a file my_model.py:MyModel")
+    if ".py" in reference:  # beside the scene
+        reference = str(path.parent / reference)
+    parameters = content.pop("parameters", {})
+    if not isinstance(parameters, dict):
+        raise UserError(f"parameters is {parameters!r}; allowed: a table [parameters]")
+    model = find(reference)().with_values(parameters)
+    scene = default_scene(model, path.stem)
+    for key in ("tolerance", "max_step"):
+        if key in content and (isinstance(content[key], bool) or not isinstance(content[key], int | float)):
+            raise UserError(f"{key} is {content[key]!r}; allowed: a number")
+    return scene.changed(**content)
