@@ -1,15 +1,15 @@
 """Adams PECE on constrained motion: the compiled step loop over the projection, LU and hybrid partitions.
 
-State y = (q, v), all of it in the history in either regime. Predict (P), evaluate at the prediction (E), correct (C),
-*close* the corrected state onto the constraints, evaluate there (E). Closing does not touch the history: its
-differences belong to y' at closed states, so no restart is needed after it.
+State y = (q, v), all of it in the history in either regime. Predict (P), evaluate at the prediction (E),
+correct (C), *close* the corrected state onto the constraints, evaluate there (E). Closing does not touch the
+history: its differences belong to y' at closed states, so no restart is needed after it.
 
-In the projection regime closing is a correction of the size of the tolerance along the constraint normals. In the LU
-regime the dependents are solved from the independents at every evaluation and carry no error control
+In the projection regime closing is a correction of the size of the tolerance along the constraint normals. In
+the LU regime the dependents are solved from the independents at every evaluation and carry no error control
 (:mod:`solvers.lu`). The hybrid changes regime by the rules of :func:`leave_lu` and :func:`return_to_lu`.
 
-A step may pass the time asked for; the reported state is then interpolated and closed, so what is computed does not
-depend on when results are asked for.
+A step may pass the time asked for; the reported state is then interpolated and closed, so what is computed
+does not depend on when results are asked for.
 """
 
 from __future__ import annotations
@@ -73,43 +73,34 @@ def weigh(c: Any, o: Any, H: Any, nq: int, n: int) -> None:
 
 
 @kernel
-def differentiate(
-    dynamics: Any, position: Any, retract: Any, data: Any, terms: Any, t: float, closing: bool, c: Any, H: Any,
-    work: Any,
-) -> int:  # fmt: skip
+def differentiate(eqs: Any, t: float, closing: bool, c: Any, H: Any, work: Any) -> int:
     """y' in ``H.yp`` at (work.q, work.v), which are closed first where ``closing`` or in the LU regime."""
     q, v, rank = work.q, work.v, c.rank
     c.evaluations += 1
     if c.regime == LU:
-        code = close_dependent(
-            dynamics, position, retract, t, q, v, H.y, data, terms, rank, H.rows, H.columns, work
-        )
+        code = close_dependent(eqs, t, q, v, H.y, rank, H.rows, H.columns, work)
         if code == OK:
-            code = dependent_acceleration(terms, rank, H.rows, H.columns, work, work.slope)
+            code = dependent_acceleration(eqs.terms, rank, H.rows, H.columns, work, work.slope)
     else:
         code = OK
         if closing:
-            code = close(dynamics, position, retract, t, q, v, data, terms, rank, work)
+            code = close(eqs, t, q, v, rank, work)
         else:
-            dynamics(t, q, v, data, terms)
-            factor(terms, work)
+            eqs.dynamics(t, q, v, eqs.data, eqs.terms)
+            factor(eqs.terms, work)
         if code == OK:
-            code = acceleration(
-                dynamics, position, retract, t, q, v, data, terms, rank, work, work.slope
-            )
+            code = acceleration(eqs, t, q, v, rank, work, work.slope)
     if code == OK:
-        join(terms.qdot, work.slope, H.yp)
+        join(eqs.terms.qdot, work.slope, H.yp)
     return code
 
 
 @kernel
-def start(
-    dynamics: Any, position: Any, retract: Any, energy: Any, data: Any, terms: Any, c: Any, o: Any, H: Any, work: Any
-) -> int:
+def start(eqs: Any, c: Any, o: Any, H: Any, work: Any) -> int:
     """Close y, choose coordinates, and begin a history of order 1."""
     q, v = work.q, work.v
     split(H.y, q, v)
-    code = close(dynamics, position, retract, c.t, q, v, data, terms, c.rank, work)
+    code = close(eqs, c.t, q, v, c.rank, work)
     if code != OK:
         return code
     join(q, v, H.y)
@@ -118,11 +109,11 @@ def start(
         c.regime = PROJECTION
         c.by_ratio += 1
     if c.regime == LU:
-        if not choose(terms, c.rank, work):
+        if not choose(eqs.terms, c.rank, work):
             return NOT_CLOSED
         take_choice(H, work)
-    c.energy = energy(c.t, q, v, data)
-    code = differentiate(dynamics, position, retract, data, terms, c.t, False, c, H, work)
+    c.energy = eqs.energy(c.t, q, v, eqs.data)
+    code = differentiate(eqs, c.t, False, c, H, work)
     if code == OK:
         weigh(c, o, H, q.shape[0], v.shape[0])
         begin(c, H, o.max_step)
@@ -141,9 +132,7 @@ def take_choice(H: Any, work: Any) -> None:
 
 
 @kernel
-def step(
-    dynamics: Any, position: Any, retract: Any, energy: Any, data: Any, terms: Any, c: Any, o: Any, H: Any, work: Any
-) -> int:
+def step(eqs: Any, c: Any, o: Any, H: Any, work: Any) -> int:
     """One accepted step, however often it has to be cut; or the code of what made it too small."""
     q, v = work.q, work.v
     weigh(c, o, H, q.shape[0], v.shape[0])
@@ -154,15 +143,15 @@ def step(
         split(H.p, q, v)
         after = c.t + c.h
         c.erk, error = 0.0, 0.0
-        code = differentiate(dynamics, position, retract, data, terms, after, False, c, H, work)
+        code = differentiate(eqs, after, False, c, H, work)
         if code == OK:
             error = estimate(c, H)
             if error <= 1.0:
                 correct(c, H)
                 split(H.trial, q, v)
-                code = differentiate(dynamics, position, retract, data, terms, after, True, c, H, work)
+                code = differentiate(eqs, after, True, c, H, work)
                 join(q, v, H.trial)
-                if code == OK and jumped(energy, after, data, terms, c, o, work):
+                if code == OK and jumped(eqs, after, c, o, work):
                     give_up_lu(c, H)
                     c.by_energy += 1
                     return SWITCHED
@@ -195,15 +184,17 @@ def cut(cuts: int, c: Any, H: Any) -> None:
 
 
 @kernel
-def jumped(energy: Any, t: float, data: Any, terms: Any, c: Any, o: Any, work: Any) -> bool:
-    """Whether the total energy has jumped in an LU step of the hybrid, in units of the largest kinetic energy so far."""
+def jumped(eqs: Any, t: float, c: Any, o: Any, work: Any) -> bool:
+    """Whether the total energy has jumped in an LU step of the hybrid, in units of the largest kinetic energy
+    so far.
+    """
     if o.partition != HYBRID:
         return False
-    after = energy(t, work.q, work.v, data)
+    after = eqs.energy(t, work.q, work.v, eqs.data)
     kinetic = 0.0
     for i in range(work.v.shape[0]):
         for j in range(work.v.shape[0]):
-            kinetic += 0.5 * work.v[i] * terms.M[i, j] * work.v[j]
+            kinetic += 0.5 * work.v[i] * eqs.terms.M[i, j] * work.v[j]
     if c.regime == LU and abs(after - c.energy) > o.energy_jump * max(kinetic, c.kinetic) + o.rtol * abs(after):
         return True
     c.energy = after
@@ -257,10 +248,7 @@ def return_to_lu(c: Any, o: Any, terms: Any, work: Any, H: Any) -> None:
 
 
 @kernel
-def advance(
-    dynamics: Any, position: Any, retract: Any, energy: Any, data: Any, terms: Any, control: Any, settings: Any,
-    H: Any, work: Any, target: float, q: Any, v: Any,
-) -> int:  # fmt: skip
+def advance(eqs: Any, control: Any, settings: Any, H: Any, work: Any, target: float, q: Any, v: Any) -> int:
     """Step until ``target`` is passed; put the state there, closed, into (q, v), or the last good one on failure."""
     c, o = control[0], settings[0]
     code, taken = OK, 0
@@ -269,10 +257,10 @@ def advance(
             code = MAX_STEPS
             break
         if c.start == 1:
-            code = start(dynamics, position, retract, energy, data, terms, c, o, H, work)
+            code = start(eqs, c, o, H, work)
             if code != OK:
                 break
-        code = step(dynamics, position, retract, energy, data, terms, c, o, H, work)
+        code = step(eqs, c, o, H, work)
         if code == SWITCHED:
             continue
         if code != OK:
@@ -281,14 +269,14 @@ def advance(
         c.steps += 1
         if c.regime == LU:
             c.time_lu += c.hold
-            leave_lu(c, o, terms, work, H)
+            leave_lu(c, o, eqs.terms, work, H)
         else:
             c.time_projection += c.hold
             if o.partition == HYBRID:
-                return_to_lu(c, o, terms, work, H)
+                return_to_lu(c, o, eqs.terms, work, H)
     split(H.y, q, v)
     if code == OK and target < c.t:
         interpolate(c, H, target, H.g_out, H.w_out, H.trial)
         split(H.trial, q, v)
-        code = close(dynamics, position, retract, target, q, v, data, terms, c.rank, work)
+        code = close(eqs, target, q, v, c.rank, work)
     return code

@@ -1,7 +1,7 @@
 """Small dense linear algebra as closed kernels: factorisations and solves for constraint Jacobians and mass matrices.
 
-Sizes are a mechanism's few degrees of freedom, so everything is plain loops over C-contiguous arrays; sizes are passed
-beside the arrays because scratch is allocated once at its largest.
+Sizes are a mechanism's few degrees of freedom, so everything is plain loops over C-contiguous arrays; sizes
+are passed beside the arrays because scratch is allocated once at its largest.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ ORTHOGONAL = 1e-15  # relative to the lengths of the two columns
 def decompose(J: Any, m: int, n: int, A: Any, pivots: Any, U: Any, sigma: Any, W: Any) -> None:
     """Singular value decomposition J^T = U diag(sigma) W^T with a complete U, m and n in any order.
 
-    ``J`` (m, n) is read; ``A`` (n, m) and ``pivots`` (m,) are scratch. ``U`` (n, n) is orthogonal, its last columns span
-    the null space of J. ``sigma`` (m,) descends and is zero beyond min(m, n). ``W`` (m, m) has as many orthonormal
-    columns as there are nonzero singular values.
+    ``J`` (m, n) is read; ``A`` (n, m) and ``pivots`` (m,) are scratch. ``U`` (n, n) is orthogonal, its last
+    columns span the null space of J. ``sigma`` (m,) descends and is zero beyond min(m, n). ``W`` (m, m) has
+    as many orthonormal columns as there are nonzero singular values.
 
-    Column-pivoted Householder QR of J^T first, then one-sided Jacobi on R^T, which keeps small singular values accurate
-    (Drmac, Veselic 2008).
+    Column-pivoted Householder QR of J^T first, then one-sided Jacobi on R^T, which keeps small singular
+    values accurate (Drmac, Veselic 2008).
     """
     householder(J, m, n, A, pivots, U)
     size = min(m, n)
@@ -181,8 +181,8 @@ def least_norm_transposed(f: Any, m: int, n: int, rank: int, U: Any, sigma: Any,
 def full_pivot(A: Any, m: int, n: int, tolerance: float, rows: Any, columns: Any) -> int:
     """Gauss elimination of A (m, n) in place with full pivoting; return the rank.
 
-    ``rows`` (m,) and ``columns`` (n,) become permutations whose first ``rank`` entries are the pivots in order; a pivot
-    at or below ``tolerance`` times the first one ends the elimination.
+    ``rows`` (m,) and ``columns`` (n,) become permutations whose first ``rank`` entries are the pivots in
+    order; a pivot at or below ``tolerance`` times the first one ends the elimination.
     """
     for i in range(m):
         rows[i] = i

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from . import adams
 from .kernel import records
@@ -24,7 +27,7 @@ class AdamsStepper(Stepper):
         self._control["regime"] = adams.PROJECTION if self.partition == adams.PROJECTION else adams.LU
         self.restart()
 
-    def _encode(self, options: Options) -> Array:
+    def _encode(self, options: Options) -> NDArray[Any]:
         """Return the record the kernels read."""
         settings = records(1, adams.SETTINGS)
         settings["rtol"], settings["atol"] = options.rtol, options.absolute
@@ -38,17 +41,13 @@ class AdamsStepper(Stepper):
         return settings
 
     @property
-    def _control(self) -> Array:
+    def _control(self) -> NDArray[Any]:
         return self._history.control
 
     def _advance(self, t: float) -> tuple[Code, float]:
-        s = self.system
         code = Code(
-            adams.advance(
-                s.dynamics, s.position, s.retract, s.energy, s.data, self._terms, self._control, self._settings,
-                self._history, self._work, t, self._q, self._v,
-            )
-        )  # fmt: skip
+            adams.advance(self._eqs, self._control, self._settings, self._history, self._work, t, self._q, self._v)
+        )
         self._t = t if code is Code.OK else float(self._control["t"][0])
         return code, self._t
 
@@ -58,7 +57,7 @@ class AdamsStepper(Stepper):
         self._control["start"] = 1
         self._history.y[:] = np.concatenate((self._q, self._v))
 
-    def _arrays(self) -> list[Array]:
+    def _arrays(self) -> list[NDArray[Any]]:
         return [*self._history, self._reported, self._q, self._v]
 
     def save(self) -> bytes:

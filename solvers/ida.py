@@ -5,17 +5,18 @@ Unknowns y = (q, v, lambda, mu), variable-order BDF. The form is Gear, Gupta and
     q' - N(q) (v - J^T mu) + k (q - unit(q)) = 0      M v' + h + J^T lambda = 0
     J v - nu - d lambda = 0                           Phi - d mu = 0
 
-with d = 0.01 rtol, in units of the squared constraint Jacobian (and of its inverse mass for lambda). Without d the
-iteration matrix is singular where J loses rank: the matrix kept from before such a position diverges after it and the
-step is cut ever closer to it. With d the vanishing direction is left to the predictor, which knows the tangent. The
-bias is |J v - nu| = d |lambda|, far below the tolerance, and redundant constraints are admitted as well.
+with d = 0.01 rtol, in units of the squared constraint Jacobian (and of its inverse mass for lambda). Without
+d the iteration matrix is singular where J loses rank: the matrix kept from before such a position diverges
+after it and the step is cut ever closer to it. With d the vanishing direction is left to the predictor, which
+knows the tangent. The bias is |J v - nu| = d |lambda|, far below the tolerance, and redundant constraints are
+admitted as well.
 
-Multipliers carry no error control: they may be unbounded where the motion is smooth. unit(q) is q with its quaternions
-normalised; the last term of the first equation holds their length and vanishes with it.
+Multipliers carry no error control: they may be unbounded where the motion is smooth. unit(q) is q with its
+quaternions normalised; the last term of the first equation holds their length and vanishes with it.
 
-Reported states are IDA's, interpolated, then closed onto the constraints; reported accelerations are computed there
-(:meth:`solvers.stepper.Stepper.accelerations`), not read from the BDF. IDA's history cannot be saved: a restored run
-restarts at order one, so it agrees with the saved one to the tolerance, not bit for bit.
+Reported states are IDA's, interpolated, then closed onto the constraints; reported accelerations are computed
+there (:meth:`solvers.stepper.Stepper.accelerations`), not read from the BDF. IDA's history cannot be saved: a
+restored run restarts at order one, so it agrees with the saved one to the tolerance, not bit for bit.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from sksundae.ida import IDA
 
 from .kernel import kernel
@@ -62,17 +64,18 @@ class Unknowns(NamedTuple):
 
 
 @kernel
-def balance(dynamics: Any, position: Any, retract: Any, t: float, data: Any, terms: Any, u: Any, res: Any) -> None:
+def balance(eqs: Any, t: float, u: Any, res: Any) -> None:
     """Residual (size,) at (u.y, u.yp), module docstring; leaves ``terms`` at (q, v)."""
-    (m, n), nq = terms.J.shape, u.q.shape[0]
+    terms, nq = eqs.terms, u.q.shape[0]
+    m, n = terms.J.shape
     lam, mu = nq + n, nq + n + m
     for i in range(nq):
         u.q[i] = u.y[i]
         u.unit[i] = u.y[i]
     for i in range(n):
         u.v[i] = u.y[nq + i]
-    drift_rate(dynamics, position, retract, t, data, terms, u)
-    dynamics(t, u.q, u.v, data, terms)
+    drift_rate(eqs, t, u)
+    eqs.dynamics(t, u.q, u.v, eqs.data, terms)
     if nq == n:
         for i in range(n):
             u.qdot[i] = terms.qdot[i]
@@ -94,20 +97,21 @@ def balance(dynamics: Any, position: Any, retract: Any, t: float, data: Any, ter
 
 
 @kernel
-def drift_rate(dynamics: Any, position: Any, retract: Any, t: float, data: Any, terms: Any, u: Any) -> None:
+def drift_rate(eqs: Any, t: float, u: Any) -> None:
     """Where q holds quaternions: N (v - J^T mu) by a second evaluation, and the unit quaternions. N = 1 needs none."""
-    (m, n), nq = terms.J.shape, u.q.shape[0]
+    terms, nq = eqs.terms, u.q.shape[0]
+    m, n = terms.J.shape
     if nq == n:
         return
-    position(t, u.q, data, terms)
+    eqs.position(t, u.q, eqs.data, terms)
     for i in range(n):
         u.drift[i] = u.v[i]
         for row in range(m):
             u.drift[i] -= terms.J[row, i] * u.y[nq + n + m + row]
-    dynamics(t, u.q, u.drift, data, terms)
+    eqs.dynamics(t, u.q, u.drift, eqs.data, terms)
     for i in range(nq):
         u.qdot[i] = terms.qdot[i]
-    retract(u.unit, u.zero, data)
+    eqs.retract(u.unit, u.zero, eqs.data)
 
 
 @kernel
@@ -119,12 +123,10 @@ def load(y: Any, yp: Any, u: Any) -> None:
 
 
 @kernel
-def residual(
-    dynamics: Any, position: Any, retract: Any, t: float, y: Any, yp: Any, res: Any, data: Any, terms: Any, u: Any
-) -> None:
+def residual(eqs: Any, t: float, y: Any, yp: Any, res: Any, u: Any) -> None:
     """IDA's residual function; what is not finite IDA takes as a sign to cut the step."""
     load(y, yp, u)
-    balance(dynamics, position, retract, t, data, terms, u, res)
+    balance(eqs, t, u, res)
     u.count[0] += 1.0
     for i in range(res.shape[0]):
         if not np.isfinite(res[i]):
@@ -133,10 +135,7 @@ def residual(
 
 
 @kernel
-def jacobian(
-    dynamics: Any, position: Any, retract: Any, t: float, y: Any, yp: Any, res: Any, cj: float, JJ: Any, data: Any,
-    terms: Any, u: Any,
-) -> None:  # fmt: skip
+def jacobian(eqs: Any, t: float, y: Any, yp: Any, res: Any, cj: float, JJ: Any, u: Any) -> None:
     """d res / d y + cj d res / d y': differences in y, all columns in one call; the part of y' is known."""
     nq, n = u.q.shape[0], u.v.shape[0]
     load(y, yp, u)
@@ -144,16 +143,16 @@ def jacobian(
     for j in range(y.shape[0]):
         step = 1.5e-8 * max(1.0, abs(y[j])) if j < nq + n else 1.0  # linear in the multipliers
         u.y[j] = y[j] + step
-        balance(dynamics, position, retract, t, data, terms, u, u.res)
+        balance(eqs, t, u, u.res)
         for i in range(y.shape[0]):
             JJ[i, j] = (u.res[i] - res[i]) / step
         u.y[j] = y[j]
-    dynamics(t, u.q, u.v, data, terms)
+    eqs.dynamics(t, u.q, u.v, eqs.data, eqs.terms)
     for i in range(nq):
         JJ[i, i] += cj
     for i in range(n):
         for j in range(n):
-            JJ[nq + i, nq + j] += cj * terms.M[i, j]
+            JJ[nq + i, nq + j] += cj * eqs.terms.M[i, j]
 
 
 class IDAStepper(Stepper):
@@ -167,13 +166,13 @@ class IDAStepper(Stepper):
         self._ida = self._new_ida()
 
     def _new_ida(self) -> IDA:
-        s, o, u, terms = self.system, self.options, self._unknowns, self._terms
+        s, o, u, eqs = self.system, self.options, self._unknowns, self._eqs
 
         def resfn(t: float, y: Array, yp: Array, res: Array) -> None:
-            residual(s.dynamics, s.position, s.retract, t, y, yp, res, s.data, terms, u)
+            residual(eqs, t, y, yp, res, u)
 
         def jacfn(t: float, y: Array, yp: Array, res: Array, cj: float, JJ: Array) -> None:
-            jacobian(s.dynamics, s.position, s.retract, t, y, yp, res, cj, JJ, s.data, terms, u)
+            jacobian(eqs, t, y, yp, res, cj, JJ, u)
 
         controlled, size = s.nq + s.n, s.nq + s.n + 2 * s.m
         atol = np.full(size, TIGHTER * o.absolute)
@@ -226,11 +225,7 @@ class IDAStepper(Stepper):
             if result.status < 0 and result.status != TOO_MUCH_WORK:
                 return Code.NOT_FINITE if self._unknowns.count[2] > bad else Code.COLLAPSED
             q, v = result.y[: s.nq].copy(), result.y[s.nq : s.nq + s.n].copy()
-            code = Code(
-                close(
-                    s.dynamics, s.position, s.retract, result.t, q, v, s.data, self._terms, self._rank, self._work
-                )
-            )  # fmt: skip
+            code = Code(close(self._eqs, result.t, q, v, self._rank, self._work))
             if code is not Code.OK:
                 return code
             self._t, self._q, self._v = float(result.t), q, v
@@ -246,7 +241,7 @@ class IDAStepper(Stepper):
         """Initialise IDA anew at the reported state before the next step."""
         self._pending = True
 
-    def _arrays(self) -> list[Array]:
+    def _arrays(self) -> list[NDArray[Any]]:
         return [self._reported, self._q, self._v, self._unknowns.count, self._counts]
 
     def save(self) -> bytes:

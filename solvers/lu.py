@@ -5,15 +5,17 @@ Full pivoting of J (m, n) picks ``rank`` dependent coordinates d; only the other
     Newton on Phi for q_d with q_i held,   v_d = J_d^-1 (nu - J_i v_i)
     P = [-J_d^-1 J_i; I],   v' = [J_d^-1 gamma; 0] + P z',   P^T (M v' + h) = 0
 
-Newton starts from the dependents of the last accepted step, as the paper has it, and the choice is made anew at a
-corrector when the step has shrunk or has stayed equal for five steps; a changed choice restarts the integrator.
+Newton starts from the dependents of the last accepted step, as the paper has it, and the choice is made anew
+at a corrector when the step has shrunk or has stayed equal for five steps; a changed choice restarts the
+integrator.
 
 **What makes it fail.** Near a singular position the root wanted and a root on the crossing branch are about
-2 |sigma_m / sigma_1| apart. The start value is off by h |v|: once the step is longer than that distance Newton finds the
-other branch (the energy jumps), or J_d is so near singular that no step is short enough (the step collapses), while
-the largest pivot changes place all the time (each time the order falls to one). The projection partition has none of
-this because it predicts every coordinate. Where an orientation is a unit quaternion (nq > n) coordinates of q and of
-v do not correspond, so dependents start from their predicted values there and the method is better than its name.
+2 |sigma_m / sigma_1| apart. The start value is off by h |v|: once the step is longer than that distance
+Newton finds the other branch (the energy jumps), or J_d is so near singular that no step is short enough (the
+step collapses), while the largest pivot changes place all the time (each time the order falls to one). The
+projection partition has none of this because it predicts every coordinate. Where an orientation is a unit
+quaternion (nq > n) coordinates of q and of v do not correspond, so dependents start from their predicted
+values there and the method is better than its name.
 """
 
 from __future__ import annotations
@@ -62,9 +64,8 @@ def factor_dependent(terms: Any, rank: int, rows: Any, columns: Any, work: Any) 
 
 @kernel
 def close_dependent(
-    dynamics: Any, position: Any, retract: Any, t: float, q: Any, v: Any, start: Any, data: Any, terms: Any,
-    rank: int, rows: Any, columns: Any, work: Any,
-) -> int:  # fmt: skip
+    eqs: Any, t: float, q: Any, v: Any, start: Any, rank: int, rows: Any, columns: Any, work: Any
+) -> int:
     """Solve the dependents of (q, v) from the independents, in place; leave ``terms`` and J_d at the result.
 
     ``start`` holds the positions Newton starts from.
@@ -72,35 +73,33 @@ def close_dependent(
     if q.shape[0] == v.shape[0]:
         for j in range(rank):
             q[columns[j]] = start[columns[j]]
-    if not newton(position, retract, t, q, data, terms, rank, rows, columns, work):
+    if not newton(eqs, t, q, rank, rows, columns, work):
         return NOT_CLOSED
-    dynamics(t, q, v, data, terms)
-    if not factor_dependent(terms, rank, rows, columns, work):
+    eqs.dynamics(t, q, v, eqs.data, eqs.terms)
+    if not factor_dependent(eqs.terms, rank, rows, columns, work):
         return NOT_CLOSED
     for i in range(rank):
-        work.b[i] = terms.nu[rows[i]]
+        work.b[i] = eqs.terms.nu[rows[i]]
         for k in range(rank, v.shape[0]):
-            work.b[i] -= terms.J[rows[i], columns[k]] * v[columns[k]]
+            work.b[i] -= eqs.terms.J[rows[i], columns[k]] * v[columns[k]]
     solve_lu(work.D, rank, work.order, work.b, work.x)
     for j in range(rank):
         v[columns[j]] = work.x[j]
-    dynamics(t, q, v, data, terms)
+    eqs.dynamics(t, q, v, eqs.data, eqs.terms)
     return OK
 
 
 @kernel
-def newton(
-    position: Any, retract: Any, t: float, q: Any, data: Any, terms: Any, rank: int, rows: Any, columns: Any, work: Any
-) -> bool:
+def newton(eqs: Any, t: float, q: Any, rank: int, rows: Any, columns: Any, work: Any) -> bool:
     """Newton on Phi(t, q) = 0 for the dependent positions; False if it does not converge."""
     for i in range(work.dq.shape[0]):
         work.dq[i] = 0.0
     for _ in range(PASSES):
-        position(t, q, data, terms)
-        if not factor_dependent(terms, rank, rows, columns, work):
+        eqs.position(t, q, eqs.data, eqs.terms)
+        if not factor_dependent(eqs.terms, rank, rows, columns, work):
             return False
         for i in range(rank):
-            work.b[i] = -terms.Phi[rows[i]]
+            work.b[i] = -eqs.terms.Phi[rows[i]]
         solve_lu(work.D, rank, work.order, work.b, work.x)
         largest = 0.0
         for j in range(rank):
@@ -108,7 +107,7 @@ def newton(
             largest = max(largest, abs(work.x[j]))
         if not np.isfinite(largest):
             return False
-        retract(q, work.dq, data)
+        eqs.retract(q, work.dq, eqs.data)
         if largest <= CLOSED:
             return True
     return False

@@ -1,9 +1,9 @@
 """Adams-Bashforth-Moulton formulas of variable order and step in modified divided differences.
 
-The arithmetic of subroutine STEP of Shampine and Gordon, *Computer Solution of Ordinary Differential Equations* (1975),
-chapter 10: PECE with local extrapolation, orders 1 to 12. Names are theirs. Indices count from 1 as in the book; row
-and entry 0 of every array is unused. What is left out is the propagated-rounding switch ``nornd``, of use below relative
-tolerances of 1e-12 only, and the wrapper's stiffness test.
+The arithmetic of subroutine STEP of Shampine and Gordon, *Computer Solution of Ordinary Differential
+Equations* (1975), chapter 10: PECE with local extrapolation, orders 1 to 12. Names are theirs. Indices count
+from 1 as in the book; row and entry 0 of every array is unused. What is left out is the propagated-rounding
+switch ``nornd``, of use below relative tolerances of 1e-12 only, and the wrapper's stiffness test.
 
 The tolerance sits in the weights: a step is good where ||e * weight||_2 <= 1.
 """
@@ -13,6 +13,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .kernel import kernel, records
 from .system import Array
@@ -43,7 +44,7 @@ CONTROL = np.dtype(
 class History(NamedTuple):
     """All an integration remembers; copying these arrays copies the integration. ``size`` is nq + n."""
 
-    control: Array  # (1,)          record of CONTROL
+    control: NDArray[Any]  # (1,)          record of CONTROL
     y: Array  # (size,)       state (q, v) at control.t
     phi: Array  # (ROWS, size)  modified divided differences of y'
     psi: Array  # (ROWS,)       sums of steps, s
@@ -69,9 +70,7 @@ class History(NamedTuple):
         coefficients = (np.zeros(ROWS) for _ in range(9))
         vectors = (np.zeros(size) for _ in range(4))
         choice = (np.arange(m), np.arange(n))
-        return History(
-            records(1, CONTROL), np.zeros(size), np.zeros((ROWS, size)), *coefficients, *vectors, *choice
-        )
+        return History(records(1, CONTROL), np.zeros(size), np.zeros((ROWS, size)), *coefficients, *vectors, *choice)
 
 
 @kernel
@@ -166,7 +165,9 @@ def predict(c: Any, H: Any) -> None:
 
 @kernel
 def estimate(c: Any, H: Any) -> float:
-    """Block 2, second half: return the weighted error at order k; note those of orders k, k-1, k-2 and the next order."""
+    """Block 2, second half: return the weighted error at order k; note those of orders k, k-1, k-2 and the
+    next order.
+    """
     k = c.k
     two_below, one_below, here = 0.0, 0.0, 0.0
     for i in range(H.y.shape[0]):

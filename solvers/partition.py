@@ -1,20 +1,21 @@
 """Projection partitioning: motion tangent to the constraints, through singular positions too.
 
-With J^T = U diag(sigma) W^T (:func:`solvers.dense.decompose`) the first ``rank`` columns of U span the constraint
-normals and the others, P, the motions the constraints allow::
+With J^T = U diag(sigma) W^T (:func:`solvers.dense.decompose`) the first ``rank`` columns of U span the
+constraint normals and the others, P, the motions the constraints allow::
 
     v' = J^+ gamma + P (P^T M P)^-1 P^T (-h - M J^+ gamma)       (projection, paper eq. 9-13)
     q <- q (+) -J^+ Phi,   v <- v - J^+ (J v - nu)               (Gauss-Newton, velocity correction)
 
-M itself is never factored, so bodies without mass are fine while P^T M P is positive definite. ``rank`` is the
-*normal rank*, the rank where the mechanism can move generically; rows that are redundant everywhere just lie beyond it.
+M itself is never factored, so bodies without mass are fine while P^T M P is positive definite. ``rank`` is
+the *normal rank*, the rank where the mechanism can move generically; rows that are redundant everywhere just
+lie beyond it.
 
-**Singular positions.** Where the singular value number ``rank`` is below ``SINGULAR`` times the first, J loses rank and a
-second branch of the motion crosses. Truncating there is wrong by O(1) in v', not truncating divides by zero. But the
-motion has a tangent e = v/|v| that is continuous, and with it v' has a limit. It is taken from both sides along the
-branch, with regular accelerations only::
+**Singular positions.** Where the singular value number ``rank`` is below ``SINGULAR`` times the first, J
+loses rank and a second branch of the motion crosses. Truncating there is wrong by O(1) in v', not truncating
+divides by zero. But the motion has a tangent e = v/|v| that is continuous, and with it v' has a limit. It is
+taken from both sides along the branch, with regular accelerations only and v(s) = P P^T v + J^+ nu::
 
-    v' = [4 (a(d) + a(-d)) - (a(2d) + a(-2d))] / 6 + O(d^4),   a(s) at q(s) = close(q (+) s e), v(s) = P P^T v + J^+ nu
+    v' = [4 (a(d) + a(-d)) - (a(2d) + a(-2d))] / 6 + O(d^4),   a(s) at q(s) = close(q (+) s e)
 
 Without velocity there is no tangent: the branch cannot be decided.
 """
@@ -95,30 +96,30 @@ def rank_at(sigma: Any, rank: int, tolerance: float) -> int:
 
 @kernel
 def ratio(sigma: Any, rank: int) -> float:
-    """Distance from singular positions: the singular value number ``rank`` relative to the first; 1 if unconstrained."""
+    """Distance from singular positions: the singular value number ``rank`` relative to the first; 1 if
+    unconstrained.
+    """
     return sigma[rank - 1] / sigma[0] if rank > 0 else 1.0
 
 
 @kernel
-def close_position(
-    position: Any, retract: Any, t: float, q: Any, data: Any, terms: Any, rank: int, work: Any
-) -> bool:
+def close_position(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
     """Bring q onto Phi(t, q) = 0 along the constraint normals, in place; False if it does not get there.
 
     In the singular window the vanishing direction is left alone: it would be divided by nearly zero.
     """
-    m, n = terms.J.shape
+    m, n = eqs.terms.J.shape
     for _ in range(PASSES):
-        position(t, q, data, terms)
-        factor(terms, work)
-        least_norm(terms.Phi, m, n, rank_at(work.sigma, rank, SINGULAR), work.U, work.sigma, work.W, work.dq)
+        eqs.position(t, q, eqs.data, eqs.terms)
+        factor(eqs.terms, work)
+        least_norm(eqs.terms.Phi, m, n, rank_at(work.sigma, rank, SINGULAR), work.U, work.sigma, work.W, work.dq)
         largest = 0.0
         for i in range(n):
             work.dq[i] = -work.dq[i]
             largest = max(largest, abs(work.dq[i]))
         if not np.isfinite(largest):
             return False
-        retract(q, work.dq, data)
+        eqs.retract(q, work.dq, eqs.data)
         if largest <= CLOSED:
             return True
     return False
@@ -138,16 +139,14 @@ def close_velocity(v: Any, terms: Any, rank: int, work: Any) -> None:
 
 
 @kernel
-def close(
-    dynamics: Any, position: Any, retract: Any, t: float, q: Any, v: Any, data: Any, terms: Any, rank: int, work: Any
-) -> int:
+def close(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any) -> int:
     """Bring (q, v) onto the constraints, in place; leave ``terms`` and the factors of J at the result."""
-    if not close_position(position, retract, t, q, data, terms, rank, work):
+    if not close_position(eqs, t, q, rank, work):
         return NOT_CLOSED
-    dynamics(t, q, v, data, terms)
-    factor(terms, work)
-    close_velocity(v, terms, rank, work)
-    dynamics(t, q, v, data, terms)
+    eqs.dynamics(t, q, v, eqs.data, eqs.terms)
+    factor(eqs.terms, work)
+    close_velocity(v, eqs.terms, rank, work)
+    eqs.dynamics(t, q, v, eqs.data, eqs.terms)
     return OK
 
 
@@ -196,35 +195,29 @@ def regular_acceleration(terms: Any, rank: int, work: Any, a: Any) -> int:
 
 
 @kernel
-def acceleration(
-    dynamics: Any, position: Any, retract: Any, t: float, q: Any, v: Any, data: Any, terms: Any, rank: int, work: Any,
-    a: Any,
-) -> int:  # fmt: skip
+def acceleration(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any, a: Any) -> int:
     """v' anywhere; ``terms`` and the factors of J belong to (t, q, v) and do so again afterwards."""
     n = v.shape[0]
     for i in range(n):
-        if not np.isfinite(terms.h[i]):
+        if not np.isfinite(eqs.terms.h[i]):
             return NOT_FINITE
     if rank_at(work.sigma, rank, SINGULAR) == rank:
-        return regular_acceleration(terms, rank, work, a)
+        return regular_acceleration(eqs.terms, rank, work, a)
     square = 0.0
     for i in range(n):
         square += v[i] * v[i]
     speed = np.sqrt(square)
     if not speed > AT_REST:
         resolved = rank_at(work.sigma, rank, UNRESOLVED) == rank
-        return regular_acceleration(terms, rank, work, a) if resolved else UNDECIDABLE
-    code = limit_acceleration(dynamics, position, retract, t, q, v, speed, data, terms, rank, work, a)
-    dynamics(t, q, v, data, terms)
-    factor(terms, work)
+        return regular_acceleration(eqs.terms, rank, work, a) if resolved else UNDECIDABLE
+    code = limit_acceleration(eqs, t, q, v, speed, rank, work, a)
+    eqs.dynamics(t, q, v, eqs.data, eqs.terms)
+    factor(eqs.terms, work)
     return code
 
 
 @kernel
-def limit_acceleration(
-    dynamics: Any, position: Any, retract: Any, t: float, q: Any, v: Any, speed: float, data: Any, terms: Any,
-    rank: int, work: Any, a: Any,
-) -> int:  # fmt: skip
+def limit_acceleration(eqs: Any, t: float, q: Any, v: Any, speed: float, rank: int, work: Any, a: Any) -> int:
     """v' at a singular position, by extrapolation along the tangent from both sides (module docstring)."""
     n = v.shape[0]
     for i in range(n):
@@ -237,10 +230,10 @@ def limit_acceleration(
             for i in range(n):
                 work.dq[i] = side * far * REACH * v[i] / speed
                 work.v_near[i] = v[i]
-            retract(work.q_near, work.dq, data)
-            code = close(dynamics, position, retract, t, work.q_near, work.v_near, data, terms, rank, work)
+            eqs.retract(work.q_near, work.dq, eqs.data)
+            code = close(eqs, t, work.q_near, work.v_near, rank, work)
             if code == OK:
-                code = regular_acceleration(terms, rank, work, work.a)
+                code = regular_acceleration(eqs.terms, rank, work, work.a)
             if code != OK:
                 return code
             for i in range(n):
@@ -256,35 +249,31 @@ def multipliers(terms: Any, rank: int, work: Any, a: Any, lam: Any) -> None:
         work.f[i] = -terms.h[i]
         for j in range(n):
             work.f[i] -= terms.M[i, j] * a[j]
-    least_norm_transposed(
-        work.f, m, n, rank_at(work.sigma, rank, SINGULAR), work.U, work.sigma, work.W, lam
-    )
+    least_norm_transposed(work.f, m, n, rank_at(work.sigma, rank, SINGULAR), work.U, work.sigma, work.W, lam)
 
 
 @kernel
-def evaluate(
-    dynamics: Any, position: Any, retract: Any, t: float, q: Any, v: Any, data: Any, terms: Any, rank: int, work: Any,
-    a: Any, lam: Any,
-) -> int:  # fmt: skip
+def evaluate(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any, a: Any, lam: Any) -> int:
     """Accelerations and shortest multipliers at a closed state; leaves ``terms`` there."""
-    dynamics(t, q, v, data, terms)
-    factor(terms, work)
-    code = acceleration(dynamics, position, retract, t, q, v, data, terms, rank, work, a)
+    eqs.dynamics(t, q, v, eqs.data, eqs.terms)
+    factor(eqs.terms, work)
+    code = acceleration(eqs, t, q, v, rank, work, a)
     if code == OK:
-        multipliers(terms, rank, work, a, lam)
+        multipliers(eqs.terms, rank, work, a, lam)
     return code
 
 
 @kernel
-def normal_rank(position: Any, retract: Any, t: float, q: Any, v: Any, data: Any, terms: Any, work: Any) -> int:
+def normal_rank(eqs: Any, t: float, q: Any, v: Any, work: Any) -> int:
     """Largest rank of J at q and at neighbours a finite move away, along v and along every allowed motion.
 
-    A start in a singular position has a smaller rank than the motion that leaves it; constraints that are redundant
-    everywhere on the way do not count. The neighbours are closed first: off the constraints redundancy is hidden.
+    A start in a singular position has a smaller rank than the motion that leaves it; constraints that are
+    redundant everywhere on the way do not count. The neighbours are closed first: off the constraints
+    redundancy is hidden.
     """
-    m, n = terms.J.shape
-    position(t, q, data, terms)
-    factor(terms, work)
+    m, n = eqs.terms.J.shape
+    eqs.position(t, q, eqs.data, eqs.terms)
+    factor(eqs.terms, work)
     here = rank_at(work.sigma, min(m, n), REDUNDANT)
     best = here
     for i in range(n):
@@ -293,14 +282,14 @@ def normal_rank(position: Any, retract: Any, t: float, q: Any, v: Any, data: Any
     for k in range(here, n + 1):
         for i in range(n):
             work.v_near[i] = work.P[i, k] if k < n else v[i]
-        best = max(best, rank_beside(position, retract, t, q, work.v_near, data, terms, work))
+        best = max(best, rank_beside(eqs, t, q, work.v_near, work))
     return best
 
 
 @kernel
-def rank_beside(position: Any, retract: Any, t: float, q: Any, e: Any, data: Any, terms: Any, work: Any) -> int:
+def rank_beside(eqs: Any, t: float, q: Any, e: Any, work: Any) -> int:
     """Rank of J after a small closed move from q along e; zero where there is none."""
-    m, n = terms.J.shape
+    m, n = eqs.terms.J.shape
     square = 0.0
     for i in range(n):
         square += e[i] * e[i]
@@ -310,9 +299,9 @@ def rank_beside(position: Any, retract: Any, t: float, q: Any, e: Any, data: Any
         work.q_near[i] = q[i]
     for i in range(n):
         work.dq[i] = 5.0 * REACH * e[i] / np.sqrt(square)
-    retract(work.q_near, work.dq, data)
-    if not close_position(position, retract, t, work.q_near, data, terms, min(m, n), work):
+    eqs.retract(work.q_near, work.dq, eqs.data)
+    if not close_position(eqs, t, work.q_near, min(m, n), work):
         return 0
-    position(t, work.q_near, data, terms)
-    factor(terms, work)
+    eqs.position(t, work.q_near, eqs.data, eqs.terms)
+    factor(eqs.terms, work)
     return rank_at(work.sigma, min(m, n), REDUNDANT)

@@ -6,10 +6,12 @@ import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from .bundle import bundle
 from .partition import Workspace, close, evaluate, normal_rank
 from .system import Array, System, Terms
 
@@ -30,7 +32,7 @@ MESSAGES: dict[Code, tuple[str, str]] = {
     Code.OK: ("reached the time asked for", ""),
     Code.NOT_CLOSED: (
         "the constraints could not be closed",
-        "Check that the initial position nearly closes every loop; with 'adams-lu' near a singular position use 'adams'.",
+        "Start nearer to a closed position; where 'adams-lu' stands at a singular position, use 'adams'.",
     ),
     Code.NO_MASS: (
         "some motion the constraints allow moves no mass",
@@ -161,29 +163,24 @@ class Statistics:
     time_projection: float = 0.0  # s of motion
 
 
-class Solution(NamedTuple):
-    """The reported state."""
-
-    t: float  # s
-    q: Array  # (nq,)
-    v: Array  # (n,)
-
-
 class Stepper(ABC):
     """Advances one motion of a :class:`System` in time.
 
     A solver is a subclass; what a caller may rely on:
 
-    1. Construction closes (q0, v0) onto the constraints and evaluates nothing else; wrong sizes raise ValueError.
-    2. ``t``, ``q``, ``v`` are the reported state: always the last good one, always on the constraints. The arrays are
-       copies.
-    3. ``advance(t)`` goes to ``t`` and returns a :class:`Status`; it never raises for numerical reasons. After a status
-       that is not ok the reported state is the last good one reached, and ``advance`` may be called again.
+    1. Construction closes (q0, v0) onto the constraints and evaluates nothing else; wrong sizes raise
+       ValueError.
+    2. ``t``, ``q``, ``v`` are the reported state: always the last good one, always on the constraints. The
+       arrays are copies.
+    3. ``advance(t)`` goes to ``t`` and returns a :class:`Status`; it never raises for numerical reasons.
+       After a status that is not ok the reported state is the last good one reached, and ``advance`` may be
+       called again.
     4. ``advance`` to a time before the reported one raises ValueError; to the same time it does nothing.
-    5. After the equations have changed by a jump (an input, a parameter) call ``restart()``: whatever has been computed
-       beyond the reported time is discarded and the next step begins at the reported state.
-    6. ``accelerations()`` are those of the reported state and today's equations, with the shortest multipliers; in a
-       singular position their limit along the motion. Raises :class:`SolverError` where there is none.
+    5. After the equations have changed by a jump (an input, a parameter) call ``restart()``: whatever has
+       been computed beyond the reported time is discarded and the next step begins at the reported state.
+    6. ``accelerations()`` are those of the reported state and today's equations, with the shortest
+       multipliers; in a singular position their limit along the motion. Raises :class:`SolverError` where
+       there is none.
     7. ``save()`` gives bytes, ``restore()`` takes them into a stepper of the same system and options.
     """
 
@@ -196,13 +193,9 @@ class Stepper(ABC):
         self._reported = np.zeros(1)  # t in an array, to be saved with q and v
         sizes = (system.nq, system.n, system.m)
         self._terms, self._work = Terms.allocate(*sizes), Workspace.allocate(*sizes)
-        self._rank = normal_rank(
-            system.position, system.retract, self._t, self._q, self._v, system.data, self._terms, self._work
-        )
-        code = close(
-            system.dynamics, system.position, system.retract, self._t, self._q, self._v, system.data, self._terms,
-            self._rank, self._work,
-        )  # fmt: skip
+        self._eqs = bundle(system, self._terms)
+        self._rank = normal_rank(self._eqs, self._t, self._q, self._v, self._work)
+        code = close(self._eqs, self._t, self._q, self._v, self._rank, self._work)
         self.status = Status(Code(code), self._t)
 
     @property
@@ -240,12 +233,8 @@ class Stepper(ABC):
         return a, lam
 
     def _evaluate(self) -> tuple[Code, Array, Array]:
-        s = self.system
-        a, lam = np.zeros(s.n), np.zeros(s.m)
-        code = evaluate(
-            s.dynamics, s.position, s.retract, self._t, self._q, self._v, s.data, self._terms, self._rank,
-            self._work, a, lam,
-        )  # fmt: skip
+        a, lam = np.zeros(self.system.n), np.zeros(self.system.m)
+        code = evaluate(self._eqs, self._t, self._q, self._v, self._rank, self._work, a, lam)
         return Code(code), a, lam
 
     def _resume(self) -> None:
@@ -281,12 +270,12 @@ def sized(name: str, values: Array, size: int) -> Array:
     return array
 
 
-def pack(arrays: list[Array]) -> bytes:
+def pack(arrays: list[NDArray[Any]]) -> bytes:
     """Return the bytes of the arrays, one after the other."""
     return b"".join(array.tobytes() for array in arrays)
 
 
-def unpack(data: bytes, arrays: list[Array]) -> None:
+def unpack(data: bytes, arrays: list[NDArray[Any]]) -> None:
     """Fill the arrays from :func:`pack`'s bytes; raise if they are of another length."""
     needed = sum(array.nbytes for array in arrays)
     if len(data) != needed:

@@ -9,8 +9,9 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import types, typeof
+from numba import typeof, types
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 from solvers.kernel import callback
 from solvers.system import Array, System, Terms
@@ -39,7 +40,8 @@ def add(q, dq, data):
         q[i] += dq[i]
 
 
-# --- four-bar: planar chain crank, coupler, rocker; uniform bars; cut joint on the second ground pivot -------------
+# --- four-bar: planar chain crank, coupler, rocker; uniform bars; cut joint on the second ground pivot
+# -------------
 # values: l1, l2, l3, m1, m2, m3, x of the second pivot, copies of the closing rows (redundant)
 
 
@@ -114,7 +116,7 @@ def fourbar_position(t, q, data, terms):
 def fourbar_energy(t, q, v, data):
     x = data.values
     total = 0.0
-    px, py, vx, vy, phi, w = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    py, vx, vy, phi, w = 0.0, 0.0, 0.0, 0.0, 0.0
     for b in range(3):
         phi += q[b]
         w += v[b]
@@ -150,7 +152,9 @@ def fourbar_v(rate: float) -> Array:
 
 @lru_cache
 def pendulum(theta: float = np.radians(10.0), rate: float = 0.0, rocker_mass: float = 1.0, end: float = 10.0):
-    """Exact crank angle and rate as a function of time: (I1 + I3 + m_c l^2) th'' = -(m1/2 + m3/2 + m_c) g l cos th."""
+    """Exact crank angle and rate as a function of time: (I1 + I3 + m_c l^2) th'' = -(m1/2 + m3/2 + m_c) g l
+    cos th.
+    """
     inertia, weight = (1.0 + rocker_mass) / 3.0 + 3.0, (1.0 + rocker_mass) / 2.0 + 3.0
 
     def slope(t, y):
@@ -162,8 +166,6 @@ def pendulum(theta: float = np.radians(10.0), rate: float = 0.0, rocker_mass: fl
 @lru_cache
 def singular_times(theta: float = np.radians(10.0), end: float = 10.0) -> tuple[float, ...]:
     """When the crank is horizontal."""
-    from scipy.optimize import brentq
-
     exact = pendulum(theta, end=end)
     grid = np.linspace(0.0, end, 4001)
     sines = np.sin(exact(grid)[0])
