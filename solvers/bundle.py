@@ -22,13 +22,13 @@ class Bundle(structref.StructRefProxy if COMPILED else object):  # type: ignore[
 
 
 @structref.register
-class BundleType(types.StructRef):  # type: ignore[misc]
+class BundleType(types.StructRef):
     """Numba's type of a :class:`Bundle`."""
 
 
 if COMPILED:
-    structref.define_boxing(BundleType, Bundle)
-    structref.define_constructor(Bundle, BundleType, list(FIELDS))
+    structref.define_boxing(BundleType, Bundle)  # type: ignore[no-untyped-call]
+    structref.define_constructor(Bundle, BundleType, list(FIELDS))  # type: ignore[no-untyped-call]
 
 
 def bundle(system: System, terms: Terms) -> Any:

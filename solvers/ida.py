@@ -54,7 +54,7 @@ class Unknowns(NamedTuple):
     unit: Array  # (nq,)  q with unit quaternions
     zero: Array  # (n,)
     d: Array  # (2,)   Tikhonov terms of lambda and of mu
-    count: Array  # (3,)   residuals, Jacobians, residuals that were not finite
+    counts: Array  # (3,)   residuals, Jacobians, residuals that were not finite
 
     @staticmethod
     def allocate(nq: int, n: int, m: int) -> Unknowns:
@@ -127,10 +127,10 @@ def residual(eqs: Any, t: float, y: Any, yp: Any, res: Any, u: Any) -> None:
     """IDA's residual function; what is not finite IDA takes as a sign to cut the step."""
     load(y, yp, u)
     balance(eqs, t, u, res)
-    u.count[0] += 1.0
+    u.counts[0] += 1.0
     for i in range(res.shape[0]):
         if not np.isfinite(res[i]):
-            u.count[2] += 1.0
+            u.counts[2] += 1.0
             return
 
 
@@ -139,7 +139,7 @@ def jacobian(eqs: Any, t: float, y: Any, yp: Any, res: Any, cj: float, JJ: Any, 
     """d res / d y + cj d res / d y': differences in y, all columns in one call; the part of y' is known."""
     nq, n = u.q.shape[0], u.v.shape[0]
     load(y, yp, u)
-    u.count[1] += 1.0
+    u.counts[1] += 1.0
     for j in range(y.shape[0]):
         step = 1.5e-8 * max(1.0, abs(y[j])) if j < nq + n else 1.0  # linear in the multipliers
         u.y[j] = y[j] + step
@@ -161,7 +161,7 @@ class IDAStepper(Stepper):
     def __init__(self, system: System, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
         super().__init__(system, t0, q0, v0, options)
         self._unknowns = Unknowns.allocate(system.nq, system.n, system.m)
-        self._counts = np.zeros(2)  # restarts, steps known only as calls that returned
+        self._begun = np.zeros(1)  # how often IDA has been initialised
         self._pending = True  # IDA is to be initialised at the reported state
         self._ida = self._new_ida()
 
@@ -203,7 +203,7 @@ class IDAStepper(Stepper):
         yp = np.concatenate((self._terms.qdot, a, zeros, zeros))
         self._ida.init_step(self._t, y, yp)
         self._pending = False
-        self._counts[0] += 1.0
+        self._begun[0] += 1.0
         return Code.OK
 
     def _advance(self, t: float) -> tuple[Code, float]:
@@ -218,12 +218,12 @@ class IDAStepper(Stepper):
 
     def _go(self, t: float) -> Code:
         """Call IDA until ``t``; it must not be trusted to notice that it stands still."""
-        s, taken, bad = self.system, 0, self._unknowns.count[2]
+        s, taken, bad = self.system, 0, self._unknowns.counts[2]
         while True:
             before = self._t
             result = self._ida.step(t)
             if result.status < 0 and result.status != TOO_MUCH_WORK:
-                return Code.NOT_FINITE if self._unknowns.count[2] > bad else Code.COLLAPSED
+                return Code.NOT_FINITE if self._unknowns.counts[2] > bad else Code.COLLAPSED
             q, v = result.y[: s.nq].copy(), result.y[s.nq : s.nq + s.n].copy()
             code = Code(close(self._eqs, result.t, q, v, self._rank, self._work))
             if code is not Code.OK:
@@ -233,7 +233,7 @@ class IDAStepper(Stepper):
                 return Code.OK
             taken += STEPS_A_CALL
             if self._t - before <= STANDSTILL * max(1.0, abs(self._t)):
-                return Code.NOT_FINITE if self._unknowns.count[2] > bad else Code.COLLAPSED
+                return Code.NOT_FINITE if self._unknowns.counts[2] > bad else Code.COLLAPSED
             if taken >= self.options.max_steps:
                 return Code.MAX_STEPS
 
@@ -242,7 +242,7 @@ class IDAStepper(Stepper):
         self._pending = True
 
     def _arrays(self) -> list[NDArray[Any]]:
-        return [self._reported, self._q, self._v, self._unknowns.count, self._counts]
+        return [self._reported, self._q, self._v, self._unknowns.counts, self._begun]
 
     def save(self) -> bytes:
         """Return the reported state and the counts."""
@@ -259,8 +259,8 @@ class IDAStepper(Stepper):
     def statistics(self) -> Statistics:
         """What the run has cost so far; IDA's steps, order and step size are not available."""
         columns = self._unknowns.y.size
-        residuals, jacobians = self._unknowns.count[0], self._unknowns.count[1]
+        residuals, jacobians = self._unknowns.counts[0], self._unknowns.counts[1]
         return Statistics(
             rhs_evals=int(residuals + columns * jacobians),
-            restarts=max(0, int(self._counts[0]) - 1),
+            restarts=max(0, int(self._begun[0]) - 1),
         )

@@ -60,17 +60,17 @@ class History(NamedTuple):
     p: Array  # (size,)       predicted state
     yp: Array  # (size,)       y' last evaluated
     trial: Array  # (size,)       corrected state before it is accepted
-    rows: Array  # (m,)          chosen constraints, int64
-    columns: Array  # (n,)          chosen dependents, then independents, int64
+    rows: NDArray[np.int64]  # (m,)          chosen constraints, int64
+    columns: NDArray[np.int64]  # (n,)          chosen dependents, then independents, int64
 
     @staticmethod
     def allocate(nq: int, n: int, m: int) -> History:
         """Return a zeroed history for ``nq`` positions, ``n`` velocities and ``m`` constraints."""
         size = nq + n
-        coefficients = (np.zeros(ROWS) for _ in range(9))
-        vectors = (np.zeros(size) for _ in range(4))
-        choice = (np.arange(m), np.arange(n))
-        return History(records(1, CONTROL), np.zeros(size), np.zeros((ROWS, size)), *coefficients, *vectors, *choice)
+        coefficients = [np.zeros(ROWS) for _ in range(9)]
+        vectors = [np.zeros(size) for _ in range(4)]
+        arrays = [records(1, CONTROL), np.zeros(size), np.zeros((ROWS, size)), *coefficients, *vectors]
+        return History._make([*arrays, np.arange(m), np.arange(n)])
 
 
 @kernel

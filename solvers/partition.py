@@ -25,6 +25,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .dense import decompose, least_norm, least_norm_transposed, solve_positive
 from .kernel import kernel
@@ -48,7 +49,7 @@ class Workspace(NamedTuple):
     sigma: Array  # (m,)    singular values of J, descending
     W: Array  # (m, m)  right factor of J^T
     A: Array  # (n, m)  scratch of the decomposition
-    pivots: Array  # (m,)    of the decomposition, int64
+    pivots: NDArray[np.int64]  # (m,)    of the decomposition, int64
     P: Array  # (n, n)  basis of the allowed motions, first n - rank columns
     S: Array  # (n, n)  P^T M P
     f: Array  # (n,)    force of unbalance
@@ -63,10 +64,10 @@ class Workspace(NamedTuple):
     v_near: Array  # (n,)    neighbouring velocity
     J_work: Array  # (m, n)  J being eliminated
     D: Array  # (m, m)  dependent columns of J, then their LU factors
-    order: Array  # (m,)    row exchanges of D, int64
+    order: NDArray[np.int64]  # (m,)    row exchanges of D, int64
     x: Array  # (m,)    solution with D
-    rows: Array  # (m,)    candidate choice of rows, int64
-    columns: Array  # (n,)    candidate choice of coordinates, dependent ones first, int64
+    rows: NDArray[np.int64]  # (m,)    candidate choice of rows, int64
+    columns: NDArray[np.int64]  # (n,)    candidate choice of coordinates, dependent ones first, int64
 
     @staticmethod
     def allocate(nq: int, n: int, m: int) -> Workspace:

@@ -173,3 +173,99 @@ def singular_times(theta: float = np.radians(10.0), end: float = 10.0) -> tuple[
         brentq(lambda t: np.sin(exact(t)[0]), grid[i], grid[i + 1], xtol=1e-15)
         for i in np.flatnonzero(sines[:-1] * sines[1:] < 0.0)
     )
+
+
+# --- particle on a line: values are stiffness, time from which forces are NaN, coefficient of a force 6 q^2 ----------
+
+
+@callback(DYNAMICS)
+def particle_dynamics(t, q, v, data, terms):
+    x = data.values
+    terms.qdot[0] = v[0]
+    terms.M[0, 0] = 1.0
+    terms.h[0] = x[0] * q[0] - 6.0 * x[2] * q[0] * q[0]
+    if t > x[1]:
+        terms.h[0] = np.nan
+
+
+@callback(POSITION)
+def unconstrained(t, q, data, terms):
+    pass
+
+
+@callback(ENERGY)
+def particle_energy(t, q, v, data):
+    return 0.5 * v[0] * v[0] + 0.5 * data.values[0] * q[0] * q[0]
+
+
+def particle(stiffness: float = 0.0, nan_from: float = np.inf, blow_up: float = 0.0) -> System:
+    """Oscillator of unit mass; with ``blow_up`` = 1 and q = v/2 = 1 its motion is 1 / (1 - t)^2."""
+    return System(
+        nq=1,
+        n=1,
+        m=0,
+        data=Parameters(np.array([stiffness, nan_from, blow_up])),
+        dynamics=particle_dynamics,
+        position=unconstrained,
+        retract=add,
+        energy=particle_energy,
+    )
+
+
+# --- free rigid body about its centre: q a unit quaternion (body to space), v the angular velocity in the body -------
+
+
+@callback(DYNAMICS)
+def body_dynamics(t, q, v, data, terms):
+    x = data.values
+    terms.qdot[0] = 0.5 * (-q[1] * v[0] - q[2] * v[1] - q[3] * v[2])
+    terms.qdot[1] = 0.5 * (q[0] * v[0] + q[2] * v[2] - q[3] * v[1])
+    terms.qdot[2] = 0.5 * (q[0] * v[1] + q[3] * v[0] - q[1] * v[2])
+    terms.qdot[3] = 0.5 * (q[0] * v[2] + q[1] * v[1] - q[2] * v[0])
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        for column in range(3):
+            terms.M[i, column] = x[i] if column == i else 0.0
+        terms.h[i] = (x[k] - x[j]) * v[j] * v[k]
+
+
+@callback(RETRACT)
+def turn(q, dq, data):
+    w, x, y, z = q[0], q[1], q[2], q[3]
+    a, b, c = 0.5 * dq[0], 0.5 * dq[1], 0.5 * dq[2]
+    q[0] = w - x * a - y * b - z * c
+    q[1] = x + w * a + y * c - z * b
+    q[2] = y + w * b + z * a - x * c
+    q[3] = z + w * c + x * b - y * a
+    length = np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    for i in range(4):
+        q[i] /= length
+
+
+@callback(ENERGY)
+def body_energy(t, q, v, data):
+    return 0.5 * (data.values[0] * v[0] ** 2 + data.values[1] * v[1] ** 2 + data.values[2] * v[2] ** 2)
+
+
+INERTIA = np.array([1.0, 2.0, 3.0])  # kg m^2
+
+
+def rigid_body() -> System:
+    """Free rotation of an asymmetric body."""
+    return System(
+        nq=4,
+        n=3,
+        m=0,
+        data=Parameters(INERTIA),
+        dynamics=body_dynamics,
+        position=unconstrained,
+        retract=turn,
+        energy=body_energy,
+    )
+
+
+def angular_momentum(q: Array, v: Array) -> Array:
+    """Angular momentum in space, constant."""
+    w, r = q[0], q[1:]
+    L = INERTIA * v
+    return L + 2.0 * w * np.cross(r, L) + 2.0 * np.cross(r, np.cross(r, L))
