@@ -21,6 +21,8 @@ from solvers.stepper import Options, Statistics, Status
 
 Array = NDArray[np.float64]
 
+_compiled: set[str] = set()  # solvers whose kernels this process has compiled
+
 PARTITIONS = {"projection": "adams", "lu": "adams-lu", "hybrid": "hybrid"}
 
 
@@ -82,6 +84,15 @@ class Simulation:
         q, v = self.plant.assemble(t0)
         self.stepper = SOLVERS[settings.name](self.plant.system, t0, q, v, settings.options())
         self._out = np.zeros(len(self.plant.outputs))
+        if settings.name not in _compiled:
+            self._compile(t0, q, v)
+
+    def _compile(self, t0: float, q: Array, v: Array) -> None:
+        """Have every kernel compiled (or loaded) now, by a stepper thrown away, and not in the first step of a run."""
+        rehearsal = SOLVERS[self.settings.name](self.plant.system, t0, q, v, self.settings.options())
+        rehearsal.advance(t0 + 1e-3)
+        self.outputs()
+        _compiled.add(self.settings.name)
 
     @property
     def t(self) -> float:
@@ -100,7 +111,7 @@ class Simulation:
     def outputs(self) -> Array:
         """Return the outputs at the time reached, in the plant's order; the array is used again."""
         stepper = self.stepper
-        a, lam = stepper.accelerations()
+        a, lam = stepper.accelerations()  # the limit along the motion in a singular position
         self.plant.observe(stepper.t, stepper.q, stepper.v, a, lam, self._out)
         return self._out
 

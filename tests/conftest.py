@@ -1,0 +1,38 @@
+"""Hypothesis profiles and a fixture for FMUs built once a session."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import settings
+
+settings.register_profile("dev", max_examples=20, deadline=None)
+settings.register_profile("ci", max_examples=100, deadline=None)
+settings.load_profile("ci" if os.environ.get("CI") else "dev")
+
+
+@pytest.fixture(scope="session")
+def fourbar_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The four-bar as an FMU whose default solver is adams."""
+    from fmus.fourbar import FourBar
+    from mbfmu.fmi import export
+    from mbfmu.simulation import Settings
+
+    return export(FourBar(), tmp_path_factory.mktemp("fmu") / "fourbar.fmu", Settings(solver="adams"))
+
+
+@pytest.fixture
+def command(capfd: pytest.CaptureFixture[str]) -> Callable[..., Any]:
+    """Run the command line in this process: returns exit code, stdout, stderr."""
+    from mbfmu.cli import main
+
+    def run(*arguments: str) -> tuple[int, str, str]:
+        code = main(arguments)
+        out, err = capfd.readouterr()
+        return code, out, err
+
+    return run

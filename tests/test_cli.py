@@ -1,0 +1,72 @@
+"""The command line: exit codes, messages, files."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+Command = Callable[..., Any]
+
+
+def test_run_through_the_fmu_writes_csv_and_png(command: Command, tmp_path: Path) -> None:
+    code, out, _ = command("run", "fourbar", "--solver", "adams", "--stop-time", "0.5", "-o", str(tmp_path))
+    assert code == 0
+    assert "steps" in out
+    assert "energy drift" in out
+    assert (tmp_path / "fourbar.csv").read_text().count("\n") == 52
+    assert (tmp_path / "fourbar.png").stat().st_size > 10_000
+
+
+def test_fmu_and_native_write_the_same_numbers(command: Command, tmp_path: Path) -> None:
+    for extra in ("--native", "--solver=adams"):
+        command("run", "fourbar", "--solver=adams", "--stop-time=1", "-o", str(tmp_path / extra.strip("-")), extra)
+    native = (tmp_path / "native" / "fourbar.csv").read_text()
+    through_fmu = (tmp_path / "solver=adams" / "fourbar.csv").read_text()
+    for a, b in zip(native.splitlines()[1:], through_fmu.splitlines()[1:], strict=True):
+        for x, y in zip(a.split(","), b.split(","), strict=True):
+            assert float(x) == pytest.approx(float(y), rel=0, abs=1e-12)
+
+
+def test_models_lists_parameters_with_units(command: Command) -> None:
+    code, out, _ = command("models")
+    assert code == 0
+    assert "crank_length = 1 m" in out
+    assert "tunable" in out
+
+
+def test_compare_writes_rows(command: Command, tmp_path: Path) -> None:
+    scene = tmp_path / "short.toml"
+    scene.write_text('model = "fourbar"\nstop_time = 0.1\n')
+    rows_file = tmp_path / "rows.json"
+    code, out, _ = command("compare", str(scene), "--repeats=1", "-o", str(tmp_path), "--json", str(rows_file))
+    assert code == 0
+    assert "adams-lu" in out
+    rows = json.loads(rows_file.read_text())
+    assert len(rows) == 16
+    assert {"solver", "rtol", "wall_s", "max_error", "branch_jump", "status", "partition_switches"} <= set(rows[0])
+    assert all(row["status"] == "ok" for row in rows)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("run", "fourbra"), "unknown model 'fourbra'"),
+        (("run", "fourbar", "--set", "crank_length"), "write NAME=VALUE"),
+        (("run", "fourbar", "--set", "crank_length=-1"), "at least 0.001 m"),
+        (("run", "fourbar", "--set", "ground_length=9"), "loop cannot close"),
+        (("run", "fourbar", "--tolerance", "1e-20"), "1e-12"),
+        (("run", "fourbar", "--solver", "rk4"), "solver is 'rk4'"),
+        (("run", "no_such.toml"), "cannot be read"),
+        (("export", "fourbar", "-o", "x.zip"), "must end in .fmu"),
+        (("run", "fourbar", "--set", "coupler_mass=0", "--set", "crank_mass=0", "--set", "rocker_mass=0"), "no inertia"),
+    ],
+)
+def test_mistakes_get_a_message_and_exit_code_2(command: Command, arguments: tuple[str, ...], message: str) -> None:
+    code, _, err = command(*arguments)
+    assert code == 2
+    assert message in err
+    assert "Traceback" not in err

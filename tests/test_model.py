@@ -1,0 +1,160 @@
+"""Parameters, discovery, scenes: what a user writes, and what is said when it is wrong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fmus.fourbar import FourBar
+from mbfmu.errors import UserError
+from mbfmu.model import find, models
+from mbfmu.scene import load_scene
+from mbfmu.simulation import Settings, Simulation, communication_points, run
+
+MODEL = '''
+from dataclasses import dataclass
+from mbfmu.mechanics import Mechanism, Revolute, rod
+from mbfmu.model import Model, parameter
+
+@dataclass(frozen=True, kw_only=True)
+class Pendulum(Model):
+    """A swinging rod."""
+
+    length: float = parameter(1.0, unit="m", min=0.1, doc="length")
+    count: int = parameter(1, min=1, max=3, doc="a whole number")
+    heavy: bool = parameter(False, doc="a switch")
+
+    def build(self):
+        m = Mechanism(gravity=(0, -9.81, 0))
+        bar = m.body("bar", m.ground, Revolute(), **rod(mass=2.0 if self.heavy else 1.0, length=self.length))
+        m.output("bar.angle", bar.angle(), "angle")
+        m.output("energy", m.energy, "energy")
+        return m
+'''
+
+
+@pytest.fixture
+def pendulum_file(tmp_path: Path) -> Path:
+    path = tmp_path / "my_model.py"
+    path.write_text(MODEL)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"crank_length": 0.0}, r"'crank_length' of 'fourbar' is 0\.0; allowed: at least 0\.001 m"),
+        ({"crank_length": "long"}, "is 'long'; allowed: a finite number"),
+        ({"gravity": float("nan")}, "is nan; allowed: a finite number"),
+        ({"gravity": True}, "is True; allowed: a number"),
+        ({"crank_lenght": 1.0}, "no parameter 'crank_lenght'; did you mean 'crank_length'"),
+    ],
+)
+def test_parameters_name_what_is_wrong(values: dict[str, Any], message: str) -> None:
+    with pytest.raises(UserError, match=message):
+        FourBar().with_values(values)
+
+
+def test_models_are_found_by_name_and_by_file(pendulum_file: Path) -> None:
+    assert models()["fourbar"] is FourBar
+    model = find(f"{pendulum_file}:Pendulum")
+    assert model.title() == "A swinging rod."
+    assert find(str(pendulum_file)) is model
+    with pytest.raises(UserError, match="unknown model 'forbar'; did you mean 'fourbar'"):
+        find("forbar")
+    with pytest.raises(UserError, match="has no model 'Nothing'; it has: Pendulum"):
+        find(f"{pendulum_file}:Nothing")
+    with pytest.raises(UserError, match="does not exist"):
+        find("nowhere.py:Model")
+
+
+def test_whole_numbers_and_switches(pendulum_file: Path) -> None:
+    model = find(str(pendulum_file))()
+    changed = model.with_values({"count": "2", "heavy": "true"})
+    assert (changed.count, changed.heavy) == (2, True)  # type: ignore[attr-defined]
+    for values, message in (({"count": "1.5"}, "whole number"), ({"count": 4}, "1 to 3"), ({"heavy": 1}, "true or")):
+        with pytest.raises(UserError, match=message):
+            model.with_values(values)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('model = "fourbar', "not valid TOML"),
+        ("stop_time = 1.0", "model is None"),
+        ('model = "fourbar"\nsolvr = "ida"', "unknown key 'solvr'; did you mean 'solver'"),
+        ('model = "fourbar"\nsolver = "euler"', "solver is 'euler'"),
+        ('model = "fourbar"\ntolerance = 1.0', "rtol = 1.0"),
+        ('model = "fourbar"\ntolerance = "fine"', "tolerance is 'fine'"),
+        ('model = "fourbar"\nstop_time = -1.0', r"stop_time is -1\.0"),
+        ('model = "fourbar"\noutput_interval = 0.0', "output_interval is 0"),
+        ('model = "fourbar"\n[parameters]\ncrank_mass = -1.0', "crank_mass"),
+        ('model = "fourbar"\nparameters = 3', "parameters is 3"),
+    ],
+)
+def test_scene_files_name_what_is_wrong(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "scene.toml"
+    path.write_text(text)
+    with pytest.raises(UserError, match=message):
+        load_scene(str(path))
+
+
+def test_scene_of_a_file_a_model_and_a_shipped_one(tmp_path: Path, pendulum_file: Path) -> None:
+    path = tmp_path / "swing.toml"
+    path.write_text('model = "my_model.py:Pendulum"\nsolver = "adams"\n[parameters]\nlength = 0.5\n')
+    scene = load_scene(str(path))
+    assert (scene.name, scene.settings.solver, scene.model.length) == ("swing", "adams", 0.5)  # type: ignore[attr-defined]
+    assert load_scene("fourbar").stop_time == 10.0
+    assert load_scene("fourbar/paper").settings.max_step == 0.01
+    with pytest.raises(UserError, match="no scene 'papr'; did you mean 'paper'"):
+        load_scene("fourbar/papr")
+
+
+def test_settings_resolve_partitions() -> None:
+    assert Settings().name == "ida"
+    assert Settings(solver="adams").name == "adams"
+    assert Settings(solver="adams", partition="lu").name == "adams-lu"
+    with pytest.raises(UserError, match="partition is 'qr'"):
+        Settings(partition="qr")
+
+
+def test_results_do_not_depend_on_communication_points() -> None:
+    """Adams steps past a communication point and interpolates: the steps are the same whatever the interval."""
+    settings = Settings(solver="adams", tolerance=1e-8)
+    coarse = run(FourBar(), settings, communication_points(2.0, 0.5))
+    fine = run(FourBar(), settings, communication_points(2.0, 0.01))
+    np.testing.assert_allclose(fine["crank.angle"][::50], coarse["crank.angle"], rtol=0, atol=1e-12)
+    assert fine.statistics.steps == coarse.statistics.steps
+
+
+def test_csv_has_units_and_full_precision(tmp_path: Path) -> None:
+    result = run(FourBar(), Settings(solver="adams"), communication_points(0.1, 0.05))
+    path = tmp_path / "r.csv"
+    result.write_csv(path)
+    lines = path.read_text().splitlines()
+    assert lines[0].startswith("time [s],crank.angle [rad]")
+    assert float(lines[2].split(",")[1]) == result["crank.angle"][1]
+
+
+def test_torque_input_does_work() -> None:
+    """Energy changes by torque times angle."""
+    simulation = Simulation(FourBar(gravity=0.0, start_angle=0.5), Settings(solver="adams", tolerance=1e-10))
+    names = [v.name for v in simulation.plant.outputs]
+    angle, energy = names.index("crank.angle"), names.index("energy")
+    before = simulation.outputs().copy()
+    simulation.set_input(0, 3.0)
+    assert simulation.advance(0.4).ok
+    after = simulation.outputs()
+    assert after[energy] - before[energy] == pytest.approx(3.0 * (after[angle] - before[angle]), rel=1e-8)
+
+
+def test_tunable_parameters_change_and_fixed_ones_do_not() -> None:
+    simulation = Simulation(FourBar(), Settings(solver="adams"))
+    assert simulation.advance(0.1).ok
+    simulation.retune(FourBar(gravity=1.62))
+    assert simulation.advance(0.2).ok
+    with pytest.raises(UserError, match="'crank_mass' is not tunable"):
+        simulation.retune(FourBar(gravity=1.62, crank_mass=2.0))
