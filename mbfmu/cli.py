@@ -169,7 +169,8 @@ def summary(scene: Scene, result: Result, total: float) -> str:
     """Return what a run cost and how well it kept its invariants."""
     outputs, s = result.as_dict(), result.statistics
     lines = [
-        f"{scene.name}: {scene.settings.name}, tolerance {scene.settings.tolerance:g}, {result.times[-1]:g} s simulated",
+        f"{scene.name}: {scene.settings.name}, tolerance {scene.settings.tolerance:g}, "
+        f"{result.times[-1]:g} s simulated",
         f"  run {result.wall_time:.3f} s; in all {total:.2f} s with start, compilation and export",
         f"  {s.steps} steps ({s.rejected} rejected), {s.rhs_evals} evaluations, "
         f"{s.partition_switches} partition switches",
@@ -225,5 +226,3 @@ def command_models(options: argparse.Namespace) -> int:
             unit = "" if p.unit == "1" else f" {p.unit}"
             print(f"    {p.name} = {p.default:g}{unit}  {p.doc} ({span(p)}{tunable})")
     return 0
-
-

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 mpl.use("Agg")
 
-import matplotlib.pyplot as plt  # noqa: E402
+import matplotlib.pyplot as plt
 
 COLOURS = {"ida": "#4269d0", "adams": "#3ca951", "hybrid": "#efb118", "adams-lu": "#ff725c"}
 
@@ -60,7 +60,9 @@ def plot_work_precision(rows: Sequence[Row], title: str, path: Path) -> None:
                 label=f"{solver}: failed or left the branch",
             )
         for row in own:
-            ax.annotate(f"{row.rtol:.0e}", (row.wall_s, row.max_error), fontsize=7, xytext=(4, 4), textcoords="offset points")
+            ax.annotate(
+                f"{row.rtol:.0e}", (row.wall_s, row.max_error), fontsize=7, xytext=(4, 4), textcoords="offset points"
+            )
     ax.set_xlabel("run time [s], compile time apart")
     ax.set_ylabel("largest error of an angle [rad]")
     ax.set_title(title)
@@ -92,5 +94,7 @@ def finish(figure: Any, path: Path) -> None:
 def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return rows as aligned text."""
     widths = [max(len(line[i]) for line in [header, *rows]) for i in range(len(header))]
-    lines = ["  ".join(cell.ljust(w) for cell, w in zip(line, widths, strict=True)).rstrip() for line in [header, *rows]]
+    lines = [
+        "  ".join(cell.ljust(w) for cell, w in zip(line, widths, strict=True)).rstrip() for line in [header, *rows]
+    ]
     return "\n".join([lines[0], "  ".join("-" * w for w in widths), *lines[1:]])

@@ -1,15 +1,15 @@
 """A scene: which model, with which numbers, integrated how, for how long. A TOML file, or a model's name alone.
 
-    model = "fourbar"          # registered name, or path/to/file.py:Class
-    solver = "adams"           # ida, adams, hybrid, adams-lu
-    partition = "projection"   # of adams
-    tolerance = 1e-6
-    max_step = 0.0             # s; 0: no limit
-    stop_time = 10.0           # s
-    output_interval = 0.01     # s
+model = "fourbar"          # registered name, or path/to/file.py:Class
+solver = "adams"           # ida, adams, hybrid, adams-lu
+partition = "projection"   # of adams
+tolerance = 1e-6
+max_step = 0.0             # s; 0: no limit
+stop_time = 10.0           # s
+output_interval = 0.01     # s
 
-    [parameters]
-    start_angle = 0.1745
+[parameters]
+start_angle = 0.1745
 """
 
 from __future__ import annotations

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Variable
 from mbfmu.model import Model, suggest
-from solvers import SOLVERS
-from solvers.stepper import Options, Statistics, Status
+from solvers import SOLVERS, Options, SolverError, Statistics, Status
 
 Array = NDArray[np.float64]
 

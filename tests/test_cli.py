@@ -62,7 +62,10 @@ def test_compare_writes_rows(command: Command, tmp_path: Path) -> None:
         (("run", "fourbar", "--solver", "rk4"), "solver is 'rk4'"),
         (("run", "no_such.toml"), "cannot be read"),
         (("export", "fourbar", "-o", "x.zip"), "must end in .fmu"),
-        (("run", "fourbar", "--set", "coupler_mass=0", "--set", "crank_mass=0", "--set", "rocker_mass=0"), "no inertia"),
+        (
+            ("run", "fourbar", "--set", "coupler_mass=0", "--set", "crank_mass=0", "--set", "rocker_mass=0"),
+            "no inertia",
+        ),
     ],
 )
 def test_mistakes_get_a_message_and_exit_code_2(command: Command, arguments: tuple[str, ...], message: str) -> None:

@@ -10,17 +10,17 @@ against each other crosses the true motion.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import cos, radians
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from mbfmu.model import Model, parameter
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from mbfmu.mechanics import Input, JointForce, Mechanism, Revolute, RevoluteCut, rod
+from mbfmu.model import Model, parameter
 
 
 @dataclass(frozen=True, kw_only=True)

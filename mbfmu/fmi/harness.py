@@ -58,7 +58,11 @@ class Fmu:
         )
         self.slave.instantiate()
         self.t = start_time
-        self.start(values or {}, tolerance)
+        try:
+            self.start(values or {}, tolerance)
+        except BaseException:
+            self.close()
+            raise
 
     def start(self, values: Mapping[str, Any], tolerance: float | None = None) -> None:
         """Initialize with these start values; raises UserError with the FMU's reason where it cannot."""
@@ -129,5 +133,7 @@ class Fmu:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
+    ) -> None:
         self.close()

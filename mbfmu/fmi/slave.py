@@ -283,7 +283,7 @@ class ModelSlave(Fmi2Slave):  # type: ignore[misc]
         return self.model.with_values({p.name: self._value(r, p) for r, p in self._parameters.items()})
 
     def _value(self, reference: int, declared: Parameter) -> Any:
-        value = self._buffer[reference]
+        value = self._buffer[reference].item()
         return bool(value) if isinstance(declared.default, bool) else value
 
     @guarded
