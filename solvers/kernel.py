@@ -27,7 +27,9 @@ from numpy.typing import NDArray
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-COMPILED: bool = not numba.config.DISABLE_JIT
+_config: Any = numba.config
+
+COMPILED: bool = not _config.DISABLE_JIT
 
 
 @cache
@@ -47,12 +49,12 @@ def cache_folder() -> Path:
 @contextmanager
 def _cached_here() -> Iterator[None]:
     """Let numba choose our folder while it sets up one function's cache, and leave other packages theirs."""
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(cache_folder())
+    before = _config.CACHE_DIR
+    _config.CACHE_DIR = str(cache_folder())
     try:
         yield
     finally:
-        numba.config.CACHE_DIR = before
+        _config.CACHE_DIR = before
 
 
 def kernel(function: F) -> F:

@@ -96,6 +96,15 @@ def rank_at(sigma: Any, rank: int, tolerance: float) -> int:
 
 
 @kernel
+def length(v: Any) -> float:
+    """|v|."""
+    square = 0.0
+    for i in range(v.shape[0]):
+        square += v[i] * v[i]
+    return np.sqrt(square)
+
+
+@kernel
 def ratio(sigma: Any, rank: int) -> float:
     """Distance from singular positions: the singular value number ``rank`` relative to the first; 1 if
     unconstrained.
@@ -204,41 +213,66 @@ def acceleration(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any, a: An
             return NOT_FINITE
     if rank_at(work.sigma, rank, SINGULAR) == rank:
         return regular_acceleration(eqs.terms, rank, work, a)
-    square = 0.0
-    for i in range(n):
-        square += v[i] * v[i]
-    speed = np.sqrt(square)
-    if not speed > AT_REST:
+    if not length(v) > AT_REST:
         resolved = rank_at(work.sigma, rank, UNRESOLVED) == rank
         return regular_acceleration(eqs.terms, rank, work, a) if resolved else UNDECIDABLE
-    code = limit_acceleration(eqs, t, q, v, speed, rank, work, a)
+    code = limit_acceleration(eqs, t, q, v, rank, work, a)
     eqs.dynamics(t, q, v, eqs.data, eqs.terms)
     factor(eqs.terms, work)
     return code
 
 
 @kernel
-def limit_acceleration(eqs: Any, t: float, q: Any, v: Any, speed: float, rank: int, work: Any, a: Any) -> int:
+def neighbour(eqs: Any, t: float, q: Any, v: Any, distance: float, rank: int, work: Any) -> int:
+    """Closed state (work.q_near, work.v_near) at a signed ``distance`` from q along v, with its terms and factors."""
+    speed = length(v)
+    for i in range(q.shape[0]):
+        work.q_near[i] = q[i]
+    for i in range(v.shape[0]):
+        work.dq[i] = distance * v[i] / speed
+        work.v_near[i] = v[i]
+    eqs.retract(work.q_near, work.dq, eqs.data)
+    return close(eqs, t, work.q_near, work.v_near, rank, work)
+
+
+@kernel
+def limit_acceleration(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any, a: Any) -> int:
     """v' at a singular position, by extrapolation along the tangent from both sides (module docstring)."""
-    n = v.shape[0]
-    for i in range(n):
+    for i in range(v.shape[0]):
         a[i] = 0.0
     for far in range(1, 3):
         weight = 4.0 / 6.0 if far == 1 else -1.0 / 6.0
         for side in range(-1, 2, 2):
-            for i in range(q.shape[0]):
-                work.q_near[i] = q[i]
-            for i in range(n):
-                work.dq[i] = side * far * REACH * v[i] / speed
-                work.v_near[i] = v[i]
-            eqs.retract(work.q_near, work.dq, eqs.data)
-            code = close(eqs, t, work.q_near, work.v_near, rank, work)
+            code = neighbour(eqs, t, q, v, side * far * REACH, rank, work)
             if code == OK:
                 code = regular_acceleration(eqs.terms, rank, work, work.a)
             if code != OK:
                 return code
-            for i in range(n):
+            for i in range(v.shape[0]):
                 a[i] += weight * work.a[i]
+    return OK
+
+
+@kernel
+def close_report(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any) -> int:
+    """As :func:`close`; in a singular position the velocity across the branch is removed too, by the same limit.
+
+    For states from a solver that does not control that component well (IDA's regularisation leaves it free).
+    """
+    code = close(eqs, t, q, v, rank, work)
+    if code != OK or rank_at(work.sigma, rank, SINGULAR) == rank or length(v) <= AT_REST:
+        return code
+    for i in range(v.shape[0]):
+        work.a[i] = 0.0
+    for far in range(1, 3):
+        weight = 4.0 / 6.0 if far == 1 else -1.0 / 6.0
+        for side in range(-1, 2, 2):
+            if neighbour(eqs, t, q, v, side * far * REACH, rank, work) != OK:
+                return NOT_CLOSED
+            for i in range(v.shape[0]):
+                work.a[i] += weight * work.v_near[i]
+    for i in range(v.shape[0]):
+        v[i] = work.a[i]
     return OK
 
 
@@ -291,15 +325,13 @@ def normal_rank(eqs: Any, t: float, q: Any, v: Any, work: Any) -> int:
 def rank_beside(eqs: Any, t: float, q: Any, e: Any, work: Any) -> int:
     """Rank of J after a small closed move from q along e; zero where there is none."""
     m, n = eqs.terms.J.shape
-    square = 0.0
-    for i in range(n):
-        square += e[i] * e[i]
-    if not square > AT_REST * AT_REST:
+    size = length(e)
+    if not size > AT_REST:
         return 0
     for i in range(q.shape[0]):
         work.q_near[i] = q[i]
     for i in range(n):
-        work.dq[i] = 5.0 * REACH * e[i] / np.sqrt(square)
+        work.dq[i] = 5.0 * REACH * e[i] / size
     eqs.retract(work.q_near, work.dq, eqs.data)
     if not close_position(eqs, t, work.q_near, min(m, n), work):
         return 0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import oracles
 import pytest
@@ -12,11 +14,12 @@ from solvers import SOLVERS, Code, Options, SolverError, Switching
 START = np.radians(10.0)
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10)
 BOUND = {"adams": 100.0, "hybrid": 300.0, "ida": 1000.0}  # of the largest error, in units of rtol
+PACE = 0.2  # s, one radian at full speed
 TIMES = tuple(np.linspace(0.0, 10.0, 101)[1:])
 
 
 def run(name, rtol, times=TIMES, theta=START, rate=0.0, rocker_mass=1.0, redundant=False, **options):
-    """Return stepper and largest error of positions and velocities."""
+    """Return stepper and largest error of positions, rad, and of velocities times PACE."""
     exact = pendulum(theta, rate, rocker_mass)
     system = fourbar(rocker_mass, redundant)
     stepper = SOLVERS[name](system, 0.0, fourbar_q(theta), fourbar_v(rate), Options(rtol=rtol, **options))
@@ -25,7 +28,8 @@ def run(name, rtol, times=TIMES, theta=START, rate=0.0, rocker_mass=1.0, redunda
         if not stepper.advance(t).ok:
             break
         angle, speed = exact(t)
-        largest = max(largest, abs(stepper.q - fourbar_q(angle)).max(), abs(stepper.v - fourbar_v(speed)).max())
+        apart = abs(stepper.q - fourbar_q(angle)).max(), PACE * abs(stepper.v - fourbar_v(speed)).max()
+        largest = max(largest, *apart)
     return stepper, largest
 
 
@@ -54,7 +58,7 @@ def test_passes_all_singular_positions(name, case, rtol):
 @pytest.mark.parametrize("name", BOUND)
 def test_errors_fall_with_the_tolerance(name):
     errors = [run(name, rtol)[1] for rtol in TOLERANCES]
-    assert all(late < 0.2 * early for early, late in zip(errors, errors[1:], strict=False))
+    assert all(late < 0.2 * early for early, late in pairwise(errors))
 
 
 @pytest.mark.parametrize("name", BOUND)
@@ -128,18 +132,18 @@ def test_a_free_body_keeps_its_angular_momentum_and_a_unit_quaternion(name):
         np.testing.assert_allclose(momentum, oracles.INERTIA * v0, atol=2e-5)
 
 
-@pytest.mark.parametrize("order", [1, 2, 3, 4, 5, 6])
+@pytest.mark.parametrize("order", [1, 2, 3, 4, 5, 6, 8])
 def test_observed_order(order):
     # a predictor of order k corrected by order k + 1: the error falls with h^(k + 1)
-    errors = []
-    for step in (0.02, 0.01):
+    coarse, errors = (0.02 if order < 4 else 0.1), []
+    for step in (coarse, 0.5 * coarse):
         options = Options(rtol=1e-2, atol=1e6, max_step=step, max_order=order)
         stepper = SOLVERS["adams"](particle(1.0), 0.0, np.zeros(1), np.ones(1), options)
-        stepper.advance(1.0)  # past the start at low order; from there against the exact motion of that state
+        stepper.advance(2.0)  # past the start at low order; from there against the exact motion of that state
         q, v = stepper.q[0], stepper.v[0]
-        stepper.advance(3.0)
+        stepper.advance(4.0)
         errors.append(abs(stepper.q[0] - (q * np.cos(2.0) + v * np.sin(2.0))))
-    assert np.log2(errors[0] / errors[1]) == pytest.approx(order + 1, abs=0.35)
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(order + 1, abs=0.6)
 
 
 @pytest.mark.parametrize("name", ["adams", "hybrid"])
@@ -225,7 +229,7 @@ def test_max_step_is_kept():
 
 
 def test_an_open_loop_is_closed_at_construction():
-    stepper = SOLVERS["adams"](fourbar(), 0.0, fourbar_q(0.5) + [1e-3, 0.0, -2e-3], np.zeros(3))
+    stepper = SOLVERS["adams"](fourbar(), 0.0, fourbar_q(0.5) + np.array([1e-3, 0.0, -2e-3]), np.zeros(3))
     ends = np.cumsum(stepper.q)
     gap = np.cos(ends[0]) + 3.0 * np.cos(ends[1]) + np.cos(ends[2]) - 3.0
     assert abs(gap) < 1e-12
