@@ -146,14 +146,9 @@ def starts(fmu_file: Path) -> None:
         "from pathlib import Path; from mbfmu.fmi import Fmu\n"
         "fmu = Fmu(Path(sys.argv[1])); print(time.perf_counter() - begin); fmu.close()"
     )
-    times = [
-        float(
-            subprocess.run(
-                [sys.executable, "-c", program, str(fmu_file)], check=True, capture_output=True, text=True
-            ).stdout
-        )
-        for _ in range(5)
-    ]
+    command = [sys.executable, "-c", program, str(fmu_file)]
+    runs = [subprocess.run(command, check=True, capture_output=True, text=True) for _ in range(5)]
+    times = [float(run.stdout) for run in runs]
     print(
         f"warm instantiate and initialize in a fresh process, imports included: {statistics.median(times):.2f} s (under 1.5)"
     )

@@ -33,7 +33,7 @@ class QuantityReal(Real):  # type: ignore[misc]
 
     def to_xml(self) -> Element:
         """Return the variable's element."""
-        element = super().to_xml()
+        element: Element = super().to_xml()
         real, q = element.find("Real"), self.quantity
         assert real is not None
         if q.unit != "1":

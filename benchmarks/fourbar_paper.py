@@ -1,0 +1,83 @@
+"""Kim and Kim's Figs. 3-5 and Table 2 of the rigid four-bar, redone: ``python benchmarks/fourbar_paper.py``.
+
+Writes the pictures into ``fmus/fourbar/figures`` and prints the table.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from pathlib import Path
+
+from mbfmu.report import COLOURS, finish, plt, table
+from mbfmu.scene import load_scene
+from mbfmu.simulation import Result, Simulation, communication_points, run
+
+METHODS = {"LU": "adams-lu", "projection": "adams", "hybrid": "hybrid"}
+FIGURES = (
+    ("fig3_acceleration", "coupler.acceleration.y", "vertical acceleration of the coupler [m/s$^2$]"),
+    ("fig4_position", "coupler.position.y", "vertical position of the coupler [m]"),
+    ("fig5_energy", "energy", "total energy [J]"),
+)
+REPEATS = 7
+
+
+def main() -> None:
+    """Run the three methods with the paper's settings, draw and tabulate."""
+    scene = load_scene("fourbar/paper")
+    times = communication_points(scene.stop_time, scene.output_interval)
+    results: dict[str, Result] = {}
+    lines = []
+    for method, solver in METHODS.items():
+        settings = scene.changed(solver=solver, partition="projection").settings
+        result = results[method] = run(scene.model, settings, times)
+        s = result.statistics
+        runs = [advance_alone(Simulation(scene.model, settings), scene.stop_time) for _ in range(REPEATS)]
+        wall = statistics.median(runs)
+        gap = scene.model.branch_gap(result.as_dict())
+        assert gap is not None
+        lines.append(
+            (
+                method,
+                f"{1e3 * wall:.2f}",
+                str(s.steps),
+                str(s.rhs_evals),
+                f"{1e6 * wall / s.steps:.1f}",
+                str(s.partition_switches),
+                f"{gap.max():.1e}",
+                result.failure or "ok",
+            )
+        )
+    header = ("method", "time [ms]", "steps", "evals", "us a step", "switches", "gap [rad]", "outcome")
+    print(table(header, lines))
+    draw(results)
+
+
+def advance_alone(simulation: Simulation, end: float) -> float:
+    """Return the time of the integration without outputs on the way, s."""
+    begin = time.perf_counter()
+    simulation.advance(end)
+    return time.perf_counter() - begin
+
+
+def draw(results: dict[str, Result]) -> None:
+    """One picture a figure, the three methods in each."""
+    folder = Path("fmus/fourbar/figures")
+    folder.mkdir(exist_ok=True)
+    for name, output, label in FIGURES:
+        figure, ax = plt.subplots(figsize=(8.0, 3.6), layout="constrained")
+        for method, style in (("LU", "-"), ("projection", "-"), ("hybrid", "--")):
+            result = results[method]
+            ax.plot(result.times, result[output], style, lw=1.2, color=COLOURS[METHODS[method]], label=method)
+        exact_span = results["projection"][output]
+        margin = 0.6 * (exact_span.max() - exact_span.min())
+        ax.set_ylim(exact_span.min() - margin, exact_span.max() + margin) if margin > 1e-3 else None
+        ax.set_xlabel("time [s]")
+        ax.set_ylabel(label)
+        ax.grid(alpha=0.3)
+        ax.legend()
+        finish(figure, folder / f"{name}.png")
+
+
+if __name__ == "__main__":
+    main()
