@@ -36,7 +36,7 @@ TIKHONOV = 0.01  # d relative to rtol; a tenth of it takes 60 times the residual
 TIGHTER = 0.1  # BDF errors add up: the tolerance given to IDA, relative to the one asked for
 UNCONTROLLED = 1e8  # absolute tolerance of the multipliers
 LENGTH_RATE = 10.0  # 1/s, k
-STEPS_A_CALL = 500  # then progress is looked at
+STEPS_A_CALL = 5000  # then progress is looked at; SUNDIALS prints a line each time
 STANDSTILL = 1e-10  # s relative to max(1, |t|): less progress in STEPS_A_CALL steps is a collapse
 TOO_MUCH_WORK = -1  # IDA's status for STEPS_A_CALL steps taken
 

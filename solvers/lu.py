@@ -5,7 +5,7 @@ Full pivoting of J (m, n) picks ``rank`` dependent coordinates d; only the other
     Newton on Phi for q_d with q_i held,   v_d = J_d^-1 (nu - J_i v_i)
     P = [-J_d^-1 J_i; I],   v' = [J_d^-1 gamma; 0] + P z',   P^T (M v' + h) = 0
 
-Newton starts from the dependents of the last accepted step, as the paper has it, and the choice is made anew
+Newton (refactored each pass; the paper keeps the factor) starts from the dependents of the last accepted step, as the paper has it, and the choice is made anew
 at a corrector when the step has shrunk or has stayed equal for five steps; a changed choice restarts the
 integrator.
 
