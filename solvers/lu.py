@@ -5,9 +5,9 @@ Full pivoting of J (m, n) picks ``rank`` dependent coordinates d; only the other
     Newton on Phi for q_d with q_i held,   v_d = J_d^-1 (nu - J_i v_i)
     P = [-J_d^-1 J_i; I],   v' = [J_d^-1 gamma; 0] + P z',   P^T (M v' + h) = 0
 
-Newton (refactored each pass; the paper keeps the factor) starts from the dependents of the last accepted step, as the paper has it, and the choice is made anew
-at a corrector when the step has shrunk or has stayed equal for five steps; a changed choice restarts the
-integrator.
+Newton starts from the dependents of the last accepted step, as the paper has it (the paper keeps the factors of
+J_d, here they are renewed in each pass). The choice is made anew at a corrector when the step has shrunk or has
+stayed equal for five steps; a changed choice restarts the integrator.
 
 **What makes it fail.** Near a singular position the root wanted and a root on the crossing branch are about
 2 |sigma_m / sigma_1| apart. The start value is off by h |v|: once the step is longer than that distance
