@@ -63,7 +63,7 @@ def plot_work_precision(rows: Sequence[Row], title: str, path: Path) -> None:
             ax.annotate(
                 f"{row.rtol:.0e}", (row.wall_s, row.max_error), fontsize=7, xytext=(4, 4), textcoords="offset points"
             )
-    ax.set_xlabel("run time [s], compile time apart")
+    ax.set_xlabel("time of the integration alone [s]")
     ax.set_ylabel("largest error of an angle [rad]")
     ax.set_title(title)
     ax.grid(alpha=0.3, which="both")
