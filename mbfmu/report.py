@@ -76,7 +76,7 @@ def plot_energy(histories: dict[str, tuple[Any, Any]], title: str, path: Path) -
     figure, ax = plt.subplots(figsize=(8.0, 4.5), layout="constrained")
     for solver, (times, energy) in histories.items():
         change = np.abs(np.asarray(energy) - energy[0])
-        ax.semilogy(times, np.maximum(change, 1e-17), lw=1.0, color=COLOURS.get(solver), label=solver)
+        ax.semilogy(times, np.maximum(change, 1e-14), lw=1.0, color=COLOURS.get(solver), label=solver)
     ax.set_xlabel("time [s]")
     ax.set_ylabel("|energy - energy at the start| [J]")
     ax.set_title(title)
