@@ -84,7 +84,7 @@ def differentiate(eqs: Any, t: float, closing: bool, c: Any, H: Any, work: Any) 
     else:
         code = OK
         if closing:
-            code = close(eqs, t, q, v, rank, work)
+            code = close(eqs, t, q, v, rank, True, work)  # the prediction's factors
         else:
             eqs.dynamics(t, q, v, eqs.data, eqs.terms)
             factor(eqs.terms, work)
@@ -100,7 +100,7 @@ def start(eqs: Any, c: Any, o: Any, H: Any, work: Any) -> int:
     """Close y, choose coordinates, and begin a history of order 1."""
     q, v = work.q, work.v
     split(H.y, q, v)
-    code = close(eqs, c.t, q, v, c.rank, work)
+    code = close(eqs, c.t, q, v, c.rank, False, work)
     if code != OK:
         return code
     join(q, v, H.y)
@@ -278,5 +278,5 @@ def advance(eqs: Any, control: Any, settings: Any, H: Any, work: Any, target: fl
     if code == OK and target < c.t:
         interpolate(c, H, target, H.g_out, H.w_out, H.trial)
         split(H.trial, q, v)
-        code = close(eqs, target, q, v, c.rank, work)
+        code = close(eqs, target, q, v, c.rank, False, work)
     return code

@@ -38,6 +38,7 @@ AT_REST = 1e-9  # |v| below which there is no tangent; regular formulas still ho
 UNRESOLVED = 1e-7  # ratio below which nothing is left of the smallest singular value's digits after squaring
 REACH = 1e-2  # d of the limit, in units of q
 REDUNDANT = 1e-6  # ratio that tells a redundant constraint from a singular position nearby
+CHORD = 0.05  # ratio above which the factors of a nearby J serve
 PASSES = 12  # Gauss-Newton corrections of a position
 CLOSED = 1e-7  # a correction this small is the last: the next one would be its square
 
@@ -113,15 +114,18 @@ def ratio(sigma: Any, rank: int) -> float:
 
 
 @kernel
-def close_position(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
+def close_position(eqs: Any, t: float, q: Any, rank: int, chord: bool, work: Any) -> bool:
     """Bring q onto Phi(t, q) = 0 along the constraint normals, in place; False if it does not get there.
 
-    In the singular window the vanishing direction is left alone: it would be divided by nearly zero.
+    ``chord`` keeps the factors that ``work`` holds from a position nearby; else J is factored in each pass. Leaves
+    Phi, J and nu at the result. In the singular window the vanishing direction is left alone: it would be divided
+    by nearly zero.
     """
     m, n = eqs.terms.J.shape
+    eqs.position(t, q, eqs.data, eqs.terms)
     for _ in range(PASSES):
-        eqs.position(t, q, eqs.data, eqs.terms)
-        factor(eqs.terms, work)
+        if not chord:
+            factor(eqs.terms, work)
         least_norm(eqs.terms.Phi, m, n, rank_at(work.sigma, rank, SINGULAR), work.U, work.sigma, work.W, work.dq)
         largest = 0.0
         for i in range(n):
@@ -130,6 +134,7 @@ def close_position(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
         if not np.isfinite(largest):
             return False
         eqs.retract(q, work.dq, eqs.data)
+        eqs.position(t, q, eqs.data, eqs.terms)
         if largest <= CLOSED:
             return True
     return False
@@ -149,14 +154,20 @@ def close_velocity(v: Any, terms: Any, rank: int, work: Any) -> None:
 
 
 @kernel
-def close(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any) -> int:
-    """Bring (q, v) onto the constraints, in place; leave ``terms`` and the factors of J at the result."""
-    if not close_position(eqs, t, q, rank, work):
+def close(eqs: Any, t: float, q: Any, v: Any, rank: int, near: bool, work: Any) -> int:
+    """Bring (q, v) onto the constraints, in place; leave ``terms`` and the factors of J at the result.
+
+    ``near`` says that ``work`` holds the factors of J at a position nearby (a prediction's). They serve unless a
+    singular position is close, where J turns too fast.
+    """
+    chord = near and ratio(work.sigma, rank) > CHORD
+    if not close_position(eqs, t, q, rank, chord, work):
         return NOT_CLOSED
-    eqs.dynamics(t, q, v, eqs.data, eqs.terms)
-    factor(eqs.terms, work)
+    if not chord:
+        factor(eqs.terms, work)
     close_velocity(v, eqs.terms, rank, work)
     eqs.dynamics(t, q, v, eqs.data, eqs.terms)
+    factor(eqs.terms, work)
     return OK
 
 
@@ -232,7 +243,7 @@ def neighbour(eqs: Any, t: float, q: Any, v: Any, distance: float, rank: int, wo
         work.dq[i] = distance * v[i] / speed
         work.v_near[i] = v[i]
     eqs.retract(work.q_near, work.dq, eqs.data)
-    return close(eqs, t, work.q_near, work.v_near, rank, work)
+    return close(eqs, t, work.q_near, work.v_near, rank, False, work)
 
 
 @kernel
@@ -259,7 +270,7 @@ def close_report(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any) -> in
 
     For states from a solver that does not control that component well (IDA's regularisation leaves it free).
     """
-    code = close(eqs, t, q, v, rank, work)
+    code = close(eqs, t, q, v, rank, False, work)
     if code != OK or rank_at(work.sigma, rank, SINGULAR) == rank or length(v) <= AT_REST:
         return code
     for i in range(v.shape[0]):
@@ -333,7 +344,7 @@ def rank_beside(eqs: Any, t: float, q: Any, e: Any, work: Any) -> int:
     for i in range(n):
         work.dq[i] = 5.0 * REACH * e[i] / size
     eqs.retract(work.q_near, work.dq, eqs.data)
-    if not close_position(eqs, t, work.q_near, min(m, n), work):
+    if not close_position(eqs, t, work.q_near, min(m, n), False, work):
         return 0
     eqs.position(t, work.q_near, eqs.data, eqs.terms)
     factor(eqs.terms, work)

@@ -80,7 +80,7 @@ class System:
     m: int
     data: Any
     dynamics: Callable[[float, Array, Array, Any, Terms], None]  # (t, q, v, data, terms): fills all terms
-    position: Callable[[float, Array, Any, Terms], None]  # (t, q, data, terms): fills Phi and J only
+    position: Callable[[float, Array, Any, Terms], None]  # (t, q, data, terms): fills Phi, J, nu only
     retract: Callable[[Array, Array, Any], None]  # (q, dq, data): q <- q (+) N dq in place, dq (n,)
     energy: Callable[[float, Array, Array, Any], float]  # (t, q, v, data): total mechanical energy, J
     coordinate_names: tuple[str, ...] = ()  # (n,)
@@ -95,7 +95,7 @@ class System:
         _dynamics(self.dynamics, t, q, v, self.data, terms)
 
     def fill_position(self, t: float, q: Array, terms: Terms) -> None:
-        """Fill Phi and J at (t, q)."""
+        """Fill Phi, J and nu at (t, q)."""
         _position(self.position, t, q, self.data, terms)
 
     def apply(self, q: Array, dq: Array) -> None:

@@ -24,24 +24,31 @@ def close_cuts(arrays: Any, state: Any) -> None:
 
 
 @kernel
-def carry_inward(i: int, G: Any, row: int, arrays: Any, state: Any, J: Any) -> None:
-    """Add to J[row] the power of the wrench G on body i for every free coordinate between it and the ground."""
+def carry_inward(i: int, G: Any, row: int, arrays: Any, state: Any, J: Any, nu: Any) -> None:
+    """Add to J[row] the power of the wrench G on body i for every free coordinate between it and the ground.
+
+    The power on driven coordinates moves at their known velocity and goes to nu.
+    """
     f = state.rel[6]  # scratch
     for k in range(6):
         f[k] = G[k]
     while i > 0:
         body = arrays.bodies[i]
-        if body.vf >= 0:
-            for k in range(body.nv):
-                J[row, body.vf + k] += dot6(state.S[body.vi + k], f)
+        for k in range(body.nv):
+            power = dot6(state.S[body.vi + k], f)
+            if body.vf >= 0:
+                J[row, body.vf + k] += power
+            else:
+                nu[row] -= power * state.v[body.vi + k]
         shift_to(state.bodies[i], state.bodies[body.parent], f)
         i = body.parent
 
 
 @kernel
-def jacobian(arrays: Any, state: Any, Phi: Any, J: Any) -> None:
-    """Phi (m,) and J (m, n), after :func:`close_cuts`."""
+def jacobian(arrays: Any, state: Any, Phi: Any, J: Any, nu: Any) -> None:
+    """Phi (m,), J (m, n) and nu (m,), after :func:`close_cuts`; State.v holds the driven velocities."""
     for i in range(J.shape[0]):
+        nu[i] = 0.0
         for j in range(J.shape[1]):
             J[i, j] = 0.0
     for i in range(arrays.cuts.shape[0]):
@@ -51,13 +58,13 @@ def jacobian(arrays: Any, state: Any, Phi: Any, J: Any) -> None:
             row = arrays.kept[r]
             if row >= 0:
                 Phi[row] = state.rows[r].Phi
-                carry_inward(cut.a, state.rows[r].Ga, row, arrays, state, J)
-                carry_inward(cut.b, state.rows[r].Gb, row, arrays, state, J)
+                carry_inward(cut.a, state.rows[r].Ga, row, arrays, state, J, nu)
+                carry_inward(cut.b, state.rows[r].Gb, row, arrays, state, J, nu)
 
 
 @kernel
-def right_hand_sides(v: Any, arrays: Any, state: Any, J: Any, nu: Any, gamma: Any) -> None:
-    """nu and gamma of J v = nu and J v' = gamma; State holds velocities, and accelerations at zero free v'."""
+def right_hand_side(arrays: Any, state: Any, gamma: Any) -> None:
+    """gamma of J v' = gamma; State holds velocities, and accelerations at zero free v'."""
     for i in range(arrays.cuts.shape[0]):
         cut = arrays.cuts[i]
         end = arrays.cuts[i + 1].row if i + 1 < arrays.cuts.shape[0] else state.rows.shape[0]
@@ -66,9 +73,6 @@ def right_hand_sides(v: Any, arrays: Any, state: Any, J: Any, nu: Any, gamma: An
             row = arrays.kept[r]
             if row >= 0:
                 here = state.rows[r]
-                nu[row] = -dot6(here.Ga, A.Y) - dot6(here.Gb, B.Y)
-                for k in range(v.shape[0]):
-                    nu[row] += J[row, k] * v[k]
                 gamma[row] = -dot6(here.Ga, A.dY) - dot6(here.Gb, B.dY) - here.bias
 
 

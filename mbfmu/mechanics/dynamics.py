@@ -16,14 +16,14 @@ from solvers.kernel import COMPILED, callback, kernel, records
 from solvers.system import Terms
 
 from .arrays import BODY, CUT, FORCE, SIGNAL, WORLD, Arrays, Data, allocate_state
-from .constraints import close_cuts, jacobian, load_cuts, right_hand_sides
+from .constraints import close_cuts, jacobian, load_cuts, right_hand_side
 from .crba import composite_inertia, mass_matrix
 from .energy import kinetic_energy, potential_energy
 from .forces import apply
 from .kinematics import accelerations, place, scatter, turn_inertia, velocities
 from .rnea import inverse_dynamics
 from .sensors import read
-from .signals import value
+from .signals import rate, value
 from .spatial import quaternion_rate
 
 
@@ -39,17 +39,17 @@ def move(t: float, q: Any, v: Any, arrays: Any, state: Any) -> None:
 
 
 @kernel
-def position_rate(arrays: Any, q: Any, v: Any, rate: Any) -> None:
-    """rate (nq,) = N(q) v over the free coordinates."""
+def position_rate(arrays: Any, q: Any, v: Any, qdot: Any) -> None:
+    """qdot (nq,) = N(q) v over the free coordinates."""
     for i in range(1, arrays.bodies.shape[0]):
         body = arrays.bodies[i]
         if body.vf < 0:
             continue
         plain = body.nq - 4 * body.quaternion
         for k in range(plain):
-            rate[body.qf + k] = v[body.vf + k]
+            qdot[body.qf + k] = v[body.vf + k]
         if body.quaternion == 1:
-            quaternion_rate(q, body.qf + plain, v, body.vf + plain, rate)
+            quaternion_rate(q, body.qf + plain, v, body.vf + plain, qdot)
 
 
 def dynamics(t: float, q: Any, v: Any, data: Any, terms: Any) -> None:
@@ -65,13 +65,13 @@ def dynamics(t: float, q: Any, v: Any, data: Any, terms: Any) -> None:
                 terms.h[body.vf + k] = state.tau[body.vi + k]
     composite_inertia(arrays, state)
     mass_matrix(arrays, state, terms.M)
-    jacobian(arrays, state, terms.Phi, terms.J)
-    right_hand_sides(v, arrays, state, terms.J, terms.nu, terms.gamma)
+    jacobian(arrays, state, terms.Phi, terms.J, terms.nu)
+    right_hand_side(arrays, state, terms.gamma)
     position_rate(arrays, q, v, terms.qdot)
 
 
 def position(t: float, q: Any, data: Any, terms: Any) -> None:
-    """Phi and J alone; the velocities left in the state do not enter."""
+    """Phi, J and nu alone; free velocities left in the state do not enter."""
     arrays, state = data.arrays, data.state
     for i in range(1, arrays.bodies.shape[0]):
         body = arrays.bodies[i]
@@ -82,7 +82,7 @@ def position(t: float, q: Any, data: Any, terms: Any) -> None:
                 state.q[body.qi + k] = q[body.qf + k]
     place(arrays, state)
     close_cuts(arrays, state)
-    jacobian(arrays, state, terms.Phi, terms.J)
+    jacobian(arrays, state, terms.Phi, terms.J, terms.nu)
 
 
 def retract(q: Any, dq: Any, data: Any) -> None:
@@ -133,8 +133,9 @@ def observe(t: float, q: Any, v: Any, a: Any, lam: Any, sensors: Any, data: Any,
 
 @kernel
 def scatter_drive(t: float, body: Any, arrays: Any, state: Any) -> None:
-    """Position of a driven coordinate."""
+    """Position and velocity of a driven coordinate."""
     state.q[body.qi] = value(arrays.signals[body.drive], t)
+    state.v[body.vi] = rate(arrays.signals[body.drive], t)
 
 
 @kernel
