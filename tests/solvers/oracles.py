@@ -6,7 +6,6 @@ All share one type of data, an array of parameters, so the solver's kernels are 
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 from numba import typeof, types
@@ -19,13 +18,7 @@ from solvers.system import Array, System, Terms
 G = 9.81  # m/s^2
 
 
-class Parameters(NamedTuple):
-    """Data of every system here."""
-
-    values: Array
-
-
-DATA = typeof(Parameters(np.zeros(1)))
+DATA = typeof(np.zeros(1))  # a plain array: a type of this module would be pickled into the shared compile cache
 TERMS = typeof(Terms.allocate(1, 1, 1))
 VECTOR = types.float64[::1]
 DYNAMICS = types.void(types.float64, VECTOR, VECTOR, DATA, TERMS)
@@ -47,7 +40,7 @@ def add(q, dq, data):
 
 @callback(DYNAMICS)
 def fourbar_dynamics(t, q, v, data, terms):
-    x = data.values
+    x = data
     for i in range(3):
         terms.qdot[i] = v[i]
         terms.h[i] = 0.0
@@ -98,7 +91,7 @@ def fourbar_dynamics(t, q, v, data, terms):
 
 @callback(POSITION)
 def fourbar_position(t, q, data, terms):
-    x = data.values
+    x = data
     for row in range(terms.Phi.shape[0]):
         terms.Phi[row] = -x[6] if row % 2 == 0 else 0.0
         for j in range(3):
@@ -114,7 +107,7 @@ def fourbar_position(t, q, data, terms):
 
 @callback(ENERGY)
 def fourbar_energy(t, q, v, data):
-    x = data.values
+    x = data
     total = 0.0
     py, vx, vy, phi, w = 0.0, 0.0, 0.0, 0.0, 0.0
     for b in range(3):
@@ -135,7 +128,7 @@ def fourbar(rocker_mass: float = 1.0, redundant: bool = False) -> System:
     values = np.array([1.0, 3.0, 1.0, 1.0, 3.0, rocker_mass, 3.0])
     m = 4 if redundant else 2
     return System(
-        nq=3, n=3, m=m, data=Parameters(values), dynamics=fourbar_dynamics, position=fourbar_position,
+        nq=3, n=3, m=m, data=values, dynamics=fourbar_dynamics, position=fourbar_position,
         retract=add, energy=fourbar_energy,
     )  # fmt: skip
 
@@ -180,7 +173,7 @@ def singular_times(theta: float = np.radians(10.0), end: float = 10.0) -> tuple[
 
 @callback(DYNAMICS)
 def particle_dynamics(t, q, v, data, terms):
-    x = data.values
+    x = data
     terms.qdot[0] = v[0]
     terms.M[0, 0] = 1.0
     terms.h[0] = x[0] * q[0] - 6.0 * x[2] * q[0] * q[0]
@@ -195,7 +188,7 @@ def unconstrained(t, q, data, terms):
 
 @callback(ENERGY)
 def particle_energy(t, q, v, data):
-    return 0.5 * v[0] * v[0] + 0.5 * data.values[0] * q[0] * q[0]
+    return 0.5 * v[0] * v[0] + 0.5 * data[0] * q[0] * q[0]
 
 
 def particle(stiffness: float = 0.0, nan_from: float = np.inf, blow_up: float = 0.0) -> System:
@@ -204,7 +197,7 @@ def particle(stiffness: float = 0.0, nan_from: float = np.inf, blow_up: float = 
         nq=1,
         n=1,
         m=0,
-        data=Parameters(np.array([stiffness, nan_from, blow_up])),
+        data=np.array([stiffness, nan_from, blow_up]),
         dynamics=particle_dynamics,
         position=unconstrained,
         retract=add,
@@ -217,7 +210,7 @@ def particle(stiffness: float = 0.0, nan_from: float = np.inf, blow_up: float = 
 
 @callback(DYNAMICS)
 def body_dynamics(t, q, v, data, terms):
-    x = data.values
+    x = data
     terms.qdot[0] = 0.5 * (-q[1] * v[0] - q[2] * v[1] - q[3] * v[2])
     terms.qdot[1] = 0.5 * (q[0] * v[0] + q[2] * v[2] - q[3] * v[1])
     terms.qdot[2] = 0.5 * (q[0] * v[1] + q[3] * v[0] - q[1] * v[2])
@@ -244,7 +237,7 @@ def turn(q, dq, data):
 
 @callback(ENERGY)
 def body_energy(t, q, v, data):
-    return 0.5 * (data.values[0] * v[0] ** 2 + data.values[1] * v[1] ** 2 + data.values[2] * v[2] ** 2)
+    return 0.5 * (data[0] * v[0] ** 2 + data[1] * v[1] ** 2 + data[2] * v[2] ** 2)
 
 
 INERTIA = np.array([1.0, 2.0, 3.0])  # kg m^2
@@ -256,7 +249,7 @@ def rigid_body() -> System:
         nq=4,
         n=3,
         m=0,
-        data=Parameters(INERTIA),
+        data=INERTIA,
         dynamics=body_dynamics,
         position=unconstrained,
         retract=turn,

@@ -189,7 +189,7 @@ def test_restart_takes_a_changed_force_from_the_reported_time_on(name):
     system = particle(1.0)
     stepper = SOLVERS[name](system, 0.0, np.ones(1), np.zeros(1), Options(rtol=1e-8))
     stepper.advance(1.0)
-    system.data.values[0] = 0.0
+    system.data[0] = 0.0
     stepper.restart()
     stepper.advance(2.0)
     assert stepper.q[0] == pytest.approx(np.cos(1.0) - np.sin(1.0), abs=1e-6)
