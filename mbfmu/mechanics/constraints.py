@@ -12,7 +12,7 @@ from solvers.kernel import kernel
 
 from .crba import shift_to
 from .cuts import close
-from .spatial import add_wrench, dot6
+from .spatial import add_wrench, dot6, row_dot6
 
 
 @kernel
@@ -29,13 +29,13 @@ def carry_inward(i: int, G: Any, row: int, arrays: Any, state: Any, J: Any, nu: 
 
     The power on driven coordinates moves at their known velocity and goes to nu.
     """
-    f = state.rel[6]  # scratch
+    f = state.wrench
     for k in range(6):
         f[k] = G[k]
     while i > 0:
         body = arrays.bodies[i]
         for k in range(body.nv):
-            power = dot6(state.S[body.vi + k], f)
+            power = row_dot6(state.S, body.vi + k, f)
             if body.vf >= 0:
                 J[row, body.vf + k] += power
             else:
@@ -79,7 +79,7 @@ def right_hand_side(arrays: Any, state: Any, gamma: Any) -> None:
 @kernel
 def load_cuts(lam: Any, arrays: Any, state: Any) -> None:
     """Add the cut-joint forces -lambda G to the applied wrenches F."""
-    f = state.rel[6]  # scratch
+    f = state.wrench
     for i in range(arrays.cuts.shape[0]):
         cut = arrays.cuts[i]
         end = arrays.cuts[i + 1].row if i + 1 < arrays.cuts.shape[0] else state.rows.shape[0]

@@ -11,7 +11,7 @@ from typing import Any
 
 from solvers.kernel import kernel
 
-from .spatial import dot6
+from .spatial import row_dot6
 
 
 @kernel
@@ -52,15 +52,15 @@ def collect(here: Any, parent: Any) -> None:
 
 
 @kernel
-def momentum_of(here: Any, s: Any, out: Any) -> None:
-    """out = composite inertia times the motion s: the momentum wrench about the body's origin."""
+def momentum_of(here: Any, S: Any, i: int, out: Any) -> None:
+    """out = composite inertia times the motion S[i]: the momentum wrench about the body's origin."""
     m, mc, J = here.mass, here.mc, here.J
-    out[0] = m * s[0] + s[4] * mc[2] - s[5] * mc[1]
-    out[1] = m * s[1] + s[5] * mc[0] - s[3] * mc[2]
-    out[2] = m * s[2] + s[3] * mc[1] - s[4] * mc[0]
-    out[3] = mc[1] * s[2] - mc[2] * s[1] + J[0, 0] * s[3] + J[0, 1] * s[4] + J[0, 2] * s[5]
-    out[4] = mc[2] * s[0] - mc[0] * s[2] + J[1, 0] * s[3] + J[1, 1] * s[4] + J[1, 2] * s[5]
-    out[5] = mc[0] * s[1] - mc[1] * s[0] + J[2, 0] * s[3] + J[2, 1] * s[4] + J[2, 2] * s[5]
+    out[0] = m * S[i, 0] + S[i, 4] * mc[2] - S[i, 5] * mc[1]
+    out[1] = m * S[i, 1] + S[i, 5] * mc[0] - S[i, 3] * mc[2]
+    out[2] = m * S[i, 2] + S[i, 3] * mc[1] - S[i, 4] * mc[0]
+    out[3] = mc[1] * S[i, 2] - mc[2] * S[i, 1] + J[0, 0] * S[i, 3] + J[0, 1] * S[i, 4] + J[0, 2] * S[i, 5]
+    out[4] = mc[2] * S[i, 0] - mc[0] * S[i, 2] + J[1, 0] * S[i, 3] + J[1, 1] * S[i, 4] + J[1, 2] * S[i, 5]
+    out[5] = mc[0] * S[i, 1] - mc[1] * S[i, 0] + J[2, 0] * S[i, 3] + J[2, 1] * S[i, 4] + J[2, 2] * S[i, 5]
 
 
 @kernel
@@ -78,16 +78,16 @@ def mass_matrix(arrays: Any, state: Any, M: Any) -> None:
     for i in range(M.shape[0]):
         for j in range(M.shape[1]):
             M[i, j] = 0.0
-    f = state.rel[6]  # scratch
+    f = state.wrench
     for i in range(1, arrays.bodies.shape[0]):
         body = arrays.bodies[i]
         if body.vf < 0:
             continue
         for k in range(body.nv):
-            momentum_of(state.bodies[i], state.S[body.vi + k], f)
+            momentum_of(state.bodies[i], state.S, body.vi + k, f)
             row = body.vf + k
             for j in range(k + 1):
-                M[row, body.vf + j] = dot6(state.S[body.vi + j], f)
+                M[row, body.vf + j] = row_dot6(state.S, body.vi + j, f)
                 M[body.vf + j, row] = M[row, body.vf + j]
             j = i
             while arrays.bodies[j].parent > 0:
@@ -96,5 +96,5 @@ def mass_matrix(arrays: Any, state: Any, M: Any) -> None:
                 j = up
                 if arrays.bodies[j].vf >= 0:
                     for c in range(arrays.bodies[j].nv):
-                        M[row, arrays.bodies[j].vf + c] = dot6(state.S[arrays.bodies[j].vi + c], f)
+                        M[row, arrays.bodies[j].vf + c] = row_dot6(state.S, arrays.bodies[j].vi + c, f)
                         M[arrays.bodies[j].vf + c, row] = M[row, arrays.bodies[j].vf + c]

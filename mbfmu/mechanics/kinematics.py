@@ -18,7 +18,7 @@ from solvers.kernel import kernel
 
 from . import signals
 from .joints import move
-from .spatial import cross, multiply, rotate
+from .spatial import multiply, rotate, rotate_row
 
 _value, _rate, _second = signals.value, signals.rate, signals.second
 
@@ -52,8 +52,9 @@ def place(arrays: Any, state: Any) -> None:
         move(body.joint, body.axis, state.q, body.qi, state.v, body.vi, rel)
         C = here.Jc  # scratch until the inertia is turned
         multiply(parent.A, body.R, C)
-        multiply(C, rel[7:10], here.A)
         for k in range(3):
+            for j in range(3):
+                here.A[k, j] = C[k, 0] * rel[7, j] + C[k, 1] * rel[8, j] + C[k, 2] * rel[9, j]
             here.r[k] = (
                 parent.r[k]
                 + parent.A[k, 0] * body.s[0]
@@ -64,10 +65,10 @@ def place(arrays: Any, state: Any) -> None:
                 + C[k, 2] * rel[9, 3]
             )
         for k in range(body.nv):
-            rotate(C, rel[k], state.S[body.vi + k])
-            rotate(C, rel[k, 3:6], state.S[body.vi + k, 3:6])
-        rotate(C, rel[6], here.beta)
-        rotate(C, rel[6, 3:6], here.beta[3:6])
+            rotate_row(C, rel, k, state.S, body.vi + k)
+        for k in range(3):
+            here.beta[k] = C[k, 0] * rel[6, 0] + C[k, 1] * rel[6, 1] + C[k, 2] * rel[6, 2]
+            here.beta[3 + k] = C[k, 0] * rel[6, 3] + C[k, 1] * rel[6, 4] + C[k, 2] * rel[6, 5]
 
 
 @kernel
@@ -138,12 +139,3 @@ def accelerations(arrays: Any, state: Any) -> None:
         for j in range(body.nv):
             for k in range(6):
                 dY[k] += state.S[body.vi + j, k] * state.a[body.vi + j]
-
-
-@kernel
-def point_velocity(here: Any, p: Any, out: Any) -> None:
-    """Velocity of the point at offset p (global axes) from a body's origin."""
-    Y = here.Y
-    cross(Y[3:6], p, out)
-    for k in range(3):
-        out[k] += Y[k]

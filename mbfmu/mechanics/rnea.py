@@ -13,7 +13,7 @@ from typing import Any
 
 from solvers.kernel import kernel
 
-from .spatial import add_wrench, cross, dot6, rotate
+from .spatial import add_wrench, cross, rotate, row_dot6
 
 
 @kernel
@@ -29,7 +29,8 @@ def inertia_wrench(mass: float, here: Any, out: Any) -> None:
     hx = Jc[0, 0] * wx + Jc[0, 1] * wy + Jc[0, 2] * wz
     hy = Jc[1, 0] * wx + Jc[1, 1] * wy + Jc[1, 2] * wz
     hz = Jc[2, 0] * wx + Jc[2, 1] * wy + Jc[2, 2] * wz
-    rotate(Jc, dY[3:6], out[3:6])
+    for k in range(3):
+        out[3 + k] = Jc[k, 0] * dY[3] + Jc[k, 1] * dY[4] + Jc[k, 2] * dY[5]
     out[3] += wy * hz - wz * hy + c[1] * out[2] - c[2] * out[1]
     out[4] += wz * hx - wx * hz + c[2] * out[0] - c[0] * out[2]
     out[5] += wx * hy - wy * hx + c[0] * out[1] - c[1] * out[0]
@@ -47,7 +48,7 @@ def inverse_dynamics(arrays: Any, state: Any) -> None:
         body = arrays.bodies[i]
         here = state.bodies[i]
         for k in range(body.vi, body.vi + body.nv):
-            state.tau[k] = dot6(state.S[k], here.W) - state.Q[k]
+            state.tau[k] = row_dot6(state.S, k, here.W) - state.Q[k]
         if body.parent > 0:
             parent = state.bodies[body.parent]
             x, y, z = here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2]

@@ -25,6 +25,14 @@ def rotate(A: Vec, x: Vec, out: Vec) -> None:
 
 
 @kernel
+def rotate_row(A: Vec, X: Vec, i: int, Y: Vec, j: int) -> None:
+    """Y[j] = A X[i] for rows that hold a linear and an angular part."""
+    for k in range(3):
+        Y[j, k] = A[k, 0] * X[i, 0] + A[k, 1] * X[i, 1] + A[k, 2] * X[i, 2]
+        Y[j, 3 + k] = A[k, 0] * X[i, 3] + A[k, 1] * X[i, 4] + A[k, 2] * X[i, 5]
+
+
+@kernel
 def multiply(A: Vec, B: Vec, out: Vec) -> None:
     """out = A B, 3x3; ``out`` may not alias."""
     for i in range(3):
@@ -36,6 +44,12 @@ def multiply(A: Vec, B: Vec, out: Vec) -> None:
 def dot6(a: Vec, b: Vec) -> float:
     """Power of wrench a on motion b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
+
+
+@kernel
+def row_dot6(S: Vec, i: int, f: Vec) -> float:
+    """Power of wrench f on the motion S[i]."""
+    return S[i, 0] * f[0] + S[i, 1] * f[1] + S[i, 2] * f[2] + S[i, 3] * f[3] + S[i, 4] * f[4] + S[i, 5] * f[5]
 
 
 @kernel
@@ -61,19 +75,19 @@ def add_force(W: Vec, x: float, y: float, z: float, fx: float, fy: float, fz: fl
 
 
 @kernel
-def quaternion_matrix(e: Vec, i: int, A: Vec) -> None:
-    """Rotation matrix of the quaternion e[i:i+4] (scalar first), taken at unit length."""
+def quaternion_matrix(e: Vec, i: int, A: Vec, r: int) -> None:
+    """A[r:r+3, 0:3] = rotation matrix of the quaternion e[i:i+4] (scalar first), taken at unit length."""
     w, x, y, z = e[i], e[i + 1], e[i + 2], e[i + 3]
     s = 2.0 / (w * w + x * x + y * y + z * z)
-    A[0, 0] = 1.0 - s * (y * y + z * z)
-    A[0, 1] = s * (x * y - w * z)
-    A[0, 2] = s * (x * z + w * y)
-    A[1, 0] = s * (x * y + w * z)
-    A[1, 1] = 1.0 - s * (x * x + z * z)
-    A[1, 2] = s * (y * z - w * x)
-    A[2, 0] = s * (x * z - w * y)
-    A[2, 1] = s * (y * z + w * x)
-    A[2, 2] = 1.0 - s * (x * x + y * y)
+    A[r, 0] = 1.0 - s * (y * y + z * z)
+    A[r, 1] = s * (x * y - w * z)
+    A[r, 2] = s * (x * z + w * y)
+    A[r + 1, 0] = s * (x * y + w * z)
+    A[r + 1, 1] = 1.0 - s * (x * x + z * z)
+    A[r + 1, 2] = s * (y * z - w * x)
+    A[r + 2, 0] = s * (x * z - w * y)
+    A[r + 2, 1] = s * (y * z + w * x)
+    A[r + 2, 2] = 1.0 - s * (x * x + y * y)
 
 
 @kernel

@@ -19,7 +19,7 @@ from .base import Joint
 @kernel
 def move(axis: Any, q: Any, qi: int, v: Any, vi: int, rel: Any) -> None:
     """See :mod:`.base`."""
-    quaternion_matrix(q, qi + 3, rel[7:10])
+    quaternion_matrix(q, qi + 3, rel, 7)
     for k in range(3):
         rel[k, k] = 1.0
         rel[7 + k, 3] = q[qi + k]

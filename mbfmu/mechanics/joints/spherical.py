@@ -17,7 +17,7 @@ from .base import Joint
 @kernel
 def move(axis: Any, q: Any, qi: int, v: Any, vi: int, rel: Any) -> None:
     """See :mod:`.base`."""
-    quaternion_matrix(q, qi, rel[7:10])
+    quaternion_matrix(q, qi, rel, 7)
     for k in range(3):
         for i in range(3):
             rel[k, 3 + i] = rel[7 + i, k]
