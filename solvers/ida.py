@@ -9,7 +9,8 @@ with d = 0.01 rtol, in units of the squared constraint Jacobian (and of its inve
 d the iteration matrix is singular where J loses rank: the matrix kept from before such a position diverges
 after it and the step is cut ever closer to it. With d the vanishing direction is left to the predictor, which
 knows the tangent. The bias is |J v - nu| = d |lambda|, far below the tolerance, and redundant constraints are
-admitted as well.
+admitted as well. The regularisation bounds what can be reached: with constraints, an rtol below FINEST is run as
+FINEST.
 
 Multipliers carry no error control: they may be unbounded where the motion is smooth. unit(q) is q with its
 quaternions normalised; the last term of the first equation holds their length and vanishes with it.
@@ -33,6 +34,7 @@ from .stepper import Code, Options, Statistics, Stepper, pack, unpack
 from .system import Array, System
 
 TIKHONOV = 0.01  # d relative to rtol; a tenth of it takes 60 times the residuals at 1e-10
+FINEST = 1e-9  # a tighter rtol is run as this one: below it roundoff in J grows faster than the BDF error falls
 TIGHTER = 0.1  # BDF errors add up: the tolerance given to IDA, relative to the one asked for
 UNCONTROLLED = 1e8  # absolute tolerance of the multipliers
 LENGTH_RATE = 10.0  # 1/s, k
@@ -160,6 +162,7 @@ class IDAStepper(Stepper):
 
     def __init__(self, system: System, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
         super().__init__(system, t0, q0, v0, options)
+        self._rtol = max(FINEST, self.options.rtol) if system.m else self.options.rtol
         self._unknowns = Unknowns.allocate(system.nq, system.n, system.m)
         self._begun = np.zeros(1)  # how often IDA has been initialised
         self._pending = True  # IDA is to be initialised at the reported state
@@ -175,12 +178,12 @@ class IDAStepper(Stepper):
             jacobian(eqs, t, y, yp, res, cj, JJ, u)
 
         controlled, size = s.nq + s.n, s.nq + s.n + 2 * s.m
-        atol = np.full(size, TIGHTER * o.absolute)
+        atol = np.full(size, TIGHTER * (self._rtol if o.atol is None else o.atol))
         atol[controlled:] = UNCONTROLLED
         return IDA(
             resfn,
             jacfn=jacfn,
-            rtol=TIGHTER * o.rtol,
+            rtol=TIGHTER * self._rtol,
             atol=atol,
             algebraic_idx=np.arange(controlled, size) if s.m else None,
             max_step=0.0 if np.isinf(o.max_step) else o.max_step,
@@ -197,7 +200,7 @@ class IDAStepper(Stepper):
             return code
         J, scale = self._terms.J, np.trace(self._terms.M) / s.n
         square = np.linalg.norm(J, 2) ** 2 if s.m else 1.0
-        u.d[:] = TIKHONOV * self.options.rtol * square / np.array([scale, 1.0])
+        u.d[:] = TIKHONOV * self._rtol * square / np.array([scale, 1.0])
         zeros = np.zeros(s.m)
         y = np.concatenate((self._q, self._v, lam, zeros))
         yp = np.concatenate((self._terms.qdot, a, zeros, zeros))
