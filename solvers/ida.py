@@ -34,7 +34,7 @@ from .stepper import Code, Options, Statistics, Stepper, pack, unpack
 from .system import Array, System
 
 TIKHONOV = 0.01  # d relative to rtol; a tenth of it takes 60 times the residuals at 1e-10
-FINEST = 1e-9  # a tighter rtol is run as this one: below it roundoff in J grows faster than the BDF error falls
+FINEST = 5e-10  # a tighter rtol is run as this one: below it roundoff in J grows faster than the BDF error falls
 TIGHTER = 0.1  # BDF errors add up: the tolerance given to IDA, relative to the one asked for
 UNCONTROLLED = 1e8  # absolute tolerance of the multipliers
 LENGTH_RATE = 10.0  # 1/s, k
