@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from .kernel import kernel
+from .kernel import inlined, kernel
 from .lu import choose, close_dependent, dependent_acceleration, same_choice
 from .multistep import accept, begin, coefficients, correct, estimate, interpolate, predict, unwind
 from .partition import NOT_CLOSED, OK, acceleration, close, factor, ratio
@@ -40,7 +40,7 @@ HYBRID = 2
 SMALLEST_STEP = 1e-11  # times max(1, |t|)
 
 
-@kernel
+@inlined
 def split(y: Any, q: Any, v: Any) -> None:
     """(q, v) <- y."""
     nq = q.shape[0]
@@ -50,7 +50,7 @@ def split(y: Any, q: Any, v: Any) -> None:
         v[i] = y[nq + i]
 
 
-@kernel
+@inlined
 def join(q: Any, v: Any, y: Any) -> None:
     """y <- (q, v)."""
     nq = q.shape[0]
@@ -60,7 +60,7 @@ def join(q: Any, v: Any, y: Any) -> None:
         y[nq + i] = v[i]
 
 
-@kernel
+@inlined
 def weigh(c: Any, o: Any, H: Any, nq: int, n: int) -> None:
     """Error weights at y; dependent coordinates have none."""
     for i in range(nq + n):
@@ -72,7 +72,7 @@ def weigh(c: Any, o: Any, H: Any, nq: int, n: int) -> None:
                 H.weight[H.columns[j]] = 0.0
 
 
-@kernel
+@inlined
 def differentiate(eqs: Any, t: float, closing: bool, c: Any, H: Any, work: Any) -> int:
     """y' in ``H.yp`` at (work.q, work.v), which are closed first where ``closing`` or in the LU regime."""
     q, v, rank = work.q, work.v, c.rank
@@ -122,7 +122,7 @@ def start(eqs: Any, c: Any, o: Any, H: Any, work: Any) -> int:
     return code
 
 
-@kernel
+@inlined
 def take_choice(H: Any, work: Any) -> None:
     """Make the candidate choice of rows and coordinates the choice."""
     for i in range(work.rows.shape[0]):
@@ -169,7 +169,7 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any) -> int:
             return COLLAPSED if code == OK else code
 
 
-@kernel
+@inlined
 def cut(cuts: int, c: Any, H: Any) -> None:
     """Block 3 of STEP: undo the attempt, halve the step, after three failures fall back to order one."""
     unwind(c, H)
@@ -183,7 +183,7 @@ def cut(cuts: int, c: Any, H: Any) -> None:
         c.k = c.knew
 
 
-@kernel
+@inlined
 def jumped(eqs: Any, t: float, c: Any, o: Any, work: Any) -> bool:
     """Whether the total energy has jumped in an LU step of the hybrid, in units of the largest kinetic energy
     so far.

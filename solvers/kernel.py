@@ -63,6 +63,12 @@ def kernel(function: F) -> F:
         return cast(F, numba.njit(cache=True, error_model="numpy")(function))
 
 
+def inlined(function: F) -> F:
+    """Compile a small kernel into its callers: handing it many arrays would cost more than its work."""
+    with _cached_here():
+        return cast(F, numba.njit(cache=True, error_model="numpy", forceinline=True)(function))
+
+
 def callback(signature: Any) -> Callable[[F], F]:
     """Compile a function for one signature, so that it can be passed to a kernel as an argument."""
 

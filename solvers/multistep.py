@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .kernel import kernel, records
+from .kernel import inlined, records
 from .system import Array
 
 HIGHEST = 12  # order
@@ -73,7 +73,7 @@ class History(NamedTuple):
         return History._make([*arrays, np.arange(m), np.arange(n)])
 
 
-@kernel
+@inlined
 def weighted_norm(x: Any, weight: Any) -> float:
     """||x * weight||_2."""
     total = 0.0
@@ -82,7 +82,7 @@ def weighted_norm(x: Any, weight: Any) -> float:
     return np.sqrt(total)
 
 
-@kernel
+@inlined
 def begin(c: Any, H: Any, max_step: float) -> None:
     """History of order 1 from y' = ``H.yp`` at ``c.t``."""
     for j in range(ROWS):
@@ -99,7 +99,7 @@ def begin(c: Any, H: Any, max_step: float) -> None:
     c.k, c.kold, c.ns, c.phase1, c.start = 1, 0, 0, 1, 0
 
 
-@kernel
+@inlined
 def coefficients(c: Any, H: Any) -> None:
     """Block 1 of STEP: coefficients of the formulas for step ``c.h`` at order ``c.k``; those that stay are kept."""
     k = c.k
@@ -124,7 +124,7 @@ def coefficients(c: Any, H: Any) -> None:
     predictor(c, H)
 
 
-@kernel
+@inlined
 def predictor(c: Any, H: Any) -> None:
     """The g of block 1: integrals of the divided-difference basis, by recurrence over v and w."""
     k, ns = c.k, c.ns
@@ -147,7 +147,7 @@ def predictor(c: Any, H: Any) -> None:
         H.g[i] = H.w[1]
 
 
-@kernel
+@inlined
 def predict(c: Any, H: Any) -> None:
     """Block 2, first half: the predicted state ``H.p`` and differences as of t + h without the new y'."""
     k = c.k
@@ -163,7 +163,7 @@ def predict(c: Any, H: Any) -> None:
         H.p[i] = H.y[i] + c.h * total
 
 
-@kernel
+@inlined
 def estimate(c: Any, H: Any) -> float:
     """Block 2, second half: return the weighted error at order k; note those of orders k, k-1, k-2 and the
     next order.
@@ -191,7 +191,7 @@ def estimate(c: Any, H: Any) -> float:
     return scaled * (H.g[k] - H.g[k + 1])
 
 
-@kernel
+@inlined
 def unwind(c: Any, H: Any) -> None:
     """Block 3, first half: take :func:`predict` and :func:`coefficients` back after a failed step."""
     c.phase1 = 0
@@ -202,14 +202,14 @@ def unwind(c: Any, H: Any) -> None:
         H.psi[j - 1] = H.psi[j] - c.h
 
 
-@kernel
+@inlined
 def correct(c: Any, H: Any) -> None:
     """Block 4: the corrected state, one order higher, in ``H.trial``."""
     for i in range(H.y.shape[0]):
         H.trial[i] = H.p[i] + c.h * H.g[c.k + 1] * (H.yp[i] - H.phi[1, i])
 
 
-@kernel
+@inlined
 def accept(c: Any, H: Any, max_order: int, max_step: float) -> None:
     """Rest of block 4: take over ``H.trial`` and its y' = ``H.yp``; choose the next order and step."""
     k = c.k
@@ -225,7 +225,7 @@ def accept(c: Any, H: Any, max_order: int, max_step: float) -> None:
     choose_step(c, max_step)
 
 
-@kernel
+@inlined
 def choose_order(c: Any, H: Any, max_order: int) -> None:
     """Next order: lower where errors fall with lower order, higher in phase 1 or where the higher order is better."""
     k = c.k
@@ -249,7 +249,7 @@ def choose_order(c: Any, H: Any, max_order: int) -> None:
         c.k, c.erk = k + 1, above
 
 
-@kernel
+@inlined
 def choose_step(c: Any, max_step: float) -> None:
     """Next step: doubled, kept, or cut to between a half and nine tenths, never more than ``max_step``."""
     h = c.h
@@ -260,7 +260,7 @@ def choose_step(c: Any, max_step: float) -> None:
     c.h = min(c.h, max_step)
 
 
-@kernel
+@inlined
 def interpolate(c: Any, H: Any, t: float, g: Any, w: Any, y: Any) -> None:
     """State at t in the last step, in ``y`` (size,): subroutine INTRP; ``g`` and ``w`` (ROWS,) are scratch."""
     hi = t - c.t

@@ -40,7 +40,7 @@ def loop(seed: int, kinds: list[type[Joint]], cut: type) -> Plant:
     m = chain(starts, masses)
     options: dict[str, Any] = {"at_a": p, "at_b": on_ground}
     if cut is DistanceCut:
-        options |= {"at_b": on_ground + (0.0, 0.0, 1.5), "length": 1.5}
+        options |= {"at_b": on_ground + np.array([0.0, 0.0, 1.5]), "length": 1.5}
     if cut is RevoluteCut:
         options |= {"rotation_a": np.array(end["A"]).T}
     m.cut("tie", cut(**options), m.bodies[-1], m.ground)
@@ -76,4 +76,3 @@ def test_energy_drift_falls_with_the_tolerance(solver: str, tree: str, cut: type
     loose, tight = drift(plant, solver, 1e-5), drift(plant, solver, 1e-9)
     assert tight < 1e-2 * loose
     assert tight < 1e-5
-
