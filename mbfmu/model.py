@@ -49,10 +49,18 @@ class Parameter:
     max: float
     doc: str
     tunable: bool
+    structural: bool
 
 
 def parameter(
-    default: Any, *, unit: str = "1", min: float = -inf, max: float = inf, doc: str = "", tunable: bool = False
+    default: Any,
+    *,
+    unit: str = "1",
+    min: float = -inf,
+    max: float = inf,
+    doc: str = "",
+    tunable: bool = False,
+    structural: bool = False,
 ) -> Any:
     """Declare a parameter of a model.
 
@@ -68,8 +76,11 @@ def parameter(
         Meaning, in a few words.
     tunable
         It may change during a run; it must not change the mechanism's structure.
+    structural
+        It decides which inputs and outputs there are, so an FMU has it fixed from its export on.
     """
-    return field(default=default, metadata={"unit": unit, "min": min, "max": max, "doc": doc, "tunable": tunable})
+    about = {"unit": unit, "min": min, "max": max, "doc": doc, "tunable": tunable, "structural": structural}
+    return field(default=default, metadata=about)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -37,11 +37,9 @@ class Terms(NamedTuple):
     gamma: Array  # (m,)    J v' = gamma
 
     @staticmethod
-    def allocate(nq: int, n: int, m: int) -> Terms:
+    def allocate(nq: int, n: int, m: int, scalar: type = float) -> Terms:
         """Return zeroed terms for ``nq`` positions, ``n`` velocities and ``m`` constraints."""
-        return Terms(
-            np.zeros(nq), np.zeros((n, n)), np.zeros(n), np.zeros(m), np.zeros((m, n)), np.zeros(m), np.zeros(m)
-        )
+        return Terms(*(np.zeros(shape, scalar) for shape in (nq, (n, n), n, m, (m, n), m, m)))
 
 
 # A compiled callback can be called from a kernel only; these let Python in.

@@ -9,7 +9,7 @@ from .joints import Floating, Revolute, Spherical, Translational, Weld
 from .mechanism import Body, Mechanism, rod
 from .plant import Plant
 from .sensors import Sensor
-from .signals import Harmonic, Input, Polynomial
+from .signals import Harmonic, Input, Polynomial, SpeedInput
 
 __all__ = [
     "AssemblyError",
@@ -28,6 +28,7 @@ __all__ = [
     "RevoluteCut",
     "Sensor",
     "Spherical",
+    "SpeedInput",
     "SphericalCut",
     "Spring",
     "Torque",

@@ -18,7 +18,7 @@ from .joints import REGISTRY as JOINTS
 from .joints.base import unit_axis
 from .mechanism import Body, CutHandle, Mechanism, rotation, signal_of, vector
 from .sensors import Kind, Sensor
-from .signals import Input, Signal
+from .signals import Input, Signal, SpeedInput
 
 
 @dataclass(frozen=True)
@@ -77,11 +77,10 @@ class Numbering:
         signal = signal_of(value, what)
         index = len(self.signals)
         self.signals.append(signal)
-        if isinstance(signal, Input):
-            self._slot(Variable(signal.name, signal.unit, signal.description, signal.start), index, 0)
-            if signal.rate_name:
-                rate = Variable(signal.rate_name, signal.unit + "/s", f"rate of {signal.name}")
-                self._slot(rate, index, 1)
+        if isinstance(signal, Input | SpeedInput):
+            for coefficient, (name, unit, description, start) in enumerate(signal.variables()):
+                if name:
+                    self._slot(Variable(name, unit, description, start), index, coefficient)
         return index
 
     def _slot(self, variable: Variable, signal: int, coefficient: int) -> None:

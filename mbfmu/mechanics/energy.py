@@ -1,4 +1,4 @@
-"""Kinetic and potential energy."""
+"""Kinetic and potential energy, and what takes the energy's place where a drive does work."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ from typing import Any
 
 from solvers.kernel import kernel
 
+from .crba import shift_to
 from .forces import potential
-from .spatial import cross
+from .spatial import row_dot6
 
 
 @kernel
@@ -16,12 +17,9 @@ def kinetic_energy(arrays: Any, state: Any) -> float:
     total = 0.0
     for i in range(1, arrays.bodies.shape[0]):
         here = state.bodies[i]
-        Y, Jc = here.Y, here.Jc
-        v = here.W  # scratch
-        cross(Y[3:6], here.com, v)
-        square = 0.0
-        for k in range(3):
-            square += (Y[k] + v[k]) * (Y[k] + v[k])
+        Y, Jc, c = here.Y, here.Jc, here.com
+        x, y, z = Y[4] * c[2] - Y[5] * c[1], Y[5] * c[0] - Y[3] * c[2], Y[3] * c[1] - Y[4] * c[0]
+        square = (Y[0] + x) * (Y[0] + x) + (Y[1] + y) * (Y[1] + y) + (Y[2] + z) * (Y[2] + z)
         total += 0.5 * arrays.bodies[i].mass * square
         for k in range(3):
             total += 0.5 * Y[3 + k] * (Jc[k, 0] * Y[3] + Jc[k, 1] * Y[4] + Jc[k, 2] * Y[5])
@@ -37,4 +35,33 @@ def potential_energy(arrays: Any, state: Any) -> float:
         here = state.bodies[i]
         for k in range(3):
             total -= arrays.bodies[i].mass * g[k] * (here.r[k] + here.com[k])
+    return total
+
+
+@kernel
+def driven_action(arrays: Any, state: Any) -> float:
+    """Sum of p v over the driven coordinates, p the generalised momentum, J.
+
+    Energy less this is the Jacobi integral: with drives at constant speed about which the mechanism is symmetric
+    and without damping it stays constant, while the energy grows by the work of the drives.
+    """
+    total = 0.0
+    for i in range(1, arrays.bodies.shape[0]):
+        here = state.bodies[i]
+        mass, Y, c, Jc, p = arrays.bodies[i].mass, here.Y, here.com, here.Jc, state.wrench  # momentum about the origin
+        p[0] = mass * (Y[0] + Y[4] * c[2] - Y[5] * c[1])
+        p[1] = mass * (Y[1] + Y[5] * c[0] - Y[3] * c[2])
+        p[2] = mass * (Y[2] + Y[3] * c[1] - Y[4] * c[0])
+        for k in range(3):
+            p[3 + k] = Jc[k, 0] * Y[3] + Jc[k, 1] * Y[4] + Jc[k, 2] * Y[5]
+        p[3] += c[1] * p[2] - c[2] * p[1]
+        p[4] += c[2] * p[0] - c[0] * p[2]
+        p[5] += c[0] * p[1] - c[1] * p[0]
+        j = i
+        while j > 0:
+            body = arrays.bodies[j]
+            for k in range(body.nv * (body.drive >= 0)):
+                total += state.v[body.vi + k] * row_dot6(state.S, body.vi + k, p)
+            shift_to(state.bodies[j], state.bodies[body.parent], p)
+            j = body.parent
     return total

@@ -139,6 +139,7 @@ class Mechanism:
         self.energy = Sensor(kind=Kind.ENERGY, unit="J")
         self.kinetic_energy = Sensor(kind=Kind.KINETIC, unit="J")
         self.potential_energy = Sensor(kind=Kind.POTENTIAL, unit="J")
+        self.jacobi_integral = Sensor(kind=Kind.JACOBI, unit="J")
         self.position_residual = Sensor(kind=Kind.POSITION_RESIDUAL, unit="m")
         self.velocity_residual = Sensor(kind=Kind.VELOCITY_RESIDUAL, unit="m/s")
 

@@ -125,11 +125,12 @@ class Plant:
         return q, v
 
     def set_input(self, index: int, value: float, t: float = 0.0) -> None:
-        """Write an input (finite) that holds from time t on; one with a rate is continued from there."""
+        """Write an input (finite) that holds from time t on; one with a rate goes on from what it has reached."""
         if not np.isfinite(value):
             raise UserError(f"input {self.inputs[index].name!r} is {value!r}; it must be finite")
         slot = self._numbering.slots[index]
         signal = self.data.arrays.signals[slot.signal]
+        signal["c"][0] += (t - signal["t0"]) * signal["c"][1]
         signal["t0"] = t
         signal["c"][slot.coefficient] = value
 

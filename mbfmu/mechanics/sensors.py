@@ -10,7 +10,7 @@ from mbfmu.errors import UserError
 from solvers.kernel import kernel
 
 from .cuts.base import arm, centripetal
-from .energy import kinetic_energy, potential_energy
+from .energy import driven_action, kinetic_energy, potential_energy
 
 
 class Kind(IntEnum):
@@ -32,6 +32,7 @@ class Kind(IntEnum):
     VELOCITY_RESIDUAL = 13
     TURN = 14  # index: body; sum of the joint angles from the ground to it
     TURN_RATE = 15
+    JACOBI = 16  # energy less the action of the drives
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,5 +129,7 @@ def read(sensors: Any, lam: Any, arrays: Any, state: Any, out: Any) -> None:
             out[i] = kinetic_energy(arrays, state) + potential_energy(arrays, state)
         elif kind <= 13:
             out[i] = largest_residual(kind == 13, arrays, state)
-        else:
+        elif kind <= 15:
             out[i] = turn(kind == 15, j, arrays, state)
+        else:
+            out[i] = kinetic_energy(arrays, state) + potential_energy(arrays, state) - driven_action(arrays, state)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import cos, pi, sin
+from math import pi
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,7 @@ def value(signal: Any, t: float) -> float:
     s = t - signal.t0
     c = signal.c
     if signal.kind == HARMONIC:
-        return c[0] + c[1] * sin(c[2] * s + c[3])
+        return c[0] + c[1] * np.sin(c[2] * s + c[3])
     return c[0] + s * (c[1] + s * (c[2] + s * c[3]))
 
 
@@ -35,7 +35,7 @@ def rate(signal: Any, t: float) -> float:
     s = t - signal.t0
     c = signal.c
     if signal.kind == HARMONIC:
-        return c[1] * c[2] * cos(c[2] * s + c[3])
+        return c[1] * c[2] * np.cos(c[2] * s + c[3])
     return c[1] + s * (2.0 * c[2] + s * 3.0 * c[3])
 
 
@@ -45,7 +45,7 @@ def second(signal: Any, t: float) -> float:
     s = t - signal.t0
     c = signal.c
     if signal.kind == HARMONIC:
-        return -c[1] * c[2] * c[2] * sin(c[2] * s + c[3])
+        return -c[1] * c[2] * c[2] * np.sin(c[2] * s + c[3])
     return 2.0 * c[2] + s * 6.0 * c[3]
 
 
@@ -108,8 +108,42 @@ class Input:
         record["kind"] = POLYNOMIAL
         record["c"][0] = self.start
 
+    def variables(self) -> list[tuple[str, str, str, float]]:
+        """Return name, unit, description and start of what the host sets; entry k is coefficient k."""
+        own = [(self.name, self.unit, self.description, self.start)]
+        return [*own, (self.rate_name, self.unit + "/s", f"rate of {self.name}", 0.0)] if self.rate_name else own
 
-Signal = Polynomial | Harmonic | Input
+
+@dataclass(frozen=True, kw_only=True)
+class SpeedInput:
+    """A drive at the speed the host sets; the driven coordinate is its integral and never jumps.
+
+    A new value sets the speed at once; what the impulse would be is not modelled, so steps should be small.
+
+    Parameters
+    ----------
+    name, unit, description
+        Of the FMU's input variable; ``unit`` is rad/s or m/s.
+    start
+        Speed until the host sets one.
+    """
+
+    name: str
+    unit: str
+    description: str = ""
+    start: float = 0.0
+
+    def fill(self, record: Any) -> None:
+        """Write the start value into the record."""
+        record["kind"] = POLYNOMIAL
+        record["c"][1] = self.start
+
+    def variables(self) -> list[tuple[str, str, str, float]]:
+        """Return nothing for coefficient 0, which follows, and the speed for coefficient 1."""
+        return [("", "", "", 0.0), (self.name, self.unit, self.description, self.start)]
+
+
+Signal = Polynomial | Harmonic | Input | SpeedInput
 
 
 def as_signal(value_: float | Signal) -> Signal:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import sqrt
 from typing import Any
+
+import numpy as np
 
 from mbfmu.mechanics.cuts.base import arm
 from mbfmu.mechanics.spatial import add_force
@@ -20,7 +21,7 @@ def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
     ax, ay, az = arm(A, force.Pa)
     bx, by, bz = arm(B, force.Pb)
     dx, dy, dz = B.r[0] + bx - A.r[0] - ax, B.r[1] + by - A.r[1] - ay, B.r[2] + bz - A.r[2] - az
-    length = sqrt(dx * dx + dy * dy + dz * dz)
+    length = np.sqrt(dx * dx + dy * dy + dz * dz)
     if length == 0.0:
         return
     dx, dy, dz = dx / length, dy / length, dz / length
@@ -40,7 +41,7 @@ def potential(force: Any, arrays: Any, state: Any) -> float:
     ax, ay, az = arm(A, force.Pa)
     bx, by, bz = arm(B, force.Pb)
     dx, dy, dz = B.r[0] + bx - A.r[0] - ax, B.r[1] + by - A.r[1] - ay, B.r[2] + bz - A.r[2] - az
-    stretch = sqrt(dx * dx + dy * dy + dz * dz) - force.free
+    stretch = np.sqrt(dx * dx + dy * dy + dz * dz) - force.free
     return 0.5 * force.stiffness * stretch * stretch
 
 

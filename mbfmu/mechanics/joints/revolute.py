@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import cos, sin
 from typing import Any
+
+import numpy as np
 
 from solvers.kernel import kernel
 
@@ -14,7 +15,7 @@ from .base import AxisJoint
 @kernel
 def move(axis: Any, q: Any, qi: int, v: Any, vi: int, rel: Any) -> None:
     """See :mod:`.base`. Rotation by Rodrigues' formula, R = c I + s skew(n) + (1 - c) n n^T."""
-    c, s = cos(q[qi]), sin(q[qi])
+    c, s = np.cos(q[qi]), np.sin(q[qi])
     for i in range(3):
         rel[0, 3 + i] = axis[i]
         for j in range(3):

@@ -1,0 +1,152 @@
+"""Governor (Haug 1989, section 12.6): two arms with balls on a spindle lift a sprung collar as they swing out.
+
+The spindle turns about the vertical y axis. The arms hang on one point of it and swing in the plane x-y of the
+spindle; two rods tie their middles to the collar. With phi the angle of both arms below the horizontal and s the
+collar's distance below the arms' pivot,
+
+    s(phi) = a sin phi + sqrt(L^2 - (a cos phi)^2),     a: pivot to rod on the arm,  L: rod
+
+the motion at constant speed w has one degree of freedom and the potential
+
+    V(phi) = k (s - s0)^2 / 2 - m w^2 (b cos phi)^2 - g (2 m b sin phi + m_c s),      b: pivot to ball
+
+whose stationary points are the steady states. With the arms vertical both rods lose their hold on the arms: a singular
+position, where a branch on which the arms move unequally crosses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import cos, sin, sqrt
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from mbfmu.mechanics import (
+    DistanceCut,
+    Input,
+    JointForce,
+    JointSpring,
+    Mechanism,
+    Revolute,
+    SpeedInput,
+    Translational,
+)
+from mbfmu.model import Model, parameter
+
+
+@dataclass(frozen=True, kw_only=True)
+class Governor(Model):
+    """Flyball governor on a spindle, driven at constant speed or free with a torque input."""
+
+    name = "governor"
+    stop_time = 10.0
+    output_interval = 0.01
+
+    driven: bool = parameter(True, structural=True, doc="spindle driven at a speed; false: free, with a torque input")
+    spindle_speed: float = parameter(11.0174, unit="rad/s", doc="speed of the spindle at the start; driven: constant")
+    gravity: float = parameter(9.81, unit="m/s2", doc="acceleration of gravity, downward", tunable=True)
+    start_angle: float = parameter(0.0, unit="rad", doc="arms below the horizontal at the start")
+    arm_length: float = parameter(0.16, unit="m", min=1e-3, doc="pivot to ball")
+    rod_position: float = parameter(0.08, unit="m", min=1e-3, doc="pivot to the rod's pin on the arm")
+    rod_length: float = parameter(0.10922, unit="m", min=1e-3, doc="rod between arm and collar")
+    pivot_height: float = parameter(0.2, unit="m", doc="height of the arms' pivot")
+    ball_mass: float = parameter(1.0, unit="kg", min=0.0, doc="each ball")
+    ball_inertia: float = parameter(0.1, unit="kg.m2", min=0.0, doc="each ball, about every axis of its centre")
+    collar_mass: float = parameter(1.0, unit="kg", min=0.0, doc="collar")
+    collar_inertia: float = parameter(0.125, unit="kg.m2", min=0.0, doc="collar about the spindle")
+    spindle_inertia: float = parameter(50.0, unit="kg.m2", min=0.0, doc="spindle about its axis; of use where it is free")
+    stiffness: float = parameter(1000.0, unit="N/m", min=0.0, doc="spring between spindle and collar", tunable=True)
+    free_length: float = parameter(0.15, unit="m", min=0.0, doc="its free length, from the arms' pivot", tunable=True)
+    damping: float = parameter(0.0, unit="N.s/m", min=0.0, doc="damper between spindle and collar", tunable=True)
+
+    def build(self) -> Mechanism:
+        """Return the mechanism: y upward, the spindle's foot at the origin."""
+        m = Mechanism(gravity=(0.0, -self.gravity, 0.0))
+        speed = SpeedInput(
+            name="spindle.drive", unit="rad/s", description="speed of the driven spindle", start=self.spindle_speed
+        )
+        turn: dict[str, Any] = {"drive": speed} if self.driven else {"rate": self.spindle_speed}
+        inertia = (0.5 * self.spindle_inertia, self.spindle_inertia, 0.5 * self.spindle_inertia)
+        spindle = m.body(
+            "spindle", m.ground, Revolute(axis="y", at=(0.0, self.pivot_height, 0.0), **turn), inertia=inertia
+        )
+        arms = []
+        for name, side in (("arm1", -1.0), ("arm2", 1.0)):  # both angles grow downward
+            joint = Revolute(axis=(0.0, 0.0, -side), start=self.start_angle, fixed=True)
+            com, ball = (side * self.arm_length, 0.0, 0.0), (self.ball_inertia,) * 3
+            arms.append(m.body(name, spindle, joint, mass=self.ball_mass, com=com, inertia=ball))
+        collar = m.body(
+            "collar",
+            spindle,
+            Translational(axis=(0.0, -1.0, 0.0), start=self.below_pivot(self.start_angle)),
+            mass=self.collar_mass,
+            inertia=(0.6 * self.collar_inertia, self.collar_inertia, 0.6 * self.collar_inertia),
+        )
+        rods = [
+            m.cut(
+                f"rod{i}",
+                DistanceCut(at_a=(side * self.rod_position, 0.0, 0.0), length=self.rod_length),
+                arms[i - 1],
+                collar,
+            )
+            for i, side in ((1, -1.0), (2, 1.0))
+        ]
+        m.force("spring", JointSpring(stiffness=self.stiffness, damping=self.damping, free=self.free_length), collar)
+        if not self.driven:
+            torque = Input(name="spindle.torque", unit="N.m", description="torque on the spindle")
+            m.force("motor", JointForce(magnitude=torque), spindle)
+
+        m.output("collar.height", collar.position("y"), "height of the collar")
+        m.output("collar.distance", collar.coordinate(), "collar below the arms' pivot")
+        m.output("collar.velocity", collar.velocity("y"), "velocity of the collar, upward")
+        for arm in arms:
+            m.output(f"{arm.name}.angle", arm.angle(), "arm below the horizontal")
+            m.output(f"{arm.name}.rate", arm.rate(), "its rate")
+        m.output("spindle.angle", spindle.angle(), "angle of the spindle")
+        m.output("spindle.speed", spindle.rate(), "angular velocity of the spindle")
+        if self.driven:
+            m.output("spindle.effort", spindle.effort(), "torque of the drive")
+        for rod in rods:
+            m.output(f"{rod.name}.force", rod.force(), "force in the rod, positive where it pushes")
+        m.output("energy", m.energy, "kinetic and potential energy")
+        m.output("jacobi_integral", m.jacobi_integral, "energy less spindle speed times angular momentum, where driven")
+        m.output("position_residual", m.position_residual, "largest error of a rod's length")
+        m.output("velocity_residual", m.velocity_residual, "largest rate of it")
+        return m
+
+    def below_pivot(self, angle: float) -> float:
+        """Return the collar's distance below the pivot, m, with both arms at ``angle`` (rad)."""
+        reach = self.rod_length**2 - (self.rod_position * cos(angle)) ** 2
+        return self.rod_position * sin(angle) + sqrt(max(0.0, reach))
+
+    def exact(self, times: NDArray[np.float64]) -> dict[str, NDArray[np.float64]] | None:
+        """Return the undamped motion of the one coordinate phi at ``times`` (s); None with damping or a free spindle."""
+        if not self.driven or self.damping > 0.0:
+            return None
+        start = [self.start_angle, 0.0]
+        span = (float(times[0]), float(times[-1]))
+        solution = solve_ivp(self.minimal, span, start, method="DOP853", t_eval=times, rtol=2.3e-14, atol=1e-14)
+        angle = solution.y[0]
+        return {"arm1.angle": angle, "arm2.angle": angle}
+
+    def minimal(self, _: float, y: Any) -> list[float]:
+        """Return (phi', phi'') of the undamped motion at constant speed: d/dt (I phi') = I' phi'^2 / 2 - V'."""
+        phi, rate = y
+        c, s = cos(phi), sin(phi)
+        a, b, m, mc = self.rod_position, self.arm_length, self.ball_mass, self.collar_mass
+        root = sqrt(self.rod_length**2 - (a * c) ** 2)
+        first = a * c + a * a * c * s / root  # ds/dphi
+        second = -a * s + a * a * (c * c - s * s) / root - (a * a * c * s) ** 2 / root**3
+        inertia = 2.0 * (m * b * b + self.ball_inertia) + mc * first**2
+        distance = a * s + root
+        force = -self.stiffness * (distance - self.free_length) * first - 2.0 * m * (self.spindle_speed * b) ** 2 * c * s
+        force += self.gravity * (2.0 * m * b * c + mc * first)
+        return [rate, (force - mc * first * second * rate**2) / inertia]
+
+    def branch_gap(self, outputs: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64] | None:
+        """Return how far the arms are from moving equally, rad."""
+        return np.abs(outputs["arm1.angle"] - outputs["arm2.angle"])

@@ -1,0 +1,98 @@
+"""Swing pendulum (Choi, Park and Yoo): a slider sprung along a massless rod that swings on the tip of a driven crank.
+
+In the plane, without gravity unless asked for, with the crank (length l) at constant speed w, theta the rod's angle to
+the crank and d the slider's distance from the tip:
+
+    T = m |v|^2 / 2,   v = (d' cos theta - ..., ...),   the Jacobi integral
+    J = m (d'^2 + d^2 theta'^2) / 2 + k_r theta^2 / 2 + k_t (d - d0)^2 / 2 - m w^2 (l^2 + d^2 + 2 l d cos theta) / 2
+
+is constant without damping and bounds theta: the undamped motion oscillates for ever and cannot diverge. The steady state
+is theta = 0, d = (k_t d0 + m w^2 l) / (k_t - m w^2).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import cos, sin
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from mbfmu.mechanics import JointSpring, Mechanism, Revolute, SpeedInput, Translational
+from mbfmu.model import Model, parameter
+
+
+@dataclass(frozen=True, kw_only=True)
+class SwingPendulum(Model):
+    """Swing pendulum: a slider on springs at the tip of a crank that turns at constant speed."""
+
+    name = "pendulum"
+    stop_time = 10.0
+    output_interval = 0.01
+
+    drive_speed: float = parameter(20.0, unit="rad/s", doc="speed of the crank at the start")
+    gravity: float = parameter(0.0, unit="m/s2", doc="acceleration of gravity, along -y", tunable=True)
+    crank_length: float = parameter(1.0, unit="m", min=1e-3, doc="crank, pivot to tip")
+    crank_mass: float = parameter(1.0, unit="kg", min=0.0, doc="crank, centre of mass in its middle")
+    crank_inertia: float = parameter(0.1, unit="kg.m2", min=0.0, doc="crank about its centre of mass")
+    slider_mass: float = parameter(1.0, unit="kg", min=1e-9, doc="slider, a point")
+    swing_stiffness: float = parameter(300.0, unit="N.m/rad", min=0.0, doc="spring of the swing", tunable=True)
+    swing_damping: float = parameter(0.0, unit="N.m.s/rad", min=0.0, doc="damper of the swing", tunable=True)
+    slider_stiffness: float = parameter(50000.0, unit="N/m", min=0.0, doc="spring of the slider", tunable=True)
+    slider_damping: float = parameter(0.0, unit="N.s/m", min=0.0, doc="damper of the slider", tunable=True)
+    free_length: float = parameter(1.0, unit="m", min=0.0, doc="free length of the slider's spring", tunable=True)
+    start_angle: float = parameter(0.0, unit="rad", doc="swing at the start, from the crank's direction")
+    start_distance: float = parameter(1.1, unit="m", doc="slider from the tip at the start")
+
+    def build(self) -> Mechanism:
+        """Return the mechanism: motion in the x-y plane, crank pivot at the origin."""
+        m = Mechanism(gravity=(0.0, -self.gravity, 0.0))
+        speed = SpeedInput(name="crank.drive", unit="rad/s", description="speed of the crank", start=self.drive_speed)
+        crank = m.body(
+            "crank",
+            m.ground,
+            Revolute(drive=speed),
+            mass=self.crank_mass,
+            com=(0.5 * self.crank_length, 0.0, 0.0),
+            inertia=(self.crank_inertia,) * 3,
+        )
+        rod = m.body("rod", crank, Revolute(at=(self.crank_length, 0.0, 0.0), start=self.start_angle))
+        slider = m.body("slider", rod, Translational(axis="x", start=self.start_distance), mass=self.slider_mass)
+        m.force("swing", JointSpring(stiffness=self.swing_stiffness, damping=self.swing_damping), rod)
+        m.force(
+            "spring",
+            JointSpring(stiffness=self.slider_stiffness, damping=self.slider_damping, free=self.free_length),
+            slider,
+        )
+        m.output("rod.angle", rod.angle(), "swing of the rod, from the crank's direction")
+        m.output("rod.rate", rod.rate(), "its rate")
+        m.output("slider.distance", slider.coordinate(), "slider from the crank's tip")
+        m.output("slider.velocity", slider.rate(), "its rate")
+        m.output("crank.angle", crank.angle(), "angle of the crank")
+        m.output("crank.speed", crank.rate(), "angular velocity of the crank")
+        m.output("crank.effort", crank.effort(), "torque of the drive")
+        m.output("energy", m.energy, "kinetic and potential energy")
+        m.output("jacobi_integral", m.jacobi_integral, "energy less crank speed times angular momentum")
+        return m
+
+    def exact(self, times: NDArray[np.float64]) -> dict[str, NDArray[np.float64]] | None:
+        """Return the undamped motion without gravity at ``times`` (s); None with damping or gravity."""
+        if self.swing_damping > 0.0 or self.slider_damping > 0.0 or self.gravity != 0.0:
+            return None
+        start = [self.start_angle, self.start_distance, 0.0, 0.0]
+        span = (float(times[0]), float(times[-1]))
+        solution = solve_ivp(self.minimal, span, start, method="DOP853", t_eval=times, rtol=2.3e-14, atol=1e-14)
+        return {"rod.angle": solution.y[0], "slider.distance": solution.y[1]}
+
+    def minimal(self, _: float, y: Any) -> list[float]:
+        """Return (theta', d', theta'', d'') of the undamped motion, from Lagrange's equations in the rotating frame."""
+        theta, d, swing, slide = y
+        w, l, m = self.drive_speed, self.crank_length, self.slider_mass
+        return [
+            swing,
+            slide,
+            -2.0 * slide * (swing + w) / d - w**2 * l * sin(theta) / d - self.swing_stiffness * theta / (m * d**2),
+            d * (swing + w) ** 2 + w**2 * l * cos(theta) - self.slider_stiffness / m * (d - self.free_length),
+        ]
