@@ -9,3 +9,7 @@ class UserError(ValueError):
 
 class AssemblyError(UserError):
     """The loops of a mechanism cannot be closed, or its start is not consistent."""
+
+
+class EquilibriumError(UserError):
+    """No steady state was found, or what was found is none; the message gives the residual."""

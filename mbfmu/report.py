@@ -13,6 +13,7 @@ from mbfmu.simulation import Result
 
 if TYPE_CHECKING:
     from mbfmu.compare import Row
+    from mbfmu.sweep import Branch
 
 mpl.use("Agg")
 
@@ -79,6 +80,31 @@ def plot_energy(histories: dict[str, tuple[Any, Any]], title: str, path: Path) -
         ax.semilogy(times, np.maximum(change, 1e-14), lw=1.0, color=COLOURS.get(solver), label=solver)
     ax.set_xlabel("time [s]")
     ax.set_ylabel("|energy - energy at the start| [J]")
+    ax.set_title(title)
+    ax.grid(alpha=0.3)
+    ax.legend()
+    finish(figure, path)
+
+
+def plot_branches(branches: Sequence[Branch], axis: str, output: str, title: str, path: Path) -> None:
+    """Draw an output over a swept parameter: stable states solid, unstable ones dashed."""
+    figure, ax = plt.subplots(figsize=(8.0, 5.0), layout="constrained")
+    labelled: set[bool] = set()
+    for k, branch in enumerate(branches):
+        values = np.array(branch.values)
+        heights = np.array([state.outputs[output] for state in branch.states])
+        stable = np.array([state.stability in ("stable", "undamped") for state in branch.states])
+        for kind in (True, False):
+            own = stable == kind
+            if not own.any():
+                continue
+            label = None if kind in labelled else ("stable" if kind else "unstable or neutral")
+            labelled.add(kind)
+            style: dict[str, Any] = {"ls": "-" if kind else "--", "marker": "o" if kind else "x", "ms": 3.0, "lw": 1.2}
+            ax.plot(values, np.where(own, heights, np.nan), color=f"C{k % 10}", label=label, **style)
+    unit = next(v.unit for v in branches[0].states[0].plant.outputs if v.name == output)
+    ax.set_xlabel(axis)
+    ax.set_ylabel(f"{output} [{unit}]")
     ax.set_title(title)
     ax.grid(alpha=0.3)
     ax.legend()

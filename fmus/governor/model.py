@@ -58,7 +58,9 @@ class Governor(Model):
     ball_inertia: float = parameter(0.1, unit="kg.m2", min=0.0, doc="each ball, about every axis of its centre")
     collar_mass: float = parameter(1.0, unit="kg", min=0.0, doc="collar")
     collar_inertia: float = parameter(0.125, unit="kg.m2", min=0.0, doc="collar about the spindle")
-    spindle_inertia: float = parameter(50.0, unit="kg.m2", min=0.0, doc="spindle about its axis; of use where it is free")
+    spindle_inertia: float = parameter(
+        50.0, unit="kg.m2", min=0.0, doc="spindle about its axis; of use where it is free"
+    )
     stiffness: float = parameter(1000.0, unit="N/m", min=0.0, doc="spring between spindle and collar", tunable=True)
     free_length: float = parameter(0.15, unit="m", min=0.0, doc="its free length, from the arms' pivot", tunable=True)
     damping: float = parameter(0.0, unit="N.s/m", min=0.0, doc="damper between spindle and collar", tunable=True)
@@ -124,7 +126,7 @@ class Governor(Model):
         return self.rod_position * sin(angle) + sqrt(max(0.0, reach))
 
     def exact(self, times: NDArray[np.float64]) -> dict[str, NDArray[np.float64]] | None:
-        """Return the undamped motion of the one coordinate phi at ``times`` (s); None with damping or a free spindle."""
+        """Return the undamped motion of phi at ``times`` (s); None with damping or a free spindle."""
         if not self.driven or self.damping > 0.0:
             return None
         start = [self.start_angle, 0.0]
@@ -143,7 +145,9 @@ class Governor(Model):
         second = -a * s + a * a * (c * c - s * s) / root - (a * a * c * s) ** 2 / root**3
         inertia = 2.0 * (m * b * b + self.ball_inertia) + mc * first**2
         distance = a * s + root
-        force = -self.stiffness * (distance - self.free_length) * first - 2.0 * m * (self.spindle_speed * b) ** 2 * c * s
+        force = (
+            -self.stiffness * (distance - self.free_length) * first - 2.0 * m * (self.spindle_speed * b) ** 2 * c * s
+        )
         force += self.gravity * (2.0 * m * b * c + mc * first)
         return [rate, (force - mc * first * second * rate**2) / inertia]
 

@@ -1,13 +1,12 @@
 """Swing pendulum (Choi, Park and Yoo): a slider sprung along a massless rod that swings on the tip of a driven crank.
 
-In the plane, without gravity unless asked for, with the crank (length l) at constant speed w, theta the rod's angle to
-the crank and d the slider's distance from the tip:
+In the plane, with the crank (length l) at constant speed w, theta the rod's angle to the crank and d the slider's distance
+from the tip, the Jacobi integral
 
-    T = m |v|^2 / 2,   v = (d' cos theta - ..., ...),   the Jacobi integral
     J = m (d'^2 + d^2 theta'^2) / 2 + k_r theta^2 / 2 + k_t (d - d0)^2 / 2 - m w^2 (l^2 + d^2 + 2 l d cos theta) / 2
 
-is constant without damping and bounds theta: the undamped motion oscillates for ever and cannot diverge. The steady state
-is theta = 0, d = (k_t d0 + m w^2 l) / (k_t - m w^2).
+is constant without damping and bounds theta: the undamped motion oscillates for ever and cannot diverge. The steady
+state is theta = 0, d = (k_t d0 + m w^2 l) / (k_t - m w^2).
 """
 
 from __future__ import annotations

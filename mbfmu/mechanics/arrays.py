@@ -169,3 +169,25 @@ def allocate_state(nb: int, rows: int, nq: int, nv: int) -> State:
     )
     state.bodies["A"][0] = np.eye(3)
     return state
+
+
+def complex_twin(data: Data) -> Data:
+    """Return a copy whose real numbers are complex: the same recursions on it give derivatives by complex step.
+
+    Kernels are written so that each is an analytic function of every real number it reads.
+    """
+    return Data(Arrays(*map(_complex, data.arrays)), State(*map(_complex, data.state)))
+
+
+def _complex(array: NDArray[Any]) -> NDArray[Any]:
+    if array.dtype.names is None:
+        return array.astype(complex) if array.dtype == np.float64 else array.copy()
+    fields = [(name, *_complex_field(array.dtype[name])) for name in array.dtype.names]
+    twin = records(len(array), np.dtype(fields, align=True))
+    for name in array.dtype.names:
+        twin[name] = array[name]
+    return twin
+
+
+def _complex_field(dtype: np.dtype[Any]) -> tuple[type, tuple[int, ...]]:
+    return (np.complex128 if dtype.base == np.float64 else np.int64), dtype.shape

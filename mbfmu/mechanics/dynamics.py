@@ -15,7 +15,7 @@ from numba import typeof, types
 from solvers.kernel import COMPILED, callback, kernel, records
 from solvers.system import Terms
 
-from .arrays import BODY, CUT, FORCE, SIGNAL, WORLD, Arrays, Data, allocate_state
+from .arrays import BODY, CUT, FORCE, SIGNAL, WORLD, Arrays, Data, allocate_state, complex_twin
 from .constraints import close_cuts, jacobian, load_cuts, right_hand_side
 from .crba import composite_inertia, mass_matrix
 from .energy import kinetic_energy, potential_energy
@@ -153,17 +153,22 @@ def turn_quaternion(q: Any, i: int, dq: Any, j: int) -> None:
 
 
 @cache
-def callbacks() -> tuple[Callable[..., Any], ...]:
-    """Return dynamics, position, retract, energy as a solver takes them; compiled on first use."""
+def callbacks(scalar: type = float) -> tuple[Callable[..., Any], ...]:
+    """Return dynamics, position, retract, energy as a solver takes them; compiled on first use.
+
+    ``scalar`` complex: for the data of :func:`.arrays.complex_twin`.
+    """
     if not COMPILED:
         return dynamics, position, retract, energy
-    data, terms = typeof(empty_data()), typeof(Terms.allocate(1, 1, 1))  # type: ignore[no-untyped-call]
-    real, vector = types.float64, types.float64[::1]
+    example = empty_data() if scalar is float else complex_twin(empty_data())
+    data, terms = typeof(example), typeof(Terms.allocate(1, 1, 1, scalar))  # type: ignore[no-untyped-call]
+    real, number = types.float64, types.float64 if scalar is float else types.complex128
+    vector = number[::1]
     return (
         callback(types.void(real, vector, vector, data, terms))(dynamics),
         callback(types.void(real, vector, data, terms))(position),
         callback(types.void(vector, vector, data))(retract),
-        callback(real(real, vector, vector, data))(energy),
+        callback(number(real, vector, vector, data))(energy),
     )
 
 

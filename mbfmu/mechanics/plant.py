@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 from mbfmu.errors import AssemblyError, UserError
 from solvers.system import Array, System
 
+from .arrays import Data, complex_twin
 from .assembly import assemble_positions, assemble_velocities, check_inertia
 from .compile import Numbering, Variable, compile_data, sensor_records
 from .dynamics import callbacks, observe
 from .mechanism import Mechanism
 from .sensors import largest_residual
+from .signals import HARMONIC
 
 
 class Plant:
@@ -35,20 +37,24 @@ class Plant:
         self._numbering = numbering = Numbering(mechanism)
         self.data = compile_data(mechanism, numbering)
         names = [f"{c.name}.{r}" if r else c.name for c in mechanism.cuts for r in c.cut.rows]
-        self.system = self._system(names)
+        self.system = self._system(names, self.data)
         self.void_rows = self._drop_void_rows(names)
-        self.system = self._system([n for n in names if n not in self.void_rows])
+        self.system = self._system([n for n in names if n not in self.void_rows], self.data)
         self.inputs = tuple(slot.variable for slot in numbering.slots)
         self.outputs = tuple(Variable(n, s.unit, d, 0.0, nominal) for n, s, d, nominal in mechanism.outputs)
         self._sensors = sensor_records(mechanism, numbering, self.data.arrays.kept)
 
-    def _system(self, constraint_names: list[str]) -> System:
-        dynamics, position, retract, energy = callbacks()
+    def complex_system(self) -> System:
+        """Return the system as it is now on complex numbers, for derivatives by complex step."""
+        return self._system(list(self.system.constraint_names), complex_twin(self.data), complex)
+
+    def _system(self, constraint_names: list[str], data: Data, scalar: type = float) -> System:
+        dynamics, position, retract, energy = callbacks(scalar)
         return System(
             nq=self._numbering.nq,
             n=self._numbering.nv,
             m=len(constraint_names),
-            data=self.data,
+            data=data,
             dynamics=dynamics,
             position=position,
             retract=retract,
@@ -119,10 +125,47 @@ class Plant:
         AssemblyError
             A loop cannot close (says which and by how much), or a free motion has no inertia.
         """
-        q = assemble_positions(self.system, t, self.start_positions(), self.held())
+        q = self.close(t, self.start_positions(), self.held())
         v = assemble_velocities(self.system, t, q, self.start_velocities(), self.held())
         check_inertia(self.system, t, q, v)
         return q, v
+
+    def close(self, t: float, start: Array, held: NDArray[np.bool_]) -> Array:
+        """Return positions (nq,) with closed loops near ``start``; ``held`` coordinates (n,) stay.
+
+        Raises
+        ------
+        AssemblyError
+            A loop cannot close; says which and by how much.
+        """
+        return assemble_positions(self.system, t, start, held)
+
+    def drives(self) -> list[tuple[str, float, float]]:
+        """Return name, speed and largest higher coefficient of every driven coordinate's signal at its start.
+
+        A harmonic signal counts as one of no constant speed: its amplitude is the higher coefficient.
+        """
+        found = []
+        for i, body in enumerate(self.mechanism.bodies):
+            if body.joint.drive is not None:
+                signal = self.data.arrays.signals[self._numbering.drive[i]]
+                higher = np.abs(signal["c"][1:] if signal["kind"] == HARMONIC else signal["c"][2:]).max()
+                found.append((body.name, float(signal["c"][1]), float(higher)))
+        return found
+
+    def drive_signals(self) -> list[int]:
+        """Return the index of every driven coordinate's signal."""
+        return [k for k in self._numbering.drive if k >= 0]
+
+    def input_slots(self) -> list[tuple[int, int]]:
+        """Return signal and coefficient of every input."""
+        return [(slot.signal, slot.coefficient) for slot in self._numbering.slots]
+
+    def observe_complex(self, system: System, t: float, q: Any, v: Any, a: Any, lam: Any) -> NDArray[np.complex128]:
+        """Return the outputs at a state of :meth:`complex_system`."""
+        out = np.zeros(len(self.outputs), complex)
+        observe(t, q, v, a, lam, self._sensors, system.data, out)
+        return out
 
     def set_input(self, index: int, value: float, t: float = 0.0) -> None:
         """Write an input (finite) that holds from time t on; one with a rate goes on from what it has reached."""

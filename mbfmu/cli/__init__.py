@@ -1,0 +1,56 @@
+"""The command ``mbfmu``: one module a subcommand."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+import mbfmu
+from mbfmu.errors import UserError
+
+from . import compare, equilibrium, export, linearize, models, run
+
+COMMANDS = (run, export, equilibrium, linearize, compare, models)
+
+EXAMPLES = """examples:
+  mbfmu run fourbar                        export the FMU, run it through FMPy, write CSV and PNG
+  mbfmu run fourbar --solver adams --native
+  mbfmu run fourbar/paper                  a scene that ships with a model
+  mbfmu run my_scene.toml
+  mbfmu export fourbar --set crank_length=0.8 -o fourbar.fmu
+  mbfmu export my_model.py:MyModel
+  mbfmu equilibrium governor               steady state at constant speed, and whether it is stable
+  mbfmu equilibrium governor --sweep spindle_speed=5:20:0.5
+  mbfmu linearize governor -o governor.npz state matrices about the steady state
+  mbfmu compare fourbar --json rows.json   what accuracy costs in time
+  mbfmu models                             every model with its parameters
+"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; return its exit code: 0, 1 for a run that stopped early, 2 for a user's mistake."""
+    options = parser().parse_args(arguments)
+    try:
+        return int(options.command(options))
+    except UserError as error:
+        print(f"mbfmu: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("mbfmu: interrupted", file=sys.stderr)
+        return 130
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of all subcommands."""
+    top = argparse.ArgumentParser(
+        prog="mbfmu",
+        description="Multibody mechanisms in relative coordinates, as FMUs.",
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    top.add_argument("--version", action="version", version=f"mbfmu {mbfmu.__version__}")
+    commands = top.add_subparsers(required=True, metavar="COMMAND")
+    for module in COMMANDS:
+        module.add(commands)
+    return top

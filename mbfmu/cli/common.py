@@ -1,0 +1,87 @@
+"""What several commands share: arguments that change a scene, folders and files for results."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from mbfmu.errors import UserError
+from mbfmu.scene import Scene, load_scene
+from solvers import SOLVERS
+
+Commands = Any  # argparse's collection of subparsers, whose class is private
+
+
+def add_set(p: argparse.ArgumentParser) -> None:
+    """Add ``--set``."""
+    p.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="change a parameter")
+
+
+def add_solver(p: argparse.ArgumentParser) -> None:
+    """Add what changes a scene's solver."""
+    p.add_argument("--solver", metavar="NAME", help=f"one of {', '.join(SOLVERS)} (default ida)")
+    p.add_argument("--partition", metavar="NAME", help="of adams: projection, lu or hybrid")
+    p.add_argument("--tolerance", type=float, metavar="RTOL", help="relative tolerance (default 1e-6)")
+    p.add_argument("--max-step", type=float, metavar="S", help="largest step, s; 0: no limit")
+
+
+def add_output(p: argparse.ArgumentParser, what: str) -> None:
+    """Add ``-o`` for a folder."""
+    p.add_argument("-o", "--output", type=Path, default=Path("results"), metavar="DIR", help=f"folder for {what}")
+
+
+def assignments(option: str, texts: list[str]) -> dict[str, str]:
+    """Return names and values of repeated ``NAME=VALUE``."""
+    values = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise UserError(f"{option} {text!r}: write NAME=VALUE")
+        values[name.strip()] = value.strip()
+    return values
+
+
+def number(option: str, text: str) -> float:
+    """Read a number."""
+    try:
+        return float(text)
+    except ValueError as error:
+        raise UserError(f"{option}: {text!r} is not a number") from error
+
+
+def scene_of(options: argparse.Namespace) -> Scene:
+    """Return the scene with the command line's changes."""
+    scene = load_scene(options.scene)
+    return scene.changed(
+        model=scene.model.with_values(assignments("--set", options.set)),
+        solver=getattr(options, "solver", None),
+        partition=getattr(options, "partition", None),
+        tolerance=getattr(options, "tolerance", None),
+        max_step=getattr(options, "max_step", None),
+        stop_time=getattr(options, "stop_time", None),
+        output_interval=getattr(options, "interval", None),
+    )
+
+
+def folder(path: Path) -> Path:
+    """Make the folder for results."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"folder {str(path)!r} cannot be made: {error.strerror}") from error
+    return path
+
+
+def write_json(content: Any, path: Path) -> None:
+    """Write JSON to a file, or to standard output for ``-``."""
+    text = json.dumps(content, indent=1) + "\n"
+    if str(path) == "-":
+        sys.stdout.write(text)
+        return
+    try:
+        path.write_text(text)
+    except OSError as error:
+        raise UserError(f"{str(path)!r} cannot be written: {error.strerror}") from error

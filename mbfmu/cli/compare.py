@@ -1,0 +1,46 @@
+"""``mbfmu compare``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from tqdm import tqdm
+
+from mbfmu.errors import UserError
+from solvers import SOLVERS
+
+from .common import Commands, add_output, add_set, folder, scene_of, write_json
+
+
+def add(commands: Commands) -> None:
+    """Describe ``mbfmu compare``."""
+    p = commands.add_parser("compare", help="every solver's accuracy against its time")
+    p.add_argument("scene", help="scene file, model name or model/scene")
+    add_set(p)
+    p.add_argument("--json", type=Path, metavar="FILE", help="write the rows as JSON")
+    p.add_argument("--repeats", type=int, default=5, metavar="N", help="runs the median is taken of (5)")
+    add_output(p, "the plots")
+    p.set_defaults(command=command_compare)
+
+
+def command_compare(options: argparse.Namespace) -> int:
+    """Compare all solvers; print a table, draw two plots."""
+    from mbfmu.compare import as_text, compare
+    from mbfmu.report import plot_energy, plot_work_precision
+
+    scene = scene_of(options)
+    if options.repeats < 1:
+        raise UserError(f"--repeats is {options.repeats}; allowed: 1 or more")
+    target = folder(options.output)
+    with tqdm(total=4 * len(SOLVERS), desc="compare", leave=False, disable=not sys.stderr.isatty()) as bar:
+        rows, energies = compare(scene, repeats=options.repeats, progress=lambda _: bar.update())
+    print(as_text(rows))
+    pictures = target / f"{scene.name}_work_precision.png", target / f"{scene.name}_energy.png"
+    plot_work_precision(rows, f"{scene.name}: error against run time", pictures[0])
+    plot_energy(energies, f"{scene.name}: energy", pictures[1])
+    print(f"wrote {pictures[0]} and {pictures[1]}")
+    if options.json:
+        write_json([row.as_dict() for row in rows], options.json)
+    return 0

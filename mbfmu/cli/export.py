@@ -1,0 +1,28 @@
+"""``mbfmu export``."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from .common import Commands, add_set, add_solver, scene_of
+
+
+def add(commands: Commands) -> None:
+    """Describe ``mbfmu export``."""
+    p = commands.add_parser("export", help="write a model as an FMU (FMI 2.0 co-simulation)")
+    p.add_argument("scene", metavar="model", help="model name, scene, or my_model.py:MyModel")
+    add_set(p)
+    add_solver(p)
+    p.add_argument("-o", "--output", type=Path, metavar="FILE", help="FMU file; MODEL.fmu by default")
+    p.set_defaults(command=command_export)
+
+
+def command_export(options: argparse.Namespace) -> int:
+    """Write an FMU."""
+    from mbfmu.fmi import export
+
+    scene = scene_of(options)
+    path = export(scene.model, options.output or Path(f"{scene.name}.fmu"), scene.settings)
+    print(f"wrote {path}")
+    return 0

@@ -1,0 +1,80 @@
+"""``mbfmu run``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from mbfmu.scene import Scene
+from mbfmu.simulation import Result, communication_points, run
+
+from .common import Commands, add_output, add_set, add_solver, folder, scene_of
+
+
+def add(commands: Commands) -> None:
+    """Describe ``mbfmu run``."""
+    p = commands.add_parser("run", help="run a scene or a model and write CSV and PNG")
+    p.add_argument("scene", help="scene file, model name, model/scene, or my_model.py:MyModel")
+    p.add_argument("--native", action="store_true", help="run without the FMU")
+    add_set(p)
+    add_solver(p)
+    p.add_argument("--stop-time", type=float, metavar="S", help="end of the run, s")
+    p.add_argument("--interval", type=float, metavar="S", help="time between outputs, s")
+    add_output(p, "CSV and PNG")
+    p.set_defaults(command=command_run)
+
+
+def command_run(options: argparse.Namespace) -> int:
+    """Run a scene; write CSV and PNG; print a summary."""
+    from mbfmu.report import plot_result
+
+    scene = scene_of(options)
+    target = folder(options.output)
+    begin = time.perf_counter()
+    times = communication_points(scene.stop_time, scene.output_interval)
+    with tqdm(total=scene.stop_time, unit="s", desc=scene.name, leave=False, disable=not sys.stderr.isatty()) as bar:
+
+        def progress(t: float) -> None:
+            bar.update(t - bar.n)
+
+        if options.native:
+            result = run(scene.model, scene.settings, times, progress)
+        else:
+            from mbfmu.fmi.run import run_fmu
+
+            with tempfile.TemporaryDirectory(prefix="mbfmu_") as place:
+                result = run_fmu(scene.model, scene.settings, times, Path(place) / "model.fmu", progress)
+    total = time.perf_counter() - begin
+    csv, png = target / f"{scene.name}.csv", target / f"{scene.name}.png"
+    result.write_csv(csv)
+    plot_result(result, f"{scene.name}, {scene.settings.name}, tolerance {scene.settings.tolerance:g}", png)
+    print(summary(scene, result, total))
+    print(f"wrote {csv} and {png}")
+    if result.failure:
+        print(f"mbfmu: {result.failure}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def summary(scene: Scene, result: Result, total: float) -> str:
+    """Return what a run cost and how well it kept its invariants."""
+    outputs, s = result.as_dict(), result.statistics
+    lines = [
+        f"{scene.name}: {scene.settings.name}, tolerance {scene.settings.tolerance:g}, "
+        f"{result.times[-1]:g} s simulated",
+        f"  run {result.wall_time:.3f} s; in all {total:.2f} s with start, compilation and export",
+        (f"  {s.steps} steps ({s.rejected} rejected), " if s.steps else "  ")  # IDA's binding does not tell
+        + f"{s.rhs_evals} evaluations, {s.partition_switches} partition switches",
+    ]
+    if "energy" in outputs:
+        lines.append(f"  energy drift {np.abs(outputs['energy'] - outputs['energy'][0]).max():.2e} J")
+    for key, unit in (("position_residual", "m"), ("velocity_residual", "m/s")):
+        if key in outputs:
+            lines.append(f"  largest {key.replace('_', ' ')} {outputs[key].max():.2e} {unit}")
+    return "\n".join(lines)

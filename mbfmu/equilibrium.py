@@ -1,0 +1,368 @@
+"""Steady states of a model: positions at which it stays while its drives turn at constant speed, or at rest.
+
+Newton alone from the model's start; where that fails, downhill first; where that fails, continuation in the drive
+speed from rest. What is found is
+checked: it must hold at every position of the drives, with closed loops that stay closed, and be isolated. Stability is
+that of the exactly linearised motion.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.errors import AssemblyError, EquilibriumError, UserError
+from mbfmu.linear import Mode, StateSpace, linearise
+from mbfmu.mechanics import Plant
+from mbfmu.model import Model, suggest
+from solvers.equilibrium import EquilibriumSolver, Outcome, Solution
+from solvers.system import Array
+
+STEADY = 1e-8  # unbalance elsewhere on the drive's way, relative to the largest stiffness times 1 rad or m
+TURNS = (0.7, 1.9, 3.4)  # rad or m of the drive (s where nothing is driven) at which the balance must hold too
+GROWTH = 1e-6  # real part relative to the largest eigenvalue from which a mode grows or decays
+SMALLEST_STEP = 1e-3  # of the continuation, relative to the full speed
+SAME = 1e-6  # states closer than this (rad or m) are one
+
+REASONS = {
+    Outcome.NO_PROGRESS: "Newton made no progress",
+    Outcome.SINGULAR: "the Jacobian is singular: no isolated steady state near",
+    Outcome.NOT_FINITE: "the equations gave a value that is not finite",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Equilibrium:
+    """A steady state.
+
+    Attributes
+    ----------
+    q, lam
+        Positions (nq,) and multipliers (m,) of the model's plant.
+    iterations
+        Jacobians Newton factored.
+    residual
+        Largest unbalanced force or moment, N or N m.
+    solve_time
+        s, of the solution alone: the plant was built before.
+    found_from
+        Where Newton started, in words.
+    """
+
+    model: Model
+    plant: Plant
+    q: Array
+    lam: Array
+    rows: NDArray[np.int64]
+    iterations: int
+    residual: float
+    solve_time: float
+    found_from: str
+
+    @cached_property
+    def outputs(self) -> dict[str, float]:
+        """The model's outputs in the steady state."""
+        out = np.zeros(len(self.plant.outputs))
+        still = np.zeros(self.plant.system.n)
+        self.plant.observe(0.0, self.q, still, still, self.lam, out)
+        return {v.name: float(x) for v, x in zip(self.plant.outputs, out, strict=True)}
+
+    @cached_property
+    def state_space(self) -> StateSpace:
+        """The linearised motion."""
+        return linearise(self.plant, 0.0, self.q, self.rows)
+
+    @property
+    def modes(self) -> list[Mode]:
+        """Eigenvalues of the linearised motion."""
+        return self.state_space.modes()
+
+    @property
+    def stability(self) -> str:
+        """Of the linearised motion: ``stable`` (it decays), ``undamped`` (some of it oscillates for ever), ``neutral``
+        (some of it drifts) or ``unstable``.
+        """
+        values = np.array([mode.eigenvalue for mode in self.modes])
+        size = np.abs(values).max(initial=0.0)
+        if (values.real > GROWTH * size).any():
+            return "unstable"
+        if (np.abs(values) <= GROWTH * size).any():
+            return "neutral"
+        return "stable" if (values.real < -1e-12 * size).all() else "undamped"
+
+    def positions(self) -> dict[str, float]:
+        """Return the coordinates by name; those of an orientation as its quaternion."""
+        names = position_names(self.plant)
+        return dict(zip(names, map(float, self.q), strict=True))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return everything for JSON."""
+        return {
+            "model": self.model.name,
+            "parameters": {p.name: getattr(self.model, p.name) for p in self.model.parameters()},
+            "found_from": self.found_from,
+            "iterations": self.iterations,
+            "residual": self.residual,
+            "solve_time_s": self.solve_time,
+            "positions": self.positions(),
+            "outputs": self.outputs,
+            "constraint_forces": dict(zip(self.plant.system.constraint_names, map(float, self.lam), strict=True)),
+            "stability": self.stability,
+            "stable": self.stability in ("stable", "undamped"),
+            "eigenvalues": [
+                {
+                    "real": m.eigenvalue.real,
+                    "imag": m.eigenvalue.imag,
+                    "frequency_hz": m.frequency / (2.0 * np.pi),
+                    "damping_ratio": m.damping_ratio,
+                }
+                for m in self.modes
+            ],
+        }
+
+
+def position_names(plant: Plant) -> list[str]:
+    """Return a name for each position (nq,): the coordinate's, or ``body.e0`` ... for a quaternion."""
+    names: list[str] = []
+    for body in plant.mechanism.bodies:
+        joint = body.joint
+        if joint.drive is None:
+            plain = joint.nq - 4 * joint.quaternion
+            names += [f"{body.name}.{c}" if c else body.name for c in joint.coordinates[:plain]]
+            names += [f"{body.name}.e{k}" for k in range(4 * joint.quaternion)]
+    return names
+
+
+class Balance:
+    """The equilibrium problem of one model, built once and solved from any number of starts.
+
+    Raises
+    ------
+    EquilibriumError
+        There is nothing to solve for, or a drive is not at constant speed.
+    """
+
+    def __init__(self, model: Model) -> None:
+        self.model = model
+        self.plant = plant = model.build().compile()
+        if plant.system.n == 0:
+            raise EquilibriumError(f"model {model.name!r} has no free coordinate; there is no steady state to look for")
+        for name, speed, higher in plant.drives():
+            if higher != 0.0:
+                raise EquilibriumError(
+                    f"the drive of {name!r} has no constant speed (now {speed:g}); hold or ramp it out"
+                )
+        self._names = position_names(plant)
+        self._complex = plant.complex_system()
+        self._signals: Any = self._complex.data.arrays.signals
+        self._full_speed = self._signals["c"].copy()
+        self._start = self.start()
+        self._solver = EquilibriumSolver(self._complex, 0.0, self._general(self._start))
+
+    def start(self, given: Mapping[str, float] | None = None) -> Array:
+        """Return closed positions (nq,): the model's start with coordinates ``given`` by name instead, held."""
+        q, held = self.plant.start_positions(), self.plant.held()
+        for name, value in (given or {}).items():
+            if name not in self._names:
+                raise UserError(f"model {self.model.name!r} has no coordinate {name!r}{suggest(name, self._names)}")
+            if not np.isfinite(value):
+                raise UserError(f"start of coordinate {name!r} is {value!r}; it must be finite")
+            q[self._names.index(name)] = value
+        if given:
+            held[:] = [name in given for name in self.plant.system.coordinate_names]
+        return self.plant.close(0.0, q, held)
+
+    def scattered(self, count: int) -> Iterator[Array]:
+        """Yield up to ``count`` closed starts spread over the coordinates, the same in every run."""
+        random, free = np.random.default_rng(0), np.zeros(self.plant.system.n, bool)
+        for _ in range(count):
+            q = self._start.copy()
+            self.plant.system.apply(q, random.uniform(-2.0, 2.0, self.plant.system.n))
+            try:
+                yield self.plant.close(0.0, q, free)
+            except AssemblyError:
+                continue
+
+    def _general(self, q: Array) -> Array:
+        """Return a closed position near q off any singular one, to count independent constraints."""
+        try:
+            random = np.random.default_rng(1)
+            near = q.copy()
+            self.plant.system.apply(near, random.uniform(-0.05, 0.05, self.plant.system.n))
+            return self.plant.close(0.0, near, np.zeros(self.plant.system.n, bool))
+        except AssemblyError:
+            return q
+
+    def solve(
+        self, q: Array | None = None, found_from: str = "the model's start", lam: Array | None = None
+    ) -> Equilibrium:
+        """Find a steady state from closed positions q (nq,).
+
+        Raises
+        ------
+        EquilibriumError
+            None is found, or what is found is none; with the residual.
+        """
+        q = self._start if q is None else q
+        self._refuse_singular(q, "the start")
+        begin = time.perf_counter()
+        solution = self._solver.solve(0.0, q, lam)
+        if solution.outcome is not Outcome.FOUND:
+            solution = self._solver.solve(0.0, q, downhill=True)
+            found_from += ", downhill"
+        if solution.outcome is not Outcome.FOUND:
+            solution, found_from = self._continue_from_rest(q, solution), "rest, by continuation in the drive speed"
+        elapsed = time.perf_counter() - begin
+        self._check(solution)
+        return Equilibrium(
+            model=self.model,
+            plant=self.plant,
+            q=solution.q,
+            lam=solution.lam,
+            rows=self._solver.rows,
+            iterations=solution.iterations,
+            residual=float(np.abs(solution.forces).max()),
+            solve_time=elapsed,
+            found_from=found_from,
+        )
+
+    def _set_speed(self, part: float) -> None:
+        """Let every drive run at ``part`` of its speed."""
+        for k in self.plant.drive_signals():
+            self._signals["c"][k, 1] = part * self._full_speed[k, 1]
+
+    def _continue_from_rest(self, q: Array, failed: Solution) -> Solution:
+        """Follow the steady state from rest to full speed."""
+        if not any(speed for _, speed, _ in self.plant.drives()):
+            raise EquilibriumError(self._failure(failed, "no equilibrium was found"))
+        part, step, iterations = 0.0, 0.25, failed.iterations
+        lam: Array | None = None
+        try:
+            while True:
+                self._set_speed(part)
+                solution = self._solver.solve(0.0, q, lam, downhill=lam is None)
+                iterations += solution.iterations
+                if solution.outcome is Outcome.FOUND:
+                    q, lam, reached = solution.q, solution.lam, part
+                    if part == 1.0:
+                        break
+                    step = min(1.5 * step, 1.0 - part)
+                elif lam is None:
+                    raise EquilibriumError(self._failure(solution, "no steady state was found, nor one at rest"))
+                else:
+                    step *= 0.5
+                    if step < SMALLEST_STEP:
+                        text = (
+                            f"no steady state was found: followed from rest it ends at {reached:.1%} of the drive speed"
+                        )
+                        raise EquilibriumError(self._failure(solution, text))
+                part = min(1.0, reached + step)
+        finally:
+            self._set_speed(1.0)
+        return Solution(**{**vars(solution), "iterations": iterations})
+
+    def _failure(self, solution: Solution, what: str) -> str:
+        worst = int(np.argmax(np.abs(solution.forces)))
+        gap = float(np.abs(solution.gaps).max(initial=0.0))
+        return (
+            f"{what} for {self.model.name!r}: {REASONS[solution.outcome]}; residual {abs(solution.forces[worst]):.3g} N "
+            f"or N m at {self.plant.system.coordinate_names[worst]!r}, loops open by {gap:.3g} m; try another start (--from)"
+        )
+
+    def _refuse_singular(self, q: Array, where: str) -> None:
+        terms = self.plant.system.allocate_terms()
+        self.plant.system.fill_position(0.0, q, terms)
+        J = terms.J[self._solver.rows]
+        sigma = np.linalg.svd(J, compute_uv=False) if len(J) else np.ones(1)
+        if sigma[-1] <= 1e-7 * sigma[0]:
+            forces, _ = self._solver.unbalance(0.0, q, np.zeros(self.plant.system.m))
+            raise EquilibriumError(
+                f"{where} of {self.model.name!r} is a singular position: the cut joints lose rank there (singular "
+                f"values {sigma[0]:.3g} ... {sigma[-1]:.3g}, unbalanced force {np.abs(forces).max():.3g} without them), so "
+                "their forces are not determined; give another start (--from)"
+            )
+
+    def _check(self, solution: Solution) -> None:
+        """Raise unless the solution is a steady state."""
+        self._refuse_singular(solution.q, "what Newton found")
+        system = self.plant.system
+        terms = system.allocate_terms()
+        still = np.zeros(system.n)
+        system.fill(0.0, solution.q, still, terms)
+        speeds = [abs(speed) for _, speed, _ in self.plant.drives()]
+        opening = float(np.abs(terms.nu).max(initial=0.0))
+        if opening > STEADY * max(1.0, *speeds, 0.0):
+            raise EquilibriumError(
+                f"{self.model.name!r} has no steady state: with the free joints at rest the drive opens a loop at "
+                f"{opening:.3g} m/s"
+            )
+        scale = max(1.0, solution.stiffness)
+        fastest = max(speeds, default=0.0) or 1.0
+        for turn in TURNS:
+            forces, gaps = self._solver.unbalance(turn / fastest, solution.q, solution.lam)
+            if np.abs(forces).max() > STEADY * scale or np.abs(gaps).max(initial=0.0) > STEADY:
+                worst = int(np.argmax(np.abs(forces)))
+                raise EquilibriumError(
+                    f"{self.model.name!r} has no steady state: forces that balance at one position of the drive leave "
+                    f"{abs(forces[worst]):.3g} N or N m at {system.coordinate_names[worst]!r} after it has moved by "
+                    f"{turn:g}; a force such as gravity does not turn with it"
+                )
+
+    def others(self, found: Equilibrium, count: int = 24) -> list[Equilibrium]:
+        """Return further steady states reached from scattered starts, each once."""
+        states = [found]
+        for q in self.scattered(count):
+            try:
+                new = self.solve(q, "a scattered start")
+            except EquilibriumError:
+                continue
+            if not any(self.same(new.q, old.q) for old in states):
+                states.append(new)
+        return states[1:]
+
+    def same(self, a: Array, b: Array) -> bool:
+        """Whether two positions are one; whole turns of a revolute joint do not count."""
+        return bool(np.abs(self.difference(a, b)).max() < SAME)
+
+    def difference(self, a: Array, b: Array) -> Array:
+        """Return a - b (nq,), angles of revolute joints within half a turn."""
+        change = a - b
+        angular = [unit == "rad" for unit in self._units()]
+        change[angular] = (change[angular] + np.pi) % (2.0 * np.pi) - np.pi
+        return change
+
+    def _units(self) -> list[str]:
+        units: list[str] = []
+        for body in self.plant.mechanism.bodies:
+            joint = body.joint
+            if joint.drive is None:
+                plain = joint.nq - 4 * joint.quaternion
+                units += [*joint.units[:plain], *("1",) * (4 * joint.quaternion)]
+        return units
+
+
+def equilibrium(model: Model, start: Mapping[str, float] | None = None) -> Equilibrium:
+    """Return a steady state of a model.
+
+    Parameters
+    ----------
+    model
+        With its drives at constant speed, or without drives for static equilibrium.
+    start
+        Coordinates by name that Newton starts from instead of the model's own.
+
+    Raises
+    ------
+    EquilibriumError
+        None is found, or what is found is none; with the residual.
+    """
+    balance = Balance(model)
+    if start:
+        return balance.solve(balance.start(start), "the start given")
+    return balance.solve()

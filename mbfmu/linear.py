@@ -1,0 +1,186 @@
+"""The linearised motion about a steady state: exact state matrices by complex step.
+
+    x' = A x + B u,    y = C x + D u
+
+x are the changes of the independent coordinates and of their rates, u those of the inputs, y those of the outputs.
+Every column is one solution of the equations of motion on complex numbers (see :mod:`solvers.equilibrium`), so no difference
+quotient is involved and the constraints hold to first order.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+from scipy.io import savemat
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics import Plant
+from mbfmu.report import table
+from solvers.equilibrium import EPSILON
+from solvers.system import Array, Terms
+
+
+@dataclass(frozen=True, kw_only=True)
+class StateSpace:
+    """State matrices with the names of what they relate.
+
+    Attributes
+    ----------
+    A, B, C, D
+        (2f, 2f), (2f, inputs), (outputs, 2f), (outputs, inputs) for f degrees of freedom.
+    states, inputs, outputs
+        Names; the rate of state ``x`` is ``der(x)``.
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+
+    def modes(self) -> list[Mode]:
+        """Return the eigenvalues, slowest first; of a conjugate pair the one above the real axis."""
+        values = linalg.eigvals(self.A) if self.A.size else np.zeros(0)
+        floor = 1e-12 * np.abs(values).max(initial=0.0)
+        return sorted((Mode(complex(s)) for s in values if s.imag >= -floor), key=lambda mode: abs(mode.eigenvalue))
+
+    def write(self, path: Path) -> None:
+        """Write ``.npz`` (numpy) or ``.mat`` (MATLAB, Octave); scipy.signal and python-control take A, B, C, D.
+
+        >>> # with numpy.load(path) as f: control.ss(f["A"], f["B"], f["C"], f["D"])
+        """
+        matrices = {"A": self.A, "B": self.B, "C": self.C, "D": self.D}
+        names = {"states": self.states, "inputs": self.inputs, "outputs": self.outputs}
+        try:
+            if path.suffix == ".npz":
+                np.savez(path, allow_pickle=False, **matrices, **{k: np.array(v, str) for k, v in names.items()})
+            elif path.suffix == ".mat":
+                savemat(path, {**matrices, **{k: np.array(v, object) for k, v in names.items()}})
+            else:
+                raise UserError(f"file {str(path)!r}: allowed endings are .npz and .mat")
+        except OSError as error:
+            raise UserError(f"{str(path)!r} cannot be written: {error.strerror}") from error
+
+
+@dataclass(frozen=True)
+class Mode:
+    """An eigenvalue s of the linearised motion, 1/s; with a positive imaginary part it stands for a pair."""
+
+    eigenvalue: complex
+
+    @property
+    def frequency(self) -> float:
+        """Damped natural frequency, rad/s."""
+        return abs(self.eigenvalue.imag)
+
+    @property
+    def damping_ratio(self) -> float:
+        """-Re s / |s|: 1 for a decaying real mode, -1 for a growing one, 0 where nothing moves."""
+        size = abs(self.eigenvalue)
+        return -self.eigenvalue.real / size if size > 0.0 else 0.0
+
+
+def modes_as_text(modes: list[Mode]) -> str:
+    """Return a table of eigenvalues for people."""
+    rows = [
+        (
+            f"{m.eigenvalue.real:.6g}" + (f" ± {m.frequency:.6g}i" if m.frequency else ""),
+            f"{m.frequency:.6g}",
+            f"{m.frequency / (2.0 * np.pi):.6g}",
+            f"{m.damping_ratio:.4g}",
+        )
+        for m in modes
+    ]
+    return table(("eigenvalue [1/s]", "frequency [rad/s]", "[Hz]", "damping ratio"), rows)
+
+
+def linearise(plant: Plant, t: float, q: Array, rows: NDArray[np.int64]) -> StateSpace:
+    """Linearise about the steady state q (nq,) at time t; ``rows`` are the independent constraints."""
+    line = _Line(plant, t, q, rows)
+    freedom = len(line.independent)
+    directions = [*line.unit_states(), *line.unit_inputs()]
+    columns = [line.respond(*direction) for direction in directions]
+    slope = np.array([c[0] for c in columns]).reshape(len(columns), 2 * freedom).T
+    seen = np.array([c[1] for c in columns]).reshape(len(columns), len(plant.outputs)).T
+    names = [plant.system.coordinate_names[k] for k in line.independent]
+    return StateSpace(
+        A=slope[:, : 2 * freedom],
+        B=slope[:, 2 * freedom :],
+        C=seen[:, : 2 * freedom],
+        D=seen[:, 2 * freedom :],
+        states=(*names, *(f"der({name})" for name in names)),
+        inputs=tuple(v.name for v in plant.inputs),
+        outputs=tuple(v.name for v in plant.outputs),
+    )
+
+
+class _Line:
+    """First-order changes of a plant's motion along one state or input at a time."""
+
+    def __init__(self, plant: Plant, t: float, q: Array, rows: NDArray[np.int64]) -> None:
+        self.plant, self.t, self.q, self.rows = plant, t, q, rows
+        self.system = system = plant.complex_system()
+        self.terms = Terms.allocate(system.nq, system.n, system.m, complex)
+        system.fill(t, q.astype(complex), np.zeros(system.n, complex), self.terms)
+        J = self.terms.J.real[rows]
+        # dependent coordinates by column pivoting, as the LU partition chooses them
+        columns = linalg.qr(J, pivoting=True, mode="r")[1] if len(rows) else np.arange(system.n)
+        self.dependent, self.independent = np.sort(columns[: len(rows)]), np.sort(columns[len(rows) :])
+        self.J_dependent, self.J_independent = J[:, self.dependent], J[:, self.independent]
+
+    def unit_states(self) -> list[tuple[Array, Array, int]]:
+        """Return a direction (coordinates, rates, input) for each state."""
+        f = len(self.independent)
+        zero = np.zeros(f)
+        return [(row, zero, -1) for row in np.eye(f)] + [(zero, row, -1) for row in np.eye(f)]
+
+    def unit_inputs(self) -> list[tuple[Array, Array, int]]:
+        """Return a direction for each input."""
+        zero = np.zeros(len(self.independent))
+        return [(zero, zero, k) for k in range(len(self.plant.inputs))]
+
+    def respond(self, x: Array, rate: Array, which: int) -> tuple[Array, Array]:
+        """Return changes of (rates, accelerations) (2f,) and outputs for unit changes of states and one input."""
+        s, T, n = self.system, self.terms, self.system.n
+        signals: Any = s.data.arrays.signals
+        still = np.zeros(n, complex)
+        if which >= 0:
+            signal, coefficient = self.plant.input_slots()[which]
+            signals["c"][signal, coefficient] += EPSILON * 1j
+        s.fill(self.t, self.q.astype(complex), still, T)
+        q = self.q.astype(complex)
+        s.apply(q, self._spread(x, -T.Phi.imag[self.rows] / EPSILON))
+        s.fill(self.t, q, still, T)
+        v = self._spread(rate, T.nu.imag[self.rows] / EPSILON)
+        s.fill(self.t, q, v, T)
+        a, lam = self._solve()
+        out = self.plant.observe_complex(s, self.t, q, v, a, lam)
+        if which >= 0:
+            signals["c"][signal, coefficient] = signals["c"][signal, coefficient].real
+        change = np.concatenate((v[self.independent], a[self.independent])).imag / EPSILON
+        return change, out.imag / EPSILON
+
+    def _spread(self, independent: Array, residual: Array) -> Any:
+        """Return an imaginary step (n,) of all coordinates: J change = residual with the independent ones given."""
+        change = np.zeros(self.system.n)
+        change[self.independent] = independent
+        if len(self.rows):
+            change[self.dependent] = np.linalg.solve(self.J_dependent, residual - self.J_independent @ independent)
+        return EPSILON * 1j * change
+
+    def _solve(self) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """Return accelerations (n,) and multipliers (m,) of the complex equations of motion."""
+        T, n, rank = self.terms, self.system.n, len(self.rows)
+        J = T.J[self.rows]
+        K = np.block([[T.M, J.T], [J, np.zeros((rank, rank))]])
+        solution = np.linalg.solve(K, np.concatenate((-T.h, T.gamma[self.rows])))
+        lam = np.zeros(self.system.m, complex)
+        lam[self.rows] = solution[n:]
+        return solution[:n], lam
