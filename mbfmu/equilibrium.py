@@ -271,8 +271,9 @@ class Balance:
         worst = int(np.argmax(np.abs(solution.forces)))
         gap = float(np.abs(solution.gaps).max(initial=0.0))
         return (
-            f"{what} for {self.model.name!r}: {REASONS[solution.outcome]}; residual {abs(solution.forces[worst]):.3g} N "
-            f"or N m at {self.plant.system.coordinate_names[worst]!r}, loops open by {gap:.3g} m; try another start (--from)"
+            f"{what} for {self.model.name!r}: {REASONS[solution.outcome]}; residual {abs(solution.forces[worst]):.3g} "
+            f"N or N m at {self.plant.system.coordinate_names[worst]!r}, loops open by {gap:.3g} m; "
+            "try another start (--from)"
         )
 
     def _refuse_singular(self, q: Array, where: str) -> None:
@@ -284,8 +285,8 @@ class Balance:
             forces, _ = self._solver.unbalance(0.0, q, np.zeros(self.plant.system.m))
             raise EquilibriumError(
                 f"{where} of {self.model.name!r} is a singular position: the cut joints lose rank there (singular "
-                f"values {sigma[0]:.3g} ... {sigma[-1]:.3g}, unbalanced force {np.abs(forces).max():.3g} without them), so "
-                "their forces are not determined; give another start (--from)"
+                f"values {sigma[0]:.3g} ... {sigma[-1]:.3g}; unbalanced force {np.abs(forces).max():.3g} without them), "
+                "so their forces are not determined; give another start (--from)"
             )
 
     def _check(self, solution: Solution) -> None:

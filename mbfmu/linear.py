@@ -3,8 +3,8 @@
     x' = A x + B u,    y = C x + D u
 
 x are the changes of the independent coordinates and of their rates, u those of the inputs, y those of the outputs.
-Every column is one solution of the equations of motion on complex numbers (see :mod:`solvers.equilibrium`), so no difference
-quotient is involved and the constraints hold to first order.
+Every column is one solution of the equations of motion on complex numbers (see :mod:`solvers.equilibrium`), so no
+difference quotient is involved and the constraints hold to first order.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Swing pendulum (Choi, Park and Yoo): a slider sprung along a massless rod that swings on the tip of a driven crank.
 
-In the plane, with the crank (length l) at constant speed w, theta the rod's angle to the crank and d the slider's distance
-from the tip, the Jacobi integral
+In the plane, with the crank (length l) at constant speed w, theta the rod's angle to the crank and d the slider's
+distance from the tip, the Jacobi integral
 
     J = m (d'^2 + d^2 theta'^2) / 2 + k_r theta^2 / 2 + k_t (d - d0)^2 / 2 - m w^2 (l^2 + d^2 + 2 l d cos theta) / 2
 
