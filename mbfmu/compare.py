@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.model import Model
-from mbfmu.report import table
 from mbfmu.scene import Scene
 from mbfmu.simulation import Result, Settings, Simulation, communication_points, run
+from mbfmu.table import table
 
 SOLVER_NAMES = ("ida", "adams", "hybrid", "adams-lu")
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10)

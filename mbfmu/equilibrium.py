@@ -148,9 +148,9 @@ class Balance:
         There is nothing to solve for, or a drive is not at constant speed.
     """
 
-    def __init__(self, model: Model) -> None:
+    def __init__(self, model: Model, plant: Plant | None = None) -> None:
         self.model = model
-        self.plant = plant = model.build().compile()
+        self.plant = plant = plant or model.build().compile()
         if plant.system.n == 0:
             raise EquilibriumError(f"model {model.name!r} has no free coordinate; there is no steady state to look for")
         for name, speed, higher in plant.drives():
@@ -285,7 +285,7 @@ class Balance:
             forces, _ = self._solver.unbalance(0.0, q, np.zeros(self.plant.system.m))
             raise EquilibriumError(
                 f"{where} of {self.model.name!r} is a singular position: the cut joints lose rank there (singular "
-                f"values {sigma[0]:.3g} ... {sigma[-1]:.3g}; unbalanced force {np.abs(forces).max():.3g} without them), "
+                f"values {sigma[0]:.3g} ... {sigma[-1]:.3g}; unbalanced {np.abs(forces).max():.3g} N without them), "
                 "so their forces are not determined; give another start (--from)"
             )
 

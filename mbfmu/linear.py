@@ -20,7 +20,7 @@ from scipy.io import savemat
 
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Plant
-from mbfmu.report import table
+from mbfmu.table import table
 from solvers.equilibrium import EPSILON
 from solvers.system import Array, Terms
 

@@ -1,4 +1,4 @@
-"""Pictures and short texts of results."""
+"""Pictures of results."""
 
 from __future__ import annotations
 
@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any
 import matplotlib as mpl
 import numpy as np
 
-from mbfmu.simulation import Result
-
 if TYPE_CHECKING:
     from mbfmu.compare import Row
+    from mbfmu.simulation import Result
     from mbfmu.sweep import Branch
 
 mpl.use("Agg")
@@ -115,12 +114,3 @@ def finish(figure: Any, path: Path) -> None:
     """Write the picture and close it."""
     figure.savefig(path, dpi=130)
     plt.close(figure)
-
-
-def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return rows as aligned text."""
-    widths = [max(len(line[i]) for line in [header, *rows]) for i in range(len(header))]
-    lines = [
-        "  ".join(cell.ljust(w) for cell, w in zip(line, widths, strict=True)).rstrip() for line in [header, *rows]
-    ]
-    return "\n".join([lines[0], "  ".join("-" * w for w in widths), *lines[1:]])

@@ -5,6 +5,7 @@ solver = "adams"           # ida, adams, hybrid, adams-lu
 partition = "projection"   # of adams
 tolerance = 1e-6
 max_step = 0.0             # s; 0: no limit
+start_at_equilibrium = false
 stop_time = 10.0           # s
 output_interval = 0.01     # s
 
@@ -30,10 +31,13 @@ KEYS = (
     "partition",
     "tolerance",
     "max_step",
+    "start_at_equilibrium",
     "stop_time",
     "output_interval",
     "parameters",
 )
+
+SETTINGS = ("solver", "partition", "tolerance", "max_step", "start_at_equilibrium")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +69,7 @@ class Scene:
 
     def changed(self, **changes: Any) -> Scene:
         """Return a copy with the given fields; None leaves a field as it is."""
-        settings = {k: changes.pop(k) for k in ("solver", "partition", "tolerance", "max_step") if k in changes}
+        settings = {k: changes.pop(k) for k in SETTINGS if k in changes}
         given = {k: v for k, v in settings.items() if v is not None}
         rest = {k: v for k, v in changes.items() if v is not None}
         return replace(self, settings=replace(self.settings, **given), **rest)
@@ -142,4 +146,6 @@ def from_content(path: Path, content: dict[str, Any]) -> Scene:
     for key in ("tolerance", "max_step"):
         if key in content and (isinstance(content[key], bool) or not isinstance(content[key], int | float)):
             raise UserError(f"{key} is {content[key]!r}; allowed: a number")
+    if not isinstance(content.get("start_at_equilibrium", False), bool):
+        raise UserError(f"start_at_equilibrium is {content['start_at_equilibrium']!r}; allowed: true or false")
     return scene.changed(**content)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mbfmu.equilibrium import Balance
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Variable
 from mbfmu.model import Model, suggest
@@ -39,12 +40,15 @@ class Settings:
         Relative tolerance; the absolute one is the same in SI units.
     max_step
         Largest step, s; 0: no limit.
+    start_at_equilibrium
+        Start in the steady state next to the given start, at rest but for the drives.
     """
 
     solver: str = "ida"
     partition: str = "projection"
     tolerance: float = 1e-6
     max_step: float = 0.0
+    start_at_equilibrium: bool = False
 
     def __post_init__(self) -> None:
         """Check the names and numbers; raises UserError."""
@@ -70,17 +74,29 @@ class Settings:
 class Simulation:
     """A model started at ``t0``: advance it, read its outputs, change inputs and tunable parameters between steps.
 
+    Parameters
+    ----------
+    inputs
+        Values of inputs by number that differ from their start.
+
     Raises
     ------
     UserError
-        The model cannot be built or assembled with these parameters.
+        The model cannot be built, assembled or balanced with these parameters.
     """
 
-    def __init__(self, model: Model, settings: Settings, t0: float = 0.0) -> None:
+    def __init__(
+        self, model: Model, settings: Settings, t0: float = 0.0, inputs: Mapping[int, float] | None = None
+    ) -> None:
         self.model = model
         self.settings = settings
         self.plant = model.build().compile()
-        q, v = self.plant.assemble(t0)
+        for index, value in (inputs or {}).items():
+            self.plant.set_input(index, value, t0)
+        if settings.start_at_equilibrium:
+            q, v = Balance(model, self.plant).solve().q, np.zeros(self.plant.system.n)
+        else:
+            q, v = self.plant.assemble(t0)
         self.stepper = SOLVERS[settings.name](self.plant.system, t0, q, v, settings.options())
         self._out = np.zeros(len(self.plant.outputs))
         if settings.name not in _compiled:

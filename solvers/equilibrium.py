@@ -9,11 +9,12 @@ run on complex numbers, and a perturbation i e of one coordinate leaves the deri
 difference that could cancel (Squire and Trapp 1998). So the system given is the complex twin of a mechanism's.
 
 **Globalisation.** Newton is damped by the natural monotonicity test (Deuflhard, *Newton Methods for Nonlinear
-Problems*, 2004, section 3.3): a step is good where the next correction, taken with the old Jacobian, is shorter. The test does not change with
-the units of the equations; the units of lambda enter through the largest stiffness. It follows the Newton path, which
-may end where the Jacobian is singular. Then the start is led downhill first, by implicit Euler steps of the motion of a
-heavily damped mechanism, M q' = -(h + J^T lambda), Phi = 0, longer as the unbalance falls (pseudo-transient
-continuation, Kelley and Keyes 1998): it ends at a stable state where there is one, and Newton finishes there.
+Problems*, 2004, section 3.3): a step is good where the next correction, taken with the old Jacobian, is shorter. The
+test does not change with the units of the equations; those of lambda enter through the largest stiffness. It follows
+the Newton path, which may end where the Jacobian is singular. Then the start is led downhill first, by implicit Euler
+steps of the motion of a heavily damped mechanism, M q' = -(h + J^T lambda), Phi = 0, longer as the unbalance falls
+(pseudo-transient continuation, Kelley and Keyes 1998): it ends at a stable state where there is one, and Newton
+finishes there.
 """
 
 from __future__ import annotations

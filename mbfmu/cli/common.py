@@ -26,6 +26,9 @@ def add_solver(p: argparse.ArgumentParser) -> None:
     p.add_argument("--partition", metavar="NAME", help="of adams: projection, lu or hybrid")
     p.add_argument("--tolerance", type=float, metavar="RTOL", help="relative tolerance (default 1e-6)")
     p.add_argument("--max-step", type=float, metavar="S", help="largest step, s; 0: no limit")
+    p.add_argument(
+        "--start-at-equilibrium", action="store_true", default=None, help="start in the steady state next to the start"
+    )
 
 
 def add_output(p: argparse.ArgumentParser, what: str) -> None:
@@ -61,6 +64,7 @@ def scene_of(options: argparse.Namespace) -> Scene:
         partition=getattr(options, "partition", None),
         tolerance=getattr(options, "tolerance", None),
         max_step=getattr(options, "max_step", None),
+        start_at_equilibrium=getattr(options, "start_at_equilibrium", None),
         stop_time=getattr(options, "stop_time", None),
         output_interval=getattr(options, "interval", None),
     )

@@ -14,8 +14,9 @@ from mbfmu.equilibrium import Balance, Equilibrium
 from mbfmu.errors import UserError
 from mbfmu.linear import modes_as_text
 from mbfmu.model import Model, suggest
-from mbfmu.report import plot_branches, table
+from mbfmu.report import plot_branches
 from mbfmu.sweep import Branch, sweep
+from mbfmu.table import table
 
 from .common import Commands, add_output, add_set, assignments, folder, number, scene_of, write_json
 

@@ -17,7 +17,7 @@ from solvers.stepper import Statistics
 
 from .export import export
 from .harness import Fmu
-from .slave import COUNTERS
+from .interface import COUNTERS
 
 
 def run_fmu(

@@ -14,9 +14,7 @@ from collections.abc import Callable
 from typing import Any, ClassVar
 
 import numpy as np
-from pythonfmu import Boolean, DefaultExperiment, Fmi2Causality, Fmi2Initial, Fmi2Slave, Fmi2Variability
-from pythonfmu import Integer as FmiInteger
-from pythonfmu import String as FmiString
+from pythonfmu import DefaultExperiment
 from pythonfmu.enums import Fmi2Status
 
 import mbfmu
@@ -24,17 +22,10 @@ from mbfmu.errors import UserError
 from mbfmu.model import Model, Parameter
 from mbfmu.simulation import Settings, Simulation
 
-from .description import Quantity, QuantityReal, complete
 from .guards import finalize_at_exit
+from .interface import Interface
 
 STATE_FORMAT = 1
-COUNTERS = {
-    "steps": "steps taken",
-    "rejected": "steps rejected",
-    "rhs_evals": "evaluations of the equations of motion",
-    "partition_switches": "changes between LU and projection partition",
-    "restarts": "restarts of the integrator",
-}
 
 
 def guarded(callback: Callable[..., Any]) -> Callable[..., Any]:
@@ -51,13 +42,11 @@ def guarded(callback: Callable[..., Any]) -> Callable[..., Any]:
     return safe
 
 
-class ModelSlave(Fmi2Slave):  # type: ignore[misc]
+class ModelSlave(Interface):
     """One instance of a model in a host. Subclasses, one per FMU, set the class attributes."""
 
-    model: ClassVar[Model]
     identifier: ClassVar[str] = "model"
     fmu_guid: ClassVar[str] = ""
-    settings: ClassVar[Settings] = Settings()
 
     log_categories: ClassVar[dict[str, str]] = {
         "logStatusWarning": "something unusual that does not stop the run",
@@ -78,148 +67,12 @@ class ModelSlave(Fmi2Slave):  # type: ignore[misc]
             step_size=self.model.output_interval,
             tolerance=self.settings.tolerance,
         )
-        self.simulation: Simulation | None = None
-        self.message = ""
         self._t0 = 0.0
         self._refused: dict[str, str] = {}  # variable -> why its last value was not taken
         self._changed: set[int] = set()  # value references of inputs and parameters set since the last step
         self._fresh = True  # outputs are those of the present state
-        self._set_tolerance = False
-        plant = self.model.build().compile()  # names and units of inputs and outputs
-        self._register(plant)
+        self.register(self.model.build().compile())
         finalize_at_exit(self.resources, self.identifier)
-
-    # ---- variables ----------------------------------------------------------------------------------------------
-
-    def _register(self, plant: Any) -> None:
-        """Declare every variable; value references count them in this order, which is the FMU's interface."""
-        self._texts = {"solver": self.settings.solver, "partition": self.settings.partition}
-        self._parameters: dict[int, Parameter] = {}
-        self._reals: list[tuple[int, float]] = []
-        for declared in self.model.parameters():
-            self._parameter(declared)
-        self._tolerance = self._real(
-            "tolerance", Quantity(min=1e-12, max=1e-2), "relative tolerance of the solver", self.settings.tolerance
-        )
-        self._max_step = self._real(
-            "max_step", Quantity(unit="s", min=0.0), "largest step; 0: no limit", self.settings.max_step
-        )
-        self._string("solver", "ida, adams, hybrid or adams-lu", parameter=True)
-        self._string("partition", "of adams: projection, lu or hybrid", parameter=True)
-        self._inputs = [
-            self._real(v.name, Quantity(unit=v.unit), v.description, v.start, causality=Fmi2Causality.input)
-            for v in plant.inputs
-        ]
-        self._outputs = np.array(
-            [self._output(v.name, Quantity(unit=v.unit, nominal=v.nominal), v.description) for v in plant.outputs],
-            dtype=int,
-        )
-        self._counters = {name: self._counter(f"solver.{name}", text) for name, text in COUNTERS.items()}
-        self._string("solver.message", "why the solver stopped, and what to try; empty while all is well")
-        self._buffer = np.zeros(len(self.vars))
-        for reference, start in self._reals:
-            self._buffer[reference] = start
-
-    def _parameter(self, p: Parameter) -> None:
-        start = getattr(self.model, p.name)
-        variability = Fmi2Variability.tunable if p.tunable else Fmi2Variability.fixed
-        if isinstance(p.default, float):
-            reference = self._real(
-                p.name, Quantity(unit=p.unit, min=p.min, max=p.max), p.doc, start, variability=variability
-            )
-        else:
-            kind = Boolean if isinstance(p.default, bool) else FmiInteger
-            reference = len(self.vars)
-            self.register_variable(
-                kind(
-                    p.name,
-                    causality=Fmi2Causality.parameter,
-                    variability=variability,
-                    description=p.doc,
-                    getter=lambda: self._buffer[reference],
-                    setter=lambda value: self._take(reference, p.name, value),
-                ),
-                nested=False,
-            )
-            self._reals.append((reference, float(start)))
-        self._parameters[reference] = p
-
-    def _real(
-        self,
-        name: str,
-        quantity: Quantity,
-        text: str,
-        start: float,
-        *,
-        causality: Fmi2Causality = Fmi2Causality.parameter,
-        variability: Fmi2Variability = Fmi2Variability.fixed,
-    ) -> int:
-        if causality == Fmi2Causality.input:
-            variability = Fmi2Variability.continuous
-        reference = len(self.vars)
-        variable = QuantityReal(
-            name,
-            quantity,
-            causality=causality,
-            variability=variability,
-            description=text,
-            getter=lambda: None,
-            setter=lambda value: None,
-        )
-        self.register_variable(variable, nested=False)
-        self._reals.append((reference, start))
-        return reference
-
-    def _output(self, name: str, quantity: Quantity, text: str) -> int:
-        reference = len(self.vars)
-        variable = QuantityReal(
-            name,
-            quantity,
-            causality=Fmi2Causality.output,
-            variability=Fmi2Variability.continuous,
-            initial=Fmi2Initial.calculated,
-            description=text,
-            getter=lambda: None,
-        )
-        self.register_variable(variable, nested=False)
-        return reference
-
-    def _counter(self, name: str, text: str) -> int:
-        reference = len(self.vars)
-        self.register_variable(
-            FmiInteger(
-                name,
-                causality=Fmi2Causality.output,
-                variability=Fmi2Variability.discrete,
-                initial=Fmi2Initial.calculated,
-                description=text,
-                getter=lambda: self._count(name.removeprefix("solver.")),
-            ),
-            nested=False,
-        )
-        return reference
-
-    def _string(self, name: str, text: str, *, parameter: bool = False) -> None:
-        getter = (lambda: self._texts[name]) if parameter else (lambda: self.message)
-        self.register_variable(
-            FmiString(
-                name,
-                causality=Fmi2Causality.parameter if parameter else Fmi2Causality.output,
-                variability=Fmi2Variability.fixed if parameter else Fmi2Variability.discrete,
-                initial=None if parameter else Fmi2Initial.calculated,
-                description=text,
-                getter=getter,
-                setter=lambda value: self._texts.__setitem__(name, value),
-            ),
-            nested=False,
-        )
-
-    def _count(self, name: str) -> int:
-        return int(getattr(self.simulation.statistics, name)) if self.simulation else 0
-
-    def to_xml(self, model_options: dict[str, str] | None = None) -> Any:
-        """Return the model description."""
-        return complete(super().to_xml(model_options or {}), list(self.vars.values()), bool(self._inputs))
 
     # ---- values -------------------------------------------------------------------------------------------------
 
@@ -248,10 +101,9 @@ class ModelSlave(Fmi2Slave):  # type: ignore[misc]
             self._report(self._refused[name])
             return
         self._refused.pop(name, None)
-        if self._buffer[reference] != value:
+        if self._buffer[reference] != value or self.simulation is None:
             self._buffer[reference] = value
             self._changed.add(reference)
-        self._set_tolerance |= reference == self._tolerance
 
     # ---- life of an instance ------------------------------------------------------------------------------------
 
@@ -259,25 +111,29 @@ class ModelSlave(Fmi2Slave):  # type: ignore[misc]
     def setup_experiment(self, start_time: float, stop_time: float | None, tolerance: float | None) -> None:
         """Note the start time, and the host's tolerance unless the parameter was set."""
         self._t0 = start_time
-        if tolerance and not self._set_tolerance:
-            self._buffer[self._tolerance] = tolerance
+        reference = self.setting_reference("tolerance")
+        if tolerance and reference not in self._changed:
+            self._buffer[reference] = tolerance
 
     @guarded
     def exit_initialization_mode(self) -> None:
         """Build, assemble and start the model from the parameters as they are now."""
         self._raise_refused()
         model = self._model_now()
-        settings = Settings(
-            solver=self._texts["solver"],
-            partition=self._texts["partition"],
-            tolerance=float(self._buffer[self._tolerance]),
-            max_step=float(self._buffer[self._max_step]),
-        )
-        self.simulation = Simulation(model, settings, self._t0)
-        for index, reference in enumerate(self._inputs):
-            self.simulation.plant.set_input(index, float(self._buffer[reference]), self._t0)
+        given = {k: float(self._buffer[r]) for k, r in enumerate(self._inputs) if r in self._changed}
+        self.simulation = Simulation(model, self._settings_now(), self._t0, given)
+        for reference, variable in zip(self._inputs, self.simulation.plant.inputs, strict=True):
+            if reference not in self._changed:  # it starts where the parameters put it
+                self._buffer[reference] = variable.start
         self._changed.clear()
         self._refresh()
+
+    def _settings_now(self) -> Settings:
+        values: dict[str, Any] = dict(self._texts)
+        for name, reference in self._settings.items():
+            kind = type(getattr(self.settings, name))
+            values[name] = kind(self._buffer[reference])
+        return Settings(**values)
 
     def _model_now(self) -> Model:
         return self.model.with_values({p.name: self._value(r, p) for r, p in self._parameters.items()})
