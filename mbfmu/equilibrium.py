@@ -1,9 +1,11 @@
 """Steady states of a model: positions at which it stays while its drives turn at constant speed, or at rest.
 
+A cyclic coordinate, on which nothing depends, such as the angle of a free spindle, keeps the rate the model starts it
+with; every other free coordinate is at rest.
+
 Newton alone from the model's start; where that fails, downhill first; where that fails, continuation in the drive
-speed from rest. What is found is
-checked: it must hold at every position of the drives, with closed loops that stay closed, and be isolated. Stability is
-that of the exactly linearised motion.
+speed from rest. What is found is checked: it must hold at every position of the drives, with closed loops that stay
+closed. Stability is that of the exactly linearised motion.
 """
 
 from __future__ import annotations
@@ -21,18 +23,20 @@ from mbfmu.errors import AssemblyError, EquilibriumError, UserError
 from mbfmu.linear import Mode, StateSpace, linearise
 from mbfmu.mechanics import Plant
 from mbfmu.model import Model, suggest
-from solvers.equilibrium import EquilibriumSolver, Outcome, Solution
+from solvers.equilibrium import EPSILON, EquilibriumSolver, Outcome, Solution
 from solvers.system import Array
 
 STEADY = 1e-8  # unbalance elsewhere on the drive's way, relative to the largest stiffness times 1 rad or m
 TURNS = (0.7, 1.9, 3.4)  # rad or m of the drive (s where nothing is driven) at which the balance must hold too
 GROWTH = 1e-6  # real part relative to the largest eigenvalue from which a mode grows or decays
 SMALLEST_STEP = 1e-3  # of the continuation, relative to the full speed
+CYCLIC = 1e-10  # change with a coordinate, relative to the largest entry, below which there is none
 SAME = 1e-6  # states closer than this (rad or m) are one
 
 REASONS = {
     Outcome.NO_PROGRESS: "Newton made no progress",
-    Outcome.SINGULAR: "the Jacobian is singular: no isolated steady state near",
+    Outcome.SINGULAR: "the Jacobian is singular and a force is left that no position nearby balances",
+    Outcome.UNDETERMINED: "it ended in a singular position, where the forces of the cut joints are not determined",
     Outcome.NOT_FINITE: "the equations gave a value that is not finite",
 }
 
@@ -43,8 +47,8 @@ class Equilibrium:
 
     Attributes
     ----------
-    q, lam
-        Positions (nq,) and multipliers (m,) of the model's plant.
+    q, v, lam
+        Positions (nq,), velocities (n,) and multipliers (m,) of the model's plant.
     iterations
         Jacobians Newton factored.
     residual
@@ -58,6 +62,7 @@ class Equilibrium:
     model: Model
     plant: Plant
     q: Array
+    v: Array
     lam: Array
     rows: NDArray[np.int64]
     iterations: int
@@ -69,14 +74,13 @@ class Equilibrium:
     def outputs(self) -> dict[str, float]:
         """The model's outputs in the steady state."""
         out = np.zeros(len(self.plant.outputs))
-        still = np.zeros(self.plant.system.n)
-        self.plant.observe(0.0, self.q, still, still, self.lam, out)
+        self.plant.observe(0.0, self.q, self.v, np.zeros(self.plant.system.n), self.lam, out)
         return {v.name: float(x) for v, x in zip(self.plant.outputs, out, strict=True)}
 
     @cached_property
     def state_space(self) -> StateSpace:
         """The linearised motion."""
-        return linearise(self.plant, 0.0, self.q, self.rows)
+        return linearise(self.plant, 0.0, self.q, self.v, self.rows)
 
     @property
     def modes(self) -> list[Mode]:
@@ -163,7 +167,10 @@ class Balance:
         self._signals: Any = self._complex.data.arrays.signals
         self._full_speed = self._signals["c"].copy()
         self._start = self.start()
-        self._solver = EquilibriumSolver(self._complex, 0.0, self._general(self._start))
+        general = self._general(self._start)
+        self._v = np.where(self._cyclic(general), plant.start_velocities(), 0.0)
+        self._solver = EquilibriumSolver(self._complex, 0.0, general, self._v)
+        self._solver.solve(0.0, self._start)  # compiled now, not in the time that is told
 
     def start(self, given: Mapping[str, float] | None = None) -> Array:
         """Return closed positions (nq,): the model's start with coordinates ``given`` by name instead, held."""
@@ -199,6 +206,19 @@ class Balance:
         except AssemblyError:
             return q
 
+    def _cyclic(self, q: Array) -> NDArray[np.bool_]:
+        """Return which coordinates (n,) the equations of motion do not depend on, judged at closed positions q (nq,)."""
+        system, n = self._complex, self.plant.system.n
+        v, terms = np.random.default_rng(2).uniform(-1.0, 1.0, n).astype(complex), system.allocate_terms(complex)
+        cyclic = np.zeros(n, bool)
+        for k in range(n):
+            changed = q.astype(complex)
+            system.apply(changed, EPSILON * 1j * np.eye(n)[k])
+            system.fill(0.0, changed, v, terms)
+            parts = (terms.M, terms.h, terms.J, terms.nu, terms.gamma)
+            cyclic[k] = all((np.abs(x.imag) <= CYCLIC * EPSILON * (1.0 + np.abs(x.real).max(initial=0.0))).all() for x in parts)
+        return cyclic
+
     def solve(
         self, q: Array | None = None, found_from: str = "the model's start", lam: Array | None = None
     ) -> Equilibrium:
@@ -210,7 +230,13 @@ class Balance:
             None is found, or what is found is none; with the residual.
         """
         q = self._start if q is None else q
-        self._refuse_singular(q, "the start")
+        if self._solver.singular(0.0, q):
+            forces, _ = self._solver.unbalance(0.0, q, np.zeros(self.plant.system.m))
+            raise EquilibriumError(
+                f"the start of {self.model.name!r} is a singular position: the cut joints lose rank there, so their "
+                f"forces are not determined (unbalanced {np.abs(forces).max():.3g} N or N m without them); give another "
+                "start (--from)"
+            )
         begin = time.perf_counter()
         solution = self._solver.solve(0.0, q, lam)
         if solution.outcome is not Outcome.FOUND:
@@ -224,6 +250,7 @@ class Balance:
             model=self.model,
             plant=self.plant,
             q=solution.q,
+            v=self._v,
             lam=solution.lam,
             rows=self._solver.rows,
             iterations=solution.iterations,
@@ -276,28 +303,13 @@ class Balance:
             "try another start (--from)"
         )
 
-    def _refuse_singular(self, q: Array, where: str) -> None:
-        terms = self.plant.system.allocate_terms()
-        self.plant.system.fill_position(0.0, q, terms)
-        J = terms.J[self._solver.rows]
-        sigma = np.linalg.svd(J, compute_uv=False) if len(J) else np.ones(1)
-        if sigma[-1] <= 1e-7 * sigma[0]:
-            forces, _ = self._solver.unbalance(0.0, q, np.zeros(self.plant.system.m))
-            raise EquilibriumError(
-                f"{where} of {self.model.name!r} is a singular position: the cut joints lose rank there (singular "
-                f"values {sigma[0]:.3g} ... {sigma[-1]:.3g}; unbalanced {np.abs(forces).max():.3g} N without them), "
-                "so their forces are not determined; give another start (--from)"
-            )
-
     def _check(self, solution: Solution) -> None:
         """Raise unless the solution is a steady state."""
-        self._refuse_singular(solution.q, "what Newton found")
         system = self.plant.system
         terms = system.allocate_terms()
-        still = np.zeros(system.n)
-        system.fill(0.0, solution.q, still, terms)
+        system.fill(0.0, solution.q, self._v, terms)
         speeds = [abs(speed) for _, speed, _ in self.plant.drives()]
-        opening = float(np.abs(terms.nu).max(initial=0.0))
+        opening = float(np.abs(terms.J @ self._v - terms.nu).max(initial=0.0))
         if opening > STEADY * max(1.0, *speeds, 0.0):
             raise EquilibriumError(
                 f"{self.model.name!r} has no steady state: with the free joints at rest the drive opens a loop at "

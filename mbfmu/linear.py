@@ -22,7 +22,7 @@ from mbfmu.errors import UserError
 from mbfmu.mechanics import Plant
 from mbfmu.table import table
 from solvers.equilibrium import EPSILON
-from solvers.system import Array, Terms
+from solvers.system import Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,9 +101,9 @@ def modes_as_text(modes: list[Mode]) -> str:
     return table(("eigenvalue [1/s]", "frequency [rad/s]", "[Hz]", "damping ratio"), rows)
 
 
-def linearise(plant: Plant, t: float, q: Array, rows: NDArray[np.int64]) -> StateSpace:
-    """Linearise about the steady state q (nq,) at time t; ``rows`` are the independent constraints."""
-    line = _Line(plant, t, q, rows)
+def linearise(plant: Plant, t: float, q: Array, v: Array, rows: NDArray[np.int64]) -> StateSpace:
+    """Linearise about the steady state (q (nq,), v (n,)) at time t; ``rows`` are the independent constraints."""
+    line = _Line(plant, t, q, v, rows)
     freedom = len(line.independent)
     directions = [*line.unit_states(), *line.unit_inputs()]
     columns = [line.respond(*direction) for direction in directions]
@@ -124,11 +124,12 @@ def linearise(plant: Plant, t: float, q: Array, rows: NDArray[np.int64]) -> Stat
 class _Line:
     """First-order changes of a plant's motion along one state or input at a time."""
 
-    def __init__(self, plant: Plant, t: float, q: Array, rows: NDArray[np.int64]) -> None:
-        self.plant, self.t, self.q, self.rows = plant, t, q, rows
+    def __init__(self, plant: Plant, t: float, q: Array, v: Array, rows: NDArray[np.int64]) -> None:
+        self.plant, self.t, self.rows = plant, t, rows
+        self.q, self.v = q.astype(complex), v.astype(complex)
         self.system = system = plant.complex_system()
-        self.terms = Terms.allocate(system.nq, system.n, system.m, complex)
-        system.fill(t, q.astype(complex), np.zeros(system.n, complex), self.terms)
+        self.terms = system.allocate_terms(complex)
+        system.fill(t, self.q, self.v, self.terms)
         J = self.terms.J.real[rows]
         # dependent coordinates by column pivoting, as the LU partition chooses them
         columns = linalg.qr(J, pivoting=True, mode="r")[1] if len(rows) else np.arange(system.n)
@@ -148,17 +149,16 @@ class _Line:
 
     def respond(self, x: Array, rate: Array, which: int) -> tuple[Array, Array]:
         """Return changes of (rates, accelerations) (2f,) and outputs for unit changes of states and one input."""
-        s, T, n = self.system, self.terms, self.system.n
+        s, T = self.system, self.terms
         signals: Any = s.data.arrays.signals
-        still = np.zeros(n, complex)
         if which >= 0:
             signal, coefficient = self.plant.input_slots()[which]
             signals["c"][signal, coefficient] += EPSILON * 1j
-        s.fill(self.t, self.q.astype(complex), still, T)
-        q = self.q.astype(complex)
+        s.fill(self.t, self.q, self.v, T)
+        q = self.q.copy()
         s.apply(q, self._spread(x, -T.Phi.imag[self.rows] / EPSILON))
-        s.fill(self.t, q, still, T)
-        v = self._spread(rate, T.nu.imag[self.rows] / EPSILON)
+        s.fill(self.t, q, self.v, T)
+        v = self.v + self._spread(rate, (T.nu - T.J @ self.v).imag[self.rows] / EPSILON)
         s.fill(self.t, q, v, T)
         a, lam = self._solve()
         out = self.plant.observe_complex(s, self.t, q, v, a, lam)

@@ -94,7 +94,8 @@ class Simulation:
         for index, value in (inputs or {}).items():
             self.plant.set_input(index, value, t0)
         if settings.start_at_equilibrium:
-            q, v = Balance(model, self.plant).solve().q, np.zeros(self.plant.system.n)
+            found = Balance(model, self.plant).solve()
+            q, v = found.q, found.v
         else:
             q, v = self.plant.assemble(t0)
         self.stepper = SOLVERS[settings.name](self.plant.system, t0, q, v, settings.options())

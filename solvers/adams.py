@@ -112,7 +112,7 @@ def start(eqs: Any, c: Any, o: Any, H: Any, work: Any) -> int:
         if not choose(eqs.terms, c.rank, work):
             return NOT_CLOSED
         take_choice(H, work)
-    c.energy = eqs.energy(c.t, q, v, eqs.data)
+    c.energy = eqs.jacobi(c.t, q, v, eqs.data)
     code = differentiate(eqs, c.t, False, c, H, work)
     if code == OK:
         weigh(c, o, H, q.shape[0], v.shape[0])
@@ -185,12 +185,12 @@ def cut(cuts: int, c: Any, H: Any) -> None:
 
 @inlined
 def jumped(eqs: Any, t: float, c: Any, o: Any, work: Any) -> bool:
-    """Whether the total energy has jumped in an LU step of the hybrid, in units of the largest kinetic energy
-    so far.
+    """Whether the energy, less the action of the drives, has jumped in an LU step of the hybrid, in units of the
+    largest kinetic energy so far.
     """
     if o.partition != HYBRID:
         return False
-    after = eqs.energy(t, work.q, work.v, eqs.data)
+    after = eqs.jacobi(t, work.q, work.v, eqs.data)
     kinetic = 0.0
     for i in range(work.v.shape[0]):
         for j in range(work.v.shape[0]):

@@ -14,7 +14,7 @@ from numba.experimental import structref
 from .kernel import COMPILED, kernel
 from .system import System, Terms
 
-FIELDS = ("dynamics", "position", "retract", "energy", "data", "terms")
+FIELDS = ("dynamics", "position", "retract", "jacobi", "data", "terms")
 
 
 class Bundle(structref.StructRefProxy if COMPILED else object):  # type: ignore[misc]
@@ -33,7 +33,7 @@ if COMPILED:
 
 def bundle(system: System, terms: Terms) -> Any:
     """Return the bundle of a system and the terms it is to fill."""
-    values = (system.dynamics, system.position, system.retract, system.energy, system.data, terms)
+    values = (system.dynamics, system.position, system.retract, system.jacobi, system.data, terms)
     if COMPILED:
         return make(*values)
     plain = Bundle()
@@ -42,6 +42,6 @@ def bundle(system: System, terms: Terms) -> Any:
 
 
 @kernel
-def make(dynamics: Any, position: Any, retract: Any, energy: Any, data: Any, terms: Any) -> Any:
+def make(dynamics: Any, position: Any, retract: Any, jacobi: Any, data: Any, terms: Any) -> Any:
     """Allocate and fill a bundle."""
-    return Bundle(dynamics, position, retract, energy, data, terms)
+    return Bundle(dynamics, position, retract, jacobi, data, terms)

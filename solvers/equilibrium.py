@@ -1,12 +1,16 @@
-"""Steady states by Newton-Raphson: no free velocity, no free acceleration, every drive at constant speed.
+"""Steady states by Newton-Raphson: no acceleration, every drive and cyclic coordinate at constant speed, the rest still.
 
-Unknowns z = (q, lambda); equations (20)-(24) of Choi, Park and Yoo::
+Unknowns z = (q, lambda); equations (20)-(24) of Choi, Park and Yoo, with v zero but for cyclic coordinates::
 
-    f(z) = [ h(t, q, 0) + J(q)^T lambda ;  Phi(t, q) ] = 0
+    f(z) = [ h(t, q, v) + J(q)^T lambda ;  Phi(t, q) ] = 0
 
-h at zero free velocity is the recursive inverse dynamics with the drives moving. The Jacobian is exact: the recursions
+h is the recursive inverse dynamics at no acceleration with the drives moving. The Jacobian K is exact: the recursions
 run on complex numbers, and a perturbation i e of one coordinate leaves the derivative in the imaginary part, with no
 difference that could cancel (Squire and Trapp 1998). So the system given is the complex twin of a mechanism's.
+
+K may be singular for a harmless reason: a coordinate on which nothing depends, such as the angle of a free spindle.
+Corrections are the shortest that K allows, so what is undetermined stays where it was; a force that nothing can
+balance is left over, and then there is no steady state.
 
 **Globalisation.** Newton is damped by the natural monotonicity test (Deuflhard, *Newton Methods for Nonlinear
 Problems*, 2004, section 3.3): a step is good where the next correction, taken with the old Jacobian, is shorter. The
@@ -29,7 +33,8 @@ from numpy.typing import NDArray
 from .bundle import bundle
 from .dense import decompose, full_pivot, least_norm
 from .kernel import kernel
-from .system import Array, System, Terms
+from .partition import length, rank_at
+from .system import Array, System
 
 EPSILON = 1e-30  # of the complex step; its square must vanish beside one
 CONVERGED = 1e-10  # the last correction; what it leaves is of the order of its square
@@ -38,7 +43,9 @@ LEAST_DAMPING = 1e-4
 DESCENT_STEPS = 300
 LONGEST = 0.2  # step of the descent in one coordinate, rad or m
 NEAR = 1e-3  # a descent step this short leaves the rest to Newton
-SINGULAR = 1e-12  # ratio of the singular values of the scaled Jacobian below which there is no isolated state
+SINGULAR = 1e-12  # ratio of the singular values of the scaled Jacobian below which a direction is undetermined
+BALANCED = 1e-9  # unbalance left by the last correction, of forces in units of the largest stiffness, of loops in m
+SINGULAR_POSITION = 1e-7  # ratio of the singular values of J below which cut-joint forces are not determined
 INDEPENDENT = 1e-8  # relative pivot of an independent constraint
 
 
@@ -49,13 +56,14 @@ class Outcome(IntEnum):
     NO_PROGRESS = 1
     SINGULAR = 2
     NOT_FINITE = 3
+    UNDETERMINED = 4  # in a singular position, where cut joints share forces in many ways
 
 
 class Scratch(NamedTuple):
     """Allocated once. N = n + rank unknowns."""
 
     q: NDArray[Any]  # (nq,) complex: perturbed position
-    v: NDArray[Any]  # (n,)  complex: zero
+    v: NDArray[Any]  # (n,)  complex: velocity of the steady motion
     dq: NDArray[Any]  # (n,)  complex: perturbation
     step: Array  # (n,)   correction of the position
     q_try: Array  # (nq,)
@@ -88,7 +96,6 @@ def linearise(eqs: Any, t: float, q: Any, lam: Any, rows: Any, scale: float, s: 
         for i in range(q.shape[0]):
             s.q[i] = q[i]
         for i in range(n):
-            s.v[i] = 0.0
             s.dq[i] = 0.0
         s.dq[k] = EPSILON * 1j
         eqs.retract(s.q, s.dq, eqs.data)
@@ -110,19 +117,10 @@ def linearise(eqs: Any, t: float, q: Any, lam: Any, rows: Any, scale: float, s: 
 
 
 @kernel
-def length(x: Any) -> float:
-    """|x|."""
-    square = 0.0
-    for i in range(x.shape[0]):
-        square += x[i] * x[i]
-    return np.sqrt(square)
-
-
-@kernel
 def correction(s: Any, z: Any) -> float:
-    """z = -K^-1 f with the factors at hand; return its length."""
+    """z = -K^+ f with the factors at hand; return its length."""
     N = z.shape[0]
-    least_norm(s.f, N, N, N, s.U, s.sigma, s.W, z)
+    least_norm(s.f, N, N, rank_at(s.sigma, N, SINGULAR), s.U, s.sigma, s.W, z)
     for i in range(N):
         z[i] = -z[i]
     return length(z)
@@ -164,14 +162,14 @@ def take(q: Any, lam: Any, s: Any) -> None:
 
 @kernel
 def factor(s: Any) -> bool:
-    """Decompose K; False where it is singular or not finite."""
+    """Decompose K; False where it is not finite."""
     N = s.z.shape[0]
     for i in range(N):
         for j in range(N):
             if not np.isfinite(s.K[i, j]):
                 return False
     decompose(s.K, N, N, s.A, s.pivots, s.U, s.sigma, s.W)
-    return bool(s.sigma[N - 1] > SINGULAR * s.sigma[0])
+    return True
 
 
 @kernel
@@ -188,12 +186,13 @@ def newton(eqs: Any, t: float, q: Any, lam: Any, rows: Any, s: Any, report: Any)
     for _ in range(ITERATIONS):
         report[0] += 1.0
         if not factor(s):
-            return 2 if np.isfinite(s.f).all() and np.isfinite(s.K).all() else 3
+            return 3
         size = correction(s, s.z)
         if size <= CONVERGED:
             move(eqs, q, lam, 1.0, scale, s)
             take(q, lam, s)
-            return 0
+            linearise(eqs, t, q, lam, rows, scale, s)
+            return 0 if length(s.f) <= BALANCED else 2
         while True:
             move(eqs, q, lam, damping, scale, s)
             linearise(eqs, t, s.q_try, s.lam_try, rows, scale, s)
@@ -279,14 +278,17 @@ class EquilibriumSolver:
         The complex twin of a mechanism's system.
     q
         A closed position (nq,) in general position, where the independent constraints are told from redundant ones.
+    v
+        Velocities (n,) of the steady motion: zero but for cyclic coordinates.
     """
 
-    def __init__(self, system: System, t: float, q: Array) -> None:
+    def __init__(self, system: System, t: float, q: Array, v: Array) -> None:
         self.system = system
-        self._terms = Terms.allocate(system.nq, system.n, system.m, complex)
+        self._terms = system.allocate_terms(complex)
         self._eqs = bundle(system, self._terms)
         self.rows = self._independent(t, q)
         self._scratch = Scratch.allocate(system.nq, system.n, len(self.rows))
+        self._scratch.v[:] = v
 
     def _independent(self, t: float, q: Array) -> NDArray[np.int64]:
         n, m = self.system.n, self.system.m
@@ -304,12 +306,14 @@ class EquilibriumSolver:
         start = self._balancing(t, q) if lam is None else lam[self.rows]
         if downhill:
             descend(self._eqs, t, q, start, self.rows, self._scratch, report)
-        outcome = newton(self._eqs, t, q, start, self.rows, self._scratch, report)
+        outcome = Outcome(newton(self._eqs, t, q, start, self.rows, self._scratch, report))
         full = np.zeros(s.m)
         full[self.rows] = start
         forces, gaps = self.unbalance(t, q, full)
+        if outcome is Outcome.FOUND and self.singular(t, q):
+            outcome = Outcome.UNDETERMINED
         return Solution(
-            outcome=Outcome(outcome),
+            outcome=outcome,
             q=q,
             lam=full,
             iterations=int(report[0]),
@@ -321,12 +325,19 @@ class EquilibriumSolver:
     def unbalance(self, t: float, q: Array, lam: Array) -> tuple[Array, Array]:
         """Return h + J^T lambda (n,) and Phi (m,)."""
         T = self._terms
-        self.system.fill(t, q.astype(complex), np.zeros(self.system.n, complex), T)
+        self.system.fill(t, q.astype(complex), self._scratch.v, T)
         return T.h.real + T.J.real.T @ lam, T.Phi.real.copy()
+
+    def singular(self, t: float, q: Array) -> bool:
+        """Whether the independent constraints lose rank at q."""
+        self.system.fill(t, q.astype(complex), self._scratch.v, self._terms)
+        J = self._terms.J.real[self.rows]
+        sigma = np.linalg.svd(J, compute_uv=False) if len(J) else np.ones(1)
+        return bool(sigma[-1] <= SINGULAR_POSITION * sigma[0])
 
     def _balancing(self, t: float, q: Array) -> Array:
         """Return the multipliers of the independent rows (rank,) that leave the least unbalanced force."""
         T = self._terms
-        self.system.fill(t, q.astype(complex), np.zeros(self.system.n, complex), T)
+        self.system.fill(t, q.astype(complex), self._scratch.v, T)
         J = T.J.real[self.rows]
         return np.asarray(np.linalg.lstsq(J.T, -T.h.real, rcond=None)[0]) if len(self.rows) else np.zeros(0)

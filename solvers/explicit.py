@@ -24,7 +24,8 @@ class AdamsStepper(Stepper):
         self._history = History.allocate(system.nq, system.n, system.m)
         self._settings = self._encode(self.options)
         self._control["rank"], self._control["changed_at"] = self._rank, -np.inf
-        self._control["regime"] = adams.PROJECTION if self.partition == adams.PROJECTION else adams.LU
+        chosen = self._settings["partition"][0]
+        self._control["regime"] = adams.PROJECTION if chosen == adams.PROJECTION else adams.LU
         self.restart()
 
     def _encode(self, options: Options) -> NDArray[Any]:
@@ -33,7 +34,7 @@ class AdamsStepper(Stepper):
         settings["rtol"], settings["atol"] = options.rtol, options.absolute
         settings["max_step"], settings["max_steps"] = options.max_step, options.max_steps
         settings["max_order"] = HIGHEST if options.max_order is None else options.max_order
-        settings["partition"] = self.partition
+        settings["partition"] = self.partition if self._rank else adams.PROJECTION  # nothing to partition: all the same
         for name in (
             "ratio_in", "ratio_out", "flicker_time", "flicker_count", "energy_jump", "collapse_cuts", "calm_steps"
         ):  # fmt: skip

@@ -60,11 +60,6 @@ def _retract(function: Any, q: Array, dq: Array, data: Any) -> None:
     function(q, dq, data)
 
 
-@kernel
-def _energy(function: Any, t: float, q: Array, v: Array, data: Any) -> float:
-    return float(function(t, q, v, data))
-
-
 @dataclass(frozen=True, kw_only=True)
 class System:
     """A mechanism as a solver sees it.
@@ -80,13 +75,13 @@ class System:
     dynamics: Callable[[float, Array, Array, Any, Terms], None]  # (t, q, v, data, terms): fills all terms
     position: Callable[[float, Array, Any, Terms], None]  # (t, q, data, terms): fills Phi, J, nu only
     retract: Callable[[Array, Array, Any], None]  # (q, dq, data): q <- q (+) N dq in place, dq (n,)
-    energy: Callable[[float, Array, Array, Any], float]  # (t, q, v, data): total mechanical energy, J
+    jacobi: Callable[[float, Array, Array, Any], float]  # (t, q, v, data): energy less driven action, J; smooth in time
     coordinate_names: tuple[str, ...] = ()  # (n,)
     constraint_names: tuple[str, ...] = ()  # (m,)
 
-    def allocate_terms(self) -> Terms:
+    def allocate_terms(self, scalar: type = float) -> Terms:
         """Return zeroed terms of this system's size."""
-        return Terms.allocate(self.nq, self.n, self.m)
+        return Terms.allocate(self.nq, self.n, self.m, scalar)
 
     def fill(self, t: float, q: Array, v: Array, terms: Terms) -> None:
         """Fill all terms at (t, q, v)."""
@@ -99,7 +94,3 @@ class System:
     def apply(self, q: Array, dq: Array) -> None:
         """Change the positions in place by dq (n,): q <- q (+) N dq."""
         _retract(self.retract, q, dq, self.data)
-
-    def total_energy(self, t: float, q: Array, v: Array) -> float:
-        """Total mechanical energy, J."""
-        return _energy(self.energy, t, q, v, self.data)

@@ -168,7 +168,7 @@ class DrivenLoop(Model):
 @pytest.mark.parametrize(
     ("model", "words"),
     [
-        (SwingPendulum(gravity=9.81), ["no steady state", "rod", "gravity"]),
+        (SwingPendulum(gravity=9.81), ["no steady state", "slider", "gravity"]),
         (SwingPendulum(drive_speed=sqrt(50000.0)), ["no steady state", "% of the drive speed", "slider", "singular"]),
         (Governor(start_angle=pi / 2), ["singular position", "--from"]),
         (DrivenLoop(), ["no steady state", "opens a loop"]),
@@ -329,3 +329,19 @@ def test_mistakes_are_named(command: Callable[..., Any], arguments: list[str], w
     assert code == 2
     assert words in err
     assert "Traceback" not in err
+
+
+def test_free_governor_spins_on_in_balance() -> None:
+    free = Governor(driven=False, damping=20.0)
+    found = equilibrium(free)
+    assert degrees(found.outputs["arm1.angle"]) == pytest.approx(45.017925783771, rel=1e-12)
+    assert found.outputs["spindle.speed"] == pytest.approx(11.0174)
+    assert found.stability == "neutral"  # its speed and angle
+    result = run(free, Settings(start_at_equilibrium=True, solver="adams", tolerance=1e-11), np.linspace(0.0, 5.0, 6))
+    np.testing.assert_allclose(result["arm1.angle"], found.outputs["arm1.angle"], atol=1e-10)
+    np.testing.assert_allclose(result["spindle.speed"], 11.0174, rtol=1e-10)
+
+
+def test_a_coordinate_that_matters_does_not_spin_on() -> None:
+    swinging = SwingPendulum(start_angle=0.1)
+    assert not equilibrium(swinging).v.any()

@@ -18,7 +18,7 @@ from solvers.system import Terms
 from .arrays import BODY, CUT, FORCE, SIGNAL, WORLD, Arrays, Data, allocate_state, complex_twin
 from .constraints import close_cuts, jacobian, load_cuts, right_hand_side
 from .crba import composite_inertia, mass_matrix
-from .energy import kinetic_energy, potential_energy
+from .energy import driven_action, kinetic_energy, potential_energy
 from .forces import apply
 from .kinematics import accelerations, place, scatter, turn_inertia, velocities
 from .rnea import inverse_dynamics
@@ -99,6 +99,7 @@ def retract(q: Any, dq: Any, data: Any) -> None:
             turn_quaternion(q, body.qf + plain, dq, body.vf + plain)
 
 
+@kernel
 def energy(t: float, q: Any, v: Any, data: Any) -> float:
     """Kinetic and potential energy, J."""
     arrays, state = data.arrays, data.state
@@ -107,6 +108,12 @@ def energy(t: float, q: Any, v: Any, data: Any) -> float:
     turn_inertia(arrays, state)
     velocities(arrays, state)
     return kinetic_energy(arrays, state) + potential_energy(arrays, state)
+
+
+def jacobi(t: float, q: Any, v: Any, data: Any) -> float:
+    """Energy less driven action, J: the Jacobi integral where the drives' speeds are constant."""
+    total = energy(t, q, v, data)
+    return total - driven_action(data.arrays, data.state)
 
 
 @kernel
@@ -154,12 +161,12 @@ def turn_quaternion(q: Any, i: int, dq: Any, j: int) -> None:
 
 @cache
 def callbacks(scalar: type = float) -> tuple[Callable[..., Any], ...]:
-    """Return dynamics, position, retract, energy as a solver takes them; compiled on first use.
+    """Return dynamics, position, retract, jacobi as a solver takes them; compiled on first use.
 
     ``scalar`` complex: for the data of :func:`.arrays.complex_twin`.
     """
     if not COMPILED:
-        return dynamics, position, retract, energy
+        return dynamics, position, retract, jacobi
     example = empty_data() if scalar is float else complex_twin(empty_data())
     data, terms = typeof(example), typeof(Terms.allocate(1, 1, 1, scalar))  # type: ignore[no-untyped-call]
     real, number = types.float64, types.float64 if scalar is float else types.complex128
@@ -168,7 +175,7 @@ def callbacks(scalar: type = float) -> tuple[Callable[..., Any], ...]:
         callback(types.void(real, vector, vector, data, terms))(dynamics),
         callback(types.void(real, vector, data, terms))(position),
         callback(types.void(vector, vector, data))(retract),
-        callback(number(real, vector, vector, data))(energy),
+        callback(number(real, vector, vector, data))(jacobi),
     )
 
 

@@ -13,7 +13,7 @@ from solvers.system import Array, System
 from .arrays import Data, complex_twin
 from .assembly import assemble_positions, assemble_velocities, check_inertia
 from .compile import Numbering, Variable, compile_data, sensor_records
-from .dynamics import callbacks, observe
+from .dynamics import callbacks, energy, observe
 from .mechanism import Mechanism
 from .sensors import largest_residual
 from .signals import HARMONIC
@@ -49,7 +49,7 @@ class Plant:
         return self._system(list(self.system.constraint_names), complex_twin(self.data), complex)
 
     def _system(self, constraint_names: list[str], data: Data, scalar: type = float) -> System:
-        dynamics, position, retract, energy = callbacks(scalar)
+        dynamics, position, retract, jacobi = callbacks(scalar)
         return System(
             nq=self._numbering.nq,
             n=self._numbering.nv,
@@ -58,7 +58,7 @@ class Plant:
             dynamics=dynamics,
             position=position,
             retract=retract,
-            energy=energy,
+            jacobi=jacobi,
             coordinate_names=tuple(self._numbering.coordinate_names),
             constraint_names=tuple(constraint_names),
         )
@@ -194,7 +194,7 @@ class Plant:
 
     def energy(self, t: float, q: Array, v: Array) -> float:
         """Kinetic and potential energy, J."""
-        return self.system.total_energy(t, q, v)
+        return float(energy(t, q, v, self.data))
 
     def residuals(self, t: float, q: Array, v: Array) -> tuple[float, float]:
         """Largest constraint residual in position and in velocity."""

@@ -129,7 +129,7 @@ def fourbar(rocker_mass: float = 1.0, redundant: bool = False) -> System:
     m = 4 if redundant else 2
     return System(
         nq=3, n=3, m=m, data=values, dynamics=fourbar_dynamics, position=fourbar_position,
-        retract=add, energy=fourbar_energy,
+        retract=add, jacobi=fourbar_energy,
     )  # fmt: skip
 
 
@@ -201,7 +201,7 @@ def particle(stiffness: float = 0.0, nan_from: float = np.inf, blow_up: float = 
         dynamics=particle_dynamics,
         position=unconstrained,
         retract=add,
-        energy=particle_energy,
+        jacobi=particle_energy,
     )
 
 
@@ -253,7 +253,7 @@ def rigid_body() -> System:
         dynamics=body_dynamics,
         position=unconstrained,
         retract=turn,
-        energy=body_energy,
+        jacobi=body_energy,
     )
 
 
