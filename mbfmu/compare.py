@@ -28,6 +28,8 @@ class Row:
 
     Attributes
     ----------
+    study
+        ``motion``; rows of :mod:`mbfmu.settling` say ``settling``.
     wall_s
         Median time of the integration alone, without compilation, start and outputs, s.
     steps
@@ -35,7 +37,7 @@ class Row:
     max_error
         Largest error of an angle against the exact motion up to the last good time, rad; None where none is known.
     energy_drift
-        Largest change of the energy from its start, J.
+        Largest change of the energy from its start, J; of the Jacobi integral where a drive does work.
     position_residual, velocity_residual
         Largest at the outputs, m and m/s.
     branch_jump
@@ -57,6 +59,7 @@ class Row:
     branch_jump: bool
     end_time: float
     status: str
+    study: str = "motion"
 
     def as_dict(self) -> dict[str, Any]:
         """Return the row for JSON."""
@@ -106,8 +109,8 @@ def compare(
             result = run(scene.model, settings, times)
             wall = statistics.median(time_alone(scene, settings) for _ in range(repeats))
             rows.append(judge(scene.model, solver, tolerance, wall, result, reference))
-            if tolerance == shown and "energy" in result.as_dict():
-                energies[solver] = (result.times, result["energy"])
+            if tolerance == shown:
+                energies[solver] = (result.times, kept_energy(result.as_dict()))
             if progress is not None:
                 progress(f"{solver} {tolerance:.0e}")
     return rows, energies
@@ -127,7 +130,7 @@ def judge(model: Model, solver: str, rtol: float, wall: float, result: Result, r
     count = len(result.times)
     errors = [np.abs(outputs[name] - exact[:count]).max() for name, exact in reference.items()]
     gap = model.branch_gap(outputs)
-    energy = outputs.get("energy", np.zeros(count))
+    energy = kept_energy(outputs)
     return Row(
         solver=solver,
         rtol=rtol,
@@ -143,6 +146,12 @@ def judge(model: Model, solver: str, rtol: float, wall: float, result: Result, r
         end_time=float(result.times[-1]),
         status=result.failure or "ok",
     )
+
+
+def kept_energy(outputs: dict[str, NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Return what undamped motion keeps: the Jacobi integral where the model has it as an output, else the energy."""
+    names = [name for name in ("jacobi_integral", "energy") if name in outputs]
+    return outputs[names[0]] if names else np.zeros_like(next(iter(outputs.values())))
 
 
 def largest(outputs: dict[str, NDArray[np.float64]], name: str) -> float:

@@ -207,7 +207,7 @@ class Balance:
             return q
 
     def _cyclic(self, q: Array) -> NDArray[np.bool_]:
-        """Return which coordinates (n,) the equations of motion do not depend on, judged at closed positions q (nq,)."""
+        """Return which coordinates (n,) the equations of motion do not depend on, judged at positions q (nq,)."""
         system, n = self._complex, self.plant.system.n
         v, terms = np.random.default_rng(2).uniform(-1.0, 1.0, n).astype(complex), system.allocate_terms(complex)
         cyclic = np.zeros(n, bool)
@@ -216,7 +216,8 @@ class Balance:
             system.apply(changed, EPSILON * 1j * np.eye(n)[k])
             system.fill(0.0, changed, v, terms)
             parts = (terms.M, terms.h, terms.J, terms.nu, terms.gamma)
-            cyclic[k] = all((np.abs(x.imag) <= CYCLIC * EPSILON * (1.0 + np.abs(x.real).max(initial=0.0))).all() for x in parts)
+            change = [np.abs(x.imag).max(initial=0.0) / (1.0 + np.abs(x.real).max(initial=0.0)) for x in parts]
+            cyclic[k] = max(change) <= CYCLIC * EPSILON
         return cyclic
 
     def solve(
@@ -234,8 +235,8 @@ class Balance:
             forces, _ = self._solver.unbalance(0.0, q, np.zeros(self.plant.system.m))
             raise EquilibriumError(
                 f"the start of {self.model.name!r} is a singular position: the cut joints lose rank there, so their "
-                f"forces are not determined (unbalanced {np.abs(forces).max():.3g} N or N m without them); give another "
-                "start (--from)"
+                f"forces are not determined (unbalanced {np.abs(forces).max():.3g} N or N m without them); "
+                "give another start (--from)"
             )
         begin = time.perf_counter()
         solution = self._solver.solve(0.0, q, lam)

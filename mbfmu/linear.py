@@ -94,7 +94,7 @@ def modes_as_text(modes: list[Mode]) -> str:
             f"{m.eigenvalue.real:.6g}" + (f" ± {m.frequency:.6g}i" if m.frequency else ""),
             f"{m.frequency:.6g}",
             f"{m.frequency / (2.0 * np.pi):.6g}",
-            f"{m.damping_ratio:.4g}",
+            f"{m.damping_ratio + 0.0:.4g}",
         )
         for m in modes
     ]

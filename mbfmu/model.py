@@ -26,7 +26,7 @@ from hashlib import sha256
 from importlib.metadata import entry_points
 from math import inf, isfinite
 from pathlib import Path
-from types import ModuleType
+from types import MappingProxyType, ModuleType
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -88,12 +88,14 @@ class Model:
     """Base of all models. Subclass it as a frozen dataclass, declare parameters, and write :meth:`build`.
 
     Class attributes a subclass may set: ``name`` (of the command line and the FMU), ``stop_time`` and
-    ``output_interval`` (s) of the default experiment.
+    ``output_interval`` (s) of the default experiment, ``settling``: parameters that damp the motion, with which a
+    comparison lets it run into the steady state.
     """
 
     name: ClassVar[str] = ""
     stop_time: ClassVar[float] = 10.0
     output_interval: ClassVar[float] = 0.01
+    settling: ClassVar[Mapping[str, float]] = MappingProxyType({})
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
@@ -112,6 +114,10 @@ class Model:
 
     def exact(self, times: NDArray[np.float64]) -> dict[str, NDArray[np.float64]] | None:
         """Return outputs whose exact motion is known, by name, at ``times`` (s); None: none is."""
+        return None
+
+    def exact_equilibrium(self) -> dict[str, float] | None:
+        """Return outputs whose value in the steady state is known, by name; None: none is."""
         return None
 
     def branch_gap(self, outputs: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64] | None:

@@ -88,19 +88,17 @@ def plot_energy(histories: dict[str, tuple[Any, Any]], title: str, path: Path) -
 def plot_branches(branches: Sequence[Branch], axis: str, output: str, title: str, path: Path) -> None:
     """Draw an output over a swept parameter: stable states solid, unstable ones dashed."""
     figure, ax = plt.subplots(figsize=(8.0, 5.0), layout="constrained")
-    labelled: set[bool] = set()
-    for k, branch in enumerate(branches):
+    labelled: set[str] = set()
+    for branch in branches:
         values = np.array(branch.values)
         heights = np.array([state.outputs[output] for state in branch.states])
         stable = np.array([state.stability in ("stable", "undamped") for state in branch.states])
-        for kind in (True, False):
-            own = stable == kind
-            if not own.any():
-                continue
-            label = None if kind in labelled else ("stable" if kind else "unstable or neutral")
-            labelled.add(kind)
-            style: dict[str, Any] = {"ls": "-" if kind else "--", "marker": "o" if kind else "x", "ms": 3.0, "lw": 1.2}
-            ax.plot(values, np.where(own, heights, np.nan), color=f"C{k % 10}", label=label, **style)
+        for own, label, style in ((stable, "stable", "o-"), (~stable, "unstable or neutral", "x--")):
+            if own.any():
+                colour = "#4269d0" if label == "stable" else "#ff725c"
+                shown = None if label in labelled else label
+                labelled.add(label)
+                ax.plot(values, np.where(own, heights, np.nan), style, ms=3.0, lw=1.2, color=colour, label=shown)
     unit = next(v.unit for v in branches[0].states[0].plant.outputs if v.name == output)
     ax.set_xlabel(axis)
     ax.set_ylabel(f"{output} [{unit}]")

@@ -179,7 +179,7 @@ def least_norm_transposed(f: Any, m: int, n: int, rank: int, U: Any, sigma: Any,
 
 @kernel
 def full_pivot(A: Any, m: int, n: int, tolerance: float, rows: Any, columns: Any) -> int:
-    """Gauss elimination of A (m, n) in place with full pivoting; return the rank.
+    """LU factors of A (m, n) in place by Gauss elimination with full pivoting; return the rank.
 
     ``rows`` (m,) and ``columns`` (n,) become permutations whose first ``rank`` entries are the pivots in
     order; a pivot at or below ``tolerance`` times the first one ends the elimination.
@@ -202,10 +202,30 @@ def full_pivot(A: Any, m: int, n: int, tolerance: float, rows: Any, columns: Any
         rows[k], rows[row] = rows[row], rows[k]
         columns[k], columns[column] = columns[column], columns[k]
         for i in range(k + 1, m):
-            factor = A[rows[i], columns[k]] / A[rows[k], columns[k]]
+            A[rows[i], columns[k]] /= A[rows[k], columns[k]]
             for j in range(k + 1, n):
-                A[rows[i], columns[j]] -= factor * A[rows[k], columns[j]]
+                A[rows[i], columns[j]] -= A[rows[i], columns[k]] * A[rows[k], columns[j]]
     return min(m, n)
+
+
+@kernel
+def solve_full_pivot(A: Any, n: int, rank: int, rows: Any, columns: Any, b: Any, x: Any) -> None:
+    """Solve the ``rank`` pivot rows of A x = b with the factors of :func:`full_pivot`; the other unknowns are zero.
+
+    ``b`` (m,) and ``x`` (n,) are different arrays.
+    """
+    for j in range(n):
+        x[j] = 0.0
+    for i in range(rank):
+        total = b[rows[i]]
+        for k in range(i):
+            total -= A[rows[i], columns[k]] * x[columns[k]]
+        x[columns[i]] = total
+    for back in range(rank):
+        i = rank - 1 - back
+        for k in range(i + 1, rank):
+            x[columns[i]] -= A[rows[i], columns[k]] * x[columns[k]]
+        x[columns[i]] /= A[rows[i], columns[i]]
 
 
 @kernel

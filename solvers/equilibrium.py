@@ -1,4 +1,4 @@
-"""Steady states by Newton-Raphson: no acceleration, every drive and cyclic coordinate at constant speed, the rest still.
+"""Steady states by Newton-Raphson: no acceleration, drives and cyclic coordinates at constant speed, the rest still.
 
 Unknowns z = (q, lambda); equations (20)-(24) of Choi, Park and Yoo, with v zero but for cyclic coordinates::
 
@@ -9,8 +9,8 @@ run on complex numbers, and a perturbation i e of one coordinate leaves the deri
 difference that could cancel (Squire and Trapp 1998). So the system given is the complex twin of a mechanism's.
 
 K may be singular for a harmless reason: a coordinate on which nothing depends, such as the angle of a free spindle.
-Corrections are the shortest that K allows, so what is undetermined stays where it was; a force that nothing can
-balance is left over, and then there is no steady state.
+K is eliminated with full pivoting and what is left undetermined stays where it was; a force that nothing can balance
+is left over, and then there is no steady state.
 
 **Globalisation.** Newton is damped by the natural monotonicity test (Deuflhard, *Newton Methods for Nonlinear
 Problems*, 2004, section 3.3): a step is good where the next correction, taken with the old Jacobian, is shorter. The
@@ -31,9 +31,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .bundle import bundle
-from .dense import decompose, full_pivot, least_norm
+from .dense import decompose, full_pivot, least_norm_transposed, solve_full_pivot
 from .kernel import kernel
-from .partition import length, rank_at
+from .partition import length, rank_at, ratio
 from .system import Array, System
 
 EPSILON = 1e-30  # of the complex step; its square must vanish beside one
@@ -43,7 +43,7 @@ LEAST_DAMPING = 1e-4
 DESCENT_STEPS = 300
 LONGEST = 0.2  # step of the descent in one coordinate, rad or m
 NEAR = 1e-3  # a descent step this short leaves the rest to Newton
-SINGULAR = 1e-12  # ratio of the singular values of the scaled Jacobian below which a direction is undetermined
+SINGULAR = 1e-12  # pivot of K relative to the first, below which an unknown is undetermined
 BALANCED = 1e-9  # unbalance left by the last correction, of forces in units of the largest stiffness, of loops in m
 SINGULAR_POSITION = 1e-7  # ratio of the singular values of J below which cut-joint forces are not determined
 INDEPENDENT = 1e-8  # relative pivot of an independent constraint
@@ -65,26 +65,31 @@ class Scratch(NamedTuple):
     q: NDArray[Any]  # (nq,) complex: perturbed position
     v: NDArray[Any]  # (n,)  complex: velocity of the steady motion
     dq: NDArray[Any]  # (n,)  complex: perturbation
-    step: Array  # (n,)   correction of the position
     q_try: Array  # (nq,)
     lam_try: Array  # (rank,)
     f: Array  # (N,)
     K: Array  # (N, N) df/dz, forces divided by the scale
     z: Array  # (N,)   correction, multipliers divided by the scale
     z_next: Array  # (N,)
-    A: Array  # (N, N) scratch of the decomposition
-    pivots: NDArray[np.int64]
-    U: Array  # (N, N)
-    sigma: Array  # (N,)
-    W: Array  # (N, N)
+    LU: Array  # (N, N) factors of K, fully pivoted
+    order: NDArray[np.int64]  # (N,) of its rows
+    columns: NDArray[np.int64]  # (N,)
+    rank: NDArray[np.int64]  # (1,)
+    J: Array  # (rank, n) independent rows of the constraint Jacobian
+    A: Array  # (n, rank) scratch of its decomposition
+    pivots: NDArray[np.int64]  # (rank,)
+    U: Array  # (n, n)
+    sigma: Array  # (rank,)
+    W: Array  # (rank, rank)
 
     @staticmethod
     def allocate(nq: int, n: int, rank: int) -> Scratch:
         """Return zeroed scratch."""
         N, z = n + rank, np.zeros
         return Scratch(
-            z(nq, complex), z(n, complex), z(n, complex), z(n), z(nq), z(rank), z(N), z((N, N)), z(N), z(N),
-            z((N, N)), z(N, np.int64), z((N, N)), z(N), z((N, N)),
+            z(nq, complex), z(n, complex), z(n, complex), z(nq), z(rank), z(N), z((N, N)), z(N), z(N), z((N, N)),
+            z(N, np.int64), z(N, np.int64), z(1, np.int64), z((rank, n)), z((n, rank)), z(rank, np.int64), z((n, n)),
+            z(rank), z((rank, rank)),
         )  # fmt: skip
 
 
@@ -118,9 +123,9 @@ def linearise(eqs: Any, t: float, q: Any, lam: Any, rows: Any, scale: float, s: 
 
 @kernel
 def correction(s: Any, z: Any) -> float:
-    """z = -K^+ f with the factors at hand; return its length."""
+    """z with K z = -f by the factors at hand; return its length."""
     N = z.shape[0]
-    least_norm(s.f, N, N, rank_at(s.sigma, N, SINGULAR), s.U, s.sigma, s.W, z)
+    solve_full_pivot(s.LU, N, s.rank[0], s.order, s.columns, s.f, z)
     for i in range(N):
         z[i] = -z[i]
     return length(z)
@@ -162,22 +167,37 @@ def take(q: Any, lam: Any, s: Any) -> None:
 
 @kernel
 def factor(s: Any) -> bool:
-    """Decompose K; False where it is not finite."""
+    """Eliminate K; False where it is not finite."""
     N = s.z.shape[0]
     for i in range(N):
         for j in range(N):
             if not np.isfinite(s.K[i, j]):
                 return False
-    decompose(s.K, N, N, s.A, s.pivots, s.U, s.sigma, s.W)
+            s.LU[i, j] = s.K[i, j]
+    s.rank[0] = full_pivot(s.LU, N, N, SINGULAR, s.order, s.columns)
     return True
 
 
 @kernel
+def constraint_forces(rows: Any, terms: Any, s: Any, lam: Any) -> float:
+    """lam (rank,): multipliers of least unbalance with the ``terms`` at hand; return how far J is from losing rank."""
+    n, rank = s.v.shape[0], rows.shape[0]
+    for r in range(rank):
+        for i in range(n):
+            s.J[r, i] = terms.J[rows[r], i].real
+    decompose(s.J, rank, n, s.A, s.pivots, s.U, s.sigma, s.W)
+    for i in range(n):
+        s.f[i] = -terms.h[i].real
+    least_norm_transposed(s.f, rank, n, rank_at(s.sigma, rank, SINGULAR_POSITION), s.U, s.sigma, s.W, lam)
+    return ratio(s.sigma, rank)
+
+
+@kernel
 def newton(eqs: Any, t: float, q: Any, lam: Any, rows: Any, s: Any, report: Any) -> int:
-    """Solve f = 0 from (q, lam), in place; report: Jacobians factored, trials refused, largest stiffness."""
+    """Solve f = 0 from (q, lam), in place; report: Jacobians factored, largest stiffness."""
     linearise(eqs, t, q, lam, rows, 1.0, s)
     scale, n = stiffness(s), s.v.shape[0]
-    report[2] = scale
+    report[1] = scale
     for i in range(n):
         s.f[i] /= scale
         for k in range(n):
@@ -192,14 +212,15 @@ def newton(eqs: Any, t: float, q: Any, lam: Any, rows: Any, s: Any, report: Any)
             move(eqs, q, lam, 1.0, scale, s)
             take(q, lam, s)
             linearise(eqs, t, q, lam, rows, scale, s)
-            return 0 if length(s.f) <= BALANCED else 2
+            if length(s.f) > BALANCED:
+                return 2
+            return 0 if constraint_forces(rows, eqs.terms, s, s.lam_try) > SINGULAR_POSITION else 4
         while True:
             move(eqs, q, lam, damping, scale, s)
             linearise(eqs, t, s.q_try, s.lam_try, rows, scale, s)
             after = correction(s, s.z_next)
             if after <= (1.0 - 0.25 * damping) * size:
                 break
-            report[1] += 1.0
             damping *= 0.5
             if damping < LEAST_DAMPING:
                 return 1
@@ -302,22 +323,20 @@ class EquilibriumSolver:
 
         ``downhill`` lets the descent go first.
         """
-        s, q, report = self.system, q.copy(), np.zeros(3)
+        q, report = q.copy(), np.zeros(2)
         start = self._balancing(t, q) if lam is None else lam[self.rows]
         if downhill:
             descend(self._eqs, t, q, start, self.rows, self._scratch, report)
         outcome = Outcome(newton(self._eqs, t, q, start, self.rows, self._scratch, report))
-        full = np.zeros(s.m)
+        full = np.zeros(self.system.m)
         full[self.rows] = start
         forces, gaps = self.unbalance(t, q, full)
-        if outcome is Outcome.FOUND and self.singular(t, q):
-            outcome = Outcome.UNDETERMINED
         return Solution(
             outcome=outcome,
             q=q,
             lam=full,
             iterations=int(report[0]),
-            stiffness=float(report[2]),
+            stiffness=float(report[1]),
             forces=forces,
             gaps=gaps,
         )
@@ -331,13 +350,11 @@ class EquilibriumSolver:
     def singular(self, t: float, q: Array) -> bool:
         """Whether the independent constraints lose rank at q."""
         self.system.fill(t, q.astype(complex), self._scratch.v, self._terms)
-        J = self._terms.J.real[self.rows]
-        sigma = np.linalg.svd(J, compute_uv=False) if len(J) else np.ones(1)
-        return bool(sigma[-1] <= SINGULAR_POSITION * sigma[0])
+        return not constraint_forces(self.rows, self._terms, self._scratch, self._scratch.lam_try) > SINGULAR_POSITION
 
     def _balancing(self, t: float, q: Array) -> Array:
         """Return the multipliers of the independent rows (rank,) that leave the least unbalanced force."""
-        T = self._terms
-        self.system.fill(t, q.astype(complex), self._scratch.v, T)
-        J = T.J.real[self.rows]
-        return np.asarray(np.linalg.lstsq(J.T, -T.h.real, rcond=None)[0]) if len(self.rows) else np.zeros(0)
+        self.system.fill(t, q.astype(complex), self._scratch.v, self._terms)
+        lam = np.zeros(len(self.rows))
+        constraint_forces(self.rows, self._terms, self._scratch, lam)
+        return lam

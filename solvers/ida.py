@@ -22,6 +22,8 @@ restored run restarts at order one, so it agrees with the saved one to the toler
 
 from __future__ import annotations
 
+from contextlib import redirect_stdout
+from io import StringIO
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -38,7 +40,7 @@ FINEST = 5e-10  # a tighter rtol is run as this one: below it roundoff in J grow
 TIGHTER = 0.1  # BDF errors add up: the tolerance given to IDA, relative to the one asked for
 UNCONTROLLED = 1e8  # absolute tolerance of the multipliers
 LENGTH_RATE = 10.0  # 1/s, k
-STEPS_A_CALL = 5000  # then progress is looked at; SUNDIALS prints a line each time
+STEPS_A_CALL = 5000  # then progress is looked at
 STANDSTILL = 1e-10  # s relative to max(1, |t|): less progress in STEPS_A_CALL steps is a collapse
 TOO_MUCH_WORK = -1  # IDA's status for STEPS_A_CALL steps taken
 
@@ -224,7 +226,8 @@ class IDAStepper(Stepper):
         s, taken, bad = self.system, 0, self._unknowns.counts[2]
         while True:
             before = self._t
-            result = self._ida.step(t)
+            with redirect_stdout(StringIO()):  # the binding prints what the status says
+                result = self._ida.step(t)
             if result.status < 0 and result.status != TOO_MUCH_WORK:
                 return Code.NOT_FINITE if self._unknowns.counts[2] > bad else Code.COLLAPSED
             q, v = result.y[: s.nq].copy(), result.y[s.nq : s.nq + s.n].copy()

@@ -18,12 +18,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import cos, sin, sqrt
+from math import cos, pi, sin, sqrt
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 from mbfmu.mechanics import (
     DistanceCut,
@@ -45,6 +47,7 @@ class Governor(Model):
     name = "governor"
     stop_time = 10.0
     output_interval = 0.01
+    settling = MappingProxyType({"damping": 100.0})
 
     driven: bool = parameter(True, structural=True, doc="spindle driven at a speed; false: free, with a torque input")
     spindle_speed: float = parameter(11.0174, unit="rad/s", doc="speed of the spindle at the start; driven: constant")
@@ -134,6 +137,11 @@ class Governor(Model):
         solution = solve_ivp(self.minimal, span, start, method="DOP853", t_eval=times, rtol=2.3e-14, atol=1e-14)
         angle = solution.y[0]
         return {"arm1.angle": angle, "arm2.angle": angle}
+
+    def exact_equilibrium(self) -> dict[str, float]:
+        """Return the stable state between arms horizontal and vertical, from the stationary potential."""
+        phi = float(brentq(lambda x: self.minimal(0.0, [x, 0.0])[1], 0.0, 0.5 * pi - 1e-6, xtol=1e-15, rtol=1e-15))
+        return {"arm1.angle": phi, "arm2.angle": phi, "collar.distance": self.below_pivot(phi)}
 
     def minimal(self, _: float, y: Any) -> list[float]:
         """Return (phi', phi'') of the undamped motion at constant speed: d/dt (I phi') = I' phi'^2 / 2 - V'."""

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import cos, sin
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,7 @@ class SwingPendulum(Model):
     name = "pendulum"
     stop_time = 10.0
     output_interval = 0.01
+    settling = MappingProxyType({"swing_damping": 10.0, "slider_damping": 100.0})
 
     drive_speed: float = parameter(20.0, unit="rad/s", doc="speed of the crank at the start")
     gravity: float = parameter(0.0, unit="m/s2", doc="acceleration of gravity, along -y", tunable=True)
@@ -84,6 +86,16 @@ class SwingPendulum(Model):
         span = (float(times[0]), float(times[-1]))
         solution = solve_ivp(self.minimal, span, start, method="DOP853", t_eval=times, rtol=2.3e-14, atol=1e-14)
         return {"rod.angle": solution.y[0], "slider.distance": solution.y[1]}
+
+    def exact_equilibrium(self) -> dict[str, float] | None:
+        """Return theta = 0 and d; None with gravity or above the speed that the slider's spring can hold."""
+        pull = self.slider_mass * self.drive_speed**2
+        if self.gravity != 0.0 or pull >= self.slider_stiffness:
+            return None
+        distance = (self.slider_stiffness * self.free_length + pull * self.crank_length) / (
+            self.slider_stiffness - pull
+        )
+        return {"rod.angle": 0.0, "slider.distance": distance}
 
     def minimal(self, _: float, y: Any) -> list[float]:
         """Return (theta', d', theta'', d'') of the undamped motion, from Lagrange's equations in the rotating frame."""
