@@ -1,4 +1,4 @@
-"""Drive one of our FMUs through FMPy: what ``mbfmu run`` and the tests use."""
+"""Drive an FMU through FMPy: what ``mbfmu run``, the examples and the tests use."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from mbfmu.errors import UserError
 
 
 class Fmu:
-    """An FMU unzipped and instantiated.
+    """An FMU (FMI 2.0 for co-simulation, ours or another's) unzipped and instantiated.
 
     >>> with Fmu(path, {"gravity": 1.62}) as fmu:                                   # doctest: +SKIP
     ...     fmu.step(0.01)
@@ -71,8 +71,8 @@ class Fmu:
         for name, value in values.items():
             self[name] = value
         self.slave.exitInitializationMode()
-        if self["solver.message"]:
-            raise UserError(self["solver.message"])
+        if self.message():
+            raise UserError(self.message())
 
     def step(self, dt: float) -> None:
         """Advance by dt (s); raises UserError with the FMU's reason if it discards the step."""
@@ -83,8 +83,12 @@ class Fmu:
         try:
             self.slave.doStep(currentCommunicationPoint=self.t, communicationStepSize=t - self.t)
         except FMICallException as error:
-            raise UserError(self["solver.message"] or str(error)) from error
+            raise UserError(self.message() or str(error)) from error
         self.t = t
+
+    def message(self) -> str:
+        """Return why the FMU stopped; empty where all is well or the FMU has no ``solver.message``."""
+        return str(self["solver.message"]) if "solver.message" in self.variables else ""
 
     def reals(self) -> NDArray[np.float64]:
         """Return all real outputs, in the order of ``real_outputs``."""
