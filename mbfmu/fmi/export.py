@@ -39,8 +39,9 @@ except ImportError as error:
     print(HINT, file=sys.stderr)
     raise ImportError(HINT) from error
 if mbfmu.__version__ != "{version}":
-    print(HINT + ", found " + mbfmu.__version__, file=sys.stderr)
-    raise ImportError(HINT + ", found " + mbfmu.__version__)
+    HINT += " (it has " + mbfmu.__version__ + ")"
+    print(HINT, file=sys.stderr)
+    raise ImportError(HINT)
 
 from mbfmu.fmi.slave import ModelSlave
 from mbfmu.simulation import Settings
