@@ -7,8 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
+from matplotlib.animation import FFMpegWriter, PillowWriter
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from mbfmu.errors import UserError
@@ -16,13 +19,6 @@ from mbfmu.mechanics.shapes import along
 
 from .camera import Camera, Stage
 from .motion import Motion, matrices
-
-mpl.use("Agg")
-
-from matplotlib.animation import FFMpegWriter, PillowWriter
-from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.colors import to_rgb
-from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 

@@ -68,23 +68,24 @@ class Motion:
         try:
             with np.load(path) as file:
                 about = json.loads(str(file["about"]))
-                if about["format"] != FORMAT:
-                    raise UserError(f"{str(path)!r} is a pose file of format {about['format']}; known: {FORMAT}")
-                motion = cls(
-                    title=about["title"],
-                    times=file["times"],
-                    names=tuple(about["names"]),
-                    parents=tuple(about["parents"]),
-                    r=file["r"],
-                    e=file["e"],
-                    picture=Picture.from_dict(about["picture"]),
-                )
+                times, r, e = file["times"], file["r"], file["e"]
+            known = about["format"] == FORMAT
+            motion = cls(
+                title=about["title"],
+                times=times,
+                names=tuple(about["names"]),
+                parents=tuple(about["parents"]),
+                r=r,
+                e=e,
+                picture=Picture.from_dict(about["picture"]),
+            )
         except OSError as error:
             raise UserError(f"pose file {str(path)!r} cannot be read: {error.strerror or error}") from error
         except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
-            if isinstance(error, UserError):
-                raise
-            raise UserError(f"{str(path)!r} is not a pose file; `mbfmu run` writes them") from error
+            raise UserError(f"{str(path)!r} is not a pose file as `mbfmu run` writes them") from error
+        shape = (len(times), len(motion.names))
+        if not known or not len(times) or r.shape != (*shape, 3) or e.shape != (*shape, 4):
+            raise UserError(f"{str(path)!r} is not a pose file this version of mbfmu can read")
         return motion
 
 

@@ -80,12 +80,13 @@ class Picture:
     @classmethod
     def from_dict(cls, content: dict[str, Any]) -> Picture:
         """Return the picture :meth:`as_dict` wrote."""
+        frozen = as_tuples(content)
         return cls(
-            up=tuple(content["up"]),
-            middles=tuple(map(tuple, content["middles"])),
-            parts=tuple(Part(**part) for part in content["parts"]),
-            links=tuple(Link(**link) for link in content["links"]),
-            skins=tuple(Skin(**skin) for skin in content["skins"]),
+            up=frozen["up"],
+            middles=frozen["middles"],
+            parts=tuple(Part(**part) for part in frozen["parts"]),
+            links=tuple(Link(**link) for link in frozen["links"]),
+            skins=tuple(Skin(**skin) for skin in frozen["skins"]),
         )
 
     def points(self) -> dict[int, Matrix]:
@@ -103,6 +104,13 @@ class Picture:
             for body in {body for row in skin.bodies for body in row}:
                 found.setdefault(body, []).append(np.array([skin.at]))
         return {body: np.concatenate(points) for body, points in found.items()}
+
+
+def as_tuples(content: Any) -> Any:
+    """Return what JSON holds with tuples for its lists."""
+    if isinstance(content, dict):
+        return {key: as_tuples(value) for key, value in content.items()}
+    return tuple(map(as_tuples, content)) if isinstance(content, list) else content
 
 
 def up_of(gravity: Matrix) -> Numbers:
