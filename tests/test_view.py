@@ -6,6 +6,7 @@ import base64
 import json
 import os
 import re
+import shlex
 import shutil
 import subprocess
 from collections.abc import Callable
@@ -21,6 +22,7 @@ from scipy.spatial.transform import Rotation
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
+from mbfmu.cli import parser
 from mbfmu.errors import UserError
 from mbfmu.mechanics import (
     Box,
@@ -310,6 +312,20 @@ def test_mistakes_are_named(
     assert "Traceback" not in err
 
 
+def test_page_of_the_docs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = (Path(__file__).parents[1] / "docs" / "viewing.md").read_text()
+    monkeypatch.chdir(tmp_path)
+    blocks = re.findall(r"```(\w+)\n(.*?)```", page, flags=re.DOTALL)
+    commands = [line for language, text in blocks if language == "bash" for line in text.splitlines()]
+    assert len(commands) == 7
+    for line in commands:
+        parser().parse_args(shlex.split(line)[1:])
+    for language, text in blocks:
+        if language == "python":
+            exec(compile(text, "docs/viewing.md", "exec"), {})
+    assert (tmp_path / "governor.html").is_file()
+
+
 def browser() -> str | None:
     named = os.environ.get("MBFMU_BROWSER")
     return named or next(filter(None, map(shutil.which, BROWSERS)), None)
@@ -336,7 +352,7 @@ def test_page_draws_in_a_browser(tmp_path: Path) -> None:
 
     content = opened("--dump-dom")
     assert 'data-state="ready"' in content
-    assert "/ 0.300 s" in content
+    assert "/ 0.30 s" in content
     opened(f"--screenshot={picture}")
     pixels = imread(picture)[60:400, 100:440, :3]
     assert len(np.unique(pixels.reshape(-1, 3), axis=0)) > 300

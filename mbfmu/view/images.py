@@ -175,8 +175,10 @@ class _Artist:
         normals[both & (front < 0.0)] *= -1.0
         shown = both | (front >= 0.0)
         n = normals[shown]
-        bright = 0.34 + 0.11 * (1.0 + n @ self.axes[1]) + 0.42 * np.maximum(n @ self.light, 0.0)
-        bright += 0.14 * np.abs(front[shown])
+        through = np.where(both[shown], 0.25, 0.0)  # skins let light shine through
+        sky, key = n @ self.axes[1], n @ self.light
+        bright = 0.45 + 0.11 * (1.0 - 2.0 * through) * sky + 0.14 * np.abs(front[shown])
+        bright += 0.42 * np.where(key > 0.0, 1.0 - through, through) * np.abs(key)
         colour = np.minimum(colours[shown] * bright[:, None], 1.0)
         points, depth = self.camera.project(faces[shown])
         order = np.argsort(-depth.mean(axis=1))

@@ -134,8 +134,7 @@ class _Artist:
         self.skinned = {int(i) for surface in mechanism.surfaces for i in surface.bodies.flat}
         bars = [float(np.linalg.norm(p)) for body in mechanism.bodies[1:] for p in self._ends(body)]
         bars += [handle.cut.length for handle in mechanism.cuts if isinstance(handle.cut, DistanceCut)]
-        across = max([span, *bars]) or 1.0
-        self.radius = min(0.03 * float(np.median(bars)), 0.015 * across) if bars else 0.015 * across
+        self.radius = bar_radius(bars, max([span, *bars]) or 1.0)
         self.heaviest = max((body.mass for body in mechanism.bodies), default=0.0)
         self.parts: list[Part] = []
         self.links: list[Link] = []
@@ -156,6 +155,7 @@ class _Artist:
                 continue
             if isinstance(force, Spring):
                 self._link("coil", a, force.at_a, b, force.at_b, 2.5 * self.radius, STEEL)
+                self._feet((a, force.at_a), (b, force.at_b))
             elif isinstance(force, JointSpring) and isinstance(a.joint, Translational):
                 parent = self.mechanism.bodies[a.parent]
                 self._link("coil", parent, a.joint.at, a, (0.0, 0.0, 0.0), 2.5 * self.radius, STEEL)
@@ -233,8 +233,7 @@ class _Artist:
             self._part("sphere", body, np.zeros(3), np.eye(3) * 1.7 * r, PIN)
         elif isinstance(joint, Translational):
             self._link("cylinder", parent, joint.at, body, (0.0, 0.0, 0.0), 0.7 * r, colour_of(parent))
-        if parent.index == 0:
-            self._foot(joint.at)
+        self._feet((parent, joint.at))
 
     def _cut(self, handle: CutHandle) -> None:
         cut: Cut = handle.cut
@@ -249,17 +248,17 @@ class _Artist:
             self._part("sphere", a, cut.at_a, np.eye(3) * 1.7 * r, PIN)
         else:
             self._pin(a, cut.at_a, rotation("rotation_a", cut.rotation_a)[:, 2])
-        for body, at in ((a, cut.at_a), (b, cut.at_b)):
-            if body.index == 0:
-                self._foot(at)
+        self._feet((a, cut.at_a), (b, cut.at_b))
 
     def _pin(self, body: Body, at: Sequence[float] | Matrix, axis: Matrix) -> None:
         r = self.radius
         self._part("cylinder", body, at, along(axis) * [1.5 * r, 1.5 * r, 4.0 * r], PIN)
 
-    def _foot(self, at: Sequence[float] | Matrix) -> None:
-        """Mark a point of the ground that carries something."""
-        self._part("box", self.mechanism.ground, at, np.eye(3) * 3.6 * self.radius, GROUND)
+    def _feet(self, *points: tuple[Body, Any]) -> None:
+        """Mark those of the points that are on the ground: it carries something there."""
+        for body, at in points:
+            if body.index == 0:
+                self._part("box", body, at, np.eye(3) * 3.6 * self.radius, GROUND)
 
     def _part(self, solid: str, body: Body, at: Sequence[float] | Matrix, axes: Matrix, colour: str) -> None:
         flat = numbers(np.asarray(axes).T.ravel())
@@ -268,6 +267,14 @@ class _Artist:
     def _link(self, solid: str, a: Body, at_a: Any, b: Body, at_b: Any, radius: float, colour: str) -> None:
         ends: dict[str, Any] = {"a": a.index, "b": b.index, "at_a": numbers(at_a), "at_b": numbers(at_b)}
         self.links.append(Link(solid=solid, radius=radius, colour=colour, **ends))
+
+
+def bar_radius(bars: list[float], across: float) -> float:
+    """Return how thick bars of these lengths (m) look well in a picture of something ``across`` (m) wide."""
+    if not bars:
+        return 0.015 * across
+    usual = float(np.median(bars))
+    return min(max(0.03 * usual, 0.004 * across), 0.12 * usual, 0.015 * across)
 
 
 def colour_of(body: Body) -> str:

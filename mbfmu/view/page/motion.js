@@ -31,6 +31,11 @@ class Motion {
     return this.times[this.times.length - 1];
   }
 
+  /** Time between frames, on average. */
+  get interval() {
+    return (this.end - this.start) / (this.times.length - 1) || 1;
+  }
+
   /** Number of the last recorded frame not after a time. */
   frame(time) {
     let low = 0, high = this.times.length - 1;

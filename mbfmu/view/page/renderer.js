@@ -46,7 +46,7 @@ out vec4 pixel;
 void main() { pixel = shade.a > 0.0 ? shade : vec4(lit(tint, facing, eye, point), 1.0); }`,
 ];
 
-/* A skin: lit on both sides, the back a little paler. */
+/* A skin: light shines through it, and its back is a little paler. */
 const SKIN = [
   `${UNIFORMS}
 layout(location = 0) in vec3 position;
@@ -65,7 +65,8 @@ out vec4 pixel;
 void main() {
   bool front = dot(facing, eye - point) > 0.0;
   vec3 tint = front ? colour : mix(colour, vec3(0.9), 0.4);
-  vec3 seen = lit(tint, front ? facing : -facing, eye, point);
+  vec3 n = front ? facing : -facing;
+  vec3 seen = mix(lit(tint, n, eye, point), lit(tint, -n, eye, point), 0.25);
   pixel = shade.a > 0.0 ? shade : mesh > 0.0 ? vec4(0.5 * seen, 0.4) : vec4(seen, 1.0);
 }`,
 ];

@@ -251,7 +251,7 @@ class Viewer {
     this.stage.draw(look, theme, show);
     this.drawTriad(look);
     this.placeLabels(look, show.labels);
-    const digits = Math.min(Math.max(3 - Math.ceil(Math.log10(this.motion.end - this.motion.start || 1)), 0), 9);
+    const digits = Math.min(Math.max(Math.ceil(-Math.log10(this.motion.interval) - 1e-9), 0), 9);
     element("time").value = this.time;
     element("clock").textContent = `${this.time.toFixed(digits)} / ${this.motion.end.toFixed(digits)} s`;
     element("play").textContent = this.playing ? "❚❚" : "▶";
