@@ -136,6 +136,14 @@ def test_run_then_view(command: Command, tmp_path: Path) -> None:
     assert "pendulum.html" in out
 
 
+def test_long_run_of_an_fmu_is_not_repeated(command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mbfmu.cli.run.QUICK", 0.0)
+    code, out, _ = command("run", "pendulum", "--solver=adams", "--stop-time=0.1", "-o", str(tmp_path))
+    assert code == 0
+    assert "`mbfmu view pendulum`" in out
+    assert not (tmp_path / "pendulum.npz").exists()
+
+
 def test_view_runs_a_scene_itself(command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     code, _, _ = command("view", "governor/damped", "--solver=adams", "--stop-time=0.1", "--interval=0.05")
@@ -260,7 +268,7 @@ def test_png_gif_and_page_at_once(command: Command, tmp_path: Path) -> None:
     png, gif, page = (tmp_path / f"x.{kind}" for kind in ("png", "gif", "html"))
     code, out, err = command(
         "view", str(tmp_path / "g.npz"), "--png", str(png), "--time=0.1", "--gif", str(gif), "-o", str(page),
-        "--size=320x240", "--fps=10", "--from=10,30",
+        "--size=320x240", "--fps=10", "--camera=-10,30",
     )  # fmt: skip
     assert (code, err) == (0, "")
     assert all(str(path) in out for path in (png, gif, page))
@@ -293,7 +301,7 @@ def test_film_without_ffmpeg_says_what_to_install(command: Command, tmp_path: Pa
         (("good.npz", "--gif=x.gif", "--fps=0"), "--fps is 0"),
         (("good.npz", "--gif=x.gif", "--speed=nan"), "--speed is nan"),
         (("good.npz", "--png=x.png", "--size=big"), "--size 'big'"),
-        (("good.npz", "--png=x.png", "--from=1"), "--from '1'"),
+        (("good.npz", "--png=x.png", "--camera=1"), "--camera '1'"),
         (("good.npz", "--png=no/folder/x.png"), "'no/folder/x.png' cannot be written"),
         (("good.npz", "--gif=no/folder/x.gif"), "'no/folder/x.gif' cannot be written"),
         (("good.npz", "--stop-time=1"), "--stop-time changes a run, and 'good.npz' is the record of one"),

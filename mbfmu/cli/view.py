@@ -47,10 +47,9 @@ def add(commands: Commands) -> None:
     p.add_argument("--speed", type=float, default=1.0, metavar="X", help="their speed against real time (1)")
     p.add_argument("--size", default="960x720", metavar="WxH", help="pixels of pictures and films (960x720)")
     p.add_argument(
-        "--from",
-        dest="angles",
+        "--camera",
         metavar="AZIMUTH,ELEVATION",
-        help="where pictures and films are seen from, degrees (one that suits the motion)",
+        help="where pictures and films are seen from, degrees, as in --camera=-30,20 (what suits the motion)",
     )
     add_set(p)
     add_solver(p)
@@ -124,7 +123,7 @@ def write_pictures(motion: Motion, options: argparse.Namespace) -> list[Path]:
         return []
     from mbfmu.view.images import Shot, film_times, write_film, write_png
 
-    shot = Shot(*size(options.size), *angles(options.angles))
+    shot = Shot(*size(options.size), *angles(options.camera))
     if options.png:
         write_png(motion, options.png, motion.times[0] if options.time is None else options.time, shot)
     for path in filter(None, (options.gif, options.mp4)):
@@ -146,7 +145,7 @@ def angles(text: str | None) -> tuple[float | None, float | None]:
     """Read ``AZIMUTH,ELEVATION``."""
     if text is None:
         return None, None
-    parts = [number("--from", part) for part in text.split(",")]
+    parts = [number("--camera", part) for part in text.split(",")]
     if len(parts) != 2 or not all(map(isfinite, parts)):
-        raise UserError(f"--from {text!r}: write AZIMUTH,ELEVATION in degrees")
+        raise UserError(f"--camera {text!r}: write AZIMUTH,ELEVATION in degrees")
     return parts[0], parts[1]

@@ -26,7 +26,8 @@ class Camera {
     });
     const slope = Math.tan(this.field / 2), { top, bottom, side } = this.margins;
     const farthest = (k, inner, sign) => Math.max(...points.map((p) => inner * p[2] + sign * p[k]));
-    const [wide, above, below] = [slope * this.aspect * (1 - 2 * side), slope * (1 - 2 * top), slope * (1 - 2 * bottom)];
+    const wide = slope * this.aspect * (1 - 2 * side);
+    const [above, below] = [slope * (1 - 2 * top), slope * (1 - 2 * bottom)];
     const [p, q] = [farthest(0, wide, 1), farthest(0, wide, -1)];
     const [r, s] = [farthest(1, above, 1), farthest(1, below, -1)];
     const depth = Math.max((p + q) / (2 * wide), (r + s) / (above + below));

@@ -34,7 +34,8 @@ const TURN = 2 * Math.PI;
 /** Radius 1. */
 function sphere() {
   return patch(16, 24, (u, v) => {
-    const n = [Math.sin(Math.PI * u) * Math.cos(TURN * v), Math.sin(Math.PI * u) * Math.sin(TURN * v), Math.cos(Math.PI * u)];
+    const wide = Math.sin(Math.PI * u);
+    const n = [wide * Math.cos(TURN * v), wide * Math.sin(TURN * v), Math.cos(Math.PI * u)];
     return [n, n];
   });
 }

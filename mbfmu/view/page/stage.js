@@ -26,7 +26,8 @@ class Stage {
     if (parts.length + links.length === 0) {
       return null;
     }
-    const item = this.renderer.solids(SOLIDS[solid](), parts.length + links.length, solid === "coil" ? WIRE : 0);
+    const wire = solid === "coil" ? WIRE : 0;
+    const item = this.renderer.solids(SOLIDS[solid](), parts.length + links.length, wire);
     [...parts, ...links].forEach((thing, k) => item.data.set(rgb(thing.colour), INSTANCE * k + 12));
     return { parts, links, item };
   }
@@ -95,8 +96,8 @@ class Stage {
     const difference = (a, b) => [0, 1, 2].map((k) => data[6 * b + k] - data[6 * a + k]);
     for (let i = 0; i < rows; i++) {
       for (let j = 0; j < columns; j++) {
-        const [above, below] = [Math.max(i - 1, 0), Math.min(i + 1, rows - 1)].map((row) => row * columns + j);
-        const [left, right] = [Math.max(j - 1, 0), Math.min(j + 1, columns - 1)].map((column) => i * columns + column);
+        const [above, below] = [Math.max(i - 1, 0), Math.min(i + 1, rows - 1)].map((k) => k * columns + j);
+        const [left, right] = [Math.max(j - 1, 0), Math.min(j + 1, columns - 1)].map((k) => i * columns + k);
         data.set(cross(difference(above, below), difference(left, right)), 6 * (i * columns + j) + 3);
       }
     }
@@ -119,13 +120,13 @@ class Stage {
   }
 
   draw(look, theme, show) {
-    const renderer = this.renderer, world = { ...look, light: this.light, up: this.stage.axes[1], floorHeight: this.floor.height };
-    renderer.begin(world, theme.background);
+    const renderer = this.renderer, up = this.stage.axes[1];
+    renderer.begin({ ...look, light: this.light, up, floorHeight: this.floor.height }, theme.background);
     const things = (mesh) => {
       this.groups.forEach((group) => renderer.drawSolids(group.item));
       this.skins.forEach((skin) => renderer.drawSkin(skin.item, mesh));
     };
-    const above = dot(look.eye, world.up) > this.floor.height;
+    const above = dot(look.eye, up) > this.floor.height;
     if (show.grid) {
       renderer.drawLines(this.floor.lines, theme.grid, 1, { fade: this.floor.fade });
     }

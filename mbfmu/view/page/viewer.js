@@ -3,8 +3,18 @@
 const SPEEDS = [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 1000];
 
 const THEMES = {
-  light: { background: rgb("#eef1f5"), grid: [0.3, 0.35, 0.43, 0.4], shadow: [0.1, 0.13, 0.2, 0.17], path: [0.85, 0.2, 0.3, 1] },
-  dark: { background: rgb("#161a21"), grid: [0.65, 0.7, 0.8, 0.26], shadow: [0, 0, 0, 0.42], path: [1, 0.45, 0.5, 1] },
+  light: {
+    background: rgb("#eef1f5"),
+    grid: [0.3, 0.35, 0.43, 0.4],
+    shadow: [0.1, 0.13, 0.2, 0.17],
+    path: [0.85, 0.2, 0.3, 1],
+  },
+  dark: {
+    background: rgb("#161a21"),
+    grid: [0.65, 0.7, 0.8, 0.26],
+    shadow: [0, 0, 0, 0.42],
+    path: [1, 0.45, 0.5, 1],
+  },
 };
 
 const element = (id) => document.getElementById(id);
@@ -270,8 +280,9 @@ class Viewer {
     colours.forEach((colour, k) => {
       this.renderer.drawLines(this.triadLines[k], [...rgb(colour), 1], 2.5);
       const [x, y, , w] = transformed(turned, IDENTITY.slice(3 * k, 3 * k + 3));
-      const at = [left + size * (0.5 + (0.58 * x) / w), this.canvas.clientHeight - bottom - size * (0.5 + (0.58 * y) / w)];
-      this.triad[k].style.transform = `translate(${at[0]}px, ${at[1]}px) translate(-50%, -50%)`;
+      const [right, above] = [x, y].map((along) => size * (0.5 + (0.58 * along) / w));
+      const [across, down] = [left + right, this.canvas.clientHeight - bottom - above];
+      this.triad[k].style.transform = `translate(${across}px, ${down}px) translate(-50%, -50%)`;
       this.triad[k].style.color = colour;
     });
   }
