@@ -213,11 +213,17 @@ def run(
     settings: Settings,
     times: Array,
     progress: Callable[[float], None] | None = None,
+    watch: Callable[[Simulation], None] | None = None,
 ) -> Result:
-    """Run a model natively, without an FMU, and record its outputs at ``times``; stops at a failure."""
+    """Run a model natively, without an FMU, and record its outputs at ``times``; stops at a failure.
+
+    ``watch`` is shown the simulation whenever its outputs have been read: its bodies are in place then.
+    """
     simulation = Simulation(model, settings, float(times[0]))
     values = np.zeros((len(times), len(simulation.plant.outputs)))
     values[0] = simulation.outputs()
+    if watch is not None:
+        watch(simulation)
     begin, done, failure = time.perf_counter(), 1, ""
     try:
         for i, t in enumerate(times[1:], 1):
@@ -226,6 +232,8 @@ def run(
                 failure = f"{status.message}. {status.remedy}"
                 break
             values[i] = simulation.outputs()
+            if watch is not None:
+                watch(simulation)
             done = i + 1
             if progress is not None:
                 progress(float(t))

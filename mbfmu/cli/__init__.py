@@ -10,15 +10,17 @@ from collections.abc import Sequence
 import mbfmu
 from mbfmu.errors import UserError
 
-from . import compare, equilibrium, export, linearize, models, run
+from . import compare, equilibrium, export, linearize, models, run, view
 
-COMMANDS = (run, export, equilibrium, linearize, compare, models)
+COMMANDS = (run, view, export, equilibrium, linearize, compare, models)
 
 EXAMPLES = """examples:
   mbfmu run fourbar                        export the FMU, run it through FMPy, write CSV and PNG
   mbfmu run fourbar --solver adams --native
   mbfmu run fourbar/paper                  a scene that ships with a model
   mbfmu run my_scene.toml
+  mbfmu view results/fourbar.npz           3-D animation of that run, an HTML file for any browser
+  mbfmu view governor/damped --gif governor.gif
   mbfmu export fourbar --set crank_length=0.8 -o fourbar.fmu
   mbfmu export my_model.py:MyModel
   mbfmu equilibrium governor               steady state at constant speed, and whether it is stable

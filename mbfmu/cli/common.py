@@ -5,8 +5,12 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+from tqdm import tqdm
 
 from mbfmu.errors import UserError
 from mbfmu.scene import Scene, load_scene
@@ -87,6 +91,13 @@ def scene_of(options: argparse.Namespace) -> Scene:
         stop_time=getattr(options, "stop_time", None),
         output_interval=getattr(options, "interval", None),
     )
+
+
+@contextmanager
+def progress(scene: Scene) -> Iterator[Callable[[float], None]]:
+    """Show a bar on a terminal while a scene runs; gives what is to be called with the time reached."""
+    with tqdm(total=scene.stop_time, unit="s", desc=scene.name, leave=False, disable=not sys.stderr.isatty()) as bar:
+        yield lambda t: bar.update(t - bar.n)
 
 
 def folder(path: Path) -> Path:

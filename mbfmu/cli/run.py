@@ -9,53 +9,64 @@ import time
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
 from mbfmu.scene import Scene
 from mbfmu.simulation import Result, communication_points, run
+from mbfmu.view import Recorder
 
-from .common import Commands, add_output, add_set, add_solver, folder, scene_of
+from .common import Commands, add_output, add_set, add_solver, folder, progress, scene_of
+
+QUICK = 5.0  # s; an FMU's run that took less is repeated for its poses
 
 
 def add(commands: Commands) -> None:
     """Describe ``mbfmu run``."""
-    p = commands.add_parser("run", help="run a scene or a model and write CSV and PNG")
+    p = commands.add_parser(
+        "run",
+        help="run a scene or a model and write CSV and PNG",
+        description="Run a scene or a model; write its outputs as CSV and PNG, and the poses of its bodies as NAME.npz "
+        "for `mbfmu view`. An FMU does not tell poses: they come from a native repeat of the run, which is left out "
+        f"where the FMU took more than {QUICK:g} s.",
+    )
     p.add_argument("scene", help="scene file, model name, model/scene, or my_model.py:MyModel")
     p.add_argument("--native", action="store_true", help="run without the FMU")
     add_set(p)
     add_solver(p)
     p.add_argument("--stop-time", type=float, metavar="S", help="end of the run, s")
     p.add_argument("--interval", type=float, metavar="S", help="time between outputs, s")
-    add_output(p, "CSV and PNG")
+    add_output(p, "CSV, PNG and poses")
     p.set_defaults(command=command_run)
 
 
 def command_run(options: argparse.Namespace) -> int:
-    """Run a scene; write CSV and PNG; print a summary."""
+    """Run a scene; write CSV, PNG and poses; print a summary."""
     from mbfmu.report import plot_result
 
     scene = scene_of(options)
     target = folder(options.output)
     begin = time.perf_counter()
     times = communication_points(scene.stop_time, scene.output_interval)
-    with tqdm(total=scene.stop_time, unit="s", desc=scene.name, leave=False, disable=not sys.stderr.isatty()) as bar:
-
-        def progress(t: float) -> None:
-            bar.update(t - bar.n)
-
+    recorder = Recorder()
+    with progress(scene) as bar:
         if options.native:
-            result = run(scene.model, scene.settings, times, progress)
+            result = run(scene.model, scene.settings, times, bar, recorder)
         else:
             from mbfmu.fmi.run import run_fmu
 
             with tempfile.TemporaryDirectory(prefix="mbfmu_") as place:
-                result = run_fmu(scene.model, scene.settings, times, Path(place) / "model.fmu", progress)
+                result = run_fmu(scene.model, scene.settings, times, Path(place) / "model.fmu", bar)
     total = time.perf_counter() - begin
-    csv, png = target / f"{scene.name}.csv", target / f"{scene.name}.png"
+    csv, png, poses = (target / f"{scene.name}.{kind}" for kind in ("csv", "png", "npz"))
     result.write_csv(csv)
     plot_result(result, f"{scene.name}, {scene.settings.name}, tolerance {scene.settings.tolerance:g}", png)
     print(summary(scene, result, total))
-    print(f"wrote {csv} and {png}")
+    if not options.native and result.wall_time < QUICK:
+        run(scene.model, scene.settings, result.times, watch=recorder)
+    if recorder.used:
+        recorder.motion(scene.name).save(poses)
+        print(f"wrote {csv}, {png} and {poses}")
+    else:
+        print(f"wrote {csv} and {png}; see the motion with `mbfmu view {options.scene}` or after a run with --native")
     if result.failure:
         print(f"mbfmu: {result.failure}", file=sys.stderr)
         return 1

@@ -9,11 +9,14 @@ from .joints import Floating, Revolute, Spherical, Translational, Weld
 from .mechanism import Body, Mechanism, rod
 from .plant import Plant
 from .sensors import Sensor
+from .shapes import Box, Cylinder, Sphere
 from .signals import Harmonic, Input, Polynomial, SpeedInput
 
 __all__ = [
     "AssemblyError",
     "Body",
+    "Box",
+    "Cylinder",
     "DistanceCut",
     "Floating",
     "Harmonic",
@@ -28,6 +31,7 @@ __all__ = [
     "RevoluteCut",
     "Sensor",
     "SpeedInput",
+    "Sphere",
     "Spherical",
     "SphericalCut",
     "Spring",

@@ -27,6 +27,7 @@ from .forces import Force, JointForce, JointSpring
 from .joints import REGISTRY as JOINTS
 from .joints import Joint, Revolute, Weld
 from .sensors import Kind, Sensor, axis_index
+from .shapes import Shape, check_colour
 from .signals import Signal, as_signal
 
 if TYPE_CHECKING:
@@ -120,6 +121,16 @@ class CutHandle:
         return Sensor(kind=Kind.CUT_FORCE, unit=self.cut.units[k], item=self, component=k)
 
 
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A grid of bodies drawn as one skin, see :meth:`Mechanism.surface`."""
+
+    name: str
+    bodies: NDArray[np.int64]  # (rows, columns) indices
+    at: Matrix  # the point of every body it passes through, body axes, m
+    colour: str
+
+
 class Mechanism:
     """Bodies on tree joints from the ground, closed by cut joints, moved by forces and drives.
 
@@ -136,6 +147,8 @@ class Mechanism:
         self.cuts: list[CutHandle] = []
         self.forces: list[tuple[str, Force, Body, Body]] = []
         self.outputs: list[tuple[str, Sensor, str, float | None]] = []
+        self.shapes: list[tuple[Body, Shape]] = []
+        self.surfaces: list[Surface] = []
         self.energy = Sensor(kind=Kind.ENERGY, unit="J")
         self.kinetic_energy = Sensor(kind=Kind.KINETIC, unit="J")
         self.potential_energy = Sensor(kind=Kind.POTENTIAL, unit="J")
@@ -219,6 +232,41 @@ class Mechanism:
             if not np.isfinite(getattr(force, key, 0.0)):
                 raise UserError(f"{key} of force {name!r} is {getattr(force, key)!r}; it must be finite")
         self.forces.append((name, force, a, other))
+
+    def shape(self, body: Body, *shapes: Shape) -> None:
+        """Draw a body with these shapes instead of the picture it gets by default."""
+        self._member(body, "body of a shape")
+        for shape in shapes:
+            if not isinstance(shape, Shape):
+                raise UserError(f"shape of body {body.name!r} is {shape!r}; allowed: Box, Cylinder, Sphere")
+            vector(f"at of a shape of body {body.name!r}", shape.at)
+            shape.axes()
+            self.shapes.append((body, shape))
+
+    def surface(
+        self, name: str, bodies: Sequence[Sequence[Body]], *, at: Vector = (0.0, 0.0, 0.0), colour: str = ""
+    ) -> None:
+        """Draw a grid of bodies as one skin, and not one by one.
+
+        Parameters
+        ----------
+        name
+            New among the surfaces.
+        bodies
+            Rows of bodies, all of one length, at least 2 by 2.
+        at
+            The point of every body the skin passes through, in the body's frame, m.
+        colour
+            ``"#rrggbb"``; empty: one is chosen.
+        """
+        self._new_name("surface", name, [s.name for s in self.surfaces])
+        for body in (body for row in bodies for body in row):
+            self._member(body, f"a body of surface {name!r}")
+        columns = {len(row) for row in bodies}
+        if len(bodies) < 2 or len(columns) != 1 or min(columns) < 2:
+            raise UserError(f"surface {name!r} needs at least 2 rows of at least 2 bodies, all of one length")
+        grid = np.array([[body.index for body in row] for row in bodies], np.int64)
+        self.surfaces.append(Surface(name, grid, vector(f"at of surface {name!r}", at), check_colour(colour)))
 
     def turn(self, body: Body) -> Sensor:
         """Absolute angle (rad) of a body that hangs on the ground by parallel revolutes; it counts whole turns."""

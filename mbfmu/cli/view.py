@@ -1,0 +1,151 @@
+"""``mbfmu view``."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+import webbrowser
+from math import isfinite
+from pathlib import Path
+
+from tqdm import tqdm
+
+from mbfmu.errors import UserError
+from mbfmu.simulation import communication_points, run
+from mbfmu.view import Motion, Recorder
+
+from .common import Commands, add_set, add_solver, folder, number, progress, scene_of
+
+OF_SCENES = ("set", "solver", "partition", "tolerance", "max_step", "start_at_equilibrium", "stop_time", "interval")
+
+
+def add(commands: Commands) -> None:
+    """Describe ``mbfmu view``."""
+    p = commands.add_parser(
+        "view",
+        help="3-D animation of a run: an HTML file for any browser, PNG, GIF or MP4",
+        description="Write an animation of a run as one HTML file that needs no network. Give the pose file "
+        "results/NAME.npz that `mbfmu run` wrote, or what `mbfmu run` takes, which is then run natively.",
+    )
+    p.add_argument(
+        "scene", metavar="result", help="pose file .npz, scene file, model name, model/scene, or my_model.py:MyModel"
+    )
+    p.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="FILE",
+        help="HTML file; results/NAME.html, or beside a pose file, unless pictures are asked for",
+    )
+    p.add_argument("--open", action="store_true", help="open the page in the browser")
+    p.add_argument("--png", type=Path, metavar="FILE", help="write a picture")
+    p.add_argument("--time", type=float, metavar="S", help="time the picture shows, s (the start)")
+    p.add_argument("--gif", type=Path, metavar="FILE", help="write a GIF")
+    p.add_argument("--mp4", type=Path, metavar="FILE", help="write a film; needs ffmpeg")
+    p.add_argument("--fps", type=int, default=25, metavar="N", help="pictures a second of GIF and MP4 (25)")
+    p.add_argument("--speed", type=float, default=1.0, metavar="X", help="their speed against real time (1)")
+    p.add_argument("--size", default="960x720", metavar="WxH", help="pixels of pictures and films (960x720)")
+    p.add_argument(
+        "--camera",
+        metavar="AZIMUTH,ELEVATION",
+        help="where pictures and films are seen from, degrees, as in --camera=-30,20 (what suits the motion)",
+    )
+    add_set(p)
+    add_solver(p)
+    p.add_argument("--stop-time", type=float, metavar="S", help="end of the run, s")
+    p.add_argument("--interval", type=float, metavar="S", help="time between frames, s")
+    p.set_defaults(command=command_view)
+
+
+def command_view(options: argparse.Namespace) -> int:
+    """Write a page, or the pictures asked for."""
+    check(options)
+    motion, failure, page = load(options)
+    wrote = write_pictures(motion, options)
+    if options.output or options.open or not wrote:
+        wrote.append(write_page(motion, options, options.output or page))
+    print(f"wrote {' and '.join(str(path) for path in wrote)}")
+    if failure:
+        print(f"mbfmu: {failure}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def check(options: argparse.Namespace) -> None:
+    """Complain about options before anything is run."""
+    for name in ("fps", "speed"):
+        value = getattr(options, name)
+        if not isfinite(value) or value <= 0.0:
+            raise UserError(f"--{name} is {value:g}; allowed: greater than zero")
+    if options.time is not None and not options.png:
+        raise UserError("--time goes with --png")
+    for kind in ("png", "gif", "mp4"):
+        path = getattr(options, kind)
+        if path and path.suffix != f".{kind}":
+            raise UserError(f"--{kind} {str(path)!r}: the file's name must end in .{kind}")
+    if options.output and options.output.suffix not in (".html", ".htm"):
+        raise UserError(f"-o {str(options.output)!r}: the page's name must end in .html; pictures: --png, --gif, --mp4")
+
+
+def load(options: argparse.Namespace) -> tuple[Motion, str, Path]:
+    """Return the motion, why its run ended early if it did, and where its page goes by default."""
+    source = Path(options.scene)
+    if source.suffix == ".npz":
+        given = [name for name in OF_SCENES if getattr(options, name)]
+        if given:
+            raise UserError(f"--{given[0].replace('_', '-')} changes a run, and {options.scene!r} is the record of one")
+        return Motion.load(source), "", source.with_suffix(".html")
+    scene = scene_of(options)
+    recorder = Recorder()
+    with progress(scene) as bar:
+        times = communication_points(scene.stop_time, scene.output_interval)
+        result = run(scene.model, scene.settings, times, bar, recorder)
+    return recorder.motion(scene.name), result.failure, Path("results") / f"{scene.name}.html"
+
+
+def write_page(motion: Motion, options: argparse.Namespace, path: Path) -> Path:
+    """Write the page, and open it where that is asked for."""
+    from mbfmu.view.html import write_html
+
+    folder(path.parent)
+    stride = write_html(motion, path)
+    if stride > 1:
+        print(f"{path} shows every {stride}th of {len(motion.times)} frames, to keep its size down")
+    if options.open:
+        webbrowser.open(path.resolve().as_uri())
+    return path
+
+
+def write_pictures(motion: Motion, options: argparse.Namespace) -> list[Path]:
+    """Write the pictures and films asked for."""
+    if not (options.png or options.gif or options.mp4):
+        return []
+    from mbfmu.view.images import Shot, film_times, write_film, write_png
+
+    shot = Shot(*size(options.size), *angles(options.camera))
+    if options.png:
+        write_png(motion, options.png, motion.times[0] if options.time is None else options.time, shot)
+    for path in filter(None, (options.gif, options.mp4)):
+        total = len(film_times(motion, options.fps, options.speed))
+        with tqdm(total=total, desc=path.name, leave=False, disable=not sys.stderr.isatty()) as bar:
+            write_film(motion, path, shot, options.fps, options.speed, bar.update)
+    return [path for path in (options.png, options.gif, options.mp4) if path]
+
+
+def size(text: str) -> tuple[int, int]:
+    """Read ``WIDTHxHEIGHT``; even numbers, which films need."""
+    match = re.fullmatch(r"(\d{2,4})x(\d{2,4})", text)
+    if not match:
+        raise UserError(f"--size {text!r}: write WIDTHxHEIGHT in pixels, 10 to 9999 each")
+    return int(match[1]) // 2 * 2, int(match[2]) // 2 * 2
+
+
+def angles(text: str | None) -> tuple[float | None, float | None]:
+    """Read ``AZIMUTH,ELEVATION``."""
+    if text is None:
+        return None, None
+    parts = [number("--camera", part) for part in text.split(",")]
+    if len(parts) != 2 or not all(map(isfinite, parts)):
+        raise UserError(f"--camera {text!r}: write AZIMUTH,ELEVATION in degrees")
+    return parts[0], parts[1]

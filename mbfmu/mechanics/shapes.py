@@ -1,0 +1,115 @@
+"""What bodies look like: pure data for pictures, without effect on the motion.
+
+A shape is a unit solid (sphere of radius 1, cylinder of radius 1 and length 1 along z, cube of side 1, all centred at
+the origin) brought to its size and place in the body's frame.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.errors import UserError
+
+from .joints.base import unit_axis
+
+Vector = Sequence[float]
+Matrix = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shape:
+    """A solid fixed to a body.
+
+    Parameters
+    ----------
+    at
+        Its centre in the body's frame, m.
+    colour
+        ``"#rrggbb"``; empty: the colour the body is given.
+    """
+
+    at: Vector = (0.0, 0.0, 0.0)
+    colour: str = ""
+
+    solid: ClassVar[str]
+
+    def __post_init__(self) -> None:
+        """Check the colour; raises UserError."""
+        check_colour(self.colour)
+
+    def axes(self) -> Matrix:
+        """Return the 3x3 matrix that takes the unit solid to its size and orientation in the body's frame."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sphere(Shape):
+    """A ball of ``radius`` (m)."""
+
+    radius: float
+    solid = "sphere"
+
+    def axes(self) -> Matrix:
+        """See :class:`Shape`."""
+        return np.diag(lengths("radius of a sphere", [self.radius] * 3))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cylinder(Shape):
+    """A cylinder of ``radius`` and ``length`` (m) along ``axis`` in the body's frame."""
+
+    radius: float
+    length: float
+    axis: str | Vector = "z"
+    solid = "cylinder"
+
+    def axes(self) -> Matrix:
+        """See :class:`Shape`."""
+        return along(unit_axis(self.axis)) * lengths(
+            "radius and length of a cylinder", [self.radius] * 2 + [self.length]
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Box(Shape):
+    """A box with edges ``size`` (m) along the columns of ``rotation``, a 3x3 rotation matrix; None: the body's axes."""
+
+    size: Vector
+    rotation: Any = None
+    solid = "box"
+
+    def axes(self) -> Matrix:
+        """See :class:`Shape`."""
+        turned: Matrix = np.eye(3) if self.rotation is None else np.asarray(self.rotation, float)
+        if turned.shape != (3, 3) or not np.allclose(turned @ turned.T, np.eye(3), atol=1e-9):
+            raise UserError(f"rotation of a box is {self.rotation!r}; it must be a 3x3 rotation matrix")
+        return turned * lengths("size of a box", self.size)
+
+
+def along(direction: Matrix) -> Matrix:
+    """Return a rotation whose third column is a unit vector."""
+    other = np.eye(3)[np.argmin(np.abs(direction))]
+    first = np.cross(other, direction)
+    first /= np.linalg.norm(first)
+    return np.column_stack((first, np.cross(direction, first), direction))
+
+
+def lengths(what: str, values: Vector) -> Matrix:
+    """Check three positive lengths."""
+    array = np.asarray(values, float)
+    if array.shape != (3,) or not np.all(np.isfinite(array)) or np.any(array <= 0.0):
+        raise UserError(f"{what} is {values!r} m; allowed: finite and greater than zero")
+    return array
+
+
+def check_colour(colour: str) -> str:
+    """Return a colour ``#rrggbb`` or nothing as it is."""
+    if not re.fullmatch(r"(#[0-9a-fA-F]{6})?", colour):
+        raise UserError(f"colour is {colour!r}; write #rrggbb")
+    return colour

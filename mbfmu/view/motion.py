@@ -1,0 +1,141 @@
+"""A recorded motion: where every body was at every output time, and what the bodies look like. A file ``.npz``."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics import Mechanism
+from mbfmu.simulation import Simulation
+
+from .picture import Picture, draw
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+
+FORMAT = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Motion:
+    """Poses of every body, the ground first, in global axes; single precision, as pictures need no more."""
+
+    title: str
+    times: Array  # (T,) s
+    names: tuple[str, ...]  # (nb,)
+    parents: tuple[int, ...]  # (nb,)
+    r: Single  # (T, nb, 3) origins, m
+    e: Single  # (T, nb, 4) unit quaternions, scalar first, body to global
+    picture: Picture
+
+    def point(self, body: int, at: Any, frames: Any = slice(None)) -> Array:
+        """Return points (..., k, 3) of a body, given in its axes (k, 3), in global axes at some frames."""
+        r, e = self.r[frames, body].astype(float), self.e[frames, body].astype(float)
+        turned: Array = r[..., None, :] + np.einsum("...ij,kj->...ki", matrices(e), np.atleast_2d(at))
+        return turned
+
+    def frame(self, time: float) -> int:
+        """Return the recorded frame nearest to a time (s); raises UserError outside the motion."""
+        if not self.times[0] <= time <= self.times[-1]:
+            raise UserError(f"time {time:g} s is outside the motion, {self.times[0]:g} to {self.times[-1]:g} s")
+        return int(np.argmin(np.abs(self.times - time)))
+
+    def save(self, path: Path) -> None:
+        """Write a pose file."""
+        about = {
+            "format": FORMAT,
+            "title": self.title,
+            "names": self.names,
+            "parents": self.parents,
+            "picture": self.picture.as_dict(),
+        }
+        try:
+            np.savez_compressed(path, about=json.dumps(about), times=self.times, r=self.r, e=self.e)
+        except OSError as error:
+            raise UserError(f"{str(path)!r} cannot be written: {error.strerror}") from error
+
+    @classmethod
+    def load(cls, path: Path) -> Motion:
+        """Read a pose file; raises UserError where there is none."""
+        try:
+            with np.load(path) as file:
+                about = json.loads(str(file["about"]))
+                times, r, e = file["times"], file["r"], file["e"]
+            known = about["format"] == FORMAT
+            motion = cls(
+                title=about["title"],
+                times=times,
+                names=tuple(about["names"]),
+                parents=tuple(about["parents"]),
+                r=r,
+                e=e,
+                picture=Picture.from_dict(about["picture"]),
+            )
+        except OSError as error:
+            raise UserError(f"pose file {str(path)!r} cannot be read: {error.strerror or error}") from error
+        except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+            raise UserError(f"{str(path)!r} is not a pose file as `mbfmu run` writes them") from error
+        shape = (len(times), len(motion.names))
+        if not known or not len(times) or r.shape != (*shape, 3) or e.shape != (*shape, 4):
+            raise UserError(f"{str(path)!r} is not a pose file this version of mbfmu can read")
+        return motion
+
+
+class Recorder:
+    """Notes the pose of every body; give it to :func:`mbfmu.simulation.run` as ``watch``."""
+
+    def __init__(self) -> None:
+        self._mechanism: Mechanism | None = None
+        self._times: list[float] = []
+        self._r: list[Single] = []
+        self._A: list[Single] = []
+
+    def __call__(self, simulation: Simulation) -> None:
+        """Note where the bodies are."""
+        plant = simulation.plant
+        bodies = plant.data.state.bodies
+        self._mechanism = plant.mechanism
+        self._times.append(simulation.t)
+        self._r.append(bodies["r"].astype(np.float32))
+        self._A.append(bodies["A"].astype(np.float32))
+
+    @property
+    def used(self) -> bool:
+        """Whether anything was noted."""
+        return bool(self._times)
+
+    def motion(self, title: str) -> Motion:
+        """Return what was noted."""
+        mechanism = self._mechanism
+        assert mechanism is not None
+        r, A = np.stack(self._r), np.stack(self._A)
+        e = Rotation.from_matrix(A.reshape(-1, 3, 3)).as_quat().reshape(*A.shape[:2], 4)
+        span = float(np.linalg.norm(np.ptp(r[:, 1:].reshape(-1, 3), axis=0)))
+        return Motion(
+            title=title,
+            times=np.array(self._times),
+            names=tuple(body.name for body in mechanism.bodies),
+            parents=tuple(body.parent for body in mechanism.bodies),
+            r=r,
+            e=np.roll(e, 1, axis=-1).astype(np.float32),
+            picture=draw(mechanism, span),
+        )
+
+
+def matrices(e: Array) -> Array:
+    """Return rotation matrices (..., 3, 3) of unit quaternions (..., 4), scalar first."""
+    w, x, y, z = np.moveaxis(e, -1, 0)
+    rows = (
+        (w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z),
+    )
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)

@@ -1,0 +1,287 @@
+"""What a mechanism looks like, made from what it knows of itself.
+
+Everything drawn is one of three: a part, a solid fixed to a body; a link, a solid stretched between points of two
+bodies; a skin through a grid of bodies. A body the model gives no shapes gets bars from its joint to where other things
+take hold of it, and a ball in its centre of mass whose volume goes with the mass.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.mechanics import DistanceCut, Floating, JointSpring, Mechanism, Revolute, Spherical, Spring, Translational
+from mbfmu.mechanics.cuts import Cut
+from mbfmu.mechanics.mechanism import Body, CutHandle, rotation
+from mbfmu.mechanics.shapes import along
+
+Matrix = NDArray[np.float64]
+Numbers = tuple[float, ...]
+
+PALETTE = (
+    "#4269d0", "#efb118", "#ff725c", "#3ca951", "#a463f2", "#38b2c4", "#ff8ab7", "#9c6b4e", "#97bbf5", "#8fbf3f",
+)  # fmt: skip
+GROUND, STEEL, PIN = "#6b7280", "#a3abb8", "#3f4654"
+AXES = ("#d9483b", "#3f9b4b", "#3b6fd9")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Part:
+    """A unit solid (see :mod:`mbfmu.mechanics.shapes`) fixed to a body."""
+
+    solid: str  # sphere, cylinder or box
+    body: int
+    at: Numbers  # centre, body axes, m
+    axes: Numbers  # columns of the matrix from the unit solid to the body's axes, one after the other
+    colour: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Link:
+    """A rod or a coil between points of two bodies."""
+
+    solid: str  # cylinder or coil
+    a: int
+    b: int
+    at_a: Numbers  # body axes, m
+    at_b: Numbers
+    radius: float  # m
+    colour: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Skin:
+    """A surface through a grid of bodies."""
+
+    name: str
+    bodies: tuple[tuple[int, ...], ...]
+    at: Numbers  # point of every body, body axes, m
+    colour: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Picture:
+    """All that is drawn of a mechanism, and which way is up."""
+
+    up: Numbers
+    middles: tuple[Numbers, ...]  # of every body, body axes: where its name stands and whose path is shown, m
+    parts: tuple[Part, ...]
+    links: tuple[Link, ...]
+    skins: tuple[Skin, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain lists and numbers, for JSON."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, content: dict[str, Any]) -> Picture:
+        """Return the picture :meth:`as_dict` wrote."""
+        frozen = as_tuples(content)
+        return cls(
+            up=frozen["up"],
+            middles=frozen["middles"],
+            parts=tuple(Part(**part) for part in frozen["parts"]),
+            links=tuple(Link(**link) for link in frozen["links"]),
+            skins=tuple(Skin(**skin) for skin in frozen["skins"]),
+        )
+
+    def points(self) -> dict[int, Matrix]:
+        """Return, by body, points (k, 3) in body axes that enclose what is drawn of it."""
+        found: dict[int, list[Matrix]] = {}
+        for part in self.parts:
+            at, axes = np.array(part.at), np.reshape(part.axes, (3, 3)) * (0.5 if part.solid == "box" else 1.0)
+            if part.solid == "cylinder":
+                axes[2] *= 0.5
+            found.setdefault(part.body, []).extend((at + axes, at - axes))
+        for link in self.links:
+            found.setdefault(link.a, []).append(np.array([link.at_a]))
+            found.setdefault(link.b, []).append(np.array([link.at_b]))
+        for skin in self.skins:
+            for body in {body for row in skin.bodies for body in row}:
+                found.setdefault(body, []).append(np.array([skin.at]))
+        return {body: np.concatenate(points) for body, points in found.items()}
+
+
+def as_tuples(content: Any) -> Any:
+    """Return what JSON holds with tuples for its lists."""
+    if isinstance(content, dict):
+        return {key: as_tuples(value) for key, value in content.items()}
+    return tuple(map(as_tuples, content)) if isinstance(content, list) else content
+
+
+def up_of(gravity: Matrix) -> Numbers:
+    """Return the direction against gravity; y where there is none."""
+    norm = float(np.linalg.norm(gravity))
+    return numbers(-gravity / norm) if norm > 0.0 else (0.0, 1.0, 0.0)
+
+
+def draw(mechanism: Mechanism, span: float) -> Picture:
+    """Return the picture of a mechanism that moves about in a space ``span`` (m) across."""
+    return _Artist(mechanism, span).picture()
+
+
+class _Artist:
+    """Draws one mechanism; every part is sized after one bar radius."""
+
+    def __init__(self, mechanism: Mechanism, span: float) -> None:
+        self.mechanism = mechanism
+        self.held = self._held_points()
+        self.shaped = {body.index for body, _ in mechanism.shapes}
+        self.skinned = {int(i) for surface in mechanism.surfaces for i in surface.bodies.flat}
+        bars = [float(np.linalg.norm(p)) for body in mechanism.bodies[1:] for p in self._ends(body)]
+        bars += [handle.cut.length for handle in mechanism.cuts if isinstance(handle.cut, DistanceCut)]
+        self.radius = bar_radius(bars, max([span, *bars]) or 1.0)
+        self.heaviest = max((body.mass for body in mechanism.bodies), default=0.0)
+        self.parts: list[Part] = []
+        self.links: list[Link] = []
+
+    def picture(self) -> Picture:
+        """Draw everything."""
+        for body in self.mechanism.bodies[1:]:
+            if body.index not in self.shaped | self.skinned:
+                self._bars_and_ball(body)
+            if body.index not in self.skinned:
+                self._joint(body)
+        for body, shape in self.mechanism.shapes:
+            self._part(shape.solid, body, shape.at, shape.axes(), shape.colour or colour_of(body))
+        for handle in self.mechanism.cuts:
+            self._cut(handle)
+        for _, force, a, b in self.mechanism.forces:
+            if {a.index, b.index} <= self.skinned:
+                continue
+            if isinstance(force, Spring):
+                self._link("coil", a, force.at_a, b, force.at_b, 2.5 * self.radius, STEEL)
+                self._feet((a, force.at_a), (b, force.at_b))
+            elif isinstance(force, JointSpring) and isinstance(a.joint, Translational):
+                parent = self.mechanism.bodies[a.parent]
+                self._link("coil", parent, a.joint.at, a, (0.0, 0.0, 0.0), 2.5 * self.radius, STEEL)
+        skins = tuple(
+            Skin(
+                name=surface.name,
+                bodies=tuple(tuple(int(i) for i in row) for row in surface.bodies),
+                at=numbers(surface.at),
+                colour=surface.colour or PALETTE[(k + 5) % len(PALETTE)],
+            )
+            for k, surface in enumerate(self.mechanism.surfaces)
+        )
+        return Picture(
+            up=up_of(self.mechanism.gravity),
+            middles=self._middles(),
+            parts=tuple(self.parts),
+            links=tuple(self.links),
+            skins=skins,
+        )
+
+    def _middles(self) -> tuple[Numbers, ...]:
+        middles = [numbers(body.com) for body in self.mechanism.bodies]
+        for surface in self.mechanism.surfaces:
+            for i in surface.bodies.flat:
+                middles[i] = numbers(surface.at)
+        return tuple(middles)
+
+    def _held_points(self) -> list[list[Matrix]]:
+        """Return, for every body, the points other bodies, cuts and springs take hold of, body axes."""
+        held: list[list[Matrix]] = [[] for _ in self.mechanism.bodies]
+        for body in self.mechanism.bodies[1:]:
+            if not isinstance(body.joint, Floating):
+                held[body.parent].append(np.asarray(body.joint.at, float))
+        ends: list[tuple[Any, Body, Body]] = [(handle.cut, handle.a, handle.b) for handle in self.mechanism.cuts]
+        ends += [(force, a, b) for _, force, a, b in self.mechanism.forces if isinstance(force, Spring)]
+        for tie, a, b in ends:
+            held[a.index].append(np.asarray(tie.at_a, float))
+            held[b.index].append(np.asarray(tie.at_b, float))
+        return held
+
+    def _ends(self, body: Body) -> list[Matrix]:
+        """Return where the bars from a body's origin lead; of several in one direction the farthest."""
+        ends: list[Matrix] = []
+        for point in sorted([*self.held[body.index], body.com], key=lambda p: -float(p @ p)):
+            size = float(np.linalg.norm(point))
+            if size > 0.0 and all(point @ end < (1.0 - 1e-9) * size * np.linalg.norm(end) for end in ends):
+                ends.append(point)
+        return ends
+
+    def _bars_and_ball(self, body: Body) -> None:
+        colour, ends = colour_of(body), self._ends(body)
+        thick = self.radius * (1.0 + 0.08 * (body.index % 3))  # bars that lie in one line do not flicker
+        for end in ends:
+            size = float(np.linalg.norm(end))
+            self._part("cylinder", body, 0.5 * end, along(end / size) * [thick, thick, size], colour)
+            self._part("sphere", body, end, np.eye(3) * thick, colour)
+        if ends:
+            self._part("sphere", body, np.zeros(3), np.eye(3) * thick, colour)
+        if body.mass > 0.0:
+            ball = self.radius * max(1.4, 3.2 * (body.mass / self.heaviest) ** (1.0 / 3.0))
+            self._part("sphere", body, body.com, np.eye(3) * ball, colour)
+            if not ends and isinstance(body.joint, Floating | Spherical):  # show how it turns
+                for axis, of_axis in zip(np.eye(3), AXES, strict=True):
+                    bar = along(axis) * [0.5 * thick, 0.5 * thick, 1.5 * ball]
+                    self._part("cylinder", body, body.com + 1.25 * ball * axis, bar, of_axis)
+
+    def _joint(self, body: Body) -> None:
+        joint, r = body.joint, self.radius
+        parent = self.mechanism.bodies[body.parent]
+        if isinstance(joint, Floating):
+            return
+        if isinstance(joint, Revolute):
+            self._pin(body, np.zeros(3), joint.direction)
+        elif isinstance(joint, Spherical):
+            self._part("sphere", body, np.zeros(3), np.eye(3) * 1.7 * r, PIN)
+        elif isinstance(joint, Translational):
+            self._link("cylinder", parent, joint.at, body, (0.0, 0.0, 0.0), 0.7 * r, colour_of(parent))
+        self._feet((parent, joint.at))
+
+    def _cut(self, handle: CutHandle) -> None:
+        cut: Cut = handle.cut
+        a, b, r = handle.a, handle.b, self.radius
+        if {a.index, b.index} <= self.skinned:
+            return
+        if isinstance(cut, DistanceCut):
+            self._link("cylinder", a, cut.at_a, b, cut.at_b, 0.6 * r, STEEL)
+            for body, at in ((a, cut.at_a), (b, cut.at_b)):
+                self._part("sphere", body, at, np.eye(3) * 1.3 * r, PIN)
+        elif cut.rows == ("x", "y", "z"):
+            self._part("sphere", a, cut.at_a, np.eye(3) * 1.7 * r, PIN)
+        else:
+            self._pin(a, cut.at_a, rotation("rotation_a", cut.rotation_a)[:, 2])
+        self._feet((a, cut.at_a), (b, cut.at_b))
+
+    def _pin(self, body: Body, at: Sequence[float] | Matrix, axis: Matrix) -> None:
+        r = self.radius
+        self._part("cylinder", body, at, along(axis) * [1.5 * r, 1.5 * r, 4.0 * r], PIN)
+
+    def _feet(self, *points: tuple[Body, Any]) -> None:
+        """Mark those of the points that are on the ground: it carries something there."""
+        for body, at in points:
+            if body.index == 0:
+                self._part("box", body, at, np.eye(3) * 3.6 * self.radius, GROUND)
+
+    def _part(self, solid: str, body: Body, at: Sequence[float] | Matrix, axes: Matrix, colour: str) -> None:
+        flat = numbers(np.asarray(axes).T.ravel())
+        self.parts.append(Part(solid=solid, body=body.index, at=numbers(at), axes=flat, colour=colour))
+
+    def _link(self, solid: str, a: Body, at_a: Any, b: Body, at_b: Any, radius: float, colour: str) -> None:
+        ends: dict[str, Any] = {"a": a.index, "b": b.index, "at_a": numbers(at_a), "at_b": numbers(at_b)}
+        self.links.append(Link(solid=solid, radius=radius, colour=colour, **ends))
+
+
+def bar_radius(bars: list[float], across: float) -> float:
+    """Return how thick bars of these lengths (m) look well in a picture of something ``across`` (m) wide."""
+    if not bars:
+        return 0.015 * across
+    usual = float(np.median(bars))
+    return min(max(0.03 * usual, 0.004 * across), 0.12 * usual, 0.015 * across)
+
+
+def colour_of(body: Body) -> str:
+    """Return the colour a body is given."""
+    return PALETTE[(body.index - 1) % len(PALETTE)] if body.index else GROUND
+
+
+def numbers(vector: Any) -> Numbers:
+    """Return plain floats."""
+    return tuple(float(x) for x in np.asarray(vector, float))
