@@ -3,9 +3,9 @@
 from mbfmu.errors import AssemblyError, UserError
 
 from .compile import Variable
-from .cuts import DistanceCut, RevoluteCut, SphericalCut, WeldCut
+from .cuts import DistanceCut, PlanarCut, PlaneCut, RevoluteCut, SphericalCut, WeldCut
 from .forces import JointForce, JointSpring, PointForce, Spring, Torque
-from .joints import Floating, Revolute, Spherical, Translational, Weld
+from .joints import Floating, OutOfPlane, Revolute, Spherical, Translational, Weld
 from .mechanism import Body, Mechanism, rod
 from .plant import Plant
 from .sensors import Sensor
@@ -21,6 +21,9 @@ __all__ = [
     "JointForce",
     "JointSpring",
     "Mechanism",
+    "OutOfPlane",
+    "PlanarCut",
+    "PlaneCut",
     "Plant",
     "PointForce",
     "Polynomial",

@@ -34,7 +34,7 @@ BODY = np.dtype(
         ("inertia", np.float64, (3, 3)),  # about the centre of mass, body axes, kg m^2
         ("s", np.float64, (3,)),  # joint frame in the parent: origin s'_j, m
         ("R", np.float64, (3, 3)),  # ... and axes
-        ("axis", np.float64, (3,)),  # unit axis of the joint in the joint frame
+        ("axis", np.float64, (3,)),  # axis of the joint in the joint frame (Joint.direction)
     ],
     align=True,
 )
