@@ -4,6 +4,7 @@ from mbfmu.errors import AssemblyError, UserError
 
 from .compile import Variable
 from .cuts import DistanceCut, PlanarCut, PlaneCut, RevoluteCut, SphericalCut, WeldCut
+from .elastic import Plate
 from .forces import JointForce, JointSpring, PointForce, Spring, Torque
 from .joints import Floating, OutOfPlane, Revolute, Spherical, Translational, Weld
 from .mechanism import Body, Mechanism, rod
@@ -25,6 +26,7 @@ __all__ = [
     "PlanarCut",
     "PlaneCut",
     "Plant",
+    "Plate",
     "PointForce",
     "Polynomial",
     "Revolute",
