@@ -10,6 +10,7 @@ from .joints import Floating, OutOfPlane, Revolute, Spherical, Translational, We
 from .mechanism import Body, Mechanism, rod
 from .plant import Plant
 from .sensors import Sensor
+from .sheet import Sheet, Support, add_sheet
 from .signals import Harmonic, Input, Polynomial, SpeedInput
 
 __all__ = [
@@ -32,15 +33,18 @@ __all__ = [
     "Revolute",
     "RevoluteCut",
     "Sensor",
+    "Sheet",
     "SpeedInput",
     "Spherical",
     "SphericalCut",
     "Spring",
+    "Support",
     "Torque",
     "Translational",
     "UserError",
     "Variable",
     "Weld",
     "WeldCut",
+    "add_sheet",
     "rod",
 ]

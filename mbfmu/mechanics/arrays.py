@@ -199,6 +199,7 @@ class State(NamedTuple):
 
     bodies: NDArray[Any]  # (nb,) MOTION
     rows: NDArray[Any]  # (rows,) ROW
+    element: NDArray[Any]  # (1,) ELEMENT, scratch
     S: NDArray[np.float64]  # (nv, 6) joint motion subspaces, columns of B2
     q: NDArray[np.float64]  # (nq,) every joint position, driven ones included
     v: NDArray[np.float64]  # (nv,)
@@ -209,7 +210,6 @@ class State(NamedTuple):
     wrench: NDArray[np.float64]  # (6,) a wrench on its way inward
     U: NDArray[np.float64]  # (nv, 6) articulated body: (IA S)^T, with the joint's Cholesky factor taken out
     D: NDArray[np.float64]  # (nv, 7) articulated body: a joint's Cholesky factor, and in column 6 its right-hand side
-    element: NDArray[Any]  # (1,) ELEMENT
 
 
 class Data(NamedTuple):
@@ -224,8 +224,8 @@ def allocate_state(nb: int, rows: int, nq: int, nv: int) -> State:
     state = State(
         records(nb, MOTION),
         records(rows, ROW),
-        *(np.zeros(shape) for shape in ((nv, 6), nq, nv, nv, nv, nv, (10, 6), 6, (nv, 6), (nv, 7))),
         records(1, ELEMENT),
+        *(np.zeros(shape) for shape in ((nv, 6), nq, nv, nv, nv, nv, (10, 6), 6, (nv, 6), (nv, 7))),
     )
     state.bodies["A"][0] = np.eye(3)
     return state

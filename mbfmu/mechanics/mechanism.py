@@ -11,7 +11,7 @@ A body's frame is where its tree joint puts it: at rest it lies on the joint fra
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -134,6 +134,7 @@ class Mechanism:
         self.gravity = vector("gravity", gravity)
         self.ground = Body("ground", 0, 0, Weld())
         self.bodies: list[Body] = [self.ground]
+        self._bodies_named = {"ground": self.ground}
         self.cuts: list[CutHandle] = []
         self.forces: list[tuple[str, Force, Body, Body]] = []
         self.plates: list[tuple[Plate, tuple[Body, Body, Body, Body]]] = []
@@ -172,7 +173,7 @@ class Mechanism:
         inertia
             About the centre of mass, body axes, kg m^2: three principal values or a 3x3 matrix.
         """
-        self._new_name("body", name, [b.name for b in self.bodies])
+        self._new_name("body", name, self._bodies_named)
         self._member(parent, f"parent of body {name!r}")
         if type(joint) not in JOINTS:
             raise UserError(f"joint of body {name!r} is {joint!r}; allowed: {names_of(JOINTS)}")
@@ -191,6 +192,7 @@ class Mechanism:
             inertia_matrix(name, inertia),
         )
         self.bodies.append(new)
+        self._bodies_named[name] = new
         return new
 
     def cut(self, name: str, cut: Cut, a: Body, b: Body) -> CutHandle:
@@ -270,9 +272,9 @@ class Mechanism:
             raise UserError(f"{role} is {body!r}, which is not a body of this mechanism")
 
     @staticmethod
-    def _new_name(what: str, name: str, taken: list[str]) -> None:
+    def _new_name(what: str, name: str, taken: Collection[str]) -> None:
         if not name or name in taken:
-            raise UserError(f"{what} is named {name!r}; a name must not be empty and must be new among {taken}")
+            raise UserError(f"{what} is named {name!r}; a name must not be empty and must be new among {list(taken)}")
 
 
 def rod(*, mass: float, length: float) -> dict[str, Any]:

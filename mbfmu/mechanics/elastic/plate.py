@@ -17,11 +17,11 @@ The energy sees the normals only, so turning a node about its normal costs nothi
 symmetry of three unknowns each; of the deflections tau alone is left. With the sign patterns of the corners
 x = (- + + -), z = (- - + +), xz = (+ - + -) and means over the corners <.>, the generalised strains are
 
-    0: <x w_x>   1: <z w_z>     constant curvature        4: <w_z>   5: <xz w_x>      w ~ z, z^3, x^2 z
-    2: <w_x>     3: <xz w_z>    w ~ x, x^3, x z^2         6: <z w_x> - 2 tau / a   7: <x w_z> - 2 tau / b   w ~ x^3 z ...
-    8: tau                      twist
+    0: <x w_x>   1: <z w_z>     constant curvature     4: <w_z>   5: <xz w_x>    w ~ z, z^3, x^2 z
+    2: <w_x>     3: <xz w_z>    w ~ x, x^3, x z^2      6: <z w_x> - 2 tau / a    w ~ x^3 z
+    8: tau                      w ~ x z                7: <x w_z> - 2 tau / b    w ~ x z^3
 
-and the energy of the plate's D = E t^3 / (12 (1 - nu^2)) is half of  sum k_i e_i^2 + 2 c (e0 e1 + e2 e3 + e4 e5 + e6 e7),
+and with D = E t^3 / (12 (1 - nu^2)) the energy is half of  sum k_i e_i^2 + 2 c (e0 e1 + e2 e3 + e4 e5 + e6 e7),
 
     k0 = 4 D b/a    k2 = 12 D b/a    k3 = D (4/3 a/b + 8/3 (1-nu) b/a)    k6 = D (4 b/a + 8/5 (1-nu) a/b)    c = 4 nu D
     k1 = 4 D a/b    k4 = 12 D a/b    k5 = D (4/3 b/a + 8/3 (1-nu) a/b)    k7 = D (4 a/b + 8/5 (1-nu) b/a)
@@ -38,7 +38,7 @@ and the energy of the plate's D = E t^3 / (12 (1 - nu^2)) is half of  sum k_i e_
 Chain of differentials, all in element axes, for motions dr of the origins and small rotations phi of the bodies:
 
     omega = ((g2_x omega_z - dg2_y) / g2_z, -dg1_z / |g1|, dg1_y / |g1|)     spin of the element axes
-    dd = (phi - omega) x d,     dtau = dt_y + omega_x t_z - omega_z t_x,     F' = dF/dcos theta = (F cos theta - 1)/sin^2.
+    dd = (phi - omega) x d,     dtau = dt_y + omega_x t_z - omega_z t_x,     F' = (F cos theta - 1) / sin^2 theta.
 """
 
 from __future__ import annotations

@@ -68,7 +68,7 @@ def direction(here: Any, i: int, k: int) -> None:
 @kernel
 def change_of_gradient(plate: Any, here: Any) -> None:
     """Differentials dm, dn of the gradient's components in element axes, after :func:`.plate.differentiate`."""
-    a, b, s, ds, w, dw, f, df = plate.a, plate.b, here.stress, here.dstress, here.w, here.dw, here.f, here.df
+    a, b, s, ds, w, dw, df = plate.a, plate.b, here.stress, here.dstress, here.w, here.dw, here.df
     t, turn, omega, dg, dn = here.t, here.turn, here.omega, here.dg, here.dn
     g1, gx, gz = here.g1x, here.g2x, here.g2z
     for i in range(12):
