@@ -50,7 +50,7 @@ Link = tuple[Node, Node | None]  # a node and its parent in the tree; None: the 
 
 @dataclass(frozen=True)
 class Support:
-    """What holds an edge of a sheet, or a part of it.
+    """What holds an edge of a sheet, or a part of it; a node on two edges is held as the first one given says.
 
     Parameters
     ----------
@@ -207,6 +207,7 @@ class _Builder:
         self.rotation = rotation(f"rotation of {self.what}", placement[1])
         self.density = density
         self.bodies: dict[Node, Body] = {}
+        self.taken: set[Node] = set()  # held by a support
 
     def build(self, tree: str, supports: list[Support], master: Body | None) -> Sheet:
         """Hang the nodes, span the elements, close the supports."""
@@ -223,6 +224,7 @@ class _Builder:
                 )
             root = supports.pop(0)
             at, axes = self._frame(root)
+            self.taken |= {_on_edge(self.shape, root.edge, n) for n in self._held(root)}
             self._hang(
                 _from_edge(self.shape, root.edge, self._held(root), tree == "spine"),
                 Weld if root.kind == "clamped" else Revolute,
@@ -237,7 +239,7 @@ class _Builder:
             for k in range(nz - 1):
                 corners = node[i, k], node[i + 1, k], node[i + 1, k + 1], node[i, k + 1]
                 self.mechanism.plate(self.plate, *corners)
-        cuts = [cut for number, support in enumerate(supports) for cut in self._close(number, support)]
+        cuts = [cut for support in supports for cut in self._close(support)]
         nodes = tuple(tuple(node[i, k] for k in range(nz)) for i in range(nx))
         return Sheet(self.name, nodes, self.plate.a, self.plate.b, self.plate, tuple(cuts))
 
@@ -291,7 +293,7 @@ class _Builder:
             )
         return held
 
-    def _close(self, number: int, support: Support) -> Iterator[CutHandle]:
+    def _close(self, support: Support) -> Iterator[CutHandle]:
         """Hold a support's nodes by cut joints, all six motions of one node at most.
 
         What the nodes of an edge cannot do against each other in the plane must not be forbidden twice: those
@@ -299,13 +301,13 @@ class _Builder:
         """
         at, axes = self._frame(support)
         body = self.mechanism.ground if support.body is None else support.body
-        held = self._held(support)
+        held = [n for n in self._held(support) if _on_edge(self.shape, support.edge, n) not in self.taken]
         for n in held:
             node = _on_edge(self.shape, support.edge, n)
-            first = n == held[len(held) // 2]
-            kind, local = _cut(support, first)
+            self.taken.add(node)
+            kind, local = _cut(support, n == held[len(held) // 2])
             yield self.mechanism.cut(
-                f"{self.name}.{support.edge}.{number}.{n}",
+                f"{self.name}.{support.edge}.{n}",
                 kind(at_a=tuple(at + axes @ self._flat(node)), rotation_a=axes @ local, rotation_b=local),
                 body,
                 self.bodies[node],
