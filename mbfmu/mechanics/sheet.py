@@ -166,7 +166,7 @@ def add_sheet(
     """
     what = f"sheet {name!r}"
     shape = _grid(what, grid)
-    for key, value in (("length", length), ("width", width), ("thickness", thickness), ("density", density)):
+    for key, value in (("length", length), ("width", width), ("density", density)):
         if not (np.isfinite(value) and value > 0.0):
             raise UserError(f"{key} of {what} is {value!r}; allowed: finite and greater than zero")
     _one_of(f"tree of {what}", tree, TREES)
@@ -183,7 +183,7 @@ def add_sheet(
         damping=damping,
         drag=drag,
     )
-    plate.check()
+    plate.check(what)
     builder = _Builder(mechanism, name, plate, density, shape, (at, rotation), joint == "arc")
     return builder.build(tree, list(supports), master)
 
@@ -284,13 +284,13 @@ class _Builder:
         step = (self.plate.a, self.plate.b)[across]
         if support.span is None:
             return list(range(self.shape[across]))
+        role = f"span of the support at {support.edge!r} of {self.what} is {support.span!r} m"
+        if np.shape(support.span) != (2,) or not np.all(np.isfinite(support.span)):
+            raise UserError(f"{role}; it needs two finite numbers")
         low, high = support.span
         held = [n for n in range(self.shape[across]) if low - 1e-9 * step <= n * step <= high + 1e-9 * step]
         if not held:
-            raise UserError(
-                f"span of the support at {support.edge!r} of {self.what} is {support.span!r} m; "
-                f"no node lies within: they are {step:g} m apart"
-            )
+            raise UserError(f"{role}; no node lies within: they are {step:g} m apart")
         return held
 
     def _close(self, support: Support) -> Iterator[CutHandle]:

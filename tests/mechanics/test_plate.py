@@ -177,7 +177,7 @@ def test_forces_are_minus_the_gradient_of_the_energy(kind: dict[str, Any], size:
     q = bent(plant, size)
     F = wrenches(plant, q).reshape(-1)
     slope = complex_columns(plant, q, complex_energy)
-    np.testing.assert_allclose(F, -slope, rtol=0, atol=1e-13 * np.abs(F).max())
+    np.testing.assert_allclose(F, -slope, rtol=0, atol=1e-12 * np.abs(F).max())
 
 
 @pytest.mark.parametrize("kind", KINDS)

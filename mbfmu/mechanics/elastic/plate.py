@@ -343,20 +343,20 @@ class Plate:
     damping: float = 0.0
     drag: float = 0.0
 
-    def check(self) -> None:
-        """Raise UserError for a number that no plate has."""
+    def check(self, what: str = "a plate") -> None:
+        """Raise UserError for a number that no plate has; ``what`` says whose it is."""
         for key in ("a", "b", "thickness", "youngs_modulus"):
             value = getattr(self, key)
             if not (np.isfinite(value) and value > 0.0):
-                raise UserError(f"{key} of a plate is {value!r}; allowed: finite and greater than zero")
-        if not -1.0 < self.poisson < 0.5 + 1e-9:
-            raise UserError(f"poisson of a plate is {self.poisson!r}; allowed: above -1, at most 0.5")
+                raise UserError(f"{key} of {what} is {value!r}; allowed: finite and greater than zero")
+        if not -1.0 < self.poisson <= 0.5:
+            raise UserError(f"poisson of {what} is {self.poisson!r}; allowed: above -1, at most 0.5")
         for key in ("damping", "drag"):
             value = getattr(self, key)
             if not (np.isfinite(value) and value >= 0.0):
-                raise UserError(f"{key} of a plate is {value!r}; allowed: finite and not negative")
+                raise UserError(f"{key} of {what} is {value!r}; allowed: finite and not negative")
         if not set(self.strains) <= set("xzs"):
-            raise UserError(f"membrane of a plate is {self.membrane!r}; allowed: True, False or letters of 'xzs'")
+            raise UserError(f"membrane of {what} is {self.membrane!r}; allowed: True, False or letters of 'xzs'")
 
     @property
     def strains(self) -> str:
