@@ -3,13 +3,15 @@
 from mbfmu.errors import AssemblyError, UserError
 
 from .compile import Variable
-from .cuts import DistanceCut, RevoluteCut, SphericalCut, WeldCut
+from .cuts import DistanceCut, PlanarCut, PlaneCut, RevoluteCut, SphericalCut, WeldCut
+from .elastic import Plate
 from .forces import JointForce, JointSpring, PointForce, Spring, Torque
-from .joints import Floating, Revolute, Spherical, Translational, Weld
+from .joints import Floating, OutOfPlane, Revolute, Spherical, Translational, Weld
 from .mechanism import Body, Mechanism, rod
 from .plant import Plant
 from .sensors import Sensor
 from .shapes import Box, Cylinder, Sphere
+from .sheet import Sheet, Support, add_sheet
 from .signals import Harmonic, Input, Polynomial, SpeedInput
 
 __all__ = [
@@ -24,22 +26,29 @@ __all__ = [
     "JointForce",
     "JointSpring",
     "Mechanism",
+    "OutOfPlane",
+    "PlanarCut",
+    "PlaneCut",
     "Plant",
+    "Plate",
     "PointForce",
     "Polynomial",
     "Revolute",
     "RevoluteCut",
     "Sensor",
+    "Sheet",
     "SpeedInput",
     "Sphere",
     "Spherical",
     "SphericalCut",
     "Spring",
+    "Support",
     "Torque",
     "Translational",
     "UserError",
     "Variable",
     "Weld",
     "WeldCut",
+    "add_sheet",
     "rod",
 ]

@@ -11,7 +11,7 @@ A body's frame is where its tree joint puts it: at rest it lies on the joint fra
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +22,7 @@ from mbfmu.errors import UserError
 
 from .cuts import REGISTRY as CUTS
 from .cuts import Cut, DistanceCut
+from .elastic import Plate
 from .forces import REGISTRY as FORCES
 from .forces import Force, JointForce, JointSpring
 from .joints import REGISTRY as JOINTS
@@ -144,8 +145,10 @@ class Mechanism:
         self.gravity = vector("gravity", gravity)
         self.ground = Body("ground", 0, 0, Weld())
         self.bodies: list[Body] = [self.ground]
+        self._bodies_named = {"ground": self.ground}
         self.cuts: list[CutHandle] = []
         self.forces: list[tuple[str, Force, Body, Body]] = []
+        self.plates: list[tuple[Plate, tuple[Body, Body, Body, Body]]] = []
         self.outputs: list[tuple[str, Sensor, str, float | None]] = []
         self.shapes: list[tuple[Body, Shape]] = []
         self.surfaces: list[Surface] = []
@@ -183,7 +186,7 @@ class Mechanism:
         inertia
             About the centre of mass, body axes, kg m^2: three principal values or a 3x3 matrix.
         """
-        self._new_name("body", name, [b.name for b in self.bodies])
+        self._new_name("body", name, self._bodies_named)
         self._member(parent, f"parent of body {name!r}")
         if type(joint) not in JOINTS:
             raise UserError(f"joint of body {name!r} is {joint!r}; allowed: {names_of(JOINTS)}")
@@ -202,6 +205,7 @@ class Mechanism:
             inertia_matrix(name, inertia),
         )
         self.bodies.append(new)
+        self._bodies_named[name] = new
         return new
 
     def cut(self, name: str, cut: Cut, a: Body, b: Body) -> CutHandle:
@@ -268,6 +272,18 @@ class Mechanism:
         grid = np.array([[body.index for body in row] for row in bodies], np.int64)
         self.surfaces.append(Surface(name, grid, vector(f"at of surface {name!r}", at), check_colour(colour)))
 
+    def plate(self, plate: Plate, a: Body, b: Body, c: Body, d: Body) -> None:
+        """Span a plate element between bodies at its corners (0, 0), (a, 0), (a, b), (0, b) of their x-z plane."""
+        if not isinstance(plate, Plate):
+            raise UserError(f"plate is {plate!r}; it must be a Plate")
+        plate.check()
+        nodes = (a, b, c, d)
+        for body in nodes:
+            self._member(body, "corner of a plate")
+        if len({body.index for body in nodes}) < 4:
+            raise UserError(f"corners of a plate are {[body.name for body in nodes]}; it needs four bodies")
+        self.plates.append((plate, nodes))
+
     def turn(self, body: Body) -> Sensor:
         """Absolute angle (rad) of a body that hangs on the ground by parallel revolutes; it counts whole turns."""
         return Sensor(kind=Kind.TURN, unit="rad", item=self._planar(body))
@@ -304,9 +320,9 @@ class Mechanism:
             raise UserError(f"{role} is {body!r}, which is not a body of this mechanism")
 
     @staticmethod
-    def _new_name(what: str, name: str, taken: list[str]) -> None:
+    def _new_name(what: str, name: str, taken: Collection[str]) -> None:
         if not name or name in taken:
-            raise UserError(f"{what} is named {name!r}; a name must not be empty and must be new among {taken}")
+            raise UserError(f"{what} is named {name!r}; a name must not be empty and must be new among {list(taken)}")
 
 
 def rod(*, mass: float, length: float) -> dict[str, Any]:

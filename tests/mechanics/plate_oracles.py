@@ -1,0 +1,104 @@
+"""What the plate element must agree with, written in another way; and a sheet's statics by plain dense Newton."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from mbfmu.mechanics import Mechanism, Plant, Sheet, Support, add_sheet
+from mbfmu.mechanics.dynamics import solved
+
+E = 1e-30  # complex step
+CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+POWERS = [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3), (3, 1), (1, 3)]
+
+
+def acm_stiffness(a: float, b: float, D: float, nu: float) -> Any:
+    """The 12 x 12 stiffness of Adini, Clough and Melosh for (w, w_x, w_z) at the corners, by polynomials and Gauss."""
+
+    def terms(x: float, z: float, dx: int, dz: int) -> Any:
+        def one(p: int, n: int, s: float) -> float:
+            return 0.0 if p < n else np.prod(np.arange(p, p - n, -1), initial=1.0) * s ** (p - n)
+
+        return np.array([one(p, dx, x) * one(r, dz, z) for p, r in POWERS])
+
+    C = np.array([terms(x * a / 2, z * b / 2, *d) for x, z in CORNERS for d in ((0, 0), (1, 0), (0, 1))])
+    moduli = D * np.array([[1.0, nu, 0.0], [nu, 1.0, 0.0], [0.0, 0.0, 0.5 * (1.0 - nu)]])
+    K, (points, weights) = np.zeros((12, 12)), np.polynomial.legendre.leggauss(3)
+    for x, by_x in zip(points * a / 2, weights * a / 2, strict=True):
+        for z, by_z in zip(points * b / 2, weights * b / 2, strict=True):
+            B = np.array([terms(x, z, 2, 0), terms(x, z, 0, 2), 2.0 * terms(x, z, 1, 1)]) @ np.linalg.inv(C)
+            K += B.T @ moduli @ B * by_x * by_z
+    return K
+
+
+# Sheet 0.300 x 0.210 m, 0.3 mm, one 210-mm edge clamped: CalculiX, Kratos and a Ritz plate agree on what follows.
+TIP = -108.22e-3  # m, static, middle of the free edge
+CLAMPED = np.array([1.7544, 5.6901, 10.8989, 19.3376, 25.0568, 31.0848, 39.8990, 40.8125])  # Hz, flat, no gravity
+FREE = np.array([9.7272, 10.8575, 22.6659, 23.0186, 28.3701, 32.5645, 42.5163, 47.4405])
+
+
+def cantilever(grid: tuple[int, int], *, gravity: float = 9.81, **options: Any) -> tuple[Mechanism, Sheet]:
+    """That sheet, the edge x = length clamped unless ``options`` say otherwise."""
+    m = Mechanism(gravity=(0.0, -gravity, 0.0))
+    given: dict[str, Any] = {"length": 0.3, "width": 0.21, "thickness": 0.3e-3, "youngs_modulus": 1e10}
+    given |= {"poisson": 0.3, "density": 1000.0, "grid": grid, "supports": [Support("x1")]}
+    return m, add_sheet(m, "sheet", **(given | options))
+
+
+def bodies_at(plant: Plant, q: Any) -> Any:
+    """Motions of all bodies at rest in q."""
+    n = plant.system.n
+    solved(0.0, q, np.zeros(n), np.zeros(n), np.zeros(plant.system.m), plant.data)
+    return plant.data.state.bodies
+
+
+def forces_and_tangent(plant: Plant, q: Any) -> tuple[Any, Any]:
+    """Static unbalance (n,) by inverse dynamics and its exact derivative (n, n)."""
+    system = plant.complex_system()
+    n = system.n
+    K, zero = np.zeros((n, n)), np.zeros(n, complex)
+    for k in range(n):
+        moved, step = q.astype(complex), zero.copy()
+        step[k] = 1j * E
+        system.apply(moved, step)
+        solved(0.0, moved, zero, zero, np.zeros(system.m, complex), system.data)
+        K[:, k] = system.data.state.tau.imag / E
+    return system.data.state.tau.real.copy(), K
+
+
+def newton(plant: Plant, q: Any) -> tuple[Any, int]:
+    """Static equilibrium of a tree without cut joints, and the iterations it took."""
+    for iteration in range(1, 16):
+        f, K = forces_and_tangent(plant, q)
+        dq = np.linalg.solve(K, -f)
+        q = q + dq
+        if np.abs(dq).max() < 1e-9:
+            return q, iteration
+    raise AssertionError("Newton does not converge")
+
+
+def cylindrical(grid: tuple[int, int], spine: bool) -> Any:
+    """Coordinates of a sheet bent as one strip of it would be: where Newton with membrane may start."""
+    m, _ = cantilever((grid[0], 2), tree="rows")
+    plant = m.compile()
+    strip = newton(plant, np.zeros(plant.system.n))[0].reshape(-1, 2, 3).mean(axis=1)
+    q = np.zeros((grid[0] - 1, grid[1], 3))
+    q[:, : 1 if spine else None, :2] = strip[:, None, :2]
+    return q.reshape(-1)
+
+
+def frequencies(plant: Plant) -> Any:
+    """Natural frequencies in Hz, lowest first, at the start; negative where the stiffness is."""
+    q = plant.start_positions()
+    terms = plant.system.allocate_terms()
+    plant.system.fill(0.0, q, np.zeros(plant.system.n), terms)
+    K = forces_and_tangent(plant, q)[1]
+    free = np.eye(plant.system.n)
+    if plant.system.m:
+        _, sigma, Vt = np.linalg.svd(terms.J)
+        free = Vt[int(np.sum(sigma > 1e-9 * sigma[0])) :].T
+    L = np.linalg.inv(np.linalg.cholesky(free.T @ terms.M @ free))
+    values = np.linalg.eigvalsh(L @ free.T @ (0.5 * (K + K.T)) @ free @ L.T)
+    return np.sign(values) * np.sqrt(np.abs(values)) / (2.0 * np.pi)

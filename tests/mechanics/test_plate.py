@@ -1,0 +1,292 @@
+"""The plate element: closed forms of its energy, forces and tangents as exact derivatives, what it must not feel."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from plate_oracles import E, acm_stiffness
+from random_mechanisms import random_rotation
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics import Floating, Mechanism, Plant, Plate
+from mbfmu.mechanics.dynamics import energy, move
+from mbfmu.mechanics.elastic import tangent
+from mbfmu.mechanics.elastic.plate import bending_strain, lean, stress
+
+A, B, NU = 2.0, 1.5, 0.3
+BENDING = {"a": A, "b": B, "thickness": 0.3, "youngs_modulus": 10.0, "poisson": NU}
+D = 10.0 * 0.3**3 / (12.0 * (1.0 - NU**2))
+FLAT = np.array([[0.0, 0.0, 0.0], [A, 0.0, 0.0], [A, 0.0, B], [0.0, 0.0, B]])
+KINDS: list[dict[str, Any]] = [{}, {"membrane": True}, {"membrane": "xs"}]
+SIZES = [1e-3, 0.1, 0.3, 1.0]
+
+
+def element(**options: Any) -> Plant:
+    """Four floating bodies with a plate between them."""
+    m = Mechanism()
+    nodes = [m.body(f"n{i}", m.ground, Floating(), mass=1.0, inertia=(1.0, 1.0, 1.0)) for i in range(4)]
+    m.plate(Plate(**(BENDING | options)), *nodes)
+    return m.compile()
+
+
+def bent(plant: Plant, size: float, seed: int = 0) -> Any:
+    """Positions (28,) with every motion of every node off by about ``size``."""
+    rng, q = np.random.default_rng(seed), plant.start_positions()
+    q.reshape(4, 7)[:, :3] = FLAT
+    plant.system.apply(q, size * rng.normal(size=24))
+    return q
+
+
+def quaternion(R: Any) -> Any:
+    """Unit quaternion of a rotation matrix, scalar first."""
+    K = np.array([[R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]])
+    S = R + R.T - np.trace(R) * np.eye(3)
+    N = np.block([[np.trace(R) * np.ones((1, 1)), K], [K.T, S]])
+    return np.linalg.eigh(N)[1][:, -1]
+
+
+def posed(r: Any, A_: Any) -> Any:
+    """Positions (28,) of four bodies from their origins and orientations."""
+    return np.concatenate([np.concatenate((x, quaternion(R))) for x, R in zip(r, A_, strict=True)])
+
+
+def wrenches(plant: Plant, q: Any, v: Any = None) -> Any:
+    """Applied wrenches (4, 6) about the origins, global axes."""
+    move(0.0, q, np.zeros(24) if v is None else v, *plant.data)
+    return plant.data.state.bodies["F"][1:].copy()
+
+
+def joint_axes(plant: Plant) -> list[Any]:
+    """For each body, the 6x6 matrix from motions (dr, phi) in global axes to the floating joint's velocities."""
+    out = []
+    for body in plant.data.state.bodies[1:]:
+        T = np.eye(6)
+        T[3:, 3:] = body["A"].T.real
+        out.append(T)
+    return out
+
+
+def complex_columns(plant: Plant, q: Any, function: Any) -> Any:
+    """Derivative of ``function(q, data)`` along the 24 motions of the nodes, by complex step."""
+    system = plant.complex_system()
+    wrenches(plant, q)
+    columns = []
+    for i, T in enumerate(joint_axes(plant)):
+        for k in range(6):
+            moved, step = q.astype(complex), np.zeros(24, complex)
+            step[6 * i : 6 * i + 6] = 1j * E * T[:, k]
+            system.apply(moved, step)
+            columns.append(np.imag(function(moved, system.data)) / E)
+    return np.array(columns).T
+
+
+def complex_wrenches(q: Any, data: Any) -> Any:
+    move(0.0, q, np.zeros(24, complex), *data)
+    return data.state.bodies["F"][1:].reshape(-1)
+
+
+def complex_energy(q: Any, data: Any) -> Any:
+    return energy(0.0, q, np.zeros(24, complex), data)
+
+
+@pytest.mark.parametrize("b", [0.4, 1.5, 2.0])
+def test_bending_is_the_rectangle_of_adini_clough_and_melosh(b: float) -> None:
+    """Half u.K u for any u: the element sees u less the tilt of the mean plane, which costs nothing."""
+    u = np.random.default_rng(0).normal(size=(4, 3))
+    K = acm_stiffness(A, b, D, NU)
+    w = u[:, 0]
+    tilt = (w[1] - w[0] + w[2] - w[3]) / (2 * A), (w[3] - w[0] + w[2] - w[1]) / (2 * b)
+    plate = element(b=b).data.arrays.plates[0]
+    e, s = np.zeros(12), np.zeros(12)
+    bending_strain(plate, u[:, 1:] - tilt, 0.25 * (w[0] - w[1] + w[2] - w[3]), e)
+    stress(plate, e, 1.0, s)
+    assert 0.5 * s @ e == pytest.approx(0.5 * u.reshape(-1) @ K @ u.reshape(-1), rel=1e-13)
+
+
+@pytest.mark.parametrize("phi", [1e-3, 0.2, 1.0])
+def test_cylinder_bending_is_exact_at_any_angle(phi: float) -> None:
+    """Nodes on a circular arc of length a: energy D kappa^2 a b / 2 with kappa = phi / a."""
+    radius = A / phi
+    angles = np.array([-0.5, 0.5, 0.5, -0.5]) * phi
+    r = np.column_stack((radius * np.sin(angles), radius * (1.0 - np.cos(angles)), FLAT[:, 2]))
+    turned = [np.array([[np.cos(x), -np.sin(x), 0], [np.sin(x), np.cos(x), 0], [0, 0, 1]]) for x in angles]
+    expected = 0.5 * D * (phi / A) ** 2 * A * B
+    assert element().energy(0.0, posed(r, turned), np.zeros(24)) == pytest.approx(expected, rel=1e-9)
+
+
+def test_arc_of_unchanged_length_has_no_membrane_strain_to_fourth_order() -> None:
+    """The chord is shorter by what the von Karman terms add."""
+
+    def strain(phi: float) -> float:
+        radius, plant = A / phi, element(membrane=True)
+        angles = np.array([-0.5, 0.5, 0.5, -0.5]) * phi
+        r = np.column_stack((radius * np.sin(angles), radius * (1.0 - np.cos(angles)), FLAT[:, 2]))
+        turned = [np.array([[np.cos(x), -np.sin(x), 0], [np.sin(x), np.cos(x), 0], [0, 0, 1]]) for x in angles]
+        wrenches(plant, posed(r, turned))
+        return float(plant.data.state.element[0]["strain"][9])
+
+    assert abs(strain(0.2)) < 0.2**4
+    assert strain(0.4) / strain(0.2) == pytest.approx(16.0, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("curvature", "energy_density"),
+    [
+        ((1.0, 0.0, 0.0), 0.5),
+        ((0.0, 1.0, 0.0), 0.5),
+        ((1.0, 1.0, 0.0), 1.0 + NU),
+        ((1.0, -1.0, 0.0), 1.0 - NU),
+        ((0.0, 0.0, 1.0), 1.0 - NU),
+    ],
+)
+def test_constant_curvature_patch(curvature: Any, energy_density: float) -> None:
+    """w = (kx x^2 + kz z^2) / 2 + kxz x z, small: energy D a b times the closed form."""
+    kx, kz, kxz = 1e-4 * np.array(curvature)
+    x, z = FLAT[:, 0], FLAT[:, 2]
+    r = FLAT + np.outer(0.5 * (kx * x * x + kz * z * z) + kxz * x * z, (0, 1, 0))
+    frames = []
+    for wx, wz in zip(kx * x + kxz * z, kz * z + kxz * x, strict=True):
+        n = np.array([-wx, 1.0, -wz]) / np.sqrt(1.0 + wx * wx + wz * wz)
+        ex = np.cross(n, (0.0, 0.0, 1.0)) / np.linalg.norm(np.cross(n, (0.0, 0.0, 1.0)))
+        frames.append(np.column_stack((ex, n, np.cross(ex, n))))
+    expected = energy_density * D * 1e-8 * A * B
+    assert element().energy(0.0, posed(r, frames), np.zeros(24)) == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_rigid_motion_stores_nothing_and_turning_about_the_normal_costs_nothing(kind: dict[str, Any]) -> None:
+    rng, plant = np.random.default_rng(1), element(damping=0.1, **kind)
+    for _ in range(5):
+        R, r0, w, u = random_rotation(rng), rng.normal(size=3), rng.normal(size=3), rng.normal(size=3)
+        r = FLAT @ R.T + r0
+        frames = []
+        for angle in rng.uniform(-3, 3, 4):
+            c, s = np.cos(angle), np.sin(angle)
+            frames.append(R @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]))
+        v = np.concatenate([np.concatenate((u + np.cross(w, x), F.T @ w)) for x, F in zip(r, frames, strict=True)])
+        assert plant.energy(0.0, posed(r, frames), np.zeros(24)) < 1e-28
+        np.testing.assert_allclose(wrenches(plant, posed(r, frames), v), 0.0, atol=1e-13)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("size", SIZES)
+def test_forces_are_minus_the_gradient_of_the_energy(kind: dict[str, Any], size: float) -> None:
+    plant = element(**kind)
+    q = bent(plant, size)
+    F = wrenches(plant, q).reshape(-1)
+    slope = complex_columns(plant, q, complex_energy)
+    np.testing.assert_allclose(F, -slope, rtol=0, atol=1e-12 * np.abs(F).max())
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("size", SIZES)
+def test_stiffness_is_the_derivative_of_the_forces(kind: dict[str, Any], size: float) -> None:
+    plant = element(**kind)
+    q, K = bent(plant, size), np.zeros((24, 24))
+    arrays, state = plant.data
+    wrenches(plant, q)
+    tangent.stiffness(arrays.plates[0], state.bodies, state.element[0], K)
+    np.testing.assert_allclose(K, -complex_columns(plant, q, complex_wrenches), rtol=0, atol=1e-13 * np.abs(K).max())
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_damping_is_the_derivative_of_the_forces_by_velocities(kind: dict[str, Any]) -> None:
+    plant = element(damping=0.2, **kind)
+    q, C = bent(plant, 0.3), np.zeros((24, 24))
+    rest, Y = wrenches(plant, q), np.random.default_rng(3).normal(size=24)
+    arrays, state = plant.data
+    tangent.damping(arrays.plates[0], state.bodies, state.element[0], C)
+    v = np.concatenate([T @ Y[6 * i : 6 * i + 6] for i, T in enumerate(joint_axes(plant))])
+    np.testing.assert_allclose((rest - wrenches(plant, q, v)).reshape(-1), C @ Y, atol=1e-13 * np.abs(C).max())
+    assert np.linalg.eigvalsh(0.5 * (C + C.T)).min() > -1e-13 * np.abs(C).max()
+    np.testing.assert_allclose(C, C.T, atol=1e-13 * np.abs(C).max())
+
+
+@pytest.mark.parametrize("kind", [*KINDS, {"membrane": True, "damping": 0.1}])
+def test_a_turned_element_has_turned_forces(kind: dict[str, Any]) -> None:
+    rng, plant = np.random.default_rng(4), element(**kind)
+    q, v = bent(plant, 0.3), rng.normal(size=24)
+    F = wrenches(plant, q, v)
+    bodies = plant.data.state.bodies[1:]
+    r, frames, Y = bodies["r"].copy(), bodies["A"].copy(), bodies["Y"].copy()
+    R, r0 = random_rotation(rng), rng.normal(size=3)
+    turned = posed(r @ R.T + r0, R @ frames)
+    moved = np.concatenate([np.concatenate((R @ y[:3], A_.T @ y[3:])) for y, A_ in zip(Y, frames, strict=True)])
+    G = wrenches(plant, turned, moved)
+    np.testing.assert_allclose(G[:, :3], F[:, :3] @ R.T, atol=1e-12)
+    np.testing.assert_allclose(G[:, 3:], F[:, 3:] @ R.T, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", [*KINDS, {"membrane": True, "damping": 0.1}])
+@pytest.mark.parametrize("size", SIZES)
+def test_forces_and_moments_of_an_element_balance(kind: dict[str, Any], size: float) -> None:
+    plant = element(**kind)
+    F = wrenches(plant, bent(plant, size), np.random.default_rng(5).normal(size=24))
+    r = plant.data.state.bodies["r"][1:]
+    np.testing.assert_allclose(F[:, :3].sum(axis=0), 0.0, atol=1e-13)
+    np.testing.assert_allclose((F[:, 3:] + np.cross(r, F[:, :3])).sum(axis=0), 0.0, atol=1e-13)
+
+
+@pytest.mark.parametrize("kind", [{"damping": 0.3}, {"damping": 0.3, "membrane": True}, {"drag": 2.0}])
+def test_damping_and_drag_take_power_at_every_motion(kind: dict[str, Any]) -> None:
+    plant = element(**kind)
+    for seed in range(20):
+        q, v = bent(plant, 0.3, seed), np.random.default_rng(seed).normal(size=24)
+        rest = wrenches(plant, q)
+        F = wrenches(plant, q, v) - rest
+        assert np.sum(F * plant.data.state.bodies["Y"][1:]) < 0.0
+
+
+def test_drag_of_a_plate_across_the_wind() -> None:
+    """Pressure rho c v^2 / 2 on the area, against the motion; none along the plane."""
+    plant = element(drag=1.2)
+    q, v = bent(plant, 0.0), np.tile((7.0, 3.0, -2.0, 0, 0, 0), 4)
+    F = wrenches(plant, q, v) - wrenches(plant, q)
+    np.testing.assert_allclose(F.sum(axis=0)[:3], (0.0, -0.5 * 1.2 * 9.0 * A * B, 0.0), rtol=1e-13)
+
+
+@pytest.mark.parametrize("theta", [1e-8, 1e-3, 0.0894, 0.0896, 0.3, 0.4509, 0.4511, 1.0, 2.0, 3.0])
+def test_lean_of_a_normal_on_both_sides_of_its_series(theta: float) -> None:
+    c = np.cos(theta)
+    F, slope, bend = lean(c)
+    assert F == pytest.approx(theta / np.sin(theta), rel=1e-7 if theta < 1e-3 else 1e-13)
+    shifted = lean(complex(c, E))
+    assert shifted[0].imag / E == pytest.approx(slope, rel=1e-12)
+    assert shifted[1].imag / E == pytest.approx(bend, rel=1e-11)
+
+
+def test_effects_that_are_off_are_absent() -> None:
+    def plates(**options: Any) -> tuple[int, int, int]:
+        arrays = element(**options).data.arrays
+        return int(arrays.plates[0]["membrane"]), int(arrays.plates[0]["damped"]), len(arrays.drags)
+
+    assert plates() == (0, 0, 0)
+    assert plates(membrane="s", damping=0.1, drag=1.0) == (1, 1, 1)
+    m = Mechanism()
+    m.body("b", m.ground, Floating(), mass=1.0, inertia=(1.0, 1.0, 1.0))
+    assert len(m.compile().data.arrays.plates) == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"thickness": 0.0}, "thickness of a plate is 0.0"),
+        ({"a": float("nan")}, "a of a plate is nan"),
+        ({"poisson": 0.6}, "poisson of a plate is 0.6"),
+        ({"damping": -1.0}, "damping of a plate is -1.0"),
+        ({"drag": float("inf")}, "drag of a plate is inf"),
+        ({"membrane": "xy"}, "membrane of a plate is 'xy'"),
+    ],
+)
+def test_says_what_is_wrong_with_a_plate(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(UserError, match=message):
+        element(**options)
+
+
+def test_corners_are_four_bodies_of_the_mechanism() -> None:
+    m = Mechanism()
+    a = m.body("a", m.ground, Floating(), mass=1.0)
+    with pytest.raises(UserError, match="it needs four bodies"):
+        m.plate(Plate(**BENDING), a, a, m.ground, a)
