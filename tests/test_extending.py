@@ -1,4 +1,4 @@
-"""The examples of docs/extending.md, run as they are printed."""
+"""The examples of docs/extending.md and docs/equilibrium.md, run as they are printed."""
 
 from __future__ import annotations
 
@@ -10,14 +10,18 @@ import pytest
 
 from mbfmu.cli import main
 
-PAGE = (Path(__file__).parents[1] / "docs" / "extending.md").read_text()
-BLOCKS = re.findall(r"```(\w+)([^\n]*)\n(.*?)```", PAGE, flags=re.DOTALL)
+DOCS = Path(__file__).parents[1] / "docs"
+
+
+def blocks(page: str) -> list[tuple[str, str, str]]:
+    """Language, options and text of every block of a page."""
+    return re.findall(r"```(\w+)([^\n]*)\n(.*?)```", (DOCS / page).read_text(), flags=re.DOTALL)
 
 
 def test_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     seen = []
-    for language, options, text in BLOCKS:
+    for language, options, text in blocks("extending.md"):
         if "file=" in options:
             Path(options.split("file=")[1].strip()).write_text(text)
         elif language == "python":
@@ -29,3 +33,11 @@ def test_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert seen.count("bash") == 1
     assert (tmp_path / "slider.fmu").is_file()
     assert (tmp_path / "results" / "slider.png").is_file()
+
+
+def test_steady_states_are_read_as_the_page_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["linearize", "governor", "-o", "governor.npz"]) == 0
+    for language, _, text in blocks("equilibrium.md"):
+        if language == "python":
+            exec(compile(text, "docs/equilibrium.md", "exec"), {})

@@ -88,9 +88,9 @@ class SwingPendulum(Model):
         return {"rod.angle": solution.y[0], "slider.distance": solution.y[1]}
 
     def exact_equilibrium(self) -> dict[str, float] | None:
-        """Return theta = 0 and d; None with gravity or above the speed that the slider's spring can hold."""
+        """Return theta = 0 and d; None with gravity or at the speed where spring and centrifugal force grow alike."""
         pull = self.slider_mass * self.drive_speed**2
-        if self.gravity != 0.0 or pull >= self.slider_stiffness:
+        if self.gravity != 0.0 or pull == self.slider_stiffness:
             return None
         distance = (self.slider_stiffness * self.free_length + pull * self.crank_length) / (
             self.slider_stiffness - pull

@@ -36,6 +36,25 @@ def add_output(p: argparse.ArgumentParser, what: str) -> None:
     p.add_argument("-o", "--output", type=Path, default=Path("results"), metavar="DIR", help=f"folder for {what}")
 
 
+def add_steady(p: argparse.ArgumentParser) -> None:
+    """Add the model whose steady state is asked for, and where to look for it."""
+    p.add_argument("scene", metavar="model", help="model name, scene, or my_model.py:MyModel")
+    add_set(p)
+    p.add_argument(
+        "--from",
+        dest="start",
+        action="append",
+        default=[],
+        metavar="COORDINATE=VALUE",
+        help="start Newton here instead of at the model's start (rad or m); may be repeated",
+    )
+
+
+def start_of(options: argparse.Namespace) -> dict[str, float]:
+    """Return the coordinates given by ``--from``."""
+    return {name: number("--from", value) for name, value in assignments("--from", options.start).items()}
+
+
 def assignments(option: str, texts: list[str]) -> dict[str, str]:
     """Return names and values of repeated ``NAME=VALUE``."""
     values = {}

@@ -18,7 +18,7 @@ from mbfmu.report import plot_branches
 from mbfmu.sweep import Branch, sweep
 from mbfmu.table import table
 
-from .common import Commands, add_output, add_set, assignments, folder, number, scene_of, write_json
+from .common import Commands, add_output, add_steady, assignments, folder, number, scene_of, start_of, write_json
 
 WORDS = {
     "stable": "stable: every mode decays",
@@ -36,16 +36,7 @@ def add(commands: Commands) -> None:
         description="Find where a model stays while its drives turn at constant speed (static equilibrium without "
         "drives), how it moves about that state, and which other steady states there are.",
     )
-    p.add_argument("scene", metavar="model", help="model name, scene, or my_model.py:MyModel")
-    add_set(p)
-    p.add_argument(
-        "--from",
-        dest="start",
-        action="append",
-        default=[],
-        metavar="COORDINATE=VALUE",
-        help="start Newton here instead of at the model's start (rad or m); may be repeated",
-    )
+    add_steady(p)
     p.add_argument("--others", type=int, default=24, metavar="N", help="scattered starts to look for other states (24)")
     p.add_argument("--sweep", metavar="PARAMETER=FROM:TO:STEP", help="follow the steady states over a parameter; plots")
     p.add_argument("--plot", metavar="OUTPUT", help="output to plot over the sweep (the model's first)")
@@ -69,7 +60,7 @@ def command_equilibrium(options: argparse.Namespace) -> int:
     if options.sweep:
         return swept(scene.model, scene.name, options)
     problem = Balance(scene.model)
-    start = {name: number("--from", value) for name, value in assignments("--from", options.start).items()}
+    start = start_of(options)
     found = problem.solve(problem.start(start), "the start given") if start else problem.solve()
     others = problem.others(found, options.others)
     if options.json:

@@ -8,7 +8,7 @@ from pathlib import Path
 from mbfmu.equilibrium import equilibrium
 from mbfmu.linear import modes_as_text
 
-from .common import Commands, add_set, assignments, number, scene_of
+from .common import Commands, add_steady, scene_of, start_of
 
 
 def add(commands: Commands) -> None:
@@ -19,16 +19,7 @@ def add(commands: Commands) -> None:
         description="Write A, B, C, D of the motion about a steady state, from the inputs to the outputs. "
         'Read them with numpy.load("FILE.npz") for scipy.signal.StateSpace or control.ss, or in MATLAB from FILE.mat.',
     )
-    p.add_argument("scene", metavar="model", help="model name, scene, or my_model.py:MyModel")
-    add_set(p)
-    p.add_argument(
-        "--from",
-        dest="start",
-        action="append",
-        default=[],
-        metavar="COORDINATE=VALUE",
-        help="start Newton here instead of at the model's start (rad or m); may be repeated",
-    )
+    add_steady(p)
     p.add_argument("-o", "--output", type=Path, metavar="FILE", help=".npz or .mat; MODEL_linear.npz by default")
     p.set_defaults(command=command_linearize)
 
@@ -36,8 +27,7 @@ def add(commands: Commands) -> None:
 def command_linearize(options: argparse.Namespace) -> int:
     """Write the state matrices; print the eigenvalues."""
     scene = scene_of(options)
-    start = {name: number("--from", value) for name, value in assignments("--from", options.start).items()}
-    found = equilibrium(scene.model, start)
+    found = equilibrium(scene.model, start_of(options))
     space = found.state_space
     path = options.output or Path(f"{scene.name}_linear.npz")
     space.write(path)
