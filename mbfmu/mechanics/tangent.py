@@ -29,10 +29,10 @@ from solvers.blocks import BlockTridiagonal
 from solvers.kernel import kernel
 from solvers.system import Array
 
-from .arrays import Arrays, Data
+from .arrays import Arrays, State
 from .dynamics import turn_quaternion
 from .joints import move
-from .spatial import multiply
+from .spatial import add_wrench, multiply, row_dot6
 
 FIXED, INNER, OUTER = 0, 1, 2
 EPSILON = 1e-30  # of the complex step that differentiates a joint's motion subspace
@@ -377,6 +377,44 @@ def gather_motion(x: Any, base: Any, L: Any, arrays: Any, state: Any, dual: Any,
                     Y[i, a] += state.S[body.vi + k, a] * x[at + k, 0]
 
 
+@kernel
+def inertia_forces(arrays: Any, state: Any, a: Any, tau: Any) -> None:
+    """tau (n,) = M a, positions as they are: the recursions with velocities and gravity left out."""
+    for i in range(1, arrays.bodies.shape[0]):
+        body, here = arrays.bodies[i], state.bodies[i]
+        parent = state.bodies[body.parent]
+        x, y, z = here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2]
+        dY, dYj, W, c, m = here.dY, parent.dY, here.W, here.com, body.mass
+        for k in range(6):
+            dY[k] = dYj[k] if body.parent > 0 else 0.0
+        if body.parent > 0:
+            dY[0] += dYj[4] * z - dYj[5] * y
+            dY[1] += dYj[5] * x - dYj[3] * z
+            dY[2] += dYj[3] * y - dYj[4] * x
+        if body.vf >= 0:
+            for k in range(body.nv):
+                for e in range(6):
+                    dY[e] += state.S[body.vi + k, e] * a[body.vf + k]
+        W[0] = m * (dY[0] + dY[4] * c[2] - dY[5] * c[1])
+        W[1] = m * (dY[1] + dY[5] * c[0] - dY[3] * c[2])
+        W[2] = m * (dY[2] + dY[3] * c[1] - dY[4] * c[0])
+        for k in range(3):
+            W[3 + k] = here.Jc[k, 0] * dY[3] + here.Jc[k, 1] * dY[4] + here.Jc[k, 2] * dY[5]
+        W[3] += c[1] * W[2] - c[2] * W[1]
+        W[4] += c[2] * W[0] - c[0] * W[2]
+        W[5] += c[0] * W[1] - c[1] * W[0]
+    for i in range(arrays.bodies.shape[0] - 1, 0, -1):
+        body, here = arrays.bodies[i], state.bodies[i]
+        if body.vf >= 0:
+            for k in range(body.nv):
+                tau[body.vf + k] = row_dot6(state.S, body.vi + k, here.W)
+        if body.parent > 0:
+            parent = state.bodies[body.parent]
+            add_wrench(
+                parent.W, here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2], here.W
+            )
+
+
 class Tangent:
     """T of one mechanism, factored and solved as often as wanted.
 
@@ -401,14 +439,18 @@ class Tangent:
         self._dual = z((nv, 6))
         self._rows = z((int(self._base[-1]), 1))
         self._motions = z((len(arrays.bodies), 6))
-        self._data: Data | None = None
+        self._arrays = arrays
+        self._state: State | None = None
         self._factors = BlockTridiagonal()
 
-    def factor(self, data: Data, c2: float) -> bool:
+    def factor(self, state: State, c2: float) -> bool:
         """Assemble and factor T at the state of the last inverse dynamics; False where it is singular."""
-        arrays, state = data
-        L, s, kept = self.layout, self._scratch, self._kept
-        self._data, self._factors = data, BlockTridiagonal()
+        arrays, L, s, kept = self._arrays, self.layout, self._scratch, self._kept
+        if self._state is None:
+            self._state = State(*(array.copy() for array in state))
+        for own, given in zip(self._state, state, strict=True):
+            own[...] = given
+        self._factors = BlockTridiagonal()
         last = len(self._sizes) - 1
         carry = np.zeros((0, 0))
         for group, size in enumerate(self._sizes):
@@ -440,10 +482,8 @@ class Tangent:
         return True
 
     def solve(self, r: Array) -> Array:
-        """Return dq (n,) with T dq = r (n,), by the last factors; the state must not have moved since."""
-        assert self._data is not None
-        arrays, state = self._data
-        b = self._rows
+        """Return dq (n,) with T dq = r (n,), by the last factors."""
+        arrays, state, b = self._arrays, self._state, self._rows
         b[...] = 0.0
         spread_load(r, self._base, self.layout, arrays, state, self._dual, b)
         parts = [b[base:, 0][rows] for base, rows in zip(self._base, self._kept, strict=False)]
@@ -452,6 +492,12 @@ class Tangent:
         dq = np.zeros(len(r))
         gather_motion(b, self._base, self.layout, arrays, state, self._dual, self._motions, dq)
         return dq
+
+    def inertia(self, a: Array) -> Array:
+        """Return M a (n,) at the state of the last factors."""
+        tau = np.zeros(len(a))
+        inertia_forces(self._arrays, self._state, a, tau)
+        return tau
 
 
 def lay_out(arrays: Any, groups: NDArray[np.int64]) -> tuple[Layout, list[NDArray[np.int64]], list[int]]:
