@@ -3,9 +3,10 @@
 from mbfmu.errors import AssemblyError, UserError
 
 from .compile import Variable
-from .cuts import DistanceCut, RevoluteCut, SphericalCut, WeldCut
+from .cuts import DistanceCut, PlanarCut, PlaneCut, RevoluteCut, SphericalCut, WeldCut
+from .elastic import Plate
 from .forces import JointForce, JointSpring, PointForce, Spring, Torque
-from .joints import Floating, Revolute, Spherical, Translational, Weld
+from .joints import Floating, OutOfPlane, Revolute, Spherical, Translational, Weld
 from .mechanism import Body, Mechanism, rod
 from .plant import Plant
 from .sensors import Sensor
@@ -21,7 +22,11 @@ __all__ = [
     "JointForce",
     "JointSpring",
     "Mechanism",
+    "OutOfPlane",
+    "PlanarCut",
+    "PlaneCut",
     "Plant",
+    "Plate",
     "PointForce",
     "Polynomial",
     "Revolute",

@@ -34,7 +34,7 @@ BODY = np.dtype(
         ("inertia", np.float64, (3, 3)),  # about the centre of mass, body axes, kg m^2
         ("s", np.float64, (3,)),  # joint frame in the parent: origin s'_j, m
         ("R", np.float64, (3, 3)),  # ... and axes
-        ("axis", np.float64, (3,)),  # unit axis of the joint in the joint frame
+        ("axis", np.float64, (3,)),  # axis of the joint in the joint frame (Joint.direction)
     ],
     align=True,
 )
@@ -91,6 +91,29 @@ SENSOR = np.dtype(
     align=True,
 )
 
+PLATE = np.dtype(
+    [
+        ("node", np.int64, (4,)),  # bodies at the corners 1 (0, 0), 2 (a, 0), 3 (a, b), 4 (0, b)
+        ("membrane", np.int64),  # 1: resists stretching in its plane
+        ("damped", np.int64),  # 1: has material damping
+        ("a", np.float64),  # sides along x and z of the element, m
+        ("b", np.float64),
+        ("bending", np.float64, (9,)),  # stiffness by generalised strains 0 ... 8, see elastic.plate
+        ("coupling", np.float64),  # ... between the first four pairs
+        ("stretching", np.float64, (4,)),  # by E_xx, E_zz, between these two, by gamma; N m
+        ("damping", np.float64),  # beta of stress = K (e + beta e'), s
+    ],
+    align=True,
+)
+
+DRAG = np.dtype(
+    [
+        ("node", np.int64, (4,)),  # bodies at the corners, as those of a plate
+        ("coefficient", np.float64),  # rho c a b / 2, kg/m
+    ],
+    align=True,
+)
+
 WORLD = np.dtype([("gravity", np.float64, (3,))], align=True)  # m/s^2
 
 
@@ -103,6 +126,8 @@ class Arrays(NamedTuple):
     forces: NDArray[Any]  # FORCE
     signals: NDArray[Any]  # SIGNAL
     kept: NDArray[np.int64]  # (rows,) number of a cut-joint row among the constraints; -1: void in this mechanism
+    plates: NDArray[Any]  # PLATE
+    drags: NDArray[Any]  # DRAG
 
 
 MOTION = np.dtype(
@@ -136,6 +161,39 @@ ROW = np.dtype(
 )
 
 
+ELEMENT = np.dtype(  # a plate element at work, everything in element axes; see elastic.plate
+    [
+        ("E", np.float64, (3, 3)),  # rows: element axes in global axes
+        ("g1x", np.float64),  # g1 = (g1x, 0, 0), g2 = (g2x, 0, g2z), m
+        ("g2x", np.float64),
+        ("g2z", np.float64),
+        ("t", np.float64, (3,)),  # how far the corners are from one plane, m
+        ("d", np.float64, (4, 3)),  # normals of the bodies
+        ("F", np.float64, (4,)),  # theta / sin theta of each and its derivatives by cos theta
+        ("dF", np.float64, (4,)),
+        ("ddF", np.float64, (4,)),
+        ("w", np.float64, (4, 2)),  # slopes along x and z
+        ("strain", np.float64, (12,)),
+        ("stress", np.float64, (12,)),
+        ("f", np.float64, (4, 2)),  # gradient of the energy by the slopes
+        ("m", np.float64, (4, 3)),  # ... by the rotations of the bodies
+        ("n", np.float64, (3, 3)),  # ... by g1, g2, t
+        ("turn", np.float64, (3,)),  # ... by the spin of the element axes
+        ("dg", np.float64, (3, 3)),  # differentials along one motion: of g1, g2, t
+        ("phi", np.float64, (4, 3)),  # ... rotations of the bodies
+        ("omega", np.float64, (3,)),  # ... rotation of the element axes
+        ("dd", np.float64, (4, 3)),
+        ("dw", np.float64, (4, 2)),
+        ("dstrain", np.float64, (12,)),
+        ("dstress", np.float64, (12,)),
+        ("df", np.float64, (4, 2)),
+        ("dm", np.float64, (4, 3)),
+        ("dn", np.float64, (3, 3)),
+    ],
+    align=True,
+)
+
+
 class State(NamedTuple):
     """What the recursions read and write."""
 
@@ -151,6 +209,7 @@ class State(NamedTuple):
     wrench: NDArray[np.float64]  # (6,) a wrench on its way inward
     U: NDArray[np.float64]  # (nv, 6) articulated body: (IA S)^T, with the joint's Cholesky factor taken out
     D: NDArray[np.float64]  # (nv, 7) articulated body: a joint's Cholesky factor, and in column 6 its right-hand side
+    element: NDArray[Any]  # (1,) ELEMENT
 
 
 class Data(NamedTuple):
@@ -166,6 +225,7 @@ def allocate_state(nb: int, rows: int, nq: int, nv: int) -> State:
         records(nb, MOTION),
         records(rows, ROW),
         *(np.zeros(shape) for shape in ((nv, 6), nq, nv, nv, nv, nv, (10, 6), 6, (nv, 6), (nv, 7))),
+        records(1, ELEMENT),
     )
     state.bodies["A"][0] = np.eye(3)
     return state

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mbfmu.errors import UserError
 from solvers.kernel import records
 
-from .arrays import BODY, CUT, FORCE, SENSOR, SIGNAL, WORLD, Arrays, Data, allocate_state
+from .arrays import BODY, CUT, DRAG, FORCE, PLATE, SENSOR, SIGNAL, WORLD, Arrays, Data, allocate_state
 from .cuts import REGISTRY as CUTS
 from .forces import REGISTRY as FORCES
 from .joints import REGISTRY as JOINTS
@@ -95,7 +95,8 @@ def compile_data(mechanism: Mechanism, numbering: Numbering) -> Data:
     world["gravity"] = mechanism.gravity
     forces = force_records(mechanism, numbering)  # numbers its signals, so before they are written
     cuts, rows = cut_records(mechanism)
-    arrays = Arrays(world, body_records(mechanism, numbering), cuts, forces, signal_records(numbering), np.arange(rows))
+    bodies, signals = body_records(mechanism, numbering), signal_records(numbering)
+    arrays = Arrays(world, bodies, cuts, forces, signals, np.arange(rows), *plate_records(mechanism))
     return Data(arrays, allocate_state(len(mechanism.bodies), rows, numbering.nq_full, numbering.nv_full))
 
 
@@ -151,6 +152,20 @@ def force_records(mechanism: Mechanism, numbering: Numbering) -> NDArray[Any]:
         for key in ("stiffness", "damping", "free"):
             record[key] = getattr(force, key, 0.0)
     return table
+
+
+def plate_records(mechanism: Mechanism) -> tuple[NDArray[Any], NDArray[Any]]:
+    """One record a plate element, and one for each that the air drags."""
+    plates, drags = records(len(mechanism.plates), PLATE), []
+    for record, (plate, nodes) in zip(plates, mechanism.plates, strict=True):
+        record["node"] = [body.index for body in nodes]
+        plate.fill(record)
+        if plate.drag > 0.0:
+            drags.append((record["node"], 0.5 * plate.drag * plate.a * plate.b))
+    dragged = records(len(drags), DRAG)
+    for record, (node, coefficient) in zip(dragged, drags, strict=True):
+        record["node"], record["coefficient"] = node, coefficient
+    return plates, dragged
 
 
 def signal_records(numbering: Numbering) -> NDArray[Any]:

@@ -15,7 +15,7 @@ from numba import typeof, types
 from solvers.kernel import COMPILED, callback, kernel, records
 from solvers.system import Terms
 
-from .arrays import BODY, CUT, FORCE, SIGNAL, WORLD, Arrays, Data, allocate_state, complex_twin
+from .arrays import BODY, CUT, DRAG, FORCE, PLATE, SIGNAL, WORLD, Arrays, Data, allocate_state, complex_twin
 from .constraints import close_cuts, jacobian, load_cuts, right_hand_side
 from .aba import forward_dynamics
 from .crba import composite_inertia, mass_matrix
@@ -218,4 +218,5 @@ def callbacks(scalar: type = float) -> tuple[Callable[..., Any], ...]:
 def empty_data() -> Data:
     """Return data of a mechanism of one body: an example of the types every mechanism has."""
     world, bodies, cuts, forces, signals = (records(1, dtype) for dtype in (WORLD, BODY, CUT, FORCE, SIGNAL))
-    return Data(Arrays(world, bodies, cuts, forces, signals, np.zeros(1, np.int64)), allocate_state(1, 1, 1, 1))
+    kept, plates, drags = np.zeros(1, np.int64), records(1, PLATE), records(1, DRAG)
+    return Data(Arrays(world, bodies, cuts, forces, signals, kept, plates, drags), allocate_state(1, 1, 1, 1))

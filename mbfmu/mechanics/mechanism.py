@@ -22,6 +22,7 @@ from mbfmu.errors import UserError
 
 from .cuts import REGISTRY as CUTS
 from .cuts import Cut, DistanceCut
+from .elastic import Plate
 from .forces import REGISTRY as FORCES
 from .forces import Force, JointForce, JointSpring
 from .joints import REGISTRY as JOINTS
@@ -135,6 +136,7 @@ class Mechanism:
         self.bodies: list[Body] = [self.ground]
         self.cuts: list[CutHandle] = []
         self.forces: list[tuple[str, Force, Body, Body]] = []
+        self.plates: list[tuple[Plate, tuple[Body, Body, Body, Body]]] = []
         self.outputs: list[tuple[str, Sensor, str, float | None]] = []
         self.energy = Sensor(kind=Kind.ENERGY, unit="J")
         self.kinetic_energy = Sensor(kind=Kind.KINETIC, unit="J")
@@ -219,6 +221,18 @@ class Mechanism:
             if not np.isfinite(getattr(force, key, 0.0)):
                 raise UserError(f"{key} of force {name!r} is {getattr(force, key)!r}; it must be finite")
         self.forces.append((name, force, a, other))
+
+    def plate(self, plate: Plate, a: Body, b: Body, c: Body, d: Body) -> None:
+        """Span a plate element between bodies at its corners (0, 0), (a, 0), (a, b), (0, b) of their x-z plane."""
+        if not isinstance(plate, Plate):
+            raise UserError(f"plate is {plate!r}; it must be a Plate")
+        plate.check()
+        nodes = (a, b, c, d)
+        for body in nodes:
+            self._member(body, "corner of a plate")
+        if len({body.index for body in nodes}) < 4:
+            raise UserError(f"corners of a plate are {[body.name for body in nodes]}; it needs four bodies")
+        self.plates.append((plate, nodes))
 
     def turn(self, body: Body) -> Sensor:
         """Absolute angle (rad) of a body that hangs on the ground by parallel revolutes; it counts whole turns."""

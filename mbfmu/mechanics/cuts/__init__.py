@@ -6,16 +6,19 @@ from typing import Any
 
 from solvers.kernel import kernel
 
-from . import distance, revolute, spherical, weld
+from . import distance, planar, plane, revolute, spherical, weld
 from .base import Cut
 from .distance import DistanceCut
+from .planar import PlanarCut
+from .plane import PlaneCut
 from .revolute import RevoluteCut
 from .spherical import SphericalCut
 from .weld import WeldCut
 
-REGISTRY: tuple[type[Cut], ...] = (DistanceCut, RevoluteCut, SphericalCut, WeldCut)
+REGISTRY: tuple[type[Cut], ...] = (DistanceCut, RevoluteCut, SphericalCut, WeldCut, PlaneCut, PlanarCut)
 
 _distance, _revolute, _spherical, _weld = distance.close, revolute.close, spherical.close, weld.close
+_plane, _planar = plane.close, planar.close
 
 
 @kernel
@@ -27,8 +30,22 @@ def close(cut: Any, A: Any, B: Any, rows: Any) -> None:
         _revolute(cut, A, B, rows)
     elif cut.kind == 2:
         _spherical(cut, A, B, rows)
+    elif cut.kind == 4:
+        _plane(cut, A, B, rows)
+    elif cut.kind == 5:
+        _planar(cut, A, B, rows)
     else:
         _weld(cut, A, B, rows)
 
 
-__all__ = ["REGISTRY", "Cut", "DistanceCut", "RevoluteCut", "SphericalCut", "WeldCut", "close"]
+__all__ = [
+    "REGISTRY",
+    "Cut",
+    "DistanceCut",
+    "PlanarCut",
+    "PlaneCut",
+    "RevoluteCut",
+    "SphericalCut",
+    "WeldCut",
+    "close",
+]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from mbfmu.mechanics.elastic import drag, plate
 from solvers.kernel import kernel
 
 from . import joint_force, joint_spring, point_force, spring, torque
@@ -23,12 +24,13 @@ _spring, _joint_spring, _joint_force, _point_force, _torque = (
     point_force.apply,
     torque.apply,
 )
+_plate, _drag, _plate_potential = plate.apply, drag.apply, plate.potential
 _spring_potential, _joint_spring_potential = spring.potential, joint_spring.potential
 
 
 @kernel
 def apply(t: float, arrays: Any, state: Any) -> None:
-    """Clear the applied wrenches and coordinate forces and let every force add its own."""
+    """Clear the applied wrenches and coordinate forces and let every force and elastic element add its own."""
     for i in range(state.bodies.shape[0]):
         F = state.bodies[i].F
         for k in range(6):
@@ -47,11 +49,15 @@ def apply(t: float, arrays: Any, state: Any) -> None:
             _point_force(force, t, arrays, state)
         else:
             _torque(force, t, arrays, state)
+    for i in range(arrays.plates.shape[0]):
+        _plate(arrays.plates[i], state.bodies, state.element[0])
+    for i in range(arrays.drags.shape[0]):
+        _drag(arrays.drags[i], state.bodies)
 
 
 @kernel
 def potential(arrays: Any, state: Any) -> float:
-    """Energy stored in all forces, J."""
+    """Energy stored in all forces and elastic elements, J."""
     total = 0.0
     for i in range(arrays.forces.shape[0]):
         force = arrays.forces[i]
@@ -59,6 +65,8 @@ def potential(arrays: Any, state: Any) -> float:
             total += _spring_potential(force, arrays, state)
         elif force.kind == 1:
             total += _joint_spring_potential(force, arrays, state)
+    for i in range(arrays.plates.shape[0]):
+        total += _plate_potential(arrays.plates[i], state.bodies, state.element[0])
     return total
 
 

@@ -6,23 +6,25 @@ from typing import Any
 
 from solvers.kernel import kernel
 
-from . import floating, revolute, spherical, translational, weld
+from . import floating, out_of_plane, revolute, spherical, translational, weld
 from .base import Joint
 from .floating import Floating
+from .out_of_plane import OutOfPlane
 from .revolute import Revolute
 from .spherical import Spherical
 from .translational import Translational
 from .weld import Weld
 
-REGISTRY: tuple[type[Joint], ...] = (Weld, Revolute, Translational, Spherical, Floating)
+REGISTRY: tuple[type[Joint], ...] = (Weld, Revolute, Translational, Spherical, Floating, OutOfPlane)
 
 # A kernel cannot index a tuple of functions, so the registry's order is spelled out once more.
-_weld, _revolute, _translational, _spherical, _floating = (
+_weld, _revolute, _translational, _spherical, _floating, _out_of_plane = (
     weld.move,
     revolute.move,
     translational.move,
     spherical.move,
     floating.move,
+    out_of_plane.move,
 )
 
 
@@ -40,8 +42,10 @@ def move(kind: int, axis: Any, q: Any, qi: int, v: Any, vi: int, rel: Any) -> No
         _spherical(axis, q, qi, v, vi, rel)
     elif kind == 4:
         _floating(axis, q, qi, v, vi, rel)
+    elif kind == 5:
+        _out_of_plane(axis, q, qi, v, vi, rel)
     else:
         _weld(axis, q, qi, v, vi, rel)
 
 
-__all__ = ["REGISTRY", "Floating", "Joint", "Revolute", "Spherical", "Translational", "Weld", "move"]
+__all__ = ["REGISTRY", "Floating", "Joint", "OutOfPlane", "Revolute", "Spherical", "Translational", "Weld", "move"]

@@ -70,7 +70,7 @@ class Joint:
 
     @property
     def direction(self) -> NDArray[np.float64]:
-        """Unit axis in the joint frame; zero where the joint has none."""
+        """Vector in the joint frame that the kernel gets as ``axis``; zero where the joint has none."""
         return np.zeros(3)
 
     def rest(self) -> NDArray[np.float64]:

@@ -1,0 +1,28 @@
+"""Planar: the x-y planes of the two cut frames stay in one plane; body b may slide and turn in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from solvers.kernel import kernel
+
+from .base import Cut, perpendicular
+from .plane import in_plane
+
+
+@kernel
+def close(cut: Any, A: Any, B: Any, rows: Any) -> None:
+    """See :mod:`.base`. z_b is perpendicular to x_a and y_a."""
+    in_plane(cut, A, B, rows[cut.row])
+    perpendicular(cut, 0, 2, A, B, rows[cut.row + 1])
+    perpendicular(cut, 1, 2, A, B, rows[cut.row + 2])
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanarCut(Cut):
+    """Two plates that slide on each other; normal: the z axis of the cut frames."""
+
+    rows = ("z", "xz", "yz")
+    units = ("N", "N.m", "N.m")
+    close = close

@@ -1,0 +1,79 @@
+"""Out-of-plane: a node of a thin sheet on its neighbour (sheet paper, eq. 4, 5, 9, 10).
+
+The sheet lies in the x-z plane of every node's frame. Coordinates (alpha, theta_z, theta_x): the child moves along the
+parent's normal y', then turns about z' and about the x axis so turned,
+
+    A_k = A_j A_z(theta_z) A_x(theta_x),     r_k = r_j + A_j (c(alpha) s' + g' alpha),     g' = (0, 1, 0).
+
+s', from parent to child in the flat sheet, is the placement ``at``, so that the joint frame is where the flat sheet has
+the child. The paper has c = 1: it keeps the projected length, which makes a segment of curvature kappa too long by the
+part (|s'| kappa)^2 / 6, and a sheet that resists stretching locks. A circular arc of length |s'| that starts along s'
+keeps its length: to second order in alpha it ends at
+
+    c = 1 - (2/3) (alpha / |s'|)^2,
+
+that is, the child moves back by alpha^2 b with b = (2/3) s' / |s'|^2. The kernel's ``axis`` is b; zero is the paper's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.errors import UserError
+from solvers.kernel import kernel
+
+from .base import Joint
+
+
+@kernel
+def move(axis: Any, q: Any, qi: int, v: Any, vi: int, rel: Any) -> None:
+    """See :mod:`.base`. Columns: g' - 2 alpha b;  h' = (0, 0, 1);  A_z f' with f' = (1, 0, 0)."""
+    alpha = q[qi]
+    cz, sz = np.cos(q[qi + 1]), np.sin(q[qi + 1])
+    cx, sx = np.cos(q[qi + 2]), np.sin(q[qi + 2])
+    for k in range(3):
+        rel[0, k] = -2.0 * alpha * axis[k]
+        rel[6, k] = -2.0 * v[vi] * v[vi] * axis[k]
+        rel[7 + k, 3] = -alpha * alpha * axis[k]
+    rel[0, 1] += 1.0
+    rel[8, 3] += alpha
+    rel[1, 5] = 1.0
+    rel[2, 3], rel[2, 4] = cz, sz
+    rel[6, 3], rel[6, 4] = -sz * v[vi + 1] * v[vi + 2], cz * v[vi + 1] * v[vi + 2]
+    rel[7, 0], rel[7, 1], rel[7, 2] = cz, -sz * cx, sz * sx
+    rel[8, 0], rel[8, 1], rel[8, 2] = sz, cz * cx, -cz * sx
+    rel[9, 1], rel[9, 2] = sx, cx
+
+
+@dataclass(frozen=True, kw_only=True)
+class OutOfPlane(Joint):
+    """Lets a sheet's node leave its neighbour's plane; ``at`` is the way to the node in the flat sheet.
+
+    Parameters
+    ----------
+    arc
+        Keep the length of the arc (see the module); False: the paper's projected length.
+    """
+
+    arc: bool = True
+
+    nq = 3
+    nv = 3
+    move = move
+    coordinates = ("alpha", "theta_z", "theta_x")
+    units = ("m", "rad", "rad")
+
+    @property
+    def direction(self) -> NDArray[np.float64]:
+        """(2/3) s' / |s'|^2 in the joint frame, 1/m; zero for the paper's joint."""
+        if not self.arc:
+            return np.zeros(3)
+        s = np.asarray(self.at, float)
+        if not s.any():
+            raise UserError("placement of an out-of-plane joint is (0, 0, 0) m; an arc needs some length")
+        axes = np.eye(3) if self.rotation is None else np.asarray(self.rotation, float)
+        return (2.0 / 3.0) / (s @ s) * (axes.T @ s)
