@@ -31,6 +31,7 @@ from solvers.system import Array
 
 from .arrays import Arrays, State
 from .dynamics import turn_quaternion
+from .elastic.tangent import damping, stiffness
 from .joints import move
 from .spatial import add_wrench, multiply, row_dot6
 
@@ -39,7 +40,7 @@ EPSILON = 1e-30  # of the complex step that differentiates a joint's motion subs
 
 
 class Layout(NamedTuple):
-    """Where everything of a body goes in its group's rows."""
+    """Where everything of a body goes in its group's rows, and which elements start in a group."""
 
     role: NDArray[np.int64]  # (nb,) FIXED, INNER, OUTER
     group: NDArray[np.int64]  # (nb,)
@@ -47,6 +48,8 @@ class Layout(NamedTuple):
     lock: NDArray[np.int64]  # (nb,) first of its joint's multipliers, outer bodies
     first: NDArray[np.int64]  # (groups + 1,) into ``members``
     members: NDArray[np.int64]  # bodies of every group, parents first
+    first_plate: NDArray[np.int64]  # (groups + 1,) into ``plates``
+    plates: NDArray[np.int64]  # elements by the first group that has one of their bodies
 
 
 class Scratch(NamedTuple):
@@ -62,6 +65,8 @@ class Scratch(NamedTuple):
     G: Array  # (6, 6) joint rows by own coordinates
     g: Array  # (6, 3) joint rows by the parent's rotation
     row: Array  # (12,) one joint row over both bodies' motions
+    K: Array  # (24, 24) stiffness of a plate element
+    D: Array  # (24, 24) damping
 
 
 @kernel
@@ -281,8 +286,35 @@ def outer_joint(i: int, ati: int, atj: int, lock: int, arrays: Any, state: Any, 
 
 
 @kernel
-def fill(group: int, size: int, c2: float, L: Any, arrays: Any, state: Any, dual: Any, s: Any) -> None:
-    """Add to s.F what starts in a group: its bodies, and its joints to this and the next group (offset ``size``)."""
+def plate_element(e: int, group: int, size: int, c1: float, L: Any, arrays: Any, state: Any, s: Any) -> None:
+    """Stiffness and c1 times the damping of a plate element between bodies of a group and the next."""
+    plate = arrays.plates[e]
+    stiffness(plate, state.bodies, state.element[0], s.K)
+    if plate.damped == 1 and c1 != 0.0:
+        damping(plate, state.bodies, state.element[0], s.D)
+        for row in range(24):
+            for column in range(24):
+                s.K[row, column] += c1 * s.D[row, column]
+    for p in range(4):
+        i = plate.node[p]
+        if L.role[i] == FIXED:
+            continue
+        ati = L.slot[i] + (size if L.group[i] > group else 0)
+        for q in range(4):
+            j = plate.node[q]
+            if L.role[j] == FIXED:
+                continue
+            atj = L.slot[j] + (size if L.group[j] > group else 0)
+            for a in range(6):
+                for b in range(6):
+                    s.F[ati + a, atj + b] += s.K[6 * p + a, 6 * q + b]
+
+
+@kernel
+def fill(group: int, size: int, c1: float, c2: float, L: Any, arrays: Any, state: Any, dual: Any, s: Any) -> None:
+    """Add to s.F what starts in a group: bodies, elements, and joints to this and the next group (offset ``size``)."""
+    for k in range(L.first_plate[group], L.first_plate[group + 1]):
+        plate_element(L.plates[k], group, size, c1, L, arrays, state, s)
     for m in range(L.first[group], L.first[min(group + 2, L.first.shape[0] - 1)]):
         i = L.members[m]
         j = arrays.bodies[i].parent
@@ -432,7 +464,7 @@ class Tangent:
         z = np.zeros
         self._scratch = Scratch(
             z((2 * widest, 2 * widest)), z((6, 6)), z((6, 6)), z((3, 3)), z(7, complex), z(6, complex),
-            z((10, 6), complex), z((6, 6)), z((6, 3)), z(12),
+            z((10, 6), complex), z((6, 6)), z((6, 3)), z(12), z((24, 24)), z((24, 24)),
         )  # fmt: skip
         self._base = np.concatenate(([0], np.cumsum(self._sizes)))
         nv = int((arrays.bodies["nv"]).sum())
@@ -443,7 +475,7 @@ class Tangent:
         self._state: State | None = None
         self._factors = BlockTridiagonal()
 
-    def factor(self, state: State, c2: float) -> bool:
+    def factor(self, state: State, c1: float, c2: float) -> bool:
         """Assemble and factor T at the state of the last inverse dynamics; False where it is singular."""
         arrays, L, s, kept = self._arrays, self.layout, self._scratch, self._kept
         if self._state is None:
@@ -458,7 +490,7 @@ class Tangent:
             F = s.F[: size + after, : size + after]
             F[...] = 0.0
             F[: len(carry), : len(carry)] = carry
-            fill(group, size, c2, L, arrays, state, self._dual, s)
+            fill(group, size, c1, c2, L, arrays, state, self._dual, s)
             carry = F[size:, size:].copy()
             top = np.ascontiguousarray(F[:size])
             fold(top, 0, group, L, arrays, state)
@@ -533,6 +565,31 @@ def lay_out(arrays: Any, groups: NDArray[np.int64]) -> tuple[Layout, list[NDArra
                 size += 6 - free
         kept.append(np.array(rows, np.int64))
         sizes.append(size)
-    flat = np.array([i for own in members for i in own], np.int64)
-    first = np.concatenate(([0], np.cumsum([len(own) for own in members])))
-    return Layout(role, groups.astype(np.int64), slot, lock, first.astype(np.int64), flat), kept, sizes
+    flat = flat_list(members)
+    plates = plates_by_group(arrays, role, groups, len(members))
+    layout = Layout(
+        role, groups.astype(np.int64), slot, lock, offsets(members), flat, offsets(plates), flat_list(plates)
+    )
+    return layout, kept, sizes
+
+
+def plates_by_group(arrays: Any, role: Any, groups: Any, count: int) -> list[list[int]]:
+    """Return the elements by the first group that has one of their moving bodies."""
+    found: list[list[int]] = [[] for _ in range(count)]
+    for e, plate in enumerate(arrays.plates):
+        own = [int(groups[i]) for i in plate["node"] if role[i] != FIXED]
+        if own:
+            if max(own) - min(own) > 1:
+                raise ValueError(f"element {e} spans groups {min(own)} to {max(own)}")
+            found[min(own)].append(e)
+    return found
+
+
+def offsets(lists: list[list[int]]) -> NDArray[np.int64]:
+    """Return where each list starts in :func:`flat_list`, and the end."""
+    return np.concatenate(([0], np.cumsum([len(own) for own in lists]))).astype(np.int64)
+
+
+def flat_list(lists: list[list[int]]) -> NDArray[np.int64]:
+    """Return all lists as one array."""
+    return np.array([i for own in lists for i in own], np.int64)

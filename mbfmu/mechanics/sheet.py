@@ -1,0 +1,386 @@
+"""The builder of flexible sheets: a grid of nodal bodies on out-of-plane joints, with plate elements between them.
+
+>>> m = Mechanism(gravity=(0, -9.81, 0))
+>>> sheet = add_sheet(
+...     m, "sheet", length=0.3, width=0.21, thickness=0.3e-3, youngs_modulus=1e10, poisson=0.3, density=1000.0,
+...     grid=(7, 5), supports=[Support("x1", "clamped")],
+... )
+>>> m.output("tip", sheet.node(0, 2).position("y"), "height of the free edge")
+
+In its own frame the flat sheet fills 0 <= x <= length, 0 <= z <= width; its normal is y. Node (i, k) of the grid lies
+at x = i a, z = k b. A node has the mass of its cell, half a cell at a border and a quarter at a corner, and the cell's
+rotary inertia m (c^2 + t^2) / 12, which leaves explicit steps 12 to 95 times as long as the plate's own m t^2 / 12.
+
+**Trees.** ``spine`` and ``rows`` grow from the first support, whose nodes hang on its body: ``rows`` as chains across
+the sheet; ``spine`` as one chain from the middle of the support, with ribs to both sides. ``master`` is the paper's: a
+node in the middle floats, or hangs on a body of yours, with spine and ribs around it, and every support is made of cut
+joints. A chain of out-of-plane joints cannot stretch, so what resists stretching (membrane) matters across chains only.
+
+**Effects.** Bending is always there; membrane, damping and drag where they are asked for. Bending alone converges to a
+sheet that resists no Gaussian curvature: its rows bend each on its own. With membrane the arc of the joints is needed:
+those of projected length would lock.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from mbfmu.errors import UserError
+
+from .cuts import Cut, PlanarCut, PlaneCut, RevoluteCut, WeldCut
+from .elastic import Plate
+from .joints import Floating, Joint, OutOfPlane, Revolute, Weld
+from .mechanism import Body, CutHandle, Matrix, Mechanism, Vector, rotation, vector
+
+EDGES = ("x0", "x1", "z0", "z1")
+KINDS = ("clamped", "pinned", "guided", "supported")
+TREES = ("spine", "rows", "master")
+JOINTS = ("arc", "paper")
+UPRIGHT = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])  # cut frame with z along the sheet's y
+Node = tuple[int, int]  # i, k
+Link = tuple[Node, Node | None]  # a node and its parent in the tree; None: the support's body
+
+
+@dataclass(frozen=True)
+class Support:
+    """What holds an edge of a sheet, or a part of it.
+
+    Parameters
+    ----------
+    edge
+        ``x0`` (x = 0), ``x1`` (x = length), ``z0`` (z = 0), ``z1`` (z = width).
+    kind
+        ``clamped``: neither moves nor turns; ``pinned``: turns about the edge; ``guided`` and ``supported``: the same
+        two, but free to slide and turn in the plane.
+    span
+        First and last coordinate along the edge that is held, m; the nodes within are. None: the whole edge.
+    body
+        What it is held by; a body at the end of driven joints prescribes the motion. None: the ground.
+    at, rotation
+        Frame of the sheet in that of ``body``: where the held nodes are. None: as given to the sheet.
+    """
+
+    edge: str
+    kind: str = "clamped"
+    span: tuple[float, float] | None = None
+    body: Body | None = None
+    at: Vector | None = None
+    rotation: Any = None
+
+
+@dataclass(frozen=True, eq=False)
+class Sheet:
+    """A sheet of a mechanism, as :func:`add_sheet` returns it.
+
+    Attributes
+    ----------
+    nodes
+        Bodies by grid index, ``nodes[i][k]`` at x = i a, z = k b; each frame's x-z plane is the sheet's.
+    a, b
+        Sides of a cell, m.
+    plate
+        The element in every cell.
+    cuts
+        Cut joints of supports that the tree does not grow from.
+    """
+
+    name: str
+    nodes: tuple[tuple[Body, ...], ...]
+    a: float
+    b: float
+    plate: Plate
+    cuts: tuple[CutHandle, ...]
+
+    def node(self, i: int, k: int) -> Body:
+        """Return the node at x = i a, z = k b; negative numbers count from the far edge."""
+        shape = len(self.nodes), len(self.nodes[0])
+        if not (-shape[0] <= i < shape[0] and -shape[1] <= k < shape[1]):
+            raise UserError(f"sheet {self.name!r} has no node {(i, k)}; its grid is {shape}")
+        return self.nodes[i][k]
+
+    def nearest(self, x: float, z: float) -> Body:
+        """Return the node nearest to (x, z) of the flat sheet, m."""
+        return self.node(
+            min(range(len(self.nodes)), key=lambda i: abs(i * self.a - x)),
+            min(range(len(self.nodes[0])), key=lambda k: abs(k * self.b - z)),
+        )
+
+
+def add_sheet(
+    mechanism: Mechanism,
+    name: str,
+    *,
+    length: float,
+    width: float,
+    thickness: float,
+    youngs_modulus: float,
+    density: float,
+    poisson: float = 0.3,
+    grid: tuple[int, int],
+    tree: str = "spine",
+    supports: Sequence[Support] = (),
+    at: Vector = (0.0, 0.0, 0.0),
+    rotation: Any = None,
+    master: Body | None = None,
+    joint: str = "arc",
+    membrane: bool | str = False,
+    damping: float = 0.0,
+    drag: float = 0.0,
+) -> Sheet:
+    """Add a flexible sheet to a mechanism.
+
+    Parameters
+    ----------
+    mechanism
+        What the sheet is added to.
+    name
+        Nodes are the bodies ``name.i.k``.
+    length, width, thickness
+        Along x, z and y, m.
+    youngs_modulus, poisson, density
+        Pa, 1, kg/m^3.
+    grid
+        Nodes along x and z, at least 2 each.
+    tree
+        ``spine``, ``rows`` or ``master``; see the module.
+    supports
+        What holds the edges; the trees ``spine`` and ``rows`` grow from the first, which must not slide.
+    at, rotation
+        Frame of the flat sheet in that of a support's body, of ``master``, or in the ground: m and 3x3 axes.
+    master
+        Body the master node is fixed to; None: it floats. Of the tree ``master`` only.
+    joint
+        ``arc`` keeps the length of the sheet; ``paper`` the projected length of its chains.
+    membrane
+        Resist stretching: True, or strains out of ``x``, ``z``, ``s`` (shear); see :class:`.elastic.Plate`.
+    damping, drag
+        Material damping time, s, and density times drag coefficient of the air, kg/m^3.
+    """
+    what = f"sheet {name!r}"
+    shape = _grid(what, grid)
+    for key, value in (("length", length), ("width", width), ("thickness", thickness), ("density", density)):
+        if not (np.isfinite(value) and value > 0.0):
+            raise UserError(f"{key} of {what} is {value!r}; allowed: finite and greater than zero")
+    _one_of(f"tree of {what}", tree, TREES)
+    _one_of(f"joint of {what}", joint, JOINTS)
+    if membrane and joint == "paper":
+        raise UserError(
+            f"{what} has membrane {membrane!r} on joints of projected length, which locks: it would be several times "
+            "too stiff; take joint 'arc' or no membrane"
+        )
+    plate = Plate(
+        a=length / (shape[0] - 1),
+        b=width / (shape[1] - 1),
+        thickness=thickness,
+        youngs_modulus=youngs_modulus,
+        poisson=poisson,
+        membrane=membrane,
+        damping=damping,
+        drag=drag,
+    )
+    plate.check()
+    builder = _Builder(mechanism, name, plate, density, shape, (at, rotation), joint == "arc")
+    return builder.build(tree, list(supports), master)
+
+
+class _Builder:
+    """One sheet on its way into a mechanism."""
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        name: str,
+        plate: Plate,
+        density: float,
+        shape: tuple[int, int],
+        placement: tuple[Vector, Any],
+        arc: bool,
+    ) -> None:
+        self.mechanism, self.name, self.plate, self.shape, self.arc = mechanism, name, plate, shape, arc
+        self.what = f"sheet {name!r}"
+        self.at = vector(f"placement of {self.what}", placement[0])
+        self.rotation = rotation(f"rotation of {self.what}", placement[1])
+        self.density = density
+        self.bodies: dict[Node, Body] = {}
+
+    def build(self, tree: str, supports: list[Support], master: Body | None) -> Sheet:
+        """Hang the nodes, span the elements, close the supports."""
+        for support in supports:
+            self._check(support)
+        if tree == "master":
+            self._hang(_around(self.shape), Floating if master is None else Weld, master, self.at, self.rotation)
+        else:
+            if master is not None:
+                raise UserError(f"master of {self.what} is {master.name!r}, but its tree {tree!r} has no master node")
+            if not supports or supports[0].kind not in ("clamped", "pinned"):
+                given = supports[0].kind if supports else "missing"
+                raise UserError(
+                    f"first support of {self.what} is {given}; tree {tree!r} grows from one that is clamped or pinned: "
+                    "put it first, or take tree 'master'"
+                )
+            root = supports.pop(0)
+            at, axes = self._frame(root)
+            self._hang(
+                _from_edge(self.shape, root.edge, self._held(root), tree == "spine"),
+                Weld if root.kind == "clamped" else Revolute,
+                root.body,
+                at,
+                axes,
+                **({"axis": "z" if root.edge[0] == "x" else "x"} if root.kind == "pinned" else {}),
+            )
+        nx, nz = self.shape
+        node = self.bodies
+        for i in range(nx - 1):
+            for k in range(nz - 1):
+                corners = node[i, k], node[i + 1, k], node[i + 1, k + 1], node[i, k + 1]
+                self.mechanism.plate(self.plate, *corners)
+        cuts = [cut for number, support in enumerate(supports) for cut in self._close(number, support)]
+        nodes = tuple(tuple(node[i, k] for k in range(nz)) for i in range(nx))
+        return Sheet(self.name, nodes, self.plate.a, self.plate.b, self.plate, tuple(cuts))
+
+    def _flat(self, node: Node) -> Matrix:
+        """Position of a node in the sheet's frame."""
+        return np.array([node[0] * self.plate.a, 0.0, node[1] * self.plate.b])
+
+    def _hang(
+        self, links: list[Link], kind: type[Joint], carrier: Body | None, at: Matrix, axes: Matrix, **options: Any
+    ) -> None:
+        """Add the bodies in the order of ``links``; those without a parent hang on the carrier."""
+        for node, parent in links:
+            if parent is None:
+                body = self.mechanism.ground if carrier is None else carrier
+                joint = kind(at=tuple(at + axes @ self._flat(node)), rotation=axes, **options)
+            else:
+                body = self.bodies[parent]
+                joint = OutOfPlane(at=tuple(self._flat(node) - self._flat(parent)), arc=self.arc)
+            self.bodies[node] = self.mechanism.body(f"{self.name}.{node[0]}.{node[1]}", body, joint, **self._cell(node))
+
+    def _cell(self, node: Node) -> dict[str, Any]:
+        """Mass properties of a node's cell, which is half as long at a border."""
+        (i, k), (nx, nz), t = node, self.shape, self.plate.thickness
+        a = self.plate.a * (0.5 if i in (0, nx - 1) else 1.0)
+        b = self.plate.b * (0.5 if k in (0, nz - 1) else 1.0)
+        m = self.density * t * a * b
+        return {
+            "mass": m,
+            "inertia": (m * (b * b + t * t) / 12.0, m * (a * a + b * b) / 12.0, m * (a * a + t * t) / 12.0),
+        }
+
+    def _check(self, support: Support) -> None:
+        """Refuse what no support can be."""
+        if not isinstance(support, Support):
+            raise UserError(f"support of {self.what} is {support!r}; it must be a Support")
+        _one_of(f"edge of a support of {self.what}", support.edge, EDGES)
+        _one_of(f"kind of the support at {support.edge!r} of {self.what}", support.kind, KINDS)
+
+    def _frame(self, support: Support) -> tuple[Matrix, Matrix]:
+        """Origin and axes of the sheet in the frame of the support's body."""
+        role = f"of the support at {support.edge!r} of {self.what}"
+        at = self.at if support.at is None else vector(f"placement {role}", support.at)
+        return at, self.rotation if support.rotation is None else rotation(f"rotation {role}", support.rotation)
+
+    def _held(self, support: Support) -> list[int]:
+        """Numbers along the edge of the nodes that a support holds."""
+        across = 1 if support.edge[0] == "x" else 0
+        step = (self.plate.a, self.plate.b)[across]
+        if support.span is None:
+            return list(range(self.shape[across]))
+        low, high = support.span
+        held = [n for n in range(self.shape[across]) if low - 1e-9 * step <= n * step <= high + 1e-9 * step]
+        if not held:
+            raise UserError(
+                f"span of the support at {support.edge!r} of {self.what} is {support.span!r} m; "
+                f"no node lies within: they are {step:g} m apart"
+            )
+        return held
+
+    def _close(self, number: int, support: Support) -> Iterator[CutHandle]:
+        """Hold a support's nodes by cut joints, all six motions of one node at most.
+
+        What the nodes of an edge cannot do against each other in the plane must not be forbidden twice: those
+        constraints would be redundant, and change their rank as the sheet bends.
+        """
+        at, axes = self._frame(support)
+        body = self.mechanism.ground if support.body is None else support.body
+        held = self._held(support)
+        for n in held:
+            node = _on_edge(self.shape, support.edge, n)
+            first = n == held[len(held) // 2]
+            kind, local = _cut(support, first)
+            yield self.mechanism.cut(
+                f"{self.name}.{support.edge}.{number}.{n}",
+                kind(at_a=tuple(at + axes @ self._flat(node)), rotation_a=axes @ local, rotation_b=local),
+                body,
+                self.bodies[node],
+            )
+
+
+def _cut(support: Support, first: bool) -> tuple[type[Cut], Matrix]:
+    """Kind of the cut joint of a held node, and its frame in the sheet's; ``first``: it holds the plane too."""
+    if support.kind == "clamped" and first:
+        return WeldCut, np.eye(3)
+    if support.kind == "pinned" and first:
+        return RevoluteCut, np.eye(3) if support.edge[0] == "x" else UPRIGHT.T
+    return PlanarCut if support.kind in ("clamped", "guided") else PlaneCut, UPRIGHT
+
+
+def _on_edge(shape: tuple[int, int], edge: str, n: int) -> Node:
+    """Node number n of an edge."""
+    along = 0 if edge[0] == "x" else 1
+    end = 0 if edge[1] == "0" else shape[along] - 1
+    return (end, n) if along == 0 else (n, end)
+
+
+def _from_edge(shape: tuple[int, int], edge: str, held: list[int], spine: bool) -> list[Link]:
+    """Tree from the held nodes of an edge, line by line across the sheet."""
+    along = 0 if edge[0] == "x" else 1
+    lines = range(shape[along]) if edge[1] == "0" else range(shape[along] - 1, -1, -1)
+
+    def node(line: int, n: int) -> Node:
+        return (line, n) if along == 0 else (n, line)
+
+    count, middle = shape[1 - along], held[len(held) // 2]
+    links: list[Link] = [(node(lines[0], n), None) for n in held]
+    links += [(node(lines[0], n), node(lines[0], m)) for n, m in _outward(count, held[0], held[-1])]
+    for before, line in pairwise(lines):
+        if spine:
+            links.append((node(line, middle), node(before, middle)))
+            links += [(node(line, n), node(line, m)) for n, m in _outward(count, middle, middle)]
+        else:
+            links += [(node(line, n), node(before, n)) for n in range(count)]
+    return links
+
+
+def _around(shape: tuple[int, int]) -> list[Link]:
+    """Tree from the middle node: a spine along x, ribs along z."""
+    nx, nz = shape
+    links: list[Link] = [((nx // 2, nz // 2), None)]
+    for i, parent in [(nx // 2, None), *_outward(nx, nx // 2, nx // 2)]:
+        if parent is not None:
+            links.append(((i, nz // 2), (parent, nz // 2)))
+        links += [((i, n), (i, m)) for n, m in _outward(nz, nz // 2, nz // 2)]
+    return links
+
+
+def _outward(count: int, low: int, high: int) -> list[tuple[int, int]]:
+    """Pairs (number, neighbour nearer to low ... high) outside that range, outward."""
+    return [(n, n + 1) for n in range(low - 1, -1, -1)] + [(n, n - 1) for n in range(high + 1, count)]
+
+
+def _grid(what: str, grid: Any) -> tuple[int, int]:
+    """Check two numbers of nodes."""
+    counts = tuple(grid) if isinstance(grid, Sequence) else (grid,)
+    if len(counts) != 2 or not all(isinstance(n, int | np.integer) and n >= 2 for n in counts):
+        raise UserError(f"grid of {what} is {grid!r}; allowed: two whole numbers of nodes, at least 2 each")
+    return int(counts[0]), int(counts[1])
+
+
+def _one_of(what: str, value: Any, allowed: tuple[str, ...]) -> None:
+    """Refuse a word that is not among those allowed."""
+    if value not in allowed:
+        raise UserError(f"{what} is {value!r}; allowed: {', '.join(map(repr, allowed))}")
