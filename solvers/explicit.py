@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from . import adams
 from .kernel import records
 from .multistep import HIGHEST, History
-from .stepper import Code, Options, Statistics, Stepper, pack, unpack
+from .stepper import Code, DenseStepper, Options, Statistics, pack, unpack
 from .system import Array, System
 
 
-class AdamsStepper(Stepper):
+class AdamsStepper(DenseStepper):
     """Adams PECE with the projection partition; see :mod:`solvers.adams`."""
 
     partition = adams.PROJECTION

@@ -22,6 +22,7 @@ restored run restarts at order one, so it agrees with the saved one to the toler
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from contextlib import redirect_stdout
 from io import StringIO
 from typing import Any, NamedTuple
@@ -32,7 +33,7 @@ from sksundae.ida import IDA
 
 from .kernel import kernel
 from .partition import close_report
-from .stepper import Code, Options, Statistics, Stepper, pack, unpack
+from .stepper import Code, DenseStepper, Options, Statistics, Stepper, pack, unpack
 from .system import Array, System
 
 TIKHONOV = 0.01  # d relative to rtol; a tenth of it takes 60 times the residuals at 1e-10
@@ -159,15 +160,84 @@ def jacobian(eqs: Any, t: float, y: Any, yp: Any, res: Any, cj: float, JJ: Any, 
             JJ[nq + i, nq + j] += cj * eqs.terms.M[i, j]
 
 
-class IDAStepper(Stepper):
+class IDADriver(Stepper):
+    """Calls IDA and takes its results: what every stepper around it shares.
+
+    A stepper gives ``_ida``, ``_begin`` and ``_take``, and counts residuals, Jacobians and residuals that were not finite
+    in ``_counts``.
+    """
+
+    _ida: IDA
+    _counts: Array  # (3,)
+    _begun: Array  # (1,) how often IDA has been initialised
+    _pending: bool  # IDA is to be initialised at the reported state
+
+    @abstractmethod
+    def _begin(self) -> Code:
+        """Initialise IDA at the reported state."""
+
+    @abstractmethod
+    def _take(self, t: float, y: Array) -> Code:
+        """Make IDA's y at t the reported state."""
+
+    def _advance(self, t: float) -> tuple[Code, float]:
+        if self._pending:
+            code = self._begin()
+            if code is not Code.OK:
+                return code, self._t
+        code = self._go(t)
+        if code not in (Code.OK, Code.MAX_STEPS):
+            self._pending = True
+        return code, self._t
+
+    def _go(self, t: float) -> Code:
+        """Call IDA until ``t``; it must not be trusted to notice that it stands still."""
+        taken, bad = 0, self._counts[2]
+        while True:
+            before = self._t
+            with redirect_stdout(StringIO()):  # the binding prints what the status says
+                result = self._ida.step(t)
+            if result.status < 0 and result.status != TOO_MUCH_WORK:
+                return Code.NOT_FINITE if self._counts[2] > bad else Code.COLLAPSED
+            code = self._take(float(result.t), result.y)
+            if code is not Code.OK:
+                return code
+            if result.status >= 0:
+                return Code.OK
+            taken += STEPS_A_CALL
+            if self._t - before <= STANDSTILL * max(1.0, abs(self._t)):
+                return Code.NOT_FINITE if self._counts[2] > bad else Code.COLLAPSED
+            if taken >= self.options.max_steps:
+                return Code.MAX_STEPS
+
+    def restart(self) -> None:
+        """Initialise IDA anew at the reported state before the next step."""
+        self._pending = True
+
+    def _arrays(self) -> list[NDArray[Any]]:
+        return [self._reported, self._q, self._v, self._counts, self._begun]
+
+    def save(self) -> bytes:
+        """Return the reported state and the counts."""
+        self._reported[0] = self._t
+        return pack(self._arrays())
+
+    def restore(self, data: bytes) -> None:
+        """Take over a reported state; the history starts anew."""
+        unpack(data, self._arrays())
+        self._resume()
+        self._pending = True
+
+
+class IDAStepper(IDADriver, DenseStepper):
     """SUNDIALS IDA; see :mod:`solvers.ida`. For stiff models; order at most 5."""
 
     def __init__(self, system: System, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
         super().__init__(system, t0, q0, v0, options)
         self._rtol = max(FINEST, self.options.rtol) if system.m else self.options.rtol
         self._unknowns = Unknowns.allocate(system.nq, system.n, system.m)
-        self._begun = np.zeros(1)  # how often IDA has been initialised
-        self._pending = True  # IDA is to be initialised at the reported state
+        self._counts = self._unknowns.counts
+        self._begun, self._pending = np.zeros(1), True
         self._ida = self._new_ida()
 
     def _new_ida(self) -> IDA:
@@ -211,55 +281,12 @@ class IDAStepper(Stepper):
         self._begun[0] += 1.0
         return Code.OK
 
-    def _advance(self, t: float) -> tuple[Code, float]:
-        if self._pending:
-            code = self._begin()
-            if code is not Code.OK:
-                return code, self._t
-        code = self._go(t)
-        if code not in (Code.OK, Code.MAX_STEPS):
-            self._pending = True
-        return code, self._t
-
-    def _go(self, t: float) -> Code:
-        """Call IDA until ``t``; it must not be trusted to notice that it stands still."""
-        s, taken, bad = self.system, 0, self._unknowns.counts[2]
-        while True:
-            before = self._t
-            with redirect_stdout(StringIO()):  # the binding prints what the status says
-                result = self._ida.step(t)
-            if result.status < 0 and result.status != TOO_MUCH_WORK:
-                return Code.NOT_FINITE if self._unknowns.counts[2] > bad else Code.COLLAPSED
-            q, v = result.y[: s.nq].copy(), result.y[s.nq : s.nq + s.n].copy()
-            code = Code(close_report(self._eqs, result.t, q, v, self._rank, self._work))
-            if code is not Code.OK:
-                return code
-            self._t, self._q, self._v = float(result.t), q, v
-            if result.status >= 0:
-                return Code.OK
-            taken += STEPS_A_CALL
-            if self._t - before <= STANDSTILL * max(1.0, abs(self._t)):
-                return Code.NOT_FINITE if self._unknowns.counts[2] > bad else Code.COLLAPSED
-            if taken >= self.options.max_steps:
-                return Code.MAX_STEPS
-
-    def restart(self) -> None:
-        """Initialise IDA anew at the reported state before the next step."""
-        self._pending = True
-
-    def _arrays(self) -> list[NDArray[Any]]:
-        return [self._reported, self._q, self._v, self._unknowns.counts, self._begun]
-
-    def save(self) -> bytes:
-        """Return the reported state and the counts."""
-        self._reported[0] = self._t
-        return pack(self._arrays())
-
-    def restore(self, data: bytes) -> None:
-        """Take over a reported state; the history starts anew."""
-        unpack(data, self._arrays())
-        self._resume()
-        self._pending = True
+    def _take(self, t: float, y: Array) -> Code:
+        q, v = y[: self.system.nq].copy(), y[self.system.nq : self.system.nq + self.system.n].copy()
+        code = Code(close_report(self._eqs, t, q, v, self._rank, self._work))
+        if code is Code.OK:
+            self._t, self._q, self._v = t, q, v
+        return code
 
     @property
     def statistics(self) -> Statistics:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from .bundle import bundle
 from .partition import Workspace, close, evaluate, normal_rank
-from .system import Array, System, Terms
+from .system import AnySystem, Array, System, Terms
 
 
 class Code(IntEnum):
@@ -184,19 +184,13 @@ class Stepper(ABC):
     7. ``save()`` gives bytes, ``restore()`` takes them into a stepper of the same system and options.
     """
 
-    def __init__(self, system: System, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
-        self.system = system
+    def __init__(self, system: AnySystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
         self.options = options or Options()
         self._t = float(t0)
         self._q = sized("q0", q0, system.nq)
         self._v = sized("v0", v0, system.n)
         self._reported = np.zeros(1)  # t in an array, to be saved with q and v
-        sizes = (system.nq, system.n, system.m)
-        self._terms, self._work = Terms.allocate(*sizes), Workspace.allocate(*sizes)
-        self._eqs = bundle(system, self._terms)
-        self._rank = normal_rank(self._eqs, self._t, self._q, self._v, self._work)
-        code = close(self._eqs, self._t, self._q, self._v, self._rank, False, self._work)
-        self.status = Status(Code(code), self._t)
+        self.status = Status(Code.OK, self._t)
 
     @property
     def t(self) -> float:
@@ -232,10 +226,9 @@ class Stepper(ABC):
             raise SolverError(Status(code, self._t))
         return a, lam
 
+    @abstractmethod
     def _evaluate(self) -> tuple[Code, Array, Array]:
-        a, lam = np.zeros(self.system.n), np.zeros(self.system.m)
-        code = evaluate(self._eqs, self._t, self._q, self._v, self._rank, self._work, a, lam)
-        return Code(code), a, lam
+        """Return code, v' and lambda of the reported state."""
 
     def _resume(self) -> None:
         """Take the reported time from a restored array."""
@@ -258,6 +251,25 @@ class Stepper(ABC):
     @abstractmethod
     def statistics(self) -> Statistics:
         """What the run has cost so far."""
+
+
+class DenseStepper(Stepper):
+    """A stepper on the terms of the equations of motion: small mechanisms, with or without constraints."""
+
+    def __init__(self, system: System, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
+        super().__init__(system, t0, q0, v0, options)
+        self.system = system
+        sizes = (system.nq, system.n, system.m)
+        self._terms, self._work = Terms.allocate(*sizes), Workspace.allocate(*sizes)
+        self._eqs = bundle(system, self._terms)
+        self._rank = normal_rank(self._eqs, self._t, self._q, self._v, self._work)
+        code = close(self._eqs, self._t, self._q, self._v, self._rank, False, self._work)
+        self.status = Status(Code(code), self._t)
+
+    def _evaluate(self) -> tuple[Code, Array, Array]:
+        a, lam = np.zeros(self.system.n), np.zeros(self.system.m)
+        code = evaluate(self._eqs, self._t, self._q, self._v, self._rank, self._work, a, lam)
+        return Code(code), a, lam
 
 
 def sized(name: str, values: Array, size: int) -> Array:

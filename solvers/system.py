@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,3 +94,40 @@ class System:
     def apply(self, q: Array, dq: Array) -> None:
         """Change the positions in place by dq (n,): q <- q (+) N dq."""
         _retract(self.retract, q, dq, self.data)
+
+
+class Tangent(Protocol):
+    """The linearised equations of motion of a tree, T = c2 M + c1 D + K, in a form that is solved in O(n)."""
+
+    def factor(self, c1: float, c2: float) -> bool:
+        """Assemble and factor T at the last :attr:`TreeSystem.inverse`; False where it is singular."""
+
+    def solve(self, r: Array) -> Array:
+        """Return dq (n,) with T dq = r (n,)."""
+
+    def inertia(self, a: Array) -> Array:
+        """Return M a (n,)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TreeSystem:
+    """A large tree without constraints as a solver sees it: recursions and a structured tangent, no matrix.
+
+    q' = N(q) v,   M v' + h = 0,   given as inverse and as forward dynamics.
+    """
+
+    nq: int
+    n: int
+    m: int = 0
+    data: Any
+    inverse: Callable[[float, Array, Array, Array, Any, Array, Array], None]  # (t, q, v, a, data, q', M a + h)
+    forward: Callable[[float, Array, Array, Any, Array, Array], int]  # (t, q, v, data, q', v'); not 0: no inertia
+    retract: Callable[[Array, Array, Any], None]  # (q, dq, data): q <- q (+) N dq in place, dq (n,)
+    tangent: Tangent
+    size: Array  # (n,) of coordinates: what their absolute tolerance is measured by
+    plain: tuple[NDArray[np.int64], NDArray[np.int64]]  # where positions are no quaternions: places in q and in v
+    quaternions: tuple[tuple[int, int], ...] = ()  # first place of each in q, of its angular velocity in v
+    coordinate_names: tuple[str, ...] = ()  # (n,)
+
+
+AnySystem = System | TreeSystem

@@ -17,6 +17,7 @@ from solvers.system import Terms
 
 from .arrays import BODY, CUT, DRAG, FORCE, PLATE, SIGNAL, WORLD, Arrays, Data, allocate_state, complex_twin
 from .constraints import close_cuts, jacobian, load_cuts, right_hand_side
+from .aba import forward_dynamics
 from .crba import composite_inertia, mass_matrix
 from .energy import driven_action, kinetic_energy, potential_energy
 from .forces import apply
@@ -70,6 +71,35 @@ def dynamics(t: float, q: Any, v: Any, data: Any, terms: Any) -> None:
     position_rate(arrays, q, v, terms.qdot)
 
 
+def inverse(t: float, q: Any, v: Any, a: Any, data: Any, qdot: Any, tau: Any) -> None:
+    """qdot (nq,) = N v and tau (n,) = M a + h, by the recursions alone."""
+    arrays, state = data.arrays, data.state
+    move(t, q, v, arrays, state)
+    gather_free(a, arrays, state)
+    accelerations(arrays, state)
+    inverse_dynamics(arrays, state)
+    for i in range(1, arrays.bodies.shape[0]):
+        body = arrays.bodies[i]
+        if body.vf >= 0:
+            for k in range(body.nv):
+                tau[body.vf + k] = state.tau[body.vi + k]
+    position_rate(arrays, q, v, qdot)
+
+
+def forward(t: float, q: Any, v: Any, data: Any, qdot: Any, a: Any) -> int:
+    """qdot (nq,) = N v and a (n,) with M a + h = 0, by articulated bodies; 1 where a coordinate moves no mass."""
+    arrays, state = data.arrays, data.state
+    move(t, q, v, arrays, state)
+    code = forward_dynamics(arrays, state)
+    for i in range(1, arrays.bodies.shape[0]):
+        body = arrays.bodies[i]
+        if body.vf >= 0:
+            for k in range(body.nv):
+                a[body.vf + k] = state.a[body.vi + k]
+    position_rate(arrays, q, v, qdot)
+    return code
+
+
 def position(t: float, q: Any, data: Any, terms: Any) -> None:
     """Phi, J and nu alone; free velocities left in the state do not enter."""
     arrays, state = data.arrays, data.state
@@ -117,15 +147,21 @@ def jacobi(t: float, q: Any, v: Any, data: Any) -> float:
 
 
 @kernel
-def solved(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any) -> None:
-    """Put the solution (q, v, a, lam) into the state: motion of all bodies, joint wrenches, drive efforts."""
-    arrays, state = data.arrays, data.state
-    move(t, q, v, arrays, state)
+def gather_free(a: Any, arrays: Any, state: Any) -> None:
+    """Put the free accelerations a (n,) beside those of the drives."""
     for i in range(1, arrays.bodies.shape[0]):
         body = arrays.bodies[i]
         if body.vf >= 0:
             for k in range(body.nv):
                 state.a[body.vi + k] = a[body.vf + k]
+
+
+@kernel
+def solved(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any) -> None:
+    """Put the solution (q, v, a, lam) into the state: motion of all bodies, joint wrenches, drive efforts."""
+    arrays, state = data.arrays, data.state
+    move(t, q, v, arrays, state)
+    gather_free(a, arrays, state)
     accelerations(arrays, state)
     load_cuts(lam, arrays, state)
     inverse_dynamics(arrays, state)

@@ -1,0 +1,595 @@
+"""The linearised equations of motion of a large tree, assembled and solved in O(n): never a dense matrix over all bodies.
+
+For changes of the joint positions dq, of the velocities c1 dq and of the accelerations c2 dq, the change of the inverse
+dynamics is d tau = T dq. T is dense in joint coordinates, because a joint moves everything beyond it. In the motions
+y_i = (dr_i, dphi_i) of the bodies it is sparse: a plate element ties four of them, a joint two. With B y-columns of the
+tree (y_i = X y_j + S dq, the same shift as in the recursions),
+
+    T = B^T (c2 M + c1 D + K) B + G,
+
+K the tangents of elements, D of their damping, M the bodies' inertia at their origins, and G what comes from turning
+the joints while they transmit the wrench W (S and X change with the position). Velocity products are left out: exact at
+rest, and as a preconditioner at the speeds of a sheet.
+
+**Groups.** Every body belongs to a numbered group such that joints and elements span neighbouring groups at most: the
+columns of a sheet's grid. Unknowns of a group: dq of joints whose parent is in the same group or fixed (inner), and of
+every other body (outer) its motion y and the multipliers of the directions N its joint locks,
+N^T (y_i - X y_j) = 0. Inner bodies are folded onto their parents by the recursion itself, rows and columns alike, as in
+the composite-body algorithm. What is left is block-tridiagonal over the groups (:mod:`solvers.blocks`).
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solvers.blocks import BlockTridiagonal
+from solvers.kernel import kernel
+from solvers.system import Array
+
+from .arrays import Arrays, State
+from .dynamics import turn_quaternion
+from .elastic.tangent import damping, stiffness
+from .joints import move
+from .spatial import add_wrench, multiply, row_dot6
+
+FIXED, INNER, OUTER = 0, 1, 2
+EPSILON = 1e-30  # of the complex step that differentiates a joint's motion subspace
+
+
+class Layout(NamedTuple):
+    """Where everything of a body goes in its group's rows, and which elements start in a group."""
+
+    role: NDArray[np.int64]  # (nb,) FIXED, INNER, OUTER
+    group: NDArray[np.int64]  # (nb,)
+    slot: NDArray[np.int64]  # (nb,) first of the body's six rows
+    lock: NDArray[np.int64]  # (nb,) first of its joint's multipliers, outer bodies
+    first: NDArray[np.int64]  # (groups + 1,) into ``members``
+    members: NDArray[np.int64]  # bodies of every group, parents first
+    first_plate: NDArray[np.int64]  # (groups + 1,) into ``plates``
+    plates: NDArray[np.int64]  # elements by the first group that has one of their bodies
+
+
+class Scratch(NamedTuple):
+    """Allocated once; W rows is twice the largest group."""
+
+    F: Array  # (W, W)
+    S: Array  # (3..6, 6) dual basis of one joint
+    N: Array  # (6, 6) directions a joint locks, rows
+    C: Array  # (3, 3)
+    qc: NDArray[Any]  # (7,) complex joint position
+    vc: NDArray[Any]  # (6,) complex zero
+    rel: NDArray[Any]  # (10, 6) complex
+    G: Array  # (6, 6) joint rows by own coordinates
+    g: Array  # (6, 3) joint rows by the parent's rotation
+    row: Array  # (12,) one joint row over both bodies' motions
+    K: Array  # (24, 24) stiffness of a plate element
+    D: Array  # (24, 24) damping
+
+
+@kernel
+def shift_rows(F: Any, i: int, j: int, x: float, y: float, z: float) -> None:
+    """Rows of a wrench at body i's slot, added at body j's: X^T, with (x, y, z) from j to i."""
+    for c in range(F.shape[1]):
+        f0, f1, f2 = F[i, c], F[i + 1, c], F[i + 2, c]
+        F[j, c] += f0
+        F[j + 1, c] += f1
+        F[j + 2, c] += f2
+        F[j + 3, c] += F[i + 3, c] + y * f2 - z * f1
+        F[j + 4, c] += F[i + 4, c] + z * f0 - x * f2
+        F[j + 5, c] += F[i + 5, c] + x * f1 - y * f0
+
+
+@kernel
+def project_rows(F: Any, i: int, S: Any, vi: int, nv: int) -> None:
+    """Rows at slot i <- S^T rows: the first nv of the six."""
+    for c in range(F.shape[1]):
+        f0, f1, f2, f3, f4, f5 = F[i, c], F[i + 1, c], F[i + 2, c], F[i + 3, c], F[i + 4, c], F[i + 5, c]
+        for k in range(nv):
+            s = S[vi + k]
+            F[i + k, c] = s[0] * f0 + s[1] * f1 + s[2] * f2 + s[3] * f3 + s[4] * f4 + s[5] * f5
+
+
+@kernel
+def fold(F: Any, offset: int, group: int, L: Any, arrays: Any, state: Any) -> None:
+    """Fold the inner bodies of a group onto their parents: rows of F from ``offset`` on; columns by the transpose."""
+    for m in range(L.first[group + 1] - 1, L.first[group] - 1, -1):
+        i = L.members[m]
+        if L.role[i] != INNER:
+            continue
+        body = arrays.bodies[i]
+        j = body.parent
+        here, parent = state.bodies[i], state.bodies[j]
+        if L.role[j] != FIXED:
+            x, y, z = here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2]
+            shift_rows(F, offset + L.slot[i], offset + L.slot[j], x, y, z)
+        project_rows(F, offset + L.slot[i], state.S, body.vi, body.nv if body.vf >= 0 else 0)
+
+
+@kernel
+def bodily(i: int, at: int, c2: float, arrays: Any, state: Any, F: Any) -> None:
+    """A body's own rows: c2 times its inertia about its origin, and its inertia force and weight turning with it."""
+    mass, here = arrays.bodies[i].mass, state.bodies[i]
+    c, Jc, dY = here.com, here.Jc, here.dY
+    square = c[0] * c[0] + c[1] * c[1] + c[2] * c[2]
+    for k in range(3):
+        F[at + k, at + k] += c2 * mass
+        F[at + 3 + k, at + 3 + k] += c2 * mass * square
+        for j in range(3):
+            F[at + 3 + k, at + 3 + j] += c2 * (Jc[k, j] - mass * c[k] * c[j])
+    for k in range(3):
+        p, q = (k + 1) % 3, (k + 2) % 3  # (c x)_pq = -c_k
+        F[at + 3 + p, at + q] -= c2 * mass * c[k]
+        F[at + 3 + q, at + p] += c2 * mass * c[k]
+        F[at + p, at + 3 + q] += c2 * mass * c[k]
+        F[at + q, at + 3 + p] -= c2 * mass * c[k]
+    # d(c x f) = (dphi x c) x f = c (dphi.f) - dphi (c.f), f the inertia force less the weight
+    f0 = mass * (dY[0] + dY[4] * c[2] - dY[5] * c[1])
+    f1 = mass * (dY[1] + dY[5] * c[0] - dY[3] * c[2])
+    f2 = mass * (dY[2] + dY[3] * c[1] - dY[4] * c[0])
+    along = c[0] * f0 + c[1] * f1 + c[2] * f2
+    for k in range(3):
+        F[at + 3 + k, at + 3] += c[k] * f0
+        F[at + 3 + k, at + 4] += c[k] * f1
+        F[at + 3 + k, at + 5] += c[k] * f2
+        F[at + 3 + k, at + 3 + k] -= along
+
+
+@kernel
+def turning(i: int, arrays: Any, state: Any, s: Any) -> None:
+    """s.g (nv, 3) and s.G (nv, nv): change of the joint's S^T W with the parent's rotation and with its own positions.
+
+    The subspace turns with the parent, dS = dphi x S; its change in the joint is a complex step of the joint's kernel.
+    """
+    body, W = arrays.bodies[i], state.bodies[i].W
+    multiply(state.bodies[body.parent].A, body.R, s.C)
+    for k in range(body.nv):
+        S = state.S[body.vi + k]
+        for a in range(3):
+            b, c = (a + 1) % 3, (a + 2) % 3
+            s.g[k, a] = S[b] * W[c] - S[c] * W[b] + S[3 + b] * W[3 + c] - S[3 + c] * W[3 + b]
+    plain = body.nq - 4 * body.quaternion
+    for l in range(body.nv):
+        for k in range(body.nq):
+            s.qc[k] = state.q[body.qi + k]
+        if l < plain:
+            s.qc[l] += EPSILON * 1j
+        else:
+            for k in range(3):
+                s.vc[k] = EPSILON * 1j if k == l - plain else 0.0
+            turn_quaternion(s.qc, plain, s.vc, 0)
+            for k in range(3):
+                s.vc[k] = 0.0
+        move(body.joint, body.axis, s.qc, 0, s.vc, 0, s.rel)
+        for k in range(body.nv):
+            total = 0.0
+            for a in range(3):
+                pull = s.C[0, a] * W[0] + s.C[1, a] * W[1] + s.C[2, a] * W[2]
+                twist = s.C[0, a] * W[3] + s.C[1, a] * W[4] + s.C[2, a] * W[5]
+                total += s.rel[k, a].imag * pull + s.rel[k, 3 + a].imag * twist
+            s.G[k, l] = total / EPSILON
+
+
+@kernel
+def dual_basis(S: Any, vi: int, nv: int, dual: Any, N: Any) -> None:
+    """dual[vi:vi + nv] spans S with dual_k . S_l = 1 or 0; the first 6 - nv rows of N are unit vectors normal to S.
+
+    Gram and Schmidt: N holds the orthonormal rows of S last, where they are out of the way.
+    """
+    for k in range(6):
+        best, longest = 0, -1.0
+        if k < nv:
+            best = k
+        else:  # the unit vector furthest from what is there
+            for e in range(6):
+                rest = 1.0
+                for r in range(k):
+                    rest -= N[5 - r, e] * N[5 - r, e]
+                if rest > longest:
+                    best, longest = e, rest
+        row = 5 - k
+        for a in range(6):
+            if k < nv:
+                N[row, a] = S[vi + best, a]
+            else:
+                N[row, a] = 1.0 if a == best else 0.0
+        for _ in range(2):
+            for r in range(k):
+                along = 0.0
+                for a in range(6):
+                    along += N[row, a] * N[5 - r, a]
+                for a in range(6):
+                    N[row, a] -= along * N[5 - r, a]
+        square = 0.0
+        for a in range(6):
+            square += N[row, a] * N[row, a]
+        for a in range(6):
+            N[row, a] /= np.sqrt(square)
+    for k in range(nv - 1, -1, -1):  # S_l = sum_k R_lk Q_k with R lower triangular: R^T dual = Q
+        for a in range(6):
+            dual[vi + k, a] = N[5 - k, a]
+        for l in range(k + 1, nv):
+            R = 0.0
+            for a in range(6):
+                R += S[vi + l, a] * N[5 - k, a]
+            for a in range(6):
+                dual[vi + k, a] -= R * dual[vi + l, a]
+        R = 0.0
+        for a in range(6):
+            R += S[vi + k, a] * N[5 - k, a]
+        for a in range(6):
+            dual[vi + k, a] /= R
+
+
+@kernel
+def handed_down(i: int, ati: int, atj: int, arrays: Any, state: Any, F: Any) -> None:
+    """The moment arm of the wrench a joint transmits to the parent: (dr_i - dr_j) x force."""
+    W = state.bodies[i].W
+    for a in range(3):
+        b, c = (a + 1) % 3, (a + 2) % 3  # (dr x f)_a = dr_b f_c - dr_c f_b
+        F[atj + 3 + a, ati + b] += W[c]
+        F[atj + 3 + a, ati + c] -= W[b]
+        F[atj + 3 + a, atj + b] -= W[c]
+        F[atj + 3 + a, atj + c] += W[b]
+
+
+@kernel
+def outer_joint(i: int, ati: int, atj: int, lock: int, arrays: Any, state: Any, dual: Any, F: Any, s: Any) -> None:
+    """Rows and columns of a joint between two groups: what it locks, and its turning along its own directions."""
+    body = arrays.bodies[i]
+    nv = body.nv if body.vf >= 0 else 0
+    here, parent = state.bodies[i], state.bodies[body.parent]
+    x, y, z = here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2]
+    dual_basis(state.S, body.vi, nv, dual, s.N)
+    for r in range(6 - nv):
+        n = s.N[r]
+        for a in range(6):
+            F[lock + r, ati + a] += n[a]
+            F[ati + a, lock + r] += n[a]
+            F[lock + r, atj + a] -= n[a]
+            F[atj + a, lock + r] -= n[a]
+        tx, ty, tz = y * n[2] - z * n[1], z * n[0] - x * n[2], x * n[1] - y * n[0]
+        F[lock + r, atj + 3] -= tx
+        F[lock + r, atj + 4] -= ty
+        F[lock + r, atj + 5] -= tz
+        F[atj + 3, lock + r] -= tx
+        F[atj + 4, lock + r] -= ty
+        F[atj + 5, lock + r] -= tz
+    if nv == 0:
+        return
+    turning(i, arrays, state, s)
+    for k in range(nv):  # one joint row at a time: L_k (g_k . dphi_j + sum_l G_kl L_l . (y_i - X y_j))
+        for a in range(6):
+            s.row[a] = 0.0
+        for l in range(nv):
+            for a in range(6):
+                s.row[a] += s.G[k, l] * dual[body.vi + l, a]
+        w = s.row
+        tx, ty, tz = y * w[2] - z * w[1], z * w[0] - x * w[2], x * w[1] - y * w[0]
+        for a in range(6):
+            s.row[6 + a] = -w[a]
+        s.row[9] += s.g[k, 0] - tx
+        s.row[10] += s.g[k, 1] - ty
+        s.row[11] += s.g[k, 2] - tz
+        d = dual[body.vi + k]
+        dx, dy, dz = y * d[2] - z * d[1], z * d[0] - x * d[2], x * d[1] - y * d[0]
+        for c in range(12):
+            at = ati + c if c < 6 else atj + c - 6
+            for a in range(6):
+                F[ati + a, at] += d[a] * s.row[c]
+                F[atj + a, at] -= d[a] * s.row[c]
+            F[atj + 3, at] -= dx * s.row[c]
+            F[atj + 4, at] -= dy * s.row[c]
+            F[atj + 5, at] -= dz * s.row[c]
+
+
+@kernel
+def plate_element(e: int, group: int, size: int, c1: float, L: Any, arrays: Any, state: Any, s: Any) -> None:
+    """Stiffness and c1 times the damping of a plate element between bodies of a group and the next."""
+    plate = arrays.plates[e]
+    stiffness(plate, state.bodies, state.element[0], s.K)
+    if plate.damped == 1 and c1 != 0.0:
+        damping(plate, state.bodies, state.element[0], s.D)
+        for row in range(24):
+            for column in range(24):
+                s.K[row, column] += c1 * s.D[row, column]
+    for p in range(4):
+        i = plate.node[p]
+        if L.role[i] == FIXED:
+            continue
+        ati = L.slot[i] + (size if L.group[i] > group else 0)
+        for q in range(4):
+            j = plate.node[q]
+            if L.role[j] == FIXED:
+                continue
+            atj = L.slot[j] + (size if L.group[j] > group else 0)
+            for a in range(6):
+                for b in range(6):
+                    s.F[ati + a, atj + b] += s.K[6 * p + a, 6 * q + b]
+
+
+@kernel
+def fill(group: int, size: int, c1: float, c2: float, L: Any, arrays: Any, state: Any, dual: Any, s: Any) -> None:
+    """Add to s.F what starts in a group: bodies, elements, and joints to this and the next group (offset ``size``)."""
+    for k in range(L.first_plate[group], L.first_plate[group + 1]):
+        plate_element(L.plates[k], group, size, c1, L, arrays, state, s)
+    for m in range(L.first[group], L.first[min(group + 2, L.first.shape[0] - 1)]):
+        i = L.members[m]
+        j = arrays.bodies[i].parent
+        ati = L.slot[i] + (size if L.group[i] > group else 0)
+        if L.group[i] == group:
+            bodily(i, ati, c2, arrays, state, s.F)
+        if L.role[j] == FIXED or min(L.group[i], L.group[j]) != group:
+            continue
+        atj = L.slot[j] + (size if L.group[j] > group else 0)
+        handed_down(i, ati, atj, arrays, state, s.F)
+        if L.role[i] == OUTER:
+            lock = L.lock[i] + (size if L.group[i] > group else 0)
+            outer_joint(i, ati, atj, lock, arrays, state, dual, s.F, s)
+
+
+@kernel
+def turn_inner(group: int, L: Any, arrays: Any, state: Any, F: Any, s: Any, parents: bool) -> None:
+    """Add the turning of a group's inner joints: by their ``parents`` before columns are folded, by their own after."""
+    for m in range(L.first[group], L.first[group + 1]):
+        i = L.members[m]
+        body = arrays.bodies[i]
+        if L.role[i] != INNER or body.vf < 0:
+            continue
+        turning(i, arrays, state, s)
+        for k in range(body.nv):
+            if parents:
+                if L.role[body.parent] != FIXED:
+                    for a in range(3):
+                        F[L.slot[i] + k, L.slot[body.parent] + 3 + a] += s.g[k, a]
+            else:
+                for l in range(body.nv):
+                    F[L.slot[i] + k, L.slot[i] + l] += s.G[k, l]
+
+
+@kernel
+def spread_load(r: Any, base: Any, L: Any, arrays: Any, state: Any, dual: Any, b: Any) -> None:
+    """b: joint forces r (n,) as nodal wrenches where a joint is outer, folded, then as they are where it is inner."""
+    for m in range(L.members.shape[0]):
+        i = L.members[m]
+        body = arrays.bodies[i]
+        if L.role[i] != OUTER or body.vf < 0:
+            continue
+        here, parent = state.bodies[i], state.bodies[body.parent]
+        x, y, z = here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2]
+        ati, atj = base[L.group[i]] + L.slot[i], base[L.group[body.parent]] + L.slot[body.parent]
+        for k in range(body.nv):
+            d, load = dual[body.vi + k], r[body.vf + k]
+            for a in range(6):
+                b[ati + a, 0] += d[a] * load
+                b[atj + a, 0] -= d[a] * load
+            b[atj + 3, 0] -= (y * d[2] - z * d[1]) * load
+            b[atj + 4, 0] -= (z * d[0] - x * d[2]) * load
+            b[atj + 5, 0] -= (x * d[1] - y * d[0]) * load
+    for group in range(L.first.shape[0] - 1):
+        fold(b, base[group], group, L, arrays, state)
+    for m in range(L.members.shape[0]):
+        i = L.members[m]
+        body = arrays.bodies[i]
+        if L.role[i] == INNER and body.vf >= 0:
+            for k in range(body.nv):
+                b[base[L.group[i]] + L.slot[i] + k, 0] += r[body.vf + k]
+
+
+@kernel
+def gather_motion(x: Any, base: Any, L: Any, arrays: Any, state: Any, dual: Any, Y: Any, dq: Any) -> None:
+    """dq (n,) from the solution x, by an outward pass through the motions Y (nb, 6) of all bodies."""
+    for i in range(1, arrays.bodies.shape[0]):
+        body = arrays.bodies[i]
+        here, parent = state.bodies[i], state.bodies[body.parent]
+        px, py, pz = here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2]
+        Yj = Y[body.parent]
+        for a in range(6):
+            Y[i, a] = Yj[a]
+        Y[i, 0] += Yj[4] * pz - Yj[5] * py
+        Y[i, 1] += Yj[5] * px - Yj[3] * pz
+        Y[i, 2] += Yj[3] * py - Yj[4] * px
+        if L.role[i] == FIXED:
+            continue
+        at = base[L.group[i]] + L.slot[i]
+        if L.role[i] == OUTER:
+            if body.vf >= 0:
+                for k in range(body.nv):
+                    dq[body.vf + k] = 0.0
+                    for a in range(6):
+                        dq[body.vf + k] += dual[body.vi + k, a] * (x[at + a, 0] - Y[i, a])
+            for a in range(6):
+                Y[i, a] = x[at + a, 0]
+        elif body.vf >= 0:
+            for k in range(body.nv):
+                dq[body.vf + k] = x[at + k, 0]
+                for a in range(6):
+                    Y[i, a] += state.S[body.vi + k, a] * x[at + k, 0]
+
+
+@kernel
+def inertia_forces(arrays: Any, state: Any, a: Any, tau: Any) -> None:
+    """tau (n,) = M a, positions as they are: the recursions with velocities and gravity left out."""
+    for i in range(1, arrays.bodies.shape[0]):
+        body, here = arrays.bodies[i], state.bodies[i]
+        parent = state.bodies[body.parent]
+        x, y, z = here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2]
+        dY, dYj, W, c, m = here.dY, parent.dY, here.W, here.com, body.mass
+        for k in range(6):
+            dY[k] = dYj[k] if body.parent > 0 else 0.0
+        if body.parent > 0:
+            dY[0] += dYj[4] * z - dYj[5] * y
+            dY[1] += dYj[5] * x - dYj[3] * z
+            dY[2] += dYj[3] * y - dYj[4] * x
+        if body.vf >= 0:
+            for k in range(body.nv):
+                for e in range(6):
+                    dY[e] += state.S[body.vi + k, e] * a[body.vf + k]
+        W[0] = m * (dY[0] + dY[4] * c[2] - dY[5] * c[1])
+        W[1] = m * (dY[1] + dY[5] * c[0] - dY[3] * c[2])
+        W[2] = m * (dY[2] + dY[3] * c[1] - dY[4] * c[0])
+        for k in range(3):
+            W[3 + k] = here.Jc[k, 0] * dY[3] + here.Jc[k, 1] * dY[4] + here.Jc[k, 2] * dY[5]
+        W[3] += c[1] * W[2] - c[2] * W[1]
+        W[4] += c[2] * W[0] - c[0] * W[2]
+        W[5] += c[0] * W[1] - c[1] * W[0]
+    for i in range(arrays.bodies.shape[0] - 1, 0, -1):
+        body, here = arrays.bodies[i], state.bodies[i]
+        if body.vf >= 0:
+            for k in range(body.nv):
+                tau[body.vf + k] = row_dot6(state.S, body.vi + k, here.W)
+        if body.parent > 0:
+            parent = state.bodies[body.parent]
+            add_wrench(
+                parent.W, here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2], here.W
+            )
+
+
+class Tangent:
+    """T of one mechanism, factored and solved as often as wanted.
+
+    Parameters
+    ----------
+    arrays
+        The mechanism.
+    groups
+        Group of every body (nb,), from zero; joints and elements span neighbouring groups at most.
+    """
+
+    def __init__(self, arrays: Arrays, groups: NDArray[np.int64]) -> None:
+        self.layout, self._kept, self._sizes = lay_out(arrays, groups)
+        widest = max(self._sizes)
+        z = np.zeros
+        self._scratch = Scratch(
+            z((2 * widest, 2 * widest)), z((6, 6)), z((6, 6)), z((3, 3)), z(7, complex), z(6, complex),
+            z((10, 6), complex), z((6, 6)), z((6, 3)), z(12), z((24, 24)), z((24, 24)),
+        )  # fmt: skip
+        self._base = np.concatenate(([0], np.cumsum(self._sizes)))
+        nv = int((arrays.bodies["nv"]).sum())
+        self._dual = z((nv, 6))
+        self._rows = z((int(self._base[-1]), 1))
+        self._motions = z((len(arrays.bodies), 6))
+        self._arrays = arrays
+        self._state: State | None = None
+        self._factors = BlockTridiagonal()
+
+    def factor(self, state: State, c1: float, c2: float) -> bool:
+        """Assemble and factor T at the state of the last inverse dynamics; False where it is singular."""
+        arrays, L, s, kept = self._arrays, self.layout, self._scratch, self._kept
+        if self._state is None:
+            self._state = State(*(array.copy() for array in state))
+        for own, given in zip(self._state, state, strict=True):
+            own[...] = given
+        self._factors = BlockTridiagonal()
+        last = len(self._sizes) - 1
+        carry = np.zeros((0, 0))
+        for group, size in enumerate(self._sizes):
+            after = self._sizes[group + 1] if group < last else 0
+            F = s.F[: size + after, : size + after]
+            F[...] = 0.0
+            F[: len(carry), : len(carry)] = carry
+            fill(group, size, c1, c2, L, arrays, state, self._dual, s)
+            carry = F[size:, size:].copy()
+            top = np.ascontiguousarray(F[:size])
+            fold(top, 0, group, L, arrays, state)
+            turn_inner(group, L, arrays, state, top, s, True)
+            left = np.ascontiguousarray(np.vstack((top[:, :size], F[size:, :size])).T)
+            fold(left, 0, group, L, arrays, state)  # the columns of this group
+            left = left.T
+            turn_inner(group, L, arrays, state, left, s, False)
+            D = left[np.ix_(kept[group], kept[group])]
+            if group == last:
+                U, below = np.zeros((len(kept[group]), 0)), np.zeros((0, len(kept[group])))
+            else:
+                right = np.ascontiguousarray(top[:, size:].T)
+                fold(right, 0, group + 1, L, arrays, state)
+                lower = np.ascontiguousarray(left[size:])
+                fold(lower, 0, group + 1, L, arrays, state)
+                U = right.T[np.ix_(kept[group], kept[group + 1])]
+                below = lower[np.ix_(kept[group + 1], kept[group])]
+            if not self._factors.append(D, U, below):
+                return False
+        return True
+
+    def solve(self, r: Array) -> Array:
+        """Return dq (n,) with T dq = r (n,), by the last factors."""
+        arrays, state, b = self._arrays, self._state, self._rows
+        b[...] = 0.0
+        spread_load(r, self._base, self.layout, arrays, state, self._dual, b)
+        parts = [b[base:, 0][rows] for base, rows in zip(self._base, self._kept, strict=False)]
+        for base, rows, x in zip(self._base, self._kept, self._factors.solve(parts), strict=False):
+            b[base + rows, 0] = x
+        dq = np.zeros(len(r))
+        gather_motion(b, self._base, self.layout, arrays, state, self._dual, self._motions, dq)
+        return dq
+
+    def inertia(self, a: Array) -> Array:
+        """Return M a (n,) at the state of the last factors."""
+        tau = np.zeros(len(a))
+        inertia_forces(self._arrays, self._state, a, tau)
+        return tau
+
+
+def lay_out(arrays: Any, groups: NDArray[np.int64]) -> tuple[Layout, list[NDArray[np.int64]], list[int]]:
+    """Return where everything goes, and for every group the rows that stay unknown after folding, and its size."""
+    nb = len(arrays.bodies)
+    role, slot, lock = (np.zeros(nb, np.int64) for _ in range(3))
+    members: list[list[int]] = [[] for _ in range(int(groups.max(initial=0)) + 1)]
+    for i in range(1, nb):
+        body = arrays.bodies[i]
+        parent = int(body["parent"])
+        free = body["vf"] >= 0 and body["nv"] > 0
+        if role[parent] == FIXED:
+            role[i] = INNER if free else FIXED
+        else:
+            role[i] = INNER if groups[parent] == groups[i] else OUTER
+            if abs(groups[parent] - groups[i]) > 1:
+                raise ValueError(f"body {i} and its parent {parent} are in groups {groups[i]} and {groups[parent]}")
+        if role[i] != FIXED:
+            members[groups[i]].append(i)
+    kept, sizes = [], []
+    for own in members:
+        rows: list[int] = []
+        for k, i in enumerate(own):
+            slot[i] = 6 * k
+            free = int(arrays.bodies[i]["nv"]) if arrays.bodies[i]["vf"] >= 0 else 0
+            rows += range(6 * k, 6 * k + (6 if role[i] == OUTER else free))
+        size = 6 * len(own)
+        for i in own:
+            if role[i] == OUTER:
+                lock[i] = size
+                free = int(arrays.bodies[i]["nv"]) if arrays.bodies[i]["vf"] >= 0 else 0
+                rows += range(size, size + 6 - free)
+                size += 6 - free
+        kept.append(np.array(rows, np.int64))
+        sizes.append(size)
+    flat = flat_list(members)
+    plates = plates_by_group(arrays, role, groups, len(members))
+    layout = Layout(
+        role, groups.astype(np.int64), slot, lock, offsets(members), flat, offsets(plates), flat_list(plates)
+    )
+    return layout, kept, sizes
+
+
+def plates_by_group(arrays: Any, role: Any, groups: Any, count: int) -> list[list[int]]:
+    """Return the elements by the first group that has one of their moving bodies."""
+    found: list[list[int]] = [[] for _ in range(count)]
+    for e, plate in enumerate(arrays.plates):
+        own = [int(groups[i]) for i in plate["node"] if role[i] != FIXED]
+        if own:
+            if max(own) - min(own) > 1:
+                raise ValueError(f"element {e} spans groups {min(own)} to {max(own)}")
+            found[min(own)].append(e)
+    return found
+
+
+def offsets(lists: list[list[int]]) -> NDArray[np.int64]:
+    """Return where each list starts in :func:`flat_list`, and the end."""
+    return np.concatenate(([0], np.cumsum([len(own) for own in lists]))).astype(np.int64)
+
+
+def flat_list(lists: list[list[int]]) -> NDArray[np.int64]:
+    """Return all lists as one array."""
+    return np.array([i for own in lists for i in own], np.int64)

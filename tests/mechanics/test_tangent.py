@@ -1,0 +1,60 @@
+"""The structured tangent of random trees in groups against differences of the inverse dynamics."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mbfmu.mechanics import Plant
+from mbfmu.mechanics import dynamics as dy
+from mbfmu.mechanics.kinematics import accelerations
+from mbfmu.mechanics.rnea import inverse_dynamics
+from mbfmu.mechanics.tangent import Tangent
+
+from .random_mechanisms import Case, cases
+
+
+def inverse(plant: Plant, q: Any, a: Any) -> Any:
+    """Joint forces (n,) at rest with accelerations a (n,); leaves the state there."""
+    arrays, state = plant.data
+    free = [(b, k) for b in arrays.bodies if b["vf"] >= 0 for k in range(b["nv"])]
+    dy.move(0.0, q, np.zeros(plant.system.n), arrays, state)
+    for b, k in free:
+        state.a[b["vi"] + k] = a[b["vf"] + k]
+    accelerations(arrays, state)
+    inverse_dynamics(arrays, state)
+    return np.array([state.tau[b["vi"] + k] for b, k in free])
+
+
+def groups_of(plant: Plant, how: str) -> Any:
+    """All in one group, by distance from the root, or from the leaves."""
+    bodies = plant.data.arrays.bodies
+    depth = np.zeros(len(bodies), np.int64)
+    for i in range(1, len(bodies)):
+        depth[i] = depth[bodies[i]["parent"]] + 1
+    groups = {"one": 0 * depth, "outward": np.maximum(depth - 1, 0), "pairs inward": (depth.max() - depth) // 2}[how]
+    groups[0] = 0
+    return groups
+
+
+@pytest.mark.parametrize("how", ["one", "outward", "pairs inward"])
+@given(case=cases(), c2=st.floats(0.5, 50.0))
+def test_solves_the_linearised_inverse_dynamics(case: Case, c2: float, how: str) -> None:
+    plant, n, h = case.plant, case.plant.system.n, 1e-5
+    T = np.zeros((n, n))
+    for k, e in enumerate(np.eye(n)):
+        there, back = case.q.copy(), case.q.copy()
+        plant.system.apply(there, h * e)
+        plant.system.apply(back, -h * e)
+        T[:, k] = (inverse(plant, there, c2 * h * e) - inverse(plant, back, -c2 * h * e)) / (2.0 * h)
+    inverse(plant, case.q, np.zeros(n))
+    tangent = Tangent(plant.data.arrays, groups_of(plant, how))
+    if np.linalg.cond(T) > 1e6:
+        return
+    assert tangent.factor(plant.data.state, 0.0, c2)
+    x = tangent.solve(case.a)
+    np.testing.assert_allclose(T @ x, case.a, atol=1e-6 * (1.0 + np.abs(T).max() * np.abs(x).max()))
