@@ -163,13 +163,24 @@ def take(q: Any, lam: Any, s: Any) -> None:
 
 
 @kernel
-def factor(s: Any) -> bool:
-    """Decompose K; False where it is singular or not finite."""
+def finite(s: Any) -> bool:
+    """Whether f and K are finite."""
     N = s.z.shape[0]
     for i in range(N):
+        if not np.isfinite(s.f[i]):
+            return False
         for j in range(N):
             if not np.isfinite(s.K[i, j]):
                 return False
+    return True
+
+
+@kernel
+def factor(s: Any) -> bool:
+    """Decompose K; False where it is singular or not all of the equations is finite."""
+    if not finite(s):
+        return False
+    N = s.z.shape[0]
     decompose(s.K, N, N, s.A, s.pivots, s.U, s.sigma, s.W)
     return bool(s.sigma[N - 1] > SINGULAR * s.sigma[0])
 
@@ -188,7 +199,7 @@ def newton(eqs: Any, t: float, q: Any, lam: Any, rows: Any, s: Any, report: Any)
     for _ in range(ITERATIONS):
         report[0] += 1.0
         if not factor(s):
-            return 2 if np.isfinite(s.f).all() and np.isfinite(s.K).all() else 3
+            return 2 if finite(s) else 3
         size = correction(s, s.z)
         if size <= CONVERGED:
             move(eqs, q, lam, 1.0, scale, s)
