@@ -248,9 +248,9 @@ def return_to_lu(c: Any, o: Any, terms: Any, work: Any, H: Any) -> None:
 
 
 @kernel
-def advance(eqs: Any, control: Any, settings: Any, H: Any, work: Any, target: float, q: Any, v: Any) -> int:
+def advance(eqs: Any, settings: Any, H: Any, work: Any, target: float, q: Any, v: Any) -> int:
     """Step until ``target`` is passed; put the state there, closed, into (q, v), or the last good one on failure."""
-    c, o = control[0], settings[0]
+    c, o = H.control[0], settings[0]
     code, taken = OK, 0
     while c.t < target:
         if taken >= o.max_steps:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .bundle import bundle
+from .held import hold
 from .partition import Workspace, close, evaluate, normal_rank
 from .system import Array, System, Terms
 
@@ -192,7 +193,7 @@ class Stepper(ABC):
         self._v = sized("v0", v0, system.n)
         self._reported = np.zeros(1)  # t in an array, to be saved with q and v
         sizes = (system.nq, system.n, system.m)
-        self._terms, self._work = Terms.allocate(*sizes), Workspace.allocate(*sizes)
+        self._terms, self._work = Terms.allocate(*sizes), hold(Workspace.allocate(*sizes))
         self._eqs = bundle(system, self._terms)
         self._rank = normal_rank(self._eqs, self._t, self._q, self._v, self._work)
         code = close(self._eqs, self._t, self._q, self._v, self._rank, False, self._work)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from solvers.kernel import kernel
+from solvers.kernel import inlined
 
 from . import distance, revolute, spherical, weld
 from .base import Cut
@@ -18,7 +18,7 @@ REGISTRY: tuple[type[Cut], ...] = (DistanceCut, RevoluteCut, SphericalCut, WeldC
 _distance, _revolute, _spherical, _weld = distance.close, revolute.close, spherical.close, weld.close
 
 
-@kernel
+@inlined
 def close(cut: Any, A: Any, B: Any, rows: Any) -> None:
     """Fill the rows of a cut joint; see :mod:`.base`."""
     if cut.kind == 0:

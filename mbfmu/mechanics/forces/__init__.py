@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from solvers.kernel import kernel
+from solvers.kernel import inlined, kernel
 
 from . import joint_force, joint_spring, point_force, spring, torque
 from .base import Force
@@ -26,7 +26,7 @@ _spring, _joint_spring, _joint_force, _point_force, _torque = (
 _spring_potential, _joint_spring_potential = spring.potential, joint_spring.potential
 
 
-@kernel
+@inlined
 def apply(t: float, arrays: Any, state: Any) -> None:
     """Clear the applied wrenches and coordinate forces and let every force add its own."""
     for i in range(state.bodies.shape[0]):
