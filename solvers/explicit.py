@@ -47,9 +47,7 @@ class AdamsStepper(Stepper):
         return self._history.control
 
     def _advance(self, t: float) -> tuple[Code, float]:
-        code = Code(
-            adams.advance(self._eqs, self._settings, self._held, self._work, t, self._q, self._v)
-        )
+        code = Code(adams.advance(self._eqs, self._settings, self._held, self._work, t, self._q, self._v))
         self._t = t if code is Code.OK else float(self._control["t"][0])
         return code, self._t
 

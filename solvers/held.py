@@ -10,8 +10,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from llvmlite import ir
 from numba import typeof, types
+from numba.core import cgutils
 from numba.core.typing.templates import AttributeTemplate
 from numba.extending import (
     NativeValue,
@@ -31,7 +31,7 @@ class HeldType(types.Type):
 
     def __init__(self, content: Any) -> None:
         self.content = content
-        super().__init__(name=f"Held({content})")  # type: ignore[no-untyped-call]
+        super().__init__(name=f"Held({content})")
 
 
 register_model(HeldType)(models.OpaqueModel)
@@ -62,7 +62,7 @@ def hold(value: Any) -> Any:
 class _Attributes(AttributeTemplate):
     key = HeldType
 
-    def generic_resolve(self, held: Any, name: str) -> Any:
+    def generic_resolve(self, held: Any, name: str) -> Any:  # type: ignore[override]
         fields = held.content.fields
         return held.content.types[fields.index(name)] if name in fields else None
 
@@ -70,8 +70,8 @@ class _Attributes(AttributeTemplate):
 @lower_getattr_generic(HeldType)  # type: ignore[no-untyped-call, untyped-decorator]
 def _read(context: Any, builder: Any, held: Any, address: Any, name: str) -> Any:
     place = builder.bitcast(address, context.get_value_type(held.content).as_pointer())
-    index = ir.Constant(ir.IntType(32), held.content.fields.index(name))
-    field = builder.load(builder.gep(place, [ir.Constant(ir.IntType(32), 0), index], inbounds=True))
+    index = held.content.fields.index(name)
+    field = builder.load(cgutils.gep_inbounds(builder, place, 0, index))  # type: ignore[no-untyped-call]
     field.set_metadata("invariant.load", builder.module.add_metadata([]))  # nothing moves once it is held
     return field
 

@@ -196,7 +196,7 @@ class Stepper(ABC):
         self._terms, self._work = Terms.allocate(*sizes), hold(Workspace.allocate(*sizes))
         self._eqs = bundle(system, self._terms)
         self._rank = normal_rank(self._eqs, self._t, self._q, self._v, self._work)
-        code = close(self._eqs, self._t, self._q, self._v, self._rank, False, self._work)
+        code = close(self._eqs, self._t, self._q, self._v, self._rank, self._work)
         self.status = Status(Code(code), self._t)
 
     @property
