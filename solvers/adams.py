@@ -21,7 +21,7 @@ import numpy as np
 from .kernel import inlined, kernel
 from .lu import choose, close_dependent, dependent_acceleration, same_choice
 from .multistep import accept, begin, coefficients, correct, estimate, interpolate, predict, unwind
-from .partition import NOT_CLOSED, OK, acceleration, close, factor, ratio
+from .partition import NOT_CLOSED, OK, acceleration, close, factor, ratio, settle
 
 MAX_STEPS, COLLAPSED = 5, 6  # beside the codes of partition
 PROJECTION, LU = 0, 1  # regimes
@@ -37,6 +37,7 @@ SETTINGS = np.dtype(
     align=True,
 )  # fmt: skip
 HYBRID = 2
+SLIGHT = 1e-3  # part of the tolerance: a correction of the position by less needs no new J
 SMALLEST_STEP = 1e-11  # times max(1, |t|)
 
 
@@ -73,7 +74,7 @@ def weigh(c: Any, o: Any, H: Any, nq: int, n: int) -> None:
 
 
 @inlined
-def differentiate(eqs: Any, t: float, closing: bool, c: Any, H: Any, work: Any) -> int:
+def differentiate(eqs: Any, t: float, closing: bool, c: Any, o: Any, H: Any, work: Any) -> int:
     """y' in ``H.yp`` at (work.q, work.v), which are closed first where ``closing`` or in the LU regime."""
     q, v, rank = work.q, work.v, c.rank
     c.evaluations += 1
@@ -84,7 +85,7 @@ def differentiate(eqs: Any, t: float, closing: bool, c: Any, H: Any, work: Any) 
     else:
         code = OK
         if closing:
-            code = close(eqs, t, q, v, rank, True, work)  # the prediction's factors
+            code = settle(eqs, t, q, v, H.p, rank, SLIGHT * min(o.rtol, o.atol), work)
         else:
             eqs.dynamics(t, q, v, eqs.data, eqs.terms)
             factor(eqs.terms, work)
@@ -100,7 +101,7 @@ def start(eqs: Any, c: Any, o: Any, H: Any, work: Any) -> int:
     """Close y, choose coordinates, and begin a history of order 1."""
     q, v = work.q, work.v
     split(H.y, q, v)
-    code = close(eqs, c.t, q, v, c.rank, False, work)
+    code = close(eqs, c.t, q, v, c.rank, work)
     if code != OK:
         return code
     join(q, v, H.y)
@@ -113,7 +114,7 @@ def start(eqs: Any, c: Any, o: Any, H: Any, work: Any) -> int:
             return NOT_CLOSED
         take_choice(H, work)
     c.energy = eqs.jacobi(c.t, q, v, eqs.data)
-    code = differentiate(eqs, c.t, False, c, H, work)
+    code = differentiate(eqs, c.t, False, c, o, H, work)
     if code == OK:
         weigh(c, o, H, q.shape[0], v.shape[0])
         begin(c, H, o.max_step)
@@ -138,18 +139,18 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any) -> int:
     weigh(c, o, H, q.shape[0], v.shape[0])
     cuts = 0
     while True:
-        coefficients(c, H)
+        coefficients(c)
         predict(c, H)
         split(H.p, q, v)
         after = c.t + c.h
         c.erk, error = 0.0, 0.0
-        code = differentiate(eqs, after, False, c, H, work)
+        code = differentiate(eqs, after, False, c, o, H, work)
         if code == OK:
             error = estimate(c, H)
             if error <= 1.0:
                 correct(c, H)
                 split(H.trial, q, v)
-                code = differentiate(eqs, after, True, c, H, work)
+                code = differentiate(eqs, after, True, c, o, H, work)
                 join(q, v, H.trial)
                 if code == OK and jumped(eqs, after, c, o, work):
                     give_up_lu(c, H)
@@ -248,9 +249,9 @@ def return_to_lu(c: Any, o: Any, terms: Any, work: Any, H: Any) -> None:
 
 
 @kernel
-def advance(eqs: Any, control: Any, settings: Any, H: Any, work: Any, target: float, q: Any, v: Any) -> int:
+def advance(eqs: Any, settings: Any, H: Any, work: Any, target: float, q: Any, v: Any) -> int:
     """Step until ``target`` is passed; put the state there, closed, into (q, v), or the last good one on failure."""
-    c, o = control[0], settings[0]
+    c, o = H.control[0], settings[0]
     code, taken = OK, 0
     while c.t < target:
         if taken >= o.max_steps:
@@ -276,7 +277,7 @@ def advance(eqs: Any, control: Any, settings: Any, H: Any, work: Any, target: fl
                 return_to_lu(c, o, eqs.terms, work, H)
     split(H.y, q, v)
     if code == OK and target < c.t:
-        interpolate(c, H, target, H.g_out, H.w_out, H.trial)
+        interpolate(c, H, target, H.trial)
         split(H.trial, q, v)
-        code = close(eqs, target, q, v, c.rank, False, work)
+        code = close(eqs, target, q, v, c.rank, work)
     return code

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .kernel import kernel
+from .kernel import inlined, kernel
 
 SWEEPS = 40  # one-sided Jacobi converges quadratically: 3 to 6 sweeps in practice
 ORTHOGONAL = 1e-15  # relative to the lengths of the two columns
@@ -42,7 +42,7 @@ def decompose(J: Any, m: int, n: int, A: Any, pivots: Any, U: Any, sigma: Any, W
     descend(m, n, size, U, sigma, W)
 
 
-@kernel
+@inlined
 def householder(J: Any, m: int, n: int, A: Any, pivots: Any, U: Any) -> None:
     """Column-pivoted QR of J^T: ``A`` holds R on and above its diagonal, ``U`` (n, n) the orthogonal factor."""
     for i in range(n):
@@ -67,18 +67,20 @@ def householder(J: Any, m: int, n: int, A: Any, pivots: Any, U: Any) -> None:
             dot = 0.0
             for i in range(k, n):
                 dot += A[i, k] * A[i, j]
+            dot /= scale
             for i in range(k, n):
-                A[i, j] -= dot / scale * A[i, k]
+                A[i, j] -= dot * A[i, k]
         for row in range(n):
             dot = 0.0
             for i in range(k, n):
                 dot += U[row, i] * A[i, k]
+            dot /= scale
             for i in range(k, n):
-                U[row, i] -= dot / scale * A[i, k]
+                U[row, i] -= dot * A[i, k]
         A[k, k] = diagonal
 
 
-@kernel
+@inlined
 def bring_longest(k: int, m: int, n: int, A: Any, pivots: Any) -> None:
     """Swap the column longest below row k to place k."""
     best, longest = k, -1.0
@@ -94,7 +96,7 @@ def bring_longest(k: int, m: int, n: int, A: Any, pivots: Any) -> None:
             A[i, k], A[i, best] = A[i, best], A[i, k]
 
 
-@kernel
+@inlined
 def sweep(m: int, n: int, size: int, U: Any, W: Any) -> bool:
     """One round of Jacobi rotations making the first ``size`` columns of W orthogonal; U turns along. True: rotated."""
     rotated = False
@@ -118,7 +120,7 @@ def sweep(m: int, n: int, size: int, U: Any, W: Any) -> bool:
     return rotated
 
 
-@kernel
+@inlined
 def rotate(rows: int, p: int, q: int, c: float, s: float, A: Any) -> None:
     """Turn columns p and q of A by the rotation (c, s)."""
     for i in range(rows):
@@ -127,7 +129,7 @@ def rotate(rows: int, p: int, q: int, c: float, s: float, A: Any) -> None:
         A[i, q] = s * x + c * y
 
 
-@kernel
+@inlined
 def descend(m: int, n: int, size: int, U: Any, sigma: Any, W: Any) -> None:
     """Column lengths of W become sigma, the columns unit vectors; the largest come first."""
     for j in range(size):
@@ -149,7 +151,7 @@ def descend(m: int, n: int, size: int, U: Any, sigma: Any, W: Any) -> None:
             rotate(n, j, best, 0.0, 1.0, U)
 
 
-@kernel
+@inlined
 def least_norm(b: Any, m: int, n: int, rank: int, U: Any, sigma: Any, W: Any, x: Any) -> None:
     """Shortest x (n,) with J x = b (m,) in the first ``rank`` singular directions: x = J^+ b."""
     for i in range(n):
@@ -163,7 +165,7 @@ def least_norm(b: Any, m: int, n: int, rank: int, U: Any, sigma: Any, W: Any, x:
             x[i] += U[i, j] * dot
 
 
-@kernel
+@inlined
 def least_norm_transposed(f: Any, m: int, n: int, rank: int, U: Any, sigma: Any, W: Any, y: Any) -> None:
     """Shortest y (m,) with J^T y = f (n,) in the first ``rank`` singular directions."""
     for i in range(m):
@@ -265,7 +267,7 @@ def solve_lu(LU: Any, n: int, order: Any, b: Any, x: Any) -> None:
         x[i] /= LU[i, i]
 
 
-@kernel
+@inlined
 def solve_positive(A: Any, n: int, x: Any) -> bool:
     """Solve A x = b for a symmetric positive definite A (n, n), in place; False where A is not."""
     for j in range(n):

@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 
 from .bundle import bundle
 from .dense import decompose, full_pivot, least_norm_transposed, solve_full_pivot
+from .held import hold
 from .kernel import kernel
 from .partition import length, rank_at, ratio
 from .system import Array, System
@@ -167,9 +168,11 @@ def take(q: Any, lam: Any, s: Any) -> None:
 
 @kernel
 def factor(s: Any) -> bool:
-    """Eliminate K; False where it is not finite."""
+    """Eliminate K; False where it or f is not finite."""
     N = s.z.shape[0]
     for i in range(N):
+        if not np.isfinite(s.f[i]):
+            return False
         for j in range(N):
             if not np.isfinite(s.K[i, j]):
                 return False
@@ -308,8 +311,10 @@ class EquilibriumSolver:
         self._terms = system.allocate_terms(complex)
         self._eqs = bundle(system, self._terms)
         self.rows = self._independent(t, q)
-        self._scratch = Scratch.allocate(system.nq, system.n, len(self.rows))
-        self._scratch.v[:] = v
+        scratch = Scratch.allocate(system.nq, system.n, len(self.rows))
+        scratch.v[:] = v
+        self._v, self._lam = scratch.v, scratch.lam_try
+        self._scratch, self._held_terms = hold(scratch), hold(self._terms)
 
     def _independent(self, t: float, q: Array) -> NDArray[np.int64]:
         n, m = self.system.n, self.system.m
@@ -344,17 +349,17 @@ class EquilibriumSolver:
     def unbalance(self, t: float, q: Array, lam: Array) -> tuple[Array, Array]:
         """Return h + J^T lambda (n,) and Phi (m,)."""
         T = self._terms
-        self.system.fill(t, q.astype(complex), self._scratch.v, T)
+        self.system.fill(t, q.astype(complex), self._v, T)
         return T.h.real + T.J.real.T @ lam, T.Phi.real.copy()
 
     def singular(self, t: float, q: Array) -> bool:
         """Whether the independent constraints lose rank at q."""
-        self.system.fill(t, q.astype(complex), self._scratch.v, self._terms)
-        return not constraint_forces(self.rows, self._terms, self._scratch, self._scratch.lam_try) > SINGULAR_POSITION
+        self.system.fill(t, q.astype(complex), self._v, self._terms)
+        return not constraint_forces(self.rows, self._held_terms, self._scratch, self._lam) > SINGULAR_POSITION
 
     def _balancing(self, t: float, q: Array) -> Array:
         """Return the multipliers of the independent rows (rank,) that leave the least unbalanced force."""
-        self.system.fill(t, q.astype(complex), self._scratch.v, self._terms)
+        self.system.fill(t, q.astype(complex), self._v, self._terms)
         lam = np.zeros(len(self.rows))
-        constraint_forces(self.rows, self._terms, self._scratch, lam)
+        constraint_forces(self.rows, self._held_terms, self._scratch, lam)
         return lam

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import adams
+from .held import hold
 from .kernel import records
 from .multistep import HIGHEST, History
 from .stepper import Code, DenseStepper, Options, Statistics, pack, unpack
@@ -23,6 +24,7 @@ class AdamsStepper(DenseStepper):
         super().__init__(system, t0, q0, v0, options)
         self._history = History.allocate(system.nq, system.n, system.m)
         self._settings = self._encode(self.options)
+        self._held = hold(self._history)
         self._control["rank"], self._control["changed_at"] = self._rank, -np.inf
         chosen = self._settings["partition"][0]
         self._control["regime"] = adams.PROJECTION if chosen == adams.PROJECTION else adams.LU
@@ -46,9 +48,7 @@ class AdamsStepper(DenseStepper):
         return self._history.control
 
     def _advance(self, t: float) -> tuple[Code, float]:
-        code = Code(
-            adams.advance(self._eqs, self._control, self._settings, self._history, self._work, t, self._q, self._v)
-        )
+        code = Code(adams.advance(self._eqs, self._settings, self._held, self._work, t, self._q, self._v))
         self._t = t if code is Code.OK else float(self._control["t"][0])
         return code, self._t
 

@@ -47,7 +47,9 @@ class Scratch(NamedTuple):
 
 
 @kernel
-def residual(inverse: object, retract: object, t: float, y: Array, yp: Array, res: Array, data: object, s: Scratch) -> bool:
+def residual(
+    inverse: object, retract: object, t: float, y: Array, yp: Array, res: Array, data: object, s: Scratch
+) -> bool:
     """Fill ``res``; False where it is not finite."""
     nq, n = s.q.shape[0], s.v.shape[0]
     for i in range(nq):
@@ -157,9 +159,7 @@ class TreeIDAStepper(IDADriver):
     def _begin(self) -> Code:
         code, a, _ = self._evaluate()
         if code is Code.OK:
-            self._ida.init_step(
-                self._t, np.concatenate((self._q, self._v)), np.concatenate((self._scratch.qdot, a))
-            )
+            self._ida.init_step(self._t, np.concatenate((self._q, self._v)), np.concatenate((self._scratch.qdot, a)))
             self._pending = False
             self._begun[0] += 1.0
         return code

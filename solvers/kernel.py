@@ -31,6 +31,9 @@ _config: Any = numba.config
 
 COMPILED: bool = not _config.DISABLE_JIT
 
+# No kernel allocates or keeps an array, so none counts references: the counting costs more than most kernels do.
+_OPTIONS: dict[str, Any] = {"cache": True, "error_model": "numpy", "_nrt": False}
+
 
 @cache
 def cache_folder() -> Path:
@@ -60,13 +63,13 @@ def _cached_here() -> Iterator[None]:
 def kernel(function: F) -> F:
     """Compile a closed function on first use and keep the machine code on disk."""
     with _cached_here():
-        return cast(F, numba.njit(cache=True, error_model="numpy")(function))
+        return cast(F, numba.njit(**_OPTIONS)(function))
 
 
 def inlined(function: F) -> F:
     """Compile a small kernel into its callers: handing it many arrays would cost more than its work."""
     with _cached_here():
-        return cast(F, numba.njit(cache=True, error_model="numpy", forceinline=True)(function))
+        return cast(F, numba.njit(**_OPTIONS, forceinline=True)(function))
 
 
 def callback(signature: Any) -> Callable[[F], F]:
@@ -76,7 +79,7 @@ def callback(signature: Any) -> Callable[[F], F]:
         if not COMPILED:
             return function
         with _cached_here():
-            return cast(F, numba.cfunc(signature, cache=True, error_model="numpy")(function))
+            return cast(F, numba.cfunc(signature, **_OPTIONS)(function))
 
     return compile_
 

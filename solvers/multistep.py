@@ -30,6 +30,10 @@ CONTROL = np.dtype(
         ("k", "i8"), ("kold", "i8"), ("ns", "i8"),  # next order, last order, steps taken with h
         ("phase1", "i8"), ("start", "i8"),  # still doubling and raising; history to be built from y
         ("knew", "i8"), ("erk", "f8"), ("erkm1", "f8"), ("erkm2", "f8"),  # order and error estimates of this step
+        ("psi", "f8", ROWS),  # sums of steps, s
+        ("alpha", "f8", ROWS), ("beta", "f8", ROWS), ("sig", "f8", ROWS), ("v", "f8", ROWS), ("w", "f8", ROWS),
+        ("g", "f8", ROWS),  # coefficients of the predictor
+        ("g_out", "f8", ROWS), ("w_out", "f8", ROWS),  # of the interpolation
         ("rank", "i8"), ("regime", "i8"),  # of J; which partition
         ("steps", "i8"), ("rejected", "i8"), ("evaluations", "i8"), ("starts", "i8"),
         ("h_before", "f8"), ("equal", "i8"), ("changes", "i8"), ("changed_at", "f8"), ("flickers", "i8"),  # LU choice
@@ -46,16 +50,7 @@ class History(NamedTuple):
 
     control: NDArray[Any]  # (1,)          record of CONTROL
     y: Array  # (size,)       state (q, v) at control.t
-    phi: Array  # (ROWS, size)  modified divided differences of y'
-    psi: Array  # (ROWS,)       sums of steps, s
-    alpha: Array  # (ROWS,)
-    beta: Array  # (ROWS,)
-    sig: Array  # (ROWS,)
-    v: Array  # (ROWS,)
-    w: Array  # (ROWS,)
-    g: Array  # (ROWS,)       coefficients of the predictor
-    g_out: Array  # (ROWS,)       of the interpolation
-    w_out: Array  # (ROWS,)
+    phi: Array  # (size, ROWS)  modified divided differences of y'
     weight: Array  # (size,)       1 / (rtol |y| + atol), 0 where the error is not controlled
     p: Array  # (size,)       predicted state
     yp: Array  # (size,)       y' last evaluated
@@ -67,10 +62,9 @@ class History(NamedTuple):
     def allocate(nq: int, n: int, m: int) -> History:
         """Return a zeroed history for ``nq`` positions, ``n`` velocities and ``m`` constraints."""
         size = nq + n
-        coefficients = [np.zeros(ROWS) for _ in range(9)]
-        vectors = [np.zeros(size) for _ in range(4)]
-        arrays = [records(1, CONTROL), np.zeros(size), np.zeros((ROWS, size)), *coefficients, *vectors]
-        return History._make([*arrays, np.arange(m), np.arange(n)])
+        y, weight, p, yp, trial = (np.zeros(size) for _ in range(5))
+        phi = np.zeros((size, ROWS))
+        return History(records(1, CONTROL), y, phi, weight, p, yp, trial, np.arange(m), np.arange(n))
 
 
 @inlined
@@ -85,11 +79,10 @@ def weighted_norm(x: Any, weight: Any) -> float:
 @inlined
 def begin(c: Any, H: Any, max_step: float) -> None:
     """History of order 1 from y' = ``H.yp`` at ``c.t``."""
-    for j in range(ROWS):
-        for i in range(H.y.shape[0]):
-            H.phi[j, i] = 0.0
     for i in range(H.y.shape[0]):
-        H.phi[1, i] = H.yp[i]
+        for j in range(ROWS):
+            H.phi[i, j] = 0.0
+        H.phi[i, 1] = H.yp[i]
     slope = weighted_norm(H.yp, H.weight)
     c.h = max_step
     if 16.0 * slope * c.h * c.h > 1.0:
@@ -100,67 +93,68 @@ def begin(c: Any, H: Any, max_step: float) -> None:
 
 
 @inlined
-def coefficients(c: Any, H: Any) -> None:
+def coefficients(c: Any) -> None:
     """Block 1 of STEP: coefficients of the formulas for step ``c.h`` at order ``c.k``; those that stay are kept."""
-    k = c.k
-    if c.h != c.hold:
+    k, h, psi, alpha, beta, sig = c.k, c.h, c.psi, c.alpha, c.beta, c.sig
+    if h != c.hold:
         c.ns = 0
     if c.ns <= c.kold:
         c.ns += 1
     ns = c.ns
     if k < ns:
         return
-    H.g[1], H.g[2], H.sig[1] = 1.0, 0.5, 1.0
-    H.beta[ns], H.alpha[ns], H.sig[ns + 1] = 1.0, 1.0 / ns, 1.0
-    total = c.h * ns
+    c.g[1], c.g[2], sig[1] = 1.0, 0.5, 1.0
+    beta[ns], alpha[ns], sig[ns + 1] = 1.0, 1.0 / ns, 1.0
+    total = h * ns
     for i in range(ns + 1, k + 1):
-        before = H.psi[i - 1]
-        H.psi[i - 1] = total
-        H.beta[i] = H.beta[i - 1] * H.psi[i - 1] / before
-        total = before + c.h
-        H.alpha[i] = c.h / total
-        H.sig[i + 1] = i * H.alpha[i] * H.sig[i]
-    H.psi[k] = total
-    predictor(c, H)
+        before = psi[i - 1]
+        psi[i - 1] = total
+        beta[i] = beta[i - 1] * total / before
+        total = before + h
+        alpha[i] = h / total
+        sig[i + 1] = i * alpha[i] * sig[i]
+    psi[k] = total
+    predictor(c)
 
 
 @inlined
-def predictor(c: Any, H: Any) -> None:
+def predictor(c: Any) -> None:
     """The g of block 1: integrals of the divided-difference basis, by recurrence over v and w."""
-    k, ns = c.k, c.ns
+    k, ns, alpha, v, w, g = c.k, c.ns, c.alpha, c.v, c.w, c.g
     if ns <= 1:
         for iq in range(1, k + 1):
-            H.v[iq] = 1.0 / (iq * (iq + 1))
-            H.w[iq] = H.v[iq]
+            v[iq] = 1.0 / (iq * (iq + 1))
+            w[iq] = v[iq]
     else:
         if k > c.kold:
-            H.v[k] = 1.0 / (k * (k + 1))
+            v[k] = 1.0 / (k * (k + 1))
             for j in range(1, ns - 1):
-                H.v[k - j] -= H.alpha[j + 1] * H.v[k - j + 1]
+                v[k - j] -= alpha[j + 1] * v[k - j + 1]
         for iq in range(1, k + 2 - ns):
-            H.v[iq] -= H.alpha[ns] * H.v[iq + 1]
-            H.w[iq] = H.v[iq]
-        H.g[ns + 1] = H.w[1]
+            v[iq] -= alpha[ns] * v[iq + 1]
+            w[iq] = v[iq]
+        g[ns + 1] = w[1]
     for i in range(ns + 2, k + 2):
         for iq in range(1, k + 3 - i):
-            H.w[iq] -= H.alpha[i - 1] * H.w[iq + 1]
-        H.g[i] = H.w[1]
+            w[iq] -= alpha[i - 1] * w[iq + 1]
+        g[i] = w[1]
 
 
 @inlined
 def predict(c: Any, H: Any) -> None:
     """Block 2, first half: the predicted state ``H.p`` and differences as of t + h without the new y'."""
-    k = c.k
+    k, ns, h, phi = c.k, c.ns, c.h, H.phi
     for i in range(H.y.shape[0]):
-        for j in range(c.ns + 1, k + 1):
-            H.phi[j, i] *= H.beta[j]
-        H.phi[k + 2, i] = H.phi[k + 1, i]
-        H.phi[k + 1, i] = 0.0
-        total = 0.0
+        for j in range(ns + 1, k + 1):
+            phi[i, j] *= c.beta[j]
+        phi[i, k + 2] = phi[i, k + 1]
+        phi[i, k + 1] = 0.0
+        total, above = 0.0, 0.0
         for j in range(k, 0, -1):
-            total += H.g[j] * H.phi[j, i]
-            H.phi[j, i] += H.phi[j + 1, i]
-        H.p[i] = H.y[i] + c.h * total
+            total += c.g[j] * phi[i, j]
+            above += phi[i, j]
+            phi[i, j] = above
+        H.p[i] = H.y[i] + h * total
 
 
 @inlined
@@ -168,27 +162,27 @@ def estimate(c: Any, H: Any) -> float:
     """Block 2, second half: return the weighted error at order k; note those of orders k, k-1, k-2 and the
     next order.
     """
-    k = c.k
+    k, h, sig = c.k, c.h, c.sig
     two_below, one_below, here = 0.0, 0.0, 0.0
     for i in range(H.y.shape[0]):
-        difference = H.yp[i] - H.phi[1, i]
+        difference, weight = H.yp[i] - H.phi[i, 1], H.weight[i]
         if k > 2:
-            two_below += ((H.phi[k - 1, i] + difference) * H.weight[i]) ** 2
+            two_below += ((H.phi[i, k - 1] + difference) * weight) ** 2
         if k > 1:
-            one_below += ((H.phi[k, i] + difference) * H.weight[i]) ** 2
-        here += (difference * H.weight[i]) ** 2
-    scaled = c.h * np.sqrt(here)
-    c.erk = scaled * H.sig[k + 1] * GAMMA_STAR[k]
+            one_below += ((H.phi[i, k] + difference) * weight) ** 2
+        here += (difference * weight) ** 2
+    scaled = h * np.sqrt(here)
+    c.erk = scaled * sig[k + 1] * GAMMA_STAR[k]
     c.knew = k
     if k > 1:
-        c.erkm1 = c.h * H.sig[k] * GAMMA_STAR[k - 1] * np.sqrt(one_below)
+        c.erkm1 = h * sig[k] * GAMMA_STAR[k - 1] * np.sqrt(one_below)
         if k == 2 and c.erkm1 <= 0.5 * c.erk:
             c.knew = 1
     if k > 2:
-        c.erkm2 = c.h * H.sig[k - 1] * GAMMA_STAR[k - 2] * np.sqrt(two_below)
+        c.erkm2 = h * sig[k - 1] * GAMMA_STAR[k - 2] * np.sqrt(two_below)
         if max(c.erkm1, c.erkm2) <= c.erk:
             c.knew = k - 1
-    return scaled * (H.g[k] - H.g[k + 1])
+    return scaled * (c.g[k] - c.g[k + 1])
 
 
 @inlined
@@ -197,30 +191,32 @@ def unwind(c: Any, H: Any) -> None:
     c.phase1 = 0
     for i in range(H.y.shape[0]):
         for j in range(1, c.k + 1):
-            H.phi[j, i] = (H.phi[j, i] - H.phi[j + 1, i]) / H.beta[j]
+            H.phi[i, j] = (H.phi[i, j] - H.phi[i, j + 1]) / c.beta[j]
     for j in range(2, c.k + 1):
-        H.psi[j - 1] = H.psi[j] - c.h
+        c.psi[j - 1] = c.psi[j] - c.h
 
 
 @inlined
 def correct(c: Any, H: Any) -> None:
     """Block 4: the corrected state, one order higher, in ``H.trial``."""
+    factor = c.h * c.g[c.k + 1]
     for i in range(H.y.shape[0]):
-        H.trial[i] = H.p[i] + c.h * H.g[c.k + 1] * (H.yp[i] - H.phi[1, i])
+        H.trial[i] = H.p[i] + factor * (H.yp[i] - H.phi[i, 1])
 
 
 @inlined
 def accept(c: Any, H: Any, max_order: int, max_step: float) -> None:
     """Rest of block 4: take over ``H.trial`` and its y' = ``H.yp``; choose the next order and step."""
-    k = c.k
+    k, phi = c.k, H.phi
     c.t += c.h
     c.kold, c.hold = k, c.h
     for i in range(H.y.shape[0]):
         H.y[i] = H.trial[i]
-        H.phi[k + 1, i] = H.yp[i] - H.phi[1, i]
-        H.phi[k + 2, i] = H.phi[k + 1, i] - H.phi[k + 2, i]
+        difference = H.yp[i] - phi[i, 1]
+        phi[i, k + 1] = difference
+        phi[i, k + 2] = difference - phi[i, k + 2]
         for j in range(1, k + 1):
-            H.phi[j, i] += H.phi[k + 1, i]
+            phi[i, j] += difference
     choose_order(c, H, max_order)
     choose_step(c, max_step)
 
@@ -241,7 +237,7 @@ def choose_order(c: Any, H: Any, max_order: int) -> None:
         return
     above = 0.0
     for i in range(H.y.shape[0]):
-        above += (H.phi[k + 2, i] * H.weight[i]) ** 2
+        above += (H.phi[i, k + 2] * H.weight[i]) ** 2
     above = c.h * GAMMA_STAR[k + 1] * np.sqrt(above)
     if k > 1 and c.erkm1 <= min(c.erk, above):
         c.k, c.erk = k - 1, c.erkm1
@@ -253,7 +249,7 @@ def choose_order(c: Any, H: Any, max_order: int) -> None:
 def choose_step(c: Any, max_step: float) -> None:
     """Next step: doubled, kept, or cut to between a half and nine tenths, never more than ``max_step``."""
     h = c.h
-    if c.phase1 == 1 or 0.5 >= c.erk * 2.0 ** (c.k + 1):
+    if c.phase1 == 1 or 0.5 >= c.erk * (2 << c.k):  # 2^(k + 1)
         c.h = 2.0 * h
     elif 0.5 < c.erk:
         c.h = h * max(0.5, min(0.9, (0.5 / c.erk) ** (1.0 / (c.k + 1))))
@@ -261,16 +257,16 @@ def choose_step(c: Any, max_step: float) -> None:
 
 
 @inlined
-def interpolate(c: Any, H: Any, t: float, g: Any, w: Any, y: Any) -> None:
-    """State at t in the last step, in ``y`` (size,): subroutine INTRP; ``g`` and ``w`` (ROWS,) are scratch."""
-    hi = t - c.t
+def interpolate(c: Any, H: Any, t: float, y: Any) -> None:
+    """State at t in the last step, in ``y`` (size,): subroutine INTRP."""
+    hi, g, w = t - c.t, c.g_out, c.w_out
     last = c.kold + 1
     for i in range(1, last + 1):
         w[i] = 1.0 / i
     g[1] = 1.0
     term = 0.0
     for j in range(2, last + 1):
-        before = H.psi[j - 1]
+        before = c.psi[j - 1]
         gamma, eta = (hi + term) / before, hi / before
         for i in range(1, last + 2 - j):
             w[i] = gamma * w[i] - eta * w[i + 1]
@@ -279,5 +275,5 @@ def interpolate(c: Any, H: Any, t: float, g: Any, w: Any, y: Any) -> None:
     for i in range(y.shape[0]):
         total = 0.0
         for j in range(last, 0, -1):
-            total += g[j] * H.phi[j, i]
+            total += g[j] * H.phi[i, j]
         y[i] = H.y[i] + hi * total

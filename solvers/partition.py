@@ -38,7 +38,6 @@ AT_REST = 1e-9  # |v| below which there is no tangent; regular formulas still ho
 UNRESOLVED = 1e-7  # ratio below which nothing is left of the smallest singular value's digits after squaring
 REACH = 1e-2  # d of the limit, in units of q
 REDUNDANT = 1e-6  # ratio that tells a redundant constraint from a singular position nearby
-CHORD = 0.05  # ratio above which the factors of a nearby J serve
 PASSES = 12  # Gauss-Newton corrections of a position
 CLOSED = 1e-7  # a correction this small is the last: the next one would be its square
 
@@ -114,26 +113,34 @@ def ratio(sigma: Any, rank: int) -> float:
 
 
 @kernel
-def close_position(eqs: Any, t: float, q: Any, rank: int, chord: bool, work: Any) -> bool:
-    """Bring q onto Phi(t, q) = 0 along the constraint normals, in place; False if it does not get there.
+def correct_position(eqs: Any, q: Any, rank: int, work: Any) -> float:
+    """Take from q what violates Phi = 0, with the factors of J at hand, in place; return the largest correction.
 
-    ``chord`` keeps the factors that ``work`` holds from a position nearby; else J is factored in each pass. Leaves
-    Phi, J and nu at the result. In the singular window the vanishing direction is left alone: it would be divided
-    by nearly zero.
+    In the singular window the vanishing direction is left alone: it would be divided by nearly zero.
     """
     m, n = eqs.terms.J.shape
+    least_norm(eqs.terms.Phi, m, n, rank_at(work.sigma, rank, SINGULAR), work.U, work.sigma, work.W, work.dq)
+    largest = 0.0
+    for i in range(n):
+        work.dq[i] = -work.dq[i]
+        largest = max(largest, abs(work.dq[i]))
+    if np.isfinite(largest):
+        eqs.retract(q, work.dq, eqs.data)
+    return largest
+
+
+@kernel
+def close_position(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
+    """Bring q onto Phi(t, q) = 0 along the constraint normals, in place; False if it does not get there.
+
+    Leaves Phi, J and nu at the result, and the factors of a J nearby.
+    """
     eqs.position(t, q, eqs.data, eqs.terms)
     for _ in range(PASSES):
-        if not chord:
-            factor(eqs.terms, work)
-        least_norm(eqs.terms.Phi, m, n, rank_at(work.sigma, rank, SINGULAR), work.U, work.sigma, work.W, work.dq)
-        largest = 0.0
-        for i in range(n):
-            work.dq[i] = -work.dq[i]
-            largest = max(largest, abs(work.dq[i]))
+        factor(eqs.terms, work)
+        largest = correct_position(eqs, q, rank, work)
         if not np.isfinite(largest):
             return False
-        eqs.retract(q, work.dq, eqs.data)
         eqs.position(t, q, eqs.data, eqs.terms)
         if largest <= CLOSED:
             return True
@@ -154,18 +161,35 @@ def close_velocity(v: Any, terms: Any, rank: int, work: Any) -> None:
 
 
 @kernel
-def close(eqs: Any, t: float, q: Any, v: Any, rank: int, near: bool, work: Any) -> int:
-    """Bring (q, v) onto the constraints, in place; leave ``terms`` and the factors of J at the result.
-
-    ``near`` says that ``work`` holds the factors of J at a position nearby (a prediction's). They serve unless a
-    singular position is close, where J turns too fast.
-    """
-    chord = near and ratio(work.sigma, rank) > CHORD
-    if not close_position(eqs, t, q, rank, chord, work):
+def close(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any) -> int:
+    """Bring (q, v) onto the constraints, in place; leave ``terms`` and the factors of J at the result."""
+    if not close_position(eqs, t, q, rank, work):
         return NOT_CLOSED
-    if not chord:
-        factor(eqs.terms, work)
+    factor(eqs.terms, work)
     close_velocity(v, eqs.terms, rank, work)
+    eqs.dynamics(t, q, v, eqs.data, eqs.terms)
+    factor(eqs.terms, work)
+    return OK
+
+
+@kernel
+def settle(eqs: Any, t: float, q: Any, v: Any, near: Any, rank: int, slight: float, work: Any) -> int:
+    """As :func:`close`, where ``terms`` and the factors of J are those of the prediction ``near``.
+
+    The constraints linearised there take q onto them but for the square of the distance. What is left is corrected
+    with J as it is where that is ``slight``; v' depends on it by the inverse square of the smallest singular value.
+    """
+    if rank > 0:
+        if q.shape[0] == v.shape[0]:
+            for i in range(eqs.terms.Phi.shape[0]):
+                for j in range(v.shape[0]):
+                    eqs.terms.Phi[i] += eqs.terms.J[i, j] * (q[j] - near[j])
+            correct_position(eqs, q, rank, work)
+        eqs.position(t, q, eqs.data, eqs.terms)
+        rest = correct_position(eqs, q, rank, work)
+        if not rest <= slight * ratio(work.sigma, rank) ** 2 and not close_position(eqs, t, q, rank, work):
+            return NOT_CLOSED
+        close_velocity(v, eqs.terms, rank, work)
     eqs.dynamics(t, q, v, eqs.data, eqs.terms)
     factor(eqs.terms, work)
     return OK
@@ -243,7 +267,7 @@ def neighbour(eqs: Any, t: float, q: Any, v: Any, distance: float, rank: int, wo
         work.dq[i] = distance * v[i] / speed
         work.v_near[i] = v[i]
     eqs.retract(work.q_near, work.dq, eqs.data)
-    return close(eqs, t, work.q_near, work.v_near, rank, False, work)
+    return close(eqs, t, work.q_near, work.v_near, rank, work)
 
 
 @kernel
@@ -270,7 +294,7 @@ def close_report(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any) -> in
 
     For states from a solver that does not control that component well (IDA's regularisation leaves it free).
     """
-    code = close(eqs, t, q, v, rank, False, work)
+    code = close(eqs, t, q, v, rank, work)
     if code != OK or rank_at(work.sigma, rank, SINGULAR) == rank or length(v) <= AT_REST:
         return code
     for i in range(v.shape[0]):
@@ -344,7 +368,7 @@ def rank_beside(eqs: Any, t: float, q: Any, e: Any, work: Any) -> int:
     for i in range(n):
         work.dq[i] = 5.0 * REACH * e[i] / size
     eqs.retract(work.q_near, work.dq, eqs.data)
-    if not close_position(eqs, t, work.q_near, min(m, n), False, work):
+    if not close_position(eqs, t, work.q_near, min(m, n), work):
         return 0
     eqs.position(t, work.q_near, eqs.data, eqs.terms)
     factor(eqs.terms, work)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .bundle import bundle
+from .held import hold
 from .partition import Workspace, close, evaluate, normal_rank
 from .system import AnySystem, Array, System, Terms
 
@@ -260,10 +261,10 @@ class DenseStepper(Stepper):
         super().__init__(system, t0, q0, v0, options)
         self.system = system
         sizes = (system.nq, system.n, system.m)
-        self._terms, self._work = Terms.allocate(*sizes), Workspace.allocate(*sizes)
+        self._terms, self._work = Terms.allocate(*sizes), hold(Workspace.allocate(*sizes))
         self._eqs = bundle(system, self._terms)
         self._rank = normal_rank(self._eqs, self._t, self._q, self._v, self._work)
-        code = close(self._eqs, self._t, self._q, self._v, self._rank, False, self._work)
+        code = close(self._eqs, self._t, self._q, self._v, self._rank, self._work)
         self.status = Status(Code(code), self._t)
 
     def _evaluate(self) -> tuple[Code, Array, Array]:

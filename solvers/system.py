@@ -15,11 +15,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .held import hold
 from .kernel import kernel
 
 Array = NDArray[np.float64]
@@ -64,8 +66,8 @@ def _retract(function: Any, q: Array, dq: Array, data: Any) -> None:
 class System:
     """A mechanism as a solver sees it.
 
-    The callables are compiled callbacks (see :mod:`solvers.kernel`); ``data`` is whatever tuple of arrays they need
-    and is passed through untouched.
+    The callables are compiled callbacks (see :mod:`solvers.kernel`); ``data`` is whatever named tuple of arrays, or
+    array, they need and is passed through untouched. They get named tuples held (see :mod:`solvers.held`).
     """
 
     nq: int
@@ -83,17 +85,22 @@ class System:
         """Return zeroed terms of this system's size."""
         return Terms.allocate(self.nq, self.n, self.m, scalar)
 
+    @cached_property
+    def held_data(self) -> Any:
+        """``data`` as the callbacks get it."""
+        return hold(self.data)
+
     def fill(self, t: float, q: Array, v: Array, terms: Terms) -> None:
         """Fill all terms at (t, q, v)."""
-        _dynamics(self.dynamics, t, q, v, self.data, terms)
+        _dynamics(self.dynamics, t, q, v, self.held_data, hold(terms))
 
     def fill_position(self, t: float, q: Array, terms: Terms) -> None:
         """Fill Phi, J and nu at (t, q)."""
-        _position(self.position, t, q, self.data, terms)
+        _position(self.position, t, q, self.held_data, hold(terms))
 
     def apply(self, q: Array, dq: Array) -> None:
         """Change the positions in place by dq (n,): q <- q (+) N dq."""
-        _retract(self.retract, q, dq, self.data)
+        _retract(self.retract, q, dq, self.held_data)
 
 
 class Tangent(Protocol):

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from solvers.kernel import kernel
+from solvers.kernel import inlined, kernel
 
 from .crba import shift_to
 from .cuts import close
 from .spatial import add_wrench, dot6, row_dot6
 
 
-@kernel
+@inlined
 def close_cuts(arrays: Any, state: Any) -> None:
     """Fill State.rows from positions and velocities."""
     for i in range(arrays.cuts.shape[0]):
@@ -23,7 +23,7 @@ def close_cuts(arrays: Any, state: Any) -> None:
         close(cut, state.bodies[cut.a], state.bodies[cut.b], state.rows)
 
 
-@kernel
+@inlined
 def carry_inward(i: int, G: Any, row: int, arrays: Any, state: Any, J: Any, nu: Any) -> None:
     """Add to J[row] the power of the wrench G on body i for every free coordinate between it and the ground.
 
@@ -44,7 +44,7 @@ def carry_inward(i: int, G: Any, row: int, arrays: Any, state: Any, J: Any, nu: 
         i = body.parent
 
 
-@kernel
+@inlined
 def jacobian(arrays: Any, state: Any, Phi: Any, J: Any, nu: Any) -> None:
     """Phi (m,), J (m, n) and nu (m,), after :func:`close_cuts`; State.v holds the driven velocities."""
     for i in range(J.shape[0]):
@@ -62,7 +62,7 @@ def jacobian(arrays: Any, state: Any, Phi: Any, J: Any, nu: Any) -> None:
                 carry_inward(cut.b, state.rows[r].Gb, row, arrays, state, J, nu)
 
 
-@kernel
+@inlined
 def right_hand_side(arrays: Any, state: Any, gamma: Any) -> None:
     """gamma of J v' = gamma; State holds velocities, and accelerations at zero free v'."""
     for i in range(arrays.cuts.shape[0]):

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from solvers.kernel import kernel
+from solvers.kernel import inlined, kernel
 
 from .spatial import row_dot6
 
 
-@kernel
+@inlined
 def composite_inertia(arrays: Any, state: Any) -> None:
     """Inertia of each body with all that hangs on it, about its origin."""
     for i in range(1, arrays.bodies.shape[0]):
@@ -72,7 +72,7 @@ def shift_to(here: Any, parent: Any, f: Any) -> None:
     f[5] += x * f[1] - y * f[0]
 
 
-@kernel
+@inlined
 def mass_matrix(arrays: Any, state: Any, M: Any) -> None:
     """M (n, n) over the free coordinates, after :func:`composite_inertia`."""
     for i in range(M.shape[0]):

@@ -10,14 +10,15 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numba import typeof, types
+from numba import types
 
-from solvers.kernel import COMPILED, callback, kernel, records
+from solvers.held import held_type
+from solvers.kernel import COMPILED, callback, inlined, kernel, records
 from solvers.system import Terms
 
+from .aba import forward_dynamics
 from .arrays import BODY, CUT, DRAG, FORCE, PLATE, SIGNAL, WORLD, Arrays, Data, allocate_state, complex_twin
 from .constraints import close_cuts, jacobian, load_cuts, right_hand_side
-from .aba import forward_dynamics
 from .crba import composite_inertia, mass_matrix
 from .energy import driven_action, kinetic_energy, potential_energy
 from .forces import apply
@@ -28,7 +29,7 @@ from .signals import rate, value
 from .spatial import quaternion_rate
 
 
-@kernel
+@inlined
 def move(t: float, q: Any, v: Any, arrays: Any, state: Any) -> None:
     """Positions, velocities and applied forces at (t, q, v)."""
     scatter(t, q, v, arrays, state)
@@ -39,7 +40,7 @@ def move(t: float, q: Any, v: Any, arrays: Any, state: Any) -> None:
     close_cuts(arrays, state)
 
 
-@kernel
+@inlined
 def position_rate(arrays: Any, q: Any, v: Any, qdot: Any) -> None:
     """qdot (nq,) = N(q) v over the free coordinates."""
     for i in range(1, arrays.bodies.shape[0]):
@@ -204,7 +205,7 @@ def callbacks(scalar: type = float) -> tuple[Callable[..., Any], ...]:
     if not COMPILED:
         return dynamics, position, retract, jacobi
     example = empty_data() if scalar is float else complex_twin(empty_data())
-    data, terms = typeof(example), typeof(Terms.allocate(1, 1, 1, scalar))  # type: ignore[no-untyped-call]
+    data, terms = held_type(example), held_type(Terms.allocate(1, 1, 1, scalar))
     real, number = types.float64, types.float64 if scalar is float else types.complex128
     vector = number[::1]
     return (

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from solvers.kernel import kernel
+from solvers.kernel import inlined
 
 from . import signals
 from .joints import move
@@ -23,7 +23,7 @@ from .spatial import multiply, rotate, rotate_row
 _value, _rate, _second = signals.value, signals.rate, signals.second
 
 
-@kernel
+@inlined
 def scatter(t: float, q: Any, v: Any, arrays: Any, state: Any) -> None:
     """Fill State.q, v, a from the solver's free coordinates and the drives; free accelerations become zero."""
     for i in range(1, arrays.bodies.shape[0]):
@@ -41,7 +41,7 @@ def scatter(t: float, q: Any, v: Any, arrays: Any, state: Any) -> None:
             state.a[body.vi + k] = 0.0
 
 
-@kernel
+@inlined
 def place(arrays: Any, state: Any) -> None:
     """Positions r, A, the subspaces S and the joints' own bias (left in beta, global axes), from State.q and v."""
     rel = state.rel
@@ -71,7 +71,7 @@ def place(arrays: Any, state: Any) -> None:
             here.beta[3 + k] = C[k, 0] * rel[6, 3] + C[k, 1] * rel[6, 4] + C[k, 2] * rel[6, 5]
 
 
-@kernel
+@inlined
 def turn_inertia(arrays: Any, state: Any) -> None:
     """Centre of mass and inertia of every body in global axes: c = A c', J = A J' A^T."""
     for i in range(1, arrays.bodies.shape[0]):
@@ -86,7 +86,7 @@ def turn_inertia(arrays: Any, state: Any) -> None:
                 here.Jc[k, j] = AJ[k, 0] * A[j, 0] + AJ[k, 1] * A[j, 1] + AJ[k, 2] * A[j, 2]
 
 
-@kernel
+@inlined
 def velocities(arrays: Any, state: Any) -> None:
     """Velocities Y and velocity products beta, after :func:`place`."""
     for i in range(1, arrays.bodies.shape[0]):
@@ -118,7 +118,7 @@ def velocities(arrays: Any, state: Any) -> None:
         Y[5] += wz
 
 
-@kernel
+@inlined
 def accelerations(arrays: Any, state: Any) -> None:
     """Accelerations Y' less gravity for State.a, after :func:`velocities`: the ground accelerates by -g."""
     ground = state.bodies[0]

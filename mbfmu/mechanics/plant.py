@@ -164,7 +164,7 @@ class Plant:
     def observe_complex(self, system: System, t: float, q: Any, v: Any, a: Any, lam: Any) -> NDArray[np.complex128]:
         """Return the outputs at a state of :meth:`complex_system`."""
         out = np.zeros(len(self.outputs), complex)
-        observe(t, q, v, a, lam, self._sensors, system.data, out)
+        observe(t, q, v, a, lam, self._sensors, system.held_data, out)
         return out
 
     def set_input(self, index: int, value: float, t: float = 0.0) -> None:
@@ -190,11 +190,11 @@ class Plant:
 
     def observe(self, t: float, q: Array, v: Array, a: Array, lam: Array, out: Array) -> None:
         """Fill ``out`` (len(outputs),) from the solution: accelerations a (n,), multipliers lam (m,)."""
-        observe(t, q, v, a, lam, self._sensors, self.data, out)
+        observe(t, q, v, a, lam, self._sensors, self.system.held_data, out)
 
     def energy(self, t: float, q: Array, v: Array) -> float:
         """Kinetic and potential energy, J."""
-        return float(energy(t, q, v, self.data))
+        return float(energy(t, q, v, self.system.held_data))
 
     def residuals(self, t: float, q: Array, v: Array) -> tuple[float, float]:
         """Largest constraint residual in position and in velocity."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from solvers.kernel import kernel
+from solvers.kernel import inlined, kernel
 
 from .spatial import add_wrench, cross, rotate, row_dot6
 
@@ -36,7 +36,7 @@ def inertia_wrench(mass: float, here: Any, out: Any) -> None:
     out[5] += wx * hy - wy * hx + c[0] * out[1] - c[1] * out[0]
 
 
-@kernel
+@inlined
 def inverse_dynamics(arrays: Any, state: Any) -> None:
     """State.tau and the joint wrenches W, from velocities, accelerations and applied forces F, Q."""
     for i in range(1, arrays.bodies.shape[0]):

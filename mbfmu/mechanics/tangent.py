@@ -442,9 +442,7 @@ def inertia_forces(arrays: Any, state: Any, a: Any, tau: Any) -> None:
                 tau[body.vf + k] = row_dot6(state.S, body.vi + k, here.W)
         if body.parent > 0:
             parent = state.bodies[body.parent]
-            add_wrench(
-                parent.W, here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2], here.W
-            )
+            add_wrench(parent.W, here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2], here.W)
 
 
 class Tangent:

@@ -12,6 +12,7 @@ from numba import typeof, types
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
+from solvers.held import held_type
 from solvers.kernel import callback
 from solvers.system import Array, System, Terms
 
@@ -19,7 +20,7 @@ G = 9.81  # m/s^2
 
 
 DATA = typeof(np.zeros(1))  # a plain array: a type of this module would be pickled into the shared compile cache
-TERMS = typeof(Terms.allocate(1, 1, 1))
+TERMS = held_type(Terms.allocate(1, 1, 1))
 VECTOR = types.float64[::1]
 DYNAMICS = types.void(types.float64, VECTOR, VECTOR, DATA, TERMS)
 POSITION = types.void(types.float64, VECTOR, DATA, TERMS)

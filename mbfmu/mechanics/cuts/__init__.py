@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from solvers.kernel import kernel
+from solvers.kernel import inlined
 
 from . import distance, planar, plane, revolute, spherical, weld
 from .base import Cut
@@ -21,7 +21,7 @@ _distance, _revolute, _spherical, _weld = distance.close, revolute.close, spheri
 _plane, _planar = plane.close, planar.close
 
 
-@kernel
+@inlined
 def close(cut: Any, A: Any, B: Any, rows: Any) -> None:
     """Fill the rows of a cut joint; see :mod:`.base`."""
     if cut.kind == 0:

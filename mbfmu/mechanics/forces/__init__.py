@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from mbfmu.mechanics.elastic import drag, plate
-from solvers.kernel import kernel
+from solvers.kernel import inlined, kernel
 
 from . import joint_force, joint_spring, point_force, spring, torque
 from .base import Force
@@ -28,7 +28,7 @@ _plate, _drag, _plate_potential = plate.apply, drag.apply, plate.potential
 _spring_potential, _joint_spring_potential = spring.potential, joint_spring.potential
 
 
-@kernel
+@inlined
 def apply(t: float, arrays: Any, state: Any) -> None:
     """Clear the applied wrenches and coordinate forces and let every force and elastic element add its own."""
     for i in range(state.bodies.shape[0]):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from solvers.kernel import kernel
+from solvers.kernel import inlined
 
 from . import floating, out_of_plane, revolute, spherical, translational, weld
 from .base import Joint
@@ -28,7 +28,7 @@ _weld, _revolute, _translational, _spherical, _floating, _out_of_plane = (
 )
 
 
-@kernel
+@inlined
 def move(kind: int, axis: Any, q: Any, qi: int, v: Any, vi: int, rel: Any) -> None:
     """Place the child of a joint of this kind; see :mod:`.base`."""
     for i in range(rel.shape[0]):

@@ -1,0 +1,116 @@
+"""Named tuples of arrays and callbacks by their address.
+
+Python hands a kernel each array of a named tuple anew, 0.3 us apiece, and a kernel hands another one all their sizes
+and strides, which costs more than small kernels do. What :func:`hold` makes is one address to both; kernels read the
+tuple's fields as attributes all the same.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import typeof, types
+from numba.core import cgutils
+from numba.core.typing.templates import AttributeTemplate
+from numba.extending import (
+    NativeValue,
+    infer_getattr,
+    intrinsic,
+    lower_getattr_generic,
+    models,
+    register_model,
+    unbox,
+)
+
+from .kernel import COMPILED, kernel
+
+
+class HeldType(types.Type):
+    """Numba's type of :class:`Held`."""
+
+    def __init__(self, content: Any) -> None:
+        self.content = content
+        super().__init__(name=f"Held({content})")
+
+
+register_model(HeldType)(models.OpaqueModel)
+
+
+class Held:
+    """A named tuple whose arrays stay where they are; ``value`` is the tuple."""
+
+    def __init__(self, value: Any) -> None:
+        self.value = value  # keeps the arrays alive
+        self._numba_type_ = held_type(value)
+        self._place = np.zeros(size(value), np.uint8)
+        self.address = self._place.ctypes.data
+        put(value, self.address)
+
+
+def held_type(example: Any) -> Any:
+    """Return numba's type of what :func:`hold` makes of a value of this kind."""
+    return HeldType(typeof(example)) if isinstance(example, tuple) else typeof(example)  # type: ignore[no-untyped-call]
+
+
+def hold(value: Any) -> Any:
+    """Return what kernels are given in place of a named tuple; anything else is given as it is."""
+    return Held(value) if COMPILED and isinstance(value, tuple) else value
+
+
+@infer_getattr
+class _Attributes(AttributeTemplate):
+    key = HeldType
+
+    def generic_resolve(self, held: Any, name: str) -> Any:  # type: ignore[override]
+        fields = held.content.fields
+        return held.content.types[fields.index(name)] if name in fields else None
+
+
+@lower_getattr_generic(HeldType)  # type: ignore[no-untyped-call, untyped-decorator]
+def _read(context: Any, builder: Any, held: Any, address: Any, name: str) -> Any:
+    place = builder.bitcast(address, context.get_value_type(held.content).as_pointer())
+    index = held.content.fields.index(name)
+    field = builder.load(cgutils.gep_inbounds(builder, place, 0, index))  # type: ignore[no-untyped-call]
+    field.set_metadata("invariant.load", builder.module.add_metadata([]))  # nothing moves once it is held
+    return field
+
+
+@unbox(HeldType)  # type: ignore[no-untyped-call, untyped-decorator]
+def _unbox(_: Any, held: Any, c: Any) -> Any:
+    number = c.pyapi.object_getattr_string(held, "address")
+    address = c.pyapi.long_as_voidptr(number)
+    c.pyapi.decref(number)
+    return NativeValue(address)  # type: ignore[no-untyped-call]
+
+
+def _size(_: Any, value: Any) -> Any:
+    def generate(context: Any, *_: Any) -> Any:
+        return context.get_constant(types.int64, context.get_abi_sizeof(context.get_value_type(value)))
+
+    return types.int64(value), generate
+
+
+def _put(_: Any, value: Any, address: Any) -> Any:
+    def generate(context: Any, builder: Any, _: Any, arguments: Any) -> Any:
+        place = builder.inttoptr(arguments[1], context.get_value_type(value).as_pointer())
+        builder.store(arguments[0], place)
+        return context.get_dummy_value()
+
+    return types.void(value, types.int64), generate
+
+
+_size_of: Any = intrinsic(_size)
+_store: Any = intrinsic(_put)
+
+
+@kernel
+def size(value: Any) -> int:
+    """Bytes of a tuple as kernels have it."""
+    return _size_of(value)
+
+
+@kernel
+def put(value: Any, address: int) -> None:
+    """Write a tuple as kernels have it to an address."""
+    _store(value, address)
