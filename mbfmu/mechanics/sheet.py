@@ -58,7 +58,8 @@ class Support:
         ``x0`` (x = 0), ``x1`` (x = length), ``z0`` (z = 0), ``z1`` (z = width).
     kind
         ``clamped``: neither moves nor turns; ``pinned``: turns about the edge; ``guided`` and ``supported``: the same
-        two, but free to slide and turn in the plane.
+        two, but free to slide and turn in the plane. A sheet that lies flat and hangs on one support cannot give way in
+        its plane to a second: there take ``guided`` or ``supported``.
     span
         First and last coordinate along the edge that is held, m; the nodes within are. None: the whole edge.
     body

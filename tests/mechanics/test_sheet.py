@@ -14,7 +14,7 @@ from test_identities import close, derivative
 
 from mbfmu.equilibrium import equilibrium
 from mbfmu.errors import UserError
-from mbfmu.mechanics import Floating, Harmonic, Mechanism, Sheet, Support, Translational
+from mbfmu.mechanics import Floating, Harmonic, Mechanism, OutOfPlane, Sheet, Support, Translational, add_sheet
 from mbfmu.mechanics.aba import forward_dynamics
 from mbfmu.mechanics.assembly import dependent_rows
 from mbfmu.mechanics.dynamics import move
@@ -40,12 +40,51 @@ def case(tree: str, **effects: Any) -> Case:
     return Case(plant, 0.3, q, 0.2 * rng.normal(size=n), rng.normal(size=n))
 
 
+def hinged(q: tuple[float, float, float], **options: Any) -> tuple[Any, Any]:
+    """Position and orientation of a node on its neighbour at the origin, s' = (0.3, 0, 0.4) m."""
+    m = Mechanism()
+    m.body("node", m.ground, OutOfPlane(at=(0.3, 0.0, 0.4), start=q, **options), mass=1.0, inertia=(1, 1, 1))
+    plant = m.compile()
+    node = bodies_at(plant, plant.start_positions())[1]
+    return node["r"].copy(), node["A"].copy()
+
+
+def test_out_of_plane_joint_of_the_paper() -> None:
+    """A = A_z A_x, r = s' + g' alpha."""
+    r, A = hinged((0.1, 0.5, -0.7), arc=False)
+    c, s, C, S = np.cos(0.5), np.sin(0.5), np.cos(-0.7), np.sin(-0.7)
+    np.testing.assert_allclose(r, (0.3, 0.1, 0.4), atol=1e-16)
+    np.testing.assert_allclose(
+        A, np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ np.array([[1, 0, 0], [0, C, -S], [0, S, C]]), atol=1e-15
+    )
+
+
+def test_arc_keeps_its_length_to_fourth_order() -> None:
+    """A circular arc of length |s'| = 0.5 m that turns by phi ends sin(phi) / kappa along s'."""
+
+    def error(phi: float) -> float:
+        radius = 0.5 / phi
+        r, _ = hinged((radius * (1.0 - np.cos(phi)), 0.0, 0.0))
+        np.testing.assert_allclose(r[0] / 0.3, r[2] / 0.4, rtol=1e-14)
+        return float(abs(r[0] / 0.6 - radius * np.sin(phi)))
+
+    assert error(0.1) < 1e-6
+    assert error(0.2) / error(0.1) == pytest.approx(16.0, rel=0.02)
+
+
+def test_arc_needs_some_length() -> None:
+    m = Mechanism()
+    m.body("node", m.ground, OutOfPlane(), mass=1.0)
+    with pytest.raises(UserError, match="an arc needs some length"):
+        m.compile()
+
+
 @pytest.mark.parametrize("tree", TREES)
 @pytest.mark.parametrize("edge", ["x0", "x1", "z0", "z1"])
 def test_flat_sheet_lies_where_it_is_put(tree: str, edge: str) -> None:
     at, R = np.array([0.1, -0.2, 0.3]), random_rotation(np.random.default_rng(0))
-    _, sheet = (m := cantilever((6, 5), tree=tree, supports=[Support(edge)], at=at, rotation=R))
-    plant = m[0].compile()
+    m, sheet = cantilever((6, 5), tree=tree, supports=[Support(edge)], at=at, rotation=R)
+    plant = m.compile()
     bodies = bodies_at(plant, plant.start_positions())
     for i in range(6):
         for k in range(5):
@@ -267,8 +306,6 @@ def test_a_sheet_may_hang_between_two_bodies_of_a_mechanism() -> None:
 
 def add(m: Mechanism, **options: Any) -> Sheet:
     """A small sheet clamped at x0 unless told otherwise."""
-    from mbfmu.mechanics import add_sheet
-
     given: dict[str, Any] = SMALL | {"supports": [Support("x0")] if options.get("tree") != "master" else []}
     return add_sheet(m, "sheet", **(given | options))
 
