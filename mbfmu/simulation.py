@@ -17,7 +17,7 @@ from mbfmu.equilibrium import Balance
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Variable
 from mbfmu.model import Model, suggest
-from solvers import SOLVERS, Options, SolverError, Statistics, Status
+from solvers import SOLVERS, Options, SolverError, Statistics, Status, stepper
 
 Array = NDArray[np.float64]
 
@@ -98,14 +98,14 @@ class Simulation:
             q, v = found.q, found.v
         else:
             q, v = self.plant.assemble(t0)
-        self.stepper = SOLVERS[settings.name](self.plant.system, t0, q, v, settings.options())
+        self.stepper = stepper(settings.name, self.plant.system, t0, q, v, settings.options())
         self._out = np.zeros(len(self.plant.outputs))
         if settings.name not in _compiled:
             self._compile(t0, q, v)
 
     def _compile(self, t0: float, q: Array, v: Array) -> None:
         """Have every kernel compiled (or loaded) now, by a stepper thrown away, and not in the first step of a run."""
-        rehearsal = SOLVERS[self.settings.name](self.plant.system, t0, q, v, self.settings.options())
+        rehearsal = stepper(self.settings.name, self.plant.system, t0, q, v, self.settings.options())
         rehearsal.advance(t0 + 1e-3)
         self.outputs()
         _compiled.add(self.settings.name)

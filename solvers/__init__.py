@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from .adams_tree import TreeAdamsStepper
 from .explicit import AdamsLUStepper, AdamsStepper, HybridStepper
 from .stepper import Code, Options, SolverError, Statistics, Status, Stepper, Switching
-from .system import Array, System, Terms
+from .system import AnySystem, Array, System, Terms
 
 
 def ida_stepper(system: System, t0: float, q0: Array, v0: Array, options: Options | None = None) -> Stepper:
@@ -14,6 +15,17 @@ def ida_stepper(system: System, t0: float, q0: Array, v0: Array, options: Option
     from .ida import IDAStepper
 
     return IDAStepper(system, t0, q0, v0, options)
+
+
+def stepper(name: str, system: AnySystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> Stepper:
+    """Return a stepper by its name; on a large tree without constraints there is nothing to partition."""
+    if isinstance(system, System):
+        return SOLVERS[name](system, t0, q0, v0, options)
+    if name == "ida":
+        from .ida_tree import TreeIDAStepper
+
+        return TreeIDAStepper(system, t0, q0, v0, options)
+    return TreeAdamsStepper(system, t0, q0, v0, options)
 
 
 SOLVERS: dict[str, Callable[..., Stepper]] = {
@@ -35,4 +47,5 @@ __all__ = [
     "Switching",
     "System",
     "Terms",
+    "stepper",
 ]

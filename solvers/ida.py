@@ -163,8 +163,8 @@ def jacobian(eqs: Any, t: float, y: Any, yp: Any, res: Any, cj: float, JJ: Any, 
 class IDADriver(Stepper):
     """Calls IDA and takes its results: what every stepper around it shares.
 
-    A stepper gives ``_ida``, ``_begin`` and ``_take``, and counts residuals, Jacobians and residuals that were not finite
-    in ``_counts``.
+    A stepper gives ``_ida``, ``_begin`` and ``_take``, and counts residuals, Jacobians and residuals that were not
+    finite in ``_counts``.
     """
 
     _ida: IDA

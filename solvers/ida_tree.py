@@ -19,11 +19,12 @@ up), those of rates a thousand times that a second.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from sksundae.ida import IDA, IDAPrecond
 
+from .held import hold
 from .ida import LENGTH_RATE, STEPS_A_CALL, IDADriver
 from .kernel import kernel
 from .stepper import Code, Options, Statistics
@@ -45,11 +46,14 @@ class Scratch(NamedTuple):
     zero: Array  # (n,)
     tau: Array  # (n,)
 
+    @staticmethod
+    def allocate(nq: int, n: int) -> Scratch:
+        """Return zeroed arrays."""
+        return Scratch(*(np.zeros(k) for k in (nq, n, n, nq, nq, n, n)))
+
 
 @kernel
-def residual(
-    inverse: object, retract: object, t: float, y: Array, yp: Array, res: Array, data: object, s: Scratch
-) -> bool:
+def residual(inverse: Any, retract: Any, t: float, y: Any, yp: Any, res: Any, data: Any, s: Any) -> bool:
     """Fill ``res``; False where it is not finite."""
     nq, n = s.q.shape[0], s.v.shape[0]
     for i in range(nq):
@@ -58,8 +62,8 @@ def residual(
     for i in range(n):
         s.v[i] = y[nq + i]
         s.a[i] = yp[nq + i]
-    inverse(t, s.q, s.v, s.a, data, s.qdot, s.tau)  # type: ignore[operator]
-    retract(s.unit, s.zero, data)  # type: ignore[operator]
+    inverse(t, s.q, s.v, s.a, data, s.qdot, s.tau)
+    retract(s.unit, s.zero, data)
     finite = True
     for i in range(nq):
         res[i] = yp[i] - s.qdot[i] + LENGTH_RATE * (s.q[i] - s.unit[i])
@@ -70,9 +74,15 @@ def residual(
 
 
 @kernel
-def accelerate(forward: object, t: float, q: Array, v: Array, data: object, qdot: Array, a: Array) -> int:
-    """Call the forward dynamics from Python."""
-    return forward(t, q, v, data, qdot, a)  # type: ignore[operator, no-any-return]
+def _forward(forward: Any, t: float, q: Any, v: Any, data: Any, qdot: Any, a: Any) -> int:
+    return int(forward(t, q, v, data, qdot, a))
+
+
+def accelerate(s: TreeSystem, t: float, q: Array, v: Array, qdot: Array, a: Array) -> Code:
+    """Fill qdot (nq,) and a (n,) by the forward dynamics."""
+    if _forward(s.forward, t, q, v, s.held_data, qdot, a) != 0:
+        return Code.NO_MASS
+    return Code.OK if np.isfinite(a).all() else Code.NOT_FINITE
 
 
 def as_motion(s: TreeSystem, q: Array, rate: Array) -> Array:
@@ -93,6 +103,15 @@ def as_positions(s: TreeSystem, q: Array, v: Array) -> Array:
     return rate
 
 
+def position_sizes(s: TreeSystem, sizes: Array) -> Array:
+    """Return sizes of positions (nq,) from those of motions (n,)."""
+    positions = np.zeros(s.nq)
+    positions[s.plain[0]] = sizes[s.plain[1]]
+    for i, j in s.quaternions:
+        positions[i : i + 4] = 0.5 * sizes[j : j + 3].min()
+    return positions
+
+
 def quaternion_map(e: Array) -> Array:
     """Return (4, 3) e' = e o (0, w) / 2 as a matrix on w, body axes."""
     w, x, y, z = e
@@ -105,20 +124,16 @@ class TreeIDAStepper(IDADriver):
     def __init__(self, system: TreeSystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
         super().__init__(system, t0, q0, v0, options)
         self.system = system
-        z = np.zeros
-        nq, n = system.nq, system.n
-        self._scratch = Scratch(z(nq), z(n), z(n), z(nq), z(nq), z(n), z(n))
-        self._counts, self._begun, self._pending = z(3), z(1), True
+        self._scratch = Scratch.allocate(system.nq, system.n)
+        self._held = hold(self._scratch)
+        self._counts, self._begun, self._pending = np.zeros(3), np.zeros(1), True
         self._cj = 1.0
         self._ida = self._new_ida()
 
     def _new_ida(self) -> IDA:
         s, o = self.system, self.options
         sizes = o.absolute * s.size
-        positions = as_positions(s, np.ones(s.nq), sizes)
-        for i, j in s.quaternions:
-            positions[i : i + 4] = 0.5 * sizes[j : j + 3].min()
-        atol = np.concatenate((positions, RATE * sizes))
+        atol = np.concatenate((position_sizes(s, sizes), RATE * sizes))
         return IDA(
             self._residual,
             rtol=o.rtol,
@@ -135,7 +150,7 @@ class TreeIDAStepper(IDADriver):
     def _residual(self, t: float, y: Array, yp: Array, res: Array) -> None:
         s = self.system
         self._counts[0] += 1.0
-        if not residual(s.inverse, s.retract, t, y, yp, res, s.data, self._scratch):
+        if not residual(s.inverse, s.retract, t, y, yp, res, s.held_data, self._held):
             self._counts[2] += 1.0
 
     def _set_up(self, t: float, y: Array, yp: Array, res: Array, cj: float) -> None:
@@ -170,10 +185,7 @@ class TreeIDAStepper(IDADriver):
 
     def _evaluate(self) -> tuple[Code, Array, Array]:
         s, a = self.system, np.zeros(self.system.n)
-        code = accelerate(s.forward, self._t, self._q, self._v, s.data, self._scratch.qdot, a)
-        if code != 0:
-            return Code.NO_MASS, a, np.zeros(0)
-        return (Code.OK if np.isfinite(a).all() else Code.NOT_FINITE), a, np.zeros(0)
+        return accelerate(s, self._t, self._q, self._v, self._scratch.qdot, a), a, np.zeros(0)
 
     @property
     def statistics(self) -> Statistics:

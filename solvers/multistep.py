@@ -35,6 +35,7 @@ CONTROL = np.dtype(
         ("g", "f8", ROWS),  # coefficients of the predictor
         ("g_out", "f8", ROWS), ("w_out", "f8", ROWS),  # of the interpolation
         ("rank", "i8"), ("regime", "i8"),  # of J; which partition
+        ("low", "i8"), ("limited", "i8"),  # steps in a row of low order, now and most
         ("steps", "i8"), ("rejected", "i8"), ("evaluations", "i8"), ("starts", "i8"),
         ("h_before", "f8"), ("equal", "i8"), ("changes", "i8"), ("changed_at", "f8"), ("flickers", "i8"),  # LU choice
         ("calm", "i8"), ("energy", "f8"), ("kinetic", "f8"),  # hybrid: steps fit for LU, J, largest J

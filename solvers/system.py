@@ -62,6 +62,11 @@ def _retract(function: Any, q: Array, dq: Array, data: Any) -> None:
     function(q, dq, data)
 
 
+@kernel
+def _inverse(function: Any, t: float, q: Array, v: Array, a: Array, data: Any, qdot: Array, tau: Array) -> None:
+    function(t, q, v, a, data, qdot, tau)
+
+
 @dataclass(frozen=True, kw_only=True)
 class System:
     """A mechanism as a solver sees it.
@@ -135,6 +140,22 @@ class TreeSystem:
     plain: tuple[NDArray[np.int64], NDArray[np.int64]]  # where positions are no quaternions: places in q and in v
     quaternions: tuple[tuple[int, int], ...] = ()  # first place of each in q, of its angular velocity in v
     coordinate_names: tuple[str, ...] = ()  # (n,)
+    constraint_names: tuple[str, ...] = ()  # none
+
+    @cached_property
+    def held_data(self) -> Any:
+        """``data`` as the callbacks get it."""
+        return hold(self.data)
+
+    def apply(self, q: Array, dq: Array) -> None:
+        """Change the positions in place by dq (n,): q <- q (+) N dq."""
+        _retract(self.retract, q, dq, self.held_data)
+
+    def unbalance(self, t: float, q: Array, v: Array, a: Array) -> Array:
+        """Return M a + h (n,)."""
+        qdot, tau = np.zeros(self.nq), np.zeros(self.n)
+        _inverse(self.inverse, t, q, v, a, self.held_data, qdot, tau)
+        return tau
 
 
 AnySystem = System | TreeSystem

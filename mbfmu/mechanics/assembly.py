@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.errors import AssemblyError
-from solvers.system import Array, System
+from solvers.system import Array, System, TreeSystem
 
 CLOSED = 1e-11  # m or rad; a loop is closed
 LARGEST_STEP = 0.5  # rad or m in one coordinate and iteration
@@ -20,6 +20,8 @@ MASSLESS = 1e-12  # ... the same for the mass matrix
 
 def assemble_positions(system: System, t: float, start: Array, held: NDArray[np.bool_]) -> Array:
     """Return positions (nq,) with Phi = 0 near ``start``; ``held`` (n,) coordinates stay."""
+    if system.m == 0:
+        return start.copy()
     terms = system.allocate_terms()
     q, best, since = start.copy(), np.inf, 0
     dq = np.zeros(system.n)
@@ -45,6 +47,8 @@ def assemble_positions(system: System, t: float, start: Array, held: NDArray[np.
 
 def assemble_velocities(system: System, t: float, q: Array, start: Array, held: NDArray[np.bool_]) -> Array:
     """Return velocities (n,) with J v = nu, the least change from ``start``; ``held`` coordinates stay."""
+    if system.m == 0:
+        return start.copy()
     terms = system.allocate_terms()
     system.fill(t, q, start, terms)
     v = start.copy()
@@ -60,8 +64,13 @@ def assemble_velocities(system: System, t: float, q: Array, start: Array, held: 
     return v
 
 
-def check_inertia(system: System, t: float, q: Array, v: Array) -> None:
-    """Raise AssemblyError where a motion the constraints allow moves no mass."""
+def check_inertia(system: System | TreeSystem, t: float, q: Array, v: Array) -> None:
+    """Raise AssemblyError where a motion the constraints allow moves no mass.
+
+    Of a large tree the solver finds that out.
+    """
+    if isinstance(system, TreeSystem):
+        return
     terms = system.allocate_terms()
     system.fill(t, q, v, terms)
     basis = np.eye(system.n)

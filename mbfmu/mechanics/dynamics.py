@@ -216,6 +216,19 @@ def callbacks(scalar: type = float) -> tuple[Callable[..., Any], ...]:
     )
 
 
+@cache
+def tree_callbacks() -> tuple[Callable[..., Any], ...]:
+    """Return inverse, forward, retract as a solver of large trees takes them; compiled on first use."""
+    if not COMPILED:
+        return inverse, forward, retract
+    data, real, vector = held_type(empty_data()), types.float64, types.float64[::1]
+    return (
+        callback(types.void(real, vector, vector, vector, data, vector, vector))(inverse),
+        callback(types.int64(real, vector, vector, data, vector, vector))(forward),
+        callback(types.void(vector, vector, data))(retract),
+    )
+
+
 def empty_data() -> Data:
     """Return data of a mechanism of one body: an example of the types every mechanism has."""
     world, bodies, cuts, forces, signals = (records(1, dtype) for dtype in (WORLD, BODY, CUT, FORCE, SIGNAL))

@@ -49,6 +49,7 @@ class Body:
     mass: float = 0.0
     com: Matrix = field(default_factory=lambda: np.zeros(3))
     inertia: Matrix = field(default_factory=lambda: np.zeros((3, 3)))
+    group: int | None = None
 
     def coordinate(self, k: int = 0) -> Sensor:
         """Joint position k, rad or m."""
@@ -168,6 +169,7 @@ class Mechanism:
         mass: float = 0.0,
         com: Vector = (0.0, 0.0, 0.0),
         inertia: Any = (0.0, 0.0, 0.0),
+        group: int | None = None,
     ) -> Body:
         """Hang a body on its parent.
 
@@ -185,6 +187,9 @@ class Mechanism:
             Centre of mass in the body's frame, m.
         inertia
             About the centre of mass, body axes, kg m^2: three principal values or a 3x3 matrix.
+        group
+            Of a large tree: bodies are solved group by group, and joints and elements should span neighbouring groups
+            at most, as the columns of a grid do; None: that of the nearest body which has one.
         """
         self._new_name("body", name, self._bodies_named)
         self._member(parent, f"parent of body {name!r}")
@@ -203,6 +208,7 @@ class Mechanism:
             not_negative(f"mass of body {name!r}", mass),
             vector(f"com of body {name!r}", com),
             inertia_matrix(name, inertia),
+            group,
         )
         self.bodies.append(new)
         self._bodies_named[name] = new

@@ -8,15 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.errors import AssemblyError, UserError
-from solvers.system import Array, System
+from solvers.system import Array, System, TreeSystem
 
 from .arrays import Data, complex_twin
 from .assembly import assemble_positions, assemble_velocities, check_inertia
 from .compile import Numbering, Variable, compile_data, sensor_records
-from .dynamics import callbacks, energy, observe
+from .dynamics import callbacks, energy, observe, tree_callbacks
+from .groups import number_groups
 from .mechanism import Mechanism
 from .sensors import largest_residual
 from .signals import HARMONIC
+from .tangent import Tangent
+
+LARGE = 60  # coordinates of a tree without loops from which on no dense matrix is made
 
 
 class Plant:
@@ -37,9 +41,13 @@ class Plant:
         self._numbering = numbering = Numbering(mechanism)
         self.data = compile_data(mechanism, numbering)
         names = [f"{c.name}.{r}" if r else c.name for c in mechanism.cuts for r in c.cut.rows]
-        self.system = self._system(names, self.data)
-        self.void_rows = self._drop_void_rows(names)
-        self.system = self._system([n for n in names if n not in self.void_rows], self.data)
+        self.void_rows: list[str] = []
+        if not names and numbering.nv > LARGE:
+            self.system: Any = self._tree_system()
+        else:
+            self.system = self._system(names, self.data)
+            self.void_rows = self._drop_void_rows(names)
+            self.system = self._system([n for n in names if n not in self.void_rows], self.data)
         self.inputs = tuple(slot.variable for slot in numbering.slots)
         self.outputs = tuple(Variable(n, s.unit, d, 0.0, nominal) for n, s, d, nominal in mechanism.outputs)
         self._sensors = sensor_records(mechanism, numbering, self.data.arrays.kept)
@@ -61,6 +69,35 @@ class Plant:
             jacobi=jacobi,
             coordinate_names=tuple(self._numbering.coordinate_names),
             constraint_names=tuple(constraint_names),
+        )
+
+    def _tree_system(self) -> TreeSystem:
+        """Return the system of a large tree."""
+        inverse, forward, retract = tree_callbacks()
+        places: list[tuple[int, int]] = []
+        quaternions: list[tuple[int, int]] = []
+        sizes = [np.zeros(0)]
+        for record, body in zip(self.data.arrays.bodies, self.mechanism.bodies, strict=True):
+            if record["vf"] < 0:
+                continue
+            plain = int(record["nq"] - 4 * record["quaternion"])
+            places += [(int(record["qf"]) + k, int(record["vf"]) + k) for k in range(plain)]
+            if record["quaternion"]:
+                quaternions.append((int(record["qf"]) + plain, int(record["vf"]) + plain))
+            sizes.append(np.full(int(record["nv"]), body.joint.size))
+        in_q, in_v = np.array(places, np.int64).reshape(-1, 2).T
+        return TreeSystem(
+            nq=self._numbering.nq,
+            n=self._numbering.nv,
+            data=self.data,
+            inverse=inverse,
+            forward=forward,
+            retract=retract,
+            tangent=Tangent(self.data, number_groups(self.mechanism)),
+            size=np.concatenate(sizes),
+            plain=(in_q, in_v),
+            quaternions=tuple(quaternions),
+            coordinate_names=tuple(self._numbering.coordinate_names),
         )
 
     def _drop_void_rows(self, names: list[str]) -> list[str]:
@@ -198,6 +235,8 @@ class Plant:
 
     def residuals(self, t: float, q: Array, v: Array) -> tuple[float, float]:
         """Largest constraint residual in position and in velocity."""
+        if self.system.m == 0:
+            return 0.0, 0.0
         terms = self.system.allocate_terms()
         self.system.fill(t, q, v, terms)
         return tuple(float(largest_residual(which, *self.data)) for which in (False, True))  # type: ignore[return-value]

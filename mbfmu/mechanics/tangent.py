@@ -1,4 +1,4 @@
-"""The linearised equations of motion of a large tree, assembled and solved in O(n): never a dense matrix over all bodies.
+"""The linearised equations of motion of a large tree, assembled and solved in O(n): no matrix over all bodies.
 
 For changes of the joint positions dq, of the velocities c1 dq and of the accelerations c2 dq, the change of the inverse
 dynamics is d tau = T dq. T is dense in joint coordinates, because a joint moves everything beyond it. In the motions
@@ -26,10 +26,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solvers.blocks import BlockTridiagonal
+from solvers.held import hold
 from solvers.kernel import kernel
 from solvers.system import Array
 
-from .arrays import Arrays, State
+from .arrays import Data, State
 from .dynamics import turn_quaternion
 from .elastic.tangent import damping, stiffness
 from .joints import move
@@ -450,13 +451,14 @@ class Tangent:
 
     Parameters
     ----------
-    arrays
-        The mechanism.
+    data
+        The mechanism; T is taken at its state.
     groups
         Group of every body (nb,), from zero; joints and elements span neighbouring groups at most.
     """
 
-    def __init__(self, arrays: Arrays, groups: NDArray[np.int64]) -> None:
+    def __init__(self, data: Data, groups: NDArray[np.int64]) -> None:
+        arrays, self._moving = data
         self.layout, self._kept, self._sizes = lay_out(arrays, groups)
         widest = max(self._sizes)
         z = np.zeros
@@ -469,23 +471,22 @@ class Tangent:
         self._dual = z((nv, 6))
         self._rows = z((int(self._base[-1]), 1))
         self._motions = z((len(arrays.bodies), 6))
-        self._arrays = arrays
-        self._state: State | None = None
+        self._state = State(*(array.copy() for array in self._moving))
+        self._held = tuple(map(hold, (arrays, self._state, self.layout, self._scratch)))
         self._factors = BlockTridiagonal()
 
-    def factor(self, state: State, c1: float, c2: float) -> bool:
+    def factor(self, c1: float, c2: float) -> bool:
         """Assemble and factor T at the state of the last inverse dynamics; False where it is singular."""
-        arrays, L, s, kept = self._arrays, self.layout, self._scratch, self._kept
-        if self._state is None:
-            self._state = State(*(array.copy() for array in state))
-        for own, given in zip(self._state, state, strict=True):
+        arrays, state, L, s = self._held
+        kept, scratch = self._kept, self._scratch
+        for own, given in zip(self._state, self._moving, strict=True):
             own[...] = given
         self._factors = BlockTridiagonal()
         last = len(self._sizes) - 1
         carry = np.zeros((0, 0))
         for group, size in enumerate(self._sizes):
             after = self._sizes[group + 1] if group < last else 0
-            F = s.F[: size + after, : size + after]
+            F = scratch.F[: size + after, : size + after]
             F[...] = 0.0
             F[: len(carry), : len(carry)] = carry
             fill(group, size, c1, c2, L, arrays, state, self._dual, s)
@@ -513,20 +514,21 @@ class Tangent:
 
     def solve(self, r: Array) -> Array:
         """Return dq (n,) with T dq = r (n,), by the last factors."""
-        arrays, state, b = self._arrays, self._state, self._rows
+        (arrays, state, L, _), b = self._held, self._rows
         b[...] = 0.0
-        spread_load(r, self._base, self.layout, arrays, state, self._dual, b)
+        spread_load(r, self._base, L, arrays, state, self._dual, b)
         parts = [b[base:, 0][rows] for base, rows in zip(self._base, self._kept, strict=False)]
         for base, rows, x in zip(self._base, self._kept, self._factors.solve(parts), strict=False):
             b[base + rows, 0] = x
         dq = np.zeros(len(r))
-        gather_motion(b, self._base, self.layout, arrays, state, self._dual, self._motions, dq)
+        gather_motion(b, self._base, L, arrays, state, self._dual, self._motions, dq)
         return dq
 
     def inertia(self, a: Array) -> Array:
         """Return M a (n,) at the state of the last factors."""
         tau = np.zeros(len(a))
-        inertia_forces(self._arrays, self._state, a, tau)
+        arrays, state, *_ = self._held
+        inertia_forces(arrays, state, a, tau)
         return tau
 
 

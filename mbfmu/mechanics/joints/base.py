@@ -52,6 +52,8 @@ class Joint:
         Assembly keeps ``start`` exactly instead of taking it as a guess.
     drive
         Signal the coordinate follows (joints of one coordinate); None: free.
+    size
+        Of the coordinates, which the absolute tolerance of a large tree is relative to.
     """
 
     at: Vector = (0.0, 0.0, 0.0)
@@ -60,6 +62,7 @@ class Joint:
     rate: float | Vector | None = None
     fixed: bool = False
     drive: Any = None
+    size: float = 1.0
 
     nq: ClassVar[int]
     nv: ClassVar[int]

@@ -1,0 +1,188 @@
+"""Adams PECE on a large tree ('adams' where the system is a :class:`solvers.system.TreeSystem`).
+
+State y = (q, v), y' by the articulated-body recursion. The formulas, their error and order control, and the rule that a
+step may pass the time asked for, are those of :mod:`solvers.adams`; there is nothing to close. Quaternions are brought
+back to unit length after each step, by a change of the size of the tolerance.
+
+Explicit steps are bounded by stability: on a mesh of plates the fastest mode turns some thousand times while the
+slowest moves. The error control keeps the step there, because an unstable step fails its test; what shows is the
+order, which falls (:attr:`solvers.stepper.Statistics.limited_by_stability`).
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .adams import COLLAPSED, MAX_STEPS, SMALLEST_STEP, cut, join, split
+from .held import hold
+from .ida_tree import RATE, Scratch, accelerate, position_sizes
+from .kernel import inlined, kernel, records
+from .multistep import HIGHEST, History, accept, begin, coefficients, correct, estimate, interpolate, predict
+from .partition import NO_MASS, NOT_FINITE, OK
+from .stepper import Code, Options, Statistics, Stepper, pack, unpack
+from .system import Array, TreeSystem
+
+SETTINGS = np.dtype(
+    [("rtol", "f8"), ("max_step", "f8"), ("max_order", "i8"), ("max_steps", "i8")],
+    align=True,
+)
+LOW, MANY = 4, 50  # so many steps in a row of no higher order: stability limits them (Shampine and Gordon, chapter 10)
+
+
+class TreeEquations(NamedTuple):
+    """What the loop calls."""
+
+    forward: Any
+    retract: Any
+    data: Any
+
+
+@inlined
+def differentiate(eqs: Any, t: float, c: Any, H: Any, s: Any) -> int:
+    """y' in ``H.yp`` at (s.q, s.v)."""
+    c.evaluations += 1
+    if eqs.forward(t, s.q, s.v, eqs.data, s.qdot, s.a) != 0:
+        return NO_MASS
+    for i in range(s.a.shape[0]):
+        if not np.isfinite(s.a[i]):
+            return NOT_FINITE
+    join(s.qdot, s.a, H.yp)
+    return OK
+
+
+@inlined
+def weigh(o: Any, H: Any, atol: Any) -> None:
+    """Error weights at y, such that the norm is a root mean square."""
+    count = np.sqrt(1.0 * H.y.shape[0])
+    for i in range(H.y.shape[0]):
+        H.weight[i] = 1.0 / (count * (o.rtol * abs(H.y[i]) + atol[i]))
+
+
+@kernel
+def step(eqs: Any, c: Any, o: Any, H: Any, atol: Any, s: Any) -> int:
+    """One accepted step, however often it has to be cut; or the code of what made it too small."""
+    weigh(o, H, atol)
+    cuts = 0
+    while True:
+        coefficients(c)
+        predict(c, H)
+        split(H.p, s.q, s.v)
+        c.erk = 0.0
+        code = differentiate(eqs, c.t + c.h, c, H, s)
+        if code == OK and estimate(c, H) <= 1.0:
+            correct(c, H)
+            split(H.trial, s.q, s.v)
+            eqs.retract(s.q, s.zero, eqs.data)
+            code = differentiate(eqs, c.t + c.h, c, H, s)
+            if code == OK:
+                join(s.q, s.v, H.trial)
+                accept(c, H, o.max_order, o.max_step)
+                c.low = c.low + 1 if c.kold <= LOW else 0
+                return OK
+        cuts += 1
+        c.rejected += 1
+        cut(cuts, c, H)
+        if not c.h > SMALLEST_STEP * max(1.0, abs(c.t)):
+            return COLLAPSED if code == OK else code
+
+
+@kernel
+def advance(eqs: Any, settings: Any, H: Any, atol: Any, s: Any, target: float, q: Any, v: Any) -> int:
+    """Step until ``target`` is passed; put the state there into (q, v), or the last good one on failure."""
+    c, o = H.control[0], settings[0]
+    code, taken = OK, 0
+    while c.t < target:
+        if taken >= o.max_steps:
+            code = MAX_STEPS
+            break
+        if c.start == 1:
+            split(H.y, s.q, s.v)
+            code = differentiate(eqs, c.t, c, H, s)
+            if code != OK:
+                break
+            weigh(o, H, atol)
+            begin(c, H, o.max_step)
+            c.starts += 1
+            c.low = 0
+        code = step(eqs, c, o, H, atol, s)
+        if code != OK:
+            break
+        taken += 1
+        c.steps += 1
+        c.limited = max(c.limited, c.low)
+    split(H.y, q, v)
+    if code == OK and target < c.t:
+        interpolate(c, H, target, H.trial)
+        split(H.trial, q, v)
+        eqs.retract(q, s.zero, eqs.data)
+    return code
+
+
+class TreeAdamsStepper(Stepper):
+    """Adams PECE on a large tree."""
+
+    def __init__(self, system: TreeSystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
+        super().__init__(system, t0, q0, v0, options)
+        self.system = system
+        o = self.options
+        self._history = History.allocate(system.nq, system.n, 0)
+        self._scratch = Scratch.allocate(system.nq, system.n)
+        sizes = o.absolute * system.size
+        self._atol = np.concatenate((position_sizes(system, sizes), RATE * sizes))
+        self._settings = records(1, SETTINGS)
+        for key in ("rtol", "max_step", "max_steps"):
+            self._settings[key] = getattr(o, key)
+        self._settings["max_order"] = HIGHEST if o.max_order is None else o.max_order
+        self._eqs = hold(TreeEquations(system.forward, system.retract, system.held_data))
+        self._held = hold(self._history), hold(self._scratch)
+        self.restart()
+
+    @property
+    def _control(self) -> NDArray[Any]:
+        return self._history.control
+
+    def _advance(self, t: float) -> tuple[Code, float]:
+        H, s = self._held
+        code = Code(advance(self._eqs, self._settings, H, self._atol, s, t, self._q, self._v))
+        self._t = t if code is Code.OK else float(self._control["t"][0])
+        return code, self._t
+
+    def _evaluate(self) -> tuple[Code, Array, Array]:
+        s, a = self.system, np.zeros(self.system.n)
+        return accelerate(s, self._t, self._q, self._v, self._scratch.qdot, a), a, np.zeros(0)
+
+    def restart(self) -> None:
+        """Begin a new history at the reported state with the next step."""
+        c = self._control
+        c["t"], c["start"] = self._t, 1
+        self._history.y[:] = np.concatenate((self._q, self._v))
+
+    def _arrays(self) -> list[NDArray[Any]]:
+        return [self._reported, self._q, self._v, *self._history]
+
+    def save(self) -> bytes:
+        """Return the reported state and the history: a restored run goes on bit for bit."""
+        self._reported[0] = self._t
+        return pack(self._arrays())
+
+    def restore(self, data: bytes) -> None:
+        """Take over a saved history."""
+        unpack(data, self._arrays())
+        self._resume()
+
+    @property
+    def statistics(self) -> Statistics:
+        """What the run has cost so far."""
+        c = self._control[0]
+        return Statistics(
+            steps=int(c["steps"]),
+            rejected=int(c["rejected"]),
+            rhs_evals=int(c["evaluations"]),
+            restarts=max(0, int(c["starts"]) - 1),
+            order=int(c["kold"]),
+            step_size=float(c["hold"]),
+            limited_by_stability=bool(c["limited"] >= MANY),
+        )
