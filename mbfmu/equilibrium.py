@@ -23,14 +23,17 @@ from mbfmu.errors import AssemblyError, EquilibriumError, UserError
 from mbfmu.linear import Mode, StateSpace, linearise
 from mbfmu.mechanics import Plant
 from mbfmu.model import Model, suggest
+from mbfmu.modes import shapes
 from solvers.equilibrium import EPSILON, EquilibriumSolver, Outcome, Solution
-from solvers.system import Array
+from solvers.equilibrium_tree import TreeEquilibriumSolver
+from solvers.system import Array, TreeSystem
 
 STEADY = 1e-8  # unbalance elsewhere on the drive's way, relative to the largest stiffness times 1 rad or m
 TURNS = (0.7, 1.9, 3.4)  # rad or m of the drive (s where nothing is driven) at which the balance must hold too
 GROWTH = 1e-6  # real part relative to the largest eigenvalue from which a mode grows or decays
 SMALLEST_STEP = 1e-3  # of the continuation, relative to the full speed
 CYCLIC = 1e-10  # change with a coordinate, relative to the largest entry, below which there is none
+LOWEST = 8  # modes of a large tree that its stability is judged by
 SAME = 1e-6  # states closer than this (rad or m) are one
 
 REASONS = {
@@ -79,12 +82,19 @@ class Equilibrium:
 
     @cached_property
     def state_space(self) -> StateSpace:
-        """The linearised motion."""
+        """The linearised motion; EquilibriumError for a large tree, which has no dense matrices."""
+        if isinstance(self.plant.system, TreeSystem):
+            raise EquilibriumError(
+                f"model {self.model.name!r} has {self.plant.system.n} coordinates: too many for state matrices; "
+                "its lowest modes are known (mbfmu modes)"
+            )
         return linearise(self.plant, 0.0, self.q, self.v, self.rows)
 
-    @property
+    @cached_property
     def modes(self) -> list[Mode]:
-        """Eigenvalues of the linearised motion."""
+        """Eigenvalues of the linearised motion; the lowest few of a large tree, see :mod:`mbfmu.modes`."""
+        if isinstance(self.plant.system, TreeSystem):
+            return [shape.mode for shape in shapes(self.plant, self.q, LOWEST)]
         return self.state_space.modes()
 
     @property
@@ -163,14 +173,20 @@ class Balance:
                     f"the drive of {name!r} has no constant speed (now {speed:g}); hold or ramp it out"
                 )
         self._names = position_names(plant)
-        self._complex = plant.complex_system()
-        self._signals: Any = self._complex.data.arrays.signals
-        self._full_speed = self._signals["c"].copy()
         self._start = self.start()
-        general = self._general(self._start)
-        self._v = np.where(self._cyclic(general), plant.start_velocities(), 0.0)
-        self._solver = EquilibriumSolver(self._complex, 0.0, general, self._v)
-        self._solver.solve(0.0, self._start)  # compiled now, not in the time that is told
+        self._v = np.zeros(plant.system.n)
+        if isinstance(plant.system, TreeSystem):
+            self._signals: Any = plant.data.arrays.signals
+            self._solver: EquilibriumSolver | TreeEquilibriumSolver = TreeEquilibriumSolver(plant.system, self._v)
+            self._solver.rehearse(self._start)
+        else:
+            self._complex = plant.complex_system()
+            self._signals = self._complex.data.arrays.signals
+            general = self._general(self._start)
+            self._v = np.where(self._cyclic(general), plant.start_velocities(), 0.0)
+            self._solver = EquilibriumSolver(self._complex, 0.0, general, self._v)
+            self._solver.rehearse(self._start)
+        self._full_speed = self._signals["c"].copy()
 
     def start(self, given: Mapping[str, float] | None = None) -> Array:
         """Return closed positions (nq,): the model's start with coordinates ``given`` by name instead, held."""
@@ -307,10 +323,12 @@ class Balance:
     def _check(self, solution: Solution) -> None:
         """Raise unless the solution is a steady state."""
         system = self.plant.system
-        terms = system.allocate_terms()
-        system.fill(0.0, solution.q, self._v, terms)
         speeds = [abs(speed) for _, speed, _ in self.plant.drives()]
-        opening = float(np.abs(terms.J @ self._v - terms.nu).max(initial=0.0))
+        opening = 0.0
+        if system.m:
+            terms = system.allocate_terms()
+            system.fill(0.0, solution.q, self._v, terms)
+            opening = float(np.abs(terms.J @ self._v - terms.nu).max())
         if opening > STEADY * max(1.0, *speeds, 0.0):
             raise EquilibriumError(
                 f"{self.model.name!r} has no steady state: with the free joints at rest the drive opens a loop at "

@@ -43,13 +43,14 @@ class Parameter:
     """What is known of a parameter besides its value."""
 
     name: str
-    default: float | int | bool
+    default: float | int | bool | str
     unit: str
     min: float
     max: float
     doc: str
     tunable: bool
     structural: bool
+    choices: tuple[str, ...]
 
 
 def parameter(
@@ -61,13 +62,14 @@ def parameter(
     doc: str = "",
     tunable: bool = False,
     structural: bool = False,
+    choices: tuple[str, ...] = (),
 ) -> Any:
     """Declare a parameter of a model.
 
     Parameters
     ----------
     default
-        Its value unless set; its type (float, int or bool) is the parameter's.
+        Its value unless set; its type (float, int, bool, or str with ``choices``) is the parameter's.
     unit
         FMI unit; ``"1"`` for a pure number.
     min, max
@@ -78,8 +80,11 @@ def parameter(
         It may change during a run; it must not change the mechanism's structure.
     structural
         It decides which inputs and outputs there are, so an FMU has it fixed from its export on.
+    choices
+        Words that are allowed; such a parameter is structural.
     """
-    about = {"unit": unit, "min": min, "max": max, "doc": doc, "tunable": tunable, "structural": structural}
+    about = {"unit": unit, "min": min, "max": max, "doc": doc, "tunable": tunable, "choices": choices}
+    about["structural"] = structural or bool(choices)
     return field(default=default, metadata=about)
 
 
@@ -88,13 +93,14 @@ class Model:
     """Base of all models. Subclass it as a frozen dataclass, declare parameters, and write :meth:`build`.
 
     Class attributes a subclass may set: ``name`` (of the command line and the FMU), ``stop_time`` and
-    ``output_interval`` (s) of the default experiment, ``settling``: parameters that damp the motion, with which a
-    comparison lets it run into the steady state.
+    ``output_interval`` (s) and ``tolerance`` of the default experiment, ``settling``: parameters that damp the motion,
+    with which a comparison lets it run into the steady state.
     """
 
     name: ClassVar[str] = ""
     stop_time: ClassVar[float] = 10.0
     output_interval: ClassVar[float] = 0.01
+    tolerance: ClassVar[float] = 1e-6
     settling: ClassVar[Mapping[str, float]] = MappingProxyType({})
 
     def __init_subclass__(cls) -> None:
@@ -149,6 +155,10 @@ def check(model: str, declared: Parameter, value: Any) -> Any:
     """Return the value in the parameter's type, or say what is wrong with it."""
     kind = type(declared.default)
     what = f"parameter {declared.name!r} of {model!r} is {value!r}"
+    if declared.choices:
+        if value not in declared.choices:
+            raise UserError(f"{what}; allowed: {span(declared)}")
+        return value
     if kind is bool or isinstance(value, bool | np.bool_):
         if kind is bool and isinstance(value, bool | np.bool_):
             return bool(value)
@@ -164,6 +174,8 @@ def check(model: str, declared: Parameter, value: Any) -> Any:
 
 def read_text(declared: Parameter, text: str) -> Any:
     """Turn text into a value of the parameter's type as far as it can be; :func:`check` judges the rest."""
+    if declared.choices:
+        return text
     if isinstance(declared.default, bool):
         return {"true": True, "false": False}.get(text.lower(), text)
     try:
@@ -174,6 +186,8 @@ def read_text(declared: Parameter, text: str) -> Any:
 
 def span(declared: Parameter) -> str:
     """Return the allowed range in words."""
+    if declared.choices:
+        return ", ".join(map(repr, declared.choices))
     unit = "" if declared.unit == "1" else f" {declared.unit}"
     if declared.min == -inf:
         return "any finite number" if declared.max == inf else f"at most {declared.max:g}{unit}"

@@ -97,7 +97,7 @@ def default_scene(model: Model, name: str) -> Scene:
     return Scene(
         name=name.partition(":")[0],
         model=model,
-        settings=Settings(),
+        settings=Settings(tolerance=model.tolerance),
         stop_time=model.stop_time,
         output_interval=model.output_interval,
     )

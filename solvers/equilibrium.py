@@ -323,6 +323,10 @@ class EquilibriumSolver:
         rank = full_pivot(self._terms.J.real.copy(), m, n, INDEPENDENT, rows, columns)
         return np.sort(rows[:rank])
 
+    def rehearse(self, q: Array) -> None:
+        """Have everything compiled now, and not in the time of a solution."""
+        self.solve(0.0, q, downhill=True)
+
     def solve(self, t: float, q: Array, lam: Array | None = None, *, downhill: bool = False) -> Solution:
         """Run Newton from positions q (nq,) and multipliers lam (m,); without lam from those of least unbalance.
 

@@ -21,5 +21,6 @@ def command_models(options: argparse.Namespace) -> int:
         for p in model.parameters():
             tunable = ", tunable" if p.tunable else ", fixed at export" if p.structural else ""
             unit = "" if p.unit == "1" else f" {p.unit}"
-            print(f"    {p.name} = {p.default:g}{unit}  {p.doc} ({span(p)}{tunable})")
+            default = p.default if isinstance(p.default, str) else f"{p.default:g}"
+            print(f"    {p.name} = {default}{unit}  {p.doc} ({span(p)}{tunable})")
     return 0

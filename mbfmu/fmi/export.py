@@ -64,7 +64,7 @@ def export(model: Model, path: Path, settings: Settings | None = None) -> Path:
     UserError
         The model cannot be built with these parameters, or the file cannot be written.
     """
-    settings = settings or Settings()
+    settings = settings or Settings(tolerance=model.tolerance)
     model.build().compile().assemble()  # what cannot start is not exported
     if path.suffix != ".fmu":
         raise UserError(f"FMU file is {str(path)!r}; its name must end in .fmu")

@@ -93,7 +93,8 @@ class Interface(Fmi2Slave):  # type: ignore[misc]
         self._parameters[reference] = p
 
     def _constant(self, p: Parameter, value: Any) -> None:
-        kind = Boolean if isinstance(value, bool) else FmiInteger if isinstance(value, int) else Real
+        kinds = {bool: Boolean, int: FmiInteger, str: FmiString}
+        kind = kinds.get(type(value), Real)
         self.register_variable(
             kind(
                 p.name,

@@ -1,0 +1,5 @@
+"""The flexible sheet."""
+
+from .model import Sheet
+
+__all__ = ["Sheet"]

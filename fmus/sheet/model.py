@@ -1,0 +1,118 @@
+"""Flexible sheet (Bae and Cho): nodal bodies on out-of-plane joints under plate elements, held by one edge.
+
+The default is the paper's example: 300 x 210 x 0.3 mm, one 210 mm edge clamped, released flat under its weight. The
+sheet lies in the x-z plane, its normal along y; the held edge is x = ``length``, the free edge opposite passes through
+x = 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from mbfmu.mechanics import Body, Input, Mechanism, Support, Translational, Weld, add_sheet
+from mbfmu.mechanics.sheet import Sheet as SheetHandle
+from mbfmu.model import Model, parameter
+
+HELD = {"clamped": "clamped", "moved": "clamped", "pinned": "pinned"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sheet(Model):
+    """Flexible sheet held by an edge, or free."""
+
+    name = "sheet"
+    stop_time = 0.5
+    output_interval = 0.005
+    tolerance = 1e-5
+    settling = MappingProxyType({"damping": 0.02})
+
+    length: float = parameter(0.3, unit="m", min=1e-4, doc="along x, from the free edge to the held one")
+    width: float = parameter(0.21, unit="m", min=1e-4, doc="along z")
+    thickness: float = parameter(0.3e-3, unit="m", min=1e-7, doc="thickness")
+    youngs_modulus: float = parameter(1e10, unit="Pa", min=1.0, doc="Young's modulus")
+    poisson: float = parameter(0.3, min=-0.99, max=0.5, doc="Poisson's ratio")
+    density: float = parameter(1000.0, unit="kg/m3", min=1e-3, doc="density")
+    nx: int = parameter(15, min=2, max=400, structural=True, doc="nodes along x")
+    nz: int = parameter(11, min=2, max=400, structural=True, doc="nodes along z")
+    tree: str = parameter("spine", choices=("spine", "rows", "master"), doc="how nodes hang on each other")
+    support: str = parameter(
+        "clamped",
+        choices=("clamped", "pinned", "moved", "free"),
+        doc="of the edge x = length; moved: clamped to an edge that inputs move",
+    )
+    held_part: float = parameter(1.0, min=0.0, max=1.0, doc="part of the edge that is held, about its middle")
+    gravity_x: float = parameter(0.0, unit="m/s2", doc="acceleration of gravity", tunable=True)
+    gravity_y: float = parameter(-9.81, unit="m/s2", doc="acceleration of gravity", tunable=True)
+    gravity_z: float = parameter(0.0, unit="m/s2", doc="acceleration of gravity", tunable=True)
+    membrane: bool = parameter(True, structural=True, doc="effect: stretching and shear resist")
+    damping: float = parameter(0.0, unit="s", min=0.0, doc="effect: material damping time, stress = K (e + damping e')")
+    drag: float = parameter(0.0, unit="kg/m3", min=0.0, doc="effect: air density times drag coefficient")
+    grid_outputs: bool = parameter(False, structural=True, doc="position of every node among the outputs")
+
+    def build(self) -> Mechanism:
+        """Return the mechanism: the flat sheet in y = 0, z from 0 to the width."""
+        m = Mechanism(gravity=(self.gravity_x, self.gravity_y, self.gravity_z))
+        edge = None if self.support == "free" else self._edge(m)
+        supports, tree = [], self.tree
+        if edge is None:
+            tree = "master"
+        else:
+            half = 0.5 * self.held_part * self.width
+            span = (0.5 * self.width - half, 0.5 * self.width + half)
+            supports = [Support("x1", HELD[self.support], span=span, body=edge)]
+        sheet = add_sheet(
+            m,
+            "sheet",
+            length=self.length,
+            width=self.width,
+            thickness=self.thickness,
+            youngs_modulus=self.youngs_modulus,
+            poisson=self.poisson,
+            density=self.density,
+            grid=(self.nx, self.nz),
+            tree=tree,
+            supports=supports,
+            membrane=self.membrane,
+            damping=self.damping,
+            drag=self.drag,
+        )
+        m.surface("sheet", sheet.nodes)
+        self._outputs(m, sheet, edge)
+        return m
+
+    def _edge(self, m: Mechanism) -> Body:
+        """Return the body that holds the edge: fixed, or moved by inputs along x, y and z."""
+        if self.support != "moved":
+            return m.body("edge", m.ground, Weld())
+        body = m.ground
+        for axis in "xyz":
+            motion = Input(
+                name=f"edge.{axis}",
+                unit="m",
+                description=f"displacement of the held edge along {axis}",
+                rate_name=f"edge.v{axis}",
+            )
+            body = m.body("edge" if axis == "z" else f"edge_{axis}", body, Translational(axis=axis, drive=motion))
+        return body
+
+    def _outputs(self, m: Mechanism, sheet: SheetHandle, edge: Body | None) -> None:
+        """Publish tip, corners, free edge, energies, the support's reaction, and on request every node."""
+        points = {"tip": sheet.node(0, self.nz // 2), "corner1": sheet.node(0, 0), "corner2": sheet.node(0, -1)}
+        for name, node in points.items():
+            for axis in "xyz":
+                m.output(f"{name}.{axis}", node.position(axis), f"{name} of the free edge")
+        m.output("tip.velocity.y", points["tip"].velocity("y"), "velocity of the tip")
+        for k in range(self.nz):
+            m.output(f"free_edge[{k}].y", sheet.node(0, k).position("y"), f"node {k} of the free edge")
+        if edge is not None:
+            for axis in "xyz":
+                m.output(f"reaction.{axis}", edge.joint_force(axis), "force of the support on the sheet")
+        m.output("energy", m.energy, "kinetic and potential energy")
+        m.output("kinetic_energy", m.kinetic_energy, "kinetic energy")
+        m.output("potential_energy", m.potential_energy, "energy of weight and of deformation")
+        if self.grid_outputs:
+            for i in range(self.nx):
+                for k in range(self.nz):
+                    for axis in "xyz":
+                        m.output(f"node[{i},{k}].{axis}", sheet.node(i, k).position(axis), f"node {i}, {k}")
