@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from .adams import COLLAPSED, MAX_STEPS, SMALLEST_STEP, cut, join, split
 from .held import hold
-from .ida_tree import RATE, Scratch, accelerate, position_sizes
+from .ida_tree import Scratch, accelerate, position_sizes
 from .kernel import inlined, kernel, records
 from .multistep import HIGHEST, History, accept, begin, coefficients, correct, estimate, interpolate, predict
 from .partition import NO_MASS, NOT_FINITE, OK
@@ -29,6 +29,8 @@ SETTINGS = np.dtype(
     [("rtol", "f8"), ("max_step", "f8"), ("max_order", "i8"), ("max_steps", "i8")],
     align=True,
 )
+RATE = 10.0  # 1/s, absolute tolerance of a rate to that of its coordinate; tighter than IDA's costs nothing where
+# stability limits the step, and looser lets the fastest modes grow
 LOW, MANY = 4, 50  # so many steps in a row of no higher order: stability limits them (Shampine and Gordon, chapter 10)
 
 

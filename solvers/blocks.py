@@ -7,11 +7,21 @@ which is stable where the diagonal blocks stay well conditioned. Blocks may diff
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
+from threadpoolctl import ThreadpoolController
 
 from .system import Array
+
+_threads = ThreadpoolController()
+
+
+def one_thread() -> Any:
+    """Return a context in which BLAS keeps to one thread: blocks of some hundred rows only lose by more."""
+    return _threads.limit(limits=1, user_api="blas")
 
 
 class BlockTridiagonal:

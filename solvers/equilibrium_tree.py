@@ -1,8 +1,9 @@
 """Steady states of a large tree: h(t, q, v) = 0 by Newton on the structured tangent.
 
 As :mod:`solvers.equilibrium` does it for small mechanisms, with the linear systems solved in O(n): Newton damped by the
-natural monotonicity test, and where it stops a descent by implicit Euler steps of the heavily damped motion
-(pseudo-transient continuation), T with c2 = 1 / duration^2.
+natural monotonicity test. Where it stops, the state is followed as the loads grow from none to whole, each step from
+a straight prediction: a thin sheet that hangs almost straight down takes some ten steps. Where that ends, descent by
+implicit Euler steps of the heavily damped motion (pseudo-transient continuation), T with c2 = 1 / duration^2.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ from .system import Array, TreeSystem
 DESCENT_STEPS = 200
 FIRST = 1e-2  # s, duration of the first step downhill
 LAST = 1.0  # s, duration from which on Newton can take over
+FIRST_PART, SMALLEST_PART = 0.05, 1e-5  # of the loads
+EASY = 6  # factorings of a step after which the next one is doubled
 GROWTH = 10.0  # of the duration, at most
 
 
@@ -40,11 +43,14 @@ class TreeEquilibriumSolver:
             self._moved(q, 0.0 * self.system.tangent.solve(h))
 
     def solve(self, t: float, q: Array, lam: Array | None = None, *, downhill: bool = False) -> Solution:
-        """Run Newton from positions q (nq,); ``downhill`` lets the descent go first; there are no multipliers."""
-        q, factored = q.copy(), 0
+        """Run Newton from positions q (nq,), then with growing loads; ``downhill`` lets the descent go first."""
+        start, factored = q.copy(), 0
         if downhill:
-            q, factored = self._descend(t, q)
-        outcome, q, newton = self._newton(t, q)
+            start, factored = self._descend(t, q)
+        outcome, q, newton = self._newton(t, start)
+        if outcome is not Outcome.FOUND and self.system.loads and not downhill:
+            factored += newton
+            outcome, q, newton = self._load(t, start)
         forces, gaps = self.unbalance(t, q)
         return Solution(
             outcome=outcome,
@@ -97,6 +103,33 @@ class TreeEquilibriumSolver:
                     return Outcome.NO_PROGRESS, q, iteration
             q, damping = trial, min(1.0, 2.0 * damping)
         return Outcome.NO_PROGRESS, q, ITERATIONS
+
+    def _load(self, t: float, q: Array) -> tuple[Outcome, Array, int]:
+        """Follow the state from no load to the whole; return how it ended, where, and how often T was factored."""
+        whole = [load.copy() for load in self.system.loads]
+        part, step, factored = 0.0, FIRST_PART, 0
+        before: tuple[Array, float] | None = None
+        try:
+            while True:
+                aim = min(1.0, part + step)
+                for load, full in zip(self.system.loads, whole, strict=True):
+                    load[:] = aim * full
+                guess = q
+                if before is not None:
+                    guess = q + (q - before[0]) * ((aim - part) / (part - before[1]))
+                    self.system.apply(guess, self._still)
+                outcome, found, count = self._newton(t, guess)
+                factored += count
+                if outcome is Outcome.FOUND:
+                    before, q, part = (q, part), found, aim
+                    step *= 2.0 if count < EASY else 1.3
+                    if part == 1.0:
+                        return outcome, q, factored
+                elif (step := 0.4 * step) < SMALLEST_PART:
+                    return outcome, q, factored
+        finally:
+            for load, full in zip(self.system.loads, whole, strict=True):
+                load[:] = full
 
     def _descend(self, t: float, q: Array) -> tuple[Array, int]:
         """Return a position downhill near rest, and how often T was factored."""

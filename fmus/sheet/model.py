@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from mbfmu.mechanics import Body, Input, Mechanism, Support, Translational, Weld, add_sheet
+from mbfmu.mechanics import Body, Box, Input, Mechanism, Support, Translational, Weld, add_sheet
 from mbfmu.mechanics.sheet import Sheet as SheetHandle
 from mbfmu.model import Model, parameter
 
@@ -60,7 +60,9 @@ class Sheet(Model):
         else:
             half = 0.5 * self.held_part * self.width
             span = (0.5 * self.width - half, 0.5 * self.width + half)
-            supports = [Support("x1", HELD[self.support], span=span, body=edge)]
+            at = (-self.length, 0.0, -0.5 * self.width)
+            supports = [Support("x1", HELD[self.support], span=span, body=edge, at=at)]
+            m.shape(edge, Box(size=(0.02 * self.length, 0.01 * self.length, self.held_part * self.width)))
         sheet = add_sheet(
             m,
             "sheet",
@@ -82,10 +84,11 @@ class Sheet(Model):
         return m
 
     def _edge(self, m: Mechanism) -> Body:
-        """Return the body that holds the edge: fixed, or moved by inputs along x, y and z."""
+        """Return the body that holds the edge, in its middle: fixed, or moved by inputs along x, y and z."""
+        middle = (self.length, 0.0, 0.5 * self.width)
         if self.support != "moved":
-            return m.body("edge", m.ground, Weld())
-        body = m.ground
+            return m.body("edge", m.ground, Weld(at=middle))
+        body = m.body("stand", m.ground, Weld(at=middle))
         for axis in "xyz":
             motion = Input(
                 name=f"edge.{axis}",

@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solvers.blocks import BlockTridiagonal
+from solvers.blocks import BlockTridiagonal, one_thread
 from solvers.held import hold
 from solvers.kernel import kernel
 from solvers.system import Array
@@ -477,6 +477,10 @@ class Tangent:
 
     def factor(self, c1: float, c2: float) -> bool:
         """Assemble and factor T at the state of the last inverse dynamics; False where it is singular."""
+        with one_thread():
+            return self._factor(c1, c2)
+
+    def _factor(self, c1: float, c2: float) -> bool:
         arrays, state, L, s = self._held
         kept, scratch = self._kept, self._scratch
         for own, given in zip(self._state, self._moving, strict=True):
@@ -518,7 +522,9 @@ class Tangent:
         b[...] = 0.0
         spread_load(r, self._base, L, arrays, state, self._dual, b)
         parts = [b[base:, 0][rows] for base, rows in zip(self._base, self._kept, strict=False)]
-        for base, rows, x in zip(self._base, self._kept, self._factors.solve(parts), strict=False):
+        with one_thread():
+            solution = self._factors.solve(parts)
+        for base, rows, x in zip(self._base, self._kept, solution, strict=False):
             b[base + rows, 0] = x
         dq = np.zeros(len(r))
         gather_motion(b, self._base, L, arrays, state, self._dual, self._motions, dq)

@@ -1,0 +1,161 @@
+"""The flexible sheet against independent results: statics, frequencies, release; hard cases; its FMU."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from fmpy.validation import validate_fmu
+
+from fmus.sheet import Sheet
+from mbfmu.equilibrium import equilibrium
+from mbfmu.errors import EquilibriumError, UserError
+from mbfmu.fmi import Fmu, export
+from mbfmu.simulation import Settings, Simulation, run
+
+DATA = Path(__file__).parent / "data" / "sheet"
+CLAMPED = [1.7544, 5.6901, 10.8989, 19.3376, 25.0568, 31.0848, 39.8990, 40.8125]  # Hz, flat
+FREE = [9.7272, 10.8575, 22.6659, 23.0186, 28.3701, 32.5645, 42.5163, 47.4405]
+
+
+@pytest.mark.parametrize(
+    ("grid", "within"), [((7, 5), 1.2e-3), ((15, 11), 0.4e-3), ((33, 23), 0.15e-3), ((51, 35), 0.1e-3)]
+)
+def test_static_tip_on_the_papers_grids(grid: tuple[int, int], within: float) -> None:
+    found = equilibrium(Sheet(nx=grid[0], nz=grid[1]))
+    assert found.outputs["tip.y"] == pytest.approx(-0.10822, abs=within)
+    assert found.stability == "undamped"
+    weight = 1000.0 * 0.3 * 0.21 * 0.3e-3 * 9.81
+    assert found.outputs["reaction.y"] == pytest.approx(weight, rel=1e-9)
+
+
+def test_static_centre_line_lies_on_both_shell_codes() -> None:
+    model = Sheet(nx=51, nz=35, grid_outputs=True)
+    found = equilibrium(model)
+    line = np.array([[found.outputs[f"node[{i},17].{axis}"] for axis in "xy"] for i in range(51)])
+    table = np.genfromtxt(DATA / "cantilever_static_centreline.csv", delimiter=",", names=True)
+    names = table.dtype.names
+    assert names is not None
+    for x, y in zip(names[1::2], names[2::2], strict=True):
+        station = np.column_stack((table[x], table[y]))
+        gaps = [np.linalg.norm(line - point, axis=1).min() for point in station]
+        assert max(gaps) < 0.15e-3, (x, y)
+
+
+def test_thin_and_thick_sheets_hang_as_they_should() -> None:
+    thin = equilibrium(Sheet(thickness=0.1e-3)).outputs
+    assert -0.3 < thin["tip.y"] < -0.25  # almost straight down
+    thick = equilibrium(Sheet(thickness=1e-3)).outputs
+    stiffness = 1e10 * 1e-9 / (12.0 * (1.0 - 0.09))
+    assert thick["tip.y"] == pytest.approx(-1000.0 * 1e-3 * 9.81 * 0.3**4 / (8.0 * stiffness), rel=0.03)
+
+
+def test_a_clamp_over_part_of_the_edge_lets_the_sheet_sag_further() -> None:
+    part = equilibrium(Sheet(held_part=0.3)).outputs
+    assert part["tip.y"] < -0.12
+    assert part["corner1.y"] == pytest.approx(part["corner2.y"], rel=1e-6)
+
+
+def test_bending_alone_lets_the_sheet_curl() -> None:
+    assert equilibrium(Sheet(membrane=False)).outputs["tip.y"] == pytest.approx(-0.1114, abs=3e-4)
+
+
+@pytest.mark.parametrize(("support", "expected", "rigid"), [("clamped", CLAMPED, 0), ("free", FREE, 6)])
+def test_frequencies_flat(support: str, expected: list[float], rigid: int) -> None:
+    from mbfmu.modes import shapes
+
+    errors = []
+    for nx, nz in ((17, 12), (33, 23)):
+        plant = Sheet(nx=nx, nz=nz, support=support, gravity_y=0.0).build().compile()
+        found = shapes(plant, plant.start_positions(), rigid + 8)
+        frequencies = np.array([shape.mode.frequency for shape in found]) / (2.0 * np.pi)
+        assert (frequencies[:rigid] < 1e-3 * expected[0]).all()
+        errors.append(np.abs(frequencies[rigid:] / expected - 1.0))
+    assert (errors[1] < 0.015).all()
+    assert errors[1][-1] < 0.35 * errors[0][-1]  # second order: a quarter
+
+
+def release(grid: tuple[int, int], solver: str, tolerance: float) -> tuple[Any, Any]:
+    """Return a run of half a second and the tip's errors relative to its swing."""
+    table = np.genfromtxt(DATA / "cantilever_release_tip.csv", delimiter=",", names=True)
+    result = run(Sheet(nx=grid[0], nz=grid[1]), Settings(solver=solver, tolerance=tolerance), table["t_s"])
+    assert not result.failure
+    return result, (result["tip.y"] - table["y_shell_m"]) / np.ptp(table["y_shell_m"])
+
+
+@pytest.mark.parametrize(("grid", "tolerance", "within"), [((15, 11), 1e-5, 0.01), ((51, 35), 1e-4, 0.005)])
+def test_release_from_flat(grid: tuple[int, int], tolerance: float, within: float) -> None:
+    result, errors = release(grid, "ida", tolerance)
+    assert np.abs(errors).max() < within
+    if tolerance <= 1e-5:
+        drift = np.ptp(result["energy"]) / np.ptp(result["kinetic_energy"])
+        assert drift < 1e-3
+
+
+def test_explicit_and_implicit_agree() -> None:
+    explicit, _ = release((7, 5), "adams", 1e-5)
+    implicit, _ = release((7, 5), "ida", 1e-6)
+    assert np.abs(explicit["tip.y"] - implicit["tip.y"]).max() < 2e-4
+    assert np.ptp(explicit["energy"]) < 1e-3 * np.ptp(explicit["kinetic_energy"])
+
+
+@pytest.mark.parametrize("damping", [0.005, 0.02])
+def test_damped_sheet_comes_to_rest_where_newton_says(damping: float) -> None:
+    model = Sheet(nx=9, nz=7, damping=damping)
+    result = run(model, Settings(tolerance=1e-5), np.array([0.0, 0.2, 20.0 if damping < 0.01 else 10.0]))
+    assert result["energy"][1] < result["energy"][0] - 1e-4
+    assert result["tip.y"][-1] == pytest.approx(equilibrium(model).outputs["tip.y"], abs=1e-4)
+
+
+@pytest.mark.parametrize("solver", ["ida", "adams"])
+def test_saved_runs_go_on(solver: str) -> None:
+    settings = Settings(solver=solver, tolerance=1e-5)
+    first, second = (Simulation(Sheet(nx=5, nz=4), settings) for _ in range(2))
+    first.advance(0.02)
+    second.stepper.restore(first.stepper.save())
+    first.advance(0.03)
+    second.advance(0.03)
+    np.testing.assert_allclose(first.outputs(), second.outputs().copy(), atol=0.0 if solver == "adams" else 1e-4)
+
+
+def test_a_free_sheet_falls_in_statics_and_the_message_names_the_motion() -> None:
+    with pytest.raises(EquilibriumError, match=r"sheet\.7\.5\.y"):
+        equilibrium(Sheet(support="free"))
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"thickness": 0.0}, "thickness"),
+        ({"thickness": -1.0}, "thickness"),
+        ({"thickness": float("nan")}, "thickness"),
+        ({"nx": 1}, "nx"),
+        ({"tree": "bush"}, "'spine', 'rows', 'master'"),
+        ({"support": "glued"}, "'clamped'"),
+    ],
+)
+def test_mistakes_are_named(values: dict[str, Any], words: str) -> None:
+    with pytest.raises(UserError, match=words):
+        Sheet(**values)
+
+
+def test_fmu(tmp_path: Path) -> None:
+    model = Sheet(nx=7, nz=5, support="moved")
+    path = export(model, tmp_path / "sheet.fmu")
+    assert validate_fmu(str(path)) == []
+    native = run(model, Settings(tolerance=1e-5), np.array([0.0, 0.05, 0.1]))
+    with Fmu(path) as fmu:
+        assert fmu.variables["edge.y"].causality == "input"
+        assert "node[0,0].x" not in fmu.variables
+        for t, expected in zip(native.times[1:], native.values[1:], strict=True):
+            fmu.step_to(float(t))
+            np.testing.assert_allclose(fmu.reals(), expected, rtol=1e-9, atol=1e-9)
+        before = fmu["tip.y"]
+        fmu["edge.vy"] = 1.0
+        fmu.step(0.05)
+        assert fmu["corner1.y"] > before - 0.2
+        saved = fmu.save()
+        fmu.step(0.02)
+        fmu.restore(saved)
