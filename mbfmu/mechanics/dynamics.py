@@ -33,6 +33,12 @@ def move(t: float, q: Any, v: Any, arrays: Any, state: Any) -> None:
     """Positions, velocities and applied forces at (t, q, v)."""
     scatter(t, q, v, arrays, state)
     place(arrays, state)
+    set_moving(t, arrays, state)
+
+
+@inlined
+def set_moving(t: float, arrays: Any, state: Any) -> None:
+    """Velocities and applied forces of the bodies as they are placed."""
     turn_inertia(arrays, state)
     velocities(arrays, state)
     apply(t, arrays, state)
@@ -53,10 +59,9 @@ def position_rate(arrays: Any, q: Any, v: Any, qdot: Any) -> None:
             quaternion_rate(q, body.qf + plain, v, body.vf + plain, qdot)
 
 
-def dynamics(t: float, q: Any, v: Any, data: Any, terms: Any) -> None:
-    """Every term of the equations of motion; the free accelerations are zero while the bias is taken."""
-    arrays, state = data.arrays, data.state
-    move(t, q, v, arrays, state)
+@inlined
+def motion_terms(q: Any, v: Any, arrays: Any, state: Any, terms: Any) -> None:
+    """The terms of the bodies as they move; the free accelerations are zero while the bias is taken."""
     accelerations(arrays, state)
     inverse_dynamics(arrays, state)
     for i in range(1, arrays.bodies.shape[0]):
@@ -66,9 +71,24 @@ def dynamics(t: float, q: Any, v: Any, data: Any, terms: Any) -> None:
                 terms.h[body.vf + k] = state.tau[body.vi + k]
     composite_inertia(arrays, state)
     mass_matrix(arrays, state, terms.M)
-    jacobian(arrays, state, terms.Phi, terms.J, terms.nu)
     right_hand_side(arrays, state, terms.gamma)
     position_rate(arrays, q, v, terms.qdot)
+
+
+def dynamics(t: float, q: Any, v: Any, data: Any, terms: Any) -> None:
+    """Every term of the equations of motion."""
+    arrays, state = data.arrays, data.state
+    move(t, q, v, arrays, state)
+    jacobian(arrays, state, terms.Phi, terms.J, terms.nu)
+    motion_terms(q, v, arrays, state, terms)
+
+
+def motion(t: float, q: Any, v: Any, data: Any, terms: Any) -> None:
+    """Every term but Phi, J and nu, at the position :func:`position` was called for last."""
+    arrays, state = data.arrays, data.state
+    scatter(t, q, v, arrays, state)
+    set_moving(t, arrays, state)
+    motion_terms(q, v, arrays, state, terms)
 
 
 def position(t: float, q: Any, data: Any, terms: Any) -> None:
@@ -155,12 +175,12 @@ def turn_quaternion(q: Any, i: int, dq: Any, j: int) -> None:
 
 @cache
 def callbacks(scalar: type = float) -> tuple[Callable[..., Any], ...]:
-    """Return dynamics, position, retract, energy as a solver takes them; compiled on first use.
+    """Return dynamics, position, motion, retract, energy as a solver takes them; compiled on first use.
 
     ``scalar`` complex: for the data of :func:`.arrays.complex_twin`.
     """
     if not COMPILED:
-        return dynamics, position, retract, energy
+        return dynamics, position, motion, retract, energy
     example = empty_data() if scalar is float else complex_twin(empty_data())
     data, terms = held_type(example), held_type(Terms.allocate(1, 1, 1, scalar))
     real, number = types.float64, types.float64 if scalar is float else types.complex128
@@ -168,6 +188,7 @@ def callbacks(scalar: type = float) -> tuple[Callable[..., Any], ...]:
     return (
         callback(types.void(real, vector, vector, data, terms))(dynamics),
         callback(types.void(real, vector, data, terms))(position),
+        callback(types.void(real, vector, vector, data, terms))(motion),
         callback(types.void(vector, vector, data))(retract),
         callback(number(real, vector, vector, data))(energy),
     )

@@ -49,7 +49,7 @@ class Plant:
         return self._system(list(self.system.constraint_names), complex_twin(self.data), complex)
 
     def _system(self, constraint_names: list[str], data: Data, scalar: type = float) -> System:
-        dynamics, position, retract, energy = callbacks(scalar)
+        dynamics, position, motion, retract, energy = callbacks(scalar)
         return System(
             nq=self._numbering.nq,
             n=self._numbering.nv,
@@ -57,6 +57,7 @@ class Plant:
             data=data,
             dynamics=dynamics,
             position=position,
+            motion=motion,
             retract=retract,
             energy=energy,
             coordinate_names=tuple(self._numbering.coordinate_names),
