@@ -153,6 +153,13 @@ def observe(t: float, q: Any, v: Any, a: Any, lam: Any, sensors: Any, data: Any,
 
 
 @kernel
+def observe_all(times: Any, q: Any, v: Any, a: Any, lam: Any, sensors: Any, data: Any, out: Any) -> None:
+    """:func:`observe` at each of ``times``, in a row of ``out`` each."""
+    for i in range(times.shape[0]):
+        observe(times[i], q[i], v[i], a[i], lam[i], sensors, data, out[i])
+
+
+@kernel
 def scatter_drive(t: float, body: Any, arrays: Any, state: Any) -> None:
     """Position and velocity of a driven coordinate."""
     state.q[body.qi] = value(arrays.signals[body.drive], t)

@@ -6,8 +6,8 @@ In global axes a motion is handed from a parent's origin to its child's by a shi
     Y'_i = B1 Y'_j + S v' + beta                                                           (11)
     beta = (w_j x (w_j x rho) + 2 w_j x u ;  w_j x w_rel)
 
-S is the joint's subspace turned into global axes, (u, w_rel) = S v the relative velocity. (w_j x (w_j x rho) + 2 w_j x u
-is B1' Y_j and the turning of S together.)
+S is the joint's subspace turned into global axes, (u, w_rel) = S v the relative velocity. (w_j x (w_j x rho) + 2 w_j x
+u is B1' Y_j and the turning of S together.)
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from solvers.system import Array, System
 from .arrays import Data, complex_twin
 from .assembly import assemble_positions, assemble_velocities, check_inertia
 from .compile import Numbering, Variable, compile_data, sensor_records
-from .dynamics import callbacks, observe
+from .dynamics import callbacks, observe, observe_all
 from .mechanism import Mechanism
 from .sensors import largest_residual
 from .signals import HARMONIC
@@ -192,6 +192,10 @@ class Plant:
     def observe(self, t: float, q: Array, v: Array, a: Array, lam: Array, out: Array) -> None:
         """Fill ``out`` (len(outputs),) from the solution: accelerations a (n,), multipliers lam (m,)."""
         observe(t, q, v, a, lam, self._sensors, self.system.held_data, out)
+
+    def observe_all(self, times: Array, q: Array, v: Array, a: Array, lam: Array, out: Array) -> None:
+        """Fill ``out`` (k, len(outputs)) from the solution at k times, one row each."""
+        observe_all(times, q, v, a, lam, self._sensors, self.system.held_data, out)
 
     def energy(self, t: float, q: Array, v: Array) -> float:
         """Kinetic and potential energy, J."""
