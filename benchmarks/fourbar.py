@@ -1,8 +1,8 @@
 """Speed of the four-bar, all ratios in one run: ``python benchmarks/fourbar.py``.
 
-Medians of several runs, compile time apart, the two sides of a ratio measured in turn. Printed:
+Medians of several runs, compile time apart, the two sides of a ratio measured in turn; for ``adams`` alone see
+``explicit.py``. Printed:
 
-* ``adams`` at an error of at most 1e-6 rad over 10 s, against RK4 on the pendulum at the same error;
 * ``ida`` at tolerance 1e-6 against ``adams`` at ida's error;
 * one fmi2DoStep and one fmi2GetReal of all outputs at 1 ms, against the native step;
 * ``mbfmu run fourbar`` from an empty compile cache and from a full one, and the warm start of an FMU.
@@ -16,92 +16,24 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
-from functools import partial
-from math import radians
 from pathlib import Path
 
-import numpy as np
-from floor import rk4
+from explicit import Swing, exact_motion, loosest
+from timing import median_times
 
 from fmus.fourbar import FourBar
 from mbfmu.fmi import Fmu, export
 from mbfmu.simulation import Settings, Simulation
 
-END = 10.0
-TIMES = np.linspace(0.0, END, 101)
-EXACT = FourBar().exact(TIMES)["crank.angle"]  # type: ignore[index]
-REPEATS = 15
-
-
-def median_times(*functions: Callable[[], object]) -> list[float]:
-    """Return the median time of each, run in turn, after one run of each that is not counted."""
-    times: list[list[float]] = [[] for _ in functions]
-    for i in range(REPEATS + 1):
-        for own, function in zip(times, functions, strict=True):
-            begin = time.perf_counter()
-            function()
-            if i:
-                own.append(time.perf_counter() - begin)
-    return [statistics.median(own) for own in times]
-
-
-def swing(solver: str, tolerance: float) -> tuple[Callable[[], Simulation], float]:
-    """Return a run to the end without outputs on the way (the start is not part of it), and its largest error."""
-    model = FourBar()
-    simulation = Simulation(model, Settings(solver=solver, tolerance=tolerance))
-    fresh = simulation.stepper.save()
-
-    def go() -> Simulation:
-        simulation.stepper.restore(fresh)
-        assert simulation.advance(END).ok
-        return simulation
-
-    go()
-    simulation.stepper.restore(fresh)
-    angles = []
-    for t in TIMES[1:]:
-        assert simulation.advance(float(t)).ok
-        angles.append(simulation.stepper.q[0])
-    return go, float(np.abs(np.array(angles) - EXACT[1:]).max())
-
-
-def floor_at(error: float) -> tuple[Callable[[], object], float]:
-    """Return RK4 with the fewest steps that reach ``error``, and its error."""
-    weight, inertia = 4.0 * 9.81, 11.0 / 3.0
-    run = partial(rk4, radians(10.0), 0.0, weight, inertia)
-    for steps in (int(1000 * 1.05**k) for k in range(200)):
-        # the largest error over the swing: at single times it passes through zero
-        own = max(abs(run(t, round(steps * t / END)) - x) for t, x in zip(TIMES[1:], EXACT[1:], strict=True))
-        if own <= error:
-            return partial(run, END, steps), own
-    raise RuntimeError(f"RK4 does not reach {error}")
-
-
-def tolerance_for(solver: str, error: float) -> float:
-    """Return the loosest tolerance (four a decade) at which ``solver`` reaches ``error``."""
-    for tolerance in 10.0 ** np.arange(-4.0, -12.0, -0.25):
-        if swing(solver, float(tolerance))[1] <= error:
-            return float(tolerance)
-    raise RuntimeError(f"{solver} does not reach {error}")
-
-
-def explicit_against_floor() -> None:
-    """Adams against RK4, at 1e-6 rad."""
-    tolerance = tolerance_for("adams", 1e-6)
-    adams, error = swing("adams", tolerance)
-    floor, own = floor_at(error)
-    a, f = median_times(adams, floor)
-    print(f"adams at rtol {tolerance:.1e}: error {error:.1e} rad, {1e3 * a:.2f} ms")
-    print(f"RK4 on the pendulum:  error {own:.1e} rad, {1e3 * f:.3f} ms; ratio {a / f:.1f} (at most 20)")
-
 
 def implicit_against_explicit() -> None:
     """Ida at 1e-6 against adams at equal error."""
-    ida, error = swing("ida", 1e-6)
-    tolerance = tolerance_for("adams", error)
-    adams, own = swing("adams", tolerance)
-    i, a = median_times(ida, adams)
+    model = FourBar()
+    exact = exact_motion(model)
+    ida = Swing(model, "ida", 1e-6)
+    error = ida.error(exact)
+    adams, own = loosest(model, "adams", error, exact)
+    i, a = median_times(ida.run, adams.run)
     print(
         f"ida at rtol 1e-6: error {error:.1e} rad, {1e3 * i:.1f} ms; adams at {own:.1e} rad, {1e3 * a:.2f} ms; "
         f"ratio {i / a:.1f} (under 40)"
@@ -158,7 +90,6 @@ def starts(fmu_file: Path) -> None:
 
 def main() -> None:
     """Print every figure."""
-    explicit_against_floor()
     implicit_against_explicit()
     with tempfile.TemporaryDirectory() as folder:
         fmu_file = export(FourBar(), Path(folder) / "fourbar.fmu")

@@ -17,11 +17,13 @@ from mbfmu.equilibrium import Balance
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Variable
 from mbfmu.model import Model, suggest
-from solvers import SOLVERS, Options, SolverError, Statistics, Status, stepper
+from solvers import SOLVERS, Options, Statistics, Status, stepper
 
 Array = NDArray[np.float64]
 
 _compiled: set[str] = set()  # solvers whose kernels this process has compiled
+
+ROWS = 100  # outputs recorded between two reports of progress
 
 PARTITIONS = {"projection": "adams", "lu": "adams-lu", "hybrid": "hybrid"}
 
@@ -106,7 +108,9 @@ class Simulation:
     def _compile(self, t0: float, q: Array, v: Array) -> None:
         """Have every kernel compiled (or loaded) now, by a stepper thrown away, and not in the first step of a run."""
         rehearsal = stepper(self.settings.name, self.plant.system, t0, q, v, self.settings.options())
-        rehearsal.advance(t0 + 1e-3)
+        values = np.zeros((1, len(self._out)))
+        self.plant.observe_all(np.array([t0 + 1e-3]), *rehearsal.sample(np.array([t0 + 1e-3])), values)
+        rehearsal.advance(t0 + 2e-3)
         self.outputs()
         _compiled.add(self.settings.name)
 
@@ -130,6 +134,16 @@ class Simulation:
         a, lam = stepper.accelerations()  # the limit along the motion in a singular position
         self.plant.observe(stepper.t, stepper.q, stepper.v, a, lam, self._out)
         return self._out
+
+    def record(self, times: Array, values: Array) -> int:
+        """Advance to each of ``times`` (k,) and put the outputs into a row of ``values`` (k, outputs) each.
+
+        Returns the number of rows; where it is less than k the stepper's status says why.
+        """
+        samples = self.stepper.sample(times)
+        done = len(samples.q)
+        self.plant.observe_all(times[:done], *samples, values[:done])
+        return done
 
     def set_input(self, index: int, value: float) -> None:
         """Let an input hold from now on."""
@@ -225,19 +239,16 @@ def run(
     if watch is not None:
         watch(simulation)
     begin, done, failure = time.perf_counter(), 1, ""
-    try:
-        for i, t in enumerate(times[1:], 1):
-            status = simulation.advance(float(t))
-            if not status.ok:
-                failure = f"{status.message}. {status.remedy}"
-                break
-            values[i] = simulation.outputs()
-            if watch is not None:
-                watch(simulation)
-            done = i + 1
-            if progress is not None:
-                progress(float(t))
-    except SolverError as error:
-        failure = str(error)
+    while done < len(times) and not failure:
+        rows = slice(done, done + (ROWS if watch is None else 1))
+        done += simulation.record(times[rows], values[rows])
+        status = simulation.stepper.status
+        if not status.ok:
+            failure = f"{status.message}. {status.remedy}"
+            break
+        if watch is not None:
+            watch(simulation)
+        if progress is not None:
+            progress(float(times[done - 1]))
     wall = time.perf_counter() - begin
     return Result(times[:done], values[:done], simulation.plant.outputs, simulation.statistics, wall, failure)

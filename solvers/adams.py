@@ -21,7 +21,7 @@ import numpy as np
 from .kernel import inlined, kernel
 from .lu import choose, close_dependent, dependent_acceleration, same_choice
 from .multistep import accept, begin, coefficients, correct, estimate, interpolate, predict, unwind
-from .partition import NOT_CLOSED, OK, acceleration, close, factor, ratio, settle
+from .partition import NOT_CLOSED, OK, acceleration, close, factor, multipliers, ratio, settle
 
 MAX_STEPS, COLLAPSED = 5, 6  # beside the codes of partition
 PROJECTION, LU = 0, 1  # regimes
@@ -276,8 +276,25 @@ def advance(eqs: Any, settings: Any, H: Any, work: Any, target: float, q: Any, v
             if o.partition == HYBRID:
                 return_to_lu(c, o, eqs.terms, work, H)
     split(H.y, q, v)
-    if code == OK and target < c.t:
+    if code == OK:
         interpolate(c, H, target, H.trial)
         split(H.trial, q, v)
         code = close(eqs, target, q, v, c.rank, work)
     return code
+
+
+@kernel
+def sample(eqs: Any, settings: Any, H: Any, work: Any, times: Any, q: Any, v: Any, a: Any, lam: Any) -> tuple[int, int]:
+    """:func:`advance` to each of ``times`` in turn, state, accelerations and multipliers in a row each.
+
+    Returns the code and the number of complete rows; where ``advance`` failed the next row holds the last good state.
+    """
+    rank = H.control[0].rank
+    for i in range(times.shape[0]):
+        code = advance(eqs, settings, H, work, times[i], q[i], v[i])
+        if code == OK:
+            code = acceleration(eqs, times[i], q[i], v[i], rank, work, a[i])
+        if code != OK:
+            return code, i
+        multipliers(eqs.terms, rank, work, a[i], lam[i])
+    return OK, times.shape[0]

@@ -13,6 +13,7 @@ class Equations(NamedTuple):
 
     dynamics: Any
     position: Any
+    motion: Any
     retract: Any
     jacobi: Any
     data: Any
@@ -21,6 +22,5 @@ class Equations(NamedTuple):
 
 def bundle(system: System, terms: Terms) -> Any:
     """Return the equations of a system and the terms they are to fill."""
-    return hold(
-        Equations(system.dynamics, system.position, system.retract, system.jacobi, system.held_data, hold(terms))
-    )
+    callbacks = (system.dynamics, system.position, system.motion, system.retract, system.jacobi)
+    return hold(Equations(*callbacks, system.held_data, hold(terms)))

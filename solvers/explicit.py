@@ -11,7 +11,7 @@ from . import adams
 from .held import hold
 from .kernel import records
 from .multistep import HIGHEST, History
-from .stepper import Code, DenseStepper, Options, Statistics, pack, unpack
+from .stepper import Code, DenseStepper, Options, Samples, Statistics, Status, pack, unpack
 from .system import Array, System
 
 
@@ -51,6 +51,14 @@ class AdamsStepper(DenseStepper):
         code = Code(adams.advance(self._eqs, self._settings, self._held, self._work, t, self._q, self._v))
         self._t = t if code is Code.OK else float(self._control["t"][0])
         return code, self._t
+
+    def _sample(self, times: Array, out: Samples) -> int:
+        code, done = adams.sample(self._eqs, self._settings, self._held, self._work, times, *out)
+        last = min(done, len(times) - 1)
+        self._t = min(float(times[last]), float(self._control["t"][0]))
+        self._q[:], self._v[:] = out.q[last], out.v[last]
+        self.status = Status(Code(code), self._t)
+        return int(done)
 
     def restart(self) -> None:
         """Begin a new history at the reported state."""

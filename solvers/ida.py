@@ -31,6 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sksundae.ida import IDA
 
+from .held import hold
 from .kernel import kernel
 from .partition import close_report
 from .stepper import Code, DenseStepper, Options, Statistics, Stepper, pack, unpack
@@ -241,7 +242,7 @@ class IDAStepper(IDADriver, DenseStepper):
         self._ida = self._new_ida()
 
     def _new_ida(self) -> IDA:
-        s, o, u, eqs = self.system, self.options, self._unknowns, self._eqs
+        s, o, u, eqs = self.system, self.options, hold(self._unknowns), self._eqs
 
         def resfn(t: float, y: Array, yp: Array, res: Array) -> None:
             residual(eqs, t, y, yp, res, u)

@@ -75,7 +75,7 @@ def close_dependent(
             q[columns[j]] = start[columns[j]]
     if not newton(eqs, t, q, rank, rows, columns, work):
         return NOT_CLOSED
-    eqs.dynamics(t, q, v, eqs.data, eqs.terms)
+    eqs.position(t, q, eqs.data, eqs.terms)
     if not factor_dependent(eqs.terms, rank, rows, columns, work):
         return NOT_CLOSED
     for i in range(rank):
@@ -85,7 +85,7 @@ def close_dependent(
     solve_lu(work.D, rank, work.order, work.b, work.x)
     for j in range(rank):
         v[columns[j]] = work.x[j]
-    eqs.dynamics(t, q, v, eqs.data, eqs.terms)
+    eqs.motion(t, q, v, eqs.data, eqs.terms)
     return OK
 
 

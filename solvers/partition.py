@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .dense import decompose, least_norm, least_norm_transposed, solve_positive
-from .kernel import kernel
+from .kernel import inlined, kernel
 from .system import Array
 
 OK, NOT_CLOSED, NO_MASS, UNDECIDABLE, NOT_FINITE = 0, 1, 2, 3, 4
@@ -112,20 +112,18 @@ def ratio(sigma: Any, rank: int) -> float:
     return sigma[rank - 1] / sigma[0] if rank > 0 else 1.0
 
 
-@kernel
-def correct_position(eqs: Any, q: Any, rank: int, work: Any) -> float:
-    """Take from q what violates Phi = 0, with the factors of J at hand, in place; return the largest correction.
+@inlined
+def position_off(terms: Any, rank: int, work: Any) -> float:
+    """work.dq = -J^+ Phi with the factors at hand; return its largest entry.
 
     In the singular window the vanishing direction is left alone: it would be divided by nearly zero.
     """
-    m, n = eqs.terms.J.shape
-    least_norm(eqs.terms.Phi, m, n, rank_at(work.sigma, rank, SINGULAR), work.U, work.sigma, work.W, work.dq)
+    m, n = terms.J.shape
+    least_norm(terms.Phi, m, n, rank_at(work.sigma, rank, SINGULAR), work.U, work.sigma, work.W, work.dq)
     largest = 0.0
     for i in range(n):
         work.dq[i] = -work.dq[i]
         largest = max(largest, abs(work.dq[i]))
-    if np.isfinite(largest):
-        eqs.retract(q, work.dq, eqs.data)
     return largest
 
 
@@ -138,9 +136,10 @@ def close_position(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
     eqs.position(t, q, eqs.data, eqs.terms)
     for _ in range(PASSES):
         factor(eqs.terms, work)
-        largest = correct_position(eqs, q, rank, work)
+        largest = position_off(eqs.terms, rank, work)
         if not np.isfinite(largest):
             return False
+        eqs.retract(q, work.dq, eqs.data)
         eqs.position(t, q, eqs.data, eqs.terms)
         if largest <= CLOSED:
             return True
@@ -167,8 +166,7 @@ def close(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any) -> int:
         return NOT_CLOSED
     factor(eqs.terms, work)
     close_velocity(v, eqs.terms, rank, work)
-    eqs.dynamics(t, q, v, eqs.data, eqs.terms)
-    factor(eqs.terms, work)
+    eqs.motion(t, q, v, eqs.data, eqs.terms)
     return OK
 
 
@@ -176,21 +174,25 @@ def close(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any) -> int:
 def settle(eqs: Any, t: float, q: Any, v: Any, near: Any, rank: int, slight: float, work: Any) -> int:
     """As :func:`close`, where ``terms`` and the factors of J are those of the prediction ``near``.
 
-    The constraints linearised there take q onto them but for the square of the distance. What is left is corrected
-    with J as it is where that is ``slight``; v' depends on it by the inverse square of the smallest singular value.
+    The constraints linearised there take q onto them but for the square of the distance. What is left by that stays
+    where it is ``slight``; v' depends on it by the inverse square of the smallest singular value.
     """
-    if rank > 0:
-        if q.shape[0] == v.shape[0]:
-            for i in range(eqs.terms.Phi.shape[0]):
-                for j in range(v.shape[0]):
-                    eqs.terms.Phi[i] += eqs.terms.J[i, j] * (q[j] - near[j])
-            correct_position(eqs, q, rank, work)
-        eqs.position(t, q, eqs.data, eqs.terms)
-        rest = correct_position(eqs, q, rank, work)
-        if not rest <= slight * ratio(work.sigma, rank) ** 2 and not close_position(eqs, t, q, rank, work):
-            return NOT_CLOSED
-        close_velocity(v, eqs.terms, rank, work)
-    eqs.dynamics(t, q, v, eqs.data, eqs.terms)
+    if rank == 0:
+        eqs.dynamics(t, q, v, eqs.data, eqs.terms)
+        factor(eqs.terms, work)
+        return OK
+    if q.shape[0] == v.shape[0]:
+        for i in range(eqs.terms.Phi.shape[0]):
+            for j in range(v.shape[0]):
+                eqs.terms.Phi[i] += eqs.terms.J[i, j] * (q[j] - near[j])
+        position_off(eqs.terms, rank, work)
+        eqs.retract(q, work.dq, eqs.data)
+    eqs.position(t, q, eqs.data, eqs.terms)
+    rest = position_off(eqs.terms, rank, work)
+    if not rest <= slight * ratio(work.sigma, rank) ** 2:
+        return close(eqs, t, q, v, rank, work)
+    close_velocity(v, eqs.terms, rank, work)
+    eqs.motion(t, q, v, eqs.data, eqs.terms)
     factor(eqs.terms, work)
     return OK
 

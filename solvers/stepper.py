@@ -6,7 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -165,6 +165,15 @@ class Statistics:
     time_projection: float = 0.0  # s of motion
 
 
+class Samples(NamedTuple):
+    """A motion at k times, one row each."""
+
+    q: Array  # (k, nq)
+    v: Array  # (k, n)
+    a: Array  # (k, n)  accelerations
+    lam: Array  # (k, m)  multipliers
+
+
 class Stepper(ABC):
     """Advances one motion of a :class:`System` in time.
 
@@ -183,7 +192,8 @@ class Stepper(ABC):
     6. ``accelerations()`` are those of the reported state and today's equations, with the shortest
        multipliers; in a singular position their limit along the motion. Raises :class:`SolverError` where
        there is none.
-    7. ``save()`` gives bytes, ``restore()`` takes them into a stepper of the same system and options.
+    7. ``sample(times)`` is 3 and 6 at each of the times; a state without accelerations ends it, and ``status`` tells.
+    8. ``save()`` gives bytes, ``restore()`` takes them into a stepper of the same system and options.
     """
 
     def __init__(self, system: AnySystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
@@ -192,6 +202,7 @@ class Stepper(ABC):
         self._q = sized("q0", q0, system.nq)
         self._v = sized("v0", v0, system.n)
         self._reported = np.zeros(1)  # t in an array, to be saved with q and v
+        self._sizes = (system.nq, system.n, system.n, system.m)
         self.status = Status(Code.OK, self._t)
 
     @property
@@ -231,6 +242,29 @@ class Stepper(ABC):
     @abstractmethod
     def _evaluate(self) -> tuple[Code, Array, Array]:
         """Return code, v' and lambda of the reported state."""
+
+    def sample(self, times: Array) -> Samples:
+        """:meth:`advance` to each of ``times`` (k,), ascending, and take state and accelerations there.
+
+        Ends early where one of the two fails; ``status`` says why.
+        """
+        if not np.all(np.diff(times, prepend=-np.inf) > 0.0) or np.any(times < self._t):
+            raise ValueError(f"times must ascend from {self._t}, where the stepper stands; use restore() to go back")
+        out = Samples(*(np.zeros((len(times), size)) for size in self._sizes))
+        done = self._sample(times, out) if len(times) else 0
+        return Samples(*(rows[:done] for rows in out))
+
+    def _sample(self, times: Array, out: Samples) -> int:
+        """Fill the rows of ``out``, set the reported state and ``status``; return the number of complete rows."""
+        for i, t in enumerate(times):
+            if not self.advance(float(t)).ok:
+                return i
+            code, out.a[i], out.lam[i] = self._evaluate()
+            out.q[i], out.v[i] = self._q, self._v
+            if code is not Code.OK:
+                self.status = Status(code, self._t)
+                return i
+        return len(times)
 
     def _resume(self) -> None:
         """Take the reported time from a restored array."""

@@ -28,7 +28,10 @@ Array = NDArray[np.float64]
 
 
 class Terms(NamedTuple):
-    """The terms of the equations at one state; allocated once, filled by :attr:`System.dynamics`."""
+    """The terms of the equations at one state; allocated once, filled by :attr:`System.dynamics`.
+
+    What is zero at every state may be left as it was allocated.
+    """
 
     qdot: Array  # (nq,)   N(q) v
     M: Array  # (n, n)  mass matrix
@@ -73,6 +76,9 @@ class System:
 
     The callables are compiled callbacks (see :mod:`solvers.kernel`); ``data`` is whatever named tuple of arrays, or
     array, they need and is passed through untouched. They get named tuples held (see :mod:`solvers.held`).
+
+    ``motion`` may rely on ``position`` having been called last of all, for the same t and q. Where there is nothing to
+    gain from that it is ``dynamics``.
     """
 
     nq: int
@@ -81,6 +87,7 @@ class System:
     data: Any
     dynamics: Callable[[float, Array, Array, Any, Terms], None]  # (t, q, v, data, terms): fills all terms
     position: Callable[[float, Array, Any, Terms], None]  # (t, q, data, terms): fills Phi, J, nu only
+    motion: Callable[[float, Array, Array, Any, Terms], None]  # (t, q, v, data, terms): fills the others, see below
     retract: Callable[[Array, Array, Any], None]  # (q, dq, data): q <- q (+) N dq in place, dq (n,)
     jacobi: Callable[[float, Array, Array, Any], float]  # (t, q, v, data): energy less driven action, J; smooth in time
     coordinate_names: tuple[str, ...] = ()  # (n,)

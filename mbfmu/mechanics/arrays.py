@@ -206,7 +206,7 @@ class State(NamedTuple):
     a: NDArray[np.float64]  # (nv,)
     Q: NDArray[np.float64]  # (nv,) forces applied along joint coordinates
     tau: NDArray[np.float64]  # (nv,) inverse dynamics
-    rel: NDArray[np.float64]  # (10, 6) one joint at work: rows 0-5 subspace, 6 bias, 7-9 rotation | offset
+    rel: NDArray[np.float64]  # (9, 6) one joint at work: rows 0-5 subspace, 6-8 rotation | offset
     wrench: NDArray[np.float64]  # (6,) a wrench on its way inward
     U: NDArray[np.float64]  # (nv, 6) articulated body: (IA S)^T, with the joint's Cholesky factor taken out
     D: NDArray[np.float64]  # (nv, 7) articulated body: a joint's Cholesky factor, and in column 6 its right-hand side
@@ -225,7 +225,7 @@ def allocate_state(nb: int, rows: int, nq: int, nv: int) -> State:
         records(nb, MOTION),
         records(rows, ROW),
         records(1, ELEMENT),
-        *(np.zeros(shape) for shape in ((nv, 6), nq, nv, nv, nv, nv, (10, 6), 6, (nv, 6), (nv, 7))),
+        *(np.zeros(shape) for shape in ((nv, 6), nq, nv, nv, nv, nv, (9, 6), 6, (nv, 6), (nv, 7))),
     )
     state.bodies["A"][0] = np.eye(3)
     return state

@@ -24,33 +24,39 @@ def close_cuts(arrays: Any, state: Any) -> None:
 
 
 @inlined
-def carry_inward(i: int, G: Any, row: int, arrays: Any, state: Any, J: Any, nu: Any) -> None:
-    """Add to J[row] the power of the wrench G on body i for every free coordinate between it and the ground.
+def carry_inward(i: int, G: Any, other: int, row: int, arrays: Any, state: Any, J: Any) -> float:
+    """Put into J[row] the power of the wrench G on body i for every free coordinate between it and the ground.
 
-    The power on driven coordinates moves at their known velocity and goes to nu.
+    On the way of body ``other``, which was carried before, it is added. The power on driven coordinates moves at
+    their known velocity; returns that power.
     """
     f = state.wrench
+    driven = 0.0 * G[0]
     for k in range(6):
         f[k] = G[k]
     while i > 0:
+        while other > i:
+            other = arrays.bodies[other].parent
         body = arrays.bodies[i]
         for k in range(body.nv):
             power = row_dot6(state.S, body.vi + k, f)
-            if body.vf >= 0:
+            if body.vf < 0:
+                driven += power * state.v[body.vi + k]
+            elif other == i:
                 J[row, body.vf + k] += power
             else:
-                nu[row] -= power * state.v[body.vi + k]
+                J[row, body.vf + k] = power
         shift_to(state.bodies[i], state.bodies[body.parent], f)
         i = body.parent
+    return driven
 
 
 @inlined
 def jacobian(arrays: Any, state: Any, Phi: Any, J: Any, nu: Any) -> None:
-    """Phi (m,), J (m, n) and nu (m,), after :func:`close_cuts`; State.v holds the driven velocities."""
-    for i in range(J.shape[0]):
-        nu[i] = 0.0
-        for j in range(J.shape[1]):
-            J[i, j] = 0.0
+    """Phi (m,), J (m, n) and nu (m,), after :func:`close_cuts`; State.v holds the driven velocities.
+
+    J is zero where a coordinate does not move the cut, and left so.
+    """
     for i in range(arrays.cuts.shape[0]):
         cut = arrays.cuts[i]
         end = arrays.cuts[i + 1].row if i + 1 < arrays.cuts.shape[0] else state.rows.shape[0]
@@ -58,8 +64,8 @@ def jacobian(arrays: Any, state: Any, Phi: Any, J: Any, nu: Any) -> None:
             row = arrays.kept[r]
             if row >= 0:
                 Phi[row] = state.rows[r].Phi
-                carry_inward(cut.a, state.rows[r].Ga, row, arrays, state, J, nu)
-                carry_inward(cut.b, state.rows[r].Gb, row, arrays, state, J, nu)
+                nu[row] = -carry_inward(cut.a, state.rows[r].Ga, 0, row, arrays, state, J)
+                nu[row] -= carry_inward(cut.b, state.rows[r].Gb, cut.a, row, arrays, state, J)
 
 
 @inlined

@@ -74,10 +74,7 @@ def shift_to(here: Any, parent: Any, f: Any) -> None:
 
 @inlined
 def mass_matrix(arrays: Any, state: Any, M: Any) -> None:
-    """M (n, n) over the free coordinates, after :func:`composite_inertia`."""
-    for i in range(M.shape[0]):
-        for j in range(M.shape[1]):
-            M[i, j] = 0.0
+    """M (n, n) over the free coordinates, after :func:`composite_inertia`; zero between branches, and left so."""
     f = state.wrench
     for i in range(1, arrays.bodies.shape[0]):
         body = arrays.bodies[i]

@@ -34,6 +34,12 @@ def move(t: float, q: Any, v: Any, arrays: Any, state: Any) -> None:
     """Positions, velocities and applied forces at (t, q, v)."""
     scatter(t, q, v, arrays, state)
     place(arrays, state)
+    set_moving(t, arrays, state)
+
+
+@inlined
+def set_moving(t: float, arrays: Any, state: Any) -> None:
+    """Velocities and applied forces of the bodies as they are placed."""
     turn_inertia(arrays, state)
     velocities(arrays, state)
     apply(t, arrays, state)
@@ -54,10 +60,9 @@ def position_rate(arrays: Any, q: Any, v: Any, qdot: Any) -> None:
             quaternion_rate(q, body.qf + plain, v, body.vf + plain, qdot)
 
 
-def dynamics(t: float, q: Any, v: Any, data: Any, terms: Any) -> None:
-    """Every term of the equations of motion; the free accelerations are zero while the bias is taken."""
-    arrays, state = data.arrays, data.state
-    move(t, q, v, arrays, state)
+@inlined
+def motion_terms(q: Any, v: Any, arrays: Any, state: Any, terms: Any) -> None:
+    """The terms of the bodies as they move; the free accelerations are zero while the bias is taken."""
     accelerations(arrays, state)
     inverse_dynamics(arrays, state)
     for i in range(1, arrays.bodies.shape[0]):
@@ -67,9 +72,24 @@ def dynamics(t: float, q: Any, v: Any, data: Any, terms: Any) -> None:
                 terms.h[body.vf + k] = state.tau[body.vi + k]
     composite_inertia(arrays, state)
     mass_matrix(arrays, state, terms.M)
-    jacobian(arrays, state, terms.Phi, terms.J, terms.nu)
     right_hand_side(arrays, state, terms.gamma)
     position_rate(arrays, q, v, terms.qdot)
+
+
+def dynamics(t: float, q: Any, v: Any, data: Any, terms: Any) -> None:
+    """Every term of the equations of motion."""
+    arrays, state = data.arrays, data.state
+    move(t, q, v, arrays, state)
+    jacobian(arrays, state, terms.Phi, terms.J, terms.nu)
+    motion_terms(q, v, arrays, state, terms)
+
+
+def motion(t: float, q: Any, v: Any, data: Any, terms: Any) -> None:
+    """Every term but Phi, J and nu, at the position :func:`position` was called for last."""
+    arrays, state = data.arrays, data.state
+    scatter(t, q, v, arrays, state)
+    set_moving(t, arrays, state)
+    motion_terms(q, v, arrays, state, terms)
 
 
 def inverse(t: float, q: Any, v: Any, a: Any, data: Any, qdot: Any, tau: Any) -> None:
@@ -176,6 +196,13 @@ def observe(t: float, q: Any, v: Any, a: Any, lam: Any, sensors: Any, data: Any,
 
 
 @kernel
+def observe_all(times: Any, q: Any, v: Any, a: Any, lam: Any, sensors: Any, data: Any, out: Any) -> None:
+    """:func:`observe` at each of ``times``, in a row of ``out`` each."""
+    for i in range(times.shape[0]):
+        observe(times[i], q[i], v[i], a[i], lam[i], sensors, data, out[i])
+
+
+@kernel
 def scatter_drive(t: float, body: Any, arrays: Any, state: Any) -> None:
     """Position and velocity of a driven coordinate."""
     state.q[body.qi] = value(arrays.signals[body.drive], t)
@@ -198,12 +225,12 @@ def turn_quaternion(q: Any, i: int, dq: Any, j: int) -> None:
 
 @cache
 def callbacks(scalar: type = float) -> tuple[Callable[..., Any], ...]:
-    """Return dynamics, position, retract, jacobi as a solver takes them; compiled on first use.
+    """Return dynamics, position, motion, retract, jacobi as a solver takes them; compiled on first use.
 
     ``scalar`` complex: for the data of :func:`.arrays.complex_twin`.
     """
     if not COMPILED:
-        return dynamics, position, retract, jacobi
+        return dynamics, position, motion, retract, jacobi
     example = empty_data() if scalar is float else complex_twin(empty_data())
     data, terms = held_type(example), held_type(Terms.allocate(1, 1, 1, scalar))
     real, number = types.float64, types.float64 if scalar is float else types.complex128
@@ -211,6 +238,7 @@ def callbacks(scalar: type = float) -> tuple[Callable[..., Any], ...]:
     return (
         callback(types.void(real, vector, vector, data, terms))(dynamics),
         callback(types.void(real, vector, data, terms))(position),
+        callback(types.void(real, vector, vector, data, terms))(motion),
         callback(types.void(vector, vector, data))(retract),
         callback(number(real, vector, vector, data))(jacobi),
     )

@@ -4,10 +4,10 @@ In global axes a motion is handed from a parent's origin to its child's by a shi
 
     Y_i  = B1 Y_j + S v,         B1 = [[I, -skew(rho)], [0, I]]                            (6) of the sheet paper
     Y'_i = B1 Y'_j + S v' + beta                                                           (11)
-    beta = (w_j x (w_j x rho) + 2 w_j x u + C b_lin ;  w_j x w_rel + C b_ang)
+    beta = (w_j x (w_j x rho) + 2 w_j x u ;  w_j x w_rel) + C b
 
-S is the joint's subspace turned into global axes, (u, w_rel) = S v the relative velocity, b the joint's own bias and
-C the axes of the joint frame. (w_j x (w_j x rho) + 2 w_j x u is B1' Y_j and the turning of S together.)
+S is the joint's subspace turned into global axes, (u, w_rel) = S v the relative velocity, b the joint's own bias, if it
+has one, and C the axes of the joint frame. (w_j x (w_j x rho) + 2 w_j x u is B1' Y_j and the turning of S together.)
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Any
 from solvers.kernel import inlined
 
 from . import signals
-from .joints import move
+from .joints import bias, move
 from .spatial import multiply, rotate, rotate_row
 
 _value, _rate, _second = signals.value, signals.rate, signals.second
@@ -25,7 +25,9 @@ _value, _rate, _second = signals.value, signals.rate, signals.second
 
 @inlined
 def scatter(t: float, q: Any, v: Any, arrays: Any, state: Any) -> None:
-    """Fill State.q, v, a from the solver's free coordinates and the drives; free accelerations become zero."""
+    """Fill State.q, v, a from the solver's free coordinates and the drives; free accelerations become zero, and the
+    forces along all coordinates.
+    """
     for i in range(1, arrays.bodies.shape[0]):
         body = arrays.bodies[i]
         if body.drive >= 0:
@@ -33,42 +35,41 @@ def scatter(t: float, q: Any, v: Any, arrays: Any, state: Any) -> None:
             state.q[body.qi] = _value(signal, t)
             state.v[body.vi] = _rate(signal, t)
             state.a[body.vi] = _second(signal, t)
+            state.Q[body.vi] = 0.0
             continue
         for k in range(body.nq):
             state.q[body.qi + k] = q[body.qf + k]
         for k in range(body.nv):
             state.v[body.vi + k] = v[body.vf + k]
             state.a[body.vi + k] = 0.0
+            state.Q[body.vi + k] = 0.0
 
 
 @inlined
 def place(arrays: Any, state: Any) -> None:
-    """Positions r, A, the subspaces S and the joints' own bias (left in beta, global axes), from State.q and v."""
+    """Positions r, A and the subspaces S from State.q."""
     rel = state.rel
     for i in range(1, arrays.bodies.shape[0]):
         body = arrays.bodies[i]
         here = state.bodies[i]
         parent = state.bodies[body.parent]
-        move(body.joint, body.axis, state.q, body.qi, state.v, body.vi, rel)
+        move(body.joint, body.axis, state.q, body.qi, rel)
         C = here.Jc  # scratch until the inertia is turned
         multiply(parent.A, body.R, C)
         for k in range(3):
             for j in range(3):
-                here.A[k, j] = C[k, 0] * rel[7, j] + C[k, 1] * rel[8, j] + C[k, 2] * rel[9, j]
+                here.A[k, j] = C[k, 0] * rel[6, j] + C[k, 1] * rel[7, j] + C[k, 2] * rel[8, j]
             here.r[k] = (
                 parent.r[k]
                 + parent.A[k, 0] * body.s[0]
                 + parent.A[k, 1] * body.s[1]
                 + parent.A[k, 2] * body.s[2]
-                + C[k, 0] * rel[7, 3]
-                + C[k, 1] * rel[8, 3]
-                + C[k, 2] * rel[9, 3]
+                + C[k, 0] * rel[6, 3]
+                + C[k, 1] * rel[7, 3]
+                + C[k, 2] * rel[8, 3]
             )
         for k in range(body.nv):
             rotate_row(C, rel, k, state.S, body.vi + k)
-        for k in range(3):
-            here.beta[k] = C[k, 0] * rel[6, 0] + C[k, 1] * rel[6, 1] + C[k, 2] * rel[6, 2]
-            here.beta[3 + k] = C[k, 0] * rel[6, 3] + C[k, 1] * rel[6, 4] + C[k, 2] * rel[6, 5]
 
 
 @inlined
@@ -101,21 +102,35 @@ def velocities(arrays: Any, state: Any) -> None:
         for j in range(body.nv):
             for k in range(6):
                 Y[k] += state.S[body.vi + j, k] * state.v[body.vi + j]
-        # w_j x rho, then beta += w_j x (w_j x rho + 2 u), w_j x w_rel
+        # w_j x rho, then beta = w_j x (w_j x rho + 2 u), w_j x w_rel
         px, py, pz = wy * z - wz * y, wz * x - wx * z, wx * y - wy * x
         ux, uy, uz = px + 2.0 * Y[0], py + 2.0 * Y[1], pz + 2.0 * Y[2]
-        beta[0] += wy * uz - wz * uy
-        beta[1] += wz * ux - wx * uz
-        beta[2] += wx * uy - wy * ux
-        beta[3] += wy * Y[5] - wz * Y[4]
-        beta[4] += wz * Y[3] - wx * Y[5]
-        beta[5] += wx * Y[4] - wy * Y[3]
+        beta[0] = wy * uz - wz * uy
+        beta[1] = wz * ux - wx * uz
+        beta[2] = wx * uy - wy * ux
+        beta[3] = wy * Y[5] - wz * Y[4]
+        beta[4] = wz * Y[3] - wx * Y[5]
+        beta[5] = wx * Y[4] - wy * Y[3]
+        if bias(body.joint, body.axis, state.q, body.qi, state.v, body.vi, state.wrench):
+            add_bias(body, parent, state.wrench, beta)
         Y[0] += Yj[0] + px
         Y[1] += Yj[1] + py
         Y[2] += Yj[2] + pz
         Y[3] += wx
         Y[4] += wy
         Y[5] += wz
+
+
+@inlined
+def add_bias(body: Any, parent: Any, b: Any, beta: Any) -> None:
+    """beta += C b, C = A_j R."""
+    A, R = parent.A, body.R
+    for k in range(3):
+        x = R[k, 0] * b[0] + R[k, 1] * b[1] + R[k, 2] * b[2]
+        w = R[k, 0] * b[3] + R[k, 1] * b[4] + R[k, 2] * b[5]
+        for i in range(3):
+            beta[i] += A[i, k] * x
+            beta[3 + i] += A[i, k] * w
 
 
 @inlined

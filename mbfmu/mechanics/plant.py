@@ -13,7 +13,7 @@ from solvers.system import Array, System, TreeSystem
 from .arrays import Data, complex_twin
 from .assembly import assemble_positions, assemble_velocities, check_inertia
 from .compile import Numbering, Variable, compile_data, sensor_records
-from .dynamics import callbacks, energy, observe, tree_callbacks
+from .dynamics import callbacks, energy, observe, observe_all, tree_callbacks
 from .groups import number_groups
 from .mechanism import Mechanism
 from .sensors import largest_residual
@@ -57,7 +57,7 @@ class Plant:
         return self._system(list(self.system.constraint_names), complex_twin(self.data), complex)
 
     def _system(self, constraint_names: list[str], data: Data, scalar: type = float) -> System:
-        dynamics, position, retract, jacobi = callbacks(scalar)
+        dynamics, position, motion, retract, jacobi = callbacks(scalar)
         return System(
             nq=self._numbering.nq,
             n=self._numbering.nv,
@@ -65,6 +65,7 @@ class Plant:
             data=data,
             dynamics=dynamics,
             position=position,
+            motion=motion,
             retract=retract,
             jacobi=jacobi,
             coordinate_names=tuple(self._numbering.coordinate_names),
@@ -231,6 +232,10 @@ class Plant:
     def observe(self, t: float, q: Array, v: Array, a: Array, lam: Array, out: Array) -> None:
         """Fill ``out`` (len(outputs),) from the solution: accelerations a (n,), multipliers lam (m,)."""
         observe(t, q, v, a, lam, self._sensors, self.system.held_data, out)
+
+    def observe_all(self, times: Array, q: Array, v: Array, a: Array, lam: Array, out: Array) -> None:
+        """Fill ``out`` (k, len(outputs)) from the solution at k times, one row each."""
+        observe_all(times, q, v, a, lam, self._sensors, self.system.held_data, out)
 
     def energy(self, t: float, q: Array, v: Array) -> float:
         """Kinetic and potential energy, J."""

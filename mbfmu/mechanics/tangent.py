@@ -61,8 +61,8 @@ class Scratch(NamedTuple):
     N: Array  # (6, 6) directions a joint locks, rows
     C: Array  # (3, 3)
     qc: NDArray[Any]  # (7,) complex joint position
-    vc: NDArray[Any]  # (6,) complex zero
-    rel: NDArray[Any]  # (10, 6) complex
+    vc: NDArray[Any]  # (3,) complex rotation of a quaternion joint
+    rel: NDArray[Any]  # (9, 6) complex
     G: Array  # (6, 6) joint rows by own coordinates
     g: Array  # (6, 3) joint rows by the parent's rotation
     row: Array  # (12,) one joint row over both bodies' motions
@@ -161,9 +161,7 @@ def turning(i: int, arrays: Any, state: Any, s: Any) -> None:
             for k in range(3):
                 s.vc[k] = EPSILON * 1j if k == l - plain else 0.0
             turn_quaternion(s.qc, plain, s.vc, 0)
-            for k in range(3):
-                s.vc[k] = 0.0
-        move(body.joint, body.axis, s.qc, 0, s.vc, 0, s.rel)
+        move(body.joint, body.axis, s.qc, 0, s.rel)
         for k in range(body.nv):
             total = 0.0
             for a in range(3):
@@ -463,8 +461,8 @@ class Tangent:
         widest = max(self._sizes)
         z = np.zeros
         self._scratch = Scratch(
-            z((2 * widest, 2 * widest)), z((6, 6)), z((6, 6)), z((3, 3)), z(7, complex), z(6, complex),
-            z((10, 6), complex), z((6, 6)), z((6, 3)), z(12), z((24, 24)), z((24, 24)),
+            z((2 * widest, 2 * widest)), z((6, 6)), z((6, 6)), z((3, 3)), z(7, complex), z(3, complex),
+            z((9, 6), complex), z((6, 6)), z((6, 3)), z(12), z((24, 24)), z((24, 24)),
         )  # fmt: skip
         self._base = np.concatenate(([0], np.cumsum(self._sizes)))
         nv = int((arrays.bodies["nv"]).sum())

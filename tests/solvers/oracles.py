@@ -129,7 +129,7 @@ def fourbar(rocker_mass: float = 1.0, redundant: bool = False) -> System:
     values = np.array([1.0, 3.0, 1.0, 1.0, 3.0, rocker_mass, 3.0])
     m = 4 if redundant else 2
     return System(
-        nq=3, n=3, m=m, data=values, dynamics=fourbar_dynamics, position=fourbar_position,
+        nq=3, n=3, m=m, data=values, dynamics=fourbar_dynamics, position=fourbar_position, motion=fourbar_dynamics,
         retract=add, jacobi=fourbar_energy,
     )  # fmt: skip
 
@@ -201,6 +201,7 @@ def particle(stiffness: float = 0.0, nan_from: float = np.inf, blow_up: float = 
         data=np.array([stiffness, nan_from, blow_up]),
         dynamics=particle_dynamics,
         position=unconstrained,
+        motion=particle_dynamics,
         retract=add,
         jacobi=particle_energy,
     )
@@ -253,6 +254,7 @@ def rigid_body() -> System:
         data=INERTIA,
         dynamics=body_dynamics,
         position=unconstrained,
+        motion=body_dynamics,
         retract=turn,
         jacobi=body_energy,
     )

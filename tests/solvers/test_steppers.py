@@ -184,6 +184,41 @@ def test_results_do_not_depend_on_communication_points(name):
     assert few.statistics == many.statistics
 
 
+@pytest.mark.parametrize("name", SOLVERS)
+def test_a_sample_is_what_advancing_step_by_step_gives(name):
+    times = np.linspace(0.0, 0.8, 9)
+    stepper, other = run(name, 1e-6, times=())[0], run(name, 1e-6, times=())[0]
+    samples = stepper.sample(times)
+    assert len(samples.q) == len(times)
+    for t, q, v, a, lam in zip(times, *samples, strict=True):
+        assert other.advance(t).ok
+        np.testing.assert_array_equal(q, other.q)
+        np.testing.assert_array_equal(v, other.v)
+        for own, theirs in zip((a, lam), other.accelerations(), strict=True):
+            np.testing.assert_allclose(own, theirs, rtol=1e-9, atol=1e-9)
+    assert (stepper.t, stepper.status) == (other.t, other.status)
+    assert stepper.q.tobytes() == other.q.tobytes()
+    with pytest.raises(ValueError, match="ascend"):
+        stepper.sample(np.array([0.5]))
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+def test_a_sample_ends_where_advance_fails(name):
+    stepper = SOLVERS[name](particle(1.0, nan_from=0.5), 0.0, np.ones(1), np.zeros(1), Options(rtol=1e-6))
+    samples = stepper.sample(np.array([0.1, 0.2, 0.9, 1.0]))
+    assert len(samples.a) == 2
+    assert stepper.status.code is Code.NOT_FINITE
+    assert 0.2 <= stepper.t <= 0.5
+    assert np.isfinite(stepper.q).all()
+
+
+def test_a_sample_ends_at_a_state_without_accelerations():
+    stepper = SOLVERS["adams"](fourbar(), 0.0, fourbar_q(0.0), np.zeros(3))
+    assert len(stepper.sample(np.array([0.0, 1.0])).q) == 0
+    assert stepper.status.code is Code.UNDECIDABLE
+    assert stepper.t == 0.0
+
+
 @pytest.mark.parametrize("name", ["adams", "ida"])
 def test_restart_takes_a_changed_force_from_the_reported_time_on(name):
     system = particle(1.0)

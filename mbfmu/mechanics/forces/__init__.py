@@ -30,13 +30,13 @@ _spring_potential, _joint_spring_potential = spring.potential, joint_spring.pote
 
 @inlined
 def apply(t: float, arrays: Any, state: Any) -> None:
-    """Clear the applied wrenches and coordinate forces and let every force and elastic element add its own."""
+    """Let every force and elastic element add its own to the applied wrenches and to the coordinate forces, which
+    scatter has cleared.
+    """
     for i in range(state.bodies.shape[0]):
         F = state.bodies[i].F
         for k in range(6):
             F[k] = 0.0
-    for k in range(state.Q.shape[0]):
-        state.Q[k] = 0.0
     for i in range(arrays.forces.shape[0]):
         force = arrays.forces[i]
         if force.kind == 0:

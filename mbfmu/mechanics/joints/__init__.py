@@ -26,26 +26,44 @@ _weld, _revolute, _translational, _spherical, _floating, _out_of_plane = (
     floating.move,
     out_of_plane.move,
 )
+_out_of_plane_bias = out_of_plane.bias
 
 
 @inlined
-def move(kind: int, axis: Any, q: Any, qi: int, v: Any, vi: int, rel: Any) -> None:
+def move(kind: int, axis: Any, q: Any, qi: int, rel: Any) -> None:
     """Place the child of a joint of this kind; see :mod:`.base`."""
-    for i in range(rel.shape[0]):
-        for j in range(rel.shape[1]):
-            rel[i, j] = 0.0
     if kind == 1:
-        _revolute(axis, q, qi, v, vi, rel)
+        _revolute(axis, q, qi, rel)
     elif kind == 2:
-        _translational(axis, q, qi, v, vi, rel)
+        _translational(axis, q, qi, rel)
     elif kind == 3:
-        _spherical(axis, q, qi, v, vi, rel)
+        _spherical(axis, q, qi, rel)
     elif kind == 4:
-        _floating(axis, q, qi, v, vi, rel)
+        _floating(axis, q, qi, rel)
     elif kind == 5:
-        _out_of_plane(axis, q, qi, v, vi, rel)
+        _out_of_plane(axis, q, qi, rel)
     else:
-        _weld(axis, q, qi, v, vi, rel)
+        _weld(axis, q, qi, rel)
 
 
-__all__ = ["REGISTRY", "Floating", "Joint", "OutOfPlane", "Revolute", "Spherical", "Translational", "Weld", "move"]
+@inlined
+def bias(kind: int, axis: Any, q: Any, qi: int, v: Any, vi: int, out: Any) -> bool:
+    """What differentiating the joint's subspace adds, in ``out``; False: nothing. See :mod:`.base`."""
+    if kind == 5:
+        _out_of_plane_bias(axis, q, qi, v, vi, out)
+        return True
+    return False
+
+
+__all__ = [
+    "REGISTRY",
+    "Floating",
+    "Joint",
+    "OutOfPlane",
+    "Revolute",
+    "Spherical",
+    "Translational",
+    "Weld",
+    "bias",
+    "move",
+]

@@ -1,13 +1,15 @@
 """What every tree joint says of itself.
 
 A joint places its child in the joint frame F, which is fixed in the parent at the placement the builder was given. Its
-kernel ``move(axis, q, qi, v, vi, rel)`` writes, in F axes,
+kernel ``move(axis, q, qi, rel)`` writes, in F axes,
 
-    rel[0:nv]        the columns of the motion subspace: the child's relative velocity is  sum_k v_k rel[k]
-    rel[6]           what differentiating them adds to the relative acceleration: sum_k v_k d(rel[k])/dt
-    rel[7:10, 0:3]   the child's axes in F,   rel[7:10, 3] its origin in F
+    rel[0:nv]       the columns of the motion subspace: the child's relative velocity is  sum_k v_k rel[k]
+    rel[6:9, 0:3]   the child's axes in F,   rel[6:9, 3] its origin in F
 
-and finds ``rel`` zeroed. Everything else about tree joints is common and lives in the recursions.
+all of it: what ``rel`` held before is another joint's. For axes that rest in F and for angular velocities in the
+child's axes differentiating the columns adds nothing to the relative acceleration; a joint of other columns also has
+``bias(axis, q, qi, v, vi, out)``, which writes sum_k v_k d(rel[k])/dt into out (6,), F axes. Everything else about tree
+joints is common and lives in the recursions.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 The sheet paper (eq. 1-3, 7-8) uses A = A_x A_y A_z, singular at theta_y = +-90 deg; a body that tumbles passes
 through that, so we do not. Velocities: the origin's velocity in the joint frame, then the angular velocity in the
-child's axes; neither has a bias.
+child's axes.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from .base import Joint
 
 
 @kernel
-def move(axis: Any, q: Any, qi: int, v: Any, vi: int, rel: Any) -> None:
+def move(axis: Any, q: Any, qi: int, rel: Any) -> None:
     """See :mod:`.base`."""
-    quaternion_matrix(q, qi + 3, rel, 7)
+    quaternion_matrix(q, qi + 3, rel, 6)
     for k in range(3):
-        rel[k, k] = 1.0
-        rel[7 + k, 3] = q[qi + k]
         for i in range(3):
-            rel[3 + k, 3 + i] = rel[7 + i, k]
+            rel[k, i], rel[k, 3 + i] = 1.0 if i == k else 0.0, 0.0
+            rel[3 + k, i], rel[3 + k, 3 + i] = 0.0, rel[6 + i, k]
+        rel[6 + k, 3] = q[qi + k]
 
 
 @dataclass(frozen=True, kw_only=True)

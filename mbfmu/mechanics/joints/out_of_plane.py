@@ -30,23 +30,32 @@ from .base import Joint
 
 
 @kernel
-def move(axis: Any, q: Any, qi: int, v: Any, vi: int, rel: Any) -> None:
+def move(axis: Any, q: Any, qi: int, rel: Any) -> None:
     """See :mod:`.base`. Columns: g' - 2 alpha b;  h' = (0, 0, 1);  A_z f' with f' = (1, 0, 0)."""
     alpha = q[qi]
     cz, sz = np.cos(q[qi + 1]), np.sin(q[qi + 1])
     cx, sx = np.cos(q[qi + 2]), np.sin(q[qi + 2])
     for k in range(3):
-        rel[0, k] = -2.0 * alpha * axis[k]
-        rel[6, k] = -2.0 * v[vi] * v[vi] * axis[k]
-        rel[7 + k, 3] = -alpha * alpha * axis[k]
+        rel[0, k], rel[0, 3 + k] = -2.0 * alpha * axis[k], 0.0
+        rel[1, k], rel[1, 3 + k] = 0.0, 0.0
+        rel[2, k] = 0.0
+        rel[6 + k, 3] = -alpha * alpha * axis[k]
     rel[0, 1] += 1.0
-    rel[8, 3] += alpha
+    rel[7, 3] += alpha
     rel[1, 5] = 1.0
-    rel[2, 3], rel[2, 4] = cz, sz
-    rel[6, 3], rel[6, 4] = -sz * v[vi + 1] * v[vi + 2], cz * v[vi + 1] * v[vi + 2]
-    rel[7, 0], rel[7, 1], rel[7, 2] = cz, -sz * cx, sz * sx
-    rel[8, 0], rel[8, 1], rel[8, 2] = sz, cz * cx, -cz * sx
-    rel[9, 1], rel[9, 2] = sx, cx
+    rel[2, 3], rel[2, 4], rel[2, 5] = cz, sz, 0.0
+    rel[6, 0], rel[6, 1], rel[6, 2] = cz, -sz * cx, sz * sx
+    rel[7, 0], rel[7, 1], rel[7, 2] = sz, cz * cx, -cz * sx
+    rel[8, 0], rel[8, 1], rel[8, 2] = 0.0, sx, cx
+
+
+@kernel
+def bias(axis: Any, q: Any, qi: int, v: Any, vi: int, out: Any) -> None:
+    """See :mod:`.base`: -2 alpha'^2 b, and theta_z' theta_x' h' x A_z f'."""
+    square, turn = v[vi] * v[vi], v[vi + 1] * v[vi + 2]
+    for k in range(3):
+        out[k] = -2.0 * square * axis[k]
+    out[3], out[4], out[5] = -np.sin(q[qi + 1]) * turn, np.cos(q[qi + 1]) * turn, 0.0 * turn
 
 
 @dataclass(frozen=True, kw_only=True)

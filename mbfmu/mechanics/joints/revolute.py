@@ -13,20 +13,21 @@ from .base import AxisJoint
 
 
 @kernel
-def move(axis: Any, q: Any, qi: int, v: Any, vi: int, rel: Any) -> None:
+def move(axis: Any, q: Any, qi: int, rel: Any) -> None:
     """See :mod:`.base`. Rotation by Rodrigues' formula, R = c I + s skew(n) + (1 - c) n n^T."""
     c, s = np.cos(q[qi]), np.sin(q[qi])
     for i in range(3):
-        rel[0, 3 + i] = axis[i]
+        rel[0, i], rel[0, 3 + i] = 0.0, axis[i]
         for j in range(3):
-            rel[7 + i, j] = (1.0 - c) * axis[i] * axis[j]
-        rel[7 + i, i] += c
-    rel[7, 1] -= s * axis[2]
-    rel[7, 2] += s * axis[1]
-    rel[8, 0] += s * axis[2]
-    rel[8, 2] -= s * axis[0]
-    rel[9, 0] -= s * axis[1]
-    rel[9, 1] += s * axis[0]
+            rel[6 + i, j] = (1.0 - c) * axis[i] * axis[j]
+        rel[6 + i, i] += c
+        rel[6 + i, 3] = 0.0
+    rel[6, 1] -= s * axis[2]
+    rel[6, 2] += s * axis[1]
+    rel[7, 0] += s * axis[2]
+    rel[7, 2] -= s * axis[0]
+    rel[8, 0] -= s * axis[1]
+    rel[8, 1] += s * axis[0]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,6 +1,6 @@
 """Spherical: any orientation about a common point, as a unit quaternion, so that no orientation is singular.
 
-Velocities are the angular velocity in the child's axes; it has no bias, because R(w' x w') = 0.
+Velocities are the angular velocity in the child's axes, whose columns turn without effect: R(w' x w') = 0.
 """
 
 from __future__ import annotations
@@ -15,12 +15,13 @@ from .base import Joint
 
 
 @kernel
-def move(axis: Any, q: Any, qi: int, v: Any, vi: int, rel: Any) -> None:
+def move(axis: Any, q: Any, qi: int, rel: Any) -> None:
     """See :mod:`.base`."""
-    quaternion_matrix(q, qi, rel, 7)
+    quaternion_matrix(q, qi, rel, 6)
     for k in range(3):
         for i in range(3):
-            rel[k, 3 + i] = rel[7 + i, k]
+            rel[k, i], rel[k, 3 + i] = 0.0, rel[6 + i, k]
+        rel[6 + k, 3] = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,12 +11,13 @@ from .base import AxisJoint
 
 
 @kernel
-def move(axis: Any, q: Any, qi: int, v: Any, vi: int, rel: Any) -> None:
+def move(axis: Any, q: Any, qi: int, rel: Any) -> None:
     """See :mod:`.base`."""
     for i in range(3):
-        rel[0, i] = axis[i]
-        rel[7 + i, i] = 1.0
-        rel[7 + i, 3] = q[qi] * axis[i]
+        rel[0, i], rel[0, 3 + i] = axis[i], 0.0
+        for j in range(3):
+            rel[6 + i, j] = 1.0 if i == j else 0.0
+        rel[6 + i, 3] = q[qi] * axis[i]
 
 
 @dataclass(frozen=True, kw_only=True)

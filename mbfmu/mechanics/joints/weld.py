@@ -11,10 +11,12 @@ from .base import Joint
 
 
 @kernel
-def move(axis: Any, q: Any, qi: int, v: Any, vi: int, rel: Any) -> None:
+def move(axis: Any, q: Any, qi: int, rel: Any) -> None:
     """See :mod:`.base`."""
     for i in range(3):
-        rel[7 + i, i] = 1.0
+        for j in range(3):
+            rel[6 + i, j] = 1.0 if i == j else 0.0
+        rel[6 + i, 3] = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
