@@ -31,7 +31,7 @@ def loop(seed: int, kinds: list[type[Joint]], cut: type) -> Plant:
     tree = chain(joints, masses).compile()
     q = tree.start_positions()
     tree.system.apply(q, 0.5 * rng.normal(size=tree.system.n))
-    tree.residuals(0.0, q, np.zeros(tree.system.n))  # places the bodies
+    tree.energy(0.0, q, np.zeros(tree.system.n))  # places the bodies
     end = tree.data.state.bodies[-1]
     p = rng.normal(size=3)
     on_ground = end["r"] + end["A"] @ p

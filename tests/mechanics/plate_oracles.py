@@ -8,6 +8,7 @@ import numpy as np
 
 from mbfmu.mechanics import Mechanism, Plant, Sheet, Support, add_sheet
 from mbfmu.mechanics.dynamics import solved
+from solvers.system import TreeSystem
 
 E = 1e-30  # complex step
 CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
@@ -92,13 +93,19 @@ def cylindrical(grid: tuple[int, int], spine: bool) -> Any:
 def frequencies(plant: Plant) -> Any:
     """Natural frequencies in Hz, lowest first, at the start; negative where the stiffness is."""
     q = plant.start_positions()
-    terms = plant.system.allocate_terms()
-    plant.system.fill(0.0, q, np.zeros(plant.system.n), terms)
+    system = plant.system
+    free, still = np.eye(system.n), np.zeros(system.n)
+    if isinstance(system, TreeSystem):
+        at_rest = system.unbalance(0.0, q, still, still)
+        M = np.array([system.unbalance(0.0, q, still, a) - at_rest for a in free]).T
+    else:
+        terms = system.allocate_terms()
+        system.fill(0.0, q, still, terms)
+        M = terms.M
     K = forces_and_tangent(plant, q)[1]
-    free = np.eye(plant.system.n)
-    if plant.system.m:
+    if system.m:
         _, sigma, Vt = np.linalg.svd(terms.J)
         free = Vt[int(np.sum(sigma > 1e-9 * sigma[0])) :].T
-    L = np.linalg.inv(np.linalg.cholesky(free.T @ terms.M @ free))
+    L = np.linalg.inv(np.linalg.cholesky(free.T @ M @ free))
     values = np.linalg.eigvalsh(L @ free.T @ (0.5 * (K + K.T)) @ free @ L.T)
     return np.sign(values) * np.sqrt(np.abs(values)) / (2.0 * np.pi)

@@ -58,9 +58,9 @@ def observed(case: Case, t: float, q: Any, v: Any, a: Any, lam: Any) -> dict[str
 
 
 def test_registry_order_matches_the_compiled_dispatch() -> None:
-    rel = np.zeros((9, 6))
     q = np.array([0.6, 0.0, 0.8, 0.0, 0.0, 0.0, 1.0])
     for kind, joint in enumerate(JOINTS):
+        rel = np.zeros((9, 6))
         place_joint(kind, np.array([0.0, 0.0, 1.0]), q, 0, rel)
         columns = int(np.sum(np.abs(rel[:6]).max(axis=1) > 0))
         assert columns == joint.nv
