@@ -182,6 +182,12 @@ def factor(s: Any) -> bool:
 
 
 @kernel
+def evaluate(eqs: Any, t: float, q: Any, v: Any) -> None:
+    """The terms at (t, q, v), called from Python."""
+    eqs.dynamics(t, q, v, eqs.data, eqs.terms)
+
+
+@kernel
 def constraint_forces(rows: Any, terms: Any, s: Any, lam: Any) -> float:
     """lam (rank,): multipliers of least unbalance with the ``terms`` at hand; return how far J is from losing rank."""
     n, rank = s.v.shape[0], rows.shape[0]
@@ -353,17 +359,17 @@ class EquilibriumSolver:
     def unbalance(self, t: float, q: Array, lam: Array) -> tuple[Array, Array]:
         """Return h + J^T lambda (n,) and Phi (m,)."""
         T = self._terms
-        self.system.fill(t, q.astype(complex), self._v, T)
+        evaluate(self._eqs, t, q.astype(complex), self._v)
         return T.h.real + T.J.real.T @ lam, T.Phi.real.copy()
 
     def singular(self, t: float, q: Array) -> bool:
         """Whether the independent constraints lose rank at q."""
-        self.system.fill(t, q.astype(complex), self._v, self._terms)
+        evaluate(self._eqs, t, q.astype(complex), self._v)
         return not constraint_forces(self.rows, self._held_terms, self._scratch, self._lam) > SINGULAR_POSITION
 
     def _balancing(self, t: float, q: Array) -> Array:
         """Return the multipliers of the independent rows (rank,) that leave the least unbalanced force."""
-        self.system.fill(t, q.astype(complex), self._v, self._terms)
+        evaluate(self._eqs, t, q.astype(complex), self._v)
         lam = np.zeros(len(self.rows))
         constraint_forces(self.rows, self._held_terms, self._scratch, lam)
         return lam
