@@ -11,8 +11,11 @@ import numpy as np
 
 if TYPE_CHECKING:
     from mbfmu.compare import Row
+    from mbfmu.mechanics import Plant
+    from mbfmu.modes import Shape
     from mbfmu.simulation import Result
     from mbfmu.sweep import Branch
+    from solvers.system import Array
 
 mpl.use("Agg")
 
@@ -106,6 +109,36 @@ def plot_branches(branches: Sequence[Branch], axis: str, output: str, title: str
     ax.grid(alpha=0.3)
     ax.legend()
     finish(figure, path)
+
+
+def plot_shapes(plant: Plant, q: Array, shapes: Sequence[Shape], title: str, path: Path) -> None:
+    """Draw the deflection of the first surface along its normal, one panel a mode, over its place in the grid."""
+    surface = plant.mechanism.surfaces[0]
+    at_rest, normals = poses(plant, q, surface.bodies)
+    columns = min(4, len(shapes))
+    rows = -(-len(shapes) // columns)
+    figure, axes = plt.subplots(rows, columns, figsize=(3.0 * columns, 2.6 * rows), squeeze=False, layout="constrained")
+    for ax in axes.flat[len(shapes) :]:
+        ax.axis("off")
+    for number, (ax, shape) in enumerate(zip(axes.flat, shapes, strict=False), 1):
+        moved, step = q.copy(), 1e-6 / max(1e-300, float(np.abs(shape.motion).max()))
+        plant.system.apply(moved, step * shape.motion)
+        deflection = np.einsum("ijk,ijk->ij", poses(plant, moved, surface.bodies)[0] - at_rest, normals)
+        largest = float(np.abs(deflection).max()) or 1.0
+        ax.imshow(deflection.T / largest, cmap="RdBu", vmin=-1.0, vmax=1.0, interpolation="bilinear", origin="lower")
+        ax.contour(deflection.T / largest, levels=[0.0], colors="black", linewidths=0.6)
+        ax.set_xticks([])
+        ax.set_yticks([])
+        ax.set_title(f"{number}: {shape.mode.frequency / (2.0 * np.pi):.4g} Hz", fontsize=10)
+    figure.suptitle(f"{title} (deflection along the normal; nodal lines black)")
+    finish(figure, path)
+
+
+def poses(plant: Plant, q: Array, bodies: Any) -> tuple[Array, Array]:
+    """Return origins and y axes of bodies (..., 3) at positions q (nq,)."""
+    plant.energy(0.0, q, np.zeros(plant.system.n))  # places them
+    state = plant.data.state.bodies
+    return state["r"][bodies].copy(), state["A"][bodies][..., 1].copy()
 
 
 def finish(figure: Any, path: Path) -> None:

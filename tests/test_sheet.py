@@ -159,3 +159,14 @@ def test_fmu(tmp_path: Path) -> None:
         saved = fmu.save()
         fmu.step(0.02)
         fmu.restore(saved)
+
+
+def test_modes_command_draws_shapes(command: Any, tmp_path: Path) -> None:
+    code, out, _ = command("modes", "sheet", "--set", "nx=9", "--set", "nz=7", "-n", "5", "-o", str(tmp_path))
+    assert code == 0
+    assert out.count("±") == 5
+    assert (tmp_path / "sheet_modes.png").stat().st_size > 10_000
+    code, out, _ = command("modes", "governor")
+    assert code == 0
+    assert "6.552" in out
+    assert command("modes", "sheet", "-n", "0")[0] == 2
