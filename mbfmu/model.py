@@ -94,7 +94,8 @@ class Model:
 
     Class attributes a subclass may set: ``name`` (of the command line and the FMU), ``stop_time`` and
     ``output_interval`` (s) and ``tolerance`` of the default experiment, ``settling``: parameters that damp the motion,
-    with which a comparison lets it run into the steady state.
+    with which a comparison lets it run into the steady state, and ``effects``: by name, the parameters that turn an
+    effect on; zero turns it off.
     """
 
     name: ClassVar[str] = ""
@@ -102,6 +103,7 @@ class Model:
     output_interval: ClassVar[float] = 0.01
     tolerance: ClassVar[float] = 1e-6
     settling: ClassVar[Mapping[str, float]] = MappingProxyType({})
+    effects: ClassVar[Mapping[str, Mapping[str, float]]] = MappingProxyType({})
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()

@@ -170,3 +170,15 @@ def test_modes_command_draws_shapes(command: Any, tmp_path: Path) -> None:
     assert code == 0
     assert "6.552" in out
     assert command("modes", "sheet", "-n", "0")[0] == 2
+
+
+def test_ledger_of_effects(command: Any) -> None:
+    code, out, _ = command(
+        "effects", "sheet", "--set", "nx=5", "--set", "nz=4", "--stop-time", "0.05", "--show", "tip.y"
+    )
+    assert code == 0
+    assert [line.split("  ")[0] for line in out.splitlines()[2:]] == [
+        "as it is", "without gravity", "without membrane", "with damping", "with drag"
+    ]  # fmt: skip
+    assert command("effects", "sheet", "--stop-time", "0.01", "--show", "tipp.y")[0] == 2
+    assert command("effects", "pendulum")[0] == 2

@@ -26,6 +26,14 @@ class Sheet(Model):
     output_interval = 0.005
     tolerance = 1e-5
     settling = MappingProxyType({"damping": 0.02})
+    effects = MappingProxyType(
+        {
+            "gravity": {"gravity_y": -9.81},
+            "membrane": {"membrane": True},
+            "damping": {"damping": 0.002},
+            "drag": {"drag": 1.4},
+        }
+    )
 
     length: float = parameter(0.3, unit="m", min=1e-4, doc="along x, from the free edge to the held one")
     width: float = parameter(0.21, unit="m", min=1e-4, doc="along z")

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 import mbfmu
 from mbfmu.errors import UserError
 
-from . import compare, equilibrium, export, linearize, models, modes, run, view
+from . import compare, effects, equilibrium, export, linearize, models, modes, run, view
 
-COMMANDS = (run, view, export, equilibrium, linearize, modes, compare, models)
+COMMANDS = (run, view, export, equilibrium, linearize, modes, effects, compare, models)
 
 EXAMPLES = """examples:
   mbfmu run fourbar                        export the FMU, run it through FMPy, write CSV and PNG
@@ -27,6 +27,7 @@ EXAMPLES = """examples:
   mbfmu equilibrium governor --sweep spindle_speed=5:20:0.5
   mbfmu linearize governor -o governor.npz state matrices about the steady state
   mbfmu modes sheet -n 8                   natural frequencies and shapes
+  mbfmu effects sheet                      what each effect costs and changes
   mbfmu compare fourbar --json rows.json   what accuracy costs in time
   mbfmu models                             every model with its parameters
 """

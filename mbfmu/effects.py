@@ -1,0 +1,156 @@
+"""The ledger of effects: what each costs, and what it changes, by which a user decides what a scene needs.
+
+The model runs as it is, and with each effect turned over alone: off where it was on, on where it was off. An effect
+that is off has no entry in any array.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mbfmu.equilibrium import equilibrium
+from mbfmu.errors import EquilibriumError, UserError
+from mbfmu.mechanics import Plant
+from mbfmu.model import Model
+from mbfmu.simulation import Settings, Simulation
+from mbfmu.table import table
+from solvers.bundle import bundle
+from solvers.kernel import kernel
+from solvers.system import TreeSystem
+
+EVALUATIONS = 200
+REPEATS = 7
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entry:
+    """The model as it is, or with one effect turned over.
+
+    Attributes
+    ----------
+    case
+        ``as it is``, ``with drag``, ``without gravity``.
+    evaluation, run
+        Time of one evaluation of the equations of motion, and median time of the run, s.
+    frequency
+        Lowest natural frequency about the steady state, Hz; None where there is none.
+    outputs
+        At the end of the run, by name.
+    """
+
+    case: str
+    evaluation: float
+    run: float
+    frequency: float | None
+    outputs: dict[str, float]
+
+
+def ledger(model: Model, settings: Settings, end: float, progress: Callable[[str], None] | None = None) -> list[Entry]:
+    """Return an entry for the model as it is and one for each of its effects turned over.
+
+    Raises
+    ------
+    UserError
+        The model has no effects.
+    """
+    if not model.effects:
+        raise UserError(f"model {model.name!r} has no effects to turn on or off")
+    cases = {"as it is": model}
+    for effect, on in model.effects.items():
+        active = any(getattr(model, name) != 0 for name in on)
+        off = {name: type(getattr(model, name))(0) for name in on}
+        cases[f"{'without' if active else 'with'} {effect}"] = model.with_values(off if active else on)
+    entries = []
+    for case, changed in cases.items():
+        entries.append(_entry(case, changed, settings, end))
+        if progress is not None:
+            progress(case)
+    return entries
+
+
+def _entry(case: str, model: Model, settings: Settings, end: float) -> Entry:
+    runs = []
+    for _ in range(3):
+        simulation = Simulation(model, settings)
+        begin = time.perf_counter()
+        simulation.advance(end)
+        runs.append(time.perf_counter() - begin)
+    outputs = dict(zip((v.name for v in simulation.plant.outputs), map(float, simulation.outputs()), strict=True))
+    try:
+        modes = equilibrium(model).modes
+        frequency = modes[0].frequency / (2.0 * np.pi) if modes else None
+    except EquilibriumError:
+        frequency = None
+    return Entry(
+        case=case,
+        evaluation=_time_of_evaluation(simulation.plant),
+        run=statistics.median(runs),
+        frequency=frequency,
+        outputs=outputs,
+    )
+
+
+def _time_of_evaluation(plant: Plant) -> float:
+    """Return the time of one evaluation in a compiled loop, s, in a random state near the start.
+
+    At rest numbers of the size of rounding would meet, whose products are slow to compute.
+    """
+    system = plant.system
+    random = np.random.default_rng(0)
+    q, v = plant.start_positions(), 0.1 * random.normal(size=system.n)
+    system.apply(q, 0.01 * random.normal(size=system.n) * getattr(system, "size", 1.0))
+    if isinstance(system, TreeSystem):
+        a, qdot, tau = np.zeros(system.n), np.zeros(system.nq), np.zeros(system.n)
+
+        def call() -> None:
+            _inverses(system.inverse, q, v, a, system.held_data, qdot, tau, EVALUATIONS)
+
+    else:
+        equations = bundle(system, system.allocate_terms())
+
+        def call() -> None:
+            _dynamics(equations, q, v, EVALUATIONS)
+
+    call()
+    times = []
+    for _ in range(REPEATS):
+        begin = time.perf_counter()
+        call()
+        times.append((time.perf_counter() - begin) / EVALUATIONS)
+    return min(times)  # what disturbs it only adds
+
+
+@kernel
+def _inverses(inverse: Any, q: Any, v: Any, a: Any, data: Any, qdot: Any, tau: Any, count: int) -> None:
+    for _ in range(count):
+        inverse(0.0, q, v, a, data, qdot, tau)
+
+
+@kernel
+def _dynamics(eqs: Any, q: Any, v: Any, count: int) -> None:
+    for _ in range(count):
+        eqs.dynamics(0.0, q, v, eqs.data, eqs.terms)
+
+
+def as_text(entries: list[Entry], shown: list[str]) -> str:
+    """Return the ledger for people; ``shown`` are outputs at the end of the run."""
+    bare = entries[0]
+    rows = []
+    for e in entries:
+        more = "" if e is bare else f" ({100.0 * (e.evaluation / bare.evaluation - 1.0):+.0f} %)"
+        rows.append(
+            (
+                e.case,
+                f"{1e6 * e.evaluation:.3g}{more}",
+                f"{e.run:.3g}",
+                "-" if e.frequency is None else f"{e.frequency:.5g}",
+                *(f"{e.outputs[name]:.6g}" for name in shown),
+            )
+        )
+    return table(("case", "evaluation [us]", "run [s]", "first mode [Hz]", *shown), rows)
