@@ -61,15 +61,21 @@ def position_rate(arrays: Any, q: Any, v: Any, qdot: Any) -> None:
 
 
 @inlined
-def motion_terms(q: Any, v: Any, arrays: Any, state: Any, terms: Any) -> None:
-    """The terms of the bodies as they move; the free accelerations are zero while the bias is taken."""
-    accelerations(arrays, state)
-    inverse_dynamics(arrays, state)
+def take_free(values: Any, arrays: Any, out: Any) -> None:
+    """out (n,) = values (nv,) at the free coordinates."""
     for i in range(1, arrays.bodies.shape[0]):
         body = arrays.bodies[i]
         if body.vf >= 0:
             for k in range(body.nv):
-                terms.h[body.vf + k] = state.tau[body.vi + k]
+                out[body.vf + k] = values[body.vi + k]
+
+
+@inlined
+def motion_terms(q: Any, v: Any, arrays: Any, state: Any, terms: Any) -> None:
+    """The terms of the bodies as they move; the free accelerations are zero while the bias is taken."""
+    accelerations(arrays, state)
+    inverse_dynamics(arrays, state)
+    take_free(state.tau, arrays, terms.h)
     composite_inertia(arrays, state)
     mass_matrix(arrays, state, terms.M)
     right_hand_side(arrays, state, terms.gamma)
@@ -99,11 +105,7 @@ def inverse(t: float, q: Any, v: Any, a: Any, data: Any, qdot: Any, tau: Any) ->
     gather_free(a, arrays, state)
     accelerations(arrays, state)
     inverse_dynamics(arrays, state)
-    for i in range(1, arrays.bodies.shape[0]):
-        body = arrays.bodies[i]
-        if body.vf >= 0:
-            for k in range(body.nv):
-                tau[body.vf + k] = state.tau[body.vi + k]
+    take_free(state.tau, arrays, tau)
     position_rate(arrays, q, v, qdot)
 
 
@@ -112,11 +114,7 @@ def forward(t: float, q: Any, v: Any, data: Any, qdot: Any, a: Any) -> int:
     arrays, state = data.arrays, data.state
     move(t, q, v, arrays, state)
     code = forward_dynamics(arrays, state)
-    for i in range(1, arrays.bodies.shape[0]):
-        body = arrays.bodies[i]
-        if body.vf >= 0:
-            for k in range(body.nv):
-                a[body.vf + k] = state.a[body.vi + k]
+    take_free(state.a, arrays, a)
     position_rate(arrays, q, v, qdot)
     return code
 
@@ -167,7 +165,7 @@ def jacobi(t: float, q: Any, v: Any, data: Any) -> float:
     return total - driven_action(data.arrays, data.state)
 
 
-@kernel
+@inlined
 def gather_free(a: Any, arrays: Any, state: Any) -> None:
     """Put the free accelerations a (n,) beside those of the drives."""
     for i in range(1, arrays.bodies.shape[0]):
