@@ -13,6 +13,7 @@ from fmus.sheet import Sheet
 from mbfmu.equilibrium import equilibrium
 from mbfmu.errors import EquilibriumError, UserError
 from mbfmu.fmi import Fmu, export
+from mbfmu.mechanics.rnea import momentum
 from mbfmu.simulation import Settings, Simulation, run
 
 DATA = Path(__file__).parent / "data" / "sheet"
@@ -182,3 +183,35 @@ def test_ledger_of_effects(command: Any) -> None:
     ]  # fmt: skip
     assert command("effects", "sheet", "--stop-time", "0.01", "--show", "tipp.y")[0] == 2
     assert command("effects", "pendulum")[0] == 2
+
+
+@pytest.mark.parametrize(("solver", "tolerance", "within"), [("adams", 1e-9, 1e-8), ("ida", 1e-7, 5e-3)])
+def test_thrown_sheet_tumbles_and_keeps_its_momentum(solver: str, tolerance: float, within: float) -> None:
+    model = Sheet(nx=7, nz=5, support="free", gravity_y=0.0, start_spin=40.0, start_velocity=1.0)
+    simulation = Simulation(model, Settings(solver=solver, tolerance=tolerance))
+    energy = [v.name for v in simulation.plant.outputs].index("energy")
+
+    def kept() -> Any:
+        now, out = simulation.outputs()[energy], np.zeros(6)
+        plant, stepper = simulation.plant, simulation.stepper
+        plant.energy(stepper.t, stepper.q, stepper.v)  # places the bodies
+        momentum(plant.data.arrays, plant.data.state, out)
+        return np.append(out, now)
+
+    start, leaned = kept(), 1.0
+    for t in np.linspace(0.01, 0.4, 40):
+        assert simulation.advance(float(t)).ok
+        np.testing.assert_allclose(kept(), start, atol=within * np.abs(start[:3]).max())
+        _, x, _, z = simulation.stepper.q[3:7]
+        leaned = min(leaned, 1.0 - 2.0 * (x * x + z * z))  # cosine of the master node's normal to y
+    assert leaned < -0.5  # upside down
+
+
+def test_only_a_free_sheet_is_thrown() -> None:
+    from mbfmu.mechanics import Mechanism, Support, add_sheet
+
+    with pytest.raises(UserError, match="no floating master node"):
+        add_sheet(
+            Mechanism(), "s", length=1.0, width=1.0, thickness=1e-3, youngs_modulus=1e9, density=1e3, grid=(3, 3),
+            supports=[Support("x1")], rate=(0.0,) * 6,
+        )  # fmt: skip

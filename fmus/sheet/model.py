@@ -50,6 +50,8 @@ class Sheet(Model):
         doc="of the edge x = length; moved: clamped to an edge that inputs move",
     )
     held_part: float = parameter(1.0, min=0.0, max=1.0, doc="part of the edge that is held, about its middle")
+    start_velocity: float = parameter(0.0, unit="m/s", doc="of a free sheet at the start, along y")
+    start_spin: float = parameter(0.0, unit="rad/s", doc="of a free sheet at the start, about x and half of it about z")
     gravity_x: float = parameter(0.0, unit="m/s2", doc="acceleration of gravity", tunable=True)
     gravity_y: float = parameter(-9.81, unit="m/s2", doc="acceleration of gravity", tunable=True)
     gravity_z: float = parameter(0.0, unit="m/s2", doc="acceleration of gravity", tunable=True)
@@ -86,10 +88,15 @@ class Sheet(Model):
             membrane=self.membrane,
             damping=self.damping,
             drag=self.drag,
+            rate=self._rate() if edge is None else None,
         )
         m.surface("sheet", sheet.nodes)
         self._outputs(m, sheet, edge)
         return m
+
+    def _rate(self) -> tuple[float, ...]:
+        """Return the velocity of the master node of a free sheet."""
+        return (0.0, self.start_velocity, 0.0, self.start_spin, 0.0, 0.5 * self.start_spin)
 
     def _edge(self, m: Mechanism) -> Body:
         """Return the body that holds the edge, in its middle: fixed, or moved by inputs along x, y and z."""

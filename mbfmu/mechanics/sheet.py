@@ -132,6 +132,7 @@ def add_sheet(
     at: Vector = (0.0, 0.0, 0.0),
     rotation: Any = None,
     master: Body | None = None,
+    rate: Vector | None = None,
     joint: str = "arc",
     membrane: bool | str = False,
     damping: float = 0.0,
@@ -159,6 +160,9 @@ def add_sheet(
         Frame of the flat sheet in that of a support's body, of ``master``, or in the ground: m and 3x3 axes.
     master
         Body the master node is fixed to; None: it floats. Of the tree ``master`` only.
+    rate
+        Velocity of a floating master node at the start, m/s in the ground's axes and rad/s in its own: the flat sheet
+        moves like a rigid body.
     joint
         ``arc`` keeps the length of the sheet; ``paper`` the projected length of its chains.
     membrane
@@ -188,7 +192,7 @@ def add_sheet(
     )
     plate.check(what)
     builder = _Builder(mechanism, name, plate, density, shape, (at, rotation), joint == "arc")
-    return builder.build(tree, list(supports), master)
+    return builder.build(tree, list(supports), master, rate)
 
 
 class _Builder:
@@ -212,10 +216,13 @@ class _Builder:
         self.bodies: dict[Node, Body] = {}
         self.taken: set[Node] = set()  # held by a support
 
-    def build(self, tree: str, supports: list[Support], master: Body | None) -> Sheet:
+    def build(self, tree: str, supports: list[Support], master: Body | None, rate: Vector | None) -> Sheet:
         """Hang the nodes, span the elements, close the supports."""
+        if rate is not None and (tree != "master" or master is not None):
+            raise UserError(f"rate of {self.what} is {rate!r}, but it has no floating master node to move")
         if tree == "master":
-            self._hang(_around(self.shape), 0, Floating if master is None else Weld, master, self.at, self.rotation)
+            kind, options = (Floating, {"rate": rate}) if master is None else (Weld, {})
+            self._hang(_around(self.shape), 0, kind, master, self.at, self.rotation, **options)
         else:
             if master is not None:
                 raise UserError(f"master of {self.what} is {master.name!r}, but its tree {tree!r} has no master node")
