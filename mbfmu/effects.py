@@ -89,14 +89,14 @@ def _entry(case: str, model: Model, settings: Settings, end: float) -> Entry:
         frequency = None
     return Entry(
         case=case,
-        evaluation=_time_of_evaluation(simulation.plant),
+        evaluation=time_of_evaluation(simulation.plant),
         run=statistics.median(runs),
         frequency=frequency,
         outputs=outputs,
     )
 
 
-def _time_of_evaluation(plant: Plant) -> float:
+def time_of_evaluation(plant: Plant) -> float:
     """Return the time of one evaluation in a compiled loop, s, in a random state near the start.
 
     At rest numbers of the size of rounding would meet, whose products are slow to compute.

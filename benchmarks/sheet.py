@@ -1,0 +1,78 @@
+"""What the sheet costs: ``python benchmarks/sheet.py``. Compile time apart; CPU time of one process.
+
+* one inverse dynamics per node from 7 x 5 to 101 x 71 nodes, and how it grows;
+* statics from flat at full load;
+* half a second after release from flat, with its error against the shell code's tip (``tests/data/sheet``).
+"""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+
+from fmus.sheet import Sheet
+from mbfmu.effects import time_of_evaluation
+from mbfmu.equilibrium import equilibrium
+from mbfmu.simulation import Settings, Simulation
+from mbfmu.table import table
+
+GRIDS = ((7, 5), (15, 11), (33, 23), (51, 35), (101, 71))
+RELEASES = (((7, 5), 1e-5), ((15, 11), 1e-5), ((51, 35), 1e-4))
+TIP = Path(__file__).parents[1] / "tests" / "data" / "sheet" / "cantilever_release_tip.csv"
+
+
+def evaluations() -> None:
+    """Cost per node, and the exponent of its growth with the number of nodes."""
+    lines, costs = [], []
+    for nx, nz in GRIDS:
+        plants = [Sheet(nx=nx, nz=nz, membrane=membrane).build().compile() for membrane in (False, True)]
+        own = [1e6 * time_of_evaluation(plant) / (nx * nz) for plant in plants]
+        costs.append(own)
+        lines.append((f"{nx} x {nz}", *(f"{cost:.3f}" for cost in own)))
+    print(table(("grid", "bending [us a node]", "with membrane"), lines))
+    nodes = np.log([nx * nz for nx, nz in GRIDS])
+    exponents = [1.0 + np.polyfit(nodes, np.log([own[k] for own in costs]), 1)[0] for k in (0, 1)]
+    print(f"growth with the nodes: exponents {exponents[0]:.2f} and {exponents[1]:.2f} (at most 1.1)\n")
+
+
+def statics() -> None:
+    """Time of Newton from flat, and the tip."""
+    lines = []
+    for nx, nz in GRIDS:
+        found = equilibrium(Sheet(nx=nx, nz=nz))
+        tip = 1e3 * found.outputs["tip.y"]
+        lines.append(
+            (f"{nx} x {nz}", f"{found.solve_time:.3g}", str(found.iterations), f"{tip:.3f}", f"{tip + 108.22:+.3f}")
+        )
+    print(table(("statics", "time [s]", "factorings", "tip [mm]", "off by"), lines), "\n")
+
+
+def releases() -> None:
+    """CPU time of half a second with ida, and the largest error as a part of the swing."""
+    data = np.genfromtxt(TIP, delimiter=",", names=True)
+    lines = []
+    for (nx, nz), tolerance in RELEASES:
+        model = Sheet(nx=nx, nz=nz)
+        simulation = Simulation(model, Settings(tolerance=tolerance))
+        tip = [v.name for v in simulation.plant.outputs].index("tip.y")
+        heights, begin = [0.0], time.process_time()
+        for t in data["t_s"][1:]:
+            assert simulation.advance(float(t)).ok
+            heights.append(float(simulation.outputs()[tip]))
+        cpu = time.process_time() - begin
+        error = np.abs(heights - data["y_shell_m"]).max() / np.ptp(data["y_shell_m"])
+        lines.append((f"{nx} x {nz}", f"{tolerance:.0e}", f"{cpu:.2f}", f"{100.0 * error:.2f} %"))
+    print(table(("release", "rtol", "CPU [s]", "largest error of the swing"), lines))
+
+
+def main() -> None:
+    """Print every figure."""
+    evaluations()
+    statics()
+    releases()
+
+
+if __name__ == "__main__":
+    main()
