@@ -22,7 +22,7 @@ from .ida_tree import Scratch, accelerate, position_sizes
 from .kernel import inlined, kernel, records
 from .multistep import HIGHEST, History, accept, begin, coefficients, correct, estimate, interpolate, predict
 from .partition import NO_MASS, NOT_FINITE, OK
-from .stepper import Code, Options, Statistics, Stepper, pack, unpack
+from .stepper import Code, Options, Statistics, Stepper
 from .system import Array, TreeSystem
 
 SETTINGS = np.dtype(
@@ -164,16 +164,6 @@ class TreeAdamsStepper(Stepper):
 
     def _arrays(self) -> list[NDArray[Any]]:
         return [self._reported, self._q, self._v, *self._history]
-
-    def save(self) -> bytes:
-        """Return the reported state and the history: a restored run goes on bit for bit."""
-        self._reported[0] = self._t
-        return pack(self._arrays())
-
-    def restore(self, data: bytes) -> None:
-        """Take over a saved history."""
-        unpack(data, self._arrays())
-        self._resume()
 
     @property
     def statistics(self) -> Statistics:

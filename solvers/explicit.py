@@ -11,7 +11,7 @@ from . import adams
 from .held import hold
 from .kernel import records
 from .multistep import HIGHEST, History
-from .stepper import Code, DenseStepper, Options, Samples, Statistics, Status, pack, unpack
+from .stepper import Code, DenseStepper, Options, Samples, Statistics, Status
 from .system import Array, System
 
 
@@ -68,16 +68,6 @@ class AdamsStepper(DenseStepper):
 
     def _arrays(self) -> list[NDArray[Any]]:
         return [*self._history, self._reported, self._q, self._v]
-
-    def save(self) -> bytes:
-        """Return the complete history: a restored run goes on bit for bit."""
-        self._reported[0] = self._t
-        return pack(self._arrays())
-
-    def restore(self, data: bytes) -> None:
-        """Take over a saved history."""
-        unpack(data, self._arrays())
-        self._resume()
 
     @property
     def statistics(self) -> Statistics:

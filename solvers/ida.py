@@ -34,7 +34,7 @@ from sksundae.ida import IDA
 from .held import hold
 from .kernel import kernel
 from .partition import close_report
-from .stepper import Code, DenseStepper, Options, Statistics, Stepper, pack, unpack
+from .stepper import Code, DenseStepper, Options, Statistics, Stepper
 from .system import Array, System
 
 TIKHONOV = 0.01  # d relative to rtol; a tenth of it takes 60 times the residuals at 1e-10
@@ -218,15 +218,9 @@ class IDADriver(Stepper):
     def _arrays(self) -> list[NDArray[Any]]:
         return [self._reported, self._q, self._v, self._counts, self._begun]
 
-    def save(self) -> bytes:
-        """Return the reported state and the counts."""
-        self._reported[0] = self._t
-        return pack(self._arrays())
-
     def restore(self, data: bytes) -> None:
         """Take over a reported state; the history starts anew."""
-        unpack(data, self._arrays())
-        self._resume()
+        super().restore(data)
         self._pending = True
 
 

@@ -266,22 +266,24 @@ class Stepper(ABC):
                 return i
         return len(times)
 
-    def _resume(self) -> None:
-        """Take the reported time from a restored array."""
-        self._t = float(self._reported[0])
-        self.status = Status(Code.OK, self._t)
-
     @abstractmethod
     def restart(self) -> None:
         """Discard the history; the equations have changed."""
 
     @abstractmethod
+    def _arrays(self) -> list[NDArray[Any]]:
+        """Return the arrays that hold all there is to go on from here; ``_reported`` is one of them."""
+
     def save(self) -> bytes:
         """Return all that is needed to go on from here."""
+        self._reported[0] = self._t
+        return pack(self._arrays())
 
-    @abstractmethod
     def restore(self, data: bytes) -> None:
-        """Go back to where ``data`` was saved."""
+        """Go back to where ``data`` was saved: bit for bit where the arrays hold the solver's history."""
+        unpack(data, self._arrays())
+        self._t = float(self._reported[0])
+        self.status = Status(Code.OK, self._t)
 
     @property
     @abstractmethod

@@ -34,23 +34,10 @@ from .arrays import Data, State
 from .dynamics import turn_quaternion
 from .elastic.tangent import damping, stiffness
 from .joints import move
+from .layout import FIXED, INNER, OUTER, lay_out
 from .spatial import add_wrench, multiply, row_dot6
 
-FIXED, INNER, OUTER = 0, 1, 2
 EPSILON = 1e-30  # of the complex step that differentiates a joint's motion subspace
-
-
-class Layout(NamedTuple):
-    """Where everything of a body goes in its group's rows, and which elements start in a group."""
-
-    role: NDArray[np.int64]  # (nb,) FIXED, INNER, OUTER
-    group: NDArray[np.int64]  # (nb,)
-    slot: NDArray[np.int64]  # (nb,) first of the body's six rows
-    lock: NDArray[np.int64]  # (nb,) first of its joint's multipliers, outer bodies
-    first: NDArray[np.int64]  # (groups + 1,) into ``members``
-    members: NDArray[np.int64]  # bodies of every group, parents first
-    first_plate: NDArray[np.int64]  # (groups + 1,) into ``plates``
-    plates: NDArray[np.int64]  # elements by the first group that has one of their bodies
 
 
 class Scratch(NamedTuple):
@@ -534,66 +521,3 @@ class Tangent:
         arrays, state, *_ = self._held
         inertia_forces(arrays, state, a, tau)
         return tau
-
-
-def lay_out(arrays: Any, groups: NDArray[np.int64]) -> tuple[Layout, list[NDArray[np.int64]], list[int]]:
-    """Return where everything goes, and for every group the rows that stay unknown after folding, and its size."""
-    nb = len(arrays.bodies)
-    role, slot, lock = (np.zeros(nb, np.int64) for _ in range(3))
-    members: list[list[int]] = [[] for _ in range(int(groups.max(initial=0)) + 1)]
-    for i in range(1, nb):
-        body = arrays.bodies[i]
-        parent = int(body["parent"])
-        free = body["vf"] >= 0 and body["nv"] > 0
-        if role[parent] == FIXED:
-            role[i] = INNER if free else FIXED
-        else:
-            role[i] = INNER if groups[parent] == groups[i] else OUTER
-            if abs(groups[parent] - groups[i]) > 1:
-                raise ValueError(f"body {i} and its parent {parent} are in groups {groups[i]} and {groups[parent]}")
-        if role[i] != FIXED:
-            members[groups[i]].append(i)
-    kept, sizes = [], []
-    for own in members:
-        rows: list[int] = []
-        for k, i in enumerate(own):
-            slot[i] = 6 * k
-            free = int(arrays.bodies[i]["nv"]) if arrays.bodies[i]["vf"] >= 0 else 0
-            rows += range(6 * k, 6 * k + (6 if role[i] == OUTER else free))
-        size = 6 * len(own)
-        for i in own:
-            if role[i] == OUTER:
-                lock[i] = size
-                free = int(arrays.bodies[i]["nv"]) if arrays.bodies[i]["vf"] >= 0 else 0
-                rows += range(size, size + 6 - free)
-                size += 6 - free
-        kept.append(np.array(rows, np.int64))
-        sizes.append(size)
-    flat = flat_list(members)
-    plates = plates_by_group(arrays, role, groups, len(members))
-    layout = Layout(
-        role, groups.astype(np.int64), slot, lock, offsets(members), flat, offsets(plates), flat_list(plates)
-    )
-    return layout, kept, sizes
-
-
-def plates_by_group(arrays: Any, role: Any, groups: Any, count: int) -> list[list[int]]:
-    """Return the elements by the first group that has one of their moving bodies."""
-    found: list[list[int]] = [[] for _ in range(count)]
-    for e, plate in enumerate(arrays.plates):
-        own = [int(groups[i]) for i in plate["node"] if role[i] != FIXED]
-        if own:
-            if max(own) - min(own) > 1:
-                raise ValueError(f"element {e} spans groups {min(own)} to {max(own)}")
-            found[min(own)].append(e)
-    return found
-
-
-def offsets(lists: list[list[int]]) -> NDArray[np.int64]:
-    """Return where each list starts in :func:`flat_list`, and the end."""
-    return np.concatenate(([0], np.cumsum([len(own) for own in lists]))).astype(np.int64)
-
-
-def flat_list(lists: list[list[int]]) -> NDArray[np.int64]:
-    """Return all lists as one array."""
-    return np.array([i for own in lists for i in own], np.int64)
