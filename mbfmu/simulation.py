@@ -140,6 +140,7 @@ class Simulation:
 
         Returns the number of rows; where it is less than k the stepper's status says why.
         """
+        times = np.ascontiguousarray(times)
         samples = self.stepper.sample(times)
         done = len(samples.q)
         self.plant.observe_all(times[:done], *samples, values[:done])

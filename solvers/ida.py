@@ -39,7 +39,9 @@ from .system import Array, System
 
 TIKHONOV = 0.01  # d relative to rtol; a tenth of it takes 60 times the residuals at 1e-10
 FINEST = 5e-10  # a tighter rtol is run as this one: below it roundoff in J grows faster than the BDF error falls
-TIGHTER = 0.1  # BDF errors add up: the tolerance given to IDA, relative to the one asked for
+# IDA bounds the error of a step and the errors add up. At order 5 a step is as rtol^(1/6) and so the sum as the step's
+# error^(5/6): for a motion's error in proportion to rtol IDA is given TIGHTER rtol^POWER.
+TIGHTER, POWER = 3.0, 1.2
 UNCONTROLLED = 1e8  # absolute tolerance of the multipliers
 LENGTH_RATE = 10.0  # 1/s, k
 STEPS_A_CALL = 5000  # then progress is looked at
@@ -245,12 +247,13 @@ class IDAStepper(IDADriver, DenseStepper):
             jacobian(eqs, t, y, yp, res, cj, JJ, u)
 
         controlled, size = s.nq + s.n, s.nq + s.n + 2 * s.m
-        atol = np.full(size, TIGHTER * (self._rtol if o.atol is None else o.atol))
+        rtol = TIGHTER * self._rtol**POWER
+        atol = np.full(size, rtol if o.atol is None else o.atol * rtol / self._rtol)
         atol[controlled:] = UNCONTROLLED
         return IDA(
             resfn,
             jacfn=jacfn,
-            rtol=TIGHTER * self._rtol,
+            rtol=rtol,
             atol=atol,
             algebraic_idx=np.arange(controlled, size) if s.m else None,
             max_step=0.0 if np.isinf(o.max_step) else o.max_step,

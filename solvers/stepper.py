@@ -248,6 +248,7 @@ class Stepper(ABC):
 
         Ends early where one of the two fails; ``status`` says why.
         """
+        times = np.ascontiguousarray(times)  # a column of a table would be another type to the kernels
         if not np.all(np.diff(times, prepend=-np.inf) > 0.0) or np.any(times < self._t):
             raise ValueError(f"times must ascend from {self._t}, where the stepper stands; use restore() to go back")
         out = Samples(*(np.zeros((len(times), size)) for size in self._sizes))

@@ -15,7 +15,7 @@ BOUNDS = {"adams": 100.0, "hybrid": 300.0, "ida": 1000.0}
 FLOOR = 1e-7  # rad
 MODELS = {
     "default": FourBar(),
-    "rocker three times heavier": FourBar(rocker_mass=3.0),
+    "rocker three times heavier": FourBar(rocker_mass=3.0 * FourBar().rocker_mass),
     "starts singular with a velocity": FourBar(start_angle=0.0, start_rate=-1.0),
 }
 

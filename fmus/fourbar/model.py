@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from mbfmu.mechanics import Input, JointForce, Mechanism, Revolute, RevoluteCut, rod
+from mbfmu.mechanics import MODES, Beam, Input, JointForce, Mechanism, Revolute, RevoluteCut, rod
 from mbfmu.model import Model, parameter
 
 
@@ -35,17 +35,27 @@ class FourBar(Model):
     crank_length: float = parameter(1.0, unit="m", min=1e-3, doc="crank, pivot to pin")
     coupler_length: float = parameter(3.0, unit="m", min=1e-3, doc="coupler, pin to pin")
     rocker_length: float = parameter(1.0, unit="m", min=1e-3, doc="rocker, pin to pivot")
-    crank_mass: float = parameter(1.0, unit="kg", min=0.0, doc="crank, a uniform slender bar")
-    coupler_mass: float = parameter(3.0, unit="kg", min=0.0, doc="coupler, a uniform slender bar")
-    rocker_mass: float = parameter(1.0, unit="kg", min=0.0, doc="rocker, a uniform slender bar")
+    crank_mass: float = parameter(8.019, unit="kg", min=0.0, doc="crank, a uniform slender bar")
+    coupler_mass: float = parameter(24.057, unit="kg", min=0.0, doc="coupler, a uniform slender bar")
+    rocker_mass: float = parameter(8.019, unit="kg", min=0.0, doc="rocker, a uniform slender bar")
     start_angle: float = parameter(radians(10.0), unit="rad", doc="crank above the horizontal at the start")
     start_rate: float = parameter(0.0, unit="rad/s", doc="angular velocity of the crank at the start")
     gravity: float = parameter(9.81, unit="m/s2", doc="acceleration of gravity, downward", tunable=True)
     crank_torque: float = parameter(0.0, unit="N.m", doc="start value of the input crank.torque")
+    coupler_modes: int = parameter(
+        0, min=0, max=MODES, structural=True, doc="modes of bending of the coupler, pinned at both ends; 0: rigid"
+    )
+    coupler_elements: int = parameter(10, min=1, max=1000, doc="finite elements the modes are computed with")
+    coupler_height: float = parameter(0.03, unit="m", min=1e-6, doc="section of an elastic coupler, in the plane")
+    coupler_width: float = parameter(0.03, unit="m", min=1e-6, doc="section of an elastic coupler, out of the plane")
+    youngs_modulus: float = parameter(117e9, unit="Pa", min=1.0, doc="Young's modulus of an elastic coupler")
+    coupler_damping: float = parameter(
+        0.0, unit="s", min=0.0, doc="damping time of its material, moment = E I (curvature + time rate)"
+    )
 
     def build(self) -> Mechanism:
         """Return the mechanism: motion in the x-y plane, y upward, crank pivot at the origin."""
-        angle, rate = self.start_angle, self.start_rate
+        angle, rate, L = self.start_angle, self.start_rate, self.coupler_length
         m = Mechanism(gravity=(0.0, -self.gravity, 0.0))
         crank = m.body(
             "crank",
@@ -53,16 +63,18 @@ class FourBar(Model):
             Revolute(start=angle, rate=rate, fixed=True),
             **rod(mass=self.crank_mass, length=self.crank_length),
         )
-        coupler = m.body(
-            "coupler",
-            crank,
-            Revolute(at=(self.crank_length, 0.0, 0.0), start=-angle, rate=-rate),
-            **rod(mass=self.coupler_mass, length=self.coupler_length),
-        )
+        pin = Revolute(at=(self.crank_length, 0.0, 0.0), start=-angle, rate=-rate)
+        if self.coupler_modes == 0:
+            coupler = middle = tip = m.body("coupler", crank, pin, **rod(mass=self.coupler_mass, length=L))
+            at_middle, at_tip = (0.5 * L, 0.0, 0.0), (L, 0.0, 0.0)
+        else:
+            elastic = m.elastic("coupler", crank, pin, self._beam())
+            coupler, middle, tip = elastic.body, elastic.section(0.5 * L), elastic.section(L)
+            at_middle = at_tip = (0.0, 0.0, 0.0)
         rocker = m.body(  # its x axis points from the ground pivot to the pin, as the crank's does
             "rocker",
-            coupler,
-            Revolute(at=(self.coupler_length, 0.0, 0.0), start=angle, rate=rate),
+            tip,
+            Revolute(at=at_tip, start=angle, rate=rate),
             **rod(mass=self.rocker_mass, length=-self.rocker_length),
         )
         pivot = m.cut(
@@ -80,20 +92,44 @@ class FourBar(Model):
         m.output("crank.rate", m.turn_rate(crank), "angular velocity of the crank")
         m.output("coupler.rate", m.turn_rate(coupler), "angular velocity of the coupler")
         m.output("rocker.rate", m.turn_rate(rocker), "angular velocity of the rocker")
-        middle = (0.5 * self.coupler_length, 0.0, 0.0)
         for axis, direction in (("x", "horizontal"), ("y", "vertical")):
-            m.output(f"coupler.position.{axis}", coupler.position(axis, middle), f"middle of the coupler, {direction}")
-            m.output(f"coupler.velocity.{axis}", coupler.velocity(axis, middle), f"its velocity, {direction}")
+            m.output(
+                f"coupler.position.{axis}", middle.position(axis, at_middle), f"middle of the coupler, {direction}"
+            )
+            m.output(f"coupler.velocity.{axis}", middle.velocity(axis, at_middle), f"its velocity, {direction}")
             m.output(
                 f"coupler.acceleration.{axis}",
-                coupler.point_acceleration(axis, middle),
+                middle.point_acceleration(axis, at_middle),
                 f"its acceleration, {direction}",
             )
             m.output(f"pivot.force.{axis}", pivot.force(axis), f"force of the rocker on its ground pivot, {direction}")
+        if self.coupler_modes > 0:
+            for k in range(self.coupler_modes):
+                mode = f"coupler.mode[{k + 1}]"
+                m.output(f"{mode}.amplitude", elastic.modes.coordinate(k), "largest deflection by the mode")
+                m.output(f"{mode}.rate", elastic.modes.rate(k), "its rate")
+                m.output(f"{mode}.acceleration", elastic.modes.acceleration(k), "its acceleration")
+            m.output(
+                "coupler.deflection",
+                elastic.deflection(0.5 * L),
+                "deflection of the middle from the chord, to the left",
+            )
+            m.output("coupler.bending_moment", elastic.moment(0.5 * L), "bending moment in the middle")
         m.output("energy", m.energy, "kinetic and potential energy, zero at the height of the pivots")
         m.output("position_residual", m.position_residual, "largest gap of the closed loop")
         m.output("velocity_residual", m.velocity_residual, "largest rate at which the loop opens")
         return m
+
+    def _beam(self) -> Beam:
+        """Return the elastic coupler: pinned in its chord, whose length it keeps and with it the singular positions."""
+        return Beam(
+            length=self.coupler_length,
+            mass=self.coupler_mass,
+            bending_stiffness=self.youngs_modulus * self.coupler_width * self.coupler_height**3 / 12.0,
+            modes=self.coupler_modes,
+            elements=self.coupler_elements,
+            damping=self.coupler_damping,
+        )
 
     @property
     def is_parallelogram(self) -> bool:
@@ -102,7 +138,7 @@ class FourBar(Model):
 
     def exact(self, times: NDArray[np.float64]) -> dict[str, NDArray[np.float64]] | None:
         """Return the exact angles at ``times`` (s) under the start torque; None where no closed motion is known."""
-        if not self.is_parallelogram:
+        if not self.is_parallelogram or self.coupler_modes > 0:
             return None
         l, g = self.crank_length, self.gravity
         bars = self.crank_mass + self.rocker_mass

@@ -4,10 +4,10 @@ from mbfmu.errors import AssemblyError, UserError
 
 from .compile import Variable
 from .cuts import DistanceCut, PlanarCut, PlaneCut, RevoluteCut, SphericalCut, WeldCut
-from .elastic import Plate
+from .elastic import MODES, Beam, Plate
 from .forces import JointForce, JointSpring, PointForce, Spring, Torque
 from .joints import Floating, OutOfPlane, Revolute, Spherical, Translational, Weld
-from .mechanism import Body, Mechanism, rod
+from .mechanism import Body, Elastic, Mechanism, rod
 from .plant import Plant
 from .sensors import Sensor
 from .shapes import Box, Cylinder, Sphere
@@ -15,11 +15,14 @@ from .sheet import Sheet, Support, add_sheet
 from .signals import Harmonic, Input, Polynomial, SpeedInput
 
 __all__ = [
+    "MODES",
     "AssemblyError",
+    "Beam",
     "Body",
     "Box",
     "Cylinder",
     "DistanceCut",
+    "Elastic",
     "Floating",
     "Harmonic",
     "Input",

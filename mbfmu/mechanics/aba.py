@@ -4,7 +4,9 @@ Inward, per body:   U = IA S,  D = S^T U,  u = Q - S^T (pA + IA beta)
     passed to the parent:  IA - U D^-1 U^T   and   pA + IA beta + U D^-1 u
 Outward:            D v' = u - U^T B1 Y'_j,     Y'_i = B1 Y'_j + beta + S v'
 
-A driven coordinate has its acceleration already: its joint passes IA on whole, with IA S v' in the bias.
+A driven coordinate has its acceleration already: its joint passes IA on whole, with IA S v' in the bias. The nodes of
+an elastic body share their coordinates: each passes IA on whole and adds its U and D to those of the first, the frame,
+which eliminates them (elastic.modal).
 """
 
 from __future__ import annotations
@@ -15,8 +17,11 @@ from typing import Any
 from solvers.kernel import kernel
 
 from .crba import shift_to
+from .elastic import modal
 from .rnea import inertia_wrench
 from .spatial import dot6
+
+RIGHT = modal.MODES  # column of D with the right-hand side
 
 
 @kernel
@@ -58,6 +63,42 @@ def start(arrays: Any, state: Any) -> None:
         inertia_wrench(mass, here, here.pA)
         for k in range(6):
             here.pA[k] -= here.F[k]
+    for c in range(state.U.shape[0]):
+        for k in range(6):
+            state.U[c, k] = 0.0
+        for k in range(state.D.shape[1]):
+            state.D[c, k] = 0.0
+    for i in range(arrays.elastics.shape[0]):
+        start_elastic(arrays.elastics[i], state)
+
+
+@kernel
+def start_elastic(elastic: Any, state: Any) -> None:
+    """Inertia of an elastic body about its frame's origin, and its wrench and modal forces at zero acceleration."""
+    here, vi = state.bodies[elastic.body], elastic.vi
+    modal.composite(elastic, here, state.q)
+    m, mc, IA = here.mass, here.mc, here.IA
+    for k in range(3):
+        IA[k, k] += m
+        for j in range(3):
+            IA[3 + k, 3 + j] += here.J[k, j]
+    IA[0, 4], IA[0, 5], IA[1, 5] = mc[2], -mc[1], mc[0]
+    IA[1, 3], IA[2, 3], IA[2, 4] = -mc[2], mc[1], -mc[0]
+    for k in range(3):
+        for j in range(3):
+            IA[3 + j, k] = IA[k, 3 + j]
+    for k in range(elastic.modes):
+        state.a[vi + k] = 0.0
+        state.tau[vi + k] = 0.0
+    for k in range(6):
+        here.W[k] = 0.0
+    modal.inertia(elastic, here, state)
+    for k in range(6):
+        here.pA[k] += here.W[k]
+    for k in range(elastic.modes):
+        modal.coupling(elastic, k, here, state.q, state.U[vi + k])
+        state.D[vi + k, k] = elastic.mu[k]
+        state.D[vi + k, RIGHT] = -state.tau[vi + k]
 
 
 @kernel
@@ -67,14 +108,18 @@ def pass_inward(i: int, arrays: Any, state: Any) -> int:
     here = state.bodies[i]
     IA, pA, beta, S, U, D = here.IA, here.pA, here.beta, state.S, state.U, state.D
     nv, vi = body.nv, body.vi
+    si = body.si
     for k in range(6):
         for j in range(6):
             pA[k] += IA[k, j] * beta[j]
+    if shares(body):
+        add_shared(body, here, state.bodies[body.parent], state)
+        hand_over(here, state.bodies[body.parent])
+        return 0
     for c in range(nv):
         for k in range(6):
-            U[vi + c, k] = 0.0
             for j in range(6):
-                U[vi + c, k] += IA[k, j] * S[vi + c, j]
+                U[vi + c, k] += IA[k, j] * S[si + c, j]
     if body.drive >= 0:
         for c in range(nv):
             for k in range(6):
@@ -82,13 +127,13 @@ def pass_inward(i: int, arrays: Any, state: Any) -> int:
     else:
         for c in range(nv):
             for e in range(nv):
-                D[vi + c, e] = dot6(S[vi + c], U[vi + e])
-            D[vi + c, 6] = state.Q[vi + c] - dot6(S[vi + c], pA)
+                D[vi + c, e] += dot6(S[si + c], U[vi + e])
+            D[vi + c, RIGHT] += state.Q[vi + c] - dot6(S[si + c], pA)
         if eliminate(D, nv, U, vi) != 0:
             return 1
         for c in range(nv):
             for k in range(6):
-                pA[k] += U[vi + c, k] * D[vi + c, 6]
+                pA[k] += U[vi + c, k] * D[vi + c, RIGHT]
                 for j in range(6):
                     IA[k, j] -= U[vi + c, k] * U[vi + c, j]
     if body.parent > 0:
@@ -97,8 +142,31 @@ def pass_inward(i: int, arrays: Any, state: Any) -> int:
 
 
 @kernel
+def shares(body: Any) -> bool:
+    """Whether the coordinates of a body's joint are another's: a node of an elastic body, but the first."""
+    return body.nq == 0 and body.nv > 0
+
+
+@kernel
+def add_shared(body: Any, here: Any, frame: Any, state: Any) -> None:
+    """Add a node's U, about the frame's origin, D and u to those of the amplitudes."""
+    IA, S, U, D, vi, si, f = here.IA, state.S, state.U, state.D, body.vi, body.si, state.wrench
+    for e in range(body.nv):
+        for k in range(6):
+            f[k] = 0.0
+            for j in range(6):
+                f[k] += IA[k, j] * S[si + e, j]
+        for c in range(body.nv):
+            D[vi + c, e] += dot6(S[si + c], f)
+        D[vi + e, RIGHT] -= dot6(S[si + e], here.pA)
+        shift_to(here, frame, f)
+        for k in range(6):
+            U[vi + e, k] += f[k]
+
+
+@kernel
 def eliminate(D: Any, nv: int, U: Any, vi: int) -> int:
-    """One joint's D = L L^T, in place; D[:, 6] <- L^-1 u and U <- L^-1 U^T; 1 where D is not positive."""
+    """One joint's D = L L^T, in place; D[:, RIGHT] <- L^-1 u and U <- L^-1 U^T; 1 where D is not positive."""
     for c in range(nv):
         for e in range(c + 1):
             x = D[vi + c, e]
@@ -111,10 +179,10 @@ def eliminate(D: Any, nv: int, U: Any, vi: int) -> int:
             else:
                 return 1
         for j in range(c):
-            D[vi + c, 6] -= D[vi + c, j] * D[vi + j, 6]
+            D[vi + c, RIGHT] -= D[vi + c, j] * D[vi + j, RIGHT]
             for k in range(6):
                 U[vi + c, k] -= D[vi + c, j] * U[vi + j, k]
-        D[vi + c, 6] /= D[vi + c, c]
+        D[vi + c, RIGHT] /= D[vi + c, c]
         for k in range(6):
             U[vi + c, k] /= D[vi + c, c]
     return 0
@@ -155,13 +223,13 @@ def pass_outward(i: int, arrays: Any, state: Any) -> None:
     dY[0] += wy * z - wz * y
     dY[1] += wz * x - wx * z
     dY[2] += wx * y - wy * x
-    if body.drive < 0:  # L^T v' = L^-1 u - L^-1 U^T B1 Y'_j
+    if body.drive < 0 and not shares(body):  # L^T v' = L^-1 u - L^-1 U^T B1 Y'_j
         for c in range(nv - 1, -1, -1):
-            rest = D[vi + c, 6] - dot6(state.U[vi + c], dY)
+            rest = D[vi + c, RIGHT] - dot6(state.U[vi + c], dY)
             for j in range(c + 1, nv):
                 rest -= D[vi + j, c] * state.a[vi + j]
             state.a[vi + c] = rest / D[vi + c, c]
     for k in range(6):
         dY[k] += here.beta[k]
         for c in range(nv):
-            dY[k] += state.S[vi + c, k] * state.a[vi + c]
+            dY[k] += state.S[body.si + c, k] * state.a[vi + c]

@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 
 from solvers.kernel import records
 
+from .elastic.modal import MODES
+
 BODY = np.dtype(
     [
         ("parent", np.int64),  # index of the parent; parents come first
@@ -25,10 +27,12 @@ BODY = np.dtype(
         ("nv", np.int64),
         ("qi", np.int64),  # where they start in State.q and State.v
         ("vi", np.int64),
+        ("si", np.int64),  # ... in State.S
         ("qf", np.int64),  # where they start in the solver's free q and v; -1: driven
         ("vf", np.int64),
         ("quaternion", np.int64),  # 1: the last four positions are a unit quaternion
         ("drive", np.int64),  # signal that gives the coordinate; -1: free
+        ("node", np.int64),  # node of an elastic body; -1: rigid. Its coordinates are shared by all nodes of that body
         ("mass", np.float64),  # kg
         ("com", np.float64, (3,)),  # centre of mass from the body's origin, body axes, m
         ("inertia", np.float64, (3, 3)),  # about the centre of mass, body axes, kg m^2
@@ -114,6 +118,39 @@ DRAG = np.dtype(
     align=True,
 )
 
+ELASTIC = np.dtype(  # a slender body by its modes, see elastic.modal; everything about the origin of its frame
+    [
+        ("body", np.int64),  # its first node: the frame
+        ("modes", np.int64),
+        ("qi", np.int64),  # the amplitudes in State.q and State.v
+        ("vi", np.int64),
+        ("shortens", np.int64),  # 0: no geometric stiffening, else the number of modes
+        ("mass", np.float64),  # kg
+        ("X1", np.float64),  # kg m, first and second moment along the axis
+        ("X2", np.float64),  # kg m^2
+        ("a", np.float64, (MODES,)),  # kg, momentum of a mode
+        ("c", np.float64, (MODES,)),  # kg m, its angular momentum about the origin
+        ("mu", np.float64, (MODES,)),  # kg, modal mass
+        ("kappa", np.float64, (MODES,)),  # N/m, modal stiffness
+        ("beta", np.float64),  # s, damping time of the material
+        ("g0", np.float64, (MODES, MODES)),  # kg/m, kg: shortening in the first and second moment
+        ("g1", np.float64, (MODES, MODES)),
+    ],
+    align=True,
+)
+
+NODE = np.dtype(  # a cross-section of an elastic body
+    [
+        ("shortens", np.int64),
+        ("x", np.float64),  # place on the axis, m
+        ("phi", np.float64, (MODES,)),  # deflection of each mode at amplitude 1
+        ("slope", np.float64, (MODES,)),  # 1/m, turn
+        ("moment", np.float64, (MODES,)),  # N, bending moment per amplitude
+        ("G", np.float64, (MODES, MODES)),  # 1/m, shortening from the frame to here
+    ],
+    align=True,
+)
+
 WORLD = np.dtype([("gravity", np.float64, (3,))], align=True)  # m/s^2
 
 
@@ -128,6 +165,8 @@ class Arrays(NamedTuple):
     kept: NDArray[np.int64]  # (rows,) number of a cut-joint row among the constraints; -1: void in this mechanism
     plates: NDArray[Any]  # PLATE
     drags: NDArray[Any]  # DRAG
+    elastics: NDArray[Any]  # ELASTIC
+    nodes: NDArray[Any]  # NODE
 
 
 MOTION = np.dtype(
@@ -200,7 +239,7 @@ class State(NamedTuple):
     bodies: NDArray[Any]  # (nb,) MOTION
     rows: NDArray[Any]  # (rows,) ROW
     element: NDArray[Any]  # (1,) ELEMENT, scratch
-    S: NDArray[np.float64]  # (nv, 6) joint motion subspaces, columns of B2
+    S: NDArray[np.float64]  # (subspaces, 6) joint motion subspaces, columns of B2
     q: NDArray[np.float64]  # (nq,) every joint position, driven ones included
     v: NDArray[np.float64]  # (nv,)
     a: NDArray[np.float64]  # (nv,)
@@ -209,7 +248,7 @@ class State(NamedTuple):
     rel: NDArray[np.float64]  # (9, 6) one joint at work: rows 0-5 subspace, 6-8 rotation | offset
     wrench: NDArray[np.float64]  # (6,) a wrench on its way inward
     U: NDArray[np.float64]  # (nv, 6) articulated body: (IA S)^T, with the joint's Cholesky factor taken out
-    D: NDArray[np.float64]  # (nv, 7) articulated body: a joint's Cholesky factor, and in column 6 its right-hand side
+    D: NDArray[np.float64]  # (nv, MODES + 1) articulated body: a joint's Cholesky factor, and last its right-hand side
 
 
 class Data(NamedTuple):
@@ -219,13 +258,13 @@ class Data(NamedTuple):
     state: State
 
 
-def allocate_state(nb: int, rows: int, nq: int, nv: int) -> State:
+def allocate_state(nb: int, rows: int, nq: int, nv: int, subspaces: int) -> State:
     """Return zeroed scratch for ``nb`` bodies (ground included), with the ground placed."""
     state = State(
         records(nb, MOTION),
         records(rows, ROW),
         records(1, ELEMENT),
-        *(np.zeros(shape) for shape in ((nv, 6), nq, nv, nv, nv, nv, (9, 6), 6, (nv, 6), (nv, 7))),
+        *(np.zeros(shape) for shape in ((subspaces, 6), nq, nv, nv, nv, nv, (9, 6), 6, (nv, 6), (nv, MODES + 1))),
     )
     state.bodies["A"][0] = np.eye(3)
     return state

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from mbfmu.errors import UserError
 from solvers.kernel import records
 
-from .arrays import BODY, CUT, DRAG, FORCE, PLATE, SENSOR, SIGNAL, WORLD, Arrays, Data, allocate_state
+from .arrays import BODY, CUT, DRAG, ELASTIC, FORCE, NODE, PLATE, SENSOR, SIGNAL, WORLD, Arrays, Data, allocate_state
 from .cuts import REGISTRY as CUTS
 from .forces import REGISTRY as FORCES
 from .joints import REGISTRY as JOINTS
+from .joints import Section
 from .joints.base import unit_axis
 from .mechanism import Body, CutHandle, Mechanism, rotation, signal_of, vector
 from .sensors import Kind, Sensor
@@ -56,9 +57,19 @@ class Numbering:
         self.nq_full = self.nv_full = self.nq = self.nv = 0
         for body in mechanism.bodies:
             self._count(body)
+        self.s = list(self.v)
+        self.subspaces = self.nv_full
+        for body in mechanism.bodies:
+            if shared(body):
+                self.s[body.index] = self.subspaces
+                self.subspaces += body.joint.nv
 
     def _count(self, body: Body) -> None:
         joint = body.joint
+        if isinstance(joint, Section) and joint.frame is not None:
+            for numbers in (self.q, self.v, self.qf, self.vf, self.drive):
+                numbers.append(numbers[joint.frame.index])
+            return
         driven = joint.drive is not None
         self.q.append(self.nq_full)
         self.v.append(self.nv_full)
@@ -89,6 +100,11 @@ class Numbering:
         self.slots.append(Slot(variable, signal, coefficient))
 
 
+def shared(body: Body) -> bool:
+    """Whether the coordinates of a body's joint are another body's."""
+    return isinstance(body.joint, Section) and body.joint.frame is not None
+
+
 def compile_data(mechanism: Mechanism, numbering: Numbering) -> Data:
     """Return arrays and state; every cut-joint row is kept for now."""
     world = records(1, WORLD)
@@ -96,18 +112,24 @@ def compile_data(mechanism: Mechanism, numbering: Numbering) -> Data:
     forces = force_records(mechanism, numbering)  # numbers its signals, so before they are written
     cuts, rows = cut_records(mechanism)
     bodies, signals = body_records(mechanism, numbering), signal_records(numbering)
-    arrays = Arrays(world, bodies, cuts, forces, signals, np.arange(rows), *plate_records(mechanism))
-    return Data(arrays, allocate_state(len(mechanism.bodies), rows, numbering.nq_full, numbering.nv_full))
+    elements = (*plate_records(mechanism), *elastic_records(mechanism, numbering))
+    arrays = Arrays(world, bodies, cuts, forces, signals, np.arange(rows), *elements)
+    sizes = (len(mechanism.bodies), rows, numbering.nq_full, numbering.nv_full, numbering.subspaces)
+    return Data(arrays, allocate_state(*sizes))
 
 
 def body_records(mechanism: Mechanism, numbering: Numbering) -> NDArray[Any]:
     """One record a body, ground first."""
-    table = records(len(mechanism.bodies), BODY)
+    table, nodes = records(len(mechanism.bodies), BODY), 0
     for i, body in enumerate(mechanism.bodies):
         record, joint = table[i], body.joint
-        record["parent"], record["joint"] = body.parent, JOINTS.index(type(joint))
+        record["parent"], record["node"] = body.parent, -1
+        if isinstance(joint, Section):
+            record["node"], nodes = nodes, nodes + 1
+        else:
+            record["joint"] = JOINTS.index(type(joint))
         record["nq"], record["nv"], record["quaternion"] = joint.nq, joint.nv, int(joint.quaternion)
-        record["qi"], record["vi"] = numbering.q[i], numbering.v[i]
+        record["qi"], record["vi"], record["si"] = numbering.q[i], numbering.v[i], numbering.s[i]
         record["qf"], record["vf"], record["drive"] = numbering.qf[i], numbering.vf[i], numbering.drive[i]
         record["mass"] = body.mass
         record["com"], record["inertia"] = body.com, body.inertia
@@ -166,6 +188,21 @@ def plate_records(mechanism: Mechanism) -> tuple[NDArray[Any], NDArray[Any]]:
     for record, (node, coefficient) in zip(dragged, drags, strict=True):
         record["node"], record["coefficient"] = node, coefficient
     return plates, dragged
+
+
+def elastic_records(mechanism: Mechanism, numbering: Numbering) -> tuple[NDArray[Any], NDArray[Any]]:
+    """One record an elastic body, and one a cross-section in the order of the bodies."""
+    elastics = records(len(mechanism.elastics), ELASTIC)
+    for record, elastic in zip(elastics, mechanism.elastics, strict=True):
+        i = elastic.modes.index
+        record["body"], record["qi"], record["vi"] = i, numbering.q[i], numbering.v[i]
+        elastic.beam.fill(record)
+    sections = [body.joint for body in mechanism.bodies if isinstance(body.joint, Section)]
+    nodes = records(len(sections), NODE)
+    for record, section in zip(nodes, sections, strict=True):
+        if section.frame is not None:  # bending leaves the frame in place
+            section.beam.fill_node(section.x, record)
+    return elastics, nodes
 
 
 def signal_records(numbering: Numbering) -> NDArray[Any]:

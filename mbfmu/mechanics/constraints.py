@@ -24,28 +24,23 @@ def close_cuts(arrays: Any, state: Any) -> None:
 
 
 @inlined
-def carry_inward(i: int, G: Any, other: int, row: int, arrays: Any, state: Any, J: Any) -> float:
-    """Put into J[row] the power of the wrench G on body i for every free coordinate between it and the ground.
+def carry_inward(i: int, G: Any, row: int, arrays: Any, state: Any, J: Any) -> float:
+    """Add to J[row] the power of the wrench G on body i for every free coordinate between it and the ground.
 
-    On the way of body ``other``, which was carried before, it is added. The power on driven coordinates moves at
-    their known velocity; returns that power.
+    Driven coordinates move at their known velocity; returns the power on them.
     """
     f = state.wrench
     driven = 0.0 * G[0]
     for k in range(6):
         f[k] = G[k]
     while i > 0:
-        while other > i:
-            other = arrays.bodies[other].parent
         body = arrays.bodies[i]
         for k in range(body.nv):
-            power = row_dot6(state.S, body.vi + k, f)
+            power = row_dot6(state.S, body.si + k, f)
             if body.vf < 0:
                 driven += power * state.v[body.vi + k]
-            elif other == i:
-                J[row, body.vf + k] += power
             else:
-                J[row, body.vf + k] = power
+                J[row, body.vf + k] += power
         shift_to(state.bodies[i], state.bodies[body.parent], f)
         i = body.parent
     return driven
@@ -53,10 +48,7 @@ def carry_inward(i: int, G: Any, other: int, row: int, arrays: Any, state: Any, 
 
 @inlined
 def jacobian(arrays: Any, state: Any, Phi: Any, J: Any, nu: Any) -> None:
-    """Phi (m,), J (m, n) and nu (m,), after :func:`close_cuts`; State.v holds the driven velocities.
-
-    J is zero where a coordinate does not move the cut, and left so.
-    """
+    """Phi (m,), J (m, n) and nu (m,), after :func:`close_cuts`; State.v holds the driven velocities."""
     for i in range(arrays.cuts.shape[0]):
         cut = arrays.cuts[i]
         end = arrays.cuts[i + 1].row if i + 1 < arrays.cuts.shape[0] else state.rows.shape[0]
@@ -64,8 +56,10 @@ def jacobian(arrays: Any, state: Any, Phi: Any, J: Any, nu: Any) -> None:
             row = arrays.kept[r]
             if row >= 0:
                 Phi[row] = state.rows[r].Phi
-                nu[row] = -carry_inward(cut.a, state.rows[r].Ga, 0, row, arrays, state, J)
-                nu[row] -= carry_inward(cut.b, state.rows[r].Gb, cut.a, row, arrays, state, J)
+                for k in range(J.shape[1]):
+                    J[row, k] = 0.0
+                nu[row] = -carry_inward(cut.a, state.rows[r].Ga, row, arrays, state, J)
+                nu[row] -= carry_inward(cut.b, state.rows[r].Gb, row, arrays, state, J)
 
 
 @inlined

@@ -11,6 +11,7 @@ from typing import Any
 
 from solvers.kernel import inlined, kernel
 
+from .elastic import modal
 from .spatial import row_dot6
 
 
@@ -27,6 +28,8 @@ def composite_inertia(arrays: Any, state: Any) -> None:
             for j in range(3):
                 here.J[k, j] = here.Jc[k, j] - mass * c[k] * c[j]
             here.J[k, k] += cc
+    for i in range(arrays.elastics.shape[0]):
+        modal.composite(arrays.elastics[i], state.bodies[arrays.elastics[i].body], state.q)
     for i in range(arrays.bodies.shape[0] - 1, 0, -1):
         j = arrays.bodies[i].parent
         if j > 0:
@@ -73,25 +76,41 @@ def shift_to(here: Any, parent: Any, f: Any) -> None:
 
 
 @inlined
+def carry_up(i: int, row: int, f: Any, arrays: Any, state: Any, M: Any) -> None:
+    """Add the power of the momentum wrench f of coordinate ``row`` at body i on every free coordinate further in."""
+    while arrays.bodies[i].parent > 0:
+        up = arrays.bodies[i].parent
+        shift_to(state.bodies[i], state.bodies[up], f)
+        i = up
+        body = arrays.bodies[i]
+        if body.vf >= 0:
+            for c in range(body.nv):
+                M[row, body.vf + c] += row_dot6(state.S, body.si + c, f)
+                M[body.vf + c, row] = M[row, body.vf + c]
+
+
+@inlined
 def mass_matrix(arrays: Any, state: Any, M: Any) -> None:
-    """M (n, n) over the free coordinates, after :func:`composite_inertia`; zero between branches, and left so."""
+    """M (n, n) over the free coordinates, after :func:`composite_inertia`."""
     f = state.wrench
+    for row in range(M.shape[0]):
+        for column in range(M.shape[0]):
+            M[row, column] = 0.0
     for i in range(1, arrays.bodies.shape[0]):
         body = arrays.bodies[i]
         if body.vf < 0:
             continue
         for k in range(body.nv):
-            momentum_of(state.bodies[i], state.S, body.vi + k, f)
+            momentum_of(state.bodies[i], state.S, body.si + k, f)
             row = body.vf + k
             for j in range(k + 1):
-                M[row, body.vf + j] = row_dot6(state.S, body.vi + j, f)
+                M[row, body.vf + j] += row_dot6(state.S, body.si + j, f)
                 M[body.vf + j, row] = M[row, body.vf + j]
-            j = i
-            while arrays.bodies[j].parent > 0:
-                up = arrays.bodies[j].parent
-                shift_to(state.bodies[j], state.bodies[up], f)
-                j = up
-                if arrays.bodies[j].vf >= 0:
-                    for c in range(arrays.bodies[j].nv):
-                        M[row, arrays.bodies[j].vf + c] = row_dot6(state.S, arrays.bodies[j].vi + c, f)
-                        M[arrays.bodies[j].vf + c, row] = M[row, arrays.bodies[j].vf + c]
+            carry_up(i, row, f, arrays, state, M)
+    for e in range(arrays.elastics.shape[0]):
+        elastic = arrays.elastics[e]
+        body = arrays.bodies[elastic.body]
+        for k in range(elastic.modes):
+            M[body.vf + k, body.vf + k] += elastic.mu[k]
+            modal.coupling(elastic, k, state.bodies[elastic.body], state.q, f)
+            carry_up(elastic.body, body.vf + k, f, arrays, state, M)

@@ -7,6 +7,7 @@ from typing import Any
 from solvers.kernel import kernel
 
 from .crba import shift_to
+from .elastic import modal
 from .forces import potential
 from .spatial import row_dot6
 
@@ -23,6 +24,8 @@ def kinetic_energy(arrays: Any, state: Any) -> float:
         total += 0.5 * arrays.bodies[i].mass * square
         for k in range(3):
             total += 0.5 * Y[3 + k] * (Jc[k, 0] * Y[3] + Jc[k, 1] * Y[4] + Jc[k, 2] * Y[5])
+    for i in range(arrays.elastics.shape[0]):
+        total += modal.kinetic(arrays.elastics[i], state.bodies[arrays.elastics[i].body], state, state.wrench)
     return total
 
 
@@ -35,6 +38,8 @@ def potential_energy(arrays: Any, state: Any) -> float:
         here = state.bodies[i]
         for k in range(3):
             total -= arrays.bodies[i].mass * g[k] * (here.r[k] + here.com[k])
+    for i in range(arrays.elastics.shape[0]):
+        total += modal.weight(arrays.elastics[i], state.bodies[arrays.elastics[i].body], state, g)
     return total
 
 
@@ -57,11 +62,25 @@ def driven_action(arrays: Any, state: Any) -> float:
         p[3] += c[1] * p[2] - c[2] * p[1]
         p[4] += c[2] * p[0] - c[0] * p[2]
         p[5] += c[0] * p[1] - c[1] * p[0]
-        j = i
-        while j > 0:
-            body = arrays.bodies[j]
-            for k in range(body.nv * (body.drive >= 0)):
-                total += state.v[body.vi + k] * row_dot6(state.S, body.vi + k, p)
-            shift_to(state.bodies[j], state.bodies[body.parent], p)
-            j = body.parent
+        total += power_on_drives(i, p, arrays, state)
+    for e in range(arrays.elastics.shape[0]):
+        p = state.wrench
+        for k in range(6):
+            p[k] = 0.0
+        i = arrays.elastics[e].body
+        modal.momentum(arrays.elastics[e], state.bodies[i], state, p)
+        total += power_on_drives(i, p, arrays, state)
+    return total
+
+
+@kernel
+def power_on_drives(i: int, p: Any, arrays: Any, state: Any) -> float:
+    """Sum over the driven coordinates between body i and the ground of p v, p the momentum about the body's origin."""
+    total = 0.0 * p[0]
+    while i > 0:
+        body = arrays.bodies[i]
+        for k in range(body.nv * (body.drive >= 0)):
+            total += state.v[body.vi + k] * row_dot6(state.S, body.si + k, p)
+        shift_to(state.bodies[i], state.bodies[body.parent], p)
+        i = body.parent
     return total

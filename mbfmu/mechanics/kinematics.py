@@ -17,6 +17,7 @@ from typing import Any
 from solvers.kernel import inlined
 
 from . import signals
+from .elastic.modal import bend, bend_bias
 from .joints import bias, move
 from .spatial import multiply, rotate, rotate_row
 
@@ -53,6 +54,9 @@ def place(arrays: Any, state: Any) -> None:
         body = arrays.bodies[i]
         here = state.bodies[i]
         parent = state.bodies[body.parent]
+        if body.node >= 0:
+            bend(body, arrays.nodes[body.node], parent, here, state)
+            continue
         move(body.joint, body.axis, state.q, body.qi, rel)
         C = here.Jc  # scratch until the inertia is turned
         multiply(parent.A, body.R, C)
@@ -69,7 +73,7 @@ def place(arrays: Any, state: Any) -> None:
                 + C[k, 2] * rel[8, 3]
             )
         for k in range(body.nv):
-            rotate_row(C, rel, k, state.S, body.vi + k)
+            rotate_row(C, rel, k, state.S, body.si + k)
 
 
 @inlined
@@ -101,7 +105,7 @@ def velocities(arrays: Any, state: Any) -> None:
             Y[k] = 0.0
         for j in range(body.nv):
             for k in range(6):
-                Y[k] += state.S[body.vi + j, k] * state.v[body.vi + j]
+                Y[k] += state.S[body.si + j, k] * state.v[body.vi + j]
         # w_j x rho, then beta = w_j x (w_j x rho + 2 u), w_j x w_rel
         px, py, pz = wy * z - wz * y, wz * x - wx * z, wx * y - wy * x
         ux, uy, uz = px + 2.0 * Y[0], py + 2.0 * Y[1], pz + 2.0 * Y[2]
@@ -113,6 +117,8 @@ def velocities(arrays: Any, state: Any) -> None:
         beta[5] = wx * Y[4] - wy * Y[3]
         if bias(body.joint, body.axis, state.q, body.qi, state.v, body.vi, state.wrench):
             add_bias(body, parent, state.wrench, beta)
+        if body.node >= 0 and arrays.nodes[body.node].shortens > 0:
+            bend_bias(body, arrays.nodes[body.node], parent, state, beta)
         Y[0] += Yj[0] + px
         Y[1] += Yj[1] + py
         Y[2] += Yj[2] + pz
@@ -153,4 +159,4 @@ def accelerations(arrays: Any, state: Any) -> None:
         dY[2] += wx * y - wy * x
         for j in range(body.nv):
             for k in range(6):
-                dY[k] += state.S[body.vi + j, k] * state.a[body.vi + j]
+                dY[k] += state.S[body.si + j, k] * state.a[body.vi + j]

@@ -22,11 +22,11 @@ from mbfmu.errors import UserError
 
 from .cuts import REGISTRY as CUTS
 from .cuts import Cut, DistanceCut
-from .elastic import Plate
+from .elastic import Beam, Plate
 from .forces import REGISTRY as FORCES
 from .forces import Force, JointForce, JointSpring
 from .joints import REGISTRY as JOINTS
-from .joints import Joint, Revolute, Weld
+from .joints import Joint, Revolute, Section, Weld
 from .sensors import Kind, Sensor, axis_index
 from .shapes import Shape, check_colour
 from .signals import Signal, as_signal
@@ -124,6 +124,43 @@ class CutHandle:
 
 
 @dataclass(frozen=True, eq=False)
+class Elastic:
+    """An elastic body, as :meth:`Mechanism.elastic` returns it.
+
+    Attributes
+    ----------
+    body
+        Its frame as a body of the tree, without mass: what the joint to the parent moves.
+    modes
+        Its first section: coordinate k is the amplitude of mode k + 1, m.
+    """
+
+    name: str
+    index: int
+    beam: Beam
+    body: Body
+    modes: Body
+    _mechanism: Mechanism
+    _sections: dict[float, Body] = field(default_factory=dict)
+
+    def section(self, x: float) -> Body:
+        """Return the cross-section at x (m) as a body, to hang others on, to cut, to load, to observe."""
+        if x not in self._sections:
+            self.beam.shape(x)
+            joint = Section(beam=self.beam, x=float(x), frame=self.modes)
+            self._sections[x] = self._mechanism.add_section(f"{self.name}[{x:g}]", self.modes, joint)
+        return self._sections[x]
+
+    def deflection(self, x: float) -> Sensor:
+        """Deflection along y at x, m."""
+        return Sensor(kind=Kind.DEFLECTION, unit="m", item=self.section(x))
+
+    def moment(self, x: float) -> Sensor:
+        """Bending moment E I w'' about z at x, N m; without the damping of the material."""
+        return Sensor(kind=Kind.BENDING_MOMENT, unit="N.m", item=self.section(x))
+
+
+@dataclass(frozen=True, eq=False)
 class Surface:
     """A grid of bodies drawn as one skin, see :meth:`Mechanism.surface`."""
 
@@ -150,6 +187,7 @@ class Mechanism:
         self.cuts: list[CutHandle] = []
         self.forces: list[tuple[str, Force, Body, Body]] = []
         self.plates: list[tuple[Plate, tuple[Body, Body, Body, Body]]] = []
+        self.elastics: list[Elastic] = []
         self.outputs: list[tuple[str, Sensor, str, float | None]] = []
         self.shapes: list[tuple[Body, Shape]] = []
         self.surfaces: list[Surface] = []
@@ -210,6 +248,33 @@ class Mechanism:
             inertia_matrix(name, inertia),
             group,
         )
+        self.bodies.append(new)
+        self._bodies_named[name] = new
+        return new
+
+    def elastic(self, name: str, parent: Body, joint: Joint, beam: Beam) -> Elastic:
+        """Hang a beam on its parent: a body that bends.
+
+        Parameters
+        ----------
+        name
+            New among the bodies; its frame is a body of this name.
+        parent, joint
+            As those of :meth:`body`; the joint places the frame the beam bends in, which x runs along.
+        beam
+            The beam and its modes.
+        """
+        if not isinstance(beam, Beam):
+            raise UserError(f"beam of elastic body {name!r} is {beam!r}; it must be a Beam")
+        body = self.body(name, parent, joint)
+        modes = self.add_section(f"{name}.mode", body, Section(beam=beam))
+        self.elastics.append(Elastic(name, len(self.elastics), beam, body, modes, self))
+        return self.elastics[-1]
+
+    def add_section(self, name: str, parent: Body, joint: Section) -> Body:
+        """Append a cross-section of an elastic body; :meth:`Elastic.section` is the way to one."""
+        self._new_name("body", name, self._bodies_named)
+        new = Body(name, len(self.bodies), parent.index, joint)
         self.bodies.append(new)
         self._bodies_named[name] = new
         return new
@@ -303,8 +368,10 @@ class Mechanism:
         while here.index > 0:
             joint = here.joint
             turned = rotation("rotation", joint.rotation) @ joint.direction
-            if not isinstance(joint, Revolute) or abs(abs(turned @ axis) - 1.0) > 1e-12:
-                raise UserError(f"turn of body {body.name!r} needs parallel revolutes down to the ground")
+            if not isinstance(joint, Revolute | Section) or abs(abs(turned @ axis) - 1.0) > 1e-12:
+                raise UserError(
+                    f"turn of body {body.name!r} needs parallel revolutes down to the ground, or beams between"
+                )
             here = self.bodies[here.parent]
         return body
 

@@ -12,7 +12,7 @@ from solvers.system import Array, System, TreeSystem
 
 from .arrays import Data, complex_twin
 from .assembly import assemble_positions, assemble_velocities, check_inertia
-from .compile import Numbering, Variable, compile_data, sensor_records
+from .compile import Numbering, Variable, compile_data, sensor_records, shared
 from .dynamics import callbacks, energy, observe, observe_all, tree_callbacks
 from .groups import number_groups
 from .mechanism import Mechanism
@@ -42,7 +42,7 @@ class Plant:
         self.data = compile_data(mechanism, numbering)
         names = [f"{c.name}.{r}" if r else c.name for c in mechanism.cuts for r in c.cut.rows]
         self.void_rows: list[str] = []
-        if not names and numbering.nv > LARGE:
+        if not names and not mechanism.elastics and numbering.nv > LARGE:
             self.system: Any = self._tree_system()
         else:
             self.system = self._system(names, self.data)
@@ -139,7 +139,7 @@ class Plant:
         parts = [np.zeros(0)]
         for body in self.mechanism.bodies:
             joint = body.joint
-            if joint.drive is not None:
+            if joint.drive is not None or shared(body):
                 continue
             given = getattr(joint, attribute)
             if given is None:
@@ -155,7 +155,8 @@ class Plant:
 
     def held(self) -> NDArray[np.bool_]:
         """Return which free velocity coordinates (n,) assembly must leave as they are."""
-        parts = [np.full(b.joint.nv, b.joint.fixed) for b in self.mechanism.bodies if b.joint.drive is None]
+        free = [b for b in self.mechanism.bodies if b.joint.drive is None and not shared(b)]
+        parts = [np.full(b.joint.nv, b.joint.fixed) for b in free]
         return np.concatenate([np.zeros(0, bool), *parts])
 
     def assemble(self, t: float = 0.0) -> tuple[Array, Array]:

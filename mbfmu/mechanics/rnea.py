@@ -13,6 +13,7 @@ from typing import Any
 
 from solvers.kernel import inlined, kernel
 
+from .elastic import modal
 from .spatial import add_wrench, cross, rotate, row_dot6
 
 
@@ -44,11 +45,16 @@ def inverse_dynamics(arrays: Any, state: Any) -> None:
         inertia_wrench(arrays.bodies[i].mass, here, here.W)
         for k in range(6):
             here.W[k] -= here.F[k]
+        for k in range(arrays.bodies[i].vi, arrays.bodies[i].vi + arrays.bodies[i].nv):
+            state.tau[k] = -state.Q[k]
+    for i in range(arrays.elastics.shape[0]):
+        elastic = arrays.elastics[i]
+        modal.inertia(elastic, state.bodies[elastic.body], state)
     for i in range(arrays.bodies.shape[0] - 1, 0, -1):
         body = arrays.bodies[i]
         here = state.bodies[i]
-        for k in range(body.vi, body.vi + body.nv):
-            state.tau[k] = row_dot6(state.S, k, here.W) - state.Q[k]
+        for k in range(body.nv):
+            state.tau[body.vi + k] += row_dot6(state.S, body.si + k, here.W)
         if body.parent > 0:
             parent = state.bodies[body.parent]
             x, y, z = here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2]
@@ -70,3 +76,9 @@ def momentum(arrays: Any, state: Any, out: Any) -> None:
             p[k] = mass * (Y[k] + p[k])
         rotate(Jc, Y[3:6], p[3:6])
         add_wrench(out, r[0] + c[0], r[1] + c[1], r[2] + c[2], p)
+    for i in range(arrays.elastics.shape[0]):
+        here = state.bodies[arrays.elastics[i].body]
+        for k in range(6):
+            here.W[k] = 0.0
+        modal.momentum(arrays.elastics[i], here, state, here.W)
+        add_wrench(out, here.r[0], here.r[1], here.r[2], here.W)

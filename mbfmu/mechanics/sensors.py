@@ -33,6 +33,8 @@ class Kind(IntEnum):
     TURN = 14  # index: body; sum of the joint angles from the ground to it
     TURN_RATE = 15
     JACOBI = 16  # energy less the action of the drives
+    DEFLECTION = 17  # index: body, a section of an elastic body
+    BENDING_MOMENT = 18
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,6 +72,15 @@ def point_value(sensor: Any, arrays: Any, state: Any) -> float:
 
 
 @kernel
+def bending(moment: bool, body: Any, arrays: Any, state: Any) -> float:
+    """Deflection of a section of an elastic body, or its bending moment."""
+    node, total = arrays.nodes[body.node], 0.0 * state.q[body.qi]
+    for k in range(body.nv):
+        total += (node.moment[k] if moment else node.phi[k]) * state.q[body.qi + k]
+    return total
+
+
+@kernel
 def largest_residual(velocity: bool, arrays: Any, state: Any) -> float:
     """Largest |Phi| or |Phi'| of the kept rows."""
     worst = 0.0
@@ -91,11 +102,15 @@ def largest_residual(velocity: bool, arrays: Any, state: Any) -> float:
 
 @kernel
 def turn(rate: bool, i: int, arrays: Any, state: Any) -> float:
-    """Absolute angle (or its rate) of body i in a chain of parallel revolutes; counts whole turns."""
-    total = 0.0
+    """Absolute angle (or its rate) of body i in a chain of parallel revolutes and sections; counts whole turns."""
+    total = 0.0 * state.q[0]
     while i > 0:
         body = arrays.bodies[i]
-        if body.nv == 1:
+        if body.node >= 0:
+            for k in range(body.nv):
+                slope = arrays.nodes[body.node].slope[k]
+                total += slope * (state.v[body.vi + k] if rate else state.q[body.qi + k])
+        elif body.nv == 1:
             total += state.v[body.vi] if rate else state.q[body.qi]
         i = body.parent
     return total
@@ -131,5 +146,7 @@ def read(sensors: Any, lam: Any, arrays: Any, state: Any, out: Any) -> None:
             out[i] = largest_residual(kind == 13, arrays, state)
         elif kind <= 15:
             out[i] = turn(kind == 15, j, arrays, state)
-        else:
+        elif kind == 16:
             out[i] = kinetic_energy(arrays, state) + potential_energy(arrays, state) - driven_action(arrays, state)
+        else:
+            out[i] = bending(kind == 18, arrays.bodies[j], arrays, state)

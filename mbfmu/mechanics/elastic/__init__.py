@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from .beam import Beam
+from .modal import MODES
 from .plate import Plate
 
-__all__ = ["Plate"]
+__all__ = ["MODES", "Beam", "Plate"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from mbfmu.mechanics.elastic import drag, plate
+from mbfmu.mechanics.elastic import drag, modal, plate
 from solvers.kernel import inlined, kernel
 
 from . import joint_force, joint_spring, point_force, spring, torque
@@ -25,6 +25,7 @@ _spring, _joint_spring, _joint_force, _point_force, _torque = (
     torque.apply,
 )
 _plate, _drag, _plate_potential = plate.apply, drag.apply, plate.potential
+_modal, _modal_potential = modal.load, modal.potential
 _spring_potential, _joint_spring_potential = spring.potential, joint_spring.potential
 
 
@@ -53,6 +54,8 @@ def apply(t: float, arrays: Any, state: Any) -> None:
         _plate(arrays.plates[i], state.bodies, state.element[0])
     for i in range(arrays.drags.shape[0]):
         _drag(arrays.drags[i], state.bodies)
+    for i in range(arrays.elastics.shape[0]):
+        _modal(arrays.elastics[i], state)
 
 
 @kernel
@@ -67,6 +70,8 @@ def potential(arrays: Any, state: Any) -> float:
             total += _joint_spring_potential(force, arrays, state)
     for i in range(arrays.plates.shape[0]):
         total += _plate_potential(arrays.plates[i], state.bodies, state.element[0])
+    for i in range(arrays.elastics.shape[0]):
+        total += _modal_potential(arrays.elastics[i], state)
     return total
 
 

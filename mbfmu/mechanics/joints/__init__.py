@@ -11,6 +11,7 @@ from .base import Joint
 from .floating import Floating
 from .out_of_plane import OutOfPlane
 from .revolute import Revolute
+from .section import Section
 from .spherical import Spherical
 from .translational import Translational
 from .weld import Weld
@@ -61,6 +62,7 @@ __all__ = [
     "Joint",
     "OutOfPlane",
     "Revolute",
+    "Section",
     "Spherical",
     "Translational",
     "Weld",

@@ -1,0 +1,231 @@
+"""A uniform slender beam by finite elements: its modes of bending, and what the dynamics need of them.
+
+Euler-Bernoulli elements of cubic deflection (Hermite) with consistent mass, along x of the body's frame, bending along
+y. A mode is scaled so that its largest deflection is 1 m, first bulge positive: the modes of a pinned beam are
+sin(k pi x / L) and the amplitudes are those of the sines. All integrals are those of the elements, by Gauss's four
+points, exact for the shapes; so what is left of discretisation is in the shapes, of fourth order in the element length.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import eigh
+
+from mbfmu.errors import UserError
+
+from .modal import MODES
+
+Array = NDArray[np.float64]
+
+ENDS = {"pinned": (True, False), "clamped": (True, True), "guided": (False, True), "free": (False, False)}
+RIGID = 1e-9  # of the largest eigenvalue: below, a motion of the beam as a whole
+POINTS, WEIGHTS = np.polynomial.legendre.leggauss(4)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Beam:
+    """A uniform beam from x = 0 to ``length``.
+
+    Parameters
+    ----------
+    length
+        m.
+    mass
+        Of the whole beam, kg.
+    bending_stiffness
+        E I for bending along y, N m^2.
+    modes
+        How many, from the lowest.
+    elements
+        Finite elements.
+    ends
+        What holds it at x = 0 and x = length in the body's frame: ``pinned``, ``clamped``, ``guided`` (no turning) or
+        ``free``. Two pinned ends keep the chord; a body that closes a loop wants those.
+    damping
+        Damping time beta of the material, s: moment = E I (curvature + beta rate). Damping ratio beta omega / 2.
+    stiffening
+        Effect: axial forces stiffen or soften bending, which shortens the beam. Not for a beam in a loop by both ends.
+    """
+
+    length: float
+    mass: float
+    bending_stiffness: float
+    modes: int
+    elements: int = 10
+    ends: tuple[str, str] = ("pinned", "pinned")
+    damping: float = 0.0
+    stiffening: bool = False
+
+    def __post_init__(self) -> None:
+        """Refuse what is no beam, naming it."""
+        for name in ("length", "mass", "bending_stiffness"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0.0):
+                raise UserError(f"{name} of a beam is {value!r}; allowed: greater than zero")
+        if not (np.isfinite(self.damping) and self.damping >= 0.0):
+            raise UserError(f"damping of a beam is {self.damping!r} s; allowed: finite and not negative")
+        if self.elements < 1:
+            raise UserError(f"elements of a beam are {self.elements!r}; allowed: at least 1")
+        for end in self.ends:
+            if end not in ENDS:
+                raise UserError(f"end of a beam is {end!r}; allowed: {', '.join(ENDS)}")
+        if not 1 <= self.modes <= min(MODES, self._available):
+            raise UserError(
+                f"modes of a beam are {self.modes!r}; allowed: 1 to {min(MODES, self._available)} "
+                f"with {self.elements} elements between {self.ends[0]} and {self.ends[1]} ends"
+            )
+
+    @cached_property
+    def _free(self) -> NDArray[np.bool_]:
+        """Which of (w, w') at the nodes are free."""
+        free = np.ones(2 * (self.elements + 1), bool)
+        for first, end in ((0, self.ends[0]), (2 * self.elements, self.ends[1])):
+            free[first : first + 2] = ~np.array(ENDS[end])
+        return free
+
+    @property
+    def _available(self) -> int:
+        """Number of modes the elements have."""
+        held = sum(sum(ENDS[end]) for end in self.ends)
+        return int(self._free.sum()) - max(0, 2 - held)
+
+    def _element(self) -> tuple[Array, Array]:
+        """Stiffness and consistent mass of an element for (w1, w1', w2, w2')."""
+        h = self.length / self.elements
+        K = np.array(
+            [
+                [12.0, 6.0 * h, -12.0, 6.0 * h],
+                [6.0 * h, 4.0 * h * h, -6.0 * h, 2.0 * h * h],
+                [-12.0, -6.0 * h, 12.0, -6.0 * h],
+                [6.0 * h, 2.0 * h * h, -6.0 * h, 4.0 * h * h],
+            ]
+        )
+        M = np.array(
+            [
+                [156.0, 22.0 * h, 54.0, -13.0 * h],
+                [22.0 * h, 4.0 * h * h, 13.0 * h, -3.0 * h * h],
+                [54.0, 13.0 * h, 156.0, -22.0 * h],
+                [-13.0 * h, -3.0 * h * h, -22.0 * h, 4.0 * h * h],
+            ]
+        )
+        return self.bending_stiffness / h**3 * K, self.mass / self.elements / 420.0 * M
+
+    @cached_property
+    def _solved(self) -> tuple[Array, Array]:
+        """Squared angular frequencies (modes,) and nodal (w, w') of each mode (2 (elements + 1), modes)."""
+        Ke, Me = self._element()
+        size = 2 * (self.elements + 1)
+        K, M = np.zeros((size, size)), np.zeros((size, size))
+        for e in range(self.elements):
+            at = slice(2 * e, 2 * e + 4)
+            K[at, at] += Ke
+            M[at, at] += Me
+        free = self._free
+        squares, vectors = eigh(K[np.ix_(free, free)], M[np.ix_(free, free)])
+        elastic = np.flatnonzero(squares > RIGID * squares[-1])[: self.modes]
+        shapes = np.zeros((size, self.modes))
+        shapes[free] = vectors[:, elastic]
+        x = np.linspace(0.0, self.length, 40 * self.elements + 1)
+        for k in range(self.modes):
+            w = np.array([self._hermite(place)[0] @ shapes[:, k] for place in x])
+            largest = np.abs(w).max()
+            bulge = w[np.argmax(np.abs(w) > 0.1 * largest)]
+            shapes[:, k] /= np.copysign(largest, bulge)
+        return squares[elastic], shapes
+
+    def _hermite(self, x: float) -> tuple[Array, Array]:
+        """Rows (2 (elements + 1),) that give w and w' at x from the nodal (w, w')."""
+        h = self.length / self.elements
+        e = min(self.elements - 1, int(x / h))
+        s = x / h - e
+        w, slope = np.zeros(2 * (self.elements + 1)), np.zeros(2 * (self.elements + 1))
+        w[2 * e : 2 * e + 4] = (
+            1.0 - 3.0 * s**2 + 2.0 * s**3,
+            h * s * (1.0 - s) ** 2,
+            s**2 * (3.0 - 2.0 * s),
+            h * s**2 * (s - 1.0),
+        )
+        slope[2 * e : 2 * e + 4] = (
+            6.0 * s * (s - 1.0) / h,
+            (1.0 - s) * (1.0 - 3.0 * s),
+            6.0 * s * (1.0 - s) / h,
+            s * (3.0 * s - 2.0),
+        )
+        return w, slope
+
+    @property
+    def frequencies(self) -> Array:
+        """Natural frequencies (modes,) of the beam between its ends, rad/s."""
+        return np.sqrt(self._solved[0])
+
+    def shape(self, x: float) -> tuple[Array, Array]:
+        """Return deflection and slope (modes,) of every mode at x (m)."""
+        if not 0.0 <= x <= self.length:
+            raise UserError(f"place on a beam is {x!r} m; allowed: 0 to {self.length}")
+        w, slope = self._hermite(x)
+        shapes = self._solved[1]
+        return w @ shapes, slope @ shapes
+
+    def moment(self, x: float) -> Array:
+        """Return the bending moment E I phi'' (modes,) at x, N; between nodes linear.
+
+        At a node from the balance of its element with the inertia of the mode, which is of the order of the shapes;
+        curvatures of the shapes themselves are of second order only.
+        """
+        squares, shapes = self._solved
+        Ke, Me = self._element()
+        h = self.length / self.elements
+        e = min(self.elements - 1, int(x / h))
+        s = x / h - e
+        ends = np.zeros((2, self.modes))
+        for k in range(self.modes):
+            forces = (Ke - squares[k] * Me) @ shapes[2 * e : 2 * e + 4, k]
+            ends[:, k] = -forces[1], forces[3]
+        moment: Array = (1.0 - s) * ends[0] + s * ends[1]
+        return moment
+
+    def _integrate(self, upto: float) -> tuple[Array, Array, Array, Array]:
+        """Gauss's points x, their lengths, and the modes' deflections and slopes there, from 0 to ``upto``."""
+        h = self.length / self.elements
+        borders = np.append(np.arange(0.0, upto - 1e-12 * h, h), upto)
+        left, sizes = borders[:-1, None], np.diff(borders)[:, None]
+        x = (left + 0.5 * sizes * (1.0 + POINTS)).ravel()
+        lengths = (0.5 * sizes * WEIGHTS).ravel()
+        shapes = [self.shape(float(place)) for place in x]
+        return x, lengths, np.array([s[0] for s in shapes]), np.array([s[1] for s in shapes])
+
+    def shortening(self, x: float) -> Array:
+        """Return G(x) (modes, modes), 1/m: bending takes the point at x back by p^T G p / 2."""
+        if x == 0.0:
+            return np.zeros((self.modes, self.modes))
+        _, lengths, _, slope = self._integrate(x)
+        G: Array = np.einsum("x,xk,xl->kl", lengths, slope, slope)
+        return G
+
+    def fill(self, record: Any) -> None:
+        """Write mass, modes and stiffness into an ``ELASTIC`` record."""
+        L, n = self.length, self.modes
+        x, lengths, phi, slope = self._integrate(L)
+        rho = self.mass / L * lengths
+        record["modes"], record["shortens"] = n, n if self.stiffening else 0
+        record["mass"], record["X1"], record["X2"] = self.mass, 0.5 * self.mass * L, self.mass * L**2 / 3.0
+        record["a"][:n], record["c"][:n] = rho @ phi, (rho * x) @ phi
+        record["mu"][:n] = rho @ phi**2
+        record["kappa"][:n] = self._solved[0] * record["mu"][:n]
+        record["beta"] = self.damping
+        record["g0"][:n, :n] = np.einsum("x,xk,xl->kl", rho * (L - x), slope, slope)
+        record["g1"][:n, :n] = np.einsum("x,xk,xl->kl", 0.5 * rho * (L**2 - x**2), slope, slope)
+
+    def fill_node(self, x: float, record: Any) -> None:
+        """Write the cross-section at x into a ``NODE`` record."""
+        n = self.modes
+        phi, slope = self.shape(x)
+        record["x"], record["phi"][:n], record["slope"][:n] = x, phi, slope
+        record["moment"][:n] = self.moment(x)
+        record["shortens"] = n if self.stiffening else 0
+        record["G"][:n, :n] = self.shortening(x)

@@ -1,0 +1,62 @@
+"""Section: a cross-section of an elastic body on the body's frame; :meth:`Mechanism.elastic` makes these.
+
+Its coordinates are the amplitudes of the body's modes, shared by all sections of the body. The first one, the frame
+itself, owns them. How it moves is in :mod:`mbfmu.mechanics.elastic.modal`; the recursions ask for the node, not for the
+kind of the joint.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.mechanics.elastic import Beam
+
+from .base import Joint
+
+
+@dataclass(frozen=True, kw_only=True)
+class Section(Joint):
+    """A cross-section of a beam.
+
+    Parameters
+    ----------
+    beam
+        The elastic body.
+    x
+        Place on its axis, m.
+    frame
+        Body of the first section; None: this is the first, the frame, which bending leaves in place.
+    """
+
+    beam: Beam
+    x: float = 0.0
+    frame: Any = None
+
+    @property
+    def nq(self) -> int:  # type: ignore[override]
+        """Amplitudes this section owns."""
+        return self.beam.modes if self.frame is None else 0
+
+    @property
+    def nv(self) -> int:  # type: ignore[override]
+        """Amplitudes that move it."""
+        return self.beam.modes
+
+    @property
+    def direction(self) -> NDArray[np.float64]:
+        """It turns about z."""
+        return np.array((0.0, 0.0, 1.0))
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Modes, counted from 1."""
+        return tuple(str(k + 1) for k in range(self.beam.modes))
+
+    @property
+    def units(self) -> tuple[str, ...]:  # type: ignore[override]
+        """An amplitude is the largest deflection of its mode."""
+        return ("m",) * self.beam.modes
