@@ -2,22 +2,24 @@
 
 from mbfmu.errors import AssemblyError, UserError
 
+from .chain import add_chain
 from .compile import Variable
 from .cuts import DistanceCut, PlanarCut, PlaneCut, RevoluteCut, SphericalCut, WeldCut
 from .elastic import MODES, Beam, Plate
-from .forces import JointForce, JointSpring, PointForce, Spring, Torque
+from .forces import BeamElement, JointForce, JointSpring, PointForce, Spring, Torque
 from .joints import Floating, OutOfPlane, Revolute, Spherical, Translational, Weld
 from .mechanism import Body, Elastic, Mechanism, rod
 from .plant import Plant
 from .sensors import Sensor
 from .shapes import Box, Cylinder, Sphere
 from .sheet import Sheet, Support, add_sheet
-from .signals import Harmonic, Input, Polynomial, SpeedInput
+from .signals import Harmonic, Input, Polynomial, RunUp, SpeedInput
 
 __all__ = [
     "MODES",
     "AssemblyError",
     "Beam",
+    "BeamElement",
     "Body",
     "Box",
     "Cylinder",
@@ -38,6 +40,7 @@ __all__ = [
     "Polynomial",
     "Revolute",
     "RevoluteCut",
+    "RunUp",
     "Sensor",
     "Sheet",
     "SpeedInput",
@@ -52,6 +55,7 @@ __all__ = [
     "Variable",
     "Weld",
     "WeldCut",
+    "add_chain",
     "add_sheet",
     "rod",
 ]

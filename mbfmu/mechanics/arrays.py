@@ -72,13 +72,14 @@ FORCE = np.dtype(
         ("stiffness", np.float64),  # N/m or N m/rad
         ("damping", np.float64),  # N s/m or N m s/rad
         ("free", np.float64),  # free length or angle, m or rad
+        ("section", np.float64, (4,)),  # of a beam: stretching, N, torsion, bending along y and z, N m^2
     ],
     align=True,
 )
 
 SIGNAL = np.dtype(
     [
-        ("kind", np.int64),  # signals.POLYNOMIAL or signals.HARMONIC
+        ("kind", np.int64),  # signals.POLYNOMIAL, HARMONIC or RUN_UP
         ("t0", np.float64),  # s
         ("c", np.float64, (4,)),  # coefficients, see signals
     ],

@@ -171,7 +171,7 @@ def force_records(mechanism: Mechanism, numbering: Numbering) -> NDArray[Any]:
         record["Pa"] = vector(f"at_a of force {name!r}", getattr(force, "at_a", (0.0, 0.0, 0.0)))
         record["Pb"] = vector(f"at_b of force {name!r}", getattr(force, "at_b", (0.0, 0.0, 0.0)))
         record["axis"] = unit_axis(force.axis) if hasattr(force, "axis") else 0.0
-        for key in ("stiffness", "damping", "free"):
+        for key in ("stiffness", "damping", "free", "section"):
             record[key] = getattr(force, key, 0.0)
     return table
 

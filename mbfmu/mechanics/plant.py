@@ -17,7 +17,7 @@ from .dynamics import callbacks, energy, observe, observe_all, tree_callbacks
 from .groups import number_groups
 from .mechanism import Mechanism
 from .sensors import largest_residual
-from .signals import HARMONIC
+from .signals import POLYNOMIAL
 from .tangent import Tangent
 
 LARGE = 60  # coordinates of a tree without loops from which on no dense matrix is made
@@ -185,13 +185,13 @@ class Plant:
     def drives(self) -> list[tuple[str, float, float]]:
         """Return name, speed and largest higher coefficient of every driven coordinate's signal at its start.
 
-        A harmonic signal counts as one of no constant speed: its amplitude is the higher coefficient.
+        A signal that is no polynomial counts as one of no constant speed.
         """
         found = []
         for i, body in enumerate(self.mechanism.bodies):
             if body.joint.drive is not None:
                 signal = self.data.arrays.signals[self._numbering.drive[i]]
-                higher = np.abs(signal["c"][1:] if signal["kind"] == HARMONIC else signal["c"][2:]).max()
+                higher = np.abs(signal["c"][2 if signal["kind"] == POLYNOMIAL else 1 :]).max()
                 found.append((body.name, float(signal["c"][1]), float(higher)))
         return found
 

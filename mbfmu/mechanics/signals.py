@@ -16,7 +16,14 @@ import numpy as np
 from mbfmu.errors import UserError
 from solvers.kernel import kernel
 
-POLYNOMIAL, HARMONIC = 0, 1
+POLYNOMIAL, HARMONIC, RUN_UP = 0, 1, 2
+
+
+@kernel
+def running(s: float, c: Any) -> tuple[float, float]:
+    """Time a run-up has taken, and time since it ended."""
+    taken = min(max(s.real, 0.0), c[2].real)
+    return taken, max(s.real, taken) - taken
 
 
 @kernel
@@ -26,6 +33,10 @@ def value(signal: Any, t: float) -> float:
     c = signal.c
     if signal.kind == HARMONIC:
         return c[0] + c[1] * np.sin(c[2] * s + c[3])
+    if signal.kind == RUN_UP:
+        x, late = running(s, c)
+        turns = (np.cos(2.0 * np.pi * x / c[2]) - 1.0) / (2.0 * np.pi) ** 2
+        return c[0] + c[1] * (0.5 * x * x / c[2] + c[2] * turns + late)
     return c[0] + s * (c[1] + s * (c[2] + s * c[3]))
 
 
@@ -36,6 +47,9 @@ def rate(signal: Any, t: float) -> float:
     c = signal.c
     if signal.kind == HARMONIC:
         return c[1] * c[2] * np.cos(c[2] * s + c[3])
+    if signal.kind == RUN_UP:
+        x = running(s, c)[0] / c[2]
+        return c[1] * (x - np.sin(2.0 * np.pi * x) / (2.0 * np.pi))
     return c[1] + s * (2.0 * c[2] + s * 3.0 * c[3])
 
 
@@ -46,6 +60,8 @@ def second(signal: Any, t: float) -> float:
     c = signal.c
     if signal.kind == HARMONIC:
         return -c[1] * c[2] * c[2] * np.sin(c[2] * s + c[3])
+    if signal.kind == RUN_UP:
+        return c[1] / c[2] * (1.0 - np.cos(2.0 * np.pi * running(s, c)[0] / c[2]))
     return 2.0 * c[2] + s * 6.0 * c[3]
 
 
@@ -81,6 +97,26 @@ class Harmonic:
         record["kind"] = HARMONIC
         for i, x in enumerate(c):
             record["c"][i] = x
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunUp:
+    """Runs up from rest to ``speed`` (rad/s or m/s) within ``duration`` (s), with an acceleration without jumps.
+
+    The speed is speed (x - sin(2 pi x) / (2 pi)), x = t / duration, and then stays; the coordinate starts at ``start``.
+    """
+
+    speed: float
+    duration: float
+    start: float = 0.0
+
+    def fill(self, record: Any) -> None:
+        """Write the signal into its record."""
+        c = (self.start, self.speed, self.duration)
+        if not np.all(np.isfinite(c)) or self.duration <= 0.0:
+            raise UserError(f"{self!r}: every number must be finite and the duration greater than zero")
+        record["kind"] = RUN_UP
+        record["c"][:3] = c
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,7 +179,7 @@ class SpeedInput:
         return [("", "", "", 0.0), (self.name, self.unit, self.description, self.start)]
 
 
-Signal = Polynomial | Harmonic | Input | SpeedInput
+Signal = Polynomial | Harmonic | RunUp | Input | SpeedInput
 
 
 def as_signal(value_: float | Signal) -> Signal:

@@ -19,6 +19,7 @@ from mbfmu.mechanics.joints.base import AxisJoint
 from mbfmu.mechanics.signals import Harmonic, Polynomial
 
 Generator = np.random.Generator
+NUMBERS = ("stiffness", "damping", "free", "axial", "torsion", "bending_y", "bending_z")
 
 
 @dataclass
@@ -63,7 +64,7 @@ def add_forces(m: Mechanism, rng: Generator) -> None:
         if kind in (JointForce, JointSpring) and body.joint.nv != 1:
             continue
         names = kind.__dataclass_fields__
-        options: dict[str, Any] = {k: rng.uniform(0.1, 2.0) for k in ("stiffness", "damping", "free") if k in names}
+        options: dict[str, Any] = {k: rng.uniform(0.1, 2.0) for k in (*NUMBERS, "length") if k in names}
         options |= {k: rng.normal(size=3) for k in ("at_a", "at_b", "axis") if k in names}
         if "magnitude" in names:
             options["magnitude"] = Polynomial(rng.normal(size=3))

@@ -7,26 +7,29 @@ from typing import Any
 from mbfmu.mechanics.elastic import drag, modal, plate
 from solvers.kernel import inlined, kernel
 
-from . import joint_force, joint_spring, point_force, spring, torque
+from . import beam_element, joint_force, joint_spring, point_force, spring, torque
 from .base import Force
+from .beam_element import BeamElement
 from .joint_force import JointForce
 from .joint_spring import JointSpring
 from .point_force import PointForce
 from .spring import Spring
 from .torque import Torque
 
-REGISTRY: tuple[type[Force], ...] = (Spring, JointSpring, JointForce, PointForce, Torque)
+REGISTRY: tuple[type[Force], ...] = (Spring, JointSpring, JointForce, PointForce, Torque, BeamElement)
 
-_spring, _joint_spring, _joint_force, _point_force, _torque = (
+_spring, _joint_spring, _joint_force, _point_force, _torque, _beam = (
     spring.apply,
     joint_spring.apply,
     joint_force.apply,
     point_force.apply,
     torque.apply,
+    beam_element.apply,
 )
 _plate, _drag, _plate_potential = plate.apply, drag.apply, plate.potential
 _modal, _modal_potential = modal.load, modal.potential
 _spring_potential, _joint_spring_potential = spring.potential, joint_spring.potential
+_beam_potential = beam_element.potential
 
 
 @inlined
@@ -48,8 +51,10 @@ def apply(t: float, arrays: Any, state: Any) -> None:
             _joint_force(force, t, arrays, state)
         elif force.kind == 3:
             _point_force(force, t, arrays, state)
-        else:
+        elif force.kind == 4:
             _torque(force, t, arrays, state)
+        else:
+            _beam(force, t, arrays, state)
     for i in range(arrays.plates.shape[0]):
         _plate(arrays.plates[i], state.bodies, state.element[0])
     for i in range(arrays.drags.shape[0]):
@@ -68,6 +73,8 @@ def potential(arrays: Any, state: Any) -> float:
             total += _spring_potential(force, arrays, state)
         elif force.kind == 1:
             total += _joint_spring_potential(force, arrays, state)
+        elif force.kind == 5:
+            total += _beam_potential(force, arrays, state)
     for i in range(arrays.plates.shape[0]):
         total += _plate_potential(arrays.plates[i], state.bodies, state.element[0])
     for i in range(arrays.elastics.shape[0]):
@@ -75,4 +82,15 @@ def potential(arrays: Any, state: Any) -> float:
     return total
 
 
-__all__ = ["REGISTRY", "Force", "JointForce", "JointSpring", "PointForce", "Spring", "Torque", "apply", "potential"]
+__all__ = [
+    "REGISTRY",
+    "BeamElement",
+    "Force",
+    "JointForce",
+    "JointSpring",
+    "PointForce",
+    "Spring",
+    "Torque",
+    "apply",
+    "potential",
+]

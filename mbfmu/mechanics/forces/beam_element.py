@@ -1,0 +1,156 @@
+"""Beam between two bodies: what an element of a chain of nodal bodies resists.
+
+The beam is straight where body b lies at ``length`` along the x axis of body a, its axes parallel. d is the
+displacement of b from there in a's axes, phi the axial vector of (R - R^T) / 2, R = A_a^T A_b: the turn of b where that
+is small;
+
+    U = (d, phi)^T K (d, phi) / 2,    force and moment  K ((d, phi) + beta (d, phi)'),
+
+K the stiffness of a cantilever of this length, clamped at a. dR = [w x] R gives d phi = (tr R 1 - R) w / 2. Nothing is
+linearised in how the bodies move, but between the two of an element displacement and turn should be small.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics.spatial import add_force
+from solvers.kernel import kernel
+
+from .base import Force
+
+
+@kernel
+def _turn(A: Any, B: Any, i: int, j: int) -> float:
+    """R[i, j] of R = A^T B."""
+    return A[0, i] * B[0, j] + A[1, i] * B[1, j] + A[2, i] * B[2, j]
+
+
+@kernel
+def _along(A: Any, i: int, x: float, y: float, z: float) -> float:
+    """Component i of a vector in the axes A."""
+    return A[0, i] * x + A[1, i] * y + A[2, i] * z
+
+
+@kernel
+def _stretch(force: Any, a: Any, b: Any) -> tuple[float, float, float, float, float, float]:
+    """(d, phi)."""
+    x, y, z = b.r[0] - a.r[0], b.r[1] - a.r[1], b.r[2] - a.r[2]
+    A, B = a.A, b.A
+    return (
+        _along(A, 0, x, y, z) - force.free,
+        _along(A, 1, x, y, z),
+        _along(A, 2, x, y, z),
+        0.5 * (_turn(A, B, 2, 1) - _turn(A, B, 1, 2)),
+        0.5 * (_turn(A, B, 0, 2) - _turn(A, B, 2, 0)),
+        0.5 * (_turn(A, B, 1, 0) - _turn(A, B, 0, 1)),
+    )
+
+
+@kernel
+def _resist(force: Any, dx: float, dy: float, dz: float, px: float, py: float, pz: float) -> tuple[float, ...]:
+    """K (d, phi): stretching, torsion, and bending along y and along z."""
+    k, h = force.section, force.free
+    bend_y, bend_z = k[2] / h**3, k[3] / h**3
+    return (
+        k[0] / h * dx,
+        bend_y * (12.0 * dy - 6.0 * h * pz),
+        bend_z * (12.0 * dz + 6.0 * h * py),
+        k[1] / h * px,
+        bend_z * (6.0 * h * dz + 4.0 * h * h * py),
+        bend_y * (-6.0 * h * dy + 4.0 * h * h * pz),
+    )
+
+
+@kernel
+def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
+    """See :mod:`.base`."""
+    a, b = state.bodies[force.a], state.bodies[force.b]
+    A, B = a.A, b.A
+    dx, dy, dz, px, py, pz = _stretch(force, a, b)
+    x, y, z = b.r[0] - a.r[0], b.r[1] - a.r[1], b.r[2] - a.r[2]
+    wx, wy, wz = a.Y[3], a.Y[4], a.Y[5]
+    # rates of d and of phi, in a's axes
+    vx, vy, vz = (
+        b.Y[0] - a.Y[0] - (wy * z - wz * y),
+        b.Y[1] - a.Y[1] - (wz * x - wx * z),
+        b.Y[2] - a.Y[2] - (wx * y - wy * x),
+    )
+    ux, uy, uz = b.Y[3] - wx, b.Y[4] - wy, b.Y[5] - wz
+    sx, sy, sz = _along(A, 0, ux, uy, uz), _along(A, 1, ux, uy, uz), _along(A, 2, ux, uy, uz)
+    trace = _turn(A, B, 0, 0) + _turn(A, B, 1, 1) + _turn(A, B, 2, 2)
+    beta = force.damping
+    fx, fy, fz, mx, my, mz = _resist(
+        force,
+        dx + beta * _along(A, 0, vx, vy, vz),
+        dy + beta * _along(A, 1, vx, vy, vz),
+        dz + beta * _along(A, 2, vx, vy, vz),
+        px + 0.5 * beta * (trace * sx - _turn(A, B, 0, 0) * sx - _turn(A, B, 0, 1) * sy - _turn(A, B, 0, 2) * sz),
+        py + 0.5 * beta * (trace * sy - _turn(A, B, 1, 0) * sx - _turn(A, B, 1, 1) * sy - _turn(A, B, 1, 2) * sz),
+        pz + 0.5 * beta * (trace * sz - _turn(A, B, 2, 0) * sx - _turn(A, B, 2, 1) * sy - _turn(A, B, 2, 2) * sz),
+    )
+    # moment on b: (tr R 1 - R^T) m / 2 with reversed sign
+    nx = 0.5 * (trace * mx - _turn(A, B, 0, 0) * mx - _turn(A, B, 1, 0) * my - _turn(A, B, 2, 0) * mz)
+    ny = 0.5 * (trace * my - _turn(A, B, 0, 1) * mx - _turn(A, B, 1, 1) * my - _turn(A, B, 2, 1) * mz)
+    nz = 0.5 * (trace * mz - _turn(A, B, 0, 2) * mx - _turn(A, B, 1, 2) * my - _turn(A, B, 2, 2) * mz)
+    gx = A[0, 0] * fx + A[0, 1] * fy + A[0, 2] * fz
+    gy = A[1, 0] * fx + A[1, 1] * fy + A[1, 2] * fz
+    gz = A[2, 0] * fx + A[2, 1] * fy + A[2, 2] * fz
+    add_force(b.F, 0.0, 0.0, 0.0, -gx, -gy, -gz)
+    add_force(a.F, x, y, z, gx, gy, gz)
+    for k in range(3):
+        n = A[k, 0] * nx + A[k, 1] * ny + A[k, 2] * nz
+        b.F[3 + k] -= n
+        a.F[3 + k] += n
+
+
+@kernel
+def potential(force: Any, arrays: Any, state: Any) -> float:
+    """U."""
+    dx, dy, dz, px, py, pz = _stretch(force, state.bodies[force.a], state.bodies[force.b])
+    fx, fy, fz, mx, my, mz = _resist(force, dx, dy, dz, px, py, pz)
+    return 0.5 * (fx * dx + fy * dy + fz * dz + mx * px + my * py + mz * pz)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BeamElement(Force):
+    """A straight uniform beam from body a along its x axis to body b.
+
+    Parameters
+    ----------
+    length
+        m.
+    axial, torsion
+        E A, N, and G I_t, N m^2.
+    bending_y, bending_z
+        E I for bending along y and along z, N m^2.
+    damping
+        Damping time of the material, s.
+    """
+
+    length: float
+    axial: float
+    torsion: float = 0.0
+    bending_y: float = 0.0
+    bending_z: float = 0.0
+    damping: float = 0.0
+
+    apply = apply
+    potential = potential
+
+    @property
+    def free(self) -> float:
+        """Its length, as the record of a force has it."""
+        if not (np.isfinite(self.length) and self.length > 0.0):
+            raise UserError(f"length of a beam element is {self.length!r} m; allowed: greater than zero")
+        return self.length
+
+    @property
+    def section(self) -> NDArray[np.float64]:
+        """Stiffnesses, as the record of a force has them."""
+        return np.array((self.axial, self.torsion, self.bending_y, self.bending_z))
