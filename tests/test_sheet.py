@@ -13,6 +13,7 @@ from fmus.sheet import Sheet
 from mbfmu.equilibrium import equilibrium
 from mbfmu.errors import EquilibriumError, UserError
 from mbfmu.fmi import Fmu, export
+from mbfmu.mechanics import Mechanism, Support, Weld, add_sheet
 from mbfmu.mechanics.rnea import momentum
 from mbfmu.simulation import Settings, Simulation, run
 
@@ -185,6 +186,25 @@ def test_ledger_of_effects(command: Any) -> None:
     assert command("effects", "pendulum")[0] == 2
 
 
+def test_effects_turned_off_leave_nothing_behind() -> None:
+    """The arrays are those of a sheet built without any, bit for bit."""
+    on = Sheet(nx=5, nz=4, damping=0.01, drag=1.0, gravity_x=1.0)
+    off = on.with_values({"membrane": False, "damping": 0.0, "drag": 0.0, "gravity_x": 0.0, "gravity_y": 0.0})
+    m = Mechanism()
+    add_sheet(
+        m, "bare", length=off.length, width=off.width, thickness=off.thickness, youngs_modulus=off.youngs_modulus,
+        poisson=off.poisson, density=off.density, grid=(5, 4),
+        supports=[Support("x1", body=m.body("edge", m.ground, Weld()))],
+    )  # fmt: skip
+    acting, quiet, bare = (built.compile().data.arrays for built in (on.build(), off.build(), m))
+    assert len(acting.drags) == len(acting.plates) == 12
+    assert acting.plates["membrane"].all()
+    assert acting.plates["damped"].all()
+    assert len(quiet.drags) == 0
+    for name in ("plates", "drags", "forces", "signals", "world"):
+        assert getattr(quiet, name).tobytes() == getattr(bare, name).tobytes()
+
+
 @pytest.mark.parametrize(("solver", "tolerance", "within"), [("adams", 1e-9, 1e-8), ("ida", 1e-7, 5e-3)])
 def test_thrown_sheet_tumbles_and_keeps_its_momentum(solver: str, tolerance: float, within: float) -> None:
     model = Sheet(nx=7, nz=5, support="free", gravity_y=0.0, start_spin=40.0, start_velocity=1.0)
@@ -208,8 +228,6 @@ def test_thrown_sheet_tumbles_and_keeps_its_momentum(solver: str, tolerance: flo
 
 
 def test_only_a_free_sheet_is_thrown() -> None:
-    from mbfmu.mechanics import Mechanism, Support, add_sheet
-
     with pytest.raises(UserError, match="no floating master node"):
         add_sheet(
             Mechanism(), "s", length=1.0, width=1.0, thickness=1e-3, youngs_modulus=1e9, density=1e3, grid=(3, 3),
