@@ -123,8 +123,26 @@ def test_saved_runs_go_on(solver: str) -> None:
 
 
 def test_a_free_sheet_falls_in_statics_and_the_message_names_the_motion() -> None:
-    with pytest.raises(EquilibriumError, match=r"sheet\.7\.5\.y"):
+    with pytest.raises(EquilibriumError, match="nothing resists translation along y, on which the loads act"):
         equilibrium(Sheet(support="free"))
+    with pytest.raises(EquilibriumError, match=r"nothing resists rotation about z through \(0\.3, 0, 0\.105\) m"):
+        equilibrium(Sheet(nx=7, nz=5, support="pinned", held_part=0.1))
+
+
+@pytest.mark.parametrize(
+    ("support", "words"),
+    [
+        ("clamped", ""),
+        ("pinned", "rotation about z through (0.3, 0, 0.105) m"),
+        ("free", "translation along x; translation along y; translation along z; rotation about every axis"),
+    ],
+)
+@pytest.mark.parametrize("grid", [(7, 5), (33, 23)])
+def test_statics_says_what_is_free_to_move(support: str, words: str, grid: tuple[int, int]) -> None:
+    found = equilibrium(Sheet(nx=grid[0], nz=grid[1], support=support, gravity_y=0.0))
+    assert found.free == words
+    assert found.stability == ("neutral" if words else "undamped")
+    assert found.as_dict()["free_motions"] == words
 
 
 @pytest.mark.parametrize(
