@@ -245,6 +245,13 @@ def test_modes_command_draws_shapes(command: Any, tmp_path: Path) -> None:
     assert command("modes", "sheet", "-n", "0")[0] == 2
 
 
+def test_compare_refuses_a_large_tree_and_says_what_to_do(command: Any) -> None:
+    code, _, err = command("compare", "sheet")
+    assert code == 2
+    assert "'sheet' is a tree of 462 coordinates without loops" in err
+    assert "mbfmu run sheet --native --solver ida --tolerance 1e-4" in err
+
+
 def test_ledger_of_effects(command: Any) -> None:
     code, out, _ = command(
         "effects", "sheet", "--set", "nx=5", "--set", "nz=4", "--stop-time", "0.05", "--show", "tip.y"
