@@ -1,6 +1,7 @@
 """What the sheet costs: ``python benchmarks/sheet.py``. Compile time apart; CPU time of one process.
 
 * one inverse dynamics per node from 7 x 5 to 101 x 71 nodes, and how it grows;
+* effects that are off, against a build without them;
 * statics from flat at full load;
 * half a second after release from flat, with its error against the shell code's tip (``tests/data/sheet``).
 """
@@ -11,6 +12,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+import without_effects
 
 from fmus.sheet import Sheet
 from mbfmu.effects import time_of_evaluation
@@ -70,6 +72,8 @@ def releases() -> None:
 def main() -> None:
     """Print every figure."""
     evaluations()
+    without_effects.main()
+    print()
     statics()
     releases()
 

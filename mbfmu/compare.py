@@ -11,10 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mbfmu.errors import UserError
 from mbfmu.model import Model
 from mbfmu.scene import Scene
 from mbfmu.simulation import Result, Settings, Simulation, communication_points, run
 from mbfmu.table import table
+from solvers.system import TreeSystem
 
 SOLVER_NAMES = ("ida", "adams", "hybrid", "adams-lu")
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10)
@@ -97,7 +99,13 @@ def compare(
         One a run, in the order of solvers and tolerances.
     energies
         Times and energy of each solver at the tolerance nearest the scene's.
+
+    Raises
+    ------
+    UserError
+        The model is a large tree.
     """
+    _refuse_large_tree(scene.model)
     times = communication_points(scene.stop_time, scene.output_interval)
     reference = reference_motion(scene.model, times)
     shown = min(tolerances, key=lambda tol: abs(np.log(tol / scene.settings.tolerance)))
@@ -114,6 +122,17 @@ def compare(
             if progress is not None:
                 progress(f"{solver} {tolerance:.0e}")
     return rows, energies
+
+
+def _refuse_large_tree(model: Model) -> None:
+    """Without loops nothing is partitioned, and what is stiff takes explicit steps that no tolerance lengthens."""
+    system = model.build().compile().system
+    if isinstance(system, TreeSystem):
+        raise UserError(
+            f"model {model.name!r} is a tree of {system.n} coordinates without loops: there hybrid and adams-lu do "
+            "what adams does, whose steps stability bounds at every tolerance; "
+            f"compare runs of yours (mbfmu run {model.name} --native --solver ida --tolerance 1e-4)"
+        )
 
 
 def time_alone(scene: Scene, settings: Settings) -> float:

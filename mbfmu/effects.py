@@ -97,7 +97,19 @@ def _entry(case: str, model: Model, settings: Settings, end: float) -> Entry:
 
 
 def time_of_evaluation(plant: Plant) -> float:
-    """Return the time of one evaluation in a compiled loop, s, in a random state near the start.
+    """Return the time of one evaluation in a compiled loop, s, in a random state near the start."""
+    call = evaluations(plant)
+    call()
+    times = []
+    for _ in range(REPEATS):
+        begin = time.perf_counter()
+        call()
+        times.append((time.perf_counter() - begin) / EVALUATIONS)
+    return min(times)  # what disturbs it only adds
+
+
+def evaluations(plant: Plant) -> Callable[[], None]:
+    """Return a call that evaluates the equations of motion ``EVALUATIONS`` times in a random state near the start.
 
     At rest numbers of the size of rounding would meet, whose products are slow to compute.
     """
@@ -107,23 +119,9 @@ def time_of_evaluation(plant: Plant) -> float:
     system.apply(q, 0.01 * random.normal(size=system.n) * getattr(system, "size", 1.0))
     if isinstance(system, TreeSystem):
         a, qdot, tau = np.zeros(system.n), np.zeros(system.nq), np.zeros(system.n)
-
-        def call() -> None:
-            _inverses(system.inverse, q, v, a, system.held_data, qdot, tau, EVALUATIONS)
-
-    else:
-        equations = bundle(system, system.allocate_terms())
-
-        def call() -> None:
-            _dynamics(equations, q, v, EVALUATIONS)
-
-    call()
-    times = []
-    for _ in range(REPEATS):
-        begin = time.perf_counter()
-        call()
-        times.append((time.perf_counter() - begin) / EVALUATIONS)
-    return min(times)  # what disturbs it only adds
+        return lambda: _inverses(system.inverse, q, v, a, system.held_data, qdot, tau, EVALUATIONS)
+    equations = bundle(system, system.allocate_terms())
+    return lambda: _dynamics(equations, q, v, EVALUATIONS)
 
 
 @kernel

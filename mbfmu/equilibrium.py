@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.errors import AssemblyError, EquilibriumError, UserError
+from mbfmu.freedom import free_motions, in_words
 from mbfmu.linear import Mode, StateSpace, linearise
 from mbfmu.mechanics import Plant
 from mbfmu.model import Model, suggest
@@ -110,6 +111,13 @@ class Equilibrium:
             return "neutral"
         return "stable" if (values.real < -1e-12 * size).all() else "undamped"
 
+    @cached_property
+    def free(self) -> str:
+        """The motions of a large tree that nothing resists, in words; empty where there are none."""
+        if self.stability != "neutral" or not isinstance(self.plant.system, TreeSystem):
+            return ""
+        return in_words(self.plant, self.q, free_motions(self.plant, self.q))
+
     def positions(self) -> dict[str, float]:
         """Return the coordinates by name; those of an orientation as its quaternion."""
         names = position_names(self.plant)
@@ -128,6 +136,7 @@ class Equilibrium:
             "outputs": self.outputs,
             "constraint_forces": dict(zip(self.plant.system.constraint_names, map(float, self.lam), strict=True)),
             "stability": self.stability,
+            "free_motions": self.free,
             "stable": self.stability in ("stable", "undamped"),
             "eigenvalues": [
                 {
@@ -314,11 +323,27 @@ class Balance:
     def _failure(self, solution: Solution, what: str) -> str:
         worst = int(np.argmax(np.abs(solution.forces)))
         gap = float(np.abs(solution.gaps).max(initial=0.0))
+        if solution.outcome is not Outcome.NOT_FINITE and (pushed := self._pushed()):
+            return (
+                f"{what} for {self.model.name!r}: at the start nothing resists {pushed}, on which the loads act; "
+                "add a support, or try another start (--from)"
+            )
         return (
             f"{what} for {self.model.name!r}: {REASONS[solution.outcome]}; residual {abs(solution.forces[worst]):.3g} "
             f"N or N m at {self.plant.system.coordinate_names[worst]!r}, loops open by {gap:.3g} m; "
             "try another start (--from)"
         )
+
+    def _pushed(self) -> str:
+        """Return the motion of a large tree at the start that loads act on and nothing resists, in words."""
+        if not isinstance(self.plant.system, TreeSystem):
+            return ""
+        motions = free_motions(self.plant, self._start)
+        forces, _ = self._solver.unbalance(0.0, self._start, np.zeros(0))
+        along = motions.T @ forces
+        if np.abs(along).max(initial=0.0) <= STEADY * float(np.linalg.norm(forces)):
+            return ""
+        return in_words(self.plant, self._start, motions @ along[:, np.newaxis])
 
     def _check(self, solution: Solution) -> None:
         """Raise unless the solution is a steady state."""

@@ -150,10 +150,9 @@ class _Line:
     def respond(self, x: Array, rate: Array, which: int) -> tuple[Array, Array]:
         """Return changes of (rates, accelerations) (2f,) and outputs for unit changes of states and one input."""
         s, T = self.system, self.terms
-        signals: Any = s.data.arrays.signals
         if which >= 0:
-            signal, coefficient = self.plant.input_slots()[which]
-            signals["c"][signal, coefficient] += EPSILON * 1j
+            place, k = self.plant.input_places(s.data.arrays)[which]
+            place[k] += EPSILON * 1j
         s.fill(self.t, self.q, self.v, T)
         q = self.q.copy()
         s.apply(q, self._spread(x, -T.Phi.imag[self.rows] / EPSILON))
@@ -163,7 +162,7 @@ class _Line:
         a, lam = self._solve()
         out = self.plant.observe_complex(s, self.t, q, v, a, lam)
         if which >= 0:
-            signals["c"][signal, coefficient] = signals["c"][signal, coefficient].real
+            place[k] = place[k].real
         change = np.concatenate((v[self.independent], a[self.independent])).imag / EPSILON
         return change, out.imag / EPSILON
 

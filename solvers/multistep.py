@@ -20,6 +20,7 @@ from .system import Array
 
 HIGHEST = 12  # order
 ROWS = HIGHEST + 3
+FIRST = 1.0  # s, longest first step: what lies still bounds none by its slope
 GAMMA_STAR = np.array(
     [1.0, 0.5, 0.0833, 0.0417, 0.0264, 0.0188, 0.0143, 0.0114, 0.00936, 0.00789, 0.00679, 0.00592, 0.00524, 0.00468]
 )  # |coefficient| of the error of the fixed-step formulas, gstr of STEP
@@ -85,7 +86,7 @@ def begin(c: Any, H: Any, max_step: float) -> None:
             H.phi[i, j] = 0.0
         H.phi[i, 1] = H.yp[i]
     slope = weighted_norm(H.yp, H.weight)
-    c.h = max_step
+    c.h = min(max_step, FIRST)
     if 16.0 * slope * c.h * c.h > 1.0:
         c.h = 0.25 * np.sqrt(1.0 / slope)
     c.h = max(c.h, 4.0 * 2.3e-16 * abs(c.t))

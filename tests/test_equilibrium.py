@@ -17,7 +17,7 @@ from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
 from mbfmu.equilibrium import Balance, equilibrium
 from mbfmu.errors import EquilibriumError, UserError
-from mbfmu.mechanics import DistanceCut, JointSpring, Mechanism, Revolute, RevoluteCut, Translational, rod
+from mbfmu.mechanics import DistanceCut, Input, JointSpring, Mechanism, Revolute, RevoluteCut, Translational, rod
 from mbfmu.model import Model, parameter
 from mbfmu.simulation import Settings, Simulation, run
 from mbfmu.sweep import sweep
@@ -243,6 +243,26 @@ def test_scipy_reads_the_state_matrices(tmp_path: Path, command: Callable[..., A
     assert np.isfinite(y).all()
     assert loadmat(mat)["A"].shape == (2, 2)
     assert len(t) == 400
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tilted(Model):
+    """A rod that hangs down, with gravity along x by an input."""
+
+    name = "tilted"
+
+    def build(self) -> Mechanism:
+        m = Mechanism(gravity=(Input(name="gravity.x", unit="m/s2"), -9.81, 0.0))
+        bar = m.body("bar", m.ground, Revolute(start=-0.5 * pi), **rod(mass=2.0, length=1.0))
+        m.output("support", bar.joint_force("x"))
+        return m
+
+
+def test_linearised_response_to_gravity_by_an_input() -> None:
+    """A slender rod turns by 3/2 g / L and pulls on its support with a quarter of the force on it."""
+    space = equilibrium(Tilted()).state_space
+    np.testing.assert_allclose(space.B, [[0.0], [1.5]], atol=1e-12)
+    np.testing.assert_allclose(space.D, [[-0.5]], atol=1e-12)
 
 
 def test_a_step_of_the_drive_speed_moves_the_collar_as_the_gain_says() -> None:

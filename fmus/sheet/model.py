@@ -52,9 +52,9 @@ class Sheet(Model):
     held_part: float = parameter(1.0, min=0.0, max=1.0, doc="part of the edge that is held, about its middle")
     start_velocity: float = parameter(0.0, unit="m/s", doc="of a free sheet at the start, along y")
     start_spin: float = parameter(0.0, unit="rad/s", doc="of a free sheet at the start, about x and half of it about z")
-    gravity_x: float = parameter(0.0, unit="m/s2", doc="acceleration of gravity", tunable=True)
-    gravity_y: float = parameter(-9.81, unit="m/s2", doc="acceleration of gravity", tunable=True)
-    gravity_z: float = parameter(0.0, unit="m/s2", doc="acceleration of gravity", tunable=True)
+    gravity_x: float = parameter(0.0, unit="m/s2", doc="acceleration of gravity until the input gravity.x is set")
+    gravity_y: float = parameter(-9.81, unit="m/s2", doc="acceleration of gravity until the input gravity.y is set")
+    gravity_z: float = parameter(0.0, unit="m/s2", doc="acceleration of gravity until the input gravity.z is set")
     membrane: bool = parameter(True, structural=True, doc="effect: stretching and shear resist")
     damping: float = parameter(0.0, unit="s", min=0.0, doc="effect: material damping time, stress = K (e + damping e')")
     drag: float = parameter(0.0, unit="kg/m3", min=0.0, doc="effect: air density times drag coefficient")
@@ -62,7 +62,7 @@ class Sheet(Model):
 
     def build(self) -> Mechanism:
         """Return the mechanism: the flat sheet in y = 0, z from 0 to the width."""
-        m = Mechanism(gravity=(self.gravity_x, self.gravity_y, self.gravity_z))
+        m = Mechanism(gravity=[self._gravity(axis) for axis in "xyz"])
         edge = None if self.support == "free" else self._edge(m)
         supports, tree = [], self.tree
         if edge is None:
@@ -93,6 +93,11 @@ class Sheet(Model):
         m.surface("sheet", sheet.nodes)
         self._outputs(m, sheet, edge)
         return m
+
+    def _gravity(self, axis: str) -> Input:
+        """Return the input that sets one component of gravity."""
+        start = getattr(self, f"gravity_{axis}")
+        return Input(name=f"gravity.{axis}", unit="m/s2", description="acceleration of gravity", start=start)
 
     def _rate(self) -> tuple[float, ...]:
         """Return the velocity of the master node of a free sheet."""

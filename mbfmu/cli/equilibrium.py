@@ -79,7 +79,7 @@ def as_text(found: Equilibrium, others: Sequence[Equilibrium]) -> str:
         f"({1e3 * found.solve_time:.2f} ms), residual {found.residual:.1e} N or N m",
         values,
         "",
-        WORDS[found.stability],
+        WORDS[found.stability] + (f"; nothing resists {found.free}" if found.free else ""),
         modes_as_text(found.modes),
     ]
     if others:

@@ -33,9 +33,12 @@ class Variable:
     nominal: float | None = None
 
 
+GRAVITY = -1  # in place of a signal's number
+
+
 @dataclass(frozen=True)
 class Slot:
-    """Where the value of an input is kept: a coefficient of a signal."""
+    """Where the value of an input is kept: a coefficient of a signal, or a component of gravity."""
 
     variable: Variable
     signal: int
@@ -55,6 +58,9 @@ class Numbering:
         self.drive: list[int] = []
         self.coordinate_names: list[str] = []
         self.nq_full = self.nv_full = self.nq = self.nv = 0
+        for axis, gravity in mechanism.gravity_inputs.items():
+            ((name, unit, description, start),) = gravity.variables()
+            self._slot(Variable(name, unit, description, start), GRAVITY, axis)
         for body in mechanism.bodies:
             self._count(body)
         self.s = list(self.v)

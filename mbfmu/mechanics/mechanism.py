@@ -29,7 +29,7 @@ from .joints import REGISTRY as JOINTS
 from .joints import Joint, Revolute, Section, Weld
 from .sensors import Kind, Sensor, axis_index
 from .shapes import Shape, check_colour
-from .signals import Signal, as_signal
+from .signals import Input, Signal, as_signal
 
 if TYPE_CHECKING:
     from .plant import Plant
@@ -176,11 +176,24 @@ class Mechanism:
     Parameters
     ----------
     gravity
-        Acceleration of gravity, global axes, m/s^2; zero: none.
+        Acceleration of gravity, global axes, m/s^2; zero: none. A component may be an input without rate: it holds
+        between steps.
+
+    Attributes
+    ----------
+    gravity
+        (3,), m/s^2; of inputs the start.
+    gravity_inputs
+        By component.
     """
 
-    def __init__(self, *, gravity: Vector = (0.0, 0.0, 0.0)) -> None:
-        self.gravity = vector("gravity", gravity)
+    def __init__(self, *, gravity: Vector | Sequence[float | Input] = (0.0, 0.0, 0.0)) -> None:
+        components = np.atleast_1d(np.asarray(gravity, object))
+        for given in components:
+            if isinstance(given, Signal) and (not isinstance(given, Input) or given.rate_name):
+                raise UserError(f"gravity is {given!r}; allowed: a number, or an input without rate_name")
+        self.gravity_inputs = {k: g for k, g in enumerate(components) if isinstance(g, Input)}
+        self.gravity = vector("gravity", [g.start if isinstance(g, Input) else g for g in components])
         self.ground = Body("ground", 0, 0, Weld())
         self.bodies: list[Body] = [self.ground]
         self._bodies_named = {"ground": self.ground}

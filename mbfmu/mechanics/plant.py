@@ -12,7 +12,7 @@ from solvers.system import Array, System, TreeSystem
 
 from .arrays import Data, complex_twin
 from .assembly import assemble_positions, assemble_velocities, check_inertia
-from .compile import Numbering, Variable, compile_data, sensor_records, shared
+from .compile import GRAVITY, Numbering, Variable, compile_data, sensor_records, shared
 from .dynamics import callbacks, energy, observe, observe_all, tree_callbacks
 from .groups import number_groups
 from .mechanism import Mechanism
@@ -199,9 +199,15 @@ class Plant:
         """Return the index of every driven coordinate's signal."""
         return [k for k in self._numbering.drive if k >= 0]
 
-    def input_slots(self) -> list[tuple[int, int]]:
-        """Return signal and coefficient of every input."""
-        return [(slot.signal, slot.coefficient) for slot in self._numbering.slots]
+    def input_places(self, arrays: Any) -> list[tuple[Any, int]]:
+        """Return where ``arrays`` of this plant or its complex twin keep every input: a vector and an index."""
+        return [
+            (
+                arrays.world["gravity"][0] if slot.signal == GRAVITY else arrays.signals["c"][slot.signal],
+                slot.coefficient,
+            )
+            for slot in self._numbering.slots
+        ]
 
     def observe_complex(self, system: System, t: float, q: Any, v: Any, a: Any, lam: Any) -> NDArray[np.complex128]:
         """Return the outputs at a state of :meth:`complex_system`."""
@@ -214,21 +220,34 @@ class Plant:
         if not np.isfinite(value):
             raise UserError(f"input {self.inputs[index].name!r} is {value!r}; it must be finite")
         slot = self._numbering.slots[index]
-        signal = self.data.arrays.signals[slot.signal]
-        signal["c"][0] += (t - signal["t0"]) * signal["c"][1]
-        signal["t0"] = t
-        signal["c"][slot.coefficient] = value
+        if slot.signal != GRAVITY:
+            signal = self.data.arrays.signals[slot.signal]
+            signal["c"][0] += (t - signal["t0"]) * signal["c"][1]
+            signal["t0"] = t
+        place, k = self.input_places(self.data.arrays)[index]
+        place[k] = value
 
     def input_state(self) -> list[tuple[float, list[float]]]:
         """Return what the inputs hold, to be given to :meth:`restore_inputs`."""
-        signals = [self.data.arrays.signals[slot.signal] for slot in self._numbering.slots]
-        return [(float(s["t0"]), [float(x) for x in s["c"]]) for s in signals]
+        arrays: Any = self.data.arrays
+        state = []
+        for slot in self._numbering.slots:
+            if slot.signal == GRAVITY:
+                state.append((0.0, [float(arrays.world["gravity"][0, slot.coefficient])]))
+            else:
+                signal = arrays.signals[slot.signal]
+                state.append((float(signal["t0"]), [float(x) for x in signal["c"]]))
+        return state
 
     def restore_inputs(self, state: list[tuple[float, list[float]]]) -> None:
         """Let the inputs hold what they held when ``state`` was taken."""
+        arrays: Any = self.data.arrays
         for slot, (t0, c) in zip(self._numbering.slots, state, strict=True):
-            signal = self.data.arrays.signals[slot.signal]
-            signal["t0"], signal["c"] = t0, c
+            if slot.signal == GRAVITY:
+                arrays.world["gravity"][0, slot.coefficient] = c[0]
+            else:
+                signal = arrays.signals[slot.signal]
+                signal["t0"], signal["c"] = t0, c
 
     def observe(self, t: float, q: Array, v: Array, a: Array, lam: Array, out: Array) -> None:
         """Fill ``out`` (len(outputs),) from the solution: accelerations a (n,), multipliers lam (m,)."""

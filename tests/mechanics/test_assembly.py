@@ -130,6 +130,45 @@ def test_inputs_are_written_and_must_be_finite() -> None:
         plant.set_input(0, float("nan"))
 
 
+def falling(x: float, gravity: Any) -> Any:
+    """A point mass of 2 kg at (0, 3, 0); gravity is x along x, and what an input says along y."""
+    m = Mechanism(gravity=(x, gravity, 0.0))
+    m.body("a", m.ground, Floating(start=(0, 3, 0, 1, 0, 0, 0)), mass=2, inertia=(1, 1, 1))
+    return m.compile()
+
+
+def test_gravity_by_an_input_loads_and_stores_energy() -> None:
+    plant = falling(0.5, Input(name="g", unit="m/s2", start=-10.0))
+    terms, (q, v) = plant.system.allocate_terms(), plant.assemble()
+    for g in (-10.0, 4.0):
+        plant.set_input(0, g)
+        plant.system.fill(0.0, q, v, terms)
+        np.testing.assert_allclose(terms.h[:3], [-1.0, -2.0 * g, 0.0], atol=1e-15)
+        assert plant.energy(0.0, q, v) == pytest.approx(-6.0 * g)
+    saved = plant.input_state()
+    plant.set_input(0, 1.0)
+    plant.restore_inputs(saved)
+    assert plant.data.arrays.world["gravity"][0] == pytest.approx([0.5, 4.0, 0.0])
+    plant.adopt(falling(0.7, Input(name="g", unit="m/s2")))  # other numbers; what the input holds stays
+    assert plant.data.arrays.world["gravity"][0] == pytest.approx([0.7, 4.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("gravity", "message"),
+    [
+        (
+            Harmonic(amplitude=1.0, frequency=1.0),
+            r"gravity is Harmonic\(.* allowed: a number, or an input without rate",
+        ),
+        (Input(name="g", unit="m/s2", rate_name="dg"), r"gravity is Input\(.*rate_name='dg'"),
+        (Input(name="g", unit="m/s2", start=float("nan")), "gravity is .*nan.*; it needs three finite numbers"),
+    ],
+)
+def test_gravity_holds_between_steps(gravity: Any, message: str) -> None:
+    with pytest.raises(UserError, match=message):
+        falling(0.0, gravity)
+
+
 def test_adopt_takes_numbers_and_refuses_another_structure() -> None:
     def spring(k: float) -> Any:
         m = Mechanism()

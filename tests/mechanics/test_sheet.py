@@ -10,7 +10,7 @@ import pytest
 from plate_oracles import CLAMPED, FREE, TIP, bodies_at, cantilever, cylindrical, frequencies, newton
 from random_mechanisms import Case, random_rotation
 from test_complex_step import check as check_complex_step
-from test_identities import close, derivative
+from test_identities import close
 
 from mbfmu.equilibrium import equilibrium
 from mbfmu.errors import UserError
@@ -130,26 +130,6 @@ def test_cells_add_up_to_the_sheet() -> None:
     np.testing.assert_allclose(sum(b.mass * x for b, x in nodes) / mass, (0.15, 0.0, 0.105), atol=1e-15)
     about_z = sum(b.inertia[2, 2] + b.mass * (x[0] - 0.15) ** 2 for b, x in nodes)
     assert about_z == pytest.approx(mass * (0.3**2 + 0.3e-3**2) / 12.0, rel=1e-12)
-
-
-@pytest.mark.parametrize("tree", TREES)
-def test_energy_is_kept_without_damping(tree: str) -> None:
-    """dE/dt is the power of what would have to act on the coordinates."""
-    given = case(tree, membrane=True)
-    terms = given.plant.system.allocate_terms()
-    rate = derivative(given, given.plant.energy)
-    given.plant.system.fill(given.t, given.q, given.v, terms)
-    effort = terms.M @ given.a + terms.h
-    close(rate, effort @ given.v, float(np.abs(effort).max()))
-
-
-@pytest.mark.parametrize("effects", [{"damping": 1e-3}, {"damping": 1e-3, "membrane": True}, {"drag": 0.6}])
-def test_damping_and_drag_lower_the_energy(effects: dict[str, Any]) -> None:
-    given = case("spine", **effects)
-    move(given.t, given.q, given.v, *given.plant.data)
-    assert forward_dynamics(*given.plant.data) == 0
-    given.a = given.plant.data.state.a.copy()
-    assert derivative(given, given.plant.energy) < 0.0
 
 
 @pytest.mark.parametrize("tree", TREES)

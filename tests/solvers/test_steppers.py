@@ -114,6 +114,15 @@ def test_at_rest_in_the_singular_position_nothing_is_decided():
 
 
 @pytest.mark.parametrize("name", SOLVERS)
+def test_what_nothing_moves_stays(name):
+    """At rest no slope bounds the first step."""
+    stepper = SOLVERS[name](particle(4.0), 0.0, np.zeros(1), np.zeros(1), Options(rtol=1e-8))
+    for t in (1e-3, 0.5, 30.0):
+        assert stepper.advance(t).ok
+        assert (stepper.t, stepper.q[0], stepper.v[0]) == (t, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("name", SOLVERS)
 def test_oscillator(name):
     stepper = SOLVERS[name](particle(4.0), 0.0, np.ones(1), np.zeros(1), Options(rtol=1e-8))
     for t in np.linspace(0.1, 20.0, 50):
