@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from scipy.integrate import quad
@@ -69,7 +71,7 @@ def test_integrals_are_those_of_the_shapes() -> None:
 
     def integral(function: object) -> float:
         knots = np.linspace(0.0, L, 6)
-        return float(sum(quad(function, a, b)[0] for a, b in zip(knots, knots[1:], strict=False)))
+        return float(sum(quad(function, a, b)[0] for a, b in pairwise(knots)))
 
     def shape(x: float, k: int) -> float:
         return float(arm.shape(x)[0][k])
