@@ -36,10 +36,11 @@ def beam(**changes: object) -> Beam:
 @pytest.mark.parametrize(("ends", "eigenvalues"), EIGENVALUES.items())
 def test_frequencies_converge_at_fourth_order(ends: tuple[str, str], eigenvalues: list[float]) -> None:
     exact = SCALE * np.square(eigenvalues)
-    errors = [np.abs(beam(elements=n, ends=ends).frequencies / exact - 1.0) for n in (8, 16)]
-    assert errors[1].max() < 1e-3
-    orders = np.log2(errors[0] / errors[1])
-    np.testing.assert_allclose(orders, 4.0, atol=0.15)
+    errors = [np.abs(beam(elements=n, ends=ends).frequencies / exact - 1.0) for n in (12, 24)]
+    assert errors[0].max() < 1e-3
+    resolved = errors[1] > 1e-8  # roundoff of the eigenvalues is some 1e-9
+    assert resolved.sum() >= 2
+    np.testing.assert_allclose(np.log2(errors[0] / errors[1])[resolved], 4.0, atol=0.15)
 
 
 def test_modes_of_the_pinned_beam_are_sines() -> None:
@@ -60,7 +61,7 @@ def test_moments_are_of_the_order_of_the_shapes() -> None:
         moment = beam(elements=elements).moment(0.5 * L)[0]
         errors.append(abs(moment / (-EI * (np.pi / L) ** 2) - 1.0))
     assert errors[1] < 1e-5
-    assert np.log2(errors[0] / errors[1]) == pytest.approx(4.0, abs=0.2)
+    assert np.log2(errors[0] / errors[1]) > 3.8
 
 
 def test_integrals_are_those_of_the_shapes() -> None:
