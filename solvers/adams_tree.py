@@ -5,8 +5,8 @@ step may pass the time asked for, are those of :mod:`solvers.adams`; there is no
 back to unit length after each step, by a change of the size of the tolerance.
 
 Explicit steps are bounded by stability: on a mesh of plates the fastest mode turns some thousand times while the
-slowest moves. The error control keeps the step there, because an unstable step fails its test; what shows is the
-order, which falls (:attr:`solvers.stepper.Statistics.limited_by_stability`).
+slowest moves. The error control keeps the step there, because an unstable step fails its test;
+:attr:`solvers.stepper.Statistics.stability_limited` tells how many.
 """
 
 from __future__ import annotations
@@ -31,7 +31,6 @@ SETTINGS = np.dtype(
 )
 RATE = 10.0  # 1/s, absolute tolerance of a rate to that of its coordinate; tighter than IDA's costs nothing where
 # stability limits the step, and looser lets the fastest modes grow
-LOW, MANY = 4, 50  # so many steps in a row of no higher order: stability limits them (Shampine and Gordon, chapter 10)
 
 
 class TreeEquations(NamedTuple):
@@ -82,7 +81,6 @@ def step(eqs: Any, c: Any, o: Any, H: Any, atol: Any, s: Any) -> int:
             if code == OK:
                 join(s.q, s.v, H.trial)
                 accept(c, H, o.max_order, o.max_step)
-                c.low = c.low + 1 if c.kold <= LOW else 0
                 return OK
         cuts += 1
         c.rejected += 1
@@ -108,13 +106,11 @@ def advance(eqs: Any, settings: Any, H: Any, atol: Any, s: Any, target: float, q
             weigh(o, H, atol)
             begin(c, H, o.max_step)
             c.starts += 1
-            c.low = 0
         code = step(eqs, c, o, H, atol, s)
         if code != OK:
             break
         taken += 1
         c.steps += 1
-        c.limited = max(c.limited, c.low)
     split(H.y, q, v)
     if code == OK and target < c.t:
         interpolate(c, H, target, H.trial)
@@ -176,5 +172,5 @@ class TreeAdamsStepper(Stepper):
             restarts=max(0, int(c["starts"]) - 1),
             order=int(c["kold"]),
             step_size=float(c["hold"]),
-            limited_by_stability=bool(c["limited"] >= MANY),
+            stability_limited=int(c["limited"]),
         )

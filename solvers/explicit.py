@@ -81,6 +81,7 @@ class AdamsStepper(DenseStepper):
             restarts=max(0, int(c["starts"]) - 1),
             order=int(c["kold"]),
             step_size=float(c["hold"]),
+            stability_limited=int(c["limited"]),
             partition_switches=left + int(c["returns"]),
             choices=int(c["changes"]),
             left_by_ratio=int(c["by_ratio"]),

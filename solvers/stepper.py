@@ -154,7 +154,7 @@ class Statistics:
     restarts: int = 0  # begins of a history after the first
     order: int = 0  # of the last step
     step_size: float = 0.0  # s, of the last step
-    limited_by_stability: bool = False  # of an explicit solver: its steps were no longer than stability allows
+    stability_limited: int = 0  # of an explicit solver: steps whose length stability set, and not accuracy
     partition_switches: int = 0  # between LU and projection
     choices: int = 0  # changes of the independent coordinates under LU
     left_by_ratio: int = 0

@@ -213,3 +213,28 @@ def test_more_modes_than_the_elements_have_are_refused() -> None:
 def test_an_elastic_coupler_without_mass_is_refused() -> None:
     with pytest.raises(UserError, match=r"mass of a beam is 0.0"):
         Simulation(FourBar(coupler_modes=1, coupler_mass=0.0), Settings())
+
+
+STIFF = {
+    "coupler_modes": 1,
+    "youngs_modulus": 117e9 * (1e4 * 2.87 / 34.4145) ** 2,
+    "coupler_damping": 2e-2 / (1e4 * 2.87),
+}
+
+
+def test_ida_pays_for_accuracy_and_not_for_stiffness() -> None:
+    """First elastic frequency 1e4 times that of the swing (2.87 rad/s at its middle), damped by 1 %."""
+    times, settings = np.linspace(0.0, 2.5, 26), Settings(solver="ida", tolerance=1e-5)
+    stiff, rigid = run(FourBar(**STIFF), settings, times), run(FourBar(), settings, times)
+    assert not stiff.failure
+    assert stiff.statistics.rhs_evals < 3 * rigid.statistics.rhs_evals
+    np.testing.assert_allclose(stiff["crank.angle"], rigid["crank.angle"], atol=1e-3)
+
+
+@pytest.mark.parametrize("solver", ["adams", "hybrid"])
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-8])
+def test_adams_says_that_stability_limits_it(solver: str, tolerance: float) -> None:
+    times, settings = np.linspace(0.0, 0.05, 3), Settings(solver=solver, tolerance=tolerance)
+    stiff, rigid = run(FourBar(**STIFF), settings, times), run(FourBar(), settings, np.linspace(0.0, 10.0, 3))
+    assert stiff.statistics.stability_limited > 0.9 * stiff.statistics.steps > 1000
+    assert rigid.statistics.stability_limited == 0

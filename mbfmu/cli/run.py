@@ -83,6 +83,11 @@ def summary(scene: Scene, result: Result, total: float) -> str:
         (f"  {s.steps} steps ({s.rejected} rejected), " if s.steps else "  ")  # IDA's binding does not tell
         + f"{s.rhs_evals} evaluations, {s.partition_switches} partition switches",
     ]
+    if 2 * s.stability_limited > s.steps:
+        lines.append(
+            f"  stability, not accuracy, set the length of {s.stability_limited} steps: a looser tolerance will not "
+            "help; where the fast motion is damped, ida takes fewer"
+        )
     if "energy" in outputs:
         lines.append(f"  energy drift {np.abs(outputs['energy'] - outputs['energy'][0]).max():.2e} J")
     for key, unit in (("position_residual", "m"), ("velocity_residual", "m/s")):

@@ -21,6 +21,7 @@ COUNTERS = {
     "rhs_evals": "evaluations of the equations of motion",
     "partition_switches": "changes between LU and projection partition",
     "restarts": "restarts of the integrator",
+    "stability_limited": "steps of adams and hybrid whose length stability set, and not accuracy",
 }
 
 
