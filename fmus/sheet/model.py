@@ -32,6 +32,7 @@ class Sheet(Model):
             "membrane": {"membrane": True},
             "damping": {"damping": 0.002},
             "drag": {"drag": 1.4},
+            "pressure": {"pressure": 0.5},
         }
     )
 
@@ -58,6 +59,9 @@ class Sheet(Model):
     membrane: bool = parameter(True, structural=True, doc="effect: stretching and shear resist")
     damping: float = parameter(0.0, unit="s", min=0.0, doc="effect: material damping time, stress = K (e + damping e')")
     drag: float = parameter(0.0, unit="kg/m3", min=0.0, doc="effect: air density times drag coefficient")
+    pressure: float = parameter(
+        0.0, unit="Pa", doc="effect: on the sheet, along its normal; tunable where not zero at first", tunable=True
+    )
     grid_outputs: bool = parameter(False, structural=True, doc="position of every node among the outputs")
 
     def build(self) -> Mechanism:
@@ -88,6 +92,7 @@ class Sheet(Model):
             membrane=self.membrane,
             damping=self.damping,
             drag=self.drag,
+            pressure=self.pressure,
             rate=self._rate() if edge is None else None,
         )
         m.surface("sheet", sheet.nodes)

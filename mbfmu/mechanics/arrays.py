@@ -114,6 +114,14 @@ DRAG = np.dtype(
     align=True,
 )
 
+PRESSURE = np.dtype(
+    [
+        ("node", np.int64, (4,)),  # bodies at the corners, as those of a plate
+        ("signal", np.int64),  # Pa
+    ],
+    align=True,
+)
+
 WORLD = np.dtype([("gravity", np.float64, (3,))], align=True)  # m/s^2
 
 
@@ -128,6 +136,7 @@ class Arrays(NamedTuple):
     kept: NDArray[np.int64]  # (rows,) number of a cut-joint row among the constraints; -1: void in this mechanism
     plates: NDArray[Any]  # PLATE
     drags: NDArray[Any]  # DRAG
+    pressures: NDArray[Any]  # PRESSURE
 
 
 MOTION = np.dtype(
@@ -210,6 +219,7 @@ class State(NamedTuple):
     wrench: NDArray[np.float64]  # (6,) a wrench on its way inward
     U: NDArray[np.float64]  # (nv, 6) articulated body: (IA S)^T, with the joint's Cholesky factor taken out
     D: NDArray[np.float64]  # (nv, 7) articulated body: a joint's Cholesky factor, and in column 6 its right-hand side
+    pressure: NDArray[np.float64]  # (pressures,) Pa, when the forces were applied last
 
 
 class Data(NamedTuple):
@@ -219,13 +229,13 @@ class Data(NamedTuple):
     state: State
 
 
-def allocate_state(nb: int, rows: int, nq: int, nv: int) -> State:
+def allocate_state(nb: int, rows: int, nq: int, nv: int, pressures: int) -> State:
     """Return zeroed scratch for ``nb`` bodies (ground included), with the ground placed."""
     state = State(
         records(nb, MOTION),
         records(rows, ROW),
         records(1, ELEMENT),
-        *(np.zeros(shape) for shape in ((nv, 6), nq, nv, nv, nv, nv, (9, 6), 6, (nv, 6), (nv, 7))),
+        *(np.zeros(shape) for shape in ((nv, 6), nq, nv, nv, nv, nv, (9, 6), 6, (nv, 6), (nv, 7), pressures)),
     )
     state.bodies["A"][0] = np.eye(3)
     return state

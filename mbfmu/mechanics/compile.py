@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mbfmu.errors import UserError
 from solvers.kernel import records
 
-from .arrays import BODY, CUT, DRAG, FORCE, PLATE, SENSOR, SIGNAL, WORLD, Arrays, Data, allocate_state
+from .arrays import BODY, CUT, DRAG, FORCE, PLATE, PRESSURE, SENSOR, SIGNAL, WORLD, Arrays, Data, allocate_state
 from .cuts import REGISTRY as CUTS
 from .forces import REGISTRY as FORCES
 from .joints import REGISTRY as JOINTS
@@ -94,10 +94,12 @@ def compile_data(mechanism: Mechanism, numbering: Numbering) -> Data:
     world = records(1, WORLD)
     world["gravity"] = mechanism.gravity
     forces = force_records(mechanism, numbering)  # numbers its signals, so before they are written
+    pressures = pressure_records(mechanism, numbering)
     cuts, rows = cut_records(mechanism)
     bodies, signals = body_records(mechanism, numbering), signal_records(numbering)
-    arrays = Arrays(world, bodies, cuts, forces, signals, np.arange(rows), *plate_records(mechanism))
-    return Data(arrays, allocate_state(len(mechanism.bodies), rows, numbering.nq_full, numbering.nv_full))
+    arrays = Arrays(world, bodies, cuts, forces, signals, np.arange(rows), *plate_records(mechanism), pressures)
+    sizes = (len(mechanism.bodies), rows, numbering.nq_full, numbering.nv_full, len(pressures))
+    return Data(arrays, allocate_state(*sizes))
 
 
 def body_records(mechanism: Mechanism, numbering: Numbering) -> NDArray[Any]:
@@ -166,6 +168,18 @@ def plate_records(mechanism: Mechanism) -> tuple[NDArray[Any], NDArray[Any]]:
     for record, (node, coefficient) in zip(dragged, drags, strict=True):
         record["node"], record["coefficient"] = node, coefficient
     return plates, dragged
+
+
+def pressure_records(mechanism: Mechanism, numbering: Numbering) -> NDArray[Any]:
+    """One record a surface that a pressure acts on; those of one pressure share its signal."""
+    found = []
+    for name, magnitude, faces in mechanism.pressures:
+        signal = numbering.signal(magnitude, f"magnitude of pressure {name!r}")
+        found += [([body.index for body in corners], signal) for corners in faces]
+    table = records(len(found), PRESSURE)
+    for record, (node, signal) in zip(table, found, strict=True):
+        record["node"], record["signal"] = node, signal
+    return table
 
 
 def signal_records(numbering: Numbering) -> NDArray[Any]:

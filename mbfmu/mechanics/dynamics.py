@@ -17,7 +17,7 @@ from solvers.kernel import COMPILED, callback, inlined, kernel, records
 from solvers.system import Terms
 
 from .aba import forward_dynamics
-from .arrays import BODY, CUT, DRAG, FORCE, PLATE, SIGNAL, WORLD, Arrays, Data, allocate_state, complex_twin
+from .arrays import BODY, CUT, DRAG, FORCE, PLATE, PRESSURE, SIGNAL, WORLD, Arrays, Data, allocate_state, complex_twin
 from .constraints import close_cuts, jacobian, load_cuts, right_hand_side
 from .crba import composite_inertia, mass_matrix
 from .energy import driven_action, kinetic_energy, potential_energy
@@ -258,5 +258,6 @@ def tree_callbacks() -> tuple[Callable[..., Any], ...]:
 def empty_data() -> Data:
     """Return data of a mechanism of one body: an example of the types every mechanism has."""
     world, bodies, cuts, forces, signals = (records(1, dtype) for dtype in (WORLD, BODY, CUT, FORCE, SIGNAL))
-    kept, plates, drags = np.zeros(1, np.int64), records(1, PLATE), records(1, DRAG)
-    return Data(Arrays(world, bodies, cuts, forces, signals, kept, plates, drags), allocate_state(1, 1, 1, 1))
+    surfaces = (records(1, dtype) for dtype in (PLATE, DRAG, PRESSURE))
+    arrays = Arrays(world, bodies, cuts, forces, signals, np.zeros(1, np.int64), *surfaces)
+    return Data(arrays, allocate_state(1, 1, 1, 1, 1))

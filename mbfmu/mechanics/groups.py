@@ -22,6 +22,7 @@ def number_groups(mechanism: Mechanism) -> NDArray[np.int64]:
     ties = [(b.index, b.parent) for b in bodies[1:] if b.parent > 0]
     ties += [(c.a.index, c.b.index) for c in mechanism.cuts if c.a.index and c.b.index]
     spans = [*ties, *([body.index for body in nodes] for _, nodes in mechanism.plates)]
+    spans += [[body.index for body in corners] for _, _, faces in mechanism.pressures for corners in faces]
     neighbours: list[list[int]] = [[] for _ in bodies]
     for a, b in ties:
         neighbours[a].append(b)

@@ -21,6 +21,8 @@ class Layout(NamedTuple):
     members: NDArray[np.int64]  # bodies of every group, parents first
     first_plate: NDArray[np.int64]  # (groups + 1,) into ``plates``
     plates: NDArray[np.int64]  # elements by the first group that has one of their bodies
+    first_pressure: NDArray[np.int64]  # (groups + 1,) into ``pressures``
+    pressures: NDArray[np.int64]  # surfaces under pressure, likewise
 
 
 def lay_out(arrays: Any, groups: NDArray[np.int64]) -> tuple[Layout, list[NDArray[np.int64]], list[int]]:
@@ -57,18 +59,19 @@ def lay_out(arrays: Any, groups: NDArray[np.int64]) -> tuple[Layout, list[NDArra
         kept.append(np.array(rows, np.int64))
         sizes.append(size)
     flat = flat_list(members)
-    plates = plates_by_group(arrays, role, groups, len(members))
+    plates, pressures = (by_group(table, role, groups, len(members)) for table in (arrays.plates, arrays.pressures))
     layout = Layout(
-        role, groups.astype(np.int64), slot, lock, offsets(members), flat, offsets(plates), flat_list(plates)
-    )
+        role, groups.astype(np.int64), slot, lock, offsets(members), flat,
+        offsets(plates), flat_list(plates), offsets(pressures), flat_list(pressures),
+    )  # fmt: skip
     return layout, kept, sizes
 
 
-def plates_by_group(arrays: Any, role: Any, groups: Any, count: int) -> list[list[int]]:
-    """Return the elements by the first group that has one of their moving bodies."""
+def by_group(elements: Any, role: Any, groups: Any, count: int) -> list[list[int]]:
+    """Return the elements (records with four nodes) by the first group that has one of their moving bodies."""
     found: list[list[int]] = [[] for _ in range(count)]
-    for e, plate in enumerate(arrays.plates):
-        own = [int(groups[i]) for i in plate["node"] if role[i] != FIXED]
+    for e, element in enumerate(elements):
+        own = [int(groups[i]) for i in element["node"] if role[i] != FIXED]
         if own:
             if max(own) - min(own) > 1:
                 raise ValueError(f"element {e} spans groups {min(own)} to {max(own)}")

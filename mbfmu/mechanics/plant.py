@@ -87,7 +87,7 @@ class Plant:
                 quaternions.append((int(record["qf"]) + plain, int(record["vf"]) + plain))
             sizes.append(np.full(int(record["nv"]), body.joint.size))
         arrays: Any = self.data.arrays
-        applied = [k for k in arrays.forces["signal"] if k >= 0]
+        applied = [k for k in arrays.forces["signal"] if k >= 0] + list(np.unique(arrays.pressures["signal"]))
         in_q, in_v = np.array(places, np.int64).reshape(-1, 2).T
         return TreeSystem(
             nq=self._numbering.nq,

@@ -7,9 +7,9 @@ tree (y_i = X y_j + S dq, the same shift as in the recursions),
 
     T = B^T (c2 M + c1 D + K) B + G,
 
-K the tangents of elements, D of their damping, M the bodies' inertia at their origins, and G what comes from turning
-the joints while they transmit the wrench W (S and X change with the position). Velocity products are left out: exact at
-rest, and as a preconditioner at the speeds of a sheet.
+K the tangents of elements and pressures, D of their damping, M the bodies' inertia at their origins, and G what comes
+from turning the joints while they transmit the wrench W (S and X change with the position). Velocity products are left
+out: exact at rest, and as a preconditioner at the speeds of a sheet.
 
 **Groups.** Every body belongs to a numbered group such that joints and elements span neighbouring groups at most: the
 columns of a sheet's grid. Unknowns of a group: dq of joints whose parent is in the same group or fixed (inner), and of
@@ -32,11 +32,13 @@ from solvers.system import Array
 
 from .arrays import Data, State
 from .dynamics import turn_quaternion
+from .elastic import pressure
 from .elastic.tangent import damping, stiffness
 from .joints import move
 from .layout import FIXED, INNER, OUTER, lay_out
 from .spatial import add_wrench, multiply, row_dot6
 
+_pressure = pressure.stiffness
 EPSILON = 1e-30  # of the complex step that differentiates a joint's motion subspace
 
 
@@ -281,13 +283,30 @@ def plate_element(e: int, group: int, size: int, c1: float, L: Any, arrays: Any,
         for row in range(24):
             for column in range(24):
                 s.K[row, column] += c1 * s.D[row, column]
+    add_element(plate.node, group, size, L, s)
+
+
+@kernel
+def pressed_surface(e: int, group: int, size: int, L: Any, arrays: Any, state: Any, s: Any) -> None:
+    """How a pressure turns and grows with its surface."""
+    load = arrays.pressures[e]
+    for row in range(24):
+        for column in range(24):
+            s.K[row, column] = 0.0
+    _pressure(load, state.pressure[e], state.bodies, s.K)
+    add_element(load.node, group, size, L, s)
+
+
+@kernel
+def add_element(node: Any, group: int, size: int, L: Any, s: Any) -> None:
+    """Add s.K to s.F, between the bodies of a group and the next (offset ``size``)."""
     for p in range(4):
-        i = plate.node[p]
+        i = node[p]
         if L.role[i] == FIXED:
             continue
         ati = L.slot[i] + (size if L.group[i] > group else 0)
         for q in range(4):
-            j = plate.node[q]
+            j = node[q]
             if L.role[j] == FIXED:
                 continue
             atj = L.slot[j] + (size if L.group[j] > group else 0)
@@ -301,6 +320,8 @@ def fill(group: int, size: int, c1: float, c2: float, L: Any, arrays: Any, state
     """Add to s.F what starts in a group: bodies, elements, and joints to this and the next group (offset ``size``)."""
     for k in range(L.first_plate[group], L.first_plate[group + 1]):
         plate_element(L.plates[k], group, size, c1, L, arrays, state, s)
+    for k in range(L.first_pressure[group], L.first_pressure[group + 1]):
+        pressed_surface(L.pressures[k], group, size, L, arrays, state, s)
     for m in range(L.first[group], L.first[min(group + 2, L.first.shape[0] - 1)]):
         i = L.members[m]
         j = arrays.bodies[i].parent

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from mbfmu.mechanics.elastic import drag, plate
+from mbfmu.mechanics.elastic import drag, plate, pressure
+from mbfmu.mechanics.signals import value
 from solvers.kernel import inlined, kernel
 
 from . import joint_force, joint_spring, point_force, spring, torque
@@ -24,7 +25,7 @@ _spring, _joint_spring, _joint_force, _point_force, _torque = (
     point_force.apply,
     torque.apply,
 )
-_plate, _drag, _plate_potential = plate.apply, drag.apply, plate.potential
+_plate, _drag, _pressure, _plate_potential = plate.apply, drag.apply, pressure.apply, plate.potential
 _spring_potential, _joint_spring_potential = spring.potential, joint_spring.potential
 
 
@@ -53,6 +54,10 @@ def apply(t: float, arrays: Any, state: Any) -> None:
         _plate(arrays.plates[i], state.bodies, state.element[0])
     for i in range(arrays.drags.shape[0]):
         _drag(arrays.drags[i], state.bodies)
+    for i in range(arrays.pressures.shape[0]):
+        load = arrays.pressures[i]
+        state.pressure[i] = value(arrays.signals[load.signal], t)
+        _pressure(load, state.pressure[i], state.bodies)
 
 
 @kernel
