@@ -109,7 +109,7 @@ def time_of_evaluation(plant: Plant) -> float:
         a, qdot, tau = np.zeros(system.n), np.zeros(system.nq), np.zeros(system.n)
 
         def call() -> None:
-            _inverses(system.inverse, q, v, a, system.held_data, qdot, tau, EVALUATIONS)
+            _inverses(system.inverse, q, v, a, np.zeros(system.m), system.held_data, qdot, tau, EVALUATIONS)
 
     else:
         equations = bundle(system, system.allocate_terms())
@@ -127,9 +127,9 @@ def time_of_evaluation(plant: Plant) -> float:
 
 
 @kernel
-def _inverses(inverse: Any, q: Any, v: Any, a: Any, data: Any, qdot: Any, tau: Any, count: int) -> None:
+def _inverses(inverse: Any, q: Any, v: Any, a: Any, lam: Any, data: Any, qdot: Any, tau: Any, count: int) -> None:
     for _ in range(count):
-        inverse(0.0, q, v, a, data, qdot, tau)
+        inverse(0.0, q, v, a, lam, data, qdot, tau)
 
 
 @kernel

@@ -94,7 +94,7 @@ class Equilibrium:
     def modes(self) -> list[Mode]:
         """Eigenvalues of the linearised motion; the lowest few of a large tree, see :mod:`mbfmu.modes`."""
         if isinstance(self.plant.system, TreeSystem):
-            return [shape.mode for shape in shapes(self.plant, self.q, LOWEST)]
+            return [shape.mode for shape in shapes(self.plant, self.q, LOWEST, self.lam)]
         return self.state_space.modes()
 
     @property

@@ -165,6 +165,7 @@ ROW = np.dtype(
         ("Ga", np.float64, (6,)),  # Phi' = Ga . Y_a + Gb . Y_b
         ("Gb", np.float64, (6,)),
         ("bias", np.float64),  # Phi'' = Ga . Y'_a + Gb . Y'_b + bias
+        ("lam", np.float64),  # multiplier that loaded the bodies last
     ],
     align=True,
 )
@@ -252,11 +253,16 @@ def complex_twin(data: Data) -> Data:
 def _complex(array: NDArray[Any]) -> NDArray[Any]:
     if array.dtype.names is None:
         return array.astype(complex) if array.dtype == np.float64 else array.copy()
-    fields = [(name, *_complex_field(array.dtype[name])) for name in array.dtype.names]
-    twin = records(len(array), np.dtype(fields, align=True))
+    twin = complex_records(len(array), array.dtype)
     for name in array.dtype.names:
         twin[name] = array[name]
     return twin
+
+
+def complex_records(count: int, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Return zeroed records whose real numbers are complex."""
+    fields = [(name, *_complex_field(dtype[name])) for name in dtype.names or ()]
+    return records(count, np.dtype(fields, align=True))
 
 
 def _complex_field(dtype: np.dtype[Any]) -> tuple[type, tuple[int, ...]]:

@@ -95,13 +95,12 @@ def frequencies(plant: Plant) -> Any:
     q = plant.start_positions()
     system = plant.system
     free, still = np.eye(system.n), np.zeros(system.n)
+    terms = system.allocate_terms()
+    system.fill(0.0, q, still, terms)
+    M = terms.M
     if isinstance(system, TreeSystem):
         at_rest = system.unbalance(0.0, q, still, still)
         M = np.array([system.unbalance(0.0, q, still, a) - at_rest for a in free]).T
-    else:
-        terms = system.allocate_terms()
-        system.fill(0.0, q, still, terms)
-        M = terms.M
     K = forces_and_tangent(plant, q)[1]
     if system.m:
         _, sigma, Vt = np.linalg.svd(terms.J)
