@@ -6,8 +6,9 @@ Unknowns y = (q, v, lambda, mu), the last two where there are cut joints; residu
     q' - N(q) (v - J^T mu) + k (q - unit(q)) = 0      M v' + h + J^T lambda = 0
     J v - nu - d0 lambda = 0                          Phi - d1 mu = 0
 
-d0 and d1 are TIKHONOV rtol times the inverse of each constraint's effective mass, and times its J J^T. A node alone would
-be thrown about by the reaction of its support at hundreds of g: a d as large as in :mod:`solvers.ida` damps the motion.
+d0 and d1 are TIKHONOV rtol times the inverse of each constraint's effective mass, and times its J J^T. The reaction of
+a node's support would throw the node alone at hundreds of g: with a d as large as :mod:`solvers.ida` has, it damps the
+motion.
 
 Newton's linear systems go to GMRES, whose preconditioner is the structured tangent (all but exact, so one or two
 iterations do). With g the first residual as a motion, c = IDA's cj and T = c^2 M + c D + K,
