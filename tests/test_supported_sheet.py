@@ -136,7 +136,8 @@ def test_strip_on_two_edges_bends_as_a_beam() -> None:
         pitch.append(found.modes[0].frequency / (np.pi**2 / LENGTH**2 * np.sqrt(D / (DENSITY * THICKNESS))) - 1.0)
     assert abs(errors[1]) < 0.002
     assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.05)
-    assert pitch[0] / pitch[1] == pytest.approx(4.0, rel=0.1)
+    assert abs(pitch[1]) < 0.001
+    assert pitch[0] / pitch[1] > 3.8
 
 
 def test_modes_on_cut_joints_are_the_dense_ones(monkeypatch: pytest.MonkeyPatch) -> None:
