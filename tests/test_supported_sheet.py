@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from plate_oracles import karman
+from scipy.integrate import solve_bvp
 
+from fmus.sheet import Sheet
 from mbfmu.equilibrium import Balance, Equilibrium
 from mbfmu.errors import UserError
+from mbfmu.fmi import Fmu, export
 from mbfmu.mechanics import Mechanism, PlaneCut, Plant, Support, add_sheet, plant
 from mbfmu.mechanics.sheet import UPRIGHT
 from mbfmu.model import Model, parameter
@@ -58,6 +64,19 @@ class Held(Model):
         m.output("gap", m.position_residual)
         m.output("opening", m.velocity_residual)
         return m
+
+
+class Fixed(Model):
+    """A mechanism that is there already."""
+
+    name = "fixed"
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        object.__setattr__(self, "mechanism", mechanism)
+
+    def build(self) -> Mechanism:
+        found: Mechanism = self.mechanism  # type: ignore[attr-defined]
+        return found
 
 
 def still(model: Model) -> Equilibrium:
@@ -176,6 +195,123 @@ def test_a_saved_run_goes_on() -> None:
 def test_explicit_solvers_say_what_they_cannot_do(solver: str) -> None:
     with pytest.raises(UserError, match=r"solver '.*' is given 168 coordinates under 21 constraints; .* 'ida'"):
         Simulation(Held(), Settings(solver=solver))
+
+
+def elastica(pressure: float, D: float) -> tuple[float, float]:
+    """Deflection of the middle and slide of the free end of an inextensible strip on two hinges under normal pressure.
+
+    F' = -p n, M' = F x t over the arc length, n normal to the tangent t; at s = 0 the end slides along x.
+    """
+
+    def slope(s: Any, y: Any) -> Any:
+        x, _, theta, moment, along, up = y
+        c, n = np.cos(theta), np.sin(theta)
+        return np.array([c, n, moment / D, along * n - up * c, pressure * n, -pressure * c + 0.0 * x])
+
+    def ends(a: Any, b: Any) -> Any:
+        return np.array([a[1], a[3], a[4], b[0] - LENGTH, b[1], b[3]])
+
+    s = np.linspace(0.0, LENGTH, 201)
+    y = np.zeros((6, 201))
+    y[0] = s
+    for part in np.linspace(0.1, 1.0, 10):
+        full, pressure = pressure, part * pressure
+        found = solve_bvp(slope, ends, s, y, tol=1e-8, max_nodes=20_000)
+        pressure = full
+        assert found.success
+        s, y = found.x, found.y
+    return float(found.sol(0.5 * LENGTH)[1]), float(found.sol(0.0)[0])
+
+
+def test_two_edges_under_a_large_pressure_follow_the_elastica() -> None:
+    """A fifth of the span deep; nu = 0, so the strip bends to a cylinder."""
+    D = E * THICKNESS**3 / 12.0
+    deep, slide = elastica(25.0, D)
+    assert abs(deep) > 0.2 * LENGTH
+    errors = []
+    for nx in (13, 25):
+        found = still(Held(nx=nx, nz=5, way="simple", gravity=0.0, pressure=25.0, poisson=0.0)).outputs
+        assert found["slide"] == pytest.approx(slide, rel=0.05)
+        errors.append(found["middle"] / deep - 1.0)
+    assert abs(errors[1]) < 0.003
+    assert abs(errors[1]) < 0.4 * abs(errors[0])
+
+
+@pytest.mark.parametrize(("load", "low", "high"), [(0.1, -0.005, 0.005), (1.0, -0.006, 0.0), (9.16, -0.13, -0.09)])
+def test_limit_of_a_sheet_that_cannot_stretch_along_its_tree(load: float, low: float, high: float) -> None:
+    """Four hinged edges, free in the plane: right while the deflection is a small part of the thickness, then stiff."""
+    model = Sheet(
+        nx=17, nz=17, width=LENGTH, support="all_edges", gravity_y=0.0, pressure=load * E * THICKNESS**4 / LENGTH**4
+    )
+    found = still(model).outputs["middle.y"] / THICKNESS
+    assert low < found / karman(load) - 1.0 < high
+
+
+def test_karman_plate_is_navier_s_at_small_loads() -> None:
+    assert karman(1e-3) / 1e-3 == pytest.approx(0.0040624 * 12.0 * (1.0 - 0.09), rel=1e-4)
+    assert karman(40.0, count=5) == pytest.approx(karman(40.0, count=7), rel=1e-4)
+
+
+def test_hybrid_adams_and_ida_agree_on_a_small_sheet_held_by_cut_joints() -> None:
+    model, times = Held(nx=5, nz=5, way="master"), np.linspace(0.0, 0.04, 5)
+    results = {name: run(model, Settings(solver=name, tolerance=1e-6), times) for name in ("hybrid", "adams", "ida")}
+    swing = np.ptp(results["adams"]["corner"])
+    for name in ("hybrid", "ida"):
+        assert not results[name].failure
+        assert np.abs(results[name]["corner"] - results["adams"]["corner"]).max() < 1e-3 * swing
+    assert results["hybrid"].statistics.time_lu > 0.0
+
+
+def shaken(simulation: Simulation, times: Any) -> Any:
+    """Corner of a sheet whose edge goes up and down by 5 mm at 8 Hz, held by its rate between the points."""
+    names = [v.name for v in simulation.plant.inputs]
+    tip = [v.name for v in simulation.plant.outputs].index("corner1.y")
+    found = []
+    for t, after in pairwise(times):
+        for name, value in zip(("edge.y", "edge.vy"), shake(t, after), strict=True):
+            simulation.set_input(names.index(name), value)
+        assert simulation.advance(after).ok
+        found.append(float(simulation.outputs()[tip]))
+    return np.array(found)
+
+
+def shake(t: float, after: float) -> tuple[float, float]:
+    """Where the edge is at t, m, and how fast it has to go to be right at the next point, m/s."""
+    y, then = (0.005 * np.sin(2.0 * np.pi * 8.0 * s) for s in (t, after))
+    return float(y), float((then - y) / (after - t))
+
+
+def test_a_sheet_shaken_at_its_edge(tmp_path: Path) -> None:
+    model, times = Sheet(nx=5, nz=4, support="moved"), np.linspace(0.0, 0.06, 31)
+    ida, adams = (
+        shaken(Simulation(model, Settings(solver=solver, tolerance=1e-6)), times) for solver in ("ida", "adams")
+    )
+    at_rest = run(model, Settings(tolerance=1e-6), times)["corner1.y"][1:]
+    swing = np.ptp(ida - at_rest)
+    assert swing > 2e-3
+    assert np.abs(ida - adams).max() < 0.01 * swing
+    with Fmu(export(model, tmp_path / "sheet.fmu", Settings(solver="ida", tolerance=1e-6))) as fmu:
+        for (t, after), expected in zip(pairwise(times), ida, strict=True):
+            fmu["edge.y"], fmu["edge.vy"] = shake(t, after)
+            fmu.step_to(float(after))
+            assert fmu["corner1.y"] == pytest.approx(expected, abs=1e-9)
+
+
+def test_a_clamp_at_one_end_of_the_edge_twists_the_sheet() -> None:
+    def corners(span: tuple[float, float]) -> tuple[float, float]:
+        m = Mechanism(gravity=(0.0, -9.81, 0.0))
+        sheet = add_sheet(
+            m, "sheet", length=LENGTH, width=WIDTH, thickness=1e-3, youngs_modulus=E, density=DENSITY, grid=(9, 7),
+            supports=[Support("x1", span=span)], membrane=True,
+        )  # fmt: skip
+        for k in (0, -1):
+            m.output(f"corner{k}", sheet.node(0, k).position("y"))
+        found = still(Fixed(mechanism=m)).outputs
+        return found["corner0"], found["corner-1"]
+
+    near, far = corners((0.0, 0.07))
+    assert far < near - 2e-3
+    assert corners((WIDTH - 0.07, WIDTH)) == pytest.approx((far, near), rel=1e-8)
 
 
 def linearisation(at: Plant, q: Any, lam: Any) -> Any:

@@ -225,6 +225,7 @@ class _Builder:
         """Hang the nodes, span the elements, close the supports."""
         if rate is not None and (tree != "master" or master is not None):
             raise UserError(f"rate of {self.what} is {rate!r}, but it has no floating master node to move")
+        self._refuse_taut(supports, master)
         if tree == "master":
             kind, options = (Floating, {"rate": rate}) if master is None else (Weld, {})
             self._hang(_around(self.shape), 0, kind, master, self.at, self.rotation, **options)
@@ -263,6 +264,25 @@ class _Builder:
         cuts = [cut for support in supports for cut in self._close(support)]
         nodes = tuple(tuple(node[i, k] for k in range(nz)) for i in range(nx))
         return Sheet(self.name, nodes, self.plate.a, self.plate.b, self.plate, tuple(cuts))
+
+    def _refuse_taut(self, supports: list[Support], master: Body | None) -> None:
+        """Refuse supports that hold the sheet in its plane twice: it cannot stretch, so it could not bend."""
+        holders = [] if master is None else [(master, f"master on {master.name!r}")]
+        for support in supports:
+            if support.kind in ("clamped", "pinned"):
+                body = self.mechanism.ground if support.body is None else support.body
+                holders.append((body, f"{support.kind} {support.edge!r}"))
+        first: dict[int, str] = {}
+        for body, name in holders:
+            i = body.index
+            while i > 0 and self.mechanism.bodies[i].joint.nv == 0:
+                i = self.mechanism.bodies[i].parent
+            if i in first:
+                raise UserError(
+                    f"supports of {self.what} hold it in its plane twice: {first[i]} and {name}; it cannot stretch, so "
+                    "it could not bend between them; make one 'guided' or 'supported'"
+                )
+            first[i] = name
 
     def _flat(self, node: Node) -> Matrix:
         """Position of a node in the sheet's frame."""

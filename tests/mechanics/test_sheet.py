@@ -366,6 +366,14 @@ def add(m: Mechanism, **options: Any) -> Sheet:
         ({"supports": [Support("x0", "guided")]}, "first support of sheet 'sheet' is guided"),
         ({"supports": [Support("x0", span=(0.03, 0.04))]}, r"span of the support at 'x0' .* no node lies within"),
         ({"supports": [Support("x0", span=(0.0, float("nan")))]}, "span of .* it needs two finite numbers"),
+        (
+            {"supports": [Support("x0"), Support("x1", "pinned")]},
+            "hold it in its plane twice: clamped 'x0' and pinned 'x1'; .* make one 'guided' or 'supported'",
+        ),
+        (
+            {"supports": [Support("z0"), Support("z1")], "tree": "master"},
+            "twice: clamped 'z0' and clamped 'z1'",
+        ),
         ({"at": (0.0, 1.0)}, "placement of sheet 'sheet'"),
         ({"rotation": np.ones((3, 3))}, "rotation of sheet 'sheet'"),
         ({"damping": -1.0}, r"damping of sheet 'sheet' is -1\.0"),
