@@ -225,8 +225,8 @@ class _Builder:
         """Hang the nodes, span the elements, close the supports."""
         if rate is not None and (tree != "master" or master is not None):
             raise UserError(f"rate of {self.what} is {rate!r}, but it has no floating master node to move")
-        self._refuse_taut(supports, master)
         if tree == "master":
+            self._refuse_taut(supports, master)
             kind, options = (Floating, {"rate": rate}) if master is None else (Weld, {})
             self._hang(_around(self.shape), 0, kind, master, self.at, self.rotation, **options)
         else:
@@ -238,6 +238,7 @@ class _Builder:
                     f"first support of {self.what} is {given}; tree {tree!r} grows from one that is clamped or pinned: "
                     "put it first, or take tree 'master'"
                 )
+            self._refuse_taut(supports, None)
             root = supports.pop(0)
             at, axes = self._frame(root)
             self.taken |= {_on_edge(self.shape, root.edge, n) for n in self._held(root)}
@@ -274,6 +275,7 @@ class _Builder:
                 holders.append((body, f"{support.kind} {support.edge!r}"))
         first: dict[int, str] = {}
         for body, name in holders:
+            self.mechanism._member(body, f"body that holds {self.what}")
             i = body.index
             while i > 0 and self.mechanism.bodies[i].joint.nv == 0:
                 i = self.mechanism.bodies[i].parent
