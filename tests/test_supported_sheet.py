@@ -247,6 +247,18 @@ def test_limit_of_a_sheet_that_cannot_stretch_along_its_tree(load: float, low: f
     assert low < found / karman(load) - 1.0 < high
 
 
+def test_pressure_may_change_during_a_run_but_not_appear() -> None:
+    model = Sheet(nx=7, nz=5, support="two_edges", pressure=0.5)
+    simulation = Simulation(model, Settings(tolerance=1e-5))
+    simulation.advance(0.002)
+    simulation.retune(model.with_values({"pressure": 2.0}))
+    assert simulation.plant.data.arrays.signals["c"][0, 0] == 2.0
+    assert simulation.advance(0.004).ok
+    none = Simulation(model.with_values({"pressure": 0.0}), Settings())
+    with pytest.raises(UserError, match="changes the structure"):
+        none.retune(model)
+
+
 def test_karman_plate_is_navier_s_at_small_loads() -> None:
     assert karman(1e-3) / 1e-3 == pytest.approx(0.0040624 * 12.0 * (1.0 - 0.09), rel=1e-4)
     assert karman(40.0, count=5) == pytest.approx(karman(40.0, count=7), rel=1e-4)

@@ -1,4 +1,4 @@
-"""Saddle systems of trees with cut joints, against dense linear algebra on a made-up tree."""
+"""Constraints that repeat each other, as saddle systems of trees with cut joints meet them."""
 
 from __future__ import annotations
 
