@@ -75,6 +75,8 @@ class Motion:
             _mobilities(s.mobility, terms.J, s.held_data, X)
             with one_thread():
                 S = terms.J @ X.T
+                if not np.isfinite(S).all():
+                    return Code.NOT_FINITE
                 self.masses = 1.0 / np.diag(S)
                 root = np.sqrt(self.masses)
                 self.lam = root * (pseudo_inverse(root[:, None] * S * root) @ (root * (terms.J @ self.a - terms.gamma)))
