@@ -17,7 +17,12 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("mbfmu", "solvers", "fmus")
-EFFECTS = ("plate.membrane == 1", "plate.damped == 1", "range(arrays.drags.shape[0])")
+EFFECTS = (
+    "plate.membrane == 1",
+    "plate.damped == 1",
+    "range(arrays.drags.shape[0])",
+    "range(arrays.pressures.shape[0])",
+)
 SOURCES = ("mbfmu/mechanics/elastic/plate.py", "mbfmu/mechanics/forces/__init__.py")
 REPEATS = 201
 WORKER = """

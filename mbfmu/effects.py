@@ -118,16 +118,16 @@ def evaluations(plant: Plant) -> Callable[[], None]:
     q, v = plant.start_positions(), 0.1 * random.normal(size=system.n)
     system.apply(q, 0.01 * random.normal(size=system.n) * getattr(system, "size", 1.0))
     if isinstance(system, TreeSystem):
-        a, qdot, tau = np.zeros(system.n), np.zeros(system.nq), np.zeros(system.n)
-        return lambda: _inverses(system.inverse, q, v, a, system.held_data, qdot, tau, EVALUATIONS)
+        a, lam, qdot, tau = (np.zeros(size) for size in (system.n, system.m, system.nq, system.n))
+        return lambda: _inverses(system.inverse, q, v, a, lam, system.held_data, qdot, tau, EVALUATIONS)
     equations = bundle(system, system.allocate_terms())
     return lambda: _dynamics(equations, q, v, EVALUATIONS)
 
 
 @kernel
-def _inverses(inverse: Any, q: Any, v: Any, a: Any, data: Any, qdot: Any, tau: Any, count: int) -> None:
+def _inverses(inverse: Any, q: Any, v: Any, a: Any, lam: Any, data: Any, qdot: Any, tau: Any, count: int) -> None:
     for _ in range(count):
-        inverse(0.0, q, v, a, data, qdot, tau)
+        inverse(0.0, q, v, a, lam, data, qdot, tau)
 
 
 @kernel

@@ -95,7 +95,7 @@ class Equilibrium:
     def modes(self) -> list[Mode]:
         """Eigenvalues of the linearised motion; the lowest few of a large tree, see :mod:`mbfmu.modes`."""
         if isinstance(self.plant.system, TreeSystem):
-            return [shape.mode for shape in shapes(self.plant, self.q, LOWEST)]
+            return [shape.mode for shape in shapes(self.plant, self.q, LOWEST, self.lam)]
         return self.state_space.modes()
 
     @property
@@ -116,7 +116,7 @@ class Equilibrium:
         """The motions of a large tree that nothing resists, in words; empty where there are none."""
         if self.stability != "neutral" or not isinstance(self.plant.system, TreeSystem):
             return ""
-        return in_words(self.plant, self.q, free_motions(self.plant, self.q))
+        return in_words(self.plant, self.q, free_motions(self.plant, self.q, self.lam))
 
     def positions(self) -> dict[str, float]:
         """Return the coordinates by name; those of an orientation as its quaternion."""
@@ -338,8 +338,9 @@ class Balance:
         """Return the motion of a large tree at the start that loads act on and nothing resists, in words."""
         if not isinstance(self.plant.system, TreeSystem):
             return ""
-        motions = free_motions(self.plant, self._start)
-        forces, _ = self._solver.unbalance(0.0, self._start, np.zeros(0))
+        none = np.zeros(self.plant.system.m)
+        motions = free_motions(self.plant, self._start, none)
+        forces, _ = self._solver.unbalance(0.0, self._start, none)
         along = motions.T @ forces
         if np.abs(along).max(initial=0.0) <= STEADY * float(np.linalg.norm(forces)):
             return ""

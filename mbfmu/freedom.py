@@ -19,9 +19,9 @@ EXACT = 1e-3  # components of directions below which they are nought
 Matrix = NDArray[np.float64]
 
 
-def free_motions(plant: Plant, q: Array) -> Matrix:
-    """Return the motions (n, k) about positions q (nq,) that nothing resists, of unit modal mass."""
-    found = [s.motion for s in shapes(plant, q, COUNT) if s.mode.eigenvalue == 0.0]
+def free_motions(plant: Plant, q: Array, lam: Array) -> Matrix:
+    """Return the motions (n, k) about a state q (nq,), lam (m,) that nothing resists, of unit modal mass."""
+    found = [s.motion for s in shapes(plant, q, COUNT, lam) if s.mode.eigenvalue == 0.0]
     return np.array(found).reshape(len(found), plant.system.n).T
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from mbfmu.linear import Mode
 from mbfmu.mechanics import Plant
 from solvers.modes import natural_modes
+from solvers.saddle import Saddle
 from solvers.system import Array, TreeSystem
 
 ROUNDING = 1e-7  # omega^2 relative to the largest one found, below which it is none; 2e-8 on a free sheet of 51 x 35
@@ -29,8 +30,8 @@ class Shape:
     motion: Array
 
 
-def shapes(plant: Plant, q: Array, count: int) -> list[Shape]:
-    """Return the lowest modes of a large tree about a steady state q (nq,).
+def shapes(plant: Plant, q: Array, count: int, lam: Array) -> list[Shape]:
+    """Return the lowest modes of a large tree about a steady state q (nq,), lam (m,).
 
     A motion that nothing resists has the eigenvalue zero. Damping is taken as what each mode alone loses, phi^T D phi;
     velocity-dependent forces that do no work are left out.
@@ -38,13 +39,14 @@ def shapes(plant: Plant, q: Array, count: int) -> list[Shape]:
     system = plant.system
     assert isinstance(system, TreeSystem)
     n = system.n
-    still = np.zeros(n)
-    system.unbalance(0.0, q, still, still)
-    values, motions = natural_modes(system, min(count, n - 1))
+    still, saddle = np.zeros(n), Saddle(system)
+    saddle.weigh(0.0, q)
+    saddle.unbalance(0.0, q, still, still, lam)
+    values, motions = natural_modes(saddle, min(count, n - system.m - 1))
     values = np.where(np.abs(values) <= ROUNDING * np.abs(values).max(initial=0.0), 0.0, values)
     found = []
     for square, motion in zip(values, motions.T, strict=True):
-        there, back = (system.unbalance(0.0, q, sign * SMALL * motion, still) for sign in (1.0, -1.0))
+        there, back = (system.unbalance(0.0, q, sign * SMALL * motion, still, lam) for sign in (1.0, -1.0))
         decay = 0.5 * float(motion @ (there - back)) / (2.0 * SMALL)
         root = np.sqrt(complex(decay**2 - square))
         found.append(Shape(mode=Mode(complex(-decay + root)), motion=motion))

@@ -100,7 +100,10 @@ class Simulation:
             q, v = found.q, found.v
         else:
             q, v = self.plant.assemble(t0)
-        self.stepper = stepper(settings.name, self.plant.system, t0, q, v, settings.options())
+        try:
+            self.stepper = stepper(settings.name, self.plant.system, t0, q, v, settings.options())
+        except ValueError as error:
+            raise UserError(f"model {model.name!r}: {error}") from error
         self._out = np.zeros(len(self.plant.outputs))
         if settings.name not in _compiled:
             self._compile(t0, q, v)

@@ -18,13 +18,21 @@ def ida_stepper(system: System, t0: float, q0: Array, v0: Array, options: Option
 
 
 def stepper(name: str, system: AnySystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> Stepper:
-    """Return a stepper by its name; on a large tree without constraints there is nothing to partition."""
+    """Return a stepper by its name; on a large tree without constraints there is nothing to partition.
+
+    Raises ValueError where a large tree has constraints and the solver is not ``ida``.
+    """
     if isinstance(system, System):
         return SOLVERS[name](system, t0, q0, v0, options)
     if name == "ida":
         from .ida_tree import TreeIDAStepper
 
         return TreeIDAStepper(system, t0, q0, v0, options)
+    if system.m:
+        raise ValueError(
+            f"solver {name!r} is given {system.n} coordinates under {system.m} constraints; so many are for 'ida', or "
+            "for a tree without cut joints"
+        )
     return TreeAdamsStepper(system, t0, q0, v0, options)
 
 

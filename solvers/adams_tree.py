@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 
 from .adams import COLLAPSED, MAX_STEPS, SMALLEST_STEP, cut, join, split
 from .held import hold
-from .ida_tree import Scratch, accelerate, position_sizes
+from .ida_tree import Scratch, position_sizes
 from .kernel import inlined, kernel, records
 from .multistep import HIGHEST, History, accept, begin, coefficients, correct, estimate, interpolate, predict
 from .partition import NO_MASS, NOT_FINITE, OK
+from .saddle import Motion
 from .stepper import Code, Options, Statistics, Stepper
 from .system import Array, TreeSystem
 
@@ -126,8 +127,9 @@ class TreeAdamsStepper(Stepper):
         super().__init__(system, t0, q0, v0, options)
         self.system = system
         o = self.options
+        self._motion = Motion(system)
         self._history = History.allocate(system.nq, system.n, 0)
-        self._scratch = Scratch.allocate(system.nq, system.n)
+        self._scratch = Scratch.allocate(system.nq, system.n, 0)
         sizes = o.absolute * system.size
         self._atol = np.concatenate((position_sizes(system, sizes), RATE * sizes))
         self._settings = records(1, SETTINGS)
@@ -149,8 +151,8 @@ class TreeAdamsStepper(Stepper):
         return code, self._t
 
     def _evaluate(self) -> tuple[Code, Array, Array]:
-        s, a = self.system, np.zeros(self.system.n)
-        return accelerate(s, self._t, self._q, self._v, self._scratch.qdot, a), a, np.zeros(0)
+        code = self._motion.solve(self._t, self._q, self._v)
+        return code, self._motion.a.copy(), self._motion.lam
 
     def restart(self) -> None:
         """Begin a new history at the reported state with the next step."""

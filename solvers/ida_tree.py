@@ -1,20 +1,31 @@
 """SUNDIALS IDA on a large tree ('ida' where the system is a :class:`solvers.system.TreeSystem`).
 
-Unknowns y = (q, v), residual by inverse dynamics alone::
+Unknowns y = (q, v, lambda, mu), the last two where there are cut joints; residual by inverse dynamics, in the form of
+:mod:`solvers.ida`::
 
-    q' - N(q) v + k (q - unit(q)) = 0,      M v' + h = 0
+    q' - N(q) (v - J^T mu) + k (q - unit(q)) = 0      M v' + h + J^T lambda = 0
+    J v - nu - d0 lambda = 0                          Phi - d1 mu = 0
+
+d0 and d1 are TIKHONOV rtol times the inverse of each constraint's effective mass, and times its J J^T. The reaction of
+a node's support would throw the node alone at hundreds of g: with a d as large as :mod:`solvers.ida` has, it damps the
+motion.
 
 Newton's linear systems go to GMRES, whose preconditioner is the structured tangent (all but exact, so one or two
-iterations do). With g the first residual as a motion,
+iterations do). With g the first residual as a motion, c = IDA's cj and T = c^2 M + c D + K,
 
-    (c^2 M + c D + K) dtheta = r2 + c M g,    dv = c dtheta - g,    dq = N dtheta,     c = IDA's cj.
+    T dtheta = r2 + c M (g - J^T dmu) - J^T dlambda,    dv = c dtheta - g + J^T dmu,    dq = N dtheta.
 
-D g is left out of the right-hand side: it only matters to the preconditioner.
+D g is left out of the right-hand side: it only matters to the preconditioner. With X = T^-1 c M J^T, A = T^-1 J^T and
+theta0 = T^-1 (r2 + c M g) the constraints, the third less c times the fourth, leave 2 m equations::
+
+    [ J J^T + c d1      -d0  ] [ dmu     ]   [ r3 + J g - c r4 ]
+    [ -(J X + d1)      -J A  ] [ dlambda ] = [ r4 - J theta0   ]
 
 **Order** 2 unless more is asked for: BDF of orders 3 to 5 are unstable on undamped modes above their region, and a
 sheet has thousands; their step count then hardly depends on the tolerance. **Absolute tolerances** are relative to the
 size of each coordinate (an angle of a sheet's joint is curvature times cell, and the errors of a chain of joints add
-up), those of rates a thousand times that a second.
+up), those of rates a thousand times that a second; multipliers carry no error control. Reported states are closed onto
+the constraints.
 """
 
 from __future__ import annotations
@@ -24,15 +35,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from sksundae.ida import IDA, IDAPrecond
 
+from .blocks import one_thread
 from .held import hold
-from .ida import LENGTH_RATE, STEPS_A_CALL, IDADriver
+from .ida import LENGTH_RATE, STEPS_A_CALL, UNCONTROLLED, IDADriver
 from .kernel import kernel
-from .stepper import Code, Options, Statistics
+from .saddle import Motion, close
+from .stepper import Code, Options, Statistics, Status
 from .system import Array, TreeSystem
 
 RATE = 1000.0  # 1/s, absolute tolerance of a rate to that of its coordinate
 ORDER = 2
 KRYLOV = 5
+TIKHONOV = 1e-6
 
 
 class Scratch(NamedTuple):
@@ -45,16 +59,17 @@ class Scratch(NamedTuple):
     unit: Array  # (nq,) q with unit quaternions
     zero: Array  # (n,)
     tau: Array  # (n,)
+    lam: Array  # (m,)
 
     @staticmethod
-    def allocate(nq: int, n: int) -> Scratch:
+    def allocate(nq: int, n: int, m: int) -> Scratch:
         """Return zeroed arrays."""
-        return Scratch(*(np.zeros(k) for k in (nq, n, n, nq, nq, n, n)))
+        return Scratch(*(np.zeros(k) for k in (nq, n, n, nq, nq, n, n, m)))
 
 
 @kernel
 def residual(inverse: Any, retract: Any, t: float, y: Any, yp: Any, res: Any, data: Any, s: Any) -> bool:
-    """Fill ``res``; False where it is not finite."""
+    """Fill the rows of q and v of ``res`` at mu = 0; False where they are not finite."""
     nq, n = s.q.shape[0], s.v.shape[0]
     for i in range(nq):
         s.q[i] = y[i]
@@ -62,7 +77,9 @@ def residual(inverse: Any, retract: Any, t: float, y: Any, yp: Any, res: Any, da
     for i in range(n):
         s.v[i] = y[nq + i]
         s.a[i] = yp[nq + i]
-    inverse(t, s.q, s.v, s.a, data, s.qdot, s.tau)
+    for i in range(s.lam.shape[0]):
+        s.lam[i] = y[nq + n + i]
+    inverse(t, s.q, s.v, s.a, s.lam, data, s.qdot, s.tau)
     retract(s.unit, s.zero, data)
     finite = True
     for i in range(nq):
@@ -71,18 +88,6 @@ def residual(inverse: Any, retract: Any, t: float, y: Any, yp: Any, res: Any, da
         res[nq + i] = s.tau[i]
         finite = finite and np.isfinite(s.tau[i])
     return finite
-
-
-@kernel
-def _forward(forward: Any, t: float, q: Any, v: Any, data: Any, qdot: Any, a: Any) -> int:
-    return int(forward(t, q, v, data, qdot, a))
-
-
-def accelerate(s: TreeSystem, t: float, q: Array, v: Array, qdot: Array, a: Array) -> Code:
-    """Fill qdot (nq,) and a (n,) by the forward dynamics."""
-    if _forward(s.forward, t, q, v, s.held_data, qdot, a) != 0:
-        return Code.NO_MASS
-    return Code.OK if np.isfinite(a).all() else Code.NOT_FINITE
 
 
 def as_motion(s: TreeSystem, q: Array, rate: Array) -> Array:
@@ -124,20 +129,26 @@ class TreeIDAStepper(IDADriver):
     def __init__(self, system: TreeSystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
         super().__init__(system, t0, q0, v0, options)
         self.system = system
-        self._scratch = Scratch.allocate(system.nq, system.n)
+        nq, n, m = system.nq, system.n, system.m
+        self._v_at, self._lam_at, self._mu_at = slice(nq, nq + n), slice(nq + n, nq + n + m), slice(nq + n + m, None)
+        self._scratch = Scratch.allocate(nq, n, m)
         self._held = hold(self._scratch)
+        self._terms, self._motion = system.allocate_terms(), Motion(system)
+        self._d = np.zeros((2, m))
         self._counts, self._begun, self._pending = np.zeros(3), np.zeros(1), True
-        self._cj = 1.0
+        self._cj, self._A, self._reduced = 1.0, np.zeros((n, m)), np.zeros((2 * m, 2 * m))
         self._ida = self._new_ida()
+        self.status = Status(close(system, self._t, self._q, self._v), self._t)
 
     def _new_ida(self) -> IDA:
         s, o = self.system, self.options
         sizes = o.absolute * s.size
-        atol = np.concatenate((position_sizes(s, sizes), RATE * sizes))
+        atol = np.concatenate((position_sizes(s, sizes), RATE * sizes, np.full(2 * s.m, UNCONTROLLED)))
         return IDA(
             self._residual,
             rtol=o.rtol,
             atol=atol,
+            algebraic_idx=np.arange(s.nq + s.n, len(atol)) if s.m else None,
             linsolver="gmres",
             krylov_dim=KRYLOV,
             precond=IDAPrecond(self._set_up, self._precondition),
@@ -150,42 +161,75 @@ class TreeIDAStepper(IDADriver):
     def _residual(self, t: float, y: Array, yp: Array, res: Array) -> None:
         s = self.system
         self._counts[0] += 1.0
+        if s.m:
+            s.fill_position(t, np.array(y[: s.nq]), self._terms)
         if not residual(s.inverse, s.retract, t, y, yp, res, s.held_data, self._held):
             self._counts[2] += 1.0
+        if s.m:
+            T, lam, mu = self._terms, y[self._lam_at], y[self._mu_at]
+            res[: s.nq] += as_positions(s, y[: s.nq], mu @ T.J)
+            res[self._lam_at] = T.J @ y[self._v_at] - T.nu - self._d[0] * lam
+            res[self._mu_at] = T.Phi - self._d[1] * mu
 
     def _set_up(self, t: float, y: Array, yp: Array, res: Array, cj: float) -> None:
         self._counts[1] += 1.0
         self._residual(t, y, yp, np.empty_like(res))
-        self.system.tangent.factor(cj, cj * cj)
-        self._cj = cj
+        s, self._cj = self.system, cj
+        if not s.tangent.factor(cj, cj * cj) or not s.m:
+            return
+        J, m = self._terms.J, s.m
+        inertia = np.array([s.tangent.inertia(row) for row in J])
+        both = s.tangent.solve(np.vstack((J, cj * inertia)).T)  # (n, 2 m)
+        self._A, X = both[:, :m], both[:, m:]
+        d0, d1 = np.diag(self._d[0]), np.diag(self._d[1])
+        self._reduced = np.linalg.inv(np.block([[J @ J.T + cj * d1, -d0], [-J @ X - d1, -J @ self._A]]))
+        self._J, self._X = J.copy(), X
 
     def _precondition(
         self, t: float, y: Array, yp: Array, res: Array, r: Array, z: Array, cj: float, delta: float
     ) -> None:
         s, c = self.system, self._cj
         g = as_motion(s, y[: s.nq], r[: s.nq])
-        turn = s.tangent.solve(r[s.nq :] + c * s.tangent.inertia(g))
+        turn = s.tangent.solve(r[self._v_at] + c * s.tangent.inertia(g))
+        if s.m:
+            r3, r4 = r[self._lam_at], r[self._mu_at]
+            both = self._reduced @ np.concatenate((r3 + self._J @ g - c * r4, r4 - self._J @ turn))
+            z[s.nq + s.n :] = np.concatenate((both[s.m :], both[: s.m]))
+            turn -= self._X @ both[: s.m] + self._A @ both[s.m :]
+            g = g - both[: s.m] @ self._J
         z[: s.nq] = as_positions(s, y[: s.nq], turn)
         for i, _ in s.quaternions:  # their length
             e = y[i : i + 4]
             z[i : i + 4] += e * (e @ r[i : i + 4]) / (c + LENGTH_RATE)
-        z[s.nq :] = c * turn - g
+        z[self._v_at] = c * turn - g
+
+    def _advance(self, t: float) -> tuple[Code, float]:
+        with one_thread():
+            return super()._advance(t)
 
     def _begin(self) -> Code:
-        code, a, _ = self._evaluate()
+        motion, m = self._motion, self.system.m
+        code = motion.solve(self._t, self._q, self._v)
         if code is Code.OK:
-            self._ida.init_step(self._t, np.concatenate((self._q, self._v)), np.concatenate((self._scratch.qdot, a)))
+            J, zeros = motion.terms.J, np.zeros(m)
+            self._d[0] = TIKHONOV * self.options.rtol / motion.masses
+            self._d[1] = TIKHONOV * self.options.rtol * np.einsum("ij,ij->i", J, J)
+            y = np.concatenate((self._q, self._v, motion.lam, zeros))
+            self._ida.init_step(self._t, y, np.concatenate((motion.qdot, motion.a, zeros, zeros)))
             self._pending = False
             self._begun[0] += 1.0
         return code
 
     def _take(self, t: float, y: Array) -> Code:
-        self._t, self._q, self._v = t, y[: self.system.nq].copy(), y[self.system.nq :].copy()
-        return Code.OK
+        q, v = y[: self.system.nq].copy(), y[self._v_at].copy()
+        code = close(self.system, t, q, v)
+        if code is Code.OK:
+            self._t, self._q, self._v = t, q, v
+        return code
 
     def _evaluate(self) -> tuple[Code, Array, Array]:
-        s, a = self.system, np.zeros(self.system.n)
-        return accelerate(s, self._t, self._q, self._v, self._scratch.qdot, a), a, np.zeros(0)
+        code = self._motion.solve(self._t, self._q, self._v)
+        return code, self._motion.a.copy(), self._motion.lam.copy()
 
     @property
     def statistics(self) -> Statistics:

@@ -5,22 +5,24 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-from .system import Array, TreeSystem
+from .saddle import Saddle
+from .system import Array
 
 SHIFT = 1.0  # (rad/s)^2 below zero, so that rigid motions do not make K singular
 
 
-def natural_modes(system: TreeSystem, count: int) -> tuple[Array, Array]:
+def natural_modes(saddle: Saddle, count: int) -> tuple[Array, Array]:
     """Return the lowest ``count`` omega^2, (rad/s)^2, and the modes (n, count), of unit modal mass.
 
-    The state must be that of a steady state: positions and forces of the last unbalance.
+    The steady state is that of ``saddle``'s last unbalance; of constrained motions those that J allows.
     """
-    tangent, n = system.tangent, system.n
-    if not tangent.factor(0.0, SHIFT):
+    system = saddle.system
+    tangent, n, still = system.tangent, system.n, np.zeros(system.m)
+    if not saddle.factor(0.0, SHIFT):
         raise np.linalg.LinAlgError("stiffness and mass are singular together")
     mass = LinearOperator((n, n), matvec=tangent.inertia, dtype=float)
-    inverse = LinearOperator((n, n), matvec=tangent.solve, dtype=float)
-    start = np.random.default_rng(0).normal(size=n)
+    inverse = LinearOperator((n, n), matvec=lambda f: saddle.solve(f, still)[0], dtype=float)
+    start = saddle.solve(tangent.inertia(np.random.default_rng(0).normal(size=n)), still)[0]
     values, modes = eigsh(mass, k=count, M=mass, sigma=-SHIFT, OPinv=inverse, which="LM", v0=start)
     order = np.argsort(values)
     return values[order], modes[:, order]

@@ -234,7 +234,8 @@ def watch_stability(c: Any, H: Any) -> None:
 
     rho = |y'_c - y'_p| / |y_c - y_p|, from the predicted to the corrected state, comes near the largest eigenvalue
     where its mode is what the two differ by. h rho swings from step to step; where most of many steps are above
-    ``BOUND`` stability sets their length: medians were 0.3 to 1 on stiff motions, 0.06 to 0.13 on those that accuracy limits.
+    ``BOUND`` stability sets their length: medians were 0.3 to 1 on stiff motions, 0.06 to 0.13 on those that accuracy
+    limits.
     """
     change, rate = 0.0, 0.0
     for i in range(H.y.shape[0]):

@@ -66,8 +66,10 @@ def _retract(function: Any, q: Array, dq: Array, data: Any) -> None:
 
 
 @kernel
-def _inverse(function: Any, t: float, q: Array, v: Array, a: Array, data: Any, qdot: Array, tau: Array) -> None:
-    function(t, q, v, a, data, qdot, tau)
+def _inverse(
+    function: Any, t: float, q: Array, v: Array, a: Array, lam: Array, data: Any, qdot: Array, tau: Array
+) -> None:
+    function(t, q, v, a, lam, data, qdot, tau)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,13 +118,16 @@ class System:
 
 
 class Tangent(Protocol):
-    """The linearised equations of motion of a tree, T = c2 M + c1 D + K, in a form that is solved in O(n)."""
+    """The linearised equations of motion of a tree, T = c2 M + c1 D + K, in a form that is solved in O(n).
 
-    def factor(self, c1: float, c2: float) -> bool:
-        """Assemble and factor T at the last :attr:`TreeSystem.inverse`; False where it is singular."""
+    K is the derivative of h + J^T lambda.
+    """
+
+    def factor(self, c1: float, c2: float, weight: Array | None = None) -> bool:
+        """Assemble and factor T, or T + J^T weight J, at the last :attr:`TreeSystem.inverse`; False where singular."""
 
     def solve(self, r: Array) -> Array:
-        """Return dq (n,) with T dq = r (n,)."""
+        """Return dq with T dq = r, both (n,) or (n, columns)."""
 
     def inertia(self, a: Array) -> Array:
         """Return M a (n,)."""
@@ -130,25 +135,33 @@ class Tangent(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class TreeSystem:
-    """A large tree without constraints as a solver sees it: recursions and a structured tangent, no matrix.
+    """A large tree as a solver sees it: recursions and a structured tangent, no matrix but J of few constraints.
 
-    q' = N(q) v,   M v' + h = 0,   given as inverse and as forward dynamics.
+    q' = N(q) v,   M v' + h + J^T lambda = 0,   given as inverse and, without J, as forward dynamics.
     """
 
     nq: int
     n: int
     m: int = 0
     data: Any
-    inverse: Callable[[float, Array, Array, Array, Any, Array, Array], None]  # (t, q, v, a, data, q', M a + h)
+    inverse: Callable[..., None]  # (t, q, v, a, lam, data, q', tau): fills N v and tau = M a + h + J^T lambda
     forward: Callable[[float, Array, Array, Any, Array, Array], int]  # (t, q, v, data, q', v'); not 0: no inertia
+    mobility: Callable[[Array, Any, Array], None]  # (r, data, x): x = M^-1 r where forward was called for last
+    position: Callable[[float, Array, Any, Terms], None]  # (t, q, data, terms): fills Phi, J, nu only
+    constraints: Callable[[float, Array, Array, Any, Terms], None]  # (t, q, v, data, terms): and gamma
     retract: Callable[[Array, Array, Any], None]  # (q, dq, data): q <- q (+) N dq in place, dq (n,)
     tangent: Tangent
     size: Array  # (n,) of coordinates: what their absolute tolerance is measured by
     plain: tuple[NDArray[np.int64], NDArray[np.int64]]  # where positions are no quaternions: places in q and in v
     quaternions: tuple[tuple[int, int], ...] = ()  # first place of each in q, of its angular velocity in v
-    loads: tuple[Array, ...] = ()  # views of what loads the tree: gravity, applied forces
+    loads: tuple[Array, ...] = ()  # views of what loads the tree: gravity, applied forces, pressures
     coordinate_names: tuple[str, ...] = ()  # (n,)
-    constraint_names: tuple[str, ...] = ()  # none
+    constraint_names: tuple[str, ...] = ()  # (m,)
+
+    def allocate_terms(self) -> Terms:
+        """Return zeroed terms; those of the constraints are the only ones a tree fills, and M has no entries."""
+        n, m, z = self.n, self.m, np.zeros
+        return Terms(z(0), z((0, 0)), z(0), z(m), z((m, n)), z(m), z(m))
 
     @cached_property
     def held_data(self) -> Any:
@@ -159,10 +172,19 @@ class TreeSystem:
         """Change the positions in place by dq (n,): q <- q (+) N dq."""
         _retract(self.retract, q, dq, self.held_data)
 
-    def unbalance(self, t: float, q: Array, v: Array, a: Array) -> Array:
-        """Return M a + h (n,)."""
+    def fill_position(self, t: float, q: Array, terms: Terms) -> None:
+        """Fill Phi, J and nu at (t, q)."""
+        _position(self.position, t, q, self.held_data, hold(terms))
+
+    def fill(self, t: float, q: Array, v: Array, terms: Terms) -> None:
+        """Fill Phi, J, nu and gamma at (t, q, v)."""
+        _dynamics(self.constraints, t, q, v, self.held_data, hold(terms))
+
+    def unbalance(self, t: float, q: Array, v: Array, a: Array, lam: Array | None = None) -> Array:
+        """Return M a + h + J^T lambda (n,)."""
         qdot, tau = np.zeros(self.nq), np.zeros(self.n)
-        _inverse(self.inverse, t, q, v, a, self.held_data, qdot, tau)
+        loaded = np.zeros(self.m) if lam is None else lam
+        _inverse(self.inverse, t, q, v, a, loaded, self.held_data, qdot, tau)
         return tau
 
 

@@ -258,7 +258,8 @@ def test_ledger_of_effects(command: Any) -> None:
     )
     assert code == 0
     assert [line.split("  ")[0] for line in out.splitlines()[2:]] == [
-        "as it is", "without gravity", "without membrane", "with damping", "with drag"
+        "as it is", "without gravity", "without membrane", "with damping", "with drag",
+        "with pressure",
     ]  # fmt: skip
     assert command("effects", "sheet", "--stop-time", "0.01", "--show", "tipp.y")[0] == 2
     assert command("effects", "pendulum")[0] == 2

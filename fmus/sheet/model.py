@@ -14,7 +14,7 @@ from mbfmu.mechanics import Body, Box, Input, Mechanism, Support, Translational,
 from mbfmu.mechanics.sheet import Sheet as SheetHandle
 from mbfmu.model import Model, parameter
 
-HELD = {"clamped": "clamped", "moved": "clamped", "pinned": "pinned"}
+HELD = {"clamped": "clamped", "moved": "clamped", "pinned": "pinned", "two_edges": "pinned"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,6 +32,7 @@ class Sheet(Model):
             "membrane": {"membrane": True},
             "damping": {"damping": 0.002},
             "drag": {"drag": 1.4},
+            "pressure": {"pressure": 0.5},
         }
     )
 
@@ -46,8 +47,9 @@ class Sheet(Model):
     tree: str = parameter("spine", choices=("spine", "rows", "master"), doc="how nodes hang on each other")
     support: str = parameter(
         "clamped",
-        choices=("clamped", "pinned", "moved", "free"),
-        doc="of the edge x = length; moved: clamped to an edge that inputs move",
+        choices=("clamped", "pinned", "moved", "two_edges", "all_edges", "free"),
+        doc="of the edge x = length; moved: clamped to an edge that inputs move; two_edges: it and x = 0 are hinged; "
+        "all_edges: so are all four; hinged edges may slide in the plane",
     )
     held_part: float = parameter(1.0, min=0.0, max=1.0, doc="part of the edge that is held, about its middle")
     start_velocity: float = parameter(0.0, unit="m/s", doc="of a free sheet at the start, along y")
@@ -58,20 +60,28 @@ class Sheet(Model):
     membrane: bool = parameter(True, structural=True, doc="effect: stretching and shear resist")
     damping: float = parameter(0.0, unit="s", min=0.0, doc="effect: material damping time, stress = K (e + damping e')")
     drag: float = parameter(0.0, unit="kg/m3", min=0.0, doc="effect: air density times drag coefficient")
+    pressure: float = parameter(
+        0.0, unit="Pa", doc="effect: on the sheet, along its normal; tunable where not zero at first", tunable=True
+    )
     grid_outputs: bool = parameter(False, structural=True, doc="position of every node among the outputs")
 
     def build(self) -> Mechanism:
         """Return the mechanism: the flat sheet in y = 0, z from 0 to the width."""
         m = Mechanism(gravity=[self._gravity(axis) for axis in "xyz"])
-        edge = None if self.support == "free" else self._edge(m)
-        supports, tree = [], self.tree
+        edge = None if self.support in ("all_edges", "free") else self._edge(m)
+        supports, tree, master = [], self.tree, None
         if edge is None:
             tree = "master"
+            if self.support == "all_edges":
+                master = m.body("lift", m.ground, Translational(axis="y"))  # the middle may not drift in the plane
+                supports = [Support(name, "supported") for name in ("x0", "x1", "z0", "z1")]
         else:
             half = 0.5 * self.held_part * self.width
             span = (0.5 * self.width - half, 0.5 * self.width + half)
             at = (-self.length, 0.0, -0.5 * self.width)
             supports = [Support("x1", HELD[self.support], span=span, body=edge, at=at)]
+            if self.support == "two_edges":
+                supports.append(Support("x0", "supported"))
             m.shape(edge, Box(size=(0.02 * self.length, 0.01 * self.length, self.held_part * self.width)))
         sheet = add_sheet(
             m,
@@ -85,10 +95,12 @@ class Sheet(Model):
             grid=(self.nx, self.nz),
             tree=tree,
             supports=supports,
+            master=master,
             membrane=self.membrane,
             damping=self.damping,
             drag=self.drag,
-            rate=self._rate() if edge is None else None,
+            pressure=self.pressure,
+            rate=self._rate() if self.support == "free" else None,
         )
         m.surface("sheet", sheet.nodes)
         self._outputs(m, sheet, edge)
@@ -125,6 +137,10 @@ class Sheet(Model):
         for name, node in points.items():
             for axis in "xyz":
                 m.output(f"{name}.{axis}", node.position(axis), f"{name} of the free edge")
+        if self.support in ("two_edges", "all_edges"):
+            middle = sheet.node(self.nx // 2, self.nz // 2)
+            for axis in "xyz":
+                m.output(f"middle.{axis}", middle.position(axis), "middle of the sheet")
         m.output("tip.velocity.y", points["tip"].velocity("y"), "velocity of the tip")
         for k in range(self.nz):
             m.output(f"free_edge[{k}].y", sheet.node(0, k).position("y"), f"node {k} of the free edge")

@@ -39,7 +39,7 @@ def command_modes(options: argparse.Namespace) -> int:
     if not isinstance(found.plant.system, TreeSystem):
         print(modes_as_text(found.modes[: options.count]))
         return 0
-    modes = shapes(found.plant, found.q, options.count)
+    modes = shapes(found.plant, found.q, options.count, found.lam)
     print(modes_as_text([shape.mode for shape in modes]))
     if found.plant.mechanism.surfaces:
         picture = folder(options.output) / f"{scene.name}_modes.png"

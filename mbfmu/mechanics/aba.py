@@ -39,6 +39,52 @@ def forward_dynamics(arrays: Any, state: Any) -> int:
 
 
 @kernel
+def unforced(arrays: Any, state: Any, r: Any, x: Any) -> None:
+    """x (n,) = M^-1 r (n,) by the articulated inertias of the last :func:`forward_dynamics`: nothing but r acts."""
+    for i in range(arrays.bodies.shape[0]):
+        for k in range(6):
+            state.bodies[i].pA[k] = 0.0
+            state.bodies[i].dY[k] = 0.0
+    for i in range(arrays.bodies.shape[0] - 1, 0, -1):
+        body, here = arrays.bodies[i], state.bodies[i]
+        if body.vf >= 0:
+            D, U = state.D, state.U
+            for c in range(body.nv):
+                rest = r[body.vf + c] - dot6(state.S[body.vi + c], here.pA)
+                for j in range(c):
+                    rest -= D[body.vi + c, j] * D[body.vi + j, RIGHT]
+                D[body.vi + c, RIGHT] = rest / D[body.vi + c, c]
+            for c in range(body.nv):
+                for k in range(6):
+                    here.pA[k] += U[body.vi + c, k] * D[body.vi + c, RIGHT]
+        if body.parent > 0:
+            parent = state.bodies[body.parent]
+            shift_to(here, parent, here.pA)
+            for k in range(6):
+                parent.pA[k] += here.pA[k]
+    for i in range(1, arrays.bodies.shape[0]):
+        body, here = arrays.bodies[i], state.bodies[i]
+        parent = state.bodies[body.parent]
+        dY, dYj = here.dY, parent.dY
+        px, py, pz = here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2]
+        for k in range(6):
+            dY[k] = dYj[k]
+        dY[0] += dYj[4] * pz - dYj[5] * py
+        dY[1] += dYj[5] * px - dYj[3] * pz
+        dY[2] += dYj[3] * py - dYj[4] * px
+        if body.vf < 0:
+            continue
+        for c in range(body.nv - 1, -1, -1):
+            rest = state.D[body.vi + c, RIGHT] - dot6(state.U[body.vi + c], dY)
+            for j in range(c + 1, body.nv):
+                rest -= state.D[body.vi + j, c] * x[body.vf + j]
+            x[body.vf + c] = rest / state.D[body.vi + c, c]
+        for k in range(6):
+            for c in range(body.nv):
+                dY[k] += state.S[body.vi + c, k] * x[body.vf + c]
+
+
+@kernel
 def start(arrays: Any, state: Any) -> None:
     """Rigid-body inertia about the origin as a 6x6 matrix, and the wrench at zero acceleration."""
     for i in range(1, arrays.bodies.shape[0]):

@@ -152,6 +152,14 @@ NODE = np.dtype(  # a cross-section of an elastic body
     align=True,
 )
 
+PRESSURE = np.dtype(
+    [
+        ("node", np.int64, (4,)),  # bodies at the corners, as those of a plate
+        ("signal", np.int64),  # Pa
+    ],
+    align=True,
+)
+
 WORLD = np.dtype([("gravity", np.float64, (3,))], align=True)  # m/s^2
 
 
@@ -168,6 +176,7 @@ class Arrays(NamedTuple):
     drags: NDArray[Any]  # DRAG
     elastics: NDArray[Any]  # ELASTIC
     nodes: NDArray[Any]  # NODE
+    pressures: NDArray[Any]  # PRESSURE
 
 
 MOTION = np.dtype(
@@ -196,6 +205,7 @@ ROW = np.dtype(
         ("Ga", np.float64, (6,)),  # Phi' = Ga . Y_a + Gb . Y_b
         ("Gb", np.float64, (6,)),
         ("bias", np.float64),  # Phi'' = Ga . Y'_a + Gb . Y'_b + bias
+        ("lam", np.float64),  # multiplier that loaded the bodies last
     ],
     align=True,
 )
@@ -250,6 +260,7 @@ class State(NamedTuple):
     wrench: NDArray[np.float64]  # (6,) a wrench on its way inward
     U: NDArray[np.float64]  # (nv, 6) articulated body: (IA S)^T, with the joint's Cholesky factor taken out
     D: NDArray[np.float64]  # (nv, MODES + 1) articulated body: a joint's Cholesky factor, and last its right-hand side
+    pressure: NDArray[np.float64]  # (pressures,) Pa, when the forces were applied last
 
 
 class Data(NamedTuple):
@@ -259,13 +270,16 @@ class Data(NamedTuple):
     state: State
 
 
-def allocate_state(nb: int, rows: int, nq: int, nv: int, subspaces: int) -> State:
+def allocate_state(nb: int, rows: int, nq: int, nv: int, subspaces: int, pressures: int) -> State:
     """Return zeroed scratch for ``nb`` bodies (ground included), with the ground placed."""
     state = State(
         records(nb, MOTION),
         records(rows, ROW),
         records(1, ELEMENT),
-        *(np.zeros(shape) for shape in ((subspaces, 6), nq, nv, nv, nv, nv, (9, 6), 6, (nv, 6), (nv, MODES + 1))),
+        *(
+            np.zeros(shape)
+            for shape in ((subspaces, 6), nq, nv, nv, nv, nv, (9, 6), 6, (nv, 6), (nv, MODES + 1), pressures)
+        ),
     )
     state.bodies["A"][0] = np.eye(3)
     return state
@@ -282,11 +296,16 @@ def complex_twin(data: Data) -> Data:
 def _complex(array: NDArray[Any]) -> NDArray[Any]:
     if array.dtype.names is None:
         return array.astype(complex) if array.dtype == np.float64 else array.copy()
-    fields = [(name, *_complex_field(array.dtype[name])) for name in array.dtype.names]
-    twin = records(len(array), np.dtype(fields, align=True))
+    twin = complex_records(len(array), array.dtype)
     for name in array.dtype.names:
         twin[name] = array[name]
     return twin
+
+
+def complex_records(count: int, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Return zeroed records whose real numbers are complex."""
+    fields = [(name, *_complex_field(dtype[name])) for name in dtype.names or ()]
+    return records(count, np.dtype(fields, align=True))
 
 
 def _complex_field(dtype: np.dtype[Any]) -> tuple[type, tuple[int, ...]]:

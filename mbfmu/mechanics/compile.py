@@ -11,7 +11,22 @@ from numpy.typing import NDArray
 from mbfmu.errors import UserError
 from solvers.kernel import records
 
-from .arrays import BODY, CUT, DRAG, ELASTIC, FORCE, NODE, PLATE, SENSOR, SIGNAL, WORLD, Arrays, Data, allocate_state
+from .arrays import (
+    BODY,
+    CUT,
+    DRAG,
+    ELASTIC,
+    FORCE,
+    NODE,
+    PLATE,
+    PRESSURE,
+    SENSOR,
+    SIGNAL,
+    WORLD,
+    Arrays,
+    Data,
+    allocate_state,
+)
 from .cuts import REGISTRY as CUTS
 from .forces import REGISTRY as FORCES
 from .joints import REGISTRY as JOINTS
@@ -116,11 +131,12 @@ def compile_data(mechanism: Mechanism, numbering: Numbering) -> Data:
     world = records(1, WORLD)
     world["gravity"] = mechanism.gravity
     forces = force_records(mechanism, numbering)  # numbers its signals, so before they are written
+    pressures = pressure_records(mechanism, numbering)
     cuts, rows = cut_records(mechanism)
     bodies, signals = body_records(mechanism, numbering), signal_records(numbering)
-    elements = (*plate_records(mechanism), *elastic_records(mechanism, numbering))
+    elements = (*plate_records(mechanism), *elastic_records(mechanism, numbering), pressures)
     arrays = Arrays(world, bodies, cuts, forces, signals, np.arange(rows), *elements)
-    sizes = (len(mechanism.bodies), rows, numbering.nq_full, numbering.nv_full, numbering.subspaces)
+    sizes = (len(mechanism.bodies), rows, numbering.nq_full, numbering.nv_full, numbering.subspaces, len(pressures))
     return Data(arrays, allocate_state(*sizes))
 
 
@@ -209,6 +225,18 @@ def elastic_records(mechanism: Mechanism, numbering: Numbering) -> tuple[NDArray
         if section.frame is not None:  # bending leaves the frame in place
             section.beam.fill_node(section.x, record)
     return elastics, nodes
+
+
+def pressure_records(mechanism: Mechanism, numbering: Numbering) -> NDArray[Any]:
+    """One record a surface that a pressure acts on; those of one pressure share its signal."""
+    found = []
+    for name, magnitude, faces in mechanism.pressures:
+        signal = numbering.signal(magnitude, f"magnitude of pressure {name!r}")
+        found += [([body.index for body in corners], signal) for corners in faces]
+    table = records(len(found), PRESSURE)
+    for record, (node, signal) in zip(table, found, strict=True):
+        record["node"], record["signal"] = node, signal
+    return table
 
 
 def signal_records(numbering: Numbering) -> NDArray[Any]:

@@ -86,6 +86,7 @@ def load_cuts(lam: Any, arrays: Any, state: Any) -> None:
         for r in range(cut.row, end):
             row = arrays.kept[r]
             if row >= 0:
+                state.rows[r].lam = lam[row]
                 for k in range(6):
                     f[k] = -lam[row] * state.rows[r].Ga[k]
                 add_wrench(state.bodies[cut.a].F, 0.0, 0.0, 0.0, f)

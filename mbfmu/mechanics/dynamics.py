@@ -16,7 +16,7 @@ from solvers.held import held_type
 from solvers.kernel import COMPILED, callback, inlined, kernel, records
 from solvers.system import Terms
 
-from .aba import forward_dynamics
+from .aba import forward_dynamics, unforced
 from .arrays import (
     BODY,
     CUT,
@@ -25,6 +25,7 @@ from .arrays import (
     FORCE,
     NODE,
     PLATE,
+    PRESSURE,
     SIGNAL,
     WORLD,
     Arrays,
@@ -112,12 +113,13 @@ def motion(t: float, q: Any, v: Any, data: Any, terms: Any) -> None:
     motion_terms(q, v, arrays, state, terms)
 
 
-def inverse(t: float, q: Any, v: Any, a: Any, data: Any, qdot: Any, tau: Any) -> None:
-    """qdot (nq,) = N v and tau (n,) = M a + h, by the recursions alone."""
+def inverse(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any, qdot: Any, tau: Any) -> None:
+    """qdot (nq,) = N v and tau (n,) = M a + h + J^T lambda, by the recursions alone."""
     arrays, state = data.arrays, data.state
     move(t, q, v, arrays, state)
     gather_free(a, arrays, state)
     accelerations(arrays, state)
+    load_cuts(lam, arrays, state)
     inverse_dynamics(arrays, state)
     take_free(state.tau, arrays, tau)
     position_rate(arrays, q, v, qdot)
@@ -131,6 +133,20 @@ def forward(t: float, q: Any, v: Any, data: Any, qdot: Any, a: Any) -> int:
     take_free(state.a, arrays, a)
     position_rate(arrays, q, v, qdot)
     return code
+
+
+def mobility(r: Any, data: Any, x: Any) -> None:
+    """x (n,) = M^-1 r (n,) where :func:`forward` was called for last."""
+    unforced(data.arrays, data.state, r, x)
+
+
+def constraints(t: float, q: Any, v: Any, data: Any, terms: Any) -> None:
+    """Phi, J, nu and gamma alone."""
+    arrays, state = data.arrays, data.state
+    move(t, q, v, arrays, state)
+    jacobian(arrays, state, terms.Phi, terms.J, terms.nu)
+    accelerations(arrays, state)
+    right_hand_side(arrays, state, terms.gamma)
 
 
 def position(t: float, q: Any, data: Any, terms: Any) -> None:
@@ -258,13 +274,19 @@ def callbacks(scalar: type = float) -> tuple[Callable[..., Any], ...]:
 
 @cache
 def tree_callbacks() -> tuple[Callable[..., Any], ...]:
-    """Return inverse, forward, retract as a solver of large trees takes them; compiled on first use."""
+    """Return inverse, forward, mobility, position, constraints, retract as a solver of large trees takes them;
+    compiled on first use.
+    """
     if not COMPILED:
-        return inverse, forward, retract
-    data, real, vector = held_type(empty_data()), types.float64, types.float64[::1]
+        return inverse, forward, mobility, position, constraints, retract
+    data, terms = held_type(empty_data()), held_type(Terms.allocate(1, 1, 1))
+    real, vector = types.float64, types.float64[::1]
     return (
-        callback(types.void(real, vector, vector, vector, data, vector, vector))(inverse),
+        callback(types.void(real, vector, vector, vector, vector, data, vector, vector))(inverse),
         callback(types.int64(real, vector, vector, data, vector, vector))(forward),
+        callback(types.void(vector, data, vector))(mobility),
+        callback(types.void(real, vector, data, terms))(position),
+        callback(types.void(real, vector, vector, data, terms))(constraints),
         callback(types.void(vector, vector, data))(retract),
     )
 
@@ -272,6 +294,6 @@ def tree_callbacks() -> tuple[Callable[..., Any], ...]:
 def empty_data() -> Data:
     """Return data of a mechanism of one body: an example of the types every mechanism has."""
     world, bodies, cuts, forces, signals = (records(1, dtype) for dtype in (WORLD, BODY, CUT, FORCE, SIGNAL))
-    plates, drags, elastics, nodes = (records(1, dtype) for dtype in (PLATE, DRAG, ELASTIC, NODE))
-    arrays = Arrays(world, bodies, cuts, forces, signals, np.zeros(1, np.int64), plates, drags, elastics, nodes)
-    return Data(arrays, allocate_state(1, 1, 1, 1, 1))
+    elements = (records(1, dtype) for dtype in (PLATE, DRAG, ELASTIC, NODE, PRESSURE))
+    arrays = Arrays(world, bodies, cuts, forces, signals, np.zeros(1, np.int64), *elements)
+    return Data(arrays, allocate_state(1, 1, 1, 1, 1, 1))

@@ -19,9 +19,13 @@ def number_groups(mechanism: Mechanism) -> NDArray[np.int64]:
     Where the given numbers do not allow that, groups are merged until they do.
     """
     bodies = mechanism.bodies
-    ties = [(b.index, b.parent) for b in bodies[1:] if b.parent > 0]
-    ties += [(c.a.index, c.b.index) for c in mechanism.cuts if c.a.index and c.b.index]
+    fixed = [True]
+    for body in bodies[1:]:
+        fixed.append(fixed[body.parent] and (body.joint.drive is not None or body.joint.nv == 0))
+    ties = [(b.index, b.parent) for b in bodies[1:] if not fixed[b.parent]]
+    ties += [(c.a.index, c.b.index) for c in mechanism.cuts if not fixed[c.a.index] and not fixed[c.b.index]]
     spans = [*ties, *([body.index for body in nodes] for _, nodes in mechanism.plates)]
+    spans += [[body.index for body in corners] for _, _, faces in mechanism.pressures for corners in faces]
     neighbours: list[list[int]] = [[] for _ in bodies]
     for a, b in ties:
         neighbours[a].append(b)

@@ -21,6 +21,10 @@ class Layout(NamedTuple):
     members: NDArray[np.int64]  # bodies of every group, parents first
     first_plate: NDArray[np.int64]  # (groups + 1,) into ``plates``
     plates: NDArray[np.int64]  # elements by the first group that has one of their bodies
+    first_pressure: NDArray[np.int64]  # (groups + 1,) into ``pressures``
+    pressures: NDArray[np.int64]  # surfaces under pressure, likewise
+    first_cut: NDArray[np.int64]  # (groups + 1,) into ``cuts``
+    cuts: NDArray[np.int64]  # cut joints, likewise
 
 
 def lay_out(arrays: Any, groups: NDArray[np.int64]) -> tuple[Layout, list[NDArray[np.int64]], list[int]]:
@@ -57,18 +61,22 @@ def lay_out(arrays: Any, groups: NDArray[np.int64]) -> tuple[Layout, list[NDArra
         kept.append(np.array(rows, np.int64))
         sizes.append(size)
     flat = flat_list(members)
-    plates = plates_by_group(arrays, role, groups, len(members))
-    layout = Layout(
-        role, groups.astype(np.int64), slot, lock, offsets(members), flat, offsets(plates), flat_list(plates)
+    ties = np.column_stack((arrays.cuts["a"], arrays.cuts["b"]))
+    plates, pressures, cuts = (
+        by_group(nodes, role, groups, len(members)) for nodes in (arrays.plates["node"], arrays.pressures["node"], ties)
     )
+    layout = Layout(
+        role, groups.astype(np.int64), slot, lock, offsets(members), flat,
+        offsets(plates), flat_list(plates), offsets(pressures), flat_list(pressures), offsets(cuts), flat_list(cuts),
+    )  # fmt: skip
     return layout, kept, sizes
 
 
-def plates_by_group(arrays: Any, role: Any, groups: Any, count: int) -> list[list[int]]:
-    """Return the elements by the first group that has one of their moving bodies."""
+def by_group(elements: Any, role: Any, groups: Any, count: int) -> list[list[int]]:
+    """Return the elements, each a row of bodies, by the first group that has one of their moving bodies."""
     found: list[list[int]] = [[] for _ in range(count)]
-    for e, plate in enumerate(arrays.plates):
-        own = [int(groups[i]) for i in plate["node"] if role[i] != FIXED]
+    for e, nodes in enumerate(elements):
+        own = [int(groups[i]) for i in nodes if role[i] != FIXED]
         if own:
             if max(own) - min(own) > 1:
                 raise ValueError(f"element {e} spans groups {min(own)} to {max(own)}")

@@ -11,7 +11,7 @@ A body's frame is where its tree joint puts it: at rest it lies on the joint fra
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -201,6 +201,7 @@ class Mechanism:
         self.forces: list[tuple[str, Force, Body, Body]] = []
         self.plates: list[tuple[Plate, tuple[Body, Body, Body, Body]]] = []
         self.elastics: list[Elastic] = []
+        self.pressures: list[tuple[str, Any, list[tuple[Body, ...]]]] = []
         self.outputs: list[tuple[str, Sensor, str, float | None]] = []
         self.shapes: list[tuple[Body, Shape]] = []
         self.surfaces: list[Surface] = []
@@ -362,11 +363,33 @@ class Mechanism:
             raise UserError(f"plate is {plate!r}; it must be a Plate")
         plate.check()
         nodes = (a, b, c, d)
-        for body in nodes:
-            self._member(body, "corner of a plate")
-        if len({body.index for body in nodes}) < 4:
-            raise UserError(f"corners of a plate are {[body.name for body in nodes]}; it needs four bodies")
+        self._corners("a plate", nodes)
         self.plates.append((plate, nodes))
+
+    def pressure(self, name: str, magnitude: Any, faces: Iterable[Sequence[Body]]) -> None:
+        """Let a pressure act on surfaces, along their normals as they turn.
+
+        Parameters
+        ----------
+        name
+            New among the pressures.
+        magnitude
+            Pa, a number, a signal or an input; positive along y of a flat face.
+        faces
+            Four bodies each, in the order of a plate's corners.
+        """
+        self._new_name("pressure", name, [p[0] for p in self.pressures])
+        quads = [tuple(face) for face in faces]
+        for corners in quads:
+            self._corners(f"a face of pressure {name!r}", corners)
+        self.pressures.append((name, magnitude, quads))
+
+    def _corners(self, what: str, nodes: tuple[Body, ...]) -> None:
+        """Refuse what does not span a surface."""
+        for body in nodes:
+            self._member(body, f"corner of {what}")
+        if len({body.index for body in nodes}) < 4 or len(nodes) > 4:
+            raise UserError(f"corners of {what} are {[body.name for body in nodes]}; it needs four bodies")
 
     def turn(self, body: Body) -> Sensor:
         """Absolute angle (rad) of a body that hangs on the ground by parallel revolutes; it counts whole turns."""

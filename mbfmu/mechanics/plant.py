@@ -21,6 +21,7 @@ from .signals import POLYNOMIAL
 from .tangent import Tangent
 
 LARGE = 60  # coordinates of a tree without loops from which on no dense matrix is made
+LARGE_LOOPS = 100  # ... of a mechanism with cut joints, which only 'ida' advances then
 
 
 class Plant:
@@ -42,12 +43,12 @@ class Plant:
         self.data = compile_data(mechanism, numbering)
         names = [f"{c.name}.{r}" if r else c.name for c in mechanism.cuts for r in c.cut.rows]
         self.void_rows: list[str] = []
-        if not names and not mechanism.elastics and numbering.nv > LARGE:
-            self.system: Any = self._tree_system()
-        else:
-            self.system = self._system(names, self.data)
+        large = numbering.nv > (LARGE_LOOPS if names else LARGE) and not mechanism.elastics
+        make = self._tree_system if large else self._system
+        self.system: Any = make(names, self.data)
+        if names:
             self.void_rows = self._drop_void_rows(names)
-            self.system = self._system([n for n in names if n not in self.void_rows], self.data)
+            self.system = make([n for n in names if n not in self.void_rows], self.data)
         self.inputs = tuple(slot.variable for slot in numbering.slots)
         self.outputs = tuple(Variable(n, s.unit, d, 0.0, nominal) for n, s, d, nominal in mechanism.outputs)
         self._sensors = sensor_records(mechanism, numbering, self.data.arrays.kept)
@@ -72,9 +73,9 @@ class Plant:
             constraint_names=tuple(constraint_names),
         )
 
-    def _tree_system(self) -> TreeSystem:
+    def _tree_system(self, constraint_names: list[str], data: Data) -> TreeSystem:
         """Return the system of a large tree."""
-        inverse, forward, retract = tree_callbacks()
+        inverse, forward, mobility, position, constraints, retract = tree_callbacks()
         places: list[tuple[int, int]] = []
         quaternions: list[tuple[int, int]] = []
         sizes = [np.zeros(0)]
@@ -87,21 +88,26 @@ class Plant:
                 quaternions.append((int(record["qf"]) + plain, int(record["vf"]) + plain))
             sizes.append(np.full(int(record["nv"]), body.joint.size))
         arrays: Any = self.data.arrays
-        applied = [k for k in arrays.forces["signal"] if k >= 0]
+        applied = [k for k in arrays.forces["signal"] if k >= 0] + list(np.unique(arrays.pressures["signal"]))
         in_q, in_v = np.array(places, np.int64).reshape(-1, 2).T
         return TreeSystem(
             nq=self._numbering.nq,
             n=self._numbering.nv,
-            data=self.data,
+            m=len(constraint_names),
+            data=data,
             inverse=inverse,
             forward=forward,
+            mobility=mobility,
+            position=position,
+            constraints=constraints,
             retract=retract,
-            tangent=Tangent(self.data, number_groups(self.mechanism)),
+            tangent=Tangent(data, number_groups(self.mechanism)),
             size=np.concatenate(sizes),
             plain=(in_q, in_v),
             quaternions=tuple(quaternions),
             loads=(arrays.world["gravity"][0], *(arrays.signals["c"][k] for k in applied)),
             coordinate_names=tuple(self._numbering.coordinate_names),
+            constraint_names=tuple(constraint_names),
         )
 
     def _drop_void_rows(self, names: list[str]) -> list[str]:

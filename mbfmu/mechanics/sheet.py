@@ -17,10 +17,10 @@ the sheet; ``spine`` as one chain from the middle of the support, with ribs to b
 node in the middle floats, or hangs on a body of yours, with spine and ribs around it, and every support is made of cut
 joints. A chain of out-of-plane joints cannot stretch, so what resists stretching (membrane) matters across chains only.
 
-**Effects.** Bending is always there; membrane, damping and drag where they are asked for. Bending alone converges to a
-sheet that resists no Gaussian curvature, because nothing resists shear in its plane nor stretching across the chains;
-membrane does, and leaves out the strain along rows or ribs, of which there is none. It may see the strain along a chain
-only with joints that keep the length of the arc: those of projected length would lock.
+**Effects.** Bending is always there; membrane, damping, drag and pressure where they are asked for. Bending alone
+converges to a sheet that resists no Gaussian curvature, because nothing resists shear in its plane nor stretching
+across the chains; membrane does, and leaves out the strain along rows or ribs, of which there is none. It may see the
+strain along a chain only with joints that keep the length of the arc: those of projected length would lock.
 """
 
 from __future__ import annotations
@@ -137,6 +137,7 @@ def add_sheet(
     membrane: bool | str = False,
     damping: float = 0.0,
     drag: float = 0.0,
+    pressure: Any = 0.0,
 ) -> Sheet:
     """Add a flexible sheet to a mechanism.
 
@@ -170,6 +171,8 @@ def add_sheet(
         in :class:`.elastic.Plate`.
     damping, drag
         Material damping time, s, and density times drag coefficient of the air, kg/m^3.
+    pressure
+        On the sheet, along its normal as that turns, Pa: a number (zero: none), a signal or an input.
     """
     what = f"sheet {name!r}"
     shape = _grid(what, grid)
@@ -192,7 +195,7 @@ def add_sheet(
     )
     plate.check(what)
     builder = _Builder(mechanism, name, plate, density, shape, (at, rotation), joint == "arc")
-    return builder.build(tree, list(supports), master, rate)
+    return builder.build(tree, list(supports), master, rate, pressure)
 
 
 class _Builder:
@@ -216,11 +219,14 @@ class _Builder:
         self.bodies: dict[Node, Body] = {}
         self.taken: set[Node] = set()  # held by a support
 
-    def build(self, tree: str, supports: list[Support], master: Body | None, rate: Vector | None) -> Sheet:
+    def build(
+        self, tree: str, supports: list[Support], master: Body | None, rate: Vector | None, pressure: Any
+    ) -> Sheet:
         """Hang the nodes, span the elements, close the supports."""
         if rate is not None and (tree != "master" or master is not None):
             raise UserError(f"rate of {self.what} is {rate!r}, but it has no floating master node to move")
         if tree == "master":
+            self._refuse_taut(supports, master)
             kind, options = (Floating, {"rate": rate}) if master is None else (Weld, {})
             self._hang(_around(self.shape), 0, kind, master, self.at, self.rotation, **options)
         else:
@@ -232,6 +238,7 @@ class _Builder:
                     f"first support of {self.what} is {given}; tree {tree!r} grows from one that is clamped or pinned: "
                     "put it first, or take tree 'master'"
                 )
+            self._refuse_taut(supports, None)
             root = supports.pop(0)
             at, axes = self._frame(root)
             self.taken |= {_on_edge(self.shape, root.edge, n) for n in self._held(root)}
@@ -246,13 +253,38 @@ class _Builder:
             )
         nx, nz = self.shape
         node = self.bodies
-        for i in range(nx - 1):
-            for k in range(nz - 1):
-                corners = node[i, k], node[i + 1, k], node[i + 1, k + 1], node[i, k + 1]
-                self.mechanism.plate(self.plate, *corners)
+        cells = [
+            (node[i, k], node[i + 1, k], node[i + 1, k + 1], node[i, k + 1])
+            for i in range(nx - 1)
+            for k in range(nz - 1)
+        ]
+        for corners in cells:
+            self.mechanism.plate(self.plate, *corners)
+        if pressure != 0.0:
+            self.mechanism.pressure(self.name, pressure, cells)
         cuts = [cut for support in supports for cut in self._close(support)]
         nodes = tuple(tuple(node[i, k] for k in range(nz)) for i in range(nx))
         return Sheet(self.name, nodes, self.plate.a, self.plate.b, self.plate, tuple(cuts))
+
+    def _refuse_taut(self, supports: list[Support], master: Body | None) -> None:
+        """Refuse supports that hold the sheet in its plane twice: it cannot stretch, so it could not bend."""
+        holders = [] if master is None else [(master, f"master on {master.name!r}")]
+        for support in supports:
+            if support.kind in ("clamped", "pinned"):
+                body = self.mechanism.ground if support.body is None else support.body
+                holders.append((body, f"{support.kind} {support.edge!r}"))
+        first: dict[int, str] = {}
+        for body, name in holders:
+            self.mechanism._member(body, f"body that holds {self.what}")
+            i = body.index
+            while i > 0 and self.mechanism.bodies[i].joint.nv == 0:
+                i = self.mechanism.bodies[i].parent
+            if i in first:
+                raise UserError(
+                    f"supports of {self.what} hold it in its plane twice: {first[i]} and {name}; it cannot stretch, so "
+                    "it could not bend between them; make one 'guided' or 'supported'"
+                )
+            first[i] = name
 
     def _flat(self, node: Node) -> Matrix:
         """Position of a node in the sheet's frame."""

@@ -7,9 +7,13 @@ tree (y_i = X y_j + S dq, the same shift as in the recursions),
 
     T = B^T (c2 M + c1 D + K) B + G,
 
-K the tangents of elements, D of their damping, M the bodies' inertia at their origins, and G what comes from turning
-the joints while they transmit the wrench W (S and X change with the position). Velocity products are left out: exact at
-rest, and as a preconditioner at the speeds of a sheet.
+K the tangents of elements and pressures, D of their damping, M the bodies' inertia at their origins, and G what comes
+from turning the joints while they transmit the wrench W (S and X change with the position). Velocity products are left
+out: exact at rest, and as a preconditioner at the speeds of a sheet.
+
+A cut joint adds what its reactions gain as its bodies move, lambda dG, so that T is the derivative of h + J^T lambda.
+Where asked for it adds springs that hold it: T + J^T alpha J, by which a saddle system is solved where T alone is
+singular (:mod:`solvers.saddle`).
 
 **Groups.** Every body belongs to a numbered group such that joints and elements span neighbouring groups at most: the
 columns of a sheet's grid. Unknowns of a group: dq of joints whose parent is in the same group or fixed (inner), and of
@@ -30,13 +34,16 @@ from solvers.held import hold
 from solvers.kernel import kernel
 from solvers.system import Array
 
-from .arrays import Data, State
+from .arrays import MOTION, ROW, Data, State, complex_records
+from .cuts import tangent as cut_tangent
 from .dynamics import turn_quaternion
+from .elastic import pressure
 from .elastic.tangent import damping, stiffness
 from .joints import move
 from .layout import FIXED, INNER, OUTER, lay_out
 from .spatial import add_wrench, multiply, row_dot6
 
+_pressure, _cut = pressure.stiffness, cut_tangent.stiffness
 EPSILON = 1e-30  # of the complex step that differentiates a joint's motion subspace
 
 
@@ -55,6 +62,9 @@ class Scratch(NamedTuple):
     row: Array  # (12,) one joint row over both bodies' motions
     K: Array  # (24, 24) stiffness of a plate element
     D: Array  # (24, 24) damping
+    twins: NDArray[Any]  # (2,) complex MOTION, the bodies of a cut joint
+    rows: NDArray[Any]  # (rows,) complex ROW
+    weight: Array  # (m,) alpha
 
 
 @kernel
@@ -281,13 +291,51 @@ def plate_element(e: int, group: int, size: int, c1: float, L: Any, arrays: Any,
         for row in range(24):
             for column in range(24):
                 s.K[row, column] += c1 * s.D[row, column]
+    add_element(plate.node, group, size, L, s)
+
+
+@kernel
+def pressed_surface(e: int, group: int, size: int, L: Any, arrays: Any, state: Any, s: Any) -> None:
+    """How a pressure turns and grows with its surface."""
+    load = arrays.pressures[e]
+    for row in range(24):
+        for column in range(24):
+            s.K[row, column] = 0.0
+    _pressure(load, state.pressure[e], state.bodies, s.K)
+    add_element(load.node, group, size, L, s)
+
+
+@kernel
+def cut_joint(c: int, group: int, size: int, L: Any, arrays: Any, state: Any, s: Any) -> None:
+    """How the reactions of a cut joint turn, and the springs that hold it."""
+    cut = arrays.cuts[c]
+    end = arrays.cuts[c + 1].row if c + 1 < arrays.cuts.shape[0] else state.rows.shape[0]
+    _cut(cut, end, arrays.kept, s.weight, state, s.twins, s.rows, s.K)
+    for p in range(2):
+        i = cut.a if p == 0 else cut.b
+        if L.role[i] == FIXED:
+            continue
+        ati = L.slot[i] + (size if L.group[i] > group else 0)
+        for q in range(2):
+            j = cut.a if q == 0 else cut.b
+            if L.role[j] == FIXED:
+                continue
+            atj = L.slot[j] + (size if L.group[j] > group else 0)
+            for a in range(6):
+                for b in range(6):
+                    s.F[ati + a, atj + b] += s.K[6 * p + a, 6 * q + b]
+
+
+@kernel
+def add_element(node: Any, group: int, size: int, L: Any, s: Any) -> None:
+    """Add s.K to s.F, between the bodies of a group and the next (offset ``size``)."""
     for p in range(4):
-        i = plate.node[p]
+        i = node[p]
         if L.role[i] == FIXED:
             continue
         ati = L.slot[i] + (size if L.group[i] > group else 0)
         for q in range(4):
-            j = plate.node[q]
+            j = node[q]
             if L.role[j] == FIXED:
                 continue
             atj = L.slot[j] + (size if L.group[j] > group else 0)
@@ -301,6 +349,10 @@ def fill(group: int, size: int, c1: float, c2: float, L: Any, arrays: Any, state
     """Add to s.F what starts in a group: bodies, elements, and joints to this and the next group (offset ``size``)."""
     for k in range(L.first_plate[group], L.first_plate[group + 1]):
         plate_element(L.plates[k], group, size, c1, L, arrays, state, s)
+    for k in range(L.first_pressure[group], L.first_pressure[group + 1]):
+        pressed_surface(L.pressures[k], group, size, L, arrays, state, s)
+    for k in range(L.first_cut[group], L.first_cut[group + 1]):
+        cut_joint(L.cuts[k], group, size, L, arrays, state, s)
     for m in range(L.first[group], L.first[min(group + 2, L.first.shape[0] - 1)]):
         i = L.members[m]
         j = arrays.bodies[i].parent
@@ -337,7 +389,7 @@ def turn_inner(group: int, L: Any, arrays: Any, state: Any, F: Any, s: Any, pare
 
 @kernel
 def spread_load(r: Any, base: Any, L: Any, arrays: Any, state: Any, dual: Any, b: Any) -> None:
-    """b: joint forces r (n,) as nodal wrenches where a joint is outer, folded, then as they are where it is inner."""
+    """b: joint forces r (n, columns) as wrenches where a joint is outer, folded, then as they are where it is inner."""
     for m in range(L.members.shape[0]):
         i = L.members[m]
         body = arrays.bodies[i]
@@ -347,13 +399,15 @@ def spread_load(r: Any, base: Any, L: Any, arrays: Any, state: Any, dual: Any, b
         x, y, z = here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2]
         ati, atj = base[L.group[i]] + L.slot[i], base[L.group[body.parent]] + L.slot[body.parent]
         for k in range(body.nv):
-            d, load = dual[body.vi + k], r[body.vf + k]
-            for a in range(6):
-                b[ati + a, 0] += d[a] * load
-                b[atj + a, 0] -= d[a] * load
-            b[atj + 3, 0] -= (y * d[2] - z * d[1]) * load
-            b[atj + 4, 0] -= (z * d[0] - x * d[2]) * load
-            b[atj + 5, 0] -= (x * d[1] - y * d[0]) * load
+            d = dual[body.vi + k]
+            for c in range(r.shape[1]):
+                load = r[body.vf + k, c]
+                for a in range(6):
+                    b[ati + a, c] += d[a] * load
+                    b[atj + a, c] -= d[a] * load
+                b[atj + 3, c] -= (y * d[2] - z * d[1]) * load
+                b[atj + 4, c] -= (z * d[0] - x * d[2]) * load
+                b[atj + 5, c] -= (x * d[1] - y * d[0]) * load
     for group in range(L.first.shape[0] - 1):
         fold(b, base[group], group, L, arrays, state)
     for m in range(L.members.shape[0]):
@@ -361,12 +415,13 @@ def spread_load(r: Any, base: Any, L: Any, arrays: Any, state: Any, dual: Any, b
         body = arrays.bodies[i]
         if L.role[i] == INNER and body.vf >= 0:
             for k in range(body.nv):
-                b[base[L.group[i]] + L.slot[i] + k, 0] += r[body.vf + k]
+                for c in range(r.shape[1]):
+                    b[base[L.group[i]] + L.slot[i] + k, c] += r[body.vf + k, c]
 
 
 @kernel
-def gather_motion(x: Any, base: Any, L: Any, arrays: Any, state: Any, dual: Any, Y: Any, dq: Any) -> None:
-    """dq (n,) from the solution x, by an outward pass through the motions Y (nb, 6) of all bodies."""
+def gather_motion(x: Any, c: int, base: Any, L: Any, arrays: Any, state: Any, dual: Any, Y: Any, dq: Any) -> None:
+    """dq[:, c] from the solution x[:, c], by an outward pass through the motions Y (nb, 6) of all bodies."""
     for i in range(1, arrays.bodies.shape[0]):
         body = arrays.bodies[i]
         here, parent = state.bodies[i], state.bodies[body.parent]
@@ -383,16 +438,16 @@ def gather_motion(x: Any, base: Any, L: Any, arrays: Any, state: Any, dual: Any,
         if L.role[i] == OUTER:
             if body.vf >= 0:
                 for k in range(body.nv):
-                    dq[body.vf + k] = 0.0
+                    dq[body.vf + k, c] = 0.0
                     for a in range(6):
-                        dq[body.vf + k] += dual[body.vi + k, a] * (x[at + a, 0] - Y[i, a])
+                        dq[body.vf + k, c] += dual[body.vi + k, a] * (x[at + a, c] - Y[i, a])
             for a in range(6):
-                Y[i, a] = x[at + a, 0]
+                Y[i, a] = x[at + a, c]
         elif body.vf >= 0:
             for k in range(body.nv):
-                dq[body.vf + k] = x[at + k, 0]
+                dq[body.vf + k, c] = x[at + k, c]
                 for a in range(6):
-                    Y[i, a] += state.S[body.vi + k, a] * x[at + k, 0]
+                    Y[i, a] += state.S[body.vi + k, a] * x[at + k, c]
 
 
 @kernel
@@ -450,18 +505,23 @@ class Tangent:
         self._scratch = Scratch(
             z((2 * widest, 2 * widest)), z((6, 6)), z((6, 6)), z((3, 3)), z(7, complex), z(3, complex),
             z((9, 6), complex), z((6, 6)), z((6, 3)), z(12), z((24, 24)), z((24, 24)),
+            complex_records(2, MOTION), complex_records(len(self._moving.rows), ROW),
+            z(int(arrays.kept.max(initial=-1)) + 1),
         )  # fmt: skip
         self._base = np.concatenate(([0], np.cumsum(self._sizes)))
         nv = int((arrays.bodies["nv"]).sum())
         self._dual = z((nv, 6))
-        self._rows = z((int(self._base[-1]), 1))
         self._motions = z((len(arrays.bodies), 6))
         self._state = State(*(array.copy() for array in self._moving))
         self._held = tuple(map(hold, (arrays, self._state, self.layout, self._scratch)))
         self._factors = BlockTridiagonal()
 
-    def factor(self, c1: float, c2: float) -> bool:
-        """Assemble and factor T at the state of the last inverse dynamics; False where it is singular."""
+    def factor(self, c1: float, c2: float, weight: Array | None = None) -> bool:
+        """Assemble and factor T at the state of the last inverse dynamics; False where it is singular.
+
+        ``weight`` (m,): T + J^T alpha J instead.
+        """
+        self._scratch.weight[:] = 0.0 if weight is None else weight
         with one_thread():
             return self._factor(c1, c2)
 
@@ -502,18 +562,19 @@ class Tangent:
         return True
 
     def solve(self, r: Array) -> Array:
-        """Return dq (n,) with T dq = r (n,), by the last factors."""
-        (arrays, state, L, _), b = self._held, self._rows
-        b[...] = 0.0
-        spread_load(r, self._base, L, arrays, state, self._dual, b)
-        parts = [b[base:, 0][rows] for base, rows in zip(self._base, self._kept, strict=False)]
+        """Return dq with T dq = r, both (n,) or (n, columns), by the last factors."""
+        columns = np.ascontiguousarray(r.reshape(len(r), -1))
+        (arrays, state, L, _), b = self._held, np.zeros((int(self._base[-1]), columns.shape[1]))
+        spread_load(columns, self._base, L, arrays, state, self._dual, b)
+        parts = [b[base + rows] for base, rows in zip(self._base, self._kept, strict=False)]
         with one_thread():
             solution = self._factors.solve(parts)
         for base, rows, x in zip(self._base, self._kept, solution, strict=False):
-            b[base + rows, 0] = x
-        dq = np.zeros(len(r))
-        gather_motion(b, self._base, L, arrays, state, self._dual, self._motions, dq)
-        return dq
+            b[base + rows] = x
+        dq = np.zeros(columns.shape)
+        for c in range(columns.shape[1]):
+            gather_motion(b, c, self._base, L, arrays, state, self._dual, self._motions, dq)
+        return dq.reshape(r.shape)
 
     def inertia(self, a: Array) -> Array:
         """Return M a (n,) at the state of the last factors."""

@@ -95,13 +95,12 @@ def frequencies(plant: Plant) -> Any:
     q = plant.start_positions()
     system = plant.system
     free, still = np.eye(system.n), np.zeros(system.n)
+    terms = system.allocate_terms()
+    system.fill(0.0, q, still, terms)
+    M = terms.M
     if isinstance(system, TreeSystem):
         at_rest = system.unbalance(0.0, q, still, still)
         M = np.array([system.unbalance(0.0, q, still, a) - at_rest for a in free]).T
-    else:
-        terms = system.allocate_terms()
-        system.fill(0.0, q, still, terms)
-        M = terms.M
     K = forces_and_tangent(plant, q)[1]
     if system.m:
         _, sigma, Vt = np.linalg.svd(terms.J)
@@ -109,3 +108,43 @@ def frequencies(plant: Plant) -> Any:
     L = np.linalg.inv(np.linalg.cholesky(free.T @ M @ free))
     values = np.linalg.eigvalsh(L @ free.T @ (0.5 * (K + K.T)) @ free @ L.T)
     return np.sign(values) * np.sqrt(np.abs(values)) / (2.0 * np.pi)
+
+
+def karman(load: float, nu: float = 0.3, count: int = 5) -> float:
+    """Central deflection over thickness of a square plate on four hinged edges, which are free in the plane.
+
+    Foeppl and von Karman's equations by Ritz: w in sines, the stress function in (1 - s^2)^2 times Legendre
+    polynomials, so that no stress acts on the edges. ``load`` is q L^4 / (E t^4); ``count`` odd terms a direction.
+    """
+    s, weight = np.polynomial.legendre.leggauss(40)
+    x, weight = 0.5 * (s + 1.0), 0.5 * weight
+    k = np.pi * np.arange(1, 2 * count, 2)
+    S = [np.sin(np.outer(k, x)), k[:, None] * np.cos(np.outer(k, x)), -(k[:, None] ** 2) * np.sin(np.outer(k, x))]
+    rim = np.polynomial.Polynomial([1.0, 0.0, -2.0, 0.0, 1.0])
+    stress = [rim * np.polynomial.Legendre.basis(2 * i).convert(kind=np.polynomial.Polynomial) for i in range(count)]
+    X = [np.array([2.0**d * p.deriv(d)(s) if d else p(s) for p in stress]) for d in range(3)]
+
+    def grid(A: Any, B: Any) -> Any:
+        return np.einsum("ai,bj->abij", A, B).reshape(count * count, -1)
+
+    def gram(d: int) -> Any:
+        return X[d] * weight @ X[d].T
+
+    area = np.outer(weight, weight).reshape(-1)
+    biharmonic = np.kron(gram(2), gram(0)) + np.kron(gram(0), gram(2)) + 2.0 * np.kron(gram(1), gram(1))
+    xx, yy, xy, phi = grid(S[2], S[0]), grid(S[0], S[2]), grid(S[1], S[1]), grid(X[0], X[0]) * area
+    bracket = np.einsum("kp,ap,bp->kab", phi, xx, yy)
+    bracket = bracket + bracket.transpose(0, 2, 1) - 2.0 * np.einsum("kp,ap,bp->kab", phi, xy, xy)
+    m, n = (axis.reshape(-1) for axis in np.meshgrid(k, k, indexing="ij"))
+    bending, force = (m * m + n * n) ** 2 / (48.0 * (1.0 - nu * nu)), 4.0 / (m * n)
+    a = np.zeros(count * count)
+    for part in np.linspace(0.05, 1.0, 20):
+        for _ in range(50):
+            slope = bracket @ a
+            b = -0.5 * np.linalg.solve(biharmonic, slope @ a)
+            tangent = np.diag(bending) + slope.T @ np.linalg.solve(biharmonic, slope) - np.tensordot(b, bracket, 1)
+            step = np.linalg.solve(tangent, part * load * force + slope.T @ b - bending * a)
+            a = a + step
+            if np.abs(step).max() < 1e-12:
+                break
+    return float(np.sin(0.5 * m) * np.sin(0.5 * n) @ a)

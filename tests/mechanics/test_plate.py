@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from plate_oracles import E, acm_stiffness
+from plate_oracles import CORNERS, E, acm_stiffness
 from random_mechanisms import random_rotation
 
 from mbfmu.errors import UserError
-from mbfmu.mechanics import Floating, Mechanism, Plant, Plate
+from mbfmu.mechanics import Floating, Mechanism, Plant, Plate, Polynomial
 from mbfmu.mechanics.dynamics import energy, move
-from mbfmu.mechanics.elastic import tangent
+from mbfmu.mechanics.elastic import pressure, tangent
 from mbfmu.mechanics.elastic.plate import bending_strain, lean, stress
 
 A, B, NU = 2.0, 1.5, 0.3
@@ -28,6 +28,14 @@ def element(**options: Any) -> Plant:
     m = Mechanism()
     nodes = [m.body(f"n{i}", m.ground, Floating(), mass=1.0, inertia=(1.0, 1.0, 1.0)) for i in range(4)]
     m.plate(Plate(**(BENDING | options)), *nodes)
+    return m.compile()
+
+
+def pressed(p: Any) -> Plant:
+    """Four floating bodies with a pressure between them."""
+    m = Mechanism()
+    nodes = [m.body(f"n{i}", m.ground, Floating(), mass=1.0, inertia=(1.0, 1.0, 1.0)) for i in range(4)]
+    m.pressure("wind", p, [nodes])
     return m.compile()
 
 
@@ -247,6 +255,47 @@ def test_drag_of_a_plate_across_the_wind() -> None:
     np.testing.assert_allclose(F.sum(axis=0)[:3], (0.0, -0.5 * 1.2 * 9.0 * A * B, 0.0), rtol=1e-13)
 
 
+def surface(r: Any) -> Any:
+    """Points (49, 3), vector areas (49, 3), shape functions (49, 4) of the bilinear surface over corners (4, 3)."""
+    x, weights = np.polynomial.legendre.leggauss(7)
+    X, Z = (grid.reshape(-1) for grid in np.meshgrid(x, x))
+    N = np.array([0.25 * (1 + cx * X) * (1 + cz * Z) for cx, cz in CORNERS]).T
+    by_x = np.array([0.25 * cx * (1 + cz * Z) for cx, cz in CORNERS]).T @ r
+    by_z = np.array([0.25 * cz * (1 + cx * X) for cx, cz in CORNERS]).T @ r
+    return N @ r, np.cross(by_z, by_x) * np.outer(weights, weights).reshape(-1, 1), N
+
+
+@pytest.mark.parametrize("size", [0.0, *SIZES])
+def test_pressure_loads_corners_by_the_volume_they_sweep(size: float) -> None:
+    plant = pressed(3.0)
+    F = wrenches(plant, bent(plant, size))
+    r = plant.data.state.bodies["r"][1:]
+    points, areas, N = surface(r)
+    np.testing.assert_allclose(F[:, :3], 3.0 * N.T @ areas, atol=1e-13)
+    np.testing.assert_allclose(np.cross(r, F[:, :3]).sum(axis=0), 3.0 * np.cross(points, areas).sum(axis=0), atol=1e-12)
+    assert not F[:, 3:].any()
+    if size == 0.0:
+        np.testing.assert_allclose(F[:, :3], np.tile((0.0, 0.25 * 3.0 * A * B, 0.0), (4, 1)), atol=1e-15)
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_stiffness_of_a_pressure_is_the_derivative_of_its_forces(size: float) -> None:
+    plant = pressed(3.0)
+    q, K = bent(plant, size), np.zeros((24, 24))
+    wrenches(plant, q)
+    arrays, state = plant.data
+    pressure.stiffness(arrays.pressures[0], state.pressure[0], state.bodies, K)
+    np.testing.assert_allclose(K, -complex_columns(plant, q, complex_wrenches), rtol=0, atol=1e-14 * np.abs(K).max())
+
+
+def test_pressure_is_a_signal() -> None:
+    plant = pressed(Polynomial((1.0, 2.0)))
+    move(3.0, bent(plant, 0.0), np.zeros(24), *plant.data)
+    np.testing.assert_allclose(plant.data.state.bodies["F"][1:, 1], 0.25 * 7.0 * A * B)
+    with pytest.raises(UserError, match="magnitude of pressure 'wind' is nan"):
+        pressed(float("nan"))
+
+
 @pytest.mark.parametrize("theta", [1e-8, 1e-3, 0.0894, 0.0896, 0.3, 0.4509, 0.4511, 1.0, 2.0, 3.0])
 def test_lean_of_a_normal_on_both_sides_of_its_series(theta: float) -> None:
     c = np.cos(theta)
@@ -290,3 +339,5 @@ def test_corners_are_four_bodies_of_the_mechanism() -> None:
     a = m.body("a", m.ground, Floating(), mass=1.0)
     with pytest.raises(UserError, match="it needs four bodies"):
         m.plate(Plate(**BENDING), a, a, m.ground, a)
+    with pytest.raises(UserError, match=r"corners of a face of pressure 'wind' are .* it needs four bodies"):
+        m.pressure("wind", 1.0, [(a, a, m.ground, a)])

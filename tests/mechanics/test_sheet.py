@@ -7,7 +7,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from plate_oracles import CLAMPED, FREE, TIP, bodies_at, cantilever, cylindrical, frequencies, newton
+from plate_oracles import (
+    CLAMPED,
+    FREE,
+    TIP,
+    bodies_at,
+    cantilever,
+    cylindrical,
+    forces_and_tangent,
+    frequencies,
+    newton,
+)
 from random_mechanisms import Case, random_rotation
 from test_complex_step import check as check_complex_step
 from test_identities import close
@@ -17,11 +27,13 @@ from mbfmu.errors import UserError
 from mbfmu.mechanics import Floating, Harmonic, Mechanism, OutOfPlane, Sheet, Support, Translational, add_sheet
 from mbfmu.mechanics.aba import forward_dynamics
 from mbfmu.mechanics.assembly import dependent_rows
-from mbfmu.mechanics.dynamics import move
+from mbfmu.mechanics.dynamics import move, solved
+from mbfmu.mechanics.groups import number_groups
+from mbfmu.mechanics.tangent import Tangent
 from mbfmu.model import Model
 
 TREES = ["spine", "rows", "master"]
-EVERYTHING = {"membrane": True, "damping": 1e-3, "drag": 0.6}
+EVERYTHING = {"membrane": True, "damping": 1e-3, "drag": 0.6, "pressure": 0.4}
 SMALL = {"length": 0.3, "width": 0.2, "thickness": 1e-3, "youngs_modulus": 1e9, "density": 900.0, "grid": (4, 3)}
 
 
@@ -142,6 +154,29 @@ def test_articulated_body_and_complex_step_see_the_elements(tree: str) -> None:
     a = data.state.a.copy()
     given.plant.system.fill(given.t, given.q, given.v, terms)
     close(terms.M @ a + terms.h, np.zeros_like(a), float(np.abs(terms.h).max()))
+
+
+@pytest.mark.parametrize("tree", TREES)
+def test_structured_tangent_sees_elements_and_pressure(tree: str) -> None:
+    """T = M + K for the exact K of inverse dynamics at rest."""
+    given = case(tree, membrane=True, pressure=0.4)
+    plant, n = given.plant, given.plant.system.n
+    K = forces_and_tangent(plant, given.q)[1]
+    solved(0.0, given.q, np.zeros(n), np.zeros(n), np.zeros(0), plant.data)
+    tangent = Tangent(plant.data, number_groups(plant.mechanism))
+    assert tangent.factor(0.0, 1.0)
+    np.testing.assert_allclose(tangent.solve(K @ given.a + tangent.inertia(given.a)), given.a, atol=1e-11)
+
+
+def test_pressure_lifts_a_sheet_by_its_area() -> None:
+    """On the flat sheet p times the area, on the bent one the vector area of its surface."""
+    m, sheet = cantilever((6, 5), tree="master", supports=[], pressure=7.0, gravity=0.0)
+    plant = m.compile()
+    move(0.0, plant.start_positions(), np.zeros(plant.system.n), *plant.data)
+    forces = plant.data.state.bodies["F"][[body.index for row in sheet.nodes for body in row], :3]
+    np.testing.assert_allclose(forces.sum(axis=0), (0.0, 7.0 * 0.3 * 0.21, 0.0), atol=1e-15)
+    inner = plant.data.state.bodies["F"][sheet.node(2, 2).index]
+    np.testing.assert_allclose(inner, (0.0, 7.0 * 0.06 * 0.0525, 0.0, 0.0, 0.0, 0.0), atol=1e-15)
 
 
 def test_free_sheet_falls_flat() -> None:
@@ -311,6 +346,14 @@ def add(m: Mechanism, **options: Any) -> Sheet:
         ({"supports": [Support("x0", "guided")]}, "first support of sheet 'sheet' is guided"),
         ({"supports": [Support("x0", span=(0.03, 0.04))]}, r"span of the support at 'x0' .* no node lies within"),
         ({"supports": [Support("x0", span=(0.0, float("nan")))]}, "span of .* it needs two finite numbers"),
+        (
+            {"supports": [Support("x0"), Support("x1", "pinned")]},
+            "hold it in its plane twice: clamped 'x0' and pinned 'x1'; .* make one 'guided' or 'supported'",
+        ),
+        (
+            {"supports": [Support("z0"), Support("z1")], "tree": "master"},
+            "twice: clamped 'z0' and clamped 'z1'",
+        ),
         ({"at": (0.0, 1.0)}, "placement of sheet 'sheet'"),
         ({"rotation": np.ones((3, 3))}, "rotation of sheet 'sheet'"),
         ({"damping": -1.0}, r"damping of sheet 'sheet' is -1\.0"),

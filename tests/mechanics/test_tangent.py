@@ -30,6 +30,14 @@ def inverse(plant: Plant, q: Any, a: Any) -> Any:
     return np.array([state.tau[b["vi"] + k] for b, k in free])
 
 
+def loaded(plant: Plant, q: Any, lam: Any) -> Any:
+    """Joint forces (n,) at rest with multipliers lam (m,); leaves the state there."""
+    n, tau = plant.system.n, np.zeros(plant.system.n)
+    dy.solved(0.0, q, np.zeros(n), np.zeros(n), lam, plant.data)
+    dy.take_free(plant.data.state.tau, plant.data.arrays, tau)
+    return tau
+
+
 def groups_of(plant: Plant, how: str) -> Any:
     """All in one group, by distance from the root, or from the leaves."""
     bodies = plant.data.arrays.bodies
@@ -56,5 +64,28 @@ def test_solves_the_linearised_inverse_dynamics(case: Case, c2: float, how: str)
     if np.linalg.cond(T) > 1e6:
         return
     assert tangent.factor(0.0, c2)
+    x = tangent.solve(case.a)
+    np.testing.assert_allclose(T @ x, case.a, atol=1e-6 * (1.0 + np.abs(T).max() * np.abs(x).max()))
+
+
+@given(case=cases(cuts=True))
+def test_reactions_of_cut_joints_and_their_springs(case: Case) -> None:
+    """M + d(h + J^T lambda)/dq + J^T alpha J."""
+    plant, n, m, h = case.plant, case.plant.system.n, case.plant.system.m, 1e-5
+    rng, T = np.random.default_rng(0), np.zeros((n, n))
+    lam, alpha = rng.normal(size=m), rng.uniform(0.5, 2.0, m)
+    for k, e in enumerate(np.eye(n)):
+        there, back = case.q.copy(), case.q.copy()
+        plant.system.apply(there, h * e)
+        plant.system.apply(back, -h * e)
+        T[:, k] = (loaded(plant, there, lam) - loaded(plant, back, lam)) / (2.0 * h)
+    terms = plant.system.allocate_terms()
+    plant.system.fill(0.0, case.q, np.zeros(n), terms)
+    T += 50.0 * terms.M + terms.J.T @ (alpha[:, None] * terms.J)
+    if np.linalg.cond(T) > 1e6:
+        return
+    loaded(plant, case.q, lam)
+    tangent = Tangent(plant.data, groups_of(plant, "one"))
+    assert tangent.factor(0.0, 50.0, alpha)
     x = tangent.solve(case.a)
     np.testing.assert_allclose(T @ x, case.a, atol=1e-6 * (1.0 + np.abs(T).max() * np.abs(x).max()))

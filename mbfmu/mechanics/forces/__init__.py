@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from mbfmu.mechanics.elastic import drag, modal, plate
+from mbfmu.mechanics.elastic import drag, modal, plate, pressure
+from mbfmu.mechanics.signals import value
 from solvers.kernel import inlined, kernel
 
 from . import beam_element, joint_force, joint_spring, point_force, spring, torque
@@ -26,7 +27,7 @@ _spring, _joint_spring, _joint_force, _point_force, _torque, _beam = (
     torque.apply,
     beam_element.apply,
 )
-_plate, _drag, _plate_potential = plate.apply, drag.apply, plate.potential
+_plate, _drag, _pressure, _plate_potential = plate.apply, drag.apply, pressure.apply, plate.potential
 _modal, _modal_potential = modal.load, modal.potential
 _spring_potential, _joint_spring_potential = spring.potential, joint_spring.potential
 _beam_potential = beam_element.potential
@@ -61,6 +62,10 @@ def apply(t: float, arrays: Any, state: Any) -> None:
         _drag(arrays.drags[i], state.bodies)
     for i in range(arrays.elastics.shape[0]):
         _modal(arrays.elastics[i], state)
+    for i in range(arrays.pressures.shape[0]):
+        load = arrays.pressures[i]
+        state.pressure[i] = value(arrays.signals[load.signal], t)
+        _pressure(load, state.pressure[i], state.bodies)
 
 
 @kernel

@@ -1,0 +1,22 @@
+"""Constraints that repeat each other, as saddle systems of trees with cut joints meet them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from solvers.saddle import pseudo_inverse
+
+
+def test_pseudo_inverse_shares_what_redundant_rows_carry() -> None:
+    rng = np.random.default_rng(0)
+    J = rng.normal(size=(3, 8))
+    J = np.vstack((J, J[0] + J[1]))
+    S = J @ J.T
+    lam = pseudo_inverse(S) @ (J @ np.arange(8.0))
+    expected: Any = np.linalg.lstsq(J.T, np.arange(8.0), rcond=None)[0]
+    np.testing.assert_allclose(lam, expected, atol=1e-12)
+    assert pseudo_inverse(np.zeros((0, 0))).shape == (0, 0)
+    assert np.abs(S @ pseudo_inverse(S) @ S - S).max() == pytest.approx(0.0, abs=1e-12)

@@ -1,0 +1,375 @@
+"""Sheets held by cut joints: the structured way against the dense one, against trees, against closed forms."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from plate_oracles import karman
+from scipy.integrate import solve_bvp
+
+from fmus.sheet import Sheet
+from mbfmu.equilibrium import Balance, Equilibrium
+from mbfmu.errors import UserError
+from mbfmu.fmi import Fmu, export
+from mbfmu.mechanics import Mechanism, PlaneCut, Plant, Support, add_sheet, plant
+from mbfmu.mechanics.sheet import UPRIGHT
+from mbfmu.model import Model, parameter
+from mbfmu.modes import shapes
+from mbfmu.simulation import Settings, Simulation, run
+from solvers.saddle import Motion, Saddle
+from solvers.system import System, TreeSystem
+
+LENGTH, WIDTH, THICKNESS, E, DENSITY = 0.3, 0.21, 0.3e-3, 1e10, 1000.0
+WAYS = {
+    "clamped": ("spine", [Support("x1")]),
+    "master": ("master", [Support("x1")]),
+    "guided": ("spine", [Support("x1"), Support("x0", "guided")]),
+    "simple": ("spine", [Support("x1", "pinned"), Support("x0", "supported")]),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Held(Model):
+    """The paper's sheet, held in one of WAYS."""
+
+    name = "held"
+    nx: int = parameter(9, min=2)
+    nz: int = parameter(7, min=2)
+    way: str = parameter("guided", choices=tuple(WAYS))
+    gravity: float = parameter(9.81)
+    pressure: float = parameter(0.0)
+    poisson: float = parameter(0.3)
+    doubled: bool = parameter(False, doc="hold one node of x0 twice")
+
+    def build(self) -> Mechanism:
+        m = Mechanism(gravity=(0.0, -self.gravity, 0.0))
+        tree, supports = WAYS[self.way]
+        sheet = add_sheet(
+            m, "sheet", length=LENGTH, width=WIDTH, thickness=THICKNESS, youngs_modulus=E, poisson=self.poisson,
+            density=DENSITY, grid=(self.nx, self.nz), tree=tree, supports=supports, membrane=True,
+            pressure=self.pressure,
+        )  # fmt: skip
+        if self.doubled:
+            m.cut("again", PlaneCut(rotation_a=UPRIGHT, rotation_b=UPRIGHT), m.ground, sheet.node(0, 1))
+        m.output("middle", sheet.node(self.nx // 2, self.nz // 2).position("y"))
+        m.output("corner", sheet.node(0, 0).position("y"))
+        m.output("slide", sheet.node(0, self.nz // 2).position("x"))
+        m.output("energy", m.energy)
+        m.output("kinetic", m.kinetic_energy)
+        m.output("gap", m.position_residual)
+        m.output("opening", m.velocity_residual)
+        return m
+
+
+class Fixed(Model):
+    """A mechanism that is there already."""
+
+    name = "fixed"
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        object.__setattr__(self, "mechanism", mechanism)
+
+    def build(self) -> Mechanism:
+        found: Mechanism = self.mechanism  # type: ignore[attr-defined]
+        return found
+
+
+def still(model: Model) -> Equilibrium:
+    return Balance(model).solve()
+
+
+def dense(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let every mechanism with cut joints go the dense way."""
+    monkeypatch.setattr(plant, "LARGE_LOOPS", 10_000)
+
+
+@pytest.mark.parametrize("way", ["master", "guided", "simple"])
+def test_statics_are_those_of_the_dense_way(way: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    model = Held(way=way, gravity=9.81 if way != "simple" else 2.0)
+    found = still(model)
+    assert isinstance(found.plant.system, TreeSystem)
+    dense(monkeypatch)
+    expected = still(model)
+    assert isinstance(expected.plant.system, System)
+    for name in ("middle", "corner", "slide"):
+        assert found.outputs[name] == pytest.approx(expected.outputs[name], abs=1e-11)
+    np.testing.assert_allclose(found.lam, expected.lam, atol=1e-8 * np.abs(expected.lam).max())
+
+
+@pytest.mark.parametrize("way", ["master", "guided"])
+def test_motion_and_reactions_are_those_of_the_dense_way(way: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    model = Held(nx=7, nz=6, way=way)
+    times = np.linspace(0.0, 0.1, 6)
+    structured = run(model, Settings(tolerance=1e-6), times)
+    large = Simulation(model, Settings())
+    dense(monkeypatch)
+    reference = run(model, Settings(tolerance=1e-7), times)
+    assert isinstance(large.plant.system, TreeSystem)
+    assert not structured.failure
+    scale = np.ptp(reference["middle"])
+    assert np.abs(structured["middle"] - reference["middle"]).max() < 2e-3 * scale
+    assert np.abs(structured["corner"] - reference["corner"]).max() < 2e-3 * max(scale, np.ptp(reference["corner"]))
+    assert structured["gap"].max() < 1e-10
+    assert structured["opening"].max() < 1e-10
+    assert np.ptp(structured["energy"]) < 1e-2 * np.ptp(structured["kinetic"])
+    small = Simulation(model, Settings())
+    for expected, value in zip(small.stepper.accelerations(), large.stepper.accelerations(), strict=True):
+        np.testing.assert_allclose(value, expected, atol=1e-7 * np.abs(expected).max())
+
+
+def test_a_regularisation_that_would_damp_is_small_on_fine_grids_too() -> None:
+    drift = [
+        np.ptp(r["energy"]) / np.ptp(r["kinetic"])
+        for r in (run(Held(nx=n, nz=5), Settings(tolerance=1e-5), np.linspace(0.0, 0.05, 11)) for n in (9, 25))
+    ]
+    assert max(drift) < 3e-3
+
+
+def test_an_edge_clamped_by_cut_joints_is_a_clamped_edge() -> None:
+    """The two trees discretise alike but for the side their joints' arcs start from."""
+    gaps = []
+    for nx, nz in ((9, 7), (17, 13)):
+        tree, cuts = (still(Held(nx=nx, nz=nz, way=way)).outputs for way in ("clamped", "master"))
+        gaps.append(abs(tree["corner"] - cuts["corner"]))
+        flat = [
+            [shape.mode.frequency for shape in shapes(p, p.start_positions(), 6)]
+            for p in (Held(nx=nx, nz=nz, way=way, gravity=0.0).build().compile() for way in ("clamped", "master"))
+        ]
+        np.testing.assert_allclose(flat[1], flat[0], rtol=1e-7)
+    assert gaps[0] < 3e-4
+    assert gaps[1] < 0.25 * gaps[0]
+
+
+def test_strip_on_two_edges_bends_as_a_beam() -> None:
+    """w = 5 q L^4 / (384 D) at small pressure, f = pi / (2 L^2) sqrt(D / (rho t)); nu = 0: a beam of any width."""
+    D = E * THICKNESS**3 / 12.0
+    errors, pitch = [], []
+    for nx, nz in ((13, 5), (25, 9)):
+        found = still(Held(nx=nx, nz=nz, way="simple", gravity=0.0, pressure=1e-3, poisson=0.0))
+        errors.append(found.outputs["middle"] / (5.0 * 1e-3 * LENGTH**4 / (384.0 * D)) - 1.0)
+        pitch.append(found.modes[0].frequency / (np.pi**2 / LENGTH**2 * np.sqrt(D / (DENSITY * THICKNESS))) - 1.0)
+    assert abs(errors[1]) < 0.002
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.05)
+    assert abs(pitch[1]) < 0.001
+    assert pitch[0] / pitch[1] > 3.8
+
+
+def test_modes_on_cut_joints_are_the_dense_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = Held(way="guided")
+    found = still(model)
+    frequencies = [shape.mode.frequency for shape in shapes(found.plant, found.q, 5, found.lam)]
+    dense(monkeypatch)
+    expected = sorted(mode.frequency for mode in still(model).modes)[:5]
+    np.testing.assert_allclose(frequencies, expected, rtol=1e-5)
+
+
+def test_redundant_cut_joints_are_survived() -> None:
+    """One node held twice: it moves as held once, and the two share its reaction."""
+    once, twice = still(Held()), still(Held(doubled=True))
+    assert twice.outputs["middle"] == pytest.approx(once.outputs["middle"], abs=1e-11)
+    names = twice.plant.system.constraint_names
+    shared = [twice.lam[names.index(name)] for name in ("sheet.x0.1.z", "again.z")]
+    assert sum(shared) == pytest.approx(once.lam[once.plant.system.constraint_names.index("sheet.x0.1.z")], rel=1e-6)
+    times = np.linspace(0.0, 0.05, 3)
+    settings = Settings(tolerance=1e-6)
+    first, second = (run(Held(doubled=doubled), settings, times) for doubled in (False, True))
+    assert not second.failure
+    np.testing.assert_allclose(second["middle"], first["middle"], atol=1e-5)
+
+
+def test_a_saved_run_goes_on() -> None:
+    first, second = (Simulation(Held(), Settings(tolerance=1e-5)) for _ in range(2))
+    first.advance(0.02)
+    second.stepper.restore(first.stepper.save())
+    first.advance(0.03)
+    second.advance(0.03)
+    np.testing.assert_allclose(first.outputs(), second.outputs().copy(), atol=1e-4)
+
+
+@pytest.mark.parametrize("solver", ["adams", "hybrid"])
+def test_explicit_solvers_say_what_they_cannot_do(solver: str) -> None:
+    with pytest.raises(UserError, match=r"solver '.*' is given 168 coordinates under 21 constraints; .* 'ida'"):
+        Simulation(Held(), Settings(solver=solver))
+
+
+def elastica(pressure: float, D: float) -> tuple[float, float]:
+    """Deflection of the middle and slide of the free end of an inextensible strip on two hinges under normal pressure.
+
+    F' = -p n, M' = F x t over the arc length, n normal to the tangent t; at s = 0 the end slides along x.
+    """
+
+    def slope(s: Any, y: Any) -> Any:
+        x, _, theta, moment, along, up = y
+        c, n = np.cos(theta), np.sin(theta)
+        return np.array([c, n, moment / D, along * n - up * c, pressure * n, -pressure * c + 0.0 * x])
+
+    def ends(a: Any, b: Any) -> Any:
+        return np.array([a[1], a[3], a[4], b[0] - LENGTH, b[1], b[3]])
+
+    s = np.linspace(0.0, LENGTH, 201)
+    y = np.zeros((6, 201))
+    y[0] = s
+    for part in np.linspace(0.1, 1.0, 10):
+        full, pressure = pressure, part * pressure
+        found = solve_bvp(slope, ends, s, y, tol=1e-8, max_nodes=20_000)
+        pressure = full
+        assert found.success
+        s, y = found.x, found.y
+    return float(found.sol(0.5 * LENGTH)[1]), float(found.sol(0.0)[0])
+
+
+def test_two_edges_under_a_large_pressure_follow_the_elastica() -> None:
+    """A fifth of the span deep; nu = 0, so the strip bends to a cylinder."""
+    D = E * THICKNESS**3 / 12.0
+    deep, slide = elastica(25.0, D)
+    assert abs(deep) > 0.2 * LENGTH
+    errors = []
+    for nx in (13, 25):
+        found = still(Held(nx=nx, nz=5, way="simple", gravity=0.0, pressure=25.0, poisson=0.0)).outputs
+        assert found["slide"] == pytest.approx(slide, rel=0.05)
+        errors.append(found["middle"] / deep - 1.0)
+    assert abs(errors[1]) < 0.003
+    assert abs(errors[1]) < 0.4 * abs(errors[0])
+
+
+@pytest.mark.parametrize(("load", "low", "high"), [(0.1, -0.005, 0.005), (1.0, -0.006, 0.0), (9.16, -0.13, -0.09)])
+def test_limit_of_a_sheet_that_cannot_stretch_along_its_tree(load: float, low: float, high: float) -> None:
+    """Four hinged edges, free in the plane: right while the deflection is a small part of the thickness, then stiff."""
+    model = Sheet(
+        nx=17, nz=17, width=LENGTH, support="all_edges", gravity_y=0.0, pressure=load * E * THICKNESS**4 / LENGTH**4
+    )
+    found = still(model).outputs["middle.y"] / THICKNESS
+    assert low < found / karman(load) - 1.0 < high
+
+
+def test_pressure_may_change_during_a_run_but_not_appear() -> None:
+    model = Sheet(nx=7, nz=5, support="two_edges", pressure=0.5)
+    simulation = Simulation(model, Settings(tolerance=1e-5))
+    simulation.advance(0.002)
+    simulation.retune(model.with_values({"pressure": 2.0}))
+    assert simulation.plant.data.arrays.signals["c"][0, 0] == 2.0
+    assert simulation.advance(0.004).ok
+    none = Simulation(model.with_values({"pressure": 0.0}), Settings())
+    with pytest.raises(UserError, match="changes the structure"):
+        none.retune(model)
+
+
+def test_karman_plate_is_navier_s_at_small_loads() -> None:
+    assert karman(1e-3) / 1e-3 == pytest.approx(0.0040624 * 12.0 * (1.0 - 0.09), rel=1e-4)
+    assert karman(40.0, count=5) == pytest.approx(karman(40.0, count=7), rel=1e-4)
+
+
+def test_hybrid_adams_and_ida_agree_on_a_small_sheet_held_by_cut_joints() -> None:
+    model, times = Held(nx=5, nz=5, way="master"), np.linspace(0.0, 0.04, 5)
+    results = {name: run(model, Settings(solver=name, tolerance=1e-6), times) for name in ("hybrid", "adams", "ida")}
+    swing = np.ptp(results["adams"]["corner"])
+    for name in ("hybrid", "ida"):
+        assert not results[name].failure
+        assert np.abs(results[name]["corner"] - results["adams"]["corner"]).max() < 1e-3 * swing
+    assert results["hybrid"].statistics.time_lu > 0.0
+
+
+def shaken(simulation: Simulation, times: Any) -> Any:
+    """Corner of a sheet whose edge goes up and down by 5 mm at 8 Hz, held by its rate between the points."""
+    names = [v.name for v in simulation.plant.inputs]
+    tip = [v.name for v in simulation.plant.outputs].index("corner1.y")
+    found = []
+    for t, after in pairwise(times):
+        for name, value in zip(("edge.y", "edge.vy"), shake(t, after), strict=True):
+            simulation.set_input(names.index(name), value)
+        assert simulation.advance(after).ok
+        found.append(float(simulation.outputs()[tip]))
+    return np.array(found)
+
+
+def shake(t: float, after: float) -> tuple[float, float]:
+    """Where the edge is at t, m, and how fast it has to go to be right at the next point, m/s."""
+    y, then = (0.005 * np.sin(2.0 * np.pi * 8.0 * s) for s in (t, after))
+    return float(y), float((then - y) / (after - t))
+
+
+def test_a_sheet_shaken_at_its_edge(tmp_path: Path) -> None:
+    model, times = Sheet(nx=5, nz=4, support="moved"), np.linspace(0.0, 0.06, 31)
+    ida, adams = (
+        shaken(Simulation(model, Settings(solver=solver, tolerance=1e-6)), times) for solver in ("ida", "adams")
+    )
+    at_rest = run(model, Settings(tolerance=1e-6), times)["corner1.y"][1:]
+    swing = np.ptp(ida - at_rest)
+    assert swing > 2e-3
+    assert np.abs(ida - adams).max() < 0.01 * swing
+    with Fmu(export(model, tmp_path / "sheet.fmu", Settings(solver="ida", tolerance=1e-6))) as fmu:
+        for (t, after), expected in zip(pairwise(times), ida, strict=True):
+            fmu["edge.y"], fmu["edge.vy"] = shake(t, after)
+            fmu.step_to(float(after))
+            assert fmu["corner1.y"] == pytest.approx(expected, abs=1e-9)
+
+
+def test_a_clamp_at_one_end_of_the_edge_twists_the_sheet() -> None:
+    def corners(span: tuple[float, float]) -> tuple[float, float]:
+        m = Mechanism(gravity=(0.0, -9.81, 0.0))
+        sheet = add_sheet(
+            m, "sheet", length=LENGTH, width=WIDTH, thickness=1e-3, youngs_modulus=E, density=DENSITY, grid=(9, 7),
+            supports=[Support("x1", span=span)], membrane=True,
+        )  # fmt: skip
+        for k in (0, -1):
+            m.output(f"corner{k}", sheet.node(0, k).position("y"))
+        found = still(Fixed(mechanism=m)).outputs
+        return found["corner0"], found["corner-1"]
+
+    near, far = corners((0.0, 0.07))
+    assert far < near - 2e-3
+    assert corners((WIDTH - 0.07, WIDTH)) == pytest.approx((far, near), rel=1e-8)
+
+
+def linearisation(at: Plant, q: Any, lam: Any) -> Any:
+    """Exact derivative (n, n) of h + J^T lambda at rest, by complex step on the dense twin."""
+    from mbfmu.mechanics.dynamics import solved, take_free
+
+    twin, n = at.complex_system(), at.system.n
+    K, tau = np.zeros((n, n)), np.zeros(n, complex)
+    for k in range(n):
+        moved, step = q.astype(complex), np.zeros(n, complex)
+        step[k] = 1e-30j
+        twin.apply(moved, step)
+        solved(0.0, moved, np.zeros(n, complex), np.zeros(n, complex), lam.astype(complex), twin.held_data)
+        take_free(twin.data.state.tau, twin.data.arrays, tau)
+        K[:, k] = tau.imag / 1e-30
+    return K
+
+
+@pytest.mark.parametrize("way", ["master", "guided", "simple"])
+def test_saddle_system_is_the_exact_linearisation(way: str) -> None:
+    """At a bent position, with reactions: [K + M, J^T; J, 0] (x, y) = (f, g)."""
+    at = Held(nx=7, nz=6, way=way).build().compile()
+    system, rng = at.system, np.random.default_rng(0)
+    q = at.start_positions()
+    system.apply(q, 0.05 * rng.normal(size=system.n))
+    lam, x, y = 0.01 * rng.normal(size=system.m), rng.normal(size=system.n), rng.normal(size=system.m)
+    K = linearisation(at, q, lam)
+    saddle, rest = Saddle(system), np.zeros(system.n)
+    saddle.weigh(0.0, q)
+    saddle.unbalance(0.0, q, rest, rest, lam)
+    assert saddle.factor(0.0, 1e4)
+    J = saddle.terms.J
+    f = K @ x + 1e4 * system.tangent.inertia(x) + J.T @ y
+    got = saddle.solve(f, J @ x)
+    np.testing.assert_allclose(got[0], x, atol=1e-7)
+    np.testing.assert_allclose(got[1], y, atol=1e-11 * np.abs(f).max())
+
+
+def test_accelerations_obey_the_equations_of_motion() -> None:
+    """M a + h + J^T lambda = 0 and J a = gamma, moving."""
+    at = Held().build().compile()
+    system, rng = at.system, np.random.default_rng(1)
+    q, v = at.start_positions(), rng.normal(size=system.n)
+    system.apply(q, 0.02 * rng.normal(size=system.n))
+    motion = Motion(system)
+    assert motion.solve(0.0, q, v) == 0
+    force = system.unbalance(0.0, q, v, motion.a, motion.lam)
+    assert np.abs(force).max() < 1e-9 * np.abs(motion.lam).max()
+    np.testing.assert_allclose(motion.terms.J @ motion.a, motion.terms.gamma, atol=1e-8 * np.abs(motion.a).max())
