@@ -193,9 +193,32 @@ def non_conservative_power(case: Case) -> float:
             power += magnitude * state.v[int(f["v"])]
         elif name == "PointForce":
             power += magnitude * f["axis"] @ velocity(A, f["Pa"])
+        elif name == "BeamElement":
+            rate = beam_rate(A, B)
+            power -= f["damping"] * rate @ cantilever(f["section"], f["free"]) @ rate
         else:
             power += magnitude * f["axis"] @ A["Y"][3:]
     return power
+
+
+def beam_rate(A: Any, B: Any) -> Any:
+    """Rates of displacement and turn of body b in the axes of body a."""
+    R = A["A"].T @ B["A"]
+    spin = A["A"].T @ (B["Y"][3:] - A["Y"][3:])
+    dR = np.cross(spin, R, axis=0)
+    rise = B["Y"][:3] - A["Y"][:3] - np.cross(A["Y"][3:], B["r"] - A["r"])
+    turn = [0.5 * (dR[2, 1] - dR[1, 2]), 0.5 * (dR[0, 2] - dR[2, 0]), 0.5 * (dR[1, 0] - dR[0, 1])]
+    return np.concatenate((A["A"].T @ rise, turn))
+
+
+def cantilever(section: Any, h: float) -> Any:
+    """Stiffness of a cantilever at its tip: the inverse of h / EA, h / GJ, h^3 / 3 EI, h^2 / 2 EI, h / EI."""
+    axial, torsion, bend_y, bend_z = section
+    K = np.diag([axial / h, 0.0, 0.0, torsion / h, 0.0, 0.0])
+    for flexibility, (w, turn), sign in ((bend_y, (1, 5), 1.0), (bend_z, (2, 4), -1.0)):
+        tip = np.array([[h**3 / 3.0, sign * h**2 / 2.0], [sign * h**2 / 2.0, h]]) / flexibility
+        K[np.ix_((w, turn), (w, turn))] = np.linalg.inv(tip)
+    return K
 
 
 @settings(deadline=None)
