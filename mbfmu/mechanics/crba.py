@@ -76,41 +76,57 @@ def shift_to(here: Any, parent: Any, f: Any) -> None:
 
 
 @inlined
-def carry_up(i: int, row: int, f: Any, arrays: Any, state: Any, M: Any) -> None:
-    """Add the power of the momentum wrench f of coordinate ``row`` at body i on every free coordinate further in."""
+def enter(row: int, column: int, power: float, add: bool, M: Any) -> None:
+    """M[row, column] and its mirror image; ``add`` to what is there."""
+    if add:
+        power += M[row, column]
+    M[row, column] = power
+    M[column, row] = power
+
+
+@inlined
+def carry_up(i: int, row: int, f: Any, add: bool, arrays: Any, state: Any, M: Any) -> None:
+    """Enter the power of the momentum wrench f of coordinate ``row`` at body i on every free coordinate further in."""
     while arrays.bodies[i].parent > 0:
         up = arrays.bodies[i].parent
         shift_to(state.bodies[i], state.bodies[up], f)
         i = up
         body = arrays.bodies[i]
-        if body.vf >= 0:
+        if body.vf >= 0 and not frame_of_elastic(body):
             for c in range(body.nv):
-                M[row, body.vf + c] += row_dot6(state.S, body.si + c, f)
-                M[body.vf + c, row] = M[row, body.vf + c]
+                enter(row, body.vf + c, row_dot6(state.S, body.si + c, f), add, M)
+
+
+@inlined
+def frame_of_elastic(body: Any) -> bool:
+    """Whether a body is the first section of an elastic one, which its amplitudes do not move."""
+    return body.node >= 0 and body.nq > 0
 
 
 @inlined
 def mass_matrix(arrays: Any, state: Any, M: Any) -> None:
-    """M (n, n) over the free coordinates, after :func:`composite_inertia`."""
+    """M (n, n) over the free coordinates, after :func:`composite_inertia`; zero between branches, and left so.
+
+    The amplitudes of an elastic body get its own inertia first, then that of what hangs on each of its sections.
+    """
     f = state.wrench
-    for row in range(M.shape[0]):
-        for column in range(M.shape[0]):
-            M[row, column] = 0.0
+    for e in range(arrays.elastics.shape[0]):
+        elastic = arrays.elastics[e]
+        first = arrays.bodies[elastic.body].vf
+        for k in range(elastic.modes):
+            for j in range(k):
+                enter(first + k, first + j, 0.0, False, M)
+            enter(first + k, first + k, elastic.mu[k], False, M)
+            modal.coupling(elastic, k, state.bodies[elastic.body], state.q, f)
+            carry_up(elastic.body, first + k, f, False, arrays, state, M)
     for i in range(1, arrays.bodies.shape[0]):
         body = arrays.bodies[i]
-        if body.vf < 0:
+        if body.vf < 0 or frame_of_elastic(body):
             continue
+        shared = body.node >= 0
         for k in range(body.nv):
             momentum_of(state.bodies[i], state.S, body.si + k, f)
             row = body.vf + k
             for j in range(k + 1):
-                M[row, body.vf + j] += row_dot6(state.S, body.si + j, f)
-                M[body.vf + j, row] = M[row, body.vf + j]
-            carry_up(i, row, f, arrays, state, M)
-    for e in range(arrays.elastics.shape[0]):
-        elastic = arrays.elastics[e]
-        body = arrays.bodies[elastic.body]
-        for k in range(elastic.modes):
-            M[body.vf + k, body.vf + k] += elastic.mu[k]
-            modal.coupling(elastic, k, state.bodies[elastic.body], state.q, f)
-            carry_up(elastic.body, body.vf + k, f, arrays, state, M)
+                enter(row, body.vf + j, row_dot6(state.S, body.si + j, f), shared, M)
+            carry_up(i, row, f, shared, arrays, state, M)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from solvers.kernel import kernel
+from solvers.kernel import inlined
 
 from .crba import shift_to
 from .elastic import modal
@@ -12,7 +12,7 @@ from .forces import potential
 from .spatial import row_dot6
 
 
-@kernel
+@inlined
 def kinetic_energy(arrays: Any, state: Any) -> float:
     """sum m v_c.v_c / 2 + w.Jc w / 2, J."""
     total = 0.0
@@ -29,7 +29,7 @@ def kinetic_energy(arrays: Any, state: Any) -> float:
     return total
 
 
-@kernel
+@inlined
 def potential_energy(arrays: Any, state: Any) -> float:
     """Energy in the gravity field (zero at the global origin) and in the springs, J."""
     total = potential(arrays, state)
@@ -43,7 +43,7 @@ def potential_energy(arrays: Any, state: Any) -> float:
     return total
 
 
-@kernel
+@inlined
 def driven_action(arrays: Any, state: Any) -> float:
     """Sum of p v over the driven coordinates, p the generalised momentum, J.
 
@@ -73,7 +73,7 @@ def driven_action(arrays: Any, state: Any) -> float:
     return total
 
 
-@kernel
+@inlined
 def power_on_drives(i: int, p: Any, arrays: Any, state: Any) -> float:
     """Sum over the driven coordinates between body i and the ground of p v, p the momentum about the body's origin."""
     total = 0.0 * p[0]

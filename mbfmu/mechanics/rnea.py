@@ -45,16 +45,20 @@ def inverse_dynamics(arrays: Any, state: Any) -> None:
         inertia_wrench(arrays.bodies[i].mass, here, here.W)
         for k in range(6):
             here.W[k] -= here.F[k]
-        for k in range(arrays.bodies[i].vi, arrays.bodies[i].vi + arrays.bodies[i].nv):
-            state.tau[k] = -state.Q[k]
     for i in range(arrays.elastics.shape[0]):
         elastic = arrays.elastics[i]
+        for k in range(elastic.vi, elastic.vi + elastic.modes):
+            state.tau[k] = -state.Q[k]
         modal.inertia(elastic, state.bodies[elastic.body], state)
     for i in range(arrays.bodies.shape[0] - 1, 0, -1):
         body = arrays.bodies[i]
         here = state.bodies[i]
         for k in range(body.nv):
-            state.tau[body.vi + k] += row_dot6(state.S, body.si + k, here.W)
+            power = row_dot6(state.S, body.si + k, here.W)
+            if body.node < 0:
+                state.tau[body.vi + k] = power - state.Q[body.vi + k]
+            else:  # sections share their coordinates
+                state.tau[body.vi + k] += power
         if body.parent > 0:
             parent = state.bodies[body.parent]
             x, y, z = here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2]

@@ -103,7 +103,7 @@ def largest_residual(velocity: bool, arrays: Any, state: Any) -> float:
 @kernel
 def turn(rate: bool, i: int, arrays: Any, state: Any) -> float:
     """Absolute angle (or its rate) of body i in a chain of parallel revolutes and sections; counts whole turns."""
-    total = 0.0 * state.q[0]
+    total = 0.0 * arrays.world[0].gravity[0]
     while i > 0:
         body = arrays.bodies[i]
         if body.node >= 0:
@@ -119,6 +119,14 @@ def turn(rate: bool, i: int, arrays: Any, state: Any) -> float:
 @kernel
 def read(sensors: Any, lam: Any, arrays: Any, state: Any, out: Any) -> None:
     """Evaluate every sensor into ``out``; State holds the solution of the equations of motion."""
+    energies = False
+    for i in range(sensors.shape[0]):
+        kind = sensors[i].kind
+        energies = energies or 9 <= kind <= 11 or kind == 16
+    nothing = 0.0 * arrays.world[0].gravity[0]  # of the kind of number at work, real or complex
+    kinetic, stored = nothing, nothing
+    if energies:
+        kinetic, stored = kinetic_energy(arrays, state), potential_energy(arrays, state)
     for i in range(sensors.shape[0]):
         sensor = sensors[i]
         kind, j = sensor.kind, sensor.index
@@ -137,16 +145,16 @@ def read(sensors: Any, lam: Any, arrays: Any, state: Any, out: Any) -> None:
         elif kind == 8:
             out[i] = state.tau[j]
         elif kind == 9:
-            out[i] = kinetic_energy(arrays, state)
+            out[i] = kinetic
         elif kind == 10:
-            out[i] = potential_energy(arrays, state)
+            out[i] = stored
         elif kind == 11:
-            out[i] = kinetic_energy(arrays, state) + potential_energy(arrays, state)
+            out[i] = kinetic + stored
         elif kind <= 13:
             out[i] = largest_residual(kind == 13, arrays, state)
         elif kind <= 15:
             out[i] = turn(kind == 15, j, arrays, state)
         elif kind == 16:
-            out[i] = kinetic_energy(arrays, state) + potential_energy(arrays, state) - driven_action(arrays, state)
+            out[i] = kinetic + stored - driven_action(arrays, state)
         else:
             out[i] = bending(kind == 18, arrays.bodies[j], arrays, state)

@@ -6,7 +6,7 @@ from typing import Any
 
 from mbfmu.mechanics.elastic import drag, modal, plate, pressure
 from mbfmu.mechanics.signals import value
-from solvers.kernel import inlined, kernel
+from solvers.kernel import inlined
 
 from . import beam_element, joint_force, joint_spring, point_force, spring, torque
 from .base import Force
@@ -68,7 +68,7 @@ def apply(t: float, arrays: Any, state: Any) -> None:
         _pressure(load, state.pressure[i], state.bodies)
 
 
-@kernel
+@inlined
 def potential(arrays: Any, state: Any) -> float:
     """Energy stored in all forces and elastic elements, J."""
     total = 0.0
