@@ -1,0 +1,60 @@
+"""The four-bar with an elastic coupler as an FMU."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fmus.fourbar import FourBar
+from mbfmu.fmi import Fmu, export
+from mbfmu.simulation import Settings, run
+
+TIMES = np.linspace(0.0, 0.5, 26)
+MODEL = FourBar(coupler_modes=2, coupler_damping=5.8115e-4)
+
+
+@pytest.fixture(scope="module")
+def flexible_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two modes, damped."""
+    return export(MODEL, tmp_path_factory.mktemp("fmu") / "flexible.fmu", Settings(solver="adams"))
+
+
+@pytest.mark.parametrize("solver", ["ida", "adams", "hybrid"])
+def test_equals_the_native_run(flexible_fmu: Path, solver: str) -> None:
+    native = run(MODEL, Settings(solver=solver, tolerance=1e-8), TIMES)
+    with Fmu(flexible_fmu, {"solver": solver, "tolerance": 1e-8}) as fmu:
+        for t, expected in zip(TIMES[1:], native.values[1:], strict=True):
+            fmu.step_to(float(t))
+            np.testing.assert_allclose(fmu.reals(), expected, rtol=1e-12, atol=1e-12)
+
+
+def test_a_second_instance_continues_bit_for_bit(flexible_fmu: Path) -> None:
+    with Fmu(flexible_fmu) as first, Fmu(flexible_fmu) as second:
+        for _ in range(20):
+            first.step(0.013)
+        second.restore(first.save())
+        second.t = first.t
+        for _ in range(30):
+            first.step(0.013)
+            second.step(0.013)
+            np.testing.assert_array_equal(first.reals(), second.reals())
+
+
+def test_its_variables_have_units_and_meaning(flexible_fmu: Path) -> None:
+    with Fmu(flexible_fmu) as fmu:
+        assert fmu.variables["coupler.mode[2].amplitude"].unit == "m"
+        assert fmu.variables["coupler.mode[1].acceleration"].unit == "m/s2"
+        assert fmu.variables["coupler.deflection"].unit == "m"
+        assert fmu.variables["coupler.bending_moment"].unit == "N.m"
+        assert fmu.variables["coupler_modes"].variability == "constant"
+        assert fmu.variables["youngs_modulus"].unit == "Pa"
+
+
+def test_parameters_of_the_beam_act_at_the_end_of_initialization(flexible_fmu: Path) -> None:
+    stiff = FourBar(coupler_modes=2, coupler_damping=5.8115e-4, youngs_modulus=4 * 117e9)
+    native = run(stiff, Settings(solver="adams", tolerance=1e-8), TIMES)
+    with Fmu(flexible_fmu, {"youngs_modulus": 4 * 117e9, "tolerance": 1e-8}) as fmu:
+        fmu.step_to(0.5)
+        assert fmu["coupler.deflection"] == pytest.approx(native["coupler.deflection"][-1], abs=1e-7)
