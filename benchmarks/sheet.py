@@ -1,6 +1,6 @@
 """What the sheet costs: ``python benchmarks/sheet.py``. Compile time apart; CPU time of one process.
 
-* one inverse dynamics per node from 7 x 5 to 101 x 71 nodes, and how it grows;
+* one inverse dynamics and one articulated-body evaluation per node from 7 x 5 to 101 x 71 nodes, and how they grow;
 * effects that are off, against a build without them;
 * statics from flat at full load;
 * half a second after release from flat, with its error against the shell code's tip (``tests/data/sheet``).
@@ -17,8 +17,11 @@ import without_effects
 from fmus.sheet import Sheet
 from mbfmu.effects import time_of_evaluation
 from mbfmu.equilibrium import equilibrium
+from mbfmu.mechanics import Plant
 from mbfmu.simulation import Settings, Simulation
 from mbfmu.table import table
+from solvers.saddle import Motion
+from solvers.stepper import Code
 
 GRIDS = ((7, 5), (15, 11), (33, 23), (51, 35), (101, 71))
 RELEASES = (((7, 5), 1e-5), ((15, 11), 1e-5), ((51, 35), 1e-4))
@@ -31,12 +34,26 @@ def evaluations() -> None:
     for nx, nz in GRIDS:
         plants = [Sheet(nx=nx, nz=nz, membrane=membrane).build().compile() for membrane in (False, True)]
         own = [1e6 * time_of_evaluation(plant) / (nx * nz) for plant in plants]
+        own.append(1e6 * time_of_forward_dynamics(plants[0]) / (nx * nz))
         costs.append(own)
         lines.append((f"{nx} x {nz}", *(f"{cost:.3f}" for cost in own)))
-    print(table(("grid", "bending [us a node]", "with membrane"), lines))
+    print(table(("grid", "inverse, bending [us a node]", "with membrane", "articulated body, bending"), lines))
     nodes = np.log([nx * nz for nx, nz in GRIDS])
-    exponents = [1.0 + np.polyfit(nodes, np.log([own[k] for own in costs]), 1)[0] for k in (0, 1)]
-    print(f"growth with the nodes: exponents {exponents[0]:.2f} and {exponents[1]:.2f} (at most 1.1)\n")
+    exponents = [1.0 + np.polyfit(nodes, np.log([own[k] for own in costs]), 1)[0] for k in range(3)]
+    print(f"growth with the nodes: exponents {', '.join(f'{x:.2f}' for x in exponents)} (at most 1.1)\n")
+
+
+def time_of_forward_dynamics(plant: Plant) -> float:
+    """Return the shortest time of one articulated-body evaluation from Python, s, in a random state near the start."""
+    system, random = plant.system, np.random.default_rng(0)
+    q, v = plant.start_positions(), 0.1 * random.normal(size=system.n)
+    system.apply(q, 0.01 * random.normal(size=system.n) * system.size)
+    motion, times = Motion(system), []
+    for _ in range(50):
+        begin = time.perf_counter()
+        assert motion.solve(0.0, q, v) is Code.OK
+        times.append(time.perf_counter() - begin)
+    return min(times)
 
 
 def statics() -> None:
