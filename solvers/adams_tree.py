@@ -20,7 +20,7 @@ from .adams import COLLAPSED, MAX_STEPS, SMALLEST_STEP, cut, join, split
 from .held import hold
 from .ida_tree import Scratch, position_sizes
 from .kernel import inlined, kernel, records
-from .multistep import HIGHEST, History, accept, begin, coefficients, correct, estimate, interpolate, predict
+from .multistep import HIGHEST, History, accept, begin, coefficients, correct, counts, estimate, interpolate, predict
 from .partition import NO_MASS, NOT_FINITE, OK
 from .saddle import Motion
 from .stepper import Code, Options, Statistics, Stepper
@@ -166,13 +166,4 @@ class TreeAdamsStepper(Stepper):
     @property
     def statistics(self) -> Statistics:
         """What the run has cost so far."""
-        c = self._control[0]
-        return Statistics(
-            steps=int(c["steps"]),
-            rejected=int(c["rejected"]),
-            rhs_evals=int(c["evaluations"]),
-            restarts=max(0, int(c["starts"]) - 1),
-            order=int(c["kold"]),
-            step_size=float(c["hold"]),
-            stability_limited=int(c["limited"]),
-        )
+        return Statistics(**counts(self._control[0]))

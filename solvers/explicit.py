@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from . import adams
 from .held import hold
 from .kernel import records
-from .multistep import HIGHEST, History
+from .multistep import HIGHEST, History, counts
 from .stepper import Code, DenseStepper, Options, Samples, Statistics, Status
 from .system import Array, System
 
@@ -75,13 +75,7 @@ class AdamsStepper(DenseStepper):
         c = self._control[0]
         left = int(c["by_ratio"] + c["by_flicker"] + c["by_energy"] + c["by_collapse"])
         return Statistics(
-            steps=int(c["steps"]),
-            rejected=int(c["rejected"]),
-            rhs_evals=int(c["evaluations"]),
-            restarts=max(0, int(c["starts"]) - 1),
-            order=int(c["kold"]),
-            step_size=float(c["hold"]),
-            stability_limited=int(c["limited"]),
+            **counts(c),
             partition_switches=left + int(c["returns"]),
             choices=int(c["changes"]),
             left_by_ratio=int(c["by_ratio"]),

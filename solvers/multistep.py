@@ -305,3 +305,16 @@ def interpolate(c: Any, H: Any, t: float, y: Any) -> None:
         for j in range(last, 0, -1):
             total += g[j] * H.phi[i, j]
         y[i] = H.y[i] + hi * total
+
+
+def counts(c: Any) -> dict[str, Any]:
+    """Return what a record of CONTROL has counted, by the names of :class:`solvers.stepper.Statistics`."""
+    return {
+        "steps": int(c["steps"]),
+        "rejected": int(c["rejected"]),
+        "rhs_evals": int(c["evaluations"]),
+        "restarts": max(0, int(c["starts"]) - 1),
+        "order": int(c["kold"]),
+        "step_size": float(c["hold"]),
+        "stability_limited": int(c["limited"]),
+    }

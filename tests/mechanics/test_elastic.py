@@ -58,8 +58,10 @@ def build(seed: int, stiffening: bool, loop: bool) -> Case:
     plant = m.compile()
     q = plant.start_positions()
     n = plant.system.n
-    amplitudes = np.array([".mode." in name for name in plant.system.coordinate_names])  # bending is small
-    plant.system.apply(q, np.where(amplitudes, 0.05, 1.0) * rng.normal(size=n))
+    amplitudes = np.array(
+        [".mode." in name for name in plant.system.coordinate_names]
+    )  # bending is small: theory of second order
+    plant.system.apply(q, np.where(amplitudes, 0.02, 1.0) * rng.normal(size=n))
     return Case(plant, 0.0, q, 0.5 * rng.normal(size=n), rng.normal(size=n))
 
 
