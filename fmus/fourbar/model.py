@@ -69,6 +69,7 @@ class FourBar(Model):
             at_middle, at_tip = (0.5 * L, 0.0, 0.0), (L, 0.0, 0.0)
         else:
             elastic = m.elastic("coupler", crank, pin, self._beam())
+            m.profile(elastic, height=self.coupler_height, width=self.coupler_width)
             coupler, middle, tip = elastic.body, elastic.section(0.5 * L), elastic.section(L)
             at_middle = at_tip = (0.0, 0.0, 0.0)
         rocker = m.body(  # its x axis points from the ground pivot to the pin, as the crank's does
