@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mbfmu.errors import UserError
-from mbfmu.mechanics import Mechanism
+from mbfmu.mechanics import Mechanism, Plant
 from mbfmu.simulation import Simulation
 
 from .picture import Bar, Picture, draw
@@ -134,13 +134,12 @@ class Recorder:
     def __call__(self, simulation: Simulation) -> None:
         """Note where the bodies are."""
         plant = simulation.plant
-        bodies, q = plant.data.state.bodies, plant.data.state.q
-        owners = [plant.data.arrays.bodies[elastic.modes.index] for elastic in plant.mechanism.elastics]
+        bodies = plant.data.state.bodies
         self._mechanism = plant.mechanism
         self._times.append(simulation.t)
         self._r.append(bodies["r"].astype(np.float32))
         self._A.append(bodies["A"].astype(np.float32))
-        self._p.append(np.array([q[own["qi"] + k] for own in owners for k in range(own["nv"])], np.float32))
+        self._p.append(amplitudes(plant).astype(np.float32))
 
     @property
     def used(self) -> bool:
@@ -164,6 +163,13 @@ class Recorder:
             p=np.stack(self._p),
             picture=draw(mechanism, span),
         )
+
+
+def amplitudes(plant: Plant) -> Array:
+    """Return the amplitudes (na,) of the elastic bodies of a plant whose bodies are in place, in their order, m."""
+    owners = [plant.data.arrays.bodies[elastic.modes.index] for elastic in plant.mechanism.elastics]
+    q = plant.data.state.q
+    return np.array([q[own["qi"] + k] for own in owners for k in range(own["nv"])])
 
 
 def matrices(e: Array) -> Array:
