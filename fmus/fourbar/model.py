@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import cos, radians
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,13 @@ class FourBar(Model):
     name = "fourbar"
     stop_time = 10.0
     output_interval = 0.01
+    effects = MappingProxyType(
+        {
+            "gravity": {"gravity": 9.81},
+            "elastic coupler": {"coupler_modes": 2},
+            "material damping": {"coupler_damping": 5e-4},
+        }
+    )
 
     ground_length: float = parameter(3.0, unit="m", min=1e-3, doc="distance of the two ground pivots")
     crank_length: float = parameter(1.0, unit="m", min=1e-3, doc="crank, pivot to pin")
