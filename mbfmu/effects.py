@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from mbfmu.equilibrium import equilibrium
+from mbfmu.equilibrium import GROWTH, equilibrium
 from mbfmu.errors import EquilibriumError, UserError
 from mbfmu.mechanics import Plant
 from mbfmu.model import Model
@@ -39,7 +39,9 @@ class Entry:
     evaluation, run
         Time of one evaluation of the equations of motion, and median time of the run, s.
     frequency
-        Lowest natural frequency about the steady state, Hz; None where there is none.
+        Lowest natural frequency of an oscillation about the steady state, Hz; None where there is none.
+    stability
+        Of the steady state, see :class:`mbfmu.equilibrium.Equilibrium`; empty where there is none.
     outputs
         At the end of the run, by name.
     """
@@ -48,11 +50,27 @@ class Entry:
     evaluation: float
     run: float
     frequency: float | None
+    stability: str
     outputs: dict[str, float]
 
 
-def ledger(model: Model, settings: Settings, end: float, progress: Callable[[str], None] | None = None) -> list[Entry]:
+def ledger(
+    model: Model,
+    settings: Settings,
+    end: float,
+    start: Mapping[str, float] | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> list[Entry]:
     """Return an entry for the model as it is and one for each of its effects turned over.
+
+    Parameters
+    ----------
+    model, settings, end
+        What is run, how, and until when, s.
+    start
+        Coordinates by name that the steady states are looked for from, instead of the model's own.
+    progress
+        Called with every case that is done.
 
     Raises
     ------
@@ -68,13 +86,14 @@ def ledger(model: Model, settings: Settings, end: float, progress: Callable[[str
         cases[f"{'without' if active else 'with'} {effect}"] = model.with_values(off if active else on)
     entries = []
     for case, changed in cases.items():
-        entries.append(_entry(case, changed, settings, end))
+        entries.append(_entry(case, changed, settings, end, start or {}))
         if progress is not None:
             progress(case)
     return entries
 
 
-def _entry(case: str, model: Model, settings: Settings, end: float) -> Entry:
+def _entry(case: str, model: Model, settings: Settings, end: float, start: Mapping[str, float]) -> Entry:
+    frequency, stability = oscillation(model, start)
     runs = []
     for _ in range(3):
         simulation = Simulation(model, settings)
@@ -82,18 +101,25 @@ def _entry(case: str, model: Model, settings: Settings, end: float) -> Entry:
         simulation.advance(end)
         runs.append(time.perf_counter() - begin)
     outputs = dict(zip((v.name for v in simulation.plant.outputs), map(float, simulation.outputs()), strict=True))
-    try:
-        modes = equilibrium(model).modes
-        frequency = modes[0].frequency / (2.0 * np.pi) if modes else None
-    except EquilibriumError:
-        frequency = None
     return Entry(
         case=case,
         evaluation=time_of_evaluation(simulation.plant),
         run=statistics.median(runs),
         frequency=frequency,
+        stability=stability,
         outputs=outputs,
     )
+
+
+def oscillation(model: Model, start: Mapping[str, float]) -> tuple[float | None, str]:
+    """Return :attr:`Entry.frequency` and :attr:`Entry.stability`; the steady state is looked for from ``start``."""
+    try:
+        found = equilibrium(model, start)
+    except EquilibriumError:
+        return None, ""
+    floor = GROWTH * max((abs(mode.eigenvalue) for mode in found.modes), default=0.0)
+    frequencies = [mode.frequency / (2.0 * np.pi) for mode in found.modes if mode.frequency > floor]
+    return min(frequencies, default=None), found.stability
 
 
 def time_of_evaluation(plant: Plant) -> float:
@@ -141,13 +167,14 @@ def as_text(entries: list[Entry], shown: list[str]) -> str:
     bare = entries[0]
     rows = []
     for e in entries:
+        frequency = "-" if e.frequency is None else f"{e.frequency:.5g}"
         more = "" if e is bare else f" ({100.0 * (e.evaluation / bare.evaluation - 1.0):+.0f} %)"
         rows.append(
             (
                 e.case,
                 f"{1e6 * e.evaluation:.3g}{more}",
                 f"{e.run:.3g}",
-                "-" if e.frequency is None else f"{e.frequency:.5g}",
+                "unstable" if e.stability == "unstable" else frequency,
                 *(f"{e.outputs[name]:.6g}" for name in shown),
             )
         )

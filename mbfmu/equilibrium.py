@@ -1,5 +1,7 @@
 """Steady states of a model: positions at which it stays while its drives turn at constant speed, or at rest.
 
+A drive that runs up has done so, unless a simulation is to start in the state.
+
 A cyclic coordinate, on which nothing depends, such as the angle of a free spindle, keeps the rate the model starts it
 with; every other free coordinate is at rest.
 
@@ -24,7 +26,7 @@ from mbfmu.freedom import free_motions, in_words
 from mbfmu.linear import Mode, StateSpace, linearise
 from mbfmu.mechanics import Plant
 from mbfmu.model import Model, suggest
-from mbfmu.modes import shapes
+from mbfmu.modes import Shape, shapes
 from solvers.equilibrium import EPSILON, EquilibriumSolver, Outcome, Solution
 from solvers.equilibrium_tree import TreeEquilibriumSolver
 from solvers.system import Array, TreeSystem
@@ -97,6 +99,12 @@ class Equilibrium:
         if isinstance(self.plant.system, TreeSystem):
             return [shape.mode for shape in shapes(self.plant, self.q, LOWEST, self.lam)]
         return self.state_space.modes()
+
+    def shapes(self, count: int) -> list[Shape]:
+        """Return the lowest modes and how the coordinates take part."""
+        if isinstance(self.plant.system, TreeSystem):
+            return shapes(self.plant, self.q, count, self.lam)
+        return [Shape(mode=mode, motion=motion) for mode, motion in self.state_space.shapes()[:count]]
 
     @property
     def stability(self) -> str:
@@ -173,7 +181,10 @@ class Balance:
 
     def __init__(self, model: Model, plant: Plant | None = None) -> None:
         self.model = model
+        own = plant is None
         self.plant = plant = plant or model.build().compile()
+        if own:
+            plant.finish_run_ups()
         if plant.system.n == 0:
             raise EquilibriumError(f"model {model.name!r} has no free coordinate; there is no steady state to look for")
         for name, speed, higher in plant.drives():

@@ -35,6 +35,8 @@ class StateSpace:
         (2f, 2f), (2f, inputs), (outputs, 2f), (outputs, inputs) for f degrees of freedom.
     states, inputs, outputs
         Names; the rate of state ``x`` is ``der(x)``.
+    coordinates
+        Change of all coordinates (n, f) with each of the independent ones.
     """
 
     A: Array
@@ -44,12 +46,18 @@ class StateSpace:
     states: tuple[str, ...]
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
+    coordinates: Array
 
     def modes(self) -> list[Mode]:
         """Return the eigenvalues, slowest first; of a conjugate pair the one above the real axis."""
         values = linalg.eigvals(self.A) if self.A.size else np.zeros(0)
-        floor = 1e-12 * np.abs(values).max(initial=0.0)
-        return sorted((Mode(complex(s)) for s in values if s.imag >= -floor), key=lambda mode: abs(mode.eigenvalue))
+        return [Mode(complex(values[k])) for k in slowest_first(values)]
+
+    def shapes(self) -> list[tuple[Mode, NDArray[np.complex128]]]:
+        """Return the modes as :meth:`modes` orders them, and how all coordinates (n,) take part; any scale."""
+        values, vectors = linalg.eig(self.A) if self.A.size else (np.zeros(0), np.zeros((0, 0)))
+        motions = self.coordinates @ vectors[: self.coordinates.shape[1]]
+        return [(Mode(complex(values[k])), motions[:, k]) for k in slowest_first(values)]
 
     def write(self, path: Path) -> None:
         """Write ``.npz`` (numpy) or ``.mat`` (MATLAB, Octave); scipy.signal and python-control take A, B, C, D.
@@ -67,6 +75,12 @@ class StateSpace:
                 raise UserError(f"file {str(path)!r}: allowed endings are .npz and .mat")
         except OSError as error:
             raise UserError(f"{str(path)!r} cannot be written: {error.strerror}") from error
+
+
+def slowest_first(values: Any) -> list[int]:
+    """Return the order of eigenvalues (k,) by size, without those below the real axis."""
+    floor = 1e-12 * np.abs(values).max(initial=0.0)
+    return [int(k) for k in np.argsort(np.abs(values), kind="stable") if values[k].imag >= -floor]
 
 
 @dataclass(frozen=True)
@@ -118,6 +132,7 @@ def linearise(plant: Plant, t: float, q: Array, v: Array, rows: NDArray[np.int64
         states=(*names, *(f"der({name})" for name in names)),
         inputs=tuple(v.name for v in plant.inputs),
         outputs=tuple(v.name for v in plant.outputs),
+        coordinates=line.coordinates(),
     )
 
 
@@ -165,6 +180,11 @@ class _Line:
             place[k] = place[k].real
         change = np.concatenate((v[self.independent], a[self.independent])).imag / EPSILON
         return change, out.imag / EPSILON
+
+    def coordinates(self) -> Array:
+        """Return the change of all coordinates (n, f) with each of the independent ones, loops closed."""
+        rows = [self._spread(row, np.zeros(len(self.rows))).imag / EPSILON for row in np.eye(len(self.independent))]
+        return np.array(rows).reshape(len(rows), self.system.n).T
 
     def _spread(self, independent: Array, residual: Array) -> Any:
         """Return an imaginary step (n,) of all coordinates: J change = residual with the independent ones given."""

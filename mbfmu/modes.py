@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -23,11 +24,12 @@ class Shape:
     Attributes
     ----------
     motion
-        Change of the coordinates (n,), of unit modal mass.
+        Change of the coordinates (n,). Of a large tree real and of unit modal mass; else complex and of any scale, the
+        motion being the real part of motion exp(s t).
     """
 
     mode: Mode
-    motion: Array
+    motion: Any
 
 
 def shapes(plant: Plant, q: Array, count: int, lam: Array) -> list[Shape]:

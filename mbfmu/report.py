@@ -9,12 +9,16 @@ from typing import TYPE_CHECKING, Any
 import matplotlib as mpl
 import numpy as np
 
+from mbfmu.view.motion import amplitudes
+from mbfmu.view.picture import PALETTE, draw
+
 if TYPE_CHECKING:
     from mbfmu.compare import Row
     from mbfmu.mechanics import Plant
     from mbfmu.modes import Shape
     from mbfmu.simulation import Result
     from mbfmu.sweep import Branch
+    from mbfmu.view.picture import Bar
     from solvers.system import Array
 
 mpl.use("Agg")
@@ -22,6 +26,7 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 
 COLOURS = {"ida": "#4269d0", "adams": "#3ca951", "hybrid": "#efb118", "adams-lu": "#ff725c"}
+IN_STEP = 0.01  # of the largest displacement: out of step less than this does not show
 
 
 def plot_result(result: Result, title: str, path: Path) -> None:
@@ -115,12 +120,8 @@ def plot_shapes(plant: Plant, q: Array, shapes: Sequence[Shape], title: str, pat
     """Draw the deflection of the first surface along its normal, one panel a mode, over its place in the grid."""
     surface = plant.mechanism.surfaces[0]
     at_rest, normals = poses(plant, q, surface.bodies)
-    columns = min(4, len(shapes))
-    rows = -(-len(shapes) // columns)
-    figure, axes = plt.subplots(rows, columns, figsize=(3.0 * columns, 2.6 * rows), squeeze=False, layout="constrained")
-    for ax in axes.flat[len(shapes) :]:
-        ax.axis("off")
-    for number, (ax, shape) in enumerate(zip(axes.flat, shapes, strict=False), 1):
+    figure, axes = panels(len(shapes))
+    for number, (ax, shape) in enumerate(zip(axes, shapes, strict=True), 1):
         moved, step = q.copy(), 1e-6 / max(1e-300, float(np.abs(shape.motion).max()))
         plant.system.apply(moved, step * shape.motion)
         deflection = np.einsum("ijk,ijk->ij", poses(plant, moved, surface.bodies)[0] - at_rest, normals)
@@ -132,6 +133,60 @@ def plot_shapes(plant: Plant, q: Array, shapes: Sequence[Shape], title: str, pat
         ax.set_title(f"{number}: {shape.mode.frequency / (2.0 * np.pi):.4g} Hz", fontsize=10)
     figure.suptitle(f"{title} (deflection along the normal; nodal lines black)")
     finish(figure, path)
+
+
+def plot_bars(plant: Plant, q: Array, shapes: Sequence[Shape], title: str, path: Path) -> None:
+    """Draw how elastic bodies move across their axes, one panel a mode, over the place on the axis.
+
+    Displacements are against the largest one of any point of an axis, in any direction. Of points that do not move in
+    step the motion a quarter of a period later is dashed.
+    """
+    bars = draw(plant.mechanism, 0.0).bars
+    figure, axes = panels(len(shapes))
+    for number, (ax, shape) in enumerate(zip(axes, shapes, strict=True), 1):
+        motion = shape.motion.astype(complex)
+        parts = ([displacements(plant, q, part, bar) for bar in bars] for part in (motion.real, motion.imag))
+        moved = [there + 1j * later for there, later in zip(*parts, strict=True)]
+        every = np.concatenate(moved).ravel()
+        largest = every[np.argmax(np.abs(every))] or 1.0
+        for k, (bar, displacement) in enumerate(zip(bars, moved, strict=True)):
+            colour = PALETTE[k % len(PALETTE)]
+            across = displacement[:, 1] / largest
+            ax.plot(bar.x, across.real, color=colour, label=bar.name)
+            if np.abs(across.imag).max() > IN_STEP:
+                ax.plot(bar.x, across.imag, "--", color=colour)
+        ax.set_ylim(-1.1, 1.1)
+        ax.grid(alpha=0.3)
+        hertz, growth = shape.mode.frequency / (2.0 * np.pi), shape.mode.eigenvalue.real
+        ax.set_title(f"{number}: {hertz:.4g} Hz" if hertz else f"{number}: {growth:+.4g} 1/s", fontsize=10)
+    axes[0].legend(fontsize=8)
+    figure.suptitle(f"{title}\ndisplacement across the axis, over the place on it [m]", fontsize=10)
+    finish(figure, path)
+
+
+def displacements(plant: Plant, q: Array, motion: Array, bar: Bar) -> Array:
+    """Return how the axis (k, 3) of a bar moves with the coordinates, frame's axes, to first order."""
+    step = 1e-6 / max(1e-300, float(np.abs(motion).max()))
+    ends = []
+    for sign in (-1.0, 1.0):
+        moved = q.copy()
+        plant.system.apply(moved, sign * step * motion)
+        plant.energy(0.0, moved, np.zeros(plant.system.n))  # places the bodies
+        frame = plant.data.state.bodies[bar.body]
+        ends.append(frame["r"] + bar.axis(amplitudes(plant)[bar.modes], 1.0) @ frame["A"].T)
+    plant.energy(0.0, q, np.zeros(plant.system.n))
+    there: Array = (ends[1] - ends[0]) @ plant.data.state.bodies[bar.body]["A"] / (2.0 * step)
+    return there
+
+
+def panels(count: int) -> tuple[Any, Any]:
+    """Return a figure and the axes (count,) of as many panels."""
+    columns = min(4, count)
+    rows = -(-count // columns)
+    figure, axes = plt.subplots(rows, columns, figsize=(3.0 * columns, 2.6 * rows), squeeze=False, layout="constrained")
+    for ax in axes.flat[count:]:
+        ax.axis("off")
+    return figure, axes.flat[:count]
 
 
 def poses(plant: Plant, q: Array, bodies: Any) -> tuple[Array, Array]:

@@ -25,10 +25,12 @@ from fmus.pendulum import SwingPendulum
 from mbfmu.cli import parser
 from mbfmu.errors import UserError
 from mbfmu.mechanics import (
+    Beam,
     Box,
     Cylinder,
     Floating,
     Mechanism,
+    Polynomial,
     Revolute,
     Sphere,
     Spherical,
@@ -68,7 +70,14 @@ def flat_sheet(rows: int = 3, columns: int = 4) -> tuple[Mechanism, Motion]:
     e[..., 0] = 1.0
     names, parents = tuple(b.name for b in m.bodies), tuple(b.parent for b in m.bodies)
     motion = Motion(
-        title="a <b>", times=np.array([0.0, 1.0]), names=names, parents=parents, r=r, e=e, picture=draw(m, 0.4)
+        title="a <b>",
+        times=np.array([0.0, 1.0]),
+        names=names,
+        parents=parents,
+        r=r,
+        e=e,
+        p=np.zeros((2, 0), np.float32),
+        picture=draw(m, 0.4),
     )
     return m, motion
 
@@ -77,6 +86,26 @@ def embedded(page: str, name: str, kind: str) -> np.ndarray[Any, Any]:
     block = re.search(rf'<script type="application/octet-stream" id="{name}">(.*?)</script>', page)
     assert block is not None
     return np.frombuffer(base64.b64decode(block[1]), kind)
+
+
+def scene_in(page: str) -> dict[str, Any]:
+    block = re.search(r'id="scene">(.*?)</script>', page)
+    assert block is not None
+    scene: dict[str, Any] = json.loads(block[1])
+    return scene
+
+
+class Arm(Model):
+    """A heavy cantilever that turns, bends and is shortened by it."""
+
+    name = "arm"
+
+    def build(self) -> Mechanism:
+        beam = Beam(length=2.0, mass=1.0, bending_stiffness=20.0, modes=2, ends=("clamped", "free"), stiffening=True)
+        m = Mechanism(gravity=(0.0, -9.81, 0.0))
+        arm = m.elastic("arm", m.ground, Revolute(drive=Polynomial((0.3, 2.0))), beam)
+        m.output("tip.deflection", arm.deflection(2.0))
+        return m
 
 
 def test_poses_are_those_of_the_kinematics() -> None:
@@ -98,6 +127,81 @@ def test_point_off_the_origin_agrees_with_a_sensor() -> None:
     assert middle[:, 1] == pytest.approx(result["coupler.position.y"], abs=1e-6)
 
 
+def test_bar_passes_through_the_sections_of_an_elastic_body() -> None:
+    result, motion = recorded(FourBar(coupler_modes=2))
+    (bar,) = motion.picture.bars
+    axis = motion.axis(bar)
+    middle = len(bar.x) // 2
+    assert bar.x[middle] == pytest.approx(1.5)
+    assert axis[:, middle, 0] == pytest.approx(result["coupler.position.x"], abs=1e-6)
+    assert axis[:, middle, 1] == pytest.approx(result["coupler.position.y"], abs=1e-6)
+    assert axis[:, -1] == pytest.approx(motion.r[:, motion.names.index("coupler[3]")], abs=1e-6)
+
+
+def test_bar_is_shortened_by_bending() -> None:
+    _, motion = recorded(Arm())
+    (bar,) = motion.picture.bars
+    assert np.abs(motion.p).max() > 0.1
+    assert motion.axis(bar)[:, -1] == pytest.approx(motion.r[:, motion.names.index("arm[2]")], abs=1e-6)
+    small = bar.axis(np.array([0.02, 0.005]), 1.0)
+    length = np.linalg.norm(np.diff(small, axis=0), axis=1).sum()
+    assert length == pytest.approx(2.0, abs=1e-6)  # to second order in a slope of 0.03
+    assert 2.0 - small[-1, 0] > small[-1, 1] ** 2 / 4.0 > 0.0  # a straight arm would be shortened least
+
+
+def test_scale_magnifies_the_deflection_alone(tmp_path: Path) -> None:
+    result, plain = recorded(FourBar(coupler_modes=2))
+    motion = plain.scaled(10.0)
+    (bar,) = motion.picture.bars
+    axis = motion.axis(bar)
+    assert axis[:, [0, -1]] == pytest.approx(plain.axis(bar)[:, [0, -1]], abs=1e-9)
+    chord = (axis[:, -1] - axis[:, 0]) / 3.0
+    away = axis[:, len(bar.x) // 2] - axis[:, 0]
+    left = chord[:, 0] * away[:, 1] - chord[:, 1] * away[:, 0]
+    assert np.abs(result["coupler.deflection"]).max() > 1e-3
+    assert left == pytest.approx(10.0 * result["coupler.deflection"], abs=1e-6)
+    assert (motion.caption, plain.caption) == ("deflection × 10", "")
+    scene = scene_in(html.page(motion)[0])
+    assert (scene["note"], scene["scale"]) == ("3 bodies · deflection × 10", 10.0)
+    motion.save(tmp_path / "m.npz")
+    assert Motion.load(tmp_path / "m.npz").scale == 1.0
+
+
+def test_elastic_body_is_a_bar_and_its_sections_are_not_drawn() -> None:
+    mechanism = FourBar(coupler_modes=2).build()
+    picture = draw(mechanism, 3.0)
+    (bar,) = picture.bars
+    assert (bar.height, bar.width) == (0.03, 0.03)
+    names = [body.name for body in mechanism.bodies]
+    assert [names[i] for i in picture.unnamed] == ["coupler.mode", "coupler[1.5]", "coupler[3]"]
+    drawn = {names[part.body] for part in picture.parts if part.solid != "cylinder"}
+    assert drawn == {"ground", "crank", "rocker"}
+    mechanism.profile(mechanism.elastics[0], height=0.1, width=0.2, colour="#102030")
+    (bar,) = draw(mechanism, 3.0).bars
+    assert (bar.height, bar.width, bar.colour) == (0.1, 0.2, "#102030")
+
+
+def test_bad_profiles_are_named() -> None:
+    mechanism = FourBar(coupler_modes=1).build()
+    (coupler,) = mechanism.elastics
+    with pytest.raises(UserError, match=r"height and width of the profile of 'coupler' is \(0.0, 0.1\) m; allowed"):
+        mechanism.profile(coupler, height=0.0, width=0.1)
+    with pytest.raises(UserError, match="colour is 'red'"):
+        mechanism.profile(coupler, height=0.1, width=0.1, colour="red")
+    with pytest.raises(UserError, match="elastic body of a profile is 'coupler'; it must be one of this mechanism"):
+        FourBar(coupler_modes=1).build().profile(coupler, height=0.1, width=0.1)
+
+
+def test_bent_bar_is_closed_and_faces_outward() -> None:
+    angle = np.linspace(0.0, 1.0, 65)
+    axis = 2.0 * np.stack((np.sin(angle), 1.0 - np.cos(angle), 0.0 * angle), axis=-1)
+    faces = images.bent(axis, np.array([0.0, 0.0, 1.0]), 0.2, 0.3)
+    normals = 0.5 * np.cross(faces[:, 2] - faces[:, 0], faces[:, 3] - faces[:, 1])
+    assert normals.sum(axis=0) == pytest.approx(np.zeros(3), abs=1e-12)
+    volume = np.einsum("ij,ij->", faces.mean(axis=1), normals) / 3.0
+    assert volume == pytest.approx(2.0 * 0.2 * 0.3, rel=1e-3)  # Pappus: length of the axis times the section
+
+
 def test_watching_does_not_change_the_run() -> None:
     times = communication_points(0.3, 0.01)
     plain = run(FourBar(), Settings(), times)
@@ -111,13 +215,19 @@ def test_matrices_of_quaternions() -> None:
 
 
 def test_pose_file_keeps_everything(tmp_path: Path) -> None:
-    _, motion = recorded(SwingPendulum(), 0.1)
+    _, motion = recorded(FourBar(coupler_modes=2), 0.1)
     motion.save(tmp_path / "m.npz")
     again = Motion.load(tmp_path / "m.npz")
     assert again.picture == motion.picture
     assert (again.title, again.names, again.parents) == (motion.title, motion.names, motion.parents)
-    for name in ("times", "r", "e"):
+    for name in ("times", "r", "e", "p"):
         assert np.array_equal(getattr(again, name), getattr(motion, name))
+
+
+def test_pose_file_of_another_version_is_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "old.npz", about=json.dumps({"format": 1, "title": "old"}), times=np.zeros(1))
+    with pytest.raises(UserError, match="is not a pose file this version of mbfmu can read"):
+        Motion.load(tmp_path / "old.npz")
 
 
 def test_run_then_view(command: Command, tmp_path: Path) -> None:
@@ -158,9 +268,7 @@ def test_page_needs_nothing_but_itself() -> None:
     assert stride == 1
     assert not re.search(r"https?:|\bsrc\s*=|<link|@import|url\(|fetch\(|XMLHttpRequest|\{\{", page)
     assert "<title>a &lt;b&gt;</title>" in page
-    scene = re.search(r'id="scene">(.*?)</script>', page)
-    assert scene is not None
-    assert json.loads(scene[1])["bodies"] == list(motion.names)
+    assert scene_in(page)["bodies"] == list(motion.names)
 
 
 def test_page_holds_the_poses() -> None:
@@ -171,6 +279,10 @@ def test_page_holds_the_poses() -> None:
     turning = html.turning_bodies(motion)
     shown = embedded(page, "quaternions", "<f4").reshape(len(motion.times), len(turning), 4)
     assert np.array_equal(shown, motion.e[:, turning])
+    _, motion = recorded(FourBar(coupler_modes=2), 0.1)
+    page, _ = html.page(motion)
+    assert np.array_equal(embedded(page, "amplitudes", "<f4").reshape(-1, 2), motion.p)
+    assert motion.picture.bars[0].body in html.turning_bodies(motion)
 
 
 def test_large_motion_is_thinned_to_its_last_frame(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -249,7 +361,11 @@ def test_bad_shapes_are_named(make: Callable[[], Any], message: str) -> None:
         m.shape(body, make())
 
 
-@pytest.mark.parametrize("model", [FourBar(), Governor(), SwingPendulum()], ids=lambda model: model.name)
+@pytest.mark.parametrize(
+    "model",
+    [FourBar(), FourBar(coupler_modes=2, youngs_modulus=5e9), Governor(), SwingPendulum()],
+    ids=["fourbar", "elastic", "governor", "pendulum"],
+)
 @pytest.mark.parametrize("aspect", [0.5, 2.0])
 def test_camera_sees_the_whole_motion(model: Model, aspect: float) -> None:
     _, motion = recorded(model)
@@ -260,6 +376,8 @@ def test_camera_sees_the_whole_motion(model: Model, aspect: float) -> None:
         seen, depth = camera.project(motion.point(body, at))
         assert np.all(depth > 0.0)
         assert np.all(np.abs(seen) <= (0.5 * aspect, 0.5))
+    for bar in motion.picture.bars:
+        assert np.all(np.abs(camera.project(motion.axis(bar))[0]) <= (0.5 * aspect, 0.5))
 
 
 def test_png_gif_and_page_at_once(command: Command, tmp_path: Path) -> None:
@@ -300,6 +418,9 @@ def test_film_without_ffmpeg_says_what_to_install(command: Command, tmp_path: Pa
         (("good.npz", "-o", "x.png"), "must end in .html"),
         (("good.npz", "--gif=x.gif", "--fps=0"), "--fps is 0"),
         (("good.npz", "--gif=x.gif", "--speed=nan"), "--speed is nan"),
+        (("good.npz", "--scale=0"), "--scale is 0; allowed: finite and greater than zero"),
+        (("good.npz", "--scale=inf"), "--scale is inf; allowed: finite and greater than zero"),
+        (("good.npz", "--scale=2"), "scale of the deflection is 2, but 'fourbar' has no elastic body to bend"),
         (("good.npz", "--png=x.png", "--size=big"), "--size 'big'"),
         (("good.npz", "--png=x.png", "--camera=1"), "--camera '1'"),
         (("good.npz", "--png=no/folder/x.png"), "'no/folder/x.png' cannot be written"),
@@ -325,7 +446,7 @@ def test_page_of_the_docs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.chdir(tmp_path)
     blocks = re.findall(r"```(\w+)\n(.*?)```", page, flags=re.DOTALL)
     commands = [line for language, text in blocks if language == "bash" for line in text.splitlines()]
-    assert len(commands) == 7
+    assert len(commands) == 8
     for line in commands:
         parser().parse_args(shlex.split(line)[1:])
     for language, text in blocks:
@@ -340,8 +461,9 @@ def browser() -> str | None:
 
 
 @pytest.mark.skipif(browser() is None, reason="no Chromium here; MBFMU_BROWSER may name one")
-def test_page_draws_in_a_browser(tmp_path: Path) -> None:
-    _, motion = recorded(Governor(), 0.3)
+@pytest.mark.parametrize("model", [Governor(), FourBar(coupler_modes=2)], ids=["governor", "elastic"])
+def test_page_draws_in_a_browser(tmp_path: Path, model: Model) -> None:
+    _, motion = recorded(model, 0.3)
     page, picture = tmp_path / "page.html", tmp_path / "page.png"
     html.write_html(motion, page)
     options = ["--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import cos, radians
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,13 @@ class FourBar(Model):
     name = "fourbar"
     stop_time = 10.0
     output_interval = 0.01
+    effects = MappingProxyType(
+        {
+            "gravity": {"gravity": 9.81},
+            "elastic coupler": {"coupler_modes": 2},
+            "material damping": {"coupler_damping": 5e-4},
+        }
+    )
 
     ground_length: float = parameter(3.0, unit="m", min=1e-3, doc="distance of the two ground pivots")
     crank_length: float = parameter(1.0, unit="m", min=1e-3, doc="crank, pivot to pin")
@@ -69,6 +77,7 @@ class FourBar(Model):
             at_middle, at_tip = (0.5 * L, 0.0, 0.0), (L, 0.0, 0.0)
         else:
             elastic = m.elastic("coupler", crank, pin, self._beam())
+            m.profile(elastic, height=self.coupler_height, width=self.coupler_width)
             coupler, middle, tip = elastic.body, elastic.section(0.5 * L), elastic.section(L)
             at_middle = at_tip = (0.0, 0.0, 0.0)
         rocker = m.body(  # its x axis points from the ground pivot to the pin, as the crank's does

@@ -7,8 +7,6 @@ import argparse
 from mbfmu.equilibrium import equilibrium
 from mbfmu.errors import UserError
 from mbfmu.linear import modes_as_text
-from mbfmu.modes import shapes
-from solvers.system import TreeSystem
 
 from .common import Commands, add_output, add_steady, folder, scene_of, start_of
 
@@ -17,9 +15,10 @@ def add(commands: Commands) -> None:
     """Describe ``mbfmu modes``."""
     p = commands.add_parser(
         "modes",
-        help="natural frequencies and damping about a steady state, and the shapes of a sheet",
+        help="natural frequencies and damping about a steady state, and the shapes of sheets and beams",
         description="Find the steady state next to the start, and the natural modes about it: all of a small "
-        "mechanism, the lowest of a large one. Shapes of a surface are drawn.",
+        "mechanism, the lowest of a large one. Shapes of a surface, or of elastic bodies, are "
+        "drawn. A drive that runs up has done so.",
     )
     add_steady(p)
     p.add_argument("-n", "--count", type=int, default=8, metavar="N", help="modes to show (8)")
@@ -28,21 +27,22 @@ def add(commands: Commands) -> None:
 
 
 def command_modes(options: argparse.Namespace) -> int:
-    """Print the modes; draw their shapes where the model has a surface."""
-    from mbfmu.report import plot_shapes
+    """Print the modes; draw their shapes where the model has a surface or an elastic body."""
+    from mbfmu.report import plot_bars, plot_shapes
 
     if options.count < 1:
         raise UserError(f"--count is {options.count}; allowed: 1 or more")
     scene = scene_of(options)
     found = equilibrium(scene.model, start_of(options))
     print(f"{scene.name}: modes about the steady state found from {found.found_from} ({found.stability})")
-    if not isinstance(found.plant.system, TreeSystem):
-        print(modes_as_text(found.modes[: options.count]))
-        return 0
-    modes = shapes(found.plant, found.q, options.count, found.lam)
+    modes = found.shapes(options.count)
     print(modes_as_text([shape.mode for shape in modes]))
-    if found.plant.mechanism.surfaces:
+    if found.stability == "unstable":
+        print("`mbfmu equilibrium` lists the steady states it finds; --from COORDINATE=VALUE starts next to another")
+    mechanism = found.plant.mechanism
+    if modes and (mechanism.surfaces or mechanism.elastics):
         picture = folder(options.output) / f"{scene.name}_modes.png"
-        plot_shapes(found.plant, found.q, modes, f"{scene.name}: natural modes", picture)
+        plot = plot_shapes if mechanism.surfaces else plot_bars
+        plot(found.plant, found.q, modes, f"{scene.name}: natural modes", picture)
         print(f"wrote {picture}")
     return 0

@@ -38,6 +38,7 @@ def add(commands: Commands) -> None:
         metavar="FILE",
         help="HTML file; results/NAME.html, or beside a pose file, unless pictures are asked for",
     )
+    p.add_argument("--scale", type=float, default=1.0, metavar="F", help="magnify the deflection of elastic bodies (1)")
     p.add_argument("--open", action="store_true", help="open the page in the browser")
     p.add_argument("--png", type=Path, metavar="FILE", help="write a picture")
     p.add_argument("--time", type=float, metavar="S", help="time the picture shows, s (the start)")
@@ -62,6 +63,8 @@ def command_view(options: argparse.Namespace) -> int:
     """Write a page, or the pictures asked for."""
     check(options)
     motion, failure, page = load(options)
+    if options.scale != 1.0:
+        motion = motion.scaled(options.scale)
     wrote = write_pictures(motion, options)
     if options.output or options.open or not wrote:
         wrote.append(write_page(motion, options, options.output or page))
@@ -74,10 +77,10 @@ def command_view(options: argparse.Namespace) -> int:
 
 def check(options: argparse.Namespace) -> None:
     """Complain about options before anything is run."""
-    for name in ("fps", "speed"):
+    for name in ("fps", "speed", "scale"):
         value = getattr(options, name)
         if not isfinite(value) or value <= 0.0:
-            raise UserError(f"--{name} is {value:g}; allowed: greater than zero")
+            raise UserError(f"--{name} is {value:g}; allowed: finite and greater than zero")
     if options.time is not None and not options.png:
         raise UserError("--time goes with --png")
     for kind in ("png", "gif", "mp4"):

@@ -28,7 +28,7 @@ from .forces import Force, JointForce, JointSpring
 from .joints import REGISTRY as JOINTS
 from .joints import Joint, Revolute, Section, Weld
 from .sensors import Kind, Sensor, axis_index
-from .shapes import Shape, check_colour
+from .shapes import Shape, check_colour, lengths
 from .signals import Input, Signal, as_signal
 
 if TYPE_CHECKING:
@@ -170,6 +170,15 @@ class Surface:
     colour: str
 
 
+@dataclass(frozen=True, kw_only=True)
+class Profile:
+    """The rectangular cross-section an elastic body is drawn with, see :meth:`Mechanism.profile`."""
+
+    height: float  # along y, in which it bends, m
+    width: float  # along z, m
+    colour: str
+
+
 class Mechanism:
     """Bodies on tree joints from the ground, closed by cut joints, moved by forces and drives.
 
@@ -202,6 +211,7 @@ class Mechanism:
         self.plates: list[tuple[Plate, tuple[Body, Body, Body, Body]]] = []
         self.elastics: list[Elastic] = []
         self.pressures: list[tuple[str, Any, list[tuple[Body, ...]]]] = []
+        self.profiles: dict[int, Profile] = {}  # by elastic body
         self.outputs: list[tuple[str, Sensor, str, float | None]] = []
         self.shapes: list[tuple[Body, Shape]] = []
         self.surfaces: list[Surface] = []
@@ -331,6 +341,24 @@ class Mechanism:
             vector(f"at of a shape of body {body.name!r}", shape.at)
             shape.axes()
             self.shapes.append((body, shape))
+
+    def profile(self, elastic: Elastic, *, height: float, width: float, colour: str = "") -> None:
+        """Draw an elastic body with this rectangular cross-section instead of a slender one.
+
+        Parameters
+        ----------
+        elastic
+            Of this mechanism.
+        height, width
+            Along y, in which it bends, and along z, m.
+        colour
+            ``"#rrggbb"``; empty: the one the body is given.
+        """
+        if not any(elastic is own for own in self.elastics):
+            named = getattr(elastic, "name", elastic)
+            raise UserError(f"elastic body of a profile is {named!r}; it must be one of this mechanism")
+        lengths(f"height and width of the profile of {elastic.name!r}", (height, width), 2)
+        self.profiles[elastic.index] = Profile(height=height, width=width, colour=check_colour(colour))
 
     def surface(
         self, name: str, bodies: Sequence[Sequence[Body]], *, at: Vector = (0.0, 0.0, 0.0), colour: str = ""

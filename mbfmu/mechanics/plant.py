@@ -17,7 +17,7 @@ from .dynamics import callbacks, energy, observe, observe_all, tree_callbacks
 from .groups import number_groups
 from .mechanism import Mechanism
 from .sensors import largest_residual
-from .signals import POLYNOMIAL
+from .signals import POLYNOMIAL, RUN_UP
 from .tangent import Tangent
 
 LARGE = 60  # coordinates of a tree without loops from which on no dense matrix is made
@@ -198,8 +198,16 @@ class Plant:
             if body.joint.drive is not None:
                 signal = self.data.arrays.signals[self._numbering.drive[i]]
                 higher = np.abs(signal["c"][2 if signal["kind"] == POLYNOMIAL else 1 :]).max()
-                found.append((body.name, float(signal["c"][1]), float(higher)))
+                speed = 0.0 if signal["kind"] == RUN_UP else float(signal["c"][1])
+                found.append((body.name, speed, float(higher)))
         return found
+
+    def finish_run_ups(self) -> None:
+        """Let every drive that runs up have its full speed from now on."""
+        for k in self.drive_signals():
+            signal = self.data.arrays.signals[k]
+            if signal["kind"] == RUN_UP:
+                signal["kind"], signal["c"][2] = POLYNOMIAL, 0.0
 
     def drive_signals(self) -> list[int]:
         """Return the index of every driven coordinate's signal."""

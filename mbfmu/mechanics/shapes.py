@@ -100,10 +100,10 @@ def along(direction: Matrix) -> Matrix:
     return np.column_stack((first, np.cross(direction, first), direction))
 
 
-def lengths(what: str, values: Vector) -> Matrix:
-    """Check three positive lengths."""
+def lengths(what: str, values: Vector, count: int = 3) -> Matrix:
+    """Check positive lengths."""
     array = np.asarray(values, float)
-    if array.shape != (3,) or not np.all(np.isfinite(array)) or np.any(array <= 0.0):
+    if array.shape != (count,) or not np.all(np.isfinite(array)) or np.any(array <= 0.0):
         raise UserError(f"{what} is {values!r} m; allowed: finite and greater than zero")
     return array
 

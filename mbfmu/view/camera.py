@@ -41,6 +41,7 @@ class Stage:
         axes = basis(np.array(motion.picture.up))
         frames = np.unique(np.linspace(0, len(motion.times) - 1, FRAMES).astype(int))
         clouds = [motion.point(body, at, frames).reshape(-1, 3) for body, at in motion.picture.points().items()]
+        clouds += [motion.axis(bar, frames).reshape(-1, 3) for bar in motion.picture.bars]
         cloud = np.concatenate(clouds or [np.zeros((1, 3))]) @ axes.T
         low, high = cloud.min(axis=0), cloud.max(axis=0)
         half = 0.5 * (high - low)

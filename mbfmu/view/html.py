@@ -35,13 +35,15 @@ def write_html(motion: Motion, path: Path) -> int:
 def page(motion: Motion) -> tuple[str, int]:
     """Return the page and the stride with which it takes frames."""
     turning = turning_bodies(motion)
-    size = 4 * len(motion.times) * (3 * len(motion.names) + 4 * len(turning))
+    size = 4 * len(motion.times) * (3 * len(motion.names) + 4 * len(turning) + motion.p.shape[1])
     stride = ceil(size / LARGEST)
     frames = np.unique(np.append(np.arange(0, len(motion.times), stride), len(motion.times) - 1))
     picture = motion.picture
+    bodies = len(motion.names) - 1 - len(picture.unnamed)
     scene = {
         "title": motion.title,
-        "note": f"{len(motion.names) - 1} bodies",
+        "note": " · ".join(filter(None, (f"{bodies} {'body' if bodies == 1 else 'bodies'}", motion.caption))),
+        "scale": motion.scale,
         "bodies": motion.names,
         "turning": turning,
         "picture": picture.as_dict(),
@@ -55,6 +57,7 @@ def page(motion: Motion) -> tuple[str, int]:
         "times": encoded(motion.times[frames], "<f8"),
         "positions": encoded(motion.r[frames], "<f4"),
         "quaternions": encoded(motion.e[frames][:, turning], "<f4"),
+        "amplitudes": encoded(motion.p[frames], "<f4"),
         "script": '"use strict";\n'
         + "\n".join((folder / f"{name}.js").read_text(encoding="utf-8") for name in SCRIPTS),
     }
@@ -68,7 +71,8 @@ def turning_bodies(motion: Motion) -> list[int]:
     ends = [*enumerate(picture.middles)]
     ends += [(link.a, link.at_a) for link in picture.links] + [(link.b, link.at_b) for link in picture.links]
     ends += [(body, skin.at) for skin in picture.skins for row in skin.bodies for body in row]
-    return sorted({part.body for part in picture.parts} | {body for body, at in ends if any(at)})
+    whole = {part.body for part in picture.parts} | {bar.body for bar in picture.bars}
+    return sorted(whole | {body for body, at in ends if any(at)})
 
 
 def encoded(array: Any, kind: str) -> str:

@@ -106,7 +106,9 @@ class _Artist:
 
     def _colours(self) -> set[str]:
         picture = self.motion.picture
-        return {thing.colour for things in (picture.parts, picture.links, picture.skins) for thing in things}
+        return {
+            thing.colour for things in (picture.parts, picture.links, picture.bars, picture.skins) for thing in things
+        }
 
     def draw(self, frame: int) -> None:
         """Draw one frame, in place of what was drawn before."""
@@ -121,7 +123,7 @@ class _Artist:
         if len(faces):
             self._cast(ax, faces)
             self._paint(ax, faces, colours, both)
-        clock = f"{self.motion.times[frame]:.3f} s"
+        clock = "   ".join(filter(None, (f"{self.motion.times[frame]:.3f} s", self.motion.caption)))
         self.figure.text(0.02, 0.965, self.motion.title, color=INK, fontsize=12, va="center", weight="bold")
         self.figure.text(0.02, 0.03, clock, color=INK, fontsize=10, va="center", family="monospace")
 
@@ -144,6 +146,9 @@ class _Artist:
                 solid = solid + link.radius * self.wire if link.solid == "coil" else solid
                 faces.append(solid @ turned.T + 0.5 * (a + b))
                 colours.append(self.colours[link.colour])
+        for bar in picture.bars:
+            faces.append(bent(motion.axis(bar, frame), A[bar.body][:, 2], bar.height, bar.width))
+            colours.append(self.colours[bar.colour])
         closed = sum(len(f) for f in faces)
         for skin in picture.skins:
             grid = np.array(skin.bodies)
@@ -217,6 +222,18 @@ def patch(rows: int, columns: int, point: Callable[[Array, Array], Array]) -> Ar
     u, v = np.meshgrid(np.linspace(0.0, 1.0, rows + 1), np.linspace(0.0, 1.0, columns + 1), indexing="ij")
     p = point(u, v)
     return np.stack((p[:-1, :-1], p[1:, :-1], p[1:, 1:], p[:-1, 1:]), axis=2).reshape(-1, 4, 3)
+
+
+def bent(axis: Array, z: Array, height: float, width: float) -> Array:
+    """Return the faces (n, 4, 3) of a bar along an axis (k, 3) that bends across the unit vector z."""
+    tangents = np.gradient(axis, axis=0)
+    up = np.cross(z, tangents)
+    up *= 0.5 * height / np.linalg.norm(up, axis=1)[:, None]
+    side = 0.5 * width * z
+    ring = np.stack((axis + up + side, axis + up - side, axis - up - side, axis - up + side), axis=1)
+    following = np.roll(ring, -1, axis=1)
+    sides = np.stack((ring[:-1], ring[1:], following[1:], following[:-1]), axis=2).reshape(-1, 4, 3)
+    return np.concatenate((sides, ring[:1], ring[-1:, ::-1]))
 
 
 def sphere(fine: bool) -> Array:

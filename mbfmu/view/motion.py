@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import zipfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,20 +13,23 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mbfmu.errors import UserError
-from mbfmu.mechanics import Mechanism
+from mbfmu.mechanics import Mechanism, Plant
 from mbfmu.simulation import Simulation
 
-from .picture import Picture, draw
+from .picture import Bar, Picture, draw
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
-FORMAT = 1
+FORMAT = 2
 
 
 @dataclass(frozen=True, kw_only=True)
 class Motion:
-    """Poses of every body, the ground first, in global axes; single precision, as pictures need no more."""
+    """Poses of every body, the ground first, in global axes, and amplitudes of elastic bodies.
+
+    Single precision, as pictures need no more.
+    """
 
     title: str
     times: Array  # (T,) s
@@ -34,13 +37,35 @@ class Motion:
     parents: tuple[int, ...]  # (nb,)
     r: Single  # (T, nb, 3) origins, m
     e: Single  # (T, nb, 4) unit quaternions, scalar first, body to global
+    p: Single  # (T, na) amplitudes of the bars of the picture, one after the other, m
     picture: Picture
+    scale: float = 1.0  # by which pictures magnify the deflection of elastic bodies; not in a pose file
 
     def point(self, body: int, at: Any, frames: Any = slice(None)) -> Array:
         """Return points (..., k, 3) of a body, given in its axes (k, 3), in global axes at some frames."""
         r, e = self.r[frames, body].astype(float), self.e[frames, body].astype(float)
         turned: Array = r[..., None, :] + np.einsum("...ij,kj->...ki", matrices(e), np.atleast_2d(at))
         return turned
+
+    def axis(self, bar: Bar, frames: Any = slice(None)) -> Array:
+        """Return the bent axis (..., k, 3) of a bar, magnified by ``scale``, in global axes at some frames."""
+        r, e = self.r[frames, bar.body].astype(float), self.e[frames, bar.body].astype(float)
+        local = bar.axis(self.p[frames, bar.modes].astype(float), self.scale)
+        turned: Array = r[..., None, :] + np.einsum("...ij,...kj->...ki", matrices(e), local)
+        return turned
+
+    @property
+    def caption(self) -> str:
+        """What a picture has to say of itself: that deflections are not what they were."""
+        return "" if self.scale == 1.0 else f"deflection × {self.scale:g}"
+
+    def scaled(self, scale: float) -> Motion:
+        """Return the motion with the deflection of its elastic bodies magnified in pictures."""
+        if not (np.isfinite(scale) and scale > 0.0):
+            raise UserError(f"scale of the deflection is {scale:g}; allowed: finite and greater than zero")
+        if not self.picture.bars:
+            raise UserError(f"scale of the deflection is {scale:g}, but {self.title!r} has no elastic body to bend")
+        return replace(self, scale=scale)
 
     def frame(self, time: float) -> int:
         """Return the recorded frame nearest to a time (s); raises UserError outside the motion."""
@@ -58,7 +83,7 @@ class Motion:
             "picture": self.picture.as_dict(),
         }
         try:
-            np.savez_compressed(path, about=json.dumps(about), times=self.times, r=self.r, e=self.e)
+            np.savez_compressed(path, about=json.dumps(about), times=self.times, r=self.r, e=self.e, p=self.p)
         except OSError as error:
             raise UserError(f"{str(path)!r} cannot be written: {error.strerror}") from error
 
@@ -68,25 +93,32 @@ class Motion:
         try:
             with np.load(path) as file:
                 about = json.loads(str(file["about"]))
-                times, r, e = file["times"], file["r"], file["e"]
-            known = about["format"] == FORMAT
-            motion = cls(
-                title=about["title"],
-                times=times,
-                names=tuple(about["names"]),
-                parents=tuple(about["parents"]),
-                r=r,
-                e=e,
-                picture=Picture.from_dict(about["picture"]),
-            )
+                motion = cls._of_file(about, file) if about["format"] == FORMAT else None
         except OSError as error:
             raise UserError(f"pose file {str(path)!r} cannot be read: {error.strerror or error}") from error
         except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
             raise UserError(f"{str(path)!r} is not a pose file as `mbfmu run` writes them") from error
-        shape = (len(times), len(motion.names))
-        if not known or not len(times) or r.shape != (*shape, 3) or e.shape != (*shape, 4):
+        if motion is None or not motion._complete:
             raise UserError(f"{str(path)!r} is not a pose file this version of mbfmu can read")
         return motion
+
+    @classmethod
+    def _of_file(cls, about: dict[str, Any], arrays: Any) -> Motion:
+        return cls(
+            title=about["title"],
+            names=tuple(about["names"]),
+            parents=tuple(about["parents"]),
+            picture=Picture.from_dict(about["picture"]),
+            **{name: arrays[name] for name in ("times", "r", "e", "p")},
+        )
+
+    @property
+    def _complete(self) -> bool:
+        """Whether every array has the shape the others and the names ask for."""
+        frames, bodies = len(self.times), len(self.names)
+        amplitudes = sum(len(bar.shapes[0]) for bar in self.picture.bars)
+        shapes = ((frames, bodies, 3), (frames, bodies, 4), (frames, amplitudes))
+        return frames > 0 and (self.r.shape, self.e.shape, self.p.shape) == shapes
 
 
 class Recorder:
@@ -97,6 +129,7 @@ class Recorder:
         self._times: list[float] = []
         self._r: list[Single] = []
         self._A: list[Single] = []
+        self._p: list[Single] = []
 
     def __call__(self, simulation: Simulation) -> None:
         """Note where the bodies are."""
@@ -106,6 +139,7 @@ class Recorder:
         self._times.append(simulation.t)
         self._r.append(bodies["r"].astype(np.float32))
         self._A.append(bodies["A"].astype(np.float32))
+        self._p.append(amplitudes(plant).astype(np.float32))
 
     @property
     def used(self) -> bool:
@@ -126,8 +160,16 @@ class Recorder:
             parents=tuple(body.parent for body in mechanism.bodies),
             r=r,
             e=np.roll(e, 1, axis=-1).astype(np.float32),
+            p=np.stack(self._p),
             picture=draw(mechanism, span),
         )
+
+
+def amplitudes(plant: Plant) -> Array:
+    """Return the amplitudes (na,) of the elastic bodies of a plant whose bodies are in place, in their order, m."""
+    owners = [plant.data.arrays.bodies[elastic.modes.index] for elastic in plant.mechanism.elastics]
+    q = plant.data.state.q
+    return np.array([q[own["qi"] + k] for own in owners for k in range(own["nv"])])
 
 
 def matrices(e: Array) -> Array:

@@ -1,8 +1,8 @@
 """What a mechanism looks like, made from what it knows of itself.
 
-Everything drawn is one of three: a part, a solid fixed to a body; a link, a solid stretched between points of two
-bodies; a skin through a grid of bodies. A body the model gives no shapes gets bars from its joint to where other things
-take hold of it, and a ball in its centre of mass whose volume goes with the mass.
+Everything drawn is one of four: a part, a solid fixed to a body; a link, a solid stretched between points of two
+bodies; a skin through a grid of bodies; a bar, an elastic body as it bends. A body the model gives no shapes gets bars
+from its joint to where other things take hold of it, and a ball in its centre of mass whose volume goes with the mass.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from mbfmu.mechanics import DistanceCut, Floating, JointSpring, Mechanism, Revolute, Spherical, Spring, Translational
 from mbfmu.mechanics.cuts import Cut
-from mbfmu.mechanics.mechanism import Body, CutHandle, rotation
+from mbfmu.mechanics.joints.section import Section
+from mbfmu.mechanics.mechanism import Body, CutHandle, Elastic, rotation
 from mbfmu.mechanics.shapes import along
 
 Matrix = NDArray[np.float64]
@@ -27,6 +28,7 @@ PALETTE = (
 )  # fmt: skip
 GROUND, STEEL, PIN = "#6b7280", "#a3abb8", "#3f4654"
 AXES = ("#d9483b", "#3f9b4b", "#3b6fd9")
+PIECES = 64  # an elastic body is drawn with: five and more for every bulge of the highest mode
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,6 +66,50 @@ class Skin:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Bar:
+    """An elastic body: a rectangular bar along its bent axis.
+
+    Attributes
+    ----------
+    body
+        Its frame, in whose x-y plane it bends.
+    first
+        Of its amplitudes among those of all bars.
+    x
+        Places (k,) on the axis, m.
+    shapes
+        Deflection (k, modes) of every mode there.
+    shortenings
+        G(x) (k, modes, modes) of :meth:`mbfmu.mechanics.Beam.shortening`, 1/m; empty where bending does not shorten.
+    height, width
+        Along y and z, m.
+    """
+
+    name: str
+    body: int
+    first: int
+    x: Numbers
+    shapes: tuple[Numbers, ...]
+    shortenings: tuple[tuple[Numbers, ...], ...]
+    height: float
+    width: float
+    colour: str
+
+    @property
+    def modes(self) -> slice:
+        """Its amplitudes among those of all bars."""
+        return slice(self.first, self.first + len(self.shapes[0]))
+
+    def axis(self, amplitudes: Matrix, scale: float) -> Matrix:
+        """Return the axis (..., k, 3), frame's axes, m, by amplitudes (..., modes); deflection times ``scale``."""
+        w = scale * amplitudes @ np.transpose(self.shapes)
+        x = np.broadcast_to(self.x, w.shape)
+        if self.shortenings:
+            x = x - 0.5 * np.einsum("...i,kij,...j->...k", amplitudes, np.array(self.shortenings), amplitudes)
+        return np.stack((x, w, np.zeros_like(w)), axis=-1)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Picture:
     """All that is drawn of a mechanism, and which way is up."""
 
@@ -72,6 +118,8 @@ class Picture:
     parts: tuple[Part, ...]
     links: tuple[Link, ...]
     skins: tuple[Skin, ...]
+    bars: tuple[Bar, ...]
+    unnamed: tuple[int, ...]  # cross-sections of elastic bodies, whose names would be in the way
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain lists and numbers, for JSON."""
@@ -87,10 +135,12 @@ class Picture:
             parts=tuple(Part(**part) for part in frozen["parts"]),
             links=tuple(Link(**link) for link in frozen["links"]),
             skins=tuple(Skin(**skin) for skin in frozen["skins"]),
+            bars=tuple(Bar(**bar) for bar in frozen["bars"]),
+            unnamed=frozen["unnamed"],
         )
 
     def points(self) -> dict[int, Matrix]:
-        """Return, by body, points (k, 3) in body axes that enclose what is drawn of it."""
+        """Return, by body, points (k, 3) in body axes that enclose what is drawn of it, bars apart."""
         found: dict[int, list[Matrix]] = {}
         for part in self.parts:
             at, axes = np.array(part.at), np.reshape(part.axes, (3, 3)) * (0.5 if part.solid == "box" else 1.0)
@@ -134,8 +184,10 @@ class _Artist:
         self.skinned = {int(i) for surface in mechanism.surfaces for i in surface.bodies.flat}
         bars = [float(np.linalg.norm(p)) for body in mechanism.bodies[1:] for p in self._ends(body)]
         bars += [handle.cut.length for handle in mechanism.cuts if isinstance(handle.cut, DistanceCut)]
+        bars += [elastic.beam.length for elastic in mechanism.elastics]
         self.radius = bar_radius(bars, max([span, *bars]) or 1.0)
-        self.heaviest = max((body.mass for body in mechanism.bodies), default=0.0)
+        masses = [body.mass for body in mechanism.bodies] + [elastic.beam.mass for elastic in mechanism.elastics]
+        self.heaviest = max(masses, default=0.0)
         self.parts: list[Part] = []
         self.links: list[Link] = []
 
@@ -174,10 +226,37 @@ class _Artist:
             parts=tuple(self.parts),
             links=tuple(self.links),
             skins=skins,
+            bars=self._bars(),
+            unnamed=tuple(body.index for body in self.mechanism.bodies if isinstance(body.joint, Section)),
+        )
+
+    def _bars(self) -> tuple[Bar, ...]:
+        bars: list[Bar] = []
+        first = 0
+        for elastic in self.mechanism.elastics:
+            bars.append(self._bar(elastic, first))
+            first += elastic.beam.modes
+        return tuple(bars)
+
+    def _bar(self, elastic: Elastic, first: int) -> Bar:
+        beam, profile = elastic.beam, self.mechanism.profiles.get(elastic.index)
+        x = np.linspace(0.0, beam.length, PIECES + 1)
+        return Bar(
+            name=elastic.name,
+            body=elastic.body.index,
+            first=first,
+            x=numbers(x),
+            shapes=tuple(numbers(beam.shape(float(place))[0]) for place in x),
+            shortenings=tuple(tuple(map(numbers, beam.shortening(float(place)))) for place in x if beam.stiffening),
+            height=profile.height if profile else 1.2 * self.radius,
+            width=profile.width if profile else 1.2 * self.radius,
+            colour=profile.colour if profile and profile.colour else colour_of(elastic.body),
         )
 
     def _middles(self) -> tuple[Numbers, ...]:
         middles = [numbers(body.com) for body in self.mechanism.bodies]
+        for elastic in self.mechanism.elastics:
+            middles[elastic.body.index] = (0.5 * elastic.beam.length, 0.0, 0.0)
         for surface in self.mechanism.surfaces:
             for i in surface.bodies.flat:
                 middles[i] = numbers(surface.at)

@@ -16,10 +16,12 @@ class Motion {
     this.times = embedded("times", Float64Array);
     this.positions = embedded("positions", Float32Array);
     this.quaternions = embedded("quaternions", Float32Array);
+    this.amplitudes = embedded("amplitudes", Float32Array);
     this.bodies = bodies;
     this.slots = new Map(turning.map((body, k) => [body, k]));
     this.r = new Float32Array(3 * bodies);
     this.e = new Float32Array(4 * turning.length);
+    this.p = new Float32Array(this.amplitudes.length / this.times.length);
     this.A = new Float32Array(9);
   }
 
@@ -57,6 +59,7 @@ class Motion {
     const s = span > 0 ? (time - this.times[k]) / span : 0;
     this.between(this.positions, this.r, k, next, s);
     this.between(this.quaternions, this.e, k, next, s, 4);
+    this.between(this.amplitudes, this.p, k, next, s);
   }
 
   /** Mix two frames into `out`; quaternions (`width` 4) go the short way and keep unit length. */
@@ -90,6 +93,19 @@ class Motion {
     const A = this.orientation(body), i = 3 * body;
     return [0, 1, 2].map((k) => this.r[i + k] + A[k] * at[0] + A[3 + k] * at[1] + A[6 + k] * at[2]);
   }
+}
+
+/** Point k of a bar's axis in its frame, with these amplitudes; the deflection, not the shortening, times `scale`. */
+function bent({ first, x, shapes, shortenings }, k, p, scale) {
+  const phi = shapes[k], G = shortenings[k];
+  let w = 0, s = 0;
+  for (let i = 0; i < phi.length; i++) {
+    w += phi[i] * p[first + i];
+    for (let j = 0; G && j < phi.length; j++) {
+      s += 0.5 * p[first + i] * G[i][j] * p[first + j];
+    }
+  }
+  return [x[k] - s, scale * w, 0];
 }
 
 const IDENTITY = new Float32Array([1, 0, 0, 0, 1, 0, 0, 0, 1]);

@@ -48,10 +48,10 @@ function cylinder() {
   return together(side, cap(0.5), cap(-0.5));
 }
 
-/** Edges of length 1. */
-function box() {
+/** Edges of length 1; with the faces across these axes. */
+function box(axes = [0, 1, 2]) {
   const faces = [];
-  for (let axis = 0; axis < 3; axis++) {
+  for (const axis of axes) {
     for (const side of [-1, 1]) {
       const place = (a, b, c) => {
         const p = [0, 0, 0];

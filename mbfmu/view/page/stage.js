@@ -15,6 +15,15 @@ class Stage {
       const item = renderer.skin(skin.bodies.length, skin.bodies[0].length, rgb(skin.colour));
       return { ...skin, item };
     });
+    this.scale = scene.scale;
+    this.bars = scene.picture.bars.map((bar) => {
+      const pieces = bar.x.length - 1;
+      const item = renderer.solids(box([1, 2]), pieces, 0), ends = renderer.solids(box(), 2, 0);
+      for (let k = 0; k < pieces; k++) {
+        item.data.set(rgb(bar.colour), INSTANCE * k + 12);
+      }
+      return { ...bar, item, ends };
+    });
     this.groups = Object.keys(SOLIDS).map((solid) => this.group(solid, scene.picture)).filter((group) => group);
     this.prepareFloor();
   }
@@ -58,6 +67,11 @@ class Stage {
       links.forEach((link, k) => this.placeLink(link, item.data, INSTANCE * (parts.length + k)));
       this.renderer.update(item);
     }
+    for (const bar of this.bars) {
+      this.placeBar(bar);
+      this.renderer.update(bar.item);
+      this.renderer.update(bar.ends);
+    }
     for (const skin of this.skins) {
       this.placeSkin(skin);
       this.renderer.update(skin.item);
@@ -84,6 +98,20 @@ class Stage {
     const x = length > 0 ? scaled(unit(cross(other, along)), link.radius) : [0, 0, 0];
     const y = length > 0 ? scaled(unit(cross(along, x)), link.radius) : [0, 0, 0];
     data.set([...x, ...y, ...along, ...scaled(add(a, b), 0.5)], i);
+  }
+
+  /** Four sides from every point of the bent axis to the next; the first and the last piece once more, closed. */
+  placeBar(bar) {
+    const points = bar.x.map((_, k) => this.motion.point(bar.body, bent(bar, k, this.motion.p, this.scale)));
+    const z = this.motion.orientation(bar.body).slice(6);
+    for (let k = 0; k + 1 < points.length; k++) {
+      const along = add(points[k + 1], points[k], -1);
+      const up = scaled(unit(cross(z, along)), bar.height);
+      const middle = scaled(add(points[k], points[k + 1]), 0.5);
+      bar.item.data.set([...along, ...up, ...scaled(z, bar.width), ...middle], INSTANCE * k);
+    }
+    const data = bar.item.data;
+    bar.ends.data.set([...data.slice(0, INSTANCE), ...data.slice(-INSTANCE)]);
   }
 
   placeSkin({ bodies, at, item }) {
@@ -123,7 +151,8 @@ class Stage {
     const renderer = this.renderer, up = this.stage.axes[1];
     renderer.begin({ ...look, light: this.light, up, floorHeight: this.floor.height }, theme.background);
     const things = (mesh) => {
-      this.groups.forEach((group) => renderer.drawSolids(group.item));
+      [...this.groups, ...this.bars].forEach(({ item }) => renderer.drawSolids(item));
+      this.bars.forEach(({ ends }) => renderer.drawSolids(ends));
       this.skins.forEach((skin) => renderer.drawSkin(skin.item, mesh));
     };
     const above = dot(look.eye, up) > this.floor.height;

@@ -90,10 +90,11 @@ class Viewer {
       element("labels").append(span);
       return span;
     };
-    const skinned = new Set(this.scene.picture.skins.flatMap((skin) => skin.bodies.flat()));
+    const { skins, unnamed } = this.scene.picture;
+    const nameless = new Set([...skins.flatMap((skin) => skin.bodies.flat()), ...unnamed]);
     this.labels = this.scene.bodies
       .map((text, k) => ({ body: k, at: this.scene.picture.middles[k], span: null, text }))
-      .filter(({ body }) => body > 0 && !skinned.has(body));
+      .filter(({ body }) => body > 0 && !nameless.has(body));
     this.labels.forEach((entry) => (entry.span = label(entry.text, "")));
     this.triad = ["x", "y", "z"].map((name) => label(name, "axis"));
     const lines = [0, 1, 2].map((k) => [0, 0, 0, ...IDENTITY.slice(3 * k, 3 * k + 3)]);
