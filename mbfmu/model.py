@@ -190,6 +190,8 @@ def span(declared: Parameter) -> str:
     """Return the allowed range in words."""
     if declared.choices:
         return ", ".join(map(repr, declared.choices))
+    if isinstance(declared.default, bool):
+        return "true or false"
     unit = "" if declared.unit == "1" else f" {declared.unit}"
     if declared.min == -inf:
         return "any finite number" if declared.max == inf else f"at most {declared.max:g}{unit}"

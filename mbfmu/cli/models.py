@@ -21,6 +21,7 @@ def command_models(options: argparse.Namespace) -> int:
         for p in model.parameters():
             tunable = ", tunable" if p.tunable else ", fixed at export" if p.structural else ""
             unit = "" if p.unit == "1" else f" {p.unit}"
-            default = p.default if isinstance(p.default, str) else f"{p.default:g}"
+            word = isinstance(p.default, str | bool)
+            default = str(p.default).lower() if word else f"{p.default:g}"
             print(f"    {p.name} = {default}{unit}  {p.doc} ({span(p)}{tunable})")
     return 0
