@@ -14,6 +14,7 @@ from .arrays import Data, complex_twin
 from .assembly import assemble_positions, assemble_velocities, check_inertia
 from .compile import GRAVITY, Numbering, Variable, compile_data, sensor_records, shared
 from .dynamics import callbacks, energy, observe, observe_all, tree_callbacks
+from .forces import BeamElement
 from .groups import number_groups
 from .mechanism import Mechanism
 from .sensors import largest_residual
@@ -43,7 +44,10 @@ class Plant:
         self.data = compile_data(mechanism, numbering)
         names = [f"{c.name}.{r}" if r else c.name for c in mechanism.cuts for r in c.cut.rows]
         self.void_rows: list[str] = []
-        large = numbering.nv > (LARGE_LOOPS if names else LARGE) and not mechanism.elastics
+        known = not mechanism.elastics and not any(
+            isinstance(force, BeamElement) for _, force, _, _ in mechanism.forces
+        )
+        large = known and numbering.nv > (LARGE_LOOPS if names else LARGE)  # the structured tangent knows no beams
         make = self._tree_system if large else self._system
         self.system: Any = make(names, self.data)
         if names:
