@@ -211,7 +211,7 @@ def test_more_modes_than_the_elements_have_are_refused() -> None:
 
 
 def test_an_elastic_coupler_without_mass_is_refused() -> None:
-    with pytest.raises(UserError, match=r"mass of a beam is 0.0"):
+    with pytest.raises(UserError, match=r"coupler_mass is 0.0 kg; with coupler_modes = 1"):
         Simulation(FourBar(coupler_modes=1, coupler_mass=0.0), Settings())
 
 

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from mbfmu.errors import UserError
 from mbfmu.mechanics import MODES, Beam, Input, JointForce, Mechanism, Revolute, RevoluteCut, rod
 from mbfmu.model import Model, parameter
 
@@ -131,6 +132,10 @@ class FourBar(Model):
 
     def _beam(self) -> Beam:
         """Return the elastic coupler: pinned in its chord, whose length it keeps and with it the singular positions."""
+        if self.coupler_mass == 0.0:
+            raise UserError(
+                f"coupler_mass is 0.0 kg; with coupler_modes = {self.coupler_modes} it must be greater than zero"
+            )
         return Beam(
             length=self.coupler_length,
             mass=self.coupler_mass,
