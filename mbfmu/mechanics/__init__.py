@@ -7,7 +7,7 @@ from .compile import Variable
 from .cuts import DistanceCut, PlanarCut, PlaneCut, RevoluteCut, SphericalCut, WeldCut
 from .elastic import MODES, Beam, Plate
 from .forces import BeamElement, JointForce, JointSpring, PointForce, Spring, Torque
-from .joints import Floating, OutOfPlane, Revolute, Spherical, Translational, Weld
+from .joints import Floating, Geodesic, OutOfPlane, Revolute, Spherical, Translational, Weld
 from .mechanism import Body, Elastic, Mechanism, rod
 from .plant import Plant
 from .sensors import Sensor
@@ -26,6 +26,7 @@ __all__ = [
     "DistanceCut",
     "Elastic",
     "Floating",
+    "Geodesic",
     "Harmonic",
     "Input",
     "JointForce",

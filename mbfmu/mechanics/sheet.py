@@ -15,17 +15,18 @@ which leaves explicit steps 12 to 95 times as long as the plate's own m t^2 / 12
 **Trees.** ``spine`` and ``rows`` grow from the first support, whose nodes hang on its body: ``rows`` as chains across
 the sheet; ``spine`` as one chain from the middle of the support, with ribs to both sides. ``master`` is the paper's: a
 node in the middle floats, or hangs on a body of yours, with spine and ribs around it, and every support is made of cut
-joints. A chain of out-of-plane joints cannot stretch, so what resists stretching (membrane) matters across chains only.
+joints. A chain cannot stretch, so what resists stretching (membrane) matters across chains only.
 
 **Effects.** Bending is always there; membrane, damping, drag and pressure where they are asked for. Bending alone
 converges to a sheet that resists no Gaussian curvature, because nothing resists shear in its plane nor stretching
 across the chains; membrane does, and leaves out the strain along rows or ribs, of which there is none. It may see the
-strain along a chain only with joints that keep the length of the arc: those of projected length would lock.
+strain along a chain only with joints that keep the length of the sheet (:mod:`.joints.geodesic`): those of projected
+length would lock.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -36,7 +37,7 @@ from mbfmu.errors import UserError
 
 from .cuts import Cut, PlanarCut, PlaneCut, RevoluteCut, WeldCut
 from .elastic import Plate
-from .joints import Floating, Joint, OutOfPlane, Revolute, Weld
+from .joints import Floating, Geodesic, Joint, OutOfPlane, Revolute, Weld
 from .mechanism import Body, CutHandle, Matrix, Mechanism, Vector, rotation, vector
 
 SHARE = 25.0  # size of a joint's coordinates times the square of the cells in its chain: curvature times cell, and the
@@ -44,7 +45,7 @@ SHARE = 25.0  # size of a joint's coordinates times the square of the cells in i
 EDGES = ("x0", "x1", "z0", "z1")
 KINDS = ("clamped", "pinned", "guided", "supported")
 TREES = ("spine", "rows", "master")
-JOINTS = ("arc", "paper")
+JOINTS: dict[str, type[Joint]] = {"geodesic": Geodesic, "paper": OutOfPlane}
 UPRIGHT = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])  # cut frame with z along the sheet's y
 Node = tuple[int, int]  # i, k
 Link = tuple[Node, Node | None]  # a node and its parent in the tree; None: the support's body
@@ -133,7 +134,7 @@ def add_sheet(
     rotation: Any = None,
     master: Body | None = None,
     rate: Vector | None = None,
-    joint: str = "arc",
+    joint: str = "geodesic",
     membrane: bool | str = False,
     damping: float = 0.0,
     drag: float = 0.0,
@@ -165,7 +166,7 @@ def add_sheet(
         Velocity of a floating master node at the start, m/s in the ground's axes and rad/s in its own: the flat sheet
         moves like a rigid body.
     joint
-        ``arc`` keeps the length of the sheet; ``paper`` the projected length of its chains.
+        ``geodesic`` keeps the lengths and angles of the sheet; ``paper`` the projected length of its chains.
     membrane
         Resist shear and stretching across rows or ribs; or the strains you name, out of ``x``, ``z``, ``s`` (shear), as
         in :class:`.elastic.Plate`.
@@ -194,7 +195,7 @@ def add_sheet(
         drag=drag,
     )
     plate.check(what)
-    builder = _Builder(mechanism, name, plate, density, shape, (at, rotation), joint == "arc")
+    builder = _Builder(mechanism, name, plate, density, shape, (at, rotation), JOINTS[joint])
     return builder.build(tree, list(supports), master, rate, pressure)
 
 
@@ -209,9 +210,9 @@ class _Builder:
         density: float,
         shape: tuple[int, int],
         placement: tuple[Vector, Any],
-        arc: bool,
+        joint: type[Joint],
     ) -> None:
-        self.mechanism, self.name, self.plate, self.shape, self.arc = mechanism, name, plate, shape, arc
+        self.mechanism, self.name, self.plate, self.shape, self.joint = mechanism, name, plate, shape, joint
         self.what = f"sheet {name!r}"
         self.at = vector(f"placement of {self.what}", placement[0])
         self.rotation = rotation(f"rotation of {self.what}", placement[1])
@@ -311,7 +312,7 @@ class _Builder:
             else:
                 body = self.bodies[parent]
                 cells = self.shape[0 if node[1] == parent[1] else 1] - 1
-                joint = OutOfPlane(at=tuple(self._flat(node) - self._flat(parent)), arc=self.arc, size=SHARE / cells**2)
+                joint = self.joint(at=tuple(self._flat(node) - self._flat(parent)), size=SHARE / cells**2)
             self.bodies[node] = self.mechanism.body(
                 f"{self.name}.{node[0]}.{node[1]}", body, joint, group=node[along], **self._cell(node)
             )
@@ -447,7 +448,7 @@ def _resisted(what: str, membrane: bool | str, tree: str, joint: str, supports: 
     if joint == "paper" and locked:
         raise UserError(
             f"{what} has membrane {membrane!r} on chains of projected length, which locks: it would be several times "
-            "too stiff; take joint 'arc' or no membrane"
+            "too stiff; take joint 'geodesic' or no membrane"
         )
     return strains
 
@@ -460,7 +461,7 @@ def _grid(what: str, grid: Any) -> tuple[int, int]:
     return int(counts[0]), int(counts[1])
 
 
-def _one_of(what: str, value: Any, allowed: tuple[str, ...]) -> None:
+def _one_of(what: str, value: Any, allowed: Collection[str]) -> None:
     """Refuse a word that is not among those allowed."""
     if value not in allowed:
         raise UserError(f"{what} is {value!r}; allowed: {', '.join(map(repr, allowed))}")

@@ -24,10 +24,21 @@ from test_identities import close
 
 from mbfmu.equilibrium import equilibrium
 from mbfmu.errors import UserError
-from mbfmu.mechanics import Floating, Harmonic, Mechanism, OutOfPlane, Sheet, Support, Translational, add_sheet
+from mbfmu.mechanics import (
+    Floating,
+    Geodesic,
+    Harmonic,
+    Mechanism,
+    OutOfPlane,
+    Sheet,
+    Support,
+    Translational,
+    add_sheet,
+)
 from mbfmu.mechanics.aba import forward_dynamics
 from mbfmu.mechanics.assembly import dependent_rows
 from mbfmu.mechanics.dynamics import move, solved
+from mbfmu.mechanics.elastic.plate import shape, strain
 from mbfmu.mechanics.groups import number_groups
 from mbfmu.mechanics.tangent import Tangent
 from mbfmu.model import Model
@@ -52,10 +63,10 @@ def case(tree: str, **effects: Any) -> Case:
     return Case(plant, 0.3, q, 0.2 * rng.normal(size=n), rng.normal(size=n))
 
 
-def hinged(q: tuple[float, float, float], **options: Any) -> tuple[Any, Any]:
+def hinged(joint: type[OutOfPlane | Geodesic], q: tuple[float, float, float]) -> tuple[Any, Any]:
     """Position and orientation of a node on its neighbour at the origin, s' = (0.3, 0, 0.4) m."""
     m = Mechanism()
-    m.body("node", m.ground, OutOfPlane(at=(0.3, 0.0, 0.4), start=q, **options), mass=1.0, inertia=(1, 1, 1))
+    m.body("node", m.ground, joint(at=(0.3, 0.0, 0.4), start=q), mass=1.0, inertia=(1, 1, 1))
     plant = m.compile()
     node = bodies_at(plant, plant.start_positions())[1]
     return node["r"].copy(), node["A"].copy()
@@ -63,7 +74,7 @@ def hinged(q: tuple[float, float, float], **options: Any) -> tuple[Any, Any]:
 
 def test_out_of_plane_joint_of_the_paper() -> None:
     """A = A_z A_x, r = s' + g' alpha."""
-    r, A = hinged((0.1, 0.5, -0.7), arc=False)
+    r, A = hinged(OutOfPlane, (0.1, 0.5, -0.7))
     c, s, C, S = np.cos(0.5), np.sin(0.5), np.cos(-0.7), np.sin(-0.7)
     np.testing.assert_allclose(r, (0.3, 0.1, 0.4), atol=1e-16)
     np.testing.assert_allclose(
@@ -71,12 +82,15 @@ def test_out_of_plane_joint_of_the_paper() -> None:
     )
 
 
-def test_arc_keeps_its_length_to_fourth_order() -> None:
-    """A circular arc of length |s'| = 0.5 m that turns by phi ends sin(phi) / kappa along s'."""
+def test_geodesic_keeps_the_length_of_a_circular_arc_to_fourth_order() -> None:
+    """An arc of length |s'| = 0.5 m that turns by phi ends sin(phi) / kappa along s'."""
 
     def error(phi: float) -> float:
         radius = 0.5 / phi
-        r, _ = hinged((radius * (1.0 - np.cos(phi)), 0.0, 0.0))
+        r, A = hinged(Geodesic, (radius * (1.0 - np.cos(phi)), 0.6 * phi, -0.8 * phi))  # about the normal to s'
+        np.testing.assert_allclose(
+            A @ (0.6, 0.0, 0.8), (0.6 * np.cos(phi), np.sin(phi), 0.8 * np.cos(phi)), atol=phi**3
+        )
         np.testing.assert_allclose(r[0] / 0.3, r[2] / 0.4, rtol=1e-14)
         return float(abs(r[0] / 0.6 - radius * np.sin(phi)))
 
@@ -84,11 +98,59 @@ def test_arc_keeps_its_length_to_fourth_order() -> None:
     assert error(0.2) / error(0.1) == pytest.approx(16.0, rel=0.02)
 
 
-def test_arc_needs_some_length() -> None:
+@pytest.mark.parametrize(("start", "end"), [(0.02, -0.02), (0.02, 0.02), (0.0, 0.03), (-0.02, 0.05)])
+def test_geodesic_keeps_the_length_of_any_cubic(start: float, end: float) -> None:
+    """w(s) leaves its chord by slopes ``start`` and ``end``: it is longer by half the mean square of its slope."""
+    s, weight = np.polynomial.legendre.leggauss(3)
+    slope = start * (1 - s) * (-1 - 3 * s) / 4 + end * (1 + s) * (3 * s - 1) / 4
+    shorter = 0.25 * weight @ slope**2
+    turn = end - start
+    r, _ = hinged(Geodesic, (-0.5 * start, 0.6 * turn, -0.8 * turn))  # leaves the parent along s'
+    assert 1.0 - np.linalg.norm(r) / 0.5 == pytest.approx(shorter, rel=0.01)
+
+
+def test_geodesic_does_not_turn_about_the_normal() -> None:
+    """The rotation vector lies in the plane; bending and twist are its first terms."""
+    for theta_z, theta_x in ((0.5, -0.7), (2.0, 1.0), (0.02, 0.03)):
+        _, A = hinged(Geodesic, (0.1, theta_z, theta_x))
+        skew = np.array([A[2, 1] - A[1, 2], A[0, 2] - A[2, 0], A[1, 0] - A[0, 1]])
+        assert abs(skew[1]) < 1e-15
+        np.testing.assert_allclose(A @ A.T, np.eye(3), atol=1e-15)
+        if theta_z < 0.1:
+            np.testing.assert_allclose(0.5 * skew[[2, 0]], (theta_z, theta_x), rtol=1e-3)
+
+
+@pytest.mark.parametrize("at", [(0.0, 0.0, 0.0), (0.1, 0.1, 0.0)])
+def test_geodesic_leads_somewhere_in_the_plane(at: Any) -> None:
     m = Mechanism()
-    m.body("node", m.ground, OutOfPlane(), mass=1.0)
-    with pytest.raises(UserError, match="an arc needs some length"):
+    m.body("node", m.ground, Geodesic(at=at), mass=1.0)
+    with pytest.raises(UserError, match=r"placement of a geodesic joint is .* some way, and y = 0"):
         m.compile()
+
+
+def test_a_cell_that_bends_and_twists_is_not_strained_to_third_order() -> None:
+    """A chain along x with curvature kappa and a smaller twist, and straight ribs: what locked was kappa twist a^2."""
+
+    def shear_and_stretch(size: float) -> Any:
+        m, _ = cantilever((3, 3), tree="spine", membrane="xzs")
+        plant = m.compile()
+        q = plant.start_positions().reshape(-1, 3)
+        names = [name.rsplit(".", 1)[0] for name in plant.system.coordinate_names[::3]]
+        for k, name in enumerate(names):
+            if name.endswith(".1"):  # the spine runs along k = 1
+                q[k] = 0.5 * size * 0.15, -size, size * size
+        bodies_at(plant, q.reshape(-1))
+        strains = []
+        for e in range(len(plant.data.arrays.plates)):
+            plant.data.state.element[0]["strain"][:] = 0.0
+            shape(plant.data.arrays.plates[e], plant.data.state.bodies, plant.data.state.element[0])
+            strain(plant.data.arrays.plates[e], plant.data.state.element[0])
+            strains.append(plant.data.state.element[0]["strain"][9:12].copy())
+        return np.abs(strains).max(axis=0)
+
+    coarse, fine = shear_and_stretch(0.2), shear_and_stretch(0.1)
+    assert (coarse < 0.2**4).all()
+    assert (coarse / np.maximum(fine, 1e-16) > 14.0).all()
 
 
 @pytest.mark.parametrize("tree", TREES)
@@ -338,7 +400,7 @@ def add(m: Mechanism, **options: Any) -> Sheet:
         ({"grid": (4, 2.5)}, r"grid of sheet 'sheet' is \(4, 2\.5\)"),
         ({"grid": 7}, "grid of sheet 'sheet' is 7"),
         ({"tree": "bush"}, "tree of sheet 'sheet' is 'bush'; allowed: 'spine', 'rows', 'master'"),
-        ({"joint": "ball"}, "joint of sheet 'sheet' is 'ball'; allowed: 'arc', 'paper'"),
+        ({"joint": "ball"}, "joint of sheet 'sheet' is 'ball'; allowed: 'geodesic', 'paper'"),
         ({"supports": [Support("y0")]}, "edge of a support of sheet 'sheet' is 'y0'; allowed: 'x0', 'x1', 'z0', 'z1'"),
         ({"supports": [Support("x0", "glued")]}, "kind of the support at 'x0' of sheet 'sheet' is 'glued'; allowed"),
         ({"supports": ["x0"]}, "support of sheet 'sheet' is 'x0'; it must be a Support"),

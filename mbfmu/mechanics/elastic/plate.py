@@ -27,11 +27,17 @@ and with D = E t^3 / (12 (1 - nu^2)) the energy is half of  sum k_i e_i^2 + 2 c 
     k1 = 4 D a/b    k4 = 12 D a/b    k5 = D (4/3 b/a + 8/3 (1-nu) a/b)    k7 = D (4 a/b + 8/5 (1-nu) b/a)
     k8 = 32 D (1-nu) / (a b).
 
-**Membrane**, where a scene calls for it: one stress for the element (plane stress), with what slopes add to the length
-(von Karman) as their mean over the element; a field of constant curvatures has a third of the corners' mean:
+**Membrane**, where a scene calls for it: one stress for the element (plane stress). The strain along x is the mean over
+the two edges of that direction, and an edge is the cubic that bending draws between its corners: a chord, g1 - 2 t or
+g1 + 2 t, and what the arc is longer, d^2/24 + m^2/10 with the difference d and the mean m of its end slopes against it.
+In the strains above, of t only what is off the plane,
 
-    9: E_xx = (g1.g1/a^2 - 1)/2 + <w_x^2>/6,   10: E_zz = (g2.g2/b^2 - 1)/2 + <w_z^2>/6,
-    11: gamma = g1.g2/(a b) + <w_x w_z>/3.
+    9:  E_xx = ((g1.g1 + 4 tau^2) / a^2 - 1) / 2 + (e0^2 + e5^2) / 6 + (e2^2 + e6^2) / 10,
+    10: E_zz = ((g2.g2 + 4 tau^2) / b^2 - 1) / 2 + (e1^2 + e3^2) / 6 + (e4^2 + e7^2) / 10,
+    11: gamma = g1.g2 / (a b),
+
+zero to fourth order along edges that are geodesic joints, and of second order smaller than curvature times twist times
+the cell where such joints carry a surface that bends and twists (:mod:`..joints.geodesic`).
 
 **Damping** (Kelvin, Voigt): stress = K (e + beta e'), with the exact rates e', so rigid motions are not damped.
 
@@ -126,14 +132,29 @@ def bending_strain(plate: Any, w: Any, tau: Any, e: Any) -> None:
 
 @kernel
 def membrane_strain(plate: Any, here: Any, e: Any) -> None:
-    """e[9:12] from the shape."""
-    a, b, w = plate.a, plate.b, here.w
-    x, z, g = here.g1x / a, here.g2z / b, here.g2x / b
-    e[9], e[10], e[11] = 0.5 * (x * x - 1.0), 0.5 * (g * g + z * z - 1.0), x * g
-    for i in range(4):
-        e[9] += w[i, 0] * w[i, 0] / 24.0
-        e[10] += w[i, 1] * w[i, 1] / 24.0
-        e[11] += w[i, 0] * w[i, 1] / 12.0
+    """e[9:12] from the shape and e[0:9]."""
+    x, z, g = here.g1x / plate.a, here.g2z / plate.b, here.g2x / plate.b
+    tx, tz = 2.0 * e[8] / plate.a, 2.0 * e[8] / plate.b
+    e[9] = 0.5 * (x * x + tx * tx - 1.0) + (e[0] * e[0] + e[5] * e[5]) / 6.0 + (e[2] * e[2] + e[6] * e[6]) / 10.0
+    e[10] = 0.5 * (g * g + z * z + tz * tz - 1.0) + (e[1] * e[1] + e[3] * e[3]) / 6.0
+    e[10] += (e[4] * e[4] + e[7] * e[7]) / 10.0
+    e[11] = x * g
+
+
+@kernel
+def add_arcs(plate: Any, s: Any, e: Any, out: Any) -> None:
+    """out[0:9] += what the membrane stresses s[9:11] pull on the arcs and chords of edges with strains e, by e[0:9]."""
+    x, z = s[9] / 3.0, s[10] / 3.0
+    out[0] += x * e[0]
+    out[5] += x * e[5]
+    out[1] += z * e[1]
+    out[3] += z * e[3]
+    x, z = s[9] / 5.0, s[10] / 5.0
+    out[2] += x * e[2]
+    out[6] += x * e[6]
+    out[4] += z * e[4]
+    out[7] += z * e[7]
+    out[8] += 4.0 * (s[9] / (plate.a * plate.a) + s[10] / (plate.b * plate.b)) * e[8]
 
 
 @kernel
@@ -179,13 +200,14 @@ def by_slopes(s: Any, f: Any) -> None:
 
 @kernel
 def gradient(plate: Any, here: Any) -> None:
-    """Gradient of the energy in element axes from the stresses: f by slopes, m by rotations, n by g1, g2 and tau."""
-    s, f, d, w, m, n, t = here.stress, here.f, here.d, here.w, here.m, here.n, here.t
-    by_slopes(s, f)
+    """Gradient of the energy in element axes from the stresses: f by slopes, m by rotations, n by g1, g2 and tau.
+
+    The stresses become those by e[0:9] with what the membrane pulls on.
+    """
+    s, f, d, m, n, t = here.stress, here.f, here.d, here.m, here.n, here.t
     if plate.membrane == 1:
-        for i in range(4):
-            f[i, 0] += (s[9] * w[i, 0] + s[11] * w[i, 1]) / 12.0
-            f[i, 1] += (s[10] * w[i, 1] + s[11] * w[i, 0]) / 12.0
+        add_arcs(plate, s, here.strain, s)
+    by_slopes(s, f)
     by_tau = s[8] - 2.0 * s[6] / plate.a - 2.0 * s[7] / plate.b
     ox, oy, oz = by_tau * t[2], 0.0 * by_tau, -by_tau * t[0]
     for i in range(4):  # by the normal: (-F f_x, -F' (d_x f_x + d_z f_z), -F f_z); by rotation: d x that
@@ -257,8 +279,8 @@ def follow(plate: Any, bodies: Any, here: Any) -> None:
 @kernel
 def differentiate(plate: Any, here: Any) -> None:
     """Spin omega, differentials of normals, slopes and strains (dd, dw, dstrain) from dg and phi."""
-    dg, phi, d, dd, w, dw, omega, t, de = (
-        here.dg, here.phi, here.d, here.dd, here.w, here.dw, here.omega, here.t, here.dstrain,
+    dg, phi, d, dd, dw, omega, t, de = (
+        here.dg, here.phi, here.d, here.dd, here.dw, here.omega, here.t, here.dstrain,
     )  # fmt: skip
     omega[1], omega[2] = -dg[0, 2] / here.g1x, dg[0, 1] / here.g1x
     omega[0] = (here.g2x * omega[2] - dg[1, 1]) / here.g2z
@@ -272,14 +294,12 @@ def differentiate(plate: Any, here: Any) -> None:
         dw[i, 1] = -here.F[i] * dd[i, 2] - change * d[i, 2]
     bending_strain(plate, dw, dg[2, 1] + omega[0] * t[2] - omega[2] * t[0], de)
     if plate.membrane == 1:
-        a, b = plate.a, plate.b
-        de[9] = here.g1x * dg[0, 0] / (a * a)
-        de[10] = (here.g2x * dg[1, 0] + here.g2z * dg[1, 2]) / (b * b)
-        de[11] = (dg[0, 0] * here.g2x + dg[0, 2] * here.g2z + here.g1x * dg[1, 0]) / (a * b)
-        for i in range(4):
-            de[9] += w[i, 0] * dw[i, 0] / 12.0
-            de[10] += w[i, 1] * dw[i, 1] / 12.0
-            de[11] += (w[i, 0] * dw[i, 1] + w[i, 1] * dw[i, 0]) / 12.0
+        e, aa, bb, ab = here.strain, plate.a * plate.a, plate.b * plate.b, plate.a * plate.b
+        de[9] = (here.g1x * dg[0, 0] + 4.0 * e[8] * de[8]) / aa
+        de[9] += (e[0] * de[0] + e[5] * de[5]) / 3.0 + (e[2] * de[2] + e[6] * de[6]) / 5.0
+        de[10] = (here.g2x * dg[1, 0] + here.g2z * dg[1, 2] + 4.0 * e[8] * de[8]) / bb
+        de[10] += (e[1] * de[1] + e[3] * de[3]) / 3.0 + (e[4] * de[4] + e[7] * de[7]) / 5.0
+        de[11] = (dg[0, 0] * here.g2x + dg[0, 2] * here.g2z + here.g1x * dg[1, 0]) / ab
 
 
 @kernel

@@ -12,7 +12,7 @@ from typing import Any
 
 from solvers.kernel import kernel
 
-from .plate import by_slopes, clear_stress, differentiate, gradient, shape, strain, stress
+from .plate import add_arcs, by_slopes, clear_stress, differentiate, gradient, shape, strain, stress
 
 
 @kernel
@@ -68,17 +68,16 @@ def direction(here: Any, i: int, k: int) -> None:
 @kernel
 def change_of_gradient(plate: Any, here: Any) -> None:
     """Differentials dm, dn of the gradient's components in element axes, after :func:`.plate.differentiate`."""
-    a, b, s, ds, w, dw, df = plate.a, plate.b, here.stress, here.dstress, here.w, here.dw, here.df
+    a, b, s, ds, df = plate.a, plate.b, here.stress, here.dstress, here.df
     t, turn, omega, dg, dn = here.t, here.turn, here.omega, here.dg, here.dn
     g1, gx, gz = here.g1x, here.g2x, here.g2z
     for i in range(12):
         ds[i] = 0.0
     stress(plate, here.dstrain, 1.0, ds)
-    by_slopes(ds, df)
     if plate.membrane == 1:
-        for i in range(4):
-            df[i, 0] += (ds[9] * w[i, 0] + s[9] * dw[i, 0] + ds[11] * w[i, 1] + s[11] * dw[i, 1]) / 12.0
-            df[i, 1] += (ds[10] * w[i, 1] + s[10] * dw[i, 1] + ds[11] * w[i, 0] + s[11] * dw[i, 0]) / 12.0
+        add_arcs(plate, s, here.dstrain, ds)
+        add_arcs(plate, ds, here.strain, ds)
+    by_slopes(ds, df)
     # components of g1, g2, t change by d() - omega x ()
     dg1, dgx, dgz = dg[0, 0], dg[1, 0] - omega[1] * gz, dg[1, 2] + omega[1] * gx
     dtx = dg[2, 0] - omega[1] * t[2] + omega[2] * t[1]

@@ -6,9 +6,10 @@ from typing import Any
 
 from solvers.kernel import inlined
 
-from . import floating, out_of_plane, revolute, spherical, translational, weld
+from . import floating, geodesic, out_of_plane, revolute, spherical, translational, weld
 from .base import Joint
 from .floating import Floating
+from .geodesic import Geodesic
 from .out_of_plane import OutOfPlane
 from .revolute import Revolute
 from .section import Section
@@ -16,18 +17,19 @@ from .spherical import Spherical
 from .translational import Translational
 from .weld import Weld
 
-REGISTRY: tuple[type[Joint], ...] = (Weld, Revolute, Translational, Spherical, Floating, OutOfPlane)
+REGISTRY: tuple[type[Joint], ...] = (Weld, Revolute, Translational, Spherical, Floating, OutOfPlane, Geodesic)
 
 # A kernel cannot index a tuple of functions, so the registry's order is spelled out once more.
-_weld, _revolute, _translational, _spherical, _floating, _out_of_plane = (
+_weld, _revolute, _translational, _spherical, _floating, _out_of_plane, _geodesic = (
     weld.move,
     revolute.move,
     translational.move,
     spherical.move,
     floating.move,
     out_of_plane.move,
+    geodesic.move,
 )
-_out_of_plane_bias = out_of_plane.bias
+_out_of_plane_bias, _geodesic_bias = out_of_plane.bias, geodesic.bias
 
 
 @inlined
@@ -43,6 +45,8 @@ def move(kind: int, axis: Any, q: Any, qi: int, rel: Any) -> None:
         _floating(axis, q, qi, rel)
     elif kind == 5:
         _out_of_plane(axis, q, qi, rel)
+    elif kind == 6:
+        _geodesic(axis, q, qi, rel)
     else:
         _weld(axis, q, qi, rel)
 
@@ -53,12 +57,16 @@ def bias(kind: int, axis: Any, q: Any, qi: int, v: Any, vi: int, out: Any) -> bo
     if kind == 5:
         _out_of_plane_bias(axis, q, qi, v, vi, out)
         return True
+    if kind == 6:
+        _geodesic_bias(axis, q, qi, v, vi, out)
+        return True
     return False
 
 
 __all__ = [
     "REGISTRY",
     "Floating",
+    "Geodesic",
     "Joint",
     "OutOfPlane",
     "Revolute",

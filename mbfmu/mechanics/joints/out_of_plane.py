@@ -3,16 +3,11 @@
 The sheet lies in the x-z plane of every node's frame. Coordinates (alpha, theta_z, theta_x): the child moves along the
 parent's normal y', then turns about z' and about the x axis so turned,
 
-    A_k = A_j A_z(theta_z) A_x(theta_x),     r_k = r_j + A_j (c(alpha) s' + g' alpha),     g' = (0, 1, 0).
+    A_k = A_j A_z(theta_z) A_x(theta_x),     r_k = r_j + A_j (s' + g' alpha),     g' = (0, 1, 0).
 
 s', from parent to child in the flat sheet, is the placement ``at``, so that the joint frame is where the flat sheet has
-the child. The paper has c = 1: it keeps the projected length, which makes a segment of curvature kappa too long by the
-part (|s'| kappa)^2 / 6, and a sheet that resists stretching locks. A circular arc of length |s'| that starts along s'
-keeps its length: to second order in alpha it ends at
-
-    c = 1 - (2/3) (alpha / |s'|)^2,
-
-that is, the child moves back by alpha^2 b with b = (2/3) s' / |s'|^2. The kernel's ``axis`` is b; zero is the paper's.
+the child. It keeps the projected length, not the arc's, and what bends and twists at once turns it about its normal:
+see :mod:`.geodesic`, which does neither.
 """
 
 from __future__ import annotations
@@ -21,9 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mbfmu.errors import UserError
 from solvers.kernel import kernel
 
 from .base import Joint
@@ -31,17 +24,16 @@ from .base import Joint
 
 @kernel
 def move(axis: Any, q: Any, qi: int, rel: Any) -> None:
-    """See :mod:`.base`. Columns: g' - 2 alpha b;  h' = (0, 0, 1);  A_z f' with f' = (1, 0, 0)."""
-    alpha = q[qi]
+    """See :mod:`.base`. Columns: g';  h' = (0, 0, 1);  A_z f' with f' = (1, 0, 0)."""
     cz, sz = np.cos(q[qi + 1]), np.sin(q[qi + 1])
     cx, sx = np.cos(q[qi + 2]), np.sin(q[qi + 2])
     for k in range(3):
-        rel[0, k], rel[0, 3 + k] = -2.0 * alpha * axis[k], 0.0
+        rel[0, k], rel[0, 3 + k] = 0.0, 0.0
         rel[1, k], rel[1, 3 + k] = 0.0, 0.0
         rel[2, k] = 0.0
-        rel[6 + k, 3] = -alpha * alpha * axis[k]
-    rel[0, 1] += 1.0
-    rel[7, 3] += alpha
+        rel[6 + k, 3] = 0.0
+    rel[0, 1] = 1.0
+    rel[7, 3] = q[qi]
     rel[1, 5] = 1.0
     rel[2, 3], rel[2, 4], rel[2, 5] = cz, sz, 0.0
     rel[6, 0], rel[6, 1], rel[6, 2] = cz, -sz * cx, sz * sx
@@ -51,38 +43,19 @@ def move(axis: Any, q: Any, qi: int, rel: Any) -> None:
 
 @kernel
 def bias(axis: Any, q: Any, qi: int, v: Any, vi: int, out: Any) -> None:
-    """See :mod:`.base`: -2 alpha'^2 b, and theta_z' theta_x' h' x A_z f'."""
-    square, turn = v[vi] * v[vi], v[vi + 1] * v[vi + 2]
+    """See :mod:`.base`: theta_z' theta_x' h' x A_z f'."""
+    turn = v[vi + 1] * v[vi + 2]
     for k in range(3):
-        out[k] = -2.0 * square * axis[k]
+        out[k] = 0.0 * turn
     out[3], out[4], out[5] = -np.sin(q[qi + 1]) * turn, np.cos(q[qi + 1]) * turn, 0.0 * turn
 
 
 @dataclass(frozen=True, kw_only=True)
 class OutOfPlane(Joint):
-    """Lets a sheet's node leave its neighbour's plane; ``at`` is the way to the node in the flat sheet.
-
-    Parameters
-    ----------
-    arc
-        Keep the length of the arc (see the module); False: the paper's projected length.
-    """
-
-    arc: bool = True
+    """The paper's: lets a sheet's node leave its neighbour's plane; ``at`` is the way to the node in the flat sheet."""
 
     nq = 3
     nv = 3
     move = move
     coordinates = ("alpha", "theta_z", "theta_x")
     units = ("m", "rad", "rad")
-
-    @property
-    def direction(self) -> NDArray[np.float64]:
-        """(2/3) s' / |s'|^2 in the joint frame, 1/m; zero for the paper's joint."""
-        if not self.arc:
-            return np.zeros(3)
-        s = np.asarray(self.at, float)
-        if not s.any():
-            raise UserError("placement of an out-of-plane joint is (0, 0, 0) m; an arc needs some length")
-        axes = np.eye(3) if self.rotation is None else np.asarray(self.rotation, float)
-        return (2.0 / 3.0) / (s @ s) * (axes.T @ s)
