@@ -13,9 +13,10 @@ import numpy as np
 
 from mbfmu.errors import UserError
 
+from .bodies import Body
 from .forces import BeamElement
 from .joints import Joint, Revolute, Translational
-from .mechanism import Body, Mechanism
+from .mechanism import Mechanism
 
 
 def add_chain(
