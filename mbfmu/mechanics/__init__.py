@@ -2,7 +2,7 @@
 
 from mbfmu.errors import AssemblyError, UserError
 
-from .bodies import Body, Elastic
+from .bodies import Body, CutHandle, Elastic
 from .chain import add_chain
 from .compile import Variable
 from .cuts import DistanceCut, PlanarCut, PlaneCut, RevoluteCut, SphericalCut, WeldCut
@@ -23,6 +23,7 @@ __all__ = [
     "BeamElement",
     "Body",
     "Box",
+    "CutHandle",
     "Cylinder",
     "DistanceCut",
     "Elastic",
