@@ -14,6 +14,7 @@ import numpy as np
 from mbfmu.errors import UserError
 
 from .bodies import Body
+from .checks import whole
 from .forces import BeamElement
 from .joints import Joint, Revolute, Translational
 from .mechanism import Mechanism
@@ -58,7 +59,7 @@ def add_chain(
     for what, value in (("length", length), ("mass", mass), ("axial", axial), ("bending_stiffness", bending_stiffness)):
         if not (np.isfinite(value) and value > 0.0):
             raise UserError(f"{what} of chain {name!r} is {value!r}; allowed: greater than zero")
-    if elements < 1:
+    if whole(f"elements of chain {name!r}", elements) < 1:
         raise UserError(f"elements of chain {name!r} are {elements!r}; allowed: at least 1")
     h = length / elements
     nodes = [m.body(f"{name}[0]", parent, joint, **_half_elements(0, elements, length, mass))]

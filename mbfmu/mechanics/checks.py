@@ -48,6 +48,13 @@ def not_negative(what: str, value: float) -> float:
     return float(value)
 
 
+def whole(what: str, value: Any) -> int:
+    """Check a whole number."""
+    if not isinstance(value, int | np.integer):
+        raise UserError(f"{what} are {value!r}; allowed: whole numbers")
+    return int(value)
+
+
 def inertia_matrix(body: str, value: Any) -> Matrix:
     """Check an inertia: symmetric, no negative principal value, triangle inequality."""
     array = np.asarray(value, float)
