@@ -14,11 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.equilibrium import GROWTH, equilibrium
+from mbfmu.equilibrium import equilibrium
 from mbfmu.errors import EquilibriumError, UserError
 from mbfmu.mechanics import Plant
 from mbfmu.model import Model
 from mbfmu.simulation import Settings, Simulation
+from mbfmu.steady import GROWTH
 from mbfmu.table import table
 from solvers.bundle import bundle
 from solvers.kernel import kernel
@@ -41,7 +42,7 @@ class Entry:
     frequency
         Lowest natural frequency of an oscillation about the steady state, Hz; None where there is none.
     stability
-        Of the steady state, see :class:`mbfmu.equilibrium.Equilibrium`; empty where there is none.
+        Of the steady state, see :class:`mbfmu.steady.Equilibrium`; empty where there is none.
     outputs
         At the end of the run, by name.
     """

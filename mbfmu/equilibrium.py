@@ -7,15 +7,13 @@ with; every other free coordinate is at rest.
 
 Newton alone from the model's start; where that fails, downhill first; where that fails, continuation in the drive
 speed from rest. What is found is checked: it must hold at every position of the drives, with closed loops that stay
-closed. Stability is that of the exactly linearised motion.
+closed.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -23,20 +21,17 @@ from numpy.typing import NDArray
 
 from mbfmu.errors import AssemblyError, EquilibriumError, UserError
 from mbfmu.freedom import free_motions, in_words
-from mbfmu.linear import Mode, StateSpace, linearise
 from mbfmu.mechanics import Plant
 from mbfmu.model import Model, suggest
-from mbfmu.modes import Shape, shapes
+from mbfmu.steady import Equilibrium, position_names
 from solvers.equilibrium import EPSILON, EquilibriumSolver, Outcome, Solution
 from solvers.equilibrium_tree import TreeEquilibriumSolver
 from solvers.system import Array, TreeSystem
 
 STEADY = 1e-8  # unbalance elsewhere on the drive's way, relative to the largest stiffness times 1 rad or m
 TURNS = (0.7, 1.9, 3.4)  # rad or m of the drive (s where nothing is driven) at which the balance must hold too
-GROWTH = 1e-6  # real part relative to the largest eigenvalue from which a mode grows or decays
 SMALLEST_STEP = 1e-3  # of the continuation, relative to the full speed
 CYCLIC = 1e-10  # change with a coordinate, relative to the largest entry, below which there is none
-LOWEST = 8  # modes of a large tree that its stability is judged by
 SAME = 1e-6  # states closer than this (rad or m) are one
 
 REASONS = {
@@ -45,129 +40,6 @@ REASONS = {
     Outcome.UNDETERMINED: "it ended in a singular position, where the forces of the cut joints are not determined",
     Outcome.NOT_FINITE: "the equations gave a value that is not finite",
 }
-
-
-@dataclass(frozen=True, kw_only=True)
-class Equilibrium:
-    """A steady state.
-
-    Attributes
-    ----------
-    q, v, lam
-        Positions (nq,), velocities (n,) and multipliers (m,) of the model's plant.
-    iterations
-        Jacobians Newton factored.
-    residual
-        Largest unbalanced force or moment, N or N m.
-    solve_time
-        s, of the solution alone: the plant was built before.
-    found_from
-        Where Newton started, in words.
-    """
-
-    model: Model
-    plant: Plant
-    q: Array
-    v: Array
-    lam: Array
-    rows: NDArray[np.int64]
-    iterations: int
-    residual: float
-    solve_time: float
-    found_from: str
-
-    @cached_property
-    def outputs(self) -> dict[str, float]:
-        """The model's outputs in the steady state."""
-        out = np.zeros(len(self.plant.outputs))
-        self.plant.observe(0.0, self.q, self.v, np.zeros(self.plant.system.n), self.lam, out)
-        return {v.name: float(x) for v, x in zip(self.plant.outputs, out, strict=True)}
-
-    @cached_property
-    def state_space(self) -> StateSpace:
-        """The linearised motion; EquilibriumError for a large tree, which has no dense matrices."""
-        if isinstance(self.plant.system, TreeSystem):
-            raise EquilibriumError(
-                f"model {self.model.name!r} has {self.plant.system.n} coordinates: too many for state matrices; "
-                "its lowest modes are known (mbfmu modes)"
-            )
-        return linearise(self.plant, 0.0, self.q, self.v, self.rows)
-
-    @cached_property
-    def modes(self) -> list[Mode]:
-        """Eigenvalues of the linearised motion; the lowest few of a large tree, see :mod:`mbfmu.modes`."""
-        if isinstance(self.plant.system, TreeSystem):
-            return [shape.mode for shape in shapes(self.plant, self.q, LOWEST, self.lam)]
-        return self.state_space.modes()
-
-    def shapes(self, count: int) -> list[Shape]:
-        """Return the lowest modes and how the coordinates take part."""
-        if isinstance(self.plant.system, TreeSystem):
-            return shapes(self.plant, self.q, count, self.lam)
-        return [Shape(mode=mode, motion=motion) for mode, motion in self.state_space.shapes()[:count]]
-
-    @property
-    def stability(self) -> str:
-        """Of the linearised motion: ``stable`` (it decays), ``undamped`` (some of it oscillates for ever), ``neutral``
-        (some of it drifts) or ``unstable``.
-        """
-        values = np.array([mode.eigenvalue for mode in self.modes])
-        size = np.abs(values).max(initial=0.0)
-        if (values.real > GROWTH * size).any():
-            return "unstable"
-        if (np.abs(values) <= GROWTH * size).any():
-            return "neutral"
-        return "stable" if (values.real < -1e-12 * size).all() else "undamped"
-
-    @cached_property
-    def free(self) -> str:
-        """The motions of a large tree that nothing resists, in words; empty where there are none."""
-        if self.stability != "neutral" or not isinstance(self.plant.system, TreeSystem):
-            return ""
-        return in_words(self.plant, self.q, free_motions(self.plant, self.q, self.lam))
-
-    def positions(self) -> dict[str, float]:
-        """Return the coordinates by name; those of an orientation as its quaternion."""
-        names = position_names(self.plant)
-        return dict(zip(names, map(float, self.q), strict=True))
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return everything for JSON."""
-        return {
-            "model": self.model.name,
-            "parameters": {p.name: getattr(self.model, p.name) for p in self.model.parameters()},
-            "found_from": self.found_from,
-            "iterations": self.iterations,
-            "residual": self.residual,
-            "solve_time_s": self.solve_time,
-            "positions": self.positions(),
-            "outputs": self.outputs,
-            "constraint_forces": dict(zip(self.plant.system.constraint_names, map(float, self.lam), strict=True)),
-            "stability": self.stability,
-            "free_motions": self.free,
-            "stable": self.stability in ("stable", "undamped"),
-            "eigenvalues": [
-                {
-                    "real": m.eigenvalue.real,
-                    "imag": m.eigenvalue.imag,
-                    "frequency_hz": m.frequency / (2.0 * np.pi),
-                    "damping_ratio": m.damping_ratio,
-                }
-                for m in self.modes
-            ],
-        }
-
-
-def position_names(plant: Plant) -> list[str]:
-    """Return a name for each position (nq,): the coordinate's, or ``body.e0`` ... for a quaternion."""
-    names: list[str] = []
-    for body in plant.mechanism.bodies:
-        joint = body.joint
-        if joint.drive is None:
-            plain = joint.nq - 4 * joint.quaternion
-            names += [f"{body.name}.{c}" if c else body.name for c in joint.coordinates[:plain]]
-            names += [f"{body.name}.e{k}" for k in range(4 * joint.quaternion)]
-    return names
 
 
 class Balance:

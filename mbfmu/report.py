@@ -49,34 +49,42 @@ def plot_result(result: Result, title: str, path: Path) -> None:
 
 
 def plot_work_precision(rows: Sequence[Row], title: str, path: Path) -> None:
-    """Draw error against run time, log-log, one line a solver; a failed run is a hollow marker."""
-    figure, ax = plt.subplots(figsize=(7.0, 5.0), layout="constrained")
-    for solver in dict.fromkeys(row.solver for row in rows):
+    """Draw error against run time, log-log, one line a solver; a run that failed is a faint cross that says so."""
+    figure, ax = plt.subplots(figsize=(7.0, 5.4), layout="constrained")
+    for k, solver in enumerate(dict.fromkeys(row.solver for row in rows)):
         own = [row for row in rows if row.solver == solver and row.max_error is not None and row.max_error > 0.0]
         good = [row for row in own if row.status == "ok" and not row.branch_jump]
         bad = [row for row in own if row not in good]
-        colour = COLOURS.get(solver)
+        style = {"color": COLOURS.get(solver), "zorder": 3.0 + k}
         if good:
-            ax.loglog([r.wall_s for r in good], [r.max_error for r in good], "o-", color=colour, label=solver)
+            errors = [r.max_error for r in good]
+            ax.loglog([r.wall_s for r in good], errors, "o-", ms=9.0 * 0.8**k, lw=2.5 * 0.75**k, label=solver, **style)
         if bad:
-            ax.loglog(
-                [r.wall_s for r in bad],
-                [r.max_error for r in bad],
-                "o",
-                mfc="none",
-                color=colour,
-                label=f"{solver}: failed or left the branch",
-            )
+            errors, label = [r.max_error for r in bad], f"{solver}: failed or left the branch"
+            ax.loglog([r.wall_s for r in bad], errors, "x", ms=8.0, mew=1.5, alpha=0.5, label=label, **style)
         for row in own:
-            ax.annotate(
-                f"{row.rtol:.0e}", (row.wall_s, row.max_error), fontsize=7, xytext=(4, 4), textcoords="offset points"
-            )
+            _label(ax, row, above=k % 2 == 0, failed=row in bad)
     ax.set_xlabel("time of the integration alone [s]")
     ax.set_ylabel("largest error of an angle [rad]")
     ax.set_title(title)
+    ax.margins(x=0.09, y=0.07)
     ax.grid(alpha=0.3, which="both")
-    ax.legend()
+    figure.legend(loc="outside lower center", ncols=4, fontsize=9, frameon=False)
     finish(figure, path)
+
+
+def _label(ax: Any, row: Row, *, above: bool, failed: bool) -> None:
+    """Write the tolerance of a run beside its point: off the line, which falls to the right, or below a cross."""
+    side = 1 if above else -1
+    place: dict[str, Any] = {
+        "xytext": (5 * side, 4 * side),
+        "ha": "left" if above else "right",
+        "va": "bottom" if above else "top",
+    }
+    if failed:
+        place = {"xytext": (0, -6), "ha": "center", "va": "top", "color": COLOURS.get(row.solver)}
+    text = f"{row.rtol:.0e} failed" if failed else f"{row.rtol:.0e}"
+    ax.annotate(text, (row.wall_s, row.max_error), textcoords="offset points", fontsize=7, zorder=9.0, **place)
 
 
 def plot_energy(histories: dict[str, tuple[Any, Any]], title: str, path: Path) -> None:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from mbfmu.equilibrium import Balance, Equilibrium
+from mbfmu.equilibrium import Balance
 from mbfmu.errors import EquilibriumError
 from mbfmu.model import Model
+from mbfmu.steady import Equilibrium
 from solvers.system import Array
 
 

@@ -13,7 +13,7 @@ from plate_oracles import karman
 from scipy.integrate import solve_bvp
 
 from fmus.sheet import Sheet
-from mbfmu.equilibrium import Balance, Equilibrium
+from mbfmu.equilibrium import Balance
 from mbfmu.errors import UserError
 from mbfmu.fmi import Fmu, export
 from mbfmu.mechanics import Mechanism, PlaneCut, Plant, Support, add_sheet, plant
@@ -21,6 +21,7 @@ from mbfmu.mechanics.sheet import UPRIGHT
 from mbfmu.model import Model, parameter
 from mbfmu.modes import shapes
 from mbfmu.simulation import Settings, Simulation, run
+from mbfmu.steady import Equilibrium
 from solvers.saddle import Motion, Saddle
 from solvers.system import System, TreeSystem
 

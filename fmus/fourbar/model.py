@@ -10,7 +10,7 @@ against each other crosses the true motion.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import cos, radians
 from types import MappingProxyType
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from mbfmu.errors import UserError
-from mbfmu.mechanics import MODES, Beam, Input, JointForce, Mechanism, Revolute, RevoluteCut, rod
+from mbfmu.mechanics import MODES, Beam, Body, CutHandle, Input, JointForce, Mechanism, Revolute, RevoluteCut, rod
 from mbfmu.model import Model, parameter
 
 
@@ -95,13 +95,17 @@ class FourBar(Model):
         )
         torque = Input(name="crank.torque", unit="N.m", description="torque on the crank", start=self.crank_torque)
         m.force("motor", JointForce(magnitude=torque), crank)
+        self._outputs(m, (crank, coupler, rocker), middle, at_middle, pivot)
+        return m
 
-        m.output("crank.angle", m.turn(crank), "crank above the horizontal")
-        m.output("coupler.angle", m.turn(coupler), "coupler above the horizontal")
-        m.output("rocker.angle", m.turn(rocker), "rocker above the horizontal")
-        m.output("crank.rate", m.turn_rate(crank), "angular velocity of the crank")
-        m.output("coupler.rate", m.turn_rate(coupler), "angular velocity of the coupler")
-        m.output("rocker.rate", m.turn_rate(rocker), "angular velocity of the rocker")
+    def _outputs(
+        self, m: Mechanism, bars: Sequence[Body], middle: Body, at_middle: Sequence[float], pivot: CutHandle
+    ) -> None:
+        """Publish the bars' angles, the coupler's middle and its bending, the force at the pivot, energy, residuals."""
+        for bar in bars:
+            m.output(f"{bar.name}.angle", m.turn(bar), f"{bar.name} above the horizontal")
+        for bar in bars:
+            m.output(f"{bar.name}.rate", m.turn_rate(bar), f"angular velocity of the {bar.name}")
         for axis, direction in (("x", "horizontal"), ("y", "vertical")):
             m.output(
                 f"coupler.position.{axis}", middle.position(axis, at_middle), f"middle of the coupler, {direction}"
@@ -113,22 +117,20 @@ class FourBar(Model):
                 f"its acceleration, {direction}",
             )
             m.output(f"pivot.force.{axis}", pivot.force(axis), f"force of the rocker on its ground pivot, {direction}")
-        if self.coupler_modes > 0:
+        for elastic in m.elastics:
             for k in range(self.coupler_modes):
                 mode = f"coupler.mode[{k + 1}]"
                 m.output(f"{mode}.amplitude", elastic.modes.coordinate(k), "largest deflection by the mode")
                 m.output(f"{mode}.rate", elastic.modes.rate(k), "its rate")
                 m.output(f"{mode}.acceleration", elastic.modes.acceleration(k), "its acceleration")
+            x = 0.5 * self.coupler_length
             m.output(
-                "coupler.deflection",
-                elastic.deflection(0.5 * L),
-                "deflection of the middle from the chord, to the left",
+                "coupler.deflection", elastic.deflection(x), "deflection of the middle from the chord, to the left"
             )
-            m.output("coupler.bending_moment", elastic.moment(0.5 * L), "bending moment in the middle")
+            m.output("coupler.bending_moment", elastic.moment(x), "bending moment in the middle")
         m.output("energy", m.energy, "kinetic and potential energy, zero at the height of the pivots")
         m.output("position_residual", m.position_residual, "largest gap of the closed loop")
         m.output("velocity_residual", m.velocity_residual, "largest rate at which the loop opens")
-        return m
 
     def _beam(self) -> Beam:
         """Return the elastic coupler: pinned in its chord, whose length it keeps and with it the singular positions."""

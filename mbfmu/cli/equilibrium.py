@@ -10,11 +10,12 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from mbfmu.equilibrium import Balance, Equilibrium
+from mbfmu.equilibrium import Balance
 from mbfmu.errors import UserError
 from mbfmu.linear import modes_as_text
 from mbfmu.model import Model, suggest
 from mbfmu.report import plot_branches
+from mbfmu.steady import Equilibrium
 from mbfmu.sweep import Branch, sweep
 from mbfmu.table import table
 

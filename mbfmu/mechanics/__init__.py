@@ -2,13 +2,14 @@
 
 from mbfmu.errors import AssemblyError, UserError
 
+from .bodies import Body, CutHandle, Elastic
 from .chain import add_chain
 from .compile import Variable
 from .cuts import DistanceCut, PlanarCut, PlaneCut, RevoluteCut, SphericalCut, WeldCut
 from .elastic import MODES, Beam, Plate
 from .forces import BeamElement, JointForce, JointSpring, PointForce, Spring, Torque
 from .joints import Floating, Geodesic, OutOfPlane, Revolute, Spherical, Translational, Weld
-from .mechanism import Body, Elastic, Mechanism, rod
+from .mechanism import Mechanism, rod
 from .plant import Plant
 from .sensors import Sensor
 from .shapes import Box, Cylinder, Sphere
@@ -22,6 +23,7 @@ __all__ = [
     "BeamElement",
     "Body",
     "Box",
+    "CutHandle",
     "Cylinder",
     "DistanceCut",
     "Elastic",

@@ -13,9 +13,11 @@ import numpy as np
 
 from mbfmu.errors import UserError
 
+from .bodies import Body
+from .checks import whole
 from .forces import BeamElement
 from .joints import Joint, Revolute, Translational
-from .mechanism import Body, Mechanism
+from .mechanism import Mechanism
 
 
 def add_chain(
@@ -57,25 +59,24 @@ def add_chain(
     for what, value in (("length", length), ("mass", mass), ("axial", axial), ("bending_stiffness", bending_stiffness)):
         if not (np.isfinite(value) and value > 0.0):
             raise UserError(f"{what} of chain {name!r} is {value!r}; allowed: greater than zero")
-    if elements < 1:
+    if whole(f"elements of chain {name!r}", elements) < 1:
         raise UserError(f"elements of chain {name!r} are {elements!r}; allowed: at least 1")
     h = length / elements
-    nodes: list[Body] = []
-    for i in range(elements + 1):
-        left, right = (0.5 * h if i > 0 else 0.0), (0.5 * h if i < elements else 0.0)
-        share = mass * (left + right) / length
-        transverse = share * (left + right) ** 2 / 12.0
-        own: dict[str, Any] = {
-            "mass": share,
-            "com": (0.5 * (right - left), 0.0, 0.0),
-            "inertia": (0.0, transverse, transverse),
-        }
-        if i == 0:
-            nodes.append(m.body(f"{name}[0]", parent, joint, **own))
-            continue
+    nodes = [m.body(f"{name}[0]", parent, joint, **_half_elements(0, elements, length, mass))]
+    for i in range(1, elements + 1):
         along = m.body(f"{name}[{i}].x", nodes[-1], Translational(axis="x", at=(h, 0.0, 0.0)))
         across = m.body(f"{name}[{i}].y", along, Translational(axis="y"))
+        own = _half_elements(i, elements, length, mass)
         nodes.append(m.body(f"{name}[{i}]", across, Revolute(axis="z"), **own))
         element = BeamElement(length=h, axial=axial, bending_y=bending_stiffness, damping=damping)
         m.force(f"{name}[{i}].element", element, nodes[-2], nodes[-1])
     return tuple(nodes)
+
+
+def _half_elements(i: int, elements: int, length: float, mass: float) -> dict[str, Any]:
+    """Return the mass properties of node i: half an element to each side that has one, as a rigid rod."""
+    half = 0.5 * length / elements
+    left, right = (half if i > 0 else 0.0), (half if i < elements else 0.0)
+    share = mass * (left + right) / length
+    transverse = share * (left + right) ** 2 / 12.0
+    return {"mass": share, "com": (0.5 * (right - left), 0.0, 0.0), "inertia": (0.0, transverse, transverse)}

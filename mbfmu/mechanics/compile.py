@@ -27,12 +27,14 @@ from .arrays import (
     Data,
     allocate_state,
 )
+from .bodies import Body, CutHandle
+from .checks import rotation, signal_of, vector
 from .cuts import REGISTRY as CUTS
 from .forces import REGISTRY as FORCES
 from .joints import REGISTRY as JOINTS
 from .joints import Section
 from .joints.base import unit_axis
-from .mechanism import Body, CutHandle, Mechanism, rotation, signal_of, vector
+from .mechanism import Mechanism
 from .sensors import Kind, Sensor
 from .signals import Input, Signal, SpeedInput
 

@@ -115,14 +115,9 @@ def motion(t: float, q: Any, v: Any, data: Any, terms: Any) -> None:
 
 def inverse(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any, qdot: Any, tau: Any) -> None:
     """qdot (nq,) = N v and tau (n,) = M a + h + J^T lambda, by the recursions alone."""
-    arrays, state = data.arrays, data.state
-    move(t, q, v, arrays, state)
-    gather_free(a, arrays, state)
-    accelerations(arrays, state)
-    load_cuts(lam, arrays, state)
-    inverse_dynamics(arrays, state)
-    take_free(state.tau, arrays, tau)
-    position_rate(arrays, q, v, qdot)
+    solved(t, q, v, a, lam, data)
+    take_free(data.state.tau, data.arrays, tau)
+    position_rate(data.arrays, q, v, qdot)
 
 
 def forward(t: float, q: Any, v: Any, data: Any, qdot: Any, a: Any) -> int:

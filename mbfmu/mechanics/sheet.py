@@ -35,10 +35,12 @@ import numpy as np
 
 from mbfmu.errors import UserError
 
+from .bodies import Body, CutHandle
+from .checks import Matrix, Vector, rotation, vector
 from .cuts import Cut, PlanarCut, PlaneCut, RevoluteCut, WeldCut
 from .elastic import Plate
 from .joints import Floating, Geodesic, Joint, OutOfPlane, Revolute, Weld
-from .mechanism import Body, CutHandle, Matrix, Mechanism, Vector, rotation, vector
+from .mechanism import Mechanism
 
 SHARE = 25.0  # size of a joint's coordinates times the square of the cells in its chain: curvature times cell, and the
 # errors of a chain add up; measured on releases of a sheet with 14 to 50 cells

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from agreement import check_against_native
 from fmpy.validation import validate_fmu
 
 from fmus.governor import Governor
@@ -16,7 +17,7 @@ from mbfmu.equilibrium import equilibrium
 from mbfmu.errors import UserError
 from mbfmu.fmi import Fmu, export
 from mbfmu.model import Model
-from mbfmu.simulation import Settings, run
+from mbfmu.simulation import Settings
 
 MODELS = {"governor": Governor(), "free": Governor(driven=False), "pendulum": SwingPendulum()}
 
@@ -36,12 +37,7 @@ def test_validates(fmus: dict[str, Path], name: str) -> None:
 @pytest.mark.parametrize("name", MODELS)
 @pytest.mark.parametrize("solver", ["adams", "hybrid", "ida"])
 def test_equals_the_native_run(fmus: dict[str, Path], name: str, solver: str) -> None:
-    times = np.linspace(0.0, 0.5, 26)
-    native = run(MODELS[name], Settings(solver=solver, tolerance=1e-8), times)
-    with Fmu(fmus[name], {"solver": solver, "tolerance": 1e-8}) as fmu:
-        for t, expected in zip(times[1:], native.values[1:], strict=True):
-            fmu.step_to(float(t))
-            np.testing.assert_allclose(fmu.reals(), expected, rtol=1e-12, atol=1e-12)
+    check_against_native(fmus[name], MODELS[name], solver, np.linspace(0.0, 0.5, 26))
 
 
 def test_the_free_governor_takes_a_torque_and_the_driven_one_a_speed(fmus: dict[str, Path]) -> None:

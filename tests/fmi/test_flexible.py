@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from agreement import check_against_native, check_continuation
 
 from fmus.fourbar import FourBar
 from mbfmu.fmi import Fmu, export
@@ -23,23 +24,12 @@ def flexible_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("solver", ["ida", "adams", "hybrid"])
 def test_equals_the_native_run(flexible_fmu: Path, solver: str) -> None:
-    native = run(MODEL, Settings(solver=solver, tolerance=1e-8), TIMES)
-    with Fmu(flexible_fmu, {"solver": solver, "tolerance": 1e-8}) as fmu:
-        for t, expected in zip(TIMES[1:], native.values[1:], strict=True):
-            fmu.step_to(float(t))
-            np.testing.assert_allclose(fmu.reals(), expected, rtol=1e-12, atol=1e-12)
+    check_against_native(flexible_fmu, MODEL, solver, TIMES)
 
 
 def test_a_second_instance_continues_bit_for_bit(flexible_fmu: Path) -> None:
     with Fmu(flexible_fmu) as first, Fmu(flexible_fmu) as second:
-        for _ in range(20):
-            first.step(0.013)
-        second.restore(first.save())
-        second.t = first.t
-        for _ in range(30):
-            first.step(0.013)
-            second.step(0.013)
-            np.testing.assert_array_equal(first.reals(), second.reals())
+        check_continuation(first, second, before=20, after=30)
 
 
 def test_its_variables_have_units_and_meaning(flexible_fmu: Path) -> None:

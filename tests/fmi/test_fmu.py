@@ -9,15 +9,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from agreement import check_against_native, check_continuation
 from fmpy.validation import validate_fmu
 
 from fmus.fourbar import FourBar
 from mbfmu.errors import UserError
 from mbfmu.fmi import Fmu, export
 from mbfmu.fmi.units import base_exponents
-from mbfmu.simulation import Settings, run
-
-TIMES = np.linspace(0.0, 1.5, 76)
+from mbfmu.simulation import Settings
 
 
 def test_validates(fourbar_fmu: Path) -> None:
@@ -40,25 +39,14 @@ def test_every_variable_says_what_it_is(fourbar_fmu: Path) -> None:
 
 @pytest.mark.parametrize("solver", ["adams", "hybrid", "ida"])
 def test_equals_the_native_run(fourbar_fmu: Path, solver: str) -> None:
-    native = run(FourBar(), Settings(solver=solver, tolerance=1e-8), TIMES)
-    with Fmu(fourbar_fmu, {"solver": solver, "tolerance": 1e-8}) as fmu:
-        for t, expected in zip(TIMES[1:], native.values[1:], strict=True):
-            fmu.step_to(float(t))
-            np.testing.assert_allclose(fmu.reals(), expected, rtol=1e-12, atol=1e-12)
+    check_against_native(fourbar_fmu, FourBar(), solver, np.linspace(0.0, 1.5, 76))
 
 
 @pytest.mark.parametrize("solver", ["adams", "hybrid"])
 def test_a_second_instance_continues_bit_for_bit(fourbar_fmu: Path, solver: str) -> None:
     with Fmu(fourbar_fmu, {"solver": solver}) as first, Fmu(fourbar_fmu, {"solver": solver}) as second:
         first["crank.torque"] = 2.0
-        for _ in range(40):
-            first.step(0.013)
-        second.restore(first.save())
-        second.t = first.t
-        for _ in range(60):
-            first.step(0.013)
-            second.step(0.013)
-            np.testing.assert_array_equal(first.reals(), second.reals())
+        check_continuation(first, second, before=40, after=60)
 
 
 def test_a_second_instance_continues_within_tolerance_with_ida(fourbar_fmu: Path) -> None:

@@ -103,6 +103,8 @@ def test_integrals_are_those_of_the_shapes() -> None:
         ({"bending_stiffness": float("nan")}, "bending_stiffness of a beam is nan"),
         ({"damping": -1e-3}, "damping of a beam is -0.001"),
         ({"elements": 0}, "elements of a beam are 0"),
+        ({"elements": 10.0}, "elements of a beam are 10.0; allowed: whole numbers"),
+        ({"modes": 1.5}, "modes of a beam are 1.5; allowed: whole numbers"),
         ({"ends": ("pinned", "glued")}, "end of a beam is 'glued'; allowed: pinned, clamped, guided, free"),
         ({"modes": 0}, "modes of a beam are 0; allowed: 1 to 12"),
         ({"modes": MODES + 1}, "allowed: 1 to 12"),

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from random_mechanisms import Case, random_inertia, random_rotation
 
 from mbfmu.errors import UserError
-from mbfmu.mechanics import Beam, Floating, Mechanism, Revolute, SphericalCut, Translational, add_chain
+from mbfmu.mechanics import Beam, BeamElement, Floating, Mechanism, Revolute, SphericalCut, Translational, add_chain
 from mbfmu.mechanics.aba import forward_dynamics
 from mbfmu.mechanics.dynamics import move, solved
 from mbfmu.mechanics.rnea import momentum
@@ -214,3 +214,21 @@ def test_a_beam_and_its_sections_are_refused_by_name_where_they_cannot_be() -> N
     assert elastic.section(0.5) is elastic.section(0.5)
     with pytest.raises(UserError, match="length of chain 'c' is 0"):
         add_chain(m, "c", m.ground, Revolute(), length=0.0, mass=1.0, axial=1.0, bending_stiffness=1.0)
+    with pytest.raises(UserError, match=r"elements of chain 'c' are 2\.5; allowed: whole numbers"):
+        add_chain(m, "c", m.ground, Revolute(), length=1.0, mass=1.0, axial=1.0, bending_stiffness=1.0, elements=2.5)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"length": 0.0}, "length of a beam element is 0.0 m; allowed: greater than zero"),
+        ({"axial": float("nan")}, "axial of a beam element is nan; allowed: finite and not negative"),
+        ({"torsion": -1.0}, "torsion of a beam element is -1.0; allowed: finite and not negative"),
+        ({"bending_y": -2.0}, "bending_y of a beam element is -2.0"),
+        ({"bending_z": float("inf")}, "bending_z of a beam element is inf"),
+        ({"damping": -0.1}, "damping of a beam element is -0.1"),
+    ],
+)
+def test_what_is_no_beam_element_is_refused_by_name(changes: dict[str, float], said: str) -> None:
+    with pytest.raises(UserError, match=said):
+        BeamElement(**{"length": 1.0, "axial": 1.0, **changes})

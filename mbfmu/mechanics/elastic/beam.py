@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from mbfmu.errors import UserError
+from mbfmu.mechanics.checks import whole
 
 from .modal import MODES
 
@@ -69,6 +70,8 @@ class Beam:
                 raise UserError(f"{name} of a beam is {value!r}; allowed: greater than zero")
         if not (np.isfinite(self.damping) and self.damping >= 0.0):
             raise UserError(f"damping of a beam is {self.damping!r} s; allowed: finite and not negative")
+        for name in ("modes", "elements"):
+            whole(f"{name} of a beam", getattr(self, name))
         if self.elements < 1:
             raise UserError(f"elements of a beam are {self.elements!r}; allowed: at least 1")
         for end in self.ends:

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.errors import UserError
+from mbfmu.mechanics.checks import not_negative
 from mbfmu.mechanics.spatial import add_force
 from solvers.kernel import kernel
 
@@ -143,11 +144,16 @@ class BeamElement(Force):
     apply = apply
     potential = potential
 
+    def __post_init__(self) -> None:
+        """Refuse what is no beam, naming it."""
+        if not (np.isfinite(self.length) and self.length > 0.0):
+            raise UserError(f"length of a beam element is {self.length!r} m; allowed: greater than zero")
+        for name in ("axial", "torsion", "bending_y", "bending_z", "damping"):
+            not_negative(f"{name} of a beam element", getattr(self, name))
+
     @property
     def free(self) -> float:
         """Its length, as the record of a force has it."""
-        if not (np.isfinite(self.length) and self.length > 0.0):
-            raise UserError(f"length of a beam element is {self.length!r} m; allowed: greater than zero")
         return self.length
 
     @property

@@ -1,0 +1,74 @@
+"""Checks of what a user writes: what comes back is fit for the arrays, what is not is named in a UserError."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.errors import UserError
+
+from .signals import Signal, as_signal
+
+Matrix = NDArray[np.float64]
+Vector = Sequence[float] | Matrix
+
+
+def signal_of(value: Any, what: str) -> Signal:
+    """Return a signal from a number, a signal or an input."""
+    if isinstance(value, int | float) and not np.isfinite(value):
+        raise UserError(f"{what} is {value!r}; it must be finite")
+    return as_signal(value)
+
+
+def vector(what: str, value: Vector) -> Matrix:
+    """Check three finite numbers."""
+    array = np.asarray(value, float)
+    if array.shape != (3,) or not np.all(np.isfinite(array)):
+        raise UserError(f"{what} is {value!r}; it needs three finite numbers")
+    return array
+
+
+def rotation(what: str, value: Any) -> Matrix:
+    """Check a rotation matrix; None is the identity."""
+    if value is None:
+        return np.eye(3)
+    R = np.asarray(value, float)
+    if R.shape != (3, 3) or not np.allclose(R @ R.T, np.eye(3), atol=1e-9) or np.linalg.det(R) < 0.0:
+        raise UserError(f"{what} is {value!r}; it must be a 3x3 rotation matrix")
+    return R
+
+
+def not_negative(what: str, value: float) -> float:
+    """Check a finite number that is not negative."""
+    if not np.isfinite(value) or value < 0.0:
+        raise UserError(f"{what} is {value!r}; allowed: finite and not negative")
+    return float(value)
+
+
+def whole(what: str, value: Any) -> int:
+    """Check a whole number."""
+    if not isinstance(value, int | np.integer):
+        raise UserError(f"{what} are {value!r}; allowed: whole numbers")
+    return int(value)
+
+
+def inertia_matrix(body: str, value: Any) -> Matrix:
+    """Check an inertia: symmetric, no negative principal value, triangle inequality."""
+    array = np.asarray(value, float)
+    J = np.diag(array) if array.shape == (3,) else array
+    what = f"inertia of body {body!r} is {value!r}"
+    if J.shape != (3, 3) or not np.all(np.isfinite(J)) or not np.allclose(J, J.T):
+        raise UserError(f"{what}; it needs three principal values or a symmetric 3x3 matrix, kg m^2")
+    p = np.linalg.eigvalsh(J)
+    slack = 1e-9 * max(1.0, p[2])
+    if p[0] < -slack or p[2] > p[0] + p[1] + slack:
+        raise UserError(f"{what}; principal values must not be negative, nor one exceed the sum of the others")
+    return J
+
+
+def names_of(registry: tuple[type, ...]) -> str:
+    """Class names, for messages."""
+    return ", ".join(kind.__name__ for kind in registry)

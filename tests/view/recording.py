@@ -1,0 +1,14 @@
+"""The motion of a model as it runs."""
+
+from __future__ import annotations
+
+from mbfmu.model import Model
+from mbfmu.simulation import Result, Settings, communication_points, run
+from mbfmu.view import Motion, Recorder
+
+
+def recorded(model: Model, stop: float = 0.5) -> tuple[Result, Motion]:
+    recorder = Recorder()
+    result = run(model, Settings(solver="adams"), communication_points(stop, 0.01), watch=recorder)
+    assert not result.failure
+    return result, recorder.motion(model.name)
