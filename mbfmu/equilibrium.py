@@ -24,7 +24,8 @@ from mbfmu.freedom import free_motions, in_words
 from mbfmu.mechanics import Plant
 from mbfmu.model import Model, suggest
 from mbfmu.steady import Equilibrium, position_names
-from solvers.equilibrium import EPSILON, EquilibriumSolver, Outcome, Solution
+from solvers.equilibrium import EquilibriumSolver, Outcome, Solution
+from solvers.equilibrium_dense import EPSILON, DenseEquilibriumSolver
 from solvers.equilibrium_tree import TreeEquilibriumSolver
 from solvers.system import Array, TreeSystem
 
@@ -69,14 +70,14 @@ class Balance:
         self._v = np.zeros(plant.system.n)
         if isinstance(plant.system, TreeSystem):
             self._signals: Any = plant.data.arrays.signals
-            self._solver: EquilibriumSolver | TreeEquilibriumSolver = TreeEquilibriumSolver(plant.system, self._v)
+            self._solver: EquilibriumSolver = TreeEquilibriumSolver(plant.system, self._v)
             self._solver.rehearse(self._start)
         else:
             self._complex = plant.complex_system()
             self._signals = self._complex.data.arrays.signals
             general = self._general(self._start)
             self._v = np.where(self._cyclic(general), plant.start_velocities(), 0.0)
-            self._solver = EquilibriumSolver(self._complex, 0.0, general, self._v)
+            self._solver = DenseEquilibriumSolver(self._complex, 0.0, general, self._v)
             self._solver.rehearse(self._start)
         self._full_speed = self._signals["c"].copy()
 

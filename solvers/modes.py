@@ -8,6 +8,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 from .saddle import Saddle
 from .system import Array
 
+PRECISE = 1e-12  # of omega^2; full precision may not be within the reach of rounding
 SHIFT = 1.0  # (rad/s)^2 below zero, so that rigid motions do not make K singular
 
 
@@ -23,6 +24,6 @@ def natural_modes(saddle: Saddle, count: int) -> tuple[Array, Array]:
     mass = LinearOperator((n, n), matvec=tangent.inertia, dtype=float)
     inverse = LinearOperator((n, n), matvec=lambda f: saddle.solve(f, still)[0], dtype=float)
     start = saddle.solve(tangent.inertia(np.random.default_rng(0).normal(size=n)), still)[0]
-    values, modes = eigsh(mass, k=count, M=mass, sigma=-SHIFT, OPinv=inverse, which="LM", v0=start)
+    values, modes = eigsh(mass, k=count, M=mass, sigma=-SHIFT, OPinv=inverse, which="LM", v0=start, tol=PRECISE)
     order = np.argsort(values)
     return values[order], modes[:, order]

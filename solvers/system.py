@@ -154,7 +154,6 @@ class TreeSystem:
     size: Array  # (n,) of coordinates: what their absolute tolerance is measured by
     plain: tuple[NDArray[np.int64], NDArray[np.int64]]  # where positions are no quaternions: places in q and in v
     quaternions: tuple[tuple[int, int], ...] = ()  # first place of each in q, of its angular velocity in v
-    loads: tuple[Array, ...] = ()  # views of what loads the tree: gravity, applied forces, pressures
     coordinate_names: tuple[str, ...] = ()  # (n,)
     constraint_names: tuple[str, ...] = ()  # (m,)
 

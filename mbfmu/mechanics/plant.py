@@ -91,8 +91,6 @@ class Plant:
             if record["quaternion"]:
                 quaternions.append((int(record["qf"]) + plain, int(record["vf"]) + plain))
             sizes.append(np.full(int(record["nv"]), body.joint.size))
-        arrays: Any = self.data.arrays
-        applied = [k for k in arrays.forces["signal"] if k >= 0] + list(np.unique(arrays.pressures["signal"]))
         in_q, in_v = np.array(places, np.int64).reshape(-1, 2).T
         return TreeSystem(
             nq=self._numbering.nq,
@@ -109,7 +107,6 @@ class Plant:
             size=np.concatenate(sizes),
             plain=(in_q, in_v),
             quaternions=tuple(quaternions),
-            loads=(arrays.world["gravity"][0], *(arrays.signals["c"][k] for k in applied)),
             coordinate_names=tuple(self._numbering.coordinate_names),
             constraint_names=tuple(constraint_names),
         )

@@ -76,10 +76,20 @@ def deformation(r: Any, normals: Any) -> Any:
     lean = np.arccos(normals @ y)
     w = -np.array([normals @ x, normals @ z]) * lean / np.sin(lean)
     u = np.array([(r - r.mean(axis=0)) @ y, *w]).T
+
+    def along(edges: Any, slope: Any, g: Any, length: float) -> float:
+        """Mean over two edges: chords by g and what is off the plane, half the mean square slope of their cubics."""
+        total = 0.0
+        for start, end in edges:
+            rise = u[end, 0] - u[start, 0]
+            s, e = slope[start] - rise / length, slope[end] - rise / length
+            total += 0.25 * ((g @ g + rise**2) / length**2 - 1.0) + (2.0 * s * s - s * e + 2.0 * e * e) / 60.0
+        return float(total)
+
     strains = [
-        0.5 * (g1 @ g1 / A**2 - 1.0) + (w[0] ** 2).mean() / 6.0,
-        0.5 * (g2 @ g2 / B**2 - 1.0) + (w[1] ** 2).mean() / 6.0,
-        g1 @ g2 / (A * B) + (w[0] * w[1]).mean() / 3.0,
+        along([(0, 1), (3, 2)], w[0], g1, A),
+        along([(0, 3), (1, 2)], w[1], g2, B),
+        g1 @ g2 / (A * B),
     ]
     return np.concatenate((u.reshape(-1), strains))
 

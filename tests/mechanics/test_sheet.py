@@ -120,11 +120,11 @@ def test_geodesic_does_not_turn_about_the_normal() -> None:
             np.testing.assert_allclose(0.5 * skew[[2, 0]], (theta_z, theta_x), rtol=1e-3)
 
 
-@pytest.mark.parametrize("at", [(0.0, 0.0, 0.0), (0.1, 0.1, 0.0)])
+@pytest.mark.parametrize("at", [(0.0, 0.0, 0.0), (0.0, 0.1, 0.0)])
 def test_geodesic_leads_somewhere_in_the_plane(at: Any) -> None:
     m = Mechanism()
     m.body("node", m.ground, Geodesic(at=at), mass=1.0)
-    with pytest.raises(UserError, match=r"placement of a geodesic joint is .* some way, and y = 0"):
+    with pytest.raises(UserError, match="needs some way in the x-z plane"):
         m.compile()
 
 

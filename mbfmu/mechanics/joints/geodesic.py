@@ -87,13 +87,9 @@ class Geodesic(Joint):
 
     @property
     def direction(self) -> NDArray[np.float64]:
-        """b = s' / |s'|^2 in the joint frame, 1/m."""
+        """b = s' / |s'|^2 in the joint frame, 1/m; of s' what lies in the plane."""
         axes = np.eye(3) if self.rotation is None else np.asarray(self.rotation, float)
-        s = axes.T @ np.asarray(self.at, float)
-        length = float(np.linalg.norm(s))
-        if not (length > 0.0 and abs(s[1]) <= 1e-9 * length):
-            raise UserError(
-                f"placement of a geodesic joint is {tuple(map(float, s))} m in its own axes; it is the way to the node "
-                "in the flat sheet: some way, and y = 0"
-            )
-        return s / length**2
+        s = axes.T @ np.asarray(self.at, float) * (1.0, 0.0, 1.0)
+        if not s.any():
+            raise UserError(f"placement of a geodesic joint is {self.at!r} m; it needs some way in the x-z plane")
+        return np.asarray(s / (s @ s))
