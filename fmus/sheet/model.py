@@ -1,4 +1,4 @@
-"""Flexible sheet (Bae and Cho): nodal bodies on out-of-plane joints under plate elements, held by one edge.
+"""Flexible sheet (Bae and Cho): nodal bodies on geodesic joints under plate elements, held by one edge.
 
 The default is the paper's example: 300 x 210 x 0.3 mm, one 210 mm edge clamped, released flat under its weight. The
 sheet lies in the x-z plane, its normal along y; the held edge is x = ``length``, the free edge opposite passes through

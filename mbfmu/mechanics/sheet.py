@@ -1,4 +1,4 @@
-"""The builder of flexible sheets: a grid of nodal bodies on out-of-plane joints, with plate elements between them.
+"""The builder of flexible sheets: a grid of nodal bodies on geodesic joints, with plate elements between them.
 
 >>> m = Mechanism(gravity=(0, -9.81, 0))
 >>> sheet = add_sheet(
