@@ -63,7 +63,7 @@ FORCE = np.dtype(
         ("kind", np.int64),  # forces.REGISTRY
         ("a", np.int64),
         ("b", np.int64),
-        ("v", np.int64),  # coordinate a joint force acts on: velocity and position index
+        ("v", np.int64),  # coordinate a joint force acts on: velocity and position index; -1: it acts on bodies
         ("q", np.int64),
         ("signal", np.int64),  # magnitude of an applied force; -1: none
         ("Pa", np.float64, (3,)),  # points of action, body axes, m
@@ -260,7 +260,7 @@ class State(NamedTuple):
     wrench: NDArray[np.float64]  # (6,) a wrench on its way inward
     U: NDArray[np.float64]  # (nv, 6) articulated body: (IA S)^T, with the joint's Cholesky factor taken out
     D: NDArray[np.float64]  # (nv, MODES + 1) articulated body: a joint's Cholesky factor, and last its right-hand side
-    pressure: NDArray[np.float64]  # (pressures,) Pa, when the forces were applied last
+    time: NDArray[np.float64]  # (1,) s, when the forces were applied last
 
 
 class Data(NamedTuple):
@@ -270,16 +270,13 @@ class Data(NamedTuple):
     state: State
 
 
-def allocate_state(nb: int, rows: int, nq: int, nv: int, subspaces: int, pressures: int) -> State:
+def allocate_state(nb: int, rows: int, nq: int, nv: int, subspaces: int) -> State:
     """Return zeroed scratch for ``nb`` bodies (ground included), with the ground placed."""
     state = State(
         records(nb, MOTION),
         records(rows, ROW),
         records(1, ELEMENT),
-        *(
-            np.zeros(shape)
-            for shape in ((subspaces, 6), nq, nv, nv, nv, nv, (9, 6), 6, (nv, 6), (nv, MODES + 1), pressures)
-        ),
+        *(np.zeros(shape) for shape in ((subspaces, 6), nq, nv, nv, nv, nv, (9, 6), 6, (nv, 6), (nv, MODES + 1), 1)),
     )
     state.bodies["A"][0] = np.eye(3)
     return state
@@ -290,7 +287,12 @@ def complex_twin(data: Data) -> Data:
 
     Kernels are written so that each is an analytic function of every real number it reads.
     """
-    return Data(Arrays(*map(_complex, data.arrays)), State(*map(_complex, data.state)))
+    return Data(Arrays(*map(_complex, data.arrays)), complex_state(data.state))
+
+
+def complex_state(state: State) -> State:
+    """Return a copy whose real numbers are complex."""
+    return State(*map(_complex, state))
 
 
 def _complex(array: NDArray[Any]) -> NDArray[Any]:

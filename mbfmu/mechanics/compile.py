@@ -138,7 +138,7 @@ def compile_data(mechanism: Mechanism, numbering: Numbering) -> Data:
     bodies, signals = body_records(mechanism, numbering), signal_records(numbering)
     elements = (*plate_records(mechanism), *elastic_records(mechanism, numbering), pressures)
     arrays = Arrays(world, bodies, cuts, forces, signals, np.arange(rows), *elements)
-    sizes = (len(mechanism.bodies), rows, numbering.nq_full, numbering.nv_full, numbering.subspaces, len(pressures))
+    sizes = (len(mechanism.bodies), rows, numbering.nq_full, numbering.nv_full, numbering.subspaces)
     return Data(arrays, allocate_state(*sizes))
 
 
@@ -188,7 +188,7 @@ def force_records(mechanism: Mechanism, numbering: Numbering) -> NDArray[Any]:
     for record, (name, force, a, b) in zip(table, mechanism.forces, strict=True):
         record["kind"] = FORCES.index(type(force))
         record["a"], record["b"] = a.index, b.index
-        record["q"], record["v"] = numbering.q[a.index], numbering.v[a.index]
+        record["q"], record["v"] = (numbering.q[a.index], numbering.v[a.index]) if force.on_joint else (-1, -1)
         record["signal"] = -1
         if hasattr(force, "magnitude"):
             record["signal"] = numbering.signal(force.magnitude, f"magnitude of force {name!r}")

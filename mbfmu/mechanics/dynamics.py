@@ -291,4 +291,4 @@ def empty_data() -> Data:
     world, bodies, cuts, forces, signals = (records(1, dtype) for dtype in (WORLD, BODY, CUT, FORCE, SIGNAL))
     elements = (records(1, dtype) for dtype in (PLATE, DRAG, ELASTIC, NODE, PRESSURE))
     arrays = Arrays(world, bodies, cuts, forces, signals, np.zeros(1, np.int64), *elements)
-    return Data(arrays, allocate_state(1, 1, 1, 1, 1, 1))
+    return Data(arrays, allocate_state(1, 1, 1, 1, 1))

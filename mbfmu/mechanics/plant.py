@@ -14,12 +14,10 @@ from .arrays import Data, complex_twin
 from .assembly import assemble_positions, assemble_velocities, check_inertia
 from .compile import GRAVITY, Numbering, Variable, compile_data, sensor_records, shared
 from .dynamics import callbacks, energy, observe, observe_all, tree_callbacks
-from .forces import BeamElement
-from .groups import number_groups
 from .mechanism import Mechanism
 from .sensors import largest_residual
 from .signals import POLYNOMIAL, RUN_UP
-from .tangent import Tangent
+from .tangent import Tangent, number_groups
 
 LARGE = 60  # coordinates of a tree without loops from which on no dense matrix is made
 LARGE_LOOPS = 100  # ... of a mechanism with cut joints, which only 'ida' advances then
@@ -44,10 +42,7 @@ class Plant:
         self.data = compile_data(mechanism, numbering)
         names = [f"{c.name}.{r}" if r else c.name for c in mechanism.cuts for r in c.cut.rows]
         self.void_rows: list[str] = []
-        known = not mechanism.elastics and not any(
-            isinstance(force, BeamElement) for _, force, _, _ in mechanism.forces
-        )
-        large = known and numbering.nv > (LARGE_LOOPS if names else LARGE)  # the structured tangent knows no beams
+        large = not mechanism.elastics and numbering.nv > (LARGE_LOOPS if names else LARGE)  # T knows no modes
         make = self._tree_system if large else self._system
         self.system: Any = make(names, self.data)
         if names:

@@ -284,7 +284,7 @@ def test_stiffness_of_a_pressure_is_the_derivative_of_its_forces(size: float) ->
     q, K = bent(plant, size), np.zeros((24, 24))
     wrenches(plant, q)
     arrays, state = plant.data
-    pressure.stiffness(arrays.pressures[0], state.pressure[0], state.bodies, K)
+    pressure.stiffness(arrays.pressures[0], 3.0, state.bodies, K)
     np.testing.assert_allclose(K, -complex_columns(plant, q, complex_wrenches), rtol=0, atol=1e-14 * np.abs(K).max())
 
 

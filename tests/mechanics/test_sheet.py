@@ -39,8 +39,7 @@ from mbfmu.mechanics.aba import forward_dynamics
 from mbfmu.mechanics.assembly import dependent_rows
 from mbfmu.mechanics.dynamics import move, solved
 from mbfmu.mechanics.elastic.plate import shape, strain
-from mbfmu.mechanics.groups import number_groups
-from mbfmu.mechanics.tangent import Tangent
+from mbfmu.mechanics.tangent import Tangent, number_groups
 from mbfmu.model import Model
 
 TREES = ["spine", "rows", "master"]

@@ -13,7 +13,7 @@ from mbfmu.mechanics import Plant
 from mbfmu.mechanics import dynamics as dy
 from mbfmu.mechanics.kinematics import accelerations
 from mbfmu.mechanics.rnea import inverse_dynamics
-from mbfmu.mechanics.tangent import Tangent
+from mbfmu.mechanics.tangent import Tangent, number_groups
 
 from .random_mechanisms import Case, cases
 
@@ -39,18 +39,19 @@ def loaded(plant: Plant, q: Any, lam: Any) -> Any:
 
 
 def groups_of(plant: Plant, how: str) -> Any:
-    """All in one group, by distance from the root, or from the leaves."""
+    """All in one group, by distance from the root, or from the leaves; merged where forces span further."""
     bodies = plant.data.arrays.bodies
     depth = np.zeros(len(bodies), np.int64)
     for i in range(1, len(bodies)):
         depth[i] = depth[bodies[i]["parent"]] + 1
     groups = {"one": 0 * depth, "outward": np.maximum(depth - 1, 0), "pairs inward": (depth.max() - depth) // 2}[how]
-    groups[0] = 0
-    return groups
+    for body, group in zip(plant.mechanism.bodies, groups, strict=True):
+        object.__setattr__(body, "group", int(group))
+    return number_groups(plant.mechanism)
 
 
 @pytest.mark.parametrize("how", ["one", "outward", "pairs inward"])
-@given(case=cases(), c2=st.floats(0.5, 50.0))
+@given(case=cases(forces=True), c2=st.floats(0.5, 50.0))
 def test_solves_the_linearised_inverse_dynamics(case: Case, c2: float, how: str) -> None:
     plant, n, h = case.plant, case.plant.system.n, 1e-5
     T = np.zeros((n, n))
@@ -66,6 +67,24 @@ def test_solves_the_linearised_inverse_dynamics(case: Case, c2: float, how: str)
     assert tangent.factor(0.0, c2)
     x = tangent.solve(case.a)
     np.testing.assert_allclose(T @ x, case.a, atol=1e-6 * (1.0 + np.abs(T).max() * np.abs(x).max()))
+
+
+@given(case=cases(forces=True))
+def test_damping_of_forces(case: Case) -> None:
+    """c1 times the derivative of the joint forces by the velocities, at rest; inertia for regularity."""
+    plant, n, c1, c2 = case.plant, case.plant.system.n, 3.0, 20.0
+    still, D = np.zeros(n), np.zeros((2, n, n))
+    for k, e in enumerate(np.eye(n)):
+        for side, v in zip(D, (c1 * e, -c1 * e), strict=True):
+            dy.solved(0.0, case.q, v, still, np.zeros(0), plant.data)
+            dy.take_free(plant.data.state.tau, plant.data.arrays, side[k])
+    T = 0.5 * (D[0] - D[1]).T  # velocity products are even
+    first = {c: Tangent(plant.data, groups_of(plant, "one")) for c in (0.0, c1)}
+    inverse(plant, case.q, np.zeros(n))
+    assert all(tangent.factor(c, c2) for c, tangent in first.items())
+    x = first[c1].solve(case.a)
+    y = first[0.0].solve(case.a - T @ x)  # (T0 + c1 D) x = a
+    np.testing.assert_allclose(x, y, atol=1e-8 * (1.0 + np.abs(x).max()))
 
 
 @given(case=cases(cuts=True))

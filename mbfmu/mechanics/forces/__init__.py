@@ -34,6 +34,23 @@ _beam_potential = beam_element.potential
 
 
 @inlined
+def exert(force: Any, t: float, arrays: Any, state: Any) -> None:
+    """Let one force add its own; see :mod:`.base`."""
+    if force.kind == 0:
+        _spring(force, t, arrays, state)
+    elif force.kind == 1:
+        _joint_spring(force, t, arrays, state)
+    elif force.kind == 2:
+        _joint_force(force, t, arrays, state)
+    elif force.kind == 3:
+        _point_force(force, t, arrays, state)
+    elif force.kind == 4:
+        _torque(force, t, arrays, state)
+    else:
+        _beam(force, t, arrays, state)
+
+
+@inlined
 def apply(t: float, arrays: Any, state: Any) -> None:
     """Let every force and elastic element add its own to the applied wrenches and to the coordinate forces, which
     scatter has cleared.
@@ -43,19 +60,7 @@ def apply(t: float, arrays: Any, state: Any) -> None:
         for k in range(6):
             F[k] = 0.0
     for i in range(arrays.forces.shape[0]):
-        force = arrays.forces[i]
-        if force.kind == 0:
-            _spring(force, t, arrays, state)
-        elif force.kind == 1:
-            _joint_spring(force, t, arrays, state)
-        elif force.kind == 2:
-            _joint_force(force, t, arrays, state)
-        elif force.kind == 3:
-            _point_force(force, t, arrays, state)
-        elif force.kind == 4:
-            _torque(force, t, arrays, state)
-        else:
-            _beam(force, t, arrays, state)
+        exert(arrays.forces[i], t, arrays, state)
     for i in range(arrays.plates.shape[0]):
         _plate(arrays.plates[i], state.bodies, state.element[0])
     for i in range(arrays.drags.shape[0]):
@@ -64,8 +69,8 @@ def apply(t: float, arrays: Any, state: Any) -> None:
         _modal(arrays.elastics[i], state)
     for i in range(arrays.pressures.shape[0]):
         load = arrays.pressures[i]
-        state.pressure[i] = value(arrays.signals[load.signal], t)
-        _pressure(load, state.pressure[i], state.bodies)
+        _pressure(load, value(arrays.signals[load.signal], t), state.bodies)
+    state.time[0] = t
 
 
 @inlined
@@ -97,5 +102,6 @@ __all__ = [
     "Spring",
     "Torque",
     "apply",
+    "exert",
     "potential",
 ]

@@ -19,6 +19,7 @@ class Force:
 
     apply: ClassVar[Any]
     potential: ClassVar[Any]
+    on_joint: ClassVar[bool] = False  # acts along the coordinate of a joint, not on bodies
 
 
 @kernel

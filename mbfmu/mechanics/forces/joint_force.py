@@ -25,5 +25,6 @@ class JointForce(Force):
 
     magnitude: Any
 
+    on_joint = True
     apply = apply
     potential = nothing_stored

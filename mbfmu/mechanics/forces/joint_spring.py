@@ -40,5 +40,6 @@ class JointSpring(Force):
     damping: float = 0.0
     free: float = 0.0
 
+    on_joint = True
     apply = apply
     potential = potential

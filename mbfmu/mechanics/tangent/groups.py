@@ -1,4 +1,4 @@
-"""Groups of bodies for the structured elimination: see :mod:`.tangent`.
+"""Groups of bodies for the structured elimination: see the package.
 
 A sheet numbers the columns of its grid; every other body joins the group of the nearest body that has one.
 """
@@ -10,7 +10,7 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from .mechanism import Mechanism
+from mbfmu.mechanics.mechanism import Mechanism
 
 
 def number_groups(mechanism: Mechanism) -> NDArray[np.int64]:
@@ -24,6 +24,11 @@ def number_groups(mechanism: Mechanism) -> NDArray[np.int64]:
         fixed.append(fixed[body.parent] and (body.joint.drive is not None or body.joint.nv == 0))
     ties = [(b.index, b.parent) for b in bodies[1:] if not fixed[b.parent]]
     ties += [(c.a.index, c.b.index) for c in mechanism.cuts if not fixed[c.a.index] and not fixed[c.b.index]]
+    ties += [
+        (a.index, b.index)
+        for _, force, a, b in mechanism.forces
+        if not (force.on_joint or fixed[a.index] or fixed[b.index])
+    ]
     spans = [*ties, *([body.index for body in nodes] for _, nodes in mechanism.plates)]
     spans += [[body.index for body in corners] for _, _, faces in mechanism.pressures for corners in faces]
     neighbours: list[list[int]] = [[] for _ in bodies]

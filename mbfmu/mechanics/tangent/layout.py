@@ -1,4 +1,4 @@
-"""Where the unknowns of every body go in the rows of its group: see :mod:`.tangent`."""
+"""Where the unknowns of every body go in the rows of its group: see the package."""
 
 from __future__ import annotations
 
@@ -25,6 +25,8 @@ class Layout(NamedTuple):
     pressures: NDArray[np.int64]  # surfaces under pressure, likewise
     first_cut: NDArray[np.int64]  # (groups + 1,) into ``cuts``
     cuts: NDArray[np.int64]  # cut joints, likewise
+    first_force: NDArray[np.int64]  # (groups + 1,) into ``forces``
+    forces: NDArray[np.int64]  # forces on bodies, likewise
 
 
 def lay_out(arrays: Any, groups: NDArray[np.int64]) -> tuple[Layout, list[NDArray[np.int64]], list[int]]:
@@ -61,13 +63,16 @@ def lay_out(arrays: Any, groups: NDArray[np.int64]) -> tuple[Layout, list[NDArra
         kept.append(np.array(rows, np.int64))
         sizes.append(size)
     flat = flat_list(members)
-    ties = np.column_stack((arrays.cuts["a"], arrays.cuts["b"]))
-    plates, pressures, cuts = (
-        by_group(nodes, role, groups, len(members)) for nodes in (arrays.plates["node"], arrays.pressures["node"], ties)
+    ties, acting = (np.column_stack((table["a"], table["b"])) for table in (arrays.cuts, arrays.forces))
+    acting[arrays.forces["v"] >= 0] = 0  # on joints, not on bodies
+    plates, pressures, cuts, forces = (
+        by_group(nodes, role, groups, len(members))
+        for nodes in (arrays.plates["node"], arrays.pressures["node"], ties, acting)
     )
     layout = Layout(
         role, groups.astype(np.int64), slot, lock, offsets(members), flat,
         offsets(plates), flat_list(plates), offsets(pressures), flat_list(pressures), offsets(cuts), flat_list(cuts),
+        offsets(forces), flat_list(forces),
     )  # fmt: skip
     return layout, kept, sizes
 

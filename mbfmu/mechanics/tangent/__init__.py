@@ -1,0 +1,30 @@
+"""The linearised equations of motion of a large tree, assembled and solved in O(n): no matrix over all bodies.
+
+For changes of the joint positions dq, of the velocities c1 dq and of the accelerations c2 dq, the change of the inverse
+dynamics is d tau = T dq. T is dense in joint coordinates, because a joint moves everything beyond it. In the motions
+y_i = (dr_i, dphi_i) of the bodies it is sparse: a plate element ties four of them, a joint two. With B y-columns of the
+tree (y_i = X y_j + S dq, the same shift as in the recursions),
+
+    T = B^T (c2 M + c1 D + K) B + G,
+
+K the tangents of elements and pressures, D of their damping, M the bodies' inertia at their origins, and G what comes
+from turning the joints while they transmit the wrench W (S and X change with the position). Velocity products are left
+out: exact at rest, and as a preconditioner at the speeds of a sheet.
+
+A cut joint adds what its reactions gain as its bodies move, lambda dG, so that T is the derivative of h + J^T lambda.
+Where asked for it adds springs that hold it: T + J^T alpha J, by which a saddle system is solved where T alone is
+singular (:mod:`solvers.saddle`).
+
+**Groups.** Every body belongs to a numbered group such that joints and elements span neighbouring groups at most: the
+columns of a sheet's grid. Unknowns of a group: dq of joints whose parent is in the same group or fixed (inner), and of
+every other body (outer) its motion y and the multipliers of the directions N its joint locks,
+N^T (y_i - X y_j) = 0. Inner bodies are folded onto their parents by the recursion itself, rows and columns alike, as in
+the composite-body algorithm. What is left is block-tridiagonal over the groups (:mod:`solvers.blocks`).
+"""
+
+from __future__ import annotations
+
+from .factored import Tangent
+from .groups import number_groups
+
+__all__ = ["Tangent", "number_groups"]

@@ -1,0 +1,142 @@
+"""The structured tangent of one mechanism, factored and solved: see the package."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.mechanics.arrays import MOTION, ROW, Data, State, complex_records, complex_state
+from mbfmu.mechanics.forces.tangent import along_joints
+from solvers.blocks import BlockTridiagonal, one_thread
+from solvers.held import hold
+from solvers.system import Array
+
+from .filling import fill
+from .folding import fold, gather_motion, inertia_forces, spread_load
+from .joints import turn_inner
+from .layout import lay_out
+
+
+class Scratch(NamedTuple):
+    """Allocated once; W rows is twice the largest group."""
+
+    F: Array  # (W, W)
+    S: Array  # (3..6, 6) dual basis of one joint
+    N: Array  # (6, 6) directions a joint locks, rows
+    C: Array  # (3, 3)
+    qc: NDArray[Any]  # (7,) complex joint position
+    vc: NDArray[Any]  # (3,) complex rotation of a quaternion joint
+    rel: NDArray[Any]  # (9, 6) complex
+    G: Array  # (6, 6) joint rows by own coordinates
+    g: Array  # (6, 3) joint rows by the parent's rotation
+    row: Array  # (12,) one joint row over both bodies' motions
+    K: Array  # (24, 24) stiffness of an element
+    D: Array  # (24, 24) damping
+    twins: NDArray[Any]  # (2,) complex MOTION, the bodies of a cut joint
+    rows: NDArray[Any]  # (rows,) complex ROW
+    weight: Array  # (m,) alpha
+    pair: NDArray[np.int64]  # (2,) bodies of a cut joint or force
+    along: Array  # (nv,) stiffness of forces along joint coordinates
+
+
+class Tangent:
+    """T of one mechanism, factored and solved as often as wanted.
+
+    Parameters
+    ----------
+    data
+        The mechanism; T is taken at its state.
+    groups
+        Group of every body (nb,), from zero; joints and elements span neighbouring groups at most.
+    """
+
+    def __init__(self, data: Data, groups: NDArray[np.int64]) -> None:
+        arrays, self._moving = data
+        self.layout, self._kept, self._sizes = lay_out(arrays, groups)
+        widest = max(self._sizes)
+        z = np.zeros
+        self._scratch = Scratch(
+            z((2 * widest, 2 * widest)), z((6, 6)), z((6, 6)), z((3, 3)), z(7, complex), z(3, complex),
+            z((9, 6), complex), z((6, 6)), z((6, 3)), z(12), z((24, 24)), z((24, 24)),
+            complex_records(2, MOTION), complex_records(len(self._moving.rows), ROW),
+            z(int(arrays.kept.max(initial=-1)) + 1), z(2, np.int64), z(len(self._moving.v)),
+        )  # fmt: skip
+        self._base = np.concatenate(([0], np.cumsum(self._sizes)))
+        nv = int((arrays.bodies["nv"]).sum())
+        self._dual = z((nv, 6))
+        self._motions = z((len(arrays.bodies), 6))
+        self._state = State(*(array.copy() for array in self._moving))
+        used = self._moving if len(arrays.forces) else State(*(array[:0] for array in self._moving))
+        self._held = tuple(map(hold, (arrays, self._state, self.layout, self._scratch)))
+        self._twin = hold(complex_state(used))
+        self._factors = BlockTridiagonal()
+
+    def factor(self, c1: float, c2: float, weight: Array | None = None) -> bool:
+        """Assemble and factor T at the state of the last inverse dynamics; False where it is singular.
+
+        ``weight`` (m,): T + J^T alpha J instead.
+        """
+        self._scratch.weight[:] = 0.0 if weight is None else weight
+        with one_thread():
+            return self._factor(c1, c2)
+
+    def _factor(self, c1: float, c2: float) -> bool:
+        arrays, state, L, s = self._held
+        kept, scratch = self._kept, self._scratch
+        for own, given in zip(self._state, self._moving, strict=True):
+            own[...] = given
+        along_joints(c1, arrays, state, self._twin, scratch.along)
+        self._factors = BlockTridiagonal()
+        last = len(self._sizes) - 1
+        carry = np.zeros((0, 0))
+        for group, size in enumerate(self._sizes):
+            after = self._sizes[group + 1] if group < last else 0
+            F = scratch.F[: size + after, : size + after]
+            F[...] = 0.0
+            F[: len(carry), : len(carry)] = carry
+            fill(group, size, c1, c2, L, arrays, state, self._twin, self._dual, s)
+            carry = F[size:, size:].copy()
+            top = np.ascontiguousarray(F[:size])
+            fold(top, 0, group, L, arrays, state)
+            turn_inner(group, L, arrays, state, top, s, True)
+            left = np.ascontiguousarray(np.vstack((top[:, :size], F[size:, :size])).T)
+            fold(left, 0, group, L, arrays, state)  # the columns of this group
+            left = left.T
+            turn_inner(group, L, arrays, state, left, s, False)
+            D = left[np.ix_(kept[group], kept[group])]
+            if group == last:
+                U, below = np.zeros((len(kept[group]), 0)), np.zeros((0, len(kept[group])))
+            else:
+                right = np.ascontiguousarray(top[:, size:].T)
+                fold(right, 0, group + 1, L, arrays, state)
+                lower = np.ascontiguousarray(left[size:])
+                fold(lower, 0, group + 1, L, arrays, state)
+                U = right.T[np.ix_(kept[group], kept[group + 1])]
+                below = lower[np.ix_(kept[group + 1], kept[group])]
+            if not self._factors.append(D, U, below):
+                return False
+        return True
+
+    def solve(self, r: Array) -> Array:
+        """Return dq with T dq = r, both (n,) or (n, columns), by the last factors."""
+        columns = np.ascontiguousarray(r.reshape(len(r), -1))
+        (arrays, state, L, _), b = self._held, np.zeros((int(self._base[-1]), columns.shape[1]))
+        spread_load(columns, self._base, L, arrays, state, self._dual, b)
+        parts = [b[base + rows] for base, rows in zip(self._base, self._kept, strict=False)]
+        with one_thread():
+            solution = self._factors.solve(parts)
+        for base, rows, x in zip(self._base, self._kept, solution, strict=False):
+            b[base + rows] = x
+        dq = np.zeros(columns.shape)
+        for c in range(columns.shape[1]):
+            gather_motion(b, c, self._base, L, arrays, state, self._dual, self._motions, dq)
+        return dq.reshape(r.shape)
+
+    def inertia(self, a: Array) -> Array:
+        """Return M a (n,) at the state of the last factors."""
+        tau = np.zeros(len(a))
+        arrays, state, *_ = self._held
+        inertia_forces(arrays, state, a, tau)
+        return tau

@@ -1,0 +1,183 @@
+"""What joints contribute to the structured tangent: they turn while they transmit wrenches, and lock directions."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from mbfmu.mechanics.dynamics import turn_quaternion
+from mbfmu.mechanics.joints import move
+from mbfmu.mechanics.spatial import multiply
+from solvers.kernel import kernel
+
+from .layout import FIXED, INNER
+
+EPSILON = 1e-30  # of the complex step that differentiates a joint's motion subspace
+
+
+@kernel
+def turning(i: int, arrays: Any, state: Any, s: Any) -> None:
+    """s.g (nv, 3) and s.G (nv, nv): change of the joint's S^T W with the parent's rotation and with its own positions,
+    with the stiffness along its coordinates, s.along.
+
+    The subspace turns with the parent, dS = dphi x S; its change in the joint is a complex step of the joint's kernel.
+    """
+    body, W = arrays.bodies[i], state.bodies[i].W
+    multiply(state.bodies[body.parent].A, body.R, s.C)
+    for k in range(body.nv):
+        S = state.S[body.vi + k]
+        for a in range(3):
+            b, c = (a + 1) % 3, (a + 2) % 3
+            s.g[k, a] = S[b] * W[c] - S[c] * W[b] + S[3 + b] * W[3 + c] - S[3 + c] * W[3 + b]
+    plain = body.nq - 4 * body.quaternion
+    for l in range(body.nv):
+        for k in range(body.nq):
+            s.qc[k] = state.q[body.qi + k]
+        if l < plain:
+            s.qc[l] += EPSILON * 1j
+        else:
+            for k in range(3):
+                s.vc[k] = EPSILON * 1j if k == l - plain else 0.0
+            turn_quaternion(s.qc, plain, s.vc, 0)
+        move(body.joint, body.axis, s.qc, 0, s.rel)
+        for k in range(body.nv):
+            total = 0.0
+            for a in range(3):
+                pull = s.C[0, a] * W[0] + s.C[1, a] * W[1] + s.C[2, a] * W[2]
+                twist = s.C[0, a] * W[3] + s.C[1, a] * W[4] + s.C[2, a] * W[5]
+                total += s.rel[k, a].imag * pull + s.rel[k, 3 + a].imag * twist
+            s.G[k, l] = total / EPSILON
+        s.G[l, l] += s.along[body.vi + l]
+
+
+@kernel
+def dual_basis(S: Any, vi: int, nv: int, dual: Any, N: Any) -> None:
+    """dual[vi:vi + nv] spans S with dual_k . S_l = 1 or 0; the first 6 - nv rows of N are unit vectors normal to S.
+
+    Gram and Schmidt: N holds the orthonormal rows of S last, where they are out of the way.
+    """
+    for k in range(6):
+        best, longest = 0, -1.0
+        if k < nv:
+            best = k
+        else:  # the unit vector furthest from what is there
+            for e in range(6):
+                rest = 1.0
+                for r in range(k):
+                    rest -= N[5 - r, e] * N[5 - r, e]
+                if rest > longest:
+                    best, longest = e, rest
+        row = 5 - k
+        for a in range(6):
+            if k < nv:
+                N[row, a] = S[vi + best, a]
+            else:
+                N[row, a] = 1.0 if a == best else 0.0
+        for _ in range(2):
+            for r in range(k):
+                along = 0.0
+                for a in range(6):
+                    along += N[row, a] * N[5 - r, a]
+                for a in range(6):
+                    N[row, a] -= along * N[5 - r, a]
+        square = 0.0
+        for a in range(6):
+            square += N[row, a] * N[row, a]
+        for a in range(6):
+            N[row, a] /= np.sqrt(square)
+    for k in range(nv - 1, -1, -1):  # S_l = sum_k R_lk Q_k with R lower triangular: R^T dual = Q
+        for a in range(6):
+            dual[vi + k, a] = N[5 - k, a]
+        for l in range(k + 1, nv):
+            R = 0.0
+            for a in range(6):
+                R += S[vi + l, a] * N[5 - k, a]
+            for a in range(6):
+                dual[vi + k, a] -= R * dual[vi + l, a]
+        R = 0.0
+        for a in range(6):
+            R += S[vi + k, a] * N[5 - k, a]
+        for a in range(6):
+            dual[vi + k, a] /= R
+
+
+@kernel
+def handed_down(i: int, ati: int, atj: int, arrays: Any, state: Any, F: Any) -> None:
+    """The moment arm of the wrench a joint transmits to the parent: (dr_i - dr_j) x force."""
+    W = state.bodies[i].W
+    for a in range(3):
+        b, c = (a + 1) % 3, (a + 2) % 3  # (dr x f)_a = dr_b f_c - dr_c f_b
+        F[atj + 3 + a, ati + b] += W[c]
+        F[atj + 3 + a, ati + c] -= W[b]
+        F[atj + 3 + a, atj + b] -= W[c]
+        F[atj + 3 + a, atj + c] += W[b]
+
+
+@kernel
+def outer_joint(i: int, ati: int, atj: int, lock: int, arrays: Any, state: Any, dual: Any, F: Any, s: Any) -> None:
+    """Rows and columns of a joint between two groups: what it locks, and its turning along its own directions."""
+    body = arrays.bodies[i]
+    nv = body.nv if body.vf >= 0 else 0
+    here, parent = state.bodies[i], state.bodies[body.parent]
+    x, y, z = here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2]
+    dual_basis(state.S, body.vi, nv, dual, s.N)
+    for r in range(6 - nv):
+        n = s.N[r]
+        for a in range(6):
+            F[lock + r, ati + a] += n[a]
+            F[ati + a, lock + r] += n[a]
+            F[lock + r, atj + a] -= n[a]
+            F[atj + a, lock + r] -= n[a]
+        tx, ty, tz = y * n[2] - z * n[1], z * n[0] - x * n[2], x * n[1] - y * n[0]
+        F[lock + r, atj + 3] -= tx
+        F[lock + r, atj + 4] -= ty
+        F[lock + r, atj + 5] -= tz
+        F[atj + 3, lock + r] -= tx
+        F[atj + 4, lock + r] -= ty
+        F[atj + 5, lock + r] -= tz
+    if nv == 0:
+        return
+    turning(i, arrays, state, s)
+    for k in range(nv):  # one joint row at a time: L_k (g_k . dphi_j + sum_l G_kl L_l . (y_i - X y_j))
+        for a in range(6):
+            s.row[a] = 0.0
+        for l in range(nv):
+            for a in range(6):
+                s.row[a] += s.G[k, l] * dual[body.vi + l, a]
+        w = s.row
+        tx, ty, tz = y * w[2] - z * w[1], z * w[0] - x * w[2], x * w[1] - y * w[0]
+        for a in range(6):
+            s.row[6 + a] = -w[a]
+        s.row[9] += s.g[k, 0] - tx
+        s.row[10] += s.g[k, 1] - ty
+        s.row[11] += s.g[k, 2] - tz
+        d = dual[body.vi + k]
+        dx, dy, dz = y * d[2] - z * d[1], z * d[0] - x * d[2], x * d[1] - y * d[0]
+        for c in range(12):
+            at = ati + c if c < 6 else atj + c - 6
+            for a in range(6):
+                F[ati + a, at] += d[a] * s.row[c]
+                F[atj + a, at] -= d[a] * s.row[c]
+            F[atj + 3, at] -= dx * s.row[c]
+            F[atj + 4, at] -= dy * s.row[c]
+            F[atj + 5, at] -= dz * s.row[c]
+
+
+@kernel
+def turn_inner(group: int, L: Any, arrays: Any, state: Any, F: Any, s: Any, parents: bool) -> None:
+    """Add the turning of a group's inner joints: by their ``parents`` before columns are folded, by their own after."""
+    for m in range(L.first[group], L.first[group + 1]):
+        i = L.members[m]
+        body = arrays.bodies[i]
+        if L.role[i] != INNER or body.vf < 0:
+            continue
+        turning(i, arrays, state, s)
+        for k in range(body.nv):
+            if parents:
+                if L.role[body.parent] != FIXED:
+                    for a in range(3):
+                        F[L.slot[i] + k, L.slot[body.parent] + 3 + a] += s.g[k, a]
+            else:
+                for l in range(body.nv):
+                    F[L.slot[i] + k, L.slot[i] + l] += s.G[k, l]
