@@ -16,7 +16,18 @@ from fmus.sheet import Sheet
 from mbfmu.equilibrium import Balance
 from mbfmu.errors import UserError
 from mbfmu.fmi import Fmu, export
-from mbfmu.mechanics import Mechanism, PlaneCut, Plant, Support, add_sheet, plant
+from mbfmu.mechanics import (
+    JointSpring,
+    Mechanism,
+    PlaneCut,
+    Plant,
+    PointForce,
+    Revolute,
+    Spring,
+    Support,
+    add_sheet,
+    plant,
+)
 from mbfmu.mechanics.sheet import UPRIGHT
 from mbfmu.model import Model, parameter
 from mbfmu.modes import shapes
@@ -374,3 +385,37 @@ def test_accelerations_obey_the_equations_of_motion() -> None:
     force = system.unbalance(0.0, q, v, motion.a, motion.lam)
     assert np.abs(force).max() < 1e-9 * np.abs(motion.lam).max()
     np.testing.assert_allclose(motion.terms.J @ motion.a, motion.terms.gamma, atol=1e-8 * np.abs(motion.a).max())
+
+
+def test_springs_and_forces_on_a_large_sheet_are_those_of_the_dense_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A spring at one corner, a force at the other, a torsion spring in the hinge: the sheet hangs and twists."""
+
+    def build() -> Mechanism:
+        m = Mechanism(gravity=(0.0, -9.81, 0.0))
+        hinge = m.body("hinge", m.ground, Revolute(axis="z"), mass=0.01, inertia=(1e-5, 1e-5, 1e-5))
+        sheet = add_sheet(
+            m, "sheet", length=LENGTH, width=WIDTH, thickness=THICKNESS, youngs_modulus=E, density=DENSITY,
+            grid=(8, 5), supports=[Support("x0", body=hinge)], membrane=True,
+        )  # fmt: skip
+        m.force("torsion", JointSpring(stiffness=0.5), hinge, m.ground)
+        at_b = (LENGTH, 0.1, 0.0)
+        m.force("spring", Spring(stiffness=2.0, free=0.05, at_b=at_b), sheet.node(-1, 0), m.ground)
+        m.force("pull", PointForce(magnitude=0.02, axis="z"), sheet.node(-1, -1), m.ground)
+        for k in (0, -1):
+            m.output(f"tip{k}", sheet.node(-1, k).position("y"))
+        m.output("hinge", hinge.coordinate())
+        return m
+
+    balance = Balance(Fixed(build()))
+    found = balance.solve()
+    assert isinstance(found.plant.system, TreeSystem)
+    near = found.q + 1e-7 * np.random.default_rng(0).normal(size=len(found.q))
+    assert balance.solve(near).iterations <= 3  # the tangent is exact
+    monkeypatch.setattr(plant, "LARGE", 10_000)
+    expected = still(Fixed(build()))
+    assert isinstance(expected.plant.system, System)
+    assert found.outputs == pytest.approx(expected.outputs, abs=1e-9)
+    assert abs(found.outputs["tip0"] - found.outputs["tip-1"]) > 1e-3
+    assert found.stability == expected.stability == "undamped"
+    frequencies = [[mode.frequency for mode in state.modes[:4]] for state in (found, expected)]
+    assert frequencies[0] == pytest.approx(frequencies[1], rel=1e-6)
