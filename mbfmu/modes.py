@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from mbfmu.errors import EquilibriumError
 from mbfmu.linear import Mode
 from mbfmu.mechanics import Plant
 from solvers.modes import natural_modes
@@ -44,7 +45,10 @@ def shapes(plant: Plant, q: Array, count: int, lam: Array) -> list[Shape]:
     still, saddle = np.zeros(n), Saddle(system)
     saddle.weigh(0.0, q)
     saddle.unbalance(0.0, q, still, still, lam)
-    values, motions = natural_modes(saddle, min(count, n - system.m - 1))
+    try:
+        values, motions = natural_modes(saddle, min(count, n - system.m - 1))
+    except np.linalg.LinAlgError as reason:
+        raise EquilibriumError(f"the natural modes were not found: {reason}; ask for fewer") from reason
     values = np.where(np.abs(values) <= ROUNDING * np.abs(values).max(initial=0.0), 0.0, values)
     found = []
     for square, motion in zip(values, motions.T, strict=True):

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse.linalg import LinearOperator, eigsh
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 from .saddle import Saddle
 from .system import Array
 
+RESTARTS = 100
 PRECISE = 1e-12  # of omega^2; full precision may not be within the reach of rounding
 SHIFT = 1.0  # (rad/s)^2 below zero, so that rigid motions do not make K singular
 
@@ -16,6 +17,7 @@ def natural_modes(saddle: Saddle, count: int) -> tuple[Array, Array]:
     """Return the lowest ``count`` omega^2, (rad/s)^2, and the modes (n, count), of unit modal mass.
 
     The steady state is that of ``saddle``'s last unbalance; of constrained motions those that J allows.
+    LinAlgError where they are not found.
     """
     system = saddle.system
     tangent, n, still = system.tangent, system.n, np.zeros(system.m)
@@ -24,6 +26,10 @@ def natural_modes(saddle: Saddle, count: int) -> tuple[Array, Array]:
     mass = LinearOperator((n, n), matvec=tangent.inertia, dtype=float)
     inverse = LinearOperator((n, n), matvec=lambda f: saddle.solve(f, still)[0], dtype=float)
     start = saddle.solve(tangent.inertia(np.random.default_rng(0).normal(size=n)), still)[0]
-    values, modes = eigsh(mass, k=count, M=mass, sigma=-SHIFT, OPinv=inverse, which="LM", v0=start, tol=PRECISE)
+    options = {"sigma": -SHIFT, "OPinv": inverse, "which": "LM", "v0": start, "tol": PRECISE, "maxiter": RESTARTS}
+    try:
+        values, modes = eigsh(mass, k=count, M=mass, **options)
+    except ArpackNoConvergence as stuck:
+        raise np.linalg.LinAlgError(f"{len(stuck.eigenvalues)} of {count} converged") from stuck
     order = np.argsort(values)
     return values[order], modes[:, order]
