@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -36,7 +37,7 @@ CYCLIC = 1e-10  # change with a coordinate, relative to the largest entry, below
 SAME = 1e-6  # states closer than this (rad or m) are one
 
 REASONS = {
-    Outcome.NO_PROGRESS: "Newton made no progress",
+    Outcome.NO_PROGRESS: "Newton made no progress, and the way downhill came to no rest",
     Outcome.SINGULAR: "the Jacobian is singular and a force is left that no position nearby balances",
     Outcome.UNDETERMINED: "it ended in a singular position, where the forces of the cut joints are not determined",
     Outcome.NOT_FINITE: "the equations gave a value that is not finite",
@@ -96,10 +97,12 @@ class Balance:
 
     def scattered(self, count: int) -> Iterator[Array]:
         """Yield up to ``count`` closed starts spread over the coordinates, the same in every run."""
-        random, free = np.random.default_rng(0), np.zeros(self.plant.system.n, bool)
+        system = self.plant.system
+        random, free = np.random.default_rng(0), np.zeros(system.n, bool)
+        far = 2.0 * system.size if isinstance(system, TreeSystem) else 2.0  # the errors of a chain add up, so do starts
         for _ in range(count):
             q = self._start.copy()
-            self.plant.system.apply(q, random.uniform(-2.0, 2.0, self.plant.system.n))
+            system.apply(q, far * random.uniform(-1.0, 1.0, system.n))
             try:
                 yield self.plant.close(0.0, q, free)
             except AssemblyError:
@@ -150,7 +153,9 @@ class Balance:
         begin = time.perf_counter()
         solution = self._solver.solve(0.0, q, lam)
         if solution.outcome is not Outcome.FOUND:
+            tried = solution.iterations
             solution = self._solver.solve(0.0, q, downhill=True)
+            solution = replace(solution, iterations=tried + solution.iterations)
             found_from += ", downhill"
         if solution.outcome is not Outcome.FOUND:
             solution, found_from = self._continue_from_rest(q, solution), "rest, by continuation in the drive speed"
@@ -202,7 +207,7 @@ class Balance:
                 part = min(1.0, reached + step)
         finally:
             self._set_speed(1.0)
-        return Solution(**{**vars(solution), "iterations": iterations})
+        return replace(solution, iterations=iterations)
 
     def _failure(self, solution: Solution, what: str) -> str:
         worst = int(np.argmax(np.abs(solution.forces)))
@@ -248,7 +253,8 @@ class Balance:
         fastest = max(speeds, default=0.0) or 1.0
         for turn in TURNS:
             forces, gaps = self._solver.unbalance(turn / fastest, solution.q, solution.lam)
-            if np.abs(forces).max() > STEADY * scale or np.abs(gaps).max(initial=0.0) > STEADY:
+            forces -= solution.forces  # what rounding leaves there is no change with the drive
+            if np.abs(forces).max() > STEADY * scale or np.abs(gaps - solution.gaps).max(initial=0.0) > STEADY:
                 worst = int(np.argmax(np.abs(forces)))
                 raise EquilibriumError(
                     f"{self.model.name!r} has no steady state: forces that balance at one position of the drive leave "
@@ -256,8 +262,10 @@ class Balance:
                     f"{turn:g}; a force such as gravity does not turn with it"
                 )
 
-    def others(self, found: Equilibrium, count: int = 24) -> list[Equilibrium]:
-        """Return further steady states reached from scattered starts, each once."""
+    def others(self, found: Equilibrium, count: int | None = None) -> list[Equilibrium]:
+        """Return further steady states reached from scattered starts, each once; 24 starts, 4 on a large tree."""
+        if count is None:
+            count = 4 if isinstance(self.plant.system, TreeSystem) else 24
         states = [found]
         for q in self.scattered(count):
             try:

@@ -14,9 +14,10 @@ first, by implicit Euler steps of the motion of a heavily damped mechanism,
     M (q - q_before) / s^2 + h + J^T lambda = 0,     Phi = 0,
 
 each solved by Newton as it is solved for a steady state, s longer as Newton finds it easy and shorter where it fails
-(pseudo-transient continuation, Kelley and Keyes 1998). It ends at a stable state where there is one, and Newton
-finishes there. A thin sheet, whose stiffness against stretching is a million times that against bending, is led from
-flat to hanging straight down in some fifty factorings.
+(pseudo-transient continuation, Kelley and Keyes 1998). A step against which the forces do work, by the trapezoidal
+rule, does not count: where it is long, Newton may find a root uphill. The descent mostly ends at a stable state where
+there is one, and Newton finishes there. A thin sheet, whose stiffness against stretching is a million times that
+against bending, is led from flat to hanging straight down in some fifty factorings.
 """
 
 from __future__ import annotations
@@ -38,9 +39,10 @@ LEAST_DAMPING = 1e-4
 FIRST, LONGEST = 0.01, 1e3  # s, duration of the first and of any step downhill
 RESTING, NEAR = 1.0, 1e-3  # a step this long (s) that moves no coordinate further (rad or m) leaves the rest to Newton
 SHORTEST = 1e-6  # s
+RUNAWAY = 100.0  # m or rad of a step: nothing holds it
 EASY = 6  # factorings of a step after which the next one may be much longer
 FASTER, LONGER, SHORTER = 4.0, 1.5, 0.3  # changes of the duration: after an easy, a difficult and a failed step
-DESCENT = 1000  # factorings on the way downhill, at most
+DESCENT = 2000  # factorings on the way downhill, at most
 
 
 class Outcome(IntEnum):
@@ -71,7 +73,8 @@ class Solution:
     iterations
         Jacobians factored.
     stiffness
-        Largest entry of d(force)/dq at the start: the scale of forces, N/m or N m/rad; 1 of a large tree.
+        Largest entry of d(force)/dq where the last Newton began, N/m or N m/rad: the scale of forces; 1 of a large
+        tree.
     forces, gaps
         h + J^T lambda (n,) and Phi (m,) there.
     """
@@ -94,10 +97,13 @@ class EquilibriumSolver(ABC):
         The constraints that are solved for, independent of each other.
     stiffness
         See :class:`Solution`.
+    moved
+        Change of the coordinates (n,) by the last :meth:`_newton`; of an orientation the sum of its small turns.
     """
 
     rows: NDArray[np.int64]
     stiffness = 1.0
+    moved: Array
 
     def solve(self, t: float, q: Array, lam: Array | None = None, *, downhill: bool = False) -> Solution:
         """Run Newton from positions q (nq,) and multipliers lam (m,); without lam from those of least unbalance.
@@ -122,20 +128,26 @@ class EquilibriumSolver(ABC):
 
     def _descend(self, t: float, at: State) -> tuple[State, int]:
         """Return a state downhill near rest, and how many Jacobians were factored."""
-        duration, growth, factored = FIRST, FASTER, 0
+        duration, growth, factored, pull = FIRST, FASTER, 0, self._pull(t, at.q)
         while factored < DESCENT and SHORTEST < duration < LONGEST:
             outcome, found, count = self._newton(t, at, 1.0 / duration**2)
             factored += count
-            if outcome not in (Outcome.FOUND, Outcome.UNDETERMINED):
+            there = self._pull(t, found.q)
+            uphill = float((pull + there) @ self.moved) > 0.0
+            if outcome not in (Outcome.FOUND, Outcome.UNDETERMINED) or uphill:
                 duration, growth = SHORTER * duration, LONGER
                 continue
-            moved = float(np.abs(found.q - at.q).max())
-            at = found
-            if duration >= RESTING and moved < NEAR:
+            farthest = float(np.abs(self.moved).max())
+            at, pull = found, there
+            if farthest > RUNAWAY or (duration >= RESTING and farthest < NEAR):
                 break
             duration *= growth if count < EASY else LONGER
             growth = min(FASTER, LONGER * growth)
         return at, factored
+
+    def _pull(self, t: float, q: Array) -> Array:
+        """Return h (n,), the forces without those of the cut joints, which do no work."""
+        return self.unbalance(t, q, self._all(np.zeros(len(self.rows))))[0]
 
     @abstractmethod
     def rehearse(self, q: Array) -> None:

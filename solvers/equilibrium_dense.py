@@ -240,7 +240,7 @@ class DenseEquilibriumSolver(EquilibriumSolver):
         self.rows = self._independent(t, q)
         scratch = Scratch.allocate(system.nq, system.n, len(self.rows))
         scratch.v[:] = v
-        self._v, self._lam = scratch.v, scratch.lam_try
+        self._v, self._lam, self._moved = scratch.v, scratch.lam_try, scratch.moved
         self._scratch, self._held_terms = hold(scratch), hold(self._terms)
 
     def _independent(self, t: float, q: Array) -> NDArray[np.int64]:
@@ -275,6 +275,7 @@ class DenseEquilibriumSolver(EquilibriumSolver):
     def _newton(self, t: float, at: State, c2: float) -> tuple[Outcome, State, int]:
         found, report = State(at.q.copy(), at.lam.copy()), np.zeros(2)
         outcome = Outcome(newton(self._eqs, t, *found, self.rows, c2, self._scratch, report))
+        self.moved = self._moved.copy()
         if c2 == 0.0:
             self.stiffness = float(report[1])
         return outcome, found, int(report[0])

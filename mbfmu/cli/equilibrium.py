@@ -38,7 +38,9 @@ def add(commands: Commands) -> None:
         "drives), how it moves about that state, and which other steady states there are.",
     )
     add_steady(p)
-    p.add_argument("--others", type=int, default=24, metavar="N", help="scattered starts to look for other states (24)")
+    p.add_argument(
+        "--others", type=int, metavar="N", help="scattered starts to look for other states (24; 4 on large trees)"
+    )
     p.add_argument("--sweep", metavar="PARAMETER=FROM:TO:STEP", help="follow the steady states over a parameter; plots")
     p.add_argument("--plot", metavar="OUTPUT", help="output to plot over the sweep (the model's first)")
     p.add_argument(
@@ -56,7 +58,7 @@ def add(commands: Commands) -> None:
 def command_equilibrium(options: argparse.Namespace) -> int:
     """Find a steady state, or a family of them."""
     scene = scene_of(options)
-    if options.others < 0:
+    if options.others is not None and options.others < 0:
         raise UserError(f"--others is {options.others}; allowed: 0 or more")
     if options.sweep:
         return swept(scene.model, scene.name, options)

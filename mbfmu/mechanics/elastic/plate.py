@@ -36,8 +36,8 @@ In the strains above, of t only what is off the plane,
     10: E_zz = ((g2.g2 + 4 tau^2) / b^2 - 1) / 2 + (e1^2 + e3^2) / 6 + (e4^2 + e7^2) / 10,
     11: gamma = g1.g2 / (a b),
 
-zero to fourth order along edges that are geodesic joints, and of second order smaller than curvature times twist times
-the cell where such joints carry a surface that bends and twists (:mod:`..joints.geodesic`).
+E of an edge that is a geodesic joint is zero to fourth order, and so is gamma, free of the term curvature times twist
+times a^2, where such joints carry a surface that bends and twists (:mod:`mbfmu.mechanics.joints.geodesic`).
 
 **Damping** (Kelvin, Voigt): stress = K (e + beta e'), with the exact rates e', so rigid motions are not damped.
 
