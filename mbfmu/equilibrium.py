@@ -133,9 +133,14 @@ class Balance:
         return cyclic
 
     def solve(
-        self, q: Array | None = None, found_from: str = "the model's start", lam: Array | None = None
+        self,
+        q: Array | None = None,
+        found_from: str = "the model's start",
+        lam: Array | None = None,
+        *,
+        downhill: bool = False,
     ) -> Equilibrium:
-        """Find a steady state from closed positions q (nq,).
+        """Find a steady state from closed positions q (nq,); ``downhill`` leaves out trying Newton alone.
 
         Raises
         ------
@@ -151,9 +156,11 @@ class Balance:
                 "give another start (--from)"
             )
         begin = time.perf_counter()
-        solution = self._solver.solve(0.0, q, lam)
-        if solution.outcome is not Outcome.FOUND:
-            tried = solution.iterations
+        tried = 0
+        if not downhill:
+            solution = self._solver.solve(0.0, q, lam)
+            tried, downhill = solution.iterations, solution.outcome is not Outcome.FOUND
+        if downhill:
             solution = self._solver.solve(0.0, q, downhill=True)
             solution = replace(solution, iterations=tried + solution.iterations)
             found_from += ", downhill"
@@ -263,13 +270,18 @@ class Balance:
                 )
 
     def others(self, found: Equilibrium, count: int | None = None) -> list[Equilibrium]:
-        """Return further steady states reached from scattered starts, each once; 24 starts, 4 on a large tree."""
+        """Return further steady states, each once: from scattered starts (24, 4 on a large tree), and where the one
+        found is unstable downhill from the model's start.
+        """
         if count is None:
             count = 4 if isinstance(self.plant.system, TreeSystem) else 24
         states = [found]
-        for q in self.scattered(count):
+        searches = [(q, "a scattered start", False) for q in self.scattered(count)]
+        if count and found.stability == "unstable":
+            searches.insert(0, (self._start, "the model's start", True))
+        for q, found_from, downhill in searches:
             try:
-                new = self.solve(q, "a scattered start")
+                new = self.solve(q, found_from, downhill=downhill)
             except EquilibriumError:
                 continue
             if not any(self.same(new.q, old.q) for old in states):

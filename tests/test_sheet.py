@@ -10,7 +10,7 @@ import pytest
 from fmpy.validation import validate_fmu
 
 from fmus.sheet import Sheet
-from mbfmu.equilibrium import equilibrium
+from mbfmu.equilibrium import Balance, equilibrium
 from mbfmu.errors import EquilibriumError, UserError
 from mbfmu.fmi import Fmu, export
 from mbfmu.mechanics import Mechanism, Support, Weld, add_sheet
@@ -54,6 +54,22 @@ def test_thin_and_thick_sheets_hang_as_they_should() -> None:
     thick = equilibrium(Sheet(thickness=1e-3)).outputs
     stiffness = 1e10 * 1e-9 / (12.0 * (1.0 - 0.09))
     assert thick["tip.y"] == pytest.approx(-1000.0 * 1e-3 * 9.81 * 0.3**4 / (8.0 * stiffness), rel=0.03)
+
+
+def test_rounding_in_a_heavy_plate_is_no_force_that_changes_with_time() -> None:
+    """4600 N of steel leave 2e-7 N."""
+    plate = Sheet(length=3.0, width=2.0, thickness=0.01, youngs_modulus=2.1e11, density=7800.0)
+    assert equilibrium(plate).stability == "undamped"
+
+
+def test_downhill_ends_lower_than_the_unstable_state_next_to_the_start() -> None:
+    """Gravity along the sheet, towards its clamp: Newton alone finds it standing, long steps led there too."""
+    balance = Balance(Sheet(gravity_x=9.81, gravity_y=-0.05, thickness=0.15e-3))
+    standing = balance.solve()
+    assert standing.stability == "unstable"
+    (fallen,) = balance.others(standing, 1)[:1]
+    assert fallen.stability == "undamped"
+    assert fallen.outputs["energy"] < standing.outputs["energy"]
 
 
 def test_a_clamp_over_part_of_the_edge_lets_the_sheet_sag_further() -> None:
@@ -129,6 +145,18 @@ def test_bent_sheet_twists_as_a_developable_surface() -> None:
     assert found == pytest.approx(expected, rel=0.01)
 
 
+def test_stiff_sheet_swings_on_at_the_tolerance_of_the_scene() -> None:
+    """Its angles are small, and the tolerance is relative to them."""
+    simulation = Simulation(Sheet(thickness=3e-3), Settings(tolerance=1e-5))
+    names = [v.name for v in simulation.plant.outputs]
+    energy, tip = names.index("energy"), names.index("tip.y")
+    before, weight = simulation.outputs()[energy], 1000.0 * 0.3 * 0.21 * 3e-3 * 9.81
+    assert simulation.advance(0.5).ok
+    lost = simulation.outputs()[energy] - before
+    assert abs(simulation.outputs()[tip]) < 3e-3
+    assert abs(lost) < 0.003 * 0.5 * weight * 1.2e-3  # of some half the weight times half the tip's swing
+
+
 def test_explicit_and_implicit_agree() -> None:
     explicit, _ = release((7, 5), "adams", 1e-5)
     implicit, _ = release((7, 5), "ida", 1e-6)
@@ -161,8 +189,12 @@ def test_a_free_sheet_falls_in_statics_and_the_message_names_the_motion() -> Non
 
 
 @pytest.mark.parametrize("grid", [(4, 3), (15, 11)])
-def test_pinned_sheet_swings_down_and_hangs_as_a_pendulum(grid: tuple[int, int]) -> None:
-    found = equilibrium(Sheet(nx=grid[0], nz=grid[1], support="pinned"))
+@pytest.mark.parametrize("tree", ["spine", "master"])
+def test_pinned_sheet_swings_down_and_hangs_as_a_pendulum(grid: tuple[int, int], tree: str) -> None:
+    """With the edge on cut joints too, whose planes turn with the nodes."""
+    found = equilibrium(Sheet(nx=grid[0], nz=grid[1], support="pinned", tree=tree))
+    welded = equilibrium(Sheet(nx=grid[0], nz=grid[1], support="pinned"))
+    assert [m.frequency for m in found.modes[:4]] == pytest.approx([m.frequency for m in welded.modes[:4]], rel=1e-3)
     assert (found.outputs["tip.x"], found.outputs["tip.y"]) == pytest.approx((0.3, -0.3), abs=1e-9)
     assert found.modes[0].frequency == pytest.approx(np.sqrt(1.5 * 9.81 / 0.3), rel=3e-3)
 

@@ -88,7 +88,7 @@ def as_text(found: Equilibrium, others: Sequence[Equilibrium]) -> str:
     if others:
         names = list(found.positions())
         rows = [[f"{x:.9g}" for x in other.positions().values()] + [other.stability] for other in others]
-        lines += ["", "other steady states, from scattered starts:", table([*names, "stability"], rows)]
+        lines += ["", "other steady states:", table([*names, "stability"], rows)]
     return "\n".join(lines)
 
 
