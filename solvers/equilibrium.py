@@ -97,13 +97,10 @@ class EquilibriumSolver(ABC):
         The constraints that are solved for, independent of each other.
     stiffness
         See :class:`Solution`.
-    moved
-        Change of the coordinates (n,) by the last :meth:`_newton`; of an orientation the sum of its small turns.
     """
 
     rows: NDArray[np.int64]
     stiffness = 1.0
-    moved: Array
 
     def solve(self, t: float, q: Array, lam: Array | None = None, *, downhill: bool = False) -> Solution:
         """Run Newton from positions q (nq,) and multipliers lam (m,); without lam from those of least unbalance.
@@ -113,7 +110,7 @@ class EquilibriumSolver(ABC):
         at, factored = State(q.copy(), self._balancing(t, q) if lam is None else lam[self.rows]), 0
         if downhill:
             at, factored = self._descend(t, at)
-        outcome, at, count = self._newton(t, at, 0.0)
+        outcome, at, _, count = self._newton(t, at, 0.0)
         full = self._all(at.lam)
         forces, gaps = self.unbalance(t, at.q, full)
         return Solution(
@@ -130,14 +127,14 @@ class EquilibriumSolver(ABC):
         """Return a state downhill near rest, and how many Jacobians were factored."""
         duration, growth, factored, pull = FIRST, FASTER, 0, self._pull(t, at.q)
         while factored < DESCENT and SHORTEST < duration < LONGEST:
-            outcome, found, count = self._newton(t, at, 1.0 / duration**2)
+            outcome, found, moved, count = self._newton(t, at, 1.0 / duration**2)
             factored += count
             there = self._pull(t, found.q)
-            uphill = float((pull + there) @ self.moved) > 0.0
+            uphill = float((pull + there) @ moved) > 0.0
             if outcome not in (Outcome.FOUND, Outcome.UNDETERMINED) or uphill:
                 duration, growth = SHORTER * duration, LONGER
                 continue
-            farthest = float(np.abs(self.moved).max())
+            farthest = float(np.abs(moved).max())
             at, pull = found, there
             if farthest > RUNAWAY or (duration >= RESTING and farthest < NEAR):
                 break
@@ -166,9 +163,10 @@ class EquilibriumSolver(ABC):
         """Return the multipliers of the independent constraints to start from."""
 
     @abstractmethod
-    def _newton(self, t: float, at: State, c2: float) -> tuple[Outcome, State, int]:
-        """Return how it ended, where, and how many Jacobians were factored.
+    def _newton(self, t: float, at: State, c2: float) -> tuple[Outcome, State, Array, int]:
+        """Return how it ended, where, how the coordinates changed (n,), and how many Jacobians were factored.
 
+        Of an orientation the change is the sum of its small turns.
         c2, 1/s^2: of the implicit Euler step downhill that starts there; zero: the steady state itself.
         """
 

@@ -272,13 +272,12 @@ class DenseEquilibriumSolver(EquilibriumSolver):
         constraint_forces(self.rows, self._held_terms, self._scratch, lam)
         return lam
 
-    def _newton(self, t: float, at: State, c2: float) -> tuple[Outcome, State, int]:
+    def _newton(self, t: float, at: State, c2: float) -> tuple[Outcome, State, Array, int]:
         found, report = State(at.q.copy(), at.lam.copy()), np.zeros(2)
         outcome = Outcome(newton(self._eqs, t, *found, self.rows, c2, self._scratch, report))
-        self.moved = self._moved.copy()
         if c2 == 0.0:
             self.stiffness = float(report[1])
-        return outcome, found, int(report[0])
+        return outcome, found, self._moved.copy(), int(report[0])
 
     def _all(self, lam: Array) -> Array:
         full = np.zeros(self.system.m)

@@ -57,28 +57,28 @@ class TreeEquilibriumSolver(EquilibriumSolver):
         """Return the state moved by a part of a correction."""
         return State(self._moved(at.q, part * step), at.lam + part * reaction)
 
-    def _newton(self, t: float, at: State, c2: float) -> tuple[Outcome, State, int]:
-        saddle, damping, self.moved = self._saddle, 1.0, self._still
+    def _newton(self, t: float, at: State, c2: float) -> tuple[Outcome, State, Array, int]:
+        saddle, damping, moved = self._saddle, 1.0, self._still
         for iteration in range(1, ITERATIONS + 1):
-            forces, gaps = saddle.unbalance(t, at.q, self._v, c2 * self.moved, at.lam)
+            forces, gaps = saddle.unbalance(t, at.q, self._v, c2 * moved, at.lam)
             if not np.isfinite(forces).all():
-                return Outcome.NOT_FINITE, at, iteration
+                return Outcome.NOT_FINITE, at, moved, iteration
             if not saddle.factor(0.0, c2):
-                return Outcome.SINGULAR, at, iteration
+                return Outcome.SINGULAR, at, moved, iteration
             step, reaction = saddle.solve(-forces, -gaps)
             size = float(np.linalg.norm(step))
             if not np.isfinite(size):
-                return Outcome.SINGULAR, at, iteration
+                return Outcome.SINGULAR, at, moved, iteration
             if size <= CONVERGED * np.sqrt(len(step)):
-                return Outcome.FOUND, self._stepped(at, 1.0, step, reaction), iteration
+                return Outcome.FOUND, self._stepped(at, 1.0, step, reaction), moved + step, iteration
             while True:
-                trial, further = self._stepped(at, damping, step, reaction), self.moved + damping * step
+                trial, further = self._stepped(at, damping, step, reaction), moved + damping * step
                 forces, gaps = saddle.unbalance(t, trial.q, self._v, c2 * further, trial.lam)
                 after = float(np.linalg.norm(saddle.solve(forces, gaps)[0]))
                 if after <= (1.0 - 0.25 * damping) * size:
                     break
                 damping *= 0.5
                 if damping < LEAST_DAMPING:
-                    return Outcome.NO_PROGRESS, at, iteration
-            at, self.moved, damping = trial, further, min(1.0, 2.0 * damping)
-        return Outcome.NO_PROGRESS, at, ITERATIONS
+                    return Outcome.NO_PROGRESS, at, moved, iteration
+            at, moved, damping = trial, further, min(1.0, 2.0 * damping)
+        return Outcome.NO_PROGRESS, at, moved, ITERATIONS

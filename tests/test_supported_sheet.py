@@ -28,7 +28,7 @@ from mbfmu.mechanics import (
     add_sheet,
     plant,
 )
-from mbfmu.mechanics.sheet import UPRIGHT
+from mbfmu.mechanics.supports import UPRIGHT
 from mbfmu.model import Model, parameter
 from mbfmu.modes import shapes
 from mbfmu.simulation import Settings, Simulation, run

@@ -13,8 +13,9 @@ from .mechanism import Mechanism, rod
 from .plant import Plant
 from .sensors import Sensor
 from .shapes import Box, Cylinder, Sphere
-from .sheet import Sheet, Support, add_sheet
+from .sheet import Sheet, add_sheet
 from .signals import Harmonic, Input, Polynomial, RunUp, SpeedInput
+from .supports import Support
 
 __all__ = [
     "MODES",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
@@ -72,3 +72,9 @@ def inertia_matrix(body: str, value: Any) -> Matrix:
 def names_of(registry: tuple[type, ...]) -> str:
     """Class names, for messages."""
     return ", ".join(kind.__name__ for kind in registry)
+
+
+def one_of(what: str, value: Any, allowed: Collection[str]) -> None:
+    """Refuse a word that is not among those allowed."""
+    if value not in allowed:
+        raise UserError(f"{what} is {value!r}; allowed: {', '.join(map(repr, allowed))}")

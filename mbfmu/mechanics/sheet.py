@@ -26,9 +26,8 @@ length would lock.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -36,50 +35,19 @@ import numpy as np
 from mbfmu.errors import UserError
 
 from .bodies import Body, CutHandle
-from .checks import Matrix, Vector, rotation, vector
-from .cuts import Cut, PlanarCut, PlaneCut, RevoluteCut, WeldCut
+from .checks import Matrix, Vector, one_of, rotation, vector
+from .cuts import Cut, PlaneCut
 from .elastic import Plate
+from .grid import Link, Node, around, from_edge, on_edge
 from .joints import Floating, Geodesic, Joint, OutOfPlane, Revolute, Weld
 from .mechanism import Mechanism
+from .supports import Support, check_support, cut_of
 
 GRAVITY = 9.81  # m/s^2: what bends a sheet is of the order of its weight
 SHARE = 25.0  # size of a joint's coordinates times the square of the cells in its chain: curvature times cell, and the
 # errors of a chain add up; measured on releases of a sheet with 14 to 50 cells. Less where a sheet bends less: _pliancy
-EDGES = ("x0", "x1", "z0", "z1")
-KINDS = ("clamped", "pinned", "guided", "supported")
 TREES = ("spine", "rows", "master")
 JOINTS: dict[str, type[Joint]] = {"geodesic": Geodesic, "paper": OutOfPlane}
-UPRIGHT = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])  # cut frame with z along the sheet's y
-Node = tuple[int, int]  # i, k
-Link = tuple[Node, Node | None]  # a node and its parent in the tree; None: the support's body
-
-
-@dataclass(frozen=True)
-class Support:
-    """What holds an edge of a sheet, or a part of it; a node on two edges is held as the first one given says.
-
-    Parameters
-    ----------
-    edge
-        ``x0`` (x = 0), ``x1`` (x = length), ``z0`` (z = 0), ``z1`` (z = width).
-    kind
-        ``clamped``: neither moves nor turns; ``pinned``: turns about the edge; ``guided`` and ``supported``: the same
-        two, but free to slide and turn in the plane. A sheet that lies flat and hangs on one support cannot give way in
-        its plane to a second: there take ``guided`` or ``supported``.
-    span
-        First and last coordinate along the edge that is held, m; the nodes within are. None: the whole edge.
-    body
-        What it is held by; a body at the end of driven joints prescribes the motion. None: the ground.
-    at, rotation
-        Frame of the sheet in that of ``body``: where the held nodes are. None: as given to the sheet.
-    """
-
-    edge: str
-    kind: str = "clamped"
-    span: tuple[float, float] | None = None
-    body: Body | None = None
-    at: Vector | None = None
-    rotation: Any = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,10 +151,10 @@ def add_sheet(
     for key, value in (("length", length), ("width", width), ("density", density)):
         if not (np.isfinite(value) and value > 0.0):
             raise UserError(f"{key} of {what} is {value!r}; allowed: finite and greater than zero")
-    _one_of(f"tree of {what}", tree, TREES)
-    _one_of(f"joint of {what}", joint, JOINTS)
+    one_of(f"tree of {what}", tree, TREES)
+    one_of(f"joint of {what}", joint, JOINTS)
     for support in supports:
-        _check(what, support)
+        check_support(what, support)
     plate = Plate(
         a=length / (shape[0] - 1),
         b=width / (shape[1] - 1),
@@ -233,7 +201,7 @@ class _Builder:
         if tree == "master":
             self._refuse_taut(supports, master)
             kind, options = (Floating, {"rate": rate}) if master is None else (Weld, {})
-            self._hang(_around(self.shape), 0, kind, master, self.at, self.rotation, **options)
+            self._hang(around(self.shape), 0, kind, master, self.at, self.rotation, **options)
         else:
             if master is not None:
                 raise UserError(f"master of {self.what} is {master.name!r}, but its tree {tree!r} has no master node")
@@ -246,9 +214,9 @@ class _Builder:
             self._refuse_taut(supports, None)
             root = supports.pop(0)
             at, axes = self._frame(root)
-            self.taken |= {_on_edge(self.shape, root.edge, n) for n in self._held(root)}
+            self.taken |= {on_edge(self.shape, root.edge, n) for n in self._held(root)}
             self._hang(
-                _from_edge(self.shape, root.edge, self._held(root), tree == "spine"),
+                from_edge(self.shape, root.edge, self._held(root), tree == "spine"),
                 0 if root.edge[0] == "x" else 1,
                 Weld if root.kind == "clamped" else Revolute,
                 root.body,
@@ -362,11 +330,11 @@ class _Builder:
         """
         at, axes = self._frame(support)
         body = self.mechanism.ground if support.body is None else support.body
-        held = [n for n in self._held(support) if _on_edge(self.shape, support.edge, n) not in self.taken]
+        held = [n for n in self._held(support) if on_edge(self.shape, support.edge, n) not in self.taken]
         for n in held:
-            node = _on_edge(self.shape, support.edge, n)
+            node = on_edge(self.shape, support.edge, n)
             self.taken.add(node)
-            kind, local = _cut(support, n == held[len(held) // 2])
+            kind, local = cut_of(support, n == held[len(held) // 2])
             name, place = f"{self.name}.{support.edge}.{n}", tuple(at + axes @ self._flat(node))
             if support.kind == "pinned" and kind is PlaneCut:  # the pin stays in the plane of the node as that turns
                 cut: Cut = kind(at_b=place, rotation_a=local, rotation_b=axes @ local)
@@ -374,14 +342,6 @@ class _Builder:
             else:
                 cut = kind(at_a=place, rotation_a=axes @ local, rotation_b=local)
                 yield self.mechanism.cut(name, cut, body, self.bodies[node])
-
-
-def _check(what: str, support: Support) -> None:
-    """Refuse what no support can be."""
-    if not isinstance(support, Support):
-        raise UserError(f"support of {what} is {support!r}; it must be a Support")
-    _one_of(f"edge of a support of {what}", support.edge, EDGES)
-    _one_of(f"kind of the support at {support.edge!r} of {what}", support.kind, KINDS)
 
 
 def _pliancy(plate: Plate, density: float, length: float) -> float:
@@ -398,58 +358,6 @@ def _lump(n: int, count: int, step: float) -> tuple[float, float]:
     if 0 < n < count - 1:
         return step, 0.0
     return 0.5 * step, 0.25 * step if n == 0 else -0.25 * step
-
-
-def _cut(support: Support, first: bool) -> tuple[type[Cut], Matrix]:
-    """Kind of the cut joint of a held node, and its frame in the sheet's; ``first``: it holds the plane too."""
-    if support.kind == "clamped" and first:
-        return WeldCut, np.eye(3)
-    if support.kind == "pinned" and first:
-        return RevoluteCut, np.eye(3) if support.edge[0] == "x" else UPRIGHT.T
-    return PlanarCut if support.kind in ("clamped", "guided") else PlaneCut, UPRIGHT
-
-
-def _on_edge(shape: tuple[int, int], edge: str, n: int) -> Node:
-    """Node number n of an edge."""
-    along = 0 if edge[0] == "x" else 1
-    end = 0 if edge[1] == "0" else shape[along] - 1
-    return (end, n) if along == 0 else (n, end)
-
-
-def _from_edge(shape: tuple[int, int], edge: str, held: list[int], spine: bool) -> list[Link]:
-    """Tree from the held nodes of an edge, line by line across the sheet."""
-    along = 0 if edge[0] == "x" else 1
-    lines = range(shape[along]) if edge[1] == "0" else range(shape[along] - 1, -1, -1)
-
-    def node(line: int, n: int) -> Node:
-        return (line, n) if along == 0 else (n, line)
-
-    count, middle = shape[1 - along], held[len(held) // 2]
-    links: list[Link] = [(node(lines[0], n), None) for n in held]
-    links += [(node(lines[0], n), node(lines[0], m)) for n, m in _outward(count, held[0], held[-1])]
-    for before, line in pairwise(lines):
-        if spine:
-            links.append((node(line, middle), node(before, middle)))
-            links += [(node(line, n), node(line, m)) for n, m in _outward(count, middle, middle)]
-        else:
-            links += [(node(line, n), node(before, n)) for n in range(count)]
-    return links
-
-
-def _around(shape: tuple[int, int]) -> list[Link]:
-    """Tree from the middle node: a spine along x, ribs along z."""
-    nx, nz = shape
-    links: list[Link] = [((nx // 2, nz // 2), None)]
-    for i, parent in [(nx // 2, None), *_outward(nx, nx // 2, nx // 2)]:
-        if parent is not None:
-            links.append(((i, nz // 2), (parent, nz // 2)))
-        links += [((i, n), (i, m)) for n, m in _outward(nz, nz // 2, nz // 2)]
-    return links
-
-
-def _outward(count: int, low: int, high: int) -> list[tuple[int, int]]:
-    """Pairs (number, neighbour nearer to low ... high) outside that range, outward."""
-    return [(n, n + 1) for n in range(low - 1, -1, -1)] + [(n, n - 1) for n in range(high + 1, count)]
 
 
 def _resisted(what: str, membrane: bool | str, tree: str, joint: str, supports: Sequence[Support]) -> str:
@@ -473,9 +381,3 @@ def _grid(what: str, grid: Any) -> tuple[int, int]:
     if len(counts) != 2 or not all(isinstance(n, int | np.integer) and n >= 2 for n in counts):
         raise UserError(f"grid of {what} is {grid!r}; allowed: two whole numbers of nodes, at least 2 each")
     return int(counts[0]), int(counts[1])
-
-
-def _one_of(what: str, value: Any, allowed: Collection[str]) -> None:
-    """Refuse a word that is not among those allowed."""
-    if value not in allowed:
-        raise UserError(f"{what} is {value!r}; allowed: {', '.join(map(repr, allowed))}")

@@ -7,12 +7,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from mbfmu.mechanics.cuts.tangent import displace
+from mbfmu.mechanics.cuts.tangent import EPSILON, displace
 from solvers.kernel import kernel
 
 from . import exert
-
-EPSILON = 1e-30  # of the complex step
 
 
 @kernel

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from mbfmu.errors import UserError
 from solvers.kernel import kernel
 
-from .base import Joint
+from .out_of_plane import OutOfPlane
 
 
 @kernel
@@ -76,14 +76,10 @@ def bias(axis: Any, q: Any, qi: int, v: Any, vi: int, out: Any) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Geodesic(Joint):
-    """A sheet's node on its neighbour; ``at`` is the way to the node in the flat sheet. The paper's: OutOfPlane."""
+class Geodesic(OutOfPlane):
+    """An out-of-plane joint that keeps lengths and angles; ``at`` is the way to the node in the flat sheet."""
 
-    nq = 3
-    nv = 3
     move = move
-    coordinates = ("alpha", "theta_z", "theta_x")
-    units = ("m", "rad", "rad")
 
     @property
     def direction(self) -> NDArray[np.float64]:

@@ -6,14 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from mbfmu.mechanics.cuts.tangent import EPSILON
 from mbfmu.mechanics.dynamics import turn_quaternion
 from mbfmu.mechanics.joints import move
 from mbfmu.mechanics.spatial import multiply
 from solvers.kernel import kernel
 
 from .layout import FIXED, INNER
-
-EPSILON = 1e-30  # of the complex step that differentiates a joint's motion subspace
 
 
 @kernel
