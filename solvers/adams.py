@@ -5,8 +5,12 @@ correct (C), *close* the corrected state onto the constraints, evaluate there (E
 history: its differences belong to y' at closed states, so no restart is needed after it.
 
 In the projection regime closing is a correction of the size of the tolerance along the constraint normals. In
-the LU regime the dependents are solved from the independents at every evaluation and carry no error control
-(:mod:`solvers.lu`). The hybrid changes regime by the rules of :func:`leave_lu` and :func:`return_to_lu`.
+the LU regime the dependents are solved from the independents at every evaluation (:mod:`solvers.lu`); alone ('adams-lu')
+they carry no error control, as in the paper. The hybrid changes regime by the rules of :func:`leave_lu` and
+:func:`return_to_lu`; all coordinates are in its history and under its error control, so a change costs nothing.
+
+No step is accepted that may have jumped to another branch (:func:`passed`), and steps are kept short beside near misses
+(:func:`look_ahead`); see :mod:`solvers.singular`.
 
 A step may pass the time asked for; the reported state is then interpolated and closed, so what is computed
 does not depend on when results are asked for.
@@ -19,26 +23,41 @@ from typing import Any
 import numpy as np
 
 from .kernel import inlined, kernel
-from .lu import choose, close_dependent, dependent_acceleration, same_choice
-from .multistep import accept, begin, coefficients, correct, estimate, interpolate, predict, unwind
-from .partition import NOT_CLOSED, OK, acceleration, close, factor, multipliers, ratio, settle
+from .dense import ratio
+from .lu import (
+    choose,
+    close_dependent,
+    dependent_acceleration,
+    determinant_positive,
+    factor_dependent,
+    recall_dependents,
+    same_choice,
+    smallest_pivot,
+    span_dependent,
+    tangents_turned,
+)
+from .multistep import FIRST, accept, begin, coefficients, correct, estimate, interpolate, predict, unwind
+from .partition import NOT_CLOSED, OK, SINGULAR, acceleration, close, multipliers, settle, trusted
+from .singular import AHEAD, CROSSING, FLIPPED, MISS, NONE, STRAIGHT, judge, orientation, step_bound
+from .workspace import distance, factor
 
 MAX_STEPS, COLLAPSED = 5, 6  # beside the codes of partition
 PROJECTION, LU = 0, 1  # regimes
-SWITCHED = -1  # a step was given up for a change of regime
 
 SETTINGS = np.dtype(
     [
         ("rtol", "f8"), ("atol", "f8"), ("max_step", "f8"), ("max_order", "i8"), ("max_steps", "i8"),
         ("partition", "i8"),  # PROJECTION, LU, or HYBRID
-        ("ratio_in", "f8"), ("ratio_out", "f8"), ("flicker_time", "f8"), ("flicker_count", "i8"),
-        ("energy_jump", "f8"), ("collapse_cuts", "i8"), ("calm_steps", "i8"),
+        ("flicker_steps", "i8"), ("flicker_count", "i8"), ("energy_jump", "f8"), ("collapse_cuts", "i8"),
+        ("calm_steps", "i8"),
     ],
     align=True,
 )  # fmt: skip
 HYBRID = 2
 SLIGHT = 1e-3  # part of the tolerance: a correction of the position by less needs no new J
-SMALLEST_STEP = 1e-11  # times max(1, |t|)
+SMALLEST_STEP = 1e-11  # times the larger of t and one over the rate of the motion
+PASSED = 3.0  # a crossing that a step has passed lies within so many lengths of it
+CLEAR = 10.0  # steps to a singular position from which on LU is worth returning to
 
 
 @inlined
@@ -63,10 +82,10 @@ def join(q: Any, v: Any, y: Any) -> None:
 
 @inlined
 def weigh(c: Any, o: Any, H: Any, nq: int, n: int) -> None:
-    """Error weights at y; dependent coordinates have none."""
+    """Error weights at y; where LU is alone its dependent coordinates have none."""
     for i in range(nq + n):
-        H.weight[i] = 1.0 / (o.rtol * abs(H.y[i]) + o.atol)
-    if c.regime == LU:
+        H.weight[i] = 1.0 / (o.rtol * abs(H.y[i]) + o.atol * H.unit[i])
+    if o.partition == LU:
         for j in range(c.rank):
             H.weight[nq + H.columns[j]] = 0.0
             if nq == n:
@@ -79,7 +98,9 @@ def differentiate(eqs: Any, t: float, closing: bool, c: Any, o: Any, H: Any, wor
     q, v, rank = work.q, work.v, c.rank
     c.evaluations += 1
     if c.regime == LU:
-        code = close_dependent(eqs, t, q, v, H.y, rank, H.rows, H.columns, work)
+        if o.partition == LU:
+            recall_dependents(rank, H.columns, H.y, q, v)
+        code = close_dependent(eqs, t, q, v, rank, H.rows, H.columns, work)
         if code == OK:
             code = dependent_acceleration(eqs.terms, rank, H.rows, H.columns, work, work.slope)
     else:
@@ -105,31 +126,100 @@ def start(eqs: Any, c: Any, o: Any, H: Any, work: Any) -> int:
     if code != OK:
         return code
     join(q, v, H.y)
-    near = ratio(work.sigma, c.rank) < o.ratio_in
-    if o.partition == HYBRID and c.regime == LU and near:
+    frame(eqs, c, H, work)
+    if c.rank > 0 and c.ratio < SINGULAR and o.partition == HYBRID:
         c.regime = PROJECTION
-        c.by_ratio += 1
     if c.regime == LU:
         if not choose(eqs.terms, c.rank, work):
             return NOT_CLOSED
-        take_choice(H, work)
+        take_choice(eqs.terms, c, H, work)
     c.energy = eqs.jacobi(c.t, q, v, eqs.data)
     code = differentiate(eqs, c.t, False, c, o, H, work)
     if code == OK:
         weigh(c, o, H, q.shape[0], v.shape[0])
-        begin(c, H, o.max_step)
+        begin(c, H, min(o.max_step, FIRST / work.rate[0]))
         c.starts += 1
         c.equal, c.h_before = 0, 0.0
     return code
 
 
-@inlined
-def take_choice(H: Any, work: Any) -> None:
-    """Make the candidate choice of rows and coordinates the choice."""
+@kernel
+def frame(eqs: Any, c: Any, H: Any, work: Any) -> None:
+    """Note the axes of the position of ``terms``, whose factors are at hand, and what singular position is near.
+
+    In a crossing the axes are not determined, and the next step has nothing to be compared with.
+    """
+    t, q, rank = c.t, work.q, c.rank
+    before, c.ratio = c.ratio, ratio(work.pivot, rank)
+    if rank == 0:
+        return
+    kind = NONE
+    falling = before - c.ratio
+    c.ahead = 0
+    if c.ratio < SINGULAR or (falling > 0.0 and c.ratio * c.hold < AHEAD * c.h * falling):
+        kind, c.ahead = judge(eqs, t, q, rank, work), 1
+    c.framed = 1 if c.ratio >= SINGULAR or kind == MISS else 0
+    m, n = H.frame.shape
+    for i in range(m):
+        H.frame_tau[i], H.frame_pivots[i] = work.tau[i], work.pivots[i]
+        for j in range(n):
+            H.frame[i, j] = work.A[i, j]
+
+
+@kernel
+def reframe(eqs: Any, c: Any, H: Any, work: Any) -> None:
+    """As :func:`frame`, at y."""
+    split(H.y, work.q, work.v)
+    eqs.position(c.t, work.q, eqs.data, eqs.terms)
+    factor(eqs.terms, work)
+    c.ratio = 0.0
+    frame(eqs, c, H, work)
+
+
+@kernel
+def frame_lu(terms: Any, c: Any, H: Any, work: Any) -> None:
+    """Note orientation and tangents of the dependents, whose J_d is factored and whose tangents are at hand."""
+    c.positive = 1 if determinant_positive(c.rank, work) else 0
+    n = work.T.shape[1]
+    for k in range(n - c.rank):
+        for i in range(n):
+            H.tangents[k, i] = work.T[k, i]
+
+
+@kernel
+def passed(eqs: Any, t: float, c: Any, o: Any, H: Any, work: Any) -> bool:
+    """Whether the projection step to (t, work.q) stayed on its branch: it turned little, or passed a crossing."""
+    if c.rank == 0 or c.framed == 0:
+        return True
+    turn = orientation(eqs.terms, c.rank, H.frame, H.frame_tau, H.frame_pivots, work)
+    if turn == STRAIGHT:
+        return True
+    if turn == FLIPPED and judge(eqs, t, work.q, c.rank, work) == CROSSING:
+        split(H.y, work.q_near, work.v_near)
+        return distance(work.q_c, work.q, work) <= PASSED * distance(work.q_near, work.q, work)
+    return False
+
+
+@kernel
+def passed_lu(c: Any, H: Any, work: Any) -> bool:
+    """Whether the LU step stayed on its branch for sure: J_d has kept the sign of its determinant, and tangents turned
+    little.
+    """
+    same = (c.positive == 1) == determinant_positive(c.rank, work)
+    return same and not tangents_turned(c.rank, H.tangents, work)
+
+
+@kernel
+def take_choice(terms: Any, c: Any, H: Any, work: Any) -> None:
+    """Make the candidate choice of rows and coordinates the choice, at the position of ``terms``."""
     for i in range(work.rows.shape[0]):
         H.rows[i] = work.rows[i]
     for i in range(work.columns.shape[0]):
         H.columns[i] = work.columns[i]
+    factor_dependent(terms, c.rank, H.rows, H.columns, work)
+    span_dependent(terms, c.rank, H.rows, H.columns, work)
+    frame_lu(terms, c, H, work)
+    c.ratio = 0.0
 
 
 @kernel
@@ -152,22 +242,42 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any) -> int:
                 split(H.trial, q, v)
                 code = differentiate(eqs, after, True, c, o, H, work)
                 join(q, v, H.trial)
-                if code == OK and jumped(eqs, after, c, o, work):
-                    give_up_lu(c, H)
-                    c.by_energy += 1
-                    return SWITCHED
-                if code == OK:
+                if code == OK and stayed(eqs, after, c, o, H, work):
                     accept(c, H, o.max_order, o.max_step)
                     return OK
         cuts += 1
         c.rejected += 1
         cut(cuts, c, H)
         if o.partition == HYBRID and c.regime == LU and cuts >= o.collapse_cuts:
-            give_up_lu(c, H)
+            give_up_lu(eqs, c, H, work)
             c.by_collapse += 1
-            return SWITCHED
-        if not c.h > SMALLEST_STEP * max(1.0, abs(c.t)):
+        if not c.h > SMALLEST_STEP * max(1.0 / work.rate[0], abs(c.t)):
             return COLLAPSED if code == OK else code
+
+
+@kernel
+def stayed(eqs: Any, t: float, c: Any, o: Any, H: Any, work: Any) -> bool:
+    """Whether the step to (t, work.q, work.v) may be accepted; where LU is in doubt projection tries it again.
+
+    LU alone is not watched.
+    """
+    if o.partition == LU:
+        return True
+    if c.regime == PROJECTION:
+        if passed(eqs, t, c, o, H, work):
+            jumped(eqs, t, c, o, work)
+            return True
+        c.refused += 1
+        return False
+    if not passed_lu(c, H, work):
+        give_up_lu(eqs, c, H, work)
+        c.by_turn += 1
+        return False
+    if jumped(eqs, t, c, o, work):
+        give_up_lu(eqs, c, H, work)
+        c.by_energy += 1
+        return False
+    return True
 
 
 @inlined
@@ -204,19 +314,27 @@ def jumped(eqs: Any, t: float, c: Any, o: Any, work: Any) -> bool:
 
 
 @kernel
-def give_up_lu(c: Any, H: Any) -> None:
-    """Go on by projection from the last accepted state, with a new history."""
-    c.regime, c.start, c.calm = PROJECTION, 1, 0
+def give_up_lu(eqs: Any, c: Any, H: Any, work: Any) -> None:
+    """Go on by projection from the last accepted state."""
+    c.regime, c.calm = PROJECTION, 0
+    reframe(eqs, c, H, work)
 
 
 @kernel
-def leave_lu(c: Any, o: Any, terms: Any, work: Any, H: Any) -> None:
-    """After an accepted LU step: the paper's re-choice, and the hybrid's switch by ratio or flicker."""
+def leave_lu(eqs: Any, c: Any, o: Any, work: Any, H: Any) -> None:
+    """After an accepted LU step: the paper's re-choice, and what the hybrid makes of it.
+
+    It looks ahead by the smallest pivot of J_d, and gives LU up where that would vanish within a few steps or where the
+    choice of independents flickers.
+    """
+    terms = eqs.terms
     if o.partition == HYBRID:
-        factor(terms, work)
-        if ratio(work.sigma, c.rank) < o.ratio_in:
-            c.regime, c.calm = PROJECTION, 0
-            c.by_ratio += 1
+        frame_lu(terms, c, H, work)
+        before, c.ratio = c.ratio, smallest_pivot(c.rank, work)
+        falling = before - c.ratio
+        if falling > 0.0 and c.ratio * c.hold < AHEAD * c.h * falling:
+            give_up_lu(eqs, c, H, work)
+            c.by_turn += 1
             return
     c.equal = c.equal + 1 if c.hold == c.h_before else 0
     shrunk = c.hold < c.h_before
@@ -224,26 +342,42 @@ def leave_lu(c: Any, o: Any, terms: Any, work: Any, H: Any) -> None:
     if not (shrunk or c.equal >= 5):
         return
     c.equal = 0
-    if choose(terms, c.rank, work) and not same_choice(c.rank, H.columns, work.columns):
-        take_choice(H, work)
-        c.flickers = c.flickers + 1 if c.t - c.changed_at < o.flicker_time else 0
-        c.changes += 1
-        c.changed_at, c.start = c.t, 1
-        if o.partition == HYBRID and c.flickers >= o.flicker_count:
-            give_up_lu(c, H)
-            c.by_flicker += 1
+    if not choose(terms, c.rank, work):
+        return
+    changed = not same_choice(c.rank, H.columns, work.columns)
+    if changed or not same_choice(c.rank, H.rows, work.rows):
+        take_choice(terms, c, H, work)
+    if not changed:
+        return
+    c.flickers = c.flickers + 1 if c.steps - c.changed_at < o.flicker_steps else 0
+    c.changes += 1
+    c.changed_at = c.steps
+    if o.partition == LU:
+        c.start = 1
+    elif c.flickers >= o.flicker_count:
+        give_up_lu(eqs, c, H, work)
+        c.by_flicker += 1
 
 
 @kernel
-def return_to_lu(c: Any, o: Any, terms: Any, work: Any, H: Any) -> None:
-    """After an accepted projection step of the hybrid: count steps in which LU would have kept its choice."""
-    calm = c.h >= min(c.hold, o.max_step) and ratio(work.sigma, c.rank) > o.ratio_out
+def return_to_lu(c: Any, o: Any, terms: Any, work: Any, H: Any, before: float) -> None:
+    """After an accepted projection step of the hybrid: count steps in which LU would have kept its choice.
+
+    ``before`` is the ratio before the step; where it falls to nothing within a few steps LU is not worth it.
+    """
+    falling = before - c.ratio
+    clear = c.ratio >= SINGULAR and not (falling > 0.0 and c.ratio * c.hold < CLEAR * c.h * falling)
+    calm = clear and c.h >= min(c.hold, o.max_step)
     calm = choose(terms, c.rank, work) and calm
-    if not same_choice(c.rank, H.columns, work.columns):
-        take_choice(H, work)
+    if not same_choice(c.rank, H.columns, work.columns) or not same_choice(c.rank, H.rows, work.rows):
+        for i in range(work.rows.shape[0]):
+            H.rows[i] = work.rows[i]
+        for i in range(work.columns.shape[0]):
+            H.columns[i] = work.columns[i]
         calm = False
     c.calm = c.calm + 1 if calm else 0
     if c.calm >= o.calm_steps:
+        take_choice(terms, c, H, work)
         c.regime, c.equal, c.h_before, c.flickers = LU, 0, 0.0, 0
         c.returns += 1
 
@@ -262,19 +396,21 @@ def advance(eqs: Any, settings: Any, H: Any, work: Any, target: float, q: Any, v
             if code != OK:
                 break
         code = step(eqs, c, o, H, work)
-        if code == SWITCHED:
-            continue
         if code != OK:
             break
         taken += 1
         c.steps += 1
         if c.regime == LU:
             c.time_lu += c.hold
-            leave_lu(c, o, eqs.terms, work, H)
+            leave_lu(eqs, c, o, work, H)
         else:
+            before = c.ratio
+            frame(eqs, c, H, work)
             c.time_projection += c.hold
             if o.partition == HYBRID:
-                return_to_lu(c, o, eqs.terms, work, H)
+                return_to_lu(c, o, eqs.terms, work, H, before)
+        if o.partition != LU:
+            c.h = min(c.h, step_bound(c.t, work.q, work.v, eqs.terms, work))
     split(H.y, q, v)
     if code == OK:
         interpolate(c, H, target, H.trial)
@@ -296,5 +432,5 @@ def sample(eqs: Any, settings: Any, H: Any, work: Any, times: Any, q: Any, v: An
             code = acceleration(eqs, times[i], q[i], v[i], rank, work, a[i])
         if code != OK:
             return code, i
-        multipliers(eqs.terms, rank, work, a[i], lam[i])
+        multipliers(eqs.terms, trusted(eqs, times[i], q[i], rank, work), work, a[i], lam[i])
     return OK, times.shape[0]

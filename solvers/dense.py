@@ -53,7 +53,7 @@ def householder(J: Any, m: int, n: int, A: Any, pivots: Any, U: Any) -> None:
     for j in range(m):
         pivots[j] = j
     for k in range(min(m, n)):
-        bring_longest(k, m, n, A, pivots)
+        bring_longest_column(k, m, n, A, pivots)
         square = 0.0
         for i in range(k, n):
             square += A[i, k] * A[i, k]
@@ -81,7 +81,7 @@ def householder(J: Any, m: int, n: int, A: Any, pivots: Any, U: Any) -> None:
 
 
 @inlined
-def bring_longest(k: int, m: int, n: int, A: Any, pivots: Any) -> None:
+def bring_longest_column(k: int, m: int, n: int, A: Any, pivots: Any) -> None:
     """Swap the column longest below row k to place k."""
     best, longest = k, -1.0
     for j in range(k, m):
@@ -152,7 +152,7 @@ def descend(m: int, n: int, size: int, U: Any, sigma: Any, W: Any) -> None:
 
 
 @inlined
-def least_norm(b: Any, m: int, n: int, rank: int, U: Any, sigma: Any, W: Any, x: Any) -> None:
+def pseudo_inverse(b: Any, m: int, n: int, rank: int, U: Any, sigma: Any, W: Any, x: Any) -> None:
     """Shortest x (n,) with J x = b (m,) in the first ``rank`` singular directions: x = J^+ b."""
     for i in range(n):
         x[i] = 0.0
@@ -166,7 +166,7 @@ def least_norm(b: Any, m: int, n: int, rank: int, U: Any, sigma: Any, W: Any, x:
 
 
 @inlined
-def least_norm_transposed(f: Any, m: int, n: int, rank: int, U: Any, sigma: Any, W: Any, y: Any) -> None:
+def pseudo_inverse_transposed(f: Any, m: int, n: int, rank: int, U: Any, sigma: Any, W: Any, y: Any) -> None:
     """Shortest y (m,) with J^T y = f (n,) in the first ``rank`` singular directions."""
     for i in range(m):
         y[i] = 0.0
@@ -177,6 +177,141 @@ def least_norm_transposed(f: Any, m: int, n: int, rank: int, U: Any, sigma: Any,
         dot /= sigma[j]
         for i in range(m):
             y[i] += W[i, j] * dot
+
+
+@kernel
+def lq(A: Any, m: int, n: int, tau: Any, pivots: Any) -> None:
+    """Householder factors of A (m, n) in place with rows exchanged, the longest remaining one first: A[pivots] = L Q^T.
+
+    L (m, min(m, n)) lies on and below the diagonal; row k right of the diagonal and ``tau`` (m,) hold reflector k, whose
+    first entry is one, Q = H_0 H_1 ... |L_kk| is the distance of row k from the span of those before it, so that the
+    first rows are independent and the last diagonal entries tell how nearly the others are not.
+    """
+    for i in range(m):
+        pivots[i], tau[i] = i, 0.0
+    for k in range(min(m, n)):
+        bring_longest(k, m, n, A, pivots)
+        square = dot(A, k, A, k, k, n)
+        if square == 0.0:
+            return
+        length = np.sqrt(square) if A[k, k] < 0.0 else -np.sqrt(square)
+        tau[k] = (length - A[k, k]) / length
+        scale = 1.0 / (A[k, k] - length)
+        for j in range(k + 1, n):
+            A[k, j] *= scale
+        A[k, k] = length
+        for i in range(k + 1, m):
+            factor = tau[k] * (A[i, k] + dot(A, i, A, k, k + 1, n))
+            A[i, k] -= factor
+            for j in range(k + 1, n):
+                A[i, j] -= factor * A[k, j]
+
+
+@inlined
+def dot(A: Any, i: int, B: Any, j: int, begin: int, end: int) -> float:
+    """A[i] . B[j] from column ``begin`` to before ``end``; four sums, because one alone waits for itself."""
+    a, b, c, d = 0.0, 0.0, 0.0, 0.0
+    k = begin
+    while k + 3 < end:
+        a += A[i, k] * B[j, k]
+        b += A[i, k + 1] * B[j, k + 1]
+        c += A[i, k + 2] * B[j, k + 2]
+        d += A[i, k + 3] * B[j, k + 3]
+        k += 4
+    while k < end:
+        a += A[i, k] * B[j, k]
+        k += 1
+    return (a + b) + (c + d)
+
+
+@inlined
+def bring_longest(k: int, m: int, n: int, A: Any, pivots: Any) -> None:
+    """Swap the row longest from column k on to place k."""
+    best, longest = k, -1.0
+    for i in range(k, m):
+        square = dot(A, i, A, i, k, n)
+        if square > longest:
+            best, longest = i, square
+    if best != k:
+        pivots[k], pivots[best] = pivots[best], pivots[k]
+        for j in range(n):
+            A[k, j], A[best, j] = A[best, j], A[k, j]
+
+
+@inlined
+def turn_out(A: Any, tau: Any, rank: int, n: int, x: Any) -> None:
+    """x <- Q x, x (n,), with the first ``rank`` reflectors of :func:`lq`."""
+    for back in range(rank):
+        reflect(A, tau, rank - 1 - back, n, x)
+
+
+@inlined
+def turn_in(A: Any, tau: Any, rank: int, n: int, x: Any) -> None:
+    """x <- Q^T x, x (n,)."""
+    for k in range(rank):
+        reflect(A, tau, k, n, x)
+
+
+@inlined
+def reflect(A: Any, tau: Any, k: int, n: int, x: Any) -> None:
+    """x <- H_k x."""
+    total = x[k]
+    for j in range(k + 1, n):
+        total += A[k, j] * x[j]
+    total *= tau[k]
+    x[k] -= total
+    for j in range(k + 1, n):
+        x[j] -= total * A[k, j]
+
+
+@inlined
+def least_norm(b: Any, n: int, rank: int, A: Any, tau: Any, pivots: Any, x: Any) -> None:
+    """Shortest x (n,) with A x = b (m,) in the first ``rank`` pivot rows, from the factors of :func:`lq`."""
+    for j in range(n):
+        x[j] = 0.0
+    for i in range(rank):
+        total = b[pivots[i]]
+        for k in range(i):
+            total -= A[i, k] * x[k]
+        x[i] = total / A[i, i]
+    turn_out(A, tau, rank, n, x)
+
+
+@inlined
+def basic_transposed(f: Any, m: int, n: int, rank: int, A: Any, tau: Any, pivots: Any, y: Any) -> None:
+    """y (m,) with A^T y = f in the span of the first ``rank`` pivot rows, zero elsewhere; ``f`` (n,) is used up."""
+    turn_in(A, tau, rank, n, f)
+    for i in range(m):
+        y[i] = 0.0
+    for back in range(rank):
+        i = rank - 1 - back
+        total = f[i]
+        for k in range(i + 1, rank):
+            total -= A[k, i] * y[pivots[k]]
+        y[pivots[i]] = total / A[i, i]
+
+
+@kernel
+def rank_at(sigma: Any, rank: int, tolerance: float) -> int:
+    """How many of the first ``rank`` of these descending values exceed ``tolerance`` times the first."""
+    while rank > 0 and not sigma[rank - 1] > tolerance * sigma[0]:
+        rank -= 1
+    return rank
+
+
+@kernel
+def ratio(sigma: Any, rank: int) -> float:
+    """Value number ``rank`` relative to the first; 1 if there is none."""
+    return sigma[rank - 1] / sigma[0] if rank > 0 else 1.0
+
+
+@kernel
+def length(v: Any) -> float:
+    """|v|."""
+    square = 0.0
+    for i in range(v.shape[0]):
+        square += v[i] * v[i]
+    return np.sqrt(square)
 
 
 @kernel

@@ -17,11 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .bundle import bundle
-from .dense import decompose, full_pivot, least_norm_transposed, solve_full_pivot
+from .dense import decompose, full_pivot, length, pseudo_inverse_transposed, rank_at, ratio, solve_full_pivot
 from .equilibrium import CONVERGED, ITERATIONS, LEAST_DAMPING, EquilibriumSolver, Outcome, State
 from .held import hold
 from .kernel import kernel
-from .partition import length, rank_at, ratio
 from .system import Array, System
 
 EPSILON = 1e-30  # of the complex step; its square must vanish beside one
@@ -176,7 +175,7 @@ def constraint_forces(rows: Any, terms: Any, s: Any, lam: Any) -> float:
     decompose(s.J, rank, n, s.A, s.pivots, s.U, s.sigma, s.W)
     for i in range(n):
         s.f[i] = -terms.h[i].real
-    least_norm_transposed(s.f, rank, n, rank_at(s.sigma, rank, SINGULAR_POSITION), s.U, s.sigma, s.W, lam)
+    pseudo_inverse_transposed(s.f, rank, n, rank_at(s.sigma, rank, SINGULAR_POSITION), s.U, s.sigma, s.W, lam)
     return ratio(s.sigma, rank)
 
 

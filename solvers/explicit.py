@@ -25,7 +25,8 @@ class AdamsStepper(DenseStepper):
         self._history = History.allocate(system.nq, system.n, system.m)
         self._settings = self._encode(self.options)
         self._held = hold(self._history)
-        self._control["rank"], self._control["changed_at"] = self._rank, -np.inf
+        self._control["rank"], self._control["changed_at"] = self._rank, -self._settings["flicker_steps"][0]
+        self._history.unit[:] = np.concatenate((self._scales.size_q, self._scales.rate[0] * self._scales.size))
         chosen = self._settings["partition"][0]
         self._control["regime"] = adams.PROJECTION if chosen == adams.PROJECTION else adams.LU
         self.restart()
@@ -38,7 +39,7 @@ class AdamsStepper(DenseStepper):
         settings["max_order"] = HIGHEST if options.max_order is None else options.max_order
         settings["partition"] = self.partition if self._rank else adams.PROJECTION  # nothing to partition: all the same
         for name in (
-            "ratio_in", "ratio_out", "flicker_time", "flicker_count", "energy_jump", "collapse_cuts", "calm_steps"
+            "flicker_steps", "flicker_count", "energy_jump", "collapse_cuts", "calm_steps"
         ):  # fmt: skip
             settings[name] = getattr(options.switching, name)
         return settings
@@ -67,18 +68,20 @@ class AdamsStepper(DenseStepper):
         self._history.y[:] = np.concatenate((self._q, self._v))
 
     def _arrays(self) -> list[NDArray[Any]]:
-        return [*self._history, self._reported, self._q, self._v]
+        w = self._scales
+        return [*self._history, self._reported, self._q, self._v, w.row, w.rate, w.critical, w.q_c]
 
     @property
     def statistics(self) -> Statistics:
         """What the run has cost so far."""
         c = self._control[0]
-        left = int(c["by_ratio"] + c["by_flicker"] + c["by_energy"] + c["by_collapse"])
+        left = int(c["by_turn"] + c["by_flicker"] + c["by_energy"] + c["by_collapse"])
         return Statistics(
             **counts(c),
             partition_switches=left + int(c["returns"]),
             choices=int(c["changes"]),
-            left_by_ratio=int(c["by_ratio"]),
+            refused=int(c["refused"]),
+            left_by_turn=int(c["by_turn"]),
             left_by_flicker=int(c["by_flicker"]),
             left_by_energy=int(c["by_energy"]),
             left_by_collapse=int(c["by_collapse"]),

@@ -5,9 +5,10 @@ Full pivoting of J (m, n) picks ``rank`` dependent coordinates d; only the other
     Newton on Phi for q_d with q_i held,   v_d = J_d^-1 (nu - J_i v_i)
     P = [-J_d^-1 J_i; I],   v' = [J_d^-1 gamma; 0] + P z',   P^T (M v' + h) = 0
 
-Newton starts from the dependents of the last accepted step, as the paper has it (the paper keeps the factors of
-J_d, here they are renewed in each pass). The choice is made anew at a corrector when the step has shrunk or has
-stayed equal for five steps; a changed choice restarts the integrator.
+The paper starts Newton from the dependents of the last accepted step and keeps the factors of J_d, which are renewed
+in each pass here. The choice is made anew at a corrector when the step has shrunk or has stayed equal for five steps; a
+changed choice restarts the paper's integrator, whose history is that of the independents. That is 'adams-lu'. The hybrid
+has the history of all coordinates, starts Newton from their prediction, and needs no restart.
 
 **What makes it fail.** Near a singular position the root wanted and a root on the crossing branch are about
 2 |sigma_m / sigma_1| apart. The start value is off by h |v|: once the step is longer than that distance
@@ -26,7 +27,7 @@ import numpy as np
 
 from .dense import factor_lu, full_pivot, solve_lu
 from .kernel import kernel
-from .partition import CLOSED, NO_MASS, NOT_CLOSED, NOT_FINITE, OK, PASSES, tangent_motion
+from .partition import CLOSED, NO_MASS, NOT_CLOSED, NOT_FINITE, OK, PASSES, still_open, tangent_motion
 
 PIVOT = 1e-12  # pivots this small relative to the first are zero
 
@@ -37,13 +38,13 @@ def choose(terms: Any, rank: int, work: Any) -> bool:
     m, n = terms.J.shape
     for i in range(m):
         for j in range(n):
-            work.J_work[i, j] = terms.J[i, j]
+            work.J_work[i, j] = terms.J[i, j] * (work.size[j] / work.row[i])
     return full_pivot(work.J_work, m, n, PIVOT, work.rows, work.columns) >= rank
 
 
 @kernel
 def same_choice(rank: int, columns: Any, others: Any) -> bool:
-    """Whether both permutations start with the same set of ``rank`` dependents."""
+    """Whether both permutations start with the same set of ``rank`` rows or coordinates."""
     for i in range(rank):
         found = False
         for j in range(rank):
@@ -63,19 +64,18 @@ def factor_dependent(terms: Any, rank: int, rows: Any, columns: Any, work: Any) 
 
 
 @kernel
-def close_dependent(
-    eqs: Any, t: float, q: Any, v: Any, start: Any, rank: int, rows: Any, columns: Any, work: Any
-) -> int:
-    """Solve the dependents of (q, v) from the independents, in place; leave ``terms`` and J_d at the result.
-
-    ``start`` holds the positions Newton starts from.
-    """
+def recall_dependents(rank: int, columns: Any, last: Any, q: Any, v: Any) -> None:
+    """Let the dependents of q be those of ``last`` once more, where coordinates of q and of v correspond."""
     if q.shape[0] == v.shape[0]:
         for j in range(rank):
-            q[columns[j]] = start[columns[j]]
-    if not newton(eqs, t, q, rank, rows, columns, work):
+            q[columns[j]] = last[columns[j]]
+
+
+@kernel
+def close_dependent(eqs: Any, t: float, q: Any, v: Any, rank: int, rows: Any, columns: Any, work: Any) -> int:
+    """Solve the dependents of (q, v) from the independents, in place; leave ``terms`` and J_d at the result."""
+    if not newton(eqs, t, q, rank, rows, columns, work) or still_open(eqs.terms, work):
         return NOT_CLOSED
-    eqs.position(t, q, eqs.data, eqs.terms)
     if not factor_dependent(eqs.terms, rank, rows, columns, work):
         return NOT_CLOSED
     for i in range(rank):
@@ -91,11 +91,11 @@ def close_dependent(
 
 @kernel
 def newton(eqs: Any, t: float, q: Any, rank: int, rows: Any, columns: Any, work: Any) -> bool:
-    """Newton on Phi(t, q) = 0 for the dependent positions; False if it does not converge."""
+    """Newton on Phi(t, q) = 0 for the dependent positions; False if it does not converge. Leaves Phi, J and nu there."""
     for i in range(work.dq.shape[0]):
         work.dq[i] = 0.0
+    eqs.position(t, q, eqs.data, eqs.terms)
     for _ in range(PASSES):
-        eqs.position(t, q, eqs.data, eqs.terms)
         if not factor_dependent(eqs.terms, rank, rows, columns, work):
             return False
         for i in range(rank):
@@ -104,27 +104,36 @@ def newton(eqs: Any, t: float, q: Any, rank: int, rows: Any, columns: Any, work:
         largest = 0.0
         for j in range(rank):
             work.dq[columns[j]] = work.x[j]
-            largest = max(largest, abs(work.x[j]))
+            largest = max(largest, abs(work.x[j]) / work.size[columns[j]])
         if not np.isfinite(largest):
             return False
         eqs.retract(q, work.dq, eqs.data)
+        eqs.position(t, q, eqs.data, eqs.terms)
         if largest <= CLOSED:
             return True
     return False
 
 
 @kernel
-def dependent_acceleration(terms: Any, rank: int, rows: Any, columns: Any, work: Any, a: Any) -> int:
-    """v' from ``terms`` and the factors of their J_d."""
-    n = a.shape[0]
+def span_dependent(terms: Any, rank: int, rows: Any, columns: Any, work: Any) -> None:
+    """Fill the rows of ``work.T`` with the motions of one independent each, from ``terms`` and the factors of J_d."""
+    n = work.T.shape[1]
     for k in range(n - rank):
         for i in range(rank):
             work.b[i] = -terms.J[rows[i], columns[rank + k]]
         solve_lu(work.D, rank, work.order, work.b, work.x)
         for j in range(rank):
-            work.P[columns[j], k] = work.x[j]
+            work.T[k, columns[j]] = work.x[j]
         for other in range(n - rank):
-            work.P[columns[rank + other], k] = 1.0 if other == k else 0.0
+            work.T[k, columns[rank + other]] = 1.0 if other == k else 0.0
+
+
+@kernel
+def dependent_acceleration(terms: Any, rank: int, rows: Any, columns: Any, work: Any, a: Any) -> int:
+    """v' from ``terms`` and the factors of their J_d."""
+    n = a.shape[0]
+    span_dependent(terms, rank, rows, columns, work)
+    for k in range(n - rank):
         a[columns[rank + k]] = 0.0
     for i in range(rank):
         work.b[i] = terms.gamma[rows[i]]
@@ -137,3 +146,37 @@ def dependent_acceleration(terms: Any, rank: int, rows: Any, columns: Any, work:
         if not np.isfinite(a[i]):
             return NOT_FINITE
     return OK
+
+
+@kernel
+def determinant_positive(rank: int, work: Any) -> bool:
+    """Whether det J_d of the chosen rows and columns is positive, from its factors in ``work.D``."""
+    positive = True
+    for i in range(rank):
+        positive = positive == (work.D[i, i] > 0.0)
+        for j in range(i):
+            positive = positive == (work.order[j] < work.order[i])
+    return positive
+
+
+@kernel
+def tangents_turned(rank: int, before: Any, work: Any) -> bool:
+    """Whether a motion of one independent has changed by more than half of what it was ``before``."""
+    n = work.T.shape[1]
+    for k in range(n - rank):
+        change, size = 0.0, 0.0
+        for i in range(n):
+            change += ((work.T[k, i] - before[k, i]) / work.size[i]) ** 2
+            size += (before[k, i] / work.size[i]) ** 2
+        if not change <= 0.25 * size:
+            return True
+    return False
+
+
+@kernel
+def smallest_pivot(rank: int, work: Any) -> float:
+    """Smallest pivot of J_d relative to the largest: how far a singular position is, roughly."""
+    low, high = np.inf, 0.0
+    for i in range(rank):
+        low, high = min(low, abs(work.D[i, i])), max(high, abs(work.D[i, i]))
+    return low / high if rank > 0 else 1.0

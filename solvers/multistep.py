@@ -22,7 +22,7 @@ from .system import Array
 HIGHEST = 12  # order
 ROWS = HIGHEST + 3
 BOUND, MANY = 0.25, 50  # see watch_stability
-FIRST = 1.0  # s, longest first step: what lies still bounds none by its slope
+FIRST = 1.0  # longest first step, s where no rate is given: what lies still bounds none by its slope
 GAMMA_STAR = np.array(
     [1.0, 0.5, 0.0833, 0.0417, 0.0264, 0.0188, 0.0143, 0.0114, 0.00936, 0.00789, 0.00679, 0.00592, 0.00524, 0.00468]
 )  # |coefficient| of the error of the fixed-step formulas, gstr of STEP
@@ -40,10 +40,12 @@ CONTROL = np.dtype(
         ("rank", "i8"), ("regime", "i8"),  # of J; which partition
         ("long", "i8"), ("limited", "i8"),  # near the bound of stability: steps more than others; steps it set
         ("steps", "i8"), ("rejected", "i8"), ("evaluations", "i8"), ("starts", "i8"),
-        ("h_before", "f8"), ("equal", "i8"), ("changes", "i8"), ("changed_at", "f8"), ("flickers", "i8"),  # LU choice
-        ("calm", "i8"), ("energy", "f8"), ("kinetic", "f8"),  # hybrid: steps fit for LU, J, largest J
-        ("by_ratio", "i8"), ("by_flicker", "i8"), ("by_energy", "i8"), ("by_collapse", "i8"), ("returns", "i8"),
+        ("h_before", "f8"), ("equal", "i8"), ("changes", "i8"), ("changed_at", "i8"), ("flickers", "i8"),  # LU choice
+        ("calm", "i8"), ("energy", "f8"), ("kinetic", "f8"),  # hybrid: steps fit for LU, J, largest kinetic energy
+        ("by_turn", "i8"), ("by_flicker", "i8"), ("by_energy", "i8"), ("by_collapse", "i8"), ("returns", "i8"),
         ("time_lu", "f8"), ("time_projection", "f8"),
+        ("framed", "i8"), ("positive", "i8"),  # the frame below is known; det J_d in it is positive
+        ("ratio", "f8"), ("ahead", "i8"), ("refused", "i8"),  # see solvers.adams.look_ahead; steps that would have jumped
     ],
     align=True,
 )  # fmt: skip
@@ -55,21 +57,29 @@ class History(NamedTuple):
     control: NDArray[Any]  # (1,)          record of CONTROL
     y: Array  # (size,)       state (q, v) at control.t
     phi: Array  # (size, ROWS)  modified divided differences of y'
-    weight: Array  # (size,)       1 / (rtol |y| + atol), 0 where the error is not controlled
+    unit: Array  # (size,)       what the absolute tolerance of y is measured in
+    weight: Array  # (size,)       1 / (rtol |y| + atol unit), 0 where the error is not controlled
     p: Array  # (size,)       predicted state
     yp: Array  # (size,)       y' last evaluated
     trial: Array  # (size,)       corrected state before it is accepted
     yp_p: Array  # (size,)       y' at the predicted state
     rows: NDArray[np.int64]  # (m,)          chosen constraints, int64
     columns: NDArray[np.int64]  # (n,)          chosen dependents, then independents, int64
+    frame: Array  # (m, n)        factors of J~ at y, see solvers.singular
+    frame_tau: Array  # (m,)
+    frame_pivots: NDArray[np.int64]  # (m,)  int64
+    tangents: Array  # (n, n)        allowed motions at y with the chosen independents
 
     @staticmethod
     def allocate(nq: int, n: int, m: int) -> History:
         """Return a zeroed history for ``nq`` positions, ``n`` velocities and ``m`` constraints."""
         size = nq + n
         y, weight, p, yp, trial, yp_p = (np.zeros(size) for _ in range(6))
-        phi = np.zeros((size, ROWS))
-        return History(records(1, CONTROL), y, phi, weight, p, yp, trial, yp_p, np.arange(m), np.arange(n))
+        phi, unit = np.zeros((size, ROWS)), np.ones(size)
+        frame = np.zeros((m, n)), np.zeros(m), np.zeros(m, np.int64)
+        choice = np.arange(m), np.arange(n)
+        control = records(1, CONTROL)
+        return History(control, y, phi, unit, weight, p, yp, trial, yp_p, *choice, *frame, np.zeros((n, n)))
 
 
 @inlined

@@ -1,130 +1,84 @@
 """Projection partitioning: motion tangent to the constraints, through singular positions too.
 
-With J^T = U diag(sigma) W^T (:func:`solvers.dense.decompose`) the first ``rank`` columns of U span the
-constraint normals and the others, P, the motions the constraints allow::
+Coordinates are measured in units S of their size, constraints in units R of their rows (the largest they have been), so
+that nothing below knows radians from metres: J~ = R^-1 J S. With J~ = L Q^T (:func:`solvers.dense.lq`) the first
+``rank`` columns of Q span the constraint normals and the others the motions the constraints allow, P = S Q_2::
 
     v' = J^+ gamma + P (P^T M P)^-1 P^T (-h - M J^+ gamma)       (projection, paper eq. 9-13)
     q <- q (+) -J^+ Phi,   v <- v - J^+ (J v - nu)               (Gauss-Newton, velocity correction)
 
-M itself is never factored, so bodies without mass are fine while P^T M P is positive definite. ``rank`` is
-the *normal rank*, the rank where the mechanism can move generically; rows that are redundant everywhere just
-lie beyond it.
+M itself is never factored, so bodies without mass are fine while P^T M P is positive definite. ``rank`` is the *normal
+rank*, the rank where the mechanism can move generically; rows that are redundant everywhere just lie beyond it, and
+which ones these are is decided anew at every position.
 
-**Singular positions.** Where the singular value number ``rank`` is below ``SINGULAR`` times the first, J
-loses rank and a second branch of the motion crosses. Truncating there is wrong by O(1) in v', not truncating
-divides by zero. But the motion has a tangent e = v/|v| that is continuous, and with it v' has a limit. It is
-taken from both sides along the branch, with regular accelerations only and v(s) = P P^T v + J^+ nu::
+**Singular positions.** Where the diagonal entry of L number ``rank`` is below ``SINGULAR`` times the first, J is nearly
+short of rank. Two things may be near: a *crossing*, where it loses rank on the way and a second branch of the motion
+crosses, or a *near miss*, where the branches part just before they meet and the motion turns sharply. Which of the two
+it is :mod:`solvers.singular` decides. Near a miss everything above holds. At a crossing truncating J is wrong by O(1)
+in v', not truncating divides by zero. But the motion has a tangent e = v/|v| that is continuous, and with it v' has a
+limit. It is taken from both sides along the branch, with regular accelerations only and v(s) = P P^T v + J^+ nu::
 
-    v' = [4 (a(d) + a(-d)) - (a(2d) + a(-2d))] / 6 + O(d^4),   a(s) at q(s) = close(q (+) s e)
+    v' = [4 (a(d) + a(-d)) - (a(2d) + a(-2d))] / 6 + O(d^4),   a(s) at q(s) = close(q (+) s e), t(s) = t + s/|v|
 
 Without velocity there is no tangent: the branch cannot be decided.
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .dense import decompose, least_norm, least_norm_transposed, solve_positive
+from .dense import basic_transposed, dot, least_norm, lq, rank_at, ratio, solve_positive, turn_in, turn_out
 from .kernel import inlined, kernel
-from .system import Array
+from .singular import CROSSING, judge
+from .workspace import factor, factor_here, scaled_length
 
 OK, NOT_CLOSED, NO_MASS, UNDECIDABLE, NOT_FINITE = 0, 1, 2, 3, 4
 
-SINGULAR = 1e-3  # sigma[rank - 1] / sigma[0] below which the limit replaces the regular formula
-AT_REST = 1e-9  # |v| below which there is no tangent; regular formulas still hold above UNRESOLVED
-UNRESOLVED = 1e-7  # ratio below which nothing is left of the smallest singular value's digits after squaring
-REACH = 1e-2  # d of the limit, in units of q
+SINGULAR = 1e-3  # ratio of the diagonal of L below which a crossing takes the limit
+AT_REST = 1e-9  # speed, in units of size and rate, below which there is no tangent; see UNRESOLVED
+UNRESOLVED = 1e-7  # ratio below which nothing is left of the digits of the smallest pivot after squaring
+REACH = 1e-2  # d of the limit, in units of size
 REDUNDANT = 1e-6  # ratio that tells a redundant constraint from a singular position nearby
 PASSES = 12  # Gauss-Newton corrections of a position
 CLOSED = 1e-7  # a correction this small is the last: the next one would be its square
-
-
-class Workspace(NamedTuple):
-    """Scratch of the partitions: allocated once, nothing in it outlives a call except the factors of the last J."""
-
-    U: Array  # (n, n)  left factor of J^T: normals, then tangents
-    sigma: Array  # (m,)    singular values of J, descending
-    W: Array  # (m, m)  right factor of J^T
-    A: Array  # (n, m)  scratch of the decomposition
-    pivots: NDArray[np.int64]  # (m,)    of the decomposition, int64
-    P: Array  # (n, n)  basis of the allowed motions, first n - rank columns
-    S: Array  # (n, n)  P^T M P
-    f: Array  # (n,)    force of unbalance
-    z: Array  # (n,)    reduced acceleration
-    b: Array  # (m,)    residual
-    dq: Array  # (n,)    correction
-    a: Array  # (n,)    acceleration at a neighbouring position
-    slope: Array  # (n,)    acceleration under evaluation
-    q: Array  # (nq,)   position under evaluation
-    v: Array  # (n,)    velocity under evaluation
-    q_near: Array  # (nq,)   neighbouring position
-    v_near: Array  # (n,)    neighbouring velocity
-    J_work: Array  # (m, n)  J being eliminated
-    D: Array  # (m, m)  dependent columns of J, then their LU factors
-    order: NDArray[np.int64]  # (m,)    row exchanges of D, int64
-    x: Array  # (m,)    solution with D
-    rows: NDArray[np.int64]  # (m,)    candidate choice of rows, int64
-    columns: NDArray[np.int64]  # (n,)    candidate choice of coordinates, dependent ones first, int64
-
-    @staticmethod
-    def allocate(nq: int, n: int, m: int) -> Workspace:
-        """Return zeroed scratch for ``nq`` positions, ``n`` velocities and ``m`` constraints."""
-        z = np.zeros
-        pivots, order, rows, columns = (np.zeros(size, np.int64) for size in (m, m, m, n))
-        return Workspace(
-            z((n, n)), z(m), z((m, m)), z((n, m)), pivots, z((n, n)), z((n, n)), z(n), z(n), z(m), z(n), z(n),
-            z(n), z(nq), z(n), z(nq), z(n), z((m, n)), z((m, m)), order, z(m), rows, columns,
-        )  # fmt: skip
+SAMPLES = 5  # positions that the units of the rows are taken from
+OPEN = 1e-8  # residual that a closed position must not have in any row, in units of the rows
 
 
 @kernel
-def factor(terms: Any, work: Any) -> None:
-    """Decompose the Jacobian held by ``terms``."""
-    m, n = terms.J.shape
-    decompose(terms.J, m, n, work.A, work.pivots, work.U, work.sigma, work.W)
+def trusted(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
+    """How many pivot rows can be divided by; ``terms`` and factors belong to (t, q).
 
-
-@kernel
-def rank_at(sigma: Any, rank: int, tolerance: float) -> int:
-    """How many of the first ``rank`` singular values exceed ``tolerance`` times the largest."""
-    while rank > 0 and not sigma[rank - 1] > tolerance * sigma[0]:
-        rank -= 1
-    return rank
-
-
-@kernel
-def length(v: Any) -> float:
-    """|v|."""
-    square = 0.0
-    for i in range(v.shape[0]):
-        square += v[i] * v[i]
-    return np.sqrt(square)
-
-
-@kernel
-def ratio(sigma: Any, rank: int) -> float:
-    """Distance from singular positions: the singular value number ``rank`` relative to the first; 1 if
-    unconstrained.
+    What vanishes at a crossing is left alone: it would be divided by nearly zero.
     """
-    return sigma[rank - 1] / sigma[0] if rank > 0 else 1.0
+    trust = rank_at(work.pivot, rank, SINGULAR)
+    if trust == rank or judge(eqs, t, q, rank, work) == CROSSING:
+        return trust
+    return rank_at(work.pivot, rank, UNRESOLVED)
 
 
 @inlined
 def position_off(terms: Any, rank: int, work: Any) -> float:
-    """work.dq = -J^+ Phi with the factors at hand; return its largest entry.
-
-    In the singular window the vanishing direction is left alone: it would be divided by nearly zero.
-    """
-    m, n = terms.J.shape
-    least_norm(terms.Phi, m, n, rank_at(work.sigma, rank, SINGULAR), work.U, work.sigma, work.W, work.dq)
+    """work.dq = -J^+ Phi with the first ``rank`` pivot rows; return its largest entry in units of size."""
+    for i in range(terms.Phi.shape[0]):
+        work.b[i] = terms.Phi[i] / work.row[i]
+    least_norm(work.b, terms.J.shape[1], rank, work.A, work.tau, work.pivots, work.dq)
     largest = 0.0
-    for i in range(n):
-        work.dq[i] = -work.dq[i]
+    for i in range(work.dq.shape[0]):
         largest = max(largest, abs(work.dq[i]))
+        work.dq[i] *= -work.size[i]
     return largest
+
+
+@inlined
+def still_open(terms: Any, work: Any) -> bool:
+    """Whether some row, dependent ones included, has a residual."""
+    for i in range(terms.Phi.shape[0]):
+        if not abs(terms.Phi[i]) <= OPEN * work.row[i]:
+            return True
+    return False
 
 
 @kernel
@@ -136,27 +90,36 @@ def close_position(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
     eqs.position(t, q, eqs.data, eqs.terms)
     for _ in range(PASSES):
         factor(eqs.terms, work)
-        largest = position_off(eqs.terms, rank, work)
-        if not np.isfinite(largest):
-            return False
-        eqs.retract(q, work.dq, eqs.data)
-        eqs.position(t, q, eqs.data, eqs.terms)
+        trust = trusted(eqs, t, q, rank, work)
+        largest = correct_position(eqs, t, q, trust, work)
         if largest <= CLOSED:
-            return True
+            return trust < rank or not still_open(eqs.terms, work)
     return False
+
+
+@inlined
+def correct_position(eqs: Any, t: float, q: Any, rank: int, work: Any) -> float:
+    """One Gauss-Newton correction of q in place, with the factors of the J of ``terms``; return its size."""
+    largest = position_off(eqs.terms, rank, work)
+    if not np.isfinite(largest):
+        return np.inf
+    eqs.retract(q, work.dq, eqs.data)
+    eqs.position(t, q, eqs.data, eqs.terms)
+    return largest
 
 
 @kernel
 def close_velocity(v: Any, terms: Any, rank: int, work: Any) -> None:
-    """Take from v what violates J v = nu, with the factored J, in place."""
+    """Take from v what violates J v = nu in the first ``rank`` pivot rows of the factored J, in place."""
     m, n = terms.J.shape
     for i in range(m):
         work.b[i] = -terms.nu[i]
         for j in range(n):
             work.b[i] += terms.J[i, j] * v[j]
-    least_norm(work.b, m, n, rank_at(work.sigma, rank, SINGULAR), work.U, work.sigma, work.W, work.dq)
+        work.b[i] /= work.row[i]
+    least_norm(work.b, n, rank, work.A, work.tau, work.pivots, work.dq)
     for i in range(n):
-        v[i] -= work.dq[i]
+        v[i] -= work.size[i] * work.dq[i]
 
 
 @kernel
@@ -165,7 +128,7 @@ def close(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any) -> int:
     if not close_position(eqs, t, q, rank, work):
         return NOT_CLOSED
     factor(eqs.terms, work)
-    close_velocity(v, eqs.terms, rank, work)
+    close_velocity(v, eqs.terms, trusted(eqs, t, q, rank, work), work)
     eqs.motion(t, q, v, eqs.data, eqs.terms)
     return OK
 
@@ -175,21 +138,20 @@ def settle(eqs: Any, t: float, q: Any, v: Any, near: Any, rank: int, slight: flo
     """As :func:`close`, where ``terms`` and the factors of J are those of the prediction ``near``.
 
     The constraints linearised there take q onto them but for the square of the distance. What is left by that stays
-    where it is ``slight``; v' depends on it by the inverse square of the smallest singular value.
+    where it is ``slight``; v' depends on it by the inverse square of the smallest pivot.
     """
-    if rank == 0:
-        eqs.dynamics(t, q, v, eqs.data, eqs.terms)
-        factor(eqs.terms, work)
-        return OK
-    if q.shape[0] == v.shape[0]:
+    n = v.shape[0]
+    if rank == 0 or rank_at(work.pivot, rank, SINGULAR) < rank:
+        return close(eqs, t, q, v, rank, work)
+    if q.shape[0] == n:
         for i in range(eqs.terms.Phi.shape[0]):
-            for j in range(v.shape[0]):
+            for j in range(n):
                 eqs.terms.Phi[i] += eqs.terms.J[i, j] * (q[j] - near[j])
         position_off(eqs.terms, rank, work)
         eqs.retract(q, work.dq, eqs.data)
     eqs.position(t, q, eqs.data, eqs.terms)
     rest = position_off(eqs.terms, rank, work)
-    if not rest <= slight * ratio(work.sigma, rank) ** 2:
+    if not rest <= slight * ratio(work.pivot, rank) ** 2:
         return close(eqs, t, q, v, rank, work)
     close_velocity(v, eqs.terms, rank, work)
     eqs.motion(t, q, v, eqs.data, eqs.terms)
@@ -198,30 +160,39 @@ def settle(eqs: Any, t: float, q: Any, v: Any, near: Any, rank: int, slight: flo
 
 
 @kernel
+def span_tangents(rank: int, work: Any) -> None:
+    """Fill the rows of ``work.T`` with a basis of the motions the factored constraints allow: the columns of P."""
+    n = work.T.shape[1]
+    for k in range(n - rank):
+        tangent = work.T[k]
+        for i in range(n):
+            tangent[i] = 1.0 if i == rank + k else 0.0
+        turn_out(work.A, work.tau, rank, n, tangent)
+        for i in range(n):
+            tangent[i] *= work.size[i]
+
+
+@kernel
 def tangent_motion(terms: Any, freedom: int, work: Any, a: Any) -> bool:
-    """a <- a + P z, where P^T (M a + h) = 0 and P is the first ``freedom`` columns of ``work.P``."""
+    """a <- a + P z, where P^T (M a + h) = 0 and the columns of P are the first ``freedom`` rows of ``work.T``."""
     n = a.shape[0]
     for i in range(n):
         work.f[i] = -terms.h[i]
         for j in range(n):
             work.f[i] -= terms.M[i, j] * a[j]
     for k in range(freedom):
+        for i in range(n):
+            work.momentum[0, i] = dot(terms.M, i, work.T, k, 0, n)
+        for low in range(k + 1):
+            work.mass[k, low] = dot(work.T, low, work.momentum, 0, 0, n)
         work.z[k] = 0.0
         for i in range(n):
-            work.z[k] += work.P[i, k] * work.f[i]
-        for low in range(k + 1):
-            work.S[k, low] = 0.0
-        for i in range(n):
-            row = 0.0
-            for j in range(n):
-                row += terms.M[i, j] * work.P[j, k]
-            for low in range(k + 1):
-                work.S[k, low] += work.P[i, low] * row
-    if not solve_positive(work.S, freedom, work.z):
+            work.z[k] += work.T[k, i] * work.f[i]
+    if not solve_positive(work.mass, freedom, work.z):
         return False
-    for i in range(n):
-        for k in range(freedom):
-            a[i] += work.P[i, k] * work.z[k]
+    for k in range(freedom):
+        for i in range(n):
+            a[i] += work.T[k, i] * work.z[k]
     return True
 
 
@@ -229,10 +200,12 @@ def tangent_motion(terms: Any, freedom: int, work: Any, a: Any) -> bool:
 def regular_acceleration(terms: Any, rank: int, work: Any, a: Any) -> int:
     """v' away from singular positions, from ``terms`` and the factors of their J."""
     m, n = terms.J.shape
-    least_norm(terms.gamma, m, n, rank, work.U, work.sigma, work.W, a)
+    for i in range(m):
+        work.b[i] = terms.gamma[i] / work.row[i]
+    least_norm(work.b, n, rank, work.A, work.tau, work.pivots, a)
     for i in range(n):
-        for k in range(n - rank):
-            work.P[i, k] = work.U[i, rank + k]
+        a[i] *= work.size[i]
+    span_tangents(rank, work)
     if not tangent_motion(terms, n - rank, work, a):
         return NO_MASS
     for i in range(n):
@@ -244,37 +217,38 @@ def regular_acceleration(terms: Any, rank: int, work: Any, a: Any) -> int:
 @kernel
 def acceleration(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any, a: Any) -> int:
     """v' anywhere; ``terms`` and the factors of J belong to (t, q, v) and do so again afterwards."""
-    n = v.shape[0]
-    for i in range(n):
+    for i in range(v.shape[0]):
         if not np.isfinite(eqs.terms.h[i]):
             return NOT_FINITE
-    if rank_at(work.sigma, rank, SINGULAR) == rank:
+    if rank_at(work.pivot, rank, SINGULAR) == rank:
         return regular_acceleration(eqs.terms, rank, work, a)
-    if not length(v) > AT_REST:
-        resolved = rank_at(work.sigma, rank, UNRESOLVED) == rank
+    crossing = judge(eqs, t, q, rank, work) == CROSSING
+    if not crossing or not scaled_length(v, work) > AT_REST * work.rate[0]:
+        resolved = rank_at(work.pivot, rank, UNRESOLVED) == rank
         return regular_acceleration(eqs.terms, rank, work, a) if resolved else UNDECIDABLE
     code = limit_acceleration(eqs, t, q, v, rank, work, a)
-    eqs.dynamics(t, q, v, eqs.data, eqs.terms)
-    factor(eqs.terms, work)
+    factor_here(eqs, t, q, v, work)
     return code
 
 
 @kernel
 def neighbour(eqs: Any, t: float, q: Any, v: Any, distance: float, rank: int, work: Any) -> int:
-    """Closed state (work.q_near, work.v_near) at a signed ``distance`` from q along v, with its terms and factors."""
-    speed = length(v)
+    """Closed state (work.q_near, work.v_near) at a signed ``distance`` from q along v, when the motion gets there,
+    with its terms and factors.
+    """
+    speed = scaled_length(v, work)
     for i in range(q.shape[0]):
         work.q_near[i] = q[i]
     for i in range(v.shape[0]):
         work.dq[i] = distance * v[i] / speed
         work.v_near[i] = v[i]
     eqs.retract(work.q_near, work.dq, eqs.data)
-    return close(eqs, t, work.q_near, work.v_near, rank, work)
+    return close(eqs, t + distance / speed, work.q_near, work.v_near, rank, work)
 
 
 @kernel
 def limit_acceleration(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any, a: Any) -> int:
-    """v' at a singular position, by extrapolation along the tangent from both sides (module docstring)."""
+    """v' at a crossing, by extrapolation along the tangent from both sides (module docstring)."""
     for i in range(v.shape[0]):
         a[i] = 0.0
     for far in range(1, 3):
@@ -292,12 +266,14 @@ def limit_acceleration(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any,
 
 @kernel
 def close_report(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any) -> int:
-    """As :func:`close`; in a singular position the velocity across the branch is removed too, by the same limit.
+    """As :func:`close`; at a crossing the velocity across the branch is removed too, by the same limit.
 
     For states from a solver that does not control that component well (IDA's regularisation leaves it free).
     """
     code = close(eqs, t, q, v, rank, work)
-    if code != OK or rank_at(work.sigma, rank, SINGULAR) == rank or length(v) <= AT_REST:
+    if code != OK or rank_at(work.pivot, rank, SINGULAR) == rank:
+        return code
+    if judge(eqs, t, q, rank, work) != CROSSING or not scaled_length(v, work) > AT_REST * work.rate[0]:
         return code
     for i in range(v.shape[0]):
         work.a[i] = 0.0
@@ -315,23 +291,41 @@ def close_report(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any) -> in
 
 @kernel
 def multipliers(terms: Any, rank: int, work: Any, a: Any, lam: Any) -> None:
-    """Shortest lambda with J^T lambda = -(M a + h), from ``terms`` and the factors of their J."""
+    """Shortest lambda, in units of the rows, with J^T lambda = -(M a + h) in the directions of ``rank`` pivot rows;
+    ``terms`` and factors belong together.
+    """
     m, n = terms.J.shape
     for i in range(n):
         work.f[i] = -terms.h[i]
         for j in range(n):
             work.f[i] -= terms.M[i, j] * a[j]
-    least_norm_transposed(work.f, m, n, rank_at(work.sigma, rank, SINGULAR), work.U, work.sigma, work.W, lam)
+        work.f[i] *= work.size[i]
+    if rank == m:
+        basic_transposed(work.f, m, n, rank, work.A, work.tau, work.pivots, lam)
+    else:
+        shortest_transposed(m, n, rank, work, lam)
+    for i in range(m):
+        lam[i] /= work.row[i]
+
+
+@kernel
+def shortest_transposed(m: int, n: int, rank: int, work: Any, y: Any) -> None:
+    """Shortest y (m,) with J~^T y = work.f, where rows depend on each other: L^T y = Q^T f by factors of L^T."""
+    turn_in(work.A, work.tau, rank, n, work.f)
+    for k in range(rank):
+        for i in range(m):
+            work.B[k, work.pivots[i]] = work.A[i, k] if i >= k else 0.0
+    lq(work.B, rank, m, work.tau_B, work.pivots_B)
+    least_norm(work.f, m, rank, work.B, work.tau_B, work.pivots_B, y)
 
 
 @kernel
 def evaluate(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any, a: Any, lam: Any) -> int:
     """Accelerations and shortest multipliers at a closed state; leaves ``terms`` there."""
-    eqs.dynamics(t, q, v, eqs.data, eqs.terms)
-    factor(eqs.terms, work)
+    factor_here(eqs, t, q, v, work)
     code = acceleration(eqs, t, q, v, rank, work, a)
     if code == OK:
-        multipliers(eqs.terms, rank, work, a, lam)
+        multipliers(eqs.terms, trusted(eqs, t, q, rank, work), work, a, lam)
     return code
 
 
@@ -344,34 +338,67 @@ def normal_rank(eqs: Any, t: float, q: Any, v: Any, work: Any) -> int:
     redundancy is hidden.
     """
     m, n = eqs.terms.J.shape
+    measure_rows(eqs, t, q, work)
     eqs.position(t, q, eqs.data, eqs.terms)
     factor(eqs.terms, work)
-    here = rank_at(work.sigma, min(m, n), REDUNDANT)
+    here = rank_at(work.pivot, min(m, n), REDUNDANT)
     best = here
-    for i in range(n):
-        for k in range(n):
-            work.P[i, k] = work.U[i, k]
-    for k in range(here, n + 1):
+    span_tangents(here, work)
+    for k in range(n - here):
         for i in range(n):
-            work.v_near[i] = work.P[i, k] if k < n else v[i]
+            work.directions[k, i] = work.T[k, i]
+    for k in range(n - here + 1):
+        for i in range(n):
+            work.v_near[i] = work.directions[k, i] if k < n - here else v[i]
         best = max(best, rank_beside(eqs, t, q, work.v_near, work))
     return best
+
+
+@kernel
+def measure_rows(eqs: Any, t: float, q: Any, work: Any) -> None:
+    """Let the unit of every row be its largest length at q and at a few positions far from q, closed or not: where it
+    is short at q it may be singular there.
+    """
+    m, n = eqs.terms.J.shape
+    for i in range(m):
+        work.row[i] = 0.0
+    for far in range(SAMPLES):
+        for i in range(q.shape[0]):
+            work.q_near[i] = q[i]
+        for j in range(n):
+            work.dq[j] = work.size[j] * np.sin(far * (1.0 + 0.7 * j))
+        eqs.retract(work.q_near, work.dq, eqs.data)
+        eqs.position(t, work.q_near, eqs.data, eqs.terms)
+        for i in range(m):
+            square = 0.0
+            for j in range(n):
+                square += (eqs.terms.J[i, j] * work.size[j]) ** 2
+            work.row[i] = max(work.row[i], np.sqrt(square))
+    for i in range(m):
+        if not work.row[i] > 0.0:
+            work.row[i] = 1.0
 
 
 @kernel
 def rank_beside(eqs: Any, t: float, q: Any, e: Any, work: Any) -> int:
     """Rank of J after a small closed move from q along e; zero where there is none."""
     m, n = eqs.terms.J.shape
-    size = length(e)
-    if not size > AT_REST:
+    size = scaled_length(e, work)
+    if not size > 0.0:
         return 0
     for i in range(q.shape[0]):
         work.q_near[i] = q[i]
     for i in range(n):
         work.dq[i] = 5.0 * REACH * e[i] / size
     eqs.retract(work.q_near, work.dq, eqs.data)
-    if not close_position(eqs, t, work.q_near, min(m, n), work):
-        return 0
     eqs.position(t, work.q_near, eqs.data, eqs.terms)
-    factor(eqs.terms, work)
-    return rank_at(work.sigma, min(m, n), REDUNDANT)
+    for _ in range(PASSES):
+        factor(eqs.terms, work)
+        here = rank_at(work.pivot, min(m, n), REDUNDANT)
+        largest = correct_position(eqs, t, work.q_near, here, work)
+        if largest <= CLOSED:
+            factor(eqs.terms, work)
+            return rank_at(work.pivot, min(m, n), REDUNDANT)
+        if not largest < np.inf:
+            return 0
+    return 0

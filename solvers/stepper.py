@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 
 from .bundle import bundle
 from .held import hold
-from .partition import Workspace, close, evaluate, normal_rank
+from .kernel import COMPILED
+from .partition import close, evaluate, normal_rank
 from .system import AnySystem, Array, System, Terms
+from .workspace import Workspace
 
 
 class Code(IntEnum):
@@ -94,19 +96,15 @@ class SolverError(ArithmeticError):
 class Switching:
     """When the hybrid changes between LU and projection."""
 
-    ratio_in: float = 0.1  # leave LU where sigma_r / sigma_1 of J falls below
-    ratio_out: float = 0.2  # return only above
-    flicker_time: float = 0.05  # s; changes of the independents closer than this count as flicker
+    flicker_steps: int = 20  # changes of the independents within fewer steps count as flicker
     flicker_count: int = 3  # that many leave LU
     energy_jump: float = 0.01  # of the largest kinetic energy so far, in one step
     collapse_cuts: int = 6  # cuts of one step that leave LU
     calm_steps: int = 5  # consecutive steps not shrinking and with one choice of independents to return to LU
 
     def __post_init__(self) -> None:
-        """Refuse a hysteresis that is none, and counts below one."""
-        if not 0.0 < self.ratio_in <= self.ratio_out < 1.0:
-            raise ValueError(f"ratio_in = {self.ratio_in}, ratio_out = {self.ratio_out}: need 0 < in <= out < 1")
-        for name in ("flicker_time", "energy_jump", "flicker_count", "collapse_cuts", "calm_steps"):
+        """Refuse counts below one."""
+        for name in ("flicker_steps", "energy_jump", "flicker_count", "collapse_cuts", "calm_steps"):
             require(name, getattr(self, name), 0.0, math.inf)
 
 
@@ -154,10 +152,11 @@ class Statistics:
     restarts: int = 0  # begins of a history after the first
     order: int = 0  # of the last step
     step_size: float = 0.0  # s, of the last step
+    refused: int = 0  # of the rejected: steps that might have jumped to another branch
     stability_limited: int = 0  # of an explicit solver: steps whose length stability set, and not accuracy
     partition_switches: int = 0  # between LU and projection
     choices: int = 0  # changes of the independent coordinates under LU
-    left_by_ratio: int = 0
+    left_by_turn: int = 0  # the branch turned, or a singular position was close ahead
     left_by_flicker: int = 0
     left_by_energy: int = 0
     left_by_collapse: int = 0
@@ -301,9 +300,29 @@ class DenseStepper(Stepper):
         sizes = (system.nq, system.n, system.m)
         self._terms, self._work = Terms.allocate(*sizes), hold(Workspace.allocate(*sizes))
         self._eqs = bundle(system, self._terms)
+        self._scales = self._work.value if COMPILED else self._work
+        self._scales.size[:] = system.size
+        self._scales.size_q[:] = self._position_sizes()
         self._rank = normal_rank(self._eqs, self._t, self._q, self._v, self._work)
         code = close(self._eqs, self._t, self._q, self._v, self._rank, self._work)
         self.status = Status(Code(code), self._t)
+        self._scales.rate[0] = self._characteristic_rate()
+
+    def _position_sizes(self) -> Array:
+        """Return the unit of every position (nq,): that of its coordinate, 1 of a quaternion's entries."""
+        s, sizes = self.system, np.zeros(self.system.nq)
+        for k in range(s.n):
+            s.fill(self._t, self._q, np.eye(s.n)[k], self._terms)
+            sizes = np.maximum(sizes, np.abs(self._terms.qdot) * s.size[k])
+        return np.where(sizes > 0.0, sizes, 1.0) if s.nq != s.n else s.size
+
+    def _characteristic_rate(self) -> float:
+        """Return what a motion of its size has as rate (1/s): known beforehand, by its velocity, by its acceleration."""
+        code, a, _ = self._evaluate()
+        rates = [self.system.rate, float(np.abs(self._v / self.system.size).max(initial=0.0))]
+        if code is Code.OK:
+            rates.append(float(np.sqrt(np.abs(a / self.system.size).max(initial=0.0))))
+        return max(rates) or 1.0
 
     def _evaluate(self) -> tuple[Code, Array, Array]:
         a, lam = np.zeros(self.system.n), np.zeros(self.system.m)

@@ -44,8 +44,8 @@ def test_least_norm_solutions_are_the_pseudo_inverse():
     U, sigma, W = decomposed(J)
     x, y = np.zeros(5), np.zeros(3)
     b, f = rng.standard_normal(3), rng.standard_normal(5)
-    dense.least_norm(b, 3, 5, 2, U, sigma, W, x)
-    dense.least_norm_transposed(f, 3, 5, 2, U, sigma, W, y)
+    dense.pseudo_inverse(b, 3, 5, 2, U, sigma, W, x)
+    dense.pseudo_inverse_transposed(f, 3, 5, 2, U, sigma, W, y)
     np.testing.assert_allclose(x, np.linalg.pinv(J) @ b, atol=1e-13)
     np.testing.assert_allclose(y, np.linalg.pinv(J.T) @ f, atol=1e-13)
 

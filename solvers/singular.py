@@ -1,0 +1,230 @@
+"""Singular positions: what is a crossing, what a near miss, and whether a step has passed one.
+
+At a *critical point* the constraints lose a row of rank: there are forces u that balance with nothing behind them,
+
+    J~^T u = 0,   nu~ . u = 0,   Phi~ = g u,   |u| = 1          (units as in :mod:`solvers.workspace`)
+
+in the unknowns q, t, u and g. g = u . Phi~ is the *gap*: by so much the loop misses the one that is singular there. If it
+is nothing, branches of the motion cross in that point, and the motion goes straight on. If it is anything, they part
+before they meet, within sqrt(g) of the point, and the motion turns into one of them. No ratio of singular values tells the
+two apart, for a near miss has its ratio as small as sqrt(g); the gap does, and as g has no slope there it is known to
+rounding. Newton's method in all unknowns, the shortest step where it is not unique (redundant rows, critical points
+that form curves).
+
+A step that jumps from one branch to another shows in the *orientation*: seen from the axes of the last position, in the
+order normals, tangents, the rows of J~ are C = [C_n C_t]. While C_n = J~ Q_1 keeps the sign of its determinant no
+position between was singular, and y = -C_n^-1 C_t is the slope of the tangents now on those before. At a crossing the
+sign turns and the slope does not.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .dense import decompose, factor_lu, length, pseudo_inverse, rank_at, ratio, solve_lu, turn_in
+from .kernel import inlined, kernel
+from .workspace import distance, factor, scaled_length
+
+NONE, CROSSING, MISS = 0, 1, 2
+STRAIGHT, FLIPPED, TURNED = 0, 1, 2
+
+GAP = 1e-12  # largest gap of a crossing, in units of the rows; Phi is known to some 1e-16 of them
+NEAR = 30.0  # a critical point is that of this position when it is no farther than so many ratios
+PROBE = 1e-7  # of differences, in units of size
+FLAT = 1e-4  # singular values of the equations below this part of the largest count as zero
+STRIDE, FAR = 0.3, 1.0  # longest Newton step, longest way, in units of size
+NEWTON, EXACT = 20, 1e-9  # steps, and one that is the last
+SLOPE = 1.7  # largest turn of a tangent in one step, as its tangent: 60 degrees
+AHEAD = 3.0  # steps ahead that a singular position is looked for
+PART = 0.3  # of the way to a near miss that one step may go
+
+
+@kernel
+def judge(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
+    """What the singular position near q is; ``terms`` (of positions) and factors belong to (t, q), and do so again."""
+    c = work.critical[0]
+    if c.kind != NONE and apart(t, q, work, eqs.terms) <= NEAR * ratio(work.pivot, rank):
+        return c.kind
+    c.kind = NONE
+    if seek(eqs, t, q, rank, work):
+        c.kind = CROSSING if abs(c.gap) <= GAP else MISS
+    eqs.position(t, q, eqs.data, eqs.terms)
+    factor(eqs.terms, work)
+    return c.kind
+
+
+@kernel
+def apart(t: float, q: Any, work: Any, terms: Any) -> float:
+    """Distance to the critical point, in units of size; time counts where constraints move with it."""
+    far = distance(q, work.q_c, work)
+    if moves(terms):
+        far = np.sqrt(far * far + ((t - work.critical[0].t) * work.rate[0]) ** 2)
+    return far
+
+
+@inlined
+def moves(terms: Any) -> bool:
+    """Whether time moves a constraint."""
+    for i in range(terms.nu.shape[0]):
+        if terms.nu[i] != 0.0:
+            return True
+    return False
+
+
+@kernel
+def seek(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
+    """Newton for the critical point next to q: fills ``work.q_c``, and time and gap of its record."""
+    m, n = eqs.terms.J.shape
+    c, N = work.critical[0], n + m + 2
+    weakest(eqs.terms, rank, work)
+    for i in range(q.shape[0]):
+        work.q_c[i] = q[i]
+    c.t, c.gap = t, 0.0
+    for _ in range(NEWTON):
+        fill_matrix(eqs, work)
+        for i in range(N):
+            if not np.isfinite(work.g[i]):
+                return False
+        decompose(work.K, N, N, work.K_work, work.K_pivots, work.K_left, work.K_values, work.K_right)
+        flat = rank_at(work.K_values, N, FLAT)
+        pseudo_inverse(work.g, N, N, flat, work.K_left, work.K_values, work.K_right, work.change)
+        size = length(work.change)
+        step_critical(eqs, min(1.0, STRIDE / max(size, 1e-300)), work)
+        if not distance(work.q_c, q, work) < FAR:
+            return False
+        if size < EXACT:
+            unbalance(eqs, c.t, work.q_c, work, work.g)
+            c.gap += gap_left(m, n, work)
+            return True
+    return False
+
+
+@inlined
+def gap_left(m: int, n: int, work: Any) -> float:
+    """What u . (Phi~ - g u) is off."""
+    total = 0.0
+    for i in range(m):
+        total += work.u[i] * work.g[n + 1 + i]
+    return total
+
+
+@kernel
+def weakest(terms: Any, rank: int, work: Any) -> None:
+    """work.u = the left singular vector of the smallest singular value of J~ that is not redundant."""
+    m, n = terms.J.shape
+    for i in range(m):
+        for j in range(n):
+            work.J_work[i, j] = terms.J[i, j] * (work.size[j] / work.row[i])
+    decompose(work.J_work, m, n, work.K_work, work.K_pivots, work.K_left, work.K_values, work.K_right)
+    for i in range(m):
+        work.u[i] = work.K_right[i, rank - 1]
+
+
+@kernel
+def unbalance(eqs: Any, t: float, q: Any, work: Any, g: Any) -> None:
+    """Left side less right side of the equations (N,) at (t, q) with ``work.u`` and the gap; ``terms`` follow."""
+    terms, c = eqs.terms, work.critical[0]
+    m, n = terms.J.shape
+    eqs.position(t, q, eqs.data, terms)
+    for j in range(n):
+        g[j] = 0.0
+    g[n], g[n + m + 1] = 0.0, -0.5
+    for i in range(m):
+        scaled = work.u[i] / work.row[i]
+        for j in range(n):
+            g[j] += scaled * terms.J[i, j] * work.size[j]
+        g[n] -= scaled * terms.nu[i] / work.rate[0]
+        g[n + 1 + i] = terms.Phi[i] / work.row[i] - c.gap * work.u[i]
+        g[n + m + 1] += 0.5 * work.u[i] * work.u[i]
+
+
+@kernel
+def fill_matrix(eqs: Any, work: Any) -> None:
+    """work.g and work.K (N, N), its derivative: by differences where J is differentiated."""
+    terms, c = eqs.terms, work.critical[0]
+    m, n = terms.J.shape
+    N = n + m + 2
+    unbalance(eqs, c.t, work.q_c, work, work.g)
+    for k in range(n + 1):
+        for i in range(work.q_c.shape[0]):
+            work.q_try[i] = work.q_c[i]
+        for i in range(n):
+            work.dq[i] = PROBE * work.size[i] if i == k else 0.0
+        eqs.retract(work.q_try, work.dq, eqs.data)
+        unbalance(eqs, c.t + (PROBE / work.rate[0] if k == n else 0.0), work.q_try, work, work.g_try)
+        for i in range(N):
+            work.K[i, k] = (work.g_try[i] - work.g[i]) / PROBE
+    eqs.position(c.t, work.q_c, eqs.data, terms)
+    for k in range(m):
+        for i in range(N):
+            work.K[i, n + 1 + k] = 0.0
+        for j in range(n):
+            work.K[j, n + 1 + k] = terms.J[k, j] * (work.size[j] / work.row[k])
+        work.K[n, n + 1 + k] = -terms.nu[k] / (work.row[k] * work.rate[0])
+        work.K[n + 1 + k, n + 1 + k] = -c.gap
+        work.K[N - 1, n + 1 + k] = work.u[k]
+    for i in range(N):
+        work.K[i, N - 1] = -work.u[i - n - 1] if n < i < N - 1 else 0.0
+
+
+@inlined
+def step_critical(eqs: Any, part: float, work: Any) -> None:
+    """Go a ``part`` of Newton's step."""
+    m, n = eqs.terms.J.shape
+    c = work.critical[0]
+    for j in range(n):
+        work.dq[j] = -part * work.change[j] * work.size[j]
+    eqs.retract(work.q_c, work.dq, eqs.data)
+    c.t -= part * work.change[n] / work.rate[0]
+    for i in range(m):
+        work.u[i] -= part * work.change[n + 1 + i]
+    c.gap -= part * work.change[n + m + 1]
+
+
+@kernel
+def orientation(terms: Any, rank: int, frame: Any, frame_tau: Any, frame_pivots: Any, work: Any) -> int:
+    """Compare ``terms`` with the factors of J~ at an earlier position: STRAIGHT, FLIPPED, or TURNED too far to tell."""
+    n = terms.J.shape[1]
+    positive = True
+    for i in range(rank):
+        row, row_unit = work.J_work[i], work.row[frame_pivots[i]]
+        for j in range(n):
+            row[j] = terms.J[frame_pivots[i], j] * (work.size[j] / row_unit)
+        turn_in(frame, frame_tau, rank, n, row)
+        for j in range(rank):
+            work.D[i, j] = row[j]
+        positive = positive == (frame[i, i] > 0.0)
+    if not factor_lu(work.D, rank, work.order):
+        return TURNED
+    for i in range(rank):
+        positive = positive == (work.D[i, i] > 0.0)
+        for j in range(i):
+            positive = positive == (work.order[j] < work.order[i])
+    for k in range(rank, n):
+        square = 0.0
+        for i in range(rank):
+            work.b[i] = work.J_work[i, k]
+        solve_lu(work.D, rank, work.order, work.b, work.x)
+        for i in range(rank):
+            square += work.x[i] * work.x[i]
+        if not square <= SLOPE * SLOPE:
+            return TURNED
+    return STRAIGHT if positive else FLIPPED
+
+
+@kernel
+def step_bound(t: float, q: Any, v: Any, terms: Any, work: Any) -> float:
+    """Longest step, s, beside a near miss: the way to it must not be jumped over."""
+    c = work.critical[0]
+    if c.kind != MISS:
+        return np.inf
+    far = apart(t, q, work, terms)
+    if far > FAR:
+        c.kind = NONE
+        return np.inf
+    speed = scaled_length(v, work)
+    if moves(terms):
+        speed = np.sqrt(speed * speed + work.rate[0] ** 2)
+    return PART * far / speed if speed > 0.0 else np.inf

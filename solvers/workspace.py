@@ -1,0 +1,123 @@
+"""Scratch of the partitions, and the factors of the constraint Jacobian in the mechanism's own units."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .dense import lq
+from .kernel import inlined, kernel, records
+from .system import Array
+
+CRITICAL = np.dtype(
+    [
+        ("kind", "i8"),  # what the critical point q_c is: solvers.singular.NONE, CROSSING, or MISS
+        ("gap", "f8"),  # distance of the loop from one that crosses, in units of the rows
+        ("t", "f8"),  # when the drives get there, s
+    ],
+    align=True,
+)
+
+
+class Workspace(NamedTuple):
+    """Units, scratch, and what is known of the critical point nearby; allocated once.
+
+    But for the units and the critical point nothing in it outlives a call except the factors of the last J.
+    """
+
+    size: Array  # (n,)    units of the coordinates
+    size_q: Array  # (nq,)   units of the positions
+    row: Array  # (m,)    units of the constraints
+    rate: Array  # (1,)    1/s, unit of size a second
+    A: Array  # (m, n)  L, and the reflectors of Q, of J~[pivots] = L Q^T
+    tau: Array  # (m,)    of the reflectors
+    pivots: NDArray[np.int64]  # (m,)    order of the rows, independent ones first, int64
+    pivot: Array  # (m,)    |L_kk|, zero beyond min(m, n)
+    T: Array  # (n, n)  rows span the allowed motions, first n - rank
+    directions: Array  # (n, n)  allowed motions at the start
+    mass: Array  # (n, n)  P^T M P
+    momentum: Array  # (1, n)  M times an allowed motion
+    f: Array  # (n,)    force of unbalance
+    z: Array  # (n,)    reduced acceleration
+    b: Array  # (m,)    residual
+    dq: Array  # (n,)    correction
+    a: Array  # (n,)    acceleration at a neighbouring position
+    slope: Array  # (n,)    acceleration under evaluation
+    q: Array  # (nq,)   position under evaluation
+    v: Array  # (n,)    velocity under evaluation
+    q_near: Array  # (nq,)   neighbouring position
+    v_near: Array  # (n,)    neighbouring velocity
+    B: Array  # (m, m)  factors of L^T
+    tau_B: Array  # (m,)
+    pivots_B: NDArray[np.int64]  # (m,)  int64
+    J_work: Array  # (m, n)  J being eliminated
+    D: Array  # (m, m)  dependent columns of J, then their LU factors
+    order: NDArray[np.int64]  # (m,)    row exchanges of D, int64
+    x: Array  # (m,)    solution with D
+    rows: NDArray[np.int64]  # (m,)    candidate choice of rows, int64
+    columns: NDArray[np.int64]  # (n,)    candidate choice of coordinates, dependent ones first, int64
+    critical: NDArray[Any]  # (1,)    record of CRITICAL
+    q_c: Array  # (nq,)   critical point
+    q_try: Array  # (nq,)   position beside it
+    u: Array  # (m,)    forces that balance there
+    K: Array  # (N, N)  matrix of its equations, N = n + m + 2
+    K_left: Array  # (N, N)  its factors
+    K_right: Array  # (N, N)
+    K_values: Array  # (N,)
+    K_work: Array  # (N, N)
+    K_pivots: NDArray[np.int64]  # (N,)  int64
+    g: Array  # (N,)    residual of its equations
+    g_try: Array  # (N,)    beside it
+    change: Array  # (N,)
+
+    @staticmethod
+    def allocate(nq: int, n: int, m: int) -> Workspace:
+        """Return zeroed scratch for ``nq`` positions, ``n`` velocities and ``m`` constraints, units of one."""
+        z, one = np.zeros, np.ones
+        N = n + m + 2 if m else 0
+        pivots, pivots_B, order, rows, columns, K_pivots = (np.zeros(k, np.int64) for k in (m, m, m, m, n, N))
+        return Workspace(
+            one(n), one(nq), one(m), one(1), z((m, n)), z(m), pivots, z(m), z((n, n)), z((n, n)), z((n, n)), z((1, n)),
+            z(n), z(n), z(m), z(n), z(n), z(n), z(nq), z(n), z(nq), z(n), z((m, m)), z(m), pivots_B, z((m, n)),
+            z((m, m)), order, z(m), rows, columns, records(1, CRITICAL), z(nq), z(nq), z(m), z((N, N)), z((N, N)),
+            z((N, N)), z(N), z((N, N)), K_pivots, z(N), z(N), z(N),
+        )  # fmt: skip
+
+
+@kernel
+def factor(terms: Any, work: Any) -> None:
+    """Factor the Jacobian held by ``terms``, in units of rows and coordinates."""
+    m, n = terms.J.shape
+    for i in range(m):
+        for j in range(n):
+            work.A[i, j] = terms.J[i, j] * (work.size[j] / work.row[i])
+    lq(work.A, m, n, work.tau, work.pivots)
+    for i in range(m):
+        work.pivot[i] = abs(work.A[i, i]) if i < n else 0.0
+
+
+@kernel
+def factor_here(eqs: Any, t: float, q: Any, v: Any, work: Any) -> None:
+    """Fill ``terms`` at (t, q, v) and factor their J."""
+    eqs.dynamics(t, q, v, eqs.data, eqs.terms)
+    factor(eqs.terms, work)
+
+
+@inlined
+def scaled_length(x: Any, work: Any) -> float:
+    """|x|, x (n,) a change of the coordinates in units of their size."""
+    square = 0.0
+    for i in range(x.shape[0]):
+        square += (x[i] / work.size[i]) ** 2
+    return np.sqrt(square)
+
+
+@inlined
+def distance(q: Any, other: Any, work: Any) -> float:
+    """Distance of two positions (nq,) in units of size."""
+    square = 0.0
+    for i in range(q.shape[0]):
+        square += ((q[i] - other[i]) / work.size_q[i]) ** 2
+    return np.sqrt(square)
