@@ -9,8 +9,8 @@ the LU regime the dependents are solved from the independents at every evaluatio
 they carry no error control, as in the paper. The hybrid changes regime by the rules of :func:`leave_lu` and
 :func:`return_to_lu`; all coordinates are in its history and under its error control, so a change costs nothing.
 
-No step is accepted that may have jumped to another branch (:func:`passed`), and steps are kept short beside near misses
-(:func:`look_ahead`); see :mod:`solvers.singular`.
+No step is accepted that may have jumped to another branch, and steps are kept short beside near misses; see
+:mod:`solvers.singular`.
 
 A step may pass the time asked for; the reported state is then interpolated and closed, so what is computed
 does not depend on when results are asked for.
@@ -23,7 +23,6 @@ from typing import Any
 import numpy as np
 
 from .kernel import inlined, kernel
-from .dense import ratio
 from .lu import (
     choose,
     close_dependent,
@@ -37,9 +36,9 @@ from .lu import (
     tangents_turned,
 )
 from .multistep import FIRST, accept, begin, coefficients, correct, estimate, interpolate, predict, unwind
-from .partition import NOT_CLOSED, OK, SINGULAR, acceleration, close, multipliers, settle, trusted
-from .singular import AHEAD, CROSSING, FLIPPED, MISS, NONE, STRAIGHT, judge, orientation, step_bound
-from .workspace import distance, factor
+from .partition import NOT_CLOSED, OK, acceleration, close, multipliers, settle, trusted
+from .singular import AHEAD, SINGULAR, note, passed, step_bound, vanishes
+from .workspace import factor
 
 MAX_STEPS, COLLAPSED = 5, 6  # beside the codes of partition
 PROJECTION, LU = 0, 1  # regimes
@@ -56,7 +55,6 @@ SETTINGS = np.dtype(
 HYBRID = 2
 SLIGHT = 1e-3  # part of the tolerance: a correction of the position by less needs no new J
 SMALLEST_STEP = 1e-11  # times the larger of t and one over the rate of the motion
-PASSED = 3.0  # a crossing that a step has passed lies within so many lengths of it
 CLEAR = 10.0  # steps to a singular position from which on LU is worth returning to
 
 
@@ -126,8 +124,9 @@ def start(eqs: Any, c: Any, o: Any, H: Any, work: Any) -> int:
     if code != OK:
         return code
     join(q, v, H.y)
-    frame(eqs, c, H, work)
-    if c.rank > 0 and c.ratio < SINGULAR and o.partition == HYBRID:
+    work.course[0].ratio = 0.0
+    note(eqs, c.t, q, 0.0, 0.0, c.rank, work)
+    if c.rank > 0 and work.course[0].ratio < SINGULAR and o.partition == HYBRID:
         c.regime = PROJECTION
     if c.regime == LU:
         if not choose(eqs.terms, c.rank, work):
@@ -144,36 +143,13 @@ def start(eqs: Any, c: Any, o: Any, H: Any, work: Any) -> int:
 
 
 @kernel
-def frame(eqs: Any, c: Any, H: Any, work: Any) -> None:
-    """Note the axes of the position of ``terms``, whose factors are at hand, and what singular position is near.
-
-    In a crossing the axes are not determined, and the next step has nothing to be compared with.
-    """
-    t, q, rank = c.t, work.q, c.rank
-    before, c.ratio = c.ratio, ratio(work.pivot, rank)
-    if rank == 0:
-        return
-    kind = NONE
-    falling = before - c.ratio
-    c.ahead = 0
-    if c.ratio < SINGULAR or (falling > 0.0 and c.ratio * c.hold < AHEAD * c.h * falling):
-        kind, c.ahead = judge(eqs, t, q, rank, work), 1
-    c.framed = 1 if c.ratio >= SINGULAR or kind == MISS else 0
-    m, n = H.frame.shape
-    for i in range(m):
-        H.frame_tau[i], H.frame_pivots[i] = work.tau[i], work.pivots[i]
-        for j in range(n):
-            H.frame[i, j] = work.A[i, j]
-
-
-@kernel
-def reframe(eqs: Any, c: Any, H: Any, work: Any) -> None:
-    """As :func:`frame`, at y."""
+def look_around(eqs: Any, c: Any, H: Any, work: Any) -> None:
+    """Note y as the last good position, after it was left by LU, which has noted none."""
     split(H.y, work.q, work.v)
     eqs.position(c.t, work.q, eqs.data, eqs.terms)
     factor(eqs.terms, work)
-    c.ratio = 0.0
-    frame(eqs, c, H, work)
+    work.course[0].ratio = 0.0
+    note(eqs, c.t, work.q, 0.0, 0.0, c.rank, work)
 
 
 @kernel
@@ -184,20 +160,6 @@ def frame_lu(terms: Any, c: Any, H: Any, work: Any) -> None:
     for k in range(n - c.rank):
         for i in range(n):
             H.tangents[k, i] = work.T[k, i]
-
-
-@kernel
-def passed(eqs: Any, t: float, c: Any, o: Any, H: Any, work: Any) -> bool:
-    """Whether the projection step to (t, work.q) stayed on its branch: it turned little, or passed a crossing."""
-    if c.rank == 0 or c.framed == 0:
-        return True
-    turn = orientation(eqs.terms, c.rank, H.frame, H.frame_tau, H.frame_pivots, work)
-    if turn == STRAIGHT:
-        return True
-    if turn == FLIPPED and judge(eqs, t, work.q, c.rank, work) == CROSSING:
-        split(H.y, work.q_near, work.v_near)
-        return distance(work.q_c, work.q, work) <= PASSED * distance(work.q_near, work.q, work)
-    return False
 
 
 @kernel
@@ -219,7 +181,7 @@ def take_choice(terms: Any, c: Any, H: Any, work: Any) -> None:
     factor_dependent(terms, c.rank, H.rows, H.columns, work)
     span_dependent(terms, c.rank, H.rows, H.columns, work)
     frame_lu(terms, c, H, work)
-    c.ratio = 0.0
+    c.pivot = 0.0
 
 
 @kernel
@@ -264,7 +226,7 @@ def stayed(eqs: Any, t: float, c: Any, o: Any, H: Any, work: Any) -> bool:
     if o.partition == LU:
         return True
     if c.regime == PROJECTION:
-        if passed(eqs, t, c, o, H, work):
+        if passed(eqs, t, work.q, c.rank, work):
             jumped(eqs, t, c, o, work)
             return True
         c.refused += 1
@@ -317,7 +279,7 @@ def jumped(eqs: Any, t: float, c: Any, o: Any, work: Any) -> bool:
 def give_up_lu(eqs: Any, c: Any, H: Any, work: Any) -> None:
     """Go on by projection from the last accepted state."""
     c.regime, c.calm = PROJECTION, 0
-    reframe(eqs, c, H, work)
+    look_around(eqs, c, H, work)
 
 
 @kernel
@@ -330,9 +292,8 @@ def leave_lu(eqs: Any, c: Any, o: Any, work: Any, H: Any) -> None:
     terms = eqs.terms
     if o.partition == HYBRID:
         frame_lu(terms, c, H, work)
-        before, c.ratio = c.ratio, smallest_pivot(c.rank, work)
-        falling = before - c.ratio
-        if falling > 0.0 and c.ratio * c.hold < AHEAD * c.h * falling:
+        before, c.pivot = c.pivot, smallest_pivot(c.rank, work)
+        if vanishes(before, c.pivot, c.hold, AHEAD * c.h):
             give_up_lu(eqs, c, H, work)
             c.by_turn += 1
             return
@@ -365,9 +326,9 @@ def return_to_lu(c: Any, o: Any, terms: Any, work: Any, H: Any, before: float) -
 
     ``before`` is the ratio before the step; where it falls to nothing within a few steps LU is not worth it.
     """
-    falling = before - c.ratio
-    clear = c.ratio >= SINGULAR and not (falling > 0.0 and c.ratio * c.hold < CLEAR * c.h * falling)
-    calm = clear and c.h >= min(c.hold, o.max_step)
+    now = work.course[0].ratio
+    calm = now >= SINGULAR and not vanishes(before, now, c.hold, CLEAR * c.h)
+    calm = calm and c.h >= min(c.hold, o.max_step)
     calm = choose(terms, c.rank, work) and calm
     if not same_choice(c.rank, H.columns, work.columns) or not same_choice(c.rank, H.rows, work.rows):
         for i in range(work.rows.shape[0]):
@@ -404,8 +365,8 @@ def advance(eqs: Any, settings: Any, H: Any, work: Any, target: float, q: Any, v
             c.time_lu += c.hold
             leave_lu(eqs, c, o, work, H)
         else:
-            before = c.ratio
-            frame(eqs, c, H, work)
+            before = work.course[0].ratio
+            note(eqs, c.t, work.q, c.hold, c.h, c.rank, work)
             c.time_projection += c.hold
             if o.partition == HYBRID:
                 return_to_lu(c, o, eqs.terms, work, H, before)

@@ -68,8 +68,7 @@ class AdamsStepper(DenseStepper):
         self._history.y[:] = np.concatenate((self._q, self._v))
 
     def _arrays(self) -> list[NDArray[Any]]:
-        w = self._scales
-        return [*self._history, self._reported, self._q, self._v, w.row, w.rate, w.critical, w.q_c]
+        return [*self._history, self._reported, self._q, self._v, *self._scales.memory()]
 
     @property
     def statistics(self) -> Statistics:

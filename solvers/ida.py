@@ -1,16 +1,28 @@
-"""SUNDIALS IDA on the stabilised, regularised equations of constrained motion ('ida').
+"""SUNDIALS IDA on the stabilised equations of constrained motion ('ida').
 
-Unknowns y = (q, v, lambda, mu), variable-order BDF. The form is Gear, Gupta and Leimkuhler's with a Tikhonov term::
+Unknowns y = (q, v, lambda, mu), variable-order BDF. The form is Gear, Gupta and Leimkuhler's::
 
-    q' - N(q) (v - J^T mu) + k (q - unit(q)) = 0      M v' + h + J^T lambda = 0
-    J v - nu - d lambda = 0                           Phi - d mu = 0
+    q' - N(q) (v - S J~^T mu) + k (q - unit(q)) = 0      M v' + h + J~^T S^-1 lambda = 0
+    R^-1 (J v - nu) - D lambda = 0                       R^-1 Phi - d mu = 0
 
-with d = 0.01 rtol, in units of the squared constraint Jacobian (and of its inverse mass for lambda). Without
-d the iteration matrix is singular where J loses rank: the matrix kept from before such a position diverges
-after it and the step is cut ever closer to it. With d the vanishing direction is left to the predictor, which
-knows the tangent. The bias is |J v - nu| = d |lambda|, far below the tolerance, and redundant constraints are
-admitted as well. The regularisation bounds what can be reached: with constraints, an rtol below FINEST is run as
-FINEST.
+in units of coordinates and rows, S and R, J~ = R^-1 J S (:mod:`solvers.workspace`); lambda is in units of R. Two small
+terms make it regular where J~ loses rank:
+
+- d = MU |J~|^2 / rate. mu vanishes on the solution, so d has no bias; residuals of positions just return within
+  d / sigma^2. It bounds what rounding in Phi does to v along a vanishing direction, u / (sigma^2 + d c_j) and not u /
+  sigma^2.
+- D = LAMBDA a (1 + A / (FILTER tr A))^-2 / rate with A = J~ J~^T and a = tr J~ M~^-1 J~^T. lambda does not vanish on the
+  solution, it may even be unbounded, and D |lambda|^2 is a loss of power. D is a alone on rows without rank, redundant
+  ones and those that vanish at a crossing, and nothing where constraints only come near: there lambda is as 1 / sigma^2.
+
+Such small terms need a Newton matrix that is no older than the iterate in J and M: with a matrix kept from before a
+singular position the iteration contracts as the change of sigma to sqrt(sigma^2 + d c_j) and diverges. So J and M are
+taken where the residual has just been evaluated, and only K, the derivative of the rest, is kept. IDA's own direct
+solvers keep their factors; what serves is its iterative one with an exact preconditioner. The product of matrix and
+vector is declared to be the vector, which the preconditioner then takes as solved: one iteration is exact.
+
+After each step the way is looked over (:mod:`solvers.singular`). A step that may have jumped to another branch is taken
+back: IDA starts anew where it began and does not step so far.
 
 Multipliers carry no error control: they may be unbounded where the motion is smooth. unit(q) is q with its
 quaternions normalised; the last term of the first equation holds their length and vanishes with it.
@@ -29,51 +41,74 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from sksundae.ida import IDA
+from sksundae.ida import IDA, IDAJacTimes, IDAPrecond
 
+from .dense import factor_lu, solve_lu
 from .held import hold
-from .kernel import kernel
+from .kernel import inlined, kernel
 from .partition import close_report
+from .singular import note, passed, step_bound
 from .stepper import Code, DenseStepper, Options, Statistics, Stepper
 from .system import Array, System
+from .workspace import factor
 
-TIKHONOV = 0.01  # d relative to rtol; a tenth of it takes 60 times the residuals at 1e-10
+LAMBDA, FILTER, MU = 1e-10, 1e-13, 1e-4  # see above; powers of ten either way change nothing but the last digits
 FINEST = 5e-10  # a tighter rtol is run as this one: below it roundoff in J grows faster than the BDF error falls
 # IDA bounds the error of a step and the errors add up. At order 5 a step is as rtol^(1/6) and so the sum as the step's
-# error^(5/6): for a motion's error in proportion to rtol IDA is given TIGHTER rtol^POWER.
+# error^(5/6): for a motion's error in proportion to rtol IDA is given TIGHTER rtol^POWER, and atol in proportion.
 TIGHTER, POWER = 3.0, 1.2
-UNCONTROLLED = 1e8  # absolute tolerance of the multipliers
-LENGTH_RATE = 10.0  # 1/s, k
+UNCONTROLLED = 1e20  # absolute tolerance of the multipliers
+LENGTH_RATE = 10.0  # k, in units of the motion's rate
 STEPS_A_CALL = 5000  # then progress is looked at
-STANDSTILL = 1e-10  # s relative to max(1, |t|): less progress in STEPS_A_CALL steps is a collapse
+STANDSTILL = 1e-10  # relative to t or one over the rate: less progress in STEPS_A_CALL steps is a collapse
 TOO_MUCH_WORK = -1  # IDA's status for STEPS_A_CALL steps taken
+SHORTER = 0.25  # of a step that was taken back may be gone at once
 
 
 class Unknowns(NamedTuple):
-    """Writable copies of what IDA passes, and scratch of the residual."""
+    """Writable copies of what IDA passes, and scratch of residual and solution; N = nq + n + 2 m."""
 
-    y: Array  # (nq + n + 2 m,)  q, v, lambda, mu
-    yp: Array  # (nq + n + 2 m,)
-    res: Array  # (nq + n + 2 m,)  residual at a neighbour
+    y: Array  # (N,)    q, v, lambda, mu
+    yp: Array  # (N,)
+    res: Array  # (N,)    residual
+    beside: Array  # (N,)    residual at a neighbour
     q: Array  # (nq,)
     v: Array  # (n,)
-    drift: Array  # (n,)   v - J^T mu
-    qdot: Array  # (nq,)  N (v - J^T mu)
-    unit: Array  # (nq,)  q with unit quaternions
+    drift: Array  # (n,)    v - S J~^T mu
+    qdot: Array  # (nq,)   N (v - S J~^T mu)
+    unit: Array  # (nq,)   q with unit quaternions
     zero: Array  # (n,)
-    d: Array  # (2,)   Tikhonov terms of lambda and of mu
-    counts: Array  # (3,)   residuals, Jacobians, residuals that were not finite
+    d: Array  # (2,)    LAMBDA a / rate, d
+    F: Array  # (m, m)  FILTER tr A + A, its factors
+    Dlam: Array  # (m,)    D lambda
+    D: Array  # (m, m)  D
+    at: Array  # (N,)    where terms were evaluated last
+    solved: Array  # (N,)    where the matrix was factored last
+    key: Array  # (3,)    t of ``at``; t and c_j of ``solved``
+    K: Array  # (N, nq + n)  derivative of the residual by q and v
+    N: Array  # (nq, n)  N(q) where K was taken
+    matrix: Array  # (N, N)  its factors
+    order: NDArray[np.int64]  # (N,) int64
+    right: Array  # (N,)
+    left: Array  # (N,)
+    product: Array  # (N,)    the vector whose product was asked for
+    asked: Array  # (1,)    whether it was
+    counts: Array  # (5,)    residuals, matrices K, residuals that were not finite, steps, steps taken back
 
     @staticmethod
     def allocate(nq: int, n: int, m: int) -> Unknowns:
         """Return zeroed arrays for ``nq`` positions, ``n`` velocities and ``m`` constraints."""
-        size = nq + n + 2 * m
-        return Unknowns(*(np.zeros(k) for k in (size, size, size, nq, n, n, nq, nq, n, 2, 3)))
+        N, z = nq + n + 2 * m, np.zeros
+        return Unknowns(
+            z(N), z(N), z(N), z(N), z(nq), z(n), z(n), z(nq), z(nq), z(n), z(2), z((m, m)), z(m), z((m, m)),
+            np.full(N, np.nan), np.full(N, np.nan), z(3), z((N, nq + n)), z((nq, n)), z((N, N)), np.zeros(N, np.int64),
+            z(N), z(N), z(N), z(1), z(5),
+        )  # fmt: skip
 
 
 @kernel
-def balance(eqs: Any, t: float, u: Any, res: Any) -> None:
-    """Residual (size,) at (u.y, u.yp), module docstring; leaves ``terms`` at (q, v)."""
+def balance(eqs: Any, t: float, u: Any, work: Any, res: Any) -> None:
+    """Residual (N,) at (u.y, u.yp), module docstring; leaves ``terms`` at (q, v)."""
     terms, nq = eqs.terms, u.q.shape[0]
     m, n = terms.J.shape
     lam, mu = nq + n, nq + n + m
@@ -82,59 +117,101 @@ def balance(eqs: Any, t: float, u: Any, res: Any) -> None:
         u.unit[i] = u.y[i]
     for i in range(n):
         u.v[i] = u.y[nq + i]
-    drift_rate(eqs, t, u)
+    drift_rate(eqs, t, u, work)
     eqs.dynamics(t, u.q, u.v, eqs.data, terms)
     if nq == n:
+        drift(terms, u, work)
         for i in range(n):
-            u.qdot[i] = terms.qdot[i]
-            for row in range(m):
-                u.qdot[i] -= terms.J[row, i] * u.y[mu + row]
+            u.qdot[i] = terms.qdot[i] + u.drift[i] - u.v[i]
     for i in range(nq):
-        res[i] = u.yp[i] - u.qdot[i] + LENGTH_RATE * (u.q[i] - u.unit[i])
+        res[i] = u.yp[i] - u.qdot[i] + LENGTH_RATE * work.rate[0] * (u.q[i] - u.unit[i])
     for i in range(n):
         res[nq + i] = terms.h[i]
         for j in range(n):
             res[nq + i] += terms.M[i, j] * u.yp[nq + j]
         for row in range(m):
-            res[nq + i] += terms.J[row, i] * u.y[lam + row]
+            res[nq + i] += terms.J[row, i] * u.y[lam + row] / work.row[row]
+    filter_multipliers(u, work, terms)
     for row in range(m):
-        res[lam + row] = -terms.nu[row] - u.d[0] * u.y[lam + row]
+        res[lam + row] = -terms.nu[row]
         for j in range(n):
             res[lam + row] += terms.J[row, j] * u.v[j]
-        res[mu + row] = terms.Phi[row] - u.d[1] * u.y[mu + row]
+        res[lam + row] = res[lam + row] / work.row[row] - u.Dlam[row]
+        res[mu + row] = terms.Phi[row] / work.row[row] - u.d[1] * u.y[mu + row]
 
 
-@kernel
-def drift_rate(eqs: Any, t: float, u: Any) -> None:
-    """Where q holds quaternions: N (v - J^T mu) by a second evaluation, and the unit quaternions. N = 1 needs none."""
-    terms, nq = eqs.terms, u.q.shape[0]
+@inlined
+def drift(terms: Any, u: Any, work: Any) -> None:
+    """v - S J~^T mu from ``terms``."""
     m, n = terms.J.shape
-    if nq == n:
-        return
-    eqs.position(t, u.q, eqs.data, terms)
     for i in range(n):
         u.drift[i] = u.v[i]
         for row in range(m):
-            u.drift[i] -= terms.J[row, i] * u.y[nq + n + m + row]
-    eqs.dynamics(t, u.q, u.drift, eqs.data, terms)
-    for i in range(nq):
-        u.qdot[i] = terms.qdot[i]
+            u.drift[i] -= work.size[i] ** 2 * terms.J[row, i] / work.row[row] * u.y[u.y.shape[0] - m + row]
+
+
+@kernel
+def drift_rate(eqs: Any, t: float, u: Any, work: Any) -> None:
+    """Where q holds quaternions: N (v - S J~^T mu) by a second evaluation, and the unit quaternions. N = 1 needs none."""
+    if u.q.shape[0] == u.v.shape[0]:
+        return
+    eqs.position(t, u.q, eqs.data, eqs.terms)
+    drift(eqs.terms, u, work)
+    eqs.dynamics(t, u.q, u.drift, eqs.data, eqs.terms)
+    for i in range(u.q.shape[0]):
+        u.qdot[i] = eqs.terms.qdot[i]
     eqs.retract(u.unit, u.zero, eqs.data)
 
 
 @kernel
-def load(y: Any, yp: Any, u: Any) -> None:
-    """Copy IDA's read-only arrays."""
-    for i in range(y.shape[0]):
-        u.y[i] = y[i]
-        u.yp[i] = yp[i]
+def filter_matrix(u: Any, work: Any, terms: Any) -> float:
+    """u.F = FILTER tr A + A; return FILTER tr A."""
+    m, n = terms.J.shape
+    trace = 0.0
+    for i in range(m):
+        for j in range(i + 1):
+            u.F[i, j] = 0.0
+            for k in range(n):
+                u.F[i, j] += terms.J[i, k] * terms.J[j, k] * work.size[k] ** 2
+            u.F[i, j] /= work.row[i] * work.row[j]
+            u.F[j, i] = u.F[i, j]
+        trace += u.F[i, i]
+    for i in range(m):
+        u.F[i, i] += FILTER * trace
+    return FILTER * trace
 
 
 @kernel
-def residual(eqs: Any, t: float, y: Any, yp: Any, res: Any, u: Any) -> None:
+def filter_multipliers(u: Any, work: Any, terms: Any) -> None:
+    """u.Dlam = D lambda."""
+    m = terms.J.shape[0]
+    if m == 0:
+        return
+    size = filter_matrix(u, work, terms)
+    factor_lu(u.F, m, work.order)
+    for i in range(m):
+        work.b[i] = u.y[u.y.shape[0] - 2 * m + i]
+    solve_lu(u.F, m, work.order, work.b, work.x)
+    solve_lu(u.F, m, work.order, work.x, u.Dlam)
+    for i in range(m):
+        u.Dlam[i] *= u.d[0] * size * size
+
+
+@kernel
+def load(t: float, y: Any, yp: Any, u: Any) -> None:
+    """Copy IDA's read-only arrays."""
+    u.key[0] = t
+    for i in range(y.shape[0]):
+        u.y[i] = y[i]
+        u.yp[i] = yp[i]
+        u.at[i] = y[i]
+
+
+@kernel
+def residual(eqs: Any, t: float, y: Any, yp: Any, res: Any, u: Any, work: Any) -> None:
     """IDA's residual function; what is not finite IDA takes as a sign to cut the step."""
-    load(y, yp, u)
-    balance(eqs, t, u, res)
+    load(t, y, yp, u)
+    balance(eqs, t, u, work, res)
     u.counts[0] += 1.0
     for i in range(res.shape[0]):
         if not np.isfinite(res[i]):
@@ -143,24 +220,131 @@ def residual(eqs: Any, t: float, y: Any, yp: Any, res: Any, u: Any) -> None:
 
 
 @kernel
-def jacobian(eqs: Any, t: float, y: Any, yp: Any, res: Any, cj: float, JJ: Any, u: Any) -> None:
-    """d res / d y + cj d res / d y': differences in y, all columns in one call; the part of y' is known."""
+def set_up(eqs: Any, t: float, y: Any, yp: Any, u: Any, work: Any) -> None:
+    """u.K: differences in q and v, all columns in one call; u.N. The part of y' is known."""
     nq, n = u.q.shape[0], u.v.shape[0]
-    load(y, yp, u)
+    load(t, y, yp, u)
     u.counts[1] += 1.0
-    for j in range(y.shape[0]):
-        step = 1.5e-8 * max(1.0, abs(y[j])) if j < nq + n else 1.0  # linear in the multipliers
+    balance(eqs, t, u, work, u.res)
+    for j in range(nq + n):
+        natural = work.size_q[j] if j < nq else work.size[j - nq] * work.rate[0]
+        step = 1.5e-8 * max(natural, abs(y[j]))
         u.y[j] = y[j] + step
-        balance(eqs, t, u, u.res)
+        balance(eqs, t, u, work, u.beside)
         for i in range(y.shape[0]):
-            JJ[i, j] = (u.res[i] - res[i]) / step
+            u.K[i, j] = (u.beside[i] - u.res[i]) / step
         u.y[j] = y[j]
-    eqs.dynamics(t, u.q, u.v, eqs.data, eqs.terms)
+    for j in range(n):
+        for i in range(n):
+            u.v[i] = 1.0 if i == j else 0.0
+        eqs.dynamics(t, u.q, u.v, eqs.data, eqs.terms)
+        for i in range(nq):
+            u.N[i, j] = eqs.terms.qdot[i]
+    balance(eqs, t, u, work, u.res)
+    u.key[2] = np.nan  # no factors
+
+
+@kernel
+def assemble(eqs: Any, u: Any, work: Any, cj: float) -> None:
+    """u.matrix: d res / d y + cj d res / d y', from K and what ``terms`` hold."""
+    terms, nq = eqs.terms, u.q.shape[0]
+    m, n = terms.J.shape
+    lam, mu, N = nq + n, nq + n + m, u.y.shape[0]
+    A = u.matrix
+    for i in range(N):
+        for j in range(N):
+            A[i, j] = u.K[i, j] if j < lam else 0.0
     for i in range(nq):
-        JJ[i, i] += cj
+        A[i, i] += cj
     for i in range(n):
         for j in range(n):
-            JJ[nq + i, nq + j] += cj * eqs.terms.M[i, j]
+            A[nq + i, nq + j] += cj * terms.M[i, j]
+    filter_block(u, work, terms)
+    for row in range(m):
+        for i in range(n):
+            entry = terms.J[row, i] / work.row[row]
+            A[nq + i, lam + row] = entry
+            A[lam + row, nq + i] = entry
+            if nq == n:
+                A[i, mu + row] = work.size[i] ** 2 * entry
+                A[mu + row, i] = entry
+            else:
+                for k in range(nq):
+                    A[k, mu + row] += u.N[k, i] * work.size[i] ** 2 * entry
+        for other in range(m):
+            A[lam + row, lam + other] = -u.D[row, other]
+        A[mu + row, mu + row] = -u.d[1]
+
+
+@kernel
+def filter_block(u: Any, work: Any, terms: Any) -> None:
+    """u.D = D, column by column."""
+    m = terms.J.shape[0]
+    if m == 0:
+        return
+    size = filter_matrix(u, work, terms)
+    factor_lu(u.F, m, work.order)
+    for k in range(m):
+        for i in range(m):
+            work.b[i] = u.d[0] * size * size if i == k else 0.0
+        solve_lu(u.F, m, work.order, work.b, work.x)
+        solve_lu(u.F, m, work.order, work.x, work.b)
+        for i in range(m):
+            u.D[i, k] = work.b[i]
+
+
+@kernel
+def solve(eqs: Any, t: float, y: Any, yp: Any, right: Any, left: Any, cj: float, u: Any, work: Any) -> None:
+    """The preconditioner: left = matrix^-1 right with J and M of this iterate, or the vector whose product was asked."""
+    N = y.shape[0]
+    if u.asked[0] == 1.0:
+        u.asked[0] = 0.0
+        for i in range(N):
+            left[i] = u.product[i]
+        return
+    here, fresh = u.key[0] == t, u.key[1] == t and u.key[2] == cj
+    for i in range(N):
+        here = here and u.at[i] == y[i]
+        fresh = fresh and u.solved[i] == y[i]
+    if not fresh:
+        if not here:
+            load(t, y, yp, u)
+            balance(eqs, t, u, work, u.res)
+        assemble(eqs, u, work, cj)
+        factor_lu(u.matrix, N, u.order)
+        u.key[1], u.key[2] = t, cj
+        for i in range(N):
+            u.solved[i] = y[i]
+    for i in range(N):
+        u.right[i] = right[i]
+    solve_lu(u.matrix, N, u.order, u.right, u.left)
+    for i in range(N):
+        left[i] = u.left[i]
+
+
+@kernel
+def multiply(vector: Any, product: Any, u: Any) -> None:
+    """The product of matrix and vector, for the preconditioner to undo."""
+    u.asked[0] = 1.0
+    for i in range(vector.shape[0]):
+        u.product[i] = vector[i]
+        product[i] = vector[i]
+
+
+@kernel
+def look_over(eqs: Any, t: float, y: Any, taken: float, rank: int, u: Any, work: Any) -> float:
+    """Longest next step after one of IDA's to (t, y), s; negative where the step may have jumped to another branch."""
+    for i in range(u.q.shape[0]):
+        u.q[i] = y[i]
+    for i in range(u.v.shape[0]):
+        u.v[i] = y[u.q.shape[0] + i]
+    eqs.position(t, u.q, eqs.data, eqs.terms)
+    if not passed(eqs, t, u.q, rank, work):
+        return -1.0
+    factor(eqs.terms, work)
+    note(eqs, t, u.q, taken, taken, rank, work)
+    u.at[0] = np.nan  # the terms have moved
+    return step_bound(t, u.q, u.v, eqs.terms, work)
 
 
 class IDADriver(Stepper):
@@ -233,26 +417,41 @@ class IDAStepper(IDADriver, DenseStepper):
         super().__init__(system, t0, q0, v0, options)
         self._rtol = max(FINEST, self.options.rtol) if system.m else self.options.rtol
         self._unknowns = Unknowns.allocate(system.nq, system.n, system.m)
+        self._held = hold(self._unknowns)
         self._counts = self._unknowns.counts
         self._begun, self._pending = np.zeros(1), True
         self._ida = self._new_ida()
+        self._passed = self._t  # s, where IDA itself stands
+        self._good = self._t, self._q, self._v  # state after IDA's last step
+        self._reach = np.inf  # s, longest next step
 
     def _new_ida(self) -> IDA:
-        s, o, u, eqs = self.system, self.options, hold(self._unknowns), self._eqs
+        s, o, u, work, eqs = self.system, self.options, self._held, self._work, self._eqs
 
         def resfn(t: float, y: Array, yp: Array, res: Array) -> None:
-            residual(eqs, t, y, yp, res, u)
+            residual(eqs, t, y, yp, res, u, work)
 
-        def jacfn(t: float, y: Array, yp: Array, res: Array, cj: float, JJ: Array) -> None:
-            jacobian(eqs, t, y, yp, res, cj, JJ, u)
+        def setup(t: float, y: Array, yp: Array, res: Array, cj: float) -> None:
+            set_up(eqs, t, y, yp, u, work)
+
+        def precondition(
+            t: float, y: Array, yp: Array, res: Array, right: Array, left: Array, cj: float, delta: float
+        ) -> None:
+            solve(eqs, t, y, yp, right, left, cj, u, work)
+
+        def times(t: float, y: Array, yp: Array, res: Array, vector: Array, product: Array, cj: float) -> None:
+            multiply(vector, product, u)
 
         controlled, size = s.nq + s.n, s.nq + s.n + 2 * s.m
         rtol = TIGHTER * self._rtol**POWER
-        atol = np.full(size, rtol if o.atol is None else o.atol * rtol / self._rtol)
-        atol[controlled:] = UNCONTROLLED
+        atol = np.full(size, UNCONTROLLED)
+        units = np.concatenate((self._scales.size_q, self._scales.rate[0] * s.size))
+        atol[:controlled] = units * (rtol if o.atol is None else o.atol * rtol / self._rtol)
         return IDA(
             resfn,
-            jacfn=jacfn,
+            linsolver="gmres",
+            precond=IDAPrecond(setup, precondition),
+            jactimes=IDAJacTimes(None, times),
             rtol=rtol,
             atol=atol,
             algebraic_idx=np.arange(controlled, size) if s.m else None,
@@ -264,20 +463,78 @@ class IDAStepper(IDADriver, DenseStepper):
 
     def _begin(self) -> Code:
         """Initialise IDA at the reported state with consistent derivatives."""
-        s, u = self.system, self._unknowns
+        s, u, w = self.system, self._unknowns, self._scales
         code, a, lam = self._evaluate()
         if code is not Code.OK:
             return code
-        J, scale = self._terms.J, np.trace(self._terms.M) / s.n
-        square = np.linalg.norm(J, 2) ** 2 if s.m else 1.0
-        u.d[:] = TIKHONOV * self._rtol * square / np.array([scale, 1.0])
+        if s.m:
+            u.d[:] = self._regularisation()
         zeros = np.zeros(s.m)
-        y = np.concatenate((self._q, self._v, lam, zeros))
+        y = np.concatenate((self._q, self._v, lam * w.row, zeros))
         yp = np.concatenate((self._terms.qdot, a, zeros, zeros))
         self._ida.init_step(self._t, y, yp)
-        self._pending = False
+        u.at[:] = np.nan
+        u.asked[0] = 0.0
+        self._pending, self._passed = False, self._t
+        self._good = self._t, self._q, self._v
+        w.course["known"], w.course["ratio"] = 0, 0.0
+        self._reach = min(self._reach, look_over(self._eqs, self._t, y, 0.0, self._rank, self._held, self._work))
         self._begun[0] += 1.0
         return Code.OK
+
+    def _regularisation(self) -> tuple[float, float]:
+        """Return what D is on rows without rank, and d. M may be singular across the motion; there J~ stands in."""
+        w, terms = self._scales, self._terms
+        J = terms.J * (self.system.size / w.row[:, None])
+        M = terms.M * np.outer(self.system.size, self.system.size)
+        square = np.linalg.norm(J, 2) ** 2
+        mobile = np.linalg.solve(M + np.trace(M) / (self.system.n * square) * J.T @ J, J.T)
+        return LAMBDA * np.trace(J @ mobile) / w.rate[0], MU * square / w.rate[0]
+
+    def _go(self, t: float) -> Code:
+        """Step until ``t`` is passed, and interpolate; take back steps that may have jumped."""
+        if self.system.m == 0:
+            return super()._go(t)
+        taken, bad = 0, self._counts[2]
+        shortest = STANDSTILL / self._scales.rate[0]
+        while self._passed < t:
+            if taken >= self.options.max_steps:
+                return Code.MAX_STEPS
+            before = self._passed
+            stop = None if np.isinf(self._reach) else before + self._reach
+            with redirect_stdout(StringIO()):  # the binding prints what the status says
+                result = self._ida.step(max(t, before + self._reach) if stop else t, method="onestep", tstop=stop)
+            if result.status < 0 or self._reach < max(shortest, STANDSTILL * abs(before)):
+                return Code.NOT_FINITE if self._counts[2] > bad else Code.COLLAPSED
+            if float(result.t) <= before:
+                continue  # it had interpolated, and tells where it stands first
+            taken += 1
+            code = self._look_over(float(result.t), result.y, float(result.t) - before)
+            if code is not Code.OK:
+                return code
+        with redirect_stdout(StringIO()):
+            result = self._ida.step(t)
+        return self._take(float(result.t), result.y)
+
+    def _look_over(self, t: float, y: Array, taken: float) -> Code:
+        """Accept IDA's step of length ``taken`` to (t, y), or begin anew where it began."""
+        self._counts[3] += 1.0
+        bound = look_over(self._eqs, t, y, taken, self._rank, self._held, self._work)
+        if bound >= 0.0:
+            s = self.system
+            self._passed, self._good = t, (t, y[: s.nq].copy(), y[s.nq : s.nq + s.n].copy())
+            self._reach = min(bound, 2.0 * self._reach)
+            return Code.OK
+        self._counts[4] += 1.0
+        self._t, self._q, self._v = self._good
+        code = Code(close_report(self._eqs, self._t, self._q, self._v, self._rank, self._work))
+        self._reach = SHORTER * taken
+        return self._begin() if code is Code.OK else code
+
+    def restart(self) -> None:
+        """Initialise IDA anew at the reported state before the next step."""
+        super().restart()
+        self._reach = np.inf
 
     def _take(self, t: float, y: Array) -> Code:
         q, v = y[: self.system.nq].copy(), y[self.system.nq : self.system.nq + self.system.n].copy()
@@ -288,10 +545,13 @@ class IDAStepper(IDADriver, DenseStepper):
 
     @property
     def statistics(self) -> Statistics:
-        """What the run has cost so far; IDA's steps, order and step size are not available."""
-        columns = self._unknowns.y.size
-        residuals, jacobians = self._unknowns.counts[0], self._unknowns.counts[1]
+        """What the run has cost so far; without constraints steps are not available."""
+        residuals, matrices, _, steps, refused = self._counts
+        columns = self.system.nq + 2 * self.system.n + 1
         return Statistics(
-            rhs_evals=int(residuals + columns * jacobians),
+            steps=int(steps),
+            rejected=int(refused),
+            refused=int(refused),
+            rhs_evals=int(residuals + columns * matrices),
             restarts=max(0, int(self._begun[0]) - 1),
         )

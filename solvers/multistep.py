@@ -44,8 +44,8 @@ CONTROL = np.dtype(
         ("calm", "i8"), ("energy", "f8"), ("kinetic", "f8"),  # hybrid: steps fit for LU, J, largest kinetic energy
         ("by_turn", "i8"), ("by_flicker", "i8"), ("by_energy", "i8"), ("by_collapse", "i8"), ("returns", "i8"),
         ("time_lu", "f8"), ("time_projection", "f8"),
-        ("framed", "i8"), ("positive", "i8"),  # the frame below is known; det J_d in it is positive
-        ("ratio", "f8"), ("ahead", "i8"), ("refused", "i8"),  # see solvers.adams.look_ahead; steps that would have jumped
+        ("positive", "i8"), ("pivot", "f8"),  # LU: det J_d at y is positive; its smallest pivot
+        ("refused", "i8"),  # steps that might have jumped to another branch
     ],
     align=True,
 )  # fmt: skip
@@ -65,9 +65,6 @@ class History(NamedTuple):
     yp_p: Array  # (size,)       y' at the predicted state
     rows: NDArray[np.int64]  # (m,)          chosen constraints, int64
     columns: NDArray[np.int64]  # (n,)          chosen dependents, then independents, int64
-    frame: Array  # (m, n)        factors of J~ at y, see solvers.singular
-    frame_tau: Array  # (m,)
-    frame_pivots: NDArray[np.int64]  # (m,)  int64
     tangents: Array  # (n, n)        allowed motions at y with the chosen independents
 
     @staticmethod
@@ -76,10 +73,9 @@ class History(NamedTuple):
         size = nq + n
         y, weight, p, yp, trial, yp_p = (np.zeros(size) for _ in range(6))
         phi, unit = np.zeros((size, ROWS)), np.ones(size)
-        frame = np.zeros((m, n)), np.zeros(m), np.zeros(m, np.int64)
         choice = np.arange(m), np.arange(n)
         control = records(1, CONTROL)
-        return History(control, y, phi, unit, weight, p, yp, trial, yp_p, *choice, *frame, np.zeros((n, n)))
+        return History(control, y, phi, unit, weight, p, yp, trial, yp_p, *choice, np.zeros((n, n)))
 
 
 @inlined

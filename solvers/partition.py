@@ -31,12 +31,11 @@ import numpy as np
 
 from .dense import basic_transposed, dot, least_norm, lq, rank_at, ratio, solve_positive, turn_in, turn_out
 from .kernel import inlined, kernel
-from .singular import CROSSING, judge
+from .singular import CROSSING, SINGULAR, judge
 from .workspace import factor, factor_here, scaled_length
 
 OK, NOT_CLOSED, NO_MASS, UNDECIDABLE, NOT_FINITE = 0, 1, 2, 3, 4
 
-SINGULAR = 1e-3  # ratio of the diagonal of L below which a crossing takes the limit
 AT_REST = 1e-9  # speed, in units of size and rate, below which there is no tangent; see UNRESOLVED
 UNRESOLVED = 1e-7  # ratio below which nothing is left of the digits of the smallest pivot after squaring
 REACH = 1e-2  # d of the limit, in units of size

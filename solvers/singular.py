@@ -30,6 +30,7 @@ from .workspace import distance, factor, scaled_length
 NONE, CROSSING, MISS = 0, 1, 2
 STRAIGHT, FLIPPED, TURNED = 0, 1, 2
 
+SINGULAR = 1e-3  # ratio of the smallest pivot of J~ to the largest below which a position is nearly singular
 GAP = 1e-12  # largest gap of a crossing, in units of the rows; Phi is known to some 1e-16 of them
 NEAR = 30.0  # a critical point is that of this position when it is no farther than so many ratios
 PROBE = 1e-7  # of differences, in units of size
@@ -37,6 +38,7 @@ FLAT = 1e-4  # singular values of the equations below this part of the largest c
 STRIDE, FAR = 0.3, 1.0  # longest Newton step, longest way, in units of size
 NEWTON, EXACT = 20, 1e-9  # steps, and one that is the last
 SLOPE = 1.7  # largest turn of a tangent in one step, as its tangent: 60 degrees
+PASSED = 3.0  # a crossing that a step has passed lies within so many lengths of it
 AHEAD = 3.0  # steps ahead that a singular position is looked for
 PART = 0.3  # of the way to a near miss that one step may go
 
@@ -184,18 +186,61 @@ def step_critical(eqs: Any, part: float, work: Any) -> None:
 
 
 @kernel
-def orientation(terms: Any, rank: int, frame: Any, frame_tau: Any, frame_pivots: Any, work: Any) -> int:
-    """Compare ``terms`` with the factors of J~ at an earlier position: STRAIGHT, FLIPPED, or TURNED too far to tell."""
+def note(eqs: Any, t: float, q: Any, taken: float, next_: float, rank: int, work: Any) -> None:
+    """Note the last good position (t, q), whose ``terms`` and factors are at hand, and what singular position is near.
+
+    It is looked for where the smallest pivot would vanish within a few steps, ``taken`` and ``next_`` being the last
+    step and the next one. In a crossing the axes are not determined: the next step has nothing to be compared with.
+    """
+    if rank == 0:
+        return
+    here = work.course[0]
+    before, here.ratio = here.ratio, ratio(work.pivot, rank)
+    kind = NONE
+    if here.ratio < SINGULAR or vanishes(before, here.ratio, taken, AHEAD * next_):
+        kind = judge(eqs, t, q, rank, work)
+    here.known = 1 if here.ratio >= SINGULAR or kind == MISS else 0
+    for i in range(q.shape[0]):
+        work.q_last[i] = q[i]
+    for i in range(work.frame.shape[0]):
+        work.frame_tau[i], work.frame_pivots[i] = work.tau[i], work.pivots[i]
+        for j in range(work.frame.shape[1]):
+            work.frame[i, j] = work.A[i, j]
+
+
+@inlined
+def vanishes(before: float, now: float, taken: float, within: float) -> bool:
+    """Whether what has fallen from ``before`` to ``now`` in a time is nothing ``within`` another, if it goes on so."""
+    return now < before and now * taken < within * (before - now)
+
+
+@kernel
+def passed(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
+    """Whether the way to (t, q) stayed on its branch: it turned little, or passed a crossing; ``terms`` belong there."""
+    if rank == 0 or work.course[0].known == 0:
+        return True
+    turn = orientation(eqs.terms, rank, work)
+    if turn == STRAIGHT:
+        return True
+    factor(eqs.terms, work)
+    if turn == FLIPPED and judge(eqs, t, q, rank, work) == CROSSING:
+        return distance(work.q_c, q, work) <= PASSED * distance(work.q_last, q, work)
+    return False
+
+
+@kernel
+def orientation(terms: Any, rank: int, work: Any) -> int:
+    """Compare ``terms`` with the frame of the last good position: STRAIGHT, FLIPPED, or TURNED too far to tell."""
     n = terms.J.shape[1]
     positive = True
     for i in range(rank):
-        row, row_unit = work.J_work[i], work.row[frame_pivots[i]]
+        row, row_unit = work.J_work[i], work.row[work.frame_pivots[i]]
         for j in range(n):
-            row[j] = terms.J[frame_pivots[i], j] * (work.size[j] / row_unit)
-        turn_in(frame, frame_tau, rank, n, row)
+            row[j] = terms.J[work.frame_pivots[i], j] * (work.size[j] / row_unit)
+        turn_in(work.frame, work.frame_tau, rank, n, row)
         for j in range(rank):
             work.D[i, j] = row[j]
-        positive = positive == (frame[i, i] > 0.0)
+        positive = positive == (work.frame[i, i] > 0.0)
     if not factor_lu(work.D, rank, work.order):
         return TURNED
     for i in range(rank):

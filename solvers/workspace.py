@@ -21,10 +21,13 @@ CRITICAL = np.dtype(
 )
 
 
-class Workspace(NamedTuple):
-    """Units, scratch, and what is known of the critical point nearby; allocated once.
+COURSE = np.dtype([("known", "i8"), ("ratio", "f8")], align=True)  # is the frame determined; of the pivots in it
 
-    But for the units and the critical point nothing in it outlives a call except the factors of the last J.
+
+class Workspace(NamedTuple):
+    """Units, scratch, and what is known of the way so far; allocated once.
+
+    But for :meth:`memory` nothing in it outlives a call except the factors of the last J.
     """
 
     size: Array  # (n,)    units of the coordinates
@@ -71,19 +74,32 @@ class Workspace(NamedTuple):
     g: Array  # (N,)    residual of its equations
     g_try: Array  # (N,)    beside it
     change: Array  # (N,)
+    course: NDArray[Any]  # (1,)    record of COURSE: the last good position
+    frame: Array  # (m, n)  factors of J~ there, see solvers.singular
+    frame_tau: Array  # (m,)
+    frame_pivots: NDArray[np.int64]  # (m,)  int64
+    q_last: Array  # (nq,)   the position itself
 
     @staticmethod
     def allocate(nq: int, n: int, m: int) -> Workspace:
         """Return zeroed scratch for ``nq`` positions, ``n`` velocities and ``m`` constraints, units of one."""
         z, one = np.zeros, np.ones
         N = n + m + 2 if m else 0
-        pivots, pivots_B, order, rows, columns, K_pivots = (np.zeros(k, np.int64) for k in (m, m, m, m, n, N))
+        pivots, pivots_B, order, rows, columns, K_pivots, frame_pivots = (
+            np.zeros(k, np.int64) for k in (m, m, m, m, n, N, m)
+        )
         return Workspace(
             one(n), one(nq), one(m), one(1), z((m, n)), z(m), pivots, z(m), z((n, n)), z((n, n)), z((n, n)), z((1, n)),
             z(n), z(n), z(m), z(n), z(n), z(n), z(nq), z(n), z(nq), z(n), z((m, m)), z(m), pivots_B, z((m, n)),
             z((m, m)), order, z(m), rows, columns, records(1, CRITICAL), z(nq), z(nq), z(m), z((N, N)), z((N, N)),
-            z((N, N)), z(N), z((N, N)), K_pivots, z(N), z(N), z(N),
+            z((N, N)), z(N), z((N, N)), K_pivots, z(N), z(N), z(N), records(1, COURSE), z((m, n)), z(m),
+            frame_pivots, z(nq),
         )  # fmt: skip
+
+    def memory(self) -> list[NDArray[Any]]:
+        """Return the arrays that a motion cannot go on without."""
+        known = (self.row, self.rate, self.critical, self.q_c)
+        return [*known, self.course, self.frame, self.frame_tau, self.frame_pivots, self.q_last]
 
 
 @kernel
