@@ -22,7 +22,8 @@ solvers keep their factors; what serves is its iterative one with an exact preco
 vector is declared to be the vector, which the preconditioner then takes as solved: one iteration is exact.
 
 After each step the way is looked over (:mod:`solvers.singular`). A step that may have jumped to another branch is taken
-back: IDA starts anew where it began and does not step so far.
+back: IDA starts anew where it began and does not step so far. Beside a near miss positions must be known better than
+its gap, or the other branch is as near: D goes (there J~ has rank), and d as far as rounding lets it.
 
 Multipliers carry no error control: they may be unbounded where the motion is smooth. unit(q) is q with its
 quaternions normalised; the last term of the first equation holds their length and vanishes with it.
@@ -47,12 +48,12 @@ from .dense import factor_lu, solve_lu
 from .held import hold
 from .kernel import inlined, kernel
 from .partition import close_report
-from .singular import note, passed, step_bound
+from .singular import MISS, note, passed, step_bound
 from .stepper import Code, DenseStepper, Options, Statistics, Stepper
 from .system import Array, System
 from .workspace import factor
 
-LAMBDA, FILTER, MU = 1e-10, 1e-13, 1e-4  # see above; powers of ten either way change nothing but the last digits
+LAMBDA, FILTER, MU = 1e-10, 1e-15, 1e-4  # see above; powers of ten either way change nothing but the last digits
 FINEST = 5e-10  # a tighter rtol is run as this one: below it roundoff in J grows faster than the BDF error falls
 # IDA bounds the error of a step and the errors add up. At order 5 a step is as rtol^(1/6) and so the sum as the step's
 # error^(5/6): for a motion's error in proportion to rtol IDA is given TIGHTER rtol^POWER, and atol in proportion.
@@ -62,6 +63,8 @@ LENGTH_RATE = 10.0  # k, in units of the motion's rate
 STEPS_A_CALL = 5000  # then progress is looked at
 STANDSTILL = 1e-10  # relative to t or one over the rate: less progress in STEPS_A_CALL steps is a collapse
 TOO_MUCH_WORK = -1  # IDA's status for STEPS_A_CALL steps taken
+BELOW = 0.2  # part of a near miss's gap that the residual of a step beside it must stay below
+NOISE = 3e-16  # relative rounding of a residual
 SHORTER = 0.25  # of a step that was taken back may be gone at once
 
 
@@ -79,6 +82,8 @@ class Unknowns(NamedTuple):
     unit: Array  # (nq,)   q with unit quaternions
     zero: Array  # (n,)
     d: Array  # (2,)    LAMBDA a / rate, d
+    usual: Array  # (2,)    these two away from near misses
+    noise: Array  # (1,)    rounding to IDA's relative tolerance
     F: Array  # (m, m)  FILTER tr A + A, its factors
     Dlam: Array  # (m,)    D lambda
     D: Array  # (m, m)  D
@@ -100,7 +105,7 @@ class Unknowns(NamedTuple):
         """Return zeroed arrays for ``nq`` positions, ``n`` velocities and ``m`` constraints."""
         N, z = nq + n + 2 * m, np.zeros
         return Unknowns(
-            z(N), z(N), z(N), z(N), z(nq), z(n), z(n), z(nq), z(nq), z(n), z(2), z((m, m)), z(m), z((m, m)),
+            z(N), z(N), z(N), z(N), z(nq), z(n), z(n), z(nq), z(nq), z(n), z(2), z(2), z(1), z((m, m)), z(m), z((m, m)),
             np.full(N, np.nan), np.full(N, np.nan), z(3), z((N, nq + n)), z((nq, n)), z((N, N)), np.zeros(N, np.int64),
             z(N), z(N), z(N), z(1), z(5),
         )  # fmt: skip
@@ -331,6 +336,15 @@ def multiply(vector: Any, product: Any, u: Any) -> None:
         product[i] = vector[i]
 
 
+@inlined
+def weak_residual(terms: Any, work: Any) -> float:
+    """u . Phi~, u the forces that balance in the critical point."""
+    total = 0.0
+    for i in range(terms.Phi.shape[0]):
+        total += work.u[i] * terms.Phi[i] / work.row[i]
+    return total
+
+
 @kernel
 def look_over(eqs: Any, t: float, y: Any, taken: float, rank: int, u: Any, work: Any) -> float:
     """Longest next step after one of IDA's to (t, y), s; negative where the step may have jumped to another branch."""
@@ -344,7 +358,14 @@ def look_over(eqs: Any, t: float, y: Any, taken: float, rank: int, u: Any, work:
     factor(eqs.terms, work)
     note(eqs, t, u.q, taken, taken, rank, work)
     u.at[0] = np.nan  # the terms have moved
-    return step_bound(t, u.q, u.v, eqs.terms, work)
+    bound = step_bound(t, u.q, u.v, eqs.terms, work)
+    u.d[0], u.d[1] = u.usual[0], u.usual[1]
+    if work.critical[0].kind == MISS:
+        u.d[0] = u.usual[0] if rank < eqs.terms.J.shape[0] else 0.0
+        u.d[1] *= min(1.0, u.noise[0] * bound * work.rate[0] / MU)
+        if not abs(weak_residual(eqs.terms, work)) <= BELOW * abs(work.critical[0].gap):
+            return -1.0
+    return bound
 
 
 class IDADriver(Stepper):
@@ -444,6 +465,7 @@ class IDAStepper(IDADriver, DenseStepper):
 
         controlled, size = s.nq + s.n, s.nq + s.n + 2 * s.m
         rtol = TIGHTER * self._rtol**POWER
+        self._unknowns.noise[0] = NOISE / rtol
         atol = np.full(size, UNCONTROLLED)
         units = np.concatenate((self._scales.size_q, self._scales.rate[0] * s.size))
         atol[:controlled] = units * (rtol if o.atol is None else o.atol * rtol / self._rtol)
@@ -468,7 +490,8 @@ class IDAStepper(IDADriver, DenseStepper):
         if code is not Code.OK:
             return code
         if s.m:
-            u.d[:] = self._regularisation()
+            u.usual[:] = self._regularisation()
+            u.d[:] = u.usual
         zeros = np.zeros(s.m)
         y = np.concatenate((self._q, self._v, lam * w.row, zeros))
         yp = np.concatenate((self._terms.qdot, a, zeros, zeros))

@@ -98,7 +98,7 @@ class Workspace(NamedTuple):
 
     def memory(self) -> list[NDArray[Any]]:
         """Return the arrays that a motion cannot go on without."""
-        known = (self.row, self.rate, self.critical, self.q_c)
+        known = (self.row, self.rate, self.critical, self.q_c, self.u)
         return [*known, self.course, self.frame, self.frame_tau, self.frame_pivots, self.q_last]
 
 
