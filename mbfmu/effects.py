@@ -143,7 +143,7 @@ def evaluations(plant: Plant) -> Callable[[], None]:
     system = plant.system
     random = np.random.default_rng(0)
     q, v = plant.start_positions(), 0.1 * random.normal(size=system.n)
-    system.apply(q, 0.01 * random.normal(size=system.n) * getattr(system, "size", 1.0))
+    system.apply(q, 0.01 * random.normal(size=system.n) * system.size)
     if isinstance(system, TreeSystem):
         a, lam, qdot, tau = (np.zeros(size) for size in (system.n, system.m, system.nq, system.n))
         return lambda: _inverses(system.inverse, q, v, a, lam, system.held_data, qdot, tau, EVALUATIONS)

@@ -92,6 +92,8 @@ class System:
     motion: Callable[[float, Array, Array, Any, Terms], None]  # (t, q, v, data, terms): fills the others, see below
     retract: Callable[[Array, Array, Any], None]  # (q, dq, data): q <- q (+) N dq in place, dq (n,)
     jacobi: Callable[[float, Array, Array, Any], float]  # (t, q, v, data): energy less driven action, J; smooth in time
+    size: Array  # (n,) unit of each coordinate: 1 rad, or a length of the mechanism in m; of v per second
+    row_size: Array  # (m,) unit of each constraint residual, likewise
     coordinate_names: tuple[str, ...] = ()  # (n,)
     constraint_names: tuple[str, ...] = ()  # (m,)
 
@@ -151,7 +153,8 @@ class TreeSystem:
     constraints: Callable[[float, Array, Array, Any, Terms], None]  # (t, q, v, data, terms): and gamma
     retract: Callable[[Array, Array, Any], None]  # (q, dq, data): q <- q (+) N dq in place, dq (n,)
     tangent: Tangent
-    size: Array  # (n,) of coordinates: what their absolute tolerance is measured by
+    size: Array  # (n,) unit of each coordinate: what its absolute tolerance is measured by
+    row_size: Array  # (m,) unit of each constraint residual: 1 rad, or a length of the mechanism in m
     plain: tuple[NDArray[np.int64], NDArray[np.int64]]  # where positions are no quaternions: places in q and in v
     quaternions: tuple[tuple[int, int], ...] = ()  # first place of each in q, of its angular velocity in v
     coordinate_names: tuple[str, ...] = ()  # (n,)

@@ -12,9 +12,11 @@ from solvers.system import Array, System, TreeSystem
 
 from .arrays import Data, complex_twin
 from .assembly import assemble_positions, assemble_velocities, check_inertia
+from .bodies import Body
 from .compile import GRAVITY, Numbering, Variable, compile_data, sensor_records, shared
 from .dynamics import callbacks, energy, observe, observe_all, tree_callbacks
 from .mechanism import Mechanism
+from .scale import characteristic_length, coordinate_sizes, row_sizes
 from .sensors import largest_residual
 from .signals import POLYNOMIAL, RUN_UP
 from .tangent import Tangent, number_groups
@@ -32,6 +34,8 @@ class Plant:
         The equations of motion over the free coordinates.
     inputs, outputs
         Variables in the order of :meth:`set_input` and :meth:`observe`.
+    length
+        Characteristic length, m; see :func:`.scale.characteristic_length`.
     void_rows
         Names of cut-joint rows that no free motion works against; dropped.
     """
@@ -40,7 +44,10 @@ class Plant:
         self.mechanism = mechanism
         self._numbering = numbering = Numbering(mechanism)
         self.data = compile_data(mechanism, numbering)
+        self.length = characteristic_length(self.data.arrays)
+        self._size = coordinate_sizes(self._free_bodies(), self.length)
         names = [f"{c.name}.{r}" if r else c.name for c in mechanism.cuts for r in c.cut.rows]
+        self._row_size = np.concatenate([np.zeros(0), *(row_sizes(c.cut, self.length) for c in mechanism.cuts)])
         self.void_rows: list[str] = []
         large = not mechanism.elastics and numbering.nv > (LARGE_LOOPS if names else LARGE)  # T knows no modes
         make = self._tree_system if large else self._system
@@ -68,6 +75,8 @@ class Plant:
             motion=motion,
             retract=retract,
             jacobi=jacobi,
+            size=self._size,
+            row_size=self._row_sizes(constraint_names),
             coordinate_names=tuple(self._numbering.coordinate_names),
             constraint_names=tuple(constraint_names),
         )
@@ -77,15 +86,13 @@ class Plant:
         inverse, forward, mobility, position, constraints, retract = tree_callbacks()
         places: list[tuple[int, int]] = []
         quaternions: list[tuple[int, int]] = []
-        sizes = [np.zeros(0)]
-        for record, body in zip(self.data.arrays.bodies, self.mechanism.bodies, strict=True):
+        for record in self.data.arrays.bodies:
             if record["vf"] < 0:
                 continue
             plain = int(record["nq"] - 4 * record["quaternion"])
             places += [(int(record["qf"]) + k, int(record["vf"]) + k) for k in range(plain)]
             if record["quaternion"]:
                 quaternions.append((int(record["qf"]) + plain, int(record["vf"]) + plain))
-            sizes.append(np.full(int(record["nv"]), body.joint.size))
         in_q, in_v = np.array(places, np.int64).reshape(-1, 2).T
         return TreeSystem(
             nq=self._numbering.nq,
@@ -99,7 +106,8 @@ class Plant:
             constraints=constraints,
             retract=retract,
             tangent=Tangent(data, number_groups(self.mechanism)),
-            size=np.concatenate(sizes),
+            size=self._size,
+            row_size=self._row_sizes(constraint_names),
             plain=(in_q, in_v),
             quaternions=tuple(quaternions),
             coordinate_names=tuple(self._numbering.coordinate_names),
@@ -129,6 +137,14 @@ class Plant:
         kept[:] = np.where(void, -1, np.cumsum(~void) - 1)
         return [names[i] for i in np.flatnonzero(void)]
 
+    def _row_sizes(self, names: list[str]) -> Array:
+        """Return the units of the kept rows; before any is dropped, of all."""
+        return self._row_size[self.data.arrays.kept >= 0] if names else np.zeros(0)
+
+    def _free_bodies(self) -> list[Body]:
+        """Return the bodies whose joints have free coordinates of their own."""
+        return [b for b in self.mechanism.bodies if b.joint.drive is None and not shared(b)]
+
     def start_positions(self) -> Array:
         """Return the first free positions (nq,) as given to the builder, loops not closed yet."""
         return self._gather("start", "nq", "rest")
@@ -139,10 +155,8 @@ class Plant:
 
     def _gather(self, attribute: str, count: str, default: str | None) -> Array:
         parts = [np.zeros(0)]
-        for body in self.mechanism.bodies:
+        for body in self._free_bodies():
             joint = body.joint
-            if joint.drive is not None or shared(body):
-                continue
             given = getattr(joint, attribute)
             if given is None:
                 parts.append(getattr(joint, default)() if default else np.zeros(getattr(joint, count)))
@@ -157,8 +171,7 @@ class Plant:
 
     def held(self) -> NDArray[np.bool_]:
         """Return which free velocity coordinates (n,) assembly must leave as they are."""
-        free = [b for b in self.mechanism.bodies if b.joint.drive is None and not shared(b)]
-        parts = [np.full(b.joint.nv, b.joint.fixed) for b in free]
+        parts = [np.full(b.joint.nv, b.joint.fixed) for b in self._free_bodies()]
         return np.concatenate([np.zeros(0, bool), *parts])
 
     def assemble(self, t: float = 0.0) -> tuple[Array, Array]:

@@ -130,7 +130,7 @@ def fourbar(rocker_mass: float = 1.0, redundant: bool = False) -> System:
     m = 4 if redundant else 2
     return System(
         nq=3, n=3, m=m, data=values, dynamics=fourbar_dynamics, position=fourbar_position, motion=fourbar_dynamics,
-        retract=add, jacobi=fourbar_energy,
+        retract=add, jacobi=fourbar_energy, size=np.ones(3), row_size=np.full(m, 3.0),
     )  # fmt: skip
 
 
@@ -204,6 +204,8 @@ def particle(stiffness: float = 0.0, nan_from: float = np.inf, blow_up: float = 
         motion=particle_dynamics,
         retract=add,
         jacobi=particle_energy,
+        size=np.ones(1),
+        row_size=np.zeros(0),
     )
 
 
@@ -257,6 +259,8 @@ def rigid_body() -> System:
         motion=body_dynamics,
         retract=turn,
         jacobi=body_energy,
+        size=np.ones(3),
+        row_size=np.zeros(0),
     )
 
 

@@ -55,7 +55,8 @@ class Joint:
     drive
         Signal the coordinate follows (joints of one coordinate); None: free.
     size
-        Of the coordinates, which the absolute tolerance of a large tree is relative to.
+        Unit of the coordinates, one number or (nv,), which tolerances are relative to; None: 1 rad, and for m the
+        characteristic length of the mechanism.
     """
 
     at: Vector = (0.0, 0.0, 0.0)
@@ -64,7 +65,7 @@ class Joint:
     rate: float | Vector | None = None
     fixed: bool = False
     drive: Any = None
-    size: float = 1.0
+    size: float | Vector | None = None
 
     nq: ClassVar[int]
     nv: ClassVar[int]
