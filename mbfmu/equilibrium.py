@@ -76,7 +76,7 @@ class Balance:
         else:
             self._complex = plant.complex_system()
             self._signals = self._complex.data.arrays.signals
-            general = self._general(self._start)
+            general = plant.beside(0.0, self._start)
             self._v = np.where(self._cyclic(general), plant.start_velocities(), 0.0)
             self._solver = DenseEquilibriumSolver(self._complex, 0.0, general, self._v)
             self._solver.rehearse(self._start)
@@ -99,7 +99,7 @@ class Balance:
         """Yield up to ``count`` closed starts spread over the coordinates, the same in every run."""
         system = self.plant.system
         random, free = np.random.default_rng(0), np.zeros(system.n, bool)
-        far = 2.0 * system.size if isinstance(system, TreeSystem) else 2.0  # the errors of a chain add up, so do starts
+        far = 2.0 * system.size  # the errors of a chain add up, so do starts
         for _ in range(count):
             q = self._start.copy()
             system.apply(q, far * random.uniform(-1.0, 1.0, system.n))
@@ -107,16 +107,6 @@ class Balance:
                 yield self.plant.close(0.0, q, free)
             except AssemblyError:
                 continue
-
-    def _general(self, q: Array) -> Array:
-        """Return a closed position near q off any singular one, to count independent constraints."""
-        try:
-            random = np.random.default_rng(1)
-            near = q.copy()
-            self.plant.system.apply(near, random.uniform(-0.05, 0.05, self.plant.system.n))
-            return self.plant.close(0.0, near, np.zeros(self.plant.system.n, bool))
-        except AssemblyError:
-            return q
 
     def _cyclic(self, q: Array) -> NDArray[np.bool_]:
         """Return which coordinates (n,) the equations of motion do not depend on, judged at positions q (nq,)."""
