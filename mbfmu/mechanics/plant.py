@@ -223,14 +223,17 @@ class Plant:
         check_frames(self.mechanism.cuts, self.data.state, drawn)
 
     def beside(self, t: float, q: Array) -> Array:
-        """Return a closed position near q (nq,) off singular ones, where the fewest rows depend on others; or q."""
-        best, random = q, np.random.default_rng(1)
+        """Return a closed position near q (nq,) off singular ones, where the fewest rows depend on others; or q.
+
+        One coordinate is held where it was moved to: closing would lead back to a singular position else.
+        """
+        best, random, n = q, np.random.default_rng(1), self.system.n
         fewest = len(dependent_rows(self.system, t, q))
-        for _ in range(3):
+        for moved in random.permutation(n)[:4]:
             near = q.copy()
-            self.system.apply(near, self.system.size * random.uniform(-0.05, 0.05, self.system.n))
+            self.system.apply(near, self.system.size * random.uniform(0.02, 0.05, n) * random.choice((-1.0, 1.0), n))
             try:
-                near = self.close(t, near, np.zeros(self.system.n, bool))
+                near = self.close(t, near, np.arange(n) == moved)
             except AssemblyError:
                 continue
             count = len(dependent_rows(self.system, t, near))
