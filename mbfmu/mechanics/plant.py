@@ -252,6 +252,19 @@ class Plant:
             lines.append(f"a singular position: {rows} on the others there")
         return lines
 
+    def cut_wrenches(self, t: float, q: Array, v: Array, lam: Array) -> Array:
+        """Return what every cut joint exerts on its bodies a and b (cuts, 2, 6), each in the axes of that body."""
+        self.system.fill(t, q, v, self.system.allocate_terms())
+        arrays, state = self.data
+        rows, load = state.rows, np.where(arrays.kept >= 0, lam[arrays.kept], 0.0)
+        found = np.zeros((len(arrays.cuts), 2, 6))
+        ends = [*arrays.cuts["row"][1:], len(rows)]
+        for wrenches, cut, end in zip(found, arrays.cuts, ends, strict=True):
+            own = slice(int(cut["row"]), int(end))
+            for wrench, body, G in zip(wrenches, (cut["a"], cut["b"]), (rows["Ga"], rows["Gb"]), strict=True):
+                wrench[:] = -(load[own] @ G[own]).reshape(2, 3).dot(state.bodies["A"][int(body)]).ravel()
+        return found
+
     def drives(self) -> list[tuple[str, float, float]]:
         """Return name, speed and largest higher coefficient of every driven coordinate's signal at its start.
 
@@ -265,6 +278,11 @@ class Plant:
                 speed = 0.0 if signal["kind"] == RUN_UP else float(signal["c"][1])
                 found.append((body.name, speed, float(higher)))
         return found
+
+    def drive_rates(self) -> list[float]:
+        """Return the constant speed of every drive, without sign, in units of its coordinate per second."""
+        signals = self.data.arrays.signals
+        return [abs(float(signals[k]["c"][1])) / self._drive_size(k) for k in set(self.drive_signals())]
 
     def finish_run_ups(self) -> None:
         """Let every drive that runs up have its full speed from now on."""
