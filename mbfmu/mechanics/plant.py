@@ -210,7 +210,16 @@ class Plant:
             return start.copy()
         self.system.fill_position(t, start, self.system.allocate_terms())
         drawn = frame_angles(self.mechanism.cuts, self.data.state)
-        q = assemble_positions(self.system, t, start, held)
+        try:
+            q = assemble_positions(self.system, t, start, held)
+        except AssemblyError as error:
+            if drawn.max() < 1.0:  # rad
+                raise
+            worst = int(np.argmax(drawn))
+            raise AssemblyError(
+                f"{error}; the frames of cut joint {self.mechanism.cuts[worst].name!r} are drawn "
+                f"{np.degrees(drawn[worst]):.0f} deg apart"
+            ) from error
         self.check_frames(t, q, drawn)
         return q
 
