@@ -36,9 +36,9 @@ from mbfmu.mechanics import (
     add_sheet,
 )
 from mbfmu.mechanics.aba import forward_dynamics
-from mbfmu.mechanics.rows import dependent_rows
 from mbfmu.mechanics.dynamics import move, solved
 from mbfmu.mechanics.elastic.plate import shape, strain
+from mbfmu.mechanics.rows import dependent_rows
 from mbfmu.mechanics.tangent import Tangent, number_groups
 from mbfmu.model import Model
 
