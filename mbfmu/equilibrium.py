@@ -30,11 +30,15 @@ from solvers.equilibrium_dense import EPSILON, DenseEquilibriumSolver
 from solvers.equilibrium_tree import TreeEquilibriumSolver
 from solvers.system import Array, TreeSystem
 
-STEADY = 1e-8  # unbalance elsewhere on the drive's way, relative to the largest stiffness times 1 rad or m
+STEADY = (
+    1e-8  # unbalance elsewhere on the drive's way, relative to the largest stiffness times 1 rad or m; gaps in their
+)
+# units
+WRENCH = 1e-6  # change of a cut joint's force there, relative to the largest
 TURNS = (0.7, 1.9, 3.4)  # rad or m of the drive (s where nothing is driven) at which the balance must hold too
 SMALLEST_STEP = 1e-3  # of the continuation, relative to the full speed
 CYCLIC = 1e-10  # change with a coordinate, relative to the largest entry, below which there is none
-SAME = 1e-6  # states closer than this (rad or m) are one
+SAME = 1e-6  # states closer than this, in units of the coordinates, are one
 
 REASONS = {
     Outcome.NO_PROGRESS: "Newton made no progress, and the way downhill came to no rest",
@@ -68,7 +72,8 @@ class Balance:
                 )
         self._names = position_names(plant)
         self._start = self.start()
-        self._v = np.zeros(plant.system.n)
+        self._v, self._cyclic = np.zeros(plant.system.n), np.zeros(plant.system.n, bool)
+        self._lay_out()
         if isinstance(plant.system, TreeSystem):
             self._signals: Any = plant.data.arrays.signals
             self._solver: EquilibriumSolver = TreeEquilibriumSolver(plant.system, self._v)
@@ -76,8 +81,9 @@ class Balance:
         else:
             self._complex = plant.complex_system()
             self._signals = self._complex.data.arrays.signals
-            general = self._general(self._start)
-            self._v = np.where(self._cyclic(general), plant.start_velocities(), 0.0)
+            general = plant.beside(0.0, self._start)
+            self._cyclic = self._find_cyclic(general)
+            self._v = np.where(self._cyclic, plant.start_velocities(), 0.0)
             self._solver = DenseEquilibriumSolver(self._complex, 0.0, general, self._v)
             self._solver.rehearse(self._start)
         self._full_speed = self._signals["c"].copy()
@@ -99,7 +105,7 @@ class Balance:
         """Yield up to ``count`` closed starts spread over the coordinates, the same in every run."""
         system = self.plant.system
         random, free = np.random.default_rng(0), np.zeros(system.n, bool)
-        far = 2.0 * system.size if isinstance(system, TreeSystem) else 2.0  # the errors of a chain add up, so do starts
+        far = 2.0 * system.size  # the errors of a chain add up, so do starts
         for _ in range(count):
             q = self._start.copy()
             system.apply(q, far * random.uniform(-1.0, 1.0, system.n))
@@ -108,17 +114,7 @@ class Balance:
             except AssemblyError:
                 continue
 
-    def _general(self, q: Array) -> Array:
-        """Return a closed position near q off any singular one, to count independent constraints."""
-        try:
-            random = np.random.default_rng(1)
-            near = q.copy()
-            self.plant.system.apply(near, random.uniform(-0.05, 0.05, self.plant.system.n))
-            return self.plant.close(0.0, near, np.zeros(self.plant.system.n, bool))
-        except AssemblyError:
-            return q
-
-    def _cyclic(self, q: Array) -> NDArray[np.bool_]:
+    def _find_cyclic(self, q: Array) -> NDArray[np.bool_]:
         """Return which coordinates (n,) the equations of motion do not depend on, judged at positions q (nq,)."""
         system, n = self._complex, self.plant.system.n
         v, terms = np.random.default_rng(2).uniform(-1.0, 1.0, n).astype(complex), system.allocate_terms(complex)
@@ -179,6 +175,18 @@ class Balance:
             residual=float(np.abs(solution.forces).max()),
             solve_time=elapsed,
             found_from=found_from,
+            notes=self._notes(),
+        )
+
+    def _notes(self) -> tuple[str, ...]:
+        """Return what the steady state is not, though the model's start may have meant it to be."""
+        given, names = self.plant.start_velocities(), self.plant.system.coordinate_names
+        dropped = [f"{names[k]!r} ({given[k]:g})" for k in np.flatnonzero(given != self._v)]
+        if not dropped:
+            return ()
+        return (
+            f"the given rate of {', '.join(dropped)} is not kept: in a steady state drives and cyclic coordinates, on "
+            "which nothing depends, move on, and everything else is at rest",
         )
 
     def _set_speed(self, part: float) -> None:
@@ -244,30 +252,55 @@ class Balance:
 
     def _check(self, solution: Solution) -> None:
         """Raise unless the solution is a steady state."""
-        system = self.plant.system
-        speeds = [abs(speed) for _, speed, _ in self.plant.drives()]
-        opening = 0.0
+        system, speeds = self.plant.system, self.plant.drive_rates()
+        fastest = max(speeds, default=0.0)
         if system.m:
             terms = system.allocate_terms()
             system.fill(0.0, solution.q, self._v, terms)
-            opening = float(np.abs(terms.J @ self._v - terms.nu).max())
-        if opening > STEADY * max(1.0, *speeds, 0.0):
-            raise EquilibriumError(
-                f"{self.model.name!r} has no steady state: with the free joints at rest the drive opens a loop at "
-                f"{opening:.3g} m/s"
-            )
-        scale = max(1.0, solution.stiffness)
-        fastest = max(speeds, default=0.0) or 1.0
-        for turn in TURNS:
-            forces, gaps = self._solver.unbalance(turn / fastest, solution.q, solution.lam)
-            forces -= solution.forces  # what rounding leaves there is no change with the drive
-            if np.abs(forces).max() > STEADY * scale or np.abs(gaps - solution.gaps).max(initial=0.0) > STEADY:
-                worst = int(np.argmax(np.abs(forces)))
+            opening = np.abs(terms.J @ self._v - terms.nu)
+            rates = max(fastest, float(np.abs(self._v / system.size).max()))
+            if (opening / system.row_size).max() > STEADY * rates:
                 raise EquilibriumError(
-                    f"{self.model.name!r} has no steady state: forces that balance at one position of the drive leave "
-                    f"{abs(forces[worst]):.3g} N or N m at {system.coordinate_names[worst]!r} after it has moved by "
-                    f"{turn:g}; a force such as gravity does not turn with it"
+                    f"{self.model.name!r} has no steady state: with the free joints at rest the drive opens a loop at "
+                    f"{opening.max():.3g} m/s"
                 )
+            try:
+                self.plant.check_frames(0.0, solution.q)
+            except AssemblyError as error:
+                raise EquilibriumError(f"what was found for {self.model.name!r} is no steady state: {error}") from error
+        for turn in TURNS:
+            self._check_turned(turn, turn / (fastest or 1.0), solution)
+
+    def _check_turned(self, turn: float, t: float, solution: Solution) -> None:
+        """Raise unless the solution holds at time t too, when the fastest drive has moved by ``turn``.
+
+        Forces of cut joints may turn with either body: those of a bearing on the ground turn with the shaft in it.
+        """
+        plant, lam, small = self.plant, solution.lam, STEADY * max(1.0, solution.stiffness)
+        forces, gaps = self._solver.unbalance(t, solution.q, lam)
+        forces -= solution.forces  # what rounding leaves there is no change with the drive
+        changed = ""
+        if len(self._solver.rows) and np.abs(forces).max() > small:
+            rows, terms = self._solver.rows, plant.system.allocate_terms()
+            plant.system.fill_position(t, solution.q, terms)
+            lam = lam.copy()
+            lam[rows] -= np.linalg.lstsq(terms.J[rows].T, forces, rcond=None)[0]
+            forces = self._solver.unbalance(t, solution.q, lam)[0] - solution.forces
+            before = plant.cut_wrenches(0.0, solution.q, self._v, solution.lam)
+            change = np.abs(plant.cut_wrenches(t, solution.q, self._v, lam) - before).max(axis=2).min(axis=1)
+            if change.max() > small + WRENCH * np.abs(before).max():
+                worst = int(np.argmax(change))
+                changed = f"change by {change[worst]:.3g} N or N m in cut joint {plant.mechanism.cuts[worst].name!r}"
+        if np.abs(forces).max() > small:
+            worst = int(np.argmax(np.abs(forces)))
+            changed = f"leave {abs(forces[worst]):.3g} N or N m at {plant.system.coordinate_names[worst]!r}"
+        open_by = (np.abs(gaps - solution.gaps) / plant.system.row_size).max(initial=0.0)
+        if changed or open_by > STEADY:
+            changed = changed or f"go with a loop that opens by {open_by * plant.length:.3g} m"
+            raise EquilibriumError(
+                f"{self.model.name!r} has no steady state: forces that balance at one position of the drive {changed} "
+                f"after it has moved by {turn:g}; a force such as gravity does not turn with it"
+            )
 
     def others(self, found: Equilibrium, count: int | None = None) -> list[Equilibrium]:
         """Return further steady states, each once: from scattered starts (24, 4 on a large tree), and where the one
@@ -289,24 +322,41 @@ class Balance:
         return states[1:]
 
     def same(self, a: Array, b: Array) -> bool:
-        """Whether two positions are one; whole turns of a revolute joint do not count."""
-        return bool(np.abs(self.difference(a, b)).max() < SAME)
+        """Whether two positions are one: whole turns of a joint do not count, nor cyclic coordinates."""
+        change = self.difference(a, b)
+        change[self._plain[0]] /= self.plant.system.size[self._plain[1]]
+        return bool(np.abs(change).max() < SAME)
 
     def difference(self, a: Array, b: Array) -> Array:
-        """Return a - b (nq,), angles of revolute joints within half a turn."""
+        """Return a - b (nq,): angles within half a turn, quaternions with one sign.
+
+        That of cyclic coordinates, whose position means nothing, is zero.
+        """
         change = a - b
-        angular = [unit == "rad" for unit in self._units()]
-        change[angular] = (change[angular] + np.pi) % (2.0 * np.pi) - np.pi
+        change[self._angles] = (change[self._angles] + np.pi) % (2.0 * np.pi) - np.pi
+        change[self._plain[0][self._cyclic[self._plain[1]]]] = 0.0
+        for k in self._quaternions:
+            e = slice(k, k + 4)
+            if a[e] @ b[e] < 0.0:
+                change[e] = a[e] + b[e]
         return change
 
-    def _units(self) -> list[str]:
-        units: list[str] = []
+    def _lay_out(self) -> None:
+        """Note which positions (nq,) are plain, with the place of their velocities, or angles, or start quaternions."""
+        plain: list[tuple[int, int]] = []
+        self._angles: list[int] = []
+        self._quaternions: list[int] = []
+        k = i = 0
         for body in self.plant.mechanism.bodies:
             joint = body.joint
-            if joint.drive is None:
-                plain = joint.nq - 4 * joint.quaternion
-                units += [*joint.units[:plain], *("1",) * (4 * joint.quaternion)]
-        return units
+            if joint.drive is not None or joint.nq == 0:
+                continue
+            own = joint.nq - 4 * joint.quaternion
+            plain += [(k + j, i + j) for j in range(own)]
+            self._angles += [k + j for j in range(own) if joint.units[j] == "rad"]
+            self._quaternions += [k + own] * joint.quaternion
+            k, i = k + joint.nq, i + joint.nv
+        self._plain = np.array(plain, np.int64).reshape(-1, 2).T
 
 
 def equilibrium(model: Model, start: Mapping[str, float] | None = None) -> Equilibrium:

@@ -127,6 +127,10 @@ class Simulation:
         """What the solver has done so far."""
         return self.stepper.statistics
 
+    def loops(self) -> list[str]:
+        """Return in sentences which rows of the cut joints are void and which redundant; see :meth:`Plant.loops`."""
+        return self.plant.loops(self.t, self.stepper.q)
+
     def advance(self, t: float) -> Status:
         """Advance to t (s); on failure the last good state stays."""
         return self.stepper.advance(t)

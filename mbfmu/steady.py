@@ -40,6 +40,8 @@ class Equilibrium:
         s, of the solution alone: the plant was built before.
     found_from
         Where Newton started, in words.
+    notes
+        What the state leaves out of the model's start, in words.
     """
 
     model: Model
@@ -52,6 +54,7 @@ class Equilibrium:
     residual: float
     solve_time: float
     found_from: str
+    notes: tuple[str, ...] = ()
 
     @cached_property
     def outputs(self) -> dict[str, float]:
@@ -114,6 +117,7 @@ class Equilibrium:
             "model": self.model.name,
             "parameters": {p.name: getattr(self.model, p.name) for p in self.model.parameters()},
             "found_from": self.found_from,
+            "notes": list(self.notes),
             "iterations": self.iterations,
             "residual": self.residual,
             "solve_time_s": self.solve_time,

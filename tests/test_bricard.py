@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mbfmu.mechanics import Mechanism, Plant, Revolute, RevoluteCut
-from mbfmu.mechanics.assembly import dependent_rows
+from mbfmu.mechanics.rows import dependent_rows
 from solvers import Options, stepper
 
 G = 9.81
@@ -35,6 +35,8 @@ def test_the_redundant_row_is_reported() -> None:
     q, _ = plant.assemble()
     assert (plant.system.n, plant.system.m) == (5, 5)
     assert len(dependent_rows(plant.system, 0.0, q)) == 1
+    (line,) = plant.loops(0.0, q)
+    assert line.startswith("loop 'hinge': 1 of 5 rows is redundant (")
 
 
 @pytest.mark.parametrize(("solver", "bound"), [("ida", 1e-4), ("adams", 1e-6), ("hybrid", 1e-6), ("adams-lu", 1e-6)])

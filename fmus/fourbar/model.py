@@ -89,9 +89,9 @@ class FourBar(Model):
         )
         pivot = m.cut(
             "pivot",
-            RevoluteCut(at_a=(-self.rocker_length, 0.0, 0.0), at_b=(self.ground_length, 0.0, 0.0)),
-            rocker,
+            RevoluteCut(at_a=(self.ground_length, 0.0, 0.0), at_b=(-self.rocker_length, 0.0, 0.0)),
             m.ground,
+            rocker,
         )
         torque = Input(name="crank.torque", unit="N.m", description="torque on the crank", start=self.crank_torque)
         m.force("motor", JointForce(magnitude=torque), crank)
@@ -116,7 +116,8 @@ class FourBar(Model):
                 middle.point_acceleration(axis, at_middle),
                 f"its acceleration, {direction}",
             )
-            m.output(f"pivot.force.{axis}", pivot.force(axis), f"force of the rocker on its ground pivot, {direction}")
+            on_ground = pivot.joint_force(axis, on="a")
+            m.output(f"pivot.force.{axis}", on_ground, f"force of the rocker on its ground pivot, {direction}")
         for elastic in m.elastics:
             for k in range(self.coupler_modes):
                 mode = f"coupler.mode[{k + 1}]"

@@ -80,6 +80,7 @@ def as_text(found: Equilibrium, others: Sequence[Equilibrium]) -> str:
     lines = [
         f"{found.model.name}: steady state found from {found.found_from} in {found.iterations} Newton iterations "
         f"({1e3 * found.solve_time:.2f} ms), residual {found.residual:.1e} N or N m",
+        *(f"note: {note}" for note in found.notes),
         values,
         "",
         WORDS[found.stability] + (f"; nothing resists {found.free}" if found.free else ""),

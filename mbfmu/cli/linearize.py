@@ -32,6 +32,8 @@ def command_linearize(options: argparse.Namespace) -> int:
     path = options.output or Path(f"{scene.name}_linear.npz")
     space.write(path)
     print(f"{scene.name}: linearised about the steady state found from {found.found_from} ({found.stability})")
+    for note in found.notes:
+        print(f"note: {note}")
     print(f"states {', '.join(space.states)}; inputs {', '.join(space.inputs) or 'none'}; {len(space.outputs)} outputs")
     print(modes_as_text(space.modes()))
     print(f"wrote {path}")

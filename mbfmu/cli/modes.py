@@ -35,6 +35,8 @@ def command_modes(options: argparse.Namespace) -> int:
     scene = scene_of(options)
     found = equilibrium(scene.model, start_of(options))
     print(f"{scene.name}: modes about the steady state found from {found.found_from} ({found.stability})")
+    for note in found.notes:
+        print(f"note: {note}")
     modes = found.shapes(options.count)
     print(modes_as_text([shape.mode for shape in modes]))
     if found.stability == "unstable":

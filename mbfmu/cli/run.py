@@ -59,7 +59,7 @@ def command_run(options: argparse.Namespace) -> int:
     csv, png, poses = (target / f"{scene.name}.{kind}" for kind in ("csv", "png", "npz"))
     result.write_csv(csv)
     plot_result(result, f"{scene.name}, {scene.settings.name}, tolerance {scene.settings.tolerance:g}", png)
-    print(summary(scene, result, total))
+    print("\n".join((summary(scene, result, total), *(f"  {line}" for line in loops(scene)))))
     if not options.native and result.wall_time < QUICK:
         run(scene.model, scene.settings, result.times, watch=recorder)
     if recorder.used:
@@ -71,6 +71,12 @@ def command_run(options: argparse.Namespace) -> int:
         print(f"mbfmu: {result.failure}", file=sys.stderr)
         return 1
     return 0
+
+
+def loops(scene: Scene) -> list[str]:
+    """Return what is void or redundant in the loops of a scene at its start."""
+    plant = scene.model.build().compile()
+    return plant.loops(0.0, plant.assemble()[0]) if plant.mechanism.cuts else []
 
 
 def summary(scene: Scene, result: Result, total: float) -> str:

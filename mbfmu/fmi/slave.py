@@ -127,6 +127,8 @@ class ModelSlave(Interface):
                 self._buffer[reference] = variable.start
         self._changed.clear()
         self._refresh()
+        for line in self.simulation.loops():
+            self.log(line, Fmi2Status.ok, "logAll")
 
     def _settings_now(self) -> Settings:
         values: dict[str, Any] = dict(self._texts)

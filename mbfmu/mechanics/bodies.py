@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mbfmu.errors import UserError
 
-from .checks import Matrix, Vector, vector
+from .checks import Matrix, Vector, one_of, vector
 from .cuts import Cut
 from .elastic import Beam
 from .joints import Joint, Section
@@ -98,11 +98,19 @@ class CutHandle:
     b: Body
 
     def force(self, row: str = "") -> Sensor:
-        """Force (N) or moment (N m) of one row on body b, along the row's direction from a to b."""
+        """Force (N) or moment (N m) of one row on body b: ``x``, ``y``, ``z`` along the axes of the cut frame in body
+        a, which turn with it, that of a distance joint along the line from a to b.
+        """
         if row not in self.cut.rows:
             raise UserError(f"cut {self.name!r} has no row {row!r}; allowed: {', '.join(map(repr, self.cut.rows))}")
         k = self.cut.rows.index(row)
         return Sensor(kind=Kind.CUT_FORCE, unit=self.cut.units[k], item=self, component=k)
+
+    def joint_force(self, axis: str, on: str = "b") -> Sensor:
+        """Global component of the force the cut joint exerts on body ``"a"`` or ``"b"``, N; void rows exert none."""
+        one_of("body of a cut joint's force", on, ("a", "b"))
+        component = axis_index(axis) + (3 if on == "a" else 0)
+        return Sensor(kind=Kind.CUT_JOINT_FORCE, unit="N", item=self, component=component)
 
 
 @dataclass(frozen=True, eq=False)

@@ -277,6 +277,6 @@ def sensor_index(
                     "which is void in this mechanism: no free motion works against it"
                 )
             return row
-        case _, Body(index=i):
+        case _, (Body(index=i) | CutHandle(index=i)):
             return i
     return 0

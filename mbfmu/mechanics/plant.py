@@ -11,12 +11,13 @@ from mbfmu.errors import AssemblyError, UserError
 from solvers.system import Array, System, TreeSystem
 
 from .arrays import Data, complex_twin
-from .assembly import assemble_positions, assemble_velocities, check_inertia
+from .assembly import assemble_positions, assemble_velocities, check_frames, check_inertia, frame_angles
 from .bodies import Body
 from .compile import GRAVITY, Numbering, Variable, compile_data, sensor_records, shared
 from .dynamics import callbacks, energy, observe, observe_all, tree_callbacks
 from .mechanism import Mechanism
-from .scale import characteristic_length, coordinate_sizes, row_sizes
+from .rows import Probe, dependent_rows, describe, pace, row_names, row_units
+from .scale import characteristic_length, coordinate_sizes, joint_sizes, row_sizes
 from .sensors import largest_residual
 from .signals import POLYNOMIAL, RUN_UP
 from .tangent import Tangent, number_groups
@@ -46,7 +47,7 @@ class Plant:
         self.data = compile_data(mechanism, numbering)
         self.length = characteristic_length(self.data.arrays)
         self._size = coordinate_sizes(self._free_bodies(), self.length)
-        names = [f"{c.name}.{r}" if r else c.name for c in mechanism.cuts for r in c.cut.rows]
+        names = row_names(mechanism.cuts)
         self._row_size = np.concatenate([np.zeros(0), *(row_sizes(c.cut, self.length) for c in mechanism.cuts)])
         self.void_rows: list[str] = []
         large = not mechanism.elastics and numbering.nv > (LARGE_LOOPS if names else LARGE)  # T knows no modes
@@ -117,25 +118,35 @@ class Plant:
     def _drop_void_rows(self, names: list[str]) -> list[str]:
         """Find the rows whose Jacobian vanishes wherever the mechanism may be, and number the others anew.
 
-        A few random positions decide: a row that is not void vanishes there with probability zero.
+        A few random positions decide, of the free coordinates and of the drives: those that are functions of time
+        where they are at some time, those that are inputs anywhere. A row that is not void vanishes there with
+        probability zero.
+
+        Raises
+        ------
+        AssemblyError
+            A void row is not closed, or the drives open it.
         """
-        system, kept = self.system, self.data.arrays.kept
-        terms = system.allocate_terms()
-        largest, residual = np.zeros(system.m), np.zeros(system.m)
-        random = np.random.default_rng(0)
-        for _ in range(3):
-            q = self.start_positions()
-            system.apply(q, random.normal(size=system.n))
-            system.fill_position(0.0, q, terms)
-            largest = np.maximum(largest, np.abs(terms.J).max(axis=1, initial=0.0))
-            residual = np.maximum(residual, np.abs(terms.Phi))
-        void = largest < 1e-12
-        for i in np.flatnonzero(void & (residual > 1e-9)):
-            raise AssemblyError(
-                f"loop cannot close: {names[i]!r} is off by {residual[i]:.3g} and no free joint can change that"
-            )
-        kept[:] = np.where(void, -1, np.cumsum(~void) - 1)
+        signals, probe, start = self.data.arrays.signals, Probe(self.system), self.start_positions()
+        given = {slot.signal for slot in self._numbering.slots}
+        before = signals["c"].copy()
+        drives = [(k, self._drive_size(k)) for k in set(self.drive_signals())]
+        paces = [pace(signals[k], size) for k, size in drives if k not in given]
+        for scale in (0.0, *(x for x in paces if x), *(1.0 for k, _ in drives if k in given)):
+            for _ in range(3):
+                probe.try_at(scale * probe.turns(), start)
+                for k, size in drives:
+                    if k in given:
+                        signals["c"][k, 0] = before[k, 0] + size * probe.normal()
+        signals["c"] = before
+        void = probe.void(row_units(self.mechanism.cuts))
+        self.data.arrays.kept[:] = np.where(void, -1, np.cumsum(~void) - 1)
         return [names[i] for i in np.flatnonzero(void)]
+
+    def _drive_size(self, signal: int) -> float:
+        """Return the unit of the coordinate that a signal drives."""
+        body = self.mechanism.bodies[self._numbering.drive.index(signal)]
+        return float(joint_sizes(body.name, body.joint, self.length)[0])
 
     def _row_sizes(self, names: list[str]) -> Array:
         """Return the units of the kept rows; before any is dropped, of all."""
@@ -193,9 +204,75 @@ class Plant:
         Raises
         ------
         AssemblyError
-            A loop cannot close; says which and by how much.
+            A loop cannot close, or closes the wrong way round; says which and by how much.
         """
-        return assemble_positions(self.system, t, start, held)
+        if not self.mechanism.cuts:
+            return start.copy()
+        self.system.fill_position(t, start, self.system.allocate_terms())
+        drawn = frame_angles(self.mechanism.cuts, self.data.state)
+        try:
+            q = assemble_positions(self.system, t, start, held)
+        except AssemblyError as error:
+            if drawn.max() < 1.0:  # rad
+                raise
+            worst = int(np.argmax(drawn))
+            raise AssemblyError(
+                f"{error}; the frames of cut joint {self.mechanism.cuts[worst].name!r} are drawn "
+                f"{np.degrees(drawn[worst]):.0f} deg apart"
+            ) from error
+        self.check_frames(t, q, drawn)
+        return q
+
+    def check_frames(self, t: float, q: Array, drawn: Array | None = None) -> None:
+        """Raise AssemblyError where the frames of a cut joint are closed, but the wrong way round.
+
+        ``drawn`` are the angles between them, rad, in the position the loops were closed from.
+        """
+        self.system.fill_position(t, q, self.system.allocate_terms())
+        check_frames(self.mechanism.cuts, self.data.state, drawn)
+
+    def beside(self, t: float, q: Array) -> Array:
+        """Return a closed position near q (nq,) off singular ones, where the fewest rows depend on others; or q.
+
+        One coordinate is held where it was moved to: closing would lead back to a singular position else.
+        """
+        best, random, n = q, np.random.default_rng(1), self.system.n
+        fewest = len(dependent_rows(self.system, t, q))
+        for moved in random.permutation(n)[:4]:
+            near = q.copy()
+            self.system.apply(near, self.system.size * random.uniform(0.02, 0.05, n) * random.choice((-1.0, 1.0), n))
+            try:
+                near = self.close(t, near, np.arange(n) == moved)
+            except AssemblyError:
+                continue
+            count = len(dependent_rows(self.system, t, near))
+            if count <= fewest:
+                best, fewest = near, count
+        return best
+
+    def loops(self, t: float, q: Array) -> list[str]:
+        """Return in sentences which rows of the cut joints are void and which are redundant about q (nq,)."""
+        names = self.system.constraint_names
+        redundant = dependent_rows(self.system, t, self.beside(t, q))
+        lines = describe(self.mechanism.cuts, self.void_rows, [names[i] for i in redundant])
+        lost = len(dependent_rows(self.system, t, q)) - len(redundant)
+        if lost > 0:
+            rows = "1 more row depends" if lost == 1 else f"{lost} more rows depend"
+            lines.append(f"a singular position: {rows} on the others there")
+        return lines
+
+    def cut_wrenches(self, t: float, q: Array, v: Array, lam: Array) -> Array:
+        """Return what every cut joint exerts on its bodies a and b (cuts, 2, 6), each in the axes of that body."""
+        self.system.fill(t, q, v, self.system.allocate_terms())
+        arrays, state = self.data
+        rows, load = state.rows, np.where(arrays.kept >= 0, lam[arrays.kept], 0.0)
+        found = np.zeros((len(arrays.cuts), 2, 6))
+        ends = [*arrays.cuts["row"][1:], len(rows)]
+        for wrenches, cut, end in zip(found, arrays.cuts, ends, strict=True):
+            own = slice(int(cut["row"]), int(end))
+            for wrench, body, G in zip(wrenches, (cut["a"], cut["b"]), (rows["Ga"], rows["Gb"]), strict=True):
+                wrench[:] = -(load[own] @ G[own]).reshape(2, 3).dot(state.bodies["A"][int(body)]).ravel()
+        return found
 
     def drives(self) -> list[tuple[str, float, float]]:
         """Return name, speed and largest higher coefficient of every driven coordinate's signal at its start.
@@ -210,6 +287,11 @@ class Plant:
                 speed = 0.0 if signal["kind"] == RUN_UP else float(signal["c"][1])
                 found.append((body.name, speed, float(higher)))
         return found
+
+    def drive_rates(self) -> list[float]:
+        """Return the constant speed of every drive, without sign, in units of its coordinate per second."""
+        signals = self.data.arrays.signals
+        return [abs(float(signals[k]["c"][1])) / self._drive_size(k) for k in set(self.drive_signals())]
 
     def finish_run_ups(self) -> None:
         """Let every drive that runs up have its full speed from now on."""

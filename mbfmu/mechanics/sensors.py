@@ -22,7 +22,7 @@ class Kind(IntEnum):
     POINT_POSITION = 3  # index: body, component: global axis
     POINT_VELOCITY = 4
     POINT_ACCELERATION = 5
-    CUT_FORCE = 6  # index: constraint row; force or moment on body b
+    CUT_FORCE = 6  # index: constraint row; force or moment on body b along the row
     JOINT_FORCE = 7  # index: body, component: of the wrench the joint transmits to it, about its origin
     EFFORT = 8  # index: of v; force or torque of a driven coordinate
     KINETIC = 9
@@ -35,6 +35,7 @@ class Kind(IntEnum):
     JACOBI = 16  # energy less the action of the drives
     DEFLECTION = 17  # index: body, a section of an elastic body
     BENDING_MOMENT = 18
+    CUT_JOINT_FORCE = 19  # index: cut, component: global axis; force on body b, from 3 on on body a
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,6 +78,17 @@ def bending(moment: bool, body: Any, arrays: Any, state: Any) -> float:
     node, total = arrays.nodes[body.node], 0.0 * state.q[body.qi]
     for k in range(body.nv):
         total += (node.moment[k] if moment else node.phi[k]) * state.q[body.qi + k]
+    return total
+
+
+@kernel
+def cut_force(i: int, k: int, arrays: Any, state: Any) -> float:
+    """Global component k of the force of cut joint i on its body b, or k - 3 on a: -lambda G summed over its rows."""
+    end = arrays.cuts[i + 1].row if i + 1 < arrays.cuts.shape[0] else state.rows.shape[0]
+    total = 0.0 * arrays.world[0].gravity[0]
+    for r in range(arrays.cuts[i].row, end):
+        if arrays.kept[r] >= 0:
+            total -= state.rows[r].lam * (state.rows[r].Gb[k] if k < 3 else state.rows[r].Ga[k - 3])
     return total
 
 
@@ -156,5 +168,7 @@ def read(sensors: Any, lam: Any, arrays: Any, state: Any, out: Any) -> None:
             out[i] = turn(kind == 15, j, arrays, state)
         elif kind == 16:
             out[i] = kinetic + stored - driven_action(arrays, state)
-        else:
+        elif kind <= 18:
             out[i] = bending(kind == 18, arrays.bodies[j], arrays, state)
+        else:
+            out[i] = cut_force(j, sensor.component, arrays, state)

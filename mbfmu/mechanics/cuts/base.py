@@ -28,7 +28,7 @@ class Cut:
     at_a, at_b
         The point in the frames of bodies a and b, m.
     rotation_a, rotation_b
-        3x3 axes of the cut frame in the two bodies; identity by default.
+        3x3 axes of the cut frame in the two bodies; identity by default. Rows are named by the axes of that in body a.
     """
 
     at_a: Any = (0.0, 0.0, 0.0)
@@ -39,27 +39,51 @@ class Cut:
     rows: ClassVar[tuple[str, ...]]  # suffix of each row's name
     units: ClassVar[tuple[str, ...]]  # of each row's multiplier: N or N m
     close: ClassVar[Any]
+    parallel: ClassVar[str] = ""  # axes of the two frames that are parallel when it is closed: "", "z" or "xyz"
 
 
 @kernel
 def coincide(cut: Any, A: Any, B: Any, rows: Any) -> None:
-    """Three rows: Phi = r_Q - r_P along the global axes."""
+    """Three rows: Q stays on P along each axis of the cut frame in body a."""
     for k in range(3):
-        row = rows[cut.row + k]
-        pa, pb = row.Ga, row.Gb
-        for i in range(3):
-            pa[i], pb[i] = 0.0, 0.0
-        pa[k], pb[k] = -1.0, 1.0
-    for k in range(3):
-        row = rows[cut.row + k]
-        x, y, z = arm(A, cut.Pa)
-        _moment(x, y, z, row.Ga)
-        bias_a = centripetal(A, x, y, z, k)
-        Phi = -(A.r[k] + (x, y, z)[k])
-        x, y, z = arm(B, cut.Pb)
-        _moment(x, y, z, row.Gb)
-        row.Phi = Phi + B.r[k] + (x, y, z)[k]
-        row.bias = centripetal(B, x, y, z, k) - bias_a
+        along(cut, k, A, B, rows[cut.row + k])
+
+
+@kernel
+def along(cut: Any, k: int, A: Any, B: Any, row: Any) -> None:
+    """One row: Phi = n.d, n axis k of the cut frame in body a, d from P on a to Q on b.
+
+    Phi' = n.d' + (w_a x n).d,     Phi'' = n.d'' + (w'_a x n).d + (w_a x (w_a x n)).d + 2 (w_a x n).d'
+
+    n rests in body a and not in the ground, so that what is true of a row in one attitude of the mechanism (that it is
+    void, the size of its multiplier) is true in all.
+    """
+    nx, ny, nz = arm(A, cut.Ra[:, k])
+    ax, ay, az = arm(A, cut.Pa)
+    bx, by, bz = arm(B, cut.Pb)
+    a, b = A.Y, B.Y
+    dx, dy, dz = B.r[0] + bx - A.r[0] - ax, B.r[1] + by - A.r[1] - ay, B.r[2] + bz - A.r[2] - az
+    ux = b[0] + b[4] * bz - b[5] * by - (a[0] + a[4] * az - a[5] * ay)
+    uy = b[1] + b[5] * bx - b[3] * bz - (a[1] + a[5] * ax - a[3] * az)
+    uz = b[2] + b[3] * by - b[4] * bx - (a[2] + a[3] * ay - a[4] * ax)
+    # n turns at m = w_a x n
+    mx, my, mz = a[4] * nz - a[5] * ny, a[5] * nx - a[3] * nz, a[3] * ny - a[4] * nx
+    row.Phi = nx * dx + ny * dy + nz * dz
+    row.bias = (
+        nx * (centripetal(B, bx, by, bz, 0) - centripetal(A, ax, ay, az, 0))
+        + ny * (centripetal(B, bx, by, bz, 1) - centripetal(A, ax, ay, az, 1))
+        + nz * (centripetal(B, bx, by, bz, 2) - centripetal(A, ax, ay, az, 2))
+        + (a[4] * mz - a[5] * my) * dx
+        + (a[5] * mx - a[3] * mz) * dy
+        + (a[3] * my - a[4] * mx) * dz
+        + 2.0 * (mx * ux + my * uy + mz * uz)
+    )
+    row.Gb[0], row.Gb[1], row.Gb[2] = nx, ny, nz
+    row.Gb[3], row.Gb[4], row.Gb[5] = by * nz - bz * ny, bz * nx - bx * nz, bx * ny - by * nx
+    # the reaction acts on body a where Q is
+    x, y, z = ax + dx, ay + dy, az + dz
+    row.Ga[0], row.Ga[1], row.Ga[2] = -nx, -ny, -nz
+    row.Ga[3], row.Ga[4], row.Ga[5] = z * ny - y * nz, x * nz - z * nx, y * nx - x * ny
 
 
 @kernel
@@ -78,14 +102,6 @@ def centripetal(here: Any, x: float, y: float, z: float, k: int) -> float:
     """Component k of w x (w x p) = w (w.p) - p w.w."""
     w = here.Y
     return w[3 + k] * (w[3] * x + w[4] * y + w[5] * z) - (x, y, z)[k] * (w[3] * w[3] + w[4] * w[4] + w[5] * w[5])
-
-
-@kernel
-def _moment(x: float, y: float, z: float, G: Any) -> None:
-    """Complete the wrench of a force that acts at the offset (x, y, z)."""
-    G[3] = y * G[2] - z * G[1]
-    G[4] = z * G[0] - x * G[2]
-    G[5] = x * G[1] - y * G[0]
 
 
 @kernel

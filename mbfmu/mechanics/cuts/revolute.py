@@ -25,3 +25,4 @@ class RevoluteCut(Cut):
     rows = ("x", "y", "z", "zx", "zy")
     units = ("N", "N", "N", "N.m", "N.m")
     close = close
+    parallel = "z"

@@ -26,3 +26,4 @@ class WeldCut(Cut):
     rows = ("x", "y", "z", "xy", "yz", "zx")
     units = ("N", "N", "N", "N.m", "N.m", "N.m")
     close = close
+    parallel = "xyz"
