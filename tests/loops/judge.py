@@ -123,9 +123,7 @@ def truth(mechanism: Mechanism, times: Any, exact: Any = None) -> Truth:
     for there in moved:
         k = len(there)
         grown[:k] = np.maximum(grown[:k], distance(mechanism, start[1], near[:k], there) / NUDGE)
-    return Truth(
-        times, q, v, np.maximum.accumulate(grown), doubt, start, ended, time.perf_counter() - begin
-    )
+    return Truth(times, q, v, np.maximum.accumulate(grown), doubt, start, ended, time.perf_counter() - begin)
 
 
 def judge(

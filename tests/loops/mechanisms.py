@@ -180,7 +180,9 @@ def three_cranks(*, start: float = -20.0, rate: float = 0.0, eps: float = 0.0, s
     coupler = m.body("coupler", first, pin, **rod(mass=masses[1], length=2.0 * w))
     for i in (2, 3):
         foot = ((i - 1.0) * w, 0.0, 0.0)
-        crank = m.body(f"crank{i}", m.ground, Revolute(at=foot, start=angle, rate=speed), **rod(mass=masses[i], length=l))
+        crank = m.body(
+            f"crank{i}", m.ground, Revolute(at=foot, start=angle, rate=speed), **rod(mass=masses[i], length=l)
+        )
         m.cut(f"pin{i}", RevoluteCut(at_a=(l, 0.0, 0.0), at_b=foot), crank, coupler)
     bars = masses[0] + masses[2] + masses[3]
     inertia, weight = (bars / 3.0 + masses[1]) * l * l, (0.5 * bars + masses[1]) * scale.gravity * l
@@ -206,7 +208,9 @@ def table(*, start: float = -20.0, rate: float = 0.0, scale: Scale = UNSCALED) -
     )
     for i in (2, 3, 4):
         foot = feet[i - 1]
-        crank = m.body(f"crank{i}", m.ground, Revolute(at=foot, start=angle, rate=speed), **rod(mass=masses[i], length=l))
+        crank = m.body(
+            f"crank{i}", m.ground, Revolute(at=foot, start=angle, rate=speed), **rod(mass=masses[i], length=l)
+        )
         m.cut(f"ball{i}", SphericalCut(at_a=(l, 0.0, 0.0), at_b=foot), crank, top)
     bars = masses.sum() - masses[1]
     inertia, weight = (bars / 3.0 + masses[1]) * l * l, (0.5 * bars + masses[1]) * scale.gravity * l

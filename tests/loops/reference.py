@@ -84,7 +84,9 @@ class Reference(Motion):
     def trusted_until(self, tolerance: float) -> float:
         """Return the last time up to which the two runs stay together to ``tolerance``."""
         off = np.flatnonzero(~(self.difference <= tolerance))
-        return float(self.times[off[0] - 1] if len(off) and off[0] > 0 else self.times[0] if len(off) else self.times[-1])
+        return float(
+            self.times[off[0] - 1] if len(off) and off[0] > 0 else self.times[0] if len(off) else self.times[-1]
+        )
 
 
 def reference(
@@ -129,9 +131,10 @@ def integrate(
     nudge: float = 0.0,
     seed: int = 0,
 ) -> Motion:
-    """One run. After every step positions and velocities are pushed along the tangents by ``nudge``, at random (``seed``).
+    """One run. After every step velocities are pushed along the tangents by ``nudge``, at random (``seed``).
 
-    The nudge is relative to 1 + |v|, in the mechanism's units, as the errors of a solver's steps are.
+    The nudge is relative to 1 + |v|, in the mechanism's units, as the errors of a solver's steps are; positions are
+    pushed by what such an error makes in a step.
     """
     if mechanism.elastics or mechanism.plates or mechanism.pressures:
         raise NotCovered("elastic bodies")
@@ -266,7 +269,7 @@ class _Run:
                 return "the tangent turns at once"
         if self.nudge:
             size = self.nudge * (1.0 + float(np.abs(v).max()))
-            x = self.body.move(x, size * self._along(after))
+            x = self.body.move(x, size * min(1.0, solver.t - t) * self._along(after))
             v = v + size * self._along(after)
         x, v = self._project(solver.t, x, v, after)
         self.body.remember(x, v)

@@ -257,4 +257,3 @@ def sizes(mechanism: Mechanism, unit: Units) -> tuple[Any, Any]:
             v.append(scale / unit.time)
             q.append(scale if body.joint.nq == body.joint.nv else np.r_[scale[: body.joint.nq - 4], np.ones(4)])
     return np.concatenate(q), np.concatenate(v)
-
