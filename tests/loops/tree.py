@@ -178,11 +178,11 @@ def forward(mechanism: Mechanism, t: float, q: Any, v: Any) -> list[Pose]:
         else:
             qj, vj = np.asarray(q[iq : iq + joint.nq], float), np.asarray(v[iv : iv + joint.nv], float)
             iq, iv = iq + joint.nq, iv + joint.nv
-        poses.append(_child(joint, up, qj, vj))
+        poses.append(child(joint, up, qj, vj))
     return poses
 
 
-def _child(joint: Any, up: Pose, q: Any, v: Any) -> Pose:
+def child(joint: Any, up: Pose, q: Any, v: Any) -> Pose:
     """Pose of the child of a joint."""
     F = up.R @ joint_axes(joint)
     shift, rate, turn, spin = np.zeros(3), np.zeros(3), np.eye(3), np.zeros(3)  # spin in the child's axes
