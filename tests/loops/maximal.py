@@ -1,7 +1,7 @@
 """Rigid bodies in maximal coordinates: every joint and every cut joint is a constraint between two free bodies.
 
-Rows are written on marks. A mark is a point or a direction fixed in a body (or moving in it as a drive says); with X its
-global components every row is of one of these forms, a Phi of at most second degree in the X:
+Rows are written on marks. A mark is a point or a direction fixed in a body (or moving in it as a drive says); with X
+its global components every row is of one of these forms, a Phi of at most second degree in the X:
 
     meet    X_b - X_a = 0                     two points coincide
     across  X_i . X_j = 0                     two directions stay perpendicular
@@ -14,6 +14,7 @@ Differentiating gives  J v = nu  and  J v' = gamma. All numbers are in units of 
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -77,7 +78,7 @@ class Tie(NamedTuple):
 
 
 def ties(mechanism: Mechanism) -> list[Tie]:
-    """Every joint and cut joint as ties: meet, hinge (axes parallel), lock (axes equal), slide, apart."""
+    """Every joint and cut joint as ties: meet, hinge (axes parallel), lock (axes equal), slide, guide, apart."""
     found = []
     for body in mechanism.bodies[1:]:
         found += _of_joint(body.joint, body.parent, body.index)
@@ -107,7 +108,7 @@ def _of_joint(joint: Any, a: int, b: int) -> list[Tie]:
     if isinstance(joint, Translational):
         if drive is not None:
             return [meet._replace(axis=axis, drive=drive), lock]
-        return [lock, *(Tie("slide", a, b, (e, at), zero) for e in across(axis))]
+        return [lock, Tie("guide", a, b, (axis, at), zero)]
     raise NotCovered(f"joint {joint!r}")
 
 
@@ -141,11 +142,7 @@ def across(axis: Any) -> tuple[Any, Any]:
 
 def cross(a: Any, b: Any) -> Any:
     """Cross products of rows; numpy's is slow on small arrays."""
-    out = np.empty_like(b)
-    out[:, 0] = a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1]
-    out[:, 1] = a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2]
-    out[:, 2] = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-    return out
+    return a[:, [1, 2, 0]] * b[:, [2, 0, 1]] - a[:, [2, 0, 1]] * b[:, [1, 2, 0]]
 
 
 class Maximal:
@@ -197,12 +194,11 @@ class Maximal:
                 self._lists["meet"] += [(a, b, k) for k in range(self.dim)]
                 if tie.drive is not None:
                     self._shift(a, tie)
-            case "slide":
+            case "slide" | "guide":
                 e, at = tie.pa
-                e = self._in_plane(tie.a, e)
-                if e is not None:
+                for normal in self._normals(tie.a, e) if tie.kind == "guide" else self._in_plane(tie.a, e):
                     points = self._point(tie.a, at), self._point(tie.b, tie.pb)
-                    self._lists["slide"].append((self._direction(tie.a, e), *points))
+                    self._lists["slide"].append((self._direction(tie.a, normal), *points))
             case "apart":
                 points = self._point(tie.a, tie.pa), self._point(tie.b, tie.pb)
                 self._lists["apart"].append((*points, tie.length / self.unit.length))
@@ -287,7 +283,7 @@ class Maximal:
         self._columns_of = self._meet.T, self._across.T, self._slide.T, self._apart.T
         sizes = [len(k) for k in (self._meet, self._across, self._slide, self._apart, lists["angle"])]
         ends = np.cumsum([0, *sizes])
-        self._at = [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+        self._at = [slice(a, b) for a, b in pairwise(ends)]
         self.m = int(ends[-1])
         rows = [np.arange(s.start, s.stop) for s in self._at]
         a, b, k = self._meet.T
@@ -295,7 +291,7 @@ class Maximal:
         self._entry_row = np.concatenate((rows[0], rows[0], rows[1], rows[1], *(rows[2],) * 3, *(rows[3],) * 2))
         self._entry_mark = np.concatenate((a, b, i, j, e, p, q, u, w))
         parts = np.cumsum([0, *(len(x) for x in (a, b, i, j, e, p, q, u, w))])
-        self._part = [slice(x, y) for x, y in zip(parts[:-1], parts[1:], strict=True)]
+        self._part = [slice(x, y) for x, y in pairwise(parts)]
         self._F = np.zeros((len(self._entry_mark), d))
         self._F[self._part[0]] = -np.eye(d)[k]
         self._F[self._part[1]] = np.eye(d)[k]
@@ -420,7 +416,12 @@ class Maximal:
     def _global(self, p: Any) -> Any:
         raise NotImplementedError
 
-    def _in_plane(self, body: int, e: Any) -> Any:
+    def _in_plane(self, body: int, e: Any) -> tuple[Any, ...]:
+        """The direction itself, nothing where it leaves the plane."""
+        raise NotImplementedError
+
+    def _normals(self, body: int, axis: Any) -> tuple[Any, ...]:
+        """Directions across the axis of a slider."""
         raise NotImplementedError
 
     def _hinge(self, tie: Tie) -> None:
@@ -476,7 +477,7 @@ class Maximal:
 
 
 def _dot(a: Any, b: Any) -> Any:
-    return np.einsum("ij,ij->i", a, b)
+    return np.add.reduce(a * b, axis=1)
 
 
 class Planar(Maximal):
@@ -488,7 +489,10 @@ class Planar(Maximal):
         self.normal = normal
         self._frames = [self._frame(pose.R.T @ normal) for pose in poses]
         E1, E2 = self._frames[0]
-        self._phi0 = [float(np.arctan2(E2 @ pose.R @ b, E1 @ pose.R @ b)) for pose, (b, _) in zip(poses, self._frames)]
+        self._phi0 = [
+            float(np.arctan2(E2 @ pose.R @ b, E1 @ pose.R @ b))
+            for pose, (b, _) in zip(poses, self._frames, strict=True)
+        ]
         self._t0 = t0
         self._hinges: dict[int, tuple[float, float]] = {}
         super().__init__(mechanism, unit, t0, poses)
@@ -508,8 +512,11 @@ class Planar(Maximal):
     def _global(self, p: Any) -> Any:
         return self._local(0, p)
 
-    def _in_plane(self, body: int, e: Any) -> Any:
-        return e if np.linalg.norm(self._local(body, e)) > 0.5 else None
+    def _in_plane(self, body: int, e: Any) -> tuple[Any, ...]:
+        return (e,) if np.linalg.norm(self._local(body, e)) > 0.5 else ()
+
+    def _normals(self, body: int, axis: Any) -> tuple[Any, ...]:
+        return (np.cross(np.cross(*self._frames[body]), axis),)
 
     def _hinge(self, tie: Tie) -> None:
         """Nothing: all bodies turn about one normal."""
@@ -656,8 +663,11 @@ class Spatial(Maximal):
     def _global(self, p: Any) -> Any:
         return p
 
-    def _in_plane(self, body: int, e: Any) -> Any:
-        return e
+    def _in_plane(self, body: int, e: Any) -> tuple[Any, ...]:
+        return (e,)
+
+    def _normals(self, body: int, axis: Any) -> tuple[Any, ...]:
+        return across(axis)
 
     def _hinge(self, tie: Tie) -> None:
         along = self._direction(tie.a, tie.pa)
@@ -715,7 +725,7 @@ class Spatial(Maximal):
     def _columns(self, F: Any) -> Any:
         out = np.empty((len(F), 6))
         out[:, :3] = F * self._entry_point
-        turned = np.einsum("kji,kj->ki", self._A[self._entry_body], F)
+        turned = (F[:, None, :] @ self._A[self._entry_body])[:, 0]
         out[:, 3:] = cross(self._entry_local, turned)
         return out
 

@@ -79,7 +79,7 @@ def turning(
     start: tuple[float, float],
     embed: Callable[[Any, Any], tuple[Any, Any]],
 ) -> Exact:
-    """Exact motion of one angle: m theta'' + m' theta'^2 / 2 + V' = 0, ``inertia`` giving (m, m'), ``slope`` V'.
+    """Exact motion of one angle: m theta'' + m' theta'^2 / 2 + V' = 0; ``inertia``: (m, m'), ``slope``: V'.
 
     What is returned takes times (k,) and a ``nudge``, of the angle (rad) and of the rate (in what gravity gives) at every
     one of the times, to see how errors grow.
@@ -127,7 +127,7 @@ def four_bar(
     scale: Scale,
     guess: tuple[float, float] | None = None,
 ) -> Mechanism:
-    """Crank, coupler, rocker, ground; ``start`` and ``rate`` of the crank, ``guess`` for coupler and rocker, absolute."""
+    """Crank, coupler, rocker, ground; ``start``, ``rate`` of the crank, ``guess``: coupler and rocker, absolute."""
     a, b, c, d = (x * scale.lengths for x in lengths)
     ma, mb, mc = (x * scale.masses for x in masses)
     along, up = guess or closed_above(lengths, start)
@@ -300,6 +300,7 @@ def slider_crank(eps: float = 0.0, *, start: float = 20.0, rate: float = 6.0, sc
     crank, link, slider = np.array((1.0, 0.5, 0.8)) * scale.masses
     angle, speed = radians(start), rate / scale.times
     lean = -np.arcsin(sin(angle) * r / L)
+    lean = lean if cos(angle) >= 0.0 else -pi - lean
     m = _vertical(scale)
     first = m.body("crank", m.ground, Revolute(start=angle, rate=speed, fixed=True), **rod(mass=crank, length=r))
     pin = Revolute(at=(r, 0.0, 0.0), start=lean - angle, rate=-2.0 * speed)
@@ -324,7 +325,7 @@ def slider_crank(eps: float = 0.0, *, start: float = 20.0, rate: float = 6.0, sc
 
 
 def bricard(*, scale: Scale = UNSCALED, attitude: Any = None) -> Case:
-    """Six equal rods along edges of a cube with hinges across them: of five rows on five coordinates one is redundant."""
+    """Six equal rods along edges of a cube, hinges across them: of five rows on five coordinates one is redundant."""
     R = np.eye(3) if attitude is None else np.asarray(attitude, float)
     l, mass = scale.lengths, scale.masses
     corners = l * np.array([[0, 0, 0], [1, 0, 0], [1, -1, 0], [1, -1, 1], [0, -1, 1], [0, 0, 1]], float)

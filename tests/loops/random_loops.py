@@ -2,14 +2,14 @@
 
 Five families:
 
-``beside``    a four-bar or slider-crank that misses a singular position by 1e-9 ... 1e-2 of its size, up to two more loops
+``beside``    a four-bar or slider-crank that misses a singular position by 1e-9 ... 1e-2 of its size; 0 to 2 more loops
 ``planar``    a crank or a double pendulum with one to four loops, bodies and sizes unlike
-``parallel``  equal parallel cranks on one coupler, all but two of them redundant; exact, through singular positions or not
+``parallel``  equal parallel cranks on a coupler, all but two redundant; exact, through singular positions or not
 ``spatial``   one to three loops of revolute, spherical, translational and free joints, some with a redundant row
 ``driven``    planar or spatial ones on a base that a drive turns or shifts, or with a driven crank
 
-Planar ones lie in a random plane, so that the rows out of it are redundant and not void. Lengths and masses are scaled by
-1e-3 ... 1e3, times by 0.1 ... 10.
+Planar ones lie in a random plane, so that the rows out of it are redundant and not void. Lengths and masses are scaled
+by 1e-3 ... 1e3, times by 0.1 ... 10.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ from mbfmu.mechanics import (
 
 Generator = np.random.Generator
 FAMILIES = {"beside": 0.3, "planar": 0.25, "parallel": 0.1, "spatial": 0.2, "driven": 0.15}
-LASTS = 8.0  # of a run, by what gravity takes for a length
+LASTS = 6.0  # of a run, by what gravity takes for a length
 
 
 @dataclass(frozen=True)
@@ -268,7 +268,8 @@ def _springs(site: Site) -> None:
     stiffness = 10.0 * site.scale.masses / site.scale.times**2 * float(rng.uniform(0.3, 3.0))
     if rng.random() < 0.3:
         a = bodies[int(rng.integers(1, len(bodies)))]
-        far = site.poses[a.index].o + 3.0 * site.size * (site.axes @ rng.normal(size=3))
+        flat = (1.0, 1.0, 0.0) if site.angles else (1.0, 1.0, 1.0)
+        far = site.poses[a.index].o + 3.0 * site.size * (site.axes @ (rng.normal(size=3) * flat))
         damping = float(rng.choice((0.0, 0.02))) * stiffness * site.scale.times
         site.mechanism.force(
             "spring", Spring(stiffness=stiffness, damping=damping, free=site.size, at_b=far), a, site.mechanism.ground
@@ -440,17 +441,12 @@ def _joint(site: Site, kind: Any) -> Any:
     """A joint somewhere on its parent, in motion."""
     rng, size = site.rng, site.size
     options: dict[str, Any] = {"at": size * rng.normal(size=3) * 0.6, "rotation": random_rotation(rng)}
-    rates = np.array([site.rate * (scale_of(u) * site.scale.lengths if u == "m" else 1.0) for u in kind.units])
+    rates = np.array([site.rate * (0.3 * site.scale.lengths if u == "m" else 1.0) for u in kind.units])
     if kind.nv == 1:
         options |= {"axis": tuple(rng.normal(size=3)), "rate": float(rates[0])}
     else:
         options["rate"] = rates
     return kind(**options)
-
-
-def scale_of(_: str) -> float:
-    """Displacements move slower than turns, by this."""
-    return 0.3
 
 
 def _close(site: Site, kind: Any, a: Any, b: Any) -> None:

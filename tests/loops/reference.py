@@ -1,19 +1,19 @@
 """Motions of closed loops by a formulation and an integrator that share nothing with the package.
 
-Every body has six coordinates (three in the plane), every joint is a constraint (:mod:`maximal`). The accelerations follow
-from the equations of index 1,
+Every body has six coordinates (three in the plane), every joint is a constraint (:mod:`maximal`). The accelerations
+follow from the equations of index 1,
 
     | M       (C J)^T | | v'     |   | f       |
     | C J     0       | | lambda | = | C gamma |
 
-C J are the rows without what is redundant: C is the identity, or from the singular value decomposition of J where a step
-begins. SciPy's DOP853 advances x and v, and after every step both go back onto the constraints on the shortest way.
+C J are the rows without what is redundant: C is the identity, or from the singular value decomposition of J where a
+step begins. SciPy's DOP853 advances x and v; after every step both go back onto the constraints on the shortest way.
 
-Beside a singular position the constraints turn within a time ~ sigma / |sigma'|, sigma a singular value of J. What does not
-resolve that turn may come out on the branch that is not there; so a step is no longer than a part of it (``resolution``),
-and it is taken again, halved, where the tangent has turned by more than 20 degrees or where the frame of rows and
-tangents has changed its orientation, which no motion on one branch does. An exact singular position is not passed: the
-motion ends there and says so.
+Beside a singular position the constraints turn within a time ~ sigma / |sigma'|, sigma a singular value of J. What does
+not resolve that turn may come out on the branch that is not there; so a step is no longer than a part of it
+(``resolution``), and it is taken again, halved, where the tangent has turned by more than 20 degrees or where the frame
+of rows and tangents has changed its orientation, which no motion on one branch does. An exact singular position is not
+passed: the motion ends there and says so.
 """
 
 from __future__ import annotations
@@ -142,7 +142,9 @@ def integrate(
     unit = units(mechanism, start[1])
     poses = forward(mechanism, float(times[0]), *start)
     body = formulate(mechanism, unit, float(times[0]) / unit.time, poses)
-    return _Run(body, unit, times / unit.time, start[0], tolerance, resolution, nudge, seed).motion()
+    run = _Run(body, unit, times / unit.time, start[0], tolerance, resolution, nudge, seed).motion()
+    run.times = times[: len(run.q)]
+    return run
 
 
 class _Factors:
@@ -316,6 +318,6 @@ class _Run:
             energy.append(self.body.energy(float(t), x, u))
             gap.append(self.gap)
             self.gap = self.factors.ratio
-        k = len(q)
-        times = self.times[:k] * self.unit.time
-        return Motion(times, np.array(q), np.array(v), np.array(energy), np.array(gap), self.steps, ended)
+        return Motion(
+            self.times[: len(q)], np.array(q), np.array(v), np.array(energy), np.array(gap), self.steps, ended
+        )
