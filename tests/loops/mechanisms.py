@@ -81,8 +81,8 @@ def turning(
 ) -> Exact:
     """Exact motion of one angle: m theta'' + m' theta'^2 / 2 + V' = 0; ``inertia``: (m, m'), ``slope``: V'.
 
-    What is returned takes times (k,) and a ``nudge``, of the angle (rad) and of the rate (in what gravity gives) at every
-    one of the times, to see how errors grow.
+    What is returned takes times (k,) and a ``nudge``, of the angle (rad) and of the rate (in what gravity gives) at
+    every one of the times, to see how errors grow.
     """
     pace = sqrt(max(abs(slope(a)) / inertia(a)[0] for a in np.linspace(0.0, 2.0 * pi, 64)))
 

@@ -8,8 +8,8 @@ Five families:
 ``spatial``   one to three loops of revolute, spherical, translational and free joints, some with a redundant row
 ``driven``    planar or spatial ones on a base that a drive turns or shifts, or with a driven crank
 
-Planar ones lie in a random plane, so that the rows out of it are redundant and not void. Lengths and masses are scaled
-by 1e-3 ... 1e3, times by 0.1 ... 10.
+Most planar ones lie in any plane, so that the rows out of it are redundant; a third in one of the global axes, where
+these rows are void, until a drive turns them. Lengths and masses are scaled by 1e-3 ... 1e3, times by 0.1 ... 10.
 """
 
 from __future__ import annotations
@@ -104,6 +104,13 @@ def random_rotation(rng: Generator) -> Any:
             (2 * (b * d - a * c), 2 * (c * d + a * b), 1 - 2 * (b * b + c * c)),
         )
     )
+
+
+def random_plane(rng: Generator) -> Any:
+    """Axes of a plane, now and then the global ones in some order."""
+    if rng.random() < 0.65:
+        return random_rotation(rng)
+    return np.roll(np.eye(3), int(rng.integers(3)), axis=1)
 
 
 @dataclass
@@ -288,7 +295,7 @@ def _gap(rng: Generator) -> float:
 
 
 def _beside(rng: Generator, scale: Scale) -> tuple[Case, float | None]:
-    site = Site(rng, scale, random_rotation(rng))
+    site = Site(rng, scale, random_plane(rng))
     gap = _gap(rng)
     movers = _fold(site, gap) if rng.random() < 0.75 else _crank_and_slider(site, gap)
     site.more(movers, int(rng.choice(3, p=(0.7, 0.2, 0.1))))
@@ -347,7 +354,7 @@ def _crank_and_slider(site: Site, gap: float) -> list[Any]:
 
 
 def _planar(rng: Generator, scale: Scale, base: bool = False) -> tuple[Case, float | None]:
-    site = Site(rng, scale, random_rotation(rng))
+    site = Site(rng, scale, random_plane(rng))
     driven = base and rng.random() < 0.4
     if base and not driven:
         _moving_base(site)
@@ -364,7 +371,7 @@ def _planar(rng: Generator, scale: Scale, base: bool = False) -> tuple[Case, flo
 
 def _parallel(rng: Generator, scale: Scale) -> tuple[Case, float | None]:
     """Two to five equal cranks on one coupler."""
-    site = Site(rng, scale, random_rotation(rng))
+    site = Site(rng, scale, random_plane(rng))
     m, n = site.mechanism, int(rng.integers(2, 6))
     g = site.axes.T @ m.gravity
     if np.linalg.norm(g[:2]) == 0.0:
@@ -467,10 +474,11 @@ def _close(site: Site, kind: Any, a: Any, b: Any) -> None:
 def _moving_base(site: Site) -> None:
     """Put everything on a base that a drive turns about any axis, or shifts."""
     rng, axis = site.rng, tuple(site.rng.normal(size=3))
-    if rng.random() < 0.25:
-        axis = ("x", "y", "z")[int(rng.integers(3))]
+    start = float(rng.uniform(-pi, pi))
+    if rng.random() < 0.5:
+        axis, start = ("x", "y", "z")[int(rng.integers(3))], 0.0
     if rng.random() < 0.8:
-        joint: Any = Revolute(axis=axis, drive=site.drive(float(rng.uniform(-pi, pi))))
+        joint: Any = Revolute(axis=axis, drive=site.drive(start))
     else:
         size = site.scale.lengths
         shake = Harmonic(amplitude=0.3 * size, frequency=abs(site.rate) / (2 * pi), mean=0.0)
