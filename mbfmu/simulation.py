@@ -17,7 +17,7 @@ from mbfmu.equilibrium import Balance
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Variable
 from mbfmu.model import Model, suggest
-from solvers import SOLVERS, Options, Statistics, Status, stepper
+from solvers import SOLVERS, Options, SolverError, Statistics, Status, stepper
 
 Array = NDArray[np.float64]
 
@@ -79,7 +79,16 @@ class Simulation:
     Parameters
     ----------
     inputs
-        Values of inputs by number that differ from their start.
+        Values of inputs by number that differ from their start. A support that is moved by them starts where and as
+        fast as they say, and takes along what hangs on it: start velocities are relative.
+
+    Attributes
+    ----------
+    work_of_jumps
+        What jumps of inputs and of tunable parameters have put into the mechanism, J: the work of the impulses of its
+        supports, changes of the potential energy where it is.
+    remarks
+        What is unusual and stops nothing, in sentences.
 
     Raises
     ------
@@ -94,7 +103,7 @@ class Simulation:
         self.settings = settings
         self.plant = model.build().compile()
         for index, value in (inputs or {}).items():
-            self.plant.set_input(index, value, t0)
+            self.plant.start_input(index, value, t0)
         if settings.start_at_equilibrium:
             found = Balance(model, self.plant).solve()
             q, v = found.q, found.v
@@ -105,6 +114,8 @@ class Simulation:
         except ValueError as error:
             raise UserError(f"model {model.name!r}: {error}") from error
         self._out = np.zeros(len(self.plant.outputs))
+        self.work_of_jumps = 0.0
+        self.remarks: list[str] = []
         if settings.name not in _compiled:
             self._compile(t0, q, v)
 
@@ -115,6 +126,7 @@ class Simulation:
         self.plant.observe_all(np.array([t0 + 1e-3]), *rehearsal.sample(np.array([t0 + 1e-3])), values)
         rehearsal.advance(t0 + 2e-3)
         self.outputs()
+        self.energy()
         _compiled.add(self.settings.name)
 
     @property
@@ -131,9 +143,40 @@ class Simulation:
         """Return in sentences which rows of the cut joints are void and which redundant; see :meth:`Plant.loops`."""
         return self.plant.loops(self.t, self.stepper.q)
 
+    def energy(self) -> float:
+        """Kinetic and potential energy at the time reached, J."""
+        return self.plant.energy(self.stepper.t, self.stepper.q, self.stepper.v)
+
     def advance(self, t: float) -> Status:
-        """Advance to t (s); on failure the last good state stays."""
+        """Advance to t (s), a communication point; on failure the last good state stays."""
+        self._set_out(t)
         return self.stepper.advance(t)
+
+    def _set_out(self, end: float) -> None:
+        """Let the supports that inputs move set out for where they are at ``end``; all jumps of their rates are one
+        impulse.
+        """
+        departures = self.plant.depart(self.t, end) if end > self.t else []
+        if not departures:
+            return
+        before = self.energy()
+        try:
+            dv = self.plant.set_out(self.t, departures, lambda: self.stepper.accelerations()[0])
+        except SolverError as error:
+            names = ", ".join(repr(d.motion.name) for d in departures if d.jump != 0.0)
+            raise UserError(f"the rate of input {names} jumps where its impulse is not known: {error}") from error
+        self.stepper.jump(dv)
+        self.work_of_jumps += self.energy() - before
+        for motion, leg, _ in departures:
+            if leg.jumps:
+                self._remark(
+                    f"input {motion.name!r} jumps in position, farther than its rate explains; "
+                    "the support moves there within a communication step"
+                )
+
+    def _remark(self, text: str) -> None:
+        if text not in self.remarks:
+            self.remarks.append(text)
 
     def outputs(self) -> Array:
         """Return the outputs at the time reached, in the plant's order; the array is used again."""
@@ -148,14 +191,30 @@ class Simulation:
         Returns the number of rows; where it is less than k the stepper's status says why.
         """
         times = np.ascontiguousarray(times)
-        samples = self.stepper.sample(times)
-        done = len(samples.q)
-        self.plant.observe_all(times[:done], *samples, values[:done])
+        done = 0
+        while done < len(times):
+            self._set_out(times[done])
+            ahead = times[done:] if self.plant.settled else times[done : done + 1]
+            samples = self.stepper.sample(ahead)
+            rows = slice(done, done + len(samples.q))
+            self.plant.observe_all(times[rows], *samples, values[rows])
+            done = rows.stop
+            if not self.stepper.status.ok:
+                break
         return done
 
     def set_input(self, index: int, value: float) -> None:
-        """Let an input hold from now on."""
+        """Take the value of an input at the time reached.
+
+        What loads the mechanism holds from now on. What moves a support is where the support should be now, or how
+        fast: the next step moves it, see :mod:`mbfmu.mechanics.motion`.
+        """
+        if self.plant.moves_support(index):
+            self.plant.set_input(index, value)
+            return
+        before = self.energy()
         self.plant.set_input(index, value, self.t)
+        self.work_of_jumps += self.energy() - before
         self.stepper.restart()
 
     def retune(self, model: Model) -> None:
@@ -170,14 +229,17 @@ class Simulation:
             before, after = getattr(self.model, declared.name), getattr(model, declared.name)
             if before != after and not declared.tunable:
                 raise UserError(f"parameter {declared.name!r} is not tunable; it cannot change during a run")
+        before = self.energy()
         self.plant.adopt(model.build().compile())
+        self.work_of_jumps += self.energy() - before
         self.model = model
         self.stepper.restart()
 
     def save(self) -> bytes:
         """Return the whole state: solver, inputs and tunable parameters."""
         changed = {p.name: getattr(self.model, p.name) for p in self.model.parameters() if p.tunable}
-        head = json.dumps({"parameters": changed, "inputs": self.plant.input_state()}).encode()
+        inputs, work = self.plant.input_state(), self.work_of_jumps
+        head = json.dumps({"parameters": changed, "inputs": inputs, "work_of_jumps": work}).encode()
         return len(head).to_bytes(8, "little") + head + self.stepper.save()
 
     def restore(self, state: bytes) -> None:
@@ -189,6 +251,7 @@ class Simulation:
             self.plant.adopt(model.build().compile())
             self.model = model
         self.plant.restore_inputs(head["inputs"])
+        self.work_of_jumps = head["work_of_jumps"]
         self.stepper.restore(state[split:])
 
 

@@ -187,7 +187,8 @@ class Stepper(ABC):
        called again.
     4. ``advance`` to a time before the reported one raises ValueError; to the same time it does nothing.
     5. After the equations have changed by a jump (an input, a parameter) call ``restart()``: whatever has
-       been computed beyond the reported time is discarded and the next step begins at the reported state.
+       been computed beyond the reported time is discarded and the next step begins at the reported state. Where
+       the velocities jump as well (an impulse) call ``jump(dv)`` instead, with dv that keeps J v = nu.
     6. ``accelerations()`` are those of the reported state and today's equations, with the shortest
        multipliers; in a singular position their limit along the motion. Raises :class:`SolverError` where
        there is none.
@@ -269,6 +270,11 @@ class Stepper(ABC):
     @abstractmethod
     def restart(self) -> None:
         """Discard the history; the equations have changed."""
+
+    def jump(self, dv: Array) -> None:
+        """Add dv (n,) to the reported velocities, and restart."""
+        self._v += sized("dv", dv, len(self._v))
+        self.restart()
 
     @abstractmethod
     def _arrays(self) -> list[NDArray[Any]]:

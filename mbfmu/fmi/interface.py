@@ -65,6 +65,7 @@ class Interface(Fmi2Slave):  # type: ignore[misc]
             self._real(v.name, Quantity(unit=v.unit), v.description, v.start, causality=Fmi2Causality.input)
             for v in plant.inputs
         ]
+        self._motions = {r for k, r in enumerate(self._inputs) if plant.moves_support(k)}
         self._outputs = np.array(
             [self._output(v.name, Quantity(unit=v.unit, nominal=v.nominal), v.description) for v in plant.outputs],
             dtype=int,

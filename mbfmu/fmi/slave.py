@@ -25,7 +25,7 @@ from mbfmu.simulation import Settings, Simulation
 from .guards import finalize_at_exit
 from .interface import Interface
 
-STATE_FORMAT = 1
+STATE_FORMAT = 2
 
 
 def guarded(callback: Callable[..., Any]) -> Callable[..., Any]:
@@ -70,6 +70,7 @@ class ModelSlave(Interface):
         self._t0 = 0.0
         self._refused: dict[str, str] = {}  # variable -> why its last value was not taken
         self._changed: set[int] = set()  # value references of inputs and parameters set since the last step
+        self._told = 0  # how many of the simulation's remarks are in the log
         self._fresh = True  # outputs are those of the present state
         self.register(self.model.build().compile())
         finalize_at_exit(self.resources, self.identifier)
@@ -101,7 +102,8 @@ class ModelSlave(Interface):
             self._report(self._refused[name])
             return
         self._refused.pop(name, None)
-        if self._buffer[reference] != value or self.simulation is None:
+        same = self._buffer[reference] == value and reference not in self._motions  # a support may have moved since
+        if not same or self.simulation is None:
             self._buffer[reference] = value
             self._changed.add(reference)
 
@@ -156,6 +158,9 @@ class ModelSlave(Interface):
             return True
         status = self.simulation.advance(current_time + step_size)
         self._fresh = False
+        for text in self.simulation.remarks[self._told :]:
+            self.log(text, Fmi2Status.warning, "logStatusWarning")
+        self._told = len(self.simulation.remarks)
         if not status.ok:
             self.fail(f"{status.message}. {status.remedy}")
         return bool(status.ok)
@@ -201,6 +206,7 @@ class ModelSlave(Interface):
             "guid": self.fmu_guid,
             "values": self._buffer.tolist(),
             "texts": self._texts,
+            "changed": sorted(self._changed),
             "t0": self._t0,
             "started": self.simulation is not None,
         }
@@ -220,12 +226,14 @@ class ModelSlave(Interface):
         self._changed.clear()
         self._refused.clear()
         self.message = ""
-        self.simulation = None
+        self.simulation, self._told = None, 0
         if head["started"]:
             self.exit_initialization_mode()
             assert self.simulation is not None
             self.simulation.restore(state[split:])
+            self._buffer[:] = head["values"]  # of which the start took what is the model's
             self._fresh = False
+        self._changed = set(head["changed"])
 
     @staticmethod
     def _fmu_state_to_bytes(state: bytes) -> bytes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,10 +17,11 @@ from .bodies import Body
 from .compile import GRAVITY, Numbering, Variable, compile_data, sensor_records, shared
 from .dynamics import callbacks, energy, observe, observe_all, tree_callbacks
 from .mechanism import Mechanism
+from .motion import Departure, InputMotion, impulse
 from .rows import Probe, dependent_rows, describe, pace, row_names, row_units
 from .scale import characteristic_length, coordinate_sizes, joint_sizes, row_sizes
 from .sensors import largest_residual
-from .signals import POLYNOMIAL, RUN_UP
+from .signals import POLYNOMIAL, RUN_UP, SpeedInput
 from .tangent import Tangent, number_groups
 
 LARGE = 60  # coordinates of a tree without loops from which on no dense matrix is made
@@ -58,6 +60,7 @@ class Plant:
             self.system = make([n for n in names if n not in self.void_rows], self.data)
         self.inputs = tuple(slot.variable for slot in numbering.slots)
         self.outputs = tuple(Variable(n, s.unit, d, 0.0, nominal) for n, s, d, nominal in mechanism.outputs)
+        self._motions = self._input_motions()
         self._sensors = sensor_records(mechanism, numbering, self.data.arrays.kept)
 
     def complex_system(self) -> System:
@@ -78,6 +81,7 @@ class Plant:
             jacobi=jacobi,
             size=self._size,
             row_size=self._row_sizes(constraint_names),
+            rate=self._rate(),
             coordinate_names=tuple(self._numbering.coordinate_names),
             constraint_names=tuple(constraint_names),
         )
@@ -147,6 +151,13 @@ class Plant:
         """Return the unit of the coordinate that a signal drives."""
         body = self.mechanism.bodies[self._numbering.drive.index(signal)]
         return float(joint_sizes(body.name, body.joint, self.length)[0])
+
+    def _rate(self) -> float:
+        """Return how fast gravity and drives move the mechanism, 1/s; zero: neither does."""
+        signals = self.data.arrays.signals
+        paces = [pace(signals[k], self._drive_size(k)) for k in set(self.drive_signals())]
+        weight = float(np.linalg.norm(self.data.arrays.world["gravity"][0]))
+        return max(np.sqrt(weight / self.length), *(1.0 / x for x in paces if x), 0.0)
 
     def _row_sizes(self, names: list[str]) -> Array:
         """Return the units of the kept rows; before any is dropped, of all."""
@@ -320,39 +331,102 @@ class Plant:
         observe(t, q, v, a, lam, self._sensors, system.held_data, out)
         return out
 
+    def _input_motions(self) -> dict[int, InputMotion]:
+        """Return the motion of every drive that is an input, by the number of its signal."""
+        motions: dict[int, InputMotion] = {}
+        for slot in self._numbering.slots:
+            if slot.signal in self.drive_signals() and slot.signal not in motions:
+                speed = isinstance(self._numbering.signals[slot.signal], SpeedInput)
+                record = self.data.arrays.signals[slot.signal]
+                motions[slot.signal] = InputMotion(slot.variable.name, record, speed=speed)
+        return motions
+
+    def moves_support(self, index: int) -> bool:
+        """Whether an input is the position or the rate of a driven coordinate."""
+        return self._numbering.slots[index].signal in self._motions
+
+    def start_input(self, index: int, value: float, t: float = 0.0) -> None:
+        """Let an input (finite) have another value at the start, t."""
+        self._hold(index, value, t)
+        if self.moves_support(index):
+            self._motions[self._numbering.slots[index].signal].start()
+
     def set_input(self, index: int, value: float, t: float = 0.0) -> None:
-        """Write an input (finite) that holds from time t on; one with a rate goes on from what it has reached."""
-        if not np.isfinite(value):
-            raise UserError(f"input {self.inputs[index].name!r} is {value!r}; it must be finite")
+        """Take the value (finite) of an input at time t.
+
+        What loads the mechanism holds from t on, and one with a rate goes on from what it has reached. What moves a
+        support is noted, for :meth:`depart`.
+        """
+        if self.moves_support(index):
+            slot = self._numbering.slots[index]
+            self._motions[slot.signal].give(slot.coefficient, self._finite(index, value))
+        else:
+            self._hold(index, value, t)
+
+    def _hold(self, index: int, value: float, t: float) -> None:
         slot = self._numbering.slots[index]
         if slot.signal != GRAVITY:
             signal = self.data.arrays.signals[slot.signal]
             signal["c"][0] += (t - signal["t0"]) * signal["c"][1]
             signal["t0"] = t
         place, k = self.input_places(self.data.arrays)[index]
-        place[k] = value
+        place[k] = self._finite(index, value)
 
-    def input_state(self) -> list[tuple[float, list[float]]]:
+    def _finite(self, index: int, value: float) -> float:
+        if not np.isfinite(value):
+            raise UserError(f"input {self.inputs[index].name!r} is {value!r}; it must be finite")
+        return float(value)
+
+    @property
+    def settled(self) -> bool:
+        """Whether every support goes on as it does until an input is set."""
+        return all(motion.settled for motion in self._motions.values())
+
+    def depart(self, t: float, end: float) -> list[Departure]:
+        """Return the supports whose motion changes at t for a step until ``end`` (s), see :mod:`.motion`."""
+        found = (motion.depart(t, end) for motion in self._motions.values())
+        return [departure for departure in found if departure is not None]
+
+    def set_out(self, t: float, departures: Sequence[Departure], accelerations: Callable[[], Array]) -> Array:
+        """Let supports depart at t; return the jump of the free velocities (n,).
+
+        ``accelerations`` returns v' (n,) at t; what it raises leaves the supports on their way.
+        """
+        dv = np.zeros(self.system.n)
+        if any(d.jump != 0.0 for d in departures):
+            signals: Any = self.data.arrays.signals
+            before = signals.copy()
+            try:
+                dv = impulse(t, departures, accelerations)
+            finally:
+                signals[:] = before
+        for motion, leg, _ in departures:
+            motion.set_out(leg)
+        return dv
+
+    def input_state(self) -> dict[str, list[Any]]:
         """Return what the inputs hold, to be given to :meth:`restore_inputs`."""
         arrays: Any = self.data.arrays
-        state = []
+        held: list[Any] = []
         for slot in self._numbering.slots:
             if slot.signal == GRAVITY:
-                state.append((0.0, [float(arrays.world["gravity"][0, slot.coefficient])]))
+                held.append((0.0, [float(arrays.world["gravity"][0, slot.coefficient])]))
             else:
                 signal = arrays.signals[slot.signal]
-                state.append((float(signal["t0"]), [float(x) for x in signal["c"]]))
-        return state
+                held.append((float(signal["t0"]), [float(x) for x in signal["c"]]))
+        return {"held": held, "motions": [motion.state() for motion in self._motions.values()]}
 
-    def restore_inputs(self, state: list[tuple[float, list[float]]]) -> None:
+    def restore_inputs(self, state: dict[str, list[Any]]) -> None:
         """Let the inputs hold what they held when ``state`` was taken."""
         arrays: Any = self.data.arrays
-        for slot, (t0, c) in zip(self._numbering.slots, state, strict=True):
+        for slot, (t0, c) in zip(self._numbering.slots, state["held"], strict=True):
             if slot.signal == GRAVITY:
                 arrays.world["gravity"][0, slot.coefficient] = c[0]
             else:
                 signal = arrays.signals[slot.signal]
                 signal["t0"], signal["c"] = t0, c
+        for motion, remembered in zip(self._motions.values(), state["motions"], strict=True):
+            motion.restore(remembered)
 
     def observe(self, t: float, q: Array, v: Array, a: Array, lam: Array, out: Array) -> None:
         """Fill ``out`` (len(outputs),) from the solution: accelerations a (n,), multipliers lam (m,)."""
