@@ -5,9 +5,9 @@ correct (C), *close* the corrected state onto the constraints, evaluate there (E
 history: its differences belong to y' at closed states, so no restart is needed after it.
 
 In the projection regime closing is a correction of the size of the tolerance along the constraint normals. In
-the LU regime the dependents are solved from the independents at every evaluation (:mod:`solvers.lu`); alone ('adams-lu')
+the LU regime the dependents are solved from the independents at every evaluation (:mod:`solvers.lu`); in 'adams-lu'
 they carry no error control, as in the paper. The hybrid changes regime by the rules of :func:`leave_lu` and
-:func:`return_to_lu`; all coordinates are in its history and under its error control, so a change costs nothing.
+:func:`return_to_lu`; all coordinates are in its history and under error control, so a change costs nothing.
 
 No step is accepted that may have jumped to another branch, and steps are kept short beside near misses; see
 :mod:`solvers.singular`.
@@ -40,7 +40,7 @@ from .partition import NOT_CLOSED, OK, acceleration, close, multipliers, settle,
 from .singular import AHEAD, SINGULAR, note, passed, step_bound, vanishes
 from .workspace import factor
 
-MAX_STEPS, COLLAPSED = 5, 6  # beside the codes of partition
+MAX_STEPS, COLLAPSED, BRANCHES = 5, 6, 7  # beside the codes of partition
 PROJECTION, LU = 0, 1  # regimes
 
 SETTINGS = np.dtype(
@@ -55,7 +55,7 @@ SETTINGS = np.dtype(
 HYBRID = 2
 SLIGHT = 1e-3  # part of the tolerance: a correction of the position by less needs no new J
 SMALLEST_STEP = 1e-11  # times the larger of t and one over the rate of the motion
-CLEAR = 10.0  # steps to a singular position from which on LU is worth returning to
+CLEAR = 5.0  # steps to a singular position from which on LU is worth returning to
 
 
 @inlined
@@ -204,9 +204,11 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any) -> int:
                 split(H.trial, q, v)
                 code = differentiate(eqs, after, True, c, o, H, work)
                 join(q, v, H.trial)
-                if code == OK and stayed(eqs, after, c, o, H, work):
-                    accept(c, H, o.max_order, o.max_step)
-                    return OK
+                if code == OK:
+                    if stayed(eqs, after, c, o, H, work):
+                        accept(c, H, o.max_order, o.max_step)
+                        return OK
+                    code = BRANCHES
         cuts += 1
         c.rejected += 1
         cut(cuts, c, H)

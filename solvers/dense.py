@@ -183,8 +183,8 @@ def pseudo_inverse_transposed(f: Any, m: int, n: int, rank: int, U: Any, sigma: 
 def lq(A: Any, m: int, n: int, tau: Any, pivots: Any) -> None:
     """Householder factors of A (m, n) in place with rows exchanged, the longest remaining one first: A[pivots] = L Q^T.
 
-    L (m, min(m, n)) lies on and below the diagonal; row k right of the diagonal and ``tau`` (m,) hold reflector k, whose
-    first entry is one, Q = H_0 H_1 ... |L_kk| is the distance of row k from the span of those before it, so that the
+    L (m, min(m, n)) lies on and below the diagonal; row k right of it and ``tau`` (m,) hold reflector k, whose first
+    entry is one, Q = H_0 H_1 ... |L_kk| is the distance of row k from the span of those before it, so that the
     first rows are independent and the last diagonal entries tell how nearly the others are not.
     """
     for i in range(m):

@@ -11,9 +11,9 @@ terms make it regular where J~ loses rank:
 - d = MU |J~|^2 / rate. mu vanishes on the solution, so d has no bias; residuals of positions just return within
   d / sigma^2. It bounds what rounding in Phi does to v along a vanishing direction, u / (sigma^2 + d c_j) and not u /
   sigma^2.
-- D = LAMBDA a (1 + A / (FILTER tr A))^-2 / rate with A = J~ J~^T and a = tr J~ M~^-1 J~^T. lambda does not vanish on the
-  solution, it may even be unbounded, and D |lambda|^2 is a loss of power. D is a alone on rows without rank, redundant
-  ones and those that vanish at a crossing, and nothing where constraints only come near: there lambda is as 1 / sigma^2.
+- D = LAMBDA a (1 + A / (FILTER tr A))^-2 / rate with A = J~ J~^T and a = tr J~ M~^-1 J~^T. lambda does not vanish on
+  the solution, it may even be unbounded, and D |lambda|^2 is a loss of power. D is of the size of a on rows without
+  rank only, redundant ones and those that vanish at a crossing, and nothing on others, however near.
 
 Such small terms need a Newton matrix that is no older than the iterate in J and M: with a matrix kept from before a
 singular position the iteration contracts as the change of sigma to sqrt(sigma^2 + d c_j) and diverges. So J and M are
@@ -157,7 +157,7 @@ def drift(terms: Any, u: Any, work: Any) -> None:
 
 @kernel
 def drift_rate(eqs: Any, t: float, u: Any, work: Any) -> None:
-    """Where q holds quaternions: N (v - S J~^T mu) by a second evaluation, and the unit quaternions. N = 1 needs none."""
+    """Where q holds quaternions: N (v - S J~^T mu) by a second evaluation, and the unit quaternions."""
     if u.q.shape[0] == u.v.shape[0]:
         return
     eqs.position(t, u.q, eqs.data, eqs.terms)
@@ -300,7 +300,7 @@ def filter_block(u: Any, work: Any, terms: Any) -> None:
 
 @kernel
 def solve(eqs: Any, t: float, y: Any, yp: Any, right: Any, left: Any, cj: float, u: Any, work: Any) -> None:
-    """The preconditioner: left = matrix^-1 right with J and M of this iterate, or the vector whose product was asked."""
+    """The preconditioner: left = matrix^-1 right with J and M of this iterate, or the vector asked for before."""
     N = y.shape[0]
     if u.asked[0] == 1.0:
         u.asked[0] = 0.0
@@ -527,7 +527,9 @@ class IDAStepper(IDADriver, DenseStepper):
             stop = None if np.isinf(self._reach) else before + self._reach
             with redirect_stdout(StringIO()):  # the binding prints what the status says
                 result = self._ida.step(max(t, before + self._reach) if stop else t, method="onestep", tstop=stop)
-            if result.status < 0 or self._reach < max(shortest, STANDSTILL * abs(before)):
+            if self._reach < max(shortest, STANDSTILL * abs(before)):
+                return Code.BRANCHES
+            if result.status < 0:
                 return Code.NOT_FINITE if self._counts[2] > bad else Code.COLLAPSED
             if float(result.t) <= before:
                 continue  # it had interpolated, and tells where it stands first

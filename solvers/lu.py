@@ -7,7 +7,7 @@ Full pivoting of J (m, n) picks ``rank`` dependent coordinates d; only the other
 
 The paper starts Newton from the dependents of the last accepted step and keeps the factors of J_d, which are renewed
 in each pass here. The choice is made anew at a corrector when the step has shrunk or has stayed equal for five steps; a
-changed choice restarts the paper's integrator, whose history is that of the independents. That is 'adams-lu'. The hybrid
+changed choice restarts the paper's integrator, whose history is that of the independents: 'adams-lu'. The hybrid
 has the history of all coordinates, starts Newton from their prediction, and needs no restart.
 
 **What makes it fail.** Near a singular position the root wanted and a root on the crossing branch are about
@@ -91,7 +91,7 @@ def close_dependent(eqs: Any, t: float, q: Any, v: Any, rank: int, rows: Any, co
 
 @kernel
 def newton(eqs: Any, t: float, q: Any, rank: int, rows: Any, columns: Any, work: Any) -> bool:
-    """Newton on Phi(t, q) = 0 for the dependent positions; False if it does not converge. Leaves Phi, J and nu there."""
+    """Newton on Phi(t, q) = 0 for the dependent positions; False if it does not converge. ``terms`` follow."""
     for i in range(work.dq.shape[0]):
         work.dq[i] = 0.0
     eqs.position(t, q, eqs.data, eqs.terms)

@@ -140,6 +140,12 @@ def settle(eqs: Any, t: float, q: Any, v: Any, near: Any, rank: int, slight: flo
     where it is ``slight``; v' depends on it by the inverse square of the smallest pivot.
     """
     n = v.shape[0]
+    if eqs.terms.Phi.shape[0] == 0:
+        for i in range(n):
+            work.dq[i] = 0.0
+        eqs.retract(q, work.dq, eqs.data)  # quaternions to unit length
+        eqs.dynamics(t, q, v, eqs.data, eqs.terms)
+        return OK
     if rank == 0 or rank_at(work.pivot, rank, SINGULAR) < rank:
         return close(eqs, t, q, v, rank, work)
     if q.shape[0] == n:

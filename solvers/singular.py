@@ -4,12 +4,15 @@ At a *critical point* the constraints lose a row of rank: there are forces u tha
 
     J~^T u = 0,   nu~ . u = 0,   Phi~ = g u,   |u| = 1          (units as in :mod:`solvers.workspace`)
 
-in the unknowns q, t, u and g. g = u . Phi~ is the *gap*: by so much the loop misses the one that is singular there. If it
-is nothing, branches of the motion cross in that point, and the motion goes straight on. If it is anything, they part
-before they meet, within sqrt(g) of the point, and the motion turns into one of them. No ratio of singular values tells the
-two apart, for a near miss has its ratio as small as sqrt(g); the gap does, and as g has no slope there it is known to
-rounding. Newton's method in all unknowns, the shortest step where it is not unique (redundant rows, critical points
+in the unknowns q, t, u and g. g = u . Phi~ is the *gap*: by so much the loop misses the one that is singular there. If
+it is nothing, branches of the motion cross in that point, and the motion goes straight on. If it is anything, they part
+before they meet, within sqrt(g) of the point, and the motion turns into one of them. No ratio of singular values tells
+the two apart, for a near miss has its ratio as small as sqrt(g); the gap does, and as g has no slope there it is known
+to rounding. Newton's method in all unknowns, the shortest step where it is not unique (redundant rows, critical points
 that form curves).
+
+A motion of more than one freedom goes through critical points only where these divide what it can reach, that is where
+they have one dimension less. Else it passes beside them, as on a cone beside its tip: a near miss too.
 
 A step that jumps from one branch to another shows in the *orientation*: seen from the axes of the last position, in the
 order normals, tangents, the rows of J~ are C = [C_n C_t]. While C_n = J~ Q_1 keeps the sign of its determinant no
@@ -23,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from .dense import decompose, factor_lu, length, pseudo_inverse, rank_at, ratio, solve_lu, turn_in
+from .dense import decompose, factor_lu, length, lq, pseudo_inverse, rank_at, ratio, solve_lu, turn_in
 from .kernel import inlined, kernel
 from .workspace import distance, factor, scaled_length
 
@@ -35,6 +38,7 @@ GAP = 1e-12  # largest gap of a crossing, in units of the rows; Phi is known to 
 NEAR = 30.0  # a critical point is that of this position when it is no farther than so many ratios
 PROBE = 1e-7  # of differences, in units of size
 FLAT = 1e-4  # singular values of the equations below this part of the largest count as zero
+SPAN = 1e-2  # of a unit vector in q, t, u and g, its part in q and t that counts
 STRIDE, FAR = 0.3, 1.0  # longest Newton step, longest way, in units of size
 NEWTON, EXACT = 20, 1e-9  # steps, and one that is the last
 SLOPE = 1.7  # largest turn of a tangent in one step, as its tangent: 60 degrees
@@ -51,7 +55,12 @@ def judge(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
         return c.kind
     c.kind = NONE
     if seek(eqs, t, q, rank, work):
-        c.kind = CROSSING if abs(c.gap) <= GAP else MISS
+        c.kind = MISS
+        if abs(c.gap) <= GAP:
+            if dimension(work) >= eqs.terms.J.shape[1] - rank:
+                c.kind = CROSSING
+            else:
+                c.gap = np.inf
     eqs.position(t, q, eqs.data, eqs.terms)
     factor(eqs.terms, work)
     return c.kind
@@ -101,6 +110,21 @@ def seek(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
             c.gap += gap_left(m, n, work)
             return True
     return False
+
+
+@kernel
+def dimension(work: Any) -> int:
+    """Dimension of the critical points in q and t about the one just found, from the factors of its equations."""
+    N, n = work.change.shape[0], work.size.shape[0]
+    flat = rank_at(work.K_values, N, FLAT)
+    for k in range(N - flat):
+        for j in range(n + 1):
+            work.K_work[k, j] = work.K_left[j, flat + k]
+    lq(work.K_work, N - flat, n + 1, work.change, work.K_pivots)
+    found = 0
+    while found < min(N - flat, n + 1) and abs(work.K_work[found, found]) > SPAN:
+        found += 1
+    return found
 
 
 @inlined
@@ -216,7 +240,7 @@ def vanishes(before: float, now: float, taken: float, within: float) -> bool:
 
 @kernel
 def passed(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
-    """Whether the way to (t, q) stayed on its branch: it turned little, or passed a crossing; ``terms`` belong there."""
+    """Whether the way to (t, q), where ``terms`` are, stayed on its branch: it turned little or crossed another."""
     if rank == 0 or work.course[0].known == 0:
         return True
     turn = orientation(eqs.terms, rank, work)

@@ -29,6 +29,7 @@ class Code(IntEnum):
     NOT_FINITE = 4
     MAX_STEPS = 5
     COLLAPSED = 6
+    BRANCHES = 7
 
 
 MESSAGES: dict[Code, tuple[str, str]] = {
@@ -57,6 +58,11 @@ MESSAGES: dict[Code, tuple[str, str]] = {
         "the step has become too small to move time",
         "The motion has a jump or a kink here, or 'adams-lu' a singular position: use 'adams', 'hybrid' or 'ida', "
         "or smooth the force.",
+    ),
+    Code.BRANCHES: (
+        "two branches of the motion come so near each other that no step tells them apart",
+        "The loop misses a singular position by next to nothing: give its lengths the values they have exactly there, "
+        "or others that are farther from it.",
     ),
 }
 
@@ -323,7 +329,7 @@ class DenseStepper(Stepper):
         return np.where(sizes > 0.0, sizes, 1.0) if s.nq != s.n else s.size
 
     def _characteristic_rate(self) -> float:
-        """Return what a motion of its size has as rate (1/s): known beforehand, by its velocity, by its acceleration."""
+        """Return the rate of the motion (1/s): what is known beforehand, or that of its velocity or acceleration."""
         code, a, _ = self._evaluate()
         rates = [self.system.rate, float(np.abs(self._v / self.system.size).max(initial=0.0))]
         if code is Code.OK:

@@ -90,7 +90,7 @@ def test_lu_at_a_loose_tolerance_jumps_branch():
 def test_hybrid_uses_both_partitions_and_says_why_it_switched():
     stepper, _ = run("hybrid", 1e-6, max_step=0.01)
     s = stepper.statistics
-    assert s.partition_switches >= 2 * s.left_by_ratio - 1 > 0
+    assert s.partition_switches >= 2 * s.left_by_turn - 1 > 0
     assert s.time_lu > 1.0
     assert s.time_projection > 1.0
     assert s.time_lu + s.time_projection == pytest.approx(10.0, abs=0.02)
@@ -288,9 +288,9 @@ def test_options_are_checked(wrong):
         Options(**wrong)
 
 
-def test_switching_needs_a_hysteresis():
-    with pytest.raises(ValueError, match="ratio_in"):
-        Switching(ratio_in=0.3, ratio_out=0.2)
+def test_switching_needs_counts():
+    with pytest.raises(ValueError, match="flicker_count"):
+        Switching(flicker_count=0)
 
 
 def test_wrong_sizes_and_times_are_named():
@@ -305,16 +305,15 @@ def test_wrong_sizes_and_times_are_named():
 @pytest.mark.parametrize(
     ("trigger", "settings"),
     [
-        ("left_by_flicker", {"flicker_time": 10.0, "flicker_count": 1}),
+        ("left_by_flicker", {"flicker_steps": 10_000, "flicker_count": 1}),
         ("left_by_energy", {"energy_jump": 1e-9}),
         ("left_by_collapse", {"collapse_cuts": 1}),
     ],
 )
 def test_each_trigger_of_the_hybrid_fires_and_the_motion_stays_on_its_branch(trigger, settings):
-    """With the criterion by ratio out of the way; a third of a swing, through two singular positions."""
-    switching = Switching(ratio_in=1e-9, ratio_out=2e-9, **settings)
+    """A third of a swing, through two singular positions."""
+    switching = Switching(**settings)
     stepper, error = run("hybrid", 1e-5, np.linspace(0.02, 1.5, 75), switching=switching, max_step=0.02)
     assert stepper.status.ok
     assert getattr(stepper.statistics, trigger) > 0
-    assert stepper.statistics.left_by_ratio == 0
     assert error < 300.0 * 1e-5
