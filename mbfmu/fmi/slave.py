@@ -71,6 +71,7 @@ class ModelSlave(Interface):
         self._refused: dict[str, str] = {}  # variable -> why its last value was not taken
         self._changed: set[int] = set()  # value references of inputs and parameters set since the last step
         self._fresh = True  # outputs are those of the present state
+        self._told: list[str] = []  # of the loops, in the log
         self.register(self.model.build().compile())
         finalize_at_exit(self.resources, self.identifier)
 
@@ -127,8 +128,15 @@ class ModelSlave(Interface):
                 self._buffer[reference] = variable.start
         self._changed.clear()
         self._refresh()
-        for line in self.simulation.loops():
-            self.log(line, Fmi2Status.ok, "logAll")
+        self._tell_loops()
+
+    def _tell_loops(self) -> None:
+        """Log what is void or redundant in the loops, unless it was: restoring a state starts the model anew."""
+        assert self.simulation is not None
+        told, self._told = self._told, self.simulation.loops()
+        if told != self._told:
+            for line in self._told:
+                self.log(line, Fmi2Status.ok, "logAll")
 
     def _settings_now(self) -> Settings:
         values: dict[str, Any] = dict(self._texts)
