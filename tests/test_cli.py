@@ -17,6 +17,7 @@ def test_run_through_the_fmu_writes_csv_and_png(command: Command, tmp_path: Path
     assert code == 0
     assert "steps" in out
     assert "energy drift" in out
+    assert "loop 'pivot': 3 of 5 rows are void (z, zx, zy)" in out
     assert (tmp_path / "fourbar.csv").read_text().count("\n") == 52
     assert (tmp_path / "fourbar.png").stat().st_size > 10_000
 

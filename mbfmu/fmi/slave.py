@@ -72,6 +72,7 @@ class ModelSlave(Interface):
         self._changed: set[int] = set()  # value references of inputs and parameters set since the last step
         self._told = 0  # how many of the simulation's remarks are in the log
         self._fresh = True  # outputs are those of the present state
+        self._told: list[str] = []  # of the loops, in the log
         self.register(self.model.build().compile())
         finalize_at_exit(self.resources, self.identifier)
 
@@ -129,8 +130,15 @@ class ModelSlave(Interface):
                 self._buffer[reference] = variable.start
         self._changed.clear()
         self._refresh()
-        for line in self.simulation.loops():
-            self.log(line, Fmi2Status.ok, "logAll")
+        self._tell_loops()
+
+    def _tell_loops(self) -> None:
+        """Log what is void or redundant in the loops, unless it was: restoring a state starts the model anew."""
+        assert self.simulation is not None
+        told, self._told = self._told, self.simulation.loops()
+        if told != self._told:
+            for line in self._told:
+                self.log(line, Fmi2Status.ok, "logAll")
 
     def _settings_now(self) -> Settings:
         values: dict[str, Any] = dict(self._texts)

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from agreement import check_against_native, check_continuation
+from fmpy import simulate_fmu
 from fmpy.validation import validate_fmu
 
 from fmus.fourbar import FourBar
@@ -72,6 +73,17 @@ def test_two_hundred_lives_and_two_at_once(fourbar_fmu: Path) -> None:
                 b.step(0.02)
                 a.step(0.01)
                 assert b["crank.angle"] > a["crank.angle"]
+
+
+def test_the_log_tells_void_rows(fourbar_fmu: Path) -> None:
+    said: list[str] = []
+    simulate_fmu(
+        str(fourbar_fmu),
+        stop_time=0.02,
+        debug_logging=True,
+        logger=lambda _env, _name, _status, category, message: said.append(f"{category.decode()}: {message.decode()}"),
+    )
+    assert any("loop 'pivot': 3 of 5 rows are void (z, zx, zy)" in line for line in said), said
 
 
 def test_steps_of_zero_and_of_three_seconds(fourbar_fmu: Path) -> None:
