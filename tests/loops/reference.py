@@ -259,7 +259,14 @@ class _Run:
             solver.t, solver.y, solver.f, solver.status = t, y, f, "running"
             solver.t_bound, solver.max_step = until, max(min(limit, 2.0 * wanted), 2.0 * SHORTEST)
             solver.h_abs = min(wanted, solver.max_step)
-            message = solver.step()
+            try:
+                with np.errstate(over="ignore", invalid="ignore"):
+                    message = solver.step()
+            except np.linalg.LinAlgError:  # a stage far off the constraints
+                limit = 0.2 * min(solver.h_abs, until - t)
+                if limit < SHORTEST:
+                    return "the accelerations are not determined"
+                continue
             if solver.status == "failed":
                 return f"the step collapses: {message}"
             x, v = solver.y[: self.nx], solver.y[self.nx :]
