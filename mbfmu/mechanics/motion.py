@@ -5,12 +5,13 @@ coordinate x of a support never jumps: it is somewhere, x_n, and over the step o
 the host's motion u will be by extrapolation. With the rate v given, and s the time into the step::
 
     x = x_n + v s + a s^2 / 2 + e (3 (s/h)^2 - 2 (s/h)^3),     e = u_n - x_n
-    a = minmod(4 a_1 - 3 a_2, 2 a_1, 2 a_2),     a_1 = (v_n - v_(n-1)) / H,     a_2 = 2 ((u_n - u_(n-1)) / H - v_(n-1)) / H
+    a_1 = (v_n - v_(n-1)) / H,     a_2 = 2 ((u_n - u_(n-1)) / H - v_(n-1)) / H
+    a = minmod(4 a_1 - 3 a_2, 2 a_1, 2 a_2)
 
 H is the step before; 4 a_1 - 3 a_2 is u'' now, of the cubic through both points. So x errs by O(h^3) and x' by O(h^2)
 at the end, and the next e takes that back by a motion that begins and ends at rest; in between x'' errs by O(h). Where
 u jumps in position or in rate a_1 and a_2 have nothing in common, and minmod (the smallest of numbers of one sign, else
-zero; with these three the limiter of van Leer 1977) leaves out what would overshoot. Where the host gives the mean rate
+zero; a limiter after van Leer 1977) leaves out what would overshoot. Where the host gives the mean rate
 of the step to come a_2 and a are zero, and x is u interpolated linearly.
 
 Without a rate that of the step is what two differences of u agree in, and what has been missed::
@@ -170,7 +171,7 @@ def impulse(t: float, departures: Sequence[Departure], accelerations: Callable[[
     t
         s
     departures
-        What changes; the signals are left as they are not meant to be, :meth:`InputMotion.set_out` is to come.
+        What changes; their signals are left shaken.
     accelerations
         Returns v' (n,) at t for the drives' signals as they are.
     """
