@@ -156,7 +156,7 @@ class Simulation:
         """Let the supports that inputs move set out for where they are at ``end``; all jumps of their rates are one
         impulse.
         """
-        departures = self.plant.depart(self.t, end) if end > self.t else []
+        departures = self.plant.depart(self.t, float(end)) if end > self.t else []
         if not departures:
             return
         before = self.energy()

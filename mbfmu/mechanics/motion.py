@@ -4,13 +4,15 @@ A host sets inputs at communication points; what it sets is meant for the point 
 coordinate x of a support never jumps: it is somewhere, x_n, and over the step of length h that follows it goes to where
 the host's motion u will be by extrapolation. With the rate v given, and s the time into the step::
 
-    x = x_n + v s + a s^2 / 2 + e (3 (s/h)^2 - 2 (s/h)^3),     e = u_n - x_n,    a = minmod(a_1, a_2)
+    x = x_n + v s + a s^2 / 2 + e (3 (s/h)^2 - 2 (s/h)^3),     e = u_n - x_n
     a_1 = (v_n - v_(n-1)) / H,     a_2 = 2 ((u_n - u_(n-1)) / H - v_(n-1)) / H
+    a = minmod(4 a_1 - 3 a_2, 2 a_1, 2 a_2)
 
-H is the step before. Both a are those of u but for O(h), so x errs by O(h^3) a step and not more in the end, and x' by
-O(h^2): e is that error, taken back by a motion that begins and ends at rest. Where u jumps in position or in rate the
-two a have nothing in common and minmod (the smaller of two numbers of one sign, else zero; Roe 1986) leaves out what
-would overshoot. Where the host gives the mean rate of the step to come a is zero, and x is u interpolated linearly.
+H is the step before; 4 a_1 - 3 a_2 is u'' now, of the cubic through both points. So x errs by O(h^3) and x' by O(h^2)
+at the end, and the next e takes that back by a motion that begins and ends at rest; in between x'' errs by O(h). Where
+u jumps in position or in rate a_1 and a_2 have nothing in common, and minmod (the smallest of numbers of one sign, else
+zero; a limiter after van Leer 1977) leaves out what would overshoot. Where the host gives the mean rate
+of the step to come a_2 and a are zero, and x is u interpolated linearly.
 
 Without a rate that of the step is what two differences of u agree in, and what has been missed::
 
@@ -28,9 +30,9 @@ from typing import Any, NamedTuple
 from solvers.system import Array
 
 
-def minmod(a: float, b: float) -> float:
-    """Return the smaller of two numbers of one sign; zero where their signs differ."""
-    return 0.0 if a * b <= 0.0 else min(a, b, key=abs)
+def minmod(*numbers: float) -> float:
+    """Return the smallest of numbers of one sign; zero where their signs differ."""
+    return max(0.0, min(numbers)) + min(0.0, max(numbers))
 
 
 class Leg(NamedTuple):
@@ -138,7 +140,10 @@ class InputMotion:
         if not self._rated:
             r = minmod(mean, last.mean)
             return Leg(t, end, (x, r + (u - x) / h, 0.0, 0.0), u + r * h, u, v, mean, False)
-        a = minmod((v - last.rate) / before, 2.0 * (mean - last.rate) / before) if before > 0.0 else 0.0
+        a = 0.0
+        if before > 0.0:
+            a1, a2 = (v - last.rate) / before, 2.0 * (mean - last.rate) / before
+            a = minmod(4.0 * a1 - 3.0 * a2, 2.0 * a1, 2.0 * a2)
         e = u - x
         path = (x, v, 0.5 * a + 3.0 * e / h**2, -2.0 * e / h**3)
         longest = max(h, before) if before < inf else h
@@ -164,7 +169,9 @@ def impulse(t: float, departures: Sequence[Departure], accelerations: Callable[[
     Parameters
     ----------
     t
-        s.
+        s
+    departures
+        What changes; their signals are left shaken.
     accelerations
         Returns v' (n,) at t for the drives' signals as they are.
     """

@@ -1,7 +1,7 @@
 """Known functions of time: what drives a joint or scales an applied force.
 
 A signal is data, so that the compiled loop can evaluate it. An input is a polynomial about the last communication
-point whose coefficients the host writes.
+point; its coefficients are what the host sets, or of a drive what :mod:`.motion` makes of that.
 """
 
 from __future__ import annotations
@@ -121,7 +121,11 @@ class RunUp:
 
 @dataclass(frozen=True, kw_only=True)
 class Input:
-    """A value the host sets between steps; held, or continued with ``rate_name`` where the host gives the rate too.
+    """A value the host sets between steps.
+
+    A load is held, or continued with ``rate_name`` where the host gives the rate too. The drive of a joint is a motion
+    instead: the coordinate moves to where the host's motion will be at the end of the step, without a jump of its
+    position, see :mod:`.motion`.
 
     Parameters
     ----------
@@ -154,7 +158,8 @@ class Input:
 class SpeedInput:
     """A drive at the speed the host sets; the driven coordinate is its integral and never jumps.
 
-    A new value sets the speed at once; what the impulse would be is not modelled, so steps should be small.
+    A new value sets the speed at once, by an impulse that moves what hangs on the joint too. Held between communication
+    points, a speed that changes smoothly lags behind by half a step.
 
     Parameters
     ----------
