@@ -18,8 +18,8 @@ from traceback import walk_tb
 from typing import Any
 
 import numpy as np
-from maximal import cut_ties
 from reference import RESOLUTION, distance, integrate
+from ties import cut_ties
 from tree import forward, units
 
 import mbfmu

@@ -23,7 +23,8 @@ from math import cos, inf, radians
 from typing import Any
 
 import numpy as np
-from maximal import Maximal, formulate
+from formulation import formulate
+from maximal import Maximal
 from scipy.integrate import DOP853
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu

@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from formulation import formulate
 from hypothesis import given, settings
 from judge import judge, truth
-from maximal import Maximal, Planar, Spatial, formulate
+from maximal import Maximal
 from mechanisms import (
     CASES,
     SQUEEZER_END,
@@ -28,8 +29,10 @@ from mechanisms import (
     table,
     three_cranks,
 )
+from planar import Planar
 from random_loops import Drawn, draw, loops
 from reference import distance, integrate, reference
+from spatial import Spatial
 from tree import backward, forward, units
 
 from mbfmu.mechanics import (
@@ -44,7 +47,7 @@ from mbfmu.mechanics import (
 )
 
 
-def formulation(mechanism: Mechanism) -> tuple[Maximal, Any, Any]:
+def coordinates(mechanism: Mechanism) -> tuple[Maximal, Any, Any]:
     """The maximal coordinates of a mechanism as it assembles."""
     start = mechanism.compile().assemble()
     unit = units(mechanism, start[1])
@@ -198,7 +201,7 @@ def test_scaled_copies_move_alike(name: str) -> None:
 @settings(max_examples=10)
 def test_rows_are_the_derivatives_of_each_other(drawn: Drawn) -> None:
     """Along any motion Phi' = J v - nu, and (J v - nu)' = J v' - gamma."""
-    body, x, v = formulation(drawn.case.mechanism)
+    body, x, v = coordinates(drawn.case.mechanism)
     rng, h = np.random.default_rng(drawn.seed), 1e-3
     v, a = rng.normal(size=v.shape), rng.normal(size=v.shape)
     off = rng.normal(size=v.shape)
@@ -223,7 +226,7 @@ def test_rows_are_the_derivatives_of_each_other(drawn: Drawn) -> None:
 def test_positions_come_back_as_they_were_given(drawn: Drawn) -> None:
     m = drawn.case.mechanism
     q, v = m.compile().assemble()
-    body, x, u = formulation(m)
+    body, x, u = coordinates(m)
     assert isinstance(body, Planar | Spatial)
     back, rates = backward(m, body.poses(x, u), q)
     size = drawn.scale.lengths
@@ -241,7 +244,7 @@ def test_in_space_a_planar_mechanism_moves_as_in_its_plane(seed: int) -> None:
     m.body("stone", m.ground, Floating(), mass=1.0, inertia=(1.0, 1.0, 1.0))  # moves as it likes: no plane for all
     q, v = m.compile().assemble()
     n = len(start[0])
-    assert isinstance(formulation(m)[0], Spatial)
+    assert isinstance(coordinates(m)[0], Spatial)
     runs.append(integrate(m, times, (np.r_[start[0], q[n:]], np.r_[start[1], v[len(start[1]) :]])).q[:, :n])
     assert distance(drawn.case.mechanism, v, *(np.c_[r, np.tile(q[n:], (4, 1))] for r in runs)).max() < 1e-8
 
