@@ -73,6 +73,6 @@ def drift(plant: Plant, solver: str, rtol: float) -> float:
 @pytest.mark.parametrize("solver", ["adams", "hybrid", "ida"])
 def test_energy_drift_falls_with_the_tolerance(solver: str, tree: str, cut: type) -> None:
     plant = loop(3, TREES[tree], cut)
-    loose, tight = drift(plant, solver, 1e-5), drift(plant, solver, 1e-9)
-    assert tight < 1e-2 * loose
-    assert tight < 1e-5
+    loose, tight = drift(plant, solver, 1e-5), drift(plant, solver, 1e-10)  # far apart: one drift may be small by luck
+    assert tight < 1e-3 * loose
+    assert tight < 1e-7
