@@ -1,8 +1,8 @@
 """The page of hard cases: ``python benchmarks/hard_cases.py`` writes ``docs/hard_cases.md`` and its picture.
 
-Every mechanism of ``tests/loops/mechanisms.py`` and both four-bars that miss a singular position, at every gap, with every
-solver and tolerance, judged by the reference in maximal coordinates (``tests/loops``), which shares nothing with the
-solvers. ``--cases`` and ``--solvers`` restrict what is run and only print.
+Every mechanism of ``tests/loops/mechanisms.py`` and both four-bars that miss a singular position, at every gap, with
+every solver and tolerance, judged by the reference in maximal coordinates (``tests/loops``), which shares nothing with
+the solvers. ``--cases`` and ``--solvers`` restrict what is run and only print.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ PAGE, PICTURE = ROOT / "docs" / "hard_cases.md", ROOT / "docs" / "images" / "nea
 
 INTRODUCTION = """# Hard cases
 
-Written by `benchmarks/hard_cases.py`. Each case is run by each solver and compared with a reference that shares nothing
-with them: maximal coordinates, redundant rows by rank, DOP853 at 1e-12 with projection, SciPy alone; where the motion is
-known in closed form, with that. A run is
+Written by `benchmarks/hard_cases.py`. Each case is run by each solver and compared with a reference that shares
+nothing with them: maximal coordinates, redundant rows by rank, DOP853 at 1e-12 with projection, SciPy alone; where the
+motion is known in closed form, with that. A run is
 
 - **right** where its error stays below 100 rtol A(t); A tells how errors grow in this motion. The table gives the
-  largest error (in lengths of the mechanism or rad), and the run's time on this machine. Errors are judged while 100 rtol
-  A is below 0.1; after that the loops must stay closed and energy must be kept.
+  largest error (in lengths of the mechanism or rad), and the run's time on this machine. Errors are judged while
+  100 rtol A is below 0.1; after that the loops must stay closed and energy must be kept.
 - **refused** where it stops with a message; what it says stands below the table.
 
 Nothing else may happen.
