@@ -1,0 +1,39 @@
+"""Beside singular positions, at them and with redundant rows: each solver right against the reference, or refused."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from judge import judge, truth
+from mechanisms import CASES, GAPS, grashof, parallelogram
+
+NAMED = ("three cranks", "three cranks, singular", "table", "double parallelogram, singular", "slider-crank + 1e-5")
+FOUR_BARS = {"rocker": parallelogram, "ground": grashof}
+
+
+@cache
+def known(make, stop_time, **options):
+    """The case and its truth over ``stop_time``, s."""
+    case = make(**options)
+    return case.mechanism, truth(case.mechanism, np.linspace(0.0, stop_time, 41), case.exact)
+
+
+@pytest.mark.parametrize("solver", ["ida", "adams", "hybrid"])
+@pytest.mark.parametrize("gap", [*GAPS[::2], -1e-09, -1e-06])
+@pytest.mark.parametrize("name", FOUR_BARS)
+def test_a_four_bar_beside_its_singular_position(name, gap, solver):
+    mechanism, motion = known(FOUR_BARS[name], 2.0, eps=gap)
+    for rtol in (1e-4, 1e-6, 1e-8):
+        verdict = judge(mechanism, motion, solver, rtol)
+        assert verdict.word == "right", verdict
+
+
+@pytest.mark.parametrize("solver", ["ida", "adams", "hybrid"])
+@pytest.mark.parametrize("name", NAMED)
+def test_redundant_and_singular_loops(name, solver):
+    mechanism, motion = known(CASES[name], 3.0)
+    for rtol in (1e-4, 1e-7):
+        verdict = judge(mechanism, motion, solver, rtol)
+        assert verdict.word == "right", verdict

@@ -1,0 +1,50 @@
+"""No threshold has a unit: a copy of a mechanism in other lengths, masses and times moves bit for bit alike.
+
+The factors are powers of two, so that scaling a number rounds nothing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mechanisms import Scale, crane, grashof, parallelogram, slider_crank, three_cranks
+
+from solvers import Options, stepper
+
+CASES = {
+    "crossing": parallelogram,
+    "near miss": lambda scale: grashof(1e-5, scale=scale),
+    "slider": lambda scale: slider_crank(-1e-4, scale=scale),
+    "redundant": three_cranks,
+    "driven": crane,
+}
+SCALES = {
+    "a thousandth": Scale(lengths=2.0**-10),
+    "a thousand times": Scale(lengths=2.0**10),
+    "light": Scale(masses=2.0**-20),
+    "slow": Scale(times=2.0**6),
+    "small, heavy and fast": Scale(lengths=2.0**-7, masses=2.0**9, times=2.0**-8),
+}
+
+
+def moved(make, scale, solver, rtol):
+    """Run a case; return angles and lengths (k, n) in units of the scale, and what the run took."""
+    case = make(scale=scale)
+    plant = case.mechanism.compile()
+    q, v = plant.assemble()
+    motion = stepper(solver, plant.system, 0.0, q, v, Options(rtol=rtol))
+    samples = motion.sample(0.3 * scale.times * np.arange(1, 6))
+    assert motion.status.ok
+    s = motion.statistics
+    slides = plant.system.size != 1.0
+    return samples.q / np.where(slides, scale.lengths, 1.0), (s.steps, s.rejected, s.rhs_evals)
+
+
+@pytest.mark.parametrize("solver", ["adams", "hybrid", "ida"])
+@pytest.mark.parametrize("name", CASES)
+def test_a_scaled_copy_takes_the_same_steps_to_the_same_numbers(name, solver):
+    q, cost = moved(CASES[name], Scale(), solver, 1e-6)
+    for scale in SCALES.values():
+        q_scaled, cost_scaled = moved(CASES[name], scale, solver, 1e-6)
+        assert cost_scaled == cost
+        np.testing.assert_array_equal(q_scaled, q)
