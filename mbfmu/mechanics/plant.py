@@ -13,7 +13,7 @@ from solvers.system import Array, System, TreeSystem
 from .arrays import Data, complex_twin
 from .assembly import assemble_positions, assemble_velocities, check_inertia
 from .compile import GRAVITY, Numbering, Variable, compile_data, sensor_records, shared
-from .dynamics import callbacks, energy, observe, observe_all, tree_callbacks
+from .dynamics import audit_callbacks, callbacks, energy, observe, observe_all, tree_callbacks
 from .mechanism import Mechanism
 from .sensors import largest_residual
 from .signals import POLYNOMIAL, RUN_UP
@@ -58,6 +58,7 @@ class Plant:
 
     def _system(self, constraint_names: list[str], data: Data, scalar: type = float) -> System:
         dynamics, position, motion, retract, jacobi = callbacks(scalar)
+        power, momentum = audit_callbacks(tree=False) if scalar is float else (None, None)
         return System(
             nq=self._numbering.nq,
             n=self._numbering.nv,
@@ -68,6 +69,9 @@ class Plant:
             motion=motion,
             retract=retract,
             jacobi=jacobi,
+            power=power,
+            momentum=momentum,
+            works=self._works,
             coordinate_names=tuple(self._numbering.coordinate_names),
             constraint_names=tuple(constraint_names),
         )
@@ -75,6 +79,7 @@ class Plant:
     def _tree_system(self, constraint_names: list[str], data: Data) -> TreeSystem:
         """Return the system of a large tree."""
         inverse, forward, mobility, position, constraints, retract = tree_callbacks()
+        power, momentum = audit_callbacks(tree=True)
         places: list[tuple[int, int]] = []
         quaternions: list[tuple[int, int]] = []
         sizes = [np.zeros(0)]
@@ -102,9 +107,15 @@ class Plant:
             size=np.concatenate(sizes),
             plain=(in_q, in_v),
             quaternions=tuple(quaternions),
+            power=power,
+            momentum=momentum,
+            works=self._works,
             coordinate_names=tuple(self._numbering.coordinate_names),
             constraint_names=tuple(constraint_names),
         )
+
+    def _works(self) -> bool:
+        return bool(self.data.arrays.world["works"][0])
 
     def _drop_void_rows(self, names: list[str]) -> list[str]:
         """Find the rows whose Jacobian vanishes wherever the mechanism may be, and number the others anew.
