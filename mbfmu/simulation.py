@@ -112,7 +112,7 @@ class Simulation:
         """Have every kernel compiled (or loaded) now, by a stepper thrown away, and not in the first step of a run."""
         rehearsal = stepper(self.settings.name, self.plant.system, t0, q, v, self.settings.options())
         values = np.zeros((1, len(self._out)))
-        self.plant.observe_all(np.array([t0 + 1e-3]), *rehearsal.sample(np.array([t0 + 1e-3])), values)
+        self.plant.observe_all(np.array([t0 + 1e-3]), *rehearsal.sample(np.array([t0 + 1e-3]))[:4], values)
         rehearsal.advance(t0 + 2e-3)
         self.outputs()
         _compiled.add(self.settings.name)
@@ -146,7 +146,7 @@ class Simulation:
         times = np.ascontiguousarray(times)
         samples = self.stepper.sample(times)
         done = len(samples.q)
-        self.plant.observe_all(times[:done], *samples, values[:done])
+        self.plant.observe_all(times[:done], *samples[:4], values[:done])
         return done
 
     def set_input(self, index: int, value: float) -> None:

@@ -32,7 +32,8 @@ from numpy.typing import NDArray
 from sksundae.ida import IDA
 
 from .held import hold
-from .kernel import kernel
+from .kernel import kernel, records
+from .ledger import BOOK, WORK, Scales, catch_up, count, report
 from .partition import close_report
 from .stepper import Code, DenseStepper, Options, Statistics, Stepper
 from .system import Array, System
@@ -163,6 +164,38 @@ def jacobian(eqs: Any, t: float, y: Any, yp: Any, res: Any, cj: float, JJ: Any, 
             JJ[nq + i, nq + j] += cj * eqs.terms.M[i, j]
 
 
+@kernel
+def beside(eqs: Any, t: float, yp: Any, u: Any, c: Any, works: bool, res: Any) -> None:
+    """After :func:`residual`: count the step, and the residual W' - power of the work, the last unknown."""
+    nq, n, last = u.q.shape[0], u.v.shape[0], yp.shape[0] - 1
+    count(c[0], t)
+    if works:
+        m = eqs.terms.J.shape[0]
+        res[last] = yp[last] - eqs.power(t, u.q, u.v, u.yp[nq : nq + n], u.y[nq + n : nq + n + m], eqs.data)
+
+
+@kernel
+def power(eqs: Any, t: float, q: Any, v: Any, a: Any, lam: Any) -> float:
+    """W' where the equations were evaluated last."""
+    return float(eqs.power(t, q, v, a, lam, eqs.data))
+
+
+@kernel
+def book(eqs: Any, t: float, q: Any, v: Any, c: Any, scales: Any) -> None:
+    """Book the energy at (q, v); see :mod:`solvers.ledger`."""
+    eqs.dynamics(t, q, v, eqs.data, eqs.terms)
+    for i in range(v.shape[0]):
+        scales.h[i] = eqs.terms.h[i]
+    catch_up(c[0], eqs.momentum(eqs.data, scales.p), q, v, scales)
+
+
+@kernel
+def reported(c: Any, work: float, row: Any) -> None:
+    """Put what is booked into ``row``, W having moved to ``work``."""
+    c[0].through += abs(work - row[0])
+    report(c[0], work, row)
+
+
 class IDADriver(Stepper):
     """Calls IDA and takes its results: what every stepper around it shares.
 
@@ -174,6 +207,7 @@ class IDADriver(Stepper):
     _counts: Array  # (3,)
     _begun: Array  # (1,) how often IDA has been initialised
     _pending: bool  # IDA is to be initialised at the reported state
+    _book: NDArray[Any]  # (1,) record of ledger.BOOK
 
     @abstractmethod
     def _begin(self) -> Code:
@@ -218,7 +252,7 @@ class IDADriver(Stepper):
         self._pending = True
 
     def _arrays(self) -> list[NDArray[Any]]:
-        return [self._reported, self._q, self._v, self._counts, self._begun]
+        return [self._reported, self._q, self._v, self._counts, self._begun, self._ledger, self._book]
 
     def restore(self, data: bytes) -> None:
         """Take over a reported state; the history starts anew."""
@@ -235,27 +269,38 @@ class IDAStepper(IDADriver, DenseStepper):
         self._unknowns = Unknowns.allocate(system.nq, system.n, system.m)
         self._counts = self._unknowns.counts
         self._begun, self._pending = np.zeros(1), True
+        self._book, self._works = records(1, BOOK), False
         self._ida = self._new_ida()
 
     def _new_ida(self) -> IDA:
         s, o, u, eqs = self.system, self.options, hold(self._unknowns), self._eqs
+        controlled, motion = s.nq + s.n, s.nq + s.n + 2 * s.m
+        works = self._works = o.audit and s.works()
+        size = motion + works
+        inner, c = np.zeros((motion, motion)), self._book
 
         def resfn(t: float, y: Array, yp: Array, res: Array) -> None:
-            residual(eqs, t, y, yp, res, u)
+            residual(eqs, t, y[:motion], yp[:motion], res[:motion], u)
+            beside(eqs, t, yp, u, c, works, res)
 
         def jacfn(t: float, y: Array, yp: Array, res: Array, cj: float, JJ: Array) -> None:
-            jacobian(eqs, t, y, yp, res, cj, JJ, u)
+            jacobian(eqs, t, y[:motion], yp[:motion], res[:motion], cj, inner, u)
+            JJ[:] = 0.0
+            JJ[:motion, :motion] = inner
+            if works:  # W enters nothing, and its own equation needs no derivative but this
+                JJ[motion, motion] = cj
+            self._look(t, y[: s.nq], y[s.nq : controlled])
 
-        controlled, size = s.nq + s.n, s.nq + s.n + 2 * s.m
         rtol = TIGHTER * self._rtol**POWER
         atol = np.full(size, rtol if o.atol is None else o.atol * rtol / self._rtol)
+        self._scales = hold(Scales.of(s, rtol, np.full(s.n, atol[0]), np.full(s.n, atol[0]), size))
         atol[controlled:] = UNCONTROLLED
         return IDA(
             resfn,
             jacfn=jacfn,
             rtol=rtol,
             atol=atol,
-            algebraic_idx=np.arange(controlled, size) if s.m else None,
+            algebraic_idx=np.arange(controlled, motion) if s.m else None,
             max_step=0.0 if np.isinf(o.max_step) else o.max_step,
             max_order=5 if o.max_order is None else min(5, o.max_order),
             max_num_steps=min(STEPS_A_CALL, o.max_steps),
@@ -274,6 +319,11 @@ class IDAStepper(IDADriver, DenseStepper):
         zeros = np.zeros(s.m)
         y = np.concatenate((self._q, self._v, lam, zeros))
         yp = np.concatenate((self._terms.qdot, a, zeros, zeros))
+        if self._works != (self.options.audit and s.works()):
+            self._ida = self._new_ida()
+        if self._works:
+            y, yp = np.append(y, self._ledger[WORK]), np.append(yp, power(self._eqs, self._t, self._q, self._v, a, lam))
+        self._look(self._t, self._q, self._v)
         self._ida.init_step(self._t, y, yp)
         self._pending = False
         self._begun[0] += 1.0
@@ -284,7 +334,13 @@ class IDAStepper(IDADriver, DenseStepper):
         code = Code(close_report(self._eqs, t, q, v, self._rank, self._work))
         if code is Code.OK:
             self._t, self._q, self._v = t, q, v
+            self._look(t, q, v)
+            reported(self._book, float(y[-1]) if self._works else 0.0, self._ledger)
         return code
+
+    def _look(self, t: float, q: Array, v: Array) -> None:
+        if self.options.audit:
+            book(self._eqs, t, np.array(q), np.array(v), self._book, self._scales)
 
     @property
     def statistics(self) -> Statistics:

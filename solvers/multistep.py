@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .kernel import inlined, records
+from .ledger import FIELDS
 from .system import Array
 
 HIGHEST = 12  # order
@@ -44,16 +45,20 @@ CONTROL = np.dtype(
         ("calm", "i8"), ("energy", "f8"), ("kinetic", "f8"),  # hybrid: steps fit for LU, J, largest J
         ("by_ratio", "i8"), ("by_flicker", "i8"), ("by_energy", "i8"), ("by_collapse", "i8"), ("returns", "i8"),
         ("time_lu", "f8"), ("time_projection", "f8"),
+        *FIELDS,
     ],
     align=True,
 )  # fmt: skip
 
 
 class History(NamedTuple):
-    """All an integration remembers; copying these arrays copies the integration. ``size`` is nq + n."""
+    """All an integration remembers; copying these arrays copies the integration. ``size`` is nq + n + 1.
+
+    The last component is the work W: it carries no weight, and its W' is taken where a step ends.
+    """
 
     control: NDArray[Any]  # (1,)          record of CONTROL
-    y: Array  # (size,)       state (q, v) at control.t
+    y: Array  # (size,)       state (q, v, W) at control.t
     phi: Array  # (size, ROWS)  modified divided differences of y'
     weight: Array  # (size,)       1 / (rtol |y| + atol), 0 where the error is not controlled
     p: Array  # (size,)       predicted state
@@ -66,7 +71,7 @@ class History(NamedTuple):
     @staticmethod
     def allocate(nq: int, n: int, m: int) -> History:
         """Return a zeroed history for ``nq`` positions, ``n`` velocities and ``m`` constraints."""
-        size = nq + n
+        size = nq + n + 1
         y, weight, p, yp, trial, yp_p = (np.zeros(size) for _ in range(6))
         phi = np.zeros((size, ROWS))
         return History(records(1, CONTROL), y, phi, weight, p, yp, trial, yp_p, np.arange(m), np.arange(n))
@@ -208,6 +213,17 @@ def correct(c: Any, H: Any) -> None:
     for i in range(H.y.shape[0]):
         H.trial[i] = H.p[i] + factor * (H.yp[i] - H.phi[i, 1])
         H.yp_p[i] = H.yp[i]
+
+
+@inlined
+def correct_work(c: Any, H: Any, power: float) -> None:
+    """The corrected work from W' where the step ends, after :func:`correct`; its error is booked."""
+    last = H.y.shape[0] - 1
+    difference = power - H.phi[last, 1]
+    H.yp[last] = power
+    H.trial[last] = H.p[last] + c.h * c.g[c.k + 1] * difference
+    c.through += abs(H.trial[last] - H.y[last])
+    c.stray += abs(c.h * (c.g[c.k] - c.g[c.k + 1]) * difference)
 
 
 @inlined

@@ -233,7 +233,7 @@ class Plant:
     def observe_complex(self, system: System, t: float, q: Any, v: Any, a: Any, lam: Any) -> NDArray[np.complex128]:
         """Return the outputs at a state of :meth:`complex_system`."""
         out = np.zeros(len(self.outputs), complex)
-        observe(t, q, v, a, lam, self._sensors, system.held_data, out)
+        observe(t, q, v, a, lam, self._sensors[: len(out)], system.held_data, out)
         return out
 
     def set_input(self, index: int, value: float, t: float = 0.0) -> None:
@@ -271,12 +271,15 @@ class Plant:
                 signal["t0"], signal["c"] = t0, c
 
     def observe(self, t: float, q: Array, v: Array, a: Array, lam: Array, out: Array) -> None:
-        """Fill ``out`` (len(outputs),) from the solution: accelerations a (n,), multipliers lam (m,)."""
-        observe(t, q, v, a, lam, self._sensors, self.system.held_data, out)
+        """Fill ``out`` (len(outputs),) from the solution: accelerations a (n,), multipliers lam (m,).
+
+        With one entry more its last is the energy, J.
+        """
+        observe(t, q, v, a, lam, self._sensors[: len(out)], self.system.held_data, out)
 
     def observe_all(self, times: Array, q: Array, v: Array, a: Array, lam: Array, out: Array) -> None:
-        """Fill ``out`` (k, len(outputs)) from the solution at k times, one row each."""
-        observe_all(times, q, v, a, lam, self._sensors, self.system.held_data, out)
+        """Fill ``out`` (k, len(outputs)), or one column more, from the solution at k times as :meth:`observe` does."""
+        observe_all(times, q, v, a, lam, self._sensors[: out.shape[1]], self.system.held_data, out)
 
     def energy(self, t: float, q: Array, v: Array) -> float:
         """Kinetic and potential energy, J."""

@@ -1,0 +1,106 @@
+"""What a stepper books beside the motion: work, and how far the tolerance lets the energy stray from it.
+
+Along an exact motion E - W is constant, W the work of all that has no potential. A step ends off the exact motion
+through its beginning by its local error e = (e_q, e_v), so to first order a run has
+
+    E(t) - E(0) - W(t) = sum over steps (g . e_q + p . e_v - e_W),      p = dE/dv,  g = dE/dq.
+
+The error control keeps ||e / tol|| <= 1, tol_i = rtol |y_i| + atol_i, so by Cauchy and Schwarz one step adds at most
+its *exposure*
+
+    sqrt(sum (p_i tol_i)^2 + sum (g_i tol_i)^2),
+
+and the sum over the steps is what the tolerance explains (``stray``). p is the generalised momentum, all bodies and
+drives in it; for g stands the bias h of the equations of motion, which holds the forces of every potential and the same
+products of velocities. An energy that is a square of the error is covered: the exposure is taken where a step ends. The
+error of W itself, which no tolerance controls, is estimated as that of any other component and added.
+
+``exchanged`` is what there was to get wrong: the range of the kinetic energy so far, and what W has moved.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .kernel import kernel
+from .system import AnySystem, Array, System
+
+FIELDS: list[tuple[str, str]] = [
+    ("exposure", "f8"),  # J a step, at the last look
+    ("stray", "f8"),  # J, sum of the exposures
+    ("most", "f8"),  # J, kinetic energy
+    ("least", "f8"),
+    ("through", "f8"),  # J, sum of |changes of W|
+    ("looks", "i8"),
+]
+BOOK = np.dtype([*FIELDS, ("t", "f8"), ("begun", "i8")], align=True)  # of a stepper whose steps another one takes
+WORK, STRAY, EXCHANGED = 0, 1, 2  # of a reported row
+ROW = 3
+
+
+class Scales(NamedTuple):
+    """Tolerances by free coordinate, and scratch."""
+
+    rtol: Array  # (1,)
+    at: NDArray[np.int64]  # (n,)  where in q the coordinate is; -1: in a quaternion, or unknown
+    place: Array  # (n,)  absolute tolerances
+    rate: Array  # (n,)
+    mean: Array  # (1,)  the error's norm is the root of its mean square over so many; 1: of its sum
+    p: Array  # (n,)  dE/dv
+    h: Array  # (n,)  bias
+
+    @staticmethod
+    def of(system: AnySystem, rtol: float, place: Array, rate: Array, count: int = 1) -> Scales:
+        """Return the scales of a system."""
+        at = np.full(system.n, -1, np.int64)
+        if system.nq == system.n:
+            at[:] = np.arange(system.n)
+        elif not isinstance(system, System):
+            at[system.plain[1]] = system.plain[0]
+        return Scales(
+            np.array([rtol]), at, place, rate, np.array([float(count)]), np.zeros(system.n), np.zeros(system.n)
+        )
+
+
+@kernel
+def look(c: Any, kinetic: float, q: Any, v: Any, s: Any) -> None:
+    """Note the exposure of a step that ends at (q, v), with s.p and s.h there, and the kinetic energy."""
+    if c.looks == 0:
+        c.most, c.least = kinetic, kinetic
+    c.looks += 1
+    c.most, c.least = max(c.most, kinetic), min(c.least, kinetic)
+    largest = 1.0
+    for i in range(q.shape[0]):
+        largest = max(largest, abs(q[i]))
+    rtol, square = s.rtol[0], 0.0
+    for i in range(v.shape[0]):
+        reach = abs(q[s.at[i]]) if s.at[i] >= 0 else 2.0 * largest  # a quaternion turns by half the angle
+        square += (s.p[i] * (rtol * abs(v[i]) + s.rate[i])) ** 2
+        square += (s.h[i] * (rtol * reach + s.place[i])) ** 2
+    c.exposure = np.sqrt(square * s.mean[0])
+
+
+@kernel
+def count(c: Any, t: float) -> None:
+    """Count the steps of an integrator that tells of none: it evaluates at a new time for each that it tries."""
+    if t != c.t:
+        c.t = t
+        c.begun += 1
+
+
+@kernel
+def catch_up(c: Any, kinetic: float, q: Any, v: Any, s: Any) -> None:
+    """:func:`look`, and add the exposure of the steps counted since the last time."""
+    before = c.exposure
+    look(c, kinetic, q, v, s)
+    c.stray += c.begun * max(before, c.exposure)
+    c.begun = 0
+
+
+@kernel
+def report(c: Any, work: float, row: Any) -> None:
+    """row (ROW,) = work, stray, exchanged."""
+    row[0], row[1], row[2] = work, c.stray, c.most - c.least + c.through
