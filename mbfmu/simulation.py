@@ -7,17 +7,19 @@ import json
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from math import inf
+from math import inf, nan
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mbfmu.audit import VARIABLES, Audit
 from mbfmu.equilibrium import Balance
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Variable
 from mbfmu.model import Model, suggest
 from solvers import SOLVERS, Options, Statistics, Status, stepper
+from solvers.ledger import EXCHANGED
 
 Array = NDArray[np.float64]
 
@@ -44,6 +46,8 @@ class Settings:
         Largest step, s; 0: no limit.
     start_at_equilibrium
         Start in the steady state next to the given start, at rest but for the drives.
+    audit
+        Hold energy against work all along (:mod:`mbfmu.audit`).
     """
 
     solver: str = "ida"
@@ -51,6 +55,7 @@ class Settings:
     tolerance: float = 1e-6
     max_step: float = 0.0
     start_at_equilibrium: bool = False
+    audit: bool = True
 
     def __post_init__(self) -> None:
         """Check the names and numbers; raises UserError."""
@@ -70,7 +75,7 @@ class Settings:
 
     def options(self) -> Options:
         """Return what the stepper takes."""
-        return Options(rtol=self.tolerance, max_step=self.max_step or inf)
+        return Options(rtol=self.tolerance, max_step=self.max_step or inf, audit=self.audit)
 
 
 class Simulation:
@@ -80,6 +85,11 @@ class Simulation:
     ----------
     inputs
         Values of inputs by number that differ from their start.
+
+    Attributes
+    ----------
+    variables
+        What :meth:`outputs` returns: the plant's outputs, then those of the audit (not numbers where it is off).
 
     Raises
     ------
@@ -104,7 +114,10 @@ class Simulation:
             self.stepper = stepper(settings.name, self.plant.system, t0, q, v, settings.options())
         except ValueError as error:
             raise UserError(f"model {model.name!r}: {error}") from error
-        self._out = np.zeros(len(self.plant.outputs))
+        self.variables = (*self.plant.outputs, *VARIABLES)
+        self._out = np.zeros(len(self.variables))
+        self.audit = Audit(self.plant, settings.tolerance, self._energy()) if settings.audit else None
+        self._before: float | None = None  # energy before inputs or parameters changed, J
         if settings.name not in _compiled:
             self._compile(t0, q, v)
 
@@ -114,7 +127,7 @@ class Simulation:
         values = np.zeros((1, len(self._out)))
         self.plant.observe_all(np.array([t0 + 1e-3]), *rehearsal.sample(np.array([t0 + 1e-3]))[:4], values)
         rehearsal.advance(t0 + 2e-3)
-        self.outputs()
+        self.plant.observe(t0, q, v, np.zeros(len(v)), np.zeros(self.plant.system.m), self._out)
         _compiled.add(self.settings.name)
 
     @property
@@ -127,30 +140,69 @@ class Simulation:
         """What the solver has done so far."""
         return self.stepper.statistics
 
+    @property
+    def warning(self) -> str:
+        """When and how the energy balance was lost; empty while it holds."""
+        return self.audit.verdict if self.audit else ""
+
     def advance(self, t: float) -> Status:
         """Advance to t (s); on failure the last good state stays."""
-        return self.stepper.advance(t)
+        self._close_jump()
+        status = self.stepper.advance(t)
+        if self.audit:
+            self._check(np.array([self.t]), self.stepper.q[None], np.array([self._energy()]), self.stepper.ledger[None])
+        return status
 
     def outputs(self) -> Array:
-        """Return the outputs at the time reached, in the plant's order; the array is used again."""
+        """Return the outputs at the time reached, in the order of ``variables``; the array is used again."""
+        self._close_jump()
         stepper = self.stepper
         a, lam = stepper.accelerations()  # the limit along the motion in a singular position
         self.plant.observe(stepper.t, stepper.q, stepper.v, a, lam, self._out)
+        self._finish(np.array([stepper.t]), stepper.q[None], stepper.ledger[None], self._out[None])
         return self._out
+
+    def _finish(self, times: Array, q: Array, ledgers: Array, values: Array) -> None:
+        """Put what the audit finds in place of the energies that ``values`` (k, outputs) end in."""
+        values[:, -2:] = np.column_stack(self._check(times, q, values[:, -2], ledgers))
+
+    def _check(self, times: Array, q: Array, energies: Array, ledgers: Array) -> tuple[Array, Array]:
+        """Return imbalance and exchanged energy (k,), J."""
+        if self.audit is None:
+            return np.full(len(times), nan), np.full(len(times), nan)
+        return self.audit.check(times, q, energies, ledgers), ledgers[:, EXCHANGED]
+
+    def _energy(self) -> float:
+        return self.plant.energy(self.stepper.t, self.stepper.q, self.stepper.v)
+
+    def _open_jump(self) -> None:
+        """Note the energy before something changes."""
+        if self.audit and self._before is None:
+            self._before = self._energy()
+
+    def _close_jump(self) -> None:
+        """What a change has made of the energy at one state is no imbalance."""
+        if self.audit and self._before is not None:
+            self.audit.base += self._energy() - self._before
+        self._before = None
 
     def record(self, times: Array, values: Array) -> int:
         """Advance to each of ``times`` (k,) and put the outputs into a row of ``values`` (k, outputs) each.
 
         Returns the number of rows; where it is less than k the stepper's status says why.
         """
+        self._close_jump()
         times = np.ascontiguousarray(times)
         samples = self.stepper.sample(times)
         done = len(samples.q)
-        self.plant.observe_all(times[:done], *samples[:4], values[:done])
+        if done:
+            self.plant.observe_all(times[:done], *samples[:4], values[:done])
+            self._finish(times[:done], samples.q, samples.ledger, values[:done])
         return done
 
     def set_input(self, index: int, value: float) -> None:
         """Let an input hold from now on."""
+        self._open_jump()
         self.plant.set_input(index, value, self.t)
         self.stepper.restart()
 
@@ -166,6 +218,7 @@ class Simulation:
             before, after = getattr(self.model, declared.name), getattr(model, declared.name)
             if before != after and not declared.tunable:
                 raise UserError(f"parameter {declared.name!r} is not tunable; it cannot change during a run")
+        self._open_jump()
         self.plant.adopt(model.build().compile())
         self.model = model
         self.stepper.restart()
@@ -173,7 +226,9 @@ class Simulation:
     def save(self) -> bytes:
         """Return the whole state: solver, inputs and tunable parameters."""
         changed = {p.name: getattr(self.model, p.name) for p in self.model.parameters() if p.tunable}
-        head = json.dumps({"parameters": changed, "inputs": self.plant.input_state()}).encode()
+        self._close_jump()
+        balance = [self.audit.base, self.audit.verdict] if self.audit else []
+        head = json.dumps({"parameters": changed, "inputs": self.plant.input_state(), "balance": balance}).encode()
         return len(head).to_bytes(8, "little") + head + self.stepper.save()
 
     def restore(self, state: bytes) -> None:
@@ -185,7 +240,11 @@ class Simulation:
             self.plant.adopt(model.build().compile())
             self.model = model
         self.plant.restore_inputs(head["inputs"])
+        self.stepper.restart()  # the equations may have changed
         self.stepper.restore(state[split:])
+        self._before = None
+        if self.audit:
+            self.audit.base, self.audit.verdict = head["balance"]
 
 
 @dataclass
@@ -198,6 +257,7 @@ class Result:
     statistics: Statistics
     wall_time: float  # s, between the first and the last output
     failure: str = ""  # why the run ended early and what to try; empty: it did not
+    warning: str = ""  # when and how the energy balance was lost; empty: it was not
 
     def __getitem__(self, name: str) -> Array:
         """Return one output over time."""
@@ -232,21 +292,26 @@ def run(
     times: Array,
     progress: Callable[[float], None] | None = None,
     watch: Callable[[Simulation], None] | None = None,
+    warn: Callable[[str], None] | None = None,
 ) -> Result:
     """Run a model natively, without an FMU, and record its outputs at ``times``; stops at a failure.
 
-    ``watch`` is shown the simulation whenever its outputs have been read: its bodies are in place then.
+    ``watch`` is shown the simulation whenever its outputs have been read: its bodies are in place then. ``warn`` is
+    told at once when the energy balance is lost; the run goes on.
     """
     simulation = Simulation(model, settings, float(times[0]))
-    values = np.zeros((len(times), len(simulation.plant.outputs)))
+    values = np.zeros((len(times), len(simulation.variables)))
     values[0] = simulation.outputs()
     if watch is not None:
         watch(simulation)
-    begin, done, failure = time.perf_counter(), 1, ""
+    begin, done, failure, told = time.perf_counter(), 1, "", ""
     while done < len(times) and not failure:
         rows = slice(done, done + (ROWS if watch is None else 1))
         done += simulation.record(times[rows], values[rows])
         status = simulation.stepper.status
+        if warn is not None and simulation.warning != told:
+            told = simulation.warning
+            warn(told)
         if not status.ok:
             failure = f"{status.message}. {status.remedy}"
             break
@@ -255,4 +320,6 @@ def run(
         if progress is not None:
             progress(float(times[done - 1]))
     wall = time.perf_counter() - begin
-    return Result(times[:done], values[:done], simulation.plant.outputs, simulation.statistics, wall, failure)
+    return Result(
+        times[:done], values[:done], simulation.variables, simulation.statistics, wall, failure, simulation.warning
+    )

@@ -15,7 +15,7 @@ drives in it; for g stands the bias h of the equations of motion, which holds th
 products of velocities. An energy that is a square of the error is covered: the exposure is taken where a step ends. The
 error of W itself, which no tolerance controls, is estimated as that of any other component and added.
 
-``exchanged`` is what there was to get wrong: the range of the kinetic energy so far, and what W has moved.
+``exchanged`` is the range of the kinetic energy so far, and what W has moved either way.
 """
 
 from __future__ import annotations
@@ -37,8 +37,9 @@ FIELDS: list[tuple[str, str]] = [
     ("looks", "i8"),
 ]
 BOOK = np.dtype([*FIELDS, ("t", "f8"), ("begun", "i8")], align=True)  # of a stepper whose steps another one takes
-WORK, STRAY, EXCHANGED = 0, 1, 2  # of a reported row
-ROW = 3
+WORK, STRAY, EXCHANGED, MOST = 0, 1, 2, 3  # of a reported row
+ROW = 4
+BETWEEN = 4.0  # exposures: a reported state is interpolated, and closed
 
 
 class Scales(NamedTuple):
@@ -102,5 +103,5 @@ def catch_up(c: Any, kinetic: float, q: Any, v: Any, s: Any) -> None:
 
 @kernel
 def report(c: Any, work: float, row: Any) -> None:
-    """row (ROW,) = work, stray, exchanged."""
-    row[0], row[1], row[2] = work, c.stray, c.most - c.least + c.through
+    """row (ROW,) = work, stray, exchanged, largest kinetic energy."""
+    row[0], row[1], row[2], row[3] = work, c.stray + BETWEEN * c.exposure, c.most - c.least + c.through, c.most

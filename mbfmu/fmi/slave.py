@@ -2,7 +2,8 @@
 
 PythonFMU turns an exception that leaves a callback into fmi2Fatal and then frees what it should not, so none may: a
 failure is logged, printed to stderr, kept in ``solver.message``, and makes every step return fmi2Discard; the last good
-state stays.
+state stays. A lost energy balance is told in the same places, as a warning: the wrapper cannot return fmi2Warning, so
+the step returns fmi2OK.
 """
 
 from __future__ import annotations
@@ -156,6 +157,9 @@ class ModelSlave(Interface):
         self._fresh = False
         if not status.ok:
             self.fail(f"{status.message}. {status.remedy}")
+        elif self.simulation.warning and not self.message:
+            self.message = self.simulation.warning
+            self._report(self.message, Fmi2Status.warning, "logStatusWarning")
         return bool(status.ok)
 
     def _apply_changes(self) -> None:
@@ -186,9 +190,9 @@ class ModelSlave(Interface):
         self.message = str(reason)
         self._report(self.message)
 
-    def _report(self, text: str) -> None:
+    def _report(self, text: str, status: Fmi2Status = Fmi2Status.error, category: str = "logStatusError") -> None:
         print(f"{self.identifier} ({self.instance_name}): {text}", file=sys.stderr)  # noqa: T201
-        self.log(text, Fmi2Status.error, "logStatusError")
+        self.log(text, status, category)
 
     # ---- FMU state ----------------------------------------------------------------------------------------------
 

@@ -259,11 +259,11 @@ def signal_records(numbering: Numbering) -> NDArray[Any]:
 
 
 def sensor_records(mechanism: Mechanism, numbering: Numbering, kept: NDArray[np.int64]) -> NDArray[Any]:
-    """One record an output, and last the energy."""
-    table = records(len(mechanism.outputs) + 1, SENSOR)
-    table["kind"][-1] = Kind.ENERGY
+    """One record an output, and last the energy and the kinetic energy."""
+    table = records(len(mechanism.outputs) + 2, SENSOR)
+    table["kind"][-2:] = Kind.ENERGY, Kind.KINETIC
     first_row = np.cumsum([0] + [len(c.cut.rows) for c in mechanism.cuts])
-    for record, (name, sensor, _, _) in zip(table[:-1], mechanism.outputs, strict=True):
+    for record, (name, sensor, _, _) in zip(table[:-2], mechanism.outputs, strict=True):
         record["kind"], record["component"] = sensor.kind, sensor.component
         record["point"] = sensor.point
         record["index"] = sensor_index(name, sensor, numbering, first_row, kept)

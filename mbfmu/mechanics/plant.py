@@ -273,12 +273,12 @@ class Plant:
     def observe(self, t: float, q: Array, v: Array, a: Array, lam: Array, out: Array) -> None:
         """Fill ``out`` (len(outputs),) from the solution: accelerations a (n,), multipliers lam (m,).
 
-        With one entry more its last is the energy, J.
+        With two entries more its last are the energy and the kinetic energy, J.
         """
         observe(t, q, v, a, lam, self._sensors[: len(out)], self.system.held_data, out)
 
     def observe_all(self, times: Array, q: Array, v: Array, a: Array, lam: Array, out: Array) -> None:
-        """Fill ``out`` (k, len(outputs)), or one column more, from the solution at k times as :meth:`observe` does."""
+        """Fill ``out`` (k, len(outputs)), or two columns more, from the solution at k times as :meth:`observe` does."""
         observe_all(times, q, v, a, lam, self._sensors[: out.shape[1]], self.system.held_data, out)
 
     def energy(self, t: float, q: Array, v: Array) -> float:

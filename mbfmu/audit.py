@@ -1,0 +1,114 @@
+"""The balance of a run: the energy it has against the energy it started with and the work that was done on it.
+
+    imbalance(t) = E(t) - E(0) - W(t) - sum of jumps
+
+E is kinetic and potential energy, W the work of drives, dampers, given forces and pressures that the solver adds up
+beside the motion, a jump the change of E at one state where an input or a parameter changes. Along the exact motion the
+imbalance is zero. What the tolerance makes of it is bounded by :mod:`solvers.ledger`; a run is *inaccurate* from where
+
+    |imbalance| > min(EXPLAINED stray, PART (largest kinetic energy + |work| so far)) + rounding.
+
+``stray`` takes the local errors of all steps at their largest and all of one sign; of healthy runs the imbalance was at
+most 0.08 of it, and mostly 0.01. The second bound is for runs of so many steps that the first would let all energy go.
+What has left the bound stays reported: the motion from there on is another one.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.mechanics import Plant, Variable
+from solvers.ledger import EXCHANGED, MOST, STRAY, WORK
+
+Array = NDArray[np.float64]
+
+EXPLAINED = 0.25  # of what the steps could add up to
+PART = 0.02  # of the energy at work
+ROUNDING = 1e-13  # of every energy that was added up
+NEAR = 0.05  # ratio of singular values of J, scaled by the bodies' inertia, that a message calls near
+
+VARIABLES = (
+    Variable("energy_imbalance", "J", "energy less its start and the work of drives, dampers and given forces"),
+    Variable("energy_exchanged", "J", "range of the kinetic energy so far, and work done either way"),
+)
+
+
+class Audit:
+    """Holds the motion of a plant against its balance.
+
+    Attributes
+    ----------
+    verdict
+        When, by how much and near what the balance was lost; empty while it holds.
+    base
+        Energy at the start and every jump since, J.
+    """
+
+    def __init__(self, plant: Plant, tolerance: float, base: float) -> None:
+        self.plant, self.base, self.verdict = plant, base, ""
+        self._tolerance = tolerance
+        self._last: tuple[float, Array] | None = None
+
+    def check(self, times: Array, q: Array, energies: Array, ledgers: Array) -> Array:
+        """Return the imbalance (k,) at ``times`` (k,) with positions q (k, nq), energies (k,) and ledgers (k, 4), J."""
+        imbalance: Array = energies - self.base - ledgers[:, WORK]
+        lost = np.flatnonzero(~(np.abs(imbalance) <= self.bound(energies, ledgers)))
+        if not self.verdict and lost.size:
+            i = int(lost[0])
+            before = [(float(times[i - 1]), q[i - 1])] if i else [self._last] * (self._last is not None)
+            self.verdict = self._tell(float(imbalance[i]), ledgers[i], [(float(times[i]), q[i]), *before])
+        if len(times):
+            self._last = float(times[-1]), q[-1].copy()
+        return imbalance
+
+    def bound(self, energies: Array, ledgers: Array) -> Array:
+        """Return what the tolerance and rounding explain (k,), J."""
+        stray = ledgers[:, STRAY]
+        at_work = ledgers[:, MOST] + ledgers[:, EXCHANGED]
+        rounding = ROUNDING * (np.abs(energies) + abs(self.base) + at_work + stray / self._tolerance)
+        explained: Array = np.minimum(EXPLAINED * stray, PART * at_work) + rounding
+        return explained
+
+    def _tell(self, imbalance: float, ledger: Array, places: list[tuple[float, Array]]) -> str:
+        exchanged = ledger[EXCHANGED]
+        part = f", {abs(imbalance) / exchanged:.2g} of the {exchanged:.3g} J exchanged so far" if exchanged else ""
+        return (
+            f"the energy balance is lost at t = {places[0][0]:.6g} s: {abs(imbalance):.3g} J have "
+            f"{'come from nowhere' if imbalance > 0.0 else 'gone nowhere'}{part}, which the tolerance does not explain"
+            f"{nearest(self.plant, places)}. The motion from here on is not to be trusted: tighten the tolerance or "
+            "take another solver, and compare"
+        )
+
+
+def nearest(plant: Plant, places: list[tuple[float, Array]]) -> str:
+    """Say which loops are near a singular position at the worst of ``places`` (t, q); empty where none is."""
+    if plant.system.m == 0:
+        return ""
+    ratio, rows = min((distance(plant, t, q) for t, q in places), key=lambda found: found[0])
+    if ratio > NEAR:
+        return ""
+    names = [name for name, part in zip(plant.system.constraint_names, rows, strict=True) if part > 0.5 * rows.max()]
+    cuts = {handle.name for handle in plant.mechanism.cuts}
+    found = dict.fromkeys(name if name in cuts else name.rpartition(".")[0] for name in names)
+    loops = " and ".join(repr(name) for name in found)
+    return f"; the loop that {loops} closes is near a singular position (singular values {ratio:.1e})"
+
+
+def distance(plant: Plant, t: float, q: Array) -> tuple[float, Array]:
+    """Return the smallest singular value of J over the largest, and how much each row takes part in it (m,).
+
+    Rows that depend on others everywhere do not count. Rows are of length one and columns are scaled by inertia, so
+    that no unit enters.
+    """
+    system: Any = plant.system
+    terms = system.allocate_terms()
+    system.fill(t, q, np.zeros(system.n), terms)
+    inertia = np.diag(terms.M) if terms.M.size else np.ones(system.n)
+    J = terms.J / np.sqrt(np.maximum(inertia, 1e-12 * inertia.max(initial=1e-300)))
+    J /= np.maximum(np.linalg.norm(J, axis=1), 1e-300)[:, None]
+    U, sigma, _ = np.linalg.svd(J, full_matrices=False)
+    last = int(np.sum(sigma > 1e-12 * sigma[0])) - 1
+    return float(sigma[last] / sigma[0]), np.abs(U[:, last])
