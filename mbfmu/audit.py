@@ -24,6 +24,7 @@ from mbfmu.mechanics import Plant, Variable
 from solvers.ledger import EXCHANGED, MOST, STRAY, WORK
 
 Array = NDArray[np.float64]
+Place = tuple[float, Array]  # t, q
 
 EXPLAINED = 0.25  # of what the steps could add up to
 PART = 0.02  # of the energy at work
@@ -50,7 +51,7 @@ class Audit:
     def __init__(self, plant: Plant, tolerance: float, base: float) -> None:
         self.plant, self.base, self.verdict = plant, base, ""
         self._tolerance = tolerance
-        self._last: tuple[float, Array] | None = None
+        self._last: Place | None = None
 
     def check(self, times: Array, q: Array, energies: Array, ledgers: Array) -> Array:
         """Return the imbalance (k,) at ``times`` (k,) with positions q (k, nq), energies (k,) and ledgers (k, 4), J."""
@@ -58,8 +59,9 @@ class Audit:
         lost = np.flatnonzero(~(np.abs(imbalance) <= self.bound(energies, ledgers)))
         if not self.verdict and lost.size:
             i = int(lost[0])
-            before = [(float(times[i - 1]), q[i - 1])] if i else [self._last] * (self._last is not None)
-            self.verdict = self._tell(float(imbalance[i]), ledgers[i], [(float(times[i]), q[i]), *before])
+            here = float(times[i]), q[i]
+            before = (float(times[i - 1]), q[i - 1]) if i else self._last or here
+            self.verdict = self._tell(float(imbalance[i]), ledgers[i], before, here)
         if len(times):
             self._last = float(times[-1]), q[-1].copy()
         return imbalance
@@ -72,22 +74,26 @@ class Audit:
         explained: Array = np.minimum(EXPLAINED * stray, PART * at_work) + rounding
         return explained
 
-    def _tell(self, imbalance: float, ledger: Array, places: list[tuple[float, Array]]) -> str:
+    def _tell(self, imbalance: float, ledger: Array, before: Place, here: Place) -> str:
         exchanged = ledger[EXCHANGED]
         part = f", {abs(imbalance) / exchanged:.2g} of the {exchanged:.3g} J exchanged so far" if exchanged else ""
         return (
-            f"the energy balance is lost at t = {places[0][0]:.6g} s: {abs(imbalance):.3g} J have "
+            f"the energy balance is lost at t = {here[0]:.6g} s: {abs(imbalance):.3g} J have "
             f"{'come from nowhere' if imbalance > 0.0 else 'gone nowhere'}{part}, which the tolerance does not explain"
-            f"{nearest(self.plant, places)}. The motion from here on is not to be trusted: tighten the tolerance or "
-            "take another solver, and compare"
+            f"{nearest(self.plant, before, here)}. The motion from here on is not to be trusted: tighten the tolerance "
+            "or take another solver, and compare"
         )
 
 
-def nearest(plant: Plant, places: list[tuple[float, Array]]) -> str:
-    """Say which loops are near a singular position at the worst of ``places`` (t, q); empty where none is."""
+def nearest(plant: Plant, before: Place, here: Place) -> str:
+    """Say which loops are near a singular position somewhere between two places; empty where none is."""
     if plant.system.m == 0:
         return ""
-    ratio, rows = min((distance(plant, t, q) for t, q in places), key=lambda found: found[0])
+    between = (
+        (before[0] + s * (here[0] - before[0]), before[1] + s * (here[1] - before[1]))
+        for s in np.linspace(0.0, 1.0, 41)
+    )
+    ratio, rows = min((distance(plant, t, q) for t, q in between), key=lambda found: found[0])
     if ratio > NEAR:
         return ""
     names = [name for name, part in zip(plant.system.constraint_names, rows, strict=True) if part > 0.5 * rows.max()]
@@ -100,15 +106,28 @@ def nearest(plant: Plant, places: list[tuple[float, Array]]) -> str:
 def distance(plant: Plant, t: float, q: Array) -> tuple[float, Array]:
     """Return the smallest singular value of J over the largest, and how much each row takes part in it (m,).
 
-    Rows that depend on others everywhere do not count. Rows are of length one and columns are scaled by inertia, so
-    that no unit enters.
+    Rows that depend on others do not count. Singular values are those of J M^-1/2 (of a large tree, where M is not at
+    hand, of J itself), a cut joint's rows in units of the longest of them, lengths and angles apart.
     """
     system: Any = plant.system
     terms = system.allocate_terms()
     system.fill(t, q, np.zeros(system.n), terms)
-    inertia = np.diag(terms.M) if terms.M.size else np.ones(system.n)
-    J = terms.J / np.sqrt(np.maximum(inertia, 1e-12 * inertia.max(initial=1e-300)))
-    J /= np.maximum(np.linalg.norm(J, axis=1), 1e-300)[:, None]
+    J = terms.J
+    if terms.M.size:
+        inertia, axes = np.linalg.eigh(terms.M)
+        J = J @ axes / np.sqrt(np.maximum(inertia, 1e-12 * inertia[-1]))
+    J = J / row_sizes(plant, np.linalg.norm(J, axis=1))[:, None]
     U, sigma, _ = np.linalg.svd(J, full_matrices=False)
     last = int(np.sum(sigma > 1e-12 * sigma[0])) - 1
     return float(sigma[last] / sigma[0]), np.abs(U[:, last])
+
+
+def row_sizes(plant: Plant, lengths: Array) -> Array:
+    """Return for every row of J the largest of ``lengths`` (m,) among those of its cut joint and kind."""
+    data: Any = plant.data
+    first = data.arrays.cuts["row"]
+    kept = np.flatnonzero(data.arrays.kept >= 0)
+    cut = np.searchsorted(first, kept, side="right")
+    moves = np.abs(data.state.rows["Ga"][kept, :3]).max(axis=1) > 0.0
+    kinds = 2 * cut + moves
+    return np.array([max(lengths[kinds == kind].max(), 1e-300) for kind in kinds])
