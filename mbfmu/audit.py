@@ -6,10 +6,12 @@ E is kinetic and potential energy, W the work of drives, dampers, given forces a
 beside the motion, a jump the change of E at one state where an input or a parameter changes. Along the exact motion the
 imbalance is zero. What the tolerance makes of it is bounded by :mod:`solvers.ledger`; a run is *inaccurate* from where
 
-    |imbalance| > min(EXPLAINED stray, PART (largest kinetic energy + |work| so far)) + rounding.
+    |imbalance| > min(EXPLAINED stray, max(PART at work, exposure)) + rounding.
 
 ``stray`` takes the local errors of all steps at their largest and all of one sign; of healthy runs the imbalance was at
-most 0.08 of it, and mostly 0.01. The second bound is for runs of so many steps that the first would let all energy go.
+most 0.08 of it, and mostly 0.01. The second bound is for runs of so many steps that the first would let all energy go:
+a part of the energy at work, which is the kinetic energy at its largest and what was exchanged, or of one step, where
+next to nothing moves yet.
 What has left the bound stays reported: the motion from there on is another one.
 """
 
@@ -21,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics import Plant, Variable
-from solvers.ledger import EXCHANGED, MOST, STRAY, WORK
+from solvers.ledger import EXCHANGED, EXPOSURE, MOST, STRAY, WORK
 
 Array = NDArray[np.float64]
 Place = tuple[float, Array]  # t, q
@@ -54,7 +56,7 @@ class Audit:
         self._last: Place | None = None
 
     def check(self, times: Array, q: Array, energies: Array, ledgers: Array) -> Array:
-        """Return the imbalance (k,) at ``times`` (k,) with positions q (k, nq), energies (k,) and ledgers (k, 4), J."""
+        """Return the imbalance (k,) at ``times`` (k,) with positions q (k, nq), energies (k,) and ledgers (k, 5), J."""
         imbalance: Array = energies - self.base - ledgers[:, WORK]
         lost = np.flatnonzero(~(np.abs(imbalance) <= self.bound(energies, ledgers)))
         if not self.verdict and lost.size:
@@ -71,7 +73,8 @@ class Audit:
         stray = ledgers[:, STRAY]
         at_work = ledgers[:, MOST] + ledgers[:, EXCHANGED]
         rounding = ROUNDING * (np.abs(energies) + abs(self.base) + at_work + stray / self._tolerance)
-        explained: Array = np.minimum(EXPLAINED * stray, PART * at_work) + rounding
+        most = np.maximum(PART * at_work, ledgers[:, EXPOSURE])
+        explained: Array = np.minimum(EXPLAINED * stray, most) + rounding
         return explained
 
     def _tell(self, imbalance: float, ledger: Array, before: Place, here: Place) -> str:

@@ -132,7 +132,7 @@ def advance(
     eqs: Any, settings: Any, H: Any, atol: Any, s: Any, scales: Any, target: float, q: Any, v: Any, ledger: Any
 ) -> int:
     """Step until ``target`` is passed; put the state there into (q, v), or the last good one on failure, and what is
-    booked into ``ledger`` (4,).
+    booked into ``ledger`` (5,).
     """
     c, o = H.control[0], settings[0]
     code, taken = OK, 0

@@ -37,8 +37,8 @@ FIELDS: list[tuple[str, str]] = [
     ("looks", "i8"),
 ]
 BOOK = np.dtype([*FIELDS, ("t", "f8"), ("begun", "i8")], align=True)  # of a stepper whose steps another one takes
-WORK, STRAY, EXCHANGED, MOST = 0, 1, 2, 3  # of a reported row
-ROW = 4
+WORK, STRAY, EXCHANGED, MOST, EXPOSURE = 0, 1, 2, 3, 4  # of a reported row
+ROW = 5
 BETWEEN = 4.0  # exposures: a reported state is interpolated, and closed
 
 
@@ -103,5 +103,6 @@ def catch_up(c: Any, kinetic: float, q: Any, v: Any, s: Any) -> None:
 
 @kernel
 def report(c: Any, work: float, row: Any) -> None:
-    """row (ROW,) = work, stray, exchanged, largest kinetic energy."""
-    row[0], row[1], row[2], row[3] = work, c.stray + BETWEEN * c.exposure, c.most - c.least + c.through, c.most
+    """row (ROW,) = work, stray, exchanged and largest kinetic energy, exposure of a step, J."""
+    row[0], row[1], row[2] = work, c.stray + BETWEEN * c.exposure, c.most - c.least + c.through
+    row[3], row[4] = c.most, c.exposure

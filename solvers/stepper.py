@@ -174,7 +174,7 @@ class Samples(NamedTuple):
     v: Array  # (k, n)
     a: Array  # (k, n)  accelerations
     lam: Array  # (k, m)  multipliers
-    ledger: Array  # (k, 4)  as Stepper.ledger
+    ledger: Array  # (k, 5)  as Stepper.ledger
 
 
 class Stepper(ABC):
@@ -197,8 +197,9 @@ class Stepper(ABC):
        there is none.
     7. ``sample(times)`` is 3 and 6 at each of the times; a state without accelerations ends it, and ``status`` tells.
     8. ``ledger`` has, of the reported state, the work W that drives, dampers and given forces have done since
-       construction, how far the tolerance lets the energy stray from it, what energy was exchanged, and the
-       largest kinetic energy (see :mod:`solvers.ledger`); without meaning where ``options.audit`` is off.
+       construction, how far the tolerance lets the energy stray from it, what energy was exchanged, the largest
+       kinetic energy, and what one step may add (see :mod:`solvers.ledger`). No meaning where ``options.audit`` is
+       off.
     9. ``save()`` gives bytes, ``restore()`` takes them into a stepper of the same system and options.
     """
 
@@ -229,7 +230,7 @@ class Stepper(ABC):
 
     @property
     def ledger(self) -> Array:
-        """Work, stray, exchanged and largest kinetic energy (4,) at the reported state, J."""
+        """Work, stray, exchanged and largest kinetic energy, exposure of a step (5,), all at the reported state, J."""
         return self._ledger.copy()
 
     def advance(self, t: float) -> Status:
