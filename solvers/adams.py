@@ -110,12 +110,10 @@ def power(eqs: Any, t: float, c: Any, o: Any, work: Any) -> float:
 
 
 @kernel
-def book(eqs: Any, c: Any, o: Any, scales: Any, work: Any) -> None:
-    """Book the energy at the state evaluated last; see :mod:`solvers.ledger`."""
+def book(eqs: Any, c: Any, o: Any, scales: Any) -> None:
+    """Book the energy at the state evaluated last, before :func:`power`; see :mod:`solvers.ledger`."""
     if o.audit == 1:
-        for i in range(work.v.shape[0]):
-            scales.h[i] = eqs.terms.h[i]
-        look(c, eqs.momentum(eqs.data, scales.p), work.q, work.v, scales)
+        look(eqs.exposure, eqs.data, c, scales)
 
 
 @kernel
@@ -138,8 +136,8 @@ def start(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
     c.energy = eqs.jacobi(c.t, q, v, eqs.data)
     code = differentiate(eqs, c.t, False, c, o, H, work)
     if code == OK:
+        book(eqs, c, o, scales)
         H.yp[H.y.shape[0] - 1] = power(eqs, c.t, c, o, work)
-        book(eqs, c, o, scales, work)
         weigh(c, o, H, q.shape[0], v.shape[0])
         begin(c, H, o.max_step)
         c.starts += 1
@@ -177,13 +175,13 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
                 code = differentiate(eqs, after, True, c, o, H, work)
                 join(q, v, H.trial)
                 if code == OK:
+                    book(eqs, c, o, scales)
                     correct_work(c, H, power(eqs, after, c, o, work))
                 if code == OK and jumped(eqs, after, c, o, work):
                     give_up_lu(c, H)
                     c.by_energy += 1
                     return SWITCHED
                 if code == OK:
-                    book(eqs, c, o, scales, work)
                     c.stray += c.exposure
                     accept(c, H, o.max_order, o.max_step)
                     return OK

@@ -58,7 +58,7 @@ class TreeEquations(NamedTuple):
     inverse: Any
     retract: Any
     power: Any
-    momentum: Any
+    exposure: Any
     data: Any
 
 
@@ -93,8 +93,8 @@ def power(eqs: Any, t: float, o: Any, s: Any) -> float:
 def book(eqs: Any, t: float, c: Any, o: Any, scales: Any, s: Any) -> None:
     """Book the energy at (s.q, s.v), each ``EVERY`` steps anew; see :mod:`solvers.ledger`."""
     if o.audit == 1 and c.steps % EVERY == 0:
-        eqs.inverse(t, s.q, s.v, s.zero, s.lam, eqs.data, s.qdot, scales.h)
-        look(c, eqs.momentum(eqs.data, scales.p), s.q, s.v, scales)
+        eqs.inverse(t, s.q, s.v, s.zero, s.lam, eqs.data, s.qdot, s.a)
+        look(eqs.exposure, eqs.data, c, scales)
 
 
 @kernel
@@ -185,7 +185,7 @@ class TreeAdamsStepper(Stepper):
         self._settings["max_order"] = HIGHEST if o.max_order is None else o.max_order
         callbacks = system.forward, system.inverse, system.retract, *audit_callbacks(system)
         self._eqs = hold(TreeEquations(*callbacks, system.held_data))
-        self._scales = hold(Scales.of(system, o.rtol, sizes, RATE * sizes, len(self._atol)))
+        self._scales = hold(Scales.of(o.rtol, sizes, RATE * sizes, len(self._atol)))
         self._held = hold(self._history), hold(self._scratch)
         self.restart()
 

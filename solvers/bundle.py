@@ -17,7 +17,7 @@ class Equations(NamedTuple):
     retract: Any
     jacobi: Any
     power: Any
-    momentum: Any
+    exposure: Any
     data: Any
     terms: Any
 

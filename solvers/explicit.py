@@ -27,7 +27,7 @@ class AdamsStepper(DenseStepper):
         self._settings = self._encode(self.options)
         self._held = hold(self._history)
         atol = np.full(system.n, self.options.absolute)
-        self._scales = hold(Scales.of(system, self.options.rtol, atol, atol))
+        self._scales = hold(Scales.of(self.options.rtol, atol, atol))
         self._control["rank"], self._control["changed_at"] = self._rank, -np.inf
         chosen = self._settings["partition"][0]
         self._control["regime"] = adams.PROJECTION if chosen == adams.PROJECTION else adams.LU

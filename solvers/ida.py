@@ -184,9 +184,7 @@ def power(eqs: Any, t: float, q: Any, v: Any, a: Any, lam: Any) -> float:
 def book(eqs: Any, t: float, q: Any, v: Any, c: Any, scales: Any) -> None:
     """Book the energy at (q, v); see :mod:`solvers.ledger`."""
     eqs.dynamics(t, q, v, eqs.data, eqs.terms)
-    for i in range(v.shape[0]):
-        scales.h[i] = eqs.terms.h[i]
-    catch_up(c[0], eqs.momentum(eqs.data, scales.p), q, v, scales)
+    catch_up(eqs.exposure, eqs.data, c[0], scales)
 
 
 @kernel
@@ -293,7 +291,7 @@ class IDAStepper(IDADriver, DenseStepper):
 
         rtol = TIGHTER * self._rtol**POWER
         atol = np.full(size, rtol if o.atol is None else o.atol * rtol / self._rtol)
-        self._scales = hold(Scales.of(s, rtol, np.full(s.n, atol[0]), np.full(s.n, atol[0]), size))
+        self._scales = hold(Scales.of(rtol, np.full(s.n, atol[0]), np.full(s.n, atol[0]), size))
         atol[controlled:] = UNCONTROLLED
         return IDA(
             resfn,

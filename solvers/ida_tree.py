@@ -99,12 +99,12 @@ def power(function: Any, t: float, data: Any, s: Any) -> float:
 
 
 @kernel
-def book(inverse: Any, momentum: Any, t: float, q: Any, v: Any, data: Any, s: Any, c: Any, scales: Any) -> None:
+def book(inverse: Any, exposure: Any, t: float, q: Any, v: Any, data: Any, s: Any, c: Any, scales: Any) -> None:
     """Book the energy at (q, v); see :mod:`solvers.ledger`."""
     for i in range(s.lam.shape[0]):
         s.lam[i] = 0.0
-    inverse(t, q, v, s.zero, s.lam, data, s.qdot, scales.h)
-    catch_up(c[0], momentum(data, scales.p), q, v, scales)
+    inverse(t, q, v, s.zero, s.lam, data, s.qdot, s.tau)
+    catch_up(exposure, data, c[0], scales)
 
 
 @kernel
@@ -162,7 +162,7 @@ class TreeIDAStepper(IDADriver):
         self._counts, self._begun, self._pending = np.zeros(3), np.zeros(1), True
         self._cj, self._A, self._reduced = 1.0, np.zeros((n, m)), np.zeros((2 * m, 2 * m))
         self._book, self._works = records(1, BOOK), False
-        self._power, self._momentum = audit_callbacks(system)
+        self._power, self._exposure = audit_callbacks(system)
         self._ida = self._new_ida()
         self.status = Status(close(system, self._t, self._q, self._v), self._t)
 
@@ -171,7 +171,7 @@ class TreeIDAStepper(IDADriver):
         sizes = o.absolute * s.size
         self._works = o.audit and s.works()
         atol = np.concatenate((position_sizes(s, sizes), RATE * sizes, np.full(2 * s.m + self._works, UNCONTROLLED)))
-        self._scales = hold(Scales.of(s, o.rtol, sizes, RATE * sizes, len(atol)))
+        self._scales = hold(Scales.of(o.rtol, sizes, RATE * sizes, len(atol)))
         return IDA(
             self._residual,
             rtol=o.rtol,
@@ -214,7 +214,7 @@ class TreeIDAStepper(IDADriver):
         """Book the energy at IDA's y."""
         if self.options.audit:
             s, q, v = self.system, np.array(y[: self.system.nq]), np.array(y[self._v_at])
-            book(s.inverse, self._momentum, t, q, v, s.held_data, self._held, self._book, self._scales)
+            book(s.inverse, self._exposure, t, q, v, s.held_data, self._held, self._book, self._scales)
 
     def _reduce(self, cj: float) -> None:
         """Factor the equations of the constraints."""

@@ -12,8 +12,9 @@ its *exposure*
 
 and the sum over the steps is what the tolerance explains (``stray``). p is the generalised momentum, all bodies and
 drives in it; for g stands the bias h of the equations of motion, which holds the forces of every potential and the same
-products of velocities. An energy that is a square of the error is covered: the exposure is taken where a step ends. The
-error of W itself, which no tolerance controls, is estimated as that of any other component and added.
+products of velocities. An energy that is a square of the error is covered: the exposure is taken where a step ends. No
+tolerance controls e_W. Driven coordinates count among the others as if they were integrated, since it is through their
+momentum and effort that the work errs; and where a formula estimates the errors of its components, that of W is added.
 
 ``exchanged`` is the range of the kinetic energy so far, and what W has moved either way.
 """
@@ -23,10 +24,9 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .kernel import kernel
-from .system import AnySystem, Array, System
+from .system import Array
 
 FIELDS: list[tuple[str, str]] = [
     ("exposure", "f8"),  # J a step, at the last look
@@ -43,45 +43,30 @@ BETWEEN = 4.0  # exposures: a reported state is interpolated, and closed
 
 
 class Scales(NamedTuple):
-    """Tolerances by free coordinate, and scratch."""
+    """What the exposure is measured by."""
 
     rtol: Array  # (1,)
-    at: NDArray[np.int64]  # (n,)  where in q the coordinate is; -1: in a quaternion, or unknown
-    place: Array  # (n,)  absolute tolerances
+    place: Array  # (n,)  absolute tolerances of the free coordinates, and of their rates
     rate: Array  # (n,)
     mean: Array  # (1,)  the error's norm is the root of its mean square over so many; 1: of its sum
-    p: Array  # (n,)  dE/dv
-    h: Array  # (n,)  bias
+    found: Array  # (2,)  exposure in the norm of a sum, and kinetic energy, J
 
     @staticmethod
-    def of(system: AnySystem, rtol: float, place: Array, rate: Array, count: int = 1) -> Scales:
-        """Return the scales of a system."""
-        at = np.full(system.n, -1, np.int64)
-        if system.nq == system.n:
-            at[:] = np.arange(system.n)
-        elif not isinstance(system, System):
-            at[system.plain[1]] = system.plain[0]
-        return Scales(
-            np.array([rtol]), at, place, rate, np.array([float(count)]), np.zeros(system.n), np.zeros(system.n)
-        )
+    def of(rtol: float, place: Array, rate: Array, mean: int = 1) -> Scales:
+        """Return the scales of these tolerances."""
+        return Scales(np.array([rtol]), place, rate, np.array([float(mean)]), np.zeros(2))
 
 
 @kernel
-def look(c: Any, kinetic: float, q: Any, v: Any, s: Any) -> None:
-    """Note the exposure of a step that ends at (q, v), with s.p and s.h there, and the kinetic energy."""
+def look(exposure: Any, data: Any, c: Any, s: Any) -> None:
+    """Note exposure and kinetic energy; a system's ``exposure`` can be called."""
+    exposure(s.rtol[0], s.place, s.rate, data, s.found)
+    kinetic = s.found[1]
     if c.looks == 0:
         c.most, c.least = kinetic, kinetic
     c.looks += 1
     c.most, c.least = max(c.most, kinetic), min(c.least, kinetic)
-    largest = 1.0
-    for i in range(q.shape[0]):
-        largest = max(largest, abs(q[i]))
-    rtol, square = s.rtol[0], 0.0
-    for i in range(v.shape[0]):
-        reach = abs(q[s.at[i]]) if s.at[i] >= 0 else 2.0 * largest  # a quaternion turns by half the angle
-        square += (s.p[i] * (rtol * abs(v[i]) + s.rate[i])) ** 2
-        square += (s.h[i] * (rtol * reach + s.place[i])) ** 2
-    c.exposure = np.sqrt(square * s.mean[0])
+    c.exposure = s.found[0] * np.sqrt(s.mean[0])
 
 
 @kernel
@@ -93,10 +78,10 @@ def count(c: Any, t: float) -> None:
 
 
 @kernel
-def catch_up(c: Any, kinetic: float, q: Any, v: Any, s: Any) -> None:
+def catch_up(exposure: Any, data: Any, c: Any, s: Any) -> None:
     """:func:`look`, and add the exposure of the steps counted since the last time."""
     before = c.exposure
-    look(c, kinetic, q, v, s)
+    look(exposure, data, c, s)
     c.stray += c.begun * max(before, c.exposure)
     c.begun = 0
 

@@ -53,27 +53,25 @@ def no_power(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any) -> float:
     return 0.0
 
 
-def no_momentum(data: Any, p: Any) -> float:
+def no_exposure(rtol: float, place: Any, rate: Any, data: Any, out: Any) -> None:
     """Of a system that does not tell its own: no bound on the error of its energy follows."""
-    for i in range(p.shape[0]):
-        p[i] = 0.0
-    return 0.0
+    out[0], out[1] = 0.0, 0.0
 
 
 def audit_callbacks(system: AnySystem) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """Return power and momentum of a system as kernels take them."""
-    if system.power is not None and system.momentum is not None:
-        return system.power, system.momentum
+    """Return power and exposure of a system as kernels take them."""
+    if system.power is not None and system.exposure is not None:
+        return system.power, system.exposure
     return _nothing(held_type(system.data))
 
 
 @cache
 def _nothing(data: Any) -> tuple[Callable[..., Any], Callable[..., Any]]:
     if not COMPILED:
-        return no_power, no_momentum
+        return no_power, no_exposure
     real, vector = types.float64, types.float64[::1]
     work = callback(types.float64(real, vector, vector, vector, vector, data))
-    return work(no_power), callback(types.float64(data, vector))(no_momentum)
+    return work(no_power), callback(types.void(real, vector, vector, data, vector))(no_exposure)
 
 
 def nothing_works() -> bool:
@@ -115,7 +113,7 @@ class System:
 
     ``motion`` may rely on ``position`` having been called last of all, for the same t and q. Where there is nothing to
     gain from that it is ``dynamics``. ``power`` may rely on ``dynamics`` or ``motion`` having been called last for the
-    same (t, q, v), and ``momentum`` on that or on ``power``.
+    same (t, q, v), and ``exposure`` too, which leaves nothing ``power`` needs undone.
     """
 
     nq: int
@@ -128,7 +126,7 @@ class System:
     retract: Callable[[Array, Array, Any], None]  # (q, dq, data): q <- q (+) N dq in place, dq (n,)
     jacobi: Callable[[float, Array, Array, Any], float]  # (t, q, v, data): energy less driven action, J; smooth in time
     power: Callable[..., float] | None = None  # (t, q, v, a, lam, data): dE/dt, W
-    momentum: Callable[[Any, Array], float] | None = None  # (data, p): fills p = dT/dv (n,); kinetic energy T, J
+    exposure: Callable[..., None] | None = None  # (rtol, place, rate, data, out): see solvers.ledger
     works: Callable[[], bool] = nothing_works  # (): whether power can differ from zero, as things are now
     coordinate_names: tuple[str, ...] = ()  # (n,)
     constraint_names: tuple[str, ...] = ()  # (m,)
@@ -176,7 +174,7 @@ class TreeSystem:
     """A large tree as a solver sees it: recursions and a structured tangent, no matrix but J of few constraints.
 
     q' = N(q) v,   M v' + h + J^T lambda = 0,   given as inverse and, without J, as forward dynamics. ``power`` may rely
-    on either having been called last for the same (t, q, v, a, lam), and ``momentum`` for the same (t, q, v).
+    on either having been called last for the same (t, q, v, a, lam), ``exposure`` on inverse for a = 0 and lambda = 0.
     """
 
     nq: int
@@ -194,7 +192,7 @@ class TreeSystem:
     plain: tuple[NDArray[np.int64], NDArray[np.int64]]  # where positions are no quaternions: places in q and in v
     quaternions: tuple[tuple[int, int], ...] = ()  # first place of each in q, of its angular velocity in v
     power: Callable[..., float] | None = None  # as of a System
-    momentum: Callable[[Any, Array], float] | None = None
+    exposure: Callable[..., None] | None = None
     works: Callable[[], bool] = nothing_works
     coordinate_names: tuple[str, ...] = ()  # (n,)
     constraint_names: tuple[str, ...] = ()  # (m,)

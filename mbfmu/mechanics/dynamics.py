@@ -35,7 +35,8 @@ from .arrays import (
 )
 from .constraints import close_cuts, jacobian, load_cuts, right_hand_side
 from .crba import composite_inertia, mass_matrix
-from .energy import driven_action, generalised_momenta, kinetic_energy, potential_energy
+from .energy import driven_action, kinetic_energy, potential_energy
+from .energy import exposure as exposure_of
 from .energy import power as power_of
 from .forces import apply
 from .kinematics import accelerations, place, scatter, turn_inertia, velocities
@@ -212,12 +213,9 @@ def solved_power(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any) -> float
     return power_of(t, arrays, state) if arrays.world[0].works == 1 else 0.0
 
 
-def momentum(data: Any, p: Any) -> float:
-    """p (n,) = dT/dv at the state whose velocities were set last; return T, J. Joint wrenches and efforts are lost."""
-    arrays, state = data.arrays, data.state
-    kinetic = generalised_momenta(arrays, state)
-    take_free(state.tau, arrays, p)
-    return kinetic
+def exposure(rtol: float, place: Any, rate: Any, data: Any, out: Any) -> None:
+    """See :func:`.energy.exposure`; :func:`dynamics`, or :func:`inverse` of a = 0 and lam = 0, was called last."""
+    exposure_of(rtol, place, rate, data.arrays, data.state, out)
 
 
 @inlined
@@ -318,12 +316,12 @@ def tree_callbacks() -> tuple[Callable[..., Any], ...]:
 
 @cache
 def audit_callbacks(tree: bool) -> tuple[Callable[..., Any], ...]:
-    """Return power and momentum as a solver takes them; compiled on first use."""
+    """Return power and exposure as a solver takes them; compiled on first use."""
     if not COMPILED:
-        return solved_power if tree else power, momentum
+        return solved_power if tree else power, exposure
     data, real, vector = held_type(empty_data()), types.float64, types.float64[::1]
     work = callback(types.float64(real, vector, vector, vector, vector, data))
-    return work(solved_power if tree else power), callback(types.float64(data, vector))(momentum)
+    return work(solved_power if tree else power), callback(types.void(real, vector, vector, data, vector))(exposure)
 
 
 def empty_data() -> Data:

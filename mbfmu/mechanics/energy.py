@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from solvers.kernel import inlined
 
 from .crba import shift_to
@@ -85,6 +87,32 @@ def generalised_momenta(arrays: Any, state: Any) -> float:
     for k in range(state.tau.shape[0]):
         total += 0.5 * state.tau[k] * state.v[k]
     return total
+
+
+@inlined
+def exposure(rtol: float, place: Any, rate: Any, arrays: Any, state: Any, out: Any) -> None:
+    """out = (root of the sum over all coordinates of (h dq)^2 + (p dv)^2, kinetic energy), J.
+
+    h is State.tau, the bias; dq = rtol |q| + place and dv = rtol |v| + rate with the absolute tolerances (n,) of the
+    free coordinates, and the largest of them for driven ones. State.tau and the joint wrenches are lost.
+    """
+    widest, fastest = 0.0, 0.0
+    for k in range(place.shape[0]):
+        widest, fastest = max(widest, place[k]), max(fastest, rate[k])
+    square = 0.0
+    for i in range(1, arrays.bodies.shape[0]):
+        body = arrays.bodies[i]
+        plain = body.nq - 4 * body.quaternion
+        for k in range(body.nv * (body.nq > 0)):  # the sections of an elastic body share its coordinates
+            reach = abs(state.q[body.qi + k]) if k < plain else 2.0  # a quaternion turns by half the angle
+            square += (state.tau[body.vi + k] * (rtol * reach + (widest if body.vf < 0 else place[body.vf + k]))) ** 2
+    out[1] = generalised_momenta(arrays, state)
+    for i in range(1, arrays.bodies.shape[0]):
+        body = arrays.bodies[i]
+        for k in range(body.nv * (body.nq > 0)):
+            speed = rtol * abs(state.v[body.vi + k]) + (fastest if body.vf < 0 else rate[body.vf + k])
+            square += (state.tau[body.vi + k] * speed) ** 2
+    out[0] = np.sqrt(square)
 
 
 @inlined

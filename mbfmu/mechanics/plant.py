@@ -58,7 +58,7 @@ class Plant:
 
     def _system(self, constraint_names: list[str], data: Data, scalar: type = float) -> System:
         dynamics, position, motion, retract, jacobi = callbacks(scalar)
-        power, momentum = audit_callbacks(tree=False) if scalar is float else (None, None)
+        power, exposure = audit_callbacks(tree=False) if scalar is float else (None, None)
         return System(
             nq=self._numbering.nq,
             n=self._numbering.nv,
@@ -70,7 +70,7 @@ class Plant:
             retract=retract,
             jacobi=jacobi,
             power=power,
-            momentum=momentum,
+            exposure=exposure,
             works=self._works,
             coordinate_names=tuple(self._numbering.coordinate_names),
             constraint_names=tuple(constraint_names),
@@ -79,7 +79,7 @@ class Plant:
     def _tree_system(self, constraint_names: list[str], data: Data) -> TreeSystem:
         """Return the system of a large tree."""
         inverse, forward, mobility, position, constraints, retract = tree_callbacks()
-        power, momentum = audit_callbacks(tree=True)
+        power, exposure = audit_callbacks(tree=True)
         places: list[tuple[int, int]] = []
         quaternions: list[tuple[int, int]] = []
         sizes = [np.zeros(0)]
@@ -108,7 +108,7 @@ class Plant:
             plain=(in_q, in_v),
             quaternions=tuple(quaternions),
             power=power,
-            momentum=momentum,
+            exposure=exposure,
             works=self._works,
             coordinate_names=tuple(self._numbering.coordinate_names),
             constraint_names=tuple(constraint_names),

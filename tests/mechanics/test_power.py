@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from random_mechanisms import Case, cases
-from test_identities import derivative
+from test_identities import derivative, observed
 
-from mbfmu.mechanics import Beam, Harmonic, Input, Mechanism, Revolute, Support, add_sheet, rod
+from mbfmu.mechanics import Beam, Harmonic, Input, Mechanism, Plant, Revolute, Support, add_sheet, rod
 from mbfmu.mechanics import plant as plants
 from solvers.kernel import kernel
 from solvers.system import TreeSystem
@@ -24,8 +24,13 @@ def call_power(function: Any, t: float, q: Any, v: Any, a: Any, lam: Any, data: 
 
 
 @kernel
-def call_momentum(function: Any, data: Any, p: Any) -> float:
-    return function(data, p)
+def call_exposure(function: Any, rtol: float, place: Any, rate: Any, data: Any, out: Any) -> None:
+    function(rtol, place, rate, data, out)
+
+
+@kernel
+def call_jacobi(function: Any, t: float, q: Any, v: Any, data: Any) -> float:
+    return function(t, q, v, data)
 
 
 @kernel
@@ -59,19 +64,57 @@ def test_power_of_loops_is_the_rate_of_their_energy(case: Case) -> None:
 
 
 @settings(deadline=None)
+@given(cases(forces=True))
+def test_exposure_is_momentum_and_bias_by_tolerance(case: Case) -> None:
+    plant, system = case.plant, case.plant.system
+    terms, out, zero = system.allocate_terms(), np.zeros(2), np.zeros(system.n)
+    energy, turned = plant.energy(case.t, case.q, case.v), turns(plant)
+    close = {"rel": 1e-8, "abs": 1e-10 * max(1.0, abs(energy))}
+    for i, e in enumerate(np.eye(system.n)):
+        p = 0.5 * (plant.energy(case.t, case.q, case.v + e) - plant.energy(case.t, case.q, case.v - e))
+        system.fill(case.t, case.q, case.v, terms)
+        call_exposure(system.exposure, 0.0, zero, e, system.held_data, out)
+        assert out[0] == pytest.approx(abs(p), **close)
+        system.fill(case.t, case.q, case.v, terms)
+        call_exposure(system.exposure, 0.0, e, zero, system.held_data, out)
+        assert out[0] == pytest.approx(abs(terms.h[i]), **close)
+    assert out[1] == pytest.approx(0.5 * case.v @ terms.M @ case.v, **close)
+    system.fill(case.t, case.q, case.v, terms)
+    call_exposure(system.exposure, 1e-3, zero, zero, system.held_data, out)
+    reach = np.array([abs(case.q[k]) if k >= 0 else 2.0 for k in turned])
+    expected = np.concatenate((terms.h * reach, (terms.M @ case.v) * case.v))
+    assert out[0] == pytest.approx(1e-3 * np.linalg.norm(expected), **close)
+
+
+def turns(plant: Plant) -> list[int]:
+    """Where in q each free coordinate is; -1: in a quaternion."""
+    found = []
+    for body in plant.data.arrays.bodies[1:]:
+        plain = int(body["nq"] - 4 * body["quaternion"])
+        found += [int(body["qf"]) + k if k < plain else -1 for k in range(int(body["nv"]))]
+    return found
+
+
+@settings(deadline=None)
 @given(cases(driven=True))
-def test_momentum_is_the_gradient_of_the_kinetic_energy(case: Case) -> None:
-    plant, p = case.plant, np.zeros(case.plant.system.n)
-    energy = plant.energy(case.t, case.q, case.v)
-    kinetic = call_momentum(plant.system.momentum, plant.system.held_data, p)
-    gradient = [
-        0.5 * (plant.energy(case.t, case.q, case.v + e) - plant.energy(case.t, case.q, case.v - e))
-        for e in np.eye(plant.system.n)
+def test_exposure_counts_a_drive_by_its_effort_and_momentum(case: Case) -> None:
+    system, out, n = case.plant.system, np.zeros(2), case.plant.system.n
+    terms = system.allocate_terms()
+    found = observed(case, case.t, case.q, case.v, np.zeros(n), np.zeros(0))
+    energy = case.plant.energy(case.t, case.q, case.v)
+    action = energy - call_jacobi(system.jacobi, case.t, case.q, case.v, system.held_data)  # p v of the drive
+    p = [
+        0.5 * (case.plant.energy(case.t, case.q, case.v + e) - case.plant.energy(case.t, case.q, case.v - e))
+        for e in np.eye(n)
     ]
-    np.testing.assert_allclose(p, gradient, rtol=0, atol=1e-11 * max(1.0, abs(energy), *np.abs(p)))
-    other = plant.energy(case.t, case.q, 2.0 * case.v) - plant.energy(case.t, case.q, case.v)
-    if case.plant.mechanism.bodies[1].joint.drive is None:
-        assert other == pytest.approx(3.0 * kinetic, rel=1e-9, abs=1e-9)
+    close = {"rel": 1e-7, "abs": 1e-9 * max(1.0, abs(energy))}
+    system.fill(case.t, case.q, case.v, terms)
+    call_exposure(system.exposure, 0.0, np.ones(n), np.zeros(n), system.held_data, out)
+    assert out[0] == pytest.approx(np.linalg.norm([*terms.h, found["b0.effort"]]), **close)
+    system.fill(case.t, case.q, case.v, terms)
+    call_exposure(system.exposure, 0.0, np.zeros(n), np.ones(n), system.held_data, out)
+    speed = found["b0.drive_rate"]
+    assert out[0] * abs(speed) == pytest.approx(np.linalg.norm([*(speed * np.array(p)), action]), **close)
 
 
 def beams(driven: bool) -> Mechanism:
