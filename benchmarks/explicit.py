@@ -46,7 +46,7 @@ class Swing:
         self.simulation = Simulation(model, Settings(solver=solver, tolerance=tolerance))
         self.tolerance = tolerance
         self._fresh = self.simulation.stepper.save()
-        self._values = np.zeros((INTERVALS, len(self.simulation.plant.outputs)))
+        self._values = np.zeros((INTERVALS, len(self.simulation.variables)))
 
     def run(self) -> None:
         """Go to the end without a stop."""

@@ -38,14 +38,16 @@ class Row:
         None where the solver does not tell (SUNDIALS' binding does not).
     max_error
         Largest error of an angle against the exact motion up to the last good time, rad; None where none is known.
-    energy_drift
-        Largest change of the energy from its start, J; of the Jacobi integral where a drive does work.
+    energy_imbalance
+        Largest difference between the energy and what work has made of it, J.
     position_residual, velocity_residual
         Largest at the outputs, m and m/s.
     branch_jump
         Whether the motion left its branch.
     end_time
         Last good time, s.
+    warning
+        When and how the energy balance was lost; empty: it held.
     """
 
     solver: str
@@ -54,13 +56,14 @@ class Row:
     steps: int | None
     rhs_evals: int
     max_error: float | None
-    energy_drift: float
+    energy_imbalance: float
     position_residual: float
     velocity_residual: float
     partition_switches: int
     branch_jump: bool
     end_time: float
     status: str
+    warning: str = ""
     study: str = "motion"
 
     def as_dict(self) -> dict[str, Any]:
@@ -98,7 +101,7 @@ def compare(
     rows
         One a run, in the order of solvers and tolerances.
     energies
-        Times and energy of each solver at the tolerance nearest the scene's.
+        Times and energy imbalance of each solver at the tolerance nearest the scene's.
 
     Raises
     ------
@@ -118,7 +121,7 @@ def compare(
             wall = statistics.median(time_alone(scene, settings) for _ in range(repeats))
             rows.append(judge(scene.model, solver, tolerance, wall, result, reference))
             if tolerance == shown:
-                energies[solver] = (result.times, kept_energy(result.as_dict()))
+                energies[solver] = (result.times, result["energy_imbalance"])
             if progress is not None:
                 progress(f"{solver} {tolerance:.0e}")
     return rows, energies
@@ -149,7 +152,6 @@ def judge(model: Model, solver: str, rtol: float, wall: float, result: Result, r
     count = len(result.times)
     errors = [np.abs(outputs[name] - exact[:count]).max() for name, exact in reference.items()]
     gap = model.branch_gap(outputs)
-    energy = kept_energy(outputs)
     return Row(
         solver=solver,
         rtol=rtol,
@@ -157,20 +159,15 @@ def judge(model: Model, solver: str, rtol: float, wall: float, result: Result, r
         steps=result.statistics.steps or None,
         rhs_evals=result.statistics.rhs_evals,
         max_error=float(max(errors)) if errors else None,
-        energy_drift=float(np.abs(energy - energy[0]).max()),
+        energy_imbalance=float(np.abs(outputs["energy_imbalance"]).max()),
         position_residual=largest(outputs, "position_residual"),
         velocity_residual=largest(outputs, "velocity_residual"),
         partition_switches=result.statistics.partition_switches,
         branch_jump=bool(gap is not None and gap.max() > BRANCH_TOLERANCE),
         end_time=float(result.times[-1]),
         status=result.failure or "ok",
+        warning=result.warning,
     )
-
-
-def kept_energy(outputs: dict[str, NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Return what undamped motion keeps: the Jacobi integral where the model has it as an output, else the energy."""
-    names = [name for name in ("jacobi_integral", "energy") if name in outputs]
-    return outputs[names[0]] if names else np.zeros_like(next(iter(outputs.values())))
 
 
 def largest(outputs: dict[str, NDArray[np.float64]], name: str) -> float:
@@ -180,7 +177,7 @@ def largest(outputs: dict[str, NDArray[np.float64]], name: str) -> float:
 
 def as_text(rows: Sequence[Row]) -> str:
     """Return the rows as a table for people."""
-    header = ("solver", "rtol", "time [ms]", "steps", "evals", "error [rad]", "energy [J]", "switches", "outcome")
+    header = ("solver", "rtol", "time [ms]", "steps", "evals", "error [rad]", "imbalance [J]", "switches", "outcome")
     lines = [
         (
             row.solver,
@@ -189,7 +186,7 @@ def as_text(rows: Sequence[Row]) -> str:
             "-" if row.steps is None else str(row.steps),
             str(row.rhs_evals),
             "-" if row.max_error is None else f"{row.max_error:.1e}",
-            f"{row.energy_drift:.1e}",
+            f"{row.energy_imbalance:.1e}",
             str(row.partition_switches),
             outcome(row),
         )
@@ -201,5 +198,6 @@ def as_text(rows: Sequence[Row]) -> str:
 def outcome(row: Row) -> str:
     """Say in a few words how a run ended."""
     jump = "left its branch" if row.branch_jump else ""
+    lost = "inaccurate" if row.warning else ""
     stop = "" if row.status == "ok" else f"stopped: {row.status.partition('. ')[0]}"
-    return "; ".join(filter(None, (jump, stop))) or "ok"
+    return "; ".join(filter(None, (lost, jump, stop))) or "ok"

@@ -101,7 +101,7 @@ def _entry(case: str, model: Model, settings: Settings, end: float, start: Mappi
         begin = time.perf_counter()
         simulation.advance(end)
         runs.append(time.perf_counter() - begin)
-    outputs = dict(zip((v.name for v in simulation.plant.outputs), map(float, simulation.outputs()), strict=True))
+    outputs = dict(zip((v.name for v in simulation.variables), map(float, simulation.outputs()), strict=True))
     return Entry(
         case=case,
         evaluation=time_of_evaluation(simulation.plant),

@@ -53,14 +53,14 @@ def plot_work_precision(rows: Sequence[Row], title: str, path: Path) -> None:
     figure, ax = plt.subplots(figsize=(7.0, 5.4), layout="constrained")
     for k, solver in enumerate(dict.fromkeys(row.solver for row in rows)):
         own = [row for row in rows if row.solver == solver and row.max_error is not None and row.max_error > 0.0]
-        good = [row for row in own if row.status == "ok" and not row.branch_jump]
+        good = [row for row in own if row.status == "ok" and not row.branch_jump and not row.warning]
         bad = [row for row in own if row not in good]
         style = {"color": COLOURS.get(solver), "zorder": 3.0 + k}
         if good:
             errors = [r.max_error for r in good]
             ax.loglog([r.wall_s for r in good], errors, "o-", ms=9.0 * 0.8**k, lw=2.5 * 0.75**k, label=solver, **style)
         if bad:
-            errors, label = [r.max_error for r in bad], f"{solver}: failed or left the branch"
+            errors, label = [r.max_error for r in bad], f"{solver}: failed, inaccurate or off the branch"
             ax.loglog([r.wall_s for r in bad], errors, "x", ms=8.0, mew=1.5, alpha=0.5, label=label, **style)
         for row in own:
             _label(ax, row, above=k % 2 == 0, failed=row in bad)
@@ -88,13 +88,12 @@ def _label(ax: Any, row: Row, *, above: bool, failed: bool) -> None:
 
 
 def plot_energy(histories: dict[str, tuple[Any, Any]], title: str, path: Path) -> None:
-    """Draw the energy's change from its start against time, one line a solver: solver -> (times, energy)."""
+    """Draw the energy's imbalance against time, one line a solver: solver -> (times, imbalance)."""
     figure, ax = plt.subplots(figsize=(8.0, 4.5), layout="constrained")
-    for solver, (times, energy) in histories.items():
-        change = np.abs(np.asarray(energy) - energy[0])
-        ax.semilogy(times, np.maximum(change, 1e-14), lw=1.0, color=COLOURS.get(solver), label=solver)
+    for solver, (times, imbalance) in histories.items():
+        ax.semilogy(times, np.maximum(np.abs(imbalance), 1e-14), lw=1.0, color=COLOURS.get(solver), label=solver)
     ax.set_xlabel("time [s]")
-    ax.set_ylabel("|energy - energy at the start| [J]")
+    ax.set_ylabel("|energy - energy at the start - work| [J]")
     ax.set_title(title)
     ax.grid(alpha=0.3)
     ax.legend()

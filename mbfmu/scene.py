@@ -6,6 +6,7 @@ partition = "projection"   # of adams
 tolerance = 1e-6
 max_step = 0.0             # s; 0: no limit
 start_at_equilibrium = false
+audit = true               # hold energy against work all along
 stop_time = 10.0           # s
 output_interval = 0.01     # s
 
@@ -32,12 +33,13 @@ KEYS = (
     "tolerance",
     "max_step",
     "start_at_equilibrium",
+    "audit",
     "stop_time",
     "output_interval",
     "parameters",
 )
 
-SETTINGS = ("solver", "partition", "tolerance", "max_step", "start_at_equilibrium")
+SETTINGS = ("solver", "partition", "tolerance", "max_step", "start_at_equilibrium", "audit")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,6 +148,7 @@ def from_content(path: Path, content: dict[str, Any]) -> Scene:
     for key in ("tolerance", "max_step"):
         if key in content and (isinstance(content[key], bool) or not isinstance(content[key], int | float)):
             raise UserError(f"{key} is {content[key]!r}; allowed: a number")
-    if not isinstance(content.get("start_at_equilibrium", False), bool):
-        raise UserError(f"start_at_equilibrium is {content['start_at_equilibrium']!r}; allowed: true or false")
+    for key in ("start_at_equilibrium", "audit"):
+        if not isinstance(content.get(key, False), bool):
+            raise UserError(f"{key} is {content[key]!r}; allowed: true or false")
     return scene.changed(**content)

@@ -107,7 +107,7 @@ def _run(
         begin = time.perf_counter()
         status = simulation.advance(end)
         walls.append(time.perf_counter() - begin)
-    outputs = dict(zip((v.name for v in simulation.plant.outputs), map(float, simulation.outputs()), strict=True))
+    outputs = dict(zip((v.name for v in simulation.variables), map(float, simulation.outputs()), strict=True))
     return Settled(
         solver=settings.solver,
         rtol=settings.tolerance,

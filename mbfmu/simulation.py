@@ -7,17 +7,19 @@ import json
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from math import inf
+from math import inf, nan
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mbfmu.audit import VARIABLES, Audit
 from mbfmu.equilibrium import Balance
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Variable
 from mbfmu.model import Model, suggest
 from solvers import SOLVERS, Options, SolverError, Statistics, Status, stepper
+from solvers.ledger import EXCHANGED
 
 Array = NDArray[np.float64]
 
@@ -44,6 +46,8 @@ class Settings:
         Largest step, s; 0: no limit.
     start_at_equilibrium
         Start in the steady state next to the given start, at rest but for the drives.
+    audit
+        Hold energy against work all along (:mod:`mbfmu.audit`).
     """
 
     solver: str = "ida"
@@ -51,6 +55,7 @@ class Settings:
     tolerance: float = 1e-6
     max_step: float = 0.0
     start_at_equilibrium: bool = False
+    audit: bool = True
 
     def __post_init__(self) -> None:
         """Check the names and numbers; raises UserError."""
@@ -70,7 +75,7 @@ class Settings:
 
     def options(self) -> Options:
         """Return what the stepper takes."""
-        return Options(rtol=self.tolerance, max_step=self.max_step or inf)
+        return Options(rtol=self.tolerance, max_step=self.max_step or inf, audit=self.audit)
 
 
 class Simulation:
@@ -89,6 +94,8 @@ class Simulation:
         supports, changes of the potential energy where it is.
     remarks
         What is unusual and stops nothing, in sentences.
+    variables
+        What :meth:`outputs` returns: the plant's outputs, then those of the audit (not numbers where it is off).
 
     Raises
     ------
@@ -113,9 +120,11 @@ class Simulation:
             self.stepper = stepper(settings.name, self.plant.system, t0, q, v, settings.options())
         except ValueError as error:
             raise UserError(f"model {model.name!r}: {error}") from error
-        self._out = np.zeros(len(self.plant.outputs))
+        self.variables = (*self.plant.outputs, *VARIABLES)
+        self._out = np.zeros(len(self.variables))
         self.work_of_jumps = 0.0
         self.remarks: list[str] = []
+        self.audit = Audit(self.plant, settings.tolerance, self.energy()) if settings.audit else None
         if settings.name not in _compiled:
             self._compile(t0, q, v)
 
@@ -123,9 +132,9 @@ class Simulation:
         """Have every kernel compiled (or loaded) now, by a stepper thrown away, and not in the first step of a run."""
         rehearsal = stepper(self.settings.name, self.plant.system, t0, q, v, self.settings.options())
         values = np.zeros((1, len(self._out)))
-        self.plant.observe_all(np.array([t0 + 1e-3]), *rehearsal.sample(np.array([t0 + 1e-3])), values)
+        self.plant.observe_all(np.array([t0 + 1e-3]), *rehearsal.sample(np.array([t0 + 1e-3]))[:4], values)
         rehearsal.advance(t0 + 2e-3)
-        self.outputs()
+        self.plant.observe(t0, q, v, np.zeros(len(v)), np.zeros(self.plant.system.m), self._out)
         self.energy()
         _compiled.add(self.settings.name)
 
@@ -147,10 +156,18 @@ class Simulation:
         """Kinetic and potential energy at the time reached, J."""
         return self.plant.energy(self.stepper.t, self.stepper.q, self.stepper.v)
 
+    @property
+    def warning(self) -> str:
+        """When and how the energy balance was lost; empty while it holds."""
+        return self.audit.verdict if self.audit else ""
+
     def advance(self, t: float) -> Status:
         """Advance to t (s), a communication point; on failure the last good state stays."""
         self._set_out(t)
-        return self.stepper.advance(t)
+        status = self.stepper.advance(t)
+        if self.audit:
+            self._check(np.array([self.t]), self.stepper.q[None], np.array([self.energy()]), self.stepper.ledger[None])
+        return status
 
     def _set_out(self, end: float) -> None:
         """Let the supports that inputs move set out for where they are at ``end``; all jumps of their rates are one
@@ -166,7 +183,7 @@ class Simulation:
             names = ", ".join(repr(d.motion.name) for d in departures if d.jump != 0.0)
             raise UserError(f"the rate of input {names} jumps where its impulse is not known: {error}") from error
         self.stepper.jump(dv)
-        self.work_of_jumps += self.energy() - before
+        self._book_jump(before)
         for motion, leg, _ in departures:
             if leg.jumps:
                 self._remark(
@@ -179,11 +196,29 @@ class Simulation:
             self.remarks.append(text)
 
     def outputs(self) -> Array:
-        """Return the outputs at the time reached, in the plant's order; the array is used again."""
+        """Return the outputs at the time reached, in the order of ``variables``; the array is used again."""
         stepper = self.stepper
         a, lam = stepper.accelerations()  # the limit along the motion in a singular position
         self.plant.observe(stepper.t, stepper.q, stepper.v, a, lam, self._out)
+        self._finish(np.array([stepper.t]), stepper.q[None], stepper.ledger[None], self._out[None])
         return self._out
+
+    def _finish(self, times: Array, q: Array, ledgers: Array, values: Array) -> None:
+        """Put what the audit finds in place of the energies that ``values`` (k, outputs) end in."""
+        values[:, -2:] = np.column_stack(self._check(times, q, values[:, -2], ledgers))
+
+    def _check(self, times: Array, q: Array, energies: Array, ledgers: Array) -> tuple[Array, Array]:
+        """Return imbalance and exchanged energy (k,), J."""
+        if self.audit is None:
+            return np.full(len(times), nan), np.full(len(times), nan)
+        return self.audit.check(times, q, energies, ledgers), ledgers[:, EXCHANGED]
+
+    def _book_jump(self, before: float) -> None:
+        """Book what a change at one state has made of the energy ``before``, J; it is no imbalance."""
+        work = self.energy() - before
+        self.work_of_jumps += work
+        if self.audit:
+            self.audit.base += work
 
     def record(self, times: Array, values: Array) -> int:
         """Advance to each of ``times`` (k,) and put the outputs into a row of ``values`` (k, outputs) each.
@@ -197,7 +232,9 @@ class Simulation:
             ahead = times[done:] if self.plant.settled else times[done : done + 1]
             samples = self.stepper.sample(ahead)
             rows = slice(done, done + len(samples.q))
-            self.plant.observe_all(times[rows], *samples, values[rows])
+            if len(samples.q):
+                self.plant.observe_all(times[rows], *samples[:4], values[rows])
+                self._finish(times[rows], samples.q, samples.ledger, values[rows])
             done = rows.stop
             if not self.stepper.status.ok:
                 break
@@ -214,7 +251,7 @@ class Simulation:
             return
         before = self.energy()
         self.plant.set_input(index, value, self.t)
-        self.work_of_jumps += self.energy() - before
+        self._book_jump(before)
         self.stepper.restart()
 
     def retune(self, model: Model) -> None:
@@ -231,7 +268,7 @@ class Simulation:
                 raise UserError(f"parameter {declared.name!r} is not tunable; it cannot change during a run")
         before = self.energy()
         self.plant.adopt(model.build().compile())
-        self.work_of_jumps += self.energy() - before
+        self._book_jump(before)
         self.model = model
         self.stepper.restart()
 
@@ -239,7 +276,9 @@ class Simulation:
         """Return the whole state: solver, inputs and tunable parameters."""
         changed = {p.name: getattr(self.model, p.name) for p in self.model.parameters() if p.tunable}
         inputs, work = self.plant.input_state(), self.work_of_jumps
-        head = json.dumps({"parameters": changed, "inputs": inputs, "work_of_jumps": work}).encode()
+        balance = [self.audit.base, self.audit.verdict] if self.audit else []
+        known = {"parameters": changed, "inputs": inputs, "work_of_jumps": work, "balance": balance}
+        head = json.dumps(known).encode()
         return len(head).to_bytes(8, "little") + head + self.stepper.save()
 
     def restore(self, state: bytes) -> None:
@@ -252,7 +291,10 @@ class Simulation:
             self.model = model
         self.plant.restore_inputs(head["inputs"])
         self.work_of_jumps = head["work_of_jumps"]
+        self.stepper.restart()  # the equations may have changed
         self.stepper.restore(state[split:])
+        if self.audit:
+            self.audit.base, self.audit.verdict = head["balance"]
 
 
 @dataclass
@@ -265,6 +307,7 @@ class Result:
     statistics: Statistics
     wall_time: float  # s, between the first and the last output
     failure: str = ""  # why the run ended early and what to try; empty: it did not
+    warning: str = ""  # when and how the energy balance was lost; empty: it was not
 
     def __getitem__(self, name: str) -> Array:
         """Return one output over time."""
@@ -299,21 +342,26 @@ def run(
     times: Array,
     progress: Callable[[float], None] | None = None,
     watch: Callable[[Simulation], None] | None = None,
+    warn: Callable[[str], None] | None = None,
 ) -> Result:
     """Run a model natively, without an FMU, and record its outputs at ``times``; stops at a failure.
 
-    ``watch`` is shown the simulation whenever its outputs have been read: its bodies are in place then.
+    ``watch`` is shown the simulation whenever its outputs have been read: its bodies are in place then. ``warn`` is
+    told at once when the energy balance is lost; the run goes on.
     """
     simulation = Simulation(model, settings, float(times[0]))
-    values = np.zeros((len(times), len(simulation.plant.outputs)))
+    values = np.zeros((len(times), len(simulation.variables)))
     values[0] = simulation.outputs()
     if watch is not None:
         watch(simulation)
-    begin, done, failure = time.perf_counter(), 1, ""
+    begin, done, failure, told = time.perf_counter(), 1, "", ""
     while done < len(times) and not failure:
         rows = slice(done, done + (ROWS if watch is None else 1))
         done += simulation.record(times[rows], values[rows])
         status = simulation.stepper.status
+        if warn is not None and simulation.warning != told:
+            told = simulation.warning
+            warn(told)
         if not status.ok:
             failure = f"{status.message}. {status.remedy}"
             break
@@ -322,4 +370,6 @@ def run(
         if progress is not None:
             progress(float(times[done - 1]))
     wall = time.perf_counter() - begin
-    return Result(times[:done], values[:done], simulation.plant.outputs, simulation.statistics, wall, failure)
+    return Result(
+        times[:done], values[:done], simulation.variables, simulation.statistics, wall, failure, simulation.warning
+    )

@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from .kernel import inlined, kernel
+from .ledger import look, report
 from .lu import (
     choose,
     close_dependent,
@@ -35,7 +36,7 @@ from .lu import (
     span_dependent,
     tangents_turned,
 )
-from .multistep import FIRST, accept, begin, coefficients, correct, estimate, interpolate, predict, unwind
+from .multistep import FIRST, accept, begin, coefficients, correct, correct_work, estimate, interpolate, predict, unwind
 from .partition import NOT_CLOSED, OK, acceleration, close, multipliers, settle, trusted
 from .singular import AHEAD, SINGULAR, note, passed, step_bound, vanishes
 from .workspace import factor
@@ -47,6 +48,7 @@ SETTINGS = np.dtype(
     [
         ("rtol", "f8"), ("atol", "f8"), ("max_step", "f8"), ("max_order", "i8"), ("max_steps", "i8"),
         ("partition", "i8"),  # PROJECTION, LU, or HYBRID
+        ("audit", "i8"), ("works", "i8"),  # 1: book energy and work; 1: something does work
         ("flicker_steps", "i8"), ("flicker_count", "i8"), ("energy_jump", "f8"), ("collapse_cuts", "i8"),
         ("calm_steps", "i8"),
     ],
@@ -116,7 +118,25 @@ def differentiate(eqs: Any, t: float, closing: bool, c: Any, o: Any, H: Any, wor
 
 
 @kernel
-def start(eqs: Any, c: Any, o: Any, H: Any, work: Any) -> int:
+def power(eqs: Any, t: float, c: Any, o: Any, work: Any) -> float:
+    """W' at the state evaluated last, with v' in ``work.slope``."""
+    if o.works == 0:
+        return 0.0
+    if c.regime == LU:
+        factor(eqs.terms, work)
+    multipliers(eqs.terms, trusted(eqs, t, work.q, c.rank, work), work, work.slope, work.lam)
+    return eqs.power(t, work.q, work.v, work.slope, work.lam, eqs.data)
+
+
+@kernel
+def book(eqs: Any, c: Any, o: Any, scales: Any) -> None:
+    """Book the energy at the state evaluated last, before :func:`power`; see :mod:`solvers.ledger`."""
+    if o.audit == 1:
+        look(eqs.exposure, eqs.data, c, scales)
+
+
+@kernel
+def start(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
     """Close y, choose coordinates, and begin a history of order 1."""
     q, v = work.q, work.v
     split(H.y, q, v)
@@ -135,6 +155,8 @@ def start(eqs: Any, c: Any, o: Any, H: Any, work: Any) -> int:
     c.energy = eqs.jacobi(c.t, q, v, eqs.data)
     code = differentiate(eqs, c.t, False, c, o, H, work)
     if code == OK:
+        book(eqs, c, o, scales)
+        H.yp[H.y.shape[0] - 1] = power(eqs, c.t, c, o, work)
         weigh(c, o, H, q.shape[0], v.shape[0])
         begin(c, H, min(o.max_step, FIRST / work.rate[0]))
         c.starts += 1
@@ -185,7 +207,7 @@ def take_choice(terms: Any, c: Any, H: Any, work: Any) -> None:
 
 
 @kernel
-def step(eqs: Any, c: Any, o: Any, H: Any, work: Any) -> int:
+def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
     """One accepted step, however often it has to be cut; or the code of what made it too small."""
     q, v = work.q, work.v
     weigh(c, o, H, q.shape[0], v.shape[0])
@@ -205,7 +227,11 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any) -> int:
                 code = differentiate(eqs, after, True, c, o, H, work)
                 join(q, v, H.trial)
                 if code == OK:
+                    book(eqs, c, o, scales)
+                    W = power(eqs, after, c, o, work)
                     if stayed(eqs, after, c, o, H, work):
+                        correct_work(c, H, W)
+                        c.stray += c.exposure
                         accept(c, H, o.max_order, o.max_step)
                         return OK
                     code = BRANCHES
@@ -346,8 +372,10 @@ def return_to_lu(c: Any, o: Any, terms: Any, work: Any, H: Any, before: float) -
 
 
 @kernel
-def advance(eqs: Any, settings: Any, H: Any, work: Any, target: float, q: Any, v: Any) -> int:
-    """Step until ``target`` is passed; put the state there, closed, into (q, v), or the last good one on failure."""
+def advance(eqs: Any, settings: Any, H: Any, work: Any, scales: Any, target: float, q: Any, v: Any, ledger: Any) -> int:
+    """Step until ``target`` is passed; put the state there, closed, into (q, v), or the last good one on failure, and
+    what is booked into ``ledger`` (5,).
+    """
     c, o = H.control[0], settings[0]
     code, taken = OK, 0
     while c.t < target:
@@ -355,10 +383,10 @@ def advance(eqs: Any, settings: Any, H: Any, work: Any, target: float, q: Any, v
             code = MAX_STEPS
             break
         if c.start == 1:
-            code = start(eqs, c, o, H, work)
+            code = start(eqs, c, o, H, work, scales)
             if code != OK:
                 break
-        code = step(eqs, c, o, H, work)
+        code = step(eqs, c, o, H, work, scales)
         if code != OK:
             break
         taken += 1
@@ -375,22 +403,27 @@ def advance(eqs: Any, settings: Any, H: Any, work: Any, target: float, q: Any, v
         if o.partition != LU:
             c.h = min(c.h, step_bound(c.t, work.q, work.v, eqs.terms, work))
     split(H.y, q, v)
+    done = H.y[H.y.shape[0] - 1]
     if code == OK:
         interpolate(c, H, target, H.trial)
         split(H.trial, q, v)
+        done = H.trial[H.y.shape[0] - 1]
         code = close(eqs, target, q, v, c.rank, work)
+    report(c, done, ledger)
     return code
 
 
 @kernel
-def sample(eqs: Any, settings: Any, H: Any, work: Any, times: Any, q: Any, v: Any, a: Any, lam: Any) -> tuple[int, int]:
+def sample(
+    eqs: Any, settings: Any, H: Any, work: Any, scales: Any, times: Any, q: Any, v: Any, a: Any, lam: Any, ledger: Any
+) -> tuple[int, int]:
     """:func:`advance` to each of ``times`` in turn, state, accelerations and multipliers in a row each.
 
     Returns the code and the number of complete rows; where ``advance`` failed the next row holds the last good state.
     """
     rank = H.control[0].rank
     for i in range(times.shape[0]):
-        code = advance(eqs, settings, H, work, times[i], q[i], v[i])
+        code = advance(eqs, settings, H, work, scales, times[i], q[i], v[i], ledger[i])
         if code == OK:
             code = acceleration(eqs, times[i], q[i], v[i], rank, work, a[i])
         if code != OK:

@@ -20,16 +20,33 @@ from .adams import COLLAPSED, MAX_STEPS, SMALLEST_STEP, cut, join, split
 from .held import hold
 from .ida_tree import Scratch, position_sizes
 from .kernel import inlined, kernel, records
-from .multistep import HIGHEST, History, accept, begin, coefficients, correct, counts, estimate, interpolate, predict
+from .ledger import WORK, Scales, look, report
+from .multistep import (
+    HIGHEST,
+    History,
+    accept,
+    begin,
+    coefficients,
+    correct,
+    correct_work,
+    counts,
+    estimate,
+    interpolate,
+    predict,
+)
 from .partition import NO_MASS, NOT_FINITE, OK
 from .saddle import Motion
 from .stepper import Code, Options, Statistics, Stepper
-from .system import Array, TreeSystem
+from .system import Array, TreeSystem, audit_callbacks
 
 SETTINGS = np.dtype(
-    [("rtol", "f8"), ("max_step", "f8"), ("max_order", "i8"), ("max_steps", "i8")],
+    [
+        ("rtol", "f8"), ("max_step", "f8"), ("max_order", "i8"), ("max_steps", "i8"),
+        ("audit", "i8"), ("works", "i8"),  # 1: book energy and work; 1: something does work
+    ],
     align=True,
-)
+)  # fmt: skip
+EVERY = 16  # steps between two looks at the energy, which cost an inverse dynamics each
 RATE = 10.0  # 1/s, absolute tolerance of a rate to that of its coordinate; tighter than IDA's costs nothing where
 # stability limits the step, and looser lets the fastest modes grow
 
@@ -38,7 +55,10 @@ class TreeEquations(NamedTuple):
     """What the loop calls."""
 
     forward: Any
+    inverse: Any
     retract: Any
+    power: Any
+    exposure: Any
     data: Any
 
 
@@ -58,13 +78,27 @@ def differentiate(eqs: Any, t: float, c: Any, H: Any, s: Any) -> int:
 @inlined
 def weigh(o: Any, H: Any, atol: Any) -> None:
     """Error weights at y, such that the norm is a root mean square."""
-    count = np.sqrt(1.0 * H.y.shape[0])
-    for i in range(H.y.shape[0]):
+    count = np.sqrt(1.0 * atol.shape[0])
+    for i in range(atol.shape[0]):
         H.weight[i] = 1.0 / (count * (o.rtol * abs(H.y[i]) + atol[i]))
 
 
+@inlined
+def power(eqs: Any, t: float, o: Any, s: Any) -> float:
+    """W' at the state evaluated last."""
+    return eqs.power(t, s.q, s.v, s.a, s.lam, eqs.data) if o.works == 1 else 0.0
+
+
 @kernel
-def step(eqs: Any, c: Any, o: Any, H: Any, atol: Any, s: Any) -> int:
+def book(eqs: Any, t: float, c: Any, o: Any, scales: Any, s: Any) -> None:
+    """Book the energy at (s.q, s.v), each ``EVERY`` steps anew; see :mod:`solvers.ledger`."""
+    if o.audit == 1 and c.steps % EVERY == 0:
+        eqs.inverse(t, s.q, s.v, s.zero, s.lam, eqs.data, s.qdot, s.a)
+        look(eqs.exposure, eqs.data, c, scales)
+
+
+@kernel
+def step(eqs: Any, c: Any, o: Any, H: Any, atol: Any, s: Any, scales: Any) -> int:
     """One accepted step, however often it has to be cut; or the code of what made it too small."""
     weigh(o, H, atol)
     cuts = 0
@@ -81,6 +115,9 @@ def step(eqs: Any, c: Any, o: Any, H: Any, atol: Any, s: Any) -> int:
             code = differentiate(eqs, c.t + c.h, c, H, s)
             if code == OK:
                 join(s.q, s.v, H.trial)
+                correct_work(c, H, power(eqs, c.t + c.h, o, s))
+                book(eqs, c.t + c.h, c, o, scales, s)
+                c.stray += c.exposure
                 accept(c, H, o.max_order, o.max_step)
                 return OK
         cuts += 1
@@ -91,8 +128,12 @@ def step(eqs: Any, c: Any, o: Any, H: Any, atol: Any, s: Any) -> int:
 
 
 @kernel
-def advance(eqs: Any, settings: Any, H: Any, atol: Any, s: Any, target: float, q: Any, v: Any) -> int:
-    """Step until ``target`` is passed; put the state there into (q, v), or the last good one on failure."""
+def advance(
+    eqs: Any, settings: Any, H: Any, atol: Any, s: Any, scales: Any, target: float, q: Any, v: Any, ledger: Any
+) -> int:
+    """Step until ``target`` is passed; put the state there into (q, v), or the last good one on failure, and what is
+    booked into ``ledger`` (5,).
+    """
     c, o = H.control[0], settings[0]
     code, taken = OK, 0
     while c.t < target:
@@ -104,19 +145,24 @@ def advance(eqs: Any, settings: Any, H: Any, atol: Any, s: Any, target: float, q
             code = differentiate(eqs, c.t, c, H, s)
             if code != OK:
                 break
+            H.yp[H.y.shape[0] - 1] = power(eqs, c.t, o, s)
+            book(eqs, c.t, c, o, scales, s)
             weigh(o, H, atol)
             begin(c, H, o.max_step)
             c.starts += 1
-        code = step(eqs, c, o, H, atol, s)
+        code = step(eqs, c, o, H, atol, s, scales)
         if code != OK:
             break
         taken += 1
         c.steps += 1
     split(H.y, q, v)
+    done = H.y[H.y.shape[0] - 1]
     if code == OK and target < c.t:
         interpolate(c, H, target, H.trial)
         split(H.trial, q, v)
+        done = H.trial[H.y.shape[0] - 1]
         eqs.retract(q, s.zero, eqs.data)
+    report(c, done, ledger)
     return code
 
 
@@ -135,8 +181,11 @@ class TreeAdamsStepper(Stepper):
         self._settings = records(1, SETTINGS)
         for key in ("rtol", "max_step", "max_steps"):
             self._settings[key] = getattr(o, key)
+        self._settings["audit"] = o.audit
         self._settings["max_order"] = HIGHEST if o.max_order is None else o.max_order
-        self._eqs = hold(TreeEquations(system.forward, system.retract, system.held_data))
+        callbacks = system.forward, system.inverse, system.retract, *audit_callbacks(system)
+        self._eqs = hold(TreeEquations(*callbacks, system.held_data))
+        self._scales = hold(Scales.of(o.rtol, sizes, RATE * sizes, len(self._atol)))
         self._held = hold(self._history), hold(self._scratch)
         self.restart()
 
@@ -146,7 +195,8 @@ class TreeAdamsStepper(Stepper):
 
     def _advance(self, t: float) -> tuple[Code, float]:
         H, s = self._held
-        code = Code(advance(self._eqs, self._settings, H, self._atol, s, t, self._q, self._v))
+        own = self._eqs, self._settings, H, self._atol, s, self._scales
+        code = Code(advance(*own, t, self._q, self._v, self._ledger))
         self._t = t if code is Code.OK else float(self._control["t"][0])
         return code, self._t
 
@@ -158,10 +208,11 @@ class TreeAdamsStepper(Stepper):
         """Begin a new history at the reported state with the next step."""
         c = self._control
         c["t"], c["start"] = self._t, 1
-        self._history.y[:] = np.concatenate((self._q, self._v))
+        self._settings["works"] = self.options.audit and self.system.works()
+        self._history.y[:] = np.concatenate((self._q, self._v, self._ledger[[WORK]]))
 
     def _arrays(self) -> list[NDArray[Any]]:
-        return [self._reported, self._q, self._v, *self._history]
+        return [self._reported, self._q, self._v, self._ledger, *self._history]
 
     @property
     def statistics(self) -> Statistics:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from .held import hold
-from .system import System, Terms
+from .system import System, Terms, audit_callbacks
 
 
 class Equations(NamedTuple):
@@ -16,11 +16,20 @@ class Equations(NamedTuple):
     motion: Any
     retract: Any
     jacobi: Any
+    power: Any
+    exposure: Any
     data: Any
     terms: Any
 
 
 def bundle(system: System, terms: Terms) -> Any:
     """Return the equations of a system and the terms they are to fill."""
-    callbacks = (system.dynamics, system.position, system.motion, system.retract, system.jacobi)
+    callbacks = (
+        system.dynamics,
+        system.position,
+        system.motion,
+        system.retract,
+        system.jacobi,
+        *audit_callbacks(system),
+    )
     return hold(Equations(*callbacks, system.held_data, hold(terms)))

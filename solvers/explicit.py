@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from . import adams
 from .held import hold
 from .kernel import records
+from .ledger import WORK, Scales
 from .multistep import HIGHEST, History, counts
 from .stepper import Code, DenseStepper, Options, Samples, Statistics, Status
 from .system import Array, System
@@ -25,8 +26,10 @@ class AdamsStepper(DenseStepper):
         self._history = History.allocate(system.nq, system.n, system.m)
         self._settings = self._encode(self.options)
         self._held = hold(self._history)
+        place = self.options.absolute * system.size
+        self._scales = hold(Scales.of(self.options.rtol, place, self._units.rate[0] * place))
         self._control["rank"], self._control["changed_at"] = self._rank, -self._settings["flicker_steps"][0]
-        self._history.unit[:] = np.concatenate((self._scales.size_q, self._scales.rate[0] * self._scales.size))
+        self._history.unit[:] = np.concatenate((self._units.size_q, self._units.rate[0] * system.size, [1.0]))
         chosen = self._settings["partition"][0]
         self._control["regime"] = adams.PROJECTION if chosen == adams.PROJECTION else adams.LU
         self.restart()
@@ -37,6 +40,7 @@ class AdamsStepper(DenseStepper):
         settings["rtol"], settings["atol"] = options.rtol, options.absolute
         settings["max_step"], settings["max_steps"] = options.max_step, options.max_steps
         settings["max_order"] = HIGHEST if options.max_order is None else options.max_order
+        settings["audit"] = options.audit
         settings["partition"] = self.partition if self._rank else adams.PROJECTION  # nothing to partition: all the same
         for name in (
             "flicker_steps", "flicker_count", "energy_jump", "collapse_cuts", "calm_steps"
@@ -49,15 +53,17 @@ class AdamsStepper(DenseStepper):
         return self._history.control
 
     def _advance(self, t: float) -> tuple[Code, float]:
-        code = Code(adams.advance(self._eqs, self._settings, self._held, self._work, t, self._q, self._v))
+        own = self._eqs, self._settings, self._held, self._work, self._scales
+        code = Code(adams.advance(*own, t, self._q, self._v, self._ledger))
         self._t = t if code is Code.OK else float(self._control["t"][0])
         return code, self._t
 
     def _sample(self, times: Array, out: Samples) -> int:
-        code, done = adams.sample(self._eqs, self._settings, self._held, self._work, times, *out)
+        own = self._eqs, self._settings, self._held, self._work, self._scales
+        code, done = adams.sample(*own, times, *out)
         last = min(done, len(times) - 1)
         self._t = min(float(times[last]), float(self._control["t"][0]))
-        self._q[:], self._v[:] = out.q[last], out.v[last]
+        self._q[:], self._v[:], self._ledger[:] = out.q[last], out.v[last], out.ledger[last]
         self.status = Status(Code(code), self._t)
         return int(done)
 
@@ -65,10 +71,11 @@ class AdamsStepper(DenseStepper):
         """Begin a new history at the reported state."""
         self._control["t"] = self._t
         self._control["start"] = 1
-        self._history.y[:] = np.concatenate((self._q, self._v))
+        self._settings["works"] = self.options.audit and self.system.works()
+        self._history.y[:] = np.concatenate((self._q, self._v, self._ledger[[WORK]]))
 
     def _arrays(self) -> list[NDArray[Any]]:
-        return [*self._history, self._reported, self._q, self._v, *self._scales.memory()]
+        return [*self._history, self._reported, self._q, self._v, self._ledger, *self._units.memory()]
 
     @property
     def statistics(self) -> Statistics:

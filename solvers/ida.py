@@ -46,7 +46,8 @@ from sksundae.ida import IDA, IDAJacTimes, IDAPrecond
 
 from .dense import factor_lu, solve_lu
 from .held import hold
-from .kernel import inlined, kernel
+from .kernel import inlined, kernel, records
+from .ledger import BOOK, WORK, Scales, catch_up, count, report
 from .partition import close_report
 from .singular import MISS, note, passed, step_bound
 from .stepper import Code, DenseStepper, Options, Statistics, Stepper
@@ -86,6 +87,7 @@ class Unknowns(NamedTuple):
     noise: Array  # (1,)    rounding to IDA's relative tolerance
     F: Array  # (m, m)  FILTER tr A + A, its factors
     Dlam: Array  # (m,)    D lambda
+    lam: Array  # (m,)    lambda in its own units
     D: Array  # (m, m)  D
     at: Array  # (N,)    where terms were evaluated last
     solved: Array  # (N,)    where the matrix was factored last
@@ -105,9 +107,9 @@ class Unknowns(NamedTuple):
         """Return zeroed arrays for ``nq`` positions, ``n`` velocities and ``m`` constraints."""
         N, z = nq + n + 2 * m, np.zeros
         return Unknowns(
-            z(N), z(N), z(N), z(N), z(nq), z(n), z(n), z(nq), z(nq), z(n), z(2), z(2), z(1), z((m, m)), z(m), z((m, m)),
-            np.full(N, np.nan), np.full(N, np.nan), z(3), z((N, nq + n)), z((nq, n)), z((N, N)), np.zeros(N, np.int64),
-            z(N), z(N), z(N), z(1), z(5),
+            z(N), z(N), z(N), z(N), z(nq), z(n), z(n), z(nq), z(nq), z(n), z(2), z(2), z(1), z((m, m)), z(m), z(m),
+            z((m, m)), np.full(N, np.nan), np.full(N, np.nan), z(3), z((N, nq + n)), z((nq, n)), z((N, N)),
+            np.zeros(N, np.int64), z(N), z(N), z(N), z(1), z(5),
         )  # fmt: skip
 
 
@@ -336,6 +338,37 @@ def multiply(vector: Any, product: Any, u: Any) -> None:
         product[i] = vector[i]
 
 
+@kernel
+def beside(eqs: Any, t: float, yp: Any, u: Any, work: Any, c: Any, works: bool, res: Any) -> None:
+    """After :func:`residual`: count the step, and the residual W' - power of the work, the last unknown."""
+    nq, n, m, last = u.q.shape[0], u.v.shape[0], eqs.terms.J.shape[0], yp.shape[0] - 1
+    count(c[0], t)
+    if works:
+        for i in range(m):
+            u.lam[i] = u.y[nq + n + i] / work.row[i]
+        res[last] = yp[last] - eqs.power(t, u.q, u.v, u.yp[nq : nq + n], u.lam, eqs.data)
+
+
+@kernel
+def power(eqs: Any, t: float, q: Any, v: Any, a: Any, lam: Any) -> float:
+    """W' where the equations were evaluated last."""
+    return float(eqs.power(t, q, v, a, lam, eqs.data))
+
+
+@kernel
+def book(eqs: Any, t: float, q: Any, v: Any, c: Any, scales: Any) -> None:
+    """Book the energy at (q, v); see :mod:`solvers.ledger`."""
+    eqs.dynamics(t, q, v, eqs.data, eqs.terms)
+    catch_up(eqs.exposure, eqs.data, c[0], scales)
+
+
+@kernel
+def reported(c: Any, work: float, row: Any) -> None:
+    """Put what is booked into ``row``, W having moved to ``work``."""
+    c[0].through += abs(work - row[0])
+    report(c[0], work, row)
+
+
 @inlined
 def weak_residual(terms: Any, work: Any) -> float:
     """u . Phi~, u the forces that balance in the critical point."""
@@ -379,6 +412,7 @@ class IDADriver(Stepper):
     _counts: Array  # (3,)
     _begun: Array  # (1,) how often IDA has been initialised
     _pending: bool  # IDA is to be initialised at the reported state
+    _book: NDArray[Any]  # (1,) record of ledger.BOOK
 
     @abstractmethod
     def _begin(self) -> Code:
@@ -423,7 +457,7 @@ class IDADriver(Stepper):
         self._pending = True
 
     def _arrays(self) -> list[NDArray[Any]]:
-        return [self._reported, self._q, self._v, self._counts, self._begun]
+        return [self._reported, self._q, self._v, self._counts, self._begun, self._ledger, self._book]
 
     def restore(self, data: bytes) -> None:
         """Take over a reported state; the history starts anew."""
@@ -441,34 +475,45 @@ class IDAStepper(IDADriver, DenseStepper):
         self._held = hold(self._unknowns)
         self._counts = self._unknowns.counts
         self._begun, self._pending = np.zeros(1), True
+        self._book, self._works = records(1, BOOK), False
         self._ida = self._new_ida()
         self._passed = self._t  # s, where IDA itself stands
-        self._good = self._t, self._q, self._v  # state after IDA's last step
+        self._good = self._t, self._q, self._v, 0.0  # time, state and work after IDA's last step
         self._reach = np.inf  # s, longest next step
 
     def _new_ida(self) -> IDA:
-        s, o, u, work, eqs = self.system, self.options, self._held, self._work, self._eqs
+        s, o, u, work, eqs, book = self.system, self.options, self._held, self._work, self._eqs, self._book
+        controlled, motion = s.nq + s.n, s.nq + s.n + 2 * s.m
+        works = self._works = o.audit and s.works()
+        size = motion + works  # W enters nothing, and its own equation needs no derivative but that by W'
 
         def resfn(t: float, y: Array, yp: Array, res: Array) -> None:
-            residual(eqs, t, y, yp, res, u, work)
+            residual(eqs, t, y[:motion], yp[:motion], res[:motion], u, work)
+            beside(eqs, t, yp, u, work, book, works, res)
 
         def setup(t: float, y: Array, yp: Array, res: Array, cj: float) -> None:
-            set_up(eqs, t, y, yp, u, work)
+            set_up(eqs, t, y[:motion], yp[:motion], u, work)
+            self._look(t, y[: s.nq], y[s.nq : controlled])
+            self._unknowns.at[0] = np.nan
 
         def precondition(
             t: float, y: Array, yp: Array, res: Array, right: Array, left: Array, cj: float, delta: float
         ) -> None:
-            solve(eqs, t, y, yp, right, left, cj, u, work)
+            if works:
+                left[motion] = right[motion] / (1.0 if self._unknowns.asked[0] else cj)
+            solve(eqs, t, y[:motion], yp[:motion], right[:motion], left[:motion], cj, u, work)
 
         def times(t: float, y: Array, yp: Array, res: Array, vector: Array, product: Array, cj: float) -> None:
-            multiply(vector, product, u)
+            product[motion:] = vector[motion:]
+            multiply(vector[:motion], product[:motion], u)
 
-        controlled, size = s.nq + s.n, s.nq + s.n + 2 * s.m
         rtol = TIGHTER * self._rtol**POWER
         self._unknowns.noise[0] = NOISE / rtol
+        tightened = rtol if o.atol is None else o.atol * rtol / self._rtol
+        place = tightened * s.size
+        self._scales = hold(Scales.of(rtol, place, self._units.rate[0] * place, size))
         atol = np.full(size, UNCONTROLLED)
-        units = np.concatenate((self._scales.size_q, self._scales.rate[0] * s.size))
-        atol[:controlled] = units * (rtol if o.atol is None else o.atol * rtol / self._rtol)
+        atol[:controlled] = tightened * np.concatenate((self._units.size_q, self._units.rate[0] * s.size))
         return IDA(
             resfn,
             linsolver="gmres",
@@ -476,7 +521,7 @@ class IDAStepper(IDADriver, DenseStepper):
             jactimes=IDAJacTimes(None, times),
             rtol=rtol,
             atol=atol,
-            algebraic_idx=np.arange(controlled, size) if s.m else None,
+            algebraic_idx=np.arange(controlled, motion) if s.m else None,
             max_step=0.0 if np.isinf(o.max_step) else o.max_step,
             max_order=5 if o.max_order is None else min(5, o.max_order),
             max_num_steps=min(STEPS_A_CALL, o.max_steps),
@@ -485,7 +530,7 @@ class IDAStepper(IDADriver, DenseStepper):
 
     def _begin(self) -> Code:
         """Initialise IDA at the reported state with consistent derivatives."""
-        s, u, w = self.system, self._unknowns, self._scales
+        s, u, w = self.system, self._unknowns, self._units
         code, a, lam = self._evaluate()
         if code is not Code.OK:
             return code
@@ -495,11 +540,16 @@ class IDAStepper(IDADriver, DenseStepper):
         zeros = np.zeros(s.m)
         y = np.concatenate((self._q, self._v, lam * w.row, zeros))
         yp = np.concatenate((self._terms.qdot, a, zeros, zeros))
+        if self._works != (self.options.audit and s.works()):
+            self._ida = self._new_ida()
+        if self._works:
+            y, yp = np.append(y, self._ledger[WORK]), np.append(yp, power(self._eqs, self._t, self._q, self._v, a, lam))
+        self._look(self._t, self._q, self._v)
         self._ida.init_step(self._t, y, yp)
         u.at[:] = np.nan
         u.asked[0] = 0.0
         self._pending, self._passed = False, self._t
-        self._good = self._t, self._q, self._v
+        self._good = self._t, self._q, self._v, self._ledger[WORK]
         w.course["known"], w.course["ratio"] = 0, 0.0
         self._reach = min(self._reach, look_over(self._eqs, self._t, y, 0.0, self._rank, self._held, self._work))
         self._begun[0] += 1.0
@@ -507,7 +557,7 @@ class IDAStepper(IDADriver, DenseStepper):
 
     def _regularisation(self) -> tuple[float, float]:
         """Return what D is on rows without rank, and d. M may be singular across the motion; there J~ stands in."""
-        w, terms = self._scales, self._terms
+        w, terms = self._units, self._terms
         J = terms.J * (self.system.size / w.row[:, None])
         M = terms.M * np.outer(self.system.size, self.system.size)
         square = np.linalg.norm(J, 2) ** 2
@@ -519,7 +569,7 @@ class IDAStepper(IDADriver, DenseStepper):
         if self.system.m == 0:
             return super()._go(t)
         taken, bad = 0, self._counts[2]
-        shortest = STANDSTILL / self._scales.rate[0]
+        shortest = STANDSTILL / self._units.rate[0]
         while self._passed < t:
             if taken >= self.options.max_steps:
                 return Code.MAX_STEPS
@@ -547,11 +597,13 @@ class IDAStepper(IDADriver, DenseStepper):
         bound = look_over(self._eqs, t, y, taken, self._rank, self._held, self._work)
         if bound >= 0.0:
             s = self.system
-            self._passed, self._good = t, (t, y[: s.nq].copy(), y[s.nq : s.nq + s.n].copy())
+            done = float(y[-1]) if self._works else 0.0
+            self._passed, self._good = t, (t, y[: s.nq].copy(), y[s.nq : s.nq + s.n].copy(), done)
             self._reach = min(bound, 2.0 * self._reach)
             return Code.OK
         self._counts[4] += 1.0
-        self._t, self._q, self._v = self._good
+        self._t, self._q, self._v, done = self._good
+        reported(self._book, done, self._ledger)
         code = Code(close_report(self._eqs, self._t, self._q, self._v, self._rank, self._work))
         self._reach = SHORTER * taken
         return self._begin() if code is Code.OK else code
@@ -566,7 +618,13 @@ class IDAStepper(IDADriver, DenseStepper):
         code = Code(close_report(self._eqs, t, q, v, self._rank, self._work))
         if code is Code.OK:
             self._t, self._q, self._v = t, q, v
+            self._look(t, q, v)
+            reported(self._book, float(y[-1]) if self._works else 0.0, self._ledger)
         return code
+
+    def _look(self, t: float, q: Array, v: Array) -> None:
+        if self.options.audit:
+            book(self._eqs, t, np.array(q), np.array(v), self._book, self._scales)
 
     @property
     def statistics(self) -> Statistics:

@@ -30,6 +30,7 @@ the constraints.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,11 +38,12 @@ from sksundae.ida import IDA, IDAPrecond
 
 from .blocks import one_thread
 from .held import hold
-from .ida import LENGTH_RATE, STEPS_A_CALL, UNCONTROLLED, IDADriver
-from .kernel import kernel
+from .ida import LENGTH_RATE, STEPS_A_CALL, UNCONTROLLED, IDADriver, reported
+from .kernel import kernel, records
+from .ledger import BOOK, WORK, Scales, catch_up, count
 from .saddle import Motion, close
 from .stepper import Code, Options, Statistics, Status
-from .system import Array, TreeSystem
+from .system import Array, TreeSystem, audit_callbacks
 
 RATE = 1000.0  # 1/s, absolute tolerance of a rate to that of its coordinate
 ORDER = 2
@@ -90,6 +92,27 @@ def residual(inverse: Any, retract: Any, t: float, y: Any, yp: Any, res: Any, da
     return finite
 
 
+@kernel
+def power(function: Any, t: float, data: Any, s: Any) -> float:
+    """W' where :func:`residual` was called last."""
+    return float(function(t, s.q, s.v, s.a, s.lam, data))
+
+
+@kernel
+def book(inverse: Any, exposure: Any, t: float, q: Any, v: Any, data: Any, s: Any, c: Any, scales: Any) -> None:
+    """Book the energy at (q, v); see :mod:`solvers.ledger`."""
+    for i in range(s.lam.shape[0]):
+        s.lam[i] = 0.0
+    inverse(t, q, v, s.zero, s.lam, data, s.qdot, s.tau)
+    catch_up(exposure, data, c[0], scales)
+
+
+@kernel
+def tally(c: Any, t: float) -> None:
+    """:func:`solvers.ledger.count` from Python."""
+    count(c[0], t)
+
+
 def as_motion(s: TreeSystem, q: Array, rate: Array) -> Array:
     """Return v (n,) with N v = rate (nq,) as far as there is one."""
     v = np.zeros(s.n)
@@ -130,25 +153,30 @@ class TreeIDAStepper(IDADriver):
         super().__init__(system, t0, q0, v0, options)
         self.system = system
         nq, n, m = system.nq, system.n, system.m
-        self._v_at, self._lam_at, self._mu_at = slice(nq, nq + n), slice(nq + n, nq + n + m), slice(nq + n + m, None)
+        ends = np.cumsum((nq, n, m, m))
+        self._v_at, self._lam_at, self._mu_at = (slice(*pair) for pair in pairwise(map(int, ends)))
         self._scratch = Scratch.allocate(nq, n, m)
         self._held = hold(self._scratch)
         self._terms, self._motion = system.allocate_terms(), Motion(system)
         self._d = np.zeros((2, m))
         self._counts, self._begun, self._pending = np.zeros(3), np.zeros(1), True
         self._cj, self._A, self._reduced = 1.0, np.zeros((n, m)), np.zeros((2 * m, 2 * m))
+        self._book, self._works = records(1, BOOK), False
+        self._power, self._exposure = audit_callbacks(system)
         self._ida = self._new_ida()
         self.status = Status(close(system, self._t, self._q, self._v), self._t)
 
     def _new_ida(self) -> IDA:
         s, o = self.system, self.options
         sizes = o.absolute * s.size
-        atol = np.concatenate((position_sizes(s, sizes), RATE * sizes, np.full(2 * s.m, UNCONTROLLED)))
+        self._works = o.audit and s.works()
+        atol = np.concatenate((position_sizes(s, sizes), RATE * sizes, np.full(2 * s.m + self._works, UNCONTROLLED)))
+        self._scales = hold(Scales.of(o.rtol, sizes, RATE * sizes, len(atol)))
         return IDA(
             self._residual,
             rtol=o.rtol,
             atol=atol,
-            algebraic_idx=np.arange(s.nq + s.n, len(atol)) if s.m else None,
+            algebraic_idx=np.arange(s.nq + s.n, s.nq + s.n + 2 * s.m) if s.m else None,
             linsolver="gmres",
             krylov_dim=KRYLOV,
             precond=IDAPrecond(self._set_up, self._precondition),
@@ -165,6 +193,9 @@ class TreeIDAStepper(IDADriver):
             s.fill_position(t, np.array(y[: s.nq]), self._terms)
         if not residual(s.inverse, s.retract, t, y, yp, res, s.held_data, self._held):
             self._counts[2] += 1.0
+        tally(self._book, t)
+        if self._works:
+            res[-1] = yp[-1] - power(self._power, t, s.held_data, self._held)
         if s.m:
             T, lam, mu = self._terms, y[self._lam_at], y[self._mu_at]
             res[: s.nq] += as_positions(s, y[: s.nq], mu @ T.J)
@@ -175,8 +206,19 @@ class TreeIDAStepper(IDADriver):
         self._counts[1] += 1.0
         self._residual(t, y, yp, np.empty_like(res))
         s, self._cj = self.system, cj
-        if not s.tangent.factor(cj, cj * cj) or not s.m:
-            return
+        if s.tangent.factor(cj, cj * cj) and s.m:
+            self._reduce(cj)
+        self._look(t, y)
+
+    def _look(self, t: float, y: Array) -> None:
+        """Book the energy at IDA's y."""
+        if self.options.audit:
+            s, q, v = self.system, np.array(y[: self.system.nq]), np.array(y[self._v_at])
+            book(s.inverse, self._exposure, t, q, v, s.held_data, self._held, self._book, self._scales)
+
+    def _reduce(self, cj: float) -> None:
+        """Factor the equations of the constraints."""
+        s = self.system
         J, m = self._terms.J, s.m
         inertia = np.array([s.tangent.inertia(row) for row in J])
         both = s.tangent.solve(np.vstack((J, cj * inertia)).T)  # (n, 2 m)
@@ -194,7 +236,7 @@ class TreeIDAStepper(IDADriver):
         if s.m:
             r3, r4 = r[self._lam_at], r[self._mu_at]
             both = self._reduced @ np.concatenate((r3 + self._J @ g - c * r4, r4 - self._J @ turn))
-            z[s.nq + s.n :] = np.concatenate((both[s.m :], both[: s.m]))
+            z[self._lam_at], z[self._mu_at] = both[s.m :], both[: s.m]
             turn -= self._X @ both[: s.m] + self._A @ both[s.m :]
             g = g - both[: s.m] @ self._J
         z[: s.nq] = as_positions(s, y[: s.nq], turn)
@@ -202,6 +244,8 @@ class TreeIDAStepper(IDADriver):
             e = y[i : i + 4]
             z[i : i + 4] += e * (e @ r[i : i + 4]) / (c + LENGTH_RATE)
         z[self._v_at] = c * turn - g
+        if self._works:
+            z[-1] = r[-1] / c
 
     def _advance(self, t: float) -> tuple[Code, float]:
         with one_thread():
@@ -215,7 +259,14 @@ class TreeIDAStepper(IDADriver):
             self._d[0] = TIKHONOV * self.options.rtol / motion.masses
             self._d[1] = TIKHONOV * self.options.rtol * np.einsum("ij,ij->i", J, J)
             y = np.concatenate((self._q, self._v, motion.lam, zeros))
-            self._ida.init_step(self._t, y, np.concatenate((motion.qdot, motion.a, zeros, zeros)))
+            yp = np.concatenate((motion.qdot, motion.a, zeros, zeros))
+            if self._works != (self.options.audit and self.system.works()):
+                self._ida = self._new_ida()
+            if self._works:
+                self._residual(self._t, y, yp, res := np.zeros(len(y) + 1))
+                y, yp = np.append(y, self._ledger[WORK]), np.append(yp, -res[-1])
+            self._look(self._t, y)
+            self._ida.init_step(self._t, y, yp)
             self._pending = False
             self._begun[0] += 1.0
         return code
@@ -225,6 +276,8 @@ class TreeIDAStepper(IDADriver):
         code = close(self.system, t, q, v)
         if code is Code.OK:
             self._t, self._q, self._v = t, q, v
+            self._look(t, np.concatenate((q, v)))
+            reported(self._book, float(y[-1]) if self._works else 0.0, self._ledger)
         return code
 
     def _evaluate(self) -> tuple[Code, Array, Array]:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .kernel import inlined, records
+from .ledger import FIELDS
 from .system import Array
 
 HIGHEST = 12  # order
@@ -46,16 +47,20 @@ CONTROL = np.dtype(
         ("time_lu", "f8"), ("time_projection", "f8"),
         ("positive", "i8"), ("pivot", "f8"),  # LU: det J_d at y is positive; its smallest pivot
         ("refused", "i8"),  # steps that might have jumped to another branch
+        *FIELDS,
     ],
     align=True,
 )  # fmt: skip
 
 
 class History(NamedTuple):
-    """All an integration remembers; copying these arrays copies the integration. ``size`` is nq + n."""
+    """All an integration remembers; copying these arrays copies the integration. ``size`` is nq + n + 1.
+
+    The last component is the work W: it carries no weight, and its W' is taken where a step ends.
+    """
 
     control: NDArray[Any]  # (1,)          record of CONTROL
-    y: Array  # (size,)       state (q, v) at control.t
+    y: Array  # (size,)       state (q, v, W) at control.t
     phi: Array  # (size, ROWS)  modified divided differences of y'
     unit: Array  # (size,)       what the absolute tolerance of y is measured in
     weight: Array  # (size,)       1 / (rtol |y| + atol unit), 0 where the error is not controlled
@@ -70,7 +75,7 @@ class History(NamedTuple):
     @staticmethod
     def allocate(nq: int, n: int, m: int) -> History:
         """Return a zeroed history for ``nq`` positions, ``n`` velocities and ``m`` constraints."""
-        size = nq + n
+        size = nq + n + 1
         y, weight, p, yp, trial, yp_p = (np.zeros(size) for _ in range(6))
         phi, unit = np.zeros((size, ROWS)), np.ones(size)
         choice = np.arange(m), np.arange(n)
@@ -214,6 +219,17 @@ def correct(c: Any, H: Any) -> None:
     for i in range(H.y.shape[0]):
         H.trial[i] = H.p[i] + factor * (H.yp[i] - H.phi[i, 1])
         H.yp_p[i] = H.yp[i]
+
+
+@inlined
+def correct_work(c: Any, H: Any, power: float) -> None:
+    """The corrected work from W' where the step ends, after :func:`correct`; its error is booked."""
+    last = H.y.shape[0] - 1
+    difference = power - H.phi[last, 1]
+    H.yp[last] = power
+    H.trial[last] = H.p[last] + c.h * c.g[c.k + 1] * difference
+    c.through += abs(H.trial[last] - H.y[last])
+    c.stray += abs(c.h * (c.g[c.k] - c.g[c.k + 1]) * difference)
 
 
 @inlined

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from .bundle import bundle
 from .held import hold
 from .kernel import COMPILED
+from .ledger import ROW
 from .partition import close, evaluate, normal_rank
 from .system import AnySystem, Array, System, Terms
 from .workspace import Workspace
@@ -123,6 +124,7 @@ class Options:
     max_step: float = math.inf  # s
     max_order: int | None = None  # None: 12 for Adams, 5 for IDA
     max_steps: int = 100_000  # in one call of advance
+    audit: bool = True  # book work and what the tolerance explains
     switching: Switching = field(default_factory=Switching)
 
     def __post_init__(self) -> None:
@@ -177,6 +179,7 @@ class Samples(NamedTuple):
     v: Array  # (k, n)
     a: Array  # (k, n)  accelerations
     lam: Array  # (k, m)  multipliers
+    ledger: Array  # (k, 5)  as Stepper.ledger
 
 
 class Stepper(ABC):
@@ -199,7 +202,11 @@ class Stepper(ABC):
        multipliers; in a singular position their limit along the motion. Raises :class:`SolverError` where
        there is none.
     7. ``sample(times)`` is 3 and 6 at each of the times; a state without accelerations ends it, and ``status`` tells.
-    8. ``save()`` gives bytes, ``restore()`` takes them into a stepper of the same system and options.
+    8. ``ledger`` has, of the reported state, the work W that drives, dampers and given forces have done since
+       construction, how far the tolerance lets the energy stray from it, what energy was exchanged, the largest
+       kinetic energy, and what one step may add (see :mod:`solvers.ledger`). No meaning where ``options.audit`` is
+       off.
+    9. ``save()`` gives bytes, ``restore()`` takes them into a stepper of the same system and options.
     """
 
     def __init__(self, system: AnySystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
@@ -208,7 +215,8 @@ class Stepper(ABC):
         self._q = sized("q0", q0, system.nq)
         self._v = sized("v0", v0, system.n)
         self._reported = np.zeros(1)  # t in an array, to be saved with q and v
-        self._sizes = (system.nq, system.n, system.n, system.m)
+        self._ledger = np.zeros(ROW)
+        self._sizes = (system.nq, system.n, system.n, system.m, ROW)
         self.status = Status(Code.OK, self._t)
 
     @property
@@ -225,6 +233,11 @@ class Stepper(ABC):
     def v(self) -> Array:
         """Reported velocities (n,)."""
         return self._v.copy()
+
+    @property
+    def ledger(self) -> Array:
+        """Work, stray, exchanged and largest kinetic energy, exposure of a step (5,), all at the reported state, J."""
+        return self._ledger.copy()
 
     def advance(self, t: float) -> Status:
         """Go to time ``t``, s."""
@@ -267,7 +280,7 @@ class Stepper(ABC):
             if not self.advance(float(t)).ok:
                 return i
             code, out.a[i], out.lam[i] = self._evaluate()
-            out.q[i], out.v[i] = self._q, self._v
+            out.q[i], out.v[i], out.ledger[i] = self._q, self._v, self._ledger
             if code is not Code.OK:
                 self.status = Status(code, self._t)
                 return i
@@ -312,13 +325,13 @@ class DenseStepper(Stepper):
         sizes = (system.nq, system.n, system.m)
         self._terms, self._work = Terms.allocate(*sizes), hold(Workspace.allocate(*sizes))
         self._eqs = bundle(system, self._terms)
-        self._scales = self._work.value if COMPILED else self._work
-        self._scales.size[:] = system.size
-        self._scales.size_q[:] = self._position_sizes()
+        self._units = self._work.value if COMPILED else self._work
+        self._units.size[:] = system.size
+        self._units.size_q[:] = self._position_sizes()
         self._rank = normal_rank(self._eqs, self._t, self._q, self._v, self._work)
         code = close(self._eqs, self._t, self._q, self._v, self._rank, self._work)
         self.status = Status(Code(code), self._t)
-        self._scales.rate[0] = self._characteristic_rate()
+        self._units.rate[0] = self._characteristic_rate()
 
     def _position_sizes(self) -> Array:
         """Return the unit of every position (nq,): that of its coordinate, 1 of a quaternion's entries."""

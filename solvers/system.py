@@ -15,14 +15,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+from numba import types
 from numpy.typing import NDArray
 
-from .held import hold
-from .kernel import kernel
+from .held import held_type, hold
+from .kernel import COMPILED, callback, kernel
 
 Array = NDArray[np.float64]
 
@@ -45,6 +46,37 @@ class Terms(NamedTuple):
     def allocate(nq: int, n: int, m: int, scalar: type = float) -> Terms:
         """Return zeroed terms for ``nq`` positions, ``n`` velocities and ``m`` constraints."""
         return Terms(*(np.zeros(shape, scalar) for shape in (nq, (n, n), n, m, (m, n), m, m)))
+
+
+def no_power(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any) -> float:
+    """Of a system on which nothing does work."""
+    return 0.0
+
+
+def no_exposure(rtol: float, place: Any, rate: Any, data: Any, out: Any) -> None:
+    """Of a system that does not tell its own: no bound on the error of its energy follows."""
+    out[0], out[1] = 0.0, 0.0
+
+
+def audit_callbacks(system: AnySystem) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """Return power and exposure of a system as kernels take them."""
+    if system.power is not None and system.exposure is not None:
+        return system.power, system.exposure
+    return _nothing(held_type(system.data))
+
+
+@cache
+def _nothing(data: Any) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    if not COMPILED:
+        return no_power, no_exposure
+    real, vector = types.float64, types.float64[::1]
+    work = callback(types.float64(real, vector, vector, vector, vector, data))
+    return work(no_power), callback(types.void(real, vector, vector, data, vector))(no_exposure)
+
+
+def nothing_works() -> bool:
+    """Of a system on which nothing ever does work."""
+    return False
 
 
 # A compiled callback can be called from a kernel only; these let Python in.
@@ -80,7 +112,8 @@ class System:
     array, they need and is passed through untouched. They get named tuples held (see :mod:`solvers.held`).
 
     ``motion`` may rely on ``position`` having been called last of all, for the same t and q. Where there is nothing to
-    gain from that it is ``dynamics``.
+    gain from that it is ``dynamics``. ``power`` may rely on ``dynamics`` or ``motion`` having been called last for the
+    same (t, q, v), and ``exposure`` too, which leaves nothing ``power`` needs undone.
     """
 
     nq: int
@@ -92,6 +125,9 @@ class System:
     motion: Callable[[float, Array, Array, Any, Terms], None]  # (t, q, v, data, terms): fills the others, see below
     retract: Callable[[Array, Array, Any], None]  # (q, dq, data): q <- q (+) N dq in place, dq (n,)
     jacobi: Callable[[float, Array, Array, Any], float]  # (t, q, v, data): energy less driven action, J; smooth in time
+    power: Callable[..., float] | None = None  # (t, q, v, a, lam, data): dE/dt, W
+    exposure: Callable[..., None] | None = None  # (rtol, place, rate, data, out): see solvers.ledger
+    works: Callable[[], bool] = nothing_works  # (): whether power can differ from zero, as things are now
     size: Array  # (n,) unit of each coordinate: 1 rad, or a length of the mechanism in m; of v per second
     row_size: Array  # (m,) unit of each constraint residual, likewise
     rate: float = 0.0  # 1/s, of motions of that size, as far as it is known beforehand: by gravity, by drives
@@ -140,7 +176,8 @@ class Tangent(Protocol):
 class TreeSystem:
     """A large tree as a solver sees it: recursions and a structured tangent, no matrix but J of few constraints.
 
-    q' = N(q) v,   M v' + h + J^T lambda = 0,   given as inverse and, without J, as forward dynamics.
+    q' = N(q) v,   M v' + h + J^T lambda = 0,   given as inverse and, without J, as forward dynamics. ``power`` may rely
+    on either having been called last for the same (t, q, v, a, lam), ``exposure`` on inverse for a = 0 and lambda = 0.
     """
 
     nq: int
@@ -158,6 +195,9 @@ class TreeSystem:
     row_size: Array  # (m,) unit of each constraint residual: 1 rad, or a length of the mechanism in m
     plain: tuple[NDArray[np.int64], NDArray[np.int64]]  # where positions are no quaternions: places in q and in v
     quaternions: tuple[tuple[int, int], ...] = ()  # first place of each in q, of its angular velocity in v
+    power: Callable[..., float] | None = None  # as of a System
+    exposure: Callable[..., None] | None = None
+    works: Callable[[], bool] = nothing_works
     coordinate_names: tuple[str, ...] = ()  # (n,)
     constraint_names: tuple[str, ...] = ()  # (m,)
 

@@ -59,6 +59,7 @@ class Workspace(NamedTuple):
     D: Array  # (m, m)  dependent columns of J, then their LU factors
     order: NDArray[np.int64]  # (m,)    row exchanges of D, int64
     x: Array  # (m,)    solution with D
+    lam: Array  # (m,)    multipliers
     rows: NDArray[np.int64]  # (m,)    candidate choice of rows, int64
     columns: NDArray[np.int64]  # (n,)    candidate choice of coordinates, dependent ones first, int64
     critical: NDArray[Any]  # (1,)    record of CRITICAL
@@ -91,7 +92,7 @@ class Workspace(NamedTuple):
         return Workspace(
             one(n), one(nq), one(m), one(1), z((m, n)), z(m), pivots, z(m), z((n, n)), z((n, n)), z((n, n)), z((1, n)),
             z(n), z(n), z(m), z(n), z(n), z(n), z(nq), z(n), z(nq), z(n), z((m, m)), z(m), pivots_B, z((m, n)),
-            z((m, m)), order, z(m), rows, columns, records(1, CRITICAL), z(nq), z(nq), z(m), z((N, N)), z((N, N)),
+            z((m, m)), order, z(m), z(m), rows, columns, records(1, CRITICAL), z(nq), z(nq), z(m), z((N, N)), z((N, N)),
             z((N, N)), z(N), z((N, N)), K_pivots, z(N), z(N), z(N), records(1, COURSE), z((m, n)), z(m),
             frame_pivots, z(nq),
         )  # fmt: skip

@@ -33,6 +33,9 @@ def add_solver(p: argparse.ArgumentParser) -> None:
     p.add_argument(
         "--start-at-equilibrium", action="store_true", default=None, help="start in the steady state next to the start"
     )
+    p.add_argument(
+        "--no-audit", dest="audit", action="store_false", default=None, help="do not hold the energy against the work"
+    )
 
 
 def add_output(p: argparse.ArgumentParser, what: str) -> None:
@@ -88,6 +91,7 @@ def scene_of(options: argparse.Namespace) -> Scene:
         tolerance=getattr(options, "tolerance", None),
         max_step=getattr(options, "max_step", None),
         start_at_equilibrium=getattr(options, "start_at_equilibrium", None),
+        audit=getattr(options, "audit", None),
         stop_time=getattr(options, "stop_time", None),
         output_interval=getattr(options, "interval", None),
     )

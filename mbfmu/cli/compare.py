@@ -57,7 +57,7 @@ def command_compare(options: argparse.Namespace) -> int:
         print(settled_as_text(settled))
     pictures = target / f"{scene.name}_work_precision.png", target / f"{scene.name}_energy.png"
     plot_work_precision(rows, f"{scene.name}: error against run time", pictures[0])
-    plot_energy(energies, f"{scene.name}: energy", pictures[1])
+    plot_energy(energies, f"{scene.name}: energy balance", pictures[1])
     print(f"wrote {pictures[0]} and {pictures[1]}")
     if options.json:
         write_json([*(row.as_dict() for row in rows), *(row.as_dict() for row in settled)], options.json)

@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+from tqdm import tqdm
 
 from mbfmu.scene import Scene
 from mbfmu.simulation import Result, communication_points, run
@@ -49,12 +50,12 @@ def command_run(options: argparse.Namespace) -> int:
     recorder = Recorder()
     with progress(scene) as bar:
         if options.native:
-            result = run(scene.model, scene.settings, times, bar, recorder)
+            result = run(scene.model, scene.settings, times, bar, recorder, warn)
         else:
             from mbfmu.fmi.run import run_fmu
 
             with tempfile.TemporaryDirectory(prefix="mbfmu_") as place:
-                result = run_fmu(scene.model, scene.settings, times, Path(place) / "model.fmu", bar)
+                result = run_fmu(scene.model, scene.settings, times, Path(place) / "model.fmu", bar, warn)
     total = time.perf_counter() - begin
     csv, png, poses = (target / f"{scene.name}.{kind}" for kind in ("csv", "png", "npz"))
     result.write_csv(csv)
@@ -69,8 +70,12 @@ def command_run(options: argparse.Namespace) -> int:
         print(f"wrote {csv} and {png}; see the motion with `mbfmu view {options.scene}` or after a run with --native")
     if result.failure:
         print(f"mbfmu: {result.failure}", file=sys.stderr)
-        return 1
-    return 0
+    return 1 if result.failure or result.warning else 0
+
+
+def warn(text: str) -> None:
+    """Say at once that the energy balance is lost."""
+    tqdm.write(f"mbfmu: {text}", file=sys.stderr)
 
 
 def loops(scene: Scene) -> list[str]:
@@ -94,8 +99,10 @@ def summary(scene: Scene, result: Result, total: float) -> str:
             f"  stability, not accuracy, set the length of {s.stability_limited} steps: a looser tolerance will not "
             "help; where the fast motion is damped, ida takes fewer"
         )
-    if "energy" in outputs:
-        lines.append(f"  energy drift {np.abs(outputs['energy'] - outputs['energy'][0]).max():.2e} J")
+    if scene.settings.audit:
+        worst, exchanged = np.abs(outputs["energy_imbalance"]).max(), outputs["energy_exchanged"][-1]
+        part = f", {worst / exchanged:.1e} of the {exchanged:.3g} J exchanged" if exchanged else ""
+        lines.append(f"  energy imbalance {worst:.2e} J{part}{': LOST' if result.warning else ''}")
     for key, unit in (("position_residual", "m"), ("velocity_residual", "m/s")):
         if key in outputs:
             lines.append(f"  largest {key.replace('_', ' ')} {outputs[key].max():.2e} {unit}")

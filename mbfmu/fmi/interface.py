@@ -9,6 +9,7 @@ from pythonfmu import Boolean, Fmi2Causality, Fmi2Initial, Fmi2Slave, Fmi2Variab
 from pythonfmu import Integer as FmiInteger
 from pythonfmu import String as FmiString
 
+from mbfmu.audit import VARIABLES
 from mbfmu.mechanics import Plant
 from mbfmu.model import Model, Parameter
 from mbfmu.simulation import Settings, Simulation
@@ -58,6 +59,7 @@ class Interface(Fmi2Slave):  # type: ignore[misc]
                 "start in the steady state next to the given start",
                 s.start_at_equilibrium,
             ),
+            "audit": self._whole(Boolean, "audit", "hold the energy against the work all along", s.audit),
         }
         self._string("solver", "ida, adams, hybrid or adams-lu", parameter=True)
         self._string("partition", "of adams: projection, lu or hybrid", parameter=True)
@@ -67,11 +69,17 @@ class Interface(Fmi2Slave):  # type: ignore[misc]
         ]
         self._motions = {r for k, r in enumerate(self._inputs) if plant.moves_support(k)}
         self._outputs = np.array(
-            [self._output(v.name, Quantity(unit=v.unit, nominal=v.nominal), v.description) for v in plant.outputs],
+            [
+                self._output(v.name, Quantity(unit=v.unit, nominal=v.nominal), v.description)
+                for v in (*plant.outputs, *VARIABLES)
+            ],
             dtype=int,
         )
         self._counters = {name: self._counter(f"solver.{name}", text) for name, text in COUNTERS.items()}
-        self._string("solver.message", "why the solver stopped, and what to try; empty while all is well")
+        self._string(
+            "solver.message",
+            "what went wrong, a stop or a lost energy balance, and what to try; or empty",
+        )
         self._buffer = np.zeros(len(self.vars))
         for reference, start in self._reals:
             self._buffer[reference] = start

@@ -26,13 +26,17 @@ def run_fmu(
     times: NDArray[np.float64],
     path: Path,
     progress: Callable[[float], None] | None = None,
+    warn: Callable[[str], None] | None = None,
 ) -> Result:
-    """Export ``model`` to ``path`` and drive the FMU over ``times`` (s); stops where the FMU discards a step."""
+    """Export ``model`` to ``path`` and drive the FMU over ``times`` (s); stops where the FMU discards a step.
+
+    ``warn`` is told at once when the energy balance is lost; the run goes on.
+    """
     export(model, path, settings)
     with Fmu(path, start_time=float(times[0]), tolerance=settings.tolerance) as fmu:
         values = np.zeros((len(times), len(fmu.real_outputs)))
         values[0] = fmu.reals()
-        begin, done, failure = time.perf_counter(), 1, ""
+        begin, done, failure, warning = time.perf_counter(), 1, "", ""
         for i, t in enumerate(times[1:], 1):
             try:
                 fmu.step_to(float(t))
@@ -41,10 +45,12 @@ def run_fmu(
                 break
             values[i] = fmu.reals()
             done = i + 1
+            if not warning and (warning := fmu.message()) and warn is not None:
+                warn(warning)
             if progress is not None:
                 progress(float(t))
         wall = time.perf_counter() - begin
         described = [fmu.variables[name] for name in fmu.real_outputs]
         variables = tuple(Variable(v.name, v.unit or "1", v.description or "") for v in described)
         statistics = Statistics(**{name: fmu[f"solver.{name}"] for name in COUNTERS})
-        return Result(times[:done], values[:done], variables, statistics, wall, failure)
+        return Result(times[:done], values[:done], variables, statistics, wall, failure, warning)

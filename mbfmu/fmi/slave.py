@@ -2,7 +2,8 @@
 
 PythonFMU turns an exception that leaves a callback into fmi2Fatal and then frees what it should not, so none may: a
 failure is logged, printed to stderr, kept in ``solver.message``, and makes every step return fmi2Discard; the last good
-state stays.
+state stays. A lost energy balance is told in the same places, as a warning: the wrapper cannot return fmi2Warning, so
+the step returns fmi2OK.
 """
 
 from __future__ import annotations
@@ -70,7 +71,7 @@ class ModelSlave(Interface):
         self._t0 = 0.0
         self._refused: dict[str, str] = {}  # variable -> why its last value was not taken
         self._changed: set[int] = set()  # value references of inputs and parameters set since the last step
-        self._told = 0  # how many of the simulation's remarks are in the log
+        self._remarked = 0  # how many of the simulation's remarks are in the log
         self._fresh = True  # outputs are those of the present state
         self._told: list[str] = []  # of the loops, in the log
         self.register(self.model.build().compile())
@@ -166,11 +167,14 @@ class ModelSlave(Interface):
             return True
         status = self.simulation.advance(current_time + step_size)
         self._fresh = False
-        for text in self.simulation.remarks[self._told :]:
+        for text in self.simulation.remarks[self._remarked :]:
             self.log(text, Fmi2Status.warning, "logStatusWarning")
-        self._told = len(self.simulation.remarks)
+        self._remarked = len(self.simulation.remarks)
         if not status.ok:
             self.fail(f"{status.message}. {status.remedy}")
+        elif self.simulation.warning and not self.message:
+            self.message = self.simulation.warning
+            self._report(self.message, Fmi2Status.warning, "logStatusWarning")
         return bool(status.ok)
 
     def _apply_changes(self) -> None:
@@ -201,9 +205,9 @@ class ModelSlave(Interface):
         self.message = str(reason)
         self._report(self.message)
 
-    def _report(self, text: str) -> None:
+    def _report(self, text: str, status: Fmi2Status = Fmi2Status.error, category: str = "logStatusError") -> None:
         print(f"{self.identifier} ({self.instance_name}): {text}", file=sys.stderr)  # noqa: T201
-        self.log(text, Fmi2Status.error, "logStatusError")
+        self.log(text, status, category)
 
     # ---- FMU state ----------------------------------------------------------------------------------------------
 
@@ -234,7 +238,7 @@ class ModelSlave(Interface):
         self._changed.clear()
         self._refused.clear()
         self.message = ""
-        self.simulation, self._told = None, 0
+        self.simulation, self._remarked = None, 0
         if head["started"]:
             self.exit_initialization_mode()
             assert self.simulation is not None

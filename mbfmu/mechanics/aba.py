@@ -39,6 +39,27 @@ def forward_dynamics(arrays: Any, state: Any) -> int:
 
 
 @kernel
+def drive_efforts(arrays: Any, state: Any) -> None:
+    """State.tau of the driven coordinates after :func:`forward_dynamics`, from what their joints transmit:
+    S^T (IA B1 Y'_j + pA) - Q, pA being what is passed to the parent.
+    """
+    f = state.wrench
+    for i in range(1, arrays.bodies.shape[0]):
+        body, here = arrays.bodies[i], state.bodies[i]
+        if body.drive < 0:
+            continue
+        parent = state.bodies[body.parent]
+        for k in range(6):
+            f[k] = here.pA[k]
+            for j in range(6):
+                f[k] += here.IA[k, j] * parent.dY[j]
+        if body.parent > 0:  # hand_over has shifted both to the parent's origin
+            shift_to(parent, here, f)
+        for c in range(body.nv):
+            state.tau[body.vi + c] = dot6(state.S[body.si + c], f) - state.Q[body.vi + c]
+
+
+@kernel
 def unforced(arrays: Any, state: Any, r: Any, x: Any) -> None:
     """x (n,) = M^-1 r (n,) by the articulated inertias of the last :func:`forward_dynamics`: nothing but r acts."""
     for i in range(arrays.bodies.shape[0]):

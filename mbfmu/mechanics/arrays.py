@@ -160,7 +160,14 @@ PRESSURE = np.dtype(
     align=True,
 )
 
-WORLD = np.dtype([("gravity", np.float64, (3,))], align=True)  # m/s^2
+WORLD = np.dtype(
+    [
+        ("gravity", np.float64, (3,)),  # m/s^2
+        ("works", np.int64),  # 1: something does work that is in no potential
+        ("drives", np.int64),  # 1: a drive does
+    ],
+    align=True,
+)
 
 
 class Arrays(NamedTuple):

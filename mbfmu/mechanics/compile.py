@@ -138,8 +138,17 @@ def compile_data(mechanism: Mechanism, numbering: Numbering) -> Data:
     bodies, signals = body_records(mechanism, numbering), signal_records(numbering)
     elements = (*plate_records(mechanism), *elastic_records(mechanism, numbering), pressures)
     arrays = Arrays(world, bodies, cuts, forces, signals, np.arange(rows), *elements)
+    world["drives"] = np.any(bodies["drive"] >= 0)
+    world["works"] = works(arrays)
     sizes = (len(mechanism.bodies), rows, numbering.nq_full, numbering.nv_full, numbering.subspaces)
     return Data(arrays, allocate_state(*sizes))
+
+
+def works(arrays: Arrays) -> bool:
+    """Return whether a drive, a damper or a given force is there."""
+    given = np.any(arrays.forces["signal"] >= 0) or len(arrays.pressures) > 0
+    damped = np.any(arrays.forces["damping"]) or np.any(arrays.plates["damped"]) or np.any(arrays.elastics["beta"])
+    return bool(np.any(arrays.bodies["drive"] >= 0) or given or damped or len(arrays.drags) > 0)
 
 
 def body_records(mechanism: Mechanism, numbering: Numbering) -> NDArray[Any]:
@@ -250,10 +259,11 @@ def signal_records(numbering: Numbering) -> NDArray[Any]:
 
 
 def sensor_records(mechanism: Mechanism, numbering: Numbering, kept: NDArray[np.int64]) -> NDArray[Any]:
-    """One record an output."""
-    table = records(len(mechanism.outputs), SENSOR)
+    """One record an output, and last the energy and the kinetic energy."""
+    table = records(len(mechanism.outputs) + 2, SENSOR)
+    table["kind"][-2:] = Kind.ENERGY, Kind.KINETIC
     first_row = np.cumsum([0] + [len(c.cut.rows) for c in mechanism.cuts])
-    for record, (name, sensor, _, _) in zip(table, mechanism.outputs, strict=True):
+    for record, (name, sensor, _, _) in zip(table[:-2], mechanism.outputs, strict=True):
         record["kind"], record["component"] = sensor.kind, sensor.component
         record["point"] = sensor.point
         record["index"] = sensor_index(name, sensor, numbering, first_row, kept)

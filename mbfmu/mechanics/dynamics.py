@@ -16,7 +16,7 @@ from solvers.held import held_type
 from solvers.kernel import COMPILED, callback, inlined, kernel, records
 from solvers.system import Terms
 
-from .aba import forward_dynamics, unforced
+from .aba import drive_efforts, forward_dynamics, unforced
 from .arrays import (
     BODY,
     CUT,
@@ -36,6 +36,8 @@ from .arrays import (
 from .constraints import close_cuts, jacobian, load_cuts, right_hand_side
 from .crba import composite_inertia, mass_matrix
 from .energy import driven_action, kinetic_energy, potential_energy
+from .energy import exposure as exposure_of
+from .energy import power as power_of
 from .forces import apply
 from .kinematics import accelerations, place, scatter, turn_inertia, velocities
 from .rnea import inverse_dynamics
@@ -125,6 +127,8 @@ def forward(t: float, q: Any, v: Any, data: Any, qdot: Any, a: Any) -> int:
     arrays, state = data.arrays, data.state
     move(t, q, v, arrays, state)
     code = forward_dynamics(arrays, state)
+    if arrays.world[0].drives == 1:
+        drive_efforts(arrays, state)
     take_free(state.a, arrays, a)
     position_rate(arrays, q, v, qdot)
     return code
@@ -188,6 +192,30 @@ def jacobi(t: float, q: Any, v: Any, data: Any) -> float:
     """Energy less driven action, J: the Jacobi integral where the drives' speeds are constant."""
     total = energy(t, q, v, data)
     return total - driven_action(data.arrays, data.state)
+
+
+def power(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any) -> float:
+    """dE/dt at the solution (q, v, a, lam), W; :func:`dynamics` or :func:`motion` was called last for (t, q, v)."""
+    arrays, state = data.arrays, data.state
+    if arrays.world[0].works == 0:
+        return 0.0
+    if arrays.world[0].drives == 1:
+        gather_free(a, arrays, state)
+        accelerations(arrays, state)
+        load_cuts(lam, arrays, state)
+        inverse_dynamics(arrays, state)
+    return power_of(t, arrays, state)
+
+
+def solved_power(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any) -> float:
+    """dE/dt, W, at the solution that :func:`inverse` or :func:`forward` was called last for."""
+    arrays, state = data.arrays, data.state
+    return power_of(t, arrays, state) if arrays.world[0].works == 1 else 0.0
+
+
+def exposure(rtol: float, place: Any, rate: Any, data: Any, out: Any) -> None:
+    """See :func:`.energy.exposure`; :func:`dynamics`, or :func:`inverse` of a = 0 and lam = 0, was called last."""
+    exposure_of(rtol, place, rate, data.arrays, data.state, out)
 
 
 @inlined
@@ -284,6 +312,16 @@ def tree_callbacks() -> tuple[Callable[..., Any], ...]:
         callback(types.void(real, vector, vector, data, terms))(constraints),
         callback(types.void(vector, vector, data))(retract),
     )
+
+
+@cache
+def audit_callbacks(tree: bool) -> tuple[Callable[..., Any], ...]:
+    """Return power and exposure as a solver takes them; compiled on first use."""
+    if not COMPILED:
+        return solved_power if tree else power, exposure
+    data, real, vector = held_type(empty_data()), types.float64, types.float64[::1]
+    work = callback(types.float64(real, vector, vector, vector, vector, data))
+    return work(solved_power if tree else power), callback(types.void(real, vector, vector, data, vector))(exposure)
 
 
 def empty_data() -> Data:

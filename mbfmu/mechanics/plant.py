@@ -15,7 +15,7 @@ from .arrays import Data, complex_twin
 from .assembly import assemble_positions, assemble_velocities, check_frames, check_inertia, frame_angles
 from .bodies import Body
 from .compile import GRAVITY, Numbering, Variable, compile_data, sensor_records, shared
-from .dynamics import callbacks, energy, observe, observe_all, tree_callbacks
+from .dynamics import audit_callbacks, callbacks, energy, observe, observe_all, tree_callbacks
 from .mechanism import Mechanism
 from .motion import Departure, InputMotion, impulse
 from .rows import Probe, dependent_rows, describe, pace, row_names, row_units
@@ -69,6 +69,7 @@ class Plant:
 
     def _system(self, constraint_names: list[str], data: Data, scalar: type = float) -> System:
         dynamics, position, motion, retract, jacobi = callbacks(scalar)
+        power, exposure = audit_callbacks(tree=False) if scalar is float else (None, None)
         return System(
             nq=self._numbering.nq,
             n=self._numbering.nv,
@@ -82,6 +83,9 @@ class Plant:
             size=self._size,
             row_size=self._row_sizes(constraint_names),
             rate=self._rate(),
+            power=power,
+            exposure=exposure,
+            works=self._works,
             coordinate_names=tuple(self._numbering.coordinate_names),
             constraint_names=tuple(constraint_names),
         )
@@ -89,6 +93,7 @@ class Plant:
     def _tree_system(self, constraint_names: list[str], data: Data) -> TreeSystem:
         """Return the system of a large tree."""
         inverse, forward, mobility, position, constraints, retract = tree_callbacks()
+        power, exposure = audit_callbacks(tree=True)
         places: list[tuple[int, int]] = []
         quaternions: list[tuple[int, int]] = []
         for record in self.data.arrays.bodies:
@@ -115,9 +120,15 @@ class Plant:
             row_size=self._row_sizes(constraint_names),
             plain=(in_q, in_v),
             quaternions=tuple(quaternions),
+            power=power,
+            exposure=exposure,
+            works=self._works,
             coordinate_names=tuple(self._numbering.coordinate_names),
             constraint_names=tuple(constraint_names),
         )
+
+    def _works(self) -> bool:
+        return bool(self.data.arrays.world["works"][0])
 
     def _drop_void_rows(self, names: list[str]) -> list[str]:
         """Find the rows whose Jacobian vanishes wherever the mechanism may be, and number the others anew.
@@ -328,7 +339,7 @@ class Plant:
     def observe_complex(self, system: System, t: float, q: Any, v: Any, a: Any, lam: Any) -> NDArray[np.complex128]:
         """Return the outputs at a state of :meth:`complex_system`."""
         out = np.zeros(len(self.outputs), complex)
-        observe(t, q, v, a, lam, self._sensors, system.held_data, out)
+        observe(t, q, v, a, lam, self._sensors[: len(out)], system.held_data, out)
         return out
 
     def _input_motions(self) -> dict[int, InputMotion]:
@@ -429,12 +440,15 @@ class Plant:
             motion.restore(remembered)
 
     def observe(self, t: float, q: Array, v: Array, a: Array, lam: Array, out: Array) -> None:
-        """Fill ``out`` (len(outputs),) from the solution: accelerations a (n,), multipliers lam (m,)."""
-        observe(t, q, v, a, lam, self._sensors, self.system.held_data, out)
+        """Fill ``out`` (len(outputs),) from the solution: accelerations a (n,), multipliers lam (m,).
+
+        With two entries more its last are the energy and the kinetic energy, J.
+        """
+        observe(t, q, v, a, lam, self._sensors[: len(out)], self.system.held_data, out)
 
     def observe_all(self, times: Array, q: Array, v: Array, a: Array, lam: Array, out: Array) -> None:
-        """Fill ``out`` (k, len(outputs)) from the solution at k times, one row each."""
-        observe_all(times, q, v, a, lam, self._sensors, self.system.held_data, out)
+        """Fill ``out`` (k, len(outputs)), or two columns more, from the solution at k times as :meth:`observe` does."""
+        observe_all(times, q, v, a, lam, self._sensors[: out.shape[1]], self.system.held_data, out)
 
     def energy(self, t: float, q: Array, v: Array) -> float:
         """Kinetic and potential energy, J."""

@@ -1,7 +1,6 @@
 """Quadratic air drag on an element between four bodies: pressure -rho c |v_n| v_n / 2 on its area.
 
 v_n is the velocity of its centre, the mean of the corners, along its normal; a quarter of the force acts on each body.
-The power is -rho c area |v_n|^3 / 2.
 """
 
 from __future__ import annotations
@@ -14,8 +13,8 @@ from solvers.kernel import kernel
 
 
 @kernel
-def apply(drag: Any, bodies: Any) -> None:
-    """Add the wrenches; the normal is that of a plate element, g2 x g1."""
+def flow(drag: Any, bodies: Any) -> tuple[float, float, float, float]:
+    """v_n, and the normal of a plate element, g2 x g1."""
     n1, n2, n3, n4 = bodies[drag.node[0]], bodies[drag.node[1]], bodies[drag.node[2]], bodies[drag.node[3]]
     r1, r2, r3, r4 = n1.r, n2.r, n3.r, n4.r
     # the diagonals span the same plane: 2 g2 x g1 = (r3 - r1) x (r2 - r4)
@@ -29,6 +28,13 @@ def apply(drag: Any, bodies: Any) -> None:
         + ny * (n1.Y[1] + n2.Y[1] + n3.Y[1] + n4.Y[1])
         + nz * (n1.Y[2] + n2.Y[2] + n3.Y[2] + n4.Y[2])
     )
+    return speed, nx, ny, nz
+
+
+@kernel
+def apply(drag: Any, bodies: Any) -> None:
+    """Add the wrenches."""
+    speed, nx, ny, nz = flow(drag, bodies)
     f = 0.25 * drag.coefficient * speed * speed
     if speed.real > 0.0:
         f = -f
@@ -37,3 +43,10 @@ def apply(drag: Any, bodies: Any) -> None:
         F[0] += f * nx
         F[1] += f * ny
         F[2] += f * nz
+
+
+@kernel
+def power(drag: Any, bodies: Any) -> float:
+    """-rho c area |v_n|^3 / 2, W."""
+    speed, _, _, _ = flow(drag, bodies)
+    return -drag.coefficient * speed * speed * (speed if speed.real > 0.0 else -speed)

@@ -266,6 +266,15 @@ def potential(elastic: Any, state: Any) -> float:
 
 
 @kernel
+def power(elastic: Any, state: Any) -> float:
+    """-beta sum kappa_k p'_k^2, W."""
+    total = 0.0 * state.v[elastic.vi]
+    for k in range(elastic.modes):
+        total -= elastic.beta * elastic.kappa[k] * state.v[elastic.vi + k] ** 2
+    return total
+
+
+@kernel
 def weight(elastic: Any, here: Any, state: Any, g: Any) -> float:
     """Energy in the gravity field g, zero at the global origin, J."""
     sx, sy, _, _, _ = moments(elastic, state.q)

@@ -333,6 +333,21 @@ def potential(plate: Any, bodies: Any, here: Any) -> float:
     return total
 
 
+@kernel
+def power(plate: Any, bodies: Any, here: Any) -> float:
+    """-beta e'^T K e', W: what the damping takes."""
+    shape(plate, bodies, here)
+    strain(plate, here)
+    follow(plate, bodies, here)
+    differentiate(plate, here)
+    clear_stress(here)
+    stress(plate, here.dstrain, plate.damping, here.stress)
+    total = 0.0 * here.stress[0]
+    for i in range(12 if plate.membrane == 1 else 9):
+        total -= here.stress[i] * here.dstrain[i]
+    return total
+
+
 @dataclass(frozen=True, kw_only=True)
 class Plate:
     """A rectangular element of a thin plate; the builder is given the bodies at its corners.

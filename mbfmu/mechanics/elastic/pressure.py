@@ -17,23 +17,41 @@ from solvers.kernel import kernel
 
 
 @kernel
-def apply(load: Any, p: Any, bodies: Any) -> None:
-    """Add the forces of the pressure p, Pa; positive along the normal g2 x g1."""
+def corner_forces(load: Any, p: Any, bodies: Any, k: int) -> tuple[float, float, float, float]:
+    """Component k of f_1 ... f_4 for the pressure p, Pa; positive along the normal g2 x g1."""
     r1, r2, r3, r4 = bodies[load.node[0]].r, bodies[load.node[1]].r, bodies[load.node[2]].r, bodies[load.node[3]].r
+    i, j = (k + 1) % 3, (k + 2) % 3
+    # g1 = (u - v) / 2, g2 = (u + v) / 2 with the diagonals u = r3 - r1, v = r4 - r2
+    ui, uj = r3[i] - r1[i], r3[j] - r1[j]
+    vi, vj = r4[i] - r2[i], r4[j] - r2[j]
+    ti, tj = 0.25 * (r1[i] - r2[i] + r3[i] - r4[i]), 0.25 * (r1[j] - r2[j] + r3[j] - r4[j])
+    gi, gj, hi, hj = 0.5 * (ui - vi), 0.5 * (uj - vj), 0.5 * (ui + vi), 0.5 * (uj + vj)
+    mean = 0.25 * p * (hi * gj - hj * gi)
+    by_z = p * (hi * tj - hj * ti) / 6.0
+    by_x = p * (ti * gj - tj * gi) / 6.0
+    return mean - by_x - by_z, mean + by_x - by_z, mean + by_x + by_z, mean - by_x + by_z
+
+
+@kernel
+def apply(load: Any, p: Any, bodies: Any) -> None:
+    """Add the forces of the pressure p, Pa."""
     for k in range(3):
-        i, j = (k + 1) % 3, (k + 2) % 3
-        # g1 = (u - v) / 2, g2 = (u + v) / 2 with the diagonals u = r3 - r1, v = r4 - r2
-        ui, uj = r3[i] - r1[i], r3[j] - r1[j]
-        vi, vj = r4[i] - r2[i], r4[j] - r2[j]
-        ti, tj = 0.25 * (r1[i] - r2[i] + r3[i] - r4[i]), 0.25 * (r1[j] - r2[j] + r3[j] - r4[j])
-        gi, gj, hi, hj = 0.5 * (ui - vi), 0.5 * (uj - vj), 0.5 * (ui + vi), 0.5 * (uj + vj)
-        mean = 0.25 * p * (hi * gj - hj * gi)
-        by_z = p * (hi * tj - hj * ti) / 6.0
-        by_x = p * (ti * gj - tj * gi) / 6.0
-        bodies[load.node[0]].F[k] += mean - by_x - by_z
-        bodies[load.node[1]].F[k] += mean + by_x - by_z
-        bodies[load.node[2]].F[k] += mean + by_x + by_z
-        bodies[load.node[3]].F[k] += mean - by_x + by_z
+        f1, f2, f3, f4 = corner_forces(load, p, bodies, k)
+        bodies[load.node[0]].F[k] += f1
+        bodies[load.node[1]].F[k] += f2
+        bodies[load.node[2]].F[k] += f3
+        bodies[load.node[3]].F[k] += f4
+
+
+@kernel
+def power(load: Any, p: Any, bodies: Any) -> float:
+    """p times the rate of the volume that the surface sweeps, W."""
+    n1, n2, n3, n4 = bodies[load.node[0]], bodies[load.node[1]], bodies[load.node[2]], bodies[load.node[3]]
+    total = 0.0 * p
+    for k in range(3):
+        f1, f2, f3, f4 = corner_forces(load, p, bodies, k)
+        total += f1 * n1.Y[k] + f2 * n2.Y[k] + f3 * n3.Y[k] + f4 * n4.Y[k]
+    return total
 
 
 @kernel

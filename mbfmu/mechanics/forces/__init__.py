@@ -31,6 +31,15 @@ _plate, _drag, _pressure, _plate_potential = plate.apply, drag.apply, pressure.a
 _modal, _modal_potential = modal.load, modal.potential
 _spring_potential, _joint_spring_potential = spring.potential, joint_spring.potential
 _beam_potential = beam_element.potential
+_spring_power, _joint_spring_power, _joint_force_power, _point_force_power, _torque_power, _beam_power = (
+    spring.power,
+    joint_spring.power,
+    joint_force.power,
+    point_force.power,
+    torque.power,
+    beam_element.power,
+)
+_plate_power, _drag_power, _pressure_power, _modal_power = plate.power, drag.power, pressure.power, modal.power
 
 
 @inlined
@@ -92,6 +101,37 @@ def potential(arrays: Any, state: Any) -> float:
     return total
 
 
+@inlined
+def power(t: float, arrays: Any, state: Any) -> float:
+    """Power of all forces and elastic elements, W, but for what :func:`potential` stores."""
+    total = 0.0
+    for i in range(arrays.forces.shape[0]):
+        force = arrays.forces[i]
+        if force.kind == 0:
+            total += _spring_power(force, t, arrays, state)
+        elif force.kind == 1:
+            total += _joint_spring_power(force, t, arrays, state)
+        elif force.kind == 2:
+            total += _joint_force_power(force, t, arrays, state)
+        elif force.kind == 3:
+            total += _point_force_power(force, t, arrays, state)
+        elif force.kind == 4:
+            total += _torque_power(force, t, arrays, state)
+        else:
+            total += _beam_power(force, t, arrays, state)
+    for i in range(arrays.plates.shape[0]):
+        if arrays.plates[i].damped == 1:
+            total += _plate_power(arrays.plates[i], state.bodies, state.element[0])
+    for i in range(arrays.drags.shape[0]):
+        total += _drag_power(arrays.drags[i], state.bodies)
+    for i in range(arrays.elastics.shape[0]):
+        total += _modal_power(arrays.elastics[i], state)
+    for i in range(arrays.pressures.shape[0]):
+        load = arrays.pressures[i]
+        total += _pressure_power(load, value(arrays.signals[load.signal], t), state.bodies)
+    return total
+
+
 __all__ = [
     "REGISTRY",
     "BeamElement",
@@ -104,4 +144,5 @@ __all__ = [
     "apply",
     "exert",
     "potential",
+    "power",
 ]

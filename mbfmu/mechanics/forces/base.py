@@ -1,8 +1,9 @@
 """What every force says of itself.
 
-Two kernels: ``apply(force, t, arrays, state)`` adds wrenches to ``bodies[i].F`` (about the body's origin, global axes)
-or forces along coordinates to ``Q``; ``potential(force, arrays, state)`` returns stored energy in J. A force that a
-scene does not call for has no record, and so no cost.
+Three kernels: ``apply(force, t, arrays, state)`` adds wrenches to ``bodies[i].F`` (about the body's origin, global
+axes) or forces along coordinates to ``Q``; ``potential(force, arrays, state)`` returns stored energy in J;
+``power(force, t, arrays, state)`` returns the power in W of what has no potential: dampers take it, given forces
+bring it. A force that a scene does not call for has no record, and so no cost.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ class Force:
 
     apply: ClassVar[Any]
     potential: ClassVar[Any]
+    power: ClassVar[Any]
     on_joint: ClassVar[bool] = False  # acts along the coordinate of a joint, not on bodies
 
 

@@ -69,14 +69,11 @@ def _resist(force: Any, dx: float, dy: float, dz: float, px: float, py: float, p
 
 
 @kernel
-def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
-    """See :mod:`.base`."""
-    a, b = state.bodies[force.a], state.bodies[force.b]
+def _stretch_rate(a: Any, b: Any) -> tuple[float, float, float, float, float, float]:
+    """(d, phi)', in a's axes."""
     A, B = a.A, b.A
-    dx, dy, dz, px, py, pz = _stretch(force, a, b)
     x, y, z = b.r[0] - a.r[0], b.r[1] - a.r[1], b.r[2] - a.r[2]
     wx, wy, wz = a.Y[3], a.Y[4], a.Y[5]
-    # rates of d and of phi, in a's axes
     vx, vy, vz = (
         b.Y[0] - a.Y[0] - (wy * z - wz * y),
         b.Y[1] - a.Y[1] - (wz * x - wx * z),
@@ -85,16 +82,29 @@ def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
     ux, uy, uz = b.Y[3] - wx, b.Y[4] - wy, b.Y[5] - wz
     sx, sy, sz = _along(A, 0, ux, uy, uz), _along(A, 1, ux, uy, uz), _along(A, 2, ux, uy, uz)
     trace = _turn(A, B, 0, 0) + _turn(A, B, 1, 1) + _turn(A, B, 2, 2)
+    return (
+        _along(A, 0, vx, vy, vz),
+        _along(A, 1, vx, vy, vz),
+        _along(A, 2, vx, vy, vz),
+        0.5 * (trace * sx - _turn(A, B, 0, 0) * sx - _turn(A, B, 0, 1) * sy - _turn(A, B, 0, 2) * sz),
+        0.5 * (trace * sy - _turn(A, B, 1, 0) * sx - _turn(A, B, 1, 1) * sy - _turn(A, B, 1, 2) * sz),
+        0.5 * (trace * sz - _turn(A, B, 2, 0) * sx - _turn(A, B, 2, 1) * sy - _turn(A, B, 2, 2) * sz),
+    )
+
+
+@kernel
+def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
+    """See :mod:`.base`."""
+    a, b = state.bodies[force.a], state.bodies[force.b]
+    A, B = a.A, b.A
+    dx, dy, dz, px, py, pz = _stretch(force, a, b)
+    ux, uy, uz, sx, sy, sz = _stretch_rate(a, b)
     beta = force.damping
     fx, fy, fz, mx, my, mz = _resist(
-        force,
-        dx + beta * _along(A, 0, vx, vy, vz),
-        dy + beta * _along(A, 1, vx, vy, vz),
-        dz + beta * _along(A, 2, vx, vy, vz),
-        px + 0.5 * beta * (trace * sx - _turn(A, B, 0, 0) * sx - _turn(A, B, 0, 1) * sy - _turn(A, B, 0, 2) * sz),
-        py + 0.5 * beta * (trace * sy - _turn(A, B, 1, 0) * sx - _turn(A, B, 1, 1) * sy - _turn(A, B, 1, 2) * sz),
-        pz + 0.5 * beta * (trace * sz - _turn(A, B, 2, 0) * sx - _turn(A, B, 2, 1) * sy - _turn(A, B, 2, 2) * sz),
+        force, dx + beta * ux, dy + beta * uy, dz + beta * uz, px + beta * sx, py + beta * sy, pz + beta * sz
     )
+    x, y, z = b.r[0] - a.r[0], b.r[1] - a.r[1], b.r[2] - a.r[2]
+    trace = _turn(A, B, 0, 0) + _turn(A, B, 1, 1) + _turn(A, B, 2, 2)
     # moment on b: (tr R 1 - R^T) m / 2 with reversed sign
     nx = 0.5 * (trace * mx - _turn(A, B, 0, 0) * mx - _turn(A, B, 1, 0) * my - _turn(A, B, 2, 0) * mz)
     ny = 0.5 * (trace * my - _turn(A, B, 0, 1) * mx - _turn(A, B, 1, 1) * my - _turn(A, B, 2, 1) * mz)
@@ -116,6 +126,14 @@ def potential(force: Any, arrays: Any, state: Any) -> float:
     dx, dy, dz, px, py, pz = _stretch(force, state.bodies[force.a], state.bodies[force.b])
     fx, fy, fz, mx, my, mz = _resist(force, dx, dy, dz, px, py, pz)
     return 0.5 * (fx * dx + fy * dy + fz * dz + mx * px + my * py + mz * pz)
+
+
+@kernel
+def power(force: Any, t: float, arrays: Any, state: Any) -> float:
+    """-beta (d, phi)'^T K (d, phi)'."""
+    ux, uy, uz, sx, sy, sz = _stretch_rate(state.bodies[force.a], state.bodies[force.b])
+    fx, fy, fz, mx, my, mz = _resist(force, ux, uy, uz, sx, sy, sz)
+    return -force.damping * (fx * ux + fy * uy + fz * uz + mx * sx + my * sy + mz * sz)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,6 +161,7 @@ class BeamElement(Force):
 
     apply = apply
     potential = potential
+    power = power
 
     def __post_init__(self) -> None:
         """Refuse what is no beam, naming it."""

@@ -19,6 +19,12 @@ def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
     state.Q[force.v] += _value(arrays.signals[force.signal], t)
 
 
+@kernel
+def power(force: Any, t: float, arrays: Any, state: Any) -> float:
+    """Force times rate of the coordinate."""
+    return _value(arrays.signals[force.signal], t) * state.v[force.v]
+
+
 @dataclass(frozen=True, kw_only=True)
 class JointForce(Force):
     """Torque (N m) or force (N) on a joint's coordinate: a number, a signal or an input."""
@@ -28,3 +34,4 @@ class JointForce(Force):
     on_joint = True
     apply = apply
     potential = nothing_stored
+    power = power

@@ -24,6 +24,12 @@ def potential(force: Any, arrays: Any, state: Any) -> float:
     return 0.5 * force.stiffness * stretch * stretch
 
 
+@kernel
+def power(force: Any, t: float, arrays: Any, state: Any) -> float:
+    """-c q'^2."""
+    return -force.damping * state.v[force.v] * state.v[force.v]
+
+
 @dataclass(frozen=True, kw_only=True)
 class JointSpring(Force):
     """Spring-damper on the joint coordinate of a body.
@@ -43,3 +49,4 @@ class JointSpring(Force):
     on_joint = True
     apply = apply
     potential = potential
+    power = power

@@ -15,20 +15,27 @@ from .base import Force
 
 
 @kernel
-def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
-    """See :mod:`.base`. Points that coincide have no line of action and exert nothing."""
-    A, B = state.bodies[force.a], state.bodies[force.b]
+def _pull(force: Any, A: Any, B: Any) -> Any:
+    """Direction from a to b, arms of the two points, length and its rate; points that coincide have no direction."""
     ax, ay, az = arm(A, force.Pa)
     bx, by, bz = arm(B, force.Pb)
     dx, dy, dz = B.r[0] + bx - A.r[0] - ax, B.r[1] + by - A.r[1] - ay, B.r[2] + bz - A.r[2] - az
     length = np.sqrt(dx * dx + dy * dy + dz * dz)
     if length == 0.0:
-        return
+        return (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, length
     dx, dy, dz = dx / length, dy / length, dz / length
     Ya, Yb = A.Y, B.Y
     rate = dx * (Yb[0] + Yb[4] * bz - Yb[5] * by - (Ya[0] + Ya[4] * az - Ya[5] * ay))
     rate += dy * (Yb[1] + Yb[5] * bx - Yb[3] * bz - (Ya[1] + Ya[5] * ax - Ya[3] * az))
     rate += dz * (Yb[2] + Yb[3] * by - Yb[4] * bx - (Ya[2] + Ya[3] * ay - Ya[4] * ax))
+    return (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate
+
+
+@kernel
+def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
+    """See :mod:`.base`. Points that coincide have no line of action and exert nothing."""
+    A, B = state.bodies[force.a], state.bodies[force.b]
+    (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate = _pull(force, A, B)
     f = force.stiffness * (length - force.free) + force.damping * rate
     add_force(A.F, ax, ay, az, f * dx, f * dy, f * dz)
     add_force(B.F, bx, by, bz, -f * dx, -f * dy, -f * dz)
@@ -37,12 +44,16 @@ def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
 @kernel
 def potential(force: Any, arrays: Any, state: Any) -> float:
     """k (l - l0)^2 / 2."""
-    A, B = state.bodies[force.a], state.bodies[force.b]
-    ax, ay, az = arm(A, force.Pa)
-    bx, by, bz = arm(B, force.Pb)
-    dx, dy, dz = B.r[0] + bx - A.r[0] - ax, B.r[1] + by - A.r[1] - ay, B.r[2] + bz - A.r[2] - az
-    stretch = np.sqrt(dx * dx + dy * dy + dz * dz) - force.free
+    _, _, _, length, _ = _pull(force, state.bodies[force.a], state.bodies[force.b])
+    stretch = length - force.free
     return 0.5 * force.stiffness * stretch * stretch
+
+
+@kernel
+def power(force: Any, t: float, arrays: Any, state: Any) -> float:
+    """-c l'^2."""
+    _, _, _, _, rate = _pull(force, state.bodies[force.a], state.bodies[force.b])
+    return -force.damping * rate * rate
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,3 +76,4 @@ class Spring(Force):
 
     apply = apply
     potential = potential
+    power = power

@@ -21,6 +21,13 @@ def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
         state.bodies[force.a].F[3 + k] += torque * force.axis[k]
 
 
+@kernel
+def power(force: Any, t: float, arrays: Any, state: Any) -> float:
+    """Torque times angular velocity about its axis."""
+    Y, axis = state.bodies[force.a].Y, force.axis
+    return _value(arrays.signals[force.signal], t) * (axis[0] * Y[3] + axis[1] * Y[4] + axis[2] * Y[5])
+
+
 @dataclass(frozen=True, kw_only=True)
 class Torque(Force):
     """Torque of ``magnitude`` (N m: number, signal or input) about ``axis`` (global)."""
@@ -30,3 +37,4 @@ class Torque(Force):
 
     apply = apply
     potential = nothing_stored
+    power = power

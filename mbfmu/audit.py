@@ -1,0 +1,136 @@
+"""The balance of a run: the energy it has against the energy it started with and the work that was done on it.
+
+    imbalance(t) = E(t) - E(0) - W(t) - sum of jumps
+
+E is kinetic and potential energy, W the work of drives, dampers, given forces and pressures that the solver adds up
+beside the motion, a jump the change of E at one state where an input or a parameter changes. Along the exact motion the
+imbalance is zero. What the tolerance makes of it is bounded by :mod:`solvers.ledger`; a run is *inaccurate* from where
+
+    |imbalance| > min(EXPLAINED stray, max(PART at work, exposure)) + rounding.
+
+``stray`` takes the local errors of all steps at their largest and all of one sign; of healthy runs the imbalance was at
+most 0.08 of it, and mostly 0.01. The second bound is for runs of so many steps that the first would let all energy go:
+a part of the energy at work, which is the kinetic energy at its largest and what was exchanged, or of one step, where
+next to nothing moves yet.
+What has left the bound stays reported: the motion from there on is another one.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.mechanics import Plant, Variable
+from solvers.ledger import EXCHANGED, EXPOSURE, MOST, STRAY, WORK
+
+Array = NDArray[np.float64]
+Place = tuple[float, Array]  # t, q
+
+EXPLAINED = 0.25  # of what the steps could add up to
+PART = 0.02  # of the energy at work
+ROUNDING = 1e-13  # of every energy that was added up
+NEAR = 0.05  # ratio of singular values of J, scaled by the bodies' inertia, that a message calls near
+
+VARIABLES = (
+    Variable("energy_imbalance", "J", "energy less its start and the work of drives, dampers and given forces"),
+    Variable("energy_exchanged", "J", "range of the kinetic energy so far, and work done either way"),
+)
+
+
+class Audit:
+    """Holds the motion of a plant against its balance.
+
+    Attributes
+    ----------
+    verdict
+        When, by how much and near what the balance was lost; empty while it holds.
+    base
+        Energy at the start and every jump since, J.
+    """
+
+    def __init__(self, plant: Plant, tolerance: float, base: float) -> None:
+        self.plant, self.base, self.verdict = plant, base, ""
+        self._tolerance = tolerance
+        self._last: Place | None = None
+
+    def check(self, times: Array, q: Array, energies: Array, ledgers: Array) -> Array:
+        """Return the imbalance (k,) at ``times`` (k,) with positions q (k, nq), energies (k,) and ledgers (k, 5), J."""
+        imbalance: Array = energies - self.base - ledgers[:, WORK]
+        lost = np.flatnonzero(~(np.abs(imbalance) <= self.bound(energies, ledgers)))
+        if not self.verdict and lost.size:
+            i = int(lost[0])
+            here = float(times[i]), q[i]
+            before = (float(times[i - 1]), q[i - 1]) if i else self._last or here
+            self.verdict = self._tell(float(imbalance[i]), ledgers[i], before, here)
+        if len(times):
+            self._last = float(times[-1]), q[-1].copy()
+        return imbalance
+
+    def bound(self, energies: Array, ledgers: Array) -> Array:
+        """Return what the tolerance and rounding explain (k,), J."""
+        stray = ledgers[:, STRAY]
+        at_work = ledgers[:, MOST] + ledgers[:, EXCHANGED]
+        rounding = ROUNDING * (np.abs(energies) + abs(self.base) + at_work + stray / self._tolerance)
+        most = np.maximum(PART * at_work, ledgers[:, EXPOSURE])
+        explained: Array = np.minimum(EXPLAINED * stray, most) + rounding
+        return explained
+
+    def _tell(self, imbalance: float, ledger: Array, before: Place, here: Place) -> str:
+        exchanged = ledger[EXCHANGED]
+        part = f", {abs(imbalance) / exchanged:.2g} of the {exchanged:.3g} J exchanged so far" if exchanged else ""
+        return (
+            f"the energy balance is lost at t = {here[0]:.6g} s: {abs(imbalance):.3g} J have "
+            f"{'come from nowhere' if imbalance > 0.0 else 'gone nowhere'}{part}, which the tolerance does not explain"
+            f"{nearest(self.plant, before, here)}. The motion from here on is not to be trusted: tighten the tolerance "
+            "or take another solver, and compare"
+        )
+
+
+def nearest(plant: Plant, before: Place, here: Place) -> str:
+    """Say which loops are near a singular position somewhere between two places; empty where none is."""
+    if plant.system.m == 0:
+        return ""
+    between = (
+        (before[0] + s * (here[0] - before[0]), before[1] + s * (here[1] - before[1]))
+        for s in np.linspace(0.0, 1.0, 41)
+    )
+    ratio, rows = min((distance(plant, t, q) for t, q in between), key=lambda found: found[0])
+    if ratio > NEAR:
+        return ""
+    names = [name for name, part in zip(plant.system.constraint_names, rows, strict=True) if part > 0.5 * rows.max()]
+    cuts = {handle.name for handle in plant.mechanism.cuts}
+    found = dict.fromkeys(name if name in cuts else name.rpartition(".")[0] for name in names)
+    loops = " and ".join(repr(name) for name in found)
+    return f"; the loop that {loops} closes is near a singular position (singular values {ratio:.1e})"
+
+
+def distance(plant: Plant, t: float, q: Array) -> tuple[float, Array]:
+    """Return the smallest singular value of J over the largest, and how much each row takes part in it (m,).
+
+    Rows that depend on others do not count. Singular values are those of J M^-1/2 (of a large tree, where M is not at
+    hand, of J itself), a cut joint's rows in units of the longest of them, lengths and angles apart.
+    """
+    system: Any = plant.system
+    terms = system.allocate_terms()
+    system.fill(t, q, np.zeros(system.n), terms)
+    J = terms.J
+    if terms.M.size:
+        inertia, axes = np.linalg.eigh(terms.M)
+        J = J @ axes / np.sqrt(np.maximum(inertia, 1e-12 * inertia[-1]))
+    J = J / row_sizes(plant, np.linalg.norm(J, axis=1))[:, None]
+    U, sigma, _ = np.linalg.svd(J, full_matrices=False)
+    last = int(np.sum(sigma > 1e-12 * sigma[0])) - 1
+    return float(sigma[last] / sigma[0]), np.abs(U[:, last])
+
+
+def row_sizes(plant: Plant, lengths: Array) -> Array:
+    """Return for every row of J the largest of ``lengths`` (m,) among those of its cut joint and kind."""
+    data: Any = plant.data
+    first = data.arrays.cuts["row"]
+    kept = np.flatnonzero(data.arrays.kept >= 0)
+    cut = np.searchsorted(first, kept, side="right")
+    moves = np.abs(data.state.rows["Ga"][kept, :3]).max(axis=1) > 0.0
+    kinds = 2 * cut + moves
+    return np.array([max(lengths[kinds == kind].max(), 1e-300) for kind in kinds])

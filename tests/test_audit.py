@@ -1,0 +1,181 @@
+"""The balance of a run: silent where the motion is right, loud where energy comes from nowhere or goes there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import simpson
+
+from fmus.fourbar import FourBar
+from fmus.governor import Governor
+from fmus.pendulum import SwingPendulum
+from mbfmu.cli import main
+from mbfmu.compare import compare, outcome
+from mbfmu.fmi.export import export
+from mbfmu.fmi.harness import Fmu
+from mbfmu.mechanics import Harmonic, Input, JointSpring, Mechanism, PointForce, Revolute, rod
+from mbfmu.mechanics.plant import Plant
+from mbfmu.model import Model, parameter
+from mbfmu.scene import Scene
+from mbfmu.simulation import Result, Settings, Simulation, run
+
+SOLVERS = ("adams", "hybrid", "ida")
+TIMES = np.linspace(0.0, 3.0, 151)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Arm(Model):
+    """An arm of two rods, on a shaken hinge or a free one, damped, pulled and weighed by inputs."""
+
+    driven: bool = parameter(True, structural=True)
+    damping: float = parameter(0.05, unit="N.m.s/rad", tunable=True)
+    mass: float = parameter(1.0, unit="kg", tunable=True)
+
+    def build(self) -> Mechanism:
+        weight = Input(name="weight", unit="m/s2", start=-9.81)
+        m = Mechanism(gravity=(0, weight, 0))
+        hinge = Revolute(drive=Harmonic(amplitude=0.3, frequency=0.5)) if self.driven else Revolute(start=0.3)
+        upper = m.body("upper", m.ground, hinge, **rod(mass=self.mass, length=1.0))
+        lower = m.body("lower", upper, Revolute(at=(1, 0, 0), start=-0.5), **rod(mass=1.0, length=1.0))
+        m.force("friction", JointSpring(damping=self.damping), lower)
+        pull = Input(name="pull", unit="N")
+        m.force("pull", PointForce(magnitude=pull, axis="x", at_a=(1, 0, 0)), lower)
+        if self.driven:
+            m.output("upper.effort", upper.effort(), "torque of the drive")
+        m.output("upper.rate", upper.rate(), "speed of the drive")
+        m.output("lower.rate", lower.rate(), "speed of the lower hinge")
+        m.output("energy", m.energy, "kinetic and potential energy")
+        return m
+
+
+def loss(result: Result) -> float:
+    return float(np.abs(result["energy_imbalance"]).max())
+
+
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 1e-8, 1e-10])
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize(
+    "model",
+    [FourBar(), Governor(), Governor(driven=False), SwingPendulum(), Arm()],
+    ids=["loop", "driven loop", "free loop", "driven tree", "damped"],
+)
+def test_a_right_run_keeps_its_balance(model: Model, solver: str, tolerance: float) -> None:
+    result = run(model, Settings(solver=solver, tolerance=tolerance), TIMES)
+    assert not result.failure
+    assert not result.warning
+    assert loss(result) < 100.0 * tolerance * result["energy_exchanged"][-1]
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_work_is_that_of_drive_and_damper(solver: str) -> None:
+    times = np.linspace(0.0, 2.0, 2001)
+    result = run(Arm(), Settings(solver=solver, tolerance=1e-9), times)
+    power = result["upper.effort"] * result["upper.rate"] - 0.05 * result["lower.rate"] ** 2
+    booked = result["energy"] - result["energy"][0] - result["energy_imbalance"]
+    assert abs(booked[-1]) > 0.1
+    for end in (501, 1001, 2001):
+        assert booked[end - 1] == pytest.approx(simpson(power[:end], x=times[:end]), abs=2e-7)
+
+
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 1e-8])
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_damping_that_the_equations_do_not_have_is_seen(solver: str, tolerance: float, monkeypatch: Any) -> None:
+    """A damper of which the balance is not told takes energy as a regularisation or a wrong closing would."""
+    damped = Arm(driven=False, damping=2e3 * tolerance)
+    settings = Settings(solver=solver, tolerance=tolerance)
+    assert not run(damped, settings, TIMES).warning
+    monkeypatch.setattr(Plant, "_works", lambda self: False)
+    told: list[str] = []
+    result = run(damped, settings, TIMES, warn=told.append)
+    assert told == [result.warning]
+    assert "gone nowhere" in result.warning
+
+
+@pytest.mark.parametrize(("factor", "text"), [(1.02, "come from nowhere"), (0.98, "gone nowhere")])
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_a_jump_at_a_singular_position_is_seen_at_once_and_named(solver: str, factor: float, text: str) -> None:
+    simulation = Simulation(FourBar(), Settings(solver=solver))
+    simulation.advance(0.1)
+    while np.sin(simulation.stepper.q[0]) > 0.02:
+        simulation.advance(simulation.t + 1e-3)
+    assert not simulation.warning
+    simulation.stepper._v *= factor
+    simulation.stepper.restart()
+    jumped = simulation.t
+    simulation.advance(jumped + 1e-3)
+    assert f"t = {simulation.t:.6g} s" in simulation.warning
+    assert text in simulation.warning
+    assert "near a singular position" in simulation.warning
+    assert "pivot" in simulation.warning
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_the_balance_closes_over_changes_and_a_restored_state(solver: str) -> None:
+    simulation = Simulation(Arm(), Settings(solver=solver, tolerance=1e-8))
+    names = [variable.name for variable in simulation.plant.inputs]
+    saved, found = b"", {}
+    for step in range(40):
+        if step % 8 == 3:
+            simulation.set_input(names.index("weight"), -9.81 - step)
+            simulation.set_input(names.index("pull"), 0.5 * step)
+        if step == 20:
+            simulation.retune(Arm(damping=0.2, mass=3.0))
+        simulation.advance(0.05 * (step + 1))
+        if step == 24:
+            saved = simulation.save()
+        if step == 30:
+            found["first"] = float(simulation.outputs()[-2])
+    assert abs(simulation.outputs()[-2]) < 1e-5
+    assert not simulation.warning
+    other = Simulation(Arm(), Settings(solver=solver, tolerance=1e-8))
+    other.restore(saved)
+    for step in range(25, 31):
+        if step % 8 == 3:
+            other.set_input(names.index("weight"), -9.81 - step)
+            other.set_input(names.index("pull"), 0.5 * step)
+        other.advance(0.05 * (step + 1))
+    assert other.outputs()[-2] == pytest.approx(found["first"], abs=0.0 if solver != "ida" else 1e-6)
+
+
+def test_the_audit_leaves_the_motion_as_it_is_and_can_be_left_out() -> None:
+    with_it = run(Arm(), Settings(solver="adams"), TIMES)
+    without = run(Arm(), Settings(solver="adams", audit=False), TIMES)
+    np.testing.assert_array_equal(with_it.values[:, :-2], without.values[:, :-2])
+    assert np.isnan(without["energy_imbalance"]).all()
+    assert not without.warning
+
+
+def test_the_command_ends_with_an_error(tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+    monkeypatch.setattr(Plant, "_works", lambda self: False)
+    end = ["--stop-time", "1", "-o", str(tmp_path)]
+    for native in ([], ["--native"]):
+        assert main(["run", "governor/damped", *end, *native]) == 1
+        out, err = capsys.readouterr()
+        assert "energy imbalance" in out
+        assert "LOST" in out
+        assert "the energy balance is lost at t = " in err
+    assert main(["run", "governor/damped", "--native", "--no-audit", *end]) == 0
+
+
+def test_compare_marks_the_row(monkeypatch: Any) -> None:
+    monkeypatch.setattr(Plant, "_works", lambda self: False)
+    scene = Scene(name="x", model=Governor(damping=5.0), settings=Settings(), stop_time=0.5, output_interval=0.05)
+    rows, energies = compare(scene, solvers=["adams"], tolerances=[1e-6], repeats=1)
+    assert outcome(rows[0]).startswith("inaccurate")
+    assert rows[0].energy_imbalance == np.abs(energies["adams"][1]).max() > 0.0
+
+
+def test_an_fmu_tells_in_its_message(tmp_path: Path, monkeypatch: Any) -> None:
+    monkeypatch.setattr(Plant, "_works", lambda self: False)
+    path = export(Governor(damping=5.0), tmp_path / "wrong.fmu")
+    with Fmu(path) as fmu:
+        fmu.step(0.5)
+        assert "the energy balance is lost" in fmu.message()
+        assert abs(fmu["energy_imbalance"]) > 1e-3
+    with Fmu(path, {"audit": False}) as fmu:
+        fmu.step(0.5)
+        assert fmu.message() == ""
