@@ -124,6 +124,8 @@ class Simulation:
         self._out = np.zeros(len(self.variables))
         self.work_of_jumps = 0.0
         self.remarks: list[str] = []
+        if self.stepper.notice:
+            self._remark(self.stepper.notice)
         self.audit = Audit(self.plant, settings.tolerance, self.energy()) if settings.audit else None
         if settings.name not in _compiled:
             self._compile(t0, q, v)

@@ -9,6 +9,8 @@ from .explicit import AdamsLUStepper, AdamsStepper, HybridStepper
 from .stepper import Code, Options, SolverError, Statistics, Status, Stepper, Switching
 from .system import AnySystem, Array, System, Terms
 
+LARGEST_DENSE = 1000  # coordinates of a mechanism with loops whose matrices the partitions factor
+
 
 def ida_stepper(system: System, t0: float, q0: Array, v0: Array, options: Options | None = None) -> Stepper:
     """Return an IDA stepper; SUNDIALS is loaded only here."""
@@ -20,7 +22,7 @@ def ida_stepper(system: System, t0: float, q0: Array, v0: Array, options: Option
 def stepper(name: str, system: AnySystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> Stepper:
     """Return a stepper by its name; on a large tree without constraints there is nothing to partition.
 
-    Raises ValueError where a large tree has constraints and the solver is not ``ida``.
+    With constraints the partitions take a large tree's dense terms. Raises ValueError where these would be too large.
     """
     if isinstance(system, System):
         return SOLVERS[name](system, t0, q0, v0, options)
@@ -29,10 +31,12 @@ def stepper(name: str, system: AnySystem, t0: float, q0: Array, v0: Array, optio
 
         return TreeIDAStepper(system, t0, q0, v0, options)
     if system.m:
-        raise ValueError(
-            f"solver {name!r} is given {system.n} coordinates under {system.m} constraints; so many are for 'ida', or "
-            "for a tree without cut joints"
-        )
+        if system.dense is None or system.n > LARGEST_DENSE:
+            raise ValueError(
+                f"solver {name!r} is given {system.n} coordinates under {system.m} constraints; allowed: "
+                f"{LARGEST_DENSE}; take 'ida'"
+            )
+        return SOLVERS[name](system.dense(), t0, q0, v0, options)
     return TreeAdamsStepper(system, t0, q0, v0, options)
 
 

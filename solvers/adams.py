@@ -36,7 +36,7 @@ from .lu import (
     span_dependent,
     tangents_turned,
 )
-from .multistep import FIRST, accept, begin, coefficients, correct, correct_work, estimate, interpolate, predict, unwind
+from .multistep import accept, begin, coefficients, correct, correct_work, estimate, interpolate, predict, unwind
 from .partition import NOT_CLOSED, OK, acceleration, close, multipliers, settle, trusted
 from .singular import AHEAD, SINGULAR, note, passed, step_bound, vanishes
 from .workspace import factor
@@ -158,7 +158,7 @@ def start(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
         book(eqs, c, o, scales)
         H.yp[H.y.shape[0] - 1] = power(eqs, c.t, c, o, work)
         weigh(c, o, H, q.shape[0], v.shape[0])
-        begin(c, H, min(o.max_step, FIRST / work.rate[0]))
+        begin(c, H, o.max_step, work.rate[0])
         c.starts += 1
         c.equal, c.h_before = 0, 0.0
     return code

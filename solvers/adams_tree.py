@@ -148,7 +148,7 @@ def advance(
             H.yp[H.y.shape[0] - 1] = power(eqs, c.t, o, s)
             book(eqs, c.t, c, o, scales, s)
             weigh(o, H, atol)
-            begin(c, H, o.max_step)
+            begin(c, H, o.max_step, 1.0)
             c.starts += 1
         code = step(eqs, c, o, H, atol, s, scales)
         if code != OK:

@@ -13,6 +13,7 @@ import numpy as np
 from .kernel import inlined, kernel
 
 SWEEPS = 40  # one-sided Jacobi converges quadratically: 3 to 6 sweeps in practice
+DIGITS = 0.1  # part of a square that must be left after a subtraction for its digits to be trusted
 ORTHOGONAL = 1e-15  # relative to the lengths of the two columns
 
 
@@ -180,17 +181,19 @@ def pseudo_inverse_transposed(f: Any, m: int, n: int, rank: int, U: Any, sigma: 
 
 
 @kernel
-def lq(A: Any, m: int, n: int, tau: Any, pivots: Any) -> None:
+def lq(A: Any, m: int, n: int, tau: Any, pivots: Any, left: Any) -> None:
     """Householder factors of A (m, n) in place with rows exchanged, the longest remaining one first: A[pivots] = L Q^T.
 
     L (m, min(m, n)) lies on and below the diagonal; row k right of it and ``tau`` (m,) hold reflector k, whose first
     entry is one, Q = H_0 H_1 ... |L_kk| is the distance of row k from the span of those before it, so that the
-    first rows are independent and the last diagonal entries tell how nearly the others are not.
+    first rows are independent and the last diagonal entries tell how nearly the others are not. ``left`` (m,) is
+    scratch: the squares of what is left of the rows, from those of the step before as long as they have digits.
     """
     for i in range(m):
         pivots[i], tau[i] = i, 0.0
+        left[i] = dot(A, i, A, i, 0, n)
     for k in range(min(m, n)):
-        bring_longest(k, m, n, A, pivots)
+        bring_longest(k, m, n, A, pivots, left)
         square = dot(A, k, A, k, k, n)
         if square == 0.0:
             return
@@ -205,6 +208,9 @@ def lq(A: Any, m: int, n: int, tau: Any, pivots: Any) -> None:
             A[i, k] -= factor
             for j in range(k + 1, n):
                 A[i, j] -= factor * A[k, j]
+            before, left[i] = left[i], left[i] - A[i, k] * A[i, k]
+            if not left[i] > DIGITS * before:
+                left[i] = dot(A, i, A, i, k + 1, n)
 
 
 @inlined
@@ -225,15 +231,15 @@ def dot(A: Any, i: int, B: Any, j: int, begin: int, end: int) -> float:
 
 
 @inlined
-def bring_longest(k: int, m: int, n: int, A: Any, pivots: Any) -> None:
+def bring_longest(k: int, m: int, n: int, A: Any, pivots: Any, left: Any) -> None:
     """Swap the row longest from column k on to place k."""
-    best, longest = k, -1.0
-    for i in range(k, m):
-        square = dot(A, i, A, i, k, n)
-        if square > longest:
-            best, longest = i, square
+    best = k
+    for i in range(k + 1, m):
+        if left[i] > left[best]:
+            best = i
     if best != k:
         pivots[k], pivots[best] = pivots[best], pivots[k]
+        left[k], left[best] = left[best], left[k]
         for j in range(n):
             A[k, j], A[best, j] = A[best, j], A[k, j]
 

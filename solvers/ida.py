@@ -94,7 +94,9 @@ class Unknowns(NamedTuple):
     key: Array  # (3,)    t of ``at``; t and c_j of ``solved``
     K: Array  # (N, nq + n)  derivative of the residual by q and v
     N: Array  # (nq, n)  N(q) where K was taken
-    matrix: Array  # (N, N)  its factors
+    matrix: Array  # (N, N)  the Newton matrix in units of rows and columns, its factors
+    rows: Array  # (N,)    unit of every residual
+    columns: Array  # (N,)    unit of every unknown
     order: NDArray[np.int64]  # (N,) int64
     right: Array  # (N,)
     left: Array  # (N,)
@@ -109,7 +111,7 @@ class Unknowns(NamedTuple):
         return Unknowns(
             z(N), z(N), z(N), z(N), z(nq), z(n), z(n), z(nq), z(nq), z(n), z(2), z(2), z(1), z((m, m)), z(m), z(m),
             z((m, m)), np.full(N, np.nan), np.full(N, np.nan), z(3), z((N, nq + n)), z((nq, n)), z((N, N)),
-            np.zeros(N, np.int64), z(N), z(N), z(N), z(1), z(5),
+            z(N), z(N), np.zeros(N, np.int64), z(N), z(N), z(N), z(1), z(5),
         )  # fmt: skip
 
 
@@ -318,15 +320,18 @@ def solve(eqs: Any, t: float, y: Any, yp: Any, right: Any, left: Any, cj: float,
             load(t, y, yp, u)
             balance(eqs, t, u, work, u.res)
         assemble(eqs, u, work, cj)
+        for i in range(N):
+            for j in range(N):
+                u.matrix[i, j] *= u.columns[j] / u.rows[i]
         factor_lu(u.matrix, N, u.order)
         u.key[1], u.key[2] = t, cj
         for i in range(N):
             u.solved[i] = y[i]
     for i in range(N):
-        u.right[i] = right[i]
+        u.right[i] = right[i] / u.rows[i]
     solve_lu(u.matrix, N, u.order, u.right, u.left)
     for i in range(N):
-        left[i] = u.left[i]
+        left[i] = u.left[i] * u.columns[i]
 
 
 @kernel
@@ -548,12 +553,23 @@ class IDAStepper(IDADriver, DenseStepper):
         self._ida.init_step(self._t, y, yp)
         u.at[:] = np.nan
         u.asked[0] = 0.0
+        u.columns[:], u.rows[:] = self._scaling()
         self._pending, self._passed = False, self._t
         self._good = self._t, self._q, self._v, self._ledger[WORK]
         w.course["known"], w.course["ratio"] = 0, 0.0
         self._reach = min(self._reach, look_over(self._eqs, self._t, y, 0.0, self._rank, self._held, self._work))
         self._begun[0] += 1.0
         return Code.OK
+
+    def _scaling(self) -> tuple[Array, Array]:
+        """Return the units of unknowns and residuals (N,): pivots are not to depend on metres and kilograms."""
+        s, w = self.system, self._units
+        rate, one = w.rate[0], np.ones(s.m)
+        inertia = self._terms.M * np.outer(s.size, s.size)
+        energy = (np.trace(inertia) / max(1, s.n) or 1.0) * rate**2
+        columns = w.size_q, s.size * rate, one * energy, one * rate
+        rows = w.size_q * rate, energy / s.size, one * rate, one
+        return np.concatenate(columns), np.concatenate(rows)
 
     def _regularisation(self) -> tuple[float, float]:
         """Return what D is on rows without rank, and d. M may be singular across the motion; there J~ stands in."""
@@ -625,6 +641,15 @@ class IDAStepper(IDADriver, DenseStepper):
     def _look(self, t: float, q: Array, v: Array) -> None:
         if self.options.audit:
             book(self._eqs, t, np.array(q), np.array(v), self._book, self._scales)
+
+    @property
+    def notice(self) -> str:
+        """Whether a finer tolerance was asked for than is run."""
+        if self._rtol == self.options.rtol:
+            return ""
+        return (
+            f"'ida' runs a loop at a tolerance of {self._rtol:g}, not {self.options.rtol:g}: rounding allows no finer"
+        )
 
     @property
     def statistics(self) -> Statistics:

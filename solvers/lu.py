@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from .dense import factor_lu, full_pivot, solve_lu
-from .kernel import kernel
+from .kernel import inlined, kernel
 from .partition import CLOSED, NO_MASS, NOT_CLOSED, NOT_FINITE, OK, PASSES, still_open, tangent_motion
 
 PIVOT = 1e-12  # pivots this small relative to the first are zero
@@ -56,11 +56,21 @@ def same_choice(rank: int, columns: Any, others: Any) -> bool:
 
 @kernel
 def factor_dependent(terms: Any, rank: int, rows: Any, columns: Any, work: Any) -> bool:
-    """Factor J_d, the chosen rows and dependent columns of the Jacobian held by ``terms``."""
+    """Factor J_d, the chosen rows and dependent columns of the Jacobian held by ``terms``, in units of both."""
     for i in range(rank):
         for j in range(rank):
-            work.D[i, j] = terms.J[rows[i], columns[j]]
+            work.D[i, j] = terms.J[rows[i], columns[j]] * (work.size[columns[j]] / work.row[rows[i]])
     return factor_lu(work.D, rank, work.order)
+
+
+@inlined
+def solve_dependent(rank: int, rows: Any, columns: Any, work: Any) -> None:
+    """work.x (rank,) = J_d^-1 work.b, with the factors of J_d; ``work.b`` is used up."""
+    for i in range(rank):
+        work.b[i] /= work.row[rows[i]]
+    solve_lu(work.D, rank, work.order, work.b, work.x)
+    for j in range(rank):
+        work.x[j] *= work.size[columns[j]]
 
 
 @kernel
@@ -82,7 +92,7 @@ def close_dependent(eqs: Any, t: float, q: Any, v: Any, rank: int, rows: Any, co
         work.b[i] = eqs.terms.nu[rows[i]]
         for k in range(rank, v.shape[0]):
             work.b[i] -= eqs.terms.J[rows[i], columns[k]] * v[columns[k]]
-    solve_lu(work.D, rank, work.order, work.b, work.x)
+    solve_dependent(rank, rows, columns, work)
     for j in range(rank):
         v[columns[j]] = work.x[j]
     eqs.motion(t, q, v, eqs.data, eqs.terms)
@@ -100,7 +110,7 @@ def newton(eqs: Any, t: float, q: Any, rank: int, rows: Any, columns: Any, work:
             return False
         for i in range(rank):
             work.b[i] = -eqs.terms.Phi[rows[i]]
-        solve_lu(work.D, rank, work.order, work.b, work.x)
+        solve_dependent(rank, rows, columns, work)
         largest = 0.0
         for j in range(rank):
             work.dq[columns[j]] = work.x[j]
@@ -121,7 +131,7 @@ def span_dependent(terms: Any, rank: int, rows: Any, columns: Any, work: Any) ->
     for k in range(n - rank):
         for i in range(rank):
             work.b[i] = -terms.J[rows[i], columns[rank + k]]
-        solve_lu(work.D, rank, work.order, work.b, work.x)
+        solve_dependent(rank, rows, columns, work)
         for j in range(rank):
             work.T[k, columns[j]] = work.x[j]
         for other in range(n - rank):
@@ -137,7 +147,7 @@ def dependent_acceleration(terms: Any, rank: int, rows: Any, columns: Any, work:
         a[columns[rank + k]] = 0.0
     for i in range(rank):
         work.b[i] = terms.gamma[rows[i]]
-    solve_lu(work.D, rank, work.order, work.b, work.x)
+    solve_dependent(rank, rows, columns, work)
     for j in range(rank):
         a[columns[j]] = work.x[j]
     if not tangent_motion(terms, n - rank, work, a):

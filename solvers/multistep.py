@@ -23,7 +23,7 @@ from .system import Array
 HIGHEST = 12  # order
 ROWS = HIGHEST + 3
 BOUND, MANY = 0.25, 50  # see watch_stability
-FIRST = 1.0  # longest first step, s where no rate is given: what lies still bounds none by its slope
+FIRST = 1.0  # longest first step, in units of one over the rate: what lies still bounds none by its slope
 GAMMA_STAR = np.array(
     [1.0, 0.5, 0.0833, 0.0417, 0.0264, 0.0188, 0.0143, 0.0114, 0.00936, 0.00789, 0.00679, 0.00592, 0.00524, 0.00468]
 )  # |coefficient| of the error of the fixed-step formulas, gstr of STEP
@@ -93,16 +93,16 @@ def weighted_norm(x: Any, weight: Any) -> float:
 
 
 @inlined
-def begin(c: Any, H: Any, max_step: float) -> None:
-    """History of order 1 from y' = ``H.yp`` at ``c.t``."""
+def begin(c: Any, H: Any, max_step: float, rate: float) -> None:
+    """History of order 1 from y' = ``H.yp`` at ``c.t``; ``rate`` (1/s) times y' stands for y''."""
     for i in range(H.y.shape[0]):
         for j in range(ROWS):
             H.phi[i, j] = 0.0
         H.phi[i, 1] = H.yp[i]
     slope = weighted_norm(H.yp, H.weight)
-    c.h = min(max_step, FIRST)
-    if 16.0 * slope * c.h * c.h > 1.0:
-        c.h = 0.25 * np.sqrt(1.0 / slope)
+    c.h = min(max_step, FIRST / rate)
+    if 16.0 * slope * rate * c.h * c.h > 1.0:
+        c.h = 0.25 * np.sqrt(1.0 / (slope * rate))
     c.h = max(c.h, 4.0 * 2.3e-16 * abs(c.t))
     c.hold = 0.0
     c.k, c.kold, c.ns, c.phase1, c.start = 1, 0, 0, 1, 0

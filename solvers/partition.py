@@ -320,7 +320,7 @@ def shortest_transposed(m: int, n: int, rank: int, work: Any, y: Any) -> None:
     for k in range(rank):
         for i in range(m):
             work.B[k, work.pivots[i]] = work.A[i, k] if i >= k else 0.0
-    lq(work.B, rank, m, work.tau_B, work.pivots_B)
+    lq(work.B, rank, m, work.tau_B, work.pivots_B, work.x)
     least_norm(work.f, m, rank, work.B, work.tau_B, work.pivots_B, y)
 
 

@@ -120,7 +120,7 @@ def dimension(work: Any) -> int:
     for k in range(N - flat):
         for j in range(n + 1):
             work.K_work[k, j] = work.K_left[j, flat + k]
-    lq(work.K_work, N - flat, n + 1, work.change, work.K_pivots)
+    lq(work.K_work, N - flat, n + 1, work.change, work.K_pivots, work.K_values)
     found = 0
     while found < min(N - flat, n + 1) and abs(work.K_work[found, found]) > SPAN:
         found += 1

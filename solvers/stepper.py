@@ -235,6 +235,11 @@ class Stepper(ABC):
         return self._v.copy()
 
     @property
+    def notice(self) -> str:
+        """What the solver does otherwise than it was told; empty: nothing."""
+        return ""
+
+    @property
     def ledger(self) -> Array:
         """Work, stray, exchanged and largest kinetic energy, exposure of a step (5,), all at the reported state, J."""
         return self._ledger.copy()

@@ -198,6 +198,7 @@ class TreeSystem:
     power: Callable[..., float] | None = None  # as of a System
     exposure: Callable[..., None] | None = None
     works: Callable[[], bool] = nothing_works
+    dense: Callable[[], System] | None = None  # (): the same mechanism with its matrices
     coordinate_names: tuple[str, ...] = ()  # (n,)
     constraint_names: tuple[str, ...] = ()  # (m,)
 

@@ -110,7 +110,7 @@ def factor(terms: Any, work: Any) -> None:
     for i in range(m):
         for j in range(n):
             work.A[i, j] = terms.J[i, j] * (work.size[j] / work.row[i])
-    lq(work.A, m, n, work.tau, work.pivots)
+    lq(work.A, m, n, work.tau, work.pivots, work.pivot)
     for i in range(m):
         work.pivot[i] = abs(work.A[i, i]) if i < n else 0.0
 

@@ -25,7 +25,7 @@ from .signals import POLYNOMIAL, RUN_UP, SpeedInput
 from .tangent import Tangent, number_groups
 
 LARGE = 60  # coordinates of a tree without loops from which on no dense matrix is made
-LARGE_LOOPS = 100  # ... of a mechanism with cut joints, which only 'ida' advances then
+LARGE_LOOPS = 100  # ... of a mechanism with cut joints; the partitions take its matrices all the same
 
 
 class Plant:
@@ -120,6 +120,7 @@ class Plant:
             row_size=self._row_sizes(constraint_names),
             plain=(in_q, in_v),
             quaternions=tuple(quaternions),
+            dense=lambda: self._system(constraint_names, data),
             power=power,
             exposure=exposure,
             works=self._works,

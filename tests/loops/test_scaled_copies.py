@@ -23,7 +23,7 @@ SCALES = {
     "a thousand times": Scale(lengths=2.0**10),
     "light": Scale(masses=2.0**-20),
     "slow": Scale(times=2.0**6),
-    "small, heavy and fast": Scale(lengths=2.0**-7, masses=2.0**9, times=2.0**-8),
+    "small, heavy and fast": Scale(lengths=2.0**-8, masses=2.0**10, times=2.0**-8),
 }
 
 
