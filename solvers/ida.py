@@ -33,7 +33,7 @@ from sksundae.ida import IDA
 
 from .held import hold
 from .kernel import kernel, records
-from .ledger import BOOK, WORK, Scales, catch_up, count, report
+from .ledger import BOOK, WORK, Scales, catch_up, report
 from .partition import close_report
 from .stepper import Code, DenseStepper, Options, Statistics, Stepper
 from .system import Array, System
@@ -47,15 +47,16 @@ UNCONTROLLED = 1e8  # absolute tolerance of the multipliers
 LENGTH_RATE = 10.0  # 1/s, k
 STEPS_A_CALL = 5000  # then progress is looked at
 STANDSTILL = 1e-10  # s relative to max(1, |t|): less progress in STEPS_A_CALL steps is a collapse
+COUNTS, BEGUN, LATEST = 5, 3, 4  # numbers counted, and where steps begun and the latest time are among them
 TOO_MUCH_WORK = -1  # IDA's status for STEPS_A_CALL steps taken
 
 
 class Unknowns(NamedTuple):
     """Writable copies of what IDA passes, and scratch of the residual."""
 
-    y: Array  # (nq + n + 2 m,)  q, v, lambda, mu
-    yp: Array  # (nq + n + 2 m,)
-    res: Array  # (nq + n + 2 m,)  residual at a neighbour
+    y: Array  # (nq + n + 2 m + 1,)  q, v, lambda, mu, and the work where something does any
+    yp: Array  # (nq + n + 2 m + 1,)
+    res: Array  # (nq + n + 2 m + 1,)  residual at a neighbour
     q: Array  # (nq,)
     v: Array  # (n,)
     drift: Array  # (n,)   v - J^T mu
@@ -63,13 +64,13 @@ class Unknowns(NamedTuple):
     unit: Array  # (nq,)  q with unit quaternions
     zero: Array  # (n,)
     d: Array  # (2,)   Tikhonov terms of lambda and of mu
-    counts: Array  # (3,)   residuals, Jacobians, residuals that were not finite
+    counts: Array  # (COUNTS,)   residuals, Jacobians, residuals that were not finite, steps begun, latest time
 
     @staticmethod
     def allocate(nq: int, n: int, m: int) -> Unknowns:
         """Return zeroed arrays for ``nq`` positions, ``n`` velocities and ``m`` constraints."""
-        size = nq + n + 2 * m
-        return Unknowns(*(np.zeros(k) for k in (size, size, size, nq, n, n, nq, nq, n, 2, 3)))
+        size = nq + n + 2 * m + 1
+        return Unknowns(*(np.zeros(k) for k in (size, size, size, nq, n, n, nq, nq, n, 2, COUNTS)))
 
 
 @kernel
@@ -132,11 +133,20 @@ def load(y: Any, yp: Any, u: Any) -> None:
 
 
 @kernel
+def count(counts: Any, t: float) -> None:
+    """Count the steps that IDA begins: it evaluates at a new time for each."""
+    if t != counts[LATEST]:
+        counts[LATEST] = t
+        counts[BEGUN] += 1.0
+
+
+@kernel
 def residual(eqs: Any, t: float, y: Any, yp: Any, res: Any, u: Any) -> None:
     """IDA's residual function; what is not finite IDA takes as a sign to cut the step."""
     load(y, yp, u)
     balance(eqs, t, u, res)
     u.counts[0] += 1.0
+    count(u.counts, t)
     for i in range(res.shape[0]):
         if not np.isfinite(res[i]):
             u.counts[2] += 1.0
@@ -165,13 +175,12 @@ def jacobian(eqs: Any, t: float, y: Any, yp: Any, res: Any, cj: float, JJ: Any, 
 
 
 @kernel
-def beside(eqs: Any, t: float, yp: Any, u: Any, c: Any, works: bool, res: Any) -> None:
-    """After :func:`residual`: count the step, and the residual W' - power of the work, the last unknown."""
-    nq, n, last = u.q.shape[0], u.v.shape[0], yp.shape[0] - 1
-    count(c[0], t)
-    if works:
-        m = eqs.terms.J.shape[0]
-        res[last] = yp[last] - eqs.power(t, u.q, u.v, u.yp[nq : nq + n], u.y[nq + n : nq + n + m], eqs.data)
+def working_residual(eqs: Any, t: float, y: Any, yp: Any, res: Any, u: Any) -> None:
+    """:func:`residual` where something does work: W' - power of the last unknown, too."""
+    nq, n, m, last = u.q.shape[0], u.v.shape[0], eqs.terms.J.shape[0], yp.shape[0] - 1
+    res[last] = 0.0
+    residual(eqs, t, y, yp, res, u)
+    res[last] = yp[last] - eqs.power(t, u.q, u.v, u.yp[nq : nq + n], u.y[nq + n : nq + n + m], eqs.data)
 
 
 @kernel
@@ -181,10 +190,10 @@ def power(eqs: Any, t: float, q: Any, v: Any, a: Any, lam: Any) -> float:
 
 
 @kernel
-def book(eqs: Any, t: float, q: Any, v: Any, c: Any, scales: Any) -> None:
+def book(eqs: Any, t: float, q: Any, v: Any, c: Any, counts: Any, scales: Any) -> None:
     """Book the energy at (q, v); see :mod:`solvers.ledger`."""
     eqs.dynamics(t, q, v, eqs.data, eqs.terms)
-    catch_up(eqs.exposure, eqs.data, c[0], scales)
+    catch_up(eqs.exposure, eqs.data, c[0], counts[BEGUN], scales)
 
 
 @kernel
@@ -202,7 +211,7 @@ class IDADriver(Stepper):
     """
 
     _ida: IDA
-    _counts: Array  # (3,)
+    _counts: Array  # (COUNTS,)
     _begun: Array  # (1,) how often IDA has been initialised
     _pending: bool  # IDA is to be initialised at the reported state
     _book: NDArray[Any]  # (1,) record of ledger.BOOK
@@ -275,17 +284,14 @@ class IDAStepper(IDADriver, DenseStepper):
         controlled, motion = s.nq + s.n, s.nq + s.n + 2 * s.m
         works = self._works = o.audit and s.works()
         size = motion + works
-        inner, c = np.zeros((motion, motion)), self._book
 
         def resfn(t: float, y: Array, yp: Array, res: Array) -> None:
-            residual(eqs, t, y[:motion], yp[:motion], res[:motion], u)
-            beside(eqs, t, yp, u, c, works, res)
+            (working_residual if works else residual)(eqs, t, y, yp, res, u)
 
         def jacfn(t: float, y: Array, yp: Array, res: Array, cj: float, JJ: Array) -> None:
-            jacobian(eqs, t, y[:motion], yp[:motion], res[:motion], cj, inner, u)
-            JJ[:] = 0.0
-            JJ[:motion, :motion] = inner
+            jacobian(eqs, t, y, yp, res, cj, JJ, u)
             if works:  # W enters nothing, and its own equation needs no derivative but this
+                JJ[motion], JJ[:, motion] = 0.0, 0.0
                 JJ[motion, motion] = cj
             self._look(t, y[: s.nq], y[s.nq : controlled])
 
@@ -338,12 +344,12 @@ class IDAStepper(IDADriver, DenseStepper):
 
     def _look(self, t: float, q: Array, v: Array) -> None:
         if self.options.audit:
-            book(self._eqs, t, np.array(q), np.array(v), self._book, self._scales)
+            book(self._eqs, t, np.array(q), np.array(v), self._book, self._counts, self._scales)
 
     @property
     def statistics(self) -> Statistics:
         """What the run has cost so far; IDA's steps, order and step size are not available."""
-        columns = self._unknowns.y.size
+        columns = self._unknowns.y.size - 1
         residuals, jacobians = self._unknowns.counts[0], self._unknowns.counts[1]
         return Statistics(
             rhs_evals=int(residuals + columns * jacobians),
