@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from .kernel import inlined, kernel
-from .ledger import look, report
+from .ledger import due, look, report
 from .lu import (
     choose,
     close_dependent,
@@ -131,7 +131,7 @@ def power(eqs: Any, t: float, c: Any, o: Any, work: Any) -> float:
 @kernel
 def book(eqs: Any, c: Any, o: Any, scales: Any) -> None:
     """Book the energy at the state evaluated last, before :func:`power`; see :mod:`solvers.ledger`."""
-    if o.audit == 1:
+    if o.audit == 1 and due(c):
         look(eqs.exposure, eqs.data, c, scales)
 
 

@@ -20,7 +20,7 @@ from .adams import COLLAPSED, MAX_STEPS, SMALLEST_STEP, cut, join, split
 from .held import hold
 from .ida_tree import Scratch, position_sizes
 from .kernel import inlined, kernel, records
-from .ledger import WORK, Scales, look, report
+from .ledger import WORK, Scales, due, look, report
 from .multistep import (
     HIGHEST,
     History,
@@ -46,7 +46,6 @@ SETTINGS = np.dtype(
     ],
     align=True,
 )  # fmt: skip
-EVERY = 16  # steps between two looks at the energy, which cost an inverse dynamics each
 RATE = 10.0  # 1/s, absolute tolerance of a rate to that of its coordinate; tighter than IDA's costs nothing where
 # stability limits the step, and looser lets the fastest modes grow
 
@@ -91,8 +90,8 @@ def power(eqs: Any, t: float, o: Any, s: Any) -> float:
 
 @kernel
 def book(eqs: Any, t: float, c: Any, o: Any, scales: Any, s: Any) -> None:
-    """Book the energy at (s.q, s.v), each ``EVERY`` steps anew; see :mod:`solvers.ledger`."""
-    if o.audit == 1 and c.steps % EVERY == 0:
+    """Book the energy at (s.q, s.v), at the cost of an inverse dynamics; see :mod:`solvers.ledger`."""
+    if o.audit == 1 and due(c):
         eqs.inverse(t, s.q, s.v, s.zero, s.lam, eqs.data, s.qdot, s.a)
         look(eqs.exposure, eqs.data, c, scales)
 

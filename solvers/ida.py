@@ -47,7 +47,7 @@ from sksundae.ida import IDA, IDAJacTimes, IDAPrecond
 from .dense import factor_lu, solve_lu
 from .held import hold
 from .kernel import inlined, kernel, records
-from .ledger import BOOK, WORK, Scales, catch_up, count, report
+from .ledger import BOOK, WORK, Scales, catch_up, report
 from .partition import close_report
 from .singular import MISS, note, passed, step_bound
 from .stepper import Code, DenseStepper, Options, Statistics, Stepper
@@ -63,6 +63,8 @@ UNCONTROLLED = 1e20  # absolute tolerance of the multipliers
 LENGTH_RATE = 10.0  # k, in units of the motion's rate
 STEPS_A_CALL = 5000  # then progress is looked at
 STANDSTILL = 1e-10  # relative to t or one over the rate: less progress in STEPS_A_CALL steps is a collapse
+COUNTS = 7  # see Unknowns.counts
+BEGUN, LATEST, STEPS, REFUSED = 3, 4, 5, 6  # places in them
 TOO_MUCH_WORK = -1  # IDA's status for STEPS_A_CALL steps taken
 BELOW = 0.2  # part of a near miss's gap that the residual of a step beside it must stay below
 NOISE = 3e-16  # relative rounding of a residual
@@ -102,7 +104,8 @@ class Unknowns(NamedTuple):
     left: Array  # (N,)
     product: Array  # (N,)    the vector whose product was asked for
     asked: Array  # (1,)    whether it was
-    counts: Array  # (5,)    residuals, matrices K, residuals that were not finite, steps, steps taken back
+    counts: Array  # (COUNTS,)  residuals, matrices K, residuals that were not finite, steps begun, latest time; where
+    #                steps are looked over, steps and those taken back
 
     @staticmethod
     def allocate(nq: int, n: int, m: int) -> Unknowns:
@@ -111,7 +114,7 @@ class Unknowns(NamedTuple):
         return Unknowns(
             z(N), z(N), z(N), z(N), z(nq), z(n), z(n), z(nq), z(nq), z(n), z(2), z(2), z(1), z((m, m)), z(m), z(m),
             z((m, m)), np.full(N, np.nan), np.full(N, np.nan), z(3), z((N, nq + n)), z((nq, n)), z((N, N)),
-            z(N), z(N), np.zeros(N, np.int64), z(N), z(N), z(N), z(1), z(5),
+            z(N), z(N), np.zeros(N, np.int64), z(N), z(N), z(N), z(1), z(COUNTS),
         )  # fmt: skip
 
 
@@ -217,11 +220,20 @@ def load(t: float, y: Any, yp: Any, u: Any) -> None:
 
 
 @kernel
+def count(counts: Any, t: float) -> None:
+    """Count a step as begun: IDA evaluates at a new time for each that it tries."""
+    if t != counts[LATEST]:
+        counts[LATEST] = t
+        counts[BEGUN] += 1.0
+
+
+@kernel
 def residual(eqs: Any, t: float, y: Any, yp: Any, res: Any, u: Any, work: Any) -> None:
     """IDA's residual function; what is not finite IDA takes as a sign to cut the step."""
     load(t, y, yp, u)
     balance(eqs, t, u, work, res)
     u.counts[0] += 1.0
+    count(u.counts, t)
     for i in range(res.shape[0]):
         if not np.isfinite(res[i]):
             u.counts[2] += 1.0
@@ -344,10 +356,9 @@ def multiply(vector: Any, product: Any, u: Any) -> None:
 
 
 @kernel
-def beside(eqs: Any, t: float, yp: Any, u: Any, work: Any, c: Any, works: bool, res: Any) -> None:
-    """After :func:`residual`: count the step, and the residual W' - power of the work, the last unknown."""
+def beside(eqs: Any, t: float, yp: Any, u: Any, work: Any, works: bool, res: Any) -> None:
+    """After :func:`residual`: the residual W' - power of the work, the last unknown."""
     nq, n, m, last = u.q.shape[0], u.v.shape[0], eqs.terms.J.shape[0], yp.shape[0] - 1
-    count(c[0], t)
     if works:
         for i in range(m):
             u.lam[i] = u.y[nq + n + i] / work.row[i]
@@ -361,10 +372,10 @@ def power(eqs: Any, t: float, q: Any, v: Any, a: Any, lam: Any) -> float:
 
 
 @kernel
-def book(eqs: Any, t: float, q: Any, v: Any, c: Any, scales: Any) -> None:
+def book(eqs: Any, t: float, q: Any, v: Any, c: Any, counts: Any, scales: Any) -> None:
     """Book the energy at (q, v); see :mod:`solvers.ledger`."""
     eqs.dynamics(t, q, v, eqs.data, eqs.terms)
-    catch_up(eqs.exposure, eqs.data, c[0], scales)
+    catch_up(eqs.exposure, eqs.data, c[0], counts[BEGUN], scales)
 
 
 @kernel
@@ -487,14 +498,14 @@ class IDAStepper(IDADriver, DenseStepper):
         self._reach = np.inf  # s, longest next step
 
     def _new_ida(self) -> IDA:
-        s, o, u, work, eqs, book = self.system, self.options, self._held, self._work, self._eqs, self._book
+        s, o, u, work, eqs = self.system, self.options, self._held, self._work, self._eqs
         controlled, motion = s.nq + s.n, s.nq + s.n + 2 * s.m
         works = self._works = o.audit and s.works()
         size = motion + works  # W enters nothing, and its own equation needs no derivative but that by W'
 
         def resfn(t: float, y: Array, yp: Array, res: Array) -> None:
             residual(eqs, t, y[:motion], yp[:motion], res[:motion], u, work)
-            beside(eqs, t, yp, u, work, book, works, res)
+            beside(eqs, t, yp, u, work, works, res)
 
         def setup(t: float, y: Array, yp: Array, res: Array, cj: float) -> None:
             set_up(eqs, t, y[:motion], yp[:motion], u, work)
@@ -609,7 +620,7 @@ class IDAStepper(IDADriver, DenseStepper):
 
     def _look_over(self, t: float, y: Array, taken: float) -> Code:
         """Accept IDA's step of length ``taken`` to (t, y), or begin anew where it began."""
-        self._counts[3] += 1.0
+        self._counts[STEPS] += 1.0
         bound = look_over(self._eqs, t, y, taken, self._rank, self._held, self._work)
         if bound >= 0.0:
             s = self.system
@@ -617,7 +628,7 @@ class IDAStepper(IDADriver, DenseStepper):
             self._passed, self._good = t, (t, y[: s.nq].copy(), y[s.nq : s.nq + s.n].copy(), done)
             self._reach = min(bound, 2.0 * self._reach)
             return Code.OK
-        self._counts[4] += 1.0
+        self._counts[REFUSED] += 1.0
         self._t, self._q, self._v, done = self._good
         reported(self._book, done, self._ledger)
         code = Code(close_report(self._eqs, self._t, self._q, self._v, self._rank, self._work))
@@ -640,7 +651,7 @@ class IDAStepper(IDADriver, DenseStepper):
 
     def _look(self, t: float, q: Array, v: Array) -> None:
         if self.options.audit:
-            book(self._eqs, t, np.array(q), np.array(v), self._book, self._scales)
+            book(self._eqs, t, np.array(q), np.array(v), self._book, self._counts, self._scales)
 
     @property
     def notice(self) -> str:
@@ -654,7 +665,8 @@ class IDAStepper(IDADriver, DenseStepper):
     @property
     def statistics(self) -> Statistics:
         """What the run has cost so far; without constraints steps are not available."""
-        residuals, matrices, _, steps, refused = self._counts
+        residuals, matrices = self._counts[:2]
+        steps, refused = self._counts[STEPS], self._counts[REFUSED]
         columns = self.system.nq + 2 * self.system.n + 1
         return Statistics(
             steps=int(steps),

@@ -38,13 +38,14 @@ from sksundae.ida import IDA, IDAPrecond
 
 from .blocks import one_thread
 from .held import hold
-from .ida import LENGTH_RATE, STEPS_A_CALL, UNCONTROLLED, IDADriver, reported
+from .ida import BEGUN, COUNTS, LENGTH_RATE, STEPS_A_CALL, IDADriver, count, reported
 from .kernel import kernel, records
-from .ledger import BOOK, WORK, Scales, catch_up, count
+from .ledger import BOOK, WORK, Scales, catch_up
 from .saddle import Motion, close
 from .stepper import Code, Options, Statistics, Status
 from .system import Array, TreeSystem, audit_callbacks
 
+UNCONTROLLED = 1e8  # absolute tolerance of the multipliers
 RATE = 1000.0  # 1/s, absolute tolerance of a rate to that of its coordinate
 ORDER = 2
 KRYLOV = 5
@@ -99,18 +100,14 @@ def power(function: Any, t: float, data: Any, s: Any) -> float:
 
 
 @kernel
-def book(inverse: Any, exposure: Any, t: float, q: Any, v: Any, data: Any, s: Any, c: Any, scales: Any) -> None:
+def book(
+    inverse: Any, exposure: Any, t: float, q: Any, v: Any, data: Any, s: Any, c: Any, counts: Any, scales: Any
+) -> None:
     """Book the energy at (q, v); see :mod:`solvers.ledger`."""
     for i in range(s.lam.shape[0]):
         s.lam[i] = 0.0
     inverse(t, q, v, s.zero, s.lam, data, s.qdot, s.tau)
-    catch_up(exposure, data, c[0], scales)
-
-
-@kernel
-def tally(c: Any, t: float) -> None:
-    """:func:`solvers.ledger.count` from Python."""
-    count(c[0], t)
+    catch_up(exposure, data, c[0], counts[BEGUN], scales)
 
 
 def as_motion(s: TreeSystem, q: Array, rate: Array) -> Array:
@@ -159,7 +156,7 @@ class TreeIDAStepper(IDADriver):
         self._held = hold(self._scratch)
         self._terms, self._motion = system.allocate_terms(), Motion(system)
         self._d = np.zeros((2, m))
-        self._counts, self._begun, self._pending = np.zeros(3), np.zeros(1), True
+        self._counts, self._begun, self._pending = np.zeros(COUNTS), np.zeros(1), True
         self._cj, self._A, self._reduced = 1.0, np.zeros((n, m)), np.zeros((2 * m, 2 * m))
         self._book, self._works = records(1, BOOK), False
         self._power, self._exposure = audit_callbacks(system)
@@ -193,7 +190,7 @@ class TreeIDAStepper(IDADriver):
             s.fill_position(t, np.array(y[: s.nq]), self._terms)
         if not residual(s.inverse, s.retract, t, y, yp, res, s.held_data, self._held):
             self._counts[2] += 1.0
-        tally(self._book, t)
+        count(self._counts, t)
         if self._works:
             res[-1] = yp[-1] - power(self._power, t, s.held_data, self._held)
         if s.m:
@@ -214,7 +211,7 @@ class TreeIDAStepper(IDADriver):
         """Book the energy at IDA's y."""
         if self.options.audit:
             s, q, v = self.system, np.array(y[: self.system.nq]), np.array(y[self._v_at])
-            book(s.inverse, self._exposure, t, q, v, s.held_data, self._held, self._book, self._scales)
+            book(s.inverse, self._exposure, t, q, v, s.held_data, self._held, self._book, self._counts, self._scales)
 
     def _reduce(self, cj: float) -> None:
         """Factor the equations of the constraints."""

@@ -36,9 +36,10 @@ FIELDS: list[tuple[str, str]] = [
     ("through", "f8"),  # J, sum of |changes of W|
     ("looks", "i8"),
 ]
-BOOK = np.dtype([*FIELDS, ("t", "f8"), ("begun", "i8")], align=True)  # of a stepper whose steps another one takes
+BOOK = np.dtype([*FIELDS, ("steps", "f8")], align=True)  # of a stepper whose steps another one takes
 WORK, STRAY, EXCHANGED, MOST, EXPOSURE = 0, 1, 2, 3, 4  # of a reported row
 ROW = 5
+EVERY, AT_FIRST = 8, 8  # steps between two looks, and looks in a row after the start
 BETWEEN = 4.0  # exposures: a reported state is interpolated, and closed
 
 
@@ -70,20 +71,21 @@ def look(exposure: Any, data: Any, c: Any, s: Any) -> None:
 
 
 @kernel
-def count(c: Any, t: float) -> None:
-    """Count the steps of an integrator that tells of none: it evaluates at a new time for each that it tries."""
-    if t != c.t:
-        c.t = t
-        c.begun += 1
+def due(c: Any) -> bool:
+    """Whether a look at the energy is due: the exposure changes slowly."""
+    return c.looks < AT_FIRST or c.steps % EVERY == 0
 
 
 @kernel
-def catch_up(exposure: Any, data: Any, c: Any, s: Any) -> None:
-    """:func:`look`, and add the exposure of the steps counted since the last time."""
+def catch_up(exposure: Any, data: Any, c: Any, begun: float, s: Any) -> None:
+    """:func:`look`, and add the exposure of the steps since the last time, of ``begun`` in all.
+
+    For an integrator that tells of no steps: those it begins are seen by the new times it evaluates at.
+    """
     before = c.exposure
     look(exposure, data, c, s)
-    c.stray += c.begun * max(before, c.exposure)
-    c.begun = 0
+    c.stray += (begun - c.steps) * max(before, c.exposure)
+    c.steps = begun
 
 
 @kernel

@@ -268,6 +268,7 @@ class State(NamedTuple):
     U: NDArray[np.float64]  # (nv, 6) articulated body: (IA S)^T, with the joint's Cholesky factor taken out
     D: NDArray[np.float64]  # (nv, MODES + 1) articulated body: a joint's Cholesky factor, and last its right-hand side
     time: NDArray[np.float64]  # (1,) s, when the forces were applied last
+    damped: NDArray[np.float64]  # (1,) W, power of the plates' damping then
 
 
 class Data(NamedTuple):
@@ -283,7 +284,7 @@ def allocate_state(nb: int, rows: int, nq: int, nv: int, subspaces: int) -> Stat
         records(nb, MOTION),
         records(rows, ROW),
         records(1, ELEMENT),
-        *(np.zeros(shape) for shape in ((subspaces, 6), nq, nv, nv, nv, nv, (9, 6), 6, (nv, 6), (nv, MODES + 1), 1)),
+        *(np.zeros(shape) for shape in ((subspaces, 6), nq, nv, nv, nv, nv, (9, 6), 6, (nv, 6), (nv, MODES + 1), 1, 1)),
     )
     state.bodies["A"][0] = np.eye(3)
     return state

@@ -303,18 +303,25 @@ def differentiate(plate: Any, here: Any) -> None:
 
 
 @kernel
-def apply(plate: Any, bodies: Any, here: Any) -> None:
-    """Add the elastic (and damping) wrenches to the four bodies; ``here`` is scratch."""
+def apply(plate: Any, bodies: Any, here: Any) -> float:
+    """Add the elastic (and damping) wrenches to the four bodies; ``here`` is scratch.
+
+    Returns the power of the damping, -beta e'^T K e', W.
+    """
     shape(plate, bodies, here)
     strain(plate, here)
     clear_stress(here)
-    stress(plate, here.strain, 1.0, here.stress)
+    power = 0.0 * here.t[0]
     if plate.damped == 1:
         follow(plate, bodies, here)
         differentiate(plate, here)
         stress(plate, here.dstrain, plate.damping, here.stress)
+        for i in range(12 if plate.membrane == 1 else 9):
+            power -= here.stress[i] * here.dstrain[i]
+    stress(plate, here.strain, 1.0, here.stress)
     gradient(plate, here)
     load(plate, here, bodies)
+    return power
 
 
 @kernel
@@ -330,21 +337,6 @@ def potential(plate: Any, bodies: Any, here: Any) -> float:
     if plate.membrane == 1:
         for i in range(9, 12):
             total += 0.5 * here.stress[i] * here.strain[i]
-    return total
-
-
-@kernel
-def power(plate: Any, bodies: Any, here: Any) -> float:
-    """-beta e'^T K e', W: what the damping takes."""
-    shape(plate, bodies, here)
-    strain(plate, here)
-    follow(plate, bodies, here)
-    differentiate(plate, here)
-    clear_stress(here)
-    stress(plate, here.dstrain, plate.damping, here.stress)
-    total = 0.0 * here.stress[0]
-    for i in range(12 if plate.membrane == 1 else 9):
-        total -= here.stress[i] * here.dstrain[i]
     return total
 
 

@@ -39,7 +39,7 @@ _spring_power, _joint_spring_power, _joint_force_power, _point_force_power, _tor
     torque.power,
     beam_element.power,
 )
-_plate_power, _drag_power, _pressure_power, _modal_power = plate.power, drag.power, pressure.power, modal.power
+_drag_power, _pressure_power, _modal_power = drag.power, pressure.power, modal.power
 
 
 @inlined
@@ -70,8 +70,10 @@ def apply(t: float, arrays: Any, state: Any) -> None:
             F[k] = 0.0
     for i in range(arrays.forces.shape[0]):
         exert(arrays.forces[i], t, arrays, state)
+    damped = 0.0 * state.damped[0]
     for i in range(arrays.plates.shape[0]):
-        _plate(arrays.plates[i], state.bodies, state.element[0])
+        damped += _plate(arrays.plates[i], state.bodies, state.element[0])
+    state.damped[0] = damped
     for i in range(arrays.drags.shape[0]):
         _drag(arrays.drags[i], state.bodies)
     for i in range(arrays.elastics.shape[0]):
@@ -103,8 +105,10 @@ def potential(arrays: Any, state: Any) -> float:
 
 @inlined
 def power(t: float, arrays: Any, state: Any) -> float:
-    """Power of all forces and elastic elements, W, but for what :func:`potential` stores."""
-    total = 0.0
+    """Power of all forces and elastic elements, W, but for what :func:`potential` stores; :func:`apply` was called
+    last for this state.
+    """
+    total = state.damped[0]
     for i in range(arrays.forces.shape[0]):
         force = arrays.forces[i]
         if force.kind == 0:
@@ -119,9 +123,6 @@ def power(t: float, arrays: Any, state: Any) -> float:
             total += _torque_power(force, t, arrays, state)
         else:
             total += _beam_power(force, t, arrays, state)
-    for i in range(arrays.plates.shape[0]):
-        if arrays.plates[i].damped == 1:
-            total += _plate_power(arrays.plates[i], state.bodies, state.element[0])
     for i in range(arrays.drags.shape[0]):
         total += _drag_power(arrays.drags[i], state.bodies)
     for i in range(arrays.elastics.shape[0]):
