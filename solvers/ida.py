@@ -402,9 +402,9 @@ def look_over(eqs: Any, t: float, y: Any, taken: float, rank: int, u: Any, work:
     for i in range(u.v.shape[0]):
         u.v[i] = y[u.q.shape[0] + i]
     eqs.position(t, u.q, eqs.data, eqs.terms)
+    factor(eqs.terms, work)
     if not passed(eqs, t, u.q, rank, work):
         return -1.0
-    factor(eqs.terms, work)
     note(eqs, t, u.q, taken, taken, rank, work)
     u.at[0] = np.nan  # the terms have moved
     bound = step_bound(t, u.q, u.v, eqs.terms, work)

@@ -17,7 +17,8 @@ they have one dimension less. Else it passes beside them, as on a cone beside it
 A step that jumps from one branch to another shows in the *orientation*: seen from the axes of the last position, in the
 order normals, tangents, the rows of J~ are C = [C_n C_t]. While C_n = J~ Q_1 keeps the sign of its determinant no
 position between was singular, and y = -C_n^-1 C_t is the slope of the tangents now on those before. At a crossing the
-sign turns and the slope does not.
+sign turns, and the slope stays small; where it does not the step went over to the other branch. In the crossing itself
+nothing can be told; what comes after it is compared with what was before.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from .kernel import inlined, kernel
 from .workspace import distance, factor, scaled_length
 
 NONE, CROSSING, MISS = 0, 1, 2
-STRAIGHT, FLIPPED, TURNED = 0, 1, 2
+STRAIGHT, FLIPPED, BENT, TURNED = 0, 1, 2, 3
 
 SINGULAR = 1e-3  # ratio of the smallest pivot of J~ to the largest below which a position is nearly singular
 GAP = 1e-12  # largest gap of a crossing, in units of the rows; Phi is known to some 1e-16 of them
@@ -41,7 +42,7 @@ FLAT = 1e-4  # singular values of the equations below this part of the largest c
 SPAN = 1e-2  # of a unit vector in q, t, u and g, its part in q and t that counts
 STRIDE, FAR = 0.3, 1.0  # longest Newton step, longest way, in units of size
 NEWTON, EXACT = 20, 1e-9  # steps, and one that is the last
-SLOPE = 1.7  # largest turn of a tangent in one step, as its tangent: 60 degrees
+LITTLE, SLOPE = 0.36, 1.7  # turns of a tangent in one step, as their tangents: 20 and 60 degrees
 PASSED = 3.0  # a crossing that a step has passed lies within so many lengths of it
 AHEAD = 3.0  # steps ahead that a singular position is looked for
 PART = 0.3  # of the way to a near miss that one step may go
@@ -214,7 +215,7 @@ def note(eqs: Any, t: float, q: Any, taken: float, next_: float, rank: int, work
     """Note the last good position (t, q), whose ``terms`` and factors are at hand, and what singular position is near.
 
     It is looked for where the smallest pivot would vanish within a few steps, ``taken`` and ``next_`` being the last
-    step and the next one. In a crossing the axes are not determined: the next step has nothing to be compared with.
+    step and the next one. In a crossing the axes are not determined: those before it stay.
     """
     if rank == 0:
         return
@@ -223,7 +224,9 @@ def note(eqs: Any, t: float, q: Any, taken: float, next_: float, rank: int, work
     kind = NONE
     if here.ratio < SINGULAR or vanishes(before, here.ratio, taken, AHEAD * next_):
         kind = judge(eqs, t, q, rank, work)
-    here.known = 1 if here.ratio >= SINGULAR or kind == MISS else 0
+    if here.ratio < SINGULAR and kind != MISS:
+        return
+    here.known = 1
     for i in range(q.shape[0]):
         work.q_last[i] = q[i]
     for i in range(work.frame.shape[0]):
@@ -240,21 +243,26 @@ def vanishes(before: float, now: float, taken: float, within: float) -> bool:
 
 @kernel
 def passed(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
-    """Whether the way to (t, q), where ``terms`` are, stayed on its branch: it turned little or crossed another."""
+    """Whether the way to (t, q), where ``terms`` are with their factors, stayed on its branch: it turned little or
+    crossed another.
+    """
     if rank == 0 or work.course[0].known == 0:
         return True
     turn = orientation(eqs.terms, rank, work)
     if turn == STRAIGHT:
         return True
-    factor(eqs.terms, work)
-    if turn == FLIPPED and judge(eqs, t, q, rank, work) == CROSSING:
-        return distance(work.q_c, q, work) <= PASSED * distance(work.q_last, q, work)
-    return False
+    kind = judge(eqs, t, q, rank, work)
+    if kind == CROSSING and ratio(work.pivot, rank) < SINGULAR:
+        return True
+    crossed = kind == CROSSING and distance(work.q_c, q, work) <= PASSED * distance(work.q_last, q, work)
+    return crossed if turn == FLIPPED else turn == BENT and not crossed
 
 
 @kernel
 def orientation(terms: Any, rank: int, work: Any) -> int:
-    """Compare ``terms`` with the frame of the last good position: STRAIGHT, FLIPPED, or TURNED too far to tell."""
+    """Compare ``terms`` with the frame of the last good position: STRAIGHT or FLIPPED and little turned, else BENT, or
+    TURNED too far to tell.
+    """
     n = terms.J.shape[1]
     positive = True
     for i in range(rank):
@@ -271,6 +279,7 @@ def orientation(terms: Any, rank: int, work: Any) -> int:
         positive = positive == (work.D[i, i] > 0.0)
         for j in range(i):
             positive = positive == (work.order[j] < work.order[i])
+    steepest = 0.0
     for k in range(rank, n):
         square = 0.0
         for i in range(rank):
@@ -280,7 +289,10 @@ def orientation(terms: Any, rank: int, work: Any) -> int:
             square += work.x[i] * work.x[i]
         if not square <= SLOPE * SLOPE:
             return TURNED
-    return STRAIGHT if positive else FLIPPED
+        steepest = max(steepest, square)
+    if steepest <= LITTLE * LITTLE:
+        return STRAIGHT if positive else FLIPPED
+    return BENT if positive else TURNED
 
 
 @kernel
