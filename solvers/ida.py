@@ -23,7 +23,7 @@ vector is declared to be the vector, which the preconditioner then takes as solv
 
 After each step the way is looked over (:mod:`solvers.singular`). A step that may have jumped to another branch is taken
 back: IDA starts anew where it began and does not step so far. Beside a near miss positions must be known better than
-its gap, or the other branch is as near: D goes (there J~ has rank), and d as far as rounding lets it.
+its gap, or the other branch is as near: D goes but for redundant rows, and d as far as rounding lets it.
 
 Multipliers carry no error control: they may be unbounded where the motion is smooth. unit(q) is q with its
 quaternions normalised; the last term of the first equation holds their length and vanishes with it.
@@ -54,7 +54,7 @@ from .stepper import Code, DenseStepper, Options, Statistics, Stepper
 from .system import Array, System
 from .workspace import factor
 
-LAMBDA, FILTER, MU = 1e-10, 1e-15, 1e-4  # see above; powers of ten either way change nothing but the last digits
+LAMBDA, FILTER, MU = 1e-10, 1e-13, 1e-4  # see above
 FINEST = 5e-10  # a tighter rtol is run as this one: below it roundoff in J grows faster than the BDF error falls
 # IDA bounds the error of a step and the errors add up. At order 5 a step is as rtol^(1/6) and so the sum as the step's
 # error^(5/6): for a motion's error in proportion to rtol IDA is given TIGHTER rtol^POWER, and atol in proportion.
@@ -67,6 +67,7 @@ COUNTS = 7  # see Unknowns.counts
 BEGUN, LATEST, STEPS, REFUSED = 3, 4, 5, 6  # places in them
 TOO_MUCH_WORK = -1  # IDA's status for STEPS_A_CALL steps taken
 BELOW = 0.2  # part of a near miss's gap that the residual of a step beside it must stay below
+LESS = 1e-4  # of D beside a near miss, where redundant rows are all that needs it
 NOISE = 3e-16  # relative rounding of a residual
 SHORTER = 0.25  # of a step that was taken back may be gone at once
 
@@ -410,7 +411,7 @@ def look_over(eqs: Any, t: float, y: Any, taken: float, rank: int, u: Any, work:
     bound = step_bound(t, u.q, u.v, eqs.terms, work)
     u.d[0], u.d[1] = u.usual[0], u.usual[1]
     if work.critical[0].kind == MISS:
-        u.d[0] = u.usual[0] if rank < eqs.terms.J.shape[0] else 0.0
+        u.d[0] = LESS * u.usual[0] if rank < eqs.terms.J.shape[0] else 0.0
         u.d[1] *= min(1.0, u.noise[0] * bound * work.rate[0] / MU)
         if not abs(weak_residual(eqs.terms, work)) <= BELOW * abs(work.critical[0].gap):
             return -1.0
