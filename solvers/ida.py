@@ -23,17 +23,15 @@ restored run restarts at order one, so it agrees with the saved one to the toler
 from __future__ import annotations
 
 from abc import abstractmethod
-from contextlib import redirect_stdout
-from io import StringIO
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from sksundae.ida import IDA
 
 from .held import hold
 from .kernel import kernel
 from .partition import close_report
+from .quiet import IDA
 from .stepper import Code, DenseStepper, Options, Statistics, Stepper
 from .system import Array, System
 
@@ -198,8 +196,7 @@ class IDADriver(Stepper):
         taken, bad = 0, self._counts[2]
         while True:
             before = self._t
-            with redirect_stdout(StringIO()):  # the binding prints what the status says
-                result = self._ida.step(t)
+            result = self._ida.step(t)
             if result.status < 0 and result.status != TOO_MUCH_WORK:
                 return Code.NOT_FINITE if self._counts[2] > bad else Code.COLLAPSED
             code = self._take(float(result.t), result.y)

@@ -33,12 +33,13 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from sksundae.ida import IDA, IDAPrecond
+from sksundae.ida import IDAPrecond
 
 from .blocks import one_thread
 from .held import hold
 from .ida import LENGTH_RATE, STEPS_A_CALL, UNCONTROLLED, IDADriver
 from .kernel import kernel
+from .quiet import IDA
 from .saddle import Motion, close
 from .stepper import Code, Options, Statistics, Status
 from .system import Array, TreeSystem
