@@ -40,7 +40,7 @@ from .held import hold
 from .ida import LENGTH_RATE, STEPS_A_CALL, UNCONTROLLED, IDADriver
 from .kernel import kernel
 from .quiet import IDA
-from .saddle import Motion, close
+from .saddle import Motion, close, inverse_squares
 from .stepper import Code, Options, Statistics, Status
 from .system import Array, TreeSystem
 
@@ -214,7 +214,7 @@ class TreeIDAStepper(IDADriver):
         if code is Code.OK:
             J, zeros = motion.terms.J, np.zeros(m)
             self._d[0] = TIKHONOV * self.options.rtol / motion.masses
-            self._d[1] = TIKHONOV * self.options.rtol * np.einsum("ij,ij->i", J, J)
+            self._d[1] = TIKHONOV * self.options.rtol / inverse_squares(np.einsum("ij,ij->i", J, J))
             y = np.concatenate((self._q, self._v, motion.lam, zeros))
             self._ida.init_step(self._t, y, np.concatenate((motion.qdot, motion.a, zeros, zeros)))
             self._pending = False
