@@ -34,6 +34,7 @@ from .signals import Input, Signal
 if TYPE_CHECKING:
     from .plant import Plant
 
+    from .sheet import Sheet
 
 class Mechanism:
     """Bodies on tree joints from the ground, closed by cut joints, moved by forces and drives.
@@ -72,6 +73,7 @@ class Mechanism:
         self.shapes: list[tuple[Body, Shape]] = []
         self.surfaces: list[Surface] = []
         self.energy = Sensor(kind=Kind.ENERGY, unit="J")
+        self.sheets: list[Sheet] = []  # what add_sheet has made
         self.kinetic_energy = Sensor(kind=Kind.KINETIC, unit="J")
         self.potential_energy = Sensor(kind=Kind.POTENTIAL, unit="J")
         self.jacobi_integral = Sensor(kind=Kind.JACOBI, unit="J")
@@ -87,7 +89,6 @@ class Mechanism:
         mass: float = 0.0,
         com: Vector = (0.0, 0.0, 0.0),
         inertia: Any = (0.0, 0.0, 0.0),
-        group: int | None = None,
     ) -> Body:
         """Hang a body on its parent.
 
@@ -105,9 +106,6 @@ class Mechanism:
             Centre of mass in the body's frame, m.
         inertia
             About the centre of mass, body axes, kg m^2: three principal values or a 3x3 matrix.
-        group
-            Of a large tree: bodies are solved group by group, and joints and elements should span neighbouring groups
-            at most, as the columns of a grid do; None: that of the nearest body which has one.
         """
         self._new_name("body", name, self._bodies_named)
         self._member(parent, f"parent of body {name!r}")
@@ -126,7 +124,6 @@ class Mechanism:
             not_negative(f"mass of body {name!r}", mass),
             vector(f"com of body {name!r}", com),
             inertia_matrix(name, inertia),
-            group,
         )
         self.bodies.append(new)
         self._bodies_named[name] = new

@@ -17,13 +17,14 @@ from .dynamics import callbacks, energy, observe, observe_all, tree_callbacks
 from .mechanism import Mechanism
 from .sensors import largest_residual
 from .signals import POLYNOMIAL, RUN_UP
-from .tangent import Tangent, number_groups
+from .tangent import Groups, Tangent, find_groups
 
 LARGE = 60  # coordinates of a tree without loops from which on no dense matrix is made
 LARGE_LOOPS = 100  # ... of a mechanism with cut joints, which only 'ida' advances then
 
 
 class Plant:
+WIDEST = 1000  # bodies in a group of the structured tangent: its matrix has twelve rows a body
     """A mechanism as arrays, with its inputs, its outputs and the system a solver takes.
 
     Attributes
@@ -98,7 +99,7 @@ class Plant:
             position=position,
             constraints=constraints,
             retract=retract,
-            tangent=Tangent(data, number_groups(self.mechanism)),
+            tangent=Tangent(data, self._groups()),
             size=np.concatenate(sizes),
             plain=(in_q, in_v),
             quaternions=tuple(quaternions),
@@ -108,6 +109,19 @@ class Plant:
 
     def _drop_void_rows(self, names: list[str]) -> list[str]:
         """Find the rows whose Jacobian vanishes wherever the mechanism may be, and number the others anew.
+
+    def _groups(self) -> Groups:
+        """Return the groups of the structured tangent; UserError where they would be too wide to be solved."""
+        groups = find_groups(self.mechanism)
+        widest = int(np.bincount(groups.of[1:]).argmax())
+        members = np.flatnonzero(groups.of == widest)
+        if len(members) > WIDEST:
+            raise UserError(
+                f"joints, forces and elements tie {len(members)} bodies to each other, "
+                f"{self.mechanism.bodies[members[-1]].name!r} among them, so that they must be solved at once; "
+                f"allowed: {WIDEST}; tie bodies that are near each other in the tree"
+            )
+        return groups
 
         A few random positions decide: a row that is not void vanishes there with probability zero.
         """

@@ -69,6 +69,8 @@ class Sheet:
     name: str
     nodes: tuple[tuple[Body, ...], ...]
     a: float
+    along
+        Which way the tree grows: its columns lie across x (0) or z (1).
     b: float
     plate: Plate
     cuts: tuple[CutHandle, ...]
@@ -77,6 +79,7 @@ class Sheet:
         """Return the node at x = i a, z = k b; negative numbers count from the far edge."""
         shape = len(self.nodes), len(self.nodes[0])
         if not (-shape[0] <= i < shape[0] and -shape[1] <= k < shape[1]):
+    along: int
             raise UserError(f"sheet {self.name!r} has no node {(i, k)}; its grid is {shape}")
         return self.nodes[i][k]
 
@@ -201,10 +204,11 @@ class _Builder:
         if tree == "master":
             self._refuse_taut(supports, master)
             kind, options = (Floating, {"rate": rate}) if master is None else (Weld, {})
-            self._hang(around(self.shape), 0, kind, master, self.at, self.rotation, **options)
+            self._hang(around(self.shape), kind, master, self.at, self.rotation, **options)
         else:
             if master is not None:
                 raise UserError(f"master of {self.what} is {master.name!r}, but its tree {tree!r} has no master node")
+        along = 0
             if not supports or supports[0].kind not in ("clamped", "pinned"):
                 given = supports[0].kind if supports else "missing"
                 raise UserError(
@@ -220,6 +224,7 @@ class _Builder:
                 0 if root.edge[0] == "x" else 1,
                 Weld if root.kind == "clamped" else Revolute,
                 root.body,
+            along = 0 if root.edge[0] == "x" else 1
                 at,
                 axes,
                 **({"axis": "z" if root.edge[0] == "x" else "x"} if root.kind == "pinned" else {}),
@@ -237,7 +242,9 @@ class _Builder:
             self.mechanism.pressure(self.name, pressure, cells)
         cuts = [cut for support in supports for cut in self._close(support)]
         nodes = tuple(tuple(node[i, k] for k in range(nz)) for i in range(nx))
-        return Sheet(self.name, nodes, self.plate.a, self.plate.b, self.plate, tuple(cuts))
+        sheet = Sheet(self.name, nodes, self.plate.a, self.plate.b, self.plate, tuple(cuts), along)
+        self.mechanism.sheets.append(sheet)
+        return sheet
 
     def _refuse_taut(self, supports: list[Support], master: Body | None) -> None:
         """Refuse supports that hold the sheet in its plane twice: it cannot stretch, so it could not bend."""
@@ -266,17 +273,13 @@ class _Builder:
     def _hang(
         self,
         links: list[Link],
-        along: int,
         kind: type[Joint],
         carrier: Body | None,
         at: Matrix,
         axes: Matrix,
         **options: Any,
     ) -> None:
-        """Add the bodies in the order of ``links``, grouped by their number ``along`` x (0) or z (1).
-
-        Those without a parent hang on the carrier.
-        """
+        """Add the bodies in the order of ``links``; those without a parent hang on the carrier."""
         for node, parent in links:
             if parent is None:
                 body = self.mechanism.ground if carrier is None else carrier
@@ -285,9 +288,7 @@ class _Builder:
                 body = self.bodies[parent]
                 cells = self.shape[0 if node[1] == parent[1] else 1] - 1
                 joint = self.joint(at=tuple(self._flat(node) - self._flat(parent)), size=self.share / cells**2)
-            self.bodies[node] = self.mechanism.body(
-                f"{self.name}.{node[0]}.{node[1]}", body, joint, group=node[along], **self._cell(node)
-            )
+            self.bodies[node] = self.mechanism.body(f"{self.name}.{node[0]}.{node[1]}", body, joint, **self._cell(node))
 
     def _cell(self, node: Node) -> dict[str, Any]:
         """Mass properties of a node's cell, which is half as long at a border."""
