@@ -22,6 +22,10 @@ converges to a sheet that resists no Gaussian curvature, because nothing resists
 across the chains; membrane does, and leaves out the strain along rows or ribs, of which there is none. It may see the
 strain along a chain only with joints that keep the length of the sheet (:mod:`.joints.geodesic`): those of projected
 length would lock.
+
+**Rows of cells.** An element measures stretching by means over its edges. One row of cells across the chains has one
+mean for the whole width: the sheet folds along its chain, is then stiff as an angle bar, and stays so though it would
+hang lower and with less energy unfolded. With membrane two rows of cells are the least.
 """
 
 from __future__ import annotations
@@ -127,7 +131,8 @@ def add_sheet(
     youngs_modulus, poisson, density
         Pa, 1, kg/m^3.
     grid
-        Nodes along x and z, at least 2 each.
+        Nodes along x and z, at least 2 each; with membrane at least 3 across the chains (in both directions where the
+        tree is ``master``).
     tree
         ``spine``, ``rows`` or ``master``; see the module.
     supports
@@ -170,6 +175,7 @@ def add_sheet(
     )
     plate.check(what)
     builder = _Builder(mechanism, name, plate, density, shape, (at, rotation), JOINTS[joint])
+    _refuse_one_row(what, shape, plate, tree, supports)
     return builder.build(tree, list(supports), master, rate, pressure)
 
 
@@ -374,6 +380,17 @@ def _resisted(what: str, membrane: bool | str, tree: str, joint: str, supports: 
             "too stiff; take joint 'geodesic' or no membrane"
         )
     return strains
+
+
+def _refuse_one_row(what: str, shape: tuple[int, int], plate: Plate, tree: str, supports: Sequence[Support]) -> None:
+    """Refuse a membrane on one row of cells; see the module."""
+    along = supports[0].edge[0] if tree != "master" and supports else ""
+    for axis, count in zip("xz", shape, strict=True):
+        if plate.strains and axis != along and count < 3:
+            raise UserError(
+                f"grid of {what} is {shape}: one row of cells across its chains, along {axis}; with membrane it folds "
+                f"there instead of bending; allowed: at least 3 nodes along {axis}, or no membrane"
+            )
 
 
 def _grid(what: str, grid: Any) -> tuple[int, int]:

@@ -400,6 +400,16 @@ def add(m: Mechanism, **options: Any) -> Sheet:
         ({"grid": 7}, "grid of sheet 'sheet' is 7"),
         ({"tree": "bush"}, "tree of sheet 'sheet' is 'bush'; allowed: 'spine', 'rows', 'master'"),
         ({"joint": "ball"}, "joint of sheet 'sheet' is 'ball'; allowed: 'geodesic', 'paper'"),
+        (
+            {"grid": (4, 2), "membrane": True},
+            r"is \(4, 2\): one row of cells across .* along z; .* at least 3 nodes along z",
+        ),
+        (
+            {"grid": (2, 4), "membrane": True, "supports": [Support("z0")]},
+            "one row of cells across its chains, along x",
+        ),
+        ({"grid": (2, 4), "membrane": True, "tree": "master"}, "one row of cells across its chains, along x"),
+        ({"length": "long"}, "length of sheet 'sheet' is 'long'"),
         ({"supports": [Support("y0")]}, "edge of a support of sheet 'sheet' is 'y0'; allowed: 'x0', 'x1', 'z0', 'z1'"),
         ({"supports": [Support("x0", "glued")]}, "kind of the support at 'x0' of sheet 'sheet' is 'glued'; allowed"),
         ({"supports": ["x0"]}, "support of sheet 'sheet' is 'x0'; it must be a Support"),
