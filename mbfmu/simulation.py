@@ -16,13 +16,18 @@ from numpy.typing import NDArray
 from mbfmu.equilibrium import Balance
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Variable
+from mbfmu.mechanics.bending import COARSE, FOLDED
 from mbfmu.model import Model, suggest
-from solvers import SOLVERS, Options, Statistics, Status, stepper
+from solvers import SOLVERS, Options, SolverError, Statistics, Status, stepper
+from solvers.stepper import Samples
 
 Array = NDArray[np.float64]
 
-_compiled: set[str] = set()  # solvers whose kernels this process has compiled
+_compiled: set[tuple[type, bool]] = set()  # kinds of runs whose kernels this process has compiled
 
+UNFOLD = (
+    "Let it move more slowly, damp it, or make it stiffer; where the motion is meant, only a finer grid follows it."
+)
 ROWS = 100  # outputs recorded between two reports of progress
 
 PARTITIONS = {"projection": "adams", "lu": "adams-lu", "hybrid": "hybrid"}
@@ -105,17 +110,26 @@ class Simulation:
         except ValueError as error:
             raise UserError(f"model {model.name!r}: {error}") from error
         self._out = np.zeros(len(self.plant.outputs))
-        if settings.name not in _compiled:
-            self._compile(t0, q, v)
+        self._folded = ""
+        self._bend, self._bent_at = self.plant.bend(t0, q), t0  # the sharpest so far
+        self._compile(t0, q, v)
 
     def _compile(self, t0: float, q: Array, v: Array) -> None:
-        """Have every kernel compiled (or loaded) now, by a stepper thrown away, and not in the first step of a run."""
+        """Have every kernel compiled (or loaded) now, by a stepper thrown away, and not in the first step of a run.
+
+        Kernels differ with the solver, with dense or large systems, and with constraints.
+        """
+        kind = (type(self.stepper), self.plant.system.m > 0)
+        if kind in _compiled:
+            return
         rehearsal = stepper(self.settings.name, self.plant.system, t0, q, v, self.settings.options())
-        values = np.zeros((1, len(self._out)))
-        self.plant.observe_all(np.array([t0 + 1e-3]), *rehearsal.sample(np.array([t0 + 1e-3])), values)
-        rehearsal.advance(t0 + 2e-3)
         self.outputs()
-        _compiled.add(self.settings.name)
+        times, values = np.array([t0 + 1e-3]), np.zeros((1, len(self._out)))
+        samples = rehearsal.sample(times)
+        done = len(samples.q)
+        self.plant.observe_all(times[:done], *samples, values[:done])
+        if done and rehearsal.advance(t0 + 2e-3).ok:
+            _compiled.add(kind)
 
     @property
     def t(self) -> float:
@@ -127,26 +141,61 @@ class Simulation:
         """What the solver has done so far."""
         return self.stepper.statistics
 
+    @property
+    def failure(self) -> str:
+        """Why the last :meth:`advance` or :meth:`record` ended early and what to try; empty: it did not."""
+        status = self.stepper.status
+        return self._folded if status.ok else f"{status.message}. {status.remedy_after(self.settings.name)}"
+
+    @property
+    def warning(self) -> str:
+        """Why the motion so far is not to be trusted; empty: nothing speaks against it."""
+        if self._bend is None or self._bend.largest <= COARSE:
+            return ""
+        return f"{self._bend} (t = {self._bent_at:.9g} s)"
+
     def advance(self, t: float) -> Status:
-        """Advance to t (s); on failure the last good state stays."""
-        return self.stepper.advance(t)
+        """Advance to t (s); on failure the last good state stays. :attr:`failure` also tells of a folded sheet."""
+        status = self.stepper.advance(t)
+        self._look(self.t, self.stepper.q)
+        return status
+
+    def _look(self, t: float, q: Array) -> bool:
+        """Note how sharply plates bend at positions q (nq,); False where a cell is folded, which ends a run."""
+        here = self.plant.bend(t, q)
+        if here is None or self._bend is None:
+            return True
+        if here.largest > self._bend.largest:
+            self._bend, self._bent_at = here, t
+        self._folded = f"A cell is folded: {self.warning}. {UNFOLD}" if here.largest > FOLDED else ""
+        return not self._folded
 
     def outputs(self) -> Array:
-        """Return the outputs at the time reached, in the plant's order; the array is used again."""
+        """Return the outputs at the time reached, in the plant's order; the array is used again.
+
+        Raises UserError where the accelerations are not determined.
+        """
         stepper = self.stepper
-        a, lam = stepper.accelerations()  # the limit along the motion in a singular position
+        try:
+            a, lam = stepper.accelerations()  # the limit along the motion in a singular position
+        except SolverError as error:
+            raise UserError(f"model {self.model.name!r}: {error}") from error
         self.plant.observe(stepper.t, stepper.q, stepper.v, a, lam, self._out)
         return self._out
 
     def record(self, times: Array, values: Array) -> int:
         """Advance to each of ``times`` (k,) and put the outputs into a row of ``values`` (k, outputs) each.
 
-        Returns the number of rows; where it is less than k the stepper's status says why.
+        Returns the number of rows; where it is less than k :attr:`failure` says why.
         """
         times = np.ascontiguousarray(times)
         samples = self.stepper.sample(times)
         done = len(samples.q)
-        self.plant.observe_all(times[:done], *samples, values[:done])
+        for i in range(done):
+            if not self._look(times[i], samples.q[i]):
+                done = i
+                break
+        self.plant.observe_all(times[:done], *Samples(*(rows[:done] for rows in samples)), values[:done])
         return done
 
     def set_input(self, index: int, value: float) -> None:
@@ -198,6 +247,7 @@ class Result:
     statistics: Statistics
     wall_time: float  # s, between the first and the last output
     failure: str = ""  # why the run ended early and what to try; empty: it did not
+    warning: str = ""  # why it is not to be trusted though it ran; empty: nothing speaks against it
 
     def __getitem__(self, name: str) -> Array:
         """Return one output over time."""
@@ -246,13 +296,13 @@ def run(
     while done < len(times) and not failure:
         rows = slice(done, done + (ROWS if watch is None else 1))
         done += simulation.record(times[rows], values[rows])
-        status = simulation.stepper.status
-        if not status.ok:
-            failure = f"{status.message}. {status.remedy}"
+        failure = simulation.failure
+        if failure:
             break
         if watch is not None:
             watch(simulation)
         if progress is not None:
             progress(float(times[done - 1]))
     wall = time.perf_counter() - begin
-    return Result(times[:done], values[:done], simulation.plant.outputs, simulation.statistics, wall, failure)
+    warning = "" if failure else simulation.warning
+    return Result(times[:done], values[:done], simulation.plant.outputs, simulation.statistics, wall, failure, warning)

@@ -67,6 +67,8 @@ def command_run(options: argparse.Namespace) -> int:
         print(f"wrote {csv}, {png} and {poses}")
     else:
         print(f"wrote {csv} and {png}; see the motion with `mbfmu view {options.scene}` or after a run with --native")
+    if result.warning:
+        print(f"mbfmu: warning: {result.warning}", file=sys.stderr)
     if result.failure:
         print(f"mbfmu: {result.failure}", file=sys.stderr)
         return 1

@@ -70,6 +70,7 @@ class ModelSlave(Interface):
         self._t0 = 0.0
         self._refused: dict[str, str] = {}  # variable -> why its last value was not taken
         self._changed: set[int] = set()  # value references of inputs and parameters set since the last step
+        self._warned = False
         self._fresh = True  # outputs are those of the present state
         self.register(self.model.build().compile())
         finalize_at_exit(self.resources, self.identifier)
@@ -152,11 +153,20 @@ class ModelSlave(Interface):
         self._apply_changes()
         if step_size == 0.0:
             return True
-        status = self.simulation.advance(current_time + step_size)
+        self.simulation.advance(current_time + step_size)
         self._fresh = False
-        if not status.ok:
-            self.fail(f"{status.message}. {status.remedy}")
-        return bool(status.ok)
+        if self.simulation.failure:
+            self.fail(self.simulation.failure)
+            return False
+        self._warn()
+        return True
+
+    def _warn(self) -> None:
+        """Log why the motion is not to be trusted, as soon as there is a reason."""
+        assert self.simulation is not None
+        if not self._warned and (text := self.simulation.warning):
+            self._warned = True
+            self.log(text, Fmi2Status.warning, "logStatusWarning")
 
     def _apply_changes(self) -> None:
         simulation = self.simulation
@@ -177,7 +187,9 @@ class ModelSlave(Interface):
 
     @guarded
     def terminate(self) -> None:
-        """Nothing to release: all memory is Python's."""
+        """Say the worst there is against the motion; nothing to release, all memory is Python's."""
+        if self.simulation is not None and not self.message and self.simulation.warning:
+            self._print(f"warning: {self.simulation.warning}")
 
     # ---- failures -----------------------------------------------------------------------------------------------
 
@@ -187,8 +199,11 @@ class ModelSlave(Interface):
         self._report(self.message)
 
     def _report(self, text: str) -> None:
-        print(f"{self.identifier} ({self.instance_name}): {text}", file=sys.stderr)  # noqa: T201
+        self._print(text)
         self.log(text, Fmi2Status.error, "logStatusError")
+
+    def _print(self, text: str) -> None:
+        print(f"{self.identifier} ({self.instance_name}): {text}", file=sys.stderr)  # noqa: T201
 
     # ---- FMU state ----------------------------------------------------------------------------------------------
 

@@ -12,6 +12,8 @@ from solvers.system import Array, System, TreeSystem
 
 from .arrays import Data, complex_twin
 from .assembly import assemble_positions, assemble_velocities, check_inertia
+from .bending import Bend, bend
+from .checks import with_unit_quaternion
 from .compile import GRAVITY, Numbering, Variable, compile_data, sensor_records, shared
 from .dynamics import callbacks, energy, observe, observe_all, tree_callbacks
 from .mechanism import Mechanism
@@ -288,6 +290,13 @@ WIDEST = 1000  # bodies in a group of the structured tangent: its matrix has twe
     def residuals(self, t: float, q: Array, v: Array) -> tuple[float, float]:
         """Largest constraint residual in position and in velocity."""
         if self.system.m == 0:
+    def bend(self, t: float, q: Array) -> Bend | None:
+        """Return how plates bend at free positions q (nq,); None where there are none."""
+        if not self.mechanism.plates:
+            return None
+        self.energy(t, q, np.zeros(self.system.n))  # places them
+        return bend(self.mechanism, self.data)
+
             return 0.0, 0.0
         terms = self.system.allocate_terms()
         self.system.fill(t, q, v, terms)

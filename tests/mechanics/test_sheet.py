@@ -31,6 +31,7 @@ from mbfmu.mechanics import (
     Mechanism,
     OutOfPlane,
     Sheet,
+    Revolute,
     Support,
     Translational,
     add_sheet,
@@ -451,6 +452,33 @@ def test_refuses_a_master_where_there_is_none_and_strange_bodies() -> None:
 
 
 def test_projected_length_and_membrane_may_meet_across_rows() -> None:
+def test_bending_alone_needs_no_second_row_of_cells() -> None:
+    assert len(add(Mechanism(), grid=(4, 2)).nodes[0]) == 2
+    assert len(add(Mechanism(), grid=(2, 3), membrane=True).nodes) == 2  # one cell along the chains is only coarse
+
+
+def test_sharpest_bend_is_the_angle_of_the_joint() -> None:
+    """And the advice spreads it over cells of 15 degrees."""
+    m = Mechanism()
+    add(m)
+    plant = m.compile()
+    q = plant.start_positions()
+    names = plant.system.coordinate_names
+    q[names.index("sheet.2.1.theta_z")] = 0.6
+    q[names.index("sheet.3.2.theta_x")] = -0.4
+    bend = plant.bend(0.0, q)
+    assert bend is not None
+    assert bend.largest == pytest.approx(0.6, abs=1e-12)
+    assert re.fullmatch(
+        r"cells bend by up to 34 degrees, between 'sheet.1.(\d)' and 'sheet.2.\1', and are good to about 15: "
+        "refine the grid of 'sheet' to 8 x 5 nodes",
+        str(bend),
+    )
+    hinge = Mechanism()
+    hinge.body("b", hinge.ground, Revolute(), mass=1.0, inertia=(1.0, 1.0, 1.0))
+    assert hinge.compile().bend(0.0, np.zeros(1)) is None
+
+
     assert add(Mechanism(), tree="rows", joint="paper", membrane=True).plate.strains == "zs"
     assert add(Mechanism(), joint="paper", membrane="s").plate.strains == "s"
     assert add(Mechanism(), membrane=True).plate.strains == "xs"
