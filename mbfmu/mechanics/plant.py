@@ -17,16 +17,17 @@ from .checks import with_unit_quaternion
 from .compile import GRAVITY, Numbering, Variable, compile_data, sensor_records, shared
 from .dynamics import callbacks, energy, observe, observe_all, tree_callbacks
 from .mechanism import Mechanism
+from .numbers import array_of
 from .sensors import largest_residual
 from .signals import POLYNOMIAL, RUN_UP
 from .tangent import Groups, Tangent, find_groups
 
 LARGE = 60  # coordinates of a tree without loops from which on no dense matrix is made
 LARGE_LOOPS = 100  # ... of a mechanism with cut joints, which only 'ida' advances then
+WIDEST = 1000  # bodies in a group of the structured tangent: its matrix has twelve rows a body
 
 
 class Plant:
-WIDEST = 1000  # bodies in a group of the structured tangent: its matrix has twelve rows a body
     """A mechanism as arrays, with its inputs, its outputs and the system a solver takes.
 
     Attributes
@@ -109,9 +110,6 @@ WIDEST = 1000  # bodies in a group of the structured tangent: its matrix has twe
             constraint_names=tuple(constraint_names),
         )
 
-    def _drop_void_rows(self, names: list[str]) -> list[str]:
-        """Find the rows whose Jacobian vanishes wherever the mechanism may be, and number the others anew.
-
     def _groups(self) -> Groups:
         """Return the groups of the structured tangent; UserError where they would be too wide to be solved."""
         groups = find_groups(self.mechanism)
@@ -124,6 +122,9 @@ WIDEST = 1000  # bodies in a group of the structured tangent: its matrix has twe
                 f"allowed: {WIDEST}; tie bodies that are near each other in the tree"
             )
         return groups
+
+    def _drop_void_rows(self, names: list[str]) -> list[str]:
+        """Find the rows whose Jacobian vanishes wherever the mechanism may be, and number the others anew.
 
         A few random positions decide: a row that is not void vanishes there with probability zero.
         """
@@ -163,11 +164,13 @@ WIDEST = 1000  # bodies in a group of the structured tangent: its matrix has twe
             if given is None:
                 parts.append(getattr(joint, default)() if default else np.zeros(getattr(joint, count)))
                 continue
-            value = np.atleast_1d(np.asarray(given, float))
+            value = np.atleast_1d(array_of(f"{attribute} of body {body.name!r}", given))
             if value.shape != (getattr(joint, count),) or not np.all(np.isfinite(value)):
                 raise UserError(
                     f"{attribute} of body {body.name!r} is {given!r}; it needs {getattr(joint, count)} finite numbers"
                 )
+            if attribute == "start" and joint.quaternion:
+                value = with_unit_quaternion(body.name, value)
             parts.append(value)
         return np.concatenate(parts)
 
@@ -287,9 +290,6 @@ WIDEST = 1000  # bodies in a group of the structured tangent: its matrix has twe
         """Kinetic and potential energy, J."""
         return float(energy(t, q, v, self.system.held_data))
 
-    def residuals(self, t: float, q: Array, v: Array) -> tuple[float, float]:
-        """Largest constraint residual in position and in velocity."""
-        if self.system.m == 0:
     def bend(self, t: float, q: Array) -> Bend | None:
         """Return how plates bend at free positions q (nq,); None where there are none."""
         if not self.mechanism.plates:
@@ -297,6 +297,9 @@ WIDEST = 1000  # bodies in a group of the structured tangent: its matrix has twe
         self.energy(t, q, np.zeros(self.system.n))  # places them
         return bend(self.mechanism, self.data)
 
+    def residuals(self, t: float, q: Array, v: Array) -> tuple[float, float]:
+        """Largest constraint residual in position and in velocity."""
+        if self.system.m == 0:
             return 0.0, 0.0
         terms = self.system.allocate_terms()
         self.system.fill(t, q, v, terms)

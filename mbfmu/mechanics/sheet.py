@@ -45,6 +45,7 @@ from .elastic import Plate
 from .grid import Link, Node, around, from_edge, on_edge
 from .joints import Floating, Geodesic, Joint, OutOfPlane, Revolute, Weld
 from .mechanism import Mechanism
+from .numbers import is_finite
 from .supports import Support, check_support, cut_of
 
 GRAVITY = 9.81  # m/s^2: what bends a sheet is of the order of its weight
@@ -68,22 +69,22 @@ class Sheet:
         The element in every cell.
     cuts
         Cut joints of supports that the tree does not grow from.
+    along
+        Which way the tree grows: its columns lie across x (0) or z (1).
     """
 
     name: str
     nodes: tuple[tuple[Body, ...], ...]
     a: float
-    along
-        Which way the tree grows: its columns lie across x (0) or z (1).
     b: float
     plate: Plate
     cuts: tuple[CutHandle, ...]
+    along: int
 
     def node(self, i: int, k: int) -> Body:
         """Return the node at x = i a, z = k b; negative numbers count from the far edge."""
         shape = len(self.nodes), len(self.nodes[0])
         if not (-shape[0] <= i < shape[0] and -shape[1] <= k < shape[1]):
-    along: int
             raise UserError(f"sheet {self.name!r} has no node {(i, k)}; its grid is {shape}")
         return self.nodes[i][k]
 
@@ -157,7 +158,7 @@ def add_sheet(
     what = f"sheet {name!r}"
     shape = _grid(what, grid)
     for key, value in (("length", length), ("width", width), ("density", density)):
-        if not (np.isfinite(value) and value > 0.0):
+        if not (is_finite(value) and value > 0.0):
             raise UserError(f"{key} of {what} is {value!r}; allowed: finite and greater than zero")
     one_of(f"tree of {what}", tree, TREES)
     one_of(f"joint of {what}", joint, JOINTS)
@@ -174,8 +175,8 @@ def add_sheet(
         drag=drag,
     )
     plate.check(what)
-    builder = _Builder(mechanism, name, plate, density, shape, (at, rotation), JOINTS[joint])
     _refuse_one_row(what, shape, plate, tree, supports)
+    builder = _Builder(mechanism, name, plate, density, shape, (at, rotation), JOINTS[joint])
     return builder.build(tree, list(supports), master, rate, pressure)
 
 
@@ -207,6 +208,7 @@ class _Builder:
         """Hang the nodes, span the elements, close the supports."""
         if rate is not None and (tree != "master" or master is not None):
             raise UserError(f"rate of {self.what} is {rate!r}, but it has no floating master node to move")
+        along = 0
         if tree == "master":
             self._refuse_taut(supports, master)
             kind, options = (Floating, {"rate": rate}) if master is None else (Weld, {})
@@ -214,7 +216,6 @@ class _Builder:
         else:
             if master is not None:
                 raise UserError(f"master of {self.what} is {master.name!r}, but its tree {tree!r} has no master node")
-        along = 0
             if not supports or supports[0].kind not in ("clamped", "pinned"):
                 given = supports[0].kind if supports else "missing"
                 raise UserError(
@@ -223,14 +224,13 @@ class _Builder:
                 )
             self._refuse_taut(supports, None)
             root = supports.pop(0)
+            along = 0 if root.edge[0] == "x" else 1
             at, axes = self._frame(root)
             self.taken |= {on_edge(self.shape, root.edge, n) for n in self._held(root)}
             self._hang(
                 from_edge(self.shape, root.edge, self._held(root), tree == "spine"),
-                0 if root.edge[0] == "x" else 1,
                 Weld if root.kind == "clamped" else Revolute,
                 root.body,
-            along = 0 if root.edge[0] == "x" else 1
                 at,
                 axes,
                 **({"axis": "z" if root.edge[0] == "x" else "x"} if root.kind == "pinned" else {}),
@@ -321,7 +321,7 @@ class _Builder:
         if support.span is None:
             return list(range(self.shape[across]))
         role = f"span of the support at {support.edge!r} of {self.what} is {support.span!r} m"
-        if np.shape(support.span) != (2,) or not np.all(np.isfinite(support.span)):
+        if np.shape(support.span) != (2,) or not is_finite(support.span):
             raise UserError(f"{role}; it needs two finite numbers")
         low, high = support.span
         held = [n for n in range(self.shape[across]) if low - 1e-9 * step <= n * step <= high + 1e-9 * step]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,8 +31,8 @@ from mbfmu.mechanics import (
     Harmonic,
     Mechanism,
     OutOfPlane,
-    Sheet,
     Revolute,
+    Sheet,
     Support,
     Translational,
     add_sheet,
@@ -399,8 +400,6 @@ def add(m: Mechanism, **options: Any) -> Sheet:
         ({"grid": (1, 1)}, r"grid of sheet 'sheet' is \(1, 1\); allowed: two whole numbers of nodes, at least 2 each"),
         ({"grid": (4, 2.5)}, r"grid of sheet 'sheet' is \(4, 2\.5\)"),
         ({"grid": 7}, "grid of sheet 'sheet' is 7"),
-        ({"tree": "bush"}, "tree of sheet 'sheet' is 'bush'; allowed: 'spine', 'rows', 'master'"),
-        ({"joint": "ball"}, "joint of sheet 'sheet' is 'ball'; allowed: 'geodesic', 'paper'"),
         (
             {"grid": (4, 2), "membrane": True},
             r"is \(4, 2\): one row of cells across .* along z; .* at least 3 nodes along z",
@@ -411,6 +410,8 @@ def add(m: Mechanism, **options: Any) -> Sheet:
         ),
         ({"grid": (2, 4), "membrane": True, "tree": "master"}, "one row of cells across its chains, along x"),
         ({"length": "long"}, "length of sheet 'sheet' is 'long'"),
+        ({"tree": "bush"}, "tree of sheet 'sheet' is 'bush'; allowed: 'spine', 'rows', 'master'"),
+        ({"joint": "ball"}, "joint of sheet 'sheet' is 'ball'; allowed: 'geodesic', 'paper'"),
         ({"supports": [Support("y0")]}, "edge of a support of sheet 'sheet' is 'y0'; allowed: 'x0', 'x1', 'z0', 'z1'"),
         ({"supports": [Support("x0", "glued")]}, "kind of the support at 'x0' of sheet 'sheet' is 'glued'; allowed"),
         ({"supports": ["x0"]}, "support of sheet 'sheet' is 'x0'; it must be a Support"),
@@ -451,7 +452,6 @@ def test_refuses_a_master_where_there_is_none_and_strange_bodies() -> None:
         sheet.node(4, 0)
 
 
-def test_projected_length_and_membrane_may_meet_across_rows() -> None:
 def test_bending_alone_needs_no_second_row_of_cells() -> None:
     assert len(add(Mechanism(), grid=(4, 2)).nodes[0]) == 2
     assert len(add(Mechanism(), grid=(2, 3), membrane=True).nodes) == 2  # one cell along the chains is only coarse
@@ -479,6 +479,7 @@ def test_sharpest_bend_is_the_angle_of_the_joint() -> None:
     assert hinge.compile().bend(0.0, np.zeros(1)) is None
 
 
+def test_projected_length_and_membrane_may_meet_across_rows() -> None:
     assert add(Mechanism(), tree="rows", joint="paper", membrane=True).plate.strains == "zs"
     assert add(Mechanism(), joint="paper", membrane="s").plate.strains == "s"
     assert add(Mechanism(), membrane=True).plate.strains == "xs"
