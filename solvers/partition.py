@@ -177,6 +177,10 @@ def settle(eqs: Any, t: float, q: Any, v: Any, near: Any, rank: int, slight: flo
     The constraints linearised there take q onto them but for the square of the distance. What is left by that stays
     where it is ``slight``; v' depends on it by the inverse square of the smallest singular value.
     """
+    if q.shape[0] != v.shape[0]:  # the formulas keep no quaternion at unit length
+        for i in range(v.shape[0]):
+            work.dq[i] = 0.0
+        eqs.retract(q, work.dq, eqs.data)
     if rank == 0:
         eqs.dynamics(t, q, v, eqs.data, eqs.terms)
         factor(eqs.terms, work)
