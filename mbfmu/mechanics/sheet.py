@@ -15,7 +15,8 @@ which leaves explicit steps 12 to 95 times as long as the plate's own m t^2 / 12
 **Trees.** ``spine`` and ``rows`` grow from the first support, whose nodes hang on its body: ``rows`` as chains across
 the sheet; ``spine`` as one chain from the middle of the support, with ribs to both sides. ``master`` is the paper's: a
 node in the middle floats, or hangs on a body of yours, with spine and ribs around it, and every support is made of cut
-joints. A chain cannot stretch, so what resists stretching (membrane) matters across chains only.
+joints. A chain cannot stretch, so what resists stretching (membrane) matters across chains only. ``rows`` is the tree
+for load in the plane, which every row carries; of ``spine`` the spine carries it alone.
 
 **Effects.** Bending is always there; membrane, damping, drag and pressure where they are asked for. Bending alone
 converges to a sheet that resists no Gaussian curvature, because nothing resists shear in its plane nor stretching
