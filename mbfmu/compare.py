@@ -166,7 +166,7 @@ def judge(model: Model, solver: str, rtol: float, wall: float, result: Result, r
         branch_jump=bool(gap is not None and gap.max() > BRANCH_TOLERANCE),
         end_time=float(result.times[-1]),
         status=result.failure or "ok",
-        warning=result.warning,
+        warning=result.verdict,
     )
 
 

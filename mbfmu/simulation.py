@@ -17,14 +17,19 @@ from mbfmu.audit import VARIABLES, Audit
 from mbfmu.equilibrium import Balance
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Variable
+from mbfmu.mechanics.bending import COARSE, FOLDED
 from mbfmu.model import Model, suggest
 from solvers import SOLVERS, Options, SolverError, Statistics, Status, stepper
 from solvers.ledger import EXCHANGED
+from solvers.stepper import Samples
 
 Array = NDArray[np.float64]
 
-_compiled: set[str] = set()  # solvers whose kernels this process has compiled
+_compiled: set[tuple[type, bool]] = set()  # kinds of runs whose kernels this process has compiled
 
+UNFOLD = (
+    "Let it move more slowly, damp it, or make it stiffer; where the motion is meant, only a finer grid follows it."
+)
 ROWS = 100  # outputs recorded between two reports of progress
 
 PARTITIONS = {"projection": "adams", "lu": "adams-lu", "hybrid": "hybrid"}
@@ -127,18 +132,27 @@ class Simulation:
         if self.stepper.notice:
             self._remark(self.stepper.notice)
         self.audit = Audit(self.plant, settings.tolerance, self.energy()) if settings.audit else None
-        if settings.name not in _compiled:
-            self._compile(t0, q, v)
+        self._folded = ""
+        self._bend, self._bent_at = self.plant.bend(t0, q), t0  # the sharpest so far
+        self._compile(t0, q, v)
 
     def _compile(self, t0: float, q: Array, v: Array) -> None:
-        """Have every kernel compiled (or loaded) now, by a stepper thrown away, and not in the first step of a run."""
+        """Have every kernel compiled (or loaded) now, by a stepper thrown away, and not in the first step of a run.
+
+        Kernels differ with the solver, with dense or large systems, and with constraints.
+        """
+        kind = (type(self.stepper), self.plant.system.m > 0)
+        if kind in _compiled:
+            return
         rehearsal = stepper(self.settings.name, self.plant.system, t0, q, v, self.settings.options())
-        values = np.zeros((1, len(self._out)))
-        self.plant.observe_all(np.array([t0 + 1e-3]), *rehearsal.sample(np.array([t0 + 1e-3]))[:4], values)
-        rehearsal.advance(t0 + 2e-3)
+        times, values = np.array([t0 + 1e-3]), np.zeros((1, len(self._out)))
+        samples = rehearsal.sample(times)
+        done = len(samples.q)
+        self.plant.observe_all(times[:done], *samples[:4], values[:done])
         self.plant.observe(t0, q, v, np.zeros(len(v)), np.zeros(self.plant.system.m), self._out)
         self.energy()
-        _compiled.add(self.settings.name)
+        if done and rehearsal.advance(t0 + 2e-3).ok:
+            _compiled.add(kind)
 
     @property
     def t(self) -> float:
@@ -159,19 +173,56 @@ class Simulation:
         return self.plant.energy(self.stepper.t, self.stepper.q, self.stepper.v)
 
     @property
-    def warning(self) -> str:
+    def failure(self) -> str:
+        """Why the last :meth:`advance` or :meth:`record` ended early and what to try; empty: it did not."""
+        status = self.stepper.status
+        return self._folded if status.ok else f"{status.message}. {status.remedy_after(self.settings.name)}"
+
+    @property
+    def verdict(self) -> str:
         """When and how the energy balance was lost; empty while it holds."""
         return self.audit.verdict if self.audit else ""
 
+    @property
+    def coarse(self) -> str:
+        """Where, when and how far cells have bent most, if too far for their grid; empty: they have not."""
+        if self._bend is None or self._bend.largest <= COARSE:
+            return ""
+        return f"{self._bend} (t = {self._bent_at:.9g} s)"
+
+    @property
+    def warning(self) -> str:
+        """Why the motion so far is not to be trusted; empty: nothing speaks against it."""
+        return together(self.verdict, self.coarse)
+
     def advance(self, t: float) -> Status:
-        """Advance to t (s), a communication point; on failure the last good state stays."""
+        """Advance to t (s), a communication point; on failure the last good state stays.
+
+        :attr:`failure` also tells of a folded sheet.
+        """
         self._set_out(t)
         status = self.stepper.advance(t)
+        q = self.stepper.q
         if self.audit:
-            q, energy, ledger = self.stepper.q, self.energy(), self.stepper.ledger
+            energy, ledger = self.energy(), self.stepper.ledger
             if not self.audit.holds(self.t, q, energy, ledger):
                 self._check(np.array([self.t]), q[None], np.array([energy]), ledger[None])
+        self._look(self.t, q)
         return status
+
+    def _look(self, t: float, q: Array) -> bool:
+        """Note how sharply plates bend at positions q (nq,); False where a cell is folded, which ends a run."""
+        here = self.plant.bend(t, q)
+        if here is None or self._bend is None:
+            return True
+        if here.largest > self._bend.largest:
+            self._bend, self._bent_at = here, t
+        self._folded = f"A cell is folded: {self.coarse}. {UNFOLD}" if here.largest > FOLDED else ""
+        return not self._folded
+
+    def _unfolded(self, times: Array, q: Array) -> int:
+        """Return how many of the positions q (k, nq) at ``times`` come before the first with a folded cell."""
+        return next((i for i in range(len(q)) if not self._look(float(times[i]), q[i])), len(q))
 
     def _set_out(self, end: float) -> None:
         """Let the supports that inputs move set out for where they are at ``end``; all jumps of their rates are one
@@ -200,9 +251,15 @@ class Simulation:
             self.remarks.append(text)
 
     def outputs(self) -> Array:
-        """Return the outputs at the time reached, in the order of ``variables``; the array is used again."""
+        """Return the outputs at the time reached, in the order of ``variables``; the array is used again.
+
+        Raises UserError where the accelerations are not determined.
+        """
         stepper = self.stepper
-        a, lam = stepper.accelerations()  # the limit along the motion in a singular position
+        try:
+            a, lam = stepper.accelerations()  # the limit along the motion in a singular position
+        except SolverError as error:
+            raise UserError(f"model {self.model.name!r}: {error}") from error
         self.plant.observe(stepper.t, stepper.q, stepper.v, a, lam, self._out)
         self._finish(np.array([stepper.t]), stepper.q[None], stepper.ledger[None], self._out[None])
         return self._out
@@ -227,7 +284,7 @@ class Simulation:
     def record(self, times: Array, values: Array) -> int:
         """Advance to each of ``times`` (k,) and put the outputs into a row of ``values`` (k, outputs) each.
 
-        Returns the number of rows; where it is less than k the stepper's status says why.
+        Returns the number of rows; where it is less than k :attr:`failure` says why.
         """
         times = np.ascontiguousarray(times)
         done = 0
@@ -235,12 +292,13 @@ class Simulation:
             self._set_out(times[done])
             ahead = times[done:] if self.plant.settled else times[done : done + 1]
             samples = self.stepper.sample(ahead)
-            rows = slice(done, done + len(samples.q))
-            if len(samples.q):
+            count = self._unfolded(ahead, samples.q)
+            rows, samples = slice(done, done + count), Samples(*(part[:count] for part in samples))
+            if count:
                 self.plant.observe_all(times[rows], *samples[:4], values[rows])
                 self._finish(times[rows], samples.q, samples.ledger, values[rows])
             done = rows.stop
-            if not self.stepper.status.ok:
+            if self.failure:
                 break
         return done
 
@@ -301,6 +359,11 @@ class Simulation:
             self.audit.base, self.audit.verdict = head["balance"]
 
 
+def together(*warnings: str) -> str:
+    """Return as one text what there is of several."""
+    return ". ".join(filter(None, warnings))
+
+
 @dataclass
 class Result:
     """Outputs over time, and how the run went."""
@@ -311,7 +374,13 @@ class Result:
     statistics: Statistics
     wall_time: float  # s, between the first and the last output
     failure: str = ""  # why the run ended early and what to try; empty: it did not
-    warning: str = ""  # when and how the energy balance was lost; empty: it was not
+    verdict: str = ""  # when and how the energy balance was lost; empty: it was not
+    coarse: str = ""  # where cells bend too far for their grid; empty: nowhere, or the run ended early
+
+    @property
+    def warning(self) -> str:
+        """Why it is not to be trusted though it ran; empty: nothing speaks against it."""
+        return together(self.verdict, self.coarse)
 
     def __getitem__(self, name: str) -> Array:
         """Return one output over time."""
@@ -362,18 +431,17 @@ def run(
     while done < len(times) and not failure:
         rows = slice(done, done + (ROWS if watch is None else 1))
         done += simulation.record(times[rows], values[rows])
-        status = simulation.stepper.status
-        if warn is not None and simulation.warning != told:
-            told = simulation.warning
+        if warn is not None and simulation.verdict != told:
+            told = simulation.verdict
             warn(told)
-        if not status.ok:
-            failure = f"{status.message}. {status.remedy}"
+        failure = simulation.failure
+        if failure:
             break
         if watch is not None:
             watch(simulation)
         if progress is not None:
             progress(float(times[done - 1]))
     wall = time.perf_counter() - begin
-    return Result(
-        times[:done], values[:done], simulation.variables, simulation.statistics, wall, failure, simulation.warning
-    )
+    coarse = "" if failure else simulation.coarse
+    found = times[:done], values[:done], simulation.variables, simulation.statistics
+    return Result(*found, wall, failure, simulation.verdict, coarse)

@@ -16,6 +16,7 @@ from mbfmu.errors import EquilibriumError
 from mbfmu.freedom import free_motions, in_words
 from mbfmu.linear import Mode, StateSpace, linearise
 from mbfmu.mechanics import Plant
+from mbfmu.mechanics.bending import COARSE
 from mbfmu.model import Model
 from mbfmu.modes import Shape, shapes
 from solvers.system import Array, TreeSystem
@@ -106,6 +107,12 @@ class Equilibrium:
             return ""
         return in_words(self.plant, self.q, free_motions(self.plant, self.q, self.lam))
 
+    @cached_property
+    def warning(self) -> str:
+        """Why the state is not to be trusted; empty: nothing speaks against it."""
+        bent = self.plant.bend(0.0, self.q)
+        return str(bent) if bent is not None and bent.largest > COARSE else ""
+
     def positions(self) -> dict[str, float]:
         """Return the coordinates by name; those of an orientation as its quaternion."""
         names = position_names(self.plant)
@@ -126,6 +133,7 @@ class Equilibrium:
             "constraint_forces": dict(zip(self.plant.system.constraint_names, map(float, self.lam), strict=True)),
             "stability": self.stability,
             "free_motions": self.free,
+            "warning": self.warning,
             "stable": self.stability in ("stable", "undamped"),
             "eigenvalues": [
                 {

@@ -36,19 +36,18 @@ restored run restarts at order one, so it agrees with the saved one to the toler
 from __future__ import annotations
 
 from abc import abstractmethod
-from contextlib import redirect_stdout
-from io import StringIO
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from sksundae.ida import IDA, IDAJacTimes, IDAPrecond
+from sksundae.ida import IDAJacTimes, IDAPrecond
 
 from .dense import factor_lu, solve_lu
 from .held import hold
 from .kernel import inlined, kernel, records
 from .ledger import BOOK, WORK, Scales, catch_up, report
 from .partition import close_report
+from .quiet import IDA
 from .singular import MISS, note, passed, step_bound
 from .stepper import Code, DenseStepper, Options, Statistics, Stepper
 from .system import Array, System
@@ -454,8 +453,7 @@ class IDADriver(Stepper):
         taken, bad = 0, self._counts[2]
         while True:
             before = self._t
-            with redirect_stdout(StringIO()):  # the binding prints what the status says
-                result = self._ida.step(t)
+            result = self._ida.step(t)
             if result.status < 0 and result.status != TOO_MUCH_WORK:
                 return Code.NOT_FINITE if self._counts[2] > bad else Code.COLLAPSED
             code = self._take(float(result.t), result.y)
@@ -603,8 +601,7 @@ class IDAStepper(IDADriver, DenseStepper):
                 return Code.MAX_STEPS
             before = self._passed
             stop = None if np.isinf(self._reach) else before + self._reach
-            with redirect_stdout(StringIO()):  # the binding prints what the status says
-                result = self._ida.step(max(t, before + self._reach) if stop else t, method="onestep", tstop=stop)
+            result = self._ida.step(max(t, before + self._reach) if stop else t, method="onestep", tstop=stop)
             if self._reach < max(shortest, STANDSTILL * abs(before)):
                 return Code.BRANCHES
             if result.status < 0:
@@ -615,8 +612,7 @@ class IDAStepper(IDADriver, DenseStepper):
             code = self._look_over(float(result.t), result.y, float(result.t) - before)
             if code is not Code.OK:
                 return code
-        with redirect_stdout(StringIO()):
-            result = self._ida.step(t)
+        result = self._ida.step(t)
         return self._take(float(result.t), result.y)
 
     def _look_over(self, t: float, y: Array, taken: float) -> Code:

@@ -34,14 +34,15 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from sksundae.ida import IDA, IDAPrecond
+from sksundae.ida import IDAPrecond
 
 from .blocks import one_thread
 from .held import hold
 from .ida import BEGUN, COUNTS, LENGTH_RATE, STEPS_A_CALL, IDADriver, count, reported
 from .kernel import kernel, records
 from .ledger import BOOK, WORK, Scales, catch_up
-from .saddle import Motion, close
+from .quiet import IDA
+from .saddle import Motion, close, inverse_squares
 from .stepper import Code, Options, Statistics, Status
 from .system import Array, TreeSystem, audit_callbacks
 
@@ -254,7 +255,7 @@ class TreeIDAStepper(IDADriver):
         if code is Code.OK:
             J, zeros = motion.terms.J, np.zeros(m)
             self._d[0] = TIKHONOV * self.options.rtol / motion.masses
-            self._d[1] = TIKHONOV * self.options.rtol * np.einsum("ij,ij->i", J, J)
+            self._d[1] = TIKHONOV * self.options.rtol / inverse_squares(np.einsum("ij,ij->i", J, J))
             y = np.concatenate((self._q, self._v, motion.lam, zeros))
             yp = np.concatenate((motion.qdot, motion.a, zeros, zeros))
             if self._works != (self.options.audit and self.system.works()):

@@ -24,6 +24,10 @@ from .system import Array, TreeSystem
 
 SPRING = 1e4  # (rad/s)^2, stiffness to effective mass of the springs alpha
 REDUNDANT = 1e-10  # eigenvalues of a scaled Schur complement below this part of the largest count as zero
+VOID = (
+    1e-20  # square of a row to that of the largest below which nothing works against it here: rounding is 1e-32, units
+)
+# make 1e-6
 PASSES, CLOSED = 12, 1e-11  # of the way back onto the constraints; m or rad
 
 
@@ -45,6 +49,12 @@ def pseudo_inverse(S: Array) -> Array:
     return np.asarray(inverse)
 
 
+def inverse_squares(squares: Array) -> Array:
+    """Return what scales rows of these squares (m,) to one; a row that vanishes here is left small."""
+    largest = squares.max(initial=0.0) or 1.0
+    return np.asarray(1.0 / np.where(squares > VOID * largest, squares, largest))
+
+
 class Motion:
     """Accelerations and multipliers of a tree at any state, with what they came from.
 
@@ -53,7 +63,7 @@ class Motion:
     qdot, a, lam
         N v (nq,), v' (n,) and the shortest lambda (m,), in units of the effective masses.
     masses
-        Effective mass of every constraint (m,).
+        Effective mass of every constraint (m,); of one that no motion works against here, the least there is.
     terms
         Constraints at that state.
     """
@@ -77,7 +87,7 @@ class Motion:
                 S = terms.J @ X.T
                 if not np.isfinite(S).all():
                     return Code.NOT_FINITE
-                self.masses = 1.0 / np.diag(S)
+                self.masses = inverse_squares(np.diag(S))
                 root = np.sqrt(self.masses)
                 self.lam = root * (pseudo_inverse(root[:, None] * S * root) @ (root * (terms.J @ self.a - terms.gamma)))
                 self.a -= self.lam @ X
@@ -143,7 +153,7 @@ def close(system: TreeSystem, t: float, q: Array, v: Array) -> Code:
         if not np.isfinite(off):
             return Code.NOT_FINITE
         with one_thread():
-            scale = 1.0 / np.sqrt(np.einsum("ij,ij->i", terms.J, terms.J))
+            scale = np.sqrt(inverse_squares(np.einsum("ij,ij->i", terms.J, terms.J)))
             inverse = scale[:, None] * pseudo_inverse(scale[:, None] * (terms.J @ terms.J.T) * scale) * scale
             if off < CLOSED:
                 v -= (inverse @ (terms.J @ v - terms.nu)) @ terms.J

@@ -37,7 +37,7 @@ MESSAGES: dict[Code, tuple[str, str]] = {
     Code.OK: ("reached the time asked for", ""),
     Code.NOT_CLOSED: (
         "the constraints could not be closed",
-        "Start nearer to a closed position; where 'adams-lu' stands at a singular position, use 'adams'.",
+        "Start nearer to a closed position; at a singular position try {others}.",
     ),
     Code.NO_MASS: (
         "some motion the constraints allow moves no mass",
@@ -57,8 +57,7 @@ MESSAGES: dict[Code, tuple[str, str]] = {
     ),
     Code.COLLAPSED: (
         "the step has become too small to move time",
-        "The motion has a jump or a kink here, or 'adams-lu' a singular position: use 'adams', 'hybrid' or 'ida', "
-        "or smooth the force.",
+        "The motion has a jump or a kink here, or comes to a singular position: smooth the force, or try {others}.",
     ),
     Code.BRANCHES: (
         "two branches of the motion come so near each other that no step tells them apart",
@@ -88,7 +87,12 @@ class Status:
     @property
     def remedy(self) -> str:
         """What to try next; empty where nothing is wrong."""
-        return MESSAGES[self.code][1]
+        return self.remedy_after("")
+
+    def remedy_after(self, solver: str) -> str:
+        """What to try next where the solver of this name has failed: no advice names it again."""
+        *some, last = [repr(name) for name in ("ida", "adams", "hybrid") if name != solver]
+        return MESSAGES[self.code][1].format(others=f"{', '.join(some)} or {last}")
 
 
 class SolverError(ArithmeticError):

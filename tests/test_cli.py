@@ -67,6 +67,7 @@ def test_compare_writes_rows(command: Command, tmp_path: Path) -> None:
             ("run", "fourbar", "--set", "coupler_mass=0", "--set", "crank_mass=0", "--set", "rocker_mass=0"),
             "no inertia",
         ),
+        (("run", "fourbar", "--set", "start_angle=0", "--native"), "branches of the motion cross"),
     ],
 )
 def test_mistakes_get_a_message_and_exit_code_2(command: Command, arguments: tuple[str, ...], message: str) -> None:

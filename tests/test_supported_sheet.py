@@ -25,6 +25,7 @@ from mbfmu.mechanics import (
     Revolute,
     Spring,
     Support,
+    Translational,
     add_sheet,
     plant,
 )
@@ -132,6 +133,31 @@ def test_motion_and_reactions_are_those_of_the_dense_way(way: str, monkeypatch: 
     small = Simulation(model, Settings())
     for expected, value in zip(small.stepper.accelerations(), large.stepper.accelerations(), strict=True):
         np.testing.assert_allclose(value, expected, atol=1e-7 * np.abs(expected).max())
+
+
+def test_a_flat_sheet_may_be_clamped_to_a_slider() -> None:
+    """Flat, nothing works against what holds it in its plane: rows of J are zero. A beam clamped at both ends, with
+    the sides free, hangs through by q L^4 / (384 D), within Poisson's share.
+    """
+    m = Mechanism(gravity=(0.0, -0.1, 0.0))
+    slide = m.body("slide", m.ground, Translational(axis="x", at=(LENGTH, 0.0, 0.0)), mass=0.01)
+    supports = [Support("x0"), Support("x1", body=slide, at=(-LENGTH, 0.0, 0.0))]
+    sheet = add_sheet(
+        m, "sheet", length=LENGTH, width=WIDTH, thickness=THICKNESS, youngs_modulus=E, density=DENSITY, grid=(9, 7),
+        supports=supports, membrane=True,
+    )  # fmt: skip
+    m.output("middle", sheet.node(4, 3).position("y"))
+    m.output("energy", m.energy)
+    m.output("gap", m.position_residual)
+    found = still(Fixed(m))
+    D = E * THICKNESS**3 / (12.0 * (1.0 - 0.09))
+    load = DENSITY * THICKNESS * 0.1
+    assert found.outputs["middle"] == pytest.approx(-load * LENGTH**4 / (384.0 * D), rel=0.05)
+    result = run(Fixed(m), Settings(tolerance=1e-6), np.linspace(0.0, 0.02, 5))
+    assert not result.failure
+    assert result["middle"][-1] < -1e-5
+    assert result["gap"].max() < 1e-10
+    assert abs(result["energy"][-1]) < 1e-3 * load * LENGTH * WIDTH * abs(result["middle"][-1])
 
 
 def test_a_regularisation_that_would_damp_is_small_on_fine_grids_too() -> None:

@@ -86,6 +86,8 @@ def as_text(found: Equilibrium, others: Sequence[Equilibrium]) -> str:
         WORDS[found.stability] + (f"; nothing resists {found.free}" if found.free else ""),
         modes_as_text(found.modes),
     ]
+    if found.warning:
+        lines += ["", f"warning: {found.warning}"]
     if others:
         names = list(found.positions())
         rows = [[f"{x:.9g}" for x in other.positions().values()] + [other.stability] for other in others]

@@ -68,9 +68,11 @@ def command_run(options: argparse.Namespace) -> int:
         print(f"wrote {csv}, {png} and {poses}")
     else:
         print(f"wrote {csv} and {png}; see the motion with `mbfmu view {options.scene}` or after a run with --native")
+    if result.coarse:
+        print(f"mbfmu: warning: {result.coarse}", file=sys.stderr)
     if result.failure:
         print(f"mbfmu: {result.failure}", file=sys.stderr)
-    return 1 if result.failure or result.warning else 0
+    return 1 if result.failure or result.verdict else 0
 
 
 def warn(text: str) -> None:
@@ -102,7 +104,7 @@ def summary(scene: Scene, result: Result, total: float) -> str:
     if scene.settings.audit:
         worst, exchanged = np.abs(outputs["energy_imbalance"]).max(), outputs["energy_exchanged"][-1]
         part = f", {worst / exchanged:.1e} of the {exchanged:.3g} J exchanged" if exchanged else ""
-        lines.append(f"  energy imbalance {worst:.2e} J{part}{': LOST' if result.warning else ''}")
+        lines.append(f"  energy imbalance {worst:.2e} J{part}{': LOST' if result.verdict else ''}")
     for key, unit in (("position_residual", "m"), ("velocity_residual", "m/s")):
         if key in outputs:
             lines.append(f"  largest {key.replace('_', ' ')} {outputs[key].max():.2e} {unit}")

@@ -72,6 +72,7 @@ class ModelSlave(Interface):
         self._refused: dict[str, str] = {}  # variable -> why its last value was not taken
         self._changed: set[int] = set()  # value references of inputs and parameters set since the last step
         self._remarked = 0  # how many of the simulation's remarks are in the log
+        self._coarse = False  # that a grid is too coarse is in the log
         self._fresh = True  # outputs are those of the present state
         self._told: list[str] = []  # of the loops, in the log
         self.register(self.model.build().compile())
@@ -165,17 +166,30 @@ class ModelSlave(Interface):
         self._apply_changes()
         if step_size == 0.0:
             return True
-        status = self.simulation.advance(current_time + step_size)
+        self.simulation.advance(current_time + step_size)
         self._fresh = False
         for text in self.simulation.remarks[self._remarked :]:
-            self.log(text, Fmi2Status.warning, "logStatusWarning")
+            self._warn(text)
         self._remarked = len(self.simulation.remarks)
-        if not status.ok:
-            self.fail(f"{status.message}. {status.remedy}")
-        elif self.simulation.warning and not self.message:
-            self.message = self.simulation.warning
-            self._report(self.message, Fmi2Status.warning, "logStatusWarning")
-        return bool(status.ok)
+        if self.simulation.failure:
+            self.fail(self.simulation.failure)
+            return False
+        self._warn_of_motion()
+        return True
+
+    def _warn_of_motion(self) -> None:
+        """Say once each that the energy balance is lost, which hosts can read too, and that a grid is too coarse."""
+        assert self.simulation is not None
+        if self.simulation.verdict and not self.message:
+            self.message = self.simulation.verdict
+            self._print(self.message)
+            self._warn(self.message)
+        if self.simulation.coarse and not self._coarse:
+            self._coarse = True
+            self._warn(self.simulation.coarse)
+
+    def _warn(self, text: str) -> None:
+        self.log(text, Fmi2Status.warning, "logStatusWarning")
 
     def _apply_changes(self) -> None:
         simulation = self.simulation
@@ -196,7 +210,9 @@ class ModelSlave(Interface):
 
     @guarded
     def terminate(self) -> None:
-        """Nothing to release: all memory is Python's."""
+        """Say how far cells have bent at the worst; nothing to release, all memory is Python's."""
+        if self.simulation is not None and self.simulation.coarse and not self.simulation.failure:
+            self._print(f"warning: {self.simulation.coarse}")
 
     # ---- failures -----------------------------------------------------------------------------------------------
 
@@ -205,9 +221,12 @@ class ModelSlave(Interface):
         self.message = str(reason)
         self._report(self.message)
 
-    def _report(self, text: str, status: Fmi2Status = Fmi2Status.error, category: str = "logStatusError") -> None:
+    def _report(self, text: str) -> None:
+        self._print(text)
+        self.log(text, Fmi2Status.error, "logStatusError")
+
+    def _print(self, text: str) -> None:
         print(f"{self.identifier} ({self.instance_name}): {text}", file=sys.stderr)  # noqa: T201
-        self.log(text, status, category)
 
     # ---- FMU state ----------------------------------------------------------------------------------------------
 

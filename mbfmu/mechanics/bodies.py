@@ -31,7 +31,6 @@ class Body:
     mass: float = 0.0
     com: Matrix = field(default_factory=lambda: np.zeros(3))
     inertia: Matrix = field(default_factory=lambda: np.zeros((3, 3)))
-    group: int | None = None
 
     def coordinate(self, k: int = 0) -> Sensor:
         """Joint position k, rad or m."""

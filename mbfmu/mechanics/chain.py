@@ -9,8 +9,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from mbfmu.errors import UserError
 
 from .bodies import Body
@@ -18,6 +16,7 @@ from .checks import whole
 from .forces import BeamElement
 from .joints import Joint, Revolute, Translational
 from .mechanism import Mechanism
+from .numbers import is_finite
 
 
 def add_chain(
@@ -57,7 +56,7 @@ def add_chain(
     The nodes. Each has the mass of its half elements and their rotary inertia as rigid rods.
     """
     for what, value in (("length", length), ("mass", mass), ("axial", axial), ("bending_stiffness", bending_stiffness)):
-        if not (np.isfinite(value) and value > 0.0):
+        if not (is_finite(value) and value > 0.0):
             raise UserError(f"{what} of chain {name!r} is {value!r}; allowed: greater than zero")
     if whole(f"elements of chain {name!r}", elements) < 1:
         raise UserError(f"elements of chain {name!r} are {elements!r}; allowed: at least 1")

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mbfmu.errors import UserError
 
+from .numbers import array_of, is_finite
 from .signals import Signal, as_signal
 
 Matrix = NDArray[np.float64]
@@ -18,14 +19,16 @@ Vector = Sequence[float] | Matrix
 
 def signal_of(value: Any, what: str) -> Signal:
     """Return a signal from a number, a signal or an input."""
-    if isinstance(value, int | float) and not np.isfinite(value):
-        raise UserError(f"{what} is {value!r}; it must be finite")
-    return as_signal(value)
+    if isinstance(value, Signal):
+        return value
+    if np.ndim(value) or not is_finite(value):
+        raise UserError(f"{what} is {value!r}; it must be a finite number, a signal or an input")
+    return as_signal(float(value))
 
 
 def vector(what: str, value: Vector) -> Matrix:
     """Check three finite numbers."""
-    array = np.asarray(value, float)
+    array = array_of(what, value)
     if array.shape != (3,) or not np.all(np.isfinite(array)):
         raise UserError(f"{what} is {value!r}; it needs three finite numbers")
     return array
@@ -35,7 +38,7 @@ def rotation(what: str, value: Any) -> Matrix:
     """Check a rotation matrix; None is the identity."""
     if value is None:
         return np.eye(3)
-    R = np.asarray(value, float)
+    R = array_of(what, value)
     if R.shape != (3, 3) or not np.allclose(R @ R.T, np.eye(3), atol=1e-9) or np.linalg.det(R) < 0.0:
         raise UserError(f"{what} is {value!r}; it must be a 3x3 rotation matrix")
     return R
@@ -43,7 +46,7 @@ def rotation(what: str, value: Any) -> Matrix:
 
 def not_negative(what: str, value: float) -> float:
     """Check a finite number that is not negative."""
-    if not np.isfinite(value) or value < 0.0:
+    if np.ndim(value) or not is_finite(value) or value < 0.0:
         raise UserError(f"{what} is {value!r}; allowed: finite and not negative")
     return float(value)
 
@@ -57,7 +60,7 @@ def whole(what: str, value: Any) -> int:
 
 def inertia_matrix(body: str, value: Any) -> Matrix:
     """Check an inertia: symmetric, no negative principal value, triangle inequality."""
-    array = np.asarray(value, float)
+    array = array_of(f"inertia of body {body!r}", value)
     J = np.diag(array) if array.shape == (3,) else array
     what = f"inertia of body {body!r} is {value!r}"
     if J.shape != (3, 3) or not np.all(np.isfinite(J)) or not np.allclose(J, J.T):
@@ -67,6 +70,17 @@ def inertia_matrix(body: str, value: Any) -> Matrix:
     if p[0] < -slack or p[2] > p[0] + p[1] + slack:
         raise UserError(f"{what}; principal values must not be negative, nor one exceed the sum of the others")
     return J
+
+
+def with_unit_quaternion(body: str, start: Matrix) -> Matrix:
+    """Check positions that end with a quaternion; return them without the rounding of its length."""
+    e = start[-4:]
+    length = float(np.linalg.norm(e))
+    if abs(length - 1.0) > 1e-6:
+        raise UserError(
+            f"start of body {body!r} has the quaternion {e.tolist()} of length {length:.6g}; its length must be 1"
+        )
+    return np.concatenate((start[:-4], e / length))
 
 
 def names_of(registry: tuple[type, ...]) -> str:

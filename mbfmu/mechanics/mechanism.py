@@ -27,12 +27,14 @@ from .forces import REGISTRY as FORCES
 from .forces import Force, JointForce, JointSpring
 from .joints import REGISTRY as JOINTS
 from .joints import Joint, Revolute, Section, Weld
+from .numbers import finite, is_finite
 from .sensors import Kind, Sensor
 from .shapes import Shape, check_colour, lengths
 from .signals import Input, Signal
 
 if TYPE_CHECKING:
     from .plant import Plant
+    from .sheet import Sheet
 
 
 class Mechanism:
@@ -71,6 +73,7 @@ class Mechanism:
         self.outputs: list[tuple[str, Sensor, str, float | None]] = []
         self.shapes: list[tuple[Body, Shape]] = []
         self.surfaces: list[Surface] = []
+        self.sheets: list[Sheet] = []  # what add_sheet has made
         self.energy = Sensor(kind=Kind.ENERGY, unit="J")
         self.kinetic_energy = Sensor(kind=Kind.KINETIC, unit="J")
         self.potential_energy = Sensor(kind=Kind.POTENTIAL, unit="J")
@@ -87,7 +90,6 @@ class Mechanism:
         mass: float = 0.0,
         com: Vector = (0.0, 0.0, 0.0),
         inertia: Any = (0.0, 0.0, 0.0),
-        group: int | None = None,
     ) -> Body:
         """Hang a body on its parent.
 
@@ -105,9 +107,6 @@ class Mechanism:
             Centre of mass in the body's frame, m.
         inertia
             About the centre of mass, body axes, kg m^2: three principal values or a 3x3 matrix.
-        group
-            Of a large tree: bodies are solved group by group, and joints and elements should span neighbouring groups
-            at most, as the columns of a grid do; None: that of the nearest body which has one.
         """
         self._new_name("body", name, self._bodies_named)
         self._member(parent, f"parent of body {name!r}")
@@ -126,7 +125,6 @@ class Mechanism:
             not_negative(f"mass of body {name!r}", mass),
             vector(f"com of body {name!r}", com),
             inertia_matrix(name, inertia),
-            group,
         )
         self.bodies.append(new)
         self._bodies_named[name] = new
@@ -168,7 +166,7 @@ class Mechanism:
         self._member(b, f"body b of cut {name!r}")
         if a is b:
             raise UserError(f"cut {name!r} ties body {a.name!r} to itself; it needs two bodies")
-        if isinstance(cut, DistanceCut) and not (np.isfinite(cut.length) and cut.length > 0.0):
+        if isinstance(cut, DistanceCut) and not (is_finite(cut.length) and cut.length > 0.0):
             raise UserError(f"length of cut {name!r} is {cut.length!r} m; allowed: greater than zero")
         self.cuts.append(CutHandle(name, len(self.cuts), cut, a, b))
         return self.cuts[-1]
@@ -183,9 +181,10 @@ class Mechanism:
         self._member(other, f"body b of force {name!r}")
         if isinstance(force, JointForce | JointSpring) and a.joint.nv != 1:
             raise UserError(f"force {name!r} needs a joint of one coordinate; that of {a.name!r} has {a.joint.nv}")
+        if not force.on_joint and a is other:
+            raise UserError(f"force {name!r} acts between body {a.name!r} and itself; it needs two bodies")
         for key in ("stiffness", "damping", "free"):
-            if not np.isfinite(getattr(force, key, 0.0)):
-                raise UserError(f"{key} of force {name!r} is {getattr(force, key)!r}; it must be finite")
+            finite(f"{key} of force {name!r}", getattr(force, key, 0.0))
         self.forces.append((name, force, a, other))
 
     def shape(self, body: Body, *shapes: Shape) -> None:
@@ -306,7 +305,10 @@ class Mechanism:
 
         if len(self.bodies) == 1:
             raise UserError("the mechanism has no bodies; add at least one with Mechanism.body")
-        return Plant(self)
+        try:
+            return Plant(self)
+        except MemoryError as error:
+            raise UserError(f"a mechanism of {len(self.bodies)} bodies needs more memory than there is") from error
 
     def _member(self, body: Body, role: str) -> None:
         if not isinstance(body, Body) or body.index >= len(self.bodies) or self.bodies[body.index] is not body:

@@ -13,19 +13,23 @@ from solvers.system import Array, System, TreeSystem
 
 from .arrays import Data, complex_twin
 from .assembly import assemble_positions, assemble_velocities, check_frames, check_inertia, frame_angles
+from .bending import Bend, bend
 from .bodies import Body
+from .checks import with_unit_quaternion
 from .compile import GRAVITY, Numbering, Variable, compile_data, sensor_records, shared
 from .dynamics import audit_callbacks, callbacks, energy, observe, observe_all, tree_callbacks
 from .mechanism import Mechanism
 from .motion import Departure, InputMotion, impulse
+from .numbers import array_of
 from .rows import Probe, dependent_rows, describe, pace, row_names, row_units
 from .scale import characteristic_length, coordinate_sizes, joint_sizes, row_sizes
 from .sensors import largest_residual
 from .signals import POLYNOMIAL, RUN_UP, SpeedInput
-from .tangent import Tangent, number_groups
+from .tangent import Groups, Tangent, find_groups
 
 LARGE = 60  # coordinates of a tree without loops from which on no dense matrix is made
 LARGE_LOOPS = 100  # ... of a mechanism with cut joints; the partitions take its matrices all the same
+WIDEST = 1000  # bodies in a group of the structured tangent: its matrix has twelve rows a body
 
 
 class Plant:
@@ -115,7 +119,7 @@ class Plant:
             position=position,
             constraints=constraints,
             retract=retract,
-            tangent=Tangent(data, number_groups(self.mechanism)),
+            tangent=Tangent(data, self._groups()),
             size=self._size,
             row_size=self._row_sizes(constraint_names),
             plain=(in_q, in_v),
@@ -130,6 +134,19 @@ class Plant:
 
     def _works(self) -> bool:
         return bool(self.data.arrays.world["works"][0])
+
+    def _groups(self) -> Groups:
+        """Return the groups of the structured tangent; UserError where they would be too wide to be solved."""
+        groups = find_groups(self.mechanism)
+        widest = int(np.bincount(groups.of[1:]).argmax())
+        members = np.flatnonzero(groups.of == widest)
+        if len(members) > WIDEST:
+            raise UserError(
+                f"joints, forces and elements tie {len(members)} bodies to each other, "
+                f"{self.mechanism.bodies[members[-1]].name!r} among them, so that they must be solved at once; "
+                f"allowed: {WIDEST}; tie bodies that are near each other in the tree"
+            )
+        return groups
 
     def _drop_void_rows(self, names: list[str]) -> list[str]:
         """Find the rows whose Jacobian vanishes wherever the mechanism may be, and number the others anew.
@@ -195,11 +212,13 @@ class Plant:
             if given is None:
                 parts.append(getattr(joint, default)() if default else np.zeros(getattr(joint, count)))
                 continue
-            value = np.atleast_1d(np.asarray(given, float))
+            value = np.atleast_1d(array_of(f"{attribute} of body {body.name!r}", given))
             if value.shape != (getattr(joint, count),) or not np.all(np.isfinite(value)):
                 raise UserError(
                     f"{attribute} of body {body.name!r} is {given!r}; it needs {getattr(joint, count)} finite numbers"
                 )
+            if attribute == "start" and joint.quaternion:
+                value = with_unit_quaternion(body.name, value)
             parts.append(value)
         return np.concatenate(parts)
 
@@ -454,6 +473,13 @@ class Plant:
     def energy(self, t: float, q: Array, v: Array) -> float:
         """Kinetic and potential energy, J."""
         return float(energy(t, q, v, self.system.held_data))
+
+    def bend(self, t: float, q: Array) -> Bend | None:
+        """Return how plates bend at free positions q (nq,); None where there are none."""
+        if not self.mechanism.plates:
+            return None
+        self.energy(t, q, np.zeros(self.system.n))  # places them
+        return bend(self.mechanism, self.data)
 
     def residuals(self, t: float, q: Array, v: Array) -> tuple[float, float]:
         """Largest constraint residual in position and in velocity."""

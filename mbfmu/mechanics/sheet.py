@@ -15,13 +15,18 @@ which leaves explicit steps 12 to 95 times as long as the plate's own m t^2 / 12
 **Trees.** ``spine`` and ``rows`` grow from the first support, whose nodes hang on its body: ``rows`` as chains across
 the sheet; ``spine`` as one chain from the middle of the support, with ribs to both sides. ``master`` is the paper's: a
 node in the middle floats, or hangs on a body of yours, with spine and ribs around it, and every support is made of cut
-joints. A chain cannot stretch, so what resists stretching (membrane) matters across chains only.
+joints. A chain cannot stretch, so what resists stretching (membrane) matters across chains only. ``rows`` is the tree
+for load in the plane, which every row carries; of ``spine`` the spine carries it alone.
 
 **Effects.** Bending is always there; membrane, damping, drag and pressure where they are asked for. Bending alone
 converges to a sheet that resists no Gaussian curvature, because nothing resists shear in its plane nor stretching
 across the chains; membrane does, and leaves out the strain along rows or ribs, of which there is none. It may see the
 strain along a chain only with joints that keep the length of the sheet (:mod:`.joints.geodesic`): those of projected
 length would lock.
+
+**Rows of cells.** An element measures stretching by means over its edges. One row of cells across the chains has one
+mean for the whole width: the sheet folds along its chain, is then stiff as an angle bar, and stays so though it would
+hang lower and with less energy unfolded. With membrane two rows of cells are the least.
 """
 
 from __future__ import annotations
@@ -41,6 +46,7 @@ from .elastic import Plate
 from .grid import Link, Node, around, from_edge, on_edge
 from .joints import Floating, Geodesic, Joint, OutOfPlane, Revolute, Weld
 from .mechanism import Mechanism
+from .numbers import is_finite
 from .supports import Support, check_support, cut_of
 
 GRAVITY = 9.81  # m/s^2: what bends a sheet is of the order of its weight
@@ -64,6 +70,8 @@ class Sheet:
         The element in every cell.
     cuts
         Cut joints of supports that the tree does not grow from.
+    along
+        Which way the tree grows: its columns lie across x (0) or z (1).
     """
 
     name: str
@@ -72,6 +80,7 @@ class Sheet:
     b: float
     plate: Plate
     cuts: tuple[CutHandle, ...]
+    along: int
 
     def node(self, i: int, k: int) -> Body:
         """Return the node at x = i a, z = k b; negative numbers count from the far edge."""
@@ -124,7 +133,8 @@ def add_sheet(
     youngs_modulus, poisson, density
         Pa, 1, kg/m^3.
     grid
-        Nodes along x and z, at least 2 each.
+        Nodes along x and z, at least 2 each; with membrane at least 3 across the chains (in both directions where the
+        tree is ``master``).
     tree
         ``spine``, ``rows`` or ``master``; see the module.
     supports
@@ -149,7 +159,7 @@ def add_sheet(
     what = f"sheet {name!r}"
     shape = _grid(what, grid)
     for key, value in (("length", length), ("width", width), ("density", density)):
-        if not (np.isfinite(value) and value > 0.0):
+        if not (is_finite(value) and value > 0.0):
             raise UserError(f"{key} of {what} is {value!r}; allowed: finite and greater than zero")
     one_of(f"tree of {what}", tree, TREES)
     one_of(f"joint of {what}", joint, JOINTS)
@@ -166,6 +176,7 @@ def add_sheet(
         drag=drag,
     )
     plate.check(what)
+    _refuse_one_row(what, shape, plate, tree, supports)
     builder = _Builder(mechanism, name, plate, density, shape, (at, rotation), JOINTS[joint])
     return builder.build(tree, list(supports), master, rate, pressure)
 
@@ -198,10 +209,11 @@ class _Builder:
         """Hang the nodes, span the elements, close the supports."""
         if rate is not None and (tree != "master" or master is not None):
             raise UserError(f"rate of {self.what} is {rate!r}, but it has no floating master node to move")
+        along = 0
         if tree == "master":
             self._refuse_taut(supports, master)
             kind, options = (Floating, {"rate": rate}) if master is None else (Weld, {})
-            self._hang(around(self.shape), 0, kind, master, self.at, self.rotation, **options)
+            self._hang(around(self.shape), kind, master, self.at, self.rotation, **options)
         else:
             if master is not None:
                 raise UserError(f"master of {self.what} is {master.name!r}, but its tree {tree!r} has no master node")
@@ -213,11 +225,11 @@ class _Builder:
                 )
             self._refuse_taut(supports, None)
             root = supports.pop(0)
+            along = 0 if root.edge[0] == "x" else 1
             at, axes = self._frame(root)
             self.taken |= {on_edge(self.shape, root.edge, n) for n in self._held(root)}
             self._hang(
                 from_edge(self.shape, root.edge, self._held(root), tree == "spine"),
-                0 if root.edge[0] == "x" else 1,
                 Weld if root.kind == "clamped" else Revolute,
                 root.body,
                 at,
@@ -237,7 +249,9 @@ class _Builder:
             self.mechanism.pressure(self.name, pressure, cells)
         cuts = [cut for support in supports for cut in self._close(support)]
         nodes = tuple(tuple(node[i, k] for k in range(nz)) for i in range(nx))
-        return Sheet(self.name, nodes, self.plate.a, self.plate.b, self.plate, tuple(cuts))
+        sheet = Sheet(self.name, nodes, self.plate.a, self.plate.b, self.plate, tuple(cuts), along)
+        self.mechanism.sheets.append(sheet)
+        return sheet
 
     def _refuse_taut(self, supports: list[Support], master: Body | None) -> None:
         """Refuse supports that hold the sheet in its plane twice: it cannot stretch, so it could not bend."""
@@ -266,17 +280,13 @@ class _Builder:
     def _hang(
         self,
         links: list[Link],
-        along: int,
         kind: type[Joint],
         carrier: Body | None,
         at: Matrix,
         axes: Matrix,
         **options: Any,
     ) -> None:
-        """Add the bodies in the order of ``links``, grouped by their number ``along`` x (0) or z (1).
-
-        Those without a parent hang on the carrier.
-        """
+        """Add the bodies in the order of ``links``; those without a parent hang on the carrier."""
         for node, parent in links:
             if parent is None:
                 body = self.mechanism.ground if carrier is None else carrier
@@ -285,9 +295,7 @@ class _Builder:
                 body = self.bodies[parent]
                 cells = self.shape[0 if node[1] == parent[1] else 1] - 1
                 joint = self.joint(at=tuple(self._flat(node) - self._flat(parent)), size=self.share / cells**2)
-            self.bodies[node] = self.mechanism.body(
-                f"{self.name}.{node[0]}.{node[1]}", body, joint, group=node[along], **self._cell(node)
-            )
+            self.bodies[node] = self.mechanism.body(f"{self.name}.{node[0]}.{node[1]}", body, joint, **self._cell(node))
 
     def _cell(self, node: Node) -> dict[str, Any]:
         """Mass properties of a node's cell, which is half as long at a border."""
@@ -314,7 +322,7 @@ class _Builder:
         if support.span is None:
             return list(range(self.shape[across]))
         role = f"span of the support at {support.edge!r} of {self.what} is {support.span!r} m"
-        if np.shape(support.span) != (2,) or not np.all(np.isfinite(support.span)):
+        if np.shape(support.span) != (2,) or not is_finite(support.span):
             raise UserError(f"{role}; it needs two finite numbers")
         low, high = support.span
         held = [n for n in range(self.shape[across]) if low - 1e-9 * step <= n * step <= high + 1e-9 * step]
@@ -373,6 +381,17 @@ def _resisted(what: str, membrane: bool | str, tree: str, joint: str, supports: 
             "too stiff; take joint 'geodesic' or no membrane"
         )
     return strains
+
+
+def _refuse_one_row(what: str, shape: tuple[int, int], plate: Plate, tree: str, supports: Sequence[Support]) -> None:
+    """Refuse a membrane on one row of cells; see the module."""
+    along = supports[0].edge[0] if tree != "master" and supports else ""
+    for axis, count in zip("xz", shape, strict=True):
+        if plate.strains and axis != along and count < 3:
+            raise UserError(
+                f"grid of {what} is {shape}: one row of cells across its chains, along {axis}; with membrane it folds "
+                f"there instead of bending; allowed: at least 3 nodes along {axis}, or no membrane"
+            )
 
 
 def _grid(what: str, grid: Any) -> tuple[int, int]:

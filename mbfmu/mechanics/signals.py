@@ -16,6 +16,8 @@ import numpy as np
 from mbfmu.errors import UserError
 from solvers.kernel import kernel
 
+from .numbers import is_finite
+
 POLYNOMIAL, HARMONIC, RUN_UP = 0, 1, 2
 
 
@@ -73,7 +75,7 @@ class Polynomial:
 
     def fill(self, record: Any) -> None:
         """Write the signal into its record."""
-        if not 1 <= len(self.c) <= 4 or not np.all(np.isfinite(self.c)):
+        if np.ndim(self.c) != 1 or not 1 <= len(self.c) <= 4 or not is_finite(self.c):
             raise UserError(f"polynomial coefficients are {self.c!r}; allowed: one to four finite numbers")
         record["kind"] = POLYNOMIAL
         for i, c in enumerate(self.c):
@@ -91,9 +93,9 @@ class Harmonic:
 
     def fill(self, record: Any) -> None:
         """Write the signal into its record."""
-        c = (self.mean, self.amplitude, 2.0 * pi * self.frequency, self.phase)
-        if not np.all(np.isfinite(c)):
+        if not is_finite((self.mean, self.amplitude, self.frequency, self.phase)):
             raise UserError(f"{self!r}: every number must be finite")
+        c = (self.mean, self.amplitude, 2.0 * pi * self.frequency, self.phase)
         record["kind"] = HARMONIC
         for i, x in enumerate(c):
             record["c"][i] = x
@@ -113,7 +115,7 @@ class RunUp:
     def fill(self, record: Any) -> None:
         """Write the signal into its record."""
         c = (self.start, self.speed, self.duration)
-        if not np.all(np.isfinite(c)) or self.duration <= 0.0:
+        if not is_finite(c) or self.duration <= 0.0:
             raise UserError(f"{self!r}: every number must be finite and the duration greater than zero")
         record["kind"] = RUN_UP
         record["c"][:3] = c

@@ -16,15 +16,19 @@ from mbfmu.mechanics import (
     Input,
     JointForce,
     Mechanism,
+    PointForce,
+    Polynomial,
     Revolute,
     RevoluteCut,
     Spherical,
     SphericalCut,
     Spring,
+    Torque,
     Translational,
     WeldCut,
     rod,
 )
+from mbfmu.mechanics.joints import Joint
 
 
 def four_bar(*, ground: float = 3.0, angle: float = 0.3, guess: float = 0.0) -> Mechanism:
@@ -196,6 +200,9 @@ def test_adopt_takes_numbers_and_refuses_another_structure() -> None:
         ({"mass": float("nan")}, "mass of body 'b' is nan"),
         ({"inertia": (1, 1, 3)}, "inertia of body 'b'"),
         ({"com": (0, 0)}, "com of body 'b'"),
+        ({"mass": "heavy"}, "mass of body 'b' is 'heavy'"),
+        ({"com": "far"}, "com of body 'b' is 'far'; it needs numbers"),
+        ({"inertia": "some"}, "inertia of body 'b' is 'some'; it needs numbers"),
     ],
 )
 def test_builder_names_what_is_wrong(options: dict[str, Any], message: str) -> None:
@@ -224,6 +231,33 @@ def test_builder_refuses_strangers_twins_and_loops_on_themselves() -> None:
     m.body("r", m.ground, Revolute(axis="w"))
     with pytest.raises(UserError, match="axis is 'w'"):
         m.compile()
+
+
+@pytest.mark.parametrize("force", [Spring(stiffness=1.0), PointForce(magnitude=1.0), Torque(magnitude=1.0)])
+def test_a_force_needs_two_bodies(force: Any) -> None:
+    m = Mechanism()
+    a = m.body("a", m.ground, Revolute(), mass=1.0)
+    with pytest.raises(UserError, match="force 'f' acts between body 'a' and itself; it needs two bodies"):
+        m.force("f", force, a, a)
+
+
+@pytest.mark.parametrize(
+    ("joint", "message"),
+    [
+        (Spherical(start=(2.0, 0.0, 0.0, 0.0)), r"quaternion \[2.0, 0.0, 0.0, 0.0\] of length 2; its length must be 1"),
+        (Floating(start=(1.0, 0, 0, 0, 0, 0, 0)), "of length 0; its length must be 1"),
+        (Revolute(start="up"), "start of body 'b' is 'up'; it needs numbers"),
+        (Revolute(drive=Polynomial(0.0)), "polynomial coefficients are 0.0; allowed: one to four finite numbers"),  # type: ignore[arg-type]
+        (Revolute(drive=Polynomial(("a",))), "polynomial coefficients are"),  # type: ignore[arg-type]
+        (Revolute(drive=Harmonic(amplitude=1.0, frequency="a")), "every number must be finite"),  # type: ignore[arg-type]
+        (Revolute(drive="fast"), "drive of body 'b' is 'fast'; it must be a finite number, a signal or an input"),
+    ],
+)
+def test_joints_name_what_is_wrong(joint: Joint, message: str) -> None:
+    m = Mechanism()
+    m.body("b", m.ground, joint, mass=1.0, inertia=(1.0, 1.0, 1.0))
+    with pytest.raises(UserError, match=message):
+        m.compile().assemble()
 
 
 def test_distance_multiplier_is_the_rod_force() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,6 +31,7 @@ from mbfmu.mechanics import (
     Harmonic,
     Mechanism,
     OutOfPlane,
+    Revolute,
     Sheet,
     Support,
     Translational,
@@ -39,7 +41,7 @@ from mbfmu.mechanics.aba import forward_dynamics
 from mbfmu.mechanics.dynamics import move, solved
 from mbfmu.mechanics.elastic.plate import shape, strain
 from mbfmu.mechanics.rows import dependent_rows
-from mbfmu.mechanics.tangent import Tangent, number_groups
+from mbfmu.mechanics.tangent import Tangent, find_groups
 from mbfmu.model import Model
 
 TREES = ["spine", "rows", "master"]
@@ -224,7 +226,7 @@ def test_structured_tangent_sees_elements_and_pressure(tree: str) -> None:
     plant, n = given.plant, given.plant.system.n
     K = forces_and_tangent(plant, given.q)[1]
     solved(0.0, given.q, np.zeros(n), np.zeros(n), np.zeros(0), plant.data)
-    tangent = Tangent(plant.data, number_groups(plant.mechanism))
+    tangent = Tangent(plant.data, find_groups(plant.mechanism))
     assert tangent.factor(0.0, 1.0)
     np.testing.assert_allclose(tangent.solve(K @ given.a + tangent.inertia(given.a)), given.a, atol=1e-11)
 
@@ -398,6 +400,16 @@ def add(m: Mechanism, **options: Any) -> Sheet:
         ({"grid": (1, 1)}, r"grid of sheet 'sheet' is \(1, 1\); allowed: two whole numbers of nodes, at least 2 each"),
         ({"grid": (4, 2.5)}, r"grid of sheet 'sheet' is \(4, 2\.5\)"),
         ({"grid": 7}, "grid of sheet 'sheet' is 7"),
+        (
+            {"grid": (4, 2), "membrane": True},
+            r"is \(4, 2\): one row of cells across .* along z; .* at least 3 nodes along z",
+        ),
+        (
+            {"grid": (2, 4), "membrane": True, "supports": [Support("z0")]},
+            "one row of cells across its chains, along x",
+        ),
+        ({"grid": (2, 4), "membrane": True, "tree": "master"}, "one row of cells across its chains, along x"),
+        ({"length": "long"}, "length of sheet 'sheet' is 'long'"),
         ({"tree": "bush"}, "tree of sheet 'sheet' is 'bush'; allowed: 'spine', 'rows', 'master'"),
         ({"joint": "ball"}, "joint of sheet 'sheet' is 'ball'; allowed: 'geodesic', 'paper'"),
         ({"supports": [Support("y0")]}, "edge of a support of sheet 'sheet' is 'y0'; allowed: 'x0', 'x1', 'z0', 'z1'"),
@@ -438,6 +450,33 @@ def test_refuses_a_master_where_there_is_none_and_strange_bodies() -> None:
     sheet = add(Mechanism())
     with pytest.raises(UserError, match=r"no node \(4, 0\); its grid is \(4, 3\)"):
         sheet.node(4, 0)
+
+
+def test_bending_alone_needs_no_second_row_of_cells() -> None:
+    assert len(add(Mechanism(), grid=(4, 2)).nodes[0]) == 2
+    assert len(add(Mechanism(), grid=(2, 3), membrane=True).nodes) == 2  # one cell along the chains is only coarse
+
+
+def test_sharpest_bend_is_the_angle_of_the_joint() -> None:
+    """And the advice spreads it over cells of 15 degrees."""
+    m = Mechanism()
+    add(m)
+    plant = m.compile()
+    q = plant.start_positions()
+    names = plant.system.coordinate_names
+    q[names.index("sheet.2.1.theta_z")] = 0.6
+    q[names.index("sheet.3.2.theta_x")] = -0.4
+    bend = plant.bend(0.0, q)
+    assert bend is not None
+    assert bend.largest == pytest.approx(0.6, abs=1e-12)
+    assert re.fullmatch(
+        r"cells bend by up to 34 degrees, between 'sheet.1.(\d)' and 'sheet.2.\1', and are good to about 15: "
+        "refine the grid of 'sheet' to 8 x 5 nodes",
+        str(bend),
+    )
+    hinge = Mechanism()
+    hinge.body("b", hinge.ground, Revolute(), mass=1.0, inertia=(1.0, 1.0, 1.0))
+    assert hinge.compile().bend(0.0, np.zeros(1)) is None
 
 
 def test_projected_length_and_membrane_may_meet_across_rows() -> None:

@@ -13,7 +13,7 @@ from mbfmu.mechanics import Plant
 from mbfmu.mechanics import dynamics as dy
 from mbfmu.mechanics.kinematics import accelerations
 from mbfmu.mechanics.rnea import inverse_dynamics
-from mbfmu.mechanics.tangent import Tangent, number_groups
+from mbfmu.mechanics.tangent import Groups, Tangent, find_groups, groups
 
 from .random_mechanisms import Case, cases
 
@@ -38,21 +38,18 @@ def loaded(plant: Plant, q: Any, lam: Any) -> Any:
     return tau
 
 
-def groups_of(plant: Plant, how: str) -> Any:
-    """All in one group, by distance from the root, or from the leaves; merged where forces span further."""
-    bodies = plant.data.arrays.bodies
-    depth = np.zeros(len(bodies), np.int64)
-    for i in range(1, len(bodies)):
-        depth[i] = depth[bodies[i]["parent"]] + 1
-    groups = {"one": 0 * depth, "outward": np.maximum(depth - 1, 0), "pairs inward": (depth.max() - depth) // 2}[how]
-    for body, group in zip(plant.mechanism.bodies, groups, strict=True):
-        object.__setattr__(body, "group", int(group))
-    return number_groups(plant.mechanism)
+def groups_of(plant: Plant, how: int | None) -> Groups:
+    """All bodies in one group, or as the program finds them in blocks of so many."""
+    if how is None:
+        return Groups(np.zeros(len(plant.mechanism.bodies), np.int64), np.array([-1]))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(groups, "BLOCK", how)
+        return find_groups(plant.mechanism)
 
 
-@pytest.mark.parametrize("how", ["one", "outward", "pairs inward"])
+@pytest.mark.parametrize("how", [None, 1, 2])
 @given(case=cases(forces=True), c2=st.floats(0.5, 50.0))
-def test_solves_the_linearised_inverse_dynamics(case: Case, c2: float, how: str) -> None:
+def test_solves_the_linearised_inverse_dynamics(case: Case, c2: float, how: int | None) -> None:
     plant, n, h = case.plant, case.plant.system.n, 1e-5
     T = np.zeros((n, n))
     for k, e in enumerate(np.eye(n)):
@@ -79,7 +76,7 @@ def test_damping_of_forces(case: Case) -> None:
             dy.solved(0.0, case.q, v, still, np.zeros(0), plant.data)
             dy.take_free(plant.data.state.tau, plant.data.arrays, side[k])
     T = 0.5 * (D[0] - D[1]).T  # velocity products are even
-    first = {c: Tangent(plant.data, groups_of(plant, "one")) for c in (0.0, c1)}
+    first = {c: Tangent(plant.data, groups_of(plant, None)) for c in (0.0, c1)}
     inverse(plant, case.q, np.zeros(n))
     assert all(tangent.factor(c, c2) for c, tangent in first.items())
     x = first[c1].solve(case.a)
@@ -104,7 +101,7 @@ def test_reactions_of_cut_joints_and_their_springs(case: Case) -> None:
     if np.linalg.cond(T) > 1e6:
         return
     loaded(plant, case.q, lam)
-    tangent = Tangent(plant.data, groups_of(plant, "one"))
+    tangent = Tangent(plant.data, groups_of(plant, None))
     assert tangent.factor(0.0, 50.0, alpha)
     x = tangent.solve(case.a)
     np.testing.assert_allclose(T @ x, case.a, atol=1e-6 * (1.0 + np.abs(T).max() * np.abs(x).max()))

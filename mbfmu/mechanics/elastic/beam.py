@@ -18,6 +18,7 @@ from scipy.linalg import eigh
 
 from mbfmu.errors import UserError
 from mbfmu.mechanics.checks import whole
+from mbfmu.mechanics.numbers import is_finite
 
 from .modal import MODES
 
@@ -66,9 +67,9 @@ class Beam:
         """Refuse what is no beam, naming it."""
         for name in ("length", "mass", "bending_stiffness"):
             value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0.0):
+            if not (is_finite(value) and value > 0.0):
                 raise UserError(f"{name} of a beam is {value!r}; allowed: greater than zero")
-        if not (np.isfinite(self.damping) and self.damping >= 0.0):
+        if not (is_finite(self.damping) and self.damping >= 0.0):
             raise UserError(f"damping of a beam is {self.damping!r} s; allowed: finite and not negative")
         for name in ("modes", "elements"):
             whole(f"{name} of a beam", getattr(self, name))

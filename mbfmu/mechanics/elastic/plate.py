@@ -55,6 +55,7 @@ from typing import Any
 import numpy as np
 
 from mbfmu.errors import UserError
+from mbfmu.mechanics.numbers import is_finite
 from solvers.kernel import kernel
 
 RATIO = tuple(n / (2.0 * n + 1.0) for n in range(13))  # of successive coefficients of F in powers of 1 - cos theta
@@ -374,13 +375,13 @@ class Plate:
         """Raise UserError for a number that no plate has; ``what`` says whose it is."""
         for key in ("a", "b", "thickness", "youngs_modulus"):
             value = getattr(self, key)
-            if not (np.isfinite(value) and value > 0.0):
+            if not (is_finite(value) and value > 0.0):
                 raise UserError(f"{key} of {what} is {value!r}; allowed: finite and greater than zero")
         if not -1.0 < self.poisson <= 0.5:
             raise UserError(f"poisson of {what} is {self.poisson!r}; allowed: above -1, at most 0.5")
         for key in ("damping", "drag"):
             value = getattr(self, key)
-            if not (np.isfinite(value) and value >= 0.0):
+            if not (is_finite(value) and value >= 0.0):
                 raise UserError(f"{key} of {what} is {value!r}; allowed: finite and not negative")
         if not set(self.strains) <= set("xzs"):
             raise UserError(f"membrane of {what} is {self.membrane!r}; allowed: True, False or letters of 'xzs'")

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from mbfmu.errors import UserError
 from mbfmu.mechanics.checks import not_negative
+from mbfmu.mechanics.numbers import is_finite
 from mbfmu.mechanics.spatial import add_force
 from solvers.kernel import kernel
 
@@ -165,7 +166,7 @@ class BeamElement(Force):
 
     def __post_init__(self) -> None:
         """Refuse what is no beam, naming it."""
-        if not (np.isfinite(self.length) and self.length > 0.0):
+        if not (is_finite(self.length) and self.length > 0.0):
             raise UserError(f"length of a beam element is {self.length!r} m; allowed: greater than zero")
         for name in ("axial", "torsion", "bending_y", "bending_z", "damping"):
             not_negative(f"{name} of a beam element", getattr(self, name))

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.errors import UserError
+from mbfmu.mechanics.numbers import array_of
 
 Vector = Sequence[float]
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
@@ -33,7 +34,7 @@ def unit_axis(axis: str | Vector) -> NDArray[np.float64]:
         if axis not in AXES:
             raise UserError(f"axis is {axis!r}; allowed: 'x', 'y', 'z' or three numbers")
         return np.array(AXES[axis])
-    vector = np.asarray(axis, float)
+    vector = array_of("axis", axis)
     norm = float(np.linalg.norm(vector))
     if vector.shape != (3,) or not np.isfinite(norm) or norm == 0.0:
         raise UserError(f"axis is {axis!r}; it needs three finite numbers, not all zero")

@@ -9,18 +9,19 @@ from numpy.typing import NDArray
 
 from mbfmu.mechanics.arrays import MOTION, ROW, Data, State, complex_records, complex_state
 from mbfmu.mechanics.forces.tangent import along_joints
-from solvers.blocks import BlockTridiagonal, one_thread
+from solvers.blocks import BlockTree, one_thread
 from solvers.held import hold
 from solvers.system import Array
 
 from .filling import fill
 from .folding import fold, gather_motion, inertia_forces, spread_load
+from .groups import Groups
 from .joints import turn_inner
 from .layout import lay_out
 
 
 class Scratch(NamedTuple):
-    """Allocated once; W rows is twice the largest group."""
+    """Allocated once; W: rows of the largest two neighbours."""
 
     F: Array  # (W, W)
     S: Array  # (3..6, 6) dual basis of one joint
@@ -49,16 +50,17 @@ class Tangent:
     data
         The mechanism; T is taken at its state.
     groups
-        Group of every body (nb,), from zero; joints and elements span neighbouring groups at most.
+        Of all bodies.
     """
 
-    def __init__(self, data: Data, groups: NDArray[np.int64]) -> None:
+    def __init__(self, data: Data, groups: Groups) -> None:
         arrays, self._moving = data
         self.layout, self._kept, self._sizes = lay_out(arrays, groups)
-        widest = max(self._sizes)
+        inward = self.layout.inward
+        widest = max(size + (self._sizes[k] if k >= 0 else 0) for size, k in zip(self._sizes, inward, strict=True))
         z = np.zeros
         self._scratch = Scratch(
-            z((2 * widest, 2 * widest)), z((6, 6)), z((6, 6)), z((3, 3)), z(7, complex), z(3, complex),
+            z((widest, widest)), z((6, 6)), z((6, 6)), z((3, 3)), z(7, complex), z(3, complex),
             z((9, 6), complex), z((6, 6)), z((6, 3)), z(12), z((24, 24)), z((24, 24)),
             complex_records(2, MOTION), complex_records(len(self._moving.rows), ROW),
             z(int(arrays.kept.max(initial=-1)) + 1), z(2, np.int64), z(len(self._moving.v)),
@@ -71,7 +73,7 @@ class Tangent:
         used = self._moving if len(arrays.forces) else State(*(array[:0] for array in self._moving))
         self._held = tuple(map(hold, (arrays, self._state, self.layout, self._scratch)))
         self._twin = hold(complex_state(used))
-        self._factors = BlockTridiagonal()
+        self._factors = BlockTree()
 
     def factor(self, c1: float, c2: float, weight: Array | None = None) -> bool:
         """Assemble and factor T at the state of the last inverse dynamics; False where it is singular.
@@ -88,16 +90,18 @@ class Tangent:
         for own, given in zip(self._state, self._moving, strict=True):
             own[...] = given
         along_joints(c1, arrays, state, self._twin, scratch.along)
-        self._factors = BlockTridiagonal()
-        last = len(self._sizes) - 1
-        carry = np.zeros((0, 0))
+        self._factors = BlockTree()
+        carried: dict[int, Array] = {}  # what groups have added to their neighbour's own rows
         for group, size in enumerate(self._sizes):
-            after = self._sizes[group + 1] if group < last else 0
+            inner = int(self.layout.inward[group])
+            after = self._sizes[inner] if inner >= 0 else 0
             F = scratch.F[: size + after, : size + after]
             F[...] = 0.0
-            F[: len(carry), : len(carry)] = carry
+            if group in carried:
+                F[:size, :size] = carried.pop(group)
             fill(group, size, c1, c2, L, arrays, state, self._twin, self._dual, s)
-            carry = F[size:, size:].copy()
+            if inner >= 0:
+                carried[inner] = F[size:, size:] + carried.get(inner, 0.0)
             top = np.ascontiguousarray(F[:size])
             fold(top, 0, group, L, arrays, state)
             turn_inner(group, L, arrays, state, top, s, True)
@@ -106,16 +110,16 @@ class Tangent:
             left = left.T
             turn_inner(group, L, arrays, state, left, s, False)
             D = left[np.ix_(kept[group], kept[group])]
-            if group == last:
+            if inner < 0:
                 U, below = np.zeros((len(kept[group]), 0)), np.zeros((0, len(kept[group])))
             else:
                 right = np.ascontiguousarray(top[:, size:].T)
-                fold(right, 0, group + 1, L, arrays, state)
+                fold(right, 0, inner, L, arrays, state)
                 lower = np.ascontiguousarray(left[size:])
-                fold(lower, 0, group + 1, L, arrays, state)
-                U = right.T[np.ix_(kept[group], kept[group + 1])]
-                below = lower[np.ix_(kept[group + 1], kept[group])]
-            if not self._factors.append(D, U, below):
+                fold(lower, 0, inner, L, arrays, state)
+                U = right.T[np.ix_(kept[group], kept[inner])]
+                below = lower[np.ix_(kept[inner], kept[group])]
+            if not self._factors.append(D, U, below, inner):
                 return False
         return True
 

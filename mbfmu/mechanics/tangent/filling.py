@@ -1,5 +1,5 @@
 """What bodies, elements, forces and cut joints contribute to the structured tangent, added to the rows of a group and
-the next.
+its neighbour inward.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def bodily(i: int, at: int, c2: float, arrays: Any, state: Any, F: Any) -> None:
 
 @kernel
 def plate_element(e: int, group: int, size: int, c1: float, L: Any, arrays: Any, state: Any, s: Any) -> None:
-    """Stiffness and c1 times the damping of a plate element between bodies of a group and the next."""
+    """Stiffness and c1 times the damping of a plate element between bodies of a group and its neighbour."""
     plate = arrays.plates[e]
     stiffness(plate, state.bodies, state.element[0], s.K)
     if plate.damped == 1 and c1 != 0.0:
@@ -95,17 +95,17 @@ def force_on_bodies(
 
 @kernel
 def add_element(node: Any, group: int, size: int, L: Any, s: Any) -> None:
-    """Add s.K to s.F, between bodies ``node`` of a group and the next (offset ``size``), six rows a body."""
+    """Add s.K to s.F, between bodies ``node`` of a group and its neighbour (offset ``size``), six rows a body."""
     for p in range(node.shape[0]):
         i = node[p]
         if L.role[i] == FIXED:
             continue
-        ati = L.slot[i] + (size if L.group[i] > group else 0)
+        ati = L.slot[i] + (size if L.group[i] != group else 0)
         for q in range(node.shape[0]):
             j = node[q]
             if L.role[j] == FIXED:
                 continue
-            atj = L.slot[j] + (size if L.group[j] > group else 0)
+            atj = L.slot[j] + (size if L.group[j] != group else 0)
             for a in range(6):
                 for b in range(6):
                     s.F[ati + a, atj + b] += s.K[6 * p + a, 6 * q + b]
@@ -115,7 +115,7 @@ def add_element(node: Any, group: int, size: int, L: Any, s: Any) -> None:
 def fill(
     group: int, size: int, c1: float, c2: float, L: Any, arrays: Any, state: Any, twin: Any, dual: Any, s: Any
 ) -> None:
-    """Add to s.F what starts in a group: bodies, elements, and joints to this and the next group (offset ``size``)."""
+    """Add to s.F what starts in a group: bodies, elements, joints within it and to its neighbour (offset ``size``)."""
     for k in range(L.first_plate[group], L.first_plate[group + 1]):
         plate_element(L.plates[k], group, size, c1, L, arrays, state, s)
     for k in range(L.first_pressure[group], L.first_pressure[group + 1]):
@@ -124,16 +124,17 @@ def fill(
         cut_joint(L.cuts[k], group, size, L, arrays, state, s)
     for k in range(L.first_force[group], L.first_force[group + 1]):
         force_on_bodies(L.forces[k], group, size, c1, L, arrays, state, twin, s)
-    for m in range(L.first[group], L.first[min(group + 2, L.first.shape[0] - 1)]):
-        i = L.members[m]
+    own, inner = L.first[group + 1] - L.first[group], L.inward[group]
+    for k in range(own + (L.first[inner + 1] - L.first[inner] if inner >= 0 else 0)):
+        i = L.members[L.first[group] + k if k < own else L.first[inner] + k - own]
         j = arrays.bodies[i].parent
-        ati = L.slot[i] + (size if L.group[i] > group else 0)
+        ati = L.slot[i] + (size if L.group[i] != group else 0)
         if L.group[i] == group:
             bodily(i, ati, c2, arrays, state, s.F)
         if L.role[j] == FIXED or min(L.group[i], L.group[j]) != group:
             continue
-        atj = L.slot[j] + (size if L.group[j] > group else 0)
+        atj = L.slot[j] + (size if L.group[j] != group else 0)
         handed_down(i, ati, atj, arrays, state, s.F)
         if L.role[i] == OUTER:
-            lock = L.lock[i] + (size if L.group[i] > group else 0)
+            lock = L.lock[i] + (size if L.group[i] != group else 0)
             outer_joint(i, ati, atj, lock, arrays, state, dual, s.F, s)

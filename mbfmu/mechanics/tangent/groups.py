@@ -1,53 +1,155 @@
-"""Groups of bodies for the structured elimination: see the package.
+"""Groups of bodies for the structured elimination, found from what ties bodies to each other: see the package.
 
-A sheet numbers the columns of its grid; every other body joins the group of the nearest body that has one.
+Bodies are put in layers by their distance from a root, a joint or an element being a step. Those of one layer that hang
+together by way of layers further out are one group, and every group has one neighbour inward: the groups form a tree
+(a layering tree: Chepoi and Dragan 2000), a chain's a path, a star's a star. Then neighbours are merged into blocks:
+the elimination costs some calls a group, and folding within a group costs little.
+
+The columns of a sheet's grid are groups as they are.
 """
 
 from __future__ import annotations
 
-from collections import deque
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics.mechanism import Mechanism
+if TYPE_CHECKING:
+    from mbfmu.mechanics.mechanism import Mechanism
+
+BLOCK = 12  # bodies up to which neighbouring groups are merged
 
 
-def number_groups(mechanism: Mechanism) -> NDArray[np.int64]:
-    """Return the group of every body (nb,), from zero and without gaps; joints and elements span neighbours at most.
+class Groups(NamedTuple):
+    """Which group every body is in, and where each leads."""
 
-    Where the given numbers do not allow that, groups are merged until they do.
+    of: NDArray[np.int64]  # (nb,), outer groups first; of a body that does not move any
+    inward: NDArray[np.int64]  # (groups,) the neighbour inward, a larger number; -1: there is none
+
+
+def find_groups(mechanism: Mechanism) -> Groups:
+    """Return groups such that every joint and element lies within one or between one and its neighbour inward."""
+    moving = moving_bodies(mechanism)
+    cells, columns = cell_of(mechanism, moving)
+    near = neighbours(mechanism, moving, cells)
+    roots = [own[-1] for own in columns if own] + sorted(near)
+    layer = layers(near, roots)
+    group, inward = layering_tree(near, layer)
+    whole = {group[cell] for own in columns for cell in own}
+    merged = blocks(group, inward, whole)
+    depth = {group[cell]: layer[cell] for cell in near}
+    kept = sorted((g for g in inward if merged[g] == g), key=lambda g: (-depth[g], g))
+    number = {g: k for k, g in enumerate(kept)}
+    of = [number[merged[group[cells[i]]]] if moves else 0 for i, moves in enumerate(moving)]
+    further = [number[merged[inward[g]]] if inward[g] >= 0 else -1 for g in kept]
+    return Groups(np.array(of, np.int64), np.array(further, np.int64))
+
+
+def moving_bodies(mechanism: Mechanism) -> list[bool]:
+    """Return which bodies move by coordinates that are free."""
+    moving = [False]
+    for body in mechanism.bodies[1:]:
+        moving.append(moving[body.parent] or (body.joint.drive is None and body.joint.nv > 0))
+    return moving
+
+
+def cell_of(mechanism: Mechanism, moving: list[bool]) -> tuple[dict[int, int], list[list[int]]]:
+    """Return a number for every moving body, one for those that are to stay together, and the numbers of every sheet.
+
+    Together stay the columns of a sheet, each with what is welded to it. A number is that of one of the bodies.
     """
-    bodies = mechanism.bodies
-    fixed = [True]
-    for body in bodies[1:]:
-        fixed.append(fixed[body.parent] and (body.joint.drive is not None or body.joint.nv == 0))
-    ties = [(b.index, b.parent) for b in bodies[1:] if not fixed[b.parent]]
-    ties += [(c.a.index, c.b.index) for c in mechanism.cuts if not fixed[c.a.index] and not fixed[c.b.index]]
-    ties += [
-        (a.index, b.index)
-        for _, force, a, b in mechanism.forces
-        if not (force.on_joint or fixed[a.index] or fixed[b.index])
-    ]
-    spans = [*ties, *([body.index for body in nodes] for _, nodes in mechanism.plates)]
-    spans += [[body.index for body in corners] for _, _, faces in mechanism.pressures for corners in faces]
-    neighbours: list[list[int]] = [[] for _ in bodies]
-    for a, b in ties:
-        neighbours[a].append(b)
-        neighbours[b].append(a)
-    groups = [-1 if body.group is None else body.group for body in bodies]
-    queue = deque(i for i, group in enumerate(groups) if group >= 0)
-    while queue:
-        i = queue.popleft()
-        for j in neighbours[i]:
-            if groups[j] < 0:
-                groups[j] = groups[i]
-                queue.append(j)
-    own = np.array([max(group, 0) for group in groups])
-    own[0] = own[1:].min(initial=0)
-    numbers = np.unique(own, return_inverse=True)[1]
-    merged = np.zeros(int(numbers.max(initial=0)) + 1, bool)  # group k with its predecessor
-    for span in spans:
-        low, high = min(numbers[list(span)]), max(numbers[list(span)])
-        merged[low + 2 : high + 1] = True
-    return (numbers - np.cumsum(merged)[numbers]).astype(np.int64)
+    cells = {i: i for i, moves in enumerate(moving) if moves}
+    columns: list[list[int]] = []
+    for sheet in mechanism.sheets:
+        nodes = sheet.nodes if sheet.along == 0 else tuple(zip(*sheet.nodes, strict=True))
+        own = [[body.index for body in column if moving[body.index]] for column in nodes]
+        columns.append([column[0] for column in own if column])
+        cells |= {i: column[0] for column in own for i in column}
+    in_sheets = {body.index for sheet in mechanism.sheets for row in sheet.nodes for body in row}
+    for body in mechanism.bodies[1:]:
+        pair = (body.index, body.parent)
+        if body.joint.nv == 0 and all(moving[i] for i in pair) and len(in_sheets.intersection(pair)) == 1:
+            carrier, node = pair if pair[1] in in_sheets else pair[::-1]
+            if cells[carrier] == carrier:
+                cells[carrier] = cells[node]
+    return cells, columns
+
+
+def neighbours(mechanism: Mechanism, moving: list[bool], cells: dict[int, int]) -> dict[int, set[int]]:
+    """Return the cells that joints, cut joints, forces, plates and pressures tie every cell to."""
+    ties: list[list[int]] = [[body.index, body.parent] for body in mechanism.bodies[1:]]
+    ties += [[cut.a.index, cut.b.index] for cut in mechanism.cuts]
+    ties += [[a.index, b.index] for _, force, a, b in mechanism.forces if not force.on_joint]
+    ties += [[body.index for body in nodes] for _, nodes in mechanism.plates]
+    ties += [[body.index for body in corners] for _, _, faces in mechanism.pressures for corners in faces]
+    near: dict[int, set[int]] = {cell: set() for cell in cells.values()}
+    for tie in ties:
+        tied = {cells[i] for i in tie if moving[i]}
+        for cell in tied:
+            near[cell] |= tied - {cell}
+    return near
+
+
+def layers(near: dict[int, set[int]], roots: list[int]) -> dict[int, int]:
+    """Return the distance of every cell from the first of the ``roots`` that it hangs together with."""
+    layer: dict[int, int] = {}
+    for root in roots:
+        if root in layer:
+            continue
+        layer[root], front = 0, [root]
+        while front:
+            reached = []
+            for cell in front:
+                for other in sorted(near[cell]):
+                    if other not in layer:
+                        layer[other] = layer[cell] + 1
+                        reached.append(other)
+            front = reached
+    return layer
+
+
+def layering_tree(near: dict[int, set[int]], layer: dict[int, int]) -> tuple[dict[int, int], dict[int, int]]:
+    """Return the group of every cell, named by one of its cells, and the neighbour inward of every group; -1: none."""
+    joined = {cell: cell for cell in near}  # towards the name of all that hangs together so far
+
+    def name(cell: int) -> int:
+        while joined[cell] != cell:
+            joined[cell] = joined[joined[cell]]
+            cell = joined[cell]
+        return cell
+
+    by_layer: list[list[int]] = [[] for _ in range(1 + max(layer.values(), default=-1))]
+    for cell in near:
+        by_layer[layer[cell]].append(cell)
+    group: dict[int, int] = {}
+    inward: dict[int, int] = {}
+    outer: list[int] = []  # groups of the layer before
+    for cells in reversed(by_layer):
+        for cell in cells:
+            for other in near[cell]:
+                if layer[other] >= layer[cell]:
+                    joined[name(other)] = name(cell)
+        first: dict[int, int] = {}
+        for cell in cells:
+            group[cell] = first.setdefault(name(cell), cell)
+        for g in outer:
+            inward[g] = first[name(g)]
+        outer = list(first.values())
+    inward |= dict.fromkeys(outer, -1)
+    return group, inward
+
+
+def blocks(group: dict[int, int], inward: dict[int, int], whole: set[int]) -> dict[int, int]:
+    """Return the block of every group, named by its innermost; those in ``whole`` are blocks already."""
+    size = dict.fromkeys(inward, 0)
+    for g in group.values():
+        size[g] += 1
+    block = {g: g for g in inward}
+    for g, inner in inward.items():  # outer ones come first
+        if inner >= 0 and not {g, inner} & whole and size[g] + size[inner] <= BLOCK:
+            block[g] = inner
+            size[inner] += size[g]
+    for g in reversed(list(inward)):
+        block[g] = block[block[g]]
+    return block

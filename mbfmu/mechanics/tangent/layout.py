@@ -7,6 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .groups import Groups
+
 FIXED, INNER, OUTER = 0, 1, 2  # does not move; folded onto a parent in its group; tied to a parent in another
 
 
@@ -15,6 +17,7 @@ class Layout(NamedTuple):
 
     role: NDArray[np.int64]  # (nb,) FIXED, INNER, OUTER
     group: NDArray[np.int64]  # (nb,)
+    inward: NDArray[np.int64]  # (groups,) neighbour inward; -1: none
     slot: NDArray[np.int64]  # (nb,) first of the body's six rows
     lock: NDArray[np.int64]  # (nb,) first of its joint's multipliers, outer bodies
     first: NDArray[np.int64]  # (groups + 1,) into ``members``
@@ -29,11 +32,11 @@ class Layout(NamedTuple):
     forces: NDArray[np.int64]  # forces on bodies, likewise
 
 
-def lay_out(arrays: Any, groups: NDArray[np.int64]) -> tuple[Layout, list[NDArray[np.int64]], list[int]]:
+def lay_out(arrays: Any, found: Groups) -> tuple[Layout, list[NDArray[np.int64]], list[int]]:
     """Return where everything goes, and for every group the rows that stay unknown after folding, and its size."""
-    nb = len(arrays.bodies)
+    nb, groups, inward = len(arrays.bodies), found.of, found.inward
     role, slot, lock = (np.zeros(nb, np.int64) for _ in range(3))
-    members: list[list[int]] = [[] for _ in range(int(groups.max(initial=0)) + 1)]
+    members: list[list[int]] = [[] for _ in inward]
     for i in range(1, nb):
         body = arrays.bodies[i]
         parent = int(body["parent"])
@@ -42,7 +45,7 @@ def lay_out(arrays: Any, groups: NDArray[np.int64]) -> tuple[Layout, list[NDArra
             role[i] = INNER if free else FIXED
         else:
             role[i] = INNER if groups[parent] == groups[i] else OUTER
-            if abs(groups[parent] - groups[i]) > 1:
+            if not neighbours(groups[[parent, i]], inward):
                 raise ValueError(f"body {i} and its parent {parent} are in groups {groups[i]} and {groups[parent]}")
         if role[i] != FIXED:
             members[groups[i]].append(i)
@@ -66,25 +69,31 @@ def lay_out(arrays: Any, groups: NDArray[np.int64]) -> tuple[Layout, list[NDArra
     ties, acting = (np.column_stack((table["a"], table["b"])) for table in (arrays.cuts, arrays.forces))
     acting[arrays.forces["v"] >= 0] = 0  # on joints, not on bodies
     plates, pressures, cuts, forces = (
-        by_group(nodes, role, groups, len(members))
+        by_group(nodes, role, groups, inward)
         for nodes in (arrays.plates["node"], arrays.pressures["node"], ties, acting)
     )
     layout = Layout(
-        role, groups.astype(np.int64), slot, lock, offsets(members), flat,
+        role, groups, inward, slot, lock, offsets(members), flat,
         offsets(plates), flat_list(plates), offsets(pressures), flat_list(pressures), offsets(cuts), flat_list(cuts),
         offsets(forces), flat_list(forces),
     )  # fmt: skip
     return layout, kept, sizes
 
 
-def by_group(elements: Any, role: Any, groups: Any, count: int) -> list[list[int]]:
+def neighbours(groups: Any, inward: Any) -> bool:
+    """Whether some groups are one, or one and its neighbour inward."""
+    first, *others = sorted({int(group) for group in groups})
+    return not others or (len(others) == 1 and inward[first] == others[0])
+
+
+def by_group(elements: Any, role: Any, groups: Any, inward: Any) -> list[list[int]]:
     """Return the elements, each a row of bodies, by the first group that has one of their moving bodies."""
-    found: list[list[int]] = [[] for _ in range(count)]
+    found: list[list[int]] = [[] for _ in inward]
     for e, nodes in enumerate(elements):
         own = [int(groups[i]) for i in nodes if role[i] != FIXED]
         if own:
-            if max(own) - min(own) > 1:
-                raise ValueError(f"element {e} spans groups {min(own)} to {max(own)}")
+            if not neighbours(own, inward):
+                raise ValueError(f"element {e} spans groups {sorted(set(own))}")
             found[min(own)].append(e)
     return found
 

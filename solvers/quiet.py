@@ -1,0 +1,39 @@
+"""SUNDIALS without its messages: what it has to say is in the status of a step."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout
+from io import StringIO
+from typing import Any
+
+import sksundae.ida
+
+LOGS = ("SUNLOGGER_ERROR_FILENAME", "SUNLOGGER_WARNING_FILENAME")  # where SUNDIALS writes to; else to the console
+
+
+class IDA(sksundae.ida.IDA):  # type: ignore[misc]
+    """IDA that prints nothing."""
+
+    def init_step(self, *start: Any) -> Any:
+        """Begin; the logs that SUNDIALS opens here it keeps."""
+        with _nowhere():
+            return super().init_step(*start)
+
+    def step(self, *target: Any, **how: Any) -> Any:
+        """Go on; the binding prints what the status says."""
+        with redirect_stdout(StringIO()):
+            return super().step(*target, **how)
+
+
+@contextmanager
+def _nowhere() -> Iterator[None]:
+    """Let logs that are opened now go nowhere, unless the environment says where."""
+    given = [name for name in LOGS if name not in os.environ]
+    os.environ.update(dict.fromkeys(given, os.devnull))
+    try:
+        yield
+    finally:
+        for name in given:
+            del os.environ[name]

@@ -1,0 +1,135 @@
+"""Chains and stars of thousands of links: what groups they fall into, how they move, and what they need."""
+
+from __future__ import annotations
+
+import tracemalloc
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics import Body, Mechanism, Revolute, Spring, plant, rod
+from mbfmu.mechanics.tangent import find_groups
+from mbfmu.mechanics.tangent.groups import BLOCK
+from mbfmu.model import Model, parameter
+from mbfmu.simulation import Settings, Simulation
+
+
+@dataclass(frozen=True, kw_only=True)
+class Links(Model):
+    """Chains of equal rods, 1 m long together, that hang side by side on a pivot, stretched out at first."""
+
+    name = "links"
+    links: int = parameter(300, min=1)
+    chains: int = parameter(1, min=1)
+
+    def build(self) -> Mechanism:
+        m = Mechanism(gravity=(0.0, -9.81, 0.0))
+        for k in range(self.chains):
+            hang(m, m.ground, self.links, -0.3 - 0.01 * k, f"{k}.")
+        m.output("energy", m.energy)
+        return m
+
+
+def hang(m: Mechanism, body: Body, links: int, start: float, prefix: str) -> None:
+    """Add one chain."""
+    each = 1.0 / links
+    for i in range(links):
+        joint = Revolute(at=(each if i else 0.0, 0.0, 0.0), start=0.0 if i else start)
+        body = m.body(f"{prefix}{i}", body, joint, **rod(mass=each, length=each))
+
+
+def absolute(angles: Any, rates: Any) -> Any:
+    """Accelerations of the links' angles from the horizontal: Lagrange's equations in absolute angles."""
+    n, k = len(angles), np.arange(len(angles))
+    beyond = n - 1 - np.maximum.outer(k, k)
+    C = (beyond + 0.5 - np.eye(n) / 6.0) / n**3  # m l^2 = 1 / n^3; on the diagonal 1/3 + beyond
+    difference = np.subtract.outer(angles, angles)
+    load = 9.81 * (n - 1 - k + 0.5) / n**2 * np.cos(angles)
+    return -np.linalg.solve(C * np.cos(difference), (C * np.sin(difference)) @ rates**2 + load)
+
+
+@pytest.mark.parametrize("solver", ["ida", "adams"])
+def test_accelerations_are_those_of_lagranges_equations(solver: str) -> None:
+    simulation = Simulation(Links(), Settings(solver=solver))
+    rng = np.random.default_rng(0)
+    q, v = np.array([-0.3, *0.05 * rng.normal(size=299)]), rng.normal(size=300)
+    stepper: Any = simulation.stepper
+    stepper._q, stepper._v = q, v
+    expected = absolute(np.cumsum(q), np.cumsum(v))
+    np.testing.assert_allclose(np.cumsum(stepper.accelerations()[0]), expected, atol=1e-9 * np.abs(expected).max())
+
+
+def test_a_chain_falls_as_lagranges_equations_say() -> None:
+    """The links jitter; ida's error is that of order two, in proportion to rtol to the power 2/3."""
+    n = plant.LARGE + 1
+    start = np.concatenate((np.full(n, -0.3), np.zeros(n)))
+    true = solve_ivp(
+        lambda t, y: np.concatenate((y[n:], absolute(y[:n], y[n:]))), (0.0, 0.3), start, rtol=1e-9, atol=1e-9
+    ).y[:n, -1]
+
+    def error(solver: str, tolerance: float) -> float:
+        simulation = Simulation(Links(links=n), Settings(solver=solver, tolerance=tolerance))
+        assert simulation.advance(0.3).ok
+        return float(np.abs(np.cumsum(simulation.stepper.q) - true).max())
+
+    assert error("adams", 1e-8) < 1e-7
+    loose, tight = error("ida", 1e-5), error("ida", 1e-8)
+    assert loose < 1e-2
+    assert tight < 1e-3 ** (2.0 / 3.0) * 3.0 * loose
+
+
+@pytest.mark.parametrize("solver", ["ida", "adams", "hybrid", "adams-lu"])
+def test_five_thousand_links_run_under_every_solver(solver: str) -> None:
+    simulation = Simulation(Links(links=5000), Settings(solver=solver, tolerance=1e-4))
+    energy = float(simulation.outputs()[0])
+    assert simulation.advance(2e-2 if solver == "ida" else 1e-4).ok
+    assert abs(simulation.outputs()[0] - energy) < 1e-2 * 9.81  # of the weight times the length
+
+
+def test_fifty_chains_of_a_hundred_links_run() -> None:
+    simulation = Simulation(Links(links=100, chains=50), Settings(tolerance=1e-4))
+    assert simulation.advance(2e-2).ok
+    assert simulation.statistics.rhs_evals < 200
+
+
+def test_memory_grows_with_the_links_and_not_with_their_square() -> None:
+    """Factors and all: a dense matrix of 3000 links alone would take 72 MB."""
+    tracemalloc.start()
+    simulation = Simulation(Links(links=3000), Settings(tolerance=1e-4))
+    simulation.advance(1e-4)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 50e6
+
+
+@pytest.mark.parametrize(("links", "chains"), [(1000, 1), (100, 20)])
+def test_groups_are_blocks_that_form_a_tree(links: int, chains: int) -> None:
+    m = Mechanism()
+    hub = m.body("hub", m.ground, Revolute(), mass=1.0, inertia=(1.0, 1.0, 1.0))
+    for k in range(chains):
+        hang(m, hub, links, 0.0, f"{k}.")
+    groups = find_groups(m)
+    sizes = np.bincount(groups.of[1:])
+    assert sizes.max() <= BLOCK
+    assert len(sizes) < 2.0 * links * chains / BLOCK
+    assert (groups.inward[:-1] > np.arange(len(sizes) - 1)).all()
+    assert groups.inward[-1] == -1
+    for body in m.bodies[2:]:
+        own, parents = groups.of[body.index], groups.of[body.parent]
+        assert parents in (own, groups.inward[own])
+
+
+def test_what_ties_everything_to_everything_is_refused_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(plant, "WIDEST", 50)
+    m = Mechanism()
+    hang(m, m.ground, 100, 0.0, "link")
+    for k in range(2, 100):
+        m.force(f"spring{k}", Spring(stiffness=1.0), m.bodies[1], m.bodies[k])
+    with pytest.raises(
+        UserError, match=r"joints, forces and elements tie 9\d bodies to each other, 'link98' among them"
+    ):
+        m.compile()
