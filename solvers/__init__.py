@@ -23,6 +23,7 @@ def stepper(name: str, system: AnySystem, t0: float, q0: Array, v0: Array, optio
     Raises ValueError where a large tree has constraints and the solver is not ``ida``.
     """
     if isinstance(system, System):
+        name = name if system.n else "adams"  # IDA takes no empty system, and nothing is integrated
         return SOLVERS[name](system, t0, q0, v0, options)
     if name == "ida":
         from .ida_tree import TreeIDAStepper
