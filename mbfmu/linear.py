@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 from scipy.io import savemat
 
-from mbfmu.errors import UserError
+from mbfmu.errors import EquilibriumError, UserError
 from mbfmu.mechanics import Plant
 from mbfmu.table import table
 from solvers.equilibrium_dense import EPSILON
@@ -116,7 +116,10 @@ def modes_as_text(modes: list[Mode]) -> str:
 
 
 def linearise(plant: Plant, t: float, q: Array, v: Array, rows: NDArray[np.int64]) -> StateSpace:
-    """Linearise about the steady state (q (nq,), v (n,)) at time t; ``rows`` are the independent constraints."""
+    """Linearise about the steady state (q (nq,), v (n,)) at time t; ``rows`` are the independent constraints.
+
+    Raises EquilibriumError where a slope is not finite.
+    """
     line = _Line(plant, t, q, v, rows)
     freedom = len(line.independent)
     directions = [*line.unit_states(), *line.unit_inputs()]
@@ -124,6 +127,8 @@ def linearise(plant: Plant, t: float, q: Array, v: Array, rows: NDArray[np.int64
     slope = np.array([c[0] for c in columns]).reshape(len(columns), 2 * freedom).T
     seen = np.array([c[1] for c in columns]).reshape(len(columns), len(plant.outputs)).T
     names = [plant.system.coordinate_names[k] for k in line.independent]
+    if not np.isfinite(slope).all():
+        raise EquilibriumError("the linearised motion is not finite: forces and masses are too far apart")
     return StateSpace(
         A=slope[:, : 2 * freedom],
         B=slope[:, 2 * freedom :],

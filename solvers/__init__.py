@@ -25,6 +25,7 @@ def stepper(name: str, system: AnySystem, t0: float, q0: Array, v0: Array, optio
     With constraints the partitions take a large tree's dense terms. Raises ValueError where these would be too large.
     """
     if isinstance(system, System):
+        name = name if system.n else "adams"  # IDA takes no empty system, and nothing is integrated
         return SOLVERS[name](system, t0, q0, v0, options)
     if name == "ida":
         from .ida_tree import TreeIDAStepper

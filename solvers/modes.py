@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
+from scipy.sparse.linalg import ArpackError, ArpackNoConvergence, LinearOperator, eigsh
 
 from .saddle import Saddle
 from .system import Array
@@ -31,5 +31,7 @@ def natural_modes(saddle: Saddle, count: int) -> tuple[Array, Array]:
         values, modes = eigsh(mass, k=count, M=mass, **options)
     except ArpackNoConvergence as stuck:
         raise np.linalg.LinAlgError(f"{len(stuck.eigenvalues)} of {count} converged") from stuck
+    except ArpackError as error:
+        raise np.linalg.LinAlgError("stiffness and mass are too far apart") from error
     order = np.argsort(values)
     return values[order], modes[:, order]

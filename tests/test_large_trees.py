@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from mbfmu.errors import UserError
-from mbfmu.mechanics import Body, Mechanism, Revolute, Spring, plant, rod
+from mbfmu.equilibrium import Balance
+from mbfmu.errors import EquilibriumError, UserError
+from mbfmu.mechanics import Body, Mechanism, Polynomial, Revolute, Spring, Support, add_sheet, plant, rod
 from mbfmu.mechanics.tangent import find_groups
 from mbfmu.mechanics.tangent.groups import BLOCK
 from mbfmu.model import Model, parameter
-from mbfmu.simulation import Settings, Simulation
+from mbfmu.simulation import Settings, Simulation, run
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,6 +122,39 @@ def test_groups_are_blocks_that_form_a_tree(links: int, chains: int) -> None:
     for body in m.bodies[2:]:
         own, parents = groups.of[body.index], groups.of[body.parent]
         assert parents in (own, groups.inward[own])
+
+
+@pytest.mark.parametrize("stiffness", [1e300, 1e-300])
+def test_numbers_out_of_all_proportion_end_in_a_message(stiffness: float) -> None:
+    class Odd(Model):
+        name = "odd"
+
+        def build(self) -> Mechanism:
+            m = Mechanism(gravity=(0.0, -9.81, 0.0))
+            add_sheet(
+                m, "sheet", length=0.3, width=0.2, thickness=1e-3, youngs_modulus=stiffness, density=900.0,
+                grid=(9, 7), supports=[Support("x1")], membrane=True,
+            )  # fmt: skip
+            m.output("energy", m.energy)
+            return m
+
+    with pytest.raises(EquilibriumError), np.errstate(all="ignore"):
+        _ = Balance(Odd()).solve().stability
+
+
+@pytest.mark.parametrize("solver", ["ida", "adams", "hybrid", "adams-lu"])
+def test_what_is_driven_alone_runs_under_every_solver(solver: str) -> None:
+    class Driven(Model):
+        name = "driven"
+
+        def build(self) -> Mechanism:
+            m = Mechanism()
+            arm = m.body("arm", m.ground, Revolute(drive=Polynomial((0.0, 2.0))), **rod(mass=1.0, length=1.0))
+            m.output("angle", arm.angle())
+            return m
+
+    result = run(Driven(), Settings(solver=solver), np.array([0.0, 0.5, 1.0]))
+    np.testing.assert_allclose(result["angle"], (0.0, 1.0, 2.0), atol=1e-14)
 
 
 def test_what_ties_everything_to_everything_is_refused_by_name(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,18 +12,16 @@ from mbfmu.errors import UserError
 
 def array_of(what: str, value: Any) -> NDArray[np.float64]:
     """Return numbers as an array; they need not be finite."""
-    try:
-        return np.asarray(value, float)
-    except (TypeError, ValueError) as error:
-        raise UserError(f"{what} is {value!r}; it needs numbers") from error
+    array = _numbers(value)
+    if array is None:
+        raise UserError(f"{what} is {value!r}; it needs numbers")
+    return array
 
 
 def is_finite(value: Any) -> bool:
     """Whether there are numbers, and every one is finite."""
-    try:
-        return bool(np.isfinite(np.asarray(value, float)).all())
-    except (TypeError, ValueError):
-        return False
+    array = _numbers(value)
+    return array is not None and bool(np.isfinite(array).all())
 
 
 def finite(what: str, value: Any) -> float:
@@ -31,3 +29,12 @@ def finite(what: str, value: Any) -> float:
     if np.ndim(value) or not is_finite(value):
         raise UserError(f"{what} is {value!r}; it must be a finite number")
     return float(value)
+
+
+def _numbers(value: Any) -> NDArray[np.float64] | None:
+    """Return numbers as an array, None where there is anything else; NumPy alone would read text."""
+    try:
+        array = np.asarray(value)
+    except ValueError:  # rows of different lengths
+        return None
+    return array.astype(float) if array.dtype.kind in "biuf" else None

@@ -222,6 +222,8 @@ def test_builder_refuses_strangers_twins_and_loops_on_themselves() -> None:
         m.cut("c", SphericalCut(), a, a)
     with pytest.raises(UserError, match=r"length of cut 'd' is 0\.0 m"):
         m.cut("d", DistanceCut(length=0.0), a, m.ground)
+    with pytest.raises(UserError, match="length of cut 'd' is '1' m"):
+        m.cut("d", DistanceCut(length="1"), a, m.ground)  # type: ignore[arg-type]
     with pytest.raises(UserError, match="cannot be driven"):
         m.body("s", m.ground, Spherical(drive=1.0))
     with pytest.raises(UserError, match="one coordinate"):
