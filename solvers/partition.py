@@ -143,7 +143,7 @@ def settle(eqs: Any, t: float, q: Any, v: Any, near: Any, rank: int, slight: flo
     if eqs.terms.Phi.shape[0] == 0:
         for i in range(n):
             work.dq[i] = 0.0
-        eqs.retract(q, work.dq, eqs.data)  # quaternions to unit length
+        eqs.retract(q, work.dq, eqs.data)
         eqs.dynamics(t, q, v, eqs.data, eqs.terms)
         return OK
     if rank == 0 or rank_at(work.pivot, rank, SINGULAR) < rank:
@@ -153,7 +153,10 @@ def settle(eqs: Any, t: float, q: Any, v: Any, near: Any, rank: int, slight: flo
             for j in range(n):
                 eqs.terms.Phi[i] += eqs.terms.J[i, j] * (q[j] - near[j])
         position_off(eqs.terms, rank, work)
-        eqs.retract(q, work.dq, eqs.data)
+    else:
+        for i in range(n):
+            work.dq[i] = 0.0
+    eqs.retract(q, work.dq, eqs.data)  # quaternions to unit length, too
     eqs.position(t, q, eqs.data, eqs.terms)
     rest = position_off(eqs.terms, rank, work)
     if not rest <= slight * ratio(work.pivot, rank) ** 2:

@@ -9,6 +9,8 @@ import pytest
 from judge import judge, truth
 from mechanisms import CASES, GAPS, grashof, parallelogram
 
+from solvers import Options, Switching, stepper
+
 NAMED = ("three cranks", "three cranks, singular", "table", "double parallelogram, singular", "slider-crank + 1e-5")
 FOUR_BARS = {"rocker": parallelogram, "ground": grashof}
 
@@ -37,3 +39,20 @@ def test_redundant_and_singular_loops(name, solver):
     for rtol in (1e-4, 1e-7):
         verdict = judge(mechanism, motion, solver, rtol)
         assert verdict.word == "right", verdict
+
+
+@pytest.mark.parametrize(
+    ("why", "switching"),
+    [
+        ("left_by_collapse", Switching(collapse_cuts=1)),
+        ("left_by_energy", Switching(energy_jump=1e-15)),
+        ("left_by_turn", Switching()),
+    ],
+)
+def test_what_makes_the_hybrid_leave_lu_beside_a_singular_position(why, switching):
+    mechanism = grashof(1e-3).mechanism
+    plant = mechanism.compile()
+    q, v = plant.assemble()
+    motion = stepper("hybrid", plant.system, 0.0, q, v, Options(rtol=1e-6, switching=switching))
+    assert motion.advance(2.0).ok
+    assert getattr(motion.statistics, why) > 0

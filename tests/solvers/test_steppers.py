@@ -311,18 +311,10 @@ def test_wrong_sizes_and_times_are_named():
         run("adams", 1e-6, times=(1.0,))[0].advance(0.5)
 
 
-@pytest.mark.parametrize(
-    ("trigger", "settings"),
-    [
-        ("left_by_flicker", {"flicker_steps": 10_000, "flicker_count": 1}),
-        ("left_by_energy", {"energy_jump": 1e-9}),
-        ("left_by_collapse", {"collapse_cuts": 1}),
-    ],
-)
-def test_each_trigger_of_the_hybrid_fires_and_the_motion_stays_on_its_branch(trigger, settings):
+def test_hybrid_leaves_lu_where_the_choice_of_coordinates_flickers():
     """A third of a swing, through two singular positions."""
-    switching = Switching(**settings)
+    switching = Switching(flicker_steps=10_000, flicker_count=1)
     stepper, error = run("hybrid", 1e-5, np.linspace(0.02, 1.5, 75), switching=switching, max_step=0.02)
     assert stepper.status.ok
-    assert getattr(stepper.statistics, trigger) > 0
+    assert stepper.statistics.left_by_flicker > 0
     assert error < 300.0 * 1e-5
