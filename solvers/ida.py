@@ -58,7 +58,7 @@ FINEST = 5e-10  # a tighter rtol is run as this one: below it roundoff in J grow
 # IDA bounds the error of a step and the errors add up. At order 5 a step is as rtol^(1/6) and so the sum as the step's
 # error^(5/6): for a motion's error in proportion to rtol IDA is given TIGHTER rtol^POWER, and atol in proportion.
 TIGHTER, POWER = 3.0, 1.2
-UNCONTROLLED = 1e20  # absolute tolerance of the multipliers
+UNCONTROLLED = 1e20  # absolute tolerance of the multipliers, in their units
 LENGTH_RATE = 10.0  # k, in units of the motion's rate
 STEPS_A_CALL = 5000  # then progress is looked at
 STANDSTILL = 1e-10  # relative to t or one over the rate: less progress in STEPS_A_CALL steps is a collapse
@@ -527,7 +527,7 @@ class IDAStepper(IDADriver, DenseStepper):
         tightened = rtol if o.atol is None else o.atol * rtol / self._rtol
         place = tightened * s.size
         self._scales = hold(Scales.of(rtol, place, self._units.rate[0] * place, size))
-        atol = np.full(size, UNCONTROLLED)
+        atol = UNCONTROLLED * np.append(self._scaling()[0], 1.0)[:size]
         atol[:controlled] = tightened * np.concatenate((self._units.size_q, self._units.rate[0] * s.size))
         return IDA(
             resfn,

@@ -46,7 +46,6 @@ def test_redundant_and_singular_loops(name, solver):
     [
         ("left_by_collapse", Switching(collapse_cuts=1)),
         ("left_by_energy", Switching(energy_jump=1e-15)),
-        ("left_by_turn", Switching()),
     ],
 )
 def test_what_makes_the_hybrid_leave_lu_beside_a_singular_position(why, switching):
