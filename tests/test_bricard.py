@@ -47,5 +47,5 @@ def test_it_swings_with_threefold_symmetry_and_keeps_its_energy(solver: str, bou
     for i in range(2, 5):
         np.testing.assert_allclose(samples.q[:, i], samples.q[:, i - 2], atol=1e-7)
     energy = np.zeros((len(samples.q), 1))
-    plant.observe_all(np.linspace(0.01, 10.0, 1000), *samples, energy)
+    plant.observe_all(np.linspace(0.01, 10.0, 1000), *samples[:4], energy)
     np.testing.assert_allclose(energy, -3.0 * G, atol=bound)  # at rest on the cube

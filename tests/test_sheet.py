@@ -299,7 +299,7 @@ def test_statics_with_gravity_by_the_input(grid: tuple[int, int], thickness: flo
     weightless = model.with_values({"gravity_y": 0.0})
     number = inputs_of(Simulation(weightless, Settings()))["gravity.y"]
     hanging = Simulation(weightless, Settings(start_at_equilibrium=True), inputs={number: -9.81})
-    found = dict(zip(expected.outputs, hanging.outputs(), strict=True))
+    found = dict(zip(expected.outputs, hanging.outputs()[:-2], strict=True))
     assert found["tip.y"] < tip
     assert found == pytest.approx(expected.outputs, abs=1e-8)
 
