@@ -492,7 +492,7 @@ class IDAStepper(IDADriver, DenseStepper):
         self._begun, self._pending = np.zeros(1), True
         self._book, self._works = records(1, BOOK), False
         self._ida = self._new_ida()
-        self._passed = self._t  # s, where IDA itself stands
+        self._passed = self._begun_at = self._t  # s, where IDA itself stands, and where its history begins
         self._good = self._t, self._q, self._v, 0.0  # time, state and work after IDA's last step
         self._reach = np.inf  # s, longest next step
 
@@ -564,7 +564,7 @@ class IDAStepper(IDADriver, DenseStepper):
         u.at[:] = np.nan
         u.asked[0] = 0.0
         u.columns[:], u.rows[:] = self._scaling()
-        self._pending, self._passed = False, self._t
+        self._pending, self._passed, self._begun_at = False, self._t, self._t
         self._good = self._t, self._q, self._v, self._ledger[WORK]
         w.course["known"], w.course["ratio"] = 0, 0.0
         self._reach = min(self._reach, look_over(self._eqs, self._t, y, 0.0, self._rank, self._held, self._work))
@@ -605,7 +605,12 @@ class IDAStepper(IDADriver, DenseStepper):
             if self._reach < max(shortest, STANDSTILL * abs(before)):
                 return Code.BRANCHES
             if result.status < 0:
-                return Code.NOT_FINITE if self._counts[2] > bad else Code.COLLAPSED
+                if self._counts[2] > bad or self._begun_at == self._good[0]:
+                    return Code.NOT_FINITE if self._counts[2] > bad else Code.COLLAPSED
+                code = self._resume()  # with a new history
+                if code is not Code.OK:
+                    return code
+                continue
             if float(result.t) <= before:
                 continue  # it had interpolated, and tells where it stands first
             taken += 1
@@ -626,10 +631,14 @@ class IDAStepper(IDADriver, DenseStepper):
             self._reach = min(bound, 2.0 * self._reach)
             return Code.OK
         self._counts[REFUSED] += 1.0
+        self._reach = SHORTER * taken
+        return self._resume()
+
+    def _resume(self) -> Code:
+        """Begin anew where IDA's last good step ended."""
         self._t, self._q, self._v, done = self._good
         reported(self._book, done, self._ledger)
         code = Code(close_report(self._eqs, self._t, self._q, self._v, self._rank, self._work))
-        self._reach = SHORTER * taken
         return self._begin() if code is Code.OK else code
 
     def restart(self) -> None:

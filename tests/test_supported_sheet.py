@@ -12,6 +12,7 @@ import pytest
 from plate_oracles import karman
 from scipy.integrate import solve_bvp
 
+import solvers
 from fmus.sheet import Sheet
 from mbfmu.equilibrium import Balance
 from mbfmu.errors import UserError
@@ -230,7 +231,8 @@ def test_a_saved_run_goes_on() -> None:
 
 
 @pytest.mark.parametrize("solver", ["adams", "hybrid"])
-def test_explicit_solvers_say_what_they_cannot_do(solver: str) -> None:
+def test_explicit_solvers_say_what_they_cannot_do(solver: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(solvers, "LARGEST_DENSE", 100)
     with pytest.raises(UserError, match=r"solver '.*' is given 168 coordinates under 21 constraints; .* 'ida'"):
         Simulation(Held(), Settings(solver=solver))
 

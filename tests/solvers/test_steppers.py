@@ -309,12 +309,3 @@ def test_wrong_sizes_and_times_are_named():
         SOLVERS["adams"](fourbar(), 0.0, np.zeros(3), np.full(3, np.nan))
     with pytest.raises(ValueError, match="cannot go back"):
         run("adams", 1e-6, times=(1.0,))[0].advance(0.5)
-
-
-def test_hybrid_leaves_lu_where_the_choice_of_coordinates_flickers():
-    """A third of a swing, through two singular positions."""
-    switching = Switching(flicker_steps=10_000, flicker_count=1)
-    stepper, error = run("hybrid", 1e-5, np.linspace(0.02, 1.5, 75), switching=switching, max_step=0.02)
-    assert stepper.status.ok
-    assert stepper.statistics.left_by_flicker > 0
-    assert error < 300.0 * 1e-5
