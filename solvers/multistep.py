@@ -23,7 +23,7 @@ from .system import Array
 HIGHEST = 12  # order
 ROWS = HIGHEST + 3
 BOUND, MANY = 0.25, 50  # see watch_stability
-FIRST = 0.01  # longest first step, in units of one over the rate: what lies still bounds none by its slope
+FIRST = 0.1  # longest first step, in units of one over the rate: what lies still bounds none by its slope
 GAMMA_STAR = np.array(
     [1.0, 0.5, 0.0833, 0.0417, 0.0264, 0.0188, 0.0143, 0.0114, 0.00936, 0.00789, 0.00679, 0.00592, 0.00524, 0.00468]
 )  # |coefficient| of the error of the fixed-step formulas, gstr of STEP
