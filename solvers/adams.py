@@ -37,8 +37,8 @@ from .lu import (
     tangents_turned,
 )
 from .multistep import accept, begin, coefficients, correct, correct_work, estimate, interpolate, predict, unwind
-from .partition import NOT_CLOSED, OK, acceleration, close, multipliers, settle, trusted
-from .singular import AHEAD, SINGULAR, note, passed, step_bound, vanishes
+from .partition import NOT_CLOSED, OK, acceleration, close, close_to_crossing, multipliers, settle, trusted
+from .singular import AHEAD, SINGULAR, note, passed, step_bound, time_left
 from .workspace import factor
 
 MAX_STEPS, COLLAPSED, BRANCHES = 5, 6, 7  # beside the codes of partition
@@ -110,6 +110,8 @@ def differentiate(eqs: Any, t: float, closing: bool, c: Any, o: Any, H: Any, wor
         else:
             eqs.dynamics(t, q, v, eqs.data, eqs.terms)
             factor(eqs.terms, work)
+            if close_to_crossing(rank, work):  # v' of what is not closed is wrong by the inverse square of its pivot
+                code = close(eqs, t, q, v, rank, work)
         if code == OK:
             code = acceleration(eqs, t, q, v, rank, work, work.slope)
     if code == OK:
@@ -321,7 +323,7 @@ def leave_lu(eqs: Any, c: Any, o: Any, work: Any, H: Any) -> None:
     if o.partition == HYBRID:
         frame_lu(terms, c, H, work)
         before, c.pivot = c.pivot, smallest_pivot(c.rank, work)
-        if vanishes(before, c.pivot, c.hold, AHEAD * c.h):
+        if time_left(before, c.pivot, c.hold) < AHEAD * c.h:
             give_up_lu(eqs, c, H, work)
             c.by_turn += 1
             return
@@ -349,13 +351,13 @@ def leave_lu(eqs: Any, c: Any, o: Any, work: Any, H: Any) -> None:
 
 
 @kernel
-def return_to_lu(c: Any, o: Any, terms: Any, work: Any, H: Any, before: float) -> None:
+def return_to_lu(c: Any, o: Any, terms: Any, work: Any, H: Any) -> None:
     """After an accepted projection step of the hybrid: count steps in which LU would have kept its choice.
 
-    ``before`` is the ratio before the step; where it falls to nothing within a few steps LU is not worth it.
+    Where a singular position is a few steps ahead LU is not worth it.
     """
-    now = work.course[0].ratio
-    calm = now >= SINGULAR and not vanishes(before, now, c.hold, CLEAR * c.h)
+    here = work.course[0]
+    calm = here.ratio >= SINGULAR and here.ahead >= CLEAR * c.h
     calm = calm and c.h >= min(c.hold, o.max_step)
     calm = choose(terms, c.rank, work) and calm
     if not same_choice(c.rank, H.columns, work.columns) or not same_choice(c.rank, H.rows, work.rows):
@@ -395,13 +397,12 @@ def advance(eqs: Any, settings: Any, H: Any, work: Any, scales: Any, target: flo
             c.time_lu += c.hold
             leave_lu(eqs, c, o, work, H)
         else:
-            before = work.course[0].ratio
             note(eqs, c.t, work.q, c.hold, c.h, c.rank, work)
             c.time_projection += c.hold
             if o.partition == HYBRID:
-                return_to_lu(c, o, eqs.terms, work, H, before)
+                return_to_lu(c, o, eqs.terms, work, H)
         if o.partition != LU:
-            c.h = min(c.h, step_bound(c.t, work.q, work.v, eqs.terms, work))
+            c.h = min(c.h, step_bound(c.t, work.q, work.v, c.hold, eqs.terms, work))
     split(H.y, q, v)
     done = H.y[H.y.shape[0] - 1]
     if code == OK:

@@ -8,9 +8,10 @@ Unknowns y = (q, v, lambda, mu), variable-order BDF. The form is Gear, Gupta and
 in units of coordinates and rows, S and R, J~ = R^-1 J S (:mod:`solvers.workspace`); lambda is in units of R. Two small
 terms make it regular where J~ loses rank:
 
-- d = MU |J~|^2 / rate. mu vanishes on the solution, so d has no bias; residuals of positions just return within
-  d / sigma^2. It bounds what rounding in Phi does to v along a vanishing direction, u / (sigma^2 + d c_j) and not u /
-  sigma^2.
+- d = MU u / rtol |J~|^2 / rate. mu vanishes on the solution, so d has no bias; residuals of positions just return
+  within d / sigma^2. It bounds what rounding in Phi does to v along a vanishing direction, u / (sigma^2 + d c_j) and
+  not u / sigma^2: to the tolerance, where steps are shorter than MU / rate. It must not be larger: what it leaves of
+  Phi at a crossing turns v by Phi / sigma^2.
 - D = LAMBDA a (1 + A / (FILTER tr A))^-2 / rate with A = J~ J~^T and a = tr J~ M~^-1 J~^T. lambda does not vanish on
   the solution, it may even be unbounded, and D |lambda|^2 is a loss of power. D is of the size of a on rows without
   rank only, redundant ones and those that vanish at a crossing, and nothing on others, however near.
@@ -53,7 +54,7 @@ from .stepper import Code, DenseStepper, Options, Statistics, Stepper
 from .system import Array, System
 from .workspace import factor
 
-LAMBDA, FILTER, MU = 1e-10, 1e-13, 1e-4  # see above
+LAMBDA, FILTER, MU = 1e-10, 1e-13, 1e-2  # see above
 FINEST = 5e-10  # a tighter rtol is run as this one: below it roundoff in J grows faster than the BDF error falls
 # IDA bounds the error of a step and the errors add up. At order 5 a step is as rtol^(1/6) and so the sum as the step's
 # error^(5/6): for a motion's error in proportion to rtol IDA is given TIGHTER rtol^POWER, and atol in proportion.
@@ -407,11 +408,11 @@ def look_over(eqs: Any, t: float, y: Any, taken: float, rank: int, u: Any, work:
         return -1.0
     note(eqs, t, u.q, taken, taken, rank, work)
     u.at[0] = np.nan  # the terms have moved
-    bound = step_bound(t, u.q, u.v, eqs.terms, work)
+    bound = step_bound(t, u.q, u.v, taken, eqs.terms, work)
     u.d[0], u.d[1] = u.usual[0], u.usual[1]
     if work.critical[0].kind == MISS:
         u.d[0] = LESS * u.usual[0] if rank < eqs.terms.J.shape[0] else 0.0
-        u.d[1] *= min(1.0, u.noise[0] * bound * work.rate[0] / MU)
+        u.d[1] *= min(1.0, bound * work.rate[0] / MU)
         if not abs(weak_residual(eqs.terms, work)) <= BELOW * abs(work.critical[0].gap):
             return -1.0
     return bound
@@ -493,6 +494,7 @@ class IDAStepper(IDADriver, DenseStepper):
         self._book, self._works = records(1, BOOK), False
         self._ida = self._new_ida()
         self._passed = self._begun_at = self._t  # s, where IDA itself stands, and where its history begins
+        self._taken = 0.0  # s, its last step
         self._good = self._t, self._q, self._v, 0.0  # time, state and work after IDA's last step
         self._reach = np.inf  # s, longest next step
 
@@ -564,7 +566,7 @@ class IDAStepper(IDADriver, DenseStepper):
         u.at[:] = np.nan
         u.asked[0] = 0.0
         u.columns[:], u.rows[:] = self._scaling()
-        self._pending, self._passed, self._begun_at = False, self._t, self._t
+        self._pending, self._passed, self._begun_at, self._taken = False, self._t, self._t, 0.0
         self._good = self._t, self._q, self._v, self._ledger[WORK]
         w.course["known"], w.course["ratio"] = 0, 0.0
         self._reach = min(self._reach, look_over(self._eqs, self._t, y, 0.0, self._rank, self._held, self._work))
@@ -588,7 +590,7 @@ class IDAStepper(IDADriver, DenseStepper):
         M = terms.M * np.outer(self.system.size, self.system.size)
         square = np.linalg.norm(J, 2) ** 2
         mobile = np.linalg.solve(M + np.trace(M) / (self.system.n * square) * J.T @ J, J.T)
-        return LAMBDA * np.trace(J @ mobile) / w.rate[0], MU * square / w.rate[0]
+        return LAMBDA * np.trace(J @ mobile) / w.rate[0], self._unknowns.noise[0] * MU * square / w.rate[0]
 
     def _go(self, t: float) -> Code:
         """Step until ``t`` is passed, and interpolate; take back steps that may have jumped."""
@@ -600,8 +602,8 @@ class IDAStepper(IDADriver, DenseStepper):
             if taken >= self.options.max_steps:
                 return Code.MAX_STEPS
             before = self._passed
-            stop = None if np.isinf(self._reach) else before + self._reach
-            result = self._ida.step(max(t, before + self._reach) if stop else t, method="onestep", tstop=stop)
+            stop = self._stop()
+            result = self._ida.step(max(t, stop) if stop else t, method="onestep", tstop=stop)
             if self._reach < max(shortest, STANDSTILL * abs(before)):
                 return Code.BRANCHES
             if result.status < 0:
@@ -614,14 +616,25 @@ class IDAStepper(IDADriver, DenseStepper):
             if float(result.t) <= before:
                 continue  # it had interpolated, and tells where it stands first
             taken += 1
-            code = self._look_over(float(result.t), result.y, float(result.t) - before)
+            code = self._look_over(float(result.t), result.y)
             if code is not Code.OK:
                 return code
         result = self._ida.step(t)
         return self._take(float(result.t), result.y)
 
-    def _look_over(self, t: float, y: Array, taken: float) -> Code:
-        """Accept IDA's step of length ``taken`` to (t, y), or begin anew where it began."""
+    def _stop(self) -> float | None:
+        """Where IDA must stop; none where it will not reach that.
+
+        After a step it keeps the step size, doubles or shortens it; a stop it does not reach shortens it too.
+        """
+        reach = self._reach
+        if reach >= 2.0 * self._taken > 0.0 or np.isinf(reach):
+            return None
+        return self._passed + (self._taken if reach >= self._taken > 0.0 else reach)
+
+    def _look_over(self, t: float, y: Array) -> Code:
+        """Accept IDA's step to (t, y), or begin anew where it began."""
+        taken = self._taken = t - self._passed
         self._counts[STEPS] += 1.0
         bound = look_over(self._eqs, t, y, taken, self._rank, self._held, self._work)
         if bound >= 0.0:

@@ -16,9 +16,10 @@ short of rank. Two things may be near: a *crossing*, where it loses rank on the 
 crosses, or a *near miss*, where the branches part just before they meet and the motion turns sharply. Which of the two
 it is :mod:`solvers.singular` decides. Near a miss everything above holds. At a crossing truncating J is wrong by O(1)
 in v', not truncating divides by zero. But the motion has a tangent e = v/|v| that is continuous, and with it v' has a
-limit. It is taken from both sides along the branch, with regular accelerations only and v(s) = P P^T v + J^+ nu::
+limit. It is interpolated along the branch from both sides of the crossing, which lies at s = c, with regular
+accelerations only and v(s) = P P^T v + J^+ nu::
 
-    v' = [4 (a(d) + a(-d)) - (a(2d) + a(-2d))] / 6 + O(d^4),   a(s) at q(s) = close(q (+) s e), t(s) = t + s/|v|
+    v' = sum_k l_k(-c/d) a(c + k d) + O(d^4),   k = -2, -1, 1, 2,   a(s) at q(s) = close(q (+) s e), t(s) = t + s/|v|
 
 Without velocity there is no tangent: the branch cannot be decided.
 """
@@ -32,12 +33,13 @@ import numpy as np
 from .dense import basic_transposed, dot, least_norm, lq, rank_at, ratio, solve_positive, turn_in, turn_out
 from .kernel import inlined, kernel
 from .singular import CROSSING, SINGULAR, judge
-from .workspace import factor, factor_here, scaled_length
+from .workspace import distance, factor, factor_here, scaled_length
 
 OK, NOT_CLOSED, NO_MASS, UNDECIDABLE, NOT_FINITE = 0, 1, 2, 3, 4
 
 AT_REST = 1e-9  # speed, in units of size and rate, below which there is no tangent; see UNRESOLVED
 UNRESOLVED = 1e-7  # ratio below which nothing is left of the digits of the smallest pivot after squaring
+CLUSTER = 10.0  # a pivot at most so many times SINGULAR vanishes at a crossing with a smaller one
 REACH = 1e-2  # d of the limit, in units of size
 REDUNDANT = 1e-6  # ratio that tells a redundant constraint from a singular position nearby
 PASSES = 12  # Gauss-Newton corrections of a position
@@ -50,12 +52,20 @@ OPEN = 1e-8  # residual that a closed position must not have in any row, in unit
 def trusted(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
     """How many pivot rows can be divided by; ``terms`` and factors belong to (t, q).
 
-    What vanishes at a crossing is left alone: it would be divided by nearly zero.
+    What vanishes at a crossing is left alone: it would be divided by nearly zero. Where several rows vanish all of them
+    are: one that is closed while another is not moves the velocity to a branch that is not there.
     """
-    trust = rank_at(work.pivot, rank, SINGULAR)
-    if trust == rank or judge(eqs, t, q, rank, work) == CROSSING:
-        return trust
+    if rank_at(work.pivot, rank, SINGULAR) == rank:
+        return rank
+    if judge(eqs, t, q, rank, work) == CROSSING:
+        return rank_at(work.pivot, rank, CLUSTER * SINGULAR)
     return rank_at(work.pivot, rank, UNRESOLVED)
+
+
+@inlined
+def close_to_crossing(rank: int, work: Any) -> bool:
+    """Whether a crossing that is known lies so near that pivots which vanish there are small."""
+    return work.critical[0].kind == CROSSING and rank_at(work.pivot, rank, CLUSTER * SINGULAR) < rank
 
 
 @inlined
@@ -234,67 +244,101 @@ def acceleration(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any, a: An
     if not crossing or not scaled_length(v, work) > AT_REST * work.rate[0]:
         resolved = rank_at(work.pivot, rank, UNRESOLVED) == rank
         return regular_acceleration(eqs.terms, rank, work, a) if resolved else UNDECIDABLE
-    code = limit_acceleration(eqs, t, q, v, rank, work, a)
+    code = limit(eqs, t, q, v, False, rank, work, a)
     factor_here(eqs, t, q, v, work)
     return code
 
 
-@kernel
-def neighbour(eqs: Any, t: float, q: Any, v: Any, distance: float, rank: int, work: Any) -> int:
-    """Closed state (work.q_near, work.v_near) at a signed ``distance`` from q along v, when the motion gets there,
-    with its terms and factors.
-    """
-    speed = scaled_length(v, work)
+@inlined
+def place(eqs: Any, q: Any, v: Any, along: float, work: Any) -> None:
+    """work.q_near = the position at a signed distance ``along`` v from q."""
     for i in range(q.shape[0]):
         work.q_near[i] = q[i]
     for i in range(v.shape[0]):
-        work.dq[i] = distance * v[i] / speed
-        work.v_near[i] = v[i]
+        work.dq[i] = along * v[i]
     eqs.retract(work.q_near, work.dq, eqs.data)
-    return close(eqs, t + distance / speed, work.q_near, work.v_near, rank, work)
 
 
 @kernel
-def limit_acceleration(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any, a: Any) -> int:
-    """v' at a crossing, by extrapolation along the tangent from both sides (module docstring)."""
+def way_to_crossing(eqs: Any, q: Any, v: Any, work: Any) -> float:
+    """Signed distance along v from q to where the crossing lies nearest."""
+    speed = scaled_length(v, work)
+    place(eqs, q, v, -REACH / speed, work)
+    behind = distance(work.q_c, work.q_near, work)
+    place(eqs, q, v, REACH / speed, work)
+    before = distance(work.q_c, work.q_near, work)
+    return (behind * behind - before * before) / (4.0 * REACH)
+
+
+@kernel
+def neighbour(eqs: Any, t: float, q: Any, v: Any, along: float, rank: int, work: Any) -> bool:
+    """Closed state (work.q_near, work.v_near) at a signed distance ``along`` v from q, when the motion gets there, with
+    its terms and factors; False where it cannot be closed. No row is left out.
+    """
+    speed = scaled_length(v, work)
+    place(eqs, q, v, along / speed, work)
     for i in range(v.shape[0]):
-        a[i] = 0.0
-    for far in range(1, 3):
-        weight = 4.0 / 6.0 if far == 1 else -1.0 / 6.0
-        for side in range(-1, 2, 2):
-            code = neighbour(eqs, t, q, v, side * far * REACH, rank, work)
-            if code == OK:
-                code = regular_acceleration(eqs.terms, rank, work, work.a)
+        work.v_near[i] = v[i]
+    after = t + along / speed
+    eqs.position(after, work.q_near, eqs.data, eqs.terms)
+    for _ in range(PASSES):
+        factor(eqs.terms, work)
+        if correct_position(eqs, after, work.q_near, rank, work) <= CLOSED:
+            factor(eqs.terms, work)
+            close_velocity(work.v_near, eqs.terms, rank, work)
+            eqs.motion(after, work.q_near, work.v_near, eqs.data, eqs.terms)
+            return True
+    return False
+
+
+@kernel
+def limit(eqs: Any, t: float, q: Any, v: Any, velocity: bool, rank: int, work: Any, out: Any) -> int:
+    """``out`` = v', or v on the branch, beside a crossing, from both sides of it (module docstring)."""
+    for i in range(v.shape[0]):
+        out[i] = 0.0
+    way = way_to_crossing(eqs, q, v, work)
+    step = max(REACH, abs(way))
+    x = -way / step
+    for node in (-2, -1, 1, 2):
+        if not neighbour(eqs, t, q, v, way + node * step, rank, work):
+            return NOT_CLOSED
+        if not velocity:
+            code = regular_acceleration(eqs.terms, rank, work, work.a)
             if code != OK:
                 return code
-            for i in range(v.shape[0]):
-                a[i] += weight * work.a[i]
+        weight = lagrange(node, x)
+        for i in range(v.shape[0]):
+            out[i] += weight * (work.v_near[i] if velocity else work.a[i])
     return OK
+
+
+@inlined
+def lagrange(node: int, x: float) -> float:
+    """The cubic that is one at ``node`` and zero at the others of -2, -1, 1, 2."""
+    if abs(node) == 1:
+        return (4.0 - x * x) * (1.0 + node * x) / 6.0
+    return (x * x - 1.0) * (2.0 + 0.5 * node * x) / 12.0
 
 
 @kernel
 def close_report(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any) -> int:
-    """As :func:`close`; at a crossing the velocity across the branch is removed too, by the same limit.
+    """As :func:`close`; at a crossing what lies across the branch is removed too: of the position as far as it is
+    resolved, of the velocity by the same limit.
 
-    For states from a solver that does not control that component well (IDA's regularisation leaves it free).
+    For states from a solver that does not control these well (IDA's regularisation leaves them free).
     """
     code = close(eqs, t, q, v, rank, work)
     if code != OK or rank_at(work.pivot, rank, SINGULAR) == rank:
         return code
     if judge(eqs, t, q, rank, work) != CROSSING or not scaled_length(v, work) > AT_REST * work.rate[0]:
         return code
-    for i in range(v.shape[0]):
-        work.a[i] = 0.0
-    for far in range(1, 3):
-        weight = 4.0 / 6.0 if far == 1 else -1.0 / 6.0
-        for side in range(-1, 2, 2):
-            if neighbour(eqs, t, q, v, side * far * REACH, rank, work) != OK:
-                return NOT_CLOSED
-            for i in range(v.shape[0]):
-                work.a[i] += weight * work.v_near[i]
-    for i in range(v.shape[0]):
-        v[i] = work.a[i]
-    return OK
+    if rank_at(work.pivot, rank, UNRESOLVED) == rank and position_off(eqs.terms, rank, work) < ratio(work.pivot, rank):
+        correct_position(eqs, t, q, rank, work)
+    code = limit(eqs, t, q, v, True, rank, work, work.a)
+    if code == OK:
+        for i in range(v.shape[0]):
+            v[i] = work.a[i]
+    return code
 
 
 @kernel

@@ -9,7 +9,7 @@ it is nothing, branches of the motion cross in that point, and the motion goes s
 before they meet, within sqrt(g) of the point, and the motion turns into one of them. No ratio of singular values tells
 the two apart, for a near miss has its ratio as small as sqrt(g); the gap does, and as g has no slope there it is known
 to rounding. Newton's method in all unknowns, the shortest step where it is not unique (redundant rows, critical points
-that form curves).
+that form curves), damped.
 
 A motion of more than one freedom goes through critical points only where these divide what it can reach, that is where
 they have one dimension less. Else it passes beside them, as on a cone beside its tip: a near miss too.
@@ -27,7 +27,7 @@ from typing import Any
 
 import numpy as np
 
-from .dense import decompose, factor_lu, length, lq, pseudo_inverse, rank_at, ratio, solve_lu, turn_in
+from .dense import damped_inverse, decompose, factor_lu, length, lq, rank_at, ratio, solve_lu, turn_in
 from .kernel import inlined, kernel
 from .workspace import distance, factor, scaled_length
 
@@ -38,13 +38,18 @@ SINGULAR = 1e-3  # ratio of the smallest pivot of J~ to the largest below which 
 GAP = 1e-12  # largest gap of a crossing, in units of the rows; Phi is known to some 1e-16 of them
 NEAR = 30.0  # a critical point is that of this position when it is no farther than so many ratios
 PROBE = 1e-7  # of differences, in units of size
-FLAT = 1e-4  # singular values of the equations below this part of the largest count as zero
+DAMPING = 0.01  # of the squares of singular values, in what is left of the equations: see seek
+NOISE = 1e-8  # singular values of the equations below this part of the largest are those of the differences
+FLAT = 1e-6  # below this one they count as zero
 SPAN = 1e-2  # of a unit vector in q, t, u and g, its part in q and t that counts
 STRIDE, FAR = 0.3, 1.0  # longest Newton step, longest way, in units of size
-NEWTON, EXACT = 20, 1e-9  # steps, and one that is the last
+NEWTON, EXACT = 30, 1e-11  # steps, and what they may leave: g is known to its power of 3/2
 LITTLE, SLOPE = 0.36, 1.7  # turns of a tangent in one step, as their tangents: 20 and 60 degrees
 PASSED = 3.0  # a crossing that a step has passed lies within so many lengths of it
 AHEAD = 3.0  # steps ahead that a singular position is looked for
+JUMP = 0.7  # of the step before, to a crossing from where the next step jumps over it
+LEAD = 0.67  # of a longer way, that the step before the jump may go
+DARK = 1e-7  # ratio so near a crossing that any step leads out
 PART = 0.3  # of the way to a near miss that one step may go
 
 
@@ -87,7 +92,11 @@ def moves(terms: Any) -> bool:
 
 @kernel
 def seek(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
-    """Newton for the critical point next to q: fills ``work.q_c``, and time and gap of its record."""
+    """Newton for the critical point next to q: fills ``work.q_c``, and time and gap of its record.
+
+    Where several rows vanish at once the point is a double root: directions that matter have singular values as small
+    as the square root of what is left, and steps are damped by that (Levenberg, Marquardt).
+    """
     m, n = eqs.terms.J.shape
     c, N = work.critical[0], n + m + 2
     weakest(eqs.terms, rank, work)
@@ -100,16 +109,15 @@ def seek(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
             if not np.isfinite(work.g[i]):
                 return False
         decompose(work.K, N, N, work.K_work, work.K_pivots, work.K_left, work.K_values, work.K_right)
-        flat = rank_at(work.K_values, N, FLAT)
-        pseudo_inverse(work.g, N, N, flat, work.K_left, work.K_values, work.K_right, work.change)
-        size = length(work.change)
-        step_critical(eqs, min(1.0, STRIDE / max(size, 1e-300)), work)
-        if not distance(work.q_c, q, work) < FAR:
-            return False
-        if size < EXACT:
-            unbalance(eqs, c.t, work.q_c, work, work.g)
+        off = length(work.g)
+        if off < EXACT:
             c.gap += gap_left(m, n, work)
             return True
+        damping = DAMPING * off + (NOISE * work.K_values[0]) ** 2
+        damped_inverse(work.g, N, N, damping, work.K_left, work.K_values, work.K_right, work.change)
+        step_critical(eqs, min(1.0, STRIDE / max(length(work.change), 1e-300)), work)
+        if not distance(work.q_c, q, work) < FAR:
+            return False
     return False
 
 
@@ -221,8 +229,9 @@ def note(eqs: Any, t: float, q: Any, taken: float, next_: float, rank: int, work
         return
     here = work.course[0]
     before, here.ratio = here.ratio, ratio(work.pivot, rank)
+    here.ahead = time_left(before, here.ratio, taken)
     kind = NONE
-    if here.ratio < SINGULAR or vanishes(before, here.ratio, taken, AHEAD * next_):
+    if here.ratio < SINGULAR or here.ahead < AHEAD * next_:
         kind = judge(eqs, t, q, rank, work)
     if here.ratio < SINGULAR and kind != MISS:
         return
@@ -236,9 +245,9 @@ def note(eqs: Any, t: float, q: Any, taken: float, next_: float, rank: int, work
 
 
 @inlined
-def vanishes(before: float, now: float, taken: float, within: float) -> bool:
-    """Whether what has fallen from ``before`` to ``now`` in a time is nothing ``within`` another, if it goes on so."""
-    return now < before and now * taken < within * (before - now)
+def time_left(before: float, now: float, taken: float) -> float:
+    """Time until what has fallen from ``before`` to ``now`` in ``taken`` is nothing if it goes on so; else infinite."""
+    return taken * now / (before - now) if now < before else np.inf
 
 
 @kernel
@@ -251,10 +260,11 @@ def passed(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
     turn = orientation(eqs.terms, rank, work)
     if turn == STRAIGHT:
         return True
-    kind = judge(eqs, t, q, rank, work)
-    if kind == CROSSING and ratio(work.pivot, rank) < SINGULAR:
+    work.critical[0].kind = NONE  # critical points may form curves: what was known need not be the next one
+    crossing = judge(eqs, t, q, rank, work) == CROSSING
+    if crossing and ratio(work.pivot, rank) < SINGULAR:
         return True
-    crossed = kind == CROSSING and distance(work.q_c, q, work) <= PASSED * distance(work.q_last, q, work)
+    crossed = crossing and distance(work.q_c, q, work) <= PASSED * distance(work.q_last, q, work)
     return crossed if turn == FLIPPED else turn == BENT and not crossed
 
 
@@ -296,9 +306,13 @@ def orientation(terms: Any, rank: int, work: Any) -> int:
 
 
 @kernel
-def step_bound(t: float, q: Any, v: Any, terms: Any, work: Any) -> float:
-    """Longest step, s, beside a near miss: the way to it must not be jumped over."""
-    c = work.critical[0]
+def step_bound(t: float, q: Any, v: Any, taken: float, terms: Any, work: Any) -> float:
+    """Longest step, s, after one of length ``taken``: the way to a near miss must not be jumped over, and a crossing
+    must, from half a step before it to half a step after; no step ends where there are no digits.
+    """
+    c, here = work.critical[0], work.course[0]
+    if c.kind == CROSSING and here.ahead > JUMP * taken and here.ratio > DARK:
+        return LEAD * here.ahead
     if c.kind != MISS:
         return np.inf
     far = apart(t, q, work, terms)

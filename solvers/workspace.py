@@ -21,7 +21,14 @@ CRITICAL = np.dtype(
 )
 
 
-COURSE = np.dtype([("known", "i8"), ("ratio", "f8")], align=True)  # is the frame determined; of the pivots in it
+COURSE = np.dtype(
+    [
+        ("known", "i8"),  # is the frame determined
+        ("ratio", "f8"),  # of the pivots in the last position
+        ("ahead", "f8"),  # s, when it would vanish if it goes on falling as it did
+    ],
+    align=True,
+)
 
 
 class Workspace(NamedTuple):

@@ -132,9 +132,19 @@ def truth(mechanism: Mechanism, times: Any, exact: Any = None) -> Truth:
 
 
 def judge(
-    mechanism: Mechanism, known: Truth, solver: str, rtol: float, *, factor: float = FACTOR, max_steps: int = 20_000
+    mechanism: Mechanism,
+    known: Truth,
+    solver: str,
+    rtol: float,
+    *,
+    factor: float = FACTOR,
+    max_steps: int = 20_000,
+    restart: float | None = None,
 ) -> Verdict:
-    """Run a solver at a tolerance from the truth's start to its end, and judge what it gives."""
+    """Run a solver at a tolerance from the truth's start to its end, and judge what it gives.
+
+    At the time ``restart`` (s), one of the truth's, it begins anew, as it does where an input jumps.
+    """
     begin = time.perf_counter()
     plant = mechanism.compile()
     k = len(known.times)
@@ -150,6 +160,8 @@ def judge(
                 assert why, "stopped without a message"
                 break
             q[i], v[i], done = rows.q[0], rows.v[0], i + 1
+            if known.times[i] == restart:
+                motion.restart()
         evaluations = motion.statistics.rhs_evals
     except (ArithmeticError, LookupError, MemoryError, TypeError, ValueError, AssertionError) as error:
         if not meant(error):

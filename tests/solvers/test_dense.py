@@ -42,12 +42,18 @@ def test_least_norm_solutions_are_the_pseudo_inverse():
     J = rng.standard_normal((3, 5))
     J[2] = J[0] - J[1]
     U, sigma, W = decomposed(J)
-    x, y = np.zeros(5), np.zeros(3)
-    b, f = rng.standard_normal(3), rng.standard_normal(5)
-    dense.pseudo_inverse(b, 3, 5, 2, U, sigma, W, x)
+    y, f = np.zeros(3), rng.standard_normal(5)
     dense.pseudo_inverse_transposed(f, 3, 5, 2, U, sigma, W, y)
-    np.testing.assert_allclose(x, np.linalg.pinv(J) @ b, atol=1e-13)
     np.testing.assert_allclose(y, np.linalg.pinv(J.T) @ f, atol=1e-13)
+
+
+def test_damping_leaves_what_is_nearly_singular_where_it_is():
+    J = np.random.default_rng(3).standard_normal((4, 4)) @ np.diag((1.0, 1.0, 1.0, 1e-6))
+    U, sigma, W = decomposed(J)
+    x, b = np.zeros(4), np.ones(4)
+    dense.damped_inverse(b, 4, 4, 1e-4, U, sigma, W, x)
+    np.testing.assert_allclose(x, np.linalg.solve(J.T @ J + 1e-4 * np.eye(4), J.T @ b), atol=1e-9)
+    assert np.abs(x).max() < 1e-3 * np.abs(np.linalg.solve(J, b)).max()
 
 
 def test_full_pivoting_finds_the_rank_and_independent_columns():
