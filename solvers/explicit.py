@@ -27,9 +27,9 @@ class AdamsStepper(DenseStepper):
         self._settings = self._encode(self.options)
         self._held = hold(self._history)
         place = self.options.absolute * system.size
-        self._scales = hold(Scales.of(self.options.rtol, place, self._units.rate[0] * place))
+        self._scales = hold(Scales.of(self.options.rtol, place, self._units.pace * place))
         self._control["rank"], self._control["changed_at"] = self._rank, -self._settings["flicker_steps"][0]
-        self._history.unit[:] = np.concatenate((self._units.size_q, self._units.rate[0] * system.size, [1.0]))
+        self._history.unit[:] = np.concatenate((self._units.size_q, self._units.pace * system.size, [1.0]))
         chosen = self._settings["partition"][0]
         self._control["regime"] = adams.PROJECTION if chosen == adams.PROJECTION else adams.LU
         self.restart()

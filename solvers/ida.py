@@ -528,9 +528,9 @@ class IDAStepper(IDADriver, DenseStepper):
         self._unknowns.noise[0] = NOISE / rtol
         tightened = rtol if o.atol is None else o.atol * rtol / self._rtol
         place = tightened * s.size
-        self._scales = hold(Scales.of(rtol, place, self._units.rate[0] * place, size))
+        self._scales = hold(Scales.of(rtol, place, self._units.pace * place, size))
         atol = UNCONTROLLED * np.append(self._scaling()[0], 1.0)[:size]
-        atol[:controlled] = tightened * np.concatenate((self._units.size_q, self._units.rate[0] * s.size))
+        atol[:controlled] = tightened * np.concatenate((self._units.size_q, self._units.pace * s.size))
         return IDA(
             resfn,
             linsolver="gmres",

@@ -151,10 +151,10 @@ def weakest(terms: Any, rank: int, work: Any) -> None:
     m, n = terms.J.shape
     for i in range(m):
         for j in range(n):
-            work.J_work[i, j] = terms.J[i, j] * (work.size[j] / work.row[i])
-    decompose(work.J_work, m, n, work.K_work, work.K_pivots, work.K_left, work.K_values, work.K_right)
+            work.K[j, i] = terms.J[i, j] * (work.size[j] / work.row[i])
+    decompose(work.K, n, m, work.K_work, work.K_pivots, work.K_left, work.K_values, work.K_right)
     for i in range(m):
-        work.u[i] = work.K_right[i, rank - 1]
+        work.u[i] = work.K_left[i, rank - 1]
 
 
 @kernel

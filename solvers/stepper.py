@@ -19,6 +19,10 @@ from .partition import close, evaluate, normal_rank
 from .system import AnySystem, Array, System, Terms
 from .workspace import Workspace
 
+# The pace of a coordinate: of its rate at the start, which is above that of a small oscillation by the root of its
+# amplitude; and the least, of the rate of the motion, for what rests at the start may move later.
+SLOWER, SLOWEST = 0.1, 0.01
+
 
 class Code(IntEnum):
     """How an :meth:`Stepper.advance` ended; the numbers are those the kernels return."""
@@ -340,7 +344,7 @@ class DenseStepper(Stepper):
         self._rank = normal_rank(self._eqs, self._t, self._q, self._v, self._work)
         code = close(self._eqs, self._t, self._q, self._v, self._rank, self._work)
         self.status = Status(Code(code), self._t)
-        self._units.rate[0] = self._characteristic_rate()
+        self._measure_pace()
 
     def _position_sizes(self) -> Array:
         """Return the unit of every position (nq,): that of its coordinate, 1 of a quaternion's entries."""
@@ -350,13 +354,17 @@ class DenseStepper(Stepper):
             sizes = np.maximum(sizes, np.abs(self._terms.qdot) * s.size[k])
         return np.where(sizes > 0.0, sizes, 1.0) if s.nq != s.n else s.size
 
-    def _characteristic_rate(self) -> float:
-        """Return the rate of the motion (1/s): what is known beforehand, or that of its velocity or acceleration."""
+    def _measure_pace(self) -> None:
+        """Note the rate of the motion (1/s), what is known beforehand or that of its velocity or acceleration, and of
+        every coordinate's own part in it: a stiff spring at one of them is not to make the others' tolerances coarse.
+        """
         code, a, _ = self._evaluate()
-        rates = [self.system.rate, float(np.abs(self._v / self.system.size).max(initial=0.0))]
+        size, own = self.system.size, np.abs(self._v / self.system.size)
         if code is Code.OK:
-            rates.append(float(np.sqrt(np.abs(a / self.system.size).max(initial=0.0))))
-        return max(rates) or 1.0
+            own = np.maximum(own, np.sqrt(np.abs(a / size)))
+        rate = max(self.system.rate, own.max(initial=0.0)) or 1.0
+        self._units.rate[0] = rate
+        self._units.pace[:] = np.maximum(SLOWER * own, SLOWEST * rate)
 
     def _evaluate(self) -> tuple[Code, Array, Array]:
         a, lam = np.zeros(self.system.n), np.zeros(self.system.m)

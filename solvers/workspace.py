@@ -40,7 +40,8 @@ class Workspace(NamedTuple):
     size: Array  # (n,)    units of the coordinates
     size_q: Array  # (nq,)   units of the positions
     row: Array  # (m,)    units of the constraints
-    rate: Array  # (1,)    1/s, unit of size a second
+    rate: Array  # (1,)    1/s, of the motion: unit of size a second
+    pace: Array  # (n,)    1/s, of every coordinate's own part in it
     A: Array  # (m, n)  L, and the reflectors of Q, of J~[pivots] = L Q^T
     tau: Array  # (m,)    of the reflectors
     pivots: NDArray[np.int64]  # (m,)    order of the rows, independent ones first, int64
@@ -97,7 +98,7 @@ class Workspace(NamedTuple):
             np.zeros(k, np.int64) for k in (m, m, m, m, n, N, m)
         )
         return Workspace(
-            one(n), one(nq), one(m), one(1), z((m, n)), z(m), pivots, z(m), z((n, n)), z((n, n)), z((n, n)), z((1, n)),
+            one(n), one(nq), one(m), one(1), one(n), z((m, n)), z(m), pivots, z(m), z((n, n)), z((n, n)), z((n, n)), z((1, n)),
             z(n), z(n), z(m), z(n), z(n), z(n), z(nq), z(n), z(nq), z(n), z((m, m)), z(m), pivots_B, z((m, n)),
             z((m, m)), order, z(m), z(m), rows, columns, records(1, CRITICAL), z(nq), z(nq), z(m), z((N, N)), z((N, N)),
             z((N, N)), z(N), z((N, N)), K_pivots, z(N), z(N), z(N), records(1, COURSE), z((m, n)), z(m),
@@ -106,7 +107,7 @@ class Workspace(NamedTuple):
 
     def memory(self) -> list[NDArray[Any]]:
         """Return the arrays that a motion cannot go on without."""
-        known = (self.row, self.rate, self.critical, self.q_c, self.u)
+        known = (self.row, self.rate, self.pace, self.critical, self.q_c, self.u)
         return [*known, self.course, self.frame, self.frame_tau, self.frame_pivots, self.q_last]
 
 

@@ -22,7 +22,6 @@ def undamped(model: Model, solver: str, tolerance: float, end: float, interval: 
     return result, float(np.abs(integral - integral[0]).max())
 
 
-@pytest.mark.xfail(reason="rates of the slider are known to the rate of its spring: 2.8e-5 and 2.7e-3 J at 1e-10")
 @pytest.mark.parametrize(
     ("solver", "tolerances", "bound"), [("adams", (1e-4, 1e-7, 1e-10), 1e-5), ("ida", (1e-4, 1e-7, 1e-10), 1e-3)]
 )
