@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .adams import COLLAPSED, MAX_STEPS, SMALLEST_STEP, cut, join, split
+from .adams import COLLAPSED, MAX_STEPS, SMALLEST_STEP, cut
 from .held import hold
 from .ida_tree import Scratch, position_sizes
 from .kernel import inlined, kernel, records
@@ -32,7 +32,9 @@ from .multistep import (
     counts,
     estimate,
     interpolate,
+    join,
     predict,
+    split,
 )
 from .partition import NO_MASS, NOT_FINITE, OK
 from .saddle import Motion

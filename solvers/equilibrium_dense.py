@@ -17,10 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .bundle import bundle
-from .dense import decompose, full_pivot, length, pseudo_inverse_transposed, rank_at, ratio, solve_full_pivot
+from .dense import full_pivot, length, rank_at, ratio, solve_full_pivot
 from .equilibrium import CONVERGED, ITERATIONS, LEAST_DAMPING, EquilibriumSolver, Outcome, State
 from .held import hold
 from .kernel import kernel
+from .svd import decompose, pseudo_inverse_transposed
 from .system import Array, System
 
 EPSILON = 1e-30  # of the complex step; its square must vanish beside one

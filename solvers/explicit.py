@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from . import adams
 from .held import hold
+from .hybrid import HYBRID, LU, PROJECTION
 from .kernel import records
 from .ledger import WORK, Scales
 from .multistep import HIGHEST, History, counts
@@ -19,7 +20,7 @@ from .system import Array, System
 class AdamsStepper(DenseStepper):
     """Adams PECE with the projection partition; see :mod:`solvers.adams`."""
 
-    partition = adams.PROJECTION
+    partition = PROJECTION
 
     def __init__(self, system: System, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
         super().__init__(system, t0, q0, v0, options)
@@ -31,7 +32,7 @@ class AdamsStepper(DenseStepper):
         self._control["rank"], self._control["changed_at"] = self._rank, -self._settings["flicker_steps"][0]
         self._history.unit[:] = np.concatenate((self._units.size_q, self._units.pace * system.size, [1.0]))
         chosen = self._settings["partition"][0]
-        self._control["regime"] = adams.PROJECTION if chosen == adams.PROJECTION else adams.LU
+        self._control["regime"] = PROJECTION if chosen == PROJECTION else LU
         self.restart()
 
     def _encode(self, options: Options) -> NDArray[Any]:
@@ -41,7 +42,7 @@ class AdamsStepper(DenseStepper):
         settings["max_step"], settings["max_steps"] = options.max_step, options.max_steps
         settings["max_order"] = HIGHEST if options.max_order is None else options.max_order
         settings["audit"] = options.audit
-        settings["partition"] = self.partition if self._rank else adams.PROJECTION  # nothing to partition: all the same
+        settings["partition"] = self.partition if self._rank else PROJECTION  # nothing to partition: all the same
         for name in (
             "flicker_steps", "flicker_count", "energy_jump", "collapse_cuts", "calm_steps"
         ):  # fmt: skip
@@ -99,10 +100,10 @@ class AdamsStepper(DenseStepper):
 class AdamsLUStepper(AdamsStepper):
     """Adams PECE with the LU partition, for comparison: fails at singular positions; see :mod:`solvers.lu`."""
 
-    partition = adams.LU
+    partition = LU
 
 
 class HybridStepper(AdamsStepper):
     """Adams PECE with LU partition away from singular positions and projection near them."""
 
-    partition = adams.HYBRID
+    partition = HYBRID

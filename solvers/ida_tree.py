@@ -1,13 +1,13 @@
 """SUNDIALS IDA on a large tree ('ida' where the system is a :class:`solvers.system.TreeSystem`).
 
 Unknowns y = (q, v, lambda, mu), the last two where there are cut joints; residual by inverse dynamics, in the form of
-:mod:`solvers.ida`::
+:mod:`solvers.ggl`::
 
     q' - N(q) (v - J^T mu) + k (q - unit(q)) = 0      M v' + h + J^T lambda = 0
     J v - nu - d0 lambda = 0                          Phi - d1 mu = 0
 
 d0 and d1 are TIKHONOV rtol times the inverse of each constraint's effective mass, and times its J J^T. The reaction of
-a node's support would throw the node alone at hundreds of g: with a d as large as :mod:`solvers.ida` has, it damps the
+a node's support would throw the node alone at hundreds of g: with a D as large as :mod:`solvers.ggl` has, it damps the
 motion.
 
 Newton's linear systems go to GMRES, whose preconditioner is the structured tangent (all but exact, so one or two
@@ -37,8 +37,9 @@ import numpy as np
 from sksundae.ida import IDAPrecond
 
 from .blocks import one_thread
+from .ggl import LENGTH_RATE
 from .held import hold
-from .ida import BEGUN, COUNTS, LENGTH_RATE, STEPS_A_CALL, IDADriver, count, reported
+from .ida_driver import BAD, BEGUN, COUNTS, MATRICES, RESIDUALS, STEPS_A_CALL, IDADriver, count, reported
 from .kernel import kernel, records
 from .ledger import BOOK, WORK, Scales, catch_up
 from .quiet import IDA
@@ -186,11 +187,11 @@ class TreeIDAStepper(IDADriver):
 
     def _residual(self, t: float, y: Array, yp: Array, res: Array) -> None:
         s = self.system
-        self._counts[0] += 1.0
+        self._counts[RESIDUALS] += 1.0
         if s.m:
             s.fill_position(t, np.array(y[: s.nq]), self._terms)
         if not residual(s.inverse, s.retract, t, y, yp, res, s.held_data, self._held):
-            self._counts[2] += 1.0
+            self._counts[BAD] += 1.0
         count(self._counts, t)
         if self._works:
             res[-1] = yp[-1] - power(self._power, t, s.held_data, self._held)
@@ -201,7 +202,7 @@ class TreeIDAStepper(IDADriver):
             res[self._mu_at] = T.Phi - self._d[1] * mu
 
     def _set_up(self, t: float, y: Array, yp: Array, res: Array, cj: float) -> None:
-        self._counts[1] += 1.0
+        self._counts[MATRICES] += 1.0
         self._residual(t, y, yp, np.empty_like(res))
         s, self._cj = self.system, cj
         if s.tangent.factor(cj, cj * cj) and s.m:
@@ -285,4 +286,4 @@ class TreeIDAStepper(IDADriver):
     @property
     def statistics(self) -> Statistics:
         """What the run has cost so far; IDA's steps, order and step size are not available."""
-        return Statistics(rhs_evals=int(self._counts[0]), restarts=max(0, int(self._begun[0]) - 1))
+        return Statistics(rhs_evals=int(self._counts[RESIDUALS]), restarts=max(0, int(self._begun[0]) - 1))

@@ -93,6 +93,26 @@ def weighted_norm(x: Any, weight: Any) -> float:
 
 
 @inlined
+def split(y: Any, q: Any, v: Any) -> None:
+    """(q, v) <- y."""
+    nq = q.shape[0]
+    for i in range(nq):
+        q[i] = y[i]
+    for i in range(v.shape[0]):
+        v[i] = y[nq + i]
+
+
+@inlined
+def join(q: Any, v: Any, y: Any) -> None:
+    """y <- (q, v)."""
+    nq = q.shape[0]
+    for i in range(nq):
+        y[i] = q[i]
+    for i in range(v.shape[0]):
+        y[nq + i] = v[i]
+
+
+@inlined
 def begin(c: Any, H: Any, max_step: float, rate: float) -> None:
     """History of order 1 from y' = ``H.yp`` at ``c.t``; ``rate`` (1/s) times y' stands for y''."""
     for i in range(H.y.shape[0]):

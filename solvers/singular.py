@@ -27,8 +27,9 @@ from typing import Any
 
 import numpy as np
 
-from .dense import damped_inverse, decompose, factor_lu, length, lq, rank_at, ratio, solve_lu, turn_in
+from .dense import factor_lu, length, lq, rank_at, ratio, solve_lu, turn_in
 from .kernel import inlined, kernel
+from .svd import damped_inverse, decompose
 from .workspace import distance, factor, scaled_length
 
 NONE, CROSSING, MISS = 0, 1, 2

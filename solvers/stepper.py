@@ -15,7 +15,8 @@ from .bundle import bundle
 from .held import hold
 from .kernel import COMPILED
 from .ledger import ROW
-from .partition import close, evaluate, normal_rank
+from .partition import close, evaluate
+from .rank import normal_rank
 from .system import AnySystem, Array, System, Terms
 from .workspace import Workspace
 

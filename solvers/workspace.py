@@ -98,10 +98,10 @@ class Workspace(NamedTuple):
             np.zeros(k, np.int64) for k in (m, m, m, m, n, N, m)
         )
         return Workspace(
-            one(n), one(nq), one(m), one(1), one(n), z((m, n)), z(m), pivots, z(m), z((n, n)), z((n, n)), z((n, n)), z((1, n)),
-            z(n), z(n), z(m), z(n), z(n), z(n), z(nq), z(n), z(nq), z(n), z((m, m)), z(m), pivots_B, z((m, n)),
-            z((m, m)), order, z(m), z(m), rows, columns, records(1, CRITICAL), z(nq), z(nq), z(m), z((N, N)), z((N, N)),
-            z((N, N)), z(N), z((N, N)), K_pivots, z(N), z(N), z(N), records(1, COURSE), z((m, n)), z(m),
+            one(n), one(nq), one(m), one(1), one(n), z((m, n)), z(m), pivots, z(m), z((n, n)), z((n, n)), z((n, n)),
+            z((1, n)), z(n), z(n), z(m), z(n), z(n), z(n), z(nq), z(n), z(nq), z(n), z((m, m)), z(m), pivots_B,
+            z((m, n)), z((m, m)), order, z(m), z(m), rows, columns, records(1, CRITICAL), z(nq), z(nq), z(m), z((N, N)),
+            z((N, N)), z((N, N)), z(N), z((N, N)), K_pivots, z(N), z(N), z(N), records(1, COURSE), z((m, n)), z(m),
             frame_pivots, z(nq),
         )  # fmt: skip
 

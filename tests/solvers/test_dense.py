@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solvers import dense
+from solvers import dense, svd
 
 SHAPES = [(1, 1), (2, 3), (5, 3), (3, 3), (5, 10), (0, 2)]
 
@@ -13,7 +13,7 @@ SHAPES = [(1, 1), (2, 3), (5, 3), (3, 3), (5, 10), (0, 2)]
 def decomposed(J):
     m, n = J.shape
     U, sigma, W = np.zeros((n, n)), np.zeros(m), np.zeros((m, m))
-    dense.decompose(J, m, n, np.zeros((n, m)), np.zeros(m, np.int64), U, sigma, W)
+    svd.decompose(J, m, n, np.zeros((n, m)), np.zeros(m, np.int64), U, sigma, W)
     return U, sigma, W
 
 
@@ -43,7 +43,7 @@ def test_least_norm_solutions_are_the_pseudo_inverse():
     J[2] = J[0] - J[1]
     U, sigma, W = decomposed(J)
     y, f = np.zeros(3), rng.standard_normal(5)
-    dense.pseudo_inverse_transposed(f, 3, 5, 2, U, sigma, W, y)
+    svd.pseudo_inverse_transposed(f, 3, 5, 2, U, sigma, W, y)
     np.testing.assert_allclose(y, np.linalg.pinv(J.T) @ f, atol=1e-13)
 
 
@@ -51,7 +51,7 @@ def test_damping_leaves_what_is_nearly_singular_where_it_is():
     J = np.random.default_rng(3).standard_normal((4, 4)) @ np.diag((1.0, 1.0, 1.0, 1e-6))
     U, sigma, W = decomposed(J)
     x, b = np.zeros(4), np.ones(4)
-    dense.damped_inverse(b, 4, 4, 1e-4, U, sigma, W, x)
+    svd.damped_inverse(b, 4, 4, 1e-4, U, sigma, W, x)
     np.testing.assert_allclose(x, np.linalg.solve(J.T @ J + 1e-4 * np.eye(4), J.T @ b), atol=1e-9)
     assert np.abs(x).max() < 1e-3 * np.abs(np.linalg.solve(J, b)).max()
 
