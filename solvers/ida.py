@@ -30,7 +30,7 @@ from .stepper import Code, DenseStepper, Options, Statistics
 from .system import Array, System
 from .workspace import factor
 
-FINEST = 5e-10  # a tighter rtol is run as this one: below it roundoff in J grows faster than the BDF error falls
+FINEST = 1e-9  # a tighter rtol is run as this one: below it roundoff in J grows faster than the BDF error falls
 # IDA bounds the error of a step and the errors add up. At order 5 a step is as rtol^(1/6) and so the sum as the step's
 # error^(5/6): for a motion's error in proportion to rtol IDA is given TIGHTER rtol^POWER, and atol in proportion.
 TIGHTER, POWER = 3.0, 1.2
