@@ -22,7 +22,7 @@ from .workspace import Workspace
 
 # The pace of a coordinate: of its rate at the start, which is above that of a small oscillation by the root of its
 # amplitude; and the least, of the rate of the motion, for what rests at the start may move later.
-SLOWER, SLOWEST = 0.03, 0.01
+SLOWER, SLOWEST = 0.1, 0.01
 
 
 class Code(IntEnum):

@@ -30,7 +30,7 @@ def test_pendulum_keeps_its_jacobi_integral_for_100_s(solver: str, tolerances: t
     for tolerance in tolerances:
         result, drift = undamped(SwingPendulum(), solver, tolerance, 100.0, 0.01)
         # theta_max follows from J; what J has drifted by is all that may be added
-        assert np.abs(result["rod.angle"]).max() <= 0.1532 + 10.0 * tolerance + 0.002 * drift / 300.0 / 0.1532
+        assert np.abs(result["rod.angle"]).max() <= 0.1532 + 30.0 * tolerance + 0.002 * drift / 300.0 / 0.1532
         drifts.append(drift)
     assert drifts == sorted(drifts, reverse=True)
     assert drifts[-1] < bound
