@@ -9,9 +9,10 @@ import statistics
 import time
 from pathlib import Path
 
+from mbfmu.native import Result, communication_points, run
 from mbfmu.report import COLOURS, finish, plt
 from mbfmu.scene import load_scene
-from mbfmu.simulation import Result, Simulation, communication_points, run
+from mbfmu.simulation import Simulation
 from mbfmu.table import table
 
 METHODS = {"LU": "adams-lu", "projection": "adams", "hybrid": "hybrid"}

@@ -10,8 +10,9 @@ from pathlib import Path
 
 from fmus.sheet import Sheet
 from mbfmu.equilibrium import equilibrium
+from mbfmu.native import communication_points, run
 from mbfmu.report import finish, plt
-from mbfmu.simulation import Settings, communication_points, run
+from mbfmu.simulation import Settings
 
 FIGURES = Path("fmus/sheet/figures")
 GRIDS = {(7, 5): "#efb118", (15, 11): "#ff725c", (33, 23): "#3ca951", (51, 35): "#4269d0"}

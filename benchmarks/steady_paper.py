@@ -16,8 +16,9 @@ from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
 from mbfmu.equilibrium import equilibrium
 from mbfmu.model import Model
+from mbfmu.native import communication_points, run
 from mbfmu.report import finish, plt
-from mbfmu.simulation import Settings, communication_points, run
+from mbfmu.simulation import Settings
 
 SETTINGS = Settings(solver="ida", tolerance=1e-8)
 PENDULUM, GOVERNOR = Path("fmus/pendulum/figures"), Path("fmus/governor/figures")

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from mbfmu.errors import UserError
 from mbfmu.model import Model
+from mbfmu.native import Result, communication_points, run
 from mbfmu.scene import Scene
-from mbfmu.simulation import Result, Settings, Simulation, communication_points, run
+from mbfmu.simulation import Settings, Simulation
 from mbfmu.table import table
 from solvers.system import TreeSystem
 

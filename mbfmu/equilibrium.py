@@ -62,10 +62,10 @@ class Balance:
         own = plant is None
         self.plant = plant = plant or model.build().compile()
         if own:
-            plant.finish_run_ups()
+            plant.drives.finish_run_ups()
         if plant.system.n == 0:
             raise EquilibriumError(f"model {model.name!r} has no free coordinate; there is no steady state to look for")
-        for name, speed, higher in plant.drives():
+        for name, speed, higher in plant.drives.speeds():
             if higher != 0.0:
                 raise EquilibriumError(
                     f"the drive of {name!r} has no constant speed (now {speed:g}); hold or ramp it out"
@@ -191,12 +191,12 @@ class Balance:
 
     def _set_speed(self, part: float) -> None:
         """Let every drive run at ``part`` of its speed."""
-        for k in self.plant.drive_signals():
+        for k in self.plant.drives.signals:
             self._signals["c"][k, 1] = part * self._full_speed[k, 1]
 
     def _continue_from_rest(self, q: Array, failed: Solution) -> Solution:
         """Follow the steady state from rest to full speed."""
-        if not any(speed for _, speed, _ in self.plant.drives()):
+        if not any(speed for _, speed, _ in self.plant.drives.speeds()):
             raise EquilibriumError(self._failure(failed, "no equilibrium was found"))
         part, step, iterations = 0.0, 0.25, failed.iterations
         lam: Array | None = None
@@ -252,7 +252,7 @@ class Balance:
 
     def _check(self, solution: Solution) -> None:
         """Raise unless the solution is a steady state."""
-        system, speeds = self.plant.system, self.plant.drive_rates()
+        system, speeds = self.plant.system, self.plant.drives.rates()
         fastest = max(speeds, default=0.0)
         if system.m:
             terms = system.allocate_terms()

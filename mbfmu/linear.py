@@ -135,7 +135,7 @@ def linearise(plant: Plant, t: float, q: Array, v: Array, rows: NDArray[np.int64
         C=seen[:, : 2 * freedom],
         D=seen[:, 2 * freedom :],
         states=(*names, *(f"der({name})" for name in names)),
-        inputs=tuple(v.name for v in plant.inputs),
+        inputs=tuple(v.name for v in plant.inputs.variables),
         outputs=tuple(v.name for v in plant.outputs),
         coordinates=line.coordinates(),
     )
@@ -171,7 +171,7 @@ class _Line:
         """Return changes of (rates, accelerations) (2f,) and outputs for unit changes of states and one input."""
         s, T = self.system, self.terms
         if which >= 0:
-            place, k = self.plant.input_places(s.data.arrays)[which]
+            place, k = self.plant.inputs.places(s.data.arrays)[which]
             place[k] += EPSILON * 1j
         s.fill(self.t, self.q, self.v, T)
         q = self.q.copy()

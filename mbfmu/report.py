@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from mbfmu.compare import Row
     from mbfmu.mechanics import Plant
     from mbfmu.modes import Shape
-    from mbfmu.simulation import Result
+    from mbfmu.native import Result
     from mbfmu.sweep import Branch
     from mbfmu.view.picture import Bar
     from solvers.system import Array

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import csv
 import json
-import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import inf, nan
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +13,6 @@ from numpy.typing import NDArray
 from mbfmu.audit import VARIABLES, Audit
 from mbfmu.equilibrium import Balance
 from mbfmu.errors import UserError
-from mbfmu.mechanics import Variable
 from mbfmu.mechanics.bending import COARSE, FOLDED
 from mbfmu.model import Model, suggest
 from solvers import SOLVERS, Options, SolverError, Statistics, Status, stepper
@@ -30,7 +26,6 @@ _compiled: set[tuple[type, bool]] = set()  # kinds of runs whose kernels this pr
 UNFOLD = (
     "Let it move more slowly, damp it, or make it stiffer; where the motion is meant, only a finer grid follows it."
 )
-ROWS = 100  # outputs recorded between two reports of progress
 
 PARTITIONS = {"projection": "adams", "lu": "adams-lu", "hybrid": "hybrid"}
 
@@ -115,7 +110,7 @@ class Simulation:
         self.settings = settings
         self.plant = model.build().compile()
         for index, value in (inputs or {}).items():
-            self.plant.start_input(index, value, t0)
+            self.plant.inputs.start(index, value, t0)
         if settings.start_at_equilibrium:
             found = Balance(model, self.plant).solve()
             q, v = found.q, found.v
@@ -133,7 +128,7 @@ class Simulation:
             self._remark(self.stepper.notice)
         self.audit = Audit(self.plant, settings.tolerance, self.energy()) if settings.audit else None
         self._folded = ""
-        self._bend, self._bent_at = self.plant.bend(t0, q), t0  # the sharpest so far
+        self._bend, self._bent_at = self.plant.bend(t0, q), (t0, q)  # the sharpest so far
         self._compile(t0, q, v)
 
     def _compile(self, t0: float, q: Array, v: Array) -> None:
@@ -176,7 +171,7 @@ class Simulation:
     def failure(self) -> str:
         """Why the last :meth:`advance` or :meth:`record` ended early and what to try; empty: it did not."""
         status = self.stepper.status
-        return self._folded if status.ok else f"{status.message}. {status.remedy_after(self.settings.name)}"
+        return self._folded if status.ok else f"{status.message}. {status.remedy}"
 
     @property
     def verdict(self) -> str:
@@ -188,7 +183,7 @@ class Simulation:
         """Where, when and how far cells have bent most, if too far for their grid; empty: they have not."""
         if self._bend is None or self._bend.largest <= COARSE:
             return ""
-        return f"{self._bend} (t = {self._bent_at:.9g} s)"
+        return f"{self._bend} (t = {self._bent_at[0]:.9g} s)"
 
     @property
     def warning(self) -> str:
@@ -216,7 +211,7 @@ class Simulation:
         if here is None or self._bend is None:
             return True
         if here.largest > self._bend.largest:
-            self._bend, self._bent_at = here, t
+            self._bend, self._bent_at = here, (t, q)
         self._folded = f"A cell is folded: {self.coarse}. {UNFOLD}" if here.largest > FOLDED else ""
         return not self._folded
 
@@ -228,16 +223,19 @@ class Simulation:
         """Let the supports that inputs move set out for where they are at ``end``; all jumps of their rates are one
         impulse.
         """
-        departures = self.plant.depart(self.t, float(end)) if end > self.t else []
+        departures = self.plant.inputs.depart(self.t, float(end)) if end > self.t else []
         if not departures:
             return
         before = self.energy()
         try:
-            dv = self.plant.set_out(self.t, departures, lambda: self.stepper.accelerations()[0])
+            dv = self.plant.inputs.set_out(self.t, departures, lambda: self.stepper.accelerations()[0])
         except SolverError as error:
             names = ", ".join(repr(d.motion.name) for d in departures if d.jump != 0.0)
             raise UserError(f"the rate of input {names} jumps where its impulse is not known: {error}") from error
-        self.stepper.jump(dv)
+        if dv is None:
+            self.stepper.restart()
+        else:
+            self.stepper.jump(dv)
         self._book_jump(before)
         for motion, leg, _ in departures:
             if leg.jumps:
@@ -290,7 +288,7 @@ class Simulation:
         done = 0
         while done < len(times):
             self._set_out(times[done])
-            ahead = times[done:] if self.plant.settled else times[done : done + 1]
+            ahead = times[done:] if self.plant.inputs.settled else times[done : done + 1]
             samples = self.stepper.sample(ahead)
             count = self._unfolded(ahead, samples.q)
             rows, samples = slice(done, done + count), Samples(*(part[:count] for part in samples))
@@ -308,11 +306,11 @@ class Simulation:
         What loads the mechanism holds from now on. What moves a support is where the support should be now, or how
         fast: the next step moves it, see :mod:`mbfmu.mechanics.motion`.
         """
-        if self.plant.moves_support(index):
-            self.plant.set_input(index, value)
+        if self.plant.inputs.moves_support(index):
+            self.plant.inputs.set(index, value)
             return
         before = self.energy()
-        self.plant.set_input(index, value, self.t)
+        self.plant.inputs.set(index, value, self.t)
         self._book_jump(before)
         self.stepper.restart()
 
@@ -337,9 +335,10 @@ class Simulation:
     def save(self) -> bytes:
         """Return the whole state: solver, inputs and tunable parameters."""
         changed = {p.name: getattr(self.model, p.name) for p in self.model.parameters() if p.tunable}
-        inputs, work = self.plant.input_state(), self.work_of_jumps
+        inputs, work = self.plant.inputs.state(), self.work_of_jumps
         balance = [self.audit.base, self.audit.verdict] if self.audit else []
-        known = {"parameters": changed, "inputs": inputs, "work_of_jumps": work, "balance": balance}
+        bent = [self._bent_at[0], self._bent_at[1].tolist()] if self.coarse else []
+        known = {"parameters": changed, "inputs": inputs, "work_of_jumps": work, "balance": balance, "bent": bent}
         head = json.dumps(known).encode()
         return len(head).to_bytes(8, "little") + head + self.stepper.save()
 
@@ -351,97 +350,17 @@ class Simulation:
         if model != self.model:
             self.plant.adopt(model.build().compile())
             self.model = model
-        self.plant.restore_inputs(head["inputs"])
+        self.plant.inputs.restore(head["inputs"])
         self.work_of_jumps = head["work_of_jumps"]
         self.stepper.restart()  # the equations may have changed
         self.stepper.restore(state[split:])
         if self.audit:
             self.audit.base, self.audit.verdict = head["balance"]
+        t, q = head["bent"] or (self.t, self.stepper.q)
+        self._bend, self._bent_at = self.plant.bend(t, np.array(q)), (t, np.array(q))
+        self._look(self.t, self.stepper.q)
 
 
 def together(*warnings: str) -> str:
     """Return as one text what there is of several."""
     return ". ".join(filter(None, warnings))
-
-
-@dataclass
-class Result:
-    """Outputs over time, and how the run went."""
-
-    times: Array  # (k,) s
-    values: Array  # (k, outputs)
-    variables: tuple[Variable, ...]
-    statistics: Statistics
-    wall_time: float  # s, between the first and the last output
-    failure: str = ""  # why the run ended early and what to try; empty: it did not
-    verdict: str = ""  # when and how the energy balance was lost; empty: it was not
-    coarse: str = ""  # where cells bend too far for their grid; empty: nowhere, or the run ended early
-
-    @property
-    def warning(self) -> str:
-        """Why it is not to be trusted though it ran; empty: nothing speaks against it."""
-        return together(self.verdict, self.coarse)
-
-    def __getitem__(self, name: str) -> Array:
-        """Return one output over time."""
-        names = [v.name for v in self.variables]
-        if name not in names:
-            raise UserError(f"no output {name!r}{suggest(name, names)}")
-        return self.values[:, names.index(name)]
-
-    def as_dict(self) -> dict[str, Array]:
-        """Return every output over time, by name."""
-        return {v.name: self.values[:, i] for i, v in enumerate(self.variables)}
-
-    def write_csv(self, path: Path) -> None:
-        """Write time and outputs; the header names each with its unit."""
-        with path.open("w", newline="") as file:
-            writer = csv.writer(file)
-            writer.writerow(["time [s]", *(f"{v.name} [{v.unit}]" for v in self.variables)])
-            for t, row in zip(self.times, self.values, strict=True):
-                writer.writerow([repr(float(t)), *(repr(float(x)) for x in row)])
-
-
-def communication_points(stop_time: float, interval: float) -> Array:
-    """Return 0, interval, 2 interval, ... and the stop time."""
-    count = int(np.ceil(stop_time / interval - 1e-9))
-    times: Array = np.minimum(interval * np.arange(count + 1), stop_time)
-    return times
-
-
-def run(
-    model: Model,
-    settings: Settings,
-    times: Array,
-    progress: Callable[[float], None] | None = None,
-    watch: Callable[[Simulation], None] | None = None,
-    warn: Callable[[str], None] | None = None,
-) -> Result:
-    """Run a model natively, without an FMU, and record its outputs at ``times``; stops at a failure.
-
-    ``watch`` is shown the simulation whenever its outputs have been read: its bodies are in place then. ``warn`` is
-    told at once when the energy balance is lost; the run goes on.
-    """
-    simulation = Simulation(model, settings, float(times[0]))
-    values = np.zeros((len(times), len(simulation.variables)))
-    values[0] = simulation.outputs()
-    if watch is not None:
-        watch(simulation)
-    begin, done, failure, told = time.perf_counter(), 1, "", ""
-    while done < len(times) and not failure:
-        rows = slice(done, done + (ROWS if watch is None else 1))
-        done += simulation.record(times[rows], values[rows])
-        if warn is not None and simulation.verdict != told:
-            told = simulation.verdict
-            warn(told)
-        failure = simulation.failure
-        if failure:
-            break
-        if watch is not None:
-            watch(simulation)
-        if progress is not None:
-            progress(float(times[done - 1]))
-    wall = time.perf_counter() - begin
-    coarse = "" if failure else simulation.coarse
-    found = times[:done], values[:done], simulation.variables, simulation.statistics
-    return Result(*found, wall, failure, simulation.verdict, coarse)

@@ -170,6 +170,8 @@ def advance(
 class TreeAdamsStepper(Stepper):
     """Adams PECE on a large tree."""
 
+    name = "adams"
+
     def __init__(self, system: TreeSystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
         super().__init__(system, t0, q0, v0, options)
         self.system = system
@@ -194,12 +196,12 @@ class TreeAdamsStepper(Stepper):
     def _control(self) -> NDArray[Any]:
         return self._history.control
 
-    def _advance(self, t: float) -> tuple[Code, float]:
+    def _advance(self, t: float) -> Code:
         H, s = self._held
         own = self._eqs, self._settings, H, self._atol, s, self._scales
         code = Code(advance(*own, t, self._q, self._v, self._ledger))
         self._t = t if code is Code.OK else float(self._control["t"][0])
-        return code, self._t
+        return code
 
     def _evaluate(self) -> tuple[Code, Array, Array]:
         code = self._motion.solve(self._t, self._q, self._v)

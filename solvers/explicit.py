@@ -13,13 +13,14 @@ from .hybrid import HYBRID, LU, PROJECTION
 from .kernel import records
 from .ledger import WORK, Scales
 from .multistep import HIGHEST, History, counts
-from .stepper import Code, DenseStepper, Options, Samples, Statistics, Status
+from .stepper import Code, DenseStepper, Options, Samples, Statistics
 from .system import Array, System
 
 
 class AdamsStepper(DenseStepper):
     """Adams PECE with the projection partition; see :mod:`solvers.adams`."""
 
+    name = "adams"
     partition = PROJECTION
 
     def __init__(self, system: System, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
@@ -53,11 +54,11 @@ class AdamsStepper(DenseStepper):
     def _control(self) -> NDArray[Any]:
         return self._history.control
 
-    def _advance(self, t: float) -> tuple[Code, float]:
+    def _advance(self, t: float) -> Code:
         own = self._eqs, self._settings, self._held, self._work, self._scales
         code = Code(adams.advance(*own, t, self._q, self._v, self._ledger))
         self._t = t if code is Code.OK else float(self._control["t"][0])
-        return code, self._t
+        return code
 
     def _sample(self, times: Array, out: Samples) -> int:
         own = self._eqs, self._settings, self._held, self._work, self._scales
@@ -65,7 +66,7 @@ class AdamsStepper(DenseStepper):
         last = min(done, len(times) - 1)
         self._t = min(float(times[last]), float(self._control["t"][0]))
         self._q[:], self._v[:], self._ledger[:] = out.q[last], out.v[last], out.ledger[last]
-        self.status = Status(Code(code), self._t)
+        self.status = self._status(Code(code))
         return int(done)
 
     def restart(self) -> None:
@@ -100,10 +101,12 @@ class AdamsStepper(DenseStepper):
 class AdamsLUStepper(AdamsStepper):
     """Adams PECE with the LU partition, for comparison: fails at singular positions; see :mod:`solvers.lu`."""
 
+    name = "adams-lu"
     partition = LU
 
 
 class HybridStepper(AdamsStepper):
     """Adams PECE with LU partition away from singular positions and projection near them."""
 
+    name = "hybrid"
     partition = HYBRID

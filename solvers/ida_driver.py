@@ -44,6 +44,8 @@ class IDADriver(Stepper):
     finite in ``_counts``.
     """
 
+    name = "ida"
+
     _ida: IDA
     _counts: Array  # (3,)
     _begun: Array  # (1,) how often IDA has been initialised
@@ -58,15 +60,15 @@ class IDADriver(Stepper):
     def _take(self, t: float, y: Array) -> Code:
         """Make IDA's y at t the reported state."""
 
-    def _advance(self, t: float) -> tuple[Code, float]:
+    def _advance(self, t: float) -> Code:
         if self._pending:
             code = self._begin()
             if code is not Code.OK:
-                return code, self._t
+                return code
         code = self._go(t)
         if code not in (Code.OK, Code.MAX_STEPS):
             self._pending = True
-        return code, self._t
+        return code
 
     def _go(self, t: float) -> Code:
         """Call IDA until ``t``; it must not be trusted to notice that it stands still."""

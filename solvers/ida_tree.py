@@ -44,7 +44,7 @@ from .kernel import kernel, records
 from .ledger import BOOK, WORK, Scales, catch_up
 from .quiet import IDA
 from .saddle import Motion, close, inverse_squares
-from .stepper import Code, Options, Statistics, Status
+from .stepper import Code, Options, Statistics
 from .system import Array, TreeSystem, audit_callbacks
 
 UNCONTROLLED = 1e8  # absolute tolerance of the multipliers
@@ -163,7 +163,7 @@ class TreeIDAStepper(IDADriver):
         self._book, self._works = records(1, BOOK), False
         self._power, self._exposure = audit_callbacks(system)
         self._ida = self._new_ida()
-        self.status = Status(close(system, self._t, self._q, self._v), self._t)
+        self.status = self._status(close(system, self._t, self._q, self._v))
 
     def _new_ida(self) -> IDA:
         s, o = self.system, self.options
@@ -246,7 +246,7 @@ class TreeIDAStepper(IDADriver):
         if self._works:
             z[-1] = r[-1] / c
 
-    def _advance(self, t: float) -> tuple[Code, float]:
+    def _advance(self, t: float) -> Code:
         with one_thread():
             return super()._advance(t)
 

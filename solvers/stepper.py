@@ -6,7 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,6 +78,7 @@ class Status:
 
     code: Code
     t: float  # s, where the stepper stands now
+    solver: str  # its name: no advice is to name it again
 
     @property
     def ok(self) -> bool:
@@ -92,11 +93,7 @@ class Status:
     @property
     def remedy(self) -> str:
         """What to try next; empty where nothing is wrong."""
-        return self.remedy_after("")
-
-    def remedy_after(self, solver: str) -> str:
-        """What to try next where the solver of this name has failed: no advice names it again."""
-        *some, last = [repr(name) for name in ("ida", "adams", "hybrid") if name != solver]
+        *some, last = [repr(name) for name in ("ida", "adams", "hybrid") if name != self.solver]
         return MESSAGES[self.code][1].format(others=f"{', '.join(some)} or {last}")
 
 
@@ -216,7 +213,14 @@ class Stepper(ABC):
        kinetic energy, and what one step may add (see :mod:`solvers.ledger`). No meaning where ``options.audit`` is
        off.
     9. ``save()`` gives bytes, ``restore()`` takes them into a stepper of the same system and options.
+
+    Attributes
+    ----------
+    name
+        Of the solver, as a user asks for it.
     """
+
+    name: ClassVar[str]
 
     def __init__(self, system: AnySystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
         self.options = options or Options()
@@ -226,7 +230,10 @@ class Stepper(ABC):
         self._reported = np.zeros(1)  # t in an array, to be saved with q and v
         self._ledger = np.zeros(ROW)
         self._sizes = (system.nq, system.n, system.n, system.m, ROW)
-        self.status = Status(Code.OK, self._t)
+        self.status = self._status(Code.OK)
+
+    def _status(self, code: Code) -> Status:
+        return Status(code, self._t, self.name)
 
     @property
     def t(self) -> float:
@@ -258,18 +265,18 @@ class Stepper(ABC):
         if not t >= self._t:
             raise ValueError(f"advance to t = {t}: time stands at {self._t} and cannot go back; use restore()")
         if t > self._t or not self.status.ok:
-            self.status = Status(*self._advance(float(t)))
+            self.status = self._status(self._advance(float(t)))
         return self.status
 
     @abstractmethod
-    def _advance(self, t: float) -> tuple[Code, float]:
-        """Go to ``t``, set the reported state, return the code and the reported time."""
+    def _advance(self, t: float) -> Code:
+        """Go to ``t``, set the reported state, return how that ended."""
 
     def accelerations(self) -> tuple[Array, Array]:
         """Return v' (n,) and lambda (m,) of the reported state."""
         code, a, lam = self._evaluate()
         if code is not Code.OK:
-            raise SolverError(Status(code, self._t))
+            raise SolverError(self._status(code))
         return a, lam
 
     @abstractmethod
@@ -296,7 +303,7 @@ class Stepper(ABC):
             code, out.a[i], out.lam[i] = self._evaluate()
             out.q[i], out.v[i], out.ledger[i] = self._q, self._v, self._ledger
             if code is not Code.OK:
-                self.status = Status(code, self._t)
+                self.status = self._status(code)
                 return i
         return len(times)
 
@@ -322,7 +329,7 @@ class Stepper(ABC):
         """Go back to where ``data`` was saved: bit for bit where the arrays hold the solver's history."""
         unpack(data, self._arrays())
         self._t = float(self._reported[0])
-        self.status = Status(Code.OK, self._t)
+        self.status = self._status(Code.OK)
 
     @property
     @abstractmethod
@@ -344,7 +351,7 @@ class DenseStepper(Stepper):
         self._units.size_q[:] = self._position_sizes()
         self._rank = normal_rank(self._eqs, self._t, self._q, self._v, self._work)
         code = close(self._eqs, self._t, self._q, self._v, self._rank, self._work)
-        self.status = Status(Code(code), self._t)
+        self.status = self._status(Code(code))
         self._measure_pace()
 
     def _position_sizes(self) -> Array:

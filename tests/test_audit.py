@@ -20,8 +20,9 @@ from mbfmu.fmi.harness import Fmu
 from mbfmu.mechanics import Harmonic, Input, JointSpring, Mechanism, PointForce, Revolute, rod
 from mbfmu.mechanics.plant import Plant
 from mbfmu.model import Model, parameter
+from mbfmu.native import Result, run
 from mbfmu.scene import Scene
-from mbfmu.simulation import Result, Settings, Simulation, run
+from mbfmu.simulation import Settings, Simulation
 
 SOLVERS = ("adams", "hybrid", "ida")
 TIMES = np.linspace(0.0, 3.0, 151)
@@ -116,7 +117,7 @@ def test_a_jump_at_a_singular_position_is_seen_at_once_and_named(solver: str, fa
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_the_balance_closes_over_changes_and_a_restored_state(solver: str) -> None:
     simulation = Simulation(Arm(), Settings(solver=solver, tolerance=1e-8))
-    names = [variable.name for variable in simulation.plant.inputs]
+    names = [variable.name for variable in simulation.plant.inputs.variables]
     saved, found = b"", {}
     for step in range(40):
         if step % 8 == 3:

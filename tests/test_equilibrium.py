@@ -19,7 +19,8 @@ from mbfmu.equilibrium import Balance, equilibrium
 from mbfmu.errors import EquilibriumError, UserError
 from mbfmu.mechanics import DistanceCut, Input, JointSpring, Mechanism, Revolute, RevoluteCut, Translational, rod
 from mbfmu.model import Model, parameter
-from mbfmu.simulation import Settings, Simulation, run
+from mbfmu.native import run
+from mbfmu.simulation import Settings, Simulation
 from mbfmu.sweep import sweep
 
 
@@ -195,7 +196,7 @@ def test_state_matrices_are_differences_of_the_simulation(model: Governor) -> No
     h = 1e-4
 
     def rates(x: Any, u: float) -> tuple[Any, Any]:
-        simulation = Simulation(model, Settings(solver="adams"), 0.0, {0: found.plant.inputs[0].start + u})
+        simulation = Simulation(model, Settings(solver="adams"), 0.0, {0: found.plant.inputs.variables[0].start + u})
         names = simulation.plant.system.coordinate_names
         line = [names.index(name) for name in space.states[:f]]
         plant = simulation.plant

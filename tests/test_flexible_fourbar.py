@@ -13,7 +13,8 @@ from fmus.fourbar import FourBar
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Mechanism, Plant, Revolute, RevoluteCut, add_chain, rod
 from mbfmu.model import Model
-from mbfmu.simulation import Result, Settings, Simulation, run
+from mbfmu.native import Result, run
+from mbfmu.simulation import Settings, Simulation
 
 DATA = Path(__file__).parent / "data" / "fourbar"
 BETA = 5.8115e-4  # s: 1 % of the first mode

@@ -8,7 +8,8 @@ from scipy.optimize import brentq
 
 from fmus.fourbar import FourBar
 from mbfmu.compare import reference_motion
-from mbfmu.simulation import Settings, run
+from mbfmu.native import run
+from mbfmu.simulation import Settings
 
 TIMES = np.linspace(0.0, 10.0, 501)
 BOUNDS = {"adams": 100.0, "hybrid": 300.0, "ida": 1000.0}

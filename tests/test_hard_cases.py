@@ -9,7 +9,8 @@ from scipy.integrate import simpson
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
 from mbfmu.model import Model
-from mbfmu.simulation import Result, Settings, run
+from mbfmu.native import Result, run
+from mbfmu.simulation import Settings
 
 
 def undamped(model: Model, solver: str, tolerance: float, end: float, interval: float) -> tuple[Result, float]:

@@ -16,7 +16,8 @@ from mbfmu.mechanics import Body, Mechanism, Polynomial, Revolute, Spring, Suppo
 from mbfmu.mechanics.tangent import find_groups
 from mbfmu.mechanics.tangent.groups import BLOCK
 from mbfmu.model import Model, parameter
-from mbfmu.simulation import Settings, Simulation, run
+from mbfmu.native import run
+from mbfmu.simulation import Settings, Simulation
 
 
 @dataclass(frozen=True, kw_only=True)

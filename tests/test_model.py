@@ -11,8 +11,9 @@ import pytest
 from fmus.fourbar import FourBar
 from mbfmu.errors import UserError
 from mbfmu.model import find, models
+from mbfmu.native import communication_points, run
 from mbfmu.scene import load_scene
-from mbfmu.simulation import Settings, Simulation, communication_points, run
+from mbfmu.simulation import Settings, Simulation
 
 MODEL = '''
 from dataclasses import dataclass

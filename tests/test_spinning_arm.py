@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mbfmu.simulation import Settings, run
+from mbfmu.native import run
+from mbfmu.simulation import Settings
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 

@@ -33,7 +33,8 @@ from mbfmu.mechanics import (
 from mbfmu.mechanics.supports import UPRIGHT
 from mbfmu.model import Model, parameter
 from mbfmu.modes import shapes
-from mbfmu.simulation import Settings, Simulation, run
+from mbfmu.native import run
+from mbfmu.simulation import Settings, Simulation
 from mbfmu.steady import Equilibrium
 from solvers.saddle import Motion, Saddle
 from solvers.system import System, TreeSystem
@@ -316,7 +317,7 @@ def test_hybrid_adams_and_ida_agree_on_a_small_sheet_held_by_cut_joints() -> Non
 
 def shaken(simulation: Simulation, times: Any) -> Any:
     """Corner of a sheet whose edge goes up and down by 5 mm at 8 Hz, held by its rate between the points."""
-    names = [v.name for v in simulation.plant.inputs]
+    names = [v.name for v in simulation.plant.inputs.variables]
     tip = [v.name for v in simulation.plant.outputs].index("corner1.y")
     found = []
     for t, after in pairwise(times):

@@ -29,7 +29,8 @@ from mbfmu.mechanics import (
     rod,
 )
 from mbfmu.model import Model
-from mbfmu.simulation import Settings, run
+from mbfmu.native import run
+from mbfmu.simulation import Settings
 
 UP = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])  # z of the cut frame along y of the body
 ARM, LINK, PIN = 1.0, 0.7, 0.6  # m: the arm, the link that carries it, and where on the arm

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
+from mbfmu.native import Result, communication_points, run
 from mbfmu.scene import Scene
-from mbfmu.simulation import Result, communication_points, run
 from mbfmu.view import Recorder
 
 from .common import Commands, add_output, add_set, add_solver, folder, progress, scene_of

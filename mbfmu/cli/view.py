@@ -12,7 +12,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from mbfmu.errors import UserError
-from mbfmu.simulation import communication_points, run
+from mbfmu.native import communication_points, run
 from mbfmu.view import Motion, Recorder
 
 from .common import Commands, add_set, add_solver, folder, number, progress, scene_of

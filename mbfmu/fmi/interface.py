@@ -65,9 +65,9 @@ class Interface(Fmi2Slave):  # type: ignore[misc]
         self._string("partition", "of adams: projection, lu or hybrid", parameter=True)
         self._inputs = [
             self._real(v.name, Quantity(unit=v.unit), v.description, v.start, causality=Fmi2Causality.input)
-            for v in plant.inputs
+            for v in plant.inputs.variables
         ]
-        self._motions = {r for k, r in enumerate(self._inputs) if plant.moves_support(k)}
+        self._motions = {r for k, r in enumerate(self._inputs) if plant.inputs.moves_support(k)}
         self._outputs = np.array(
             [
                 self._output(v.name, Quantity(unit=v.unit, nominal=v.nominal), v.description)

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Variable
 from mbfmu.model import Model
-from mbfmu.simulation import Result, Settings
+from mbfmu.native import Result
+from mbfmu.simulation import Settings
 from solvers.stepper import Statistics
 
 from .export import export

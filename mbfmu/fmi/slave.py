@@ -127,7 +127,7 @@ class ModelSlave(Interface):
         model = self._model_now()
         given = {k: float(self._buffer[r]) for k, r in enumerate(self._inputs) if r in self._changed}
         self.simulation = Simulation(model, self._settings_now(), self._t0, given)
-        for reference, variable in zip(self._inputs, self.simulation.plant.inputs, strict=True):
+        for reference, variable in zip(self._inputs, self.simulation.plant.inputs.variables, strict=True):
             if reference not in self._changed:  # it starts where the parameters put it
                 self._buffer[reference] = variable.start
         self._changed.clear()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,15 +15,14 @@ from .assembly import assemble_positions, assemble_velocities, check_frames, che
 from .bending import Bend, bend
 from .bodies import Body
 from .checks import with_unit_quaternion
-from .compile import GRAVITY, Numbering, Variable, compile_data, sensor_records, shared
+from .compile import Numbering, Variable, compile_data, sensor_records, shared
 from .dynamics import audit_callbacks, callbacks, energy, observe, observe_all, tree_callbacks
+from .inputs import Drives, Inputs
 from .mechanism import Mechanism
-from .motion import Departure, InputMotion, impulse
 from .numbers import array_of
-from .rows import Probe, dependent_rows, describe, pace, row_names, row_units
-from .scale import characteristic_length, coordinate_sizes, joint_sizes, row_sizes
+from .rows import Probe, dependent_rows, describe, row_names, row_units
+from .scale import characteristic_length, coordinate_sizes, row_sizes
 from .sensors import largest_residual
-from .signals import POLYNOMIAL, RUN_UP, SpeedInput
 from .tangent import Groups, Tangent, find_groups
 
 LARGE = 60  # coordinates of a tree without loops from which on no dense matrix is made
@@ -39,8 +37,10 @@ class Plant:
     ----------
     system
         The equations of motion over the free coordinates.
-    inputs, outputs
-        Variables in the order of :meth:`set_input` and :meth:`observe`.
+    drives, inputs
+        What moves and loads the mechanism from outside.
+    outputs
+        Variables in the order of :meth:`observe`.
     length
         Characteristic length, m; see :func:`.scale.characteristic_length`.
     void_rows
@@ -54,6 +54,8 @@ class Plant:
         self.length = characteristic_length(self.data.arrays)
         self._size = coordinate_sizes(self._free_bodies(), self.length)
         names = row_names(mechanism.cuts)
+        self.drives = Drives(mechanism, numbering, self.data.arrays.signals, self.length)
+        self.inputs = Inputs(numbering, self.data.arrays, self.drives)
         self._row_size = np.concatenate([np.zeros(0), *(row_sizes(c.cut, self.length) for c in mechanism.cuts)])
         self.void_rows: list[str] = []
         large = not mechanism.elastics and numbering.nv > (LARGE_LOOPS if names else LARGE)  # T knows no modes
@@ -62,9 +64,7 @@ class Plant:
         if names:
             self.void_rows = self._drop_void_rows(names)
             self.system = make([n for n in names if n not in self.void_rows], self.data)
-        self.inputs = tuple(slot.variable for slot in numbering.slots)
         self.outputs = tuple(Variable(n, s.unit, d, 0.0, nominal) for n, s, d, nominal in mechanism.outputs)
-        self._motions = self._input_motions()
         self._sensors = sensor_records(mechanism, numbering, self.data.arrays.kept)
 
     def complex_system(self) -> System:
@@ -161,30 +161,22 @@ class Plant:
             A void row is not closed, or the drives open it.
         """
         signals, probe, start = self.data.arrays.signals, Probe(self.system), self.start_positions()
-        given = {slot.signal for slot in self._numbering.slots}
         before = signals["c"].copy()
-        drives = [(k, self._drive_size(k)) for k in set(self.drive_signals())]
-        paces = [pace(signals[k], size) for k, size in drives if k not in given]
-        for scale in (0.0, *(x for x in paces if x), *(1.0 for k, _ in drives if k in given)):
+        given = [k for k in self.drives.signals if k in self.inputs.signals]
+        paces = [self.drives.pace(k) for k in self.drives.signals if k not in given]
+        for scale in (0.0, *(x for x in paces if x), *(1.0 for _ in given)):
             for _ in range(3):
                 probe.try_at(scale * probe.turns(), start)
-                for k, size in drives:
-                    if k in given:
-                        signals["c"][k, 0] = before[k, 0] + size * probe.normal()
+                for k in given:
+                    signals["c"][k, 0] = before[k, 0] + self.drives.sizes[k] * probe.normal()
         signals["c"] = before
         void = probe.void(row_units(self.mechanism.cuts))
         self.data.arrays.kept[:] = np.where(void, -1, np.cumsum(~void) - 1)
         return [names[i] for i in np.flatnonzero(void)]
 
-    def _drive_size(self, signal: int) -> float:
-        """Return the unit of the coordinate that a signal drives."""
-        body = self.mechanism.bodies[self._numbering.drive.index(signal)]
-        return float(joint_sizes(body.name, body.joint, self.length)[0])
-
     def _rate(self) -> float:
         """Return how fast gravity and drives move the mechanism, 1/s; zero: neither does."""
-        signals = self.data.arrays.signals
-        paces = [pace(signals[k], self._drive_size(k)) for k in set(self.drive_signals())]
+        paces = [self.drives.pace(k) for k in self.drives.signals]
         weight = float(np.linalg.norm(self.data.arrays.world["gravity"][0]))
         return max(np.sqrt(weight / self.length), *(1.0 / x for x in paces if x), 0.0)
 
@@ -316,148 +308,11 @@ class Plant:
                 wrench[:] = -(load[own] @ G[own]).reshape(2, 3).dot(state.bodies["A"][int(body)]).ravel()
         return found
 
-    def drives(self) -> list[tuple[str, float, float]]:
-        """Return name, speed and largest higher coefficient of every driven coordinate's signal at its start.
-
-        A signal that is no polynomial counts as one of no constant speed.
-        """
-        found = []
-        for i, body in enumerate(self.mechanism.bodies):
-            if body.joint.drive is not None:
-                signal = self.data.arrays.signals[self._numbering.drive[i]]
-                higher = np.abs(signal["c"][2 if signal["kind"] == POLYNOMIAL else 1 :]).max()
-                speed = 0.0 if signal["kind"] == RUN_UP else float(signal["c"][1])
-                found.append((body.name, speed, float(higher)))
-        return found
-
-    def drive_rates(self) -> list[float]:
-        """Return the constant speed of every drive, without sign, in units of its coordinate per second."""
-        signals = self.data.arrays.signals
-        return [abs(float(signals[k]["c"][1])) / self._drive_size(k) for k in set(self.drive_signals())]
-
-    def finish_run_ups(self) -> None:
-        """Let every drive that runs up have its full speed from now on."""
-        for k in self.drive_signals():
-            signal = self.data.arrays.signals[k]
-            if signal["kind"] == RUN_UP:
-                signal["kind"], signal["c"][2] = POLYNOMIAL, 0.0
-
-    def drive_signals(self) -> list[int]:
-        """Return the index of every driven coordinate's signal."""
-        return [k for k in self._numbering.drive if k >= 0]
-
-    def input_places(self, arrays: Any) -> list[tuple[Any, int]]:
-        """Return where ``arrays`` of this plant or its complex twin keep every input: a vector and an index."""
-        return [
-            (
-                arrays.world["gravity"][0] if slot.signal == GRAVITY else arrays.signals["c"][slot.signal],
-                slot.coefficient,
-            )
-            for slot in self._numbering.slots
-        ]
-
     def observe_complex(self, system: System, t: float, q: Any, v: Any, a: Any, lam: Any) -> NDArray[np.complex128]:
         """Return the outputs at a state of :meth:`complex_system`."""
         out = np.zeros(len(self.outputs), complex)
         observe(t, q, v, a, lam, self._sensors[: len(out)], system.held_data, out)
         return out
-
-    def _input_motions(self) -> dict[int, InputMotion]:
-        """Return the motion of every drive that is an input, by the number of its signal."""
-        motions: dict[int, InputMotion] = {}
-        for slot in self._numbering.slots:
-            if slot.signal in self.drive_signals() and slot.signal not in motions:
-                speed = isinstance(self._numbering.signals[slot.signal], SpeedInput)
-                record = self.data.arrays.signals[slot.signal]
-                motions[slot.signal] = InputMotion(slot.variable.name, record, speed=speed)
-        return motions
-
-    def moves_support(self, index: int) -> bool:
-        """Whether an input is the position or the rate of a driven coordinate."""
-        return self._numbering.slots[index].signal in self._motions
-
-    def start_input(self, index: int, value: float, t: float = 0.0) -> None:
-        """Let an input (finite) have another value at the start, t."""
-        self._hold(index, value, t)
-        if self.moves_support(index):
-            self._motions[self._numbering.slots[index].signal].start()
-
-    def set_input(self, index: int, value: float, t: float = 0.0) -> None:
-        """Take the value (finite) of an input at time t.
-
-        What loads the mechanism holds from t on, and one with a rate goes on from what it has reached. What moves a
-        support is noted, for :meth:`depart`.
-        """
-        if self.moves_support(index):
-            slot = self._numbering.slots[index]
-            self._motions[slot.signal].give(slot.coefficient, self._finite(index, value))
-        else:
-            self._hold(index, value, t)
-
-    def _hold(self, index: int, value: float, t: float) -> None:
-        slot = self._numbering.slots[index]
-        if slot.signal != GRAVITY:
-            signal = self.data.arrays.signals[slot.signal]
-            signal["c"][0] += (t - signal["t0"]) * signal["c"][1]
-            signal["t0"] = t
-        place, k = self.input_places(self.data.arrays)[index]
-        place[k] = self._finite(index, value)
-
-    def _finite(self, index: int, value: float) -> float:
-        if not np.isfinite(value):
-            raise UserError(f"input {self.inputs[index].name!r} is {value!r}; it must be finite")
-        return float(value)
-
-    @property
-    def settled(self) -> bool:
-        """Whether every support goes on as it does until an input is set."""
-        return all(motion.settled for motion in self._motions.values())
-
-    def depart(self, t: float, end: float) -> list[Departure]:
-        """Return the supports whose motion changes at t for a step until ``end`` (s), see :mod:`.motion`."""
-        found = (motion.depart(t, end) for motion in self._motions.values())
-        return [departure for departure in found if departure is not None]
-
-    def set_out(self, t: float, departures: Sequence[Departure], accelerations: Callable[[], Array]) -> Array:
-        """Let supports depart at t; return the jump of the free velocities (n,).
-
-        ``accelerations`` returns v' (n,) at t; what it raises leaves the supports on their way.
-        """
-        dv = np.zeros(self.system.n)
-        if any(d.jump != 0.0 for d in departures):
-            signals: Any = self.data.arrays.signals
-            before = signals.copy()
-            try:
-                dv = impulse(t, departures, accelerations)
-            finally:
-                signals[:] = before
-        for motion, leg, _ in departures:
-            motion.set_out(leg)
-        return dv
-
-    def input_state(self) -> dict[str, list[Any]]:
-        """Return what the inputs hold, to be given to :meth:`restore_inputs`."""
-        arrays: Any = self.data.arrays
-        held: list[Any] = []
-        for slot in self._numbering.slots:
-            if slot.signal == GRAVITY:
-                held.append((0.0, [float(arrays.world["gravity"][0, slot.coefficient])]))
-            else:
-                signal = arrays.signals[slot.signal]
-                held.append((float(signal["t0"]), [float(x) for x in signal["c"]]))
-        return {"held": held, "motions": [motion.state() for motion in self._motions.values()]}
-
-    def restore_inputs(self, state: dict[str, list[Any]]) -> None:
-        """Let the inputs hold what they held when ``state`` was taken."""
-        arrays: Any = self.data.arrays
-        for slot, (t0, c) in zip(self._numbering.slots, state["held"], strict=True):
-            if slot.signal == GRAVITY:
-                arrays.world["gravity"][0, slot.coefficient] = c[0]
-            else:
-                signal = arrays.signals[slot.signal]
-                signal["t0"], signal["c"] = t0, c
-        for motion, remembered in zip(self._motions.values(), state["motions"], strict=True):
-            motion.restore(remembered)
 
     def observe(self, t: float, q: Array, v: Array, a: Array, lam: Array, out: Array) -> None:
         """Fill ``out`` (len(outputs),) from the solution: accelerations a (n,), multipliers lam (m,).
@@ -498,7 +353,7 @@ class Plant:
         theirs: Any = other.data.arrays
         if any(a.shape != b.shape for a, b in zip(mine, theirs, strict=True)) or np.any(mine.kept != theirs.kept):
             raise UserError("the parameter changes the structure of the mechanism; it cannot change during a run")
-        inputs = self.input_state()
+        inputs = self.inputs.state()
         for a, b in zip(mine, theirs, strict=True):
             a[...] = b
-        self.restore_inputs(inputs)
+        self.inputs.restore(inputs)

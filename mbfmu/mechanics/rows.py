@@ -8,7 +8,6 @@ forces between them are not determined. It stays, and its share is a matter of t
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,6 @@ from mbfmu.errors import AssemblyError
 from solvers.system import AnySystem, Array
 
 from .bodies import CutHandle
-from .signals import HARMONIC, RUN_UP
 
 VOID = 1e-9  # of a Jacobian in units of row and coordinate, and of a gap: what rounding leaves of zero
 DEPENDENT = 1e-4  # of pivots, relative to the largest; a loop closed to 1e-11 is that far from a singular position
@@ -33,17 +31,6 @@ def row_names(cuts: Iterable[CutHandle]) -> list[str]:
 def row_units(cuts: Iterable[CutHandle]) -> list[str]:
     """Return the unit of every row's residual."""
     return ["rad" if unit == "N.m" else "m" for c in cuts for unit in c.cut.units]
-
-
-def pace(signal: Any, size: float) -> float:
-    """Return a time (s) in which a drive moves by about ``size``; zero: it never moves."""
-    c = [abs(float(x)) for x in signal["c"]]
-    if signal["kind"] == HARMONIC:
-        return 1.0 / c[2] if c[1] * c[2] else 0.0
-    if signal["kind"] == RUN_UP:
-        return c[2] + size / c[1] if c[1] else 0.0
-    times = [(size / x) ** (1.0 / k) for k, x in enumerate(c) if k and x]
-    return min(times, default=0.0)
 
 
 class Probe:

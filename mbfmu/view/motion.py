@@ -122,7 +122,7 @@ class Motion:
 
 
 class Recorder:
-    """Notes the pose of every body; give it to :func:`mbfmu.simulation.run` as ``watch``."""
+    """Notes the pose of every body; give it to :func:`mbfmu.native.run` as ``watch``."""
 
     def __init__(self) -> None:
         self._mechanism: Mechanism | None = None

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from mbfmu.fmi import Fmu
 from mbfmu.model import Model
-from mbfmu.simulation import Settings, run
+from mbfmu.native import run
+from mbfmu.simulation import Settings
 
 STEP = 0.013  # s, in no proportion to the solvers' own steps
 

@@ -10,7 +10,8 @@ from agreement import check_against_native, check_continuation
 
 from fmus.fourbar import FourBar
 from mbfmu.fmi import Fmu, export
-from mbfmu.simulation import Settings, run
+from mbfmu.native import run
+from mbfmu.simulation import Settings
 
 TIMES = np.linspace(0.0, 0.5, 26)
 MODEL = FourBar(coupler_modes=2, coupler_damping=5.8115e-4)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from mbfmu.model import Model
-from mbfmu.simulation import Result, Settings, communication_points, run
+from mbfmu.native import Result, communication_points, run
+from mbfmu.simulation import Settings
 from mbfmu.view import Motion, Recorder
 
 

@@ -33,7 +33,8 @@ from mbfmu.mechanics import (
     rod,
 )
 from mbfmu.model import Model
-from mbfmu.simulation import Settings, communication_points, run
+from mbfmu.native import communication_points, run
+from mbfmu.simulation import Settings
 from mbfmu.view import Motion, Recorder
 from mbfmu.view.camera import Camera, Stage
 from mbfmu.view.motion import matrices

@@ -1,0 +1,192 @@
+"""What moves and loads a plant from outside: its drives, and the inputs that a host sets."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from mbfmu.errors import UserError
+from solvers.system import Array
+
+from .compile import GRAVITY, Numbering
+from .mechanism import Mechanism
+from .motion import Departure, InputMotion, impulse
+from .scale import joint_sizes
+from .signals import HARMONIC, POLYNOMIAL, RUN_UP, SpeedInput
+
+
+class Drives:
+    """The signals that driven coordinates follow, each once.
+
+    Attributes
+    ----------
+    signals
+        Their numbers.
+    sizes
+        The unit of the coordinate that each drives, by its number.
+    """
+
+    def __init__(self, mechanism: Mechanism, numbering: Numbering, signals: Any, length: float) -> None:
+        self._records = signals
+        driven = [(b, numbering.drive[b.index]) for b in mechanism.bodies if b.joint.drive is not None]
+        self._bodies = [(body.name, k) for body, k in driven]
+        self.sizes = {k: float(joint_sizes(body.name, body.joint, length)[0]) for body, k in driven}
+        self.signals = sorted(self.sizes)
+
+    def speeds(self) -> list[tuple[str, float, float]]:
+        """Return name, speed and largest higher coefficient of every driven body's signal at its start.
+
+        A signal that is no polynomial counts as one of no constant speed.
+        """
+        found = []
+        for name, k in self._bodies:
+            signal = self._records[k]
+            higher = np.abs(signal["c"][2 if signal["kind"] == POLYNOMIAL else 1 :]).max()
+            speed = 0.0 if signal["kind"] == RUN_UP else float(signal["c"][1])
+            found.append((name, speed, float(higher)))
+        return found
+
+    def rates(self) -> list[float]:
+        """Return the constant speed of every drive, without sign, in units of its coordinate per second."""
+        return [abs(float(self._records[k]["c"][1])) / self.sizes[k] for k in self.signals]
+
+    def pace(self, signal: int) -> float:
+        """Return a time (s) in which a drive moves by about the unit of its coordinate; zero: it never moves."""
+        record, size = self._records[signal], self.sizes[signal]
+        c = [abs(float(x)) for x in record["c"]]
+        if record["kind"] == HARMONIC:
+            return 1.0 / c[2] if c[1] * c[2] else 0.0
+        if record["kind"] == RUN_UP:
+            return c[2] + size / c[1] if c[1] else 0.0
+        times = [(size / x) ** (1.0 / k) for k, x in enumerate(c) if k and x]
+        return min(times, default=0.0)
+
+    def finish_run_ups(self) -> None:
+        """Let every drive that runs up have its full speed from now on."""
+        for k in self.signals:
+            signal = self._records[k]
+            if signal["kind"] == RUN_UP:
+                signal["kind"], signal["c"][2] = POLYNOMIAL, 0.0
+
+
+class Inputs:
+    """The inputs of a plant, by number.
+
+    Attributes
+    ----------
+    variables
+        Name, unit, meaning and start of each.
+    signals
+        Numbers of the signals they are kept in.
+    """
+
+    def __init__(self, numbering: Numbering, arrays: Any, drives: Drives) -> None:
+        self._slots, self._arrays = tuple(numbering.slots), arrays
+        self.variables = tuple(slot.variable for slot in self._slots)
+        self.signals = {slot.signal for slot in self._slots}
+        self._motions: dict[int, InputMotion] = {}  # of every drive that is an input, by the number of its signal
+        for slot in self._slots:
+            k = slot.signal
+            if k in drives.signals and k not in self._motions:
+                speed = isinstance(numbering.signals[k], SpeedInput)
+                self._motions[k] = InputMotion(slot.variable.name, arrays.signals[k], speed=speed)
+
+    def __len__(self) -> int:
+        """Return how many there are."""
+        return len(self._slots)
+
+    def places(self, arrays: Any) -> list[tuple[Any, int]]:
+        """Return where ``arrays`` of the plant or its complex twin keep every input: a vector and an index."""
+        return [
+            (
+                arrays.world["gravity"][0] if slot.signal == GRAVITY else arrays.signals["c"][slot.signal],
+                slot.coefficient,
+            )
+            for slot in self._slots
+        ]
+
+    def moves_support(self, index: int) -> bool:
+        """Whether an input is the position or the rate of a driven coordinate."""
+        return self._slots[index].signal in self._motions
+
+    def start(self, index: int, value: float, t: float = 0.0) -> None:
+        """Let an input (finite) have another value at the start, t."""
+        self._hold(index, value, t)
+        if self.moves_support(index):
+            self._motions[self._slots[index].signal].start()
+
+    def set(self, index: int, value: float, t: float = 0.0) -> None:
+        """Take the value (finite) of an input at time t.
+
+        What loads the mechanism holds from t on, and one with a rate goes on from what it has reached. What moves a
+        support is noted, for :meth:`depart`.
+        """
+        if self.moves_support(index):
+            slot = self._slots[index]
+            self._motions[slot.signal].give(slot.coefficient, self._finite(index, value))
+        else:
+            self._hold(index, value, t)
+
+    def _hold(self, index: int, value: float, t: float) -> None:
+        slot = self._slots[index]
+        if slot.signal != GRAVITY:
+            signal = self._arrays.signals[slot.signal]
+            signal["c"][0] += (t - signal["t0"]) * signal["c"][1]
+            signal["t0"] = t
+        place, k = self.places(self._arrays)[index]
+        place[k] = self._finite(index, value)
+
+    def _finite(self, index: int, value: float) -> float:
+        if not np.isfinite(value):
+            raise UserError(f"input {self.variables[index].name!r} is {value!r}; it must be finite")
+        return float(value)
+
+    @property
+    def settled(self) -> bool:
+        """Whether every support goes on as it does until an input is set."""
+        return all(motion.settled for motion in self._motions.values())
+
+    def depart(self, t: float, end: float) -> list[Departure]:
+        """Return the supports whose motion changes at t for a step until ``end`` (s), see :mod:`.motion`."""
+        found = (motion.depart(t, end) for motion in self._motions.values())
+        return [departure for departure in found if departure is not None]
+
+    def set_out(self, t: float, departures: Sequence[Departure], accelerations: Callable[[], Array]) -> Array | None:
+        """Let supports depart at t; return the jump of the free velocities (n,), or None where no rate jumps.
+
+        ``accelerations`` returns v' (n,) at t; what it raises leaves the supports on their way.
+        """
+        dv = None
+        if any(d.jump != 0.0 for d in departures):
+            before = self._arrays.signals.copy()
+            try:
+                dv = impulse(t, departures, accelerations)
+            finally:
+                self._arrays.signals[:] = before
+        for motion, leg, _ in departures:
+            motion.set_out(leg)
+        return dv
+
+    def state(self) -> dict[str, list[Any]]:
+        """Return what the inputs hold, to be given to :meth:`restore`."""
+        held: list[Any] = []
+        for slot in self._slots:
+            if slot.signal == GRAVITY:
+                held.append((0.0, [float(self._arrays.world["gravity"][0, slot.coefficient])]))
+            else:
+                signal = self._arrays.signals[slot.signal]
+                held.append((float(signal["t0"]), [float(x) for x in signal["c"]]))
+        return {"held": held, "motions": [motion.state() for motion in self._motions.values()]}
+
+    def restore(self, state: dict[str, list[Any]]) -> None:
+        """Let the inputs hold what they held when ``state`` was taken."""
+        for slot, (t0, c) in zip(self._slots, state["held"], strict=True):
+            if slot.signal == GRAVITY:
+                self._arrays.world["gravity"][0, slot.coefficient] = c[0]
+            else:
+                signal = self._arrays.signals[slot.signal]
+                signal["t0"], signal["c"] = t0, c
+        for motion, remembered in zip(self._motions.values(), state["motions"], strict=True):
+            motion.restore(remembered)
