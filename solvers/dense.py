@@ -12,6 +12,7 @@ import numpy as np
 
 from .kernel import inlined, kernel
 
+ROUNDING = 1e-16
 DIGITS = 0.1  # part of a square that must be left after a subtraction for its digits to be trusted
 
 
@@ -155,6 +156,24 @@ def length(v: Any) -> float:
     return np.sqrt(square)
 
 
+@inlined
+def lift(A: Any, rank: int) -> None:
+    """Let no diagonal entry of a triangular factor be nothing beside the first, for inverse iteration."""
+    least = ROUNDING * abs(A[0, 0])
+    for i in range(rank):
+        if abs(A[i, i]) < least:
+            A[i, i] = least
+
+
+@inlined
+def scale_to_unit(v: Any) -> None:
+    """v <- v / |v|; nothing where that is zero."""
+    size = length(v)
+    if size > 0.0:
+        for i in range(v.shape[0]):
+            v[i] /= size
+
+
 @kernel
 def full_pivot(A: Any, m: int, n: int, tolerance: float, rows: Any, columns: Any) -> int:
     """LU factors of A (m, n) in place by Gauss elimination with full pivoting; return the rank.
@@ -230,6 +249,17 @@ def factor_lu(A: Any, n: int, order: Any) -> bool:
 
 
 @kernel
+def positive_determinant(LU: Any, n: int, order: Any) -> bool:
+    """Whether the determinant of a matrix is positive, from its factors of :func:`factor_lu`."""
+    positive = True
+    for i in range(n):
+        positive = positive == (LU[i, i] > 0.0)
+        for j in range(i):
+            positive = positive == (order[j] < order[i])
+    return positive
+
+
+@kernel
 def solve_lu(LU: Any, n: int, order: Any, b: Any, x: Any) -> None:
     """Solve A x = b with the factors of :func:`factor_lu`; ``b`` (n,) and ``x`` (n,) are different arrays."""
     for i in range(n):
@@ -246,16 +276,13 @@ def solve_lu(LU: Any, n: int, order: Any, b: Any, x: Any) -> None:
 @inlined
 def solve_positive(A: Any, n: int, x: Any) -> bool:
     """Solve A x = b for a symmetric positive definite A (n, n), in place; False where A is not."""
-    for j in range(n):
-        for k in range(j):
-            A[j, j] -= A[j, k] * A[j, k]
-        if not A[j, j] > 0.0:
+    for i in range(n):
+        for j in range(i):
+            A[i, j] = (A[i, j] - dot(A, i, A, j, 0, j)) / A[j, j]
+        A[i, i] -= dot(A, i, A, i, 0, i)
+        if not A[i, i] > 0.0:
             return False
-        A[j, j] = np.sqrt(A[j, j])
-        for i in range(j + 1, n):
-            for k in range(j):
-                A[i, j] -= A[i, k] * A[j, k]
-            A[i, j] /= A[j, j]
+        A[i, i] = np.sqrt(A[i, i])
     for i in range(n):
         for k in range(i):
             x[i] -= A[i, k] * x[k]

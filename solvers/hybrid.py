@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from .dense import positive_determinant
 from .kernel import inlined, kernel
 from .lu import (
     choose,
-    determinant_positive,
     factor_dependent,
     same_choice,
     smallest_pivot,
@@ -38,7 +38,7 @@ def look_around(eqs: Any, c: Any, H: Any, work: Any) -> None:
 @kernel
 def frame_lu(terms: Any, c: Any, H: Any, work: Any) -> None:
     """Note orientation and tangents of the dependents, whose J_d is factored and whose tangents are at hand."""
-    c.positive = 1 if determinant_positive(c.rank, work) else 0
+    c.positive = 1 if positive_determinant(work.D, c.rank, work.order) else 0
     n = work.T.shape[1]
     for k in range(n - c.rank):
         for i in range(n):
@@ -50,7 +50,7 @@ def passed_lu(c: Any, H: Any, work: Any) -> bool:
     """Whether the LU step stayed on its branch for sure: J_d has kept the sign of its determinant, and tangents turned
     little.
     """
-    same = (c.positive == 1) == determinant_positive(c.rank, work)
+    same = (c.positive == 1) == positive_determinant(work.D, c.rank, work.order)
     return same and not tangents_turned(c.rank, H.tangents, work)
 
 

@@ -159,17 +159,6 @@ def dependent_acceleration(terms: Any, rank: int, rows: Any, columns: Any, work:
 
 
 @kernel
-def determinant_positive(rank: int, work: Any) -> bool:
-    """Whether det J_d of the chosen rows and columns is positive, from its factors in ``work.D``."""
-    positive = True
-    for i in range(rank):
-        positive = positive == (work.D[i, i] > 0.0)
-        for j in range(i):
-            positive = positive == (work.order[j] < work.order[i])
-    return positive
-
-
-@kernel
 def tangents_turned(rank: int, before: Any, work: Any) -> bool:
     """Whether a motion of one independent has changed by more than half of what it was ``before``."""
     n = work.T.shape[1]

@@ -30,10 +30,10 @@ from typing import Any
 
 import numpy as np
 
-from .dense import basic_transposed, dot, least_norm, lq, rank_at, ratio, solve_positive, turn_in, turn_out
+from .dense import basic_transposed, dot, least_norm, rank_at, ratio, solve_positive, turn_in, turn_out
 from .kernel import inlined, kernel
 from .singular import CROSSING, SINGULAR, judge
-from .workspace import distance, factor, factor_here, scaled_length
+from .workspace import distance, factor, factor_here, factor_transposed, scaled_length
 
 OK, NOT_CLOSED, NO_MASS, UNDECIDABLE, NOT_FINITE = 0, 1, 2, 3, 4
 
@@ -43,6 +43,8 @@ CLUSTER = 10.0  # a pivot at most so many times SINGULAR vanishes at a crossing 
 REACH = 1e-2  # d of the limit, in units of size
 PASSES = 12  # Gauss-Newton corrections of a position
 CLOSED = 1e-7  # a correction this small is the last: the next one would be its square
+CHORD = 0.1  # part that a correction by the factors of the prediction must leave at most
+TOUCHING = 1e-14  # a correction this small is rounding
 OPEN = 1e-8  # residual that a closed position must not have in any row, in units of the rows
 
 
@@ -144,8 +146,8 @@ def close(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any) -> int:
 def settle(eqs: Any, t: float, q: Any, v: Any, near: Any, rank: int, slight: float, work: Any) -> int:
     """As :func:`close`, where ``terms`` and the factors of J are those of the prediction ``near``.
 
-    The constraints linearised there take q onto them but for the square of the distance. What is left by that stays
-    where it is ``slight``; v' depends on it by the inverse square of the smallest pivot.
+    The constraints linearised there take q onto them but for the square of the distance; while that is not ``slight``
+    they are used again, new factors being dearer. v' depends on what stays by the inverse square of the smallest pivot.
     """
     n = v.shape[0]
     if eqs.terms.Phi.shape[0] == 0:
@@ -167,8 +169,12 @@ def settle(eqs: Any, t: float, q: Any, v: Any, near: Any, rank: int, slight: flo
     eqs.retract(q, work.dq, eqs.data)  # quaternions to unit length, too
     eqs.position(t, q, eqs.data, eqs.terms)
     rest = position_off(eqs.terms, rank, work)
-    if not rest <= slight * ratio(work.pivot, rank) ** 2:
-        return close(eqs, t, q, v, rank, work)
+    while not rest <= max(slight * ratio(work.pivot, rank) ** 2, TOUCHING):
+        eqs.retract(q, work.dq, eqs.data)
+        eqs.position(t, q, eqs.data, eqs.terms)
+        before, rest = rest, position_off(eqs.terms, rank, work)
+        if not rest <= CHORD * before:
+            return close(eqs, t, q, v, rank, work)
     close_velocity(v, eqs.terms, rank, work)
     eqs.motion(t, q, v, eqs.data, eqs.terms)
     factor(eqs.terms, work)
@@ -362,10 +368,7 @@ def multipliers(terms: Any, rank: int, work: Any, a: Any, lam: Any) -> None:
 def shortest_transposed(m: int, n: int, rank: int, work: Any, y: Any) -> None:
     """Shortest y (m,) with J~^T y = work.f, where rows depend on each other: L^T y = Q^T f by factors of L^T."""
     turn_in(work.A, work.tau, rank, n, work.f)
-    for k in range(rank):
-        for i in range(m):
-            work.B[k, work.pivots[i]] = work.A[i, k] if i >= k else 0.0
-    lq(work.B, rank, m, work.tau_B, work.pivots_B, work.x)
+    factor_transposed(m, rank, work)
     least_norm(work.f, m, rank, work.B, work.tau_B, work.pivots_B, y)
 
 

@@ -27,10 +27,23 @@ from typing import Any
 
 import numpy as np
 
-from .dense import factor_lu, length, lq, rank_at, ratio, solve_lu, turn_in
+from .dense import (
+    dot,
+    factor_lu,
+    least_norm,
+    length,
+    lift,
+    lq,
+    positive_determinant,
+    ratio,
+    scale_to_unit,
+    solve_lu,
+    solve_positive,
+    turn_in,
+    turn_out,
+)  # fmt: skip
 from .kernel import inlined, kernel
-from .svd import damped_inverse, decompose
-from .workspace import distance, factor, scaled_length
+from .workspace import distance, factor, factor_transposed, scaled_length
 
 NONE, CROSSING, MISS = 0, 1, 2
 STRAIGHT, FLIPPED, BENT, TURNED = 0, 1, 2, 3
@@ -38,10 +51,12 @@ STRAIGHT, FLIPPED, BENT, TURNED = 0, 1, 2, 3
 SINGULAR = 1e-3  # ratio of the smallest pivot of J~ to the largest below which a position is nearly singular
 GAP = 1e-12  # largest gap of a crossing, in units of the rows; Phi is known to some 1e-16 of them
 NEAR = 30.0  # a critical point is that of this position when it is no farther than so many ratios
+AGAIN = 4.0  # by so much the ratio must have changed before a point that was not found is looked for again
 PROBE = 1e-7  # of differences, in units of size
+TURNS = 5  # of the inverse iteration for the weakest forces
 DAMPING = 0.01  # of the squares of singular values, in what is left of the equations: see seek
-NOISE = 1e-8  # singular values of the equations below this part of the largest are those of the differences
-FLAT = 1e-6  # below this one they count as zero
+NOISE = 1e-8  # singular values of the equations below this part of all are those of the differences
+FLAT = 1e-6  # below this part of the largest they count as zero
 SPAN = 1e-2  # of a unit vector in q, t, u and g, its part in q and t that counts
 STRIDE, FAR = 0.3, 1.0  # longest Newton step, longest way, in units of size
 NEWTON, EXACT = 30, 1e-11  # steps, and what they may leave: g is known to its power of 3/2
@@ -57,12 +72,15 @@ PART = 0.3  # of the way to a near miss that one step may go
 @kernel
 def judge(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
     """What the singular position near q is; ``terms`` (of positions) and factors belong to (t, q), and do so again."""
-    c = work.critical[0]
-    if c.kind != NONE and apart(t, q, work, eqs.terms) <= NEAR * ratio(work.pivot, rank):
+    c, here = work.critical[0], ratio(work.pivot, rank)
+    if c.kind != NONE and apart(t, q, work, eqs.terms) <= NEAR * here:
         return c.kind
     c.kind = NONE
+    if c.in_vain < AGAIN * here and here < AGAIN * c.in_vain:
+        return NONE
+    c.in_vain = here
     if seek(eqs, t, q, rank, work):
-        c.kind = MISS
+        c.kind, c.in_vain = MISS, 0.0
         if abs(c.gap) <= GAP:
             if dimension(work) >= eqs.terms.J.shape[1] - rank:
                 c.kind = CROSSING
@@ -109,13 +127,12 @@ def seek(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
         for i in range(N):
             if not np.isfinite(work.g[i]):
                 return False
-        decompose(work.K, N, N, work.K_work, work.K_pivots, work.K_left, work.K_values, work.K_right)
         off = length(work.g)
         if off < EXACT:
             c.gap += gap_left(m, n, work)
             return True
-        damping = DAMPING * off + (NOISE * work.K_values[0]) ** 2
-        damped_inverse(work.g, N, N, damping, work.K_left, work.K_values, work.K_right, work.change)
+        if not damped_step(DAMPING * off, work):
+            return False
         step_critical(eqs, min(1.0, STRIDE / max(length(work.change), 1e-300)), work)
         if not distance(work.q_c, q, work) < FAR:
             return False
@@ -123,16 +140,44 @@ def seek(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
 
 
 @kernel
+def damped_step(damping: float, work: Any) -> bool:
+    """work.change = the x that minimises |K x - g|^2 + damping |x|^2: (K K^T + damping) y = g, x = K^T y; False where
+    that has no digits.
+    """
+    N, trace = work.change.shape[0], 0.0
+    for i in range(N):
+        for j in range(i + 1):
+            work.K_work[i, j] = dot(work.K, i, work.K, j, 0, N)
+        trace += work.K_work[i, i]
+    for i in range(N):
+        work.K_work[i, i] += damping + NOISE * NOISE * trace
+        work.change[i] = 0.0
+    if not solve_positive(work.K_work, N, work.g):
+        return False
+    for i in range(N):
+        for j in range(N):
+            work.change[j] += work.K[i, j] * work.g[i]
+    return True
+
+
+@kernel
 def dimension(work: Any) -> int:
-    """Dimension of the critical points in q and t about the one just found, from the factors of its equations."""
+    """Dimension of the critical points in q and t about the one just found, from the null space of its equations."""
     N, n = work.change.shape[0], work.size.shape[0]
-    flat = rank_at(work.K_values, N, FLAT)
+    for i in range(N):
+        for j in range(N):
+            work.K_work[i, j] = work.K[i, j]
+    lq(work.K_work, N, N, work.K_tau, work.K_pivots, work.change)
+    flat = 0
+    while flat < N and abs(work.K_work[flat, flat]) > FLAT * abs(work.K_work[0, 0]):
+        flat += 1
     for k in range(N - flat):
-        for j in range(n + 1):
-            work.K_work[k, j] = work.K_left[j, flat + k]
-    lq(work.K_work, N - flat, n + 1, work.change, work.K_pivots, work.K_values)
+        for j in range(N):
+            work.K[k, j] = 1.0 if j == flat + k else 0.0
+        turn_out(work.K_work, work.K_tau, flat, N, work.K[k])
+    lq(work.K, N - flat, n + 1, work.K_tau, work.K_pivots, work.change)
     found = 0
-    while found < min(N - flat, n + 1) and abs(work.K_work[found, found]) > SPAN:
+    while found < min(N - flat, n + 1) and abs(work.K[found, found]) > SPAN:
         found += 1
     return found
 
@@ -148,14 +193,22 @@ def gap_left(m: int, n: int, work: Any) -> float:
 
 @kernel
 def weakest(terms: Any, rank: int, work: Any) -> None:
-    """work.u = the left singular vector of the smallest singular value of J~ that is not redundant."""
+    """work.u = the left singular vector of the smallest singular value of J~ that is not redundant, from its factors:
+    by inverse iteration, which begins with what the last pivot row has for itself.
+    """
     m, n = terms.J.shape
-    for i in range(m):
-        for j in range(n):
-            work.K[j, i] = terms.J[i, j] * (work.size[j] / work.row[i])
-    decompose(work.K, n, m, work.K_work, work.K_pivots, work.K_left, work.K_values, work.K_right)
-    for i in range(m):
-        work.u[i] = work.K_left[i, rank - 1]
+    factor_transposed(m, rank, work)
+    lift(work.A, rank)
+    lift(work.B, rank)
+    for j in range(n):
+        work.f[j] = 1.0 if j == rank - 1 else 0.0
+    turn_out(work.A, work.tau, rank, n, work.f)
+    for _ in range(TURNS):
+        turn_in(work.A, work.tau, rank, n, work.f)
+        least_norm(work.f, m, rank, work.B, work.tau_B, work.pivots_B, work.u)
+        scale_to_unit(work.u)
+        least_norm(work.u, n, rank, work.A, work.tau, work.pivots, work.f)
+        scale_to_unit(work.f)
 
 
 @kernel
@@ -231,6 +284,8 @@ def note(eqs: Any, t: float, q: Any, taken: float, next_: float, rank: int, work
     here = work.course[0]
     before, here.ratio = here.ratio, ratio(work.pivot, rank)
     here.ahead = time_left(before, here.ratio, taken)
+    if here.ratio >= SINGULAR and here.ahead == np.inf:
+        work.critical[0].in_vain = 0.0  # what comes next is another one
     kind = NONE
     if here.ratio < SINGULAR or here.ahead < AHEAD * next_:
         kind = judge(eqs, t, q, rank, work)
@@ -261,7 +316,8 @@ def passed(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
     turn = orientation(eqs.terms, rank, work)
     if turn == STRAIGHT:
         return True
-    work.critical[0].kind = NONE  # critical points may form curves: what was known need not be the next one
+    c = work.critical[0]
+    c.kind, c.in_vain = NONE, 0.0  # critical points may form curves: what was known need not be the next one
     crossing = judge(eqs, t, q, rank, work) == CROSSING
     if crossing and ratio(work.pivot, rank) < SINGULAR:
         return True
@@ -271,11 +327,21 @@ def passed(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
 
 @kernel
 def orientation(terms: Any, rank: int, work: Any) -> int:
-    """Compare ``terms`` with the frame of the last good position: STRAIGHT or FLIPPED and little turned, else BENT, or
-    TURNED too far to tell.
+    """Compare ``terms``, whose factors are at hand, with the frame of the last good position: STRAIGHT or FLIPPED and
+    little turned, else BENT, or TURNED too far to tell.
     """
+    few = 2 * rank < terms.J.shape[1]
+    positive, steepest = by_normals(terms, rank, work) if few else by_tangents(terms, rank, work)
+    if steepest <= LITTLE * LITTLE:
+        return STRAIGHT if positive else FLIPPED
+    return BENT if positive and steepest <= SLOPE * SLOPE else TURNED
+
+
+@kernel
+def by_normals(terms: Any, rank: int, work: Any) -> tuple[bool, float]:
+    """Whether det C_n has kept its sign, and the largest square of a column of C_n^-1 C_t; for few rows."""
     n = terms.J.shape[1]
-    positive = True
+    positive, steepest = True, 0.0
     for i in range(rank):
         row, row_unit = work.J_work[i], work.row[work.frame_pivots[i]]
         for j in range(n):
@@ -285,12 +351,7 @@ def orientation(terms: Any, rank: int, work: Any) -> int:
             work.D[i, j] = row[j]
         positive = positive == (work.frame[i, i] > 0.0)
     if not factor_lu(work.D, rank, work.order):
-        return TURNED
-    for i in range(rank):
-        positive = positive == (work.D[i, i] > 0.0)
-        for j in range(i):
-            positive = positive == (work.order[j] < work.order[i])
-    steepest = 0.0
+        return False, np.inf
     for k in range(rank, n):
         square = 0.0
         for i in range(rank):
@@ -298,12 +359,62 @@ def orientation(terms: Any, rank: int, work: Any) -> int:
         solve_lu(work.D, rank, work.order, work.b, work.x)
         for i in range(rank):
             square += work.x[i] * work.x[i]
-        if not square <= SLOPE * SLOPE:
-            return TURNED
+        if not square < np.inf:
+            return False, np.inf
         steepest = max(steepest, square)
-    if steepest <= LITTLE * LITTLE:
-        return STRAIGHT if positive else FLIPPED
-    return BENT if positive else TURNED
+    return positive == positive_determinant(work.D, rank, work.order), steepest
+
+
+@kernel
+def by_tangents(terms: Any, rank: int, work: Any) -> tuple[bool, float]:
+    """The same for few freedoms, from N and T: what today's tangents, orthonormal, are in the frame's normals
+    and tangents.
+
+    The slope is N T^-1, so that its columns have the squares |T^-1 e_k|^2 - 1; and C_n = L (Q_1^T Q_1'), whose second
+    factor has the determinant of T, as complementary minors of an orthogonal matrix are equal.
+    """
+    n = terms.J.shape[1]
+    freedom, steepest = n - rank, 0.0
+    for k in range(freedom):
+        for j in range(n):
+            work.f[j] = 1.0 if j == rank + k else 0.0
+        turn_out(work.A, work.tau, rank, n, work.f)
+        turn_in(work.frame, work.frame_tau, rank, n, work.f)
+        for j in range(freedom):
+            work.mass[j, k] = work.f[rank + j]
+    same = same_side(rank, work)
+    if not factor_lu(work.mass, freedom, work.order):
+        return False, np.inf
+    for k in range(freedom):
+        for j in range(freedom):
+            work.f[j] = 1.0 if j == k else 0.0
+        solve_lu(work.mass, freedom, work.order, work.f, work.z)
+        square = -1.0
+        for j in range(freedom):
+            square += work.z[j] * work.z[j]
+        if not square < np.inf:
+            return False, np.inf
+        steepest = max(steepest, square)
+    return same == positive_determinant(work.mass, freedom, work.order), steepest
+
+
+@inlined
+def same_side(rank: int, work: Any) -> bool:
+    """Whether the rows that are the frame's, in L as it is now and as it was, have determinants of one sign."""
+    positive, same = True, True
+    for i in range(work.pivots.shape[0]):
+        work.rows[work.pivots[i]] = i  # the place of a row in L
+    for i in range(rank):
+        positive = positive == (work.frame[i, i] > 0.0)
+        work.order[i] = work.rows[work.frame_pivots[i]]
+        same = same and work.order[i] < rank
+    if same:
+        return positive == positive_determinant(work.A, rank, work.order)
+    for i in range(rank):
+        k = work.rows[work.frame_pivots[i]]
+        for j in range(rank):
+            work.D[i, j] = work.A[k, j] if j <= k else 0.0
+    return factor_lu(work.D, rank, work.order) and positive == positive_determinant(work.D, rank, work.order)
 
 
 @kernel

@@ -148,20 +148,6 @@ def descend(m: int, n: int, size: int, U: Any, sigma: Any, W: Any) -> None:
 
 
 @inlined
-def damped_inverse(b: Any, m: int, n: int, damping: float, U: Any, sigma: Any, W: Any, x: Any) -> None:
-    """The x (n,) that minimises |J x - b|^2 + damping |x|^2, b (m,): what is nearly singular stays where it is."""
-    for i in range(n):
-        x[i] = 0.0
-    for j in range(min(m, n)):
-        along = 0.0
-        for i in range(m):
-            along += W[i, j] * b[i]
-        along *= sigma[j] / (sigma[j] * sigma[j] + damping)
-        for i in range(n):
-            x[i] += U[i, j] * along
-
-
-@inlined
 def pseudo_inverse_transposed(f: Any, m: int, n: int, rank: int, U: Any, sigma: Any, W: Any, y: Any) -> None:
     """Shortest y (m,) with J^T y = f (n,) in the first ``rank`` singular directions."""
     for i in range(m):

@@ -16,6 +16,7 @@ CRITICAL = np.dtype(
         ("kind", "i8"),  # what the critical point q_c is: solvers.singular.NONE, CROSSING, or MISS
         ("gap", "f8"),  # distance of the loop from one that crosses, in units of the rows
         ("t", "f8"),  # when the drives get there, s
+        ("in_vain", "f8"),  # ratio of the pivots where it was looked for last and not found
     ],
     align=True,
 )
@@ -65,7 +66,7 @@ class Workspace(NamedTuple):
     pivots_B: NDArray[np.int64]  # (m,)  int64
     J_work: Array  # (m, n)  J being eliminated
     D: Array  # (m, m)  dependent columns of J, then their LU factors
-    order: NDArray[np.int64]  # (m,)    row exchanges of D, int64
+    order: NDArray[np.int64]  # (max(m, n),)  row exchanges of D or of mass, int64
     x: Array  # (m,)    solution with D
     lam: Array  # (m,)    multipliers
     rows: NDArray[np.int64]  # (m,)    candidate choice of rows, int64
@@ -75,10 +76,8 @@ class Workspace(NamedTuple):
     q_try: Array  # (nq,)   position beside it
     u: Array  # (m,)    forces that balance there
     K: Array  # (N, N)  matrix of its equations, N = n + m + 2
-    K_left: Array  # (N, N)  its factors
-    K_right: Array  # (N, N)
-    K_values: Array  # (N,)
-    K_work: Array  # (N, N)
+    K_work: Array  # (N, N)  its factors, or those of its square
+    K_tau: Array  # (N,)
     K_pivots: NDArray[np.int64]  # (N,)  int64
     g: Array  # (N,)    residual of its equations
     g_try: Array  # (N,)    beside it
@@ -95,14 +94,13 @@ class Workspace(NamedTuple):
         z, one = np.zeros, np.ones
         N = n + m + 2 if m else 0
         pivots, pivots_B, order, rows, columns, K_pivots, frame_pivots = (
-            np.zeros(k, np.int64) for k in (m, m, m, m, n, N, m)
+            np.zeros(k, np.int64) for k in (m, m, max(m, n), m, n, N, m)
         )
         return Workspace(
             one(n), one(nq), one(m), one(1), one(n), z((m, n)), z(m), pivots, z(m), z((n, n)), z((n, n)), z((n, n)),
             z((1, n)), z(n), z(n), z(m), z(n), z(n), z(n), z(nq), z(n), z(nq), z(n), z((m, m)), z(m), pivots_B,
             z((m, n)), z((m, m)), order, z(m), z(m), rows, columns, records(1, CRITICAL), z(nq), z(nq), z(m), z((N, N)),
-            z((N, N)), z((N, N)), z(N), z((N, N)), K_pivots, z(N), z(N), z(N), records(1, COURSE), z((m, n)), z(m),
-            frame_pivots, z(nq),
+            z((N, N)), z(N), K_pivots, z(N), z(N), z(N), records(1, COURSE), z((m, n)), z(m), frame_pivots, z(nq),
         )  # fmt: skip
 
     def memory(self) -> list[NDArray[Any]]:
@@ -121,6 +119,15 @@ def factor(terms: Any, work: Any) -> None:
     lq(work.A, m, n, work.tau, work.pivots, work.pivot)
     for i in range(m):
         work.pivot[i] = abs(work.A[i, i]) if i < n else 0.0
+
+
+@inlined
+def factor_transposed(m: int, rank: int, work: Any) -> None:
+    """Factor L^T (rank, m), its columns in the order of the constraints, from the factors of J~."""
+    for k in range(rank):
+        for i in range(m):
+            work.B[k, work.pivots[i]] = work.A[i, k] if i >= k else 0.0
+    lq(work.B, rank, m, work.tau_B, work.pivots_B, work.x)
 
 
 @kernel
