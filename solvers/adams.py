@@ -5,8 +5,9 @@ correct (C), *close* the corrected state onto the constraints, evaluate there (E
 history: its differences belong to y' at closed states, so no restart is needed after it.
 
 In the projection regime closing is a correction of the size of the tolerance along the constraint normals. In
-the LU regime the dependents are solved from the independents at every evaluation (:mod:`solvers.lu`); in 'adams-lu'
-they carry no error control, as in the paper. The hybrid changes regime by the rules of :mod:`solvers.hybrid`.
+the LU regime the dependents are solved from the independents (:mod:`solvers.lu`); in 'adams-lu' at every
+evaluation, and they carry no error control, as in the paper. The hybrid changes regime by the rules of
+:mod:`solvers.hybrid`.
 
 No step is accepted that may have jumped to another branch, and steps are kept short beside near misses; see
 :mod:`solvers.singular`.
@@ -24,7 +25,14 @@ import numpy as np
 from .hybrid import HYBRID, LU, PROJECTION, give_up_lu, jumped, leave_lu, passed_lu, return_to_lu, take_choice
 from .kernel import inlined, kernel
 from .ledger import due, look, report
-from .lu import choose, close_dependent, dependent_acceleration, recall_dependents
+from .lu import (
+    choose,
+    close_dependent,
+    dependent_acceleration,
+    dependent_multipliers,
+    factor_dependent,
+    recall_dependents,
+)  # fmt: skip
 from .multistep import (
     accept,
     begin,
@@ -78,7 +86,12 @@ def differentiate(eqs: Any, t: float, closing: bool, c: Any, o: Any, H: Any, wor
     if c.regime == LU:
         if o.partition == LU:
             recall_dependents(rank, H.columns, H.y, q, v)
-        code = close_dependent(eqs, t, q, v, rank, H.rows, H.columns, work)
+        if closing or o.partition == LU:
+            hybrid = o.partition == HYBRID
+            code = close_dependent(eqs, t, q, v, rank, H.rows, H.columns, hybrid, work)
+        else:
+            eqs.dynamics(t, q, v, eqs.data, eqs.terms)
+            code = OK if factor_dependent(eqs.terms, rank, H.rows, H.columns, work) else NOT_CLOSED
         if code == OK:
             code = dependent_acceleration(eqs.terms, rank, H.rows, H.columns, work, work.slope)
     else:
@@ -98,13 +111,14 @@ def differentiate(eqs: Any, t: float, closing: bool, c: Any, o: Any, H: Any, wor
 
 
 @kernel
-def power(eqs: Any, t: float, c: Any, o: Any, work: Any) -> float:
+def power(eqs: Any, t: float, c: Any, o: Any, H: Any, work: Any) -> float:
     """W' at the state evaluated last, with v' in ``work.slope``."""
     if o.works == 0:
         return 0.0
     if c.regime == LU:
-        factor(eqs.terms, work)
-    multipliers(eqs.terms, trusted(eqs, t, work.q, c.rank, work), work, work.slope, work.lam)
+        dependent_multipliers(eqs.terms, c.rank, H.rows, H.columns, work, work.slope, work.lam)
+    else:
+        multipliers(eqs.terms, trusted(eqs, t, work.q, c.rank, work), work, work.slope, work.lam)
     return eqs.power(t, work.q, work.v, work.slope, work.lam, eqs.data)
 
 
@@ -136,7 +150,7 @@ def start(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
     code = differentiate(eqs, c.t, False, c, o, H, work)
     if code == OK:
         book(eqs, c, o, scales)
-        H.yp[H.y.shape[0] - 1] = power(eqs, c.t, c, o, work)
+        H.yp[H.y.shape[0] - 1] = power(eqs, c.t, c, o, H, work)
         weigh(c, o, H, q.shape[0], v.shape[0])
         begin(c, H, o.max_step, work.rate[0])
         c.starts += 1
@@ -166,7 +180,7 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
                 join(q, v, H.trial)
                 if code == OK:
                     book(eqs, c, o, scales)
-                    W = power(eqs, after, c, o, work)
+                    W = power(eqs, after, c, o, H, work)
                     if stayed(eqs, after, c, o, H, work):
                         correct_work(c, H, W)
                         c.stray += c.exposure

@@ -242,9 +242,10 @@ def factor_lu(A: Any, n: int, order: Any) -> bool:
             for j in range(n):
                 A[k, j], A[best, j] = A[best, j], A[k, j]
         for i in range(k + 1, n):
-            A[i, k] /= A[k, k]
+            factor = A[i, k] / A[k, k]
+            A[i, k] = factor
             for j in range(k + 1, n):
-                A[i, j] -= A[i, k] * A[k, j]
+                A[i, j] -= factor * A[k, j]
     return True
 
 
@@ -271,6 +272,21 @@ def solve_lu(LU: Any, n: int, order: Any, b: Any, x: Any) -> None:
         for j in range(i + 1, n):
             x[i] -= LU[i, j] * x[j]
         x[i] /= LU[i, i]
+
+
+@kernel
+def solve_lu_transposed(LU: Any, n: int, order: Any, b: Any, x: Any) -> None:
+    """Solve A^T x = b with the factors of :func:`factor_lu`; ``b`` (n,) is used up, and not ``x`` (n,)."""
+    for i in range(n):
+        b[i] /= LU[i, i]
+        for j in range(i + 1, n):
+            b[j] -= LU[i, j] * b[i]
+    for back in range(n):
+        i = n - 1 - back
+        for j in range(i):
+            b[j] -= LU[i, j] * b[i]
+    for i in range(n):
+        x[order[i]] = b[i]
 
 
 @inlined

@@ -5,10 +5,10 @@ Full pivoting of J (m, n) picks ``rank`` dependent coordinates d; only the other
     Newton on Phi for q_d with q_i held,   v_d = J_d^-1 (nu - J_i v_i)
     P = [-J_d^-1 J_i; I],   v' = [J_d^-1 gamma; 0] + P z',   P^T (M v' + h) = 0
 
-The paper starts Newton from the dependents of the last accepted step and keeps the factors of J_d, which are renewed
-in each pass here. The choice is made anew at a corrector when the step has shrunk or has stayed equal for five steps; a
-changed choice restarts the paper's integrator, whose history is that of the independents: 'adams-lu'. The hybrid
-has the history of all coordinates, starts Newton from their prediction, and needs no restart.
+The paper starts Newton from the dependents of the last accepted step. The choice is made anew at a corrector when the
+step has shrunk or has stayed equal for five steps; a changed choice restarts the paper's integrator, whose history is
+that of the independents: 'adams-lu'. The hybrid has the history of all coordinates and needs no restart. It evaluates
+first where the prediction lies, and closes the corrected position with the factors of that, as projection does.
 
 **What makes it fail.** Near a singular position the root wanted and a root on the crossing branch are about
 2 |sigma_m / sigma_1| apart. The start value is off by h |v|: once the step is longer than that distance
@@ -25,9 +25,9 @@ from typing import Any
 
 import numpy as np
 
-from .dense import factor_lu, full_pivot, solve_lu
+from .dense import factor_lu, full_pivot, solve_lu, solve_lu_transposed
 from .kernel import inlined, kernel
-from .partition import CLOSED, NO_MASS, NOT_CLOSED, NOT_FINITE, OK, PASSES, still_open, tangent_motion
+from .partition import CHORD, NO_MASS, NOT_CLOSED, NOT_FINITE, OK, PASSES, TOUCHING, still_open, tangent_motion
 
 PIVOT = 1e-12  # pivots this small relative to the first are zero
 
@@ -82,9 +82,14 @@ def recall_dependents(rank: int, columns: Any, last: Any, q: Any, v: Any) -> Non
 
 
 @kernel
-def close_dependent(eqs: Any, t: float, q: Any, v: Any, rank: int, rows: Any, columns: Any, work: Any) -> int:
-    """Solve the dependents of (q, v) from the independents, in place; leave ``terms`` and J_d at the result."""
-    if not newton(eqs, t, q, rank, rows, columns, work) or still_open(eqs.terms, work):
+def close_dependent(
+    eqs: Any, t: float, q: Any, v: Any, rank: int, rows: Any, columns: Any, factored: bool, work: Any
+) -> int:
+    """Solve the dependents of (q, v) from the independents, in place; leave ``terms`` and J_d at the result.
+
+    ``factored``: the factors at hand are those of a J_d nearby.
+    """
+    if not newton(eqs, t, q, rank, rows, columns, factored, work) or still_open(eqs.terms, work):
         return NOT_CLOSED
     if not factor_dependent(eqs.terms, rank, rows, columns, work):
         return NOT_CLOSED
@@ -100,13 +105,17 @@ def close_dependent(eqs: Any, t: float, q: Any, v: Any, rank: int, rows: Any, co
 
 
 @kernel
-def newton(eqs: Any, t: float, q: Any, rank: int, rows: Any, columns: Any, work: Any) -> bool:
-    """Newton on Phi(t, q) = 0 for the dependent positions; False if it does not converge. ``terms`` follow."""
+def newton(eqs: Any, t: float, q: Any, rank: int, rows: Any, columns: Any, factored: bool, work: Any) -> bool:
+    """Newton on Phi(t, q) = 0 for the dependent positions; False if it does not converge. ``terms`` follow.
+
+    Factors of a J_d nearby serve as long as each correction is a small part of the one before.
+    """
     for i in range(work.dq.shape[0]):
         work.dq[i] = 0.0
     eqs.position(t, q, eqs.data, eqs.terms)
+    before = 1.0
     for _ in range(PASSES):
-        if not factor_dependent(eqs.terms, rank, rows, columns, work):
+        if not factored and not factor_dependent(eqs.terms, rank, rows, columns, work):
             return False
         for i in range(rank):
             work.b[i] = -eqs.terms.Phi[rows[i]]
@@ -115,12 +124,16 @@ def newton(eqs: Any, t: float, q: Any, rank: int, rows: Any, columns: Any, work:
         for j in range(rank):
             work.dq[columns[j]] = work.x[j]
             largest = max(largest, abs(work.x[j]) / work.size[columns[j]])
+        if factored and not largest <= CHORD * before:
+            factored = False
+            continue
         if not np.isfinite(largest):
             return False
         eqs.retract(q, work.dq, eqs.data)
         eqs.position(t, q, eqs.data, eqs.terms)
-        if largest <= CLOSED:
+        if largest * (largest / before) <= TOUCHING:
             return True
+        before = largest if factored else 1.0
     return False
 
 
@@ -179,3 +192,19 @@ def smallest_pivot(rank: int, work: Any) -> float:
     for i in range(rank):
         low, high = min(low, abs(work.D[i, i])), max(high, abs(work.D[i, i]))
     return low / high if rank > 0 else 1.0
+
+
+@kernel
+def dependent_multipliers(terms: Any, rank: int, rows: Any, columns: Any, work: Any, a: Any, lam: Any) -> None:
+    """lambda of the chosen rows, zero in others, with J_d^T lambda = -(M a + h)_d, from ``terms`` and J_d's factors."""
+    for j in range(rank):
+        k = columns[j]
+        work.b[j] = -terms.h[k]
+        for i in range(a.shape[0]):
+            work.b[j] -= terms.M[k, i] * a[i]
+        work.b[j] *= work.size[k]
+    solve_lu_transposed(work.D, rank, work.order, work.b, work.x)
+    for i in range(lam.shape[0]):
+        lam[i] = 0.0
+    for i in range(rank):
+        lam[rows[i]] = work.x[i] / work.row[rows[i]]

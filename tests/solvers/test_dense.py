@@ -63,6 +63,8 @@ def test_solves(n):
     assert dense.factor_lu(LU, n, order)
     dense.solve_lu(LU, n, order, b, x)
     np.testing.assert_allclose(A @ x, b, atol=1e-12)
+    dense.solve_lu_transposed(LU, n, order, b.copy(), x)
+    np.testing.assert_allclose(A.T @ x, b, atol=1e-12)
     y = b.copy()
     assert dense.solve_positive(A @ A.T, n, y)
     np.testing.assert_allclose(A @ A.T @ y, b, atol=1e-10)

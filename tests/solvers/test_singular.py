@@ -10,19 +10,9 @@ import pytest
 from solvers import dense, singular
 from solvers.workspace import Workspace, factor
 
-SHAPES = [
+SHAPES = [(2, 3, 2), (2, 9, 2), (4, 12, 3), (3, 3, 3), (4, 7, 4), (5, 6, 3), (8, 9, 8), (6, 12, 5)]  # m, n, rank
 # smallest singular values; what is redundant and what vanishes cannot be told apart
 NEARLY = [(*shape, x) for shape in SHAPES for x in (1e-2, 1e-6, 1e-13, 0.0) if shape[0] == shape[2] or x >= 1e-6]
-
-    (2, 3, 2),
-    (2, 9, 2),
-    (4, 12, 3),
-    (3, 3, 3),
-    (4, 7, 4),
-    (5, 6, 3),
-    (8, 9, 8),
-    (6, 12, 5),
-]  # rows, coordinates, rank
 
 
 class Terms(NamedTuple):
