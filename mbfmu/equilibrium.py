@@ -30,10 +30,8 @@ from solvers.equilibrium_dense import EPSILON, DenseEquilibriumSolver
 from solvers.equilibrium_tree import TreeEquilibriumSolver
 from solvers.system import Array, TreeSystem
 
-STEADY = (
-    1e-8  # unbalance elsewhere on the drive's way, relative to the largest stiffness times 1 rad or m; gaps in their
-)
-# units
+STEADY = 1e-8  # unbalance and gaps elsewhere on the drive's way, in units of the force of stiffness and of the rows
+NUDGE = 1e-6  # in units of the coordinates, for that force
 WRENCH = 1e-6  # change of a cut joint's force there, relative to the largest
 TURNS = (0.7, 1.9, 3.4)  # rad or m of the drive (s where nothing is driven) at which the balance must hold too
 SMALLEST_STEP = 1e-3  # of the continuation, relative to the full speed
@@ -276,23 +274,26 @@ class Balance:
 
         Forces of cut joints may turn with either body: those of a bearing on the ground turn with the shaft in it.
         """
-        plant, lam, small = self.plant, solution.lam, STEADY * max(1.0, solution.stiffness)
+        plant, lam = self.plant, solution.lam
+        size, small = plant.system.size, STEADY * self._stiffness(solution)
         forces, gaps = self._solver.unbalance(t, solution.q, lam)
         forces -= solution.forces  # what rounding leaves there is no change with the drive
         changed = ""
-        if len(self._solver.rows) and np.abs(forces).max() > small:
+        if len(self._solver.rows) and np.abs(forces * size).max() > small:
             rows, terms = self._solver.rows, plant.system.allocate_terms()
             plant.system.fill_position(t, solution.q, terms)
             lam = lam.copy()
             lam[rows] -= np.linalg.lstsq(terms.J[rows].T, forces, rcond=None)[0]
             forces = self._solver.unbalance(t, solution.q, lam)[0] - solution.forces
-            before = plant.cut_wrenches(0.0, solution.q, self._v, solution.lam)
-            change = np.abs(plant.cut_wrenches(t, solution.q, self._v, lam) - before).max(axis=2).min(axis=1)
+            arms = np.repeat((plant.length, 1.0), 3)  # what makes forces and moments comparable
+            before = plant.cut_wrenches(0.0, solution.q, self._v, solution.lam) * arms
+            after = plant.cut_wrenches(t, solution.q, self._v, lam) * arms
+            change = np.abs(after - before).max(axis=2).min(axis=1)
             if change.max() > small + WRENCH * np.abs(before).max():
                 worst = int(np.argmax(change))
-                changed = f"change by {change[worst]:.3g} N or N m in cut joint {plant.mechanism.cuts[worst].name!r}"
-        if np.abs(forces).max() > small:
-            worst = int(np.argmax(np.abs(forces)))
+                changed = f"change by {change[worst]:.3g} N m in cut joint {plant.mechanism.cuts[worst].name!r}"
+        if np.abs(forces * size).max() > small:
+            worst = int(np.argmax(np.abs(forces * size)))
             changed = f"leave {abs(forces[worst]):.3g} N or N m at {plant.system.coordinate_names[worst]!r}"
         open_by = (np.abs(gaps - solution.gaps) / plant.system.row_size).max(initial=0.0)
         if changed or open_by > STEADY:
@@ -301,6 +302,14 @@ class Balance:
                 f"{self.model.name!r} has no steady state: forces that balance at one position of the drive {changed} "
                 f"after it has moved by {turn:g}; a force such as gravity does not turn with it"
             )
+
+    def _stiffness(self, solution: Solution) -> float:
+        """Return what forces change by where all coordinates change by their units, at most, times the unit: J."""
+        size = self.plant.system.size
+        beside = solution.q.copy()
+        self.plant.system.apply(beside, NUDGE * size * np.random.default_rng(3).uniform(-1.0, 1.0, len(size)))
+        change = self._solver.unbalance(0.0, beside, solution.lam)[0] - solution.forces
+        return float(np.abs(change * size).max()) / NUDGE
 
     def others(self, found: Equilibrium, count: int | None = None) -> list[Equilibrium]:
         """Return further steady states, each once: from scattered starts (24, 4 on a large tree), and where the one

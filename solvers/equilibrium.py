@@ -30,16 +30,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .system import Array
+from .system import AnySystem, Array
 
 CONVERGED = 1e-10  # the last correction; what it leaves is of the order of its square
 ITERATIONS = 60
 LEAST_DAMPING = 1e-4
 
-FIRST, LONGEST = 0.01, 1e3  # s, duration of the first and of any step downhill
-RESTING, NEAR = 1.0, 1e-3  # a step this long (s) that moves no coordinate further (rad or m) leaves the rest to Newton
-SHORTEST = 1e-6  # s
-RUNAWAY = 100.0  # m or rad of a step: nothing holds it
+# In the time that gravity or the drives move the mechanism in, if they do, and units of the coordinates:
+FIRST, SHORTEST, LONGEST = 0.03, 3e-6, 3e3  # duration of the first and of any step downhill
+RESTING, NEAR = 3.0, 1e-3  # a step this long that moves no coordinate further leaves the rest to Newton
+RUNAWAY = 100.0  # way of a step: nothing holds it
 EASY = 6  # factorings of a step after which the next one may be much longer
 FASTER, LONGER, SHORTER = 4.0, 1.5, 0.3  # changes of the duration: after an easy, a difficult and a failed step
 DESCENT = 2000  # factorings on the way downhill, at most
@@ -72,9 +72,6 @@ class Solution:
         Positions (nq,) and multipliers (m,), redundant ones zero.
     iterations
         Jacobians factored.
-    stiffness
-        Largest entry of d(force)/dq where the last Newton began, N/m or N m/rad: the scale of forces; 1 of a large
-        tree.
     forces, gaps
         h + J^T lambda (n,) and Phi (m,) there.
     """
@@ -83,7 +80,6 @@ class Solution:
     q: Array
     lam: Array
     iterations: int
-    stiffness: float
     forces: Array
     gaps: Array
 
@@ -95,12 +91,12 @@ class EquilibriumSolver(ABC):
     ----------
     rows
         The constraints that are solved for, independent of each other.
-    stiffness
-        See :class:`Solution`.
     """
 
     rows: NDArray[np.int64]
-    stiffness = 1.0
+
+    def __init__(self, system: AnySystem) -> None:
+        self._size, self._rate = system.size, system.rate or 1.0
 
     def solve(self, t: float, q: Array, lam: Array | None = None, *, downhill: bool = False) -> Solution:
         """Run Newton from positions q (nq,) and multipliers lam (m,); without lam from those of least unbalance.
@@ -118,7 +114,6 @@ class EquilibriumSolver(ABC):
             q=at.q,
             lam=full,
             iterations=factored + count,
-            stiffness=self.stiffness,
             forces=forces,
             gaps=gaps,
         )
@@ -127,14 +122,14 @@ class EquilibriumSolver(ABC):
         """Return a state downhill near rest, and how many Jacobians were factored."""
         duration, growth, factored, pull = FIRST, FASTER, 0, self._pull(t, at.q)
         while factored < DESCENT and SHORTEST < duration < LONGEST:
-            outcome, found, moved, count = self._newton(t, at, 1.0 / duration**2)
+            outcome, found, moved, count = self._newton(t, at, (self._rate / duration) ** 2)
             factored += count
             there = self._pull(t, found.q)
             uphill = float((pull + there) @ moved) > 0.0
             if outcome not in (Outcome.FOUND, Outcome.UNDETERMINED) or uphill:
                 duration, growth = SHORTER * duration, LONGER
                 continue
-            farthest = float(np.abs(moved).max())
+            farthest = float(np.abs(moved / self._size).max())
             at, pull = found, there
             if farthest > RUNAWAY or (duration >= RESTING and farthest < NEAR):
                 break

@@ -182,13 +182,12 @@ def constraint_forces(rows: Any, terms: Any, s: Any, lam: Any) -> float:
 
 @kernel
 def newton(eqs: Any, t: float, q: Any, lam: Any, rows: Any, c2: float, s: Any, report: Any) -> int:
-    """Solve f = 0 from (q, lam), in place, or a step downhill; report: Jacobians factored, largest stiffness."""
+    """Solve f = 0 from (q, lam), in place, or a step downhill; report: Jacobians factored."""
     n = s.v.shape[0]
     for i in range(n):
         s.moved[i] = 0.0
     linearise(eqs, t, q, lam, s.moved, rows, c2, 1.0, s)
     scale = stiffness(s)
-    report[1] = scale
     for i in range(n):
         s.f[i] /= scale
         for k in range(n):
@@ -234,6 +233,7 @@ class DenseEquilibriumSolver(EquilibriumSolver):
     """
 
     def __init__(self, system: System, t: float, q: Array, v: Array) -> None:
+        super().__init__(system)
         self.system = system
         self._terms = system.allocate_terms(complex)
         self._eqs = bundle(system, self._terms)
@@ -247,7 +247,8 @@ class DenseEquilibriumSolver(EquilibriumSolver):
         n, m = self.system.n, self.system.m
         self.system.fill(t, q.astype(complex), np.zeros(n, complex), self._terms)
         rows, columns = np.zeros(m, np.int64), np.zeros(n, np.int64)
-        rank = full_pivot(self._terms.J.real.copy(), m, n, INDEPENDENT, rows, columns)
+        scaled = self._terms.J.real * self.system.size / self.system.row_size[:, np.newaxis]
+        rank = full_pivot(scaled, m, n, INDEPENDENT, rows, columns)
         return np.sort(rows[:rank])
 
     def rehearse(self, q: Array) -> None:
@@ -273,10 +274,8 @@ class DenseEquilibriumSolver(EquilibriumSolver):
         return lam
 
     def _newton(self, t: float, at: State, c2: float) -> tuple[Outcome, State, Array, int]:
-        found, report = State(at.q.copy(), at.lam.copy()), np.zeros(2)
+        found, report = State(at.q.copy(), at.lam.copy()), np.zeros(1)
         outcome = Outcome(newton(self._eqs, t, *found, self.rows, c2, self._scratch, report))
-        if c2 == 0.0:
-            self.stiffness = float(report[1])
         return outcome, found, self._moved.copy(), int(report[0])
 
     def _all(self, lam: Array) -> Array:

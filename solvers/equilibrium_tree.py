@@ -21,6 +21,7 @@ class TreeEquilibriumSolver(EquilibriumSolver):
     """
 
     def __init__(self, system: TreeSystem, v: Array) -> None:
+        super().__init__(system)
         self.system, self._v, self._still = system, v, np.zeros(system.n)
         self._saddle = Saddle(system)
         self.rows = np.arange(system.m)

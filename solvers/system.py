@@ -194,6 +194,7 @@ class TreeSystem:
     size: Array  # (n,) unit of each coordinate: what its absolute tolerance is measured by
     row_size: Array  # (m,) unit of each constraint residual: 1 rad, or a length of the mechanism in m
     plain: tuple[NDArray[np.int64], NDArray[np.int64]]  # where positions are no quaternions: places in q and in v
+    rate: float = 0.0  # 1/s, of motions of that size, as far as it is known beforehand: by gravity, by drives
     quaternions: tuple[tuple[int, int], ...] = ()  # first place of each in q, of its angular velocity in v
     power: Callable[..., float] | None = None  # as of a System
     exposure: Callable[..., None] | None = None

@@ -123,6 +123,7 @@ class Plant:
             size=self._size,
             row_size=self._row_sizes(constraint_names),
             plain=(in_q, in_v),
+            rate=self._rate(),
             quaternions=tuple(quaternions),
             dense=lambda: self._system(constraint_names, data),
             power=power,

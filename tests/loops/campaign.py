@@ -33,7 +33,7 @@ from mbfmu.errors import UserError  # noqa: E402
 
 POINTS = 41  # at which runs are compared
 PATIENCE = 120  # s, for one run
-SOURCES = sorted(p for p in HERE.glob("*.py") if p.name not in ("campaign.py", "test_reference.py"))
+SOURCES = sorted(p for p in HERE.glob("*.py") if not p.name.startswith(("campaign", "stored", "test_")))
 
 
 class Task(NamedTuple):
