@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from sksundae.ida import IDAJacTimes, IDAPrecond
 
-from .ggl import LAMBDA, MU, Unknowns, beside, multiply, residual, set_up, solve, weak_residual
+from .ggl import LAMBDA, MU, Unknowns, assemble, beside, multiply, residual, set_up, solve, weak_residual
 from .held import hold
 from .ida_driver import BAD, BEGUN, MATRICES, REFUSED, RESIDUALS, STANDSTILL, STEPS, STEPS_A_CALL, IDADriver, reported
 from .kernel import kernel, records
@@ -120,6 +120,14 @@ class IDAStepper(IDADriver, DenseStepper):
             product[motion:] = vector[motion:]
             multiply(vector[:motion], product[:motion], u)
 
+        def dense(t: float, y: Array, yp: Array, res: Array, cj: float, matrix: Array) -> None:
+            set_up(eqs, t, y[:motion], yp[:motion], u, work)
+            self._look(t, y[: s.nq], y[s.nq : controlled])
+            assemble(eqs, u, work, cj)
+            matrix[:motion, :motion] = self._unknowns.matrix
+            matrix[motion:, motion:] = cj
+
+        fresh = {"linsolver": "gmres", "precond": IDAPrecond(setup, precondition), "jactimes": IDAJacTimes(None, times)}
         rtol = TIGHTER * self._rtol**POWER
         self._unknowns.noise[0] = NOISE / rtol
         tightened = rtol if o.atol is None else o.atol * rtol / self._rtol
@@ -129,9 +137,7 @@ class IDAStepper(IDADriver, DenseStepper):
         atol[:controlled] = tightened * np.concatenate((self._units.size_q, self._units.pace * s.size))
         return IDA(
             resfn,
-            linsolver="gmres",
-            precond=IDAPrecond(setup, precondition),
-            jactimes=IDAJacTimes(None, times),
+            **(fresh if s.m else {"jacfn": dense}),  # factors of another iterate serve where nothing is near singular
             rtol=rtol,
             atol=atol,
             algebraic_idx=np.arange(controlled, motion) if s.m else None,
