@@ -20,8 +20,8 @@ from mbfmu.equilibrium import equilibrium
 from mbfmu.mechanics import Plant
 from mbfmu.simulation import Settings, Simulation
 from mbfmu.table import table
+from solvers import Code
 from solvers.saddle import Motion
-from solvers.stepper import Code
 
 GRIDS = ((7, 5), (15, 11), (33, 23), (51, 35), (101, 71))
 RELEASES = (((7, 5), 1e-5), ((15, 11), 1e-5), ((51, 35), 1e-4))

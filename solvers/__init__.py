@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 from .adams_tree import TreeAdamsStepper
 from .explicit import AdamsLUStepper, AdamsStepper, HybridStepper
-from .stepper import Code, Options, SolverError, Statistics, Status, Stepper, Switching
+from .outcome import Code, SolverError, Status
+from .stepper import Options, Statistics, Stepper, Switching
 from .system import AnySystem, Array, System, Terms
 
 LARGEST_DENSE = 1000  # coordinates of a mechanism with loops whose matrices the partitions factor

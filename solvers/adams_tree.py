@@ -36,9 +36,10 @@ from .multistep import (
     predict,
     split,
 )
+from .outcome import Code
 from .partition import NO_MASS, NOT_FINITE, OK
 from .saddle import Motion
-from .stepper import Code, Options, Statistics, Stepper
+from .stepper import Options, Statistics, Stepper
 from .system import Array, TreeSystem, audit_callbacks
 
 SETTINGS = np.dtype(

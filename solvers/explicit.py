@@ -13,7 +13,8 @@ from .hybrid import HYBRID, LU, PROJECTION
 from .kernel import records
 from .ledger import WORK, Scales
 from .multistep import HIGHEST, History, counts
-from .stepper import Code, DenseStepper, Options, Samples, Statistics
+from .outcome import Code
+from .stepper import DenseStepper, Options, Samples, Statistics
 from .system import Array, System
 
 

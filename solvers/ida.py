@@ -23,10 +23,11 @@ from .held import hold
 from .ida_driver import BAD, BEGUN, MATRICES, REFUSED, RESIDUALS, STANDSTILL, STEPS, STEPS_A_CALL, IDADriver, reported
 from .kernel import kernel, records
 from .ledger import BOOK, WORK, Scales, catch_up
+from .outcome import Code
 from .partition import close_report
 from .quiet import IDA
 from .singular import MISS, note, passed, step_bound
-from .stepper import Code, DenseStepper, Options, Statistics
+from .stepper import DenseStepper, Options, Statistics
 from .system import Array, System
 from .workspace import factor
 

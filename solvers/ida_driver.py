@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from .kernel import kernel
 from .ledger import report
+from .outcome import Code
 from .quiet import IDA
-from .stepper import Code, Stepper
+from .stepper import Stepper
 from .system import Array
 
 STEPS_A_CALL = 5000  # then progress is looked at

@@ -42,9 +42,10 @@ from .held import hold
 from .ida_driver import BAD, BEGUN, COUNTS, MATRICES, RESIDUALS, STEPS_A_CALL, IDADriver, count, reported
 from .kernel import kernel, records
 from .ledger import BOOK, WORK, Scales, catch_up
+from .outcome import Code
 from .quiet import IDA
 from .saddle import Motion, close, inverse_squares
-from .stepper import Code, Options, Statistics
+from .stepper import Options, Statistics
 from .system import Array, TreeSystem, audit_callbacks
 
 UNCONTROLLED = 1e8  # absolute tolerance of the multipliers

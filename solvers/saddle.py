@@ -19,7 +19,7 @@ import numpy as np
 
 from .blocks import one_thread
 from .kernel import kernel
-from .stepper import Code
+from .outcome import Code
 from .system import Array, TreeSystem
 
 SPRING = 1e4  # (rad/s)^2, stiffness to effective mass of the springs alpha

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from enum import IntEnum
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -15,6 +14,7 @@ from .bundle import bundle
 from .held import hold
 from .kernel import COMPILED
 from .ledger import ROW
+from .outcome import Code, SolverError, Status
 from .partition import close, evaluate
 from .rank import normal_rank
 from .system import AnySystem, Array, System, Terms
@@ -23,86 +23,6 @@ from .workspace import Workspace
 # The pace of a coordinate: of its rate at the start, which is above that of a small oscillation by the root of its
 # amplitude; and the least, of the rate of the motion, for what rests at the start may move later.
 SLOWER, SLOWEST = 0.1, 0.01
-
-
-class Code(IntEnum):
-    """How an :meth:`Stepper.advance` ended; the numbers are those the kernels return."""
-
-    OK = 0
-    NOT_CLOSED = 1
-    NO_MASS = 2
-    UNDECIDABLE = 3
-    NOT_FINITE = 4
-    MAX_STEPS = 5
-    COLLAPSED = 6
-    BRANCHES = 7
-
-
-MESSAGES: dict[Code, tuple[str, str]] = {
-    Code.OK: ("reached the time asked for", ""),
-    Code.NOT_CLOSED: (
-        "the constraints could not be closed",
-        "Start nearer to a closed position; at a singular position try {others}.",
-    ),
-    Code.NO_MASS: (
-        "some motion the constraints allow moves no mass",
-        "Give a mass or inertia to the bodies that move freely, or lock the coordinate.",
-    ),
-    Code.UNDECIDABLE: (
-        "at rest in a singular position, where branches of the motion cross and none can be preferred",
-        "Start slightly off the singular position, or with a velocity along the branch that is meant.",
-    ),
-    Code.NOT_FINITE: (
-        "the equations of motion gave a value that is not finite",
-        "Look at forces and signals for a division by zero or an overflow near the time reached.",
-    ),
-    Code.MAX_STEPS: (
-        "the largest number of steps for one call was taken",
-        "Call advance again to go on, raise max_steps, or loosen rtol.",
-    ),
-    Code.COLLAPSED: (
-        "the step has become too small to move time",
-        "The motion has a jump or a kink here, or comes to a singular position: smooth the force, or try {others}.",
-    ),
-    Code.BRANCHES: (
-        "two branches of the motion come so near each other that no step tells them apart",
-        "The loop misses a singular position by next to nothing: give its lengths the values they have exactly there, "
-        "or others that are farther from it.",
-    ),
-}
-
-
-@dataclass(frozen=True)
-class Status:
-    """Result of :meth:`Stepper.advance`."""
-
-    code: Code
-    t: float  # s, where the stepper stands now
-    solver: str  # its name: no advice is to name it again
-
-    @property
-    def ok(self) -> bool:
-        """Whether the time asked for was reached."""
-        return self.code is Code.OK
-
-    @property
-    def message(self) -> str:
-        """What happened, and when."""
-        return f"{MESSAGES[self.code][0]} (t = {self.t:.9g} s)"
-
-    @property
-    def remedy(self) -> str:
-        """What to try next; empty where nothing is wrong."""
-        *some, last = [repr(name) for name in ("ida", "adams", "hybrid") if name != self.solver]
-        return MESSAGES[self.code][1].format(others=f"{', '.join(some)} or {last}")
-
-
-class SolverError(ArithmeticError):
-    """A quantity was asked for that the solver cannot determine; the message names the remedy."""
-
-    def __init__(self, status: Status) -> None:
-        super().__init__(f"{status.message}. {status.remedy}")
-        self.status = status
 
 
 @dataclass(frozen=True, kw_only=True)

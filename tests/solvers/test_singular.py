@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from solvers import dense, singular
+from solvers import critical, dense, singular
 from solvers.workspace import Workspace, factor
 
 SHAPES = [(2, 3, 2), (2, 9, 2), (4, 12, 3), (3, 3, 3), (4, 7, 4), (5, 6, 3), (8, 9, 8), (6, 12, 5)]  # m, n, rank
@@ -64,7 +64,7 @@ def test_weakest_forces_are_the_left_singular_vector(m: int, n: int, rank: int, 
     sigma[rank - 1], sigma[rank:] = smallest * sigma[0], 0.0
     terms, work = Terms(U * sigma @ Vt), Workspace.allocate(n, n, m)
     factor(terms, work)
-    singular.weakest(terms, rank, work)
+    critical.weakest(terms, rank, work)
     assert abs(work.u @ U[:, rank - 1]) == pytest.approx(1.0, abs=1e-9)
 
 
@@ -73,6 +73,6 @@ def test_damping_leaves_what_is_nearly_singular_where_it_is() -> None:
     work = Workspace.allocate(3, 3, 2)
     K = rng.standard_normal((7, 7)) @ np.diag((1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1e-6))
     work.K[:], work.g[:] = K, 1.0
-    assert singular.damped_step(1e-4, work)
+    assert critical.damped_step(1e-4, work)
     np.testing.assert_allclose(work.change, np.linalg.solve(K.T @ K + 1e-4 * np.eye(7), K.T @ np.ones(7)), atol=1e-9)
     assert np.abs(work.change).max() < 1e-3 * np.abs(np.linalg.solve(K, np.ones(7))).max()
