@@ -49,6 +49,12 @@ def cache_folder() -> Path:
     return base / "mbfmu" / fingerprint.hexdigest()[:16]
 
 
+def cold() -> bool:
+    """Whether nothing of these sources has been compiled on this machine."""
+    folder = cache_folder()
+    return COMPILED and not (folder.is_dir() and any(folder.iterdir()))
+
+
 @contextmanager
 def _cached_here() -> Iterator[None]:
     """Let numba choose our folder while it sets up one function's cache, and leave other packages theirs."""

@@ -9,6 +9,8 @@ from typing import Any
 
 import pytest
 
+from solvers import kernel
+
 Command = Callable[..., Any]
 
 
@@ -75,3 +77,17 @@ def test_mistakes_get_a_message_and_exit_code_2(command: Command, arguments: tup
     assert code == 2
     assert message in err
     assert "Traceback" not in err
+
+
+def test_the_first_run_says_why_it_takes_long(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a terminal, where nothing has been compiled, and only for commands that need it."""
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    monkeypatch.setattr(kernel, "COMPILED", True)
+    wrong = ("run", "fourbar", "--set=crank_mass=-1", "-o", str(tmp_path))
+    monkeypatch.setattr(kernel, "cache_folder", lambda: tmp_path / "cold")
+    assert "compiling, once on this machine" in command(*wrong)[2]
+    assert "compiling" not in command("models")[2]
+    (tmp_path / "cold" / "joints").mkdir(parents=True)
+    assert "compiling" not in command(*wrong)[2]
