@@ -31,6 +31,7 @@ from solvers.equilibrium_tree import TreeEquilibriumSolver
 from solvers.system import Array, TreeSystem
 
 STEADY = 1e-8  # unbalance and gaps elsewhere on the drive's way, in units of the force of stiffness and of the rows
+CLOSED = 1e-8  # largest gap of a steady state, in units of the rows
 NUDGE = 1e-6  # in units of the coordinates, for that force
 WRENCH = 1e-6  # change of a cut joint's force there, relative to the largest
 TURNS = (0.7, 1.9, 3.4)  # rad or m of the drive (s where nothing is driven) at which the balance must hold too
@@ -255,6 +256,12 @@ class Balance:
         if system.m:
             terms = system.allocate_terms()
             system.fill(0.0, solution.q, self._v, terms)
+            gaps = np.abs(solution.gaps) / system.row_size
+            if gaps.max() > CLOSED:
+                raise EquilibriumError(
+                    f"what was found for {self.model.name!r} leaves a loop open by {gaps.max():.2g} of its size: "
+                    "lengths are too small for metres; describe it in larger units"
+                )
             opening = np.abs(terms.J @ self._v - terms.nu)
             rates = max(fastest, float(np.abs(self._v / system.size).max()))
             if (opening / system.row_size).max() > STEADY * rates:

@@ -199,12 +199,14 @@ class _Line:
             change[self.dependent] = np.linalg.solve(self.J_dependent, residual - self.J_independent @ independent)
         return EPSILON * 1j * change
 
-    def _solve(self) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """Return accelerations (n,) and multipliers (m,) of the complex equations of motion."""
+    def _solve(self) -> tuple[Any, Any]:
+        """Return accelerations (n,) and multipliers (m,) of the complex equations of motion, solved in units."""
         T, n, rank = self.terms, self.system.n, len(self.rows)
-        J = T.J[self.rows]
-        K = np.block([[T.M, J.T], [J, np.zeros((rank, rank))]])
-        solution = np.linalg.solve(K, np.concatenate((-T.h, T.gamma[self.rows])))
+        size, row = self.system.size, self.system.row_size[self.rows]
+        M, J = T.M * np.outer(size, size), T.J[self.rows] * size / row[:, np.newaxis]
+        scale = np.abs(M).max() or 1.0  # kg m^2
+        K = np.block([[M / scale, J.T], [J, np.zeros((rank, rank))]])
+        solution = np.linalg.solve(K, np.concatenate((-T.h * size / scale, T.gamma[self.rows] / row)))
         lam = np.zeros(self.system.m, complex)
-        lam[self.rows] = solution[n:]
-        return solution[:n], lam
+        lam[self.rows] = solution[n:] * scale / row
+        return solution[:n] * size, lam

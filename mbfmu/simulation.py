@@ -95,7 +95,8 @@ class Simulation:
     remarks
         What is unusual and stops nothing, in sentences.
     variables
-        What :meth:`outputs` returns: the plant's outputs, then those of the audit (not numbers where it is off).
+        What :meth:`outputs` returns: the plant's outputs, then those of the audit (not numbers where it is off, or
+        nothing is free).
 
     Raises
     ------
@@ -126,7 +127,9 @@ class Simulation:
         self.remarks: list[str] = []
         if self.stepper.notice:
             self._remark(self.stepper.notice)
-        self.audit = Audit(self.plant, settings.tolerance, self.energy()) if settings.audit else None
+        # where nothing is free nothing is integrated but the work, whose error no tolerance controls
+        audited = settings.audit and self.stepper.freedom > 0
+        self.audit = Audit(self.plant, settings.tolerance, self.energy()) if audited else None
         self._folded = ""
         self._bend, self._bent_at = self.plant.bend(t0, q), (t0, q)  # the sharpest so far
         self._compile(t0, q, v)

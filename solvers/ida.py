@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from sksundae.ida import IDAJacTimes, IDAPrecond
 
-from .ggl import LAMBDA, MU, Unknowns, assemble, beside, multiply, residual, set_up, solve, weak_residual
+from .ggl import LAMBDA, MU, Unknowns, assemble, beside, multiply, residual, set_up, solve, weak_residual, work_row
 from .held import hold
 from .ida_driver import BAD, BEGUN, MATRICES, REFUSED, RESIDUALS, STANDSTILL, STEPS, STEPS_A_CALL, IDADriver, reported
 from .kernel import kernel, records
@@ -39,6 +39,7 @@ UNCONTROLLED = 1e20  # absolute tolerance of the multipliers, in their units
 BELOW = 0.2  # part of a near miss's gap that the residual of a step beside it must stay below
 LESS = 1e-4  # of D beside a near miss, where redundant rows are all that needs it
 NOISE = 3e-16  # relative rounding of a residual
+STOOD = 10  # returns of IDA without a step, of which one is meant
 SHORTER = 0.25  # of a step that was taken back may be gone at once
 
 
@@ -126,7 +127,9 @@ class IDAStepper(IDADriver, DenseStepper):
             self._look(t, y[: s.nq], y[s.nq : controlled])
             assemble(eqs, u, work, cj)
             matrix[:motion, :motion] = self._unknowns.matrix
-            matrix[motion:, motion:] = cj
+            if works:
+                work_row(eqs, t, cj, u, work, self._unknowns.product)
+                matrix[motion, :motion], matrix[motion, motion] = self._unknowns.product, cj
 
         fresh = {"linsolver": "gmres", "precond": IDAPrecond(setup, precondition), "jactimes": IDAJacTimes(None, times)}
         rtol = TIGHTER * self._rtol**POWER
@@ -199,7 +202,7 @@ class IDAStepper(IDADriver, DenseStepper):
         """Step until ``t`` is passed, and interpolate; take back steps that may have jumped."""
         if self.system.m == 0:
             return super()._go(t)
-        taken, bad = 0, self._counts[BAD]
+        taken, stood, bad = 0, 0, self._counts[BAD]
         shortest = STANDSTILL / self._units.rate[0]
         while self._passed < t:
             if taken >= self.options.max_steps:
@@ -216,9 +219,12 @@ class IDAStepper(IDADriver, DenseStepper):
                 if code is not Code.OK:
                     return code
                 continue
-            if float(result.t) <= before:
-                continue  # it had interpolated, and tells where it stands first
-            taken += 1
+            if float(result.t) <= before:  # it had interpolated, and tells where it stands first; or no step moves t
+                stood += 1
+                if stood > STOOD:
+                    return Code.COLLAPSED
+                continue
+            taken, stood = taken + 1, 0
             code = self._look_over(float(result.t), result.y)
             if code is not Code.OK:
                 return code

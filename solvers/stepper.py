@@ -171,6 +171,11 @@ class Stepper(ABC):
         return self._v.copy()
 
     @property
+    def freedom(self) -> int:
+        """In how many ways the mechanism can move at most; in none where drives say all."""
+        return len(self._v)
+
+    @property
     def notice(self) -> str:
         """What the solver does otherwise than it was told; empty: nothing."""
         return ""
@@ -273,6 +278,11 @@ class DenseStepper(Stepper):
         code = close(self._eqs, self._t, self._q, self._v, self._rank, self._work)
         self.status = self._status(Code(code))
         self._measure_pace()
+
+    @property
+    def freedom(self) -> int:
+        """In how many ways the constraints let the mechanism move."""
+        return int(self.system.n - self._rank)
 
     def _position_sizes(self) -> Array:
         """Return the unit of every position (nq,): that of its coordinate, 1 of a quaternion's entries."""

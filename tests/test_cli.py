@@ -79,6 +79,12 @@ def test_mistakes_get_a_message_and_exit_code_2(command: Command, arguments: tup
     assert "Traceback" not in err
 
 
+def test_a_huge_number_is_refused_in_words(command: Command, tmp_path: Path) -> None:
+    code, _, err = command("run", "fourbar", "--native", "--set", "crank_length=1e200", "-o", str(tmp_path))
+    assert code == 2
+    assert err.startswith("mbfmu: ")
+
+
 def test_the_first_run_says_why_it_takes_long(
     command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -20,6 +20,7 @@ from pythonfmu.enums import Fmi2Status
 
 import mbfmu
 from mbfmu.errors import UserError
+from mbfmu.mechanics.numbers import finite
 from mbfmu.model import Model, Parameter
 from mbfmu.simulation import Settings, Simulation
 
@@ -115,7 +116,7 @@ class ModelSlave(Interface):
     @guarded
     def setup_experiment(self, start_time: float, stop_time: float | None, tolerance: float | None) -> None:
         """Note the start time, and the host's tolerance unless the parameter was set."""
-        self._t0 = start_time
+        self._t0 = finite("the start time", start_time)
         reference = self.setting_reference("tolerance")
         if tolerance and reference not in self._changed:
             self._buffer[reference] = tolerance

@@ -21,6 +21,7 @@ from .bodies import CutHandle
 CLOSED = 1e-11  # in units of the row; a loop is closed
 LARGEST_STEP = 0.5  # in units of the coordinate, of one coordinate in one iteration
 OPENING = 1e-8  # of a row's rate relative to the velocities: the loop opens
+ROUNDING = 1e-12  # ... or of the pace of the drives, whose motion may cancel in a row
 RANK = 1e-9  # singular values below this part of the largest count as zero
 MASSLESS = 1e-12  # ... the same for the mass matrix
 
@@ -79,7 +80,7 @@ def assemble_velocities(system: AnySystem, t: float, q: Array, start: Array, hel
     off = np.abs(terms.J @ v - terms.nu)
     fast = max(float(np.abs(v / system.size).max(initial=0.0)), float(np.abs(terms.nu / system.row_size).max()))
     worst = int(np.argmax(off / system.row_size))
-    if off[worst] > OPENING * fast * system.row_size[worst]:
+    if off[worst] > (OPENING * fast + ROUNDING * system.rate) * system.row_size[worst]:
         raise AssemblyError(
             f"start velocities are not consistent: {system.constraint_names[worst]!r} opens at {off[worst]:.3g} "
             "per second; hold fewer joints fixed or give consistent rates"

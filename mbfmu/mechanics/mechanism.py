@@ -322,5 +322,6 @@ class Mechanism:
 
 def rod(*, mass: float, length: float) -> dict[str, Any]:
     """Mass properties of a uniform slender rod along x from the body's origin (along -x for a negative length)."""
-    transverse = mass * length**2 / 12.0
+    mass, length = finite("mass of a rod", mass), finite("length of a rod", length)
+    transverse = mass * length * length / 12.0
     return {"mass": mass, "com": (0.5 * length, 0.0, 0.0), "inertia": (0.0, transverse, transverse)}

@@ -277,3 +277,21 @@ def test_distance_multiplier_is_the_rod_force() -> None:
     plant.observe(0.0, q, v, np.zeros(6), lam, out)
     assert out[0] == pytest.approx(-30.0)  # on bob, along the line from the ground to bob: inward
     assert sqrt(q[:3] @ q[:3]) == 2.0
+
+
+@pytest.mark.parametrize("speed", [2.0, 0.01])
+def test_rounding_in_what_a_drive_moves_opens_no_redundant_loop(speed: float) -> None:
+    """A table on four cranks on a post that turns, at an angle whose sine is no round number."""
+    m = Mechanism()
+    post = m.body("post", m.ground, Revolute(axis="y", drive=Polynomial((0.1, speed))), mass=1.0)
+    feet, lean = [(0, 0, 0), (2, 0, 0), (0, 0, 1), (2, 0, 1)], 1.2217304763960306
+    cranks = [
+        m.body(f"crank{k}", post, Revolute(at=p, start=lean, fixed=k == 0), **rod(mass=2, length=0.8))
+        for k, p in enumerate(feet)
+    ]
+    slab = {"mass": 5, "com": (1, 0, 0.5), "inertia": (1, 2, 1)}
+    table = m.body("table", cranks[0], Revolute(at=(0.8, 0, 0), start=-lean), **slab)
+    for k in (1, 2, 3):
+        m.cut(f"pin{k}", RevoluteCut(at_a=(0.8, 0, 0), at_b=feet[k]), cranks[k], table)
+    _, v = m.compile().assemble()
+    np.testing.assert_allclose(v, 0.0, atol=1e-12)
