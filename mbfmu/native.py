@@ -31,6 +31,7 @@ class Result:
     failure: str = ""  # why the run ended early and what to try; empty: it did not
     verdict: str = ""  # when and how the energy balance was lost; empty: it was not
     coarse: str = ""  # where cells bend too far for their grid; empty: nowhere, or the run ended early
+    remarks: tuple[str, ...] = ()  # what is unusual and stops nothing, in sentences
 
     @property
     def warning(self) -> str:
@@ -99,4 +100,4 @@ def run(
     wall = time.perf_counter() - begin
     coarse = "" if failure else simulation.coarse
     found = times[:done], values[:done], simulation.variables, simulation.statistics
-    return Result(*found, wall, failure, simulation.verdict, coarse)
+    return Result(*found, wall, failure, simulation.verdict, coarse, tuple(simulation.remarks))

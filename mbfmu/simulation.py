@@ -220,6 +220,8 @@ class Simulation:
 
     def _unfolded(self, times: Array, q: Array) -> int:
         """Return how many of the positions q (k, nq) at ``times`` come before the first with a folded cell."""
+        if self._bend is None:
+            return len(q)
         return next((i for i in range(len(q)) if not self._look(float(times[i]), q[i])), len(q))
 
     def _set_out(self, end: float) -> None:

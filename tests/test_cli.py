@@ -79,6 +79,12 @@ def test_mistakes_get_a_message_and_exit_code_2(command: Command, arguments: tup
     assert "Traceback" not in err
 
 
+def test_a_tolerance_that_is_not_run_is_told(command: Command, tmp_path: Path) -> None:
+    fine = ("run", "fourbar", "--native", "--stop-time=0.1", "--interval=0.05", "-o", str(tmp_path))
+    assert "note: 'ida' runs a loop at a tolerance of 1e-09, not 1e-12" in command(*fine, "--tolerance=1e-12")[1]
+    assert "note:" not in command(*fine)[1]
+
+
 def test_a_huge_number_is_refused_in_words(command: Command, tmp_path: Path) -> None:
     code, _, err = command("run", "fourbar", "--native", "--set", "crank_length=1e200", "-o", str(tmp_path))
     assert code == 2

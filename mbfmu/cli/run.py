@@ -104,8 +104,10 @@ def summary(scene: Scene, result: Result, total: float) -> str:
     if scene.settings.audit:
         worst, exchanged = np.abs(outputs["energy_imbalance"]).max(), outputs["energy_exchanged"][-1]
         part = f", {worst / exchanged:.1e} of the {exchanged:.3g} J exchanged" if exchanged else ""
-        lines.append(f"  energy imbalance {worst:.2e} J{part}{': LOST' if result.verdict else ''}")
+        held = f"{worst:.2e} J{part}{': LOST' if result.verdict else ''}"
+        lines.append(f"  energy imbalance {held if np.isfinite(worst) else 'not held: the drives leave nothing free'}")
     for key, unit in (("position_residual", "m"), ("velocity_residual", "m/s")):
         if key in outputs:
             lines.append(f"  largest {key.replace('_', ' ')} {outputs[key].max():.2e} {unit}")
+    lines += [f"  note: {remark}" for remark in result.remarks]
     return "\n".join(lines)
