@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -103,3 +105,8 @@ def test_the_first_run_says_why_it_takes_long(
     assert "compiling" not in command("models")[2]
     (tmp_path / "cold" / "joints").mkdir(parents=True)
     assert "compiling" not in command(*wrong)[2]
+
+
+def test_python_m_is_the_command() -> None:
+    found = subprocess.run((sys.executable, "-m", "mbfmu", "--version"), capture_output=True, text=True, check=True)
+    assert found.stdout.startswith("mbfmu ")
