@@ -309,30 +309,6 @@ def beside(eqs: Any, t: float, yp: Any, u: Any, work: Any, works: bool, res: Any
         res[last] = yp[last] - eqs.power(t, u.q, u.v, u.yp[nq : nq + n], u.lam, eqs.data)
 
 
-@kernel
-def work_row(eqs: Any, t: float, cj: float, u: Any, work: Any, row: Any) -> None:
-    """row (N,) = the derivative of W' - power by y, and c_j times that by y', where :func:`set_up` was called for last;
-    no constraints. Without it a Newton iteration that is done leaves the work off by the power of its last step.
-    """
-    nq, n = u.q.shape[0], u.v.shape[0]
-    here = eqs.power(t, u.q, u.v, u.yp[nq:], u.lam, eqs.data)
-    for j in range(n):
-        before, step = u.yp[nq + j], work.size[j] * work.rate[0] ** 2
-        u.yp[nq + j] += step  # the power is linear in accelerations
-        row[nq + j] = -cj * (eqs.power(t, u.q, u.v, u.yp[nq:], u.lam, eqs.data) - here) / step
-        u.yp[nq + j] = before
-    for j in range(nq):
-        row[j] = 0.0
-    for j in range(nq + n):
-        natural = work.size_q[j] if j < nq else work.size[j - nq] * work.rate[0]
-        step = 1.5e-8 * max(natural, abs(u.at[j]))
-        u.y[j] = u.at[j] + step
-        balance(eqs, t, u, work, u.beside)
-        row[j] -= (eqs.power(t, u.q, u.v, u.yp[nq:], u.lam, eqs.data) - here) / step
-        u.y[j] = u.at[j]
-    balance(eqs, t, u, work, u.res)
-
-
 @inlined
 def weak_residual(terms: Any, work: Any) -> float:
     """u . Phi~, u the forces that balance in the critical point."""

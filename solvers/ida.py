@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from sksundae.ida import IDAJacTimes, IDAPrecond
 
-from .ggl import LAMBDA, MU, Unknowns, assemble, beside, multiply, residual, set_up, solve, weak_residual, work_row
+from .ggl import LAMBDA, MU, Unknowns, assemble, beside, multiply, residual, set_up, solve, weak_residual
 from .held import hold
 from .ida_driver import BAD, BEGUN, MATRICES, REFUSED, RESIDUALS, STANDSTILL, STEPS, STEPS_A_CALL, IDADriver, reported
 from .kernel import kernel, records
@@ -126,10 +126,7 @@ class IDAStepper(IDADriver, DenseStepper):
             set_up(eqs, t, y[:motion], yp[:motion], u, work)
             self._look(t, y[: s.nq], y[s.nq : controlled])
             assemble(eqs, u, work, cj)
-            matrix[:motion, :motion] = self._unknowns.matrix
-            if works:
-                work_row(eqs, t, cj, u, work, self._unknowns.product)
-                matrix[motion, :motion], matrix[motion, motion] = self._unknowns.product, cj
+            matrix[:] = self._unknowns.matrix
 
         fresh = {"linsolver": "gmres", "precond": IDAPrecond(setup, precondition), "jactimes": IDAJacTimes(None, times)}
         rtol = TIGHTER * self._rtol**POWER
@@ -141,7 +138,8 @@ class IDAStepper(IDADriver, DenseStepper):
         atol[:controlled] = tightened * np.concatenate((self._units.size_q, self._units.pace * s.size))
         return IDA(
             resfn,
-            **(fresh if s.m else {"jacfn": dense}),  # factors of another iterate serve where nothing is near singular
+            # old factors serve where nothing is near singular, and no work wants the last digits of a Newton step
+            **(fresh if s.m or works else {"jacfn": dense}),
             rtol=rtol,
             atol=atol,
             algebraic_idx=np.arange(controlled, motion) if s.m else None,
