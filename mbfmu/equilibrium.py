@@ -258,9 +258,11 @@ class Balance:
             system.fill(0.0, solution.q, self._v, terms)
             gaps = np.abs(solution.gaps) / system.row_size
             if gaps.max() > CLOSED:
+                worst = int(gaps.argmax())
                 raise EquilibriumError(
-                    f"what was found for {self.model.name!r} leaves a loop open by {gaps.max():.2g} of its size: "
-                    "lengths are too small for metres; describe it in larger units"
+                    f"what was found for {self.model.name!r} leaves {system.constraint_names[worst]!r} open by "
+                    f"{gaps[worst]:.2g} of its size, allowed is {CLOSED:g}: try another start (--from); a mechanism of "
+                    "micrometres is described in larger units"
                 )
             opening = np.abs(terms.J @ self._v - terms.nu)
             rates = max(fastest, float(np.abs(self._v / system.size).max()))

@@ -146,7 +146,7 @@ def start(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
         if not choose(eqs.terms, c.rank, work):
             return NOT_CLOSED
         take_choice(eqs.terms, c, H, work)
-    c.energy = eqs.jacobi(c.t, q, v, eqs.data)
+    c.energy = eqs.energy(c.t, q, v, eqs.data) - H.y[H.y.shape[0] - 1]
     code = differentiate(eqs, c.t, False, c, o, H, work)
     if code == OK:
         book(eqs, c, o, scales)
@@ -180,10 +180,8 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
                 join(q, v, H.trial)
                 if code == OK:
                     book(eqs, c, o, scales)
-                    W = power(eqs, after, c, o, H, work)
+                    correct_work(c, H, power(eqs, after, c, o, H, work))
                     if stayed(eqs, after, c, o, H, work):
-                        correct_work(c, H, W)
-                        c.stray += c.exposure
                         accept(c, H, o.max_order, o.max_step)
                         return OK
                     code = BRANCHES
@@ -205,9 +203,10 @@ def stayed(eqs: Any, t: float, c: Any, o: Any, H: Any, work: Any) -> bool:
     """
     if o.partition == LU:
         return True
+    done = H.trial[H.y.shape[0] - 1]
     if c.regime == PROJECTION:
         if passed(eqs, t, work.q, c.rank, work):
-            jumped(eqs, t, c, o, work)
+            jumped(eqs, t, done, c, o, work)
             return True
         c.refused += 1
         return False
@@ -215,7 +214,7 @@ def stayed(eqs: Any, t: float, c: Any, o: Any, H: Any, work: Any) -> bool:
         give_up_lu(eqs, c, H, work)
         c.by_turn += 1
         return False
-    if jumped(eqs, t, c, o, work):
+    if jumped(eqs, t, done, c, o, work):
         give_up_lu(eqs, c, H, work)
         c.by_energy += 1
         return False

@@ -119,7 +119,6 @@ def step(eqs: Any, c: Any, o: Any, H: Any, atol: Any, s: Any, scales: Any) -> in
                 join(s.q, s.v, H.trial)
                 correct_work(c, H, power(eqs, c.t + c.h, o, s))
                 book(eqs, c.t + c.h, c, o, scales, s)
-                c.stray += c.exposure
                 accept(c, H, o.max_order, o.max_step)
                 return OK
         cuts += 1
@@ -171,7 +170,7 @@ def advance(
 class TreeAdamsStepper(Stepper):
     """Adams PECE on a large tree."""
 
-    name = "adams"
+    others = ("ida",)
 
     def __init__(self, system: TreeSystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
         super().__init__(system, t0, q0, v0, options)

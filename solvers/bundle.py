@@ -15,7 +15,7 @@ class Equations(NamedTuple):
     position: Any
     motion: Any
     retract: Any
-    jacobi: Any
+    energy: Any
     power: Any
     exposure: Any
     data: Any
@@ -29,7 +29,7 @@ def bundle(system: System, terms: Terms) -> Any:
         system.position,
         system.motion,
         system.retract,
-        system.jacobi,
+        system.energy,
         *audit_callbacks(system),
     )
     return hold(Equations(*callbacks, system.held_data, hold(terms)))

@@ -12,7 +12,7 @@ import numpy as np
 
 from .kernel import inlined, kernel
 
-ROUNDING = 1e-16
+ROUNDING = 1e-16  # below what one addition rounds by, relative to the larger
 DIGITS = 0.1  # part of a square that must be left after a subtraction for its digits to be trusted
 
 
@@ -276,7 +276,7 @@ def solve_lu(LU: Any, n: int, order: Any, b: Any, x: Any) -> None:
 
 @kernel
 def solve_lu_transposed(LU: Any, n: int, order: Any, b: Any, x: Any) -> None:
-    """Solve A^T x = b with the factors of :func:`factor_lu`; ``b`` (n,) is used up, and not ``x`` (n,)."""
+    """Solve A^T x = b with the factors of :func:`factor_lu`; ``b`` (n,) is used up and is not to be ``x`` (n,)."""
     for i in range(n):
         b[i] /= LU[i, i]
         for j in range(i + 1, n):

@@ -21,7 +21,7 @@ from .system import Array, System
 class AdamsStepper(DenseStepper):
     """Adams PECE with the projection partition; see :mod:`solvers.adams`."""
 
-    name = "adams"
+    others: tuple[str, ...] = ("ida", "hybrid")
     partition = PROJECTION
 
     def __init__(self, system: System, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
@@ -74,7 +74,8 @@ class AdamsStepper(DenseStepper):
         """Begin a new history at the reported state."""
         self._control["t"] = self._t
         self._control["start"] = 1
-        self._settings["works"] = self.options.audit and self.system.works()
+        watched = self.options.audit or self.partition == HYBRID  # which asks whether the energy jumps
+        self._settings["works"] = watched and self.system.works()
         self._history.y[:] = np.concatenate((self._q, self._v, self._ledger[[WORK]]))
 
     def _arrays(self) -> list[NDArray[Any]]:
@@ -102,12 +103,12 @@ class AdamsStepper(DenseStepper):
 class AdamsLUStepper(AdamsStepper):
     """Adams PECE with the LU partition, for comparison: fails at singular positions; see :mod:`solvers.lu`."""
 
-    name = "adams-lu"
+    others = ("ida", "adams", "hybrid")
     partition = LU
 
 
 class HybridStepper(AdamsStepper):
     """Adams PECE with LU partition away from singular positions and projection near them."""
 
-    name = "hybrid"
+    others = ("ida", "adams")
     partition = HYBRID

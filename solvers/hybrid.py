@@ -10,6 +10,7 @@ from typing import Any
 from .dense import positive_determinant
 from .kernel import inlined, kernel
 from .lu import (
+    better_choice,
     choose,
     factor_dependent,
     same_choice,
@@ -68,18 +69,19 @@ def take_choice(terms: Any, c: Any, H: Any, work: Any) -> None:
 
 
 @inlined
-def jumped(eqs: Any, t: float, c: Any, o: Any, work: Any) -> bool:
-    """Whether the energy, less the action of the drives, has jumped in an LU step of the hybrid, in units of the
-    largest kinetic energy so far.
+def jumped(eqs: Any, t: float, done: float, c: Any, o: Any, work: Any) -> bool:
+    """Whether the energy, less the work ``done``, has jumped in an LU step of the hybrid, in units of the largest
+    kinetic energy so far.
     """
     if o.partition != HYBRID:
         return False
-    after = eqs.jacobi(t, work.q, work.v, eqs.data)
+    after = eqs.energy(t, work.q, work.v, eqs.data) - done
     kinetic = 0.0
     for i in range(work.v.shape[0]):
         for j in range(work.v.shape[0]):
             kinetic += 0.5 * work.v[i] * eqs.terms.M[i, j] * work.v[j]
-    if c.regime == LU and abs(after - c.energy) > o.energy_jump * max(kinetic, c.kinetic) + o.rtol * abs(after):
+    allowed = o.energy_jump * max(kinetic, c.kinetic) + o.rtol * (abs(after) + abs(done))
+    if c.regime == LU and abs(after - c.energy) > allowed:
         return True
     c.energy = after
     c.kinetic = max(kinetic, c.kinetic)
@@ -97,28 +99,26 @@ def give_up_lu(eqs: Any, c: Any, H: Any, work: Any) -> None:
 def leave_lu(eqs: Any, c: Any, o: Any, work: Any, H: Any) -> None:
     """After an accepted LU step: the paper's re-choice, and what the hybrid makes of it.
 
-    It looks ahead by the smallest pivot of J_d, and gives LU up where that would vanish within a few steps or where the
-    choice of independents flickers.
+    The hybrid looks ahead by the smallest pivot of J_d. Where that would vanish within a few steps and no other choice
+    helps it gives LU up, and where the choice flickers.
     """
-    terms = eqs.terms
+    ends = False
     if o.partition == HYBRID:
-        frame_lu(terms, c, H, work)
+        frame_lu(eqs.terms, c, H, work)
         before, c.pivot = c.pivot, smallest_pivot(c.rank, work)
-        if time_left(before, c.pivot, c.hold) < AHEAD * c.h:
-            give_up_lu(eqs, c, H, work)
-            c.by_turn += 1
-            return
-    c.equal = c.equal + 1 if c.hold == c.h_before else 0
-    shrunk = c.hold < c.h_before
-    c.h_before = c.hold
-    if not (shrunk or c.equal >= 5):
+        ends = time_left(before, c.pivot, c.hold) < AHEAD * c.h
+    if not (due_for_choice(c) or ends):
         return
-    c.equal = 0
-    if not choose(terms, c.rank, work):
+    found = choose(eqs.terms, c.rank, work)
+    if ends and not (found and better_choice(c.rank, work)):
+        give_up_lu(eqs, c, H, work)
+        c.by_turn += 1
+        return
+    if not found or (o.partition == HYBRID and not better_choice(c.rank, work)):
         return
     changed = not same_choice(c.rank, H.columns, work.columns)
     if changed or not same_choice(c.rank, H.rows, work.rows):
-        take_choice(terms, c, H, work)
+        take_choice(eqs.terms, c, H, work)
     if not changed:
         return
     c.flickers = c.flickers + 1 if c.steps - c.changed_at < o.flicker_steps else 0
@@ -131,6 +131,18 @@ def leave_lu(eqs: Any, c: Any, o: Any, work: Any, H: Any) -> None:
         c.by_flicker += 1
 
 
+@inlined
+def due_for_choice(c: Any) -> bool:
+    """Whether the paper chooses anew: the step has shrunk, or stayed equal for five steps."""
+    c.equal = c.equal + 1 if c.hold == c.h_before else 0
+    shrunk = c.hold < c.h_before
+    c.h_before = c.hold
+    if not (shrunk or c.equal >= 5):
+        return False
+    c.equal = 0
+    return True
+
+
 @kernel
 def return_to_lu(c: Any, o: Any, terms: Any, work: Any, H: Any) -> None:
     """After an accepted projection step of the hybrid: count steps in which LU would have kept its choice.
@@ -141,7 +153,7 @@ def return_to_lu(c: Any, o: Any, terms: Any, work: Any, H: Any) -> None:
     calm = here.ratio >= SINGULAR and here.ahead >= CLEAR * c.h
     calm = calm and c.h >= min(c.hold, o.max_step)
     calm = choose(terms, c.rank, work) and calm
-    if not same_choice(c.rank, H.columns, work.columns) or not same_choice(c.rank, H.rows, work.rows):
+    if not factor_dependent(terms, c.rank, H.rows, H.columns, work) or better_choice(c.rank, work):
         for i in range(work.rows.shape[0]):
             H.rows[i] = work.rows[i]
         for i in range(work.columns.shape[0]):

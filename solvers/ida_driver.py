@@ -45,7 +45,7 @@ class IDADriver(Stepper):
     finite in ``_counts``.
     """
 
-    name = "ida"
+    others: tuple[str, ...] = ("adams", "hybrid")
 
     _ida: IDA
     _counts: Array  # (3,)

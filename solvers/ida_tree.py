@@ -150,6 +150,7 @@ class TreeIDAStepper(IDADriver):
     """IDA on a large tree."""
 
     def __init__(self, system: TreeSystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
+        self.others = () if system.m else ("adams",)  # which knows no loops in a large tree
         super().__init__(system, t0, q0, v0, options)
         self.system = system
         nq, n, m = system.nq, system.n, system.m

@@ -30,6 +30,7 @@ from .kernel import inlined, kernel
 from .partition import CHORD, NO_MASS, NOT_CLOSED, NOT_FINITE, OK, PASSES, TOUCHING, still_open, tangent_motion
 
 PIVOT = 1e-12  # pivots this small relative to the first are zero
+WORTH = 3.0  # how many times larger its smallest pivot makes another choice worth a change
 
 
 @kernel
@@ -40,6 +41,18 @@ def choose(terms: Any, rank: int, work: Any) -> bool:
         for j in range(n):
             work.J_work[i, j] = terms.J[i, j] * (work.size[j] / work.row[i])
     return full_pivot(work.J_work, m, n, PIVOT, work.rows, work.columns) >= rank
+
+
+@kernel
+def better_choice(rank: int, work: Any) -> bool:
+    """Whether what :func:`choose` has just found is worth changing for from the choice whose J_d is factored.
+
+    Bodies that are alike give choices that are alike, which one is the best then changes by next to nothing.
+    """
+    least, first = np.inf, abs(work.J_work[work.rows[0], work.columns[0]])
+    for k in range(rank):
+        least = min(least, abs(work.J_work[work.rows[k], work.columns[k]]))
+    return least > WORTH * smallest_pivot(rank, work) * first
 
 
 @kernel

@@ -243,13 +243,18 @@ def correct(c: Any, H: Any) -> None:
 
 @inlined
 def correct_work(c: Any, H: Any, power: float) -> None:
-    """The corrected work from W' where the step ends, after :func:`correct`; its error is booked."""
+    """The corrected work from W' where the step ends, after :func:`correct`."""
     last = H.y.shape[0] - 1
-    difference = power - H.phi[last, 1]
     H.yp[last] = power
-    H.trial[last] = H.p[last] + c.h * c.g[c.k + 1] * difference
+    H.trial[last] = H.p[last] + c.h * c.g[c.k + 1] * (power - H.phi[last, 1])
+
+
+@inlined
+def book_step(c: Any, H: Any) -> None:
+    """Book the work of a step, its error and what else the energy may stray; see :mod:`solvers.ledger`."""
+    last = H.y.shape[0] - 1
     c.through += abs(H.trial[last] - H.y[last])
-    c.stray += abs(c.h * (c.g[c.k] - c.g[c.k + 1]) * difference)
+    c.stray += c.exposure + abs(c.h * (c.g[c.k] - c.g[c.k + 1]) * (H.yp[last] - H.phi[last, 1]))
 
 
 @inlined
@@ -257,6 +262,7 @@ def accept(c: Any, H: Any, max_order: int, max_step: float) -> None:
     """Rest of block 4: take over ``H.trial`` and its y' = ``H.yp``; choose the next order and step."""
     k, phi = c.k, H.phi
     watch_stability(c, H)
+    book_step(c, H)
     c.t += c.h
     c.kold, c.hold = k, c.h
     for i in range(H.y.shape[0]):

@@ -23,7 +23,7 @@ MESSAGES: dict[Code, tuple[str, str]] = {
     Code.OK: ("reached the time asked for", ""),
     Code.NOT_CLOSED: (
         "the constraints could not be closed",
-        "Start nearer to a closed position; at a singular position try {others}.",
+        "Start nearer to a closed position{others}.",
     ),
     Code.NO_MASS: (
         "some motion the constraints allow moves no mass",
@@ -43,7 +43,7 @@ MESSAGES: dict[Code, tuple[str, str]] = {
     ),
     Code.COLLAPSED: (
         "the step has become too small to move time",
-        "The motion has a jump or a kink here, or comes to a singular position: smooth the force, or try {others}.",
+        "The motion has a jump or a kink here, or comes to a singular position: smooth the force{others}.",
     ),
     Code.BRANCHES: (
         "two branches of the motion come so near each other that no step tells them apart",
@@ -59,7 +59,7 @@ class Status:
 
     code: Code
     t: float  # s, where the stepper stands now
-    solver: str  # its name: no advice is to name it again
+    others: tuple[str, ...] = ()  # solvers to try where this one does not go on
 
     @property
     def ok(self) -> bool:
@@ -74,8 +74,8 @@ class Status:
     @property
     def remedy(self) -> str:
         """What to try next; empty where nothing is wrong."""
-        *some, last = [repr(name) for name in ("ida", "adams", "hybrid") if name != self.solver]
-        return MESSAGES[self.code][1].format(others=f"{', '.join(some)} or {last}")
+        names = " or ".join(repr(name) for name in self.others)
+        return MESSAGES[self.code][1].format(others=f", or try {names}" if names else "")
 
 
 class SolverError(ArithmeticError):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -136,11 +136,11 @@ class Stepper(ABC):
 
     Attributes
     ----------
-    name
-        Of the solver, as a user asks for it.
+    others
+        Names of the solvers to try where this one does not go on.
     """
 
-    name: ClassVar[str]
+    others: tuple[str, ...]
 
     def __init__(self, system: AnySystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
         self.options = options or Options()
@@ -153,7 +153,7 @@ class Stepper(ABC):
         self.status = self._status(Code.OK)
 
     def _status(self, code: Code) -> Status:
-        return Status(code, self._t, self.name)
+        return Status(code, self._t, self.others)
 
     @property
     def t(self) -> float:

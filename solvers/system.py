@@ -124,7 +124,7 @@ class System:
     position: Callable[[float, Array, Any, Terms], None]  # (t, q, data, terms): fills Phi, J, nu only
     motion: Callable[[float, Array, Array, Any, Terms], None]  # (t, q, v, data, terms): fills the others, see below
     retract: Callable[[Array, Array, Any], None]  # (q, dq, data): q <- q (+) N dq in place, dq (n,)
-    jacobi: Callable[[float, Array, Array, Any], float]  # (t, q, v, data): energy less driven action, J; smooth in time
+    energy: Callable[[float, Array, Array, Any], float]  # (t, q, v, data): kinetic and potential energy, J
     power: Callable[..., float] | None = None  # (t, q, v, a, lam, data): dE/dt, W
     exposure: Callable[..., None] | None = None  # (rtol, place, rate, data, out): see solvers.ledger
     works: Callable[[], bool] = nothing_works  # (): whether power can differ from zero, as things are now

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numba import types
@@ -35,8 +35,8 @@ from .arrays import (
 )
 from .constraints import close_cuts, jacobian, load_cuts, right_hand_side
 from .crba import composite_inertia, mass_matrix
-from .energy import driven_action, kinetic_energy, potential_energy
 from .energy import exposure as exposure_of
+from .energy import kinetic_energy, potential_energy
 from .energy import power as power_of
 from .forces import apply
 from .kinematics import accelerations, place, scatter, turn_inertia, velocities
@@ -188,12 +188,6 @@ def energy(t: float, q: Any, v: Any, data: Any) -> float:
     return kinetic_energy(arrays, state) + potential_energy(arrays, state)
 
 
-def jacobi(t: float, q: Any, v: Any, data: Any) -> float:
-    """Energy less driven action, J: the Jacobi integral where the drives' speeds are constant."""
-    total = energy(t, q, v, data)
-    return total - driven_action(data.arrays, data.state)
-
-
 def power(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any) -> float:
     """dE/dt at the solution (q, v, a, lam), W; :func:`dynamics` or :func:`motion` was called last for (t, q, v)."""
     arrays, state = data.arrays, data.state
@@ -276,12 +270,12 @@ def turn_quaternion(q: Any, i: int, dq: Any, j: int) -> None:
 
 @cache
 def callbacks(scalar: type = float) -> tuple[Callable[..., Any], ...]:
-    """Return dynamics, position, motion, retract, jacobi as a solver takes them; compiled on first use.
+    """Return dynamics, position, motion, retract, energy as a solver takes them; compiled on first use.
 
     ``scalar`` complex: for the data of :func:`.arrays.complex_twin`.
     """
     if not COMPILED:
-        return dynamics, position, motion, retract, jacobi
+        return dynamics, position, motion, retract, energy
     example = empty_data() if scalar is float else complex_twin(empty_data())
     data, terms = held_type(example), held_type(Terms.allocate(1, 1, 1, scalar))
     real, number = types.float64, types.float64 if scalar is float else types.complex128
@@ -291,7 +285,7 @@ def callbacks(scalar: type = float) -> tuple[Callable[..., Any], ...]:
         callback(types.void(real, vector, data, terms))(position),
         callback(types.void(real, vector, vector, data, terms))(motion),
         callback(types.void(vector, vector, data))(retract),
-        callback(number(real, vector, vector, data))(jacobi),
+        callback(number(real, vector, vector, data))(cast("Any", energy).py_func),
     )
 
 

@@ -72,7 +72,7 @@ class Plant:
         return self._system(list(self.system.constraint_names), complex_twin(self.data), complex)
 
     def _system(self, constraint_names: list[str], data: Data, scalar: type = float) -> System:
-        dynamics, position, motion, retract, jacobi = callbacks(scalar)
+        dynamics, position, motion, retract, energy = callbacks(scalar)
         power, exposure = audit_callbacks(tree=False) if scalar is float else (None, None)
         return System(
             nq=self._numbering.nq,
@@ -83,7 +83,7 @@ class Plant:
             position=position,
             motion=motion,
             retract=retract,
-            jacobi=jacobi,
+            energy=energy,
             size=self._size,
             row_size=self._row_sizes(constraint_names),
             rate=self._rate(),

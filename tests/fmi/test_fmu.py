@@ -127,6 +127,11 @@ def test_bad_start_values_are_refused_with_a_reason(
     assert message in capfd.readouterr().err
 
 
+def test_a_start_time_that_is_no_number_is_refused(fourbar_fmu: Path) -> None:
+    with pytest.raises(UserError, match="start time is nan"):
+        Fmu(fourbar_fmu, start_time=float("nan"))
+
+
 def test_nan_between_steps_keeps_the_last_good_state(fourbar_fmu: Path, capfd: pytest.CaptureFixture[str]) -> None:
     with Fmu(fourbar_fmu) as fmu:
         fmu.step(0.1)

@@ -97,6 +97,7 @@ def build(seed: int, kinds: list[type[Joint]], cuts: list[type], driven: bool, f
             m.output(f"{body.name}.effort", body.effort())
             m.output(f"{body.name}.drive_rate", body.rate())
     m.output("energy", m.energy)
+    m.output("jacobi", m.jacobi_integral)
     plant = m.compile()
     n = plant.system.n
     q = plant.start_positions()

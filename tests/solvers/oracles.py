@@ -130,7 +130,7 @@ def fourbar(rocker_mass: float = 1.0, redundant: bool = False) -> System:
     m = 4 if redundant else 2
     return System(
         nq=3, n=3, m=m, data=values, dynamics=fourbar_dynamics, position=fourbar_position, motion=fourbar_dynamics,
-        retract=add, jacobi=fourbar_energy, size=np.ones(3), row_size=np.full(m, 3.0),
+        retract=add, energy=fourbar_energy, size=np.ones(3), row_size=np.full(m, 3.0),
     )  # fmt: skip
 
 
@@ -203,7 +203,7 @@ def particle(stiffness: float = 0.0, nan_from: float = np.inf, blow_up: float = 
         position=unconstrained,
         motion=particle_dynamics,
         retract=add,
-        jacobi=particle_energy,
+        energy=particle_energy,
         size=np.ones(1),
         row_size=np.zeros(0),
     )
@@ -258,7 +258,7 @@ def rigid_body() -> System:
         position=unconstrained,
         motion=body_dynamics,
         retract=turn,
-        jacobi=body_energy,
+        energy=body_energy,
         size=np.ones(3),
         row_size=np.zeros(0),
     )
