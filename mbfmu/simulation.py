@@ -125,8 +125,7 @@ class Simulation:
         self._out = np.zeros(len(self.variables))
         self.work_of_jumps = 0.0
         self.remarks: list[str] = []
-        if self.stepper.notice:
-            self._remark(self.stepper.notice)
+        self._remark(self.stepper.notice)
         # where nothing is free nothing is integrated but the work, whose error no tolerance controls
         audited = settings.audit and self.stepper.freedom > 0
         self.audit = Audit(self.plant, settings.tolerance, self.energy()) if audited else None
@@ -206,6 +205,7 @@ class Simulation:
             if not self.audit.holds(self.t, q, energy, ledger):
                 self._check(np.array([self.t]), q[None], np.array([energy]), ledger[None])
         self._look(self.t, q)
+        self._remark(self.stepper.notice)
         return status
 
     def _look(self, t: float, q: Array) -> bool:
@@ -250,7 +250,7 @@ class Simulation:
                 )
 
     def _remark(self, text: str) -> None:
-        if text not in self.remarks:
+        if text and text not in self.remarks:
             self.remarks.append(text)
 
     def outputs(self) -> Array:
@@ -303,6 +303,7 @@ class Simulation:
             done = rows.stop
             if self.failure:
                 break
+        self._remark(self.stepper.notice)
         return done
 
     def set_input(self, index: int, value: float) -> None:

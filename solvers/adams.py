@@ -47,7 +47,7 @@ from .multistep import (
     unwind,
 )
 from .partition import NOT_CLOSED, OK, acceleration, close, close_to_crossing, multipliers, settle, trusted
-from .singular import SINGULAR, note, passed, step_bound
+from .singular import MISS, SINGULAR, note, passed, step_bound
 from .workspace import factor
 
 MAX_STEPS, COLLAPSED, BRANCHES = 5, 6, 7  # beside the codes of partition
@@ -62,15 +62,25 @@ SETTINGS = np.dtype(
     ],
     align=True,
 )  # fmt: skip
+RESOLVED = 3e-18  # rtol that rounding allows beside a near miss, times its gap; found by trial
 SLIGHT = 1e-3  # part of the tolerance: a correction of the position by less needs no new J
 SMALLEST_STEP = 1e-11  # times the larger of t and one over the rate of the motion
 
 
 @inlined
-def weigh(c: Any, o: Any, H: Any, nq: int, n: int) -> None:
-    """Error weights at y; where LU is alone its dependent coordinates have none."""
+def weigh(c: Any, o: Any, H: Any, nq: int, n: int, work: Any) -> None:
+    """Error weights at y; where LU is alone its dependent coordinates have none.
+
+    Beside a near miss rounding sets the accuracy: to ask for more is to make steps small for nothing.
+    """
+    c.coarser = 1.0
+    if work.critical[0].kind == MISS:
+        gap = abs(work.critical[0].gap)
+        c.coarser = max(1.0, RESOLVED / (gap * o.rtol))
+        if c.coarser > c.coarsest:
+            c.coarsest, c.narrowest = c.coarser, gap
     for i in range(nq + n):
-        H.weight[i] = 1.0 / (o.rtol * abs(H.y[i]) + o.atol * H.unit[i])
+        H.weight[i] = 1.0 / (c.coarser * (o.rtol * abs(H.y[i]) + o.atol * H.unit[i]))
     if o.partition == LU:
         for j in range(c.rank):
             H.weight[nq + H.columns[j]] = 0.0
@@ -127,6 +137,7 @@ def book(eqs: Any, c: Any, o: Any, scales: Any) -> None:
     """Book the energy at the state evaluated last, before :func:`power`; see :mod:`solvers.ledger`."""
     if o.audit == 1 and due(c):
         look(eqs.exposure, eqs.data, c, scales)
+        c.exposure *= max(1.0, c.coarser)
 
 
 @kernel
@@ -151,7 +162,7 @@ def start(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
     if code == OK:
         book(eqs, c, o, scales)
         H.yp[H.y.shape[0] - 1] = power(eqs, c.t, c, o, H, work)
-        weigh(c, o, H, q.shape[0], v.shape[0])
+        weigh(c, o, H, q.shape[0], v.shape[0], work)
         begin(c, H, o.max_step, work.rate[0])
         c.starts += 1
         c.equal, c.h_before = 0, 0.0
@@ -162,7 +173,7 @@ def start(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
 def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
     """One accepted step, however often it has to be cut; or the code of what made it too small."""
     q, v = work.q, work.v
-    weigh(c, o, H, q.shape[0], v.shape[0])
+    weigh(c, o, H, q.shape[0], v.shape[0], work)
     cuts = 0
     while True:
         coefficients(c)

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from .system import AnySystem, Array
 
-CONVERGED = 1e-10  # the last correction; what it leaves is of the order of its square
+CONVERGED = 1e-10  # the last correction, in units of the coordinates; what it leaves is of the order of its square
 ITERATIONS = 60
 LEAST_DAMPING = 1e-4
 

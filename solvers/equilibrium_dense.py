@@ -2,7 +2,8 @@
 
 The Jacobian K is exact: the recursions run on complex numbers, and a perturbation i e of one coordinate leaves the
 derivative in the imaginary part, with no difference that could cancel (Squire and Trapp 1998). So the system given is
-the complex twin of a mechanism's. The multipliers enter the length of a correction through the largest stiffness.
+the complex twin of a mechanism's. Corrections of coordinates are in units of their size, residuals of constraints in
+units of the rows, and forces, multipliers among them, in what makes the largest entry of the stiffness one.
 
 K may be singular for a harmless reason: a coordinate on which nothing depends, such as the angle of a free spindle.
 K is eliminated with full pivoting and what is left undetermined stays where it was; a force that nothing can balance
@@ -26,7 +27,7 @@ from .system import Array, System
 
 EPSILON = 1e-30  # of the complex step; its square must vanish beside one
 SINGULAR = 1e-12  # pivot of K relative to the first, below which an unknown is undetermined
-BALANCED = 1e-9  # unbalance left by the last correction, of forces in units of the largest stiffness, of loops in m
+BALANCED = 1e-9  # unbalance left by the last correction
 SINGULAR_POSITION = 1e-7  # ratio of the singular values of J below which cut-joint forces are not determined
 INDEPENDENT = 1e-8  # relative pivot of an independent constraint
 
@@ -34,6 +35,8 @@ INDEPENDENT = 1e-8  # relative pivot of an independent constraint
 class Scratch(NamedTuple):
     """Allocated once. N = n + rank unknowns."""
 
+    size: Array  # (n,) units of the coordinates
+    row: Array  # (rank,) units of the independent constraints
     q: NDArray[Any]  # (nq,) complex: perturbed position
     v: NDArray[Any]  # (n,)  complex: velocity of the steady motion
     dq: NDArray[Any]  # (n,)  complex: perturbation
@@ -41,15 +44,15 @@ class Scratch(NamedTuple):
     lam_try: Array  # (rank,)
     moved: Array  # (n,) since a step downhill began
     moved_try: Array  # (n,)
-    f: Array  # (N,)
-    K: Array  # (N, N) df/dz, forces divided by the scale
-    z: Array  # (N,)   correction, multipliers divided by the scale
+    f: Array  # (N,)   residuals
+    K: Array  # (N, N) df/dz
+    z: Array  # (N,)   correction
     z_next: Array  # (N,)
     LU: Array  # (N, N) factors of K, fully pivoted
     order: NDArray[np.int64]  # (N,) of its rows
     columns: NDArray[np.int64]  # (N,)
     rank: NDArray[np.int64]  # (1,)
-    J: Array  # (rank, n) independent rows of the constraint Jacobian
+    J: Array  # (rank, n) independent rows of the constraint Jacobian, in units
     A: Array  # (n, rank) scratch of its decomposition
     pivots: NDArray[np.int64]  # (rank,)
     U: Array  # (n, n)
@@ -57,19 +60,20 @@ class Scratch(NamedTuple):
     W: Array  # (rank, rank)
 
     @staticmethod
-    def allocate(nq: int, n: int, rank: int) -> Scratch:
-        """Return zeroed scratch."""
-        N, z = n + rank, np.zeros
+    def allocate(nq: int, size: Array, row: Array) -> Scratch:
+        """Return zeroed scratch for so many positions and these units of coordinates and constraints."""
+        n, rank, z = len(size), len(row), np.zeros
+        N = n + rank
         return Scratch(
-            z(nq, complex), z(n, complex), z(n, complex), z(nq), z(rank), z(n), z(n), z(N), z((N, N)), z(N), z(N),
-            z((N, N)), z(N, np.int64), z(N, np.int64), z(1, np.int64), z((rank, n)), z((n, rank)), z(rank, np.int64),
-            z((n, n)), z(rank), z((rank, rank)),
+            size, row, z(nq, complex), z(n, complex), z(n, complex), z(nq), z(rank), z(n), z(n), z(N), z((N, N)), z(N),
+            z(N), z((N, N)), z(N, np.int64), z(N, np.int64), z(1, np.int64), z((rank, n)), z((n, rank)),
+            z(rank, np.int64), z((n, n)), z(rank), z((rank, rank)),
         )  # fmt: skip
 
 
 @kernel
 def linearise(eqs: Any, t: float, q: Any, lam: Any, moved: Any, rows: Any, c2: float, scale: float, s: Any) -> None:
-    """s.f and s.K at (q, lam), c2 M moved among the forces; one evaluation a coordinate, forces in units of scale."""
+    """s.f and s.K at (q, lam), c2 M moved among the forces; one evaluation a coordinate. ``scale`` is an energy."""
     n, rank, terms = s.v.shape[0], rows.shape[0], eqs.terms
     for k in range(n):
         for i in range(q.shape[0]):
@@ -86,14 +90,14 @@ def linearise(eqs: Any, t: float, q: Any, lam: Any, moved: Any, rows: Any, c2: f
             if c2 != 0.0:
                 for j in range(n):
                     balance += c2 * terms.M[i, j] * (moved[j] + s.dq[j])
-            s.f[i] = balance.real / scale
-            s.K[i, k] = balance.imag / (EPSILON * scale)
+            s.f[i] = balance.real * s.size[i] / scale
+            s.K[i, k] = balance.imag / EPSILON * s.size[i] * s.size[k] / scale
         for r in range(rank):
-            s.f[n + r] = terms.Phi[rows[r]].real
-            s.K[n + r, k] = terms.Phi[rows[r]].imag / EPSILON
+            s.f[n + r] = terms.Phi[rows[r]].real / s.row[r]
+            s.K[n + r, k] = terms.Phi[rows[r]].imag / EPSILON * s.size[k] / s.row[r]
     for r in range(rank):
         for i in range(n):
-            s.K[i, n + r] = terms.J[rows[r], i].real
+            s.K[i, n + r] = terms.J[rows[r], i].real * s.size[i] / s.row[r]
         for other in range(rank):
             s.K[n + other, n + r] = 0.0
 
@@ -110,7 +114,7 @@ def correction(s: Any, z: Any) -> float:
 
 @kernel
 def stiffness(s: Any) -> float:
-    """Largest entry of the force rows of K, or 1: the scale of forces."""
+    """Largest entry of the force rows of K, or 1."""
     n, largest = s.v.shape[0], 0.0
     for i in range(n):
         for k in range(n):
@@ -125,13 +129,13 @@ def move(eqs: Any, q: Any, lam: Any, damping: float, scale: float, s: Any) -> No
     for i in range(q.shape[0]):
         s.q[i] = q[i]
     for i in range(n):
-        s.dq[i] = damping * s.z[i]
-        s.moved_try[i] = s.moved[i] + damping * s.z[i]
+        step = damping * s.size[i] * s.z[i]
+        s.dq[i], s.moved_try[i] = step, s.moved[i] + step
     eqs.retract(s.q, s.dq, eqs.data)
     for i in range(q.shape[0]):
         s.q_try[i] = s.q[i].real
     for r in range(lam.shape[0]):
-        s.lam_try[r] = lam[r] + damping * scale * s.z[n + r]
+        s.lam_try[r] = lam[r] + damping * scale / s.row[r] * s.z[n + r]
 
 
 @kernel
@@ -168,15 +172,17 @@ def evaluate(eqs: Any, t: float, q: Any, v: Any) -> None:
 
 @kernel
 def constraint_forces(rows: Any, terms: Any, s: Any, lam: Any) -> float:
-    """lam (rank,): multipliers of least unbalance with the ``terms`` at hand; return how far J is from losing rank."""
+    """lam (rank,): multipliers of least unbalance with the ``terms`` at hand; return how far J~ is from losing rank."""
     n, rank = s.v.shape[0], rows.shape[0]
     for r in range(rank):
         for i in range(n):
-            s.J[r, i] = terms.J[rows[r], i].real
+            s.J[r, i] = terms.J[rows[r], i].real * s.size[i] / s.row[r]
     decompose(s.J, rank, n, s.A, s.pivots, s.U, s.sigma, s.W)
     for i in range(n):
-        s.f[i] = -terms.h[i].real
+        s.f[i] = -terms.h[i].real * s.size[i]
     pseudo_inverse_transposed(s.f, rank, n, rank_at(s.sigma, rank, SINGULAR_POSITION), s.U, s.sigma, s.W, lam)
+    for r in range(rank):
+        lam[r] /= s.row[r]
     return ratio(s.sigma, rank)
 
 
@@ -238,7 +244,7 @@ class DenseEquilibriumSolver(EquilibriumSolver):
         self._terms = system.allocate_terms(complex)
         self._eqs = bundle(system, self._terms)
         self.rows = self._independent(t, q)
-        scratch = Scratch.allocate(system.nq, system.n, len(self.rows))
+        scratch = Scratch.allocate(system.nq, system.size, system.row_size[self.rows])
         scratch.v[:] = v
         self._v, self._lam, self._moved = scratch.v, scratch.lam_try, scratch.moved
         self._scratch, self._held_terms = hold(scratch), hold(self._terms)

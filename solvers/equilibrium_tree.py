@@ -67,7 +67,7 @@ class TreeEquilibriumSolver(EquilibriumSolver):
             if not saddle.factor(0.0, c2):
                 return Outcome.SINGULAR, at, moved, iteration
             step, reaction = saddle.solve(-forces, -gaps)
-            size = float(np.linalg.norm(step))
+            size = float(np.linalg.norm(step / self._size))
             if not np.isfinite(size):
                 return Outcome.SINGULAR, at, moved, iteration
             if size <= CONVERGED * np.sqrt(len(step)):
@@ -75,7 +75,7 @@ class TreeEquilibriumSolver(EquilibriumSolver):
             while True:
                 trial, further = self._stepped(at, damping, step, reaction), moved + damping * step
                 forces, gaps = saddle.unbalance(t, trial.q, self._v, c2 * further, trial.lam)
-                after = float(np.linalg.norm(saddle.solve(forces, gaps)[0]))
+                after = float(np.linalg.norm(saddle.solve(forces, gaps)[0] / self._size))
                 if after <= (1.0 - 0.25 * damping) * size:
                     break
                 damping *= 0.5

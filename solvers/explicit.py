@@ -78,6 +78,17 @@ class AdamsStepper(DenseStepper):
         self._settings["works"] = watched and self.system.works()
         self._history.y[:] = np.concatenate((self._q, self._v, self._ledger[[WORK]]))
 
+    @property
+    def notice(self) -> str:
+        """Whether the tolerance was coarser than asked for beside a near miss."""
+        c = self._control[0]
+        if not c["coarsest"] > 1.0:
+            return ""
+        return (
+            f"the tolerance was {c['coarsest'] * self.options.rtol:.0e}, not {self.options.rtol:g}, beside a singular "
+            f"position that the loop misses by {c['narrowest']:.0e} of its size: rounding allows no finer"
+        )
+
     def _arrays(self) -> list[NDArray[Any]]:
         return [*self._history, self._reported, self._q, self._v, self._ledger, *self._units.memory()]
 
@@ -91,6 +102,7 @@ class AdamsStepper(DenseStepper):
             partition_switches=left + int(c["returns"]),
             choices=int(c["changes"]),
             refused=int(c["refused"]),
+            coarser=max(1.0, float(c["coarsest"])),
             left_by_turn=int(c["by_turn"]),
             left_by_flicker=int(c["by_flicker"]),
             left_by_energy=int(c["by_energy"]),

@@ -99,14 +99,14 @@ def give_up_lu(eqs: Any, c: Any, H: Any, work: Any) -> None:
 def leave_lu(eqs: Any, c: Any, o: Any, work: Any, H: Any) -> None:
     """After an accepted LU step: the paper's re-choice, and what the hybrid makes of it.
 
-    The hybrid looks ahead by the smallest pivot of J_d. Where that would vanish within a few steps and no other choice
-    helps it gives LU up, and where the choice flickers.
+    The hybrid looks ahead by the smallest pivot of J_d. Where that is nearly nothing, or would be within a few steps,
+    and no other choice helps it gives LU up, and where the choice flickers.
     """
     ends = False
     if o.partition == HYBRID:
         frame_lu(eqs.terms, c, H, work)
         before, c.pivot = c.pivot, smallest_pivot(c.rank, work)
-        ends = time_left(before, c.pivot, c.hold) < AHEAD * c.h
+        ends = c.pivot < SINGULAR or time_left(before, c.pivot, c.hold) < AHEAD * c.h
     if not (due_for_choice(c) or ends):
         return
     found = choose(eqs.terms, c.rank, work)

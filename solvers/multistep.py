@@ -47,6 +47,8 @@ CONTROL = np.dtype(
         ("time_lu", "f8"), ("time_projection", "f8"),
         ("positive", "i8"), ("pivot", "f8"),  # LU: det J_d at y is positive; its smallest pivot
         ("refused", "i8"),  # steps that might have jumped to another branch
+        ("coarser", "f8"), ("coarsest", "f8"),  # tolerance of this step in units of the one asked for, and its largest
+        ("narrowest", "f8"),  # the gap that made it so
         *FIELDS,
     ],
     align=True,

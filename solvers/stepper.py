@@ -87,6 +87,7 @@ class Statistics:
     order: int = 0  # of the last step
     step_size: float = 0.0  # s, of the last step
     refused: int = 0  # of the rejected: steps that might have jumped to another branch
+    coarser: float = 1.0  # largest tolerance beside near misses in units of the one asked for, see Stepper.notice
     stability_limited: int = 0  # of an explicit solver: steps whose length stability set, and not accuracy
     partition_switches: int = 0  # between LU and projection
     choices: int = 0  # changes of the independent coordinates under LU

@@ -1,4 +1,4 @@
-"""Long undamped runs and extreme numbers of the governor and the swing pendulum."""
+"""Long undamped runs and extreme numbers of the shipped models."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import simpson
 
+from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
 from mbfmu.model import Model
@@ -87,3 +88,10 @@ def test_a_spring_of_1e7_newton_a_metre_is_only_a_faster_motion(model: Model, so
     assert exact is not None
     for name, values in exact.items():
         np.testing.assert_allclose(result[name], values, atol=bound)
+
+
+def test_a_run_tells_where_rounding_allows_no_finer_tolerance() -> None:
+    model, times = FourBar(rocker_length=1.0 + 1e-9), np.linspace(0.0, 2.0, 11)
+    finest, fine = (run(model, Settings(solver="adams", tolerance=rtol), times) for rtol in (1e-10, 1e-7))
+    assert any("rounding allows no finer" in text for text in finest.remarks)
+    assert not any("rounding allows no finer" in text for text in fine.remarks)

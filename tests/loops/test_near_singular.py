@@ -32,6 +32,24 @@ def test_a_four_bar_beside_its_singular_position(name, gap, solver):
         assert verdict.word == "right", verdict
 
 
+@pytest.mark.parametrize("solver", ["adams", "hybrid"])
+@pytest.mark.parametrize("make", [parallelogram, grashof])
+@pytest.mark.parametrize("gap", [1e-9, -1e-9, 1e-8])
+def test_where_rounding_sets_the_accuracy_the_tolerance_follows_and_it_is_said(make, gap, solver):
+    mechanism, motion = known(make, 2.0, eps=gap)
+    verdict = judge(mechanism, motion, solver, 1e-10)
+    assert verdict.word == "right", verdict
+    assert verdict.evaluations < 6000  # noise would make it 20 000
+    plant = mechanism.compile()
+    q, v = plant.assemble()
+    run = stepper(solver, plant.system, 0.0, q, v, Options(rtol=1e-10))
+    assert run.notice == ""
+    assert run.advance(2.0).ok
+    assert 1.0 < run.statistics.coarser < 1e3
+    assert "misses by" in run.notice
+    assert "rounding allows no finer" in run.notice
+
+
 @pytest.mark.parametrize("solver", ["ida", "adams", "hybrid"])
 @pytest.mark.parametrize("name", NAMED)
 def test_redundant_and_singular_loops(name, solver):
