@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from mechanisms import Scale, crane, grashof, parallelogram, slider_crank, three_cranks
+from random_loops import _MAKERS as RANDOM
 
 from solvers import Options, stepper
 
@@ -48,3 +49,23 @@ def test_a_scaled_copy_takes_the_same_steps_to_the_same_numbers(name, solver):
         q_scaled, cost_scaled = moved(CASES[name], scale, solver, 1e-6)
         assert cost_scaled == cost
         np.testing.assert_array_equal(q_scaled, q)
+
+
+def taken(family, seed, scale, solver):
+    """How a run of a random loop ended, and what it took."""
+    case, _ = RANDOM[family](np.random.default_rng(seed), scale)
+    plant = case.mechanism.compile()
+    q, v = plant.assemble()
+    motion = stepper(solver, plant.system, 0.0, q, v, Options(rtol=1e-6))
+    motion.sample(0.1 * case.stop_time * np.arange(1, 4))
+    s = motion.statistics
+    return motion.status.code, s.steps, s.rejected, s.rhs_evals
+
+
+@pytest.mark.parametrize("solver", ["adams", "hybrid", "ida"])
+@pytest.mark.parametrize("family", RANDOM)
+def test_scaled_copies_of_random_loops_take_the_same_steps(family, solver):
+    scales = SCALES["a thousandth"], SCALES["light"], SCALES["small, heavy and fast"]
+    for seed in range(100, 106):
+        costs = [taken(family, seed, scale, solver) for scale in (Scale(), *scales)]
+        assert len(set(costs)) == 1, f"seed {seed}: {costs}"
