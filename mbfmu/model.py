@@ -118,7 +118,7 @@ class Model:
 
     def build(self) -> Mechanism:
         """Return the mechanism for these parameters."""
-        raise NotImplementedError(f"model {self.name!r} does not say how it is built; write its build()")
+        raise UserError(f"model {self.name!r} does not say how it is built; write its build()")
 
     def exact(self, times: NDArray[np.float64]) -> dict[str, NDArray[np.float64]] | None:
         """Return outputs whose exact motion is known, by name, at ``times`` (s); None: none is."""

@@ -12,6 +12,7 @@ import numpy as np
 
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Variable
+from mbfmu.mechanics.numbers import array_of
 from mbfmu.model import Model, suggest
 from mbfmu.simulation import Array, Settings, Simulation, together
 from solvers import Statistics
@@ -77,7 +78,15 @@ def run(
 
     ``watch`` is shown the simulation whenever its outputs have been read: its bodies are in place then. ``warn`` is
     told at once when the energy balance is lost; the run goes on.
+
+    Raises
+    ------
+    UserError
+        Times that do not ascend, and what :class:`Simulation` raises.
     """
+    times = array_of("times", times)
+    if times.ndim != 1 or not len(times) or not np.isfinite(times).all() or np.any(np.diff(times) <= 0.0):
+        raise UserError(f"times are {times!r}; they must be finite numbers in one row, each later than the one before")
     simulation = Simulation(model, settings, float(times[0]))
     values = np.zeros((len(times), len(simulation.variables)))
     values[0] = simulation.outputs()

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from math import inf, nan
 
@@ -14,6 +15,7 @@ from mbfmu.audit import VARIABLES, Audit
 from mbfmu.equilibrium import Balance
 from mbfmu.errors import UserError
 from mbfmu.mechanics.bending import COARSE, FOLDED
+from mbfmu.mechanics.numbers import finite
 from mbfmu.model import Model, suggest
 from solvers import SOLVERS, Options, SolverError, Statistics, Status, stepper
 from solvers.ledger import EXCHANGED
@@ -59,10 +61,13 @@ class Settings:
 
     def __post_init__(self) -> None:
         """Check the names and numbers; raises UserError."""
-        if self.solver not in SOLVERS:
-            raise UserError(f"solver is {self.solver!r}{suggest(self.solver, SOLVERS)}")
-        if self.partition not in PARTITIONS:
-            raise UserError(f"partition is {self.partition!r}{suggest(self.partition, PARTITIONS)}")
+        for what, known in (("solver", SOLVERS), ("partition", PARTITIONS)):
+            given = getattr(self, what)
+            if not isinstance(given, str) or given not in known:
+                raise UserError(f"{what} is {given!r}{suggest(str(given), known)}")
+        for what in ("start_at_equilibrium", "audit"):
+            if not isinstance(getattr(self, what), bool | np.bool_):
+                raise UserError(f"{what} is {getattr(self, what)!r}; allowed: True or False")
         try:
             self.options()
         except (ValueError, TypeError) as error:
@@ -122,10 +127,16 @@ class Simulation:
         except ValueError as error:
             raise UserError(f"model {model.name!r}: {error}") from error
         self.variables = (*self.plant.outputs, *VARIABLES)
+        unique(["time", *(v.name for v in (*self.plant.inputs.variables, *self.variables))])
         self._out = np.zeros(len(self.variables))
         self.work_of_jumps = 0.0
         self.remarks: list[str] = []
         self._remark(self.stepper.notice)
+        if self.stepper.starts_singular:
+            self._remark(
+                "it starts in a singular position, where its loops leave rates open: taken are the nearest to those "
+                "given; give the rate of every joint to say which way it goes"
+            )
         # where nothing is free nothing is integrated but the work, whose error no tolerance controls
         audited = settings.audit and self.stepper.freedom > 0
         self.audit = Audit(self.plant, settings.tolerance, self.energy()) if audited else None
@@ -197,6 +208,7 @@ class Simulation:
 
         :attr:`failure` also tells of a folded sheet.
         """
+        t = finite("the time to advance to", t)
         self._set_out(t)
         status = self.stepper.advance(t)
         q = self.stepper.q
@@ -312,6 +324,8 @@ class Simulation:
         What loads the mechanism holds from now on. What moves a support is where the support should be now, or how
         fast: the next step moves it, see :mod:`mbfmu.mechanics.motion`.
         """
+        if not 0 <= index < len(self.plant.inputs):
+            raise UserError(f"there is no input {index!r}; this model has {len(self.plant.inputs)}, counted from 0")
         if self.plant.inputs.moves_support(index):
             self.plant.inputs.set(index, value)
             return
@@ -365,6 +379,13 @@ class Simulation:
         t, q = head["bent"] or (self.t, self.stepper.q)
         self._bend, self._bent_at = self.plant.bend(t, np.array(q)), (t, np.array(q))
         self._look(self.t, self.stepper.q)
+
+
+def unique(names: Iterable[str]) -> None:
+    """Refuse a name that two variables have."""
+    name, count = Counter(names).most_common(1)[0]
+    if count > 1:
+        raise UserError(f"{count} variables are named {name!r}: names of parameters, inputs and outputs must differ")
 
 
 def together(*warnings: str) -> str:

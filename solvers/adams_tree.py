@@ -39,7 +39,7 @@ from .multistep import (
 from .outcome import Code
 from .partition import NO_MASS, NOT_FINITE, OK
 from .saddle import Motion
-from .stepper import Options, Statistics, Stepper
+from .stepper import Options, Statistics, Stepper, require_resolved
 from .system import Array, TreeSystem, audit_callbacks
 
 SETTINGS = np.dtype(
@@ -174,6 +174,7 @@ class TreeAdamsStepper(Stepper):
 
     def __init__(self, system: TreeSystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
         super().__init__(system, t0, q0, v0, options)
+        require_resolved(self._t, system.rate, self.options.rtol)
         self.system = system
         o = self.options
         self._motion = Motion(system)

@@ -45,7 +45,7 @@ from .ledger import BOOK, WORK, Scales, catch_up
 from .outcome import Code
 from .quiet import IDA
 from .saddle import Motion, close, inverse_squares
-from .stepper import Options, Statistics
+from .stepper import Options, Statistics, require_resolved
 from .system import Array, TreeSystem, audit_callbacks
 
 UNCONTROLLED = 1e8  # absolute tolerance of the multipliers
@@ -152,6 +152,7 @@ class TreeIDAStepper(IDADriver):
     def __init__(self, system: TreeSystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
         self.others = () if system.m else ("adams",)  # which knows no loops in a large tree
         super().__init__(system, t0, q0, v0, options)
+        require_resolved(self._t, system.rate, self.options.rtol)
         self.system = system
         nq, n, m = system.nq, system.n, system.m
         ends = np.cumsum((nq, n, m, m))

@@ -39,11 +39,12 @@ MESSAGES: dict[Code, tuple[str, str]] = {
     ),
     Code.MAX_STEPS: (
         "the largest number of steps for one call was taken",
-        "Call advance again to go on, raise max_steps, or loosen rtol.",
+        "Look for a motion far faster than meant, loosen the tolerance, or go on: advance may be called again.",
     ),
     Code.COLLAPSED: (
         "the step has become too small to move time",
-        "The motion has a jump or a kink here, or comes to a singular position: smooth the force{others}.",
+        "The motion has a jump or a kink here, or comes to a singular position, or a drive leads where its loop cannot "
+        "follow: smooth the force, shorten the drive's way{others}.",
     ),
     Code.BRANCHES: (
         "two branches of the motion come so near each other that no step tells them apart",

@@ -23,6 +23,7 @@ from .workspace import Workspace
 # The pace of a coordinate: of its rate at the start, which is above that of a small oscillation by the root of its
 # amplitude; and the least, of the rate of the motion, for what rests at the start may move later.
 SLOWER, SLOWEST = 0.1, 0.01
+UNDETERMINED = 1e-9  # singular value of J~, relative to the largest, below which a start takes no rate from it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,6 +75,16 @@ def require(name: str, value: float, above: float, below: float) -> None:
     """Raise unless ``value`` lies strictly between the bounds."""
     if not above < value < below:
         raise ValueError(f"{name} = {value}: must lie between {above} and {below}, bounds excluded")
+
+
+def require_resolved(t0: float, rate: float, rtol: float) -> None:
+    """Raise where times about ``t0`` (s) are too far apart for a motion of ``rate`` (1/s)."""
+    apart = float(np.spacing(abs(t0)))
+    if not apart * rate <= rtol:
+        raise ValueError(
+            f"t0 = {t0:g} s: numbers there are {apart:.1e} s apart, in which the motion goes on by more than the "
+            f"tolerance of {rtol:g}; start at a smaller time"
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,9 +150,12 @@ class Stepper(ABC):
     ----------
     others
         Names of the solvers to try where this one does not go on.
+    starts_singular
+        Whether it was constructed in a singular position: rates may not be what the loops would make them beside it.
     """
 
     others: tuple[str, ...]
+    starts_singular: bool = False
 
     def __init__(self, system: AnySystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
         self.options = options or Options()
@@ -277,8 +291,16 @@ class DenseStepper(Stepper):
         self._units.size_q[:] = self._position_sizes()
         self._rank = normal_rank(self._eqs, self._t, self._q, self._v, self._work)
         code = close(self._eqs, self._t, self._q, self._v, self._rank, self._work)
+        self.starts_singular = self._loses_rank()
         self.status = self._status(Code(code))
         self._measure_pace()
+
+    def _loses_rank(self) -> bool:
+        """Whether rates there are that constraints determine elsewhere, and not at the reported position."""
+        if self._rank == 0:
+            return False
+        sigma = np.linalg.svd(self._terms.J * self.system.size / self._units.row[:, None], compute_uv=False)
+        return bool(sigma[self._rank - 1] <= UNDETERMINED * sigma[0])
 
     @property
     def freedom(self) -> int:
@@ -302,6 +324,7 @@ class DenseStepper(Stepper):
         if code is Code.OK:
             own = np.maximum(own, np.sqrt(np.abs(a / size)))
         rate = max(self.system.rate, own.max(initial=0.0)) or 1.0
+        require_resolved(self._t, rate, self.options.rtol)
         self._units.rate[0] = rate
         self._units.pace[:] = np.maximum(SLOWER * own, SLOWEST * rate)
 

@@ -12,7 +12,7 @@ from pythonfmu import String as FmiString
 from mbfmu.audit import VARIABLES
 from mbfmu.mechanics import Plant
 from mbfmu.model import Model, Parameter
-from mbfmu.simulation import Settings, Simulation
+from mbfmu.simulation import Settings, Simulation, unique
 
 from .description import Quantity, QuantityReal, complete
 
@@ -80,6 +80,7 @@ class Interface(Fmi2Slave):  # type: ignore[misc]
             "solver.message",
             "what went wrong, a stop or a lost energy balance, and what to try; or empty",
         )
+        unique(variable.name for variable in self.vars.values())
         self._buffer = np.zeros(len(self.vars))
         for reference, start in self._reals:
             self._buffer[reference] = start

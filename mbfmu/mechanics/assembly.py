@@ -137,9 +137,12 @@ def check_inertia(system: AnySystem, t: float, q: Array, v: Array) -> None:
         basis = system.size[:, np.newaxis] * Vt[rank:].T
     if basis.shape[1] == 0:
         return
-    values, vectors = np.linalg.eigh(basis.T @ terms.M @ basis)
+    M = basis.T @ terms.M @ basis
+    own = np.sqrt(np.diag(M))  # every motion by its own measure: a light body may move beside a heavy one
+    own[own <= 0.0] = 1.0
+    values, vectors = np.linalg.eigh(M / np.outer(own, own))
     if values[0] <= MASSLESS * max(float(values[-1]), 1e-300):
-        mode = np.abs(basis @ vectors[:, 0]) / system.size
+        mode = np.abs(basis @ (vectors[:, 0] / own)) / system.size
         names = [system.coordinate_names[i] for i in np.flatnonzero(mode > 0.1 * mode.max())]
         raise AssemblyError(
             f"no inertia: coordinate(s) {', '.join(map(repr, names))} can move without moving mass; "

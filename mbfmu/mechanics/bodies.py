@@ -81,8 +81,8 @@ class Body:
         return Sensor(kind=Kind.JOINT_FORCE, unit="N.m", item=self, component=3 + axis_index(axis))
 
     def _unit(self, k: int) -> str:
-        if not 0 <= k < self.joint.nv:
-            raise UserError(f"body {self.name!r} has no joint coordinate {k}; it has {self.joint.nv}")
+        if not isinstance(k, int | np.integer) or not 0 <= k < self.joint.nv:
+            raise UserError(f"body {self.name!r} has no joint coordinate {k!r}; it has {self.joint.nv}")
         return self.joint.units[k]
 
 

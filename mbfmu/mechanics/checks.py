@@ -63,11 +63,11 @@ def inertia_matrix(body: str, value: Any) -> Matrix:
     array = array_of(f"inertia of body {body!r}", value)
     J = np.diag(array) if array.shape == (3,) else array
     what = f"inertia of body {body!r} is {value!r}"
-    if J.shape != (3, 3) or not np.all(np.isfinite(J)) or not np.allclose(J, J.T):
+    rounding = 1e-9 * float(np.abs(J).max(initial=0.0))
+    if J.shape != (3, 3) or not np.all(np.isfinite(J)) or np.abs(J - J.T).max() > rounding:
         raise UserError(f"{what}; it needs three principal values or a symmetric 3x3 matrix, kg m^2")
     p = np.linalg.eigvalsh(J)
-    slack = 1e-9 * max(1.0, p[2])
-    if p[0] < -slack or p[2] > p[0] + p[1] + slack:
+    if p[0] < -rounding or p[2] > p[0] + p[1] + rounding:
         raise UserError(f"{what}; principal values must not be negative, nor one exceed the sum of the others")
     return J
 

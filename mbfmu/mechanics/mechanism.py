@@ -297,6 +297,10 @@ class Mechanism:
     def output(self, name: str, sensor: Sensor, description: str = "", nominal: float | None = None) -> None:
         """Publish a quantity under a structured name such as ``crank.angle``."""
         self._new_name("output", name, [o[0] for o in self.outputs])
+        if not isinstance(sensor, Sensor):
+            raise UserError(f"output {name!r} is {sensor!r}; it must be a sensor, such as Body.angle()")
+        if isinstance(sensor.item, Body):
+            self._member(sensor.item, f"body of output {name!r}")
         self.outputs.append((name, sensor, description, nominal))
 
     def compile(self) -> Plant:
@@ -316,8 +320,8 @@ class Mechanism:
 
     @staticmethod
     def _new_name(what: str, name: str, taken: Collection[str]) -> None:
-        if not name or name in taken:
-            raise UserError(f"{what} is named {name!r}; a name must not be empty and must be new among {list(taken)}")
+        if not isinstance(name, str) or not name.isprintable() or not name or name in taken:
+            raise UserError(f"{what} is named {name!r}; a name must be text, not empty, and new among {list(taken)}")
 
 
 def rod(*, mass: float, length: float) -> dict[str, Any]:

@@ -16,6 +16,9 @@ from .arrays import Arrays
 from .bodies import Body
 from .cuts import Cut
 from .joints import Joint
+from .numbers import array_of
+
+SHORTEST, LONGEST = 1e-50, 1e50  # m
 
 
 def characteristic_length(arrays: Arrays) -> float:
@@ -23,7 +26,7 @@ def characteristic_length(arrays: Arrays) -> float:
 
     Points are origins of joints, centres of mass, and where cut joints and forces act; a rod between two points and an
     elastic body count with their length. A mechanism all of whose points coincide is measured by the springs and the
-    radii of gyration it has, and one without any by 1 m.
+    radii of gyration it has, and one without any by 1 m. Raises UserError for one that is no length of a mechanism.
     """
     points: defaultdict[int, list[Array]] = defaultdict(list)
     for i, body in enumerate(arrays.bodies[1:], 1):
@@ -34,14 +37,19 @@ def characteristic_length(arrays: Arrays) -> float:
             points[int(tie["a"])].append(tie["Pa"])
             points[int(tie["b"])].append(tie["Pb"])
     spans = [_span(np.array(own)) for own in points.values()]
-    length = max((*spans, *arrays.cuts["length"], *arrays.nodes["x"]))
-    return float(length or _slight(arrays) or 1.0)
+    length = float(max((*spans, *arrays.cuts["length"], *arrays.nodes["x"])) or _slight(arrays) or 1.0)
+    if not SHORTEST <= length <= LONGEST:
+        raise UserError(
+            f"the largest length of the mechanism is {length:.3g} m; allowed: {SHORTEST:g} to {LONGEST:g} m"
+        )
+    return length
 
 
 def _span(points: Array) -> float:
     """Return the distance between two far points of (k, 3): at least 0.57 of the largest there is."""
-    far = points[np.linalg.norm(points - points[0], axis=1).argmax()]
-    return float(np.linalg.norm(points - far, axis=1).max())
+    with np.errstate(over="ignore"):
+        far = points[np.linalg.norm(points - points[0], axis=1).argmax()]
+        return float(np.linalg.norm(points - far, axis=1).max())
 
 
 def _slight(arrays: Arrays) -> float:
@@ -61,7 +69,7 @@ def joint_sizes(name: str, joint: Joint, length: float) -> Array:
     """Return the unit of the coordinates (nv,) of one joint."""
     if joint.size is None:
         return np.array([length if unit == "m" else 1.0 for unit in joint.units])
-    told = np.asarray(joint.size, float)
+    told = array_of(f"size of body {name!r}", joint.size)
     if told.shape not in ((), (joint.nv,)) or not np.all(np.isfinite(told)) or np.any(told <= 0.0):
         raise UserError(
             f"size of body {name!r} is {joint.size!r}; allowed: one number greater than zero, or {joint.nv} of them"

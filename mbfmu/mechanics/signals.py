@@ -16,7 +16,7 @@ import numpy as np
 from mbfmu.errors import UserError
 from solvers.kernel import kernel
 
-from .numbers import is_finite
+from .numbers import finite, is_finite
 
 POLYNOMIAL, HARMONIC, RUN_UP = 0, 1, 2
 
@@ -145,6 +145,10 @@ class Input:
     rate_name: str = ""
     start: float = 0.0
 
+    def __post_init__(self) -> None:
+        """Refuse a start that is no number."""
+        finite(f"start of input {self.name!r}", self.start)
+
     def fill(self, record: Any) -> None:
         """Write the start value into the record."""
         record["kind"] = POLYNOMIAL
@@ -175,6 +179,10 @@ class SpeedInput:
     unit: str
     description: str = ""
     start: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse a start that is no number."""
+        finite(f"start of input {self.name!r}", self.start)
 
     def fill(self, record: Any) -> None:
         """Write the start value into the record."""

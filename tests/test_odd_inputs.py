@@ -1,0 +1,174 @@
+"""What a user may write by mistake, through the Python API: a sentence, whatever it is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics import (
+    Input,
+    JointForce,
+    Mechanism,
+    Revolute,
+    RevoluteCut,
+    SpeedInput,
+    Translational,
+    rod,
+)
+from mbfmu.model import Model
+from mbfmu.native import run
+from mbfmu.simulation import Settings, Simulation
+
+TIMES = np.linspace(0.0, 0.1, 3)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Made(Model):
+    """Whatever a function adds to a swinging rod."""
+
+    name = "made"
+    more: Any = None
+
+    def __post_init__(self) -> None:
+        """Take anything."""
+
+    def build(self) -> Mechanism:
+        m = Mechanism(gravity=(0.0, -9.81, 0.0))
+        bar = m.body("bar", m.ground, Revolute(start=0.3), **rod(mass=1.0, length=1.0))
+        m.output("angle", bar.angle())
+        if self.more is not None:
+            self.more(m, bar)
+        return m
+
+
+def other() -> Mechanism:
+    """Another mechanism with two bodies."""
+    m = Mechanism()
+    m.body("other", m.body("first", m.ground, Revolute(), mass=1.0), Revolute(), mass=1.0)
+    return m
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        (lambda m, bar: m.output("a", 5), "output 'a' is 5"),
+        (lambda m, bar: m.output(5, bar.angle()), "output is named 5"),
+        (lambda m, bar: m.output("a\nb", bar.angle()), "output is named"),
+        (lambda m, bar: m.output("a", bar.coordinate("x")), "no joint coordinate 'x'"),
+        (lambda m, bar: m.output("a", bar.coordinate(0.5)), "no joint coordinate 0.5"),
+        (lambda m, bar: m.output("a", other().bodies[-1].angle()), "not a body of this mechanism"),
+        (lambda m, bar: m.output("a", other().ground.position("x")), "not a body of this mechanism"),
+        (lambda m, bar: m.output("time", bar.angle()), "2 variables are named 'time'"),
+        (lambda m, bar: m.output("energy_imbalance", bar.rate()), "2 variables are named 'energy_imbalance'"),
+        (
+            lambda m, bar: m.force("f", JointForce(magnitude=Input(name="angle", unit="N.m")), bar),
+            "2 variables are named 'angle'",
+        ),
+        (lambda m, bar: Input(name="push", unit="N", start=float("nan")), "start of input 'push' is nan"),
+        (lambda m, bar: Input(name="push", unit="N", start="x"), "start of input 'push' is 'x'"),
+        (lambda m, bar: SpeedInput(name="speed", unit="rad/s", start=float("inf")), "start of input 'speed' is inf"),
+        (lambda m, bar: m.body("b", bar, Translational(size="x"), mass=1.0), "size of body 'b' is 'x'"),
+        (
+            lambda m, bar: m.cut("far", RevoluteCut(at_a=(1e160, 0.0, 0.0)), bar, m.ground),
+            "largest length of the mechanism",
+        ),
+    ],
+)
+def test_a_mechanism_with_something_odd(more: Callable[[Mechanism, Any], None], message: str) -> None:
+    with pytest.raises(UserError, match=message):
+        run(Made(more=more), Settings(), TIMES)
+
+
+@pytest.mark.parametrize(
+    "times",
+    [[], None, 0.5, [[0.0, 1.0]], "soon", [0.0, float("nan")], [0.0, 1.0, 0.5], [0.0, 0.0], [float("nan"), 1.0]],
+)
+def test_times_that_are_none(times: Any) -> None:
+    with pytest.raises(UserError, match=r"times (is|are)"):
+        run(Made(), Settings(), times)
+
+
+@pytest.mark.parametrize(
+    "odd",
+    [
+        {"solver": None},
+        {"solver": ["ida"]},
+        {"solver": 5},
+        {"partition": None},
+        {"audit": None},
+        {"start_at_equilibrium": "x"},
+    ],
+)
+def test_settings_of_another_kind(odd: dict[str, Any]) -> None:
+    with pytest.raises(UserError, match=f"{next(iter(odd))} is"):
+        Settings(**odd)
+
+
+@pytest.mark.parametrize("index", [-1, 0, 99])
+def test_an_input_that_is_not_there(index: int) -> None:
+    with pytest.raises(UserError, match="no input"):
+        Simulation(Made(), Settings()).set_input(index, 1.0)
+
+
+def test_an_advance_to_nowhere() -> None:
+    with pytest.raises(UserError, match="time to advance to is nan"):
+        Simulation(Made(), Settings()).advance(float("nan"))
+
+
+@pytest.mark.parametrize("solver", ["ida", "adams", "hybrid"])
+@pytest.mark.parametrize("start", [1.7e9, 1e11, 1e17])
+def test_a_start_so_late_that_time_is_too_coarse(start: float, solver: str) -> None:
+    with pytest.raises(UserError, match="start at a smaller time"):
+        run(Made(), Settings(solver=solver, tolerance=1e-9), start + 1e6 * np.arange(3))
+    at_last = run(Made(), Settings(solver=solver, tolerance=1e-9), 1e6 + TIMES)
+    np.testing.assert_allclose(at_last["angle"], run(Made(), Settings(), TIMES)["angle"], atol=1e-5)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-3, 1e-6])
+def test_an_inertia_that_no_body_has_is_refused_at_any_size(scale: float) -> None:
+    for odd in ([0.1, 0.1, -0.1], [0.1, 0.1, 0.5], [[0.1, 0.05, 0.0], [-0.05, 0.1, 0.0], [0.0, 0.0, 0.1]]):
+        m = Mechanism()
+        with pytest.raises(UserError, match="inertia of body 'b'"):
+            m.body("b", m.ground, Revolute(), mass=1.0, inertia=scale**5 * np.array(odd))
+
+
+def test_light_bodies_may_move_beside_heavy_ones() -> None:
+    def more(m: Mechanism, bar: Any) -> None:
+        tiny = m.body("tiny", m.ground, Revolute(at=(3.0, 0.0, 0.0)), **rod(mass=1e-9, length=1e-4))
+        m.output("tiny", tiny.angle())
+
+    result = run(Made(more=more), Settings(solver="adams", tolerance=1e-8), TIMES)
+    assert not result.failure
+    pace = 1.5 * 9.81 / 1e-4
+    swing = solve_ivp(lambda t, y: (y[1], -pace * np.cos(y[0])), (0.0, 0.1), (0.0, 0.0), "DOP853", TIMES, rtol=1e-11)
+    np.testing.assert_allclose(result["tiny"], swing.y[0], atol=1e-5)
+
+
+def test_a_start_in_a_singular_position_is_told() -> None:
+    @dataclass(frozen=True, kw_only=True)
+    class Flat(Model):
+        name = "flat"
+        off: float = 0.0
+
+        def build(self) -> Mechanism:
+            m = Mechanism()
+            crank = m.body(
+                "crank", m.ground, Revolute(start=self.off, rate=1.0, fixed=True), **rod(mass=1.0, length=1.0)
+            )
+            bar = m.body("bar", crank, Revolute(at=(1.0, 0.0, 0.0), start=-self.off), **rod(mass=1.0, length=3.0))
+            rocker = m.body(
+                "rocker", m.ground, Revolute(at=(3.0, 0.0, 0.0), start=self.off), **rod(mass=1.0, length=1.0)
+            )
+            m.cut("pin", RevoluteCut(at_a=(3.0, 0.0, 0.0), at_b=(1.0, 0.0, 0.0)), bar, rocker)
+            m.output("angle", crank.angle())
+            return m
+
+    flat, off = (Simulation(Flat(off=off), Settings(solver="adams")) for off in (0.0, 0.1))
+    assert any("singular position" in text for text in flat.remarks)
+    assert not off.remarks
