@@ -33,7 +33,7 @@ PAGE, PICTURE = ROOT / "docs" / "hard_cases.md", ROOT / "docs" / "images" / "nea
 INTRODUCTION = """# Hard cases
 
 Written by `benchmarks/hard_cases.py`. Each case is run by each solver and compared with a reference that shares
-nothing with them: maximal coordinates, redundant rows by rank, DOP853 at 1e-12 with projection, SciPy alone; where the
+nothing with them: maximal coordinates, redundant rows by rank, DOP853 at 1e-11 with projection, SciPy alone; where the
 motion is known in closed form, with that. A run is
 
 - **right** where its error stays below 100 rtol A(t); A tells how errors grow in this motion. The table gives the
