@@ -28,7 +28,7 @@ from .system import Array, System
 EPSILON = 1e-30  # of the complex step; its square must vanish beside one
 SINGULAR = 1e-12  # pivot of K relative to the first, below which an unknown is undetermined
 BALANCED = 1e-9  # unbalance left by the last correction
-FARTHEST = 1.0  # correction
+FARTHEST = 1.0  # length of the first step
 SINGULAR_POSITION = 1e-7  # ratio of the singular values of J below which cut-joint forces are not determined
 INDEPENDENT = 1e-8  # relative pivot of an independent constraint
 
@@ -105,7 +105,7 @@ def linearise(eqs: Any, t: float, q: Any, lam: Any, moved: Any, rows: Any, c2: f
 
 @kernel
 def correction(s: Any, z: Any) -> float:
-    """z with K z = -f by the factors at hand; return the length of its coordinates, which multipliers follow linearly."""
+    """z with K z = -f by the factors at hand; return the length of its coordinates, which multipliers follow."""
     N, square = z.shape[0], 0.0
     solve_full_pivot(s.LU, N, s.rank[0], s.order, s.columns, s.f, z)
     for i in range(N):
@@ -201,7 +201,7 @@ def newton(eqs: Any, t: float, q: Any, lam: Any, rows: Any, c2: float, s: Any, r
         s.f[i] /= scale
         for k in range(n):
             s.K[i, k] /= scale
-    damping = 1.0
+    damping, first = 1.0, True
     for _ in range(ITERATIONS):
         report[0] += 1.0
         if not factor(s):
@@ -214,7 +214,8 @@ def newton(eqs: Any, t: float, q: Any, lam: Any, rows: Any, c2: float, s: Any, r
             if length(s.f) > BALANCED:
                 return 2
             return 0 if constraint_forces(rows, eqs.terms, s, s.lam_try) > SINGULAR_POSITION else 4
-        damping = min(damping, FARTHEST / size)  # what is farther may be another state
+        if first:  # what is farther may be another state
+            damping, first = min(1.0, FARTHEST / size), False
         while True:
             move(eqs, q, lam, damping, scale, s)
             linearise(eqs, t, s.q_try, s.lam_try, s.moved_try, rows, c2, scale, s)
