@@ -321,7 +321,9 @@ class Mechanism:
     @staticmethod
     def _new_name(what: str, name: str, taken: Collection[str]) -> None:
         if not isinstance(name, str) or not name.isprintable() or not name or name in taken:
-            raise UserError(f"{what} is named {name!r}; a name must be text, not empty, and new among {list(taken)}")
+            raise UserError(
+                f"{what} is named {name!r}; a name must be text that is not empty and must be new among {list(taken)}"
+            )
 
 
 def rod(*, mass: float, length: float) -> dict[str, Any]:
