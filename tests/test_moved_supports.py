@@ -143,7 +143,7 @@ def test_energy_closes_across_a_jump_of_speed(solver: str) -> None:
     speed, t, w = 0.7, 0.13, np.sqrt(STIFFNESS)
 
     def make(m: Mechanism) -> None:
-        base = m.body("base", m.ground, Translational(axis="x", drive=SpeedInput(name="v", unit="m/s")), mass=BASE_MASS)
+        base = m.body("base", m.ground, Translational(axis="x", drive=SpeedInput(name="V", unit="m/s")), mass=BASE_MASS)
         mass = m.body("mass", base, Translational(axis="x"), mass=1.0)
         m.force("spring", JointSpring(stiffness=STIFFNESS), mass)
         m.output("x", mass.position("x"))
