@@ -261,8 +261,7 @@ class Balance:
                 worst = int(gaps.argmax())
                 raise EquilibriumError(
                     f"what was found for {self.model.name!r} leaves {system.constraint_names[worst]!r} open by "
-                    f"{gaps[worst]:.2g} of its size, allowed is {CLOSED:g}: try another start (--from); a mechanism of "
-                    "micrometres is described in larger units"
+                    f"{gaps[worst]:.2g} of its size, allowed is {CLOSED:g}: try another start (--from)"
                 )
             opening = np.abs(terms.J @ self._v - terms.nu)
             rates = max(fastest, float(np.abs(self._v / system.size).max()))

@@ -297,7 +297,7 @@ class DenseStepper(Stepper):
 
     def _loses_rank(self) -> bool:
         """Whether rates there are that constraints determine elsewhere, and not at the reported position."""
-        if self._rank == 0:
+        if self._rank == 0 or not np.isfinite(self._terms.J).all():
             return False
         sigma = np.linalg.svd(self._terms.J * self.system.size / self._units.row[:, None], compute_uv=False)
         return bool(sigma[self._rank - 1] <= UNDETERMINED * sigma[0])

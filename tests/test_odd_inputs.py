@@ -150,6 +150,16 @@ def test_light_bodies_may_move_beside_heavy_ones() -> None:
     np.testing.assert_allclose(result["tiny"], swing.y[0], atol=1e-5)
 
 
+@pytest.mark.parametrize("mass", [1e-20, 1.0, 1e20])
+def test_a_mass_on_the_axis_but_for_rounding_moves_no_mass(mass: float) -> None:
+    m = Mechanism()
+    m.body("arm", m.ground, Revolute(), **rod(mass=mass, length=1.0))
+    away = Revolute(at=(0.1 + 0.2, 0.0, 0.0), axis="z")
+    m.body("pin", m.bodies[-1], away, mass=mass, com=(0.1 + 0.2 - 0.3, 0.0, 0.0))  # 5.6e-17 m off
+    with pytest.raises(UserError, match="'pin' can move without moving mass"):
+        m.compile().assemble()
+
+
 def test_a_start_in_a_singular_position_is_told() -> None:
     @dataclass(frozen=True, kw_only=True)
     class Flat(Model):

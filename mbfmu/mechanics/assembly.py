@@ -24,6 +24,7 @@ OPENING = 1e-8  # of a row's rate relative to the velocities: the loop opens
 ROUNDING = 1e-12  # ... or of the pace of the drives, whose motion may cancel in a row
 RANK = 1e-9  # singular values below this part of the largest count as zero
 MASSLESS = 1e-12  # ... the same for the mass matrix
+ROUNDED = 1e-28  # square of rounding: what moves by so little of the largest mass moves none
 
 
 def assemble_positions(system: AnySystem, t: float, start: Array, held: NDArray[np.bool_]) -> Array:
@@ -138,8 +139,9 @@ def check_inertia(system: AnySystem, t: float, q: Array, v: Array) -> None:
     if basis.shape[1] == 0:
         return
     M = basis.T @ terms.M @ basis
-    own = np.sqrt(np.diag(M))  # every motion by its own measure: a light body may move beside a heavy one
-    own[own <= 0.0] = 1.0
+    mass = np.diag(M)  # every motion by its own measure: a light body may move beside a heavy one
+    most = float(mass.max()) or 1.0
+    own = np.sqrt(np.where(mass > ROUNDED * most, mass, most))
     values, vectors = np.linalg.eigh(M / np.outer(own, own))
     if values[0] <= MASSLESS * max(float(values[-1]), 1e-300):
         mode = np.abs(basis @ (vectors[:, 0] / own)) / system.size
