@@ -42,7 +42,7 @@ def seek(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
         work.q_c[i] = q[i]
     c.t, c.gap = t, 0.0
     for _ in range(NEWTON):
-        fill_matrix(eqs, work)
+        unbalance(eqs, c.t, work.q_c, work, work.g)
         for i in range(N):
             if not np.isfinite(work.g[i]):
                 return False
@@ -50,6 +50,7 @@ def seek(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
         if off < EXACT:
             c.gap += gap_left(m, n, work)
             return True
+        fill_matrix(eqs, work)
         if not damped_step(DAMPING * off, work):
             return False
         step_critical(eqs, min(1.0, STRIDE / max(length(work.change), 1e-300)), work)
@@ -80,9 +81,10 @@ def damped_step(damping: float, work: Any) -> bool:
 
 
 @kernel
-def dimension(work: Any) -> int:
+def dimension(eqs: Any, work: Any) -> int:
     """Dimension of the critical points in q and t about the one just found, from the null space of its equations."""
     N, n = work.change.shape[0], work.size.shape[0]
+    fill_matrix(eqs, work)
     for i in range(N):
         for j in range(N):
             work.K_work[i, j] = work.K[i, j]
@@ -150,21 +152,10 @@ def unbalance(eqs: Any, t: float, q: Any, work: Any, g: Any) -> None:
 
 @kernel
 def fill_matrix(eqs: Any, work: Any) -> None:
-    """work.g and work.K (N, N), its derivative: by differences where J is differentiated."""
+    """work.K (N, N) = derivative of work.g, the last :func:`unbalance`: by differences where J is differentiated."""
     terms, c = eqs.terms, work.critical[0]
     m, n = terms.J.shape
     N = n + m + 2
-    unbalance(eqs, c.t, work.q_c, work, work.g)
-    for k in range(n + 1):
-        for i in range(work.q_c.shape[0]):
-            work.q_try[i] = work.q_c[i]
-        for i in range(n):
-            work.dq[i] = PROBE * work.size[i] if i == k else 0.0
-        eqs.retract(work.q_try, work.dq, eqs.data)
-        unbalance(eqs, c.t + (PROBE / work.rate[0] if k == n else 0.0), work.q_try, work, work.g_try)
-        for i in range(N):
-            work.K[i, k] = (work.g_try[i] - work.g[i]) / PROBE
-    eqs.position(c.t, work.q_c, eqs.data, terms)
     for k in range(m):
         for i in range(N):
             work.K[i, n + 1 + k] = 0.0
@@ -175,6 +166,15 @@ def fill_matrix(eqs: Any, work: Any) -> None:
         work.K[N - 1, n + 1 + k] = work.u[k]
     for i in range(N):
         work.K[i, N - 1] = -work.u[i - n - 1] if n < i < N - 1 else 0.0
+    for k in range(n + 1):
+        for i in range(work.q_c.shape[0]):
+            work.q_try[i] = work.q_c[i]
+        for i in range(n):
+            work.dq[i] = PROBE * work.size[i] if i == k else 0.0
+        eqs.retract(work.q_try, work.dq, eqs.data)
+        unbalance(eqs, c.t + (PROBE / work.rate[0] if k == n else 0.0), work.q_try, work, work.g_try)
+        for i in range(N):
+            work.K[i, k] = (work.g_try[i] - work.g[i]) / PROBE
 
 
 @inlined

@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .dense import factor_lu, solve_lu
-from .ida_driver import BAD, COUNTS, MATRICES, RESIDUALS, count
+from .ida_driver import BAD, COUNTS, MATRICES, RESIDUALS
 from .kernel import inlined, kernel
 from .system import Array
 
@@ -191,7 +191,6 @@ def residual(eqs: Any, t: float, y: Any, yp: Any, res: Any, u: Any, work: Any) -
     load(t, y, yp, u)
     balance(eqs, t, u, work, res)
     u.counts[RESIDUALS] += 1.0
-    count(u.counts, t)
     for i in range(res.shape[0]):
         if not np.isfinite(res[i]):
             u.counts[BAD] += 1.0
@@ -297,16 +296,6 @@ def multiply(vector: Any, product: Any, u: Any) -> None:
     for i in range(vector.shape[0]):
         u.product[i] = vector[i]
         product[i] = vector[i]
-
-
-@kernel
-def beside(eqs: Any, t: float, yp: Any, u: Any, work: Any, works: bool, res: Any) -> None:
-    """After :func:`residual`: the residual W' - power of the work, the last unknown."""
-    nq, n, m, last = u.q.shape[0], u.v.shape[0], eqs.terms.J.shape[0], yp.shape[0] - 1
-    if works:
-        for i in range(m):
-            u.lam[i] = u.y[nq + n + i] / work.row[i]
-        res[last] = yp[last] - eqs.power(t, u.q, u.v, u.yp[nq : nq + n], u.lam, eqs.data)
 
 
 @inlined

@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 from sksundae.ida import IDAJacTimes, IDAPrecond
 
-from .ggl import LAMBDA, MU, Unknowns, assemble, beside, multiply, residual, set_up, solve, weak_residual
+from .ggl import LAMBDA, MU, Unknowns, assemble, multiply, residual, set_up, solve, weak_residual
 from .held import hold
-from .ida_driver import BAD, BEGUN, MATRICES, REFUSED, RESIDUALS, STANDSTILL, STEPS, STEPS_A_CALL, IDADriver, reported
-from .kernel import kernel, records
-from .ledger import BOOK, WORK, Scales, catch_up
+from .ida_driver import MATRICES, REFUSED, RESIDUALS, STANDSTILL, STEPS, IDADriver
+from .kernel import kernel
+from .ledger import Scales, add_step, due, look
 from .outcome import Code
 from .partition import close_report
 from .quiet import IDA
@@ -39,21 +39,27 @@ UNCONTROLLED = 1e20  # absolute tolerance of the multipliers, in their units
 BELOW = 0.2  # part of a near miss's gap that the residual of a step beside it must stay below
 LESS = 1e-4  # of D beside a near miss, where redundant rows are all that needs it
 NOISE = 3e-16  # relative rounding of a residual
-STOOD = 10  # returns of IDA without a step, of which one is meant
 SHORTER = 0.25  # of a step that was taken back may be gone at once
 
 
 @kernel
-def power(eqs: Any, t: float, q: Any, v: Any, a: Any, lam: Any) -> float:
-    """W' where the equations were evaluated last."""
-    return float(eqs.power(t, q, v, a, lam, eqs.data))
-
-
-@kernel
-def book(eqs: Any, t: float, q: Any, v: Any, c: Any, counts: Any, scales: Any) -> None:
-    """Book the energy at (q, v); see :mod:`solvers.ledger`."""
-    eqs.dynamics(t, q, v, eqs.data, eqs.terms)
-    catch_up(eqs.exposure, eqs.data, c[0], counts[BEGUN], scales)
+def book(eqs: Any, t: float, y: Any, yp: Any, works: bool, u: Any, work: Any, books: Any, scales: Any) -> None:
+    """Book a step of IDA's to (t, y, yp); see :mod:`solvers.ledger`."""
+    c, nq, n, power = books[0], u.q.shape[0], u.v.shape[0], 0.0
+    u.at[0] = np.nan  # the terms move
+    for i in range(nq):
+        u.q[i] = y[i]
+    for i in range(n):
+        u.v[i] = y[nq + i]
+    if works or due(c):
+        eqs.dynamics(t, u.q, u.v, eqs.data, eqs.terms)
+    if due(c):
+        look(eqs.exposure, eqs.data, c, scales)
+    if works:
+        for row in range(u.lam.shape[0]):
+            u.lam[row] = y[nq + n + row] / work.row[row]
+        power = eqs.power(t, u.q, u.v, yp[nq : nq + n], u.lam, eqs.data)
+    add_step(books, t, power)
 
 
 @kernel
@@ -88,43 +94,30 @@ class IDAStepper(IDADriver, DenseStepper):
         self._unknowns = Unknowns.allocate(system.nq, system.n, system.m)
         self._held = hold(self._unknowns)
         self._counts = self._unknowns.counts
-        self._begun, self._pending = np.zeros(1), True
-        self._book, self._works = records(1, BOOK), False
-        self._ida = self._new_ida()
-        self._passed = self._begun_at = self._t  # s, where IDA itself stands, and where its history begins
-        self._taken = 0.0  # s, its last step
-        self._good = self._t, self._q, self._v, 0.0  # time, state and work after IDA's last step
-        self._reach = np.inf  # s, longest next step
+        self._ida, self._works = self._new_ida(), False
+        self._instant = STANDSTILL / self._units.rate[0]
+        self._good = np.concatenate((self._q, self._v))  # after IDA's last step
 
     def _new_ida(self) -> IDA:
         s, o, u, work, eqs = self.system, self.options, self._held, self._work, self._eqs
-        controlled, motion = s.nq + s.n, s.nq + s.n + 2 * s.m
-        works = self._works = o.audit and s.works()
-        size = motion + works  # W enters nothing, and its own equation needs no derivative but that by W'
+        controlled = s.nq + s.n
 
         def resfn(t: float, y: Array, yp: Array, res: Array) -> None:
-            residual(eqs, t, y[:motion], yp[:motion], res[:motion], u, work)
-            beside(eqs, t, yp, u, work, works, res)
+            residual(eqs, t, y, yp, res, u, work)
 
         def setup(t: float, y: Array, yp: Array, res: Array, cj: float) -> None:
-            set_up(eqs, t, y[:motion], yp[:motion], u, work)
-            self._look(t, y[: s.nq], y[s.nq : controlled])
-            self._unknowns.at[0] = np.nan
+            set_up(eqs, t, y, yp, u, work)
 
         def precondition(
             t: float, y: Array, yp: Array, res: Array, right: Array, left: Array, cj: float, delta: float
         ) -> None:
-            if works:
-                left[motion] = right[motion] / (1.0 if self._unknowns.asked[0] else cj)
-            solve(eqs, t, y[:motion], yp[:motion], right[:motion], left[:motion], cj, u, work)
+            solve(eqs, t, y, yp, right, left, cj, u, work)
 
         def times(t: float, y: Array, yp: Array, res: Array, vector: Array, product: Array, cj: float) -> None:
-            product[motion:] = vector[motion:]
-            multiply(vector[:motion], product[:motion], u)
+            multiply(vector, product, u)
 
         def dense(t: float, y: Array, yp: Array, res: Array, cj: float, matrix: Array) -> None:
-            set_up(eqs, t, y[:motion], yp[:motion], u, work)
-            self._look(t, y[: s.nq], y[s.nq : controlled])
+            set_up(eqs, t, y, yp, u, work)
             assemble(eqs, u, work, cj)
             matrix[:] = self._unknowns.matrix
 
@@ -132,20 +125,17 @@ class IDAStepper(IDADriver, DenseStepper):
         rtol = TIGHTER * self._rtol**POWER
         self._unknowns.noise[0] = NOISE / rtol
         tightened = rtol if o.atol is None else o.atol * rtol / self._rtol
-        place = tightened * s.size
-        self._scales = hold(Scales.of(rtol, place, self._units.pace * place, size))
-        atol = UNCONTROLLED * np.append(self._scaling()[0], 1.0)[:size]
+        place, atol = tightened * s.size, UNCONTROLLED * self._scaling()[0]
         atol[:controlled] = tightened * np.concatenate((self._units.size_q, self._units.pace * s.size))
+        self._scales = hold(Scales.of(rtol, place, self._units.pace * place, len(atol)))
         return IDA(
             resfn,
-            # old factors serve where nothing is near singular, and no work wants the last digits of a Newton step
-            **(fresh if s.m or works else {"jacfn": dense}),
+            **(fresh if s.m else {"jacfn": dense}),  # old factors serve where nothing is near singular
             rtol=rtol,
             atol=atol,
-            algebraic_idx=np.arange(controlled, motion) if s.m else None,
+            algebraic_idx=np.arange(controlled, len(atol)) if s.m else None,
             max_step=0.0 if np.isinf(o.max_step) else o.max_step,
             max_order=5 if o.max_order is None else min(5, o.max_order),
-            max_num_steps=min(STEPS_A_CALL, o.max_steps),
             max_conv_fails=30,
         )
 
@@ -161,20 +151,17 @@ class IDAStepper(IDADriver, DenseStepper):
         zeros = np.zeros(s.m)
         y = np.concatenate((self._q, self._v, lam * w.row, zeros))
         yp = np.concatenate((self._terms.qdot, a, zeros, zeros))
-        if self._works != (self.options.audit and s.works()):
-            self._ida = self._new_ida()
-        if self._works:
-            y, yp = np.append(y, self._ledger[WORK]), np.append(yp, power(self._eqs, self._t, self._q, self._v, a, lam))
-        self._look(self._t, self._q, self._v)
         self._ida.init_step(self._t, y, yp)
         u.at[:] = np.nan
-        u.asked[0] = 0.0
+        u.asked[0], self._works = 0.0, s.works()
         u.columns[:], u.rows[:] = self._scaling()
-        self._pending, self._passed, self._begun_at, self._taken = False, self._t, self._t, 0.0
-        self._good = self._t, self._q, self._v, self._ledger[WORK]
+        self._begun_here()
+        self._good = y
         w.course["known"], w.course["ratio"] = 0, 0.0
-        self._reach = min(self._reach, look_over(self._eqs, self._t, y, 0.0, self._rank, self._held, self._work))
-        self._begun[0] += 1.0
+        if s.m:
+            bound = look_over(self._eqs, self._t, y, 0.0, self._rank, self._held, self._work)
+            self._reach = min(self._reach, bound)
+        self._note(self._t, y, yp)
         return Code.OK
 
     def _scaling(self) -> tuple[Array, Array]:
@@ -196,88 +183,38 @@ class IDAStepper(IDADriver, DenseStepper):
         mobile = np.linalg.solve(M + np.trace(M) / (self.system.n * square) * J.T @ J, J.T)
         return LAMBDA * np.trace(J @ mobile) / w.rate[0], self._unknowns.noise[0] * MU * square / w.rate[0]
 
-    def _go(self, t: float) -> Code:
-        """Step until ``t`` is passed, and interpolate; take back steps that may have jumped."""
-        if self.system.m == 0:
-            return super()._go(t)
-        taken, stood, bad = 0, 0, self._counts[BAD]
-        shortest = STANDSTILL / self._units.rate[0]
-        while self._passed < t:
-            if taken >= self.options.max_steps:
-                return Code.MAX_STEPS
-            before = self._passed
-            stop = self._stop()
-            result = self._ida.step(max(t, stop) if stop else t, method="onestep", tstop=stop)
-            if self._reach < max(shortest, STANDSTILL * abs(before)):
-                return Code.BRANCHES
-            if result.status < 0:
-                if self._counts[BAD] > bad or self._begun_at == self._good[0]:
-                    return Code.NOT_FINITE if self._counts[BAD] > bad else Code.COLLAPSED
-                code = self._resume()  # with a new history
-                if code is not Code.OK:
-                    return code
-                continue
-            if float(result.t) <= before:  # it had interpolated, and tells where it stands first; or no step moves t
-                stood += 1
-                if stood > STOOD:
-                    return Code.COLLAPSED
-                continue
-            taken, stood = taken + 1, 0
-            code = self._look_over(float(result.t), result.y)
-            if code is not Code.OK:
-                return code
-        result = self._ida.step(t)
-        return self._take(float(result.t), result.y)
-
-    def _stop(self) -> float | None:
-        """Where IDA must stop; none where it will not reach that.
-
-        After a step it keeps the step size, doubles or shortens it; a stop it does not reach shortens it too.
-        """
-        reach = self._reach
-        if reach >= 2.0 * self._taken > 0.0 or np.isinf(reach):
-            return None
-        return self._passed + (self._taken if reach >= self._taken > 0.0 else reach)
-
-    def _look_over(self, t: float, y: Array) -> Code:
+    def _look_over(self, t: float, y: Array, yp: Array) -> Code:
         """Accept IDA's step to (t, y), or begin anew where it began."""
-        taken = self._taken = t - self._passed
+        s = self.system
         self._counts[STEPS] += 1.0
-        bound = look_over(self._eqs, t, y, taken, self._rank, self._held, self._work)
-        if bound >= 0.0:
-            s = self.system
-            done = float(y[-1]) if self._works else 0.0
-            self._passed, self._good = t, (t, y[: s.nq].copy(), y[s.nq : s.nq + s.n].copy(), done)
+        if s.m:
+            bound = look_over(self._eqs, t, y, self._taken, self._rank, self._held, self._work)
+            if bound < 0.0:
+                self._counts[REFUSED] += 1.0
+                self._reach = SHORTER * self._taken
+                return self._resume()
             self._reach = min(bound, 2.0 * self._reach)
-            return Code.OK
-        self._counts[REFUSED] += 1.0
-        self._reach = SHORTER * taken
-        return self._resume()
+        self._passed, self._good = t, y
+        self._note(t, y, yp)
+        return Code.OK
+
+    def _note(self, t: float, y: Array, yp: Array) -> None:
+        if self.options.audit:
+            book(self._eqs, t, y, yp, self._works, self._held, self._work, self._book, self._scales)
 
     def _resume(self) -> Code:
-        """Begin anew where IDA's last good step ended."""
-        self._t, self._q, self._v, done = self._good
-        reported(self._book, done, self._ledger)
-        code = Code(close_report(self._eqs, self._t, self._q, self._v, self._rank, self._work))
-        return self._begin() if code is Code.OK else code
-
-    def restart(self) -> None:
-        """Initialise IDA anew at the reported state before the next step."""
-        super().restart()
-        self._reach = np.inf
+        code = self._take(self._passed, self._good)
+        if code is not Code.OK:
+            return code
+        self._tell()
+        return self._begin()
 
     def _take(self, t: float, y: Array) -> Code:
         q, v = y[: self.system.nq].copy(), y[self.system.nq : self.system.nq + self.system.n].copy()
         code = Code(close_report(self._eqs, t, q, v, self._rank, self._work))
         if code is Code.OK:
             self._t, self._q, self._v = t, q, v
-            self._look(t, q, v)
-            reported(self._book, float(y[-1]) if self._works else 0.0, self._ledger)
         return code
-
-    def _look(self, t: float, q: Array, v: Array) -> None:
-        if self.options.audit:
-            book(self._eqs, t, np.array(q), np.array(v), self._book, self._counts, self._scales)
 
     @property
     def notice(self) -> str:
@@ -290,7 +227,7 @@ class IDAStepper(IDADriver, DenseStepper):
 
     @property
     def statistics(self) -> Statistics:
-        """What the run has cost so far; without constraints steps are not available."""
+        """What the run has cost so far."""
         residuals, matrices = self._counts[RESIDUALS], self._counts[MATRICES]
         steps, refused = self._counts[STEPS], self._counts[REFUSED]
         columns = self.system.nq + 2 * self.system.n + 1

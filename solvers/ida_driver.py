@@ -1,98 +1,130 @@
-"""Calling SUNDIALS IDA and taking its results: what every stepper around it shares."""
+"""Calling SUNDIALS IDA step by step and taking its results: what every stepper around it shares."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
-from .kernel import kernel
-from .ledger import report
+from .kernel import records
+from .ledger import BOOK, WORK, begin_work, report_at
 from .outcome import Code
-from .quiet import IDA
-from .stepper import Stepper
-from .system import Array
+from .quiet import IDA, silent
+from .stepper import Options, Stepper
+from .system import AnySystem, Array
 
-STEPS_A_CALL = 5000  # then progress is looked at
-STANDSTILL = 1e-10  # relative to t or one over the rate: less progress in STEPS_A_CALL steps is a collapse
-TOO_MUCH_WORK = -1  # IDA's status for STEPS_A_CALL steps taken
-# Counts of a stepper: residuals, matrices K, residuals that were not finite, steps begun, latest time; where steps are
-# looked over, steps and those taken back.
-COUNTS = 7
-RESIDUALS, MATRICES, BAD, BEGUN, LATEST, STEPS, REFUSED = range(COUNTS)
-
-
-@kernel
-def count(counts: Any, t: float) -> None:
-    """Count a step as begun: IDA evaluates at a new time for each that it tries."""
-    if t != counts[LATEST]:
-        counts[LATEST] = t
-        counts[BEGUN] += 1.0
-
-
-@kernel
-def reported(c: Any, work: float, row: Any) -> None:
-    """Put what is booked into ``row``, W having moved to ``work``."""
-    c[0].through += abs(work - row[0])
-    report(c[0], work, row)
+STANDSTILL = 1e-10  # relative to t and one over the rate: no step, and in OFTEN steps no progress
+OFTEN = 5000
+STOOD = 10  # returns of IDA without a step, of which one is meant
+COUNTS = 5  # of a stepper: residuals, matrices K, residuals that were not finite, steps, steps taken back
+RESIDUALS, MATRICES, BAD, STEPS, REFUSED = range(COUNTS)
 
 
 class IDADriver(Stepper):
     """A stepper around IDA.
 
-    A stepper gives ``_ida``, ``_begin`` and ``_take``, and counts residuals, Jacobians and residuals that were not
-    finite in ``_counts``.
+    A stepper gives ``_ida``, ``_begin``, ``_look_over`` and ``_take``, and counts residuals, Jacobians and residuals
+    that were not finite in ``_counts``.
     """
 
     others: tuple[str, ...] = ("adams", "hybrid")
 
     _ida: IDA
-    _counts: Array  # (3,)
-    _begun: Array  # (1,) how often IDA has been initialised
-    _pending: bool  # IDA is to be initialised at the reported state
-    _book: NDArray[Any]  # (1,) record of ledger.BOOK
+
+    def __init__(self, system: AnySystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
+        super().__init__(system, t0, q0, v0, options)
+        self._counts, self._book = np.zeros(COUNTS), records(1, BOOK)
+        self._begun = np.zeros(1)  # how often IDA has been initialised
+        self._pending = True  # IDA is to be initialised at the reported state
+        self._passed = self._begun_at = self._t  # s, where IDA itself stands, and where its history begins
+        self._taken, self._reach = 0.0, np.inf  # s, its last step, and how long the next one may be
+        self._instant = STANDSTILL / (system.rate or 1.0)  # s, of no account
 
     @abstractmethod
     def _begin(self) -> Code:
         """Initialise IDA at the reported state."""
 
     @abstractmethod
+    def _look_over(self, t: float, y: Array, yp: Array) -> Code:
+        """Accept IDA's step to y at t: note ``_passed``, and book it."""
+
+    @abstractmethod
     def _take(self, t: float, y: Array) -> Code:
         """Make IDA's y at t the reported state."""
+
+    def _stop(self) -> float | None:
+        """Where IDA must stop, s; none where it will not reach that.
+
+        After a step it keeps the step size, doubles or shortens it; a stop it does not reach shortens it too.
+        """
+        reach = self._reach
+        if reach >= 2.0 * self._taken > 0.0 or np.isinf(reach):
+            return None
+        return self._passed + (self._taken if reach >= self._taken > 0.0 else reach)
+
+    def _resume(self) -> Code:
+        """Begin anew where the last good step ended, after IDA could not go on."""
+        return Code.COLLAPSED
+
+    def _begun_here(self) -> None:
+        """Note that IDA has been initialised at the reported state."""
+        self._pending, self._passed, self._begun_at, self._taken = False, self._t, self._t, 0.0
+        self._begun[0] += 1.0
+        begin_work(self._book, self._ledger[WORK])
 
     def _advance(self, t: float) -> Code:
         if self._pending:
             code = self._begin()
             if code is not Code.OK:
                 return code
-        code = self._go(t)
+        with silent():
+            code = self._go(t)
         if code not in (Code.OK, Code.MAX_STEPS):
             self._pending = True
         return code
 
     def _go(self, t: float) -> Code:
-        """Call IDA until ``t``; it must not be trusted to notice that it stands still."""
-        taken, bad = 0, self._counts[BAD]
-        while True:
-            before = self._t
-            result = self._ida.step(t)
-            if result.status < 0 and result.status != TOO_MUCH_WORK:
-                return Code.NOT_FINITE if self._counts[BAD] > bad else Code.COLLAPSED
-            code = self._take(float(result.t), result.y)
-            if code is not Code.OK:
-                return code
-            if result.status >= 0:
-                return Code.OK
-            taken += STEPS_A_CALL
-            if self._t - before <= STANDSTILL * max(1.0, abs(self._t)):
-                return Code.NOT_FINITE if self._counts[BAD] > bad else Code.COLLAPSED
+        """Step until ``t`` is passed, and interpolate. IDA must not be trusted to notice that it stands still."""
+        taken, stood, bad, since = 0, 0, self._counts[BAD], self._passed
+        while self._passed < t:
             if taken >= self.options.max_steps:
                 return Code.MAX_STEPS
+            before, stop = self._passed, self._stop()
+            instant = max(self._instant, STANDSTILL * abs(before))
+            if self._reach < instant:
+                return Code.BRANCHES
+            result = self._ida.step(max(t, stop) if stop else t, method="onestep", tstop=stop)
+            if result.status < 0:
+                if self._counts[BAD] > bad:
+                    return Code.NOT_FINITE
+                code = self._resume() if self._passed > self._begun_at else Code.COLLAPSED
+            elif float(result.t) <= before:  # it had interpolated, and tells where it stands first; or nothing moves t
+                stood += 1
+                code = Code.OK if stood <= STOOD else Code.COLLAPSED
+            else:
+                taken, stood, self._taken = taken + 1, 0, float(result.t) - before
+                code = self._look_over(float(result.t), result.y, result.yp)
+                if taken % OFTEN == 0:
+                    if self._passed - since <= instant:
+                        return Code.COLLAPSED
+                    since = self._passed
+            if code is not Code.OK:
+                return code
+        result = self._ida.step(t)
+        code = self._take(float(result.t), result.y)
+        if code is Code.OK:
+            self._tell()
+        return code
+
+    def _tell(self) -> None:
+        """Put what is booked at the reported time into the ledger."""
+        report_at(self._book, self._t, self._ledger)
 
     def restart(self) -> None:
         """Initialise IDA anew at the reported state before the next step."""
-        self._pending = True
+        self._pending, self._reach = True, np.inf
 
     def _arrays(self) -> list[NDArray[Any]]:
         return [self._reported, self._q, self._v, self._counts, self._begun, self._ledger, self._book]

@@ -39,9 +39,9 @@ from sksundae.ida import IDAPrecond
 from .blocks import one_thread
 from .ggl import LENGTH_RATE
 from .held import hold
-from .ida_driver import BAD, BEGUN, COUNTS, MATRICES, RESIDUALS, STEPS_A_CALL, IDADriver, count, reported
-from .kernel import kernel, records
-from .ledger import BOOK, WORK, Scales, catch_up
+from .ida_driver import BAD, MATRICES, RESIDUALS, STEPS, IDADriver
+from .kernel import kernel
+from .ledger import Scales, add_step, due, look
 from .outcome import Code
 from .quiet import IDA
 from .saddle import Motion, close, inverse_squares
@@ -97,20 +97,28 @@ def residual(inverse: Any, retract: Any, t: float, y: Any, yp: Any, res: Any, da
 
 
 @kernel
-def power(function: Any, t: float, data: Any, s: Any) -> float:
-    """W' where :func:`residual` was called last."""
-    return float(function(t, s.q, s.v, s.a, s.lam, data))
-
-
-@kernel
 def book(
-    inverse: Any, exposure: Any, t: float, q: Any, v: Any, data: Any, s: Any, c: Any, counts: Any, scales: Any
-) -> None:
-    """Book the energy at (q, v); see :mod:`solvers.ledger`."""
-    for i in range(s.lam.shape[0]):
-        s.lam[i] = 0.0
-    inverse(t, q, v, s.zero, s.lam, data, s.qdot, s.tau)
-    catch_up(exposure, data, c[0], counts[BEGUN], scales)
+    inverse: Any, power: Any, exposure: Any, t: float, y: Any, yp: Any, works: bool, data: Any, s: Any, books: Any,
+    scales: Any,
+) -> None:  # fmt: skip
+    """Book a step of IDA's to (t, y, yp); see :mod:`solvers.ledger`."""
+    c, nq, n, done = books[0], s.q.shape[0], s.v.shape[0], 0.0
+    for i in range(nq):
+        s.q[i] = y[i]
+    for i in range(n):
+        s.v[i] = y[nq + i]
+        s.a[i] = yp[nq + i]
+    if due(c):
+        for i in range(s.lam.shape[0]):
+            s.lam[i] = 0.0
+        inverse(t, s.q, s.v, s.zero, s.lam, data, s.qdot, s.tau)
+        look(exposure, data, c, scales)
+    if works:
+        for i in range(s.lam.shape[0]):
+            s.lam[i] = y[nq + n + i]
+        inverse(t, s.q, s.v, s.a, s.lam, data, s.qdot, s.tau)
+        done = power(t, s.q, s.v, s.a, s.lam, data)
+    add_step(books, t, done)
 
 
 def as_motion(s: TreeSystem, q: Array, rate: Array) -> Array:
@@ -161,18 +169,15 @@ class TreeIDAStepper(IDADriver):
         self._held = hold(self._scratch)
         self._terms, self._motion = system.allocate_terms(), Motion(system)
         self._d = np.zeros((2, m))
-        self._counts, self._begun, self._pending = np.zeros(COUNTS), np.zeros(1), True
         self._cj, self._A, self._reduced = 1.0, np.zeros((n, m)), np.zeros((2 * m, 2 * m))
-        self._book, self._works = records(1, BOOK), False
         self._power, self._exposure = audit_callbacks(system)
-        self._ida = self._new_ida()
+        self._ida, self._works = self._new_ida(), False
         self.status = self._status(close(system, self._t, self._q, self._v))
 
     def _new_ida(self) -> IDA:
         s, o = self.system, self.options
         sizes = o.absolute * s.size
-        self._works = o.audit and s.works()
-        atol = np.concatenate((position_sizes(s, sizes), RATE * sizes, np.full(2 * s.m + self._works, UNCONTROLLED)))
+        atol = np.concatenate((position_sizes(s, sizes), RATE * sizes, np.full(2 * s.m, UNCONTROLLED)))
         self._scales = hold(Scales.of(o.rtol, sizes, RATE * sizes, len(atol)))
         return IDA(
             self._residual,
@@ -184,7 +189,6 @@ class TreeIDAStepper(IDADriver):
             precond=IDAPrecond(self._set_up, self._precondition),
             max_step=0.0 if np.isinf(o.max_step) else o.max_step,
             max_order=ORDER if o.max_order is None else min(5, o.max_order),
-            max_num_steps=min(STEPS_A_CALL, o.max_steps),
             max_conv_fails=30,
         )
 
@@ -195,9 +199,6 @@ class TreeIDAStepper(IDADriver):
             s.fill_position(t, np.array(y[: s.nq]), self._terms)
         if not residual(s.inverse, s.retract, t, y, yp, res, s.held_data, self._held):
             self._counts[BAD] += 1.0
-        count(self._counts, t)
-        if self._works:
-            res[-1] = yp[-1] - power(self._power, t, s.held_data, self._held)
         if s.m:
             T, lam, mu = self._terms, y[self._lam_at], y[self._mu_at]
             res[: s.nq] += as_positions(s, y[: s.nq], mu @ T.J)
@@ -210,13 +211,18 @@ class TreeIDAStepper(IDADriver):
         s, self._cj = self.system, cj
         if s.tangent.factor(cj, cj * cj) and s.m:
             self._reduce(cj)
-        self._look(t, y)
 
-    def _look(self, t: float, y: Array) -> None:
-        """Book the energy at IDA's y."""
+    def _look_over(self, t: float, y: Array, yp: Array) -> Code:
+        self._counts[STEPS] += 1.0
+        self._passed = t
+        self._note(t, y, yp)
+        return Code.OK
+
+    def _note(self, t: float, y: Array, yp: Array) -> None:
         if self.options.audit:
-            s, q, v = self.system, np.array(y[: self.system.nq]), np.array(y[self._v_at])
-            book(s.inverse, self._exposure, t, q, v, s.held_data, self._held, self._book, self._counts, self._scales)
+            s = self.system
+            callbacks = s.inverse, self._power, self._exposure
+            book(*callbacks, t, y, yp, self._works, s.held_data, self._held, self._book, self._scales)
 
     def _reduce(self, cj: float) -> None:
         """Factor the equations of the constraints."""
@@ -246,8 +252,6 @@ class TreeIDAStepper(IDADriver):
             e = y[i : i + 4]
             z[i : i + 4] += e * (e @ r[i : i + 4]) / (c + LENGTH_RATE)
         z[self._v_at] = c * turn - g
-        if self._works:
-            z[-1] = r[-1] / c
 
     def _advance(self, t: float) -> Code:
         with one_thread():
@@ -262,15 +266,10 @@ class TreeIDAStepper(IDADriver):
             self._d[1] = TIKHONOV * self.options.rtol / inverse_squares(np.einsum("ij,ij->i", J, J))
             y = np.concatenate((self._q, self._v, motion.lam, zeros))
             yp = np.concatenate((motion.qdot, motion.a, zeros, zeros))
-            if self._works != (self.options.audit and self.system.works()):
-                self._ida = self._new_ida()
-            if self._works:
-                self._residual(self._t, y, yp, res := np.zeros(len(y) + 1))
-                y, yp = np.append(y, self._ledger[WORK]), np.append(yp, -res[-1])
-            self._look(self._t, y)
             self._ida.init_step(self._t, y, yp)
-            self._pending = False
-            self._begun[0] += 1.0
+            self._works = self.system.works()
+            self._begun_here()
+            self._note(self._t, y, yp)
         return code
 
     def _take(self, t: float, y: Array) -> Code:
@@ -278,8 +277,6 @@ class TreeIDAStepper(IDADriver):
         code = close(self.system, t, q, v)
         if code is Code.OK:
             self._t, self._q, self._v = t, q, v
-            self._look(t, np.concatenate((q, v)))
-            reported(self._book, float(y[-1]) if self._works else 0.0, self._ledger)
         return code
 
     def _evaluate(self) -> tuple[Code, Array, Array]:
@@ -288,5 +285,9 @@ class TreeIDAStepper(IDADriver):
 
     @property
     def statistics(self) -> Statistics:
-        """What the run has cost so far; IDA's steps, order and step size are not available."""
-        return Statistics(rhs_evals=int(self._counts[RESIDUALS]), restarts=max(0, int(self._begun[0]) - 1))
+        """What the run has cost so far; IDA's order and step size are not available."""
+        return Statistics(
+            steps=int(self._counts[STEPS]),
+            rhs_evals=int(self._counts[RESIDUALS]),
+            restarts=max(0, int(self._begun[0]) - 1),
+        )

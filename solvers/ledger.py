@@ -14,9 +14,12 @@ and the sum over the steps is what the tolerance explains (``stray``). p is the 
 drives in it; for g stands the bias h of the equations of motion, which holds the forces of every potential and the same
 products of velocities. An energy that is a square of the error is covered: the exposure is taken where a step ends. No
 tolerance controls e_W. Driven coordinates count among the others as if they were integrated, since it is through their
-momentum and effort that the work errs; and where a formula estimates the errors of its components, that of W is added.
+momentum and effort that the work errs; and what a formula for W estimates as its error is added.
 
 ``exchanged`` is the range of the kinetic energy so far, and what W has moved either way.
+
+Where another one takes the steps, W is summed here: over each step the integral of the polynomial through the powers
+where the last steps ended.
 """
 
 from __future__ import annotations
@@ -36,7 +39,16 @@ FIELDS: list[tuple[str, str]] = [
     ("through", "f8"),  # J, sum of |changes of W|
     ("looks", "i8"),
 ]
-BOOK = np.dtype([*FIELDS, ("steps", "f8")], align=True)  # of a stepper whose steps another one takes
+POINTS = 6  # powers that a polynomial goes through: as many as a formula of order 5 knows states
+BOOK = np.dtype(
+    [
+        *FIELDS, ("steps", "i8"),
+        ("before", "f8"), ("work", "f8"),  # J, W where the last step began and ended
+        ("known", "i8"), ("at", "f8", POINTS), ("power", "f8", POINTS),  # s, W, where steps ended, the last one first
+    ],
+    align=True,
+)  # fmt: skip
+NODES, WEIGHTS = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)]), np.array([5.0, 8.0, 5.0]) / 9.0  # of Gauss
 WORK, STRAY, EXCHANGED, MOST, EXPOSURE = 0, 1, 2, 3, 4  # of a reported row
 ROW = 5
 EVERY, AT_FIRST = 8, 8  # steps between two looks, and looks in a row after the start
@@ -77,15 +89,49 @@ def due(c: Any) -> bool:
 
 
 @kernel
-def catch_up(exposure: Any, data: Any, c: Any, begun: float, s: Any) -> None:
-    """:func:`look`, and add the exposure of the steps since the last time, of ``begun`` in all.
+def begin_work(books: Any, work: float) -> None:
+    """Forget the powers: the motion goes on from another state, where W is ``work``, J. books (1,) of BOOK."""
+    c = books[0]
+    c.known, c.work, c.before = 0, work, work
 
-    For an integrator that tells of no steps: those it begins are seen by the new times it evaluates at.
-    """
-    before = c.exposure
-    look(exposure, data, c, s)
-    c.stray += (begun - c.steps) * max(before, c.exposure)
-    c.steps = begun
+
+@kernel
+def add_step(books: Any, t: float, power: float) -> None:
+    """Book a step that ended at t with ``power`` W; the first one only begins."""
+    c = books[0]
+    for k in range(POINTS - 1, 0, -1):
+        c.at[k], c.power[k] = c.at[k - 1], c.power[k - 1]
+    c.at[0], c.power[0] = t, power
+    c.known = min(c.known + 1, POINTS)
+    c.before = c.work
+    if c.known > 1:
+        done = integral(c, t, c.known)
+        c.work += done
+        c.steps += 1
+        c.through += abs(done)
+        c.stray += c.exposure + abs(done - integral(c, t, c.known - 1))
+
+
+@kernel
+def work_at(books: Any, t: float) -> float:
+    """W at t in the last step, J."""
+    c = books[0]
+    return c.before + integral(c, t, c.known) if c.known > 1 else c.work
+
+
+@kernel
+def integral(c: Any, t: float, points: int) -> float:
+    """Integral from where the last step began to t of the polynomial through so many powers, exactly."""
+    middle, half, total = 0.5 * (c.at[1] + t), 0.5 * (t - c.at[1]), 0.0
+    for k in range(NODES.shape[0]):
+        s = middle + half * NODES[k]
+        for i in range(points):
+            value = WEIGHTS[k] * c.power[i]
+            for j in range(points):
+                if j != i:
+                    value *= (s - c.at[j]) / (c.at[i] - c.at[j])
+            total += value
+    return half * total
 
 
 @kernel
@@ -93,3 +139,9 @@ def report(c: Any, work: float, row: Any) -> None:
     """row (ROW,) = work, stray, exchanged and largest kinetic energy, exposure of a step, J."""
     row[0], row[1], row[2] = work, c.stray + BETWEEN * c.exposure, c.most - c.least + c.through
     row[3], row[4] = c.most, c.exposure
+
+
+@kernel
+def report_at(books: Any, t: float, row: Any) -> None:
+    """:func:`report` of what is booked, with the work at t in the last step."""
+    report(books[0], work_at(books, t), row)

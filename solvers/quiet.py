@@ -14,17 +14,17 @@ LOGS = ("SUNLOGGER_ERROR_FILENAME", "SUNLOGGER_WARNING_FILENAME")  # where SUNDI
 
 
 class IDA(sksundae.ida.IDA):  # type: ignore[misc]
-    """IDA that prints nothing."""
+    """IDA that keeps its logs to itself; its steps are to be taken :func:`silent`."""
 
     def init_step(self, *start: Any) -> Any:
-        """Begin; the logs that SUNDIALS opens here it keeps."""
+        """Begin; the logs that SUNDIALS opens here stay open."""
         with _nowhere():
             return super().init_step(*start)
 
-    def step(self, *target: Any, **how: Any) -> Any:
-        """Go on; the binding prints what the status says."""
-        with redirect_stdout(StringIO()):
-            return super().step(*target, **how)
+
+def silent() -> redirect_stdout[StringIO]:
+    """Let what is printed go nowhere: the binding prints what the status of a step says."""
+    return redirect_stdout(StringIO())
 
 
 @contextmanager

@@ -58,9 +58,9 @@ def judge(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
         return NONE
     c.in_vain = here
     if seek(eqs, t, q, rank, work):
-        c.kind, c.in_vain = MISS, 0.0
+        c.kind, c.behind, c.in_vain = MISS, 0, 0.0
         if abs(c.gap) <= GAP:
-            if dimension(work) >= eqs.terms.J.shape[1] - rank:
+            if dimension(eqs, work) >= eqs.terms.J.shape[1] - rank:
                 c.kind = CROSSING
             else:
                 c.gap = np.inf
@@ -132,11 +132,15 @@ def passed(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
     if turn == STRAIGHT:
         return True
     c = work.critical[0]
-    c.kind, c.in_vain = NONE, 0.0  # critical points may form curves: what was known need not be the next one
+    alone = eqs.terms.J.shape[1] - rank == 1 and not moves(eqs.terms)  # else critical points may form curves
+    if not (alone and c.kind == CROSSING and c.behind == 0):  # what was known need not be the next one
+        c.kind, c.in_vain = NONE, 0.0
     crossing = judge(eqs, t, q, rank, work) == CROSSING
     if crossing and ratio(work.pivot, rank) < SINGULAR:
         return True
     crossed = crossing and distance(work.q_c, q, work) <= PASSED * distance(work.q_last, q, work)
+    if crossed:
+        c.behind = 1
     return crossed if turn == FLIPPED else turn == BENT and not crossed
 
 
