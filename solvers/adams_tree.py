@@ -38,19 +38,20 @@ from .multistep import (
 )
 from .outcome import Code
 from .partition import NO_MASS, NOT_FINITE, OK
-from .saddle import Motion
+from .saddle import Motion, rate_of_motion
 from .stepper import Options, Statistics, Stepper, require_resolved
 from .system import Array, TreeSystem, audit_callbacks
 
 SETTINGS = np.dtype(
     [
         ("rtol", "f8"), ("max_step", "f8"), ("max_order", "i8"), ("max_steps", "i8"),
+        ("rate", "f8"),  # of the motion, 1/s
         ("audit", "i8"), ("works", "i8"),  # 1: book energy and work; 1: something does work
     ],
     align=True,
 )  # fmt: skip
-RATE = 10.0  # 1/s, absolute tolerance of a rate to that of its coordinate; tighter than IDA's costs nothing where
-# stability limits the step, and looser lets the fastest modes grow
+RATE = 1.5  # absolute tolerance of a rate to that of its coordinate, in units of the motion's rate; tighter than IDA's
+# costs nothing where stability limits the step, and looser lets the fastest modes grow
 
 
 class TreeEquations(NamedTuple):
@@ -124,7 +125,7 @@ def step(eqs: Any, c: Any, o: Any, H: Any, atol: Any, s: Any, scales: Any) -> in
         cuts += 1
         c.rejected += 1
         cut(cuts, c, H)
-        if not c.h > SMALLEST_STEP * max(1.0, abs(c.t)):
+        if not c.h > SMALLEST_STEP * max(1.0 / o.rate, abs(c.t)):
             return COLLAPSED if code == OK else code
 
 
@@ -149,7 +150,7 @@ def advance(
             H.yp[H.y.shape[0] - 1] = power(eqs, c.t, o, s)
             book(eqs, c.t, c, o, scales, s)
             weigh(o, H, atol)
-            begin(c, H, o.max_step, 1.0)
+            begin(c, H, o.max_step, o.rate)
             c.starts += 1
         code = step(eqs, c, o, H, atol, s, scales)
         if code != OK:
@@ -174,22 +175,25 @@ class TreeAdamsStepper(Stepper):
 
     def __init__(self, system: TreeSystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
         super().__init__(system, t0, q0, v0, options)
-        require_resolved(self._t, system.rate, self.options.rtol)
         self.system = system
         o = self.options
         self._motion = Motion(system)
+        rate = rate_of_motion(self._motion, self._t, self._q, self._v)
+        require_resolved(self._t, rate, o.rtol)
         self._history = History.allocate(system.nq, system.n, 0)
         self._scratch = Scratch.allocate(system.nq, system.n, 0)
         sizes = o.absolute * system.size
-        self._atol = np.concatenate((position_sizes(system, sizes), RATE * sizes))
+        rates = RATE * rate * sizes
+        self._atol = np.concatenate((position_sizes(system, sizes), rates))
         self._settings = records(1, SETTINGS)
+        self._settings["rate"] = rate
         for key in ("rtol", "max_step", "max_steps"):
             self._settings[key] = getattr(o, key)
         self._settings["audit"] = o.audit
         self._settings["max_order"] = HIGHEST if o.max_order is None else o.max_order
         callbacks = system.forward, system.inverse, system.retract, *audit_callbacks(system)
         self._eqs = hold(TreeEquations(*callbacks, system.held_data))
-        self._scales = hold(Scales.of(o.rtol, sizes, RATE * sizes, len(self._atol)))
+        self._scales = hold(Scales.of(o.rtol, sizes, rates, len(self._atol)))
         self._held = hold(self._history), hold(self._scratch)
         self.restart()
 

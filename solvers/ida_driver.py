@@ -25,13 +25,14 @@ RESIDUALS, MATRICES, BAD, STEPS, REFUSED = range(COUNTS)
 class IDADriver(Stepper):
     """A stepper around IDA.
 
-    A stepper gives ``_ida``, ``_begin``, ``_look_over`` and ``_take``, and counts residuals, Jacobians and residuals
-    that were not finite in ``_counts``.
+    A stepper gives ``_ida`` and ``_instant``, ``_begin``, ``_look_over`` and ``_take``, and counts residuals, Jacobians
+    and residuals that were not finite in ``_counts``.
     """
 
     others: tuple[str, ...] = ("adams", "hybrid")
 
     _ida: IDA
+    _instant: float  # s, of no account
 
     def __init__(self, system: AnySystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
         super().__init__(system, t0, q0, v0, options)
@@ -40,7 +41,6 @@ class IDADriver(Stepper):
         self._pending = True  # IDA is to be initialised at the reported state
         self._passed = self._begun_at = self._t  # s, where IDA itself stands, and where its history begins
         self._taken, self._reach = 0.0, np.inf  # s, its last step, and how long the next one may be
-        self._instant = STANDSTILL / (system.rate or 1.0)  # s, of no account
 
     @abstractmethod
     def _begin(self) -> Code:
@@ -96,19 +96,19 @@ class IDADriver(Stepper):
             if self._reach < instant:
                 return Code.BRANCHES
             result = self._ida.step(max(t, stop) if stop else t, method="onestep", tstop=stop)
+            stopped = Code.NOT_FINITE if self._counts[BAD] > bad else Code.COLLAPSED
             if result.status < 0:
-                if self._counts[BAD] > bad:
-                    return Code.NOT_FINITE
-                code = self._resume() if self._passed > self._begun_at else Code.COLLAPSED
+                anew = stopped is Code.COLLAPSED and self._passed > self._begun_at
+                code = self._resume() if anew else stopped
             elif float(result.t) <= before:  # it had interpolated, and tells where it stands first; or nothing moves t
                 stood += 1
-                code = Code.OK if stood <= STOOD else Code.COLLAPSED
+                code = Code.OK if stood <= STOOD else stopped
             else:
                 taken, stood, self._taken = taken + 1, 0, float(result.t) - before
                 code = self._look_over(float(result.t), result.y, result.yp)
                 if taken % OFTEN == 0:
                     if self._passed - since <= instant:
-                        return Code.COLLAPSED
+                        return stopped
                     since = self._passed
             if code is not Code.OK:
                 return code

@@ -24,8 +24,8 @@ theta0 = T^-1 (r2 + c M g) the constraints, the third less c times the fourth, l
 **Order** 2 unless more is asked for: BDF of orders 3 to 5 are unstable on undamped modes above their region, and a
 sheet has thousands; their step count then hardly depends on the tolerance. **Absolute tolerances** are relative to the
 size of each coordinate (an angle of a sheet's joint is curvature times cell, and the errors of a chain of joints add
-up), those of rates a thousand times that a second; multipliers carry no error control. Reported states are closed onto
-the constraints.
+up), those of rates RATE times that in the time of the motion; multipliers carry no error control. Reported states are
+closed onto the constraints.
 """
 
 from __future__ import annotations
@@ -39,17 +39,17 @@ from sksundae.ida import IDAPrecond
 from .blocks import one_thread
 from .ggl import LENGTH_RATE
 from .held import hold
-from .ida_driver import BAD, MATRICES, RESIDUALS, STEPS, IDADriver
+from .ida_driver import BAD, MATRICES, RESIDUALS, STANDSTILL, STEPS, IDADriver
 from .kernel import kernel
 from .ledger import Scales, add_step, due, look
 from .outcome import Code
 from .quiet import IDA
-from .saddle import Motion, close, inverse_squares
+from .saddle import Motion, close, inverse_squares, rate_of_motion
 from .stepper import Options, Statistics, require_resolved
 from .system import Array, TreeSystem, audit_callbacks
 
 UNCONTROLLED = 1e8  # absolute tolerance of the multipliers
-RATE = 1000.0  # 1/s, absolute tolerance of a rate to that of its coordinate
+RATE = 150.0  # absolute tolerance of a rate to that of its coordinate, in units of the motion's rate
 ORDER = 2
 KRYLOV = 5
 TIKHONOV = 1e-6
@@ -74,7 +74,9 @@ class Scratch(NamedTuple):
 
 
 @kernel
-def residual(inverse: Any, retract: Any, t: float, y: Any, yp: Any, res: Any, data: Any, s: Any) -> bool:
+def residual(
+    inverse: Any, retract: Any, t: float, y: Any, yp: Any, res: Any, length_rate: float, data: Any, s: Any
+) -> bool:
     """Fill the rows of q and v of ``res`` at mu = 0; False where they are not finite."""
     nq, n = s.q.shape[0], s.v.shape[0]
     for i in range(nq):
@@ -89,7 +91,7 @@ def residual(inverse: Any, retract: Any, t: float, y: Any, yp: Any, res: Any, da
     retract(s.unit, s.zero, data)
     finite = True
     for i in range(nq):
-        res[i] = yp[i] - s.qdot[i] + LENGTH_RATE * (s.q[i] - s.unit[i])
+        res[i] = yp[i] - s.qdot[i] + length_rate * (s.q[i] - s.unit[i])
     for i in range(n):
         res[nq + i] = s.tau[i]
         finite = finite and np.isfinite(s.tau[i])
@@ -160,7 +162,6 @@ class TreeIDAStepper(IDADriver):
     def __init__(self, system: TreeSystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
         self.others = () if system.m else ("adams",)  # which knows no loops in a large tree
         super().__init__(system, t0, q0, v0, options)
-        require_resolved(self._t, system.rate, self.options.rtol)
         self.system = system
         nq, n, m = system.nq, system.n, system.m
         ends = np.cumsum((nq, n, m, m))
@@ -168,6 +169,9 @@ class TreeIDAStepper(IDADriver):
         self._scratch = Scratch.allocate(nq, n, m)
         self._held = hold(self._scratch)
         self._terms, self._motion = system.allocate_terms(), Motion(system)
+        self._rate = rate_of_motion(self._motion, self._t, self._q, self._v)
+        require_resolved(self._t, self._rate, self.options.rtol)
+        self._instant, self._length_rate = STANDSTILL / self._rate, LENGTH_RATE * self._rate
         self._d = np.zeros((2, m))
         self._cj, self._A, self._reduced = 1.0, np.zeros((n, m)), np.zeros((2 * m, 2 * m))
         self._power, self._exposure = audit_callbacks(system)
@@ -177,8 +181,9 @@ class TreeIDAStepper(IDADriver):
     def _new_ida(self) -> IDA:
         s, o = self.system, self.options
         sizes = o.absolute * s.size
-        atol = np.concatenate((position_sizes(s, sizes), RATE * sizes, np.full(2 * s.m, UNCONTROLLED)))
-        self._scales = hold(Scales.of(o.rtol, sizes, RATE * sizes, len(atol)))
+        rates = RATE * self._rate * sizes
+        atol = np.concatenate((position_sizes(s, sizes), rates, np.full(2 * s.m, UNCONTROLLED)))
+        self._scales = hold(Scales.of(o.rtol, sizes, rates, len(atol)))
         return IDA(
             self._residual,
             rtol=o.rtol,
@@ -197,7 +202,7 @@ class TreeIDAStepper(IDADriver):
         self._counts[RESIDUALS] += 1.0
         if s.m:
             s.fill_position(t, np.array(y[: s.nq]), self._terms)
-        if not residual(s.inverse, s.retract, t, y, yp, res, s.held_data, self._held):
+        if not residual(s.inverse, s.retract, t, y, yp, res, self._length_rate, s.held_data, self._held):
             self._counts[BAD] += 1.0
         if s.m:
             T, lam, mu = self._terms, y[self._lam_at], y[self._mu_at]
@@ -250,7 +255,7 @@ class TreeIDAStepper(IDADriver):
         z[: s.nq] = as_positions(s, y[: s.nq], turn)
         for i, _ in s.quaternions:  # their length
             e = y[i : i + 4]
-            z[i : i + 4] += e * (e @ r[i : i + 4]) / (c + LENGTH_RATE)
+            z[i : i + 4] += e * (e @ r[i : i + 4]) / (c + self._length_rate)
         z[self._v_at] = c * turn - g
 
     def _advance(self, t: float) -> Code:

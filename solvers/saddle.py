@@ -20,6 +20,7 @@ import numpy as np
 from .blocks import one_thread
 from .kernel import kernel
 from .outcome import Code
+from .stepper import own_rates
 from .system import Array, TreeSystem
 
 SPRING = 1e4  # (rad/s)^2, stiffness to effective mass of the springs alpha
@@ -92,6 +93,15 @@ class Motion:
                 self.lam = root * (pseudo_inverse(root[:, None] * S * root) @ (root * (terms.J @ self.a - terms.gamma)))
                 self.a -= self.lam @ X
         return Code.OK if np.isfinite(self.a).all() else Code.NOT_FINITE
+
+
+def rate_of_motion(motion: Motion, t: float, q: Array, v: Array) -> float:
+    """Return the rate of a tree's motion, 1/s: by gravity and drives, or where there are none as it starts."""
+    s = motion.system
+    if s.rate > 0.0:
+        return s.rate
+    a = motion.a if motion.solve(t, q, v) is Code.OK else np.zeros(s.n)
+    return float(own_rates(s, v, a).max(initial=0.0)) or 1.0
 
 
 class Saddle:

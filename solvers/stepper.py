@@ -87,6 +87,11 @@ def require_resolved(t0: float, rate: float, rtol: float) -> None:
         )
 
 
+def own_rates(system: AnySystem, v: Array, a: Array) -> Array:
+    """Return how fast every coordinate moves at rates v and accelerations a (n,), in units of its size, 1/s."""
+    return np.maximum(np.abs(v / system.size), np.sqrt(np.abs(a / system.size)))
+
+
 @dataclass(frozen=True, kw_only=True)
 class Statistics:
     """What a run has cost so far; counts since construction, kept by save and restore."""
@@ -320,9 +325,7 @@ class DenseStepper(Stepper):
         every coordinate's own part in it: a stiff spring at one of them is not to make the others' tolerances coarse.
         """
         code, a, _ = self._evaluate()
-        size, own = self.system.size, np.abs(self._v / self.system.size)
-        if code is Code.OK:
-            own = np.maximum(own, np.sqrt(np.abs(a / size)))
+        own = own_rates(self.system, self._v, a if code is Code.OK else np.zeros(self.system.n))
         rate = max(self.system.rate, own.max(initial=0.0)) or 1.0
         require_resolved(self._t, rate, self.options.rtol)
         self._units.rate[0] = rate

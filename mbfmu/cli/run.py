@@ -93,8 +93,8 @@ def summary(scene: Scene, result: Result, total: float) -> str:
         f"{scene.name}: {scene.settings.name}, tolerance {scene.settings.tolerance:g}, "
         f"{result.times[-1]:g} s simulated",
         f"  run {result.wall_time:.3f} s; in all {total:.2f} s with start, compilation and export",
-        (f"  {s.steps} steps ({s.rejected} rejected), " if s.steps else "  ")  # IDA's binding does not tell
-        + f"{s.rhs_evals} evaluations, {s.partition_switches} partition switches",
+        f"  {s.steps} steps ({s.rejected} rejected), {s.rhs_evals} evaluations, "
+        f"{s.partition_switches} partition switches",
     ]
     if 2 * s.stability_limited > s.steps:
         lines.append(

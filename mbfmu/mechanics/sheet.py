@@ -50,8 +50,10 @@ from .numbers import is_finite
 from .supports import Support, check_support, cut_of
 
 GRAVITY = 9.81  # m/s^2: what bends a sheet is of the order of its weight
-SHARE = 25.0  # size of a joint's coordinates times the square of the cells in its chain: curvature times cell, and the
-# errors of a chain add up; measured on releases of a sheet with 14 to 50 cells. Less where a sheet bends less: _pliancy
+SHARE = (
+    25.0  # size of a joint's angles times the square of the cells in its chain: curvature times cell, and the errors
+)
+# of a chain add up; measured on releases of a sheet with 14 to 50 cells. Less where a sheet bends less: _pliancy
 TREES = ("spine", "rows", "master")
 JOINTS: dict[str, type[Joint]] = {"geodesic": Geodesic, "paper": OutOfPlane}
 
@@ -199,7 +201,8 @@ class _Builder:
         self.at = vector(f"placement of {self.what}", placement[0])
         self.rotation = rotation(f"rotation of {self.what}", placement[1])
         self.density = density
-        self.share = SHARE * _pliancy(plate, density, max((shape[0] - 1) * plate.a, (shape[1] - 1) * plate.b))
+        self.side = max((shape[0] - 1) * plate.a, (shape[1] - 1) * plate.b)
+        self.share = SHARE * _pliancy(plate, density, self.side)
         self.bodies: dict[Node, Body] = {}
         self.taken: set[Node] = set()  # held by a support
 
@@ -294,7 +297,9 @@ class _Builder:
             else:
                 body = self.bodies[parent]
                 cells = self.shape[0 if node[1] == parent[1] else 1] - 1
-                joint = self.joint(at=tuple(self._flat(node) - self._flat(parent)), size=self.share / cells**2)
+                angle = self.share / cells**2
+                size = (angle * self.side, angle, angle)  # a node that is off takes along as many as one that is turned
+                joint = self.joint(at=tuple(self._flat(node) - self._flat(parent)), size=size)
             self.bodies[node] = self.mechanism.body(f"{self.name}.{node[0]}.{node[1]}", body, joint, **self._cell(node))
 
     def _cell(self, node: Node) -> dict[str, Any]:
