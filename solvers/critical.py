@@ -50,7 +50,7 @@ def seek(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
         if off < EXACT:
             c.gap += gap_left(m, n, work)
             return True
-        fill_matrix(eqs, work)
+        fill_matrix(eqs, moves(eqs.terms), work)
         if not damped_step(DAMPING * off, work):
             return False
         step_critical(eqs, min(1.0, STRIDE / max(length(work.change), 1e-300)), work)
@@ -84,7 +84,7 @@ def damped_step(damping: float, work: Any) -> bool:
 def dimension(eqs: Any, work: Any) -> int:
     """Dimension of the critical points in q and t about the one just found, from the null space of its equations."""
     N, n = work.change.shape[0], work.size.shape[0]
-    fill_matrix(eqs, work)
+    fill_matrix(eqs, True, work)
     for i in range(N):
         for j in range(N):
             work.K_work[i, j] = work.K[i, j]
@@ -101,6 +101,15 @@ def dimension(eqs: Any, work: Any) -> int:
     while found < min(N - flat, n + 1) and abs(work.K[found, found]) > SPAN:
         found += 1
     return found
+
+
+@inlined
+def moves(terms: Any) -> bool:
+    """Whether time moves a constraint."""
+    for i in range(terms.nu.shape[0]):
+        if terms.nu[i] != 0.0:
+            return True
+    return False
 
 
 @inlined
@@ -151,8 +160,10 @@ def unbalance(eqs: Any, t: float, q: Any, work: Any, g: Any) -> None:
 
 
 @kernel
-def fill_matrix(eqs: Any, work: Any) -> None:
-    """work.K (N, N) = derivative of work.g, the last :func:`unbalance`: by differences where J is differentiated."""
+def fill_matrix(eqs: Any, timed: bool, work: Any) -> None:
+    """work.K (N, N) = derivative of work.g, the last :func:`unbalance`: by differences where J is differentiated; that
+    by time only where ``timed``.
+    """
     terms, c = eqs.terms, work.critical[0]
     m, n = terms.J.shape
     N = n + m + 2
@@ -166,7 +177,9 @@ def fill_matrix(eqs: Any, work: Any) -> None:
         work.K[N - 1, n + 1 + k] = work.u[k]
     for i in range(N):
         work.K[i, N - 1] = -work.u[i - n - 1] if n < i < N - 1 else 0.0
-    for k in range(n + 1):
+    for i in range(N):
+        work.K[i, n] = 0.0
+    for k in range(n + timed):
         for i in range(work.q_c.shape[0]):
             work.q_try[i] = work.q_c[i]
         for i in range(n):

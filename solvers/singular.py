@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from .critical import FAR, dimension, seek
+from .critical import FAR, dimension, moves, seek
 from .dense import factor_lu, positive_determinant, ratio, solve_lu, turn_in, turn_out
 from .kernel import inlined, kernel
 from .workspace import distance, factor, scaled_length
@@ -76,15 +76,6 @@ def apart(t: float, q: Any, work: Any, terms: Any) -> float:
     if moves(terms):
         far = np.sqrt(far * far + ((t - work.critical[0].t) * work.rate[0]) ** 2)
     return far
-
-
-@inlined
-def moves(terms: Any) -> bool:
-    """Whether time moves a constraint."""
-    for i in range(terms.nu.shape[0]):
-        if terms.nu[i] != 0.0:
-            return True
-    return False
 
 
 @kernel

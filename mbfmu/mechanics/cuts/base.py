@@ -45,20 +45,14 @@ class Cut:
 @kernel
 def coincide(cut: Any, A: Any, B: Any, rows: Any) -> None:
     """Three rows: Q stays on P along each axis of the cut frame in body a."""
+    way = between(cut, A, B)
     for k in range(3):
-        along(cut, k, A, B, rows[cut.row + k])
+        along(cut, k, A, way, rows[cut.row + k])
 
 
 @kernel
-def along(cut: Any, k: int, A: Any, B: Any, row: Any) -> None:
-    """One row: Phi = n.d, n axis k of the cut frame in body a, d from P on a to Q on b.
-
-    Phi' = n.d' + (w_a x n).d,     Phi'' = n.d'' + (w'_a x n).d + (w_a x (w_a x n)).d + 2 (w_a x n).d'
-
-    n rests in body a and not in the ground, so that what is true of a row in one attitude of the mechanism (that it is
-    void, the size of its multiplier) is true in all.
-    """
-    nx, ny, nz = arm(A, cut.Ra[:, k])
+def between(cut: Any, A: Any, B: Any) -> Any:
+    """The arms of Q from b's and from a's origin, the way d from P to Q, d', and d'' without angular accelerations."""
     ax, ay, az = arm(A, cut.Pa)
     bx, by, bz = arm(B, cut.Pb)
     a, b = A.Y, B.Y
@@ -66,22 +60,38 @@ def along(cut: Any, k: int, A: Any, B: Any, row: Any) -> None:
     ux = b[0] + b[4] * bz - b[5] * by - (a[0] + a[4] * az - a[5] * ay)
     uy = b[1] + b[5] * bx - b[3] * bz - (a[1] + a[5] * ax - a[3] * az)
     uz = b[2] + b[3] * by - b[4] * bx - (a[2] + a[3] * ay - a[4] * ax)
-    # n turns at m = w_a x n
-    mx, my, mz = a[4] * nz - a[5] * ny, a[5] * nx - a[3] * nz, a[3] * ny - a[4] * nx
+    ex = centripetal(B, bx, by, bz, 0) - centripetal(A, ax, ay, az, 0)
+    ey = centripetal(B, bx, by, bz, 1) - centripetal(A, ax, ay, az, 1)
+    ez = centripetal(B, bx, by, bz, 2) - centripetal(A, ax, ay, az, 2)
+    return (bx, by, bz), (ax + dx, ay + dy, az + dz), (dx, dy, dz), (ux, uy, uz), (ex, ey, ez)
+
+
+@kernel
+def along(cut: Any, k: int, A: Any, way: Any, row: Any) -> None:
+    """One row: Phi = n.d, n axis k of the cut frame in body a, d from P on a to Q on b; ``way`` of :func:`between`.
+
+    Phi' = n.d' + (w_a x n).d,     Phi'' = n.d'' + (w'_a x n).d + (w_a x (w_a x n)).d + 2 (w_a x n).d'
+
+    n rests in body a and not in the ground, so that what is true of a row in one attitude of the mechanism (that it is
+    void, the size of its multiplier) is true in all.
+    """
+    nx, ny, nz = arm(A, cut.Ra[:, k])
+    (bx, by, bz), (x, y, z), (dx, dy, dz), (ux, uy, uz), (ex, ey, ez) = way
+    w = A.Y
+    mx, my, mz = w[4] * nz - w[5] * ny, w[5] * nx - w[3] * nz, w[3] * ny - w[4] * nx  # n turns at m = w_a x n
     row.Phi = nx * dx + ny * dy + nz * dz
     row.bias = (
-        nx * (centripetal(B, bx, by, bz, 0) - centripetal(A, ax, ay, az, 0))
-        + ny * (centripetal(B, bx, by, bz, 1) - centripetal(A, ax, ay, az, 1))
-        + nz * (centripetal(B, bx, by, bz, 2) - centripetal(A, ax, ay, az, 2))
-        + (a[4] * mz - a[5] * my) * dx
-        + (a[5] * mx - a[3] * mz) * dy
-        + (a[3] * my - a[4] * mx) * dz
+        nx * ex
+        + ny * ey
+        + nz * ez
+        + (w[4] * mz - w[5] * my) * dx
+        + (w[5] * mx - w[3] * mz) * dy
+        + (w[3] * my - w[4] * mx) * dz
         + 2.0 * (mx * ux + my * uy + mz * uz)
     )
     row.Gb[0], row.Gb[1], row.Gb[2] = nx, ny, nz
     row.Gb[3], row.Gb[4], row.Gb[5] = by * nz - bz * ny, bz * nx - bx * nz, bx * ny - by * nx
     # the reaction acts on body a where Q is
-    x, y, z = ax + dx, ay + dy, az + dz
     row.Ga[0], row.Ga[1], row.Ga[2] = -nx, -ny, -nz
     row.Ga[3], row.Ga[4], row.Ga[5] = z * ny - y * nz, x * nz - z * nx, y * nx - x * ny
 

@@ -7,13 +7,13 @@ from typing import Any
 
 from solvers.kernel import kernel
 
-from .base import Cut, along, perpendicular
+from .base import Cut, along, between, perpendicular
 
 
 @kernel
 def close(cut: Any, A: Any, B: Any, rows: Any) -> None:
     """See :mod:`.base`. z_b is perpendicular to x_a and y_a."""
-    along(cut, 2, A, B, rows[cut.row])
+    along(cut, 2, A, between(cut, A, B), rows[cut.row])
     perpendicular(cut, 0, 2, A, B, rows[cut.row + 1])
     perpendicular(cut, 1, 2, A, B, rows[cut.row + 2])
 

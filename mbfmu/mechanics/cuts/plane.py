@@ -7,13 +7,13 @@ from typing import Any
 
 from solvers.kernel import kernel
 
-from .base import Cut, along
+from .base import Cut, along, between
 
 
 @kernel
 def close(cut: Any, A: Any, B: Any, rows: Any) -> None:
     """See :mod:`.base`."""
-    along(cut, 2, A, B, rows[cut.row])
+    along(cut, 2, A, between(cut, A, B), rows[cut.row])
 
 
 @dataclass(frozen=True, kw_only=True)
