@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from math import inf, nan
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +15,13 @@ from numpy.typing import NDArray
 from mbfmu.audit import VARIABLES, Audit
 from mbfmu.equilibrium import Balance
 from mbfmu.errors import UserError
-from mbfmu.mechanics.bending import COARSE, FOLDED
+from mbfmu.frame import frame, unframe
+from mbfmu.mechanics.bending import COARSE, FOLDED, Bend
 from mbfmu.mechanics.numbers import finite
 from mbfmu.model import Model, suggest
 from solvers import SOLVERS, Options, SolverError, Statistics, Status, stepper
 from solvers.ledger import EXCHANGED
-from solvers.stepper import Samples
+from solvers.stepper import Reported, Samples
 
 Array = NDArray[np.float64]
 
@@ -81,6 +83,16 @@ class Settings:
     def options(self) -> Options:
         """Return what the stepper takes."""
         return Options(rtol=self.tolerance, max_step=self.max_step or inf, audit=self.audit)
+
+
+class Mark(NamedTuple):
+    """A point that a simulation can be taken back to."""
+
+    place: Reported
+    inputs: dict[str, list[Any]] | None  # where they move supports
+    work_of_jumps: float  # J
+    balance: tuple[float, str] | None  # base (J) and verdict of the audit
+    bent: tuple[Bend | None, tuple[float, Array]]
 
 
 class Simulation:
@@ -352,6 +364,27 @@ class Simulation:
         self.model = model
         self.stepper.restart()
 
+    def mark(self) -> Mark:
+        """Return what :meth:`rewind` needs to take back what comes next; it costs less than :meth:`save`."""
+        inputs = self.plant.inputs.state() if self.plant.inputs.move else None
+        balance = (self.audit.base, self.audit.verdict) if self.audit else None
+        return Mark(self.stepper.reported, inputs, self.work_of_jumps, balance, (self._bend, self._bent_at))
+
+    def rewind(self, mark: Mark) -> None:
+        """Take back all since ``mark`` but what was set; the solver restarts there."""
+        if mark.inputs is not None:
+            self.plant.inputs.restore(mark.inputs)
+        self.stepper.return_to(mark.place)
+        self.work_of_jumps, (self._bend, self._bent_at), self._folded = mark.work_of_jumps, mark.bent, ""
+        if self.audit and mark.balance:
+            self.audit.base, self.audit.verdict = mark.balance
+
+    @property
+    def _owner(self) -> str:
+        """What else must be the same where a state of this simulation is taken up."""
+        fixed = {p.name: getattr(self.model, p.name) for p in self.model.parameters() if not p.tunable}
+        return json.dumps([self.model.name, fixed, self.settings.name, self.settings.tolerance, self.settings.audit])
+
     def save(self) -> bytes:
         """Return the whole state: solver, inputs and tunable parameters."""
         changed = {p.name: getattr(self.model, p.name) for p in self.model.parameters() if p.tunable}
@@ -360,12 +393,19 @@ class Simulation:
         bent = [self._bent_at[0], self._bent_at[1].tolist()] if self.coarse else []
         known = {"parameters": changed, "inputs": inputs, "work_of_jumps": work, "balance": balance, "bent": bent}
         head = json.dumps(known).encode()
-        return len(head).to_bytes(8, "little") + head + self.stepper.save()
+        return frame(self._owner, len(head).to_bytes(8, "little") + head + self.stepper.save())
 
     def restore(self, state: bytes) -> None:
-        """Take up a state saved by a simulation of the same model and settings."""
-        split = 8 + int.from_bytes(state[:8], "little")
-        head = json.loads(state[8:split])
+        """Take up a state saved by a simulation of the same model and settings.
+
+        Raises
+        ------
+        UserError
+            It is damaged, or none of such a simulation; nothing has changed then.
+        """
+        content = unframe(self._owner, state)
+        split = 8 + int.from_bytes(content[:8], "little")
+        head = json.loads(content[8:split])
         model = self.model.with_values(head["parameters"])
         if model != self.model:
             self.plant.adopt(model.build().compile())
@@ -373,7 +413,7 @@ class Simulation:
         self.plant.inputs.restore(head["inputs"])
         self.work_of_jumps = head["work_of_jumps"]
         self.stepper.restart()  # the equations may have changed
-        self.stepper.restore(state[split:])
+        self.stepper.restore(content[split:])
         if self.audit:
             self.audit.base, self.audit.verdict = head["balance"]
         t, q = head["bent"] or (self.t, self.stepper.q)

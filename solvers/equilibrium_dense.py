@@ -21,7 +21,7 @@ from .bundle import bundle
 from .dense import full_pivot, length, rank_at, ratio, solve_full_pivot
 from .equilibrium import CONVERGED, ITERATIONS, LEAST_DAMPING, EquilibriumSolver, Outcome, State
 from .held import hold
-from .kernel import kernel
+from .kernel import inlined, kernel
 from .svd import decompose, pseudo_inverse_transposed
 from .system import Array, System
 
@@ -29,6 +29,7 @@ EPSILON = 1e-30  # of the complex step; its square must vanish beside one
 SINGULAR = 1e-12  # pivot of K relative to the first, below which an unknown is undetermined
 BALANCED = 1e-9  # unbalance left by the last correction
 FARTHEST = 1.0  # length of the first step
+ASTRAY = 3.2  # units of size, half a turn: a state farther from the start is not the one next to it
 SINGULAR_POSITION = 1e-7  # ratio of the singular values of J below which cut-joint forces are not determined
 INDEPENDENT = 1e-8  # relative pivot of an independent constraint
 
@@ -189,6 +190,15 @@ def constraint_forces(rows: Any, terms: Any, s: Any, lam: Any) -> float:
     return ratio(s.sigma, rank)
 
 
+@inlined
+def farthest(moved: Any, size: Any) -> float:
+    """How far the coordinate has moved that has moved most, in units of its size."""
+    most = 0.0
+    for i in range(moved.shape[0]):
+        most = max(most, abs(moved[i]) / size[i])
+    return most
+
+
 @kernel
 def newton(eqs: Any, t: float, q: Any, lam: Any, rows: Any, c2: float, s: Any, report: Any) -> int:
     """Solve f = 0 from (q, lam), in place, or a step downhill; report: Jacobians factored."""
@@ -213,6 +223,8 @@ def newton(eqs: Any, t: float, q: Any, lam: Any, rows: Any, c2: float, s: Any, r
             linearise(eqs, t, q, lam, s.moved, rows, c2, scale, s)
             if length(s.f) > BALANCED:
                 return 2
+            if c2 == 0.0 and farthest(s.moved, s.size) > ASTRAY:
+                return 1
             return 0 if constraint_forces(rows, eqs.terms, s, s.lam_try) > SINGULAR_POSITION else 4
         if first:  # what is farther may be another state
             damping, first = min(1.0, FARTHEST / size), False

@@ -16,6 +16,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from sksundae.ida import IDAJacTimes, IDAPrecond
 
 from .ggl import LAMBDA, MU, Unknowns, assemble, multiply, residual, set_up, solve, weak_residual
@@ -208,6 +209,14 @@ class IDAStepper(IDADriver, DenseStepper):
             return code
         self._tell()
         return self._begin()
+
+    def _arrays(self) -> list[NDArray[Any]]:
+        return [*super()._arrays(), *self._units.memory()]
+
+    def restore(self, data: bytes) -> None:
+        """Take over a reported state and the units it was integrated in; the history starts anew."""
+        super().restore(data)
+        self._ida, self._instant = self._new_ida(), STANDSTILL / self._units.rate[0]
 
     def _take(self, t: float, y: Array) -> Code:
         q, v = y[: self.system.nq].copy(), y[self.system.nq : self.system.nq + self.system.n].copy()

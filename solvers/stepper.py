@@ -125,6 +125,15 @@ class Samples(NamedTuple):
     ledger: Array  # (k, 5)  as Stepper.ledger
 
 
+class Reported(NamedTuple):
+    """A state of a stepper as it reports it."""
+
+    t: float  # s
+    q: Array  # (nq,)
+    v: Array  # (n,)
+    ledger: Array  # (5,), see :attr:`Stepper.ledger`
+
+
 class Stepper(ABC):
     """Advances one motion of a :class:`System` in time.
 
@@ -199,6 +208,17 @@ class Stepper(ABC):
     def notice(self) -> str:
         """What the solver does otherwise than it was told; empty: nothing."""
         return ""
+
+    @property
+    def reported(self) -> Reported:
+        """The reported state, to be given to :meth:`return_to`."""
+        return Reported(self._t, self._q.copy(), self._v.copy(), self._ledger.copy())
+
+    def return_to(self, place: Reported) -> None:
+        """Make a state that was reported before the reported one, and restart: an advance from it is taken back."""
+        self._t, self._q[:], self._v[:], self._ledger[:] = place
+        self.status = self._status(Code.OK)
+        self.restart()
 
     @property
     def ledger(self) -> Array:

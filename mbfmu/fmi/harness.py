@@ -70,9 +70,10 @@ class Fmu:
         self.slave.enterInitializationMode()
         for name, value in values.items():
             self[name] = value
-        self.slave.exitInitializationMode()
-        if self.message():
-            raise UserError(self.message())
+        try:
+            self.slave.exitInitializationMode()
+        except FMICallException as error:
+            raise UserError(self.message() or str(error)) from error
 
     def step(self, dt: float) -> None:
         """Advance by dt (s); raises UserError with the FMU's reason if it discards the step."""

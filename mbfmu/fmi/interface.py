@@ -37,7 +37,10 @@ class Interface(Fmi2Slave):  # type: ignore[misc]
         self.simulation: Simulation | None = None
         self.message = ""
 
-    def _take(self, reference: int, name: str, value: float) -> None:
+    def _take(self, reference: int, value: float) -> None:
+        raise NotImplementedError
+
+    def _take_text(self, name: str, value: str) -> None:
         raise NotImplementedError
 
     def register(self, plant: Plant) -> None:
@@ -105,9 +108,9 @@ class Interface(Fmi2Slave):  # type: ignore[misc]
 
     def _constant(self, p: Parameter, value: Any) -> None:
         kinds = {bool: Boolean, int: FmiInteger, str: FmiString}
-        kind = kinds.get(type(value), Real)
+        reference = len(self.vars)
         self.register_variable(
-            kind(
+            kinds.get(type(value), Real)(
                 p.name,
                 causality=Fmi2Causality.local,
                 variability=Fmi2Variability.constant,
@@ -117,6 +120,8 @@ class Interface(Fmi2Slave):  # type: ignore[misc]
             ),
             nested=False,
         )
+        if isinstance(value, float):
+            self._reals.append((reference, value))
 
     def _whole(
         self,
@@ -135,7 +140,7 @@ class Interface(Fmi2Slave):  # type: ignore[misc]
                 variability=variability,
                 description=text,
                 getter=lambda: self._buffer[reference],
-                setter=lambda value: self._take(reference, name, value),
+                setter=lambda value: self._take(reference, value),
             ),
             nested=False,
         )
@@ -162,7 +167,7 @@ class Interface(Fmi2Slave):  # type: ignore[misc]
             variability=variability,
             description=text,
             getter=lambda: None,
-            setter=lambda value: None,
+            setter=lambda value: self._take(reference, value),
         )
         self.register_variable(variable, nested=False)
         self._reals.append((reference, start))
@@ -207,7 +212,7 @@ class Interface(Fmi2Slave):  # type: ignore[misc]
                 initial=None if parameter else Fmi2Initial.calculated,
                 description=text,
                 getter=getter,
-                setter=lambda value: self._texts.__setitem__(name, value),
+                setter=lambda value: self._take_text(name, value),
             ),
             nested=False,
         )

@@ -1,53 +1,46 @@
 """The FMI 2.0 co-simulation slave around any model.
 
-PythonFMU turns an exception that leaves a callback into fmi2Fatal and then frees what it should not, so none may: a
-failure is logged, printed to stderr, kept in ``solver.message``, and makes every step return fmi2Discard; the last good
-state stays. A lost energy balance is told in the same places, as a warning: the wrapper cannot return fmi2Warning, so
-the step returns fmi2OK.
+**What a host is told.** PythonFMU's wrapper gives this class one status to choose, that of fmi2DoStep: fmi2OK or
+fmi2Discard. All other calls return fmi2OK, or fmi2Fatal where an exception leaves them. So what a host does wrong (a
+call that its state does not allow, a value that is refused, a state that is damaged) is logged at once as an error,
+changes nothing, and is the reason why the next step is discarded; what was refused stays the reason until it is given
+right. Only where initialization fails, which must not look well, an exception leaves. A lost energy balance is logged
+as a warning. The last sentence stands in ``solver.message`` until a step goes well.
+
+A discarded step leaves everything as it was where the step began, and may be tried again, shorter.
 """
 
 from __future__ import annotations
 
-import functools
+import ctypes
 import json
-import sys
-from collections.abc import Callable
+from dataclasses import replace
+from math import isfinite, nan
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 from pythonfmu import DefaultExperiment
 from pythonfmu.enums import Fmi2Status
 
 import mbfmu
 from mbfmu.errors import UserError
-from mbfmu.mechanics.numbers import finite
-from mbfmu.model import Model, Parameter
+from mbfmu.frame import frame, unframe
+from mbfmu.model import Model
 from mbfmu.simulation import Settings, Simulation
 
 from .guards import finalize_at_exit
-from .interface import Interface
+from .values import Phase, Values, guarded, in_words
 
-STATE_FORMAT = 2
+Array = NDArray[np.float64]
 
-
-def guarded(callback: Callable[..., Any]) -> Callable[..., Any]:
-    """Let no exception escape a callback."""
-
-    @functools.wraps(callback)
-    def safe(self: ModelSlave, *args: Any) -> Any:
-        try:
-            return callback(self, *args)
-        except Exception as error:
-            self.fail(error if isinstance(error, UserError) else f"{type(error).__name__}: {error}")
-            return False
-
-    return safe
+STATE_FORMAT = 3
+AGREED = 1e-9  # s, or part of the time: so much may a host's clock differ from ours
 
 
-class ModelSlave(Interface):
+class ModelSlave(Values):
     """One instance of a model in a host. Subclasses, one per FMU, set the class attributes."""
 
-    identifier: ClassVar[str] = "model"
     fmu_guid: ClassVar[str] = ""
 
     log_categories: ClassVar[dict[str, str]] = {
@@ -70,127 +63,150 @@ class ModelSlave(Interface):
             tolerance=self.settings.tolerance,
         )
         self._t0 = 0.0
-        self._refused: dict[str, str] = {}  # variable -> why its last value was not taken
-        self._changed: set[int] = set()  # value references of inputs and parameters set since the last step
         self._remarked = 0  # how many of the simulation's remarks are in the log
-        self._coarse = False  # that a grid is too coarse is in the log
-        self._fresh = True  # outputs are those of the present state
-        self._told: list[str] = []  # of the loops, in the log
+        self._loops: list[str] = []  # what is in the log of them
+        self._lost, self._coarse = "", False  # what is in the log of the balance; that a grid is too coarse is
         self.register(self.model.build().compile())
         finalize_at_exit(self.resources, self.identifier)
-
-    # ---- values -------------------------------------------------------------------------------------------------
-
-    def get_real(self, vrs: list[int]) -> list[float]:
-        """Return real values; outputs are evaluated once a step, when first asked for."""
-        if not self._fresh:
-            self._refresh()
-        values: list[float] = self._buffer[vrs].tolist()
-        return values
-
-    @guarded
-    def _refresh(self) -> None:
-        assert self.simulation is not None
-        self._buffer[self._outputs] = self.simulation.outputs()
-        self._fresh = True
-
-    @guarded
-    def set_real(self, vrs: list[int], values: list[float]) -> None:
-        """Take real values; one that is not finite is refused, and the next step fails unless it is set anew."""
-        for reference, value in zip(vrs, values, strict=True):
-            self._take(reference, self.vars[reference].name, value)
-
-    def _take(self, reference: int, name: str, value: float) -> None:
-        if not np.isfinite(value):
-            self._refused[name] = f"{name!r} was set to {value!r}; allowed: a finite number"
-            self._report(self._refused[name])
-            return
-        self._refused.pop(name, None)
-        same = self._buffer[reference] == value and reference not in self._motions  # a support may have moved since
-        if not same or self.simulation is None:
-            self._buffer[reference] = value
-            self._changed.add(reference)
 
     # ---- life of an instance ------------------------------------------------------------------------------------
 
     @guarded
     def setup_experiment(self, start_time: float, stop_time: float | None, tolerance: float | None) -> None:
         """Note the start time, and the host's tolerance unless the parameter was set."""
-        self._t0 = finite("the start time", start_time)
+        if self._phase is not Phase.INSTANTIATED:
+            self._mistake("fmi2SetupExperiment comes before the initialization; it was called later")
+            return
+        if not isfinite(start_time):
+            self._refuse("experiment", f"the start time is {start_time!r}; allowed: a finite number")
+            return
+        if stop_time is not None and not stop_time >= start_time:
+            self._refuse("experiment", f"the experiment stops at {stop_time!r} s, before its start at {start_time!r} s")
+            return
+        self._refused.pop("experiment", None)
+        self._t0 = start_time
         reference = self.setting_reference("tolerance")
         if tolerance and reference not in self._changed:
-            self._buffer[reference] = tolerance
+            self._take(reference, tolerance)
+            self._changed.discard(reference)
 
     @guarded
+    def _refresh(self) -> None:
+        self._buffer[self._outputs] = nan
+        if self._phase is Phase.INITIALIZING:
+            self._start_anew()
+        if self.simulation is not None:
+            self._buffer[self._outputs] = self.simulation.outputs()
+            self._fresh = True
+
+    @guarded
+    def enter_initialization_mode(self) -> None:
+        """Outputs may be read from now on: the model is started whenever one is."""
+        if self._phase is not Phase.INSTANTIATED:
+            self._mistake(f"fmi2EnterInitializationMode was called when the FMU was {self._phase.name.lower()}")
+            return
+        self._phase, self._fresh = Phase.INITIALIZING, False
+
     def exit_initialization_mode(self) -> None:
         """Build, assemble and start the model from the parameters as they are now."""
-        self._raise_refused()
-        model = self._model_now()
+        if self._phase is not Phase.INITIALIZING:
+            self._mistake(f"fmi2ExitInitializationMode was called when the FMU was {self._phase.name.lower()}")
+            return
+        try:
+            self._raise_refused()
+            if not self._fresh:
+                self._start_anew()
+                assert self.simulation is not None
+                self._buffer[self._outputs] = self.simulation.outputs()
+        except Exception as error:
+            self._phase, self.simulation = Phase.FAILED, None
+            self.fail(in_words(error))
+            self._keep_alive()
+            raise
+        self._phase, self._fresh = Phase.RUNNING, True
+        self._changed.clear()
+        self._tell_loops()
+
+    def _keep_alive(self) -> None:
+        """Have references for those that the wrapper drops when an exception leaves, and drops again in the end."""
+        for dropped in (self, type(self), self.log_queue):
+            ctypes.pythonapi.Py_IncRef(ctypes.py_object(dropped))
+
+    def _start_anew(self) -> None:
+        """Start a simulation from the values as they are."""
+        self.simulation, self._remarked = None, 0
         given = {k: float(self._buffer[r]) for k, r in enumerate(self._inputs) if r in self._changed}
-        self.simulation = Simulation(model, self._settings_now(), self._t0, given)
+        settings = self._settings_of(self._buffer, self._texts)
+        self.simulation = Simulation(self._model_of(self._buffer), settings, self._t0, given)
         for reference, variable in zip(self._inputs, self.simulation.plant.inputs.variables, strict=True):
             if reference not in self._changed:  # it starts where the parameters put it
                 self._buffer[reference] = variable.start
-        self._changed.clear()
-        self._refresh()
-        self._tell_loops()
 
     def _tell_loops(self) -> None:
-        """Log what is void or redundant in the loops, unless it was: restoring a state starts the model anew."""
+        """Log what is void or redundant in the loops, unless it was."""
         assert self.simulation is not None
-        told, self._told = self._told, self.simulation.loops()
-        if told != self._told:
-            for line in self._told:
+        told, self._loops = self._loops, self.simulation.loops()
+        if told != self._loops:
+            for line in self._loops:
                 self.log(line, Fmi2Status.ok, "logAll")
 
-    def _settings_now(self) -> Settings:
-        values: dict[str, Any] = dict(self._texts)
+    def _settings_of(self, values: Array, texts: dict[str, str]) -> Settings:
+        found: dict[str, Any] = dict(texts)
         for name, reference in self._settings.items():
-            kind = type(getattr(self.settings, name))
-            values[name] = kind(self._buffer[reference])
-        return Settings(**values)
+            found[name] = type(getattr(self.settings, name))(values[reference])
+        return Settings(**found)
 
-    def _model_now(self) -> Model:
-        return self.model.with_values({p.name: self._value(r, p) for r, p in self._parameters.items()})
-
-    def _value(self, reference: int, declared: Parameter) -> Any:
-        value = self._buffer[reference].item()
-        return bool(value) if isinstance(declared.default, bool) else value
+    def _model_of(self, values: Array) -> Model:
+        return self.model.with_values({p.name: type(p.default)(values[r].item()) for r, p in self._parameters.items()})
 
     @guarded
     def do_step(self, current_time: float, step_size: float) -> bool:
         """Advance by a communication step; False (fmi2Discard) on failure, with the reason in the log."""
-        if self.simulation is None:
-            self._report(self.message or "the model was not started")
-            return False
         self._raise_refused()
+        simulation = self._ready(current_time, step_size)
         self._apply_changes()
         if step_size == 0.0:
             return True
-        self.simulation.advance(current_time + step_size)
-        self._fresh = False
+        mark = simulation.mark()
+        simulation.advance(current_time + step_size)
+        if simulation.failure:
+            self.fail(simulation.failure)
+            simulation.rewind(mark)
+            return False
+        self._fresh, self.message = False, simulation.verdict
+        self._tell()
+        return True
+
+    def _ready(self, t: float, step: float) -> Simulation:
+        """Return the simulation where a step from t may be made; else say why not."""
+        if self._phase is not Phase.RUNNING or self.simulation is None:
+            reason = self.message if self._phase is Phase.FAILED else ""
+            raise UserError(reason or f"no step can be made: the FMU is {self._phase.name.lower()}")
+        if not (isfinite(t) and step >= 0.0 and isfinite(step)):
+            raise UserError(f"a step from {t!r} s by {step!r} s was asked for; allowed: finite times, and forward")
+        here = self.simulation.t
+        if not abs(t - here) <= AGREED * max(1.0, abs(here)):
+            raise UserError(
+                f"a step from {t!r} s was asked for, but the FMU stands at {here!r} s; go on from there, or restore a "
+                "state saved at the other time"
+            )
+        return self.simulation
+
+    def _tell(self) -> None:
+        """Log what is new: remarks, a lost energy balance, a grid too coarse."""
+        assert self.simulation is not None
         for text in self.simulation.remarks[self._remarked :]:
             self._warn(text)
         self._remarked = len(self.simulation.remarks)
-        if self.simulation.failure:
-            self.fail(self.simulation.failure)
-            return False
-        self._warn_of_motion()
-        return True
-
-    def _warn_of_motion(self) -> None:
-        """Say once each that the energy balance is lost, which hosts can read too, and that a grid is too coarse."""
-        assert self.simulation is not None
-        if self.simulation.verdict and not self.message:
-            self.message = self.simulation.verdict
-            self._print(self.message)
-            self._warn(self.message)
+        verdict = self.simulation.verdict
+        if verdict != self._lost:
+            self._lost = verdict
+            if verdict:
+                self._print(verdict)
+                self._warn(verdict)
         if self.simulation.coarse and not self._coarse:
             self._coarse = True
             self._warn(self.simulation.coarse)
-
-    def _warn(self, text: str) -> None:
-        self.log(text, Fmi2Status.warning, "logStatusWarning")
 
     def _apply_changes(self) -> None:
         simulation = self.simulation
@@ -198,7 +214,7 @@ class ModelSlave(Interface):
         if not self._changed:
             return
         if any(reference in self._parameters for reference in self._changed):
-            simulation.retune(self._model_now())
+            simulation.retune(self._model_of(self._buffer))
         for index, reference in enumerate(self._inputs):
             if reference in self._changed:
                 simulation.set_input(index, float(self._buffer[reference]))
@@ -206,66 +222,68 @@ class ModelSlave(Interface):
         self._fresh = False
 
     def _raise_refused(self) -> None:
-        if self._refused:
-            raise UserError("; ".join(self._refused.values()))
+        reasons = [*self._refused.values(), *self._mistakes]
+        self._mistakes.clear()
+        if reasons:
+            raise UserError("; ".join(reasons))
 
     @guarded
     def terminate(self) -> None:
         """Say how far cells have bent at the worst; nothing to release, all memory is Python's."""
+        self._phase = Phase.TERMINATED
         if self.simulation is not None and self.simulation.coarse and not self.simulation.failure:
             self._print(f"warning: {self.simulation.coarse}")
 
-    # ---- failures -----------------------------------------------------------------------------------------------
-
-    def fail(self, reason: object) -> None:
-        """Keep the reason where a host can read it."""
-        self.message = str(reason)
-        self._report(self.message)
-
-    def _report(self, text: str) -> None:
-        self._print(text)
-        self.log(text, Fmi2Status.error, "logStatusError")
-
-    def _print(self, text: str) -> None:
-        print(f"{self.identifier} ({self.instance_name}): {text}", file=sys.stderr)  # noqa: T201
-
     # ---- FMU state ----------------------------------------------------------------------------------------------
 
-    @guarded
     def _get_fmu_state(self) -> bytes:
         head = {
             "format": STATE_FORMAT,
-            "guid": self.fmu_guid,
             "values": self._buffer.tolist(),
             "texts": self._texts,
             "changed": sorted(self._changed),
             "t0": self._t0,
-            "started": self.simulation is not None,
+            "phase": self._phase.name,
+            "message": self.message,
         }
         text = json.dumps(head).encode()
         body = self.simulation.save() if self.simulation else b""
-        return len(text).to_bytes(8, "little") + text + body
+        return frame(self._owner, len(text).to_bytes(8, "little") + text + body)
 
-    @guarded
+    @property
+    def _owner(self) -> str:
+        return f"{self.fmu_guid} {STATE_FORMAT}"
+
     def _set_fmu_state(self, state: bytes) -> None:
-        split = 8 + int.from_bytes(state[:8], "little")
-        head = json.loads(state[8:split])
-        if head["format"] != STATE_FORMAT or head["guid"] != self.fmu_guid:
-            raise UserError("the FMU state was saved by another FMU or another version; it cannot be restored here")
-        self._buffer[:] = head["values"]
-        self._texts.update(head["texts"])
-        self._t0 = head["t0"]
-        self._changed.clear()
+        """Take up a state; a bad one changes nothing, and no step is made until a good one is given."""
+        try:
+            content = unframe(self._owner, state)
+            split = 8 + int.from_bytes(content[:8], "little")
+            self._go_back(json.loads(content[8:split]), content[split:])
+        except Exception as error:
+            self._refuse("FMU state", f"the FMU state is refused: {in_words(error)}")
+
+    def _go_back(self, head: dict[str, Any], body: bytes) -> None:
+        """Be what an instance was; a simulation that differs in what is fixed is built anew, without a steady state."""
+        values, texts, t0, simulation = np.array(head["values"]), dict(head["texts"]), head["t0"], None
+        if body:
+            model, settings = self._model_of(values), self._settings_of(values, texts)
+            simulation = self.simulation if self._runs(model, settings) else None
+            simulation = simulation or Simulation(model, replace(settings, start_at_equilibrium=False), t0)
+            simulation.restore(body)
+        self.simulation, self._t0, self._texts, self._buffer[:] = simulation, t0, texts, values
+        self._changed, self._phase, self.message = set(head["changed"]), Phase[head["phase"]], head["message"]
         self._refused.clear()
-        self.message = ""
-        self.simulation, self._remarked = None, 0
-        if head["started"]:
-            self.exit_initialization_mode()
-            assert self.simulation is not None
-            self.simulation.restore(state[split:])
-            self._buffer[:] = head["values"]  # of which the start took what is the model's
-            self._fresh = False
-        self._changed = set(head["changed"])
+        self._mistakes.clear()
+        self._fresh = False
+
+    def _runs(self, model: Model, settings: Settings) -> bool:
+        """Whether the simulation is of such a model, but for what is tunable, and settings."""
+        here = self.simulation
+        if here is None:
+            return False
+        alike = replace(here.settings, start_at_equilibrium=settings.start_at_equilibrium) == settings
+        return alike and here.model.with_values(tunable(model)) == model
 
     @staticmethod
     def _fmu_state_to_bytes(state: bytes) -> bytes:
@@ -274,3 +292,8 @@ class ModelSlave(Interface):
     @staticmethod
     def _fmu_state_from_bytes(state: bytes) -> bytes:
         return bytes(state)
+
+
+def tunable(model: Model) -> dict[str, Any]:
+    """Return the values of a model's parameters that may change."""
+    return {p.name: getattr(model, p.name) for p in model.parameters() if p.tunable}

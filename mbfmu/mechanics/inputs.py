@@ -144,6 +144,11 @@ class Inputs:
         return float(value)
 
     @property
+    def move(self) -> bool:
+        """Whether any of them moves a support."""
+        return bool(self._motions)
+
+    @property
     def settled(self) -> bool:
         """Whether every support goes on as it does until an input is set."""
         return all(motion.settled for motion in self._motions.values())

@@ -1,0 +1,245 @@
+"""An FMU says so when something is wrong, keeps what it had, and takes up a state whole or not at all."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fmpy.fmi1 import FMICallException
+
+from fmus.fourbar import FourBar
+from mbfmu.errors import UserError
+from mbfmu.fmi import Fmu, export
+from mbfmu.frame import frame, unframe
+from mbfmu.native import run
+from mbfmu.simulation import Settings
+
+SOLVERS = ["adams", "hybrid", "ida"]
+
+
+@pytest.fixture
+def fmu(fourbar_fmu: Path) -> Iterator[Fmu]:
+    with Fmu(fourbar_fmu) as instance:
+        instance.step(0.5)
+        yield instance
+
+
+def refuses_a_step(fmu: Fmu, match: str) -> None:
+    """A step is discarded with that sentence, and nothing moves."""
+    before = fmu.reals()
+    with pytest.raises(UserError, match=match):
+        fmu.step(0.01)
+    np.testing.assert_array_equal(fmu.reals(), before)
+
+
+# ---- states ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("harm", ["short", "empty", "no head", "another's", "a bit"])
+def test_a_bad_state_changes_nothing_and_stops_the_run(fmu: Fmu, fourbar_fmu: Path, tmp_path: Path, harm: str) -> None:
+    good = fmu.save()
+    fmu.step(0.1)
+    before = fmu.reals()
+    if harm == "another's":
+        other = export(FourBar(crank_mass=2.0), tmp_path / "other.fmu", Settings(solver="adams"))
+        with Fmu(other) as another:
+            bad = another.save()
+    else:
+        bad = {"short": good[:-1], "empty": b"", "no head": good[20:], "a bit": good[:-9] + b"\x01" + good[-8:]}[harm]
+    fmu.restore(bad)
+    np.testing.assert_array_equal(fmu.reals(), before)
+    for _ in range(2):  # and not once only
+        refuses_a_step(fmu, "the FMU state is refused")
+    fmu.restore(good)
+    fmu.t = 0.5
+    fmu.step(0.1)
+    np.testing.assert_array_equal(fmu.reals(), before)
+    assert fmu.message() == ""
+
+
+def test_no_flipped_bit_is_taken(fmu: Fmu) -> None:
+    state = fmu.save()
+    owner = "somebody"
+    framed = frame(owner, state)
+    assert unframe(owner, framed) == state
+    rng = np.random.default_rng(0)
+    for place in {*range(50), *rng.integers(0, len(framed), 200).tolist()}:
+        bad = bytearray(framed)
+        bad[place] ^= 1 << int(rng.integers(8))
+        with pytest.raises(UserError):
+            unframe(owner, bytes(bad))
+    with pytest.raises(UserError, match="of another model"):
+        unframe("somebody else", framed)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_inputs_and_tunable_parameters_come_back(fourbar_fmu: Path, solver: str) -> None:
+    with Fmu(fourbar_fmu, {"solver": solver}) as fmu, Fmu(fourbar_fmu) as other:
+        fmu["crank.torque"], fmu["gravity"] = 50.0, 3.0
+        fmu.step(0.1)
+        saved = fmu.save()
+        fmu["crank.torque"], fmu["gravity"] = 0.0, 9.81
+        fmu.step(0.1)
+        for instance in (fmu, other):
+            instance.restore(saved)
+            instance.t = 0.1
+            assert instance["crank.torque"] == 50.0
+            assert instance["gravity"] == 3.0
+            instance["crank.torque"] = 50.0  # no change
+            instance.step(0.1)
+        np.testing.assert_allclose(fmu.reals(), other.reals(), rtol=1e-12)
+        other.restore(saved)
+        other.t = 0.1
+        other["crank.torque"] = 0.0  # the value at the start is a change now
+        other.step(0.1)
+        assert abs(other["crank.rate"] - fmu["crank.rate"]) > 0.01
+
+
+def test_restoring_rebuilds_nothing(fmu: Fmu, monkeypatch: pytest.MonkeyPatch) -> None:
+    saved = fmu.save()
+    fmu.step(0.1)
+    expected = fmu.reals()
+
+    def rebuilt(*_: object, **__: object) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr("fmus.fourbar.FourBar.build", rebuilt)
+    fmu.restore(saved)
+    fmu.t = 0.5
+    fmu.step(0.1)
+    np.testing.assert_array_equal(fmu.reals(), expected)
+
+
+# ---- initialization ----------------------------------------------------------------------------------------------
+
+
+def test_outputs_are_there_in_initialization_mode(fourbar_fmu: Path) -> None:
+    expected = run(FourBar(start_angle=0.4), Settings(solver="adams"), np.array([0.0, 0.01]))
+    with Fmu(fourbar_fmu) as fmu:
+        fmu.slave.reset()
+        fmu.slave.setupExperiment(startTime=0.0)
+        fmu.slave.enterInitializationMode()
+        drawn = fmu.reals()
+        fmu["start_angle"] = 0.4
+        np.testing.assert_array_equal(fmu.reals(), expected.values[0])
+        assert not np.array_equal(drawn, expected.values[0])
+        fmu.slave.exitInitializationMode()
+        np.testing.assert_array_equal(fmu.reals(), expected.values[0])
+
+
+def test_a_failed_initialization_is_no_success(fourbar_fmu: Path) -> None:
+    with Fmu(fourbar_fmu) as fmu:
+        for _ in range(20):
+            fmu.slave.reset()
+            fmu.slave.setupExperiment(startTime=0.0)
+            fmu.slave.enterInitializationMode()
+            fmu["ground_length"] = 50.0
+            assert np.isnan(fmu.reals()).all()
+            with pytest.raises(FMICallException):
+                fmu.slave.exitInitializationMode()
+            with pytest.raises(UserError, match="loop cannot close"):
+                fmu.step(0.1)
+            assert np.isnan(fmu.reals()).all()
+        fmu.slave.reset()
+        fmu.t = 0.0
+        fmu.start({})
+        fmu.step(0.1)
+        assert fmu.message() == ""
+
+
+# ---- what a host may do wrong ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "value", "match"),
+    [
+        ("Real", None, 1.0, "value reference 9999 is no variable"),
+        ("Real", "energy", 1.0, "'energy' was set to 1.0, but it is an output"),
+        ("Real", "crank_length", 1.1, "'crank_length' was set to 1.1, but it is fixed since the initialization"),
+        ("Integer", "gravity", 3, "'gravity', a Real; it was used as that of a Integer"),
+        ("Integer", "coupler_modes", 3, "it is fixed since the export"),
+        ("String", "solver", "ida", "'solver' was set to 'ida', but it is fixed since the initialization"),
+        ("Boolean", "solver.steps", True, "'solver.steps', a Integer; it was used as that of a Boolean"),
+    ],
+)
+def test_a_mistake_in_setting_costs_one_step(fmu: Fmu, kind: str, name: str | None, value: object, match: str) -> None:
+    reference = fmu.variables[name].valueReference if name else 9999
+    getattr(fmu.slave, f"set{kind}")([reference], [value])
+    refuses_a_step(fmu, match)
+    fmu.step(0.01)
+    assert fmu.message() == ""
+
+
+def test_reading_what_is_not_there_gives_no_number(fmu: Fmu) -> None:
+    angle = fmu.variables["crank.angle"].valueReference
+    got = fmu.slave.getReal([angle, 9999, 2**31 + 5])
+    assert got[0] == fmu["crank.angle"]
+    assert np.isnan(got[1:]).all()
+    refuses_a_step(fmu, "9999 is no variable")
+    assert fmu.slave.getInteger([angle]) == [0]
+    refuses_a_step(fmu, "'crank.angle', a Real; it was used as that of a Integer")
+    fmu.step(0.01)
+
+
+def test_a_value_out_of_range_is_refused_until_it_is_given_anew(fmu: Fmu) -> None:
+    fmu["gravity"] = float("inf")
+    for _ in range(2):
+        refuses_a_step(fmu, "'gravity' was set to inf")
+    fmu["gravity"] = 9.0
+    fmu.step(0.01)
+    assert fmu["gravity"] == 9.0
+
+
+def test_times_must_agree(fmu: Fmu) -> None:
+    for t, h, match in [
+        (0.4, 0.1, r"a step from 0\.4 s was asked for, but the FMU stands at 0\.5 s"),
+        (0.5, -0.1, "allowed: finite times, and forward"),
+        (float("nan"), 0.1, "allowed: finite times"),
+    ]:
+        with pytest.raises(FMICallException):
+            fmu.slave.doStep(currentCommunicationPoint=t, communicationStepSize=h)
+        assert re.search(match, fmu.message())
+    fmu.slave.doStep(currentCommunicationPoint=0.5 + 1e-13, communicationStepSize=0.1)
+
+
+def test_nothing_moves_after_the_end(fourbar_fmu: Path) -> None:
+    with Fmu(fourbar_fmu) as fmu:
+        fmu.step(0.1)
+        fmu.slave.terminate()
+        refuses_a_step(fmu, "the FMU is terminated")
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_a_discarded_step_can_be_tried_again_shorter(tmp_path: Path, solver: str) -> None:
+    """A torque beyond all numbers is not survived, but left behind."""
+    path = export(FourBar(), tmp_path / "fourbar.fmu", Settings(solver=solver, tolerance=1e-6))
+    with Fmu(path) as fmu:
+        fmu.step(0.2)
+        before = fmu.reals()
+        fmu["crank.torque"] = 1e300
+        with pytest.raises(UserError):
+            fmu.step(1.0)
+        assert fmu.message()
+        fmu["crank.torque"] = 0.0
+        after = fmu.reals()
+        angle = fmu.real_outputs.index("crank.angle")
+        assert after[angle] == before[angle]
+        fmu.step(0.05)
+        assert fmu.message() == ""
+        exact = FourBar().exact(np.array([0.0, 0.25]))
+        assert exact is not None
+        assert fmu["crank.angle"] == pytest.approx(exact["crank.angle"][1], abs=1e-4)
+
+
+def test_restoring_is_quick(fmu: Fmu) -> None:
+    """Not a measurement: a rebuild takes twenty times as long."""
+    saved = fmu.save()
+    fmu.restore(saved)
+    begin = time.perf_counter()
+    for _ in range(20):
+        fmu.restore(saved)
+    assert time.perf_counter() - begin < 20 * 0.02
