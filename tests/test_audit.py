@@ -142,9 +142,10 @@ def test_the_balance_closes_over_changes_and_a_restored_state(solver: str) -> No
     assert other.outputs()[-2] == pytest.approx(found["first"], abs=0.0 if solver != "ida" else 1e-6)
 
 
-def test_the_audit_leaves_the_motion_as_it_is_and_can_be_left_out() -> None:
-    with_it = run(Arm(), Settings(solver="adams"), TIMES)
-    without = run(Arm(), Settings(solver="adams", audit=False), TIMES)
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_the_audit_leaves_the_motion_as_it_is_and_can_be_left_out(solver: str) -> None:
+    with_it = run(Arm(), Settings(solver=solver), TIMES)
+    without = run(Arm(), Settings(solver=solver, audit=False), TIMES)
     np.testing.assert_array_equal(with_it.values[:, :-2], without.values[:, :-2])
     assert np.isnan(without["energy_imbalance"]).all()
     assert not without.warning
