@@ -106,7 +106,9 @@ class EquilibriumSolver(ABC):
         at, factored = State(q.copy(), self._balancing(t, q) if lam is None else lam[self.rows]), 0
         if downhill:
             at, factored = self._descend(t, at)
-        outcome, at, _, count = self._newton(t, at, 0.0)
+        outcome, at, moved, count = self._newton(t, at, 0.0)
+        if outcome is Outcome.FOUND and lam is None and not downhill and self._strayed(moved):
+            outcome = Outcome.NO_PROGRESS
         full = self._all(at.lam)
         forces, gaps = self.unbalance(t, at.q, full)
         return Solution(
@@ -136,6 +138,10 @@ class EquilibriumSolver(ABC):
             duration *= growth if count < EASY else LONGER
             growth = min(FASTER, LONGER * growth)
         return at, factored
+
+    def _strayed(self, moved: Array) -> bool:
+        """Whether Newton alone went so far (n,) that the state it found is not the one next to the start."""
+        return False
 
     def _pull(self, t: float, q: Array) -> Array:
         """Return h (n,), the forces without those of the cut joints, which do no work."""

@@ -21,7 +21,7 @@ from .bundle import bundle
 from .dense import full_pivot, length, rank_at, ratio, solve_full_pivot
 from .equilibrium import CONVERGED, ITERATIONS, LEAST_DAMPING, EquilibriumSolver, Outcome, State
 from .held import hold
-from .kernel import inlined, kernel
+from .kernel import kernel
 from .svd import decompose, pseudo_inverse_transposed
 from .system import Array, System
 
@@ -190,15 +190,6 @@ def constraint_forces(rows: Any, terms: Any, s: Any, lam: Any) -> float:
     return ratio(s.sigma, rank)
 
 
-@inlined
-def farthest(moved: Any, size: Any) -> float:
-    """How far the coordinate has moved that has moved most, in units of its size."""
-    most = 0.0
-    for i in range(moved.shape[0]):
-        most = max(most, abs(moved[i]) / size[i])
-    return most
-
-
 @kernel
 def newton(eqs: Any, t: float, q: Any, lam: Any, rows: Any, c2: float, s: Any, report: Any) -> int:
     """Solve f = 0 from (q, lam), in place, or a step downhill; report: Jacobians factored."""
@@ -223,8 +214,6 @@ def newton(eqs: Any, t: float, q: Any, lam: Any, rows: Any, c2: float, s: Any, r
             linearise(eqs, t, q, lam, s.moved, rows, c2, scale, s)
             if length(s.f) > BALANCED:
                 return 2
-            if c2 == 0.0 and farthest(s.moved, s.size) > ASTRAY:
-                return 1
             return 0 if constraint_forces(rows, eqs.terms, s, s.lam_try) > SINGULAR_POSITION else 4
         if first:  # what is farther may be another state
             damping, first = min(1.0, FARTHEST / size), False
@@ -300,6 +289,9 @@ class DenseEquilibriumSolver(EquilibriumSolver):
         found, report = State(at.q.copy(), at.lam.copy()), np.zeros(1)
         outcome = Outcome(newton(self._eqs, t, *found, self.rows, c2, self._scratch, report))
         return outcome, found, self._moved.copy(), int(report[0])
+
+    def _strayed(self, moved: Array) -> bool:
+        return bool(np.abs(moved / self._size).max(initial=0.0) > ASTRAY)
 
     def _all(self, lam: Array) -> Array:
         full = np.zeros(self.system.m)
