@@ -113,7 +113,8 @@ class ModelSlave(Values):
             self._mistake(f"fmi2ExitInitializationMode was called when the FMU was {self._phase.name.lower()}")
             return
         try:
-            self._raise_refused()
+            if self._refused:  # the host's other mistakes are told by its first step
+                raise UserError("; ".join(self._refused.values()))
             if not self._fresh:
                 self._start_anew()
                 assert self.simulation is not None
@@ -168,11 +169,13 @@ class ModelSlave(Values):
         if step_size == 0.0:
             return True
         mark = simulation.mark()
-        simulation.advance(current_time + step_size)
-        if simulation.failure:
-            self.fail(simulation.failure)
+        try:
+            simulation.advance(max(simulation.t, current_time + step_size))  # the host's clock may be a little slow
+            if simulation.failure:
+                raise UserError(simulation.failure)
+        except Exception:
             simulation.rewind(mark)
-            return False
+            raise
         self._fresh, self.message = False, simulation.verdict
         self._tell()
         return True
@@ -269,7 +272,9 @@ class ModelSlave(Values):
         if body:
             model, settings = self._model_of(values), self._settings_of(values, texts)
             simulation = self.simulation if self._runs(model, settings) else None
-            simulation = simulation or Simulation(model, replace(settings, start_at_equilibrium=False), t0)
+            if simulation is None:
+                simulation = Simulation(model, replace(settings, start_at_equilibrium=False), t0)
+                self._remarked = len(simulation.remarks)  # the instance that was saved has told them
             simulation.restore(body)
         self.simulation, self._t0, self._texts, self._buffer[:] = simulation, t0, texts, values
         self._changed, self._phase, self.message = set(head["changed"]), Phase[head["phase"]], head["message"]
