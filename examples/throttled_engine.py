@@ -15,14 +15,17 @@ from __future__ import annotations
 
 import ctypes
 from math import ceil
+from pathlib import Path
 from typing import Any
+from uuid import NAMESPACE_URL, uuid5
 
 import numpy as np
 from numpy.typing import NDArray
-from pythonfmu import DefaultExperiment, Fmi2Causality, Fmi2Slave, Fmi2Variability
+from pythonfmu import Fmi2Causality, Fmi2Slave, Fmi2Variability, Real
 
-from mbfmu.fmi.description import Quantity, QuantityReal, complete
+from mbfmu.fmi.description import Experiment, Identity, model_description
 from mbfmu.fmi.guards import finalize_at_exit
+from mbfmu.interface import Role, Type, Variable
 
 # PythonFMU 0.7 drops one reference to this module's names at every instantiation and would free them.
 ctypes.pythonapi.Py_IncRef(ctypes.py_object(globals()))
@@ -56,6 +59,12 @@ VARIABLES = {  # unit, meaning
     },
 }
 
+VARIABILITY = {
+    Fmi2Causality.parameter: Fmi2Variability.fixed,
+    Fmi2Causality.input: Fmi2Variability.continuous,
+    Fmi2Causality.output: Fmi2Variability.continuous,
+}
+
 
 class ThrottledEngine(Fmi2Slave):  # type: ignore[misc]
     """Engine with flywheel, load and shaft, throttled by the collar of a governor.
@@ -65,8 +74,6 @@ class ThrottledEngine(Fmi2Slave):  # type: ignore[misc]
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)
-        self.description = "Engine with flywheel, load and shaft, throttled by the collar of a governor"
-        self.default_experiment = DefaultExperiment(start_time=0.0, stop_time=6.0, step_size=1e-3)
         self.inertia = 4.0
         self.max_torque = 40.0
         self.open_height, self.closed_height = 0.0475, 0.0525
@@ -76,19 +83,35 @@ class ThrottledEngine(Fmi2Slave):  # type: ignore[misc]
         self.spindle_angle, self.spindle_speed, self.collar_height = 0.0, 0.0, 0.0
         self.shaft_torque, self.angle, self.speed, self.throttle, self.load = 0.0, 0.0, 0.0, 0.0, 0.0
         for causality, variables in VARIABLES.items():
-            fixed = causality == Fmi2Causality.parameter
-            for name, (unit, text) in variables.items():
-                variability = Fmi2Variability.fixed if fixed else Fmi2Variability.continuous
-                self.register_variable(
-                    QuantityReal(
-                        name, Quantity(unit=unit), causality=causality, variability=variability, description=text
-                    )
-                )
+            for name in variables:
+                self.register_variable(Real(name, causality=causality, variability=VARIABILITY[causality]))
         finalize_at_exit(self.resources, self.modelName)
 
-    def to_xml(self, model_options: dict[str, str] | None = None) -> Any:
+    def to_xml(self, _options: dict[str, str] | None = None) -> Any:
         """Return the model description, with the units that PythonFMU leaves out."""
-        return complete(super().to_xml(model_options or {}), list(self.vars.values()), inputs_feed_through=False)
+        described = [
+            Variable(
+                name=name,
+                role=Role(causality.name),
+                index=k,
+                type=Type.REAL,
+                causality=causality.name,
+                variability=VARIABILITY[causality].name,
+                description=text,
+                unit=unit,
+                start=None if causality == Fmi2Causality.output else getattr(self, name),
+            )
+            for causality, variables in VARIABLES.items()
+            for k, (name, (unit, text)) in enumerate(variables.items())
+        ]
+        identity = Identity(
+            name="throttled_engine",
+            identifier=self.modelName,
+            description="Engine with flywheel, load and shaft, throttled by the collar of a governor",
+            guid=str(uuid5(NAMESPACE_URL, Path(__file__).read_text())),
+        )
+        experiment = Experiment(stop_time=6.0, step_size=1e-3, tolerance=1e-6)
+        return model_description(identity, experiment, described, self.log_categories)
 
     def exit_initialization_mode(self) -> None:
         """Start as the parameters say, the shaft without twist."""

@@ -130,7 +130,7 @@ def compare(
 
 def _refuse_large_tree(model: Model) -> None:
     """Without loops nothing is partitioned, and what is stiff takes explicit steps that no tolerance lengthens."""
-    system = model.build().compile().system
+    system = model.plant().system
     if isinstance(system, TreeSystem):
         raise UserError(
             f"model {model.name!r} is a tree of {system.n} coordinates without loops: there hybrid and adams-lu do "

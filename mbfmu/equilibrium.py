@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from mbfmu.errors import AssemblyError, EquilibriumError, UserError
 from mbfmu.freedom import free_motions, in_words
 from mbfmu.mechanics import Plant
+from mbfmu.mechanics.numbers import finite
 from mbfmu.model import Model, suggest
 from mbfmu.steady import Equilibrium, position_names
 from solvers.equilibrium import EquilibriumSolver, Outcome, Solution
@@ -59,7 +60,7 @@ class Balance:
     def __init__(self, model: Model, plant: Plant | None = None) -> None:
         self.model = model
         own = plant is None
-        self.plant = plant = plant or model.build().compile()
+        self.plant = plant = plant or model.plant()
         if own:
             plant.drives.finish_run_ups()
         if plant.system.n == 0:
@@ -93,9 +94,7 @@ class Balance:
         for name, value in (given or {}).items():
             if name not in self._names:
                 raise UserError(f"model {self.model.name!r} has no coordinate {name!r}{suggest(name, self._names)}")
-            if not np.isfinite(value):
-                raise UserError(f"start of coordinate {name!r} is {value!r}; it must be finite")
-            q[self._names.index(name)] = value
+            q[self._names.index(name)] = finite(f"start of coordinate {name!r}", value)
         if given:
             held[:] = [name in given for name in self.plant.system.coordinate_names]
         return self.plant.close(0.0, q, held)

@@ -19,6 +19,8 @@ def frame(owner: str, content: bytes) -> bytes:
 
 def unframe(owner: str, framed: bytes) -> bytes:
     """Return the content of :func:`frame`; raises UserError where it is damaged or another owner's."""
+    if not isinstance(framed, bytes):
+        raise UserError(f"{framed!r} was given as a saved state; allowed: bytes that were saved")
     if len(framed) < HEAD or framed[: len(MAGIC)] != MAGIC:
         raise UserError(f"{len(framed)} bytes were given as a saved state; they are none of this version of mbfmu")
     checksum, described = framed[len(MAGIC) :][:DIGEST], framed[len(MAGIC) + DIGEST : HEAD]

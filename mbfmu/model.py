@@ -20,6 +20,7 @@ from __future__ import annotations
 import difflib
 import importlib.util
 import sys
+import traceback
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from hashlib import sha256
@@ -33,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.errors import UserError
-from mbfmu.mechanics import Mechanism
+from mbfmu.mechanics import Mechanism, Plant
 
 GROUP = "mbfmu.models"
 
@@ -88,6 +89,11 @@ def parameter(
     return field(default=default, metadata=about)
 
 
+def declared(cls: Any) -> tuple[Parameter, ...]:
+    """Return the parameters of a dataclass in order."""
+    return tuple(Parameter(name=f.name, default=f.default, **f.metadata) for f in fields(cls) if f.metadata)  # type: ignore[arg-type]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Model:
     """Base of all models. Subclass it as a frozen dataclass, declare parameters, and write :meth:`build`.
@@ -112,13 +118,34 @@ class Model:
 
     def __post_init__(self) -> None:
         """Check every parameter; raises UserError naming it, its value and what is allowed."""
-        for declared in self.parameters():
-            value = check(self.name, declared, getattr(self, declared.name))
-            object.__setattr__(self, declared.name, value)
+        for p in self.parameters():
+            object.__setattr__(self, p.name, check(self.name, p, getattr(self, p.name)))
 
     def build(self) -> Mechanism:
         """Return the mechanism for these parameters."""
         raise UserError(f"model {self.name!r} does not say how it is built; write its build()")
+
+    def plant(self) -> Plant:
+        """Return the mechanism as arrays, ready to be moved.
+
+        Raises
+        ------
+        UserError
+            ``build`` fails, or returns something else than a mechanism.
+        """
+        try:
+            mechanism = self.build()
+        except UserError:
+            raise
+        except Exception as error:
+            at = traceback.extract_tb(error.__traceback__)[-1]
+            raise UserError(
+                f"model {self.name!r}: build() fails with {type(error).__name__}: {error} "
+                f"({Path(at.filename).name}, line {at.lineno})"
+            ) from error
+        if not isinstance(mechanism, Mechanism):
+            raise UserError(f"model {self.name!r}: build() returns {mechanism!r}; it must return a Mechanism")
+        return mechanism.compile()
 
     def exact(self, times: NDArray[np.float64]) -> dict[str, NDArray[np.float64]] | None:
         """Return outputs whose exact motion is known, by name, at ``times`` (s); None: none is."""
@@ -135,7 +162,7 @@ class Model:
     @classmethod
     def parameters(cls) -> tuple[Parameter, ...]:
         """Return the declared parameters in order."""
-        return tuple(Parameter(name=f.name, default=f.default, **f.metadata) for f in fields(cls) if f.metadata)  # type: ignore[arg-type]
+        return declared(cls)
 
     @classmethod
     def title(cls) -> str:
@@ -204,6 +231,15 @@ def suggest(name: str, known: Any) -> str:
     """Return a hint at near names, or the list of all."""
     near = difflib.get_close_matches(name, list(known), n=1)
     return f"; did you mean {near[0]!r}?" if near else f"; allowed: {', '.join(sorted(known))}"
+
+
+def of_user(model: Any) -> Model:
+    """Return what was given for a model, if it is one."""
+    if isinstance(model, Model):
+        return model
+    if isinstance(model, type) and issubclass(model, Model):
+        raise UserError(f"model is the class {model.__name__}; give an instance of it: {model.__name__}()")
+    raise UserError(f"model is {model!r}; allowed: an instance of a subclass of mbfmu.model.Model")
 
 
 def models() -> dict[str, type[Model]]:

@@ -12,11 +12,12 @@ import numpy as np
 
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Variable
-from mbfmu.mechanics.numbers import array_of
+from mbfmu.mechanics.numbers import array_of, finite
 from mbfmu.model import Model, suggest
 from mbfmu.simulation import Array, Settings, Simulation, together
 from solvers import Statistics
 
+MOST = 1e7  # communication points
 ROWS = 100  # outputs recorded between two reports of progress
 
 
@@ -60,7 +61,12 @@ class Result:
 
 
 def communication_points(stop_time: float, interval: float) -> Array:
-    """Return 0, interval, 2 interval, ... and the stop time."""
+    """Return 0, interval, 2 interval, ... and the stop time, s; UserError where there are none or too many."""
+    stop_time, interval = finite("stop time", stop_time), finite("interval", interval)
+    if not (stop_time > 0.0 and interval > 0.0 and stop_time / interval <= MOST):
+        raise UserError(
+            f"points every {interval!r} s until {stop_time!r} s; allowed: times greater than zero, {MOST:g} points"
+        )
     count = int(np.ceil(stop_time / interval - 1e-9))
     times: Array = np.minimum(interval * np.arange(count + 1), stop_time)
     return times

@@ -23,23 +23,12 @@ from pathlib import Path
 from typing import Any
 
 from mbfmu.errors import UserError
-from mbfmu.model import Model, find, suggest
+from mbfmu.model import Model, declared, find, suggest
+from mbfmu.native import MOST
 from mbfmu.simulation import Settings
 
-KEYS = (
-    "model",
-    "solver",
-    "partition",
-    "tolerance",
-    "max_step",
-    "start_at_equilibrium",
-    "audit",
-    "stop_time",
-    "output_interval",
-    "parameters",
-)
-
-SETTINGS = ("solver", "partition", "tolerance", "max_step", "start_at_equilibrium", "audit")
+SETTINGS = tuple(p.name for p in declared(Settings))
+KEYS = ("model", *SETTINGS, "stop_time", "output_interval", "parameters")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +55,7 @@ class Scene:
             value = getattr(self, key)
             if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value) or value <= 0.0:
                 raise UserError(f"{key} is {value!r}; allowed: a number of seconds greater than zero")
-        if self.stop_time / self.output_interval > 1e7:
+        if self.stop_time / self.output_interval > MOST:
             raise UserError(f"output_interval is {self.output_interval!r} s: more than ten million outputs; enlarge it")
 
     def changed(self, **changes: Any) -> Scene:

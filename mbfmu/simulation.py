@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Hashable, Iterable, Mapping
 from dataclasses import dataclass
-from math import inf, nan
+from math import inf, isnan, nan
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,7 +18,7 @@ from mbfmu.errors import UserError
 from mbfmu.frame import frame, unframe
 from mbfmu.mechanics.bending import COARSE, FOLDED, Bend
 from mbfmu.mechanics.numbers import finite
-from mbfmu.model import Model, suggest
+from mbfmu.model import Model, check, declared, of_user, parameter, span, suggest
 from solvers import SOLVERS, Options, SolverError, Statistics, Status, stepper
 from solvers.ledger import EXCHANGED
 from solvers.stepper import Reported, Samples
@@ -36,30 +36,18 @@ PARTITIONS = {"projection": "adams", "lu": "adams-lu", "hybrid": "hybrid"}
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """How a model is integrated.
+    """How a model is integrated; what each means says its declaration.
 
-    Parameters
-    ----------
-    solver
-        ``ida``, ``adams``, ``hybrid`` or ``adams-lu``.
-    partition
-        Of ``adams``: ``projection``, ``lu`` (the same as solver ``adams-lu``) or ``hybrid``.
-    tolerance
-        Relative tolerance; the absolute one is the same in SI units.
-    max_step
-        Largest step, s; 0: no limit.
-    start_at_equilibrium
-        Start in the steady state next to the given start, at rest but for the drives.
-    audit
-        Hold energy against work all along (:mod:`mbfmu.audit`).
+    The relative tolerance is the absolute one too, in SI units. Solver ``adams`` with another ``partition`` than
+    ``projection`` is ``adams-lu`` or ``hybrid``.
     """
 
-    solver: str = "ida"
-    partition: str = "projection"
-    tolerance: float = 1e-6
-    max_step: float = 0.0
-    start_at_equilibrium: bool = False
-    audit: bool = True
+    solver: str = parameter("ida", choices=tuple(SOLVERS), doc="method of integration")
+    partition: str = parameter("projection", choices=tuple(PARTITIONS), doc="how adams parts the coordinates")
+    tolerance: float = parameter(1e-6, min=1e-12, max=1e-2, doc="relative tolerance of the solver")
+    max_step: float = parameter(0.0, unit="s", min=0.0, doc="largest step; 0: no limit")
+    start_at_equilibrium: bool = parameter(False, doc="start in the steady state next to the given start")
+    audit: bool = parameter(True, doc="hold the energy against the work all along")
 
     def __post_init__(self) -> None:
         """Check the names and numbers; raises UserError."""
@@ -67,13 +55,11 @@ class Settings:
             given = getattr(self, what)
             if not isinstance(given, str) or given not in known:
                 raise UserError(f"{what} is {given!r}{suggest(str(given), known)}")
-        for what in ("start_at_equilibrium", "audit"):
-            if not isinstance(getattr(self, what), bool | np.bool_):
-                raise UserError(f"{what} is {getattr(self, what)!r}; allowed: True or False")
-        try:
-            self.options()
-        except (ValueError, TypeError) as error:
-            raise UserError(str(error)) from error
+        for p in declared(Settings):
+            try:
+                check("the settings", p, getattr(self, p.name))
+            except UserError as error:
+                raise UserError(f"{p.name} is {getattr(self, p.name)!r}; allowed: {span(p)}") from error
 
     @property
     def name(self) -> str:
@@ -101,8 +87,8 @@ class Simulation:
     Parameters
     ----------
     inputs
-        Values of inputs by number that differ from their start. A support that is moved by them starts where and as
-        fast as they say, and takes along what hangs on it: start velocities are relative.
+        Values of inputs, by name or number, that differ from their start. A support that is moved by them starts where
+        and as fast as they say, and takes along what hangs on it: start velocities are relative.
 
     Attributes
     ----------
@@ -122,13 +108,21 @@ class Simulation:
     """
 
     def __init__(
-        self, model: Model, settings: Settings, t0: float = 0.0, inputs: Mapping[int, float] | None = None
+        self,
+        model: Model,
+        settings: Settings,
+        t0: float = 0.0,
+        inputs: Mapping[int, float] | Mapping[str, float] | None = None,
     ) -> None:
-        self.model = model
+        self.model = of_user(model)
         self.settings = settings
-        self.plant = model.build().compile()
-        for index, value in (inputs or {}).items():
-            self.plant.inputs.start(index, value, t0)
+        self.plant = model.plant()
+        known = enumerate(self.plant.inputs.variables)
+        self._inputs: dict[Hashable, int] = {key: k for k, v in known for key in (v.name, k)}
+        if not isinstance(inputs or {}, Mapping):
+            raise UserError(f"inputs are {inputs!r}; allowed: values by the names or the numbers of inputs")
+        for key, value in (inputs or {}).items():
+            self.plant.inputs.start(self._input(key), finite(f"input {key!r}", value), t0)
         if settings.start_at_equilibrium:
             found = Balance(model, self.plant).solve()
             q, v = found.q, found.v
@@ -152,7 +146,7 @@ class Simulation:
         # where nothing is free nothing is integrated but the work, whose error no tolerance controls
         audited = settings.audit and self.stepper.freedom > 0
         self.audit = Audit(self.plant, settings.tolerance, self.energy()) if audited else None
-        self._folded = ""
+        self._folded, self._dark = "", False
         self._bend, self._bent_at = self.plant.bend(t0, q), (t0, q)  # the sharpest so far
         self._compile(t0, q, v)
 
@@ -221,6 +215,10 @@ class Simulation:
         :attr:`failure` also tells of a folded sheet.
         """
         t = finite("the time to advance to", t)
+        if t < self.t:
+            raise UserError(
+                f"the time to advance to is {t!r} s, but it stands at {self.t!r} s; restore a state to go back"
+            )
         self._set_out(t)
         status = self.stepper.advance(t)
         q = self.stepper.q
@@ -262,7 +260,7 @@ class Simulation:
             names = ", ".join(repr(d.motion.name) for d in departures if d.jump != 0.0)
             raise UserError(f"the rate of input {names} jumps where its impulse is not known: {error}") from error
         if dv is None:
-            self.stepper.restart()
+            self.stepper.renew()
         else:
             self.stepper.jump(dv)
         self._book_jump(before)
@@ -288,6 +286,7 @@ class Simulation:
         except SolverError as error:
             raise UserError(f"model {self.model.name!r}: {error}") from error
         self.plant.observe(stepper.t, stepper.q, stepper.v, a, lam, self._out)
+        self._tell_dark()
         self._finish(np.array([stepper.t]), stepper.q[None], stepper.ledger[None], self._out[None])
         return self._out
 
@@ -314,6 +313,9 @@ class Simulation:
         Returns the number of rows; where it is less than k :attr:`failure` says why.
         """
         times = np.ascontiguousarray(times)
+        if np.shape(values) != (len(times), len(self.variables)):
+            wanted = (len(times), len(self.variables))
+            raise UserError(f"values have the shape {np.shape(values)}; needed is {wanted}: times, outputs")
         done = 0
         while done < len(times):
             self._set_out(times[done])
@@ -328,23 +330,43 @@ class Simulation:
             if self.failure:
                 break
         self._remark(self.stepper.notice)
+        self._tell_dark()
         return done
 
-    def set_input(self, index: int, value: float) -> None:
-        """Take the value of an input at the time reached.
+    def _tell_dark(self) -> None:
+        """Remark, once, that forces were read where they are not known."""
+        if isnan(self.stepper.dark_at) or self._dark or not self.plant.tells_forces:
+            return
+        self._dark = True
+        self._remark(
+            f"at t = {self.stepper.dark_at:.9g} s outputs of forces or efforts were read in a singular "
+            "position, or nearer to one than the tolerance tells: forces are not determined there, and may be unbounded"
+        )
+
+    def _input(self, key: int | str) -> int:
+        """Return the number of an input."""
+        index = self._inputs.get(key) if isinstance(key, Hashable) else None
+        if index is None:
+            names = ", ".join(repr(name) for name in self._inputs if isinstance(name, str))
+            raise UserError(f"there is no input {key!r}; this model has {names or 'none'}")
+        return index
+
+    def set_input(self, key: int | str, value: float) -> None:
+        """Take the value of an input, by its name or number, at the time reached.
 
         What loads the mechanism holds from now on. What moves a support is where the support should be now, or how
         fast: the next step moves it, see :mod:`mbfmu.mechanics.motion`.
         """
-        if not 0 <= index < len(self.plant.inputs):
-            raise UserError(f"there is no input {index!r}; this model has {len(self.plant.inputs)}, counted from 0")
+        index = self._input(key)
+        value = finite(f"input {self.plant.inputs.variables[index].name!r}", value)
         if self.plant.inputs.moves_support(index):
             self.plant.inputs.set(index, value)
             return
-        before = self.energy()
+        before = self.energy() if self.plant.inputs.weighs(index) else None
         self.plant.inputs.set(index, value, self.t)
-        self._book_jump(before)
-        self.stepper.restart()
+        if before is not None:
+            self._book_jump(before)
+        self.stepper.renew()
 
     def retune(self, model: Model) -> None:
         """Go on with other values of the tunable parameters.
@@ -354,12 +376,12 @@ class Simulation:
         UserError
             A parameter that is not tunable differs, or the structure would change.
         """
-        for declared in model.parameters():
-            before, after = getattr(self.model, declared.name), getattr(model, declared.name)
-            if before != after and not declared.tunable:
-                raise UserError(f"parameter {declared.name!r} is not tunable; it cannot change during a run")
+        for p in model.parameters():
+            before, after = getattr(self.model, p.name), getattr(model, p.name)
+            if before != after and not p.tunable:
+                raise UserError(f"parameter {p.name!r} is not tunable; it cannot change during a run")
         before = self.energy()
-        self.plant.adopt(model.build().compile())
+        self.plant.adopt(model.plant())
         self._book_jump(before)
         self.model = model
         self.stepper.restart()
@@ -408,7 +430,7 @@ class Simulation:
         head = json.loads(content[8:split])
         model = self.model.with_values(head["parameters"])
         if model != self.model:
-            self.plant.adopt(model.build().compile())
+            self.plant.adopt(model.plant())
             self.model = model
         self.plant.inputs.restore(head["inputs"])
         self.work_of_jumps = head["work_of_jumps"]

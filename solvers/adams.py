@@ -13,7 +13,8 @@ No step is accepted that may have jumped to another branch, and steps are kept s
 :mod:`solvers.singular`.
 
 A step may pass the time asked for; the reported state is then interpolated and closed, so what is computed
-does not depend on when results are asked for.
+does not depend on when results are asked for. Only where loads have just changed at such a time, and may again,
+one-step formulas take steps that end there (:mod:`solvers.one_step`); beside a singular position they do not.
 """
 
 from __future__ import annotations
@@ -46,7 +47,8 @@ from .multistep import (
     split,
     unwind,
 )
-from .partition import NOT_CLOSED, OK, acceleration, close, close_to_crossing, multipliers, settle, trusted
+from .one_step import NODES, STAGES, change_step, count_start, error_of_step, keep_stage, stage, stop_at, take_step
+from .partition import NOT_CLOSED, OK, acceleration, close, close_to_crossing, multipliers, settle, unresolved
 from .singular import MISS, SINGULAR, note, passed, step_bound
 from .workspace import factor
 
@@ -64,6 +66,8 @@ SETTINGS = np.dtype(
 )  # fmt: skip
 RESOLVED = 3e-18  # rtol that rounding allows beside a near miss, times its gap; found by trial
 SLIGHT = 1e-3  # part of the tolerance: a correction of the position by less needs no new J
+FIRST_SINGLE = 0.1  # first of the single steps, in units of one over the rate of the motion
+CLEAR = 2.0  # times the ratio that is nearly singular, or the time to a singular position: single steps may be taken
 SMALLEST_STEP = 1e-11  # times the larger of t and one over the rate of the motion
 
 
@@ -88,7 +92,7 @@ def weigh(c: Any, o: Any, H: Any, nq: int, n: int, work: Any) -> None:
                 H.weight[H.columns[j]] = 0.0
 
 
-@inlined
+@kernel
 def differentiate(eqs: Any, t: float, closing: bool, c: Any, o: Any, H: Any, work: Any) -> int:
     """y' in ``H.yp`` at (work.q, work.v), which are closed first where ``closing`` or in the LU regime."""
     q, v, rank = work.q, work.v, c.rank
@@ -128,7 +132,7 @@ def power(eqs: Any, t: float, c: Any, o: Any, H: Any, work: Any) -> float:
     if c.regime == LU:
         dependent_multipliers(eqs.terms, c.rank, H.rows, H.columns, work, work.slope, work.lam)
     else:
-        multipliers(eqs.terms, trusted(eqs, t, work.q, c.rank, work), work, work.slope, work.lam)
+        multipliers(eqs.terms, c.rank, work, work.slope, work.lam)
     return eqs.power(t, work.q, work.v, work.slope, work.lam, eqs.data)
 
 
@@ -140,11 +144,10 @@ def book(eqs: Any, c: Any, o: Any, scales: Any) -> None:
         c.exposure *= max(1.0, c.coarser)
 
 
-@kernel
-def start(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
-    """Close y, choose coordinates, and begin a history of order 1."""
+@inlined
+def settle_down(eqs: Any, c: Any, o: Any, H: Any, work: Any) -> int:
+    """Close y = (work.q, work.v), look around, and choose coordinates."""
     q, v = work.q, work.v
-    split(H.y, q, v)
     code = close(eqs, c.t, q, v, c.rank, work)
     if code != OK:
         return code
@@ -157,16 +160,90 @@ def start(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
         if not choose(eqs.terms, c.rank, work):
             return NOT_CLOSED
         take_choice(eqs.terms, c, H, work)
+    return OK
+
+
+@inlined
+def clear_way(c: Any, work: Any, target: float) -> bool:
+    """Whether no singular position lies beside the way to ``target``: a step may end there."""
+    here = work.course[0]
+    if c.rank == 0 or c.placed == 0:
+        return True
+    return work.critical[0].kind != MISS and here.ratio >= CLEAR * SINGULAR and here.ahead >= CLEAR * (target - c.t)
+
+
+@kernel
+def prepare(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
+    """Take y' at y, in ``H.yp``; where no step has just ended there close y and choose coordinates first."""
+    q, v = work.q, work.v
+    split(H.y, q, v)
+    if c.placed == 0:
+        code = settle_down(eqs, c, o, H, work)
+        if code != OK:
+            return code
     c.energy = eqs.energy(c.t, q, v, eqs.data) - H.y[H.y.shape[0] - 1]
     code = differentiate(eqs, c.t, False, c, o, H, work)
     if code == OK:
         book(eqs, c, o, scales)
         H.yp[H.y.shape[0] - 1] = power(eqs, c.t, c, o, H, work)
         weigh(c, o, H, q.shape[0], v.shape[0], work)
-        begin(c, H, o.max_step, work.rate[0])
-        c.starts += 1
         c.equal, c.h_before = 0, 0.0
+        count_start(c)
     return code
+
+
+@kernel
+def start(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
+    """Begin a history of order 1 at y."""
+    code = prepare(eqs, c, o, H, work, scales)
+    if code == OK:
+        begin(c, H, o.max_step, work.rate[0])
+    return code
+
+
+@kernel
+def single_step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target: float) -> int:
+    """One accepted step by the formulas of :mod:`solvers.one_step`, not past ``target``; or why there is none.
+
+    Its stages are off the constraints by what the formulas leave, its end is closed.
+    """
+    q, v, last = work.q, work.v, H.y.shape[0] - 1
+    if c.renew == 1:
+        code = prepare(eqs, c, o, H, work, scales)
+        if code != OK:
+            return code
+        keep_stage(H, 0)
+        c.h = c.single if c.single > 0.0 else FIRST_SINGLE / work.rate[0]
+    weigh(c, o, H, q.shape[0], v.shape[0], work)
+    while True:
+        c.h = min(c.h, o.max_step)
+        stop_at(c, target)
+        after, error = c.t + c.h, np.inf
+        code = OK
+        for i in range(1, STAGES):
+            stage(c, H, i)
+            at = c.t + NODES[i] * c.h
+            split(H.p, q, v)
+            code = differentiate(eqs, at, i == STAGES - 1, c, o, H, work)
+            if code != OK:
+                break
+            if i == STAGES - 1:
+                H.trial[last] = H.p[last]
+                join(q, v, H.trial)
+                book(eqs, c, o, scales)
+            H.yp[last] = power(eqs, at, c, o, H, work)
+            keep_stage(H, i)
+        if code == OK:
+            error = error_of_step(c, H)
+            if error <= 1.0:
+                if stayed(eqs, after, c, o, H, work):
+                    take_step(c, H, target, error)
+                    return OK
+                code, error = BRANCHES, np.inf
+        c.rejected += 1
+        change_step(c, error)
+        if not c.h > SMALLEST_STEP * max(1.0 / work.rate[0], abs(c.t)):
+            return COLLAPSED if code == OK else code
 
 
 @kernel
@@ -257,11 +334,13 @@ def advance(eqs: Any, settings: Any, H: Any, work: Any, scales: Any, target: flo
         if taken >= o.max_steps:
             code = MAX_STEPS
             break
-        if c.start == 1:
-            code = start(eqs, c, o, H, work, scales)
-            if code != OK:
-                break
-        code = step(eqs, c, o, H, work, scales)
+        if c.singles > 0 and clear_way(c, work, target):
+            code = single_step(eqs, c, o, H, work, scales, target)
+        else:
+            if c.start == 1:
+                code = start(eqs, c, o, H, work, scales)
+            if code == OK:
+                code = step(eqs, c, o, H, work, scales)
         if code != OK:
             break
         taken += 1
@@ -279,9 +358,10 @@ def advance(eqs: Any, settings: Any, H: Any, work: Any, scales: Any, target: flo
     split(H.y, q, v)
     done = H.y[H.y.shape[0] - 1]
     if code == OK:
-        interpolate(c, H, target, H.trial)
-        split(H.trial, q, v)
-        done = H.trial[H.y.shape[0] - 1]
+        if target < c.t:
+            interpolate(c, H, target, H.trial)
+            split(H.trial, q, v)
+            done = H.trial[H.y.shape[0] - 1]
         code = close(eqs, target, q, v, c.rank, work)
     report(c, done, ledger)
     return code
@@ -302,5 +382,7 @@ def sample(
             code = acceleration(eqs, times[i], q[i], v[i], rank, work, a[i])
         if code != OK:
             return code, i
-        multipliers(eqs.terms, trusted(eqs, times[i], q[i], rank, work), work, a[i], lam[i])
+        multipliers(eqs.terms, rank, work, a[i], lam[i])
+        if unresolved(settings[0].rtol, rank, work):
+            H.control[0].dark, H.control[0].dark_at = 1, times[i]
     return OK, times.shape[0]

@@ -16,11 +16,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .adams import COLLAPSED, MAX_STEPS, SMALLEST_STEP, cut
+from .adams import COLLAPSED, FIRST_SINGLE, MAX_STEPS, SMALLEST_STEP, cut
+from .explicit import ExplicitStepper
 from .held import hold
 from .ida_tree import Scratch, position_sizes
 from .kernel import inlined, kernel, records
-from .ledger import WORK, Scales, due, look, report
+from .ledger import Scales, due, look, report
 from .multistep import (
     HIGHEST,
     History,
@@ -36,10 +37,11 @@ from .multistep import (
     predict,
     split,
 )
+from .one_step import NODES, STAGES, change_step, count_start, error_of_step, keep_stage, stage, stop_at, take_step
 from .outcome import Code
 from .partition import NO_MASS, NOT_FINITE, OK
 from .saddle import Motion, rate_of_motion
-from .stepper import Options, Statistics, Stepper, require_resolved
+from .stepper import Options, Statistics, require_placed, require_resolved
 from .system import Array, TreeSystem, audit_callbacks
 
 SETTINGS = np.dtype(
@@ -101,6 +103,58 @@ def book(eqs: Any, t: float, c: Any, o: Any, scales: Any, s: Any) -> None:
 
 
 @kernel
+def prepare(eqs: Any, c: Any, o: Any, H: Any, atol: Any, s: Any, scales: Any) -> int:
+    """Take y' at y, in ``H.yp``."""
+    split(H.y, s.q, s.v)
+    code = differentiate(eqs, c.t, c, H, s)
+    if code == OK:
+        count_start(c)
+        H.yp[H.y.shape[0] - 1] = power(eqs, c.t, o, s)
+        book(eqs, c.t, c, o, scales, s)
+        weigh(o, H, atol)
+    return code
+
+
+@kernel
+def single_step(eqs: Any, c: Any, o: Any, H: Any, atol: Any, s: Any, scales: Any, target: float) -> int:
+    """One step by the formulas of :mod:`solvers.one_step`, not past ``target``; or why there is none."""
+    last = H.y.shape[0] - 1
+    if c.renew == 1:
+        code = prepare(eqs, c, o, H, atol, s, scales)
+        if code != OK:
+            return code
+        keep_stage(H, 0)
+        c.h = c.single if c.single > 0.0 else FIRST_SINGLE / o.rate
+    weigh(o, H, atol)
+    while True:
+        c.h = min(c.h, o.max_step)
+        stop_at(c, target)
+        code, error = OK, np.inf
+        for i in range(1, STAGES):
+            stage(c, H, i)
+            split(H.p, s.q, s.v)
+            if i == STAGES - 1:
+                eqs.retract(s.q, s.zero, eqs.data)
+            code = differentiate(eqs, c.t + NODES[i] * c.h, c, H, s)
+            if code != OK:
+                break
+            H.yp[last] = power(eqs, c.t + NODES[i] * c.h, o, s)
+            keep_stage(H, i)
+        if code == OK:
+            error = error_of_step(c, H)
+            if error <= 1.0:
+                H.trial[last] = H.p[last]
+                join(s.q, s.v, H.trial)
+                book(eqs, c.t + c.h, c, o, scales, s)
+                take_step(c, H, target, error)
+                return OK
+        c.rejected += 1
+        change_step(c, error)
+        if not c.h > SMALLEST_STEP * max(1.0 / o.rate, abs(c.t)):
+            return COLLAPSED if code == OK else code
+
+
+@kernel
 def step(eqs: Any, c: Any, o: Any, H: Any, atol: Any, s: Any, scales: Any) -> int:
     """One accepted step, however often it has to be cut; or the code of what made it too small."""
     weigh(o, H, atol)
@@ -142,17 +196,15 @@ def advance(
         if taken >= o.max_steps:
             code = MAX_STEPS
             break
-        if c.start == 1:
-            split(H.y, s.q, s.v)
-            code = differentiate(eqs, c.t, c, H, s)
-            if code != OK:
-                break
-            H.yp[H.y.shape[0] - 1] = power(eqs, c.t, o, s)
-            book(eqs, c.t, c, o, scales, s)
-            weigh(o, H, atol)
-            begin(c, H, o.max_step, o.rate)
-            c.starts += 1
-        code = step(eqs, c, o, H, atol, s, scales)
+        if c.singles > 0:
+            code = single_step(eqs, c, o, H, atol, s, scales, target)
+        else:
+            if c.start == 1:
+                code = prepare(eqs, c, o, H, atol, s, scales)
+                if code != OK:
+                    break
+                begin(c, H, o.max_step, o.rate)
+            code = step(eqs, c, o, H, atol, s, scales)
         if code != OK:
             break
         taken += 1
@@ -168,7 +220,7 @@ def advance(
     return code
 
 
-class TreeAdamsStepper(Stepper):
+class TreeAdamsStepper(ExplicitStepper):
     """Adams PECE on a large tree."""
 
     others = ("ida",)
@@ -184,6 +236,7 @@ class TreeAdamsStepper(Stepper):
         self._scratch = Scratch.allocate(system.nq, system.n, 0)
         sizes = o.absolute * system.size
         rates = RATE * rate * sizes
+        require_placed(self._q, position_sizes(system, system.size), o.rtol)
         self._atol = np.concatenate((position_sizes(system, sizes), rates))
         self._settings = records(1, SETTINGS)
         self._settings["rate"] = rate
@@ -197,10 +250,6 @@ class TreeAdamsStepper(Stepper):
         self._held = hold(self._history), hold(self._scratch)
         self.restart()
 
-    @property
-    def _control(self) -> NDArray[Any]:
-        return self._history.control
-
     def _advance(self, t: float) -> Code:
         H, s = self._held
         own = self._eqs, self._settings, H, self._atol, s, self._scales
@@ -212,12 +261,9 @@ class TreeAdamsStepper(Stepper):
         code = self._motion.solve(self._t, self._q, self._v)
         return code, self._motion.a.copy(), self._motion.lam
 
-    def restart(self) -> None:
-        """Begin a new history at the reported state with the next step."""
-        c = self._control
-        c["t"], c["start"] = self._t, 1
-        self._settings["works"] = self.options.audit and self.system.works()
-        self._history.y[:] = np.concatenate((self._q, self._v, self._ledger[[WORK]]))
+    @property
+    def _watched(self) -> bool:
+        return self.options.audit
 
     def _arrays(self) -> list[NDArray[Any]]:
         return [self._reported, self._q, self._v, self._ledger, *self._history]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from typing import Any
 
 import numpy as np
@@ -14,11 +15,57 @@ from .kernel import records
 from .ledger import WORK, Scales
 from .multistep import HIGHEST, History, counts
 from .outcome import Code
-from .stepper import DenseStepper, Options, Samples, Statistics
+from .stepper import DenseStepper, Options, Samples, Statistics, Stepper, sized
 from .system import Array, System
 
+SINGLES = 12  # single steps after a change of the equations before a history is begun
 
-class AdamsStepper(DenseStepper):
+
+class ExplicitStepper(Stepper):
+    """A stepper on Adams formulas, and on one-step formulas where a history would not last."""
+
+    system: Any
+    _history: History
+    _settings: NDArray[Any]
+
+    @property
+    def _control(self) -> NDArray[Any]:
+        return self._history.control
+
+    @property
+    @abstractmethod
+    def _watched(self) -> bool:
+        """Whether work is to be booked."""
+
+    def _limit(self, longest: float) -> None:
+        if longest != self._settings["max_step"][0]:
+            self._settings["max_step"] = longest
+            self._control["h"] = min(self._control["h"][0], longest)
+
+    def restart(self) -> None:
+        """Begin a new history at the reported state with the next step."""
+        c = self._control
+        if c["t"][0] != self._t or not self.status.ok:
+            c["placed"] = 0
+        c["t"], c["start"], c["singles"] = self._t, 1, 0
+        self._book_works()
+        self._history.y[:] = np.concatenate((self._q, self._v, self._ledger[[WORK]]))
+
+    def renew(self) -> None:
+        """Go on in steps that need no history and end at the time asked for: the next change may come there."""
+        self.restart()
+        self._control["singles"], self._control["renew"] = SINGLES, 1
+
+    def jump(self, dv: Array) -> None:
+        """Add dv (n,) to the reported velocities, and go on as after :meth:`renew`."""
+        self._v += sized("dv", dv, self.system.n)
+        self.renew()
+
+    def _book_works(self) -> None:
+        self._settings["works"] = self._watched and self.system.works()
+
+
+class AdamsStepper(ExplicitStepper, DenseStepper):
     """Adams PECE with the projection partition; see :mod:`solvers.adams`."""
 
     others: tuple[str, ...] = ("ida", "hybrid")
@@ -52,8 +99,8 @@ class AdamsStepper(DenseStepper):
         return settings
 
     @property
-    def _control(self) -> NDArray[Any]:
-        return self._history.control
+    def _watched(self) -> bool:
+        return self.options.audit or self.partition == HYBRID  # which asks whether the energy jumps
 
     def _advance(self, t: float) -> Code:
         own = self._eqs, self._settings, self._held, self._work, self._scales
@@ -68,15 +115,9 @@ class AdamsStepper(DenseStepper):
         self._t = min(float(times[last]), float(self._control["t"][0]))
         self._q[:], self._v[:], self._ledger[:] = out.q[last], out.v[last], out.ledger[last]
         self.status = self._status(Code(code))
+        if self._control["dark"][0]:
+            self.dark_at = float(self._control["dark_at"][0])
         return int(done)
-
-    def restart(self) -> None:
-        """Begin a new history at the reported state."""
-        self._control["t"] = self._t
-        self._control["start"] = 1
-        watched = self.options.audit or self.partition == HYBRID  # which asks whether the energy jumps
-        self._settings["works"] = watched and self.system.works()
-        self._history.y[:] = np.concatenate((self._q, self._v, self._ledger[[WORK]]))
 
     @property
     def notice(self) -> str:

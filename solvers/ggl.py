@@ -49,6 +49,7 @@ class Unknowns(NamedTuple):
     beside: Array  # (N,)    residual at a neighbour
     q: Array  # (nq,)
     v: Array  # (n,)
+    a: Array  # (n,)    v'
     drift: Array  # (n,)    v - S J~^T mu
     qdot: Array  # (nq,)   N (v - S J~^T mu)
     unit: Array  # (nq,)   q with unit quaternions
@@ -60,6 +61,8 @@ class Unknowns(NamedTuple):
     Dlam: Array  # (m,)    D lambda
     lam: Array  # (m,)    lambda in its own units
     D: Array  # (m, m)  D
+    lift: Array  # (2, n)  v less IDA's unknown at ``since``, and the slope of it; see :func:`velocity`
+    since: Array  # (1,)    s
     at: Array  # (N,)    where terms were evaluated last
     solved: Array  # (N,)    where the matrix was factored last
     key: Array  # (3,)    t of ``at``; t and c_j of ``solved``
@@ -80,9 +83,9 @@ class Unknowns(NamedTuple):
         """Return zeroed arrays for ``nq`` positions, ``n`` velocities and ``m`` constraints."""
         N, z = nq + n + 2 * m, np.zeros
         return Unknowns(
-            z(N), z(N), z(N), z(N), z(nq), z(n), z(n), z(nq), z(nq), z(n), z(2), z(2), z(1), z((m, m)), z(m), z(m),
-            z((m, m)), np.full(N, np.nan), np.full(N, np.nan), z(3), z((N, nq + n)), z((nq, n)), z((N, N)),
-            z(N), z(N), np.zeros(N, np.int64), z(N), z(N), z(N), z(1), z(COUNTS),
+            z(N), z(N), z(N), z(N), z(nq), z(n), z(n), z(n), z(nq), z(nq), z(n), z(2), z(2), z(1), z((m, m)),
+            z(m), z(m), z((m, m)), z((2, n)), z(1), np.full(N, np.nan), np.full(N, np.nan), z(3), z((N, nq + n)),
+            z((nq, n)), z((N, N)), z(N), z(N), np.zeros(N, np.int64), z(N), z(N), z(N), z(1), z(COUNTS),
         )  # fmt: skip
 
 
@@ -175,14 +178,37 @@ def apply_filter(x: Any, scale: float, u: Any, work: Any) -> None:
     solve_lu(u.F, m, work.order, work.x, x)
 
 
+@inlined
+def velocity(i: int, t: float, y: Any, u: Any) -> float:
+    """v_i at t of IDA's unknowns y, which are velocities less a ramp.
+
+    v' jumps where a load does. The slope of the ramp jumps by as much, so that what IDA differentiates has a tangent
+    there, and its history goes on to hold.
+    """
+    return y[u.q.shape[0] + i] + u.lift[0, i] + (t - u.since[0]) * u.lift[1, i]
+
+
+@kernel
+def tie(t: float, a: Any, yp: Any, u: Any) -> None:
+    """Begin another ramp at t, with which the velocities' derivatives yp (N,) of IDA go on to accelerations a (n,)."""
+    for i in range(a.shape[0]):
+        u.lift[0, i] += (t - u.since[0]) * u.lift[1, i]
+        u.lift[1, i] = a[i] - yp[u.q.shape[0] + i]
+    u.since[0] = t
+
+
 @kernel
 def load(t: float, y: Any, yp: Any, u: Any) -> None:
-    """Copy IDA's read-only arrays."""
+    """Copy IDA's read-only arrays, the velocities themselves among them."""
+    nq, n = u.q.shape[0], u.v.shape[0]
     u.key[0] = t
     for i in range(y.shape[0]):
         u.y[i] = y[i]
         u.yp[i] = yp[i]
         u.at[i] = y[i]
+    for i in range(n):
+        u.y[nq + i] = velocity(i, t, y, u)
+        u.yp[nq + i] += u.lift[1, i]
 
 
 @kernel
@@ -206,12 +232,13 @@ def set_up(eqs: Any, t: float, y: Any, yp: Any, u: Any, work: Any) -> None:
     balance(eqs, t, u, work, u.res)
     for j in range(nq + n):
         natural = work.size_q[j] if j < nq else work.size[j - nq] * work.rate[0]
-        step = 1.5e-8 * max(natural, abs(y[j]))
-        u.y[j] = y[j] + step
+        here = u.y[j]
+        step = 1.5e-8 * max(natural, abs(here))
+        u.y[j] = here + step
         balance(eqs, t, u, work, u.beside)
         for i in range(y.shape[0]):
             u.K[i, j] = (u.beside[i] - u.res[i]) / step
-        u.y[j] = y[j]
+        u.y[j] = here
     for j in range(n):
         for i in range(n):
             u.v[i] = 1.0 if i == j else 0.0

@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 from sksundae.ida import IDAJacTimes, IDAPrecond
 
-from .ggl import LAMBDA, MU, Unknowns, assemble, multiply, residual, set_up, solve, weak_residual
+from .ggl import LAMBDA, MU, Unknowns, assemble, multiply, residual, set_up, solve, tie, velocity, weak_residual
 from .held import hold
 from .ida_driver import MATRICES, REFUSED, RESIDUALS, STANDSTILL, STEPS, IDADriver
 from .kernel import kernel
-from .ledger import Scales, add_step, due, look
+from .ledger import WORK, Scales, add_step, begin_work, due, look
 from .outcome import Code
 from .partition import close_report
 from .quiet import IDA
@@ -40,6 +40,7 @@ UNCONTROLLED = 1e20  # absolute tolerance of the multipliers, in their units
 BELOW = 0.2  # part of a near miss's gap that the residual of a step beside it must stay below
 LESS = 1e-4  # of D beside a near miss, where redundant rows are all that needs it
 NOISE = 3e-16  # relative rounding of a residual
+STOPS = 12  # times asked for at which steps end after a load has changed at one: another change is likely
 SHORTER = 0.25  # of a step that was taken back may be gone at once
 
 
@@ -51,7 +52,7 @@ def book(eqs: Any, t: float, y: Any, yp: Any, works: bool, u: Any, work: Any, bo
     for i in range(nq):
         u.q[i] = y[i]
     for i in range(n):
-        u.v[i] = y[nq + i]
+        u.v[i], u.a[i] = velocity(i, t, y, u), yp[nq + i] + u.lift[1, i]
     if works or due(c):
         eqs.dynamics(t, u.q, u.v, eqs.data, eqs.terms)
     if due(c):
@@ -59,7 +60,7 @@ def book(eqs: Any, t: float, y: Any, yp: Any, works: bool, u: Any, work: Any, bo
     if works:
         for row in range(u.lam.shape[0]):
             u.lam[row] = y[nq + n + row] / work.row[row]
-        power = eqs.power(t, u.q, u.v, yp[nq : nq + n], u.lam, eqs.data)
+        power = eqs.power(t, u.q, u.v, u.a, u.lam, eqs.data)
     add_step(books, t, power)
 
 
@@ -69,7 +70,7 @@ def look_over(eqs: Any, t: float, y: Any, taken: float, rank: int, u: Any, work:
     for i in range(u.q.shape[0]):
         u.q[i] = y[i]
     for i in range(u.v.shape[0]):
-        u.v[i] = y[u.q.shape[0] + i]
+        u.v[i] = velocity(i, t, y, u)
     eqs.position(t, u.q, eqs.data, eqs.terms)
     factor(eqs.terms, work)
     if not passed(eqs, t, u.q, rank, work):
@@ -97,7 +98,7 @@ class IDAStepper(IDADriver, DenseStepper):
         self._counts = self._unknowns.counts
         self._ida, self._works = self._new_ida(), False
         self._instant = STANDSTILL / self._units.rate[0]
-        self._good = np.concatenate((self._q, self._v))  # after IDA's last step
+        self._good = self._slopes = np.zeros(0)  # IDA's unknowns after its last step, and their derivatives
 
     def _new_ida(self) -> IDA:
         s, o, u, work, eqs = self.system, self.options, self._held, self._work, self._eqs
@@ -153,11 +154,11 @@ class IDAStepper(IDADriver, DenseStepper):
         y = np.concatenate((self._q, self._v, lam * w.row, zeros))
         yp = np.concatenate((self._terms.qdot, a, zeros, zeros))
         self._ida.init_step(self._t, y, yp)
-        u.at[:] = np.nan
+        u.at[:], u.lift[:] = np.nan, 0.0
         u.asked[0], self._works = 0.0, s.works()
         u.columns[:], u.rows[:] = self._scaling()
         self._begun_here()
-        self._good = y
+        self._good, self._slopes = y, yp
         w.course["known"], w.course["ratio"] = 0, 0.0
         if s.m:
             bound = look_over(self._eqs, self._t, y, 0.0, self._rank, self._held, self._work)
@@ -195,13 +196,33 @@ class IDAStepper(IDADriver, DenseStepper):
                 self._reach = SHORTER * self._taken
                 return self._resume()
             self._reach = min(bound, 2.0 * self._reach)
-        self._passed, self._good = t, y
+        self._passed, self._good, self._slopes = t, y, yp
         self._note(t, y, yp)
         return Code.OK
 
     def _note(self, t: float, y: Array, yp: Array) -> None:
         if self.options.audit:
             book(self._eqs, t, y, yp, self._works, self._held, self._work, self._book, self._scales)
+
+    def renew(self) -> None:
+        """Go on with IDA's history where its last step ends at the reported time; let the next ones end where asked."""
+        keeps = not self._pending and self._passed == self._t and self.status.ok
+        if not (keeps and self._tied()):
+            self.restart()
+        self._stops = STOPS
+
+    def _tied(self) -> bool:
+        """Let IDA's history go on to today's accelerations, and the books begin another piece; False: they are none."""
+        code, a, lam = self._evaluate()
+        if code is not Code.OK:
+            return False
+        tie(self._t, a, self._slopes, self._held)
+        self._unknowns.at[:], self._works = np.nan, self.system.works()
+        begin_work(self._book, self._ledger[WORK])
+        here, first = self._good.copy(), self.system.nq + self.system.n
+        here[first : first + self.system.m] = lam * self._units.row
+        self._note(self._t, here, self._slopes)
+        return True
 
     def _resume(self) -> Code:
         code = self._take(self._passed, self._good)
@@ -219,7 +240,8 @@ class IDAStepper(IDADriver, DenseStepper):
         self._ida, self._instant = self._new_ida(), STANDSTILL / self._units.rate[0]
 
     def _take(self, t: float, y: Array) -> Code:
-        q, v = y[: self.system.nq].copy(), y[self.system.nq : self.system.nq + self.system.n].copy()
+        u, nq = self._unknowns, self.system.nq
+        q, v = y[:nq].copy(), y[nq : nq + self.system.n] + u.lift[0] + (t - u.since[0]) * u.lift[1]
         code = Code(close_report(self._eqs, t, q, v, self._rank, self._work))
         if code is Code.OK:
             self._t, self._q, self._v = t, q, v

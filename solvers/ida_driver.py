@@ -41,6 +41,8 @@ class IDADriver(Stepper):
         self._pending = True  # IDA is to be initialised at the reported state
         self._passed = self._begun_at = self._t  # s, where IDA itself stands, and where its history begins
         self._taken, self._reach = 0.0, np.inf  # s, its last step, and how long the next one may be
+        self._longest = np.inf  # s, of any step
+        self._stops = 0  # times asked for at which steps are yet to end
 
     @abstractmethod
     def _begin(self) -> Code:
@@ -54,15 +56,18 @@ class IDADriver(Stepper):
     def _take(self, t: float, y: Array) -> Code:
         """Make IDA's y at t the reported state."""
 
-    def _stop(self) -> float | None:
-        """Where IDA must stop, s; none where it will not reach that.
+    def _stop(self, t: float) -> float | None:
+        """Where IDA must stop on the way to t, s; none where it will not reach that.
 
         After a step it keeps the step size, doubles or shortens it; a stop it does not reach shortens it too.
         """
-        reach = self._reach
+        reach, end = min(self._reach, self._longest), t if self._stops else np.inf
         if reach >= 2.0 * self._taken > 0.0 or np.isinf(reach):
-            return None
-        return self._passed + (self._taken if reach >= self._taken > 0.0 else reach)
+            return t if self._stops else None
+        return float(min(end, self._passed + (self._taken if reach >= self._taken > 0.0 else reach)))
+
+    def _limit(self, longest: float) -> None:
+        self._longest = longest if longest < self.options.max_step else np.inf  # which IDA holds to by itself
 
     def _resume(self) -> Code:
         """Begin anew where the last good step ended, after IDA could not go on."""
@@ -81,6 +86,7 @@ class IDADriver(Stepper):
                 return code
         with silent():
             code = self._go(t)
+        self._stops = max(0, self._stops - 1)
         if code not in (Code.OK, Code.MAX_STEPS):
             self._pending = True
         return code
@@ -91,7 +97,7 @@ class IDADriver(Stepper):
         while self._passed < t:
             if taken >= self.options.max_steps:
                 return Code.MAX_STEPS
-            before, stop = self._passed, self._stop()
+            before, stop = self._passed, self._stop(t)
             instant = max(self._instant, STANDSTILL * abs(before))
             if self._reach < instant:
                 return Code.BRANCHES
@@ -132,4 +138,4 @@ class IDADriver(Stepper):
     def restore(self, data: bytes) -> None:
         """Take over a reported state; the history starts anew."""
         super().restore(data)
-        self._pending = True
+        self._pending, self._stops = True, 0

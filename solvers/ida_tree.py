@@ -45,7 +45,7 @@ from .ledger import Scales, add_step, due, look
 from .outcome import Code
 from .quiet import IDA
 from .saddle import Motion, close, inverse_squares, rate_of_motion
-from .stepper import Options, Statistics, require_resolved
+from .stepper import Options, Statistics, require_placed, require_resolved
 from .system import Array, TreeSystem, audit_callbacks
 
 UNCONTROLLED = 1e8  # absolute tolerance of the multipliers
@@ -171,6 +171,7 @@ class TreeIDAStepper(IDADriver):
         self._terms, self._motion = system.allocate_terms(), Motion(system)
         self._rate = rate_of_motion(self._motion, self._t, self._q, self._v)
         require_resolved(self._t, self._rate, self.options.rtol)
+        require_placed(self._q, position_sizes(system, system.size), self.options.rtol)
         self._instant, self._length_rate = STANDSTILL / self._rate, LENGTH_RATE * self._rate
         self._d = np.zeros((2, m))
         self._cj, self._A, self._reduced = 1.0, np.zeros((n, m)), np.zeros((2 * m, 2 * m))

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .kernel import inlined, records
-from .ledger import FIELDS
+from .ledger import FIELDS, SLIP
 from .system import Array
 
 HIGHEST = 12  # order
@@ -33,6 +33,8 @@ CONTROL = np.dtype(
         ("t", "f8"), ("h", "f8"), ("hold", "f8"),  # time reached, next step, last step
         ("k", "i8"), ("kold", "i8"), ("ns", "i8"),  # next order, last order, steps taken with h
         ("phase1", "i8"), ("start", "i8"),  # still doubling and raising; history to be built from y
+        ("singles", "i8"), ("single", "f8"), ("renew", "i8"),  # of solvers.one_step: steps yet to take, their length as
+        ("placed", "i8"),  # accuracy allows it, y' to be taken anew at y; such a step has ended at y
         ("knew", "i8"), ("erk", "f8"), ("erkm1", "f8"), ("erkm2", "f8"),  # order and error estimates of this step
         ("psi", "f8", ROWS),  # sums of steps, s
         ("alpha", "f8", ROWS), ("beta", "f8", ROWS), ("sig", "f8", ROWS), ("v", "f8", ROWS), ("w", "f8", ROWS),
@@ -49,6 +51,7 @@ CONTROL = np.dtype(
         ("refused", "i8"),  # steps that might have jumped to another branch
         ("coarser", "f8"), ("coarsest", "f8"),  # tolerance of this step in units of the one asked for, and its largest
         ("narrowest", "f8"),  # the gap that made it so
+        ("dark", "i8"), ("dark_at", "f8"),  # 1: forces asked for were not resolved, and when last
         *FIELDS,
     ],
     align=True,
@@ -127,7 +130,7 @@ def begin(c: Any, H: Any, max_step: float, rate: float) -> None:
         c.h = 0.25 * np.sqrt(1.0 / (slope * rate))
     c.h = max(c.h, 4.0 * 2.3e-16 * abs(c.t))
     c.hold = 0.0
-    c.k, c.kold, c.ns, c.phase1, c.start = 1, 0, 0, 1, 0
+    c.k, c.kold, c.ns, c.phase1, c.start, c.placed = 1, 0, 0, 1, 0, 0
 
 
 @inlined
@@ -256,7 +259,7 @@ def book_step(c: Any, H: Any) -> None:
     """Book the work of a step, its error and what else the energy may stray; see :mod:`solvers.ledger`."""
     last = H.y.shape[0] - 1
     c.through += abs(H.trial[last] - H.y[last])
-    c.stray += c.exposure + abs(c.h * (c.g[c.k] - c.g[c.k + 1]) * (H.yp[last] - H.phi[last, 1]))
+    c.stray += c.exposure + SLIP * abs(c.h * (c.g[c.k] - c.g[c.k + 1]) * (H.yp[last] - H.phi[last, 1]))
 
 
 @inlined

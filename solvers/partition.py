@@ -347,10 +347,14 @@ def close_report(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any) -> in
 
 @kernel
 def multipliers(terms: Any, rank: int, work: Any, a: Any, lam: Any) -> None:
-    """Shortest lambda, in units of the rows, with J^T lambda = -(M a + h) in the directions of ``rank`` pivot rows;
-    ``terms`` and factors belong together.
+    """Shortest lambda, in units of the rows, with J^T lambda = -(M a + h) in the directions of ``rank`` pivot rows, as
+    far as there are digits; ``terms`` and factors belong together.
+
+    Beside a crossing no row is left out, as it is where v' is found: forces may be unbounded there, and what they do to
+    a drive is their product with an arm that vanishes.
     """
     m, n = terms.J.shape
+    rank = rank_at(work.pivot, rank, UNRESOLVED)
     for i in range(n):
         work.f[i] = -terms.h[i]
         for j in range(n):
@@ -362,6 +366,12 @@ def multipliers(terms: Any, rank: int, work: Any, a: Any, lam: Any) -> None:
         shortest_transposed(m, n, rank, work, lam)
     for i in range(m):
         lam[i] /= work.row[i]
+
+
+@kernel
+def unresolved(rtol: float, rank: int, work: Any) -> bool:
+    """Whether so little is left of a pivot that forces are not known: positions are no better than the tolerance."""
+    return rank > 0 and rank_at(work.pivot, rank, max(UNRESOLVED, rtol)) < rank
 
 
 @kernel
@@ -378,5 +388,5 @@ def evaluate(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any, a: Any, l
     factor_here(eqs, t, q, v, work)
     code = acceleration(eqs, t, q, v, rank, work, a)
     if code == OK:
-        multipliers(eqs.terms, trusted(eqs, t, q, rank, work), work, a, lam)
+        multipliers(eqs.terms, rank, work, a, lam)
     return code

@@ -15,7 +15,7 @@ from .held import hold
 from .kernel import COMPILED
 from .ledger import ROW
 from .outcome import Code, SolverError, Status
-from .partition import close, evaluate
+from .partition import close, evaluate, unresolved
 from .rank import normal_rank
 from .system import AnySystem, Array, System, Terms
 from .workspace import Workspace
@@ -23,6 +23,7 @@ from .workspace import Workspace
 # The pace of a coordinate: of its rate at the start, which is above that of a small oscillation by the root of its
 # amplitude; and the least, of the rate of the motion, for what rests at the start may move later.
 SLOWER, SLOWEST = 0.1, 0.01
+COARSEST = 0.1  # tolerances that numbers may be apart where a position starts
 UNDETERMINED = 1e-9  # singular value of J~, relative to the largest, below which a start takes no rate from it
 
 
@@ -84,6 +85,17 @@ def require_resolved(t0: float, rate: float, rtol: float) -> None:
         raise ValueError(
             f"t0 = {t0:g} s: numbers there are {apart:.1e} s apart, in which the motion goes on by more than the "
             f"tolerance of {rtol:g}; start at a smaller time"
+        )
+
+
+def require_placed(q: Array, size: Array, rtol: float) -> None:
+    """Raise where a position of q (nq,) is so far out that it cannot be told to the tolerance, in units of ``size``."""
+    apart = np.spacing(np.abs(q)) / size
+    k = int(np.argmax(apart)) if len(q) else 0
+    if len(q) and not apart[k] <= COARSEST * rtol:
+        raise ValueError(
+            f"position {k} starts at {q[k]:g}: numbers there are {apart[k] * size[k]:.1e} apart, too coarse for a "
+            f"tolerance of {rtol:g}; start nearer to zero (an angle less its whole turns is the same)"
         )
 
 
@@ -149,7 +161,9 @@ class Stepper(ABC):
     4. ``advance`` to a time before the reported one raises ValueError; to the same time it does nothing.
     5. After the equations have changed by a jump (an input, a parameter) call ``restart()``: whatever has
        been computed beyond the reported time is discarded and the next step begins at the reported state. Where
-       the velocities jump as well (an impulse) call ``jump(dv)`` instead, with dv that keeps J v = nu.
+       the change is one of many and small, as of an input that a host sets at every communication point, call
+       ``renew()``: the solver keeps of its history what still holds. Where the velocities jump as well (an
+       impulse) call ``jump(dv)`` instead, with dv that keeps J v = nu.
     6. ``accelerations()`` are those of the reported state and today's equations, with the shortest
        multipliers; in a singular position their limit along the motion. Raises :class:`SolverError` where
        there is none.
@@ -164,12 +178,15 @@ class Stepper(ABC):
     ----------
     others
         Names of the solvers to try where this one does not go on.
+    dark_at
+        When forces were asked for last in a position so near a singular one that they are not resolved, s; else nan.
     starts_singular
         Whether it was constructed in a singular position: rates may not be what the loops would make them beside it.
     """
 
     others: tuple[str, ...]
     starts_singular: bool = False
+    dark_at: float = math.nan
 
     def __init__(self, system: AnySystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
         self.options = options or Options()
@@ -179,6 +196,7 @@ class Stepper(ABC):
         self._reported = np.zeros(1)  # t in an array, to be saved with q and v
         self._ledger = np.zeros(ROW)
         self._sizes = (system.nq, system.n, system.n, system.m, ROW)
+        self._resolves = system.resolves
         self.status = self._status(Code.OK)
 
     def _status(self, code: Code) -> Status:
@@ -215,10 +233,10 @@ class Stepper(ABC):
         return Reported(self._t, self._q.copy(), self._v.copy(), self._ledger.copy())
 
     def return_to(self, place: Reported) -> None:
-        """Make a state that was reported before the reported one, and restart: an advance from it is taken back."""
+        """Make a state that was reported before the reported one: an advance from it is taken back."""
         self._t, self._q[:], self._v[:], self._ledger[:] = place
         self.status = self._status(Code.OK)
-        self.restart()
+        self.renew()
 
     @property
     def ledger(self) -> Array:
@@ -230,8 +248,23 @@ class Stepper(ABC):
         if not t >= self._t:
             raise ValueError(f"advance to t = {t}: time stands at {self._t} and cannot go back; use restore()")
         if t > self._t or not self.status.ok:
-            self.status = self._status(self._advance(float(t)))
+            until = self._limit_steps()
+            code = self._advance(min(float(t), until))
+            while code is Code.OK and until < t:
+                until = self._limit_steps()
+                code = self._advance(min(float(t), until))
+            self.status = self._status(code)
         return self.status
+
+    def _limit_steps(self) -> float:
+        """Let no step from here on miss what varies by itself; return until when, s."""
+        longest, until = self._resolves(self._t)
+        self._limit(min(longest, self.options.max_step))
+        return until
+
+    @abstractmethod
+    def _limit(self, longest: float) -> None:
+        """Take no longer steps from now on, s."""
 
     @abstractmethod
     def _advance(self, t: float) -> Code:
@@ -257,7 +290,16 @@ class Stepper(ABC):
         if not np.all(np.diff(times, prepend=-np.inf) > 0.0) or np.any(times < self._t):
             raise ValueError(f"times must ascend from {self._t}, where the stepper stands; use restore() to go back")
         out = Samples(*(np.zeros((len(times), size)) for size in self._sizes))
-        done = self._sample(times, out) if len(times) else 0
+        done, goes_on = 0, True
+        while goes_on and done < len(times):
+            until = self._limit_steps()
+            count = int(np.searchsorted(times[done:], until, side="right"))
+            if count:
+                rows = slice(done, done + count)
+                found = self._sample(times[rows], Samples(*(part[rows] for part in out)))
+                done, goes_on = done + found, found == count
+            else:
+                goes_on = self.advance(until).ok
         return Samples(*(rows[:done] for rows in out))
 
     def _sample(self, times: Array, out: Samples) -> int:
@@ -275,6 +317,10 @@ class Stepper(ABC):
     @abstractmethod
     def restart(self) -> None:
         """Discard the history; the equations have changed."""
+
+    def renew(self) -> None:
+        """Go on with equations that have changed a little."""
+        self.restart()
 
     def jump(self, dv: Array) -> None:
         """Add dv (n,) to the reported velocities, and restart."""
@@ -314,6 +360,7 @@ class DenseStepper(Stepper):
         self._units = self._work.value if COMPILED else self._work
         self._units.size[:] = system.size
         self._units.size_q[:] = self._position_sizes()
+        require_placed(self._q, self._units.size_q, self.options.rtol)
         self._rank = normal_rank(self._eqs, self._t, self._q, self._v, self._work)
         code = close(self._eqs, self._t, self._q, self._v, self._rank, self._work)
         self.starts_singular = self._loses_rank()
@@ -354,6 +401,8 @@ class DenseStepper(Stepper):
     def _evaluate(self) -> tuple[Code, Array, Array]:
         a, lam = np.zeros(self.system.n), np.zeros(self.system.m)
         code = evaluate(self._eqs, self._t, self._q, self._v, self._rank, self._work, a, lam)
+        if unresolved(self.options.rtol, self._rank, self._work):
+            self.dark_at = self._t
         return Code(code), a, lam
 
 

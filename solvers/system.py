@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
+from math import inf
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -104,6 +105,11 @@ def _inverse(
     function(t, q, v, a, lam, data, qdot, tau)
 
 
+def nothing_varies(t: float) -> tuple[float, float]:
+    """Of a system that time alone does not change: any step is short enough, for ever."""
+    return inf, inf
+
+
 @dataclass(frozen=True, kw_only=True)
 class System:
     """A mechanism as a solver sees it.
@@ -128,6 +134,8 @@ class System:
     power: Callable[..., float] | None = None  # (t, q, v, a, lam, data): dE/dt, W
     exposure: Callable[..., None] | None = None  # (rtol, place, rate, data, out): see solvers.ledger
     works: Callable[[], bool] = nothing_works  # (): whether power can differ from zero, as things are now
+    resolves: Callable[[float], tuple[float, float]] = nothing_varies  # (t): longest step that sees all that varies by
+    # itself from t on, and until when it does, s
     size: Array  # (n,) unit of each coordinate: 1 rad, or a length of the mechanism in m; of v per second
     row_size: Array  # (m,) unit of each constraint residual, likewise
     rate: float = 0.0  # 1/s, of motions of that size, as far as it is known beforehand: by gravity, by drives
@@ -199,6 +207,7 @@ class TreeSystem:
     power: Callable[..., float] | None = None  # as of a System
     exposure: Callable[..., None] | None = None
     works: Callable[[], bool] = nothing_works
+    resolves: Callable[[float], tuple[float, float]] = nothing_varies
     dense: Callable[[], System] | None = None  # (): the same mechanism with its matrices
     coordinate_names: tuple[str, ...] = ()  # (n,)
     constraint_names: tuple[str, ...] = ()  # (m,)

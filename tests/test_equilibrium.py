@@ -185,7 +185,7 @@ def test_what_is_no_steady_state_is_refused_with_its_residual(model: Model, word
 def test_unknown_coordinates_and_bad_starts_are_named() -> None:
     with pytest.raises(UserError, match=r"no coordinate 'arm3'.*did you mean 'arm"):
         equilibrium(Governor(), {"arm3": 1.0})
-    with pytest.raises(UserError, match="must be finite"):
+    with pytest.raises(UserError, match="must be a finite number"):
         equilibrium(Governor(), {"arm1": float("nan")})
 
 

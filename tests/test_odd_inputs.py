@@ -10,19 +10,23 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from fmus.fourbar import FourBar
 from mbfmu.errors import UserError
 from mbfmu.mechanics import (
+    DistanceCut,
     Input,
     JointForce,
     Mechanism,
     Revolute,
     RevoluteCut,
     SpeedInput,
+    Support,
     Translational,
+    add_sheet,
     rod,
 )
 from mbfmu.model import Model
-from mbfmu.native import run
+from mbfmu.native import communication_points, run
 from mbfmu.simulation import Settings, Simulation
 
 TIMES = np.linspace(0.0, 0.1, 3)
@@ -110,15 +114,94 @@ def test_settings_of_another_kind(odd: dict[str, Any]) -> None:
         Settings(**odd)
 
 
-@pytest.mark.parametrize("index", [-1, 0, 99])
-def test_an_input_that_is_not_there(index: int) -> None:
+@pytest.mark.parametrize("key", [-1, 0, 99, "torque", None, 1.5])
+def test_an_input_that_is_not_there(key: Any) -> None:
     with pytest.raises(UserError, match="no input"):
-        Simulation(Made(), Settings()).set_input(index, 1.0)
+        Simulation(Made(), Settings()).set_input(key, 1.0)
+    with pytest.raises(UserError, match="no input"):
+        Simulation(Made(), Settings(), inputs={key: 1.0})
 
 
-def test_an_advance_to_nowhere() -> None:
+def test_inputs_that_are_no_mapping() -> None:
+    with pytest.raises(UserError, match="inputs are"):
+        Simulation(Made(), Settings(), inputs=[1.0])  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("value", ["a lot", None, float("nan"), [1.0]])
+def test_values_of_an_input_that_are_no_numbers(value: Any) -> None:
+    with pytest.raises(UserError, match=r"input 'crank\.torque' is"):
+        Simulation(FourBar(), Settings(solver="adams")).set_input("crank.torque", value)
+
+
+def test_an_advance_to_nowhere_or_back() -> None:
+    simulation = Simulation(Made(), Settings())
     with pytest.raises(UserError, match="time to advance to is nan"):
-        Simulation(Made(), Settings()).advance(float("nan"))
+        simulation.advance(float("nan"))
+    simulation.advance(0.1)
+    with pytest.raises(UserError, match=r"time to advance to is 0\.05 s, but it stands at 0\.1 s"):
+        simulation.advance(0.05)
+
+
+def test_a_state_and_a_table_of_another_kind() -> None:
+    simulation = Simulation(Made(), Settings())
+    with pytest.raises(UserError, match="None was given as a saved state"):
+        simulation.restore(None)  # type: ignore[arg-type]
+    with pytest.raises(UserError, match="values have the shape"):
+        simulation.record(TIMES, np.zeros((1, 1)))
+
+
+class Raises(Model):
+    """Cannot be built."""
+
+    def build(self) -> Mechanism:
+        raise ZeroDivisionError("by nothing")
+
+
+class Nothing(Model):
+    """Builds nothing."""
+
+    def build(self) -> Mechanism:
+        return None  # type: ignore[return-value]
+
+
+@pytest.mark.parametrize(
+    ("model", "message"),
+    [
+        (Raises(), r"'raises': build\(\) fails with ZeroDivisionError: by nothing \(test_odd_inputs.py, line \d+\)"),
+        (Nothing(), r"'nothing': build\(\) returns None; it must return a Mechanism"),
+        (Model(), "does not say how it is built"),
+        (FourBar, r"model is the class FourBar; give an instance of it: FourBar\(\)"),
+        (Mechanism(), "model is <.*Mechanism.*>; allowed: an instance"),
+        ("fourbar", "model is 'fourbar'; allowed: an instance"),
+    ],
+)
+def test_models_that_are_none(model: Any, message: str) -> None:
+    with pytest.raises(UserError, match=message):
+        run(model, Settings(), TIMES)
+
+
+def test_a_rod_of_no_length_and_a_place_that_is_none() -> None:
+    m = Mechanism()
+    bar = m.body("bar", m.ground, Revolute(), **rod(mass=1.0, length=1.0))
+    with pytest.raises(UserError, match="length of cut 'tie' is 1e-300 m; allowed: 1e-50 to"):
+        m.cut("tie", DistanceCut(length=1e-300), bar, m.ground)
+    with pytest.raises(UserError, match=r"supports of sheet 'paper' are .* a list"):
+        add_sheet(m, "paper", length=1.0, width=1.0, density=1.0, thickness=1e-3, youngs_modulus=1e9, poisson=0.3,
+                  grid=(4, 4), supports=Support("x0", "clamped"))  # fmt: skip
+
+
+@pytest.mark.parametrize("given", [(1.0, 0.0), (1.0, -1.0), (-1.0, 0.1), (float("nan"), 0.1), ("a", 1.0), (1e9, 1e-9)])
+def test_points_that_there_are_none_or_too_many_of(given: Any) -> None:
+    with pytest.raises(UserError, match=r"stop time|interval|points every"):
+        communication_points(*given)
+
+
+@pytest.mark.parametrize(
+    "odd", [{"tolerance": "1e-6"}, {"tolerance": 1.0}, {"max_step": float("nan")}, {"max_step": -1}]
+)
+def test_numbers_of_settings_that_are_out_of_range(odd: dict[str, Any]) -> None:
+    with pytest.raises(UserError, match=f"{next(iter(odd))} is .*; allowed: "):
+        Settings(**odd)
 
 
 @pytest.mark.parametrize("solver", ["ida", "adams", "hybrid"])

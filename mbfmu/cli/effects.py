@@ -34,7 +34,7 @@ def command_effects(options: argparse.Namespace) -> int:
     from mbfmu.effects import as_text, ledger
 
     scene = scene_of(options)
-    known = [variable.name for variable in scene.model.build().compile().outputs]
+    known = [variable.name for variable in scene.model.plant().outputs]
     for name in options.show:
         if name not in known:
             raise UserError(f"--show {name!r}: no such output{suggest(name, known)}")

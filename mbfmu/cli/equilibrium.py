@@ -98,7 +98,7 @@ def as_text(found: Equilibrium, others: Sequence[Equilibrium]) -> str:
 def swept(model: Model, name: str, options: argparse.Namespace) -> int:
     """Follow the steady states over a parameter; print a table, draw the branches."""
     parameter, values = read_sweep(options.sweep)
-    outputs = [variable.name for variable in model.build().compile().outputs]
+    outputs = [variable.name for variable in model.plant().outputs]
     shown = options.plot or outputs[0]
     if shown not in outputs:
         raise UserError(f"--plot {shown!r}: no such output{suggest(shown, outputs)}")

@@ -14,6 +14,8 @@ def add(commands: Commands) -> None:
     p.add_argument("scene", metavar="model", help="model name, scene, or my_model.py:MyModel")
     add_set(p)
     add_solver(p)
+    p.add_argument("--stop-time", type=float, metavar="S", help="end of the default experiment, s")
+    p.add_argument("--interval", type=float, metavar="S", help="its step between communication points, s")
     p.add_argument("-o", "--output", type=Path, metavar="FILE", help="FMU file; MODEL.fmu by default")
     p.set_defaults(command=command_export)
 
@@ -23,6 +25,12 @@ def command_export(options: argparse.Namespace) -> int:
     from mbfmu.fmi import export
 
     scene = scene_of(options)
-    path = export(scene.model, options.output or Path(f"{scene.name}.fmu"), scene.settings)
+    path = export(
+        scene.model,
+        options.output or Path(f"{scene.name}.fmu"),
+        scene.settings,
+        stop_time=scene.stop_time,
+        output_interval=scene.output_interval,
+    )
     print(f"wrote {path}")
     return 0

@@ -4,24 +4,48 @@ from __future__ import annotations
 
 import argparse
 
-from mbfmu.model import models, span
+from mbfmu.interface import CHANGES, Role, columns, interface, parameters
+from mbfmu.model import Model, models
+from mbfmu.scene import load_scene
+from mbfmu.table import table
 
 from .common import Commands
 
 
 def add(commands: Commands) -> None:
     """Describe ``mbfmu models``."""
-    commands.add_parser("models", help="list the models and their parameters").set_defaults(command=command_models)
+    p = commands.add_parser(
+        "models",
+        help="list the models and their parameters, or all variables of one",
+        description="List the models that are installed, with their parameters; or, of those named, every variable "
+        "that an FMU of it has: parameters, settings of the solver, inputs and outputs.",
+    )
+    p.add_argument("scenes", metavar="model", nargs="*", help="model name, scene, or my_model.py:MyModel")
+    p.set_defaults(command=command_models)
 
 
 def command_models(options: argparse.Namespace) -> int:
-    """List the models."""
-    for name, model in sorted(models().items()):
-        print(f"{name}: {model.title()}")
-        for p in model.parameters():
-            tunable = ", tunable" if p.tunable else ", fixed at export" if p.structural else ""
-            unit = "" if p.unit == "1" else f" {p.unit}"
-            word = isinstance(p.default, str | bool)
-            default = str(p.default).lower() if word else f"{p.default:g}"
-            print(f"    {p.name} = {default}{unit}  {p.doc} ({span(p)}{tunable})")
+    """List the models, or the variables of some."""
+    for reference in options.scenes:
+        scene = load_scene(reference)
+        print(f"{scene.model.name}: {scene.model.title()}")
+        variables = interface(scene.model, scene.settings)
+        for role in Role:
+            if told := columns([v for v in variables if v.role is role]):
+                print(f"\n{role.plural}\n{table(list(told), list(zip(*told.values(), strict=True)))}")
+    if not options.scenes:
+        for name, model in sorted(models().items()):
+            print(f"{name}: {model.title()}")
+            print("\n".join(brief(model)))
+        print("\n`mbfmu models NAME` lists all variables of a model: settings, inputs and outputs too.")
     return 0
+
+
+def brief(model: type[Model]) -> list[str]:
+    """Return a line for every parameter of a model."""
+    lines = []
+    for v in parameters(model()):
+        unit = "" if v.unit == "1" else f" {v.unit}"
+        changes = f"; changes {CHANGES[v.variability]}" if v.variability in CHANGES else ""
+        lines.append(f"    {v.name} = {v.start_in_words}{unit}  {v.description} ({v.allowed}{changes})")
+    return lines

@@ -1,72 +1,166 @@
-"""What PythonFMU's model description lacks: units, ranges, initial unknowns, reproducible dates."""
+"""The model description of FMI 2.0 for co-simulation, written from the list of variables."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
-from typing import Any
 from xml.etree.ElementTree import Element, SubElement
 
-from pythonfmu import Real
-
-from .units import base_exponents
+import mbfmu
+from mbfmu.interface import Type, Variable
+from mbfmu.units import read_unit
 
 EPOCH = "2000-01-01T00:00:00+00:00"  # the date of every build: equal content gives equal bytes
 
+CAPABILITIES = {
+    "needsExecutionTool": "true",
+    "canHandleVariableCommunicationStepSize": "true",
+    "canInterpolateInputs": "false",
+    "canBeInstantiatedOnlyOncePerProcess": "false",
+    "canNotUseMemoryManagementFunctions": "true",
+    "canGetAndSetFMUstate": "true",
+    "canSerializeFMUstate": "true",
+}
+
 
 @dataclass(frozen=True, kw_only=True)
-class Quantity:
-    """Unit and range of a real variable."""
+class Experiment:
+    """How long and how finely a host runs an FMU if nobody tells it, s, and with which tolerance."""
 
-    unit: str = "1"
-    min: float = -float("inf")
-    max: float = float("inf")
-    nominal: float | None = None
-
-
-class QuantityReal(Real):  # type: ignore[misc]
-    """A real variable with a unit and a range."""
-
-    def __init__(self, name: str, quantity: Quantity, **options: Any) -> None:
-        super().__init__(name, **options)
-        self.quantity = quantity
-
-    def to_xml(self) -> Element:
-        """Return the variable's element."""
-        element: Element = super().to_xml()
-        real, q = element.find("Real"), self.quantity
-        assert real is not None
-        if q.unit != "1":
-            real.set("unit", q.unit)
-        for key in ("min", "max"):
-            if isfinite(getattr(q, key)):
-                real.set(key, repr(float(getattr(q, key))))
-        if q.nominal is not None:
-            real.set("nominal", repr(float(q.nominal)))
-        return element
+    stop_time: float
+    step_size: float
+    tolerance: float
 
 
-def complete(root: Element, variables: list[Any], inputs_feed_through: bool) -> Element:
-    """Add units, initial unknowns and dependencies; fix the date. Elements keep the order of the FMI schema."""
-    root.set("generationDateAndTime", EPOCH)
-    units = sorted({v.quantity.unit for v in variables if isinstance(v, QuantityReal)} - {"1"})
-    if units:
-        definitions = Element("UnitDefinitions")
-        for unit in units:
-            base = {k: str(n) for k, n in base_exponents(unit).items()}
-            SubElement(SubElement(definitions, "Unit", name=unit), "BaseUnit", base)
-        root.insert(list(root).index(root.find("CoSimulation")) + 1, definitions)  # type: ignore[arg-type]
-    structure = root.find("ModelStructure")
-    assert structure is not None
-    outputs = structure.find("Outputs")
-    if outputs is None:
-        return root
-    inputs = [str(i + 1) for i, v in enumerate(variables) if v.causality.name == "input"]
-    unknowns = SubElement(structure, "InitialUnknowns")
-    for output in outputs:
-        if not inputs_feed_through:
-            output.set("dependencies", "")
-        elif inputs:
-            output.set("dependencies", " ".join(inputs))
-        SubElement(unknowns, "Unknown", index=output.get("index", ""))
+@dataclass(frozen=True, kw_only=True)
+class Identity:
+    """Who an FMU is: names for people and for files, what it does, and the number that tells it from all others."""
+
+    name: str
+    identifier: str
+    description: str
+    guid: str
+
+
+def model_description(
+    identity: Identity, experiment: Experiment, variables: Sequence[Variable], log_categories: Mapping[str, str]
+) -> Element:
+    """Return the root of modelDescription.xml; elements keep the order of the FMI schema."""
+    root = Element(
+        "fmiModelDescription",
+        fmiVersion="2.0",
+        modelName=identity.name,
+        guid=identity.guid,
+        description=identity.description,
+        author="mbfmu",
+        version=mbfmu.__version__,
+        license="see documentation/licenses",
+        generationTool=f"mbfmu {mbfmu.__version__} with PythonFMU",
+        generationDateAndTime=EPOCH,
+        variableNamingConvention="structured",
+    )
+    SubElement(root, "CoSimulation", {"modelIdentifier": identity.identifier, **CAPABILITIES})
+    root.extend([*_units(variables), *_enumerations(variables)])
+    categories = SubElement(root, "LogCategories")
+    for name, text in log_categories.items():
+        SubElement(categories, "Category", name=name, description=text)
+    SubElement(
+        root,
+        "DefaultExperiment",
+        startTime="0.0",
+        stopTime=number(experiment.stop_time),
+        stepSize=number(experiment.step_size),
+        tolerance=number(experiment.tolerance),
+    )
+    described = SubElement(root, "ModelVariables")
+    for reference, v in enumerate(variables):
+        _variable(described, reference, v)
+    root.append(_structure(variables))
     return root
+
+
+def number(value: float) -> str:
+    """Return a number as XML has it, to the last digit."""
+    return repr(float(value))
+
+
+def _units(variables: Iterable[Variable]) -> Iterable[Element]:
+    """Yield the definitions of all units, with what people read them in."""
+    shown = {v.unit: v.display_unit for v in variables if v.unit != "1"}
+    if not shown:
+        return
+    definitions = Element("UnitDefinitions")
+    for name, display in sorted(shown.items()):
+        unit = read_unit(name)
+        element = SubElement(definitions, "Unit", name=name)
+        base = SubElement(element, "BaseUnit", {k: str(n) for k, n in unit.exponents.items()})
+        if unit.factor != 1.0:
+            base.set("factor", number(unit.factor))
+        if display:
+            SubElement(element, "DisplayUnit", name=display, factor=number(unit.factor / read_unit(display).factor))
+    yield definitions
+
+
+def _enumerations(variables: Iterable[Variable]) -> Iterable[Element]:
+    """Yield the types of variables that are one of several words."""
+    chosen = [v for v in variables if v.choices]
+    if not chosen:
+        return
+    definitions = Element("TypeDefinitions")
+    for v in chosen:
+        simple = SubElement(definitions, "SimpleType", name=_type_name(v), description=v.description)
+        kind = SubElement(simple, "Enumeration")
+        for i, word in enumerate(v.choices, 1):
+            SubElement(kind, "Item", name=word, value=str(i))
+    yield definitions
+
+
+def _type_name(v: Variable) -> str:
+    return f"{v.name}_choice"
+
+
+def _variable(parent: Element, reference: int, v: Variable) -> None:
+    """Add a variable; start, unit and range belong to its type."""
+    scalar = SubElement(
+        parent,
+        "ScalarVariable",
+        name=v.name,
+        valueReference=str(reference),
+        causality=v.causality,
+        variability=v.variability,
+        description=v.description,
+    )
+    if v.causality != "input":
+        scalar.set("initial", "calculated" if v.start is None else "exact")
+    kind = SubElement(scalar, v.type.value)
+    if v.choices:
+        kind.set("declaredType", _type_name(v))
+        kind.set("min", "1")
+        kind.set("max", str(len(v.choices)))
+    if v.unit != "1":
+        kind.set("unit", v.unit)
+    if v.display_unit:
+        kind.set("displayUnit", v.display_unit)
+    as_text = number if v.type is Type.REAL else lambda x: str(int(x))
+    for key, bound in (("min", v.min), ("max", v.max)):
+        if isfinite(bound):
+            kind.set(key, as_text(bound))
+    if v.nominal is not None:
+        kind.set("nominal", number(v.nominal))
+    if v.start is not None:
+        kind.set("start", str(v.start).lower() if isinstance(v.start, bool) else as_text(v.start))
+
+
+def _structure(variables: Sequence[Variable]) -> Element:
+    """Return what depends on what: outputs on the inputs that change them at once, at the start on everything."""
+    structure = Element("ModelStructure")
+    index = {v.name: str(i) for i, v in enumerate(variables, 1)}
+    made = [v for v in variables if v.causality == "output"]
+    outputs = SubElement(structure, "Outputs")
+    for v in made:
+        SubElement(outputs, "Unknown", index=index[v.name], dependencies=" ".join(index[n] for n in v.depends_on))
+    unknowns = SubElement(structure, "InitialUnknowns")
+    for v in made:
+        SubElement(unknowns, "Unknown", index=index[v.name])
+    return structure

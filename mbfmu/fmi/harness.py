@@ -15,6 +15,12 @@ from fmpy.fmi2 import FMU2Slave
 from numpy.typing import NDArray
 
 from mbfmu.errors import UserError
+from mbfmu.model import suggest
+
+
+def called(variable: Any) -> str:
+    """Return the type in the name of the function that reads or sets a variable."""
+    return "Integer" if variable.type == "Enumeration" else str(variable.type)
 
 
 class Fmu:
@@ -29,7 +35,7 @@ class Fmu:
     path
         The FMU file.
     values
-        Start values of parameters and inputs by name.
+        Start values of parameters and inputs by name; choices, such as the solver, in words or by their number.
     start_time
         s.
     tolerance
@@ -97,12 +103,19 @@ class Fmu:
 
     def __getitem__(self, name: str) -> Any:
         variable = self._variable(name)
-        value = getattr(self.slave, f"get{variable.type}")([variable.valueReference])[0]
+        value = getattr(self.slave, f"get{called(variable)}")([variable.valueReference])[0]
+        if variable.type == "Enumeration":
+            return next((item.name for item in variable.declaredType.items if int(item.value) == value), value)
         return value.decode() if isinstance(value, bytes) else value
 
     def __setitem__(self, name: str, value: Any) -> None:
         variable = self._variable(name)
-        getattr(self.slave, f"set{variable.type}")([variable.valueReference], [value])
+        if variable.type == "Enumeration" and isinstance(value, str):
+            numbers = {item.name: int(item.value) for item in variable.declaredType.items}
+            if value not in numbers:
+                raise UserError(f"{name} is {value!r}{suggest(value, numbers)}")
+            value = numbers[value]
+        getattr(self.slave, f"set{called(variable)}")([variable.valueReference], [value])
 
     def _variable(self, name: str) -> Any:
         if name not in self.variables:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.errors import UserError
+from mbfmu.interface import COUNTERS
 from mbfmu.mechanics import Variable
 from mbfmu.model import Model
 from mbfmu.native import Result
@@ -18,7 +19,6 @@ from solvers.stepper import Statistics
 
 from .export import export
 from .harness import Fmu
-from .interface import COUNTERS
 
 
 def run_fmu(

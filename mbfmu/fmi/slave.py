@@ -20,21 +20,20 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pythonfmu import DefaultExperiment
 from pythonfmu.enums import Fmi2Status
 
-import mbfmu
 from mbfmu.errors import UserError
 from mbfmu.frame import frame, unframe
 from mbfmu.model import Model
 from mbfmu.simulation import Settings, Simulation
 
+from .description import Experiment, Identity, model_description
 from .guards import finalize_at_exit
 from .values import Phase, Values, guarded, in_words
 
 Array = NDArray[np.float64]
 
-STATE_FORMAT = 3
+STATE_FORMAT = 4
 AGREED = 1e-9  # s, or part of the time: so much may a host's clock differ from ours
 
 
@@ -42,6 +41,7 @@ class ModelSlave(Values):
     """One instance of a model in a host. Subclasses, one per FMU, set the class attributes."""
 
     fmu_guid: ClassVar[str] = ""
+    experiment: ClassVar[Experiment]
 
     log_categories: ClassVar[dict[str, str]] = {
         "logStatusWarning": "something unusual that does not stop the run",
@@ -51,23 +51,19 @@ class ModelSlave(Values):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)
-        self.modelName = self.identifier
-        self.guid = self.fmu_guid
-        self.version = mbfmu.__version__
-        self.author = "mbfmu"
-        self.description = self.model.title()
-        self.default_experiment = DefaultExperiment(
-            start_time=0.0,
-            stop_time=self.model.stop_time,
-            step_size=self.model.output_interval,
-            tolerance=self.settings.tolerance,
-        )
+        self.modelName = self.identifier  # by which PythonFMU names files
         self._t0 = 0.0
         self._remarked = 0  # how many of the simulation's remarks are in the log
         self._loops: list[str] = []  # what is in the log of them
         self._lost, self._coarse = "", False  # what is in the log of the balance; that a grid is too coarse is
-        self.register(self.model.build().compile())
+        self.declare(self.model.plant())
         finalize_at_exit(self.resources, self.identifier)
+
+    def to_xml(self, _options: dict[str, str] | None = None) -> Any:
+        """Return the model description."""
+        model = self.model
+        identity = Identity(name=model.name, identifier=self.identifier, description=model.title(), guid=self.fmu_guid)
+        return model_description(identity, self.experiment, self.variables, self.log_categories)
 
     # ---- life of an instance ------------------------------------------------------------------------------------
 
@@ -85,16 +81,20 @@ class ModelSlave(Values):
             return
         self._refused.pop("experiment", None)
         self._t0 = start_time
-        reference = self.setting_reference("tolerance")
+        reference = self._settings["tolerance"]
         if tolerance and reference not in self._changed:
-            self._take(reference, tolerance)
-            self._changed.discard(reference)
+            if wrong := self._wrong(self.variables[reference], tolerance):
+                self._refuse("experiment", wrong)
+                return
+            self._buffer[reference] = tolerance
 
     @guarded
     def _refresh(self) -> None:
         self._buffer[self._outputs] = nan
         if self._phase is Phase.INITIALIZING:
             self._start_anew()
+        elif self._phase is Phase.RUNNING:  # an input changes accelerations and forces at once
+            self._apply_changes()
         if self.simulation is not None:
             self._buffer[self._outputs] = self.simulation.outputs()
             self._fresh = True
@@ -137,7 +137,7 @@ class ModelSlave(Values):
         """Start a simulation from the values as they are."""
         self.simulation, self._remarked = None, 0
         given = {k: float(self._buffer[r]) for k, r in enumerate(self._inputs) if r in self._changed}
-        settings = self._settings_of(self._buffer, self._texts)
+        settings = self._settings_of(self._buffer)
         self.simulation = Simulation(self._model_of(self._buffer), settings, self._t0, given)
         for reference, variable in zip(self._inputs, self.simulation.plant.inputs.variables, strict=True):
             if reference not in self._changed:  # it starts where the parameters put it
@@ -151,14 +151,12 @@ class ModelSlave(Values):
             for line in self._loops:
                 self.log(line, Fmi2Status.ok, "logAll")
 
-    def _settings_of(self, values: Array, texts: dict[str, str]) -> Settings:
-        found: dict[str, Any] = dict(texts)
-        for name, reference in self._settings.items():
-            found[name] = type(getattr(self.settings, name))(values[reference])
-        return Settings(**found)
+    def _settings_of(self, values: Array) -> Settings:
+        return Settings(**{name: self.variables[r].value_of(values[r].item()) for name, r in self._settings.items()})
 
     def _model_of(self, values: Array) -> Model:
-        return self.model.with_values({p.name: type(p.default)(values[r].item()) for r, p in self._parameters.items()})
+        given = {name: self.variables[r].value_of(values[r].item()) for r, name in self._parameters.items()}
+        return self.model.with_values(given)
 
     @guarded
     def do_step(self, current_time: float, step_size: float) -> bool:
@@ -243,7 +241,6 @@ class ModelSlave(Values):
         head = {
             "format": STATE_FORMAT,
             "values": self._buffer.tolist(),
-            "texts": self._texts,
             "changed": sorted(self._changed),
             "t0": self._t0,
             "phase": self._phase.name,
@@ -268,15 +265,15 @@ class ModelSlave(Values):
 
     def _go_back(self, head: dict[str, Any], body: bytes) -> None:
         """Be what an instance was; a simulation that differs in what is fixed is built anew, without a steady state."""
-        values, texts, t0, simulation = np.array(head["values"]), dict(head["texts"]), head["t0"], None
+        values, t0, simulation = np.array(head["values"]), head["t0"], None
         if body:
-            model, settings = self._model_of(values), self._settings_of(values, texts)
+            model, settings = self._model_of(values), self._settings_of(values)
             simulation = self.simulation if self._runs(model, settings) else None
             if simulation is None:
                 simulation = Simulation(model, replace(settings, start_at_equilibrium=False), t0)
                 self._remarked = len(simulation.remarks)  # the instance that was saved has told them
             simulation.restore(body)
-        self.simulation, self._t0, self._texts, self._buffer[:] = simulation, t0, texts, values
+        self.simulation, self._t0, self._buffer[:] = simulation, t0, values
         self._changed, self._phase, self.message = set(head["changed"]), Phase[head["phase"]], head["message"]
         self._refused.clear()
         self._mistakes.clear()

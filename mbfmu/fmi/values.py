@@ -10,19 +10,18 @@ from math import isfinite, nan
 from typing import Any, ClassVar
 
 import numpy as np
-from pythonfmu import Boolean, Fmi2Causality, Fmi2Variability, Real
-from pythonfmu import Integer as FmiInteger
-from pythonfmu import String as FmiString
+from pythonfmu import Fmi2Slave
 from pythonfmu.enums import Fmi2Status
 
 from mbfmu.errors import UserError
+from mbfmu.interface import Role, Type, Variable, interface
 from mbfmu.mechanics import Plant
-from mbfmu.model import check
-from mbfmu.simulation import Settings
-
-from .interface import Interface
+from mbfmu.model import Model
+from mbfmu.simulation import Settings, Simulation
 
 Phase = Enum("Phase", ["INSTANTIATED", "INITIALIZING", "RUNNING", "FAILED", "TERMINATED"])
+
+WHOLE = (Type.INTEGER, Type.ENUMERATION)  # what is read and set as a whole number
 
 
 def guarded(callback: Callable[..., Any]) -> Callable[..., Any]:
@@ -44,59 +43,80 @@ def in_words(error: Exception) -> str:
     return str(error) if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
 
 
-class Values(Interface):
+class Values(Fmi2Slave):  # type: ignore[misc]
     """Reads and sets variables by value reference, in the phase of its life that an instance is in.
 
-    What is refused is logged, keeps the value as it was, and is kept for the next step to fail by.
+    All numbers live in one buffer; a value reference is a place in it and in ``variables``. What is refused is logged,
+    keeps the value as it was, and is kept for the next step to fail by.
     """
 
+    model: ClassVar[Model]
+    settings: ClassVar[Settings] = Settings()
     identifier: ClassVar[str] = "model"
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)
+        self.simulation: Simulation | None = None
+        self.message = ""
         self._phase = Phase.INSTANTIATED
         self._refused: dict[str, str] = {}  # what was given last and not taken -> why
         self._mistakes: list[str] = []  # of the host, since the last step
         self._changed: set[int] = set()  # value references of inputs and parameters set since the last step
         self._fresh = False  # outputs are those of the present state
 
-    def register(self, plant: Plant) -> None:
-        """Declare every variable."""
-        super().register(plant)
-        variables = self.vars.values()
-        self._are_real = np.array([isinstance(v, Real) for v in variables])
-        self._are_outputs = np.array([v.causality == Fmi2Causality.output for v in variables])
+    def declare(self, plant: Plant) -> None:
+        """Make the list of variables and give each its start value."""
+        self.variables = interface(self.model, self.settings, plant)
+        self._buffer = np.array([nan if v.start is None else float(v.start) for v in self.variables])
+        self._are_real = np.array([v.type is Type.REAL for v in self.variables])
+        self._are_outputs = np.array([v.role is Role.OUTPUT for v in self.variables])
+        self._outputs = np.flatnonzero(self._are_outputs)
+        self._inputs = self._references(Role.INPUT)
+        self._motions = {r for k, r in enumerate(self._inputs) if plant.inputs.moves_support(k)}
+        self._settings = {self.variables[r].name: r for r in self._references(Role.SETTING)}
+        free = [r for r in self._references(Role.PARAMETER) if self.variables[r].settable]
+        self._parameters = {r: self.variables[r].name for r in free}
+
+    def _references(self, role: Role) -> list[int]:
+        return [r for r, v in enumerate(self.variables) if v.role is role]
 
     # ---- reading ------------------------------------------------------------------------------------------------
 
     def get_real(self, vrs: list[int]) -> list[float]:
         """Return real values; outputs are evaluated once a step, when first asked for."""
         if not vrs or min(vrs) < 0 or max(vrs) >= len(self._buffer) or not self._are_real[vrs].all():
-            return [self.get_real([r])[0] if self._known(r, Real) else nan for r in vrs]
+            return [self.get_real([r])[0] if self._known(r, Type.REAL) else nan for r in vrs]
         if not self._fresh and self._are_outputs[vrs].any():
             self._refresh()
         values: list[float] = self._buffer[vrs].tolist()
         return values
 
     def get_integer(self, vrs: list[int]) -> list[int]:
-        """Return whole numbers."""
-        return [int(self.vars[r].getter()) if self._known(r, FmiInteger) else 0 for r in vrs]
+        """Return whole numbers, those of choices among them."""
+        return [self._whole(r) if self._known(r, *WHOLE) else 0 for r in vrs]
+
+    def _whole(self, reference: int) -> int:
+        v = self.variables[reference]
+        if v.role is not Role.COUNTER:
+            return int(self._buffer[reference])
+        return int(getattr(self.simulation.statistics, v.name.removeprefix("solver."))) if self.simulation else 0
 
     def get_boolean(self, vrs: list[int]) -> list[bool]:
         """Return truth values."""
-        return [bool(self.vars[r].getter()) if self._known(r, Boolean) else False for r in vrs]
+        return [bool(self._buffer[r]) if self._known(r, Type.BOOLEAN) else False for r in vrs]
 
     def get_string(self, vrs: list[int]) -> list[str]:
-        """Return texts."""
-        return [str(self.vars[r].getter()) if self._known(r, FmiString) else "" for r in vrs]
+        """Return texts; the solver's message is the only one."""
+        return [self.message if self._known(r, Type.STRING) else "" for r in vrs]
 
-    def _known(self, reference: int, kind: Any) -> bool:
+    def _known(self, reference: int, *kinds: Type) -> bool:
         """Whether there is such a variable; else that is the host's mistake."""
-        variable = self.vars.get(reference)
-        if isinstance(variable, kind):
+        there = 0 <= reference < len(self.variables)
+        if there and self.variables[reference].type in kinds:
             return True
-        what = f"{variable.name!r}, a {type(variable).__name__.removeprefix('Quantity')}" if variable else "no variable"
-        self._mistake(f"value reference {reference} is {what}; it was used as that of a {kind.__name__}")
+        v = self.variables[reference] if there else None
+        what = f"{v.name!r}, of type {v.type.value}" if v else "no variable"
+        self._mistake(f"value reference {reference} is {what}; it was used as one of type {kinds[0].value}")
         return False
 
     def _refresh(self) -> None:
@@ -107,82 +127,69 @@ class Values(Interface):
 
     def set_real(self, vrs: list[int], values: list[float]) -> None:
         """Take real values; one that is refused fails the next step unless it is given anew."""
-        self._set(Real, vrs, values)
+        self._set((Type.REAL,), vrs, values)
 
     def set_integer(self, vrs: list[int], values: list[int]) -> None:
         """Take whole numbers, likewise."""
-        self._set(FmiInteger, vrs, values)
+        self._set(WHOLE, vrs, values)
 
     def set_boolean(self, vrs: list[int], values: list[bool]) -> None:
         """Take truth values, likewise."""
-        self._set(Boolean, vrs, values)
+        self._set((Type.BOOLEAN,), vrs, values)
 
     def set_string(self, vrs: list[int], values: list[str]) -> None:
-        """Take texts, likewise."""
-        self._set(FmiString, vrs, values)
+        """Take no text: none of the variables is one that can be set."""
+        self._set((Type.STRING,), vrs, values)
 
     @guarded
-    def _set(self, kind: Any, vrs: list[int], values: list[Any]) -> None:
+    def _set(self, kinds: tuple[Type, ...], vrs: list[int], values: list[Any]) -> None:
         for reference, value in zip(vrs, values, strict=True):
-            if self._known(reference, kind):
-                locked = self._locked(self.vars[reference])
-                if locked:
-                    self._mistake(f"{self.vars[reference].name!r} was set to {value!r}, but {locked}")
-                else:
-                    self.vars[reference].setter(value)
+            if not self._known(reference, *kinds):
+                continue
+            v = self.variables[reference]
+            if locked := self._locked(v):
+                self._mistake(f"{v.name!r} was set to {value!r}, but {locked}")
+            elif wrong := self._wrong(v, value):
+                self._refuse(v.name, wrong)
+            else:
+                self._refused.pop(v.name, None)
+                self._take(reference, value)
 
-    def _locked(self, variable: Any) -> str:
+    def _locked(self, v: Variable) -> str:
         """Why a variable cannot be set now; empty: it can."""
-        if variable.causality == Fmi2Causality.output:
+        if v.causality == "output":
             return "it is an output"
-        if variable.variability == Fmi2Variability.constant:
+        if v.variability == "constant":
             return "it is fixed since the export"
         if self._phase is Phase.TERMINATED:
             return "the FMU is terminated"
-        beginning = self._phase in (Phase.INSTANTIATED, Phase.INITIALIZING)
-        if variable.variability == Fmi2Variability.fixed and not beginning:
+        if v.variability == "fixed" and self._phase not in (Phase.INSTANTIATED, Phase.INITIALIZING):
             return "it is fixed since the initialization"
         return ""
 
-    def _take(self, reference: int, value: float) -> None:
-        name = self.vars[reference].name
-        why = self._wrong(reference, name, value)
-        if why:
-            self._refuse(name, why)
-            return
-        self._refused.pop(name, None)
-        same = self._buffer[reference] == value and reference not in self._motions  # a support may have moved since
-        if not same or self._phase is not Phase.RUNNING:
-            self._buffer[reference] = value
-            self._changed.add(reference)
-            self._fresh = False
-
-    def _wrong(self, reference: int, name: str, value: float) -> str:
+    def _wrong(self, v: Variable, value: float) -> str:
         """What is wrong with a value; empty: nothing."""
         if not isfinite(value):
-            return f"{name!r} was set to {value!r}; allowed: a finite number"
+            return f"{v.name!r} was set to {value!r}; allowed: a finite number"
+        if v.choices and not 1 <= value <= len(v.choices):
+            allowed = ", ".join(f"{i} ({word})" for i, word in enumerate(v.choices, 1))
+            return f"{v.name!r} was set to {value!r}; allowed: {allowed}"
+        given = {v.name: v.value_of(value)}
         try:
-            if reference in self._parameters:
-                declared = self._parameters[reference]
-                check(self.model.name, declared, bool(value) if isinstance(declared.default, bool) else value)
-            elif reference in self._settings.values():
-                key = next(k for k, r in self._settings.items() if r == reference)
-                given: dict[str, Any] = {key: type(getattr(self.settings, key))(value)}
+            if v.role is Role.PARAMETER:
+                self.model.with_values(given)
+            elif v.role is Role.SETTING:
                 Settings(**given)
         except UserError as error:
             return str(error)
         return ""
 
-    def _take_text(self, name: str, value: str) -> None:
-        given: dict[str, Any] = {name: value}
-        try:
-            Settings(**given)
-        except UserError as error:
-            self._refuse(name, str(error))
-            return
-        self._refused.pop(name, None)
-        self._texts[name] = value
-        self._fresh = False
+    def _take(self, reference: int, value: float) -> None:
+        same = self._buffer[reference] == value and reference not in self._motions  # a support may have moved since
+        if not same or self._phase is not Phase.RUNNING:
+            self._buffer[reference] = value
+            self._changed.add(reference)
+            self._fresh = False
 
     def _refuse(self, what: str, why: str) -> None:
         """Note what was given and not taken: no step is made until it is given right."""

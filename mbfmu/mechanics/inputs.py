@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.errors import UserError
 from solvers.system import Array
 
 from .compile import GRAVITY, Numbering
 from .mechanism import Mechanism
 from .motion import Departure, InputMotion, impulse
+from .numbers import finite
 from .scale import joint_sizes
+from .sensors import AT_ONCE, WEIGHED, Kind
 from .signals import HARMONIC, POLYNOMIAL, RUN_UP, SpeedInput
 
 
@@ -111,6 +112,17 @@ class Inputs:
         """Whether an input is the position or the rate of a driven coordinate."""
         return self._slots[index].signal in self._motions
 
+    def at_once(self, index: int) -> set[Kind]:
+        """Return what an input changes at the moment it is set: a support and a rate take a step."""
+        slot = self._slots[index]
+        if slot.signal == GRAVITY:
+            return WEIGHED
+        return set() if slot.coefficient or self.moves_support(index) else AT_ONCE
+
+    def weighs(self, index: int) -> bool:
+        """Whether an input is gravity, which changes the potential energy where it is set."""
+        return self._slots[index].signal == GRAVITY
+
     def start(self, index: int, value: float, t: float = 0.0) -> None:
         """Let an input (finite) have another value at the start, t."""
         self._hold(index, value, t)
@@ -131,17 +143,17 @@ class Inputs:
 
     def _hold(self, index: int, value: float, t: float) -> None:
         slot = self._slots[index]
-        if slot.signal != GRAVITY:
-            signal = self._arrays.signals[slot.signal]
-            signal["c"][0] += (t - signal["t0"]) * signal["c"][1]
-            signal["t0"] = t
-        place, k = self.places(self._arrays)[index]
-        place[k] = self._finite(index, value)
+        value = self._finite(index, value)
+        if slot.signal == GRAVITY:
+            self._arrays.world["gravity"][0, slot.coefficient] = value
+            return
+        signal = self._arrays.signals[slot.signal]
+        signal["c"][0] += (t - signal["t0"]) * signal["c"][1]
+        signal["t0"] = t
+        signal["c"][slot.coefficient] = value
 
     def _finite(self, index: int, value: float) -> float:
-        if not np.isfinite(value):
-            raise UserError(f"input {self.variables[index].name!r} is {value!r}; it must be finite")
-        return float(value)
+        return finite(f"input {self.variables[index].name!r}", value)
 
     @property
     def move(self) -> bool:

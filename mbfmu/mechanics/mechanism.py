@@ -28,6 +28,7 @@ from .forces import Force, JointForce, JointSpring
 from .joints import REGISTRY as JOINTS
 from .joints import Joint, Revolute, Section, Weld
 from .numbers import finite, is_finite
+from .scale import LONGEST, SHORTEST
 from .sensors import Kind, Sensor
 from .shapes import Shape, check_colour, lengths
 from .signals import Input, Signal
@@ -166,8 +167,8 @@ class Mechanism:
         self._member(b, f"body b of cut {name!r}")
         if a is b:
             raise UserError(f"cut {name!r} ties body {a.name!r} to itself; it needs two bodies")
-        if isinstance(cut, DistanceCut) and not (is_finite(cut.length) and cut.length > 0.0):
-            raise UserError(f"length of cut {name!r} is {cut.length!r} m; allowed: greater than zero")
+        if isinstance(cut, DistanceCut) and not (is_finite(cut.length) and SHORTEST <= cut.length <= LONGEST):
+            raise UserError(f"length of cut {name!r} is {cut.length!r} m; allowed: {SHORTEST:g} to {LONGEST:g}")
         self.cuts.append(CutHandle(name, len(self.cuts), cut, a, b))
         return self.cuts[-1]
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from math import inf, log10, prod
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.errors import AssemblyError, UserError
+from mbfmu.units import read_unit
 from solvers.system import Array, System, TreeSystem
 
 from .arrays import Data, complex_twin
@@ -22,7 +24,8 @@ from .mechanism import Mechanism
 from .numbers import array_of
 from .rows import Probe, dependent_rows, describe, row_names, row_units
 from .scale import characteristic_length, coordinate_sizes, row_sizes
-from .sensors import largest_residual
+from .sensors import FORCES, largest_residual
+from .signals import longest_step, varying
 from .tangent import Groups, Tangent, find_groups
 
 LARGE = 60  # coordinates of a tree without loops from which on no dense matrix is made
@@ -54,6 +57,7 @@ class Plant:
         self.length = characteristic_length(self.data.arrays)
         self._size = coordinate_sizes(self._free_bodies(), self.length)
         names = row_names(mechanism.cuts)
+        self._varying = varying(self.data.arrays.signals)
         self.drives = Drives(mechanism, numbering, self.data.arrays.signals, self.length)
         self.inputs = Inputs(numbering, self.data.arrays, self.drives)
         self._row_size = np.concatenate([np.zeros(0), *(row_sizes(c.cut, self.length) for c in mechanism.cuts)])
@@ -66,6 +70,27 @@ class Plant:
             self.system = make([n for n in names if n not in self.void_rows], self.data)
         self.outputs = tuple(Variable(n, s.unit, d, 0.0, nominal) for n, s, d, nominal in mechanism.outputs)
         self._sensors = sensor_records(mechanism, numbering, self.data.arrays.kept)
+
+    def feedthrough(self) -> list[tuple[int, ...]]:
+        """Return for every output which inputs change it at the moment they are set, by number."""
+        changed = [self.inputs.at_once(k) for k in range(len(self.inputs))]
+        return [
+            tuple(k for k, kinds in enumerate(changed) if sensor.kind in kinds)
+            for _, sensor, *_ in self.mechanism.outputs
+        ]
+
+    @property
+    def tells_forces(self) -> bool:
+        """Whether some output is a force, a moment or an effort."""
+        return any(sensor.kind in FORCES for _, sensor, *_ in self.mechanism.outputs)
+
+    def nominal(self, unit: str) -> float:
+        """Return the order of magnitude of what has this unit: of the heaviest body, the length and the pace here."""
+        exponents, factor = read_unit(unit)
+        mass = float(self.data.arrays.bodies["mass"].max()) or 1.0
+        sizes = {"kg": mass, "m": self.length, "s": 1.0 / (self._rate() or 1.0), "rad": 1.0}
+        size = prod(sizes[base] ** n for base, n in exponents.items()) / factor
+        return 10.0 ** round(log10(size))
 
     def complex_system(self) -> System:
         """Return the system as it is now on complex numbers, for derivatives by complex step."""
@@ -90,6 +115,7 @@ class Plant:
             power=power,
             exposure=exposure,
             works=self._works,
+            resolves=self._resolves,
             coordinate_names=tuple(self._numbering.coordinate_names),
             constraint_names=tuple(constraint_names),
         )
@@ -129,12 +155,20 @@ class Plant:
             power=power,
             exposure=exposure,
             works=self._works,
+            resolves=self._resolves,
             coordinate_names=tuple(self._numbering.coordinate_names),
             constraint_names=tuple(constraint_names),
         )
 
     def _works(self) -> bool:
         return bool(self.data.arrays.world["works"][0])
+
+    def _resolves(self, t: float) -> tuple[float, float]:
+        """Return the longest step from t on that misses no signal, and until when it does not, s."""
+        if not self._varying:
+            return inf, inf
+        found = [longest_step(signal, t) for signal in self._varying]
+        return min((step for step, _ in found), default=inf), min((until for _, until in found), default=inf)
 
     def _groups(self) -> Groups:
         """Return the groups of the structured tangent; UserError where they would be too wide to be solved."""
@@ -358,3 +392,4 @@ class Plant:
         for a, b in zip(mine, theirs, strict=True):
             a[...] = b
         self.inputs.restore(inputs)
+        self._varying = varying(mine.signals)

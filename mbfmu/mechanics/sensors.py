@@ -38,6 +38,12 @@ class Kind(IntEnum):
     CUT_JOINT_FORCE = 19  # index: cut, component: global axis; force on body b, from 3 on on body a
 
 
+# What a load changes at once, and what gravity does: all else follows from positions and rates, which take a step.
+FORCES = {Kind.CUT_FORCE, Kind.JOINT_FORCE, Kind.EFFORT, Kind.CUT_JOINT_FORCE}
+AT_ONCE = {Kind.ACCELERATION, Kind.POINT_ACCELERATION} | FORCES
+WEIGHED = AT_ONCE | {Kind.POTENTIAL, Kind.ENERGY, Kind.JACOBI}
+
+
 @dataclass(frozen=True, kw_only=True)
 class Sensor:
     """A quantity of a mechanism; made by the methods of ``Body``, ``CutHandle`` and ``Mechanism``."""

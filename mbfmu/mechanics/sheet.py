@@ -165,6 +165,8 @@ def add_sheet(
             raise UserError(f"{key} of {what} is {value!r}; allowed: finite and greater than zero")
     one_of(f"tree of {what}", tree, TREES)
     one_of(f"joint of {what}", joint, JOINTS)
+    if isinstance(supports, Support):
+        raise UserError(f"supports of {what} are {supports!r}; allowed: a list of them")
     for support in supports:
         check_support(what, support)
     plate = Plate(

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import pi
-from typing import Any
+from math import inf, pi
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from solvers.kernel import kernel
 from .numbers import finite, is_finite
 
 POLYNOMIAL, HARMONIC, RUN_UP = 0, 1, 2
+SEEN = 0.3  # longest step, in periods of a sine or durations of a run-up
 
 
 @kernel
@@ -65,6 +66,38 @@ def second(signal: Any, t: float) -> float:
     if signal.kind == RUN_UP:
         return c[1] / c[2] * (1.0 - np.cos(2.0 * np.pi * running(s, c)[0] / c[2]))
     return 2.0 * c[2] + s * 6.0 * c[3]
+
+
+class Varying(NamedTuple):
+    """A signal that varies by itself."""
+
+    kind: int
+    begin: float  # s
+    time: float  # s, a period or a duration
+
+
+def varying(signals: Any) -> list[Varying]:
+    """Return the sines and the run-ups among the records of signals."""
+    found = []
+    for signal in signals:
+        kind, begin = int(signal["kind"]), float(signal["t0"])
+        _, size, time, _ = (abs(float(x)) for x in signal["c"])
+        if kind != POLYNOMIAL and size * time > 0.0:
+            found.append(Varying(kind, begin, 2.0 * pi / time if kind == HARMONIC else time))
+    return found
+
+
+def longest_step(signal: Varying, t: float) -> tuple[float, float]:
+    """Return the longest step from t on that cannot miss how a signal varies, and until when it is the longest, s.
+
+    A solver that looks at a sine once a period, or passes a run-up in one step, sees nothing to be wrong about.
+    """
+    if signal.kind == HARMONIC:
+        return SEEN * signal.time, inf
+    end = signal.begin + signal.time
+    if t < end:
+        return (inf, signal.begin) if t < signal.begin else (SEEN * signal.time, end)
+    return inf, inf
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 import zipfile
@@ -16,17 +17,11 @@ from fmpy.validation import validate_fmu
 from fmus.fourbar import FourBar
 from mbfmu.errors import UserError
 from mbfmu.fmi import Fmu, export
-from mbfmu.fmi.units import base_exponents
 from mbfmu.simulation import Settings
 
 
 def test_validates(fourbar_fmu: Path) -> None:
     assert validate_fmu(str(fourbar_fmu)) == []
-
-
-def test_units_are_parsed() -> None:
-    assert base_exponents("N.m") == {"kg": 1, "m": 2, "s": -2}
-    assert base_exponents("rad/s2") == {"rad": 1, "s": -2}
 
 
 def test_every_variable_says_what_it_is(fourbar_fmu: Path) -> None:
@@ -114,7 +109,7 @@ def test_inputs_and_tunable_parameters_act_between_steps(fourbar_fmu: Path) -> N
     [
         ({"crank_length": -1.0}, "'crank_length' of 'fourbar' is -1.0"),
         ({"ground_length": 50.0}, "loop cannot close"),
-        ({"solver": "euler"}, "solver is 'euler'"),
+        ({"solver": 7}, r"'solver' was set to 7; allowed: 1 \(ida\), 2 \(adams\)"),
         ({"crank.torque": float("nan")}, "'crank.torque' was set to nan"),
         ({"coupler_mass": 0.0, "crank_mass": 0.0, "rocker_mass": 0.0}, "no inertia"),
     ],
@@ -124,7 +119,7 @@ def test_bad_start_values_are_refused_with_a_reason(
 ) -> None:
     with pytest.raises(UserError, match=message):
         Fmu(fourbar_fmu, values)
-    assert message in capfd.readouterr().err
+    assert re.search(message, capfd.readouterr().err)
 
 
 def test_a_start_time_that_is_no_number_is_refused(fourbar_fmu: Path) -> None:
@@ -189,6 +184,8 @@ def test_a_fresh_process_ends_well(fourbar_fmu: Path) -> None:
 
 def test_archive_holds_what_a_user_looks_for(fourbar_fmu: Path) -> None:
     names = zipfile.ZipFile(fourbar_fmu).namelist()
-    assert "documentation/index.html" in names
+    assert {f"documentation/{name}" for name in ("index.html", "licenses/mbfmu.txt", "licenses/pythonfmu.txt")} <= {
+        *names
+    }
     assert "resources/requirements.txt" in names
     assert names == sorted(names)

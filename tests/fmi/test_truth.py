@@ -159,10 +159,10 @@ def test_a_failed_initialization_is_no_success(fourbar_fmu: Path) -> None:
         ("Real", None, 1.0, "value reference 9999 is no variable"),
         ("Real", "energy", 1.0, "'energy' was set to 1.0, but it is an output"),
         ("Real", "crank_length", 1.1, "'crank_length' was set to 1.1, but it is fixed since the initialization"),
-        ("Integer", "gravity", 3, "'gravity', a Real; it was used as that of a Integer"),
+        ("Integer", "gravity", 3, "'gravity', of type Real; it was used as one of type Integer"),
         ("Integer", "coupler_modes", 3, "it is fixed since the export"),
-        ("String", "solver", "ida", "'solver' was set to 'ida', but it is fixed since the initialization"),
-        ("Boolean", "solver.steps", True, "'solver.steps', a Integer; it was used as that of a Boolean"),
+        ("String", "solver", "ida", "'solver', of type Enumeration; it was used as one of type String"),
+        ("Boolean", "solver.steps", True, "'solver.steps', of type Integer; it was used as one of type Boolean"),
     ],
 )
 def test_a_mistake_in_setting_costs_one_step(fmu: Fmu, kind: str, name: str | None, value: object, match: str) -> None:
@@ -180,7 +180,7 @@ def test_reading_what_is_not_there_gives_no_number(fmu: Fmu) -> None:
     assert np.isnan(got[1:]).all()
     refuses_a_step(fmu, "9999 is no variable")
     assert fmu.slave.getInteger([angle]) == [0]
-    refuses_a_step(fmu, "'crank.angle', a Real; it was used as that of a Integer")
+    refuses_a_step(fmu, "'crank.angle', of type Real; it was used as one of type Integer")
     fmu.step(0.01)
 
 

@@ -18,7 +18,7 @@ from scipy.linalg import eigh
 
 from mbfmu.errors import UserError
 from mbfmu.mechanics.checks import whole
-from mbfmu.mechanics.numbers import is_finite
+from mbfmu.mechanics.numbers import finite, is_finite
 
 from .modal import MODES
 
@@ -169,7 +169,7 @@ class Beam:
 
     def shape(self, x: float) -> tuple[Array, Array]:
         """Return deflection and slope (modes,) of every mode at x (m)."""
-        if not 0.0 <= x <= self.length:
+        if not 0.0 <= finite("place on a beam", x) <= self.length:
             raise UserError(f"place on a beam is {x!r} m; allowed: 0 to {self.length}")
         w, slope = self._hermite(x)
         shapes = self._solved[1]

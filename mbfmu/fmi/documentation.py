@@ -1,0 +1,52 @@
+"""What travels in an FMU for people: a page that lists its variables, and the licences of what is in it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+from importlib.metadata import distribution
+
+import mbfmu
+from mbfmu.errors import UserError
+from mbfmu.interface import Role, Variable, columns
+from mbfmu.model import Model
+
+STYLE = (
+    "body{font:15px/1.5 sans-serif;margin:2em auto;max-width:70em;padding:0 1em}"
+    "table{border-collapse:collapse}td,th{padding:.2em .8em;border-bottom:1px solid #ccc;text-align:left}"
+    "td:first-child{font-family:monospace;white-space:nowrap}"
+)
+
+
+def page(model: Model, variables: Sequence[Variable]) -> str:
+    """Return a page that says what the model is and lists every variable."""
+    tables = "".join(_table(role, [v for v in variables if v.role is role]) for role in Role)
+    return (
+        f"<!DOCTYPE html><html lang='en'><head><meta charset='utf-8'><title>{escape(model.name)}</title>"
+        f"<style>{STYLE}</style></head><body><h1>{escape(model.name)}</h1><p>{escape(model.title())}</p>{tables}"
+        f"<p>Made by mbfmu {mbfmu.__version__}, which must be installed in the host's Python.</p></body></html>"
+    )
+
+
+def _table(role: Role, variables: Sequence[Variable]) -> str:
+    if not variables:
+        return ""
+    told = columns(variables)
+    head = "".join(f"<th>{title}</th>" for title in told)
+    rows = "".join(
+        "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>"
+        for row in zip(*told.values(), strict=True)
+    )
+    return f"<h2>{role.plural}</h2><table><tr>{head}</tr>{rows}</table>"
+
+
+def licences() -> dict[str, str]:
+    """Return the texts of the licences of what an FMU contains, by the name of a file."""
+    return {f"{name}.txt": _licence(name) for name in ("mbfmu", "pythonfmu")}
+
+
+def _licence(package: str) -> str:
+    for file in distribution(package).files or ():
+        if file.name.startswith("LICENSE") and ".dist-info" in str(file):
+            return file.read_text()
+    raise UserError(f"package {package!r} is installed without its licence; install it anew")

@@ -1,0 +1,264 @@
+"""The variables of a model at work, in one list: what a host sets and reads, and all that is told about them.
+
+The FMU, its model description, its documentation page and ``mbfmu models`` are written from this list. A variable's
+place in it is its value reference.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from math import inf
+from typing import Any
+
+from mbfmu.audit import VARIABLES
+from mbfmu.errors import UserError
+from mbfmu.mechanics import Plant
+from mbfmu.model import Model, Parameter, declared, span
+from mbfmu.simulation import Settings
+from mbfmu.units import read_unit
+
+COUNTERS = {
+    "steps": "steps taken",
+    "rejected": "steps rejected",
+    "rhs_evals": "evaluations of the equations of motion",
+    "partition_switches": "changes between LU and projection partition",
+    "restarts": "restarts of the integrator",
+    "stability_limited": "steps of adams and hybrid whose length stability set, and not accuracy",
+}
+
+NAME = re.compile(r"[A-Za-z_]\w*(\[\d+(,\d+)*\])?(\.[A-Za-z_]\w*(\[\d+(,\d+)*\])?)*", re.ASCII)
+
+
+class Type(Enum):
+    """Types of FMI 2."""
+
+    REAL = "Real"
+    INTEGER = "Integer"
+    BOOLEAN = "Boolean"
+    STRING = "String"
+    ENUMERATION = "Enumeration"
+
+
+class Role(Enum):
+    """Whose a variable is, in words."""
+
+    PARAMETER = "parameter"
+    SETTING = "setting of the solver"
+    INPUT = "input"
+    OUTPUT = "output"
+    COUNTER = "count of the solver"
+    MESSAGE = "message of the solver"
+
+    @property
+    def plural(self) -> str:
+        """Of several, as a title."""
+        word, *rest = self.value.split(" ", 1)
+        return " ".join([word + "s", *rest]).capitalize()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Variable:
+    """A variable as a host sees it; words are those of FMI 2.
+
+    Attributes
+    ----------
+    index
+        Its number among those of its role.
+    start
+        Value until it is set; of an enumeration the number of the choice, from 1. None: it is calculated.
+    depends_on
+        Names of the inputs that change an output at the moment they are set.
+    """
+
+    name: str
+    role: Role
+    index: int
+    type: Type
+    causality: str
+    variability: str
+    description: str
+    unit: str = "1"
+    start: float | bool | None = None
+    min: float = -inf
+    max: float = inf
+    nominal: float | None = None
+    choices: tuple[str, ...] = ()
+    allowed: str = ""  # in words
+    depends_on: tuple[str, ...] = ()
+
+    @property
+    def display_unit(self) -> str:
+        """What people read it in; empty: its unit."""
+        return "deg" if self.unit == "rad" else ""
+
+    @property
+    def settable(self) -> bool:
+        """Whether a host may ever set it."""
+        return self.causality in ("parameter", "input")
+
+    @property
+    def start_in_words(self) -> str:
+        """Its start for people."""
+        if self.start is None:
+            return ""
+        if self.choices:
+            return self.choices[int(self.start) - 1]
+        return str(self.start).lower() if isinstance(self.start, bool) else f"{self.start:.9g}"
+
+    def number_of(self, choice: str) -> int:
+        """Return the number of a choice; raises UserError where it is none."""
+        if choice not in self.choices:
+            raise UserError(f"{self.name} is {choice!r}; allowed: {', '.join(map(repr, self.choices))}")
+        return self.choices.index(choice) + 1
+
+    def value_of(self, number: float) -> Any:
+        """Return what a number that a host has set stands for, in the type that models and settings take."""
+        if self.choices:
+            return self.choices[int(number) - 1]
+        return {Type.BOOLEAN: bool, Type.INTEGER: int}.get(self.type, float)(number)
+
+
+CHANGES = {"tunable": "between steps", "constant": "not after export"}
+
+
+def columns(variables: Sequence[Variable]) -> dict[str, list[str]]:
+    """Return what is told of variables, by the titles of a table's columns; empty columns are left out."""
+    found = {
+        "name": [v.name for v in variables],
+        "start": [v.start_in_words for v in variables],
+        "unit": ["" if v.unit == "1" else v.unit for v in variables],
+        "allowed": [v.allowed for v in variables],
+        "changes": [CHANGES.get(v.variability, "") for v in variables],
+        "at once with": [", ".join(v.depends_on) for v in variables],
+        "meaning": [v.description for v in variables],
+    }
+    return {title: cells for title, cells in found.items() if any(cells)}
+
+
+def interface(model: Model, settings: Settings, plant: Plant | None = None) -> tuple[Variable, ...]:
+    """Return every variable of a model under these settings; ``plant`` saves building it again.
+
+    Raises
+    ------
+    UserError
+        A name is taken twice or no structured name of FMI, or a unit is unknown.
+    """
+    plant = plant or model.plant()
+    found = (*parameters(model), *solver_settings(settings), *inputs(plant), *outputs(plant), *solver_outputs())
+    check(found)
+    moving = ("input", "output")
+    return tuple(
+        replace(v, nominal=v.nominal or plant.nominal(v.unit)) if v.type is Type.REAL and v.causality in moving else v
+        for v in found
+    )
+
+
+def parameters(model: Model) -> Iterator[Variable]:
+    """Yield the parameters of a model; what decides the structure is constant."""
+    for k, p in enumerate(model.parameters()):
+        variability = "constant" if p.structural else "tunable" if p.tunable else "fixed"
+        yield parameter(p, Role.PARAMETER, k, getattr(model, p.name), variability)
+
+
+def solver_settings(settings: Settings) -> Iterator[Variable]:
+    """Yield the settings; the solver is told by one name, which has the partition in it."""
+    known = [p for p in declared(Settings) if p.name != "partition"]
+    for k, p in enumerate(known):
+        value = settings.name if p.name == "solver" else getattr(settings, p.name)
+        yield parameter(p, Role.SETTING, k, value, "fixed")
+
+
+def parameter(p: Parameter, role: Role, index: int, value: Any, variability: str) -> Variable:
+    """Return what is declared of a parameter, with its value as the start."""
+    kinds = {bool: Type.BOOLEAN, int: Type.INTEGER, float: Type.REAL}
+    constant = variability == "constant"
+    return Variable(
+        name=p.name,
+        role=role,
+        index=index,
+        type=Type.ENUMERATION if p.choices else kinds[type(p.default)],
+        causality="local" if constant else "parameter",
+        variability=variability,
+        description=p.doc,
+        unit=p.unit,
+        start=p.choices.index(value) + 1 if p.choices else value,
+        min=p.min,
+        max=p.max,
+        choices=p.choices,
+        allowed=span(p),
+    )
+
+
+def inputs(plant: Plant) -> Iterator[Variable]:
+    """Yield the inputs."""
+    for k, v in enumerate(plant.inputs.variables):
+        yield Variable(
+            name=v.name,
+            role=Role.INPUT,
+            index=k,
+            type=Type.REAL,
+            causality="input",
+            variability="continuous",
+            description=v.description,
+            unit=v.unit,
+            start=v.start,
+            allowed="any finite number",
+        )
+
+
+def outputs(plant: Plant) -> Iterator[Variable]:
+    """Yield the outputs, and those of the audit."""
+    names = [v.name for v in plant.inputs.variables]
+    reached = [*plant.feedthrough(), *(() for _ in VARIABLES)]
+    for k, (v, at_once) in enumerate(zip((*plant.outputs, *VARIABLES), reached, strict=True)):
+        yield Variable(
+            name=v.name,
+            role=Role.OUTPUT,
+            index=k,
+            type=Type.REAL,
+            causality="output",
+            variability="continuous",
+            description=v.description,
+            unit=v.unit,
+            nominal=v.nominal,
+            depends_on=tuple(names[i] for i in at_once),
+        )
+
+
+def solver_outputs() -> Iterator[Variable]:
+    """Yield what the solver tells of itself."""
+    said = "what went wrong, a stop or a lost energy balance, and what to try; or empty"
+    told = [(name, Role.COUNTER, Type.INTEGER, text) for name, text in COUNTERS.items()]
+    for k, (name, role, kind, text) in enumerate([*told, ("message", Role.MESSAGE, Type.STRING, said)]):
+        yield Variable(
+            name=f"solver.{name}",
+            role=role,
+            index=k if role is Role.COUNTER else 0,
+            type=kind,
+            causality="output",
+            variability="discrete",
+            description=text,
+        )
+
+
+def check(variables: tuple[Variable, ...]) -> None:
+    """Refuse names that a host cannot read or that are taken, and units that nobody knows."""
+    seen: dict[str, Variable] = {}
+    for v in variables:
+        what = f"the {v.role.value} {v.name!r}"
+        if not NAME.fullmatch(v.name):
+            raise UserError(
+                f"{what} cannot be named so in an FMU; allowed: letters, digits and _, with dots between parts and "
+                "indices such as [1,2]"
+            )
+        if v.name == "time" or v.name in seen:
+            other = "the time" if v.name == "time" else f"the {seen[v.name].role.value}"
+            raise UserError(f"{what} is named as {other}; give it another name")
+        seen[v.name] = v
+        try:
+            read_unit(v.unit)
+        except UserError as error:
+            raise UserError(f"{what}: {error}") from error
