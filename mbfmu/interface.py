@@ -13,6 +13,8 @@ from enum import Enum
 from math import inf
 from typing import Any
 
+import numpy as np
+
 from mbfmu.audit import VARIABLES
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Plant
@@ -173,13 +175,16 @@ def solver_settings(settings: Settings) -> Iterator[Variable]:
 
 def parameter(p: Parameter, role: Role, index: int, value: Any, variability: str) -> Variable:
     """Return what is declared of a parameter, with its value as the start."""
-    kinds = {bool: Type.BOOLEAN, int: Type.INTEGER, float: Type.REAL}
+    kinds = ((bool, Type.BOOLEAN), (int, Type.INTEGER), (np.integer, Type.INTEGER), (float, Type.REAL))
+    kind = next((found for python, found in kinds if isinstance(p.default, python)), None)
+    if kind is None and not p.choices:
+        raise UserError(f"parameter {p.name!r} has the default {p.default!r}; allowed: a number, or text with choices")
     constant = variability == "constant"
     return Variable(
         name=p.name,
         role=role,
         index=index,
-        type=Type.ENUMERATION if p.choices else kinds[type(p.default)],
+        type=kind if kind and not p.choices else Type.ENUMERATION,
         causality="local" if constant else "parameter",
         variability=variability,
         description=p.doc,

@@ -47,7 +47,7 @@ from .multistep import (
     split,
     unwind,
 )
-from .one_step import NODES, STAGES, change_step, count_start, error_of_step, keep_stage, stage, stop_at, take_step
+from .one_step import NODES, STAGES, change_step, error_of_step, keep_stage, stage, stop_at, take_step
 from .partition import NOT_CLOSED, OK, acceleration, close, close_to_crossing, multipliers, settle, unresolved
 from .singular import MISS, SINGULAR, note, passed, step_bound
 from .workspace import factor
@@ -160,6 +160,7 @@ def settle_down(eqs: Any, c: Any, o: Any, H: Any, work: Any) -> int:
         if not choose(eqs.terms, c.rank, work):
             return NOT_CLOSED
         take_choice(eqs.terms, c, H, work)
+    c.equal, c.h_before = 0, 0.0
     return OK
 
 
@@ -167,14 +168,18 @@ def settle_down(eqs: Any, c: Any, o: Any, H: Any, work: Any) -> int:
 def clear_way(c: Any, work: Any, target: float) -> bool:
     """Whether no singular position lies beside the way to ``target``: a step may end there."""
     here = work.course[0]
-    if c.rank == 0 or c.placed == 0:
+    if c.rank == 0:
         return True
+    if c.regime == LU:
+        return c.pivot == 0.0 or c.pivot >= CLEAR * SINGULAR
     return work.critical[0].kind != MISS and here.ratio >= CLEAR * SINGULAR and here.ahead >= CLEAR * (target - c.t)
 
 
 @kernel
 def prepare(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
-    """Take y' at y, in ``H.yp``; where no step has just ended there close y and choose coordinates first."""
+    """Take y' at y, in ``H.yp`` and as the first stage; where no single step has just ended there close y and choose
+    coordinates first.
+    """
     q, v = work.q, work.v
     split(H.y, q, v)
     if c.placed == 0:
@@ -186,18 +191,10 @@ def prepare(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
     if code == OK:
         book(eqs, c, o, scales)
         H.yp[H.y.shape[0] - 1] = power(eqs, c.t, c, o, H, work)
-        weigh(c, o, H, q.shape[0], v.shape[0], work)
-        c.equal, c.h_before = 0, 0.0
-        count_start(c)
-    return code
-
-
-@kernel
-def start(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
-    """Begin a history of order 1 at y."""
-    code = prepare(eqs, c, o, H, work, scales)
-    if code == OK:
-        begin(c, H, o.max_step, work.rate[0])
+        keep_stage(H, 0)
+        c.starts += 1
+        c.h = c.single if c.single > 0.0 else FIRST_SINGLE / work.rate[0]
+        c.renew = 0
     return code
 
 
@@ -208,12 +205,6 @@ def single_step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target
     Its stages are off the constraints by what the formulas leave, its end is closed.
     """
     q, v, last = work.q, work.v, H.y.shape[0] - 1
-    if c.renew == 1:
-        code = prepare(eqs, c, o, H, work, scales)
-        if code != OK:
-            return code
-        keep_stage(H, 0)
-        c.h = c.single if c.single > 0.0 else FIRST_SINGLE / work.rate[0]
     weigh(c, o, H, q.shape[0], v.shape[0], work)
     while True:
         c.h = min(c.h, o.max_step)
@@ -243,6 +234,7 @@ def single_step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target
         c.rejected += 1
         change_step(c, error)
         if not c.h > SMALLEST_STEP * max(1.0 / work.rate[0], abs(c.t)):
+            c.single = 0.0
             return COLLAPSED if code == OK else code
 
 
@@ -334,13 +326,18 @@ def advance(eqs: Any, settings: Any, H: Any, work: Any, scales: Any, target: flo
         if taken >= o.max_steps:
             code = MAX_STEPS
             break
-        if c.singles > 0 and clear_way(c, work, target):
+        if c.start == 1 and (c.renew == 1 or c.placed == 0):
+            code = prepare(eqs, c, o, H, work, scales)
+            if code != OK:
+                break
+        if c.start == 1 and c.singles > 0 and clear_way(c, work, target):
             code = single_step(eqs, c, o, H, work, scales, target)
         else:
             if c.start == 1:
-                code = start(eqs, c, o, H, work, scales)
-            if code == OK:
-                code = step(eqs, c, o, H, work, scales)
+                c.singles = 0
+                weigh(c, o, H, q.shape[0], v.shape[0], work)
+                begin(c, H, o.max_step, work.rate[0])
+            code = step(eqs, c, o, H, work, scales)
         if code != OK:
             break
         taken += 1

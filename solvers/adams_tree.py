@@ -37,7 +37,7 @@ from .multistep import (
     predict,
     split,
 )
-from .one_step import NODES, STAGES, change_step, count_start, error_of_step, keep_stage, stage, stop_at, take_step
+from .one_step import NODES, STAGES, change_step, error_of_step, keep_stage, stage, stop_at, take_step
 from .outcome import Code
 from .partition import NO_MASS, NOT_FINITE, OK
 from .saddle import Motion, rate_of_motion
@@ -104,14 +104,16 @@ def book(eqs: Any, t: float, c: Any, o: Any, scales: Any, s: Any) -> None:
 
 @kernel
 def prepare(eqs: Any, c: Any, o: Any, H: Any, atol: Any, s: Any, scales: Any) -> int:
-    """Take y' at y, in ``H.yp``."""
+    """Take y' at y, in ``H.yp`` and as the first stage."""
     split(H.y, s.q, s.v)
     code = differentiate(eqs, c.t, c, H, s)
     if code == OK:
-        count_start(c)
+        c.starts += 1
         H.yp[H.y.shape[0] - 1] = power(eqs, c.t, o, s)
         book(eqs, c.t, c, o, scales, s)
-        weigh(o, H, atol)
+        keep_stage(H, 0)
+        c.h = c.single if c.single > 0.0 else FIRST_SINGLE / o.rate
+        c.renew = 0
     return code
 
 
@@ -119,12 +121,6 @@ def prepare(eqs: Any, c: Any, o: Any, H: Any, atol: Any, s: Any, scales: Any) ->
 def single_step(eqs: Any, c: Any, o: Any, H: Any, atol: Any, s: Any, scales: Any, target: float) -> int:
     """One step by the formulas of :mod:`solvers.one_step`, not past ``target``; or why there is none."""
     last = H.y.shape[0] - 1
-    if c.renew == 1:
-        code = prepare(eqs, c, o, H, atol, s, scales)
-        if code != OK:
-            return code
-        keep_stage(H, 0)
-        c.h = c.single if c.single > 0.0 else FIRST_SINGLE / o.rate
     weigh(o, H, atol)
     while True:
         c.h = min(c.h, o.max_step)
@@ -151,6 +147,7 @@ def single_step(eqs: Any, c: Any, o: Any, H: Any, atol: Any, s: Any, scales: Any
         c.rejected += 1
         change_step(c, error)
         if not c.h > SMALLEST_STEP * max(1.0 / o.rate, abs(c.t)):
+            c.single = 0.0
             return COLLAPSED if code == OK else code
 
 
@@ -196,13 +193,15 @@ def advance(
         if taken >= o.max_steps:
             code = MAX_STEPS
             break
-        if c.singles > 0:
+        if c.start == 1 and (c.renew == 1 or c.placed == 0):
+            code = prepare(eqs, c, o, H, atol, s, scales)
+            if code != OK:
+                break
+        if c.start == 1 and c.singles > 0:
             code = single_step(eqs, c, o, H, atol, s, scales, target)
         else:
             if c.start == 1:
-                code = prepare(eqs, c, o, H, atol, s, scales)
-                if code != OK:
-                    break
+                weigh(o, H, atol)
                 begin(c, H, o.max_step, o.rate)
             code = step(eqs, c, o, H, atol, s, scales)
         if code != OK:

@@ -45,16 +45,16 @@ class ExplicitStepper(Stepper):
     def restart(self) -> None:
         """Begin a new history at the reported state with the next step."""
         c = self._control
-        if c["t"][0] != self._t or not self.status.ok:
-            c["placed"] = 0
-        c["t"], c["start"], c["singles"] = self._t, 1, 0
+        c["t"], c["start"], c["singles"], c["renew"], c["placed"] = self._t, 1, 0, 0, 0
         self._book_works()
         self._history.y[:] = np.concatenate((self._q, self._v, self._ledger[[WORK]]))
 
     def renew(self) -> None:
         """Go on in steps that need no history and end at the time asked for: the next change may come there."""
+        c = self._control
+        placed = c["placed"][0] if c["t"][0] == self._t and self.status.ok else 0
         self.restart()
-        self._control["singles"], self._control["renew"] = SINGLES, 1
+        c["singles"], c["renew"], c["placed"] = SINGLES, 1, placed
 
     def jump(self, dv: Array) -> None:
         """Add dv (n,) to the reported velocities, and go on as after :meth:`renew`."""
@@ -110,6 +110,7 @@ class AdamsStepper(ExplicitStepper, DenseStepper):
 
     def _sample(self, times: Array, out: Samples) -> int:
         own = self._eqs, self._settings, self._held, self._work, self._scales
+        self._control["dark"] = 0
         code, done = adams.sample(*own, times, *out)
         last = min(done, len(times) - 1)
         self._t = min(float(times[last]), float(self._control["t"][0]))

@@ -41,6 +41,7 @@ BELOW = 0.2  # part of a near miss's gap that the residual of a step beside it m
 LESS = 1e-4  # of D beside a near miss, where redundant rows are all that needs it
 NOISE = 3e-16  # relative rounding of a residual
 STOPS = 12  # times asked for at which steps end after a load has changed at one: another change is likely
+HIGH = 3.0  # ramp of the velocities, in units of them and of their absolute tolerance to the relative one
 SHORTER = 0.25  # of a step that was taken back may be gone at once
 
 
@@ -153,8 +154,8 @@ class IDAStepper(IDADriver, DenseStepper):
         zeros = np.zeros(s.m)
         y = np.concatenate((self._q, self._v, lam * w.row, zeros))
         yp = np.concatenate((self._terms.qdot, a, zeros, zeros))
-        self._ida.init_step(self._t, y, yp)
         u.at[:], u.lift[:] = np.nan, 0.0
+        self._ida.init_step(self._t, y, yp)
         u.asked[0], self._works = 0.0, s.works()
         u.columns[:], u.rows[:] = self._scaling()
         self._begun_here()
@@ -207,9 +208,20 @@ class IDAStepper(IDADriver, DenseStepper):
     def renew(self) -> None:
         """Go on with IDA's history where its last step ends at the reported time; let the next ones end where asked."""
         keeps = not self._pending and self._passed == self._t and self.status.ok
-        if not (keeps and self._tied()):
+        if not (keeps and self._ramp_is_low(self._t) and self._tied()):
             self.restart()
         self._stops = STOPS
+
+    def _ramp_is_low(self, t: float) -> bool:
+        """Whether IDA's unknowns are of the size of the velocities until t (s): relative tolerances are of them."""
+        u = self._unknowns
+        ramp = u.lift[0] + (t - u.since[0]) * u.lift[1]
+        return bool(np.all(np.abs(ramp) <= HIGH * (np.abs(self._v) + self._units.pace * self.system.size)))
+
+    def _advance(self, t: float) -> Code:
+        if self._unknowns.lift[1].any() and not self._ramp_is_low(t):
+            self.restart()
+        return super()._advance(t)
 
     def _tied(self) -> bool:
         """Let IDA's history go on to today's accelerations, and the books begin another piece; False: they are none."""

@@ -33,8 +33,8 @@ CONTROL = np.dtype(
         ("t", "f8"), ("h", "f8"), ("hold", "f8"),  # time reached, next step, last step
         ("k", "i8"), ("kold", "i8"), ("ns", "i8"),  # next order, last order, steps taken with h
         ("phase1", "i8"), ("start", "i8"),  # still doubling and raising; history to be built from y
-        ("singles", "i8"), ("single", "f8"), ("renew", "i8"),  # of solvers.one_step: steps yet to take, their length as
-        ("placed", "i8"),  # accuracy allows it, y' to be taken anew at y; such a step has ended at y
+        ("singles", "i8"), ("single", "f8"),  # steps without history yet to take, and how long accuracy lets them be
+        ("renew", "i8"), ("placed", "i8"),  # y' at y is to be taken anew; such a step has ended at y
         ("knew", "i8"), ("erk", "f8"), ("erkm1", "f8"), ("erkm2", "f8"),  # order and error estimates of this step
         ("psi", "f8", ROWS),  # sums of steps, s
         ("alpha", "f8", ROWS), ("beta", "f8", ROWS), ("sig", "f8", ROWS), ("v", "f8", ROWS), ("w", "f8", ROWS),

@@ -86,13 +86,6 @@ def stop_at(c: Any, target: float) -> None:
 
 
 @inlined
-def count_start(c: Any) -> None:
-    """Count a new start, but not where formulas with a history take over from these."""
-    if c.renew == 1 or c.placed == 0:
-        c.starts += 1
-
-
-@inlined
 def take_step(c: Any, H: Any, target: float, error: float) -> None:
     """Accept ``H.trial``, whose y' is ``H.yp``, as y; the next step is as long as accuracy allows."""
     last = H.y.shape[0] - 1
@@ -112,4 +105,4 @@ def take_step(c: Any, H: Any, target: float, error: float) -> None:
         c.h = max(c.h, c.single)
     c.single = c.h
     c.singles -= 1
-    c.start, c.renew, c.placed = 1, 0, 1
+    c.start, c.renew, c.placed, c.kold = 1, 0, 1, 5

@@ -235,6 +235,7 @@ class Stepper(ABC):
     def return_to(self, place: Reported) -> None:
         """Make a state that was reported before the reported one: an advance from it is taken back."""
         self._t, self._q[:], self._v[:], self._ledger[:] = place
+        self.dark_at = math.nan
         self.status = self._status(Code.OK)
         self.renew()
 
@@ -275,7 +276,13 @@ class Stepper(ABC):
         code, a, lam = self._evaluate()
         if code is not Code.OK:
             raise SolverError(self._status(code))
+        if self._dark():
+            self.dark_at = self._t
         return a, lam
+
+    def _dark(self) -> bool:
+        """Whether forces that were just evaluated are not resolved."""
+        return False
 
     @abstractmethod
     def _evaluate(self) -> tuple[Code, Array, Array]:
@@ -312,6 +319,8 @@ class Stepper(ABC):
             if code is not Code.OK:
                 self.status = self._status(code)
                 return i
+            if self._dark():
+                self.dark_at = self._t
         return len(times)
 
     @abstractmethod
@@ -323,7 +332,7 @@ class Stepper(ABC):
         self.restart()
 
     def jump(self, dv: Array) -> None:
-        """Add dv (n,) to the reported velocities, and restart."""
+        """Add dv (n,) to the reported velocities, and go on anew."""
         self._v += sized("dv", dv, len(self._v))
         self.restart()
 
@@ -339,7 +348,7 @@ class Stepper(ABC):
     def restore(self, data: bytes) -> None:
         """Go back to where ``data`` was saved: bit for bit where the arrays hold the solver's history."""
         unpack(data, self._arrays())
-        self._t = float(self._reported[0])
+        self._t, self.dark_at = float(self._reported[0]), math.nan
         self.status = self._status(Code.OK)
 
     @property
@@ -401,9 +410,10 @@ class DenseStepper(Stepper):
     def _evaluate(self) -> tuple[Code, Array, Array]:
         a, lam = np.zeros(self.system.n), np.zeros(self.system.m)
         code = evaluate(self._eqs, self._t, self._q, self._v, self._rank, self._work, a, lam)
-        if unresolved(self.options.rtol, self._rank, self._work):
-            self.dark_at = self._t
         return Code(code), a, lam
+
+    def _dark(self) -> bool:
+        return bool(unresolved(self.options.rtol, self._rank, self._work))
 
 
 def sized(name: str, values: Array, size: int) -> Array:

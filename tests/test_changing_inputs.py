@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from fmus.fourbar import FourBar
+from mbfmu.mechanics import Input, JointForce, JointSpring, Mechanism, Revolute, Translational
+from mbfmu.model import Model
 from mbfmu.simulation import Settings, Simulation
 
 START, END = 0.4, 1.0
@@ -83,6 +85,64 @@ def test_ida_keeps_its_history_across_changes(tolerance: float) -> None:
     assert off(simulation, goal) < max(1e-5, 20.0 * tolerance) if tolerance > 1e-7 else off(simulation, goal) < 5e-7
     assert simulation.statistics.restarts <= 5
     assert simulation.statistics.rhs_evals <= 10_000  # of 1000 points
+    assert simulation.verdict == ""
+
+
+def test_the_ramp_of_ida_does_not_rise_for_ever() -> None:
+    """A torque that stays but for a little noise, against a damper: the speed settles, the ramp would not."""
+
+    def build() -> Mechanism:
+        m = Mechanism()
+        wheel = m.body("wheel", m.ground, Revolute(), mass=1.0, inertia=(1.0, 1.0, 1.0))
+        m.force("motor", JointForce(magnitude=Input(name="torque", unit="N.m")), wheel)
+        m.force("brake", JointSpring(damping=1.0), wheel)
+        m.output("speed", wheel.rate())
+        return m
+
+    class Wheel(Model):
+        """A braked wheel."""
+
+        def build(self) -> Mechanism:
+            return build()
+
+    simulation = Simulation(Wheel(), Settings(solver="ida", tolerance=1e-6))
+    speed, step = 0.0, 0.05
+    for k in range(4000):
+        torque = 10.0 * (k > 0) + 1e-3 * (k % 2)
+        simulation.set_input("torque", torque)
+        simulation.advance((k + 1) * step)
+        speed = torque + (speed - torque) * np.exp(-step)
+        if k % 500 == 499:
+            assert simulation.stepper.v[0] == pytest.approx(speed, rel=2e-5)
+    assert simulation.verdict == ""
+    assert simulation.statistics.restarts < 400
+
+
+def test_one_change_before_ten_thousand_points() -> None:
+    """An oscillator that is loaded once goes on to be as exact as one that never was, however the host steps."""
+    stiffness, load, step = 4.0, 3.0, 0.01
+
+    class Swinging(Model):
+        """A mass on a spring."""
+
+        def build(self) -> Mechanism:
+            m = Mechanism()
+            mass = m.body("mass", m.ground, Translational(axis="x"), mass=1.0)
+            m.force("spring", JointSpring(stiffness=stiffness), mass)
+            m.force("load", JointForce(magnitude=Input(name="load", unit="N")), mass)
+            m.output("x", mass.coordinate())
+            return m
+
+    simulation = Simulation(Swinging(), Settings(solver="ida", tolerance=1e-8))
+    for k in range(10_000):
+        if k in (10, 11):  # the first change restarts, the second one is carried over
+            simulation.set_input("load", load if k == 11 else 0.5 * load)
+        simulation.advance((k + 1) * step)
+    omega = np.sqrt(stiffness)
+    first, second = 10 * step, 11 * step
+    end = 10_000 * step
+    exact = 0.5 * load / stiffness * (2.0 - np.cos(omega * (end - first)) - np.cos(omega * (end - second)))
+    assert simulation.stepper.q[0] == pytest.approx(exact, abs=2e-5)
     assert simulation.verdict == ""
 
 

@@ -107,7 +107,8 @@ def test_the_longest_step_sees_every_signal() -> None:
     assert plant.system.resolves(0.7) == (pytest.approx(0.06), np.inf)
     assert varying(plant.data.arrays.signals)[0].time == pytest.approx(0.2)
     run_up = Varying(kind=2, begin=1.0, time=0.5)
-    assert longest_step(run_up, 0.0) == (np.inf, 1.0)
+    assert longest_step(run_up, 0.0) == (0.5, 0.5)
+    assert longest_step(run_up, 0.9) == (pytest.approx(0.15), 1.5)
     assert longest_step(run_up, 1.2) == (pytest.approx(0.15), 1.5)
     assert longest_step(run_up, 1.5) == (np.inf, np.inf)
 

@@ -117,7 +117,7 @@ def _enumerations(variables: Iterable[Variable]) -> Iterable[Element]:
 
 
 def _type_name(v: Variable) -> str:
-    return f"{v.name}_choice"
+    return f"choice of {v.name}"  # no variable has a blank in its name
 
 
 def _variable(parent: Element, reference: int, v: Variable) -> None:

@@ -22,6 +22,7 @@ import mbfmu
 from mbfmu.errors import UserError
 from mbfmu.interface import interface
 from mbfmu.model import Model
+from mbfmu.native import communication_points
 from mbfmu.simulation import Settings
 
 from .description import Experiment
@@ -91,10 +92,11 @@ def export(
     plant.assemble()  # what cannot start is not exported
     variables = interface(model, settings, plant)
     experiment = Experiment(
-        stop_time=stop_time or model.stop_time,
-        step_size=output_interval or model.output_interval,
+        stop_time=model.stop_time if stop_time is None else stop_time,
+        step_size=model.output_interval if output_interval is None else output_interval,
         tolerance=settings.tolerance,
     )
+    communication_points(experiment.stop_time, experiment.step_size)  # refuses what is no time
     if path.suffix != ".fmu":
         raise UserError(f"FMU file is {str(path)!r}; its name must end in .fmu")
     if not path.parent.is_dir():

@@ -95,9 +95,11 @@ def longest_step(signal: Varying, t: float) -> tuple[float, float]:
     if signal.kind == HARMONIC:
         return SEEN * signal.time, inf
     end = signal.begin + signal.time
-    if t < end:
-        return (inf, signal.begin) if t < signal.begin else (SEEN * signal.time, end)
-    return inf, inf
+    shortest = SEEN * signal.time
+    if t < signal.begin - shortest:
+        half = 0.5 * (signal.begin - t)
+        return half, t + half
+    return (shortest, end) if t < end else (inf, inf)
 
 
 @dataclass(frozen=True)
