@@ -93,7 +93,6 @@ class ThrottledEngine(Fmi2Slave):  # type: ignore[misc]
             Variable(
                 name=name,
                 role=Role(causality.name),
-                index=k,
                 type=Type.REAL,
                 causality=causality.name,
                 variability=VARIABILITY[causality].name,
@@ -102,7 +101,7 @@ class ThrottledEngine(Fmi2Slave):  # type: ignore[misc]
                 start=None if causality == Fmi2Causality.output else getattr(self, name),
             )
             for causality, variables in VARIABLES.items()
-            for k, (name, (unit, text)) in enumerate(variables.items())
+            for name, (unit, text) in variables.items()
         ]
         identity = Identity(
             name="throttled_engine",

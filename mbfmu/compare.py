@@ -15,7 +15,8 @@ from mbfmu.errors import UserError
 from mbfmu.model import Model
 from mbfmu.native import Result, communication_points, run
 from mbfmu.scene import Scene
-from mbfmu.simulation import Settings, Simulation
+from mbfmu.settings import Settings
+from mbfmu.simulation import Simulation
 from mbfmu.table import table
 from solvers.system import TreeSystem
 

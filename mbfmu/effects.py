@@ -18,7 +18,8 @@ from mbfmu.equilibrium import equilibrium
 from mbfmu.errors import EquilibriumError, UserError
 from mbfmu.mechanics import Plant
 from mbfmu.model import Model
-from mbfmu.simulation import Settings, Simulation
+from mbfmu.settings import Settings
+from mbfmu.simulation import Simulation
 from mbfmu.steady import GROWTH
 from mbfmu.table import table
 from solvers.bundle import bundle

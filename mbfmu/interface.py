@@ -15,11 +15,12 @@ from typing import Any
 
 import numpy as np
 
+from mbfmu import mechanics
 from mbfmu.audit import VARIABLES
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Plant
 from mbfmu.model import Model, Parameter, declared, span
-from mbfmu.simulation import Settings
+from mbfmu.settings import Settings
 from mbfmu.units import read_unit
 
 COUNTERS = {
@@ -67,8 +68,6 @@ class Variable:
 
     Attributes
     ----------
-    index
-        Its number among those of its role.
     start
         Value until it is set; of an enumeration the number of the choice, from 1. None: it is calculated.
     depends_on
@@ -77,7 +76,6 @@ class Variable:
 
     name: str
     role: Role
-    index: int
     type: Type
     causality: str
     variability: str
@@ -109,12 +107,6 @@ class Variable:
         if self.choices:
             return self.choices[int(self.start) - 1]
         return str(self.start).lower() if isinstance(self.start, bool) else f"{self.start:.9g}"
-
-    def number_of(self, choice: str) -> int:
-        """Return the number of a choice; raises UserError where it is none."""
-        if choice not in self.choices:
-            raise UserError(f"{self.name} is {choice!r}; allowed: {', '.join(map(repr, self.choices))}")
-        return self.choices.index(choice) + 1
 
     def value_of(self, number: float) -> Any:
         """Return what a number that a host has set stands for, in the type that models and settings take."""
@@ -151,29 +143,28 @@ def interface(model: Model, settings: Settings, plant: Plant | None = None) -> t
     plant = plant or model.plant()
     found = (*parameters(model), *solver_settings(settings), *inputs(plant), *outputs(plant), *solver_outputs())
     check(found)
-    moving = ("input", "output")
     return tuple(
-        replace(v, nominal=v.nominal or plant.nominal(v.unit)) if v.type is Type.REAL and v.causality in moving else v
+        replace(v, nominal=v.nominal or plant.nominal(v.unit)) if v.role in (Role.INPUT, Role.OUTPUT) else v
         for v in found
     )
 
 
 def parameters(model: Model) -> Iterator[Variable]:
     """Yield the parameters of a model; what decides the structure is constant."""
-    for k, p in enumerate(model.parameters()):
+    for p in model.parameters():
         variability = "constant" if p.structural else "tunable" if p.tunable else "fixed"
-        yield parameter(p, Role.PARAMETER, k, getattr(model, p.name), variability)
+        yield parameter(p, Role.PARAMETER, getattr(model, p.name), variability)
 
 
 def solver_settings(settings: Settings) -> Iterator[Variable]:
     """Yield the settings; the solver is told by one name, which has the partition in it."""
-    known = [p for p in declared(Settings) if p.name != "partition"]
-    for k, p in enumerate(known):
-        value = settings.name if p.name == "solver" else getattr(settings, p.name)
-        yield parameter(p, Role.SETTING, k, value, "fixed")
+    for p in declared(Settings):
+        if p.name != "partition":
+            value = settings.name if p.name == "solver" else getattr(settings, p.name)
+            yield parameter(p, Role.SETTING, value, "fixed")
 
 
-def parameter(p: Parameter, role: Role, index: int, value: Any, variability: str) -> Variable:
+def parameter(p: Parameter, role: Role, value: Any, variability: str) -> Variable:
     """Return what is declared of a parameter, with its value as the start."""
     kinds = ((bool, Type.BOOLEAN), (int, Type.INTEGER), (np.integer, Type.INTEGER), (float, Type.REAL))
     kind = next((found for python, found in kinds if isinstance(p.default, python)), None)
@@ -183,7 +174,6 @@ def parameter(p: Parameter, role: Role, index: int, value: Any, variability: str
     return Variable(
         name=p.name,
         role=role,
-        index=index,
         type=kind if kind and not p.choices else Type.ENUMERATION,
         causality="local" if constant else "parameter",
         variability=variability,
@@ -199,49 +189,41 @@ def parameter(p: Parameter, role: Role, index: int, value: Any, variability: str
 
 def inputs(plant: Plant) -> Iterator[Variable]:
     """Yield the inputs."""
-    for k, v in enumerate(plant.inputs.variables):
-        yield Variable(
-            name=v.name,
-            role=Role.INPUT,
-            index=k,
-            type=Type.REAL,
-            causality="input",
-            variability="continuous",
-            description=v.description,
-            unit=v.unit,
-            start=v.start,
-            allowed="any finite number",
-        )
+    for v in plant.inputs.variables:
+        yield moving(v, Role.INPUT, start=v.start, allowed="any finite number")
 
 
 def outputs(plant: Plant) -> Iterator[Variable]:
     """Yield the outputs, and those of the audit."""
     names = [v.name for v in plant.inputs.variables]
     reached = [*plant.feedthrough(), *(() for _ in VARIABLES)]
-    for k, (v, at_once) in enumerate(zip((*plant.outputs, *VARIABLES), reached, strict=True)):
-        yield Variable(
-            name=v.name,
-            role=Role.OUTPUT,
-            index=k,
-            type=Type.REAL,
-            causality="output",
-            variability="continuous",
-            description=v.description,
-            unit=v.unit,
-            nominal=v.nominal,
-            depends_on=tuple(names[i] for i in at_once),
-        )
+    for v, at_once in zip((*plant.outputs, *VARIABLES), reached, strict=True):
+        yield moving(v, Role.OUTPUT, depends_on=tuple(names[i] for i in at_once))
+
+
+def moving(v: mechanics.Variable, role: Role, **told: Any) -> Variable:
+    """Return an input or output of a plant, with what else is told of it."""
+    return Variable(
+        name=v.name,
+        role=role,
+        type=Type.REAL,
+        causality=role.value,
+        variability="continuous",
+        description=v.description,
+        unit=v.unit,
+        nominal=v.nominal,
+        **told,
+    )
 
 
 def solver_outputs() -> Iterator[Variable]:
     """Yield what the solver tells of itself."""
     said = "what went wrong, a stop or a lost energy balance, and what to try; or empty"
     told = [(name, Role.COUNTER, Type.INTEGER, text) for name, text in COUNTERS.items()]
-    for k, (name, role, kind, text) in enumerate([*told, ("message", Role.MESSAGE, Type.STRING, said)]):
+    for name, role, kind, text in [*told, ("message", Role.MESSAGE, Type.STRING, said)]:
         yield Variable(
             name=f"solver.{name}",
             role=role,
-            index=k if role is Role.COUNTER else 0,
             type=kind,
             causality="output",
             variability="discrete",

@@ -25,7 +25,7 @@ from typing import Any
 from mbfmu.errors import UserError
 from mbfmu.model import Model, declared, find, suggest
 from mbfmu.native import MOST
-from mbfmu.simulation import Settings
+from mbfmu.settings import Settings
 
 SETTINGS = tuple(p.name for p in declared(Settings))
 KEYS = ("model", *SETTINGS, "stop_time", "output_interval", "parameters")

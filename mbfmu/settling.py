@@ -15,7 +15,8 @@ import numpy as np
 
 from mbfmu.equilibrium import Balance
 from mbfmu.model import Model
-from mbfmu.simulation import Settings, Simulation
+from mbfmu.settings import Settings
+from mbfmu.simulation import Simulation
 from mbfmu.table import table
 
 SOLVER_NAMES = ("ida", "adams", "hybrid")

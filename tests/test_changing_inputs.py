@@ -10,7 +10,16 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from fmus.fourbar import FourBar
-from mbfmu.mechanics import Input, JointForce, JointSpring, Mechanism, Revolute, Translational
+from mbfmu.mechanics import (
+    Input,
+    JointForce,
+    JointSpring,
+    Mechanism,
+    Revolute,
+    RevoluteCut,
+    Translational,
+    rod,
+)
 from mbfmu.model import Model
 from mbfmu.simulation import Settings, Simulation
 
@@ -162,6 +171,57 @@ def test_a_jump_after_a_long_rest_is_one_of_few(solver: str) -> None:
     assert off(simulation, goal) < 5e-6
     assert simulation.statistics.steps < 700
     assert simulation.verdict == ""
+
+
+class Cranks(Model):
+    """Three equal cranks on one bar, so that a cut joint's rows are redundant; of any size."""
+
+    length = 1.0
+
+    def build(self) -> Mechanism:
+        length, m = self.length, Mechanism(gravity=(0.0, -9.81, 0.0))
+        first = m.body("first", m.ground, Revolute(start=0.7, fixed=True), **rod(mass=1.0, length=length))
+        bar = m.body("bar", first, Revolute(at=(length, 0.0, 0.0), start=-0.7), **rod(mass=2.0, length=3.0 * length))
+        m.force("motor", JointForce(magnitude=Input(name="torque", unit="N.m")), first)
+        for k in (1, 2):
+            at = (1.5 * k * length, 0.0, 0.0)
+            crank = m.body(f"crank{k}", m.ground, Revolute(at=at, start=0.7), **rod(mass=1.0, length=length))
+            m.cut(f"pin{k}", RevoluteCut(at_a=at, at_b=(length, 0.0, 0.0)), bar, crank)
+        m.output("angle", first.angle())
+        return m
+
+
+class SmallCranks(Cranks):
+    """A thousandth."""
+
+    length = 1e-3
+
+
+class LargeCranks(Cranks):
+    """A thousand times."""
+
+    length = 1e3
+
+
+@pytest.mark.parametrize("solver", ["adams", "hybrid", "ida"])
+@pytest.mark.parametrize("model", [SmallCranks(), Cranks(), LargeCranks()], ids=["1 mm", "1 m", "1 km"])
+def test_redundant_cranks_of_any_size(model: Cranks, solver: str) -> None:
+    """The bar translates: three cranks of m l^2 / 3 and its mass; against SciPy under the torque as it was held."""
+    length, step, points = model.length, 0.02 * np.sqrt(model.length), 15
+    inertia, weight = 3.0 * length**2, (3.0 * 0.5 + 2.0) * 9.81 * length
+    simulation = Simulation(model, Settings(solver=solver, tolerance=1e-6))
+    y: NDArray[np.float64] = np.array([0.7, 0.0])
+    for k in range(points):
+        held = float(40.0 * length * np.sin(0.18 * k))
+
+        def rates(_t: float, y: NDArray[np.float64], held: float = held) -> list[float]:
+            return [y[1], (held - weight * np.cos(y[0])) / inertia]
+
+        y = solve_ivp(rates, (0.0, step), y, rtol=1e-11, atol=1e-13, method="DOP853").y[:, -1]
+        simulation.set_input("torque", held)
+        assert simulation.advance((k + 1) * step).ok
+    assert simulation.outputs()[0] == pytest.approx(y[0], abs=1e-5)
+    assert simulation.warning == ""
 
 
 @pytest.mark.parametrize("solver", ["adams", "hybrid"])

@@ -100,6 +100,8 @@ def test_a_short_run_up_sets_a_hanging_mass_swinging(duration: float, solver: st
     assert abs(end) > 0.05
     assert result["x"][-1] == pytest.approx(end, abs=2e-5)
     assert result.warning == ""
+    long_before = run(Made(make=build), Settings(solver=solver, tolerance=1e-6), np.array([-10.0, 1.0]))
+    assert long_before["x"][-1] == pytest.approx(end, abs=2e-5)
 
 
 def test_the_longest_step_sees_every_signal() -> None:

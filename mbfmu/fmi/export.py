@@ -23,7 +23,7 @@ from mbfmu.errors import UserError
 from mbfmu.interface import interface
 from mbfmu.model import Model
 from mbfmu.native import communication_points
-from mbfmu.simulation import Settings
+from mbfmu.settings import Settings
 
 from .description import Experiment
 from .documentation import licences, page
@@ -48,7 +48,7 @@ if mbfmu.__version__ != "{version}":
 
 from mbfmu.fmi.description import Experiment
 from mbfmu.fmi.slave import ModelSlave
-from mbfmu.simulation import Settings
+from mbfmu.settings import Settings
 from {module} import {name} as Model
 
 

@@ -14,7 +14,7 @@ from mbfmu.interface import COUNTERS
 from mbfmu.mechanics import Variable
 from mbfmu.model import Model
 from mbfmu.native import Result
-from mbfmu.simulation import Settings
+from mbfmu.settings import Settings
 from solvers.stepper import Statistics
 
 from .export import export

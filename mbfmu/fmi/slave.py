@@ -25,7 +25,8 @@ from pythonfmu.enums import Fmi2Status
 from mbfmu.errors import UserError
 from mbfmu.frame import frame, unframe
 from mbfmu.model import Model
-from mbfmu.simulation import Settings, Simulation
+from mbfmu.settings import Settings
+from mbfmu.simulation import Simulation
 
 from .description import Experiment, Identity, model_description
 from .guards import finalize_at_exit

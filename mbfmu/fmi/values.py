@@ -17,7 +17,8 @@ from mbfmu.errors import UserError
 from mbfmu.interface import Role, Type, Variable, interface
 from mbfmu.mechanics import Plant
 from mbfmu.model import Model
-from mbfmu.simulation import Settings, Simulation
+from mbfmu.settings import Settings
+from mbfmu.simulation import Simulation
 
 Phase = Enum("Phase", ["INSTANTIATED", "INITIALIZING", "RUNNING", "FAILED", "TERMINATED"])
 

@@ -76,9 +76,9 @@ def test_dependencies_are_true(model: Model) -> None:
     for v in variables:
         if v.role is not Role.INPUT:
             continue
-        simulation.set_input(v.index, v.start + 3.0)
+        simulation.set_input(v.name, v.start + 3.0)
         after = simulation.outputs()[: len(outputs)].copy()
-        simulation.set_input(v.index, v.start)
+        simulation.set_input(v.name, v.start)
         changed = {o.name for o, a, b in zip(outputs, before, after, strict=True) if abs(a - b) > 1e-9 * (1 + abs(a))}
         told = {o.name for o in outputs if v.name in o.depends_on}
         assert changed <= told, v.name

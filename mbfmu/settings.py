@@ -1,0 +1,49 @@
+"""How a model is integrated: what a scene, the command line and an FMU say of the solver."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf
+
+from mbfmu.errors import UserError
+from mbfmu.model import check, declared, parameter, span, suggest
+from solvers import SOLVERS, Options
+
+PARTITIONS = {"projection": "adams", "lu": "adams-lu", "hybrid": "hybrid"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """How a model is integrated; what each means says its declaration.
+
+    The relative tolerance is the absolute one too, in units of each coordinate. Solver ``adams`` with another
+    ``partition`` than ``projection`` is ``adams-lu`` or ``hybrid``.
+    """
+
+    solver: str = parameter("ida", choices=tuple(SOLVERS), doc="method of integration")
+    partition: str = parameter("projection", choices=tuple(PARTITIONS), doc="how adams parts the coordinates")
+    tolerance: float = parameter(1e-6, min=1e-12, max=1e-2, doc="relative tolerance of the solver")
+    max_step: float = parameter(0.0, unit="s", min=0.0, doc="largest step; 0: no limit")
+    start_at_equilibrium: bool = parameter(False, doc="start in the steady state next to the given start")
+    audit: bool = parameter(True, doc="hold the energy against the work all along")
+
+    def __post_init__(self) -> None:
+        """Check the names and numbers; raises UserError."""
+        for what, known in (("solver", SOLVERS), ("partition", PARTITIONS)):
+            given = getattr(self, what)
+            if not isinstance(given, str) or given not in known:
+                raise UserError(f"{what} is {given!r}{suggest(str(given), known)}")
+        for p in declared(Settings):
+            try:
+                check("the settings", p, getattr(self, p.name))
+            except UserError as error:
+                raise UserError(f"{p.name} is {getattr(self, p.name)!r}; allowed: {span(p)}") from error
+
+    @property
+    def name(self) -> str:
+        """The solver's name with its partition resolved."""
+        return PARTITIONS[self.partition] if self.solver == "adams" else self.solver
+
+    def options(self) -> Options:
+        """Return what the stepper takes."""
+        return Options(rtol=self.tolerance, max_step=self.max_step or inf, audit=self.audit)
