@@ -38,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return its exit code: 0, 1 for a run that stopped early, 2 for a user's mistake."""
     options = parser().parse_args(arguments)
     if cold() and sys.stderr.isatty() and options.command.__module__ != models.__name__:
-        print("compiling, once on this machine: some two minutes", file=sys.stderr)
+        print("compiling, once on this machine: two to four minutes", file=sys.stderr)
     try:
         return int(options.command(options))
     except UserError as error:
