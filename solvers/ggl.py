@@ -35,6 +35,7 @@ from .dense import factor_lu, solve_lu
 from .ida_driver import BAD, COUNTS, MATRICES, RESIDUALS
 from .kernel import inlined, kernel
 from .system import Array
+from .workspace import scaled_length
 
 LAMBDA, FILTER, MU = 1e-10, 1e-13, 1e-2  # see above
 LENGTH_RATE = 10.0  # k, in units of the motion's rate
@@ -57,6 +58,7 @@ class Unknowns(NamedTuple):
     d: Array  # (2,)    LAMBDA a / rate, d
     usual: Array  # (2,)    these two away from near misses
     noise: Array  # (1,)    rounding to IDA's relative tolerance
+    lost: Array  # (1,)    speed that D has taken in the last singular position, in units of the motion's
     F: Array  # (m, m)  FILTER tr A + A, its factors
     Dlam: Array  # (m,)    D lambda
     lam: Array  # (m,)    lambda in its own units
@@ -83,7 +85,7 @@ class Unknowns(NamedTuple):
         """Return zeroed arrays for ``nq`` positions, ``n`` velocities and ``m`` constraints."""
         N, z = nq + n + 2 * m, np.zeros
         return Unknowns(
-            z(N), z(N), z(N), z(N), z(nq), z(n), z(n), z(n), z(nq), z(nq), z(n), z(2), z(2), z(1), z((m, m)),
+            z(N), z(N), z(N), z(N), z(nq), z(n), z(n), z(n), z(nq), z(nq), z(n), z(2), z(2), z(1), z(1), z((m, m)),
             z(m), z(m), z((m, m)), z((2, n)), z(1), np.full(N, np.nan), np.full(N, np.nan), z(3), z((N, nq + n)),
             z((nq, n)), z((N, N)), z(N), z(N), np.zeros(N, np.int64), z(N), z(N), z(N), z(1), z(COUNTS),
         )  # fmt: skip
@@ -323,6 +325,22 @@ def multiply(vector: Any, product: Any, u: Any) -> None:
     for i in range(vector.shape[0]):
         u.product[i] = vector[i]
         product[i] = vector[i]
+
+
+@inlined
+def taken_by_filter(time: float, terms: Any, u: Any, work: Any) -> float:
+    """Speed that D has taken from a solution in this ``time`` (s), in units of the motion's: the power of D is
+    lambda . D lambda, and D lambda is what velocities leave of their constraints, J v - nu. What moves fast loses
+    little of its speed by that.
+    """
+    power, speed = 0.0, scaled_length(u.v, work) / work.rate[0]
+    for row in range(terms.nu.shape[0]):
+        left = -terms.nu[row]
+        for i in range(u.v.shape[0]):
+            left += terms.J[row, i] * u.v[i]
+        power += u.lam[row] * left
+    energy = u.columns[u.q.shape[0] + u.v.shape[0]]
+    return np.sqrt(speed * speed + 2.0 * max(0.0, power) * time / energy) - speed
 
 
 @inlined

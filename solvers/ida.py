@@ -5,6 +5,9 @@ back: IDA starts anew where it began and does not step so far. A crossing is jum
 must be known better than its gap, or the other branch is as near: D goes but for redundant rows, and d as far as
 rounding lets it.
 
+Where a motion is slow within what D rounds off, as where it turns back in a singular position, D takes from it what it
+should keep: the run stops when that is more than the tolerance forgives.
+
 Multipliers carry no error control: they may be unbounded where the motion is smooth. Reported states are IDA's,
 interpolated, then closed onto the constraints; reported accelerations are computed there
 (:meth:`solvers.stepper.Stepper.accelerations`), not read from the BDF. IDA's history cannot be saved: a restored run
@@ -19,7 +22,21 @@ import numpy as np
 from numpy.typing import NDArray
 from sksundae.ida import IDAJacTimes, IDAPrecond
 
-from .ggl import LAMBDA, MU, Unknowns, assemble, multiply, residual, set_up, solve, tie, velocity, weak_residual
+from .dense import ratio
+from .ggl import (
+    LAMBDA,
+    MU,
+    Unknowns,
+    assemble,
+    multiply,
+    residual,
+    set_up,
+    solve,
+    taken_by_filter,
+    tie,
+    velocity,
+    weak_residual,
+)
 from .held import hold
 from .ida_driver import MATRICES, REFUSED, RESIDUALS, STANDSTILL, STEPS, IDADriver
 from .kernel import kernel
@@ -27,7 +44,7 @@ from .ledger import WORK, Scales, add_step, begin_work, due, look
 from .outcome import Code
 from .partition import close_report
 from .quiet import IDA
-from .singular import MISS, note, passed, step_bound
+from .singular import MISS, SINGULAR, note, passed, step_bound
 from .stepper import DenseStepper, Options, Statistics
 from .system import Array, System
 from .workspace import factor
@@ -38,6 +55,7 @@ FINEST = 1e-9  # a tighter rtol is run as this one: below it roundoff in J grows
 TIGHTER, POWER = 3.0, 1.2
 UNCONTROLLED = 1e20  # absolute tolerance of the multipliers, in their units
 BELOW = 0.2  # part of a near miss's gap that the residual of a step beside it must stay below
+LOSS = 100.0  # times rtol: speed that D may take in a singular position, in units of the motion's
 LESS = 1e-4  # of D beside a near miss, where redundant rows are all that needs it
 NOISE = 3e-16  # relative rounding of a residual
 STOPS = 12  # times asked for at which steps end after a load has changed at one: another change is likely
@@ -74,8 +92,13 @@ def look_over(eqs: Any, t: float, y: Any, taken: float, rank: int, u: Any, work:
         u.v[i] = velocity(i, t, y, u)
     eqs.position(t, u.q, eqs.data, eqs.terms)
     factor(eqs.terms, work)
+    for row in range(u.lam.shape[0]):
+        u.lam[row] = y[u.q.shape[0] + u.v.shape[0] + row] / work.row[row]
     if not passed(eqs, t, u.q, rank, work):
         return -1.0
+    u.lost[0] += taken_by_filter(taken, eqs.terms, u, work)
+    if ratio(work.pivot, rank) >= SINGULAR:
+        u.lost[0] = 0.0
     note(eqs, t, u.q, taken, taken, rank, work)
     u.at[0] = np.nan  # the terms have moved
     bound = step_bound(t, u.q, u.v, taken, eqs.terms, work)
@@ -160,7 +183,7 @@ class IDAStepper(IDADriver, DenseStepper):
         u.columns[:], u.rows[:] = self._scaling()
         self._begun_here()
         self._good, self._slopes = y, yp
-        w.course["known"], w.course["ratio"] = 0, 0.0
+        w.course["ratio"] = 0.0  # what is known of the branch holds
         if s.m:
             bound = look_over(self._eqs, self._t, y, 0.0, self._rank, self._held, self._work)
             self._reach = min(self._reach, bound)
@@ -197,6 +220,8 @@ class IDAStepper(IDADriver, DenseStepper):
                 self._reach = SHORTER * self._taken
                 return self._resume()
             self._reach = min(bound, 2.0 * self._reach)
+            if self._unknowns.lost[0] > LOSS * self._rtol:
+                return Code.BRANCHES
         self._passed, self._good, self._slopes = t, y, yp
         self._note(t, y, yp)
         return Code.OK

@@ -40,6 +40,7 @@ NEAR = 30.0  # a critical point is that of this position when it is no farther t
 AGAIN = 4.0  # by so much the ratio must have changed before a point that was not found is looked for again
 LITTLE, SLOPE = 0.36, 1.7  # turns of a tangent in one step, as their tangents: 20 and 60 degrees
 PASSED = 3.0  # a crossing that a step has passed lies within so many lengths of it
+TURN = 0.75  # of the squared rate of fall: more than that must be lost before the ratio is nothing, or it goes through
 AHEAD = 3.0  # steps ahead that a singular position is looked for
 JUMP = 0.7  # of the step before, to a crossing from where the next step jumps over it
 LEAD = 0.67  # of a longer way, that the step before the jump may go
@@ -88,8 +89,7 @@ def note(eqs: Any, t: float, q: Any, taken: float, next_: float, rank: int, work
     if rank == 0:
         return
     here = work.course[0]
-    before, here.ratio = here.ratio, ratio(work.pivot, rank)
-    here.ahead = time_left(before, here.ratio, taken)
+    watch(here, ratio(work.pivot, rank), taken)
     if here.ratio >= SINGULAR and here.ahead == np.inf:
         work.critical[0].in_vain = 0.0  # what comes next is another one
     kind = NONE
@@ -104,6 +104,23 @@ def note(eqs: Any, t: float, q: Any, taken: float, next_: float, rank: int, work
         work.frame_tau[i], work.frame_pivots[i] = work.tau[i], work.pivots[i]
         for j in range(work.frame.shape[1]):
             work.frame[i, j] = work.A[i, j]
+    for i in range(work.row.shape[0]):
+        work.nu_last[i] = eqs.terms.nu[i] / work.row[i]
+
+
+@inlined
+def watch(here: Any, now: float, taken: float) -> None:
+    """Note the ratio and when it would vanish. Where it falls ever slower, and would hardly get there, the motion turns
+    back in a singular position or beside it: then when that is, for a step must jump over it too.
+    """
+    here.ahead = time_left(here.ratio, now, taken)
+    fall = (here.ratio - now) / taken if here.ratio > 0.0 and taken > 0.0 else 0.0
+    if fall > 0.0 and here.fall > fall:
+        slower = 2.0 * (here.fall - fall) / (here.taken + taken)
+        end = fall - 0.5 * slower * taken  # at the end of the step, as in its middle it was ``fall``
+        if end > 0.0 and 2.0 * slower * now > TURN * end * end:
+            here.ahead = max(here.ahead, end / slower)
+    here.fall, here.taken, here.ratio = fall, taken, now
 
 
 @inlined
@@ -130,9 +147,19 @@ def passed(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
     if crossing and ratio(work.pivot, rank) < SINGULAR:
         return True
     crossed = crossing and distance(work.q_c, q, work) <= PASSED * distance(work.q_last, q, work)
+    crossed = crossed and not turned_back(eqs.terms, work)
     if crossed:
         c.behind = 1
     return crossed if turn == FLIPPED else turn == BENT and not crossed
+
+
+@inlined
+def turned_back(terms: Any, work: Any) -> bool:
+    """Whether the drives have reversed since the last good position: a crossing they turn back in is not passed."""
+    same = 0.0
+    for i in range(terms.nu.shape[0]):
+        same += work.nu_last[i] * terms.nu[i] / work.row[i]
+    return same < 0.0
 
 
 @kernel

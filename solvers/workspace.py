@@ -27,7 +27,9 @@ COURSE = np.dtype(
     [
         ("known", "i8"),  # is the frame determined
         ("ratio", "f8"),  # of the pivots in the last position
-        ("ahead", "f8"),  # s, when it would vanish if it goes on falling as it did
+        ("fall", "f8"),  # 1/s, of it in the last step
+        ("taken", "f8"),  # s, that step
+        ("ahead", "f8"),  # s, when it would vanish, or come to a stop, if it goes on falling as it did
     ],
     align=True,
 )
@@ -88,6 +90,7 @@ class Workspace(NamedTuple):
     frame_tau: Array  # (m,)
     frame_pivots: NDArray[np.int64]  # (m,)  int64
     q_last: Array  # (nq,)   the position itself
+    nu_last: Array  # (m,)    what the drives did there, in units of the rows
 
     @staticmethod
     def allocate(nq: int, n: int, m: int) -> Workspace:
@@ -102,12 +105,13 @@ class Workspace(NamedTuple):
             z((1, n)), z(n), z(n), z(m), z(n), z(n), z(n), z(nq), z(n), z(nq), z(n), z((m, m)), z(m), pivots_B,
             z((m, n)), z((m, m)), order, z(m), z(m), rows, columns, records(1, CRITICAL), z(nq), z(nq), z(m), z((N, N)),
             z((N, N)), z(N), K_pivots, z(N), z(N), z(N), records(1, COURSE), z((m, n)), z(m), frame_pivots, z(nq),
+            z(m),
         )  # fmt: skip
 
     def memory(self) -> list[NDArray[Any]]:
         """Return the arrays that a motion cannot go on without."""
         known = (self.row, self.rate, self.pace, self.critical, self.q_c, self.u)
-        return [*known, self.course, self.frame, self.frame_tau, self.frame_pivots, self.q_last]
+        return [*known, self.course, self.frame, self.frame_tau, self.frame_pivots, self.q_last, self.nu_last]
 
 
 @kernel

@@ -1,0 +1,96 @@
+"""A parallelogram that turns back in its flat position or a little beside it: right, or refused before it is wrong."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from mbfmu.mechanics import Harmonic, Mechanism, Revolute, RevoluteCut, rod
+from mbfmu.model import Model
+from mbfmu.native import run
+from mbfmu.simulation import Settings
+
+START, GRAVITY = 0.6, 9.81  # rad, m/s2
+WEIGHT = (0.5 * 1.0 + 2.0 + 0.5 * 1.5) * GRAVITY  # N m about the cranks' pins
+INERTIA = (1.0 + 1.5) / 3.0 + 2.0  # kg m2
+BESIDE = (1e-3, 1e-5, 1e-6, 1e-8, 0.0, -1e-6, -1e-5, -1e-3)  # rad
+FACTOR = 200.0  # of the tolerance, of a right run
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parallelogram(Model):
+    """Cranks of 1 m on a coupler of 3 m, thrown at a speed (rad/s) or driven; with ``beside`` (rad) where it turns."""
+
+    rate: float = 0.0
+    driven: bool = False
+    beside: float = 0.0
+
+    def build(self) -> Mechanism:
+        m = Mechanism(gravity=(0.0, -GRAVITY, 0.0))
+        drive = Harmonic(amplitude=0.3, frequency=0.5, phase=0.5 * np.pi, mean=0.3 + self.beside)
+        free = {"start": -START, "fixed": True, "rate": self.rate}
+        first = START + self.beside if self.driven else -START
+        joint = Revolute(drive=drive) if self.driven else Revolute(**free)
+        crank = m.body("crank", m.ground, joint, **rod(mass=1.0, length=1.0))
+        coupler = m.body(
+            "coupler",
+            crank,
+            Revolute(at=(1.0, 0.0, 0.0), start=-first, rate=-self.rate),
+            **rod(mass=2.0, length=3.0),
+        )
+        rocker = m.body(
+            "rocker",
+            m.ground,
+            Revolute(at=(3.0, 0.0, 0.0), start=first, rate=self.rate),
+            **rod(mass=1.5, length=1.0),
+        )
+        m.cut("pin", RevoluteCut(at_a=(3.0, 0.0, 0.0), at_b=(1.0, 0.0, 0.0)), coupler, rocker)
+        m.output("crank", crank.coordinate())
+        m.output("rocker", rocker.coordinate())
+        return m
+
+
+def worst(result, exact) -> float:
+    """Largest error of what was reported, rad."""
+    return max(abs(result[name] - exact[: len(result.times)]).max() for name in ("crank", "rocker"))
+
+
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 1e-8])
+@pytest.mark.parametrize("solver", ["adams", "hybrid", "ida"])
+def test_thrown_up(solver: str, tolerance: float) -> None:
+    """The coupler translates: the cranks are a pendulum, WEIGHT on INERTIA."""
+    times = np.linspace(0.0, 0.6, 31)
+    for beside in BESIDE:
+        rate = np.sqrt(2.0 * WEIGHT * (np.sin(START) - np.sin(beside)) / INERTIA)
+        exact = solve_ivp(
+            lambda t, z: (z[1], -WEIGHT * np.cos(z[0]) / INERTIA),
+            (0.0, 0.6),
+            (-START, rate),
+            method="DOP853",
+            rtol=1e-12,
+            atol=1e-13,
+            t_eval=times,
+        ).y[0]
+        result = run(Parallelogram(rate=rate), Settings(solver=solver, tolerance=tolerance), times)
+        assert worst(result, exact) <= FACTOR * tolerance or result.warning, (beside, result.failure)
+        if abs(beside) >= 1e-3 or tolerance > 1e-8:
+            assert not result.failure, (beside, result.failure)
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-4, 1e-5, 1e-6, 1e-7])
+@pytest.mark.parametrize("solver", ["adams", "hybrid", "ida"])
+def test_driven_back(solver: str, tolerance: float) -> None:
+    """The rocker goes where the crank goes. Behind the flat position the other branch is near: ``ida`` may be on it
+    until it is back.
+    """
+    times = np.linspace(0.0, 4.0, 81)
+    for beside in BESIDE:
+        model = Parallelogram(driven=True, beside=beside)
+        result = run(model, Settings(solver=solver, tolerance=tolerance), times)
+        apart = abs(result["rocker"] - result["crank"]).max()
+        assert apart <= FACTOR * tolerance + 4.0 * max(0.0, -beside), (beside, apart)
+        if beside == 1e-3:
+            assert not result.failure, (beside, result.failure)
