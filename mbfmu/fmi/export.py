@@ -63,7 +63,7 @@ class {identifier}(ModelSlave):
 
 def export(
     model: Model,
-    path: Path,
+    path: Path | str,
     settings: Settings | None = None,
     *,
     stop_time: float | None = None,
@@ -97,6 +97,7 @@ def export(
         tolerance=settings.tolerance,
     )
     communication_points(experiment.stop_time, experiment.step_size)  # refuses what is no time
+    path = Path(path)
     if path.suffix != ".fmu":
         raise UserError(f"FMU file is {str(path)!r}; its name must end in .fmu")
     if not path.parent.is_dir():

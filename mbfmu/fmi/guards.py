@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-import atexit
 import ctypes
-import sys
 from pathlib import Path
 
 _guarded: set[str] = set()
 
 
 def finalize_at_exit(resources: str | None, identifier: str) -> None:
-    """Tear the wrapper's interpreter state down while Python still runs.
+    """Let the wrapper end its interpreter as the first thing that happens when the process ends.
 
-    Left alone, its library resets a freed pointer when it unloads, and the host aborts at exit with its results
-    complete. Only where Python is the host: an embedded interpreter is torn down by the wrapper itself.
+    It holds the interpreter in a static pointer. When the process ends the pointer is destroyed, which ends Python, and
+    then the library's destructor resets it once more: it writes into memory that has been freed, and the host aborts
+    with its results complete. Besides, Python ends after the static objects of the libraries that it has loaded, LLVM
+    among them, and frees what belongs to those. What is registered last at exit comes first: the pointer is reset
+    where all of them still live, and nothing is left to do for the others. A host without Python of its own and one
+    that is written in Python need the same.
     """
-    if resources is None or not sys.orig_argv:
+    if resources is None:
         return
     library = Path(resources).parent / "binaries" / "linux64" / f"{identifier}.so"
     if str(library) in _guarded or not library.is_file():
         return
     _guarded.add(str(library))
-    handle = ctypes.CDLL(str(library))  # already loaded by the host: a second reference keeps it until exit
-    atexit.register(handle.finalizePythonInterpreter)
+    wrapper = ctypes.CDLL(str(library))  # loaded by the host: a second reference, which keeps it beyond its unloading
+    ctypes.CDLL(None).__cxa_atexit(wrapper.finalizePythonInterpreter, None, None)
