@@ -49,7 +49,7 @@ from .multistep import (
 )
 from .one_step import NODES, STAGES, change_step, error_of_step, keep_stage, stage, stop_at, take_step
 from .partition import NOT_CLOSED, OK, acceleration, close, close_to_crossing, multipliers, settle, unresolved
-from .singular import MISS, SINGULAR, note, passed, step_bound
+from .singular import CLOSED, MISS, SINGULAR, note, passed, step_bound
 from .workspace import factor
 
 MAX_STEPS, COLLAPSED, BRANCHES = 5, 6, 7  # beside the codes of partition
@@ -285,7 +285,7 @@ def stayed(eqs: Any, t: float, c: Any, o: Any, H: Any, work: Any) -> bool:
         return True
     done = H.trial[H.y.shape[0] - 1]
     if c.regime == PROJECTION:
-        if passed(eqs, t, work.q, c.rank, work):
+        if passed(eqs, t, work.q, CLOSED, c.rank, work):
             jumped(eqs, t, done, c, o, work)
             return True
         c.refused += 1

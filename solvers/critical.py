@@ -24,6 +24,7 @@ DAMPING = 0.01  # of the squares of singular values, in what is left of the equa
 NOISE = 1e-8  # singular values of the equations below this part of all are those of the differences
 FLAT = 1e-6  # below this part of the largest they count as zero
 SPAN = 1e-2  # of a unit vector in q, t, u and g, its part in q and t that counts
+SLOWEST = 1e-4  # rate of the drives that counts, in those of the motion
 STRIDE, FAR = 0.3, 1.0  # longest Newton step, longest way, in units of size
 NEWTON, EXACT = 30, 1e-11  # steps, and what they may leave: g is known to its power of 3/2
 
@@ -40,7 +41,7 @@ def seek(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
     weakest(eqs.terms, rank, work)
     for i in range(q.shape[0]):
         work.q_c[i] = q[i]
-    c.t, c.gap = t, 0.0
+    c.t, c.gap, c.rate = t, 0.0, drive_rate(eqs.terms, work)
     for _ in range(NEWTON):
         unbalance(eqs, c.t, work.q_c, work, work.g)
         for i in range(N):
@@ -54,7 +55,7 @@ def seek(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
         if not damped_step(DAMPING * off, work):
             return False
         step_critical(eqs, min(1.0, STRIDE / max(length(work.change), 1e-300)), work)
-        if not distance(work.q_c, q, work) < FAR:
+        if not max(distance(work.q_c, q, work), abs(c.t - t) * work.rate[0]) < FAR:
             return False
     return False
 
@@ -113,6 +114,15 @@ def moves(terms: Any) -> bool:
 
 
 @inlined
+def drive_rate(terms: Any, work: Any) -> float:
+    """Unit of time, 1/s: that of the motion, or that of drives which are slower."""
+    square = 0.0
+    for i in range(terms.nu.shape[0]):
+        square += (terms.nu[i] / work.row[i]) ** 2
+    return min(work.rate[0], max(SLOWEST * work.rate[0], np.sqrt(square)))
+
+
+@inlined
 def gap_left(m: int, n: int, work: Any) -> float:
     """What u . (Phi~ - g u) is off."""
     total = 0.0
@@ -154,7 +164,7 @@ def unbalance(eqs: Any, t: float, q: Any, work: Any, g: Any) -> None:
         scaled = work.u[i] / work.row[i]
         for j in range(n):
             g[j] += scaled * terms.J[i, j] * work.size[j]
-        g[n] -= scaled * terms.nu[i] / work.rate[0]
+        g[n] -= scaled * terms.nu[i] / c.rate
         g[n + 1 + i] = terms.Phi[i] / work.row[i] - c.gap * work.u[i]
         g[n + m + 1] += 0.5 * work.u[i] * work.u[i]
 
@@ -172,7 +182,7 @@ def fill_matrix(eqs: Any, timed: bool, work: Any) -> None:
             work.K[i, n + 1 + k] = 0.0
         for j in range(n):
             work.K[j, n + 1 + k] = terms.J[k, j] * (work.size[j] / work.row[k])
-        work.K[n, n + 1 + k] = -terms.nu[k] / (work.row[k] * work.rate[0])
+        work.K[n, n + 1 + k] = -terms.nu[k] / (work.row[k] * c.rate)
         work.K[n + 1 + k, n + 1 + k] = -c.gap
         work.K[N - 1, n + 1 + k] = work.u[k]
     for i in range(N):
@@ -185,7 +195,7 @@ def fill_matrix(eqs: Any, timed: bool, work: Any) -> None:
         for i in range(n):
             work.dq[i] = PROBE * work.size[i] if i == k else 0.0
         eqs.retract(work.q_try, work.dq, eqs.data)
-        unbalance(eqs, c.t + (PROBE / work.rate[0] if k == n else 0.0), work.q_try, work, work.g_try)
+        unbalance(eqs, c.t + (PROBE / c.rate if k == n else 0.0), work.q_try, work, work.g_try)
         for i in range(N):
             work.K[i, k] = (work.g_try[i] - work.g[i]) / PROBE
 
@@ -198,7 +208,7 @@ def step_critical(eqs: Any, part: float, work: Any) -> None:
     for j in range(n):
         work.dq[j] = -part * work.change[j] * work.size[j]
     eqs.retract(work.q_c, work.dq, eqs.data)
-    c.t -= part * work.change[n] / work.rate[0]
+    c.t -= part * work.change[n] / c.rate
     for i in range(m):
         work.u[i] -= part * work.change[n + 1 + i]
     c.gap -= part * work.change[n + m + 1]

@@ -58,6 +58,7 @@ class Unknowns(NamedTuple):
     d: Array  # (2,)    LAMBDA a / rate, d
     usual: Array  # (2,)    these two away from near misses
     noise: Array  # (1,)    rounding to IDA's relative tolerance
+    near: Array  # (1,)    distance at which branches are told apart, in units of size
     lost: Array  # (1,)    speed that D has taken in the last singular position, in units of the motion's
     F: Array  # (m, m)  FILTER tr A + A, its factors
     Dlam: Array  # (m,)    D lambda
@@ -85,9 +86,10 @@ class Unknowns(NamedTuple):
         """Return zeroed arrays for ``nq`` positions, ``n`` velocities and ``m`` constraints."""
         N, z = nq + n + 2 * m, np.zeros
         return Unknowns(
-            z(N), z(N), z(N), z(N), z(nq), z(n), z(n), z(n), z(nq), z(nq), z(n), z(2), z(2), z(1), z(1), z((m, m)),
-            z(m), z(m), z((m, m)), z((2, n)), z(1), np.full(N, np.nan), np.full(N, np.nan), z(3), z((N, nq + n)),
-            z((nq, n)), z((N, N)), z(N), z(N), np.zeros(N, np.int64), z(N), z(N), z(N), z(1), z(COUNTS),
+            z(N), z(N), z(N), z(N), z(nq), z(n), z(n), z(n), z(nq), z(nq), z(n), z(2), z(2), z(1), z(1), z(1),
+            z((m, m)), z(m), z(m), z((m, m)), z((2, n)), z(1), np.full(N, np.nan), np.full(N, np.nan), z(3),
+            z((N, nq + n)), z((nq, n)), z((N, N)), z(N), z(N), np.zeros(N, np.int64), z(N), z(N), z(N), z(1),
+            z(COUNTS),
         )  # fmt: skip
 
 

@@ -55,6 +55,7 @@ FINEST = 1e-9  # a tighter rtol is run as this one: below it roundoff in J grows
 TIGHTER, POWER = 3.0, 1.2
 UNCONTROLLED = 1e20  # absolute tolerance of the multipliers, in their units
 BELOW = 0.2  # part of a near miss's gap that the residual of a step beside it must stay below
+NEARER = 10.0  # times rtol: branches that are no farther apart, in units of size, are one
 LOSS = 100.0  # times rtol: speed that D may take in a singular position, in units of the motion's
 LESS = 1e-4  # of D beside a near miss, where redundant rows are all that needs it
 NOISE = 3e-16  # relative rounding of a residual
@@ -94,7 +95,7 @@ def look_over(eqs: Any, t: float, y: Any, taken: float, rank: int, u: Any, work:
     factor(eqs.terms, work)
     for row in range(u.lam.shape[0]):
         u.lam[row] = y[u.q.shape[0] + u.v.shape[0] + row] / work.row[row]
-    if not passed(eqs, t, u.q, rank, work):
+    if not passed(eqs, t, u.q, u.near[0], rank, work):
         return -1.0
     u.lost[0] += taken_by_filter(taken, eqs.terms, u, work)
     if ratio(work.pivot, rank) >= SINGULAR:
@@ -149,7 +150,7 @@ class IDAStepper(IDADriver, DenseStepper):
 
         fresh = {"linsolver": "gmres", "precond": IDAPrecond(setup, precondition), "jactimes": IDAJacTimes(None, times)}
         rtol = TIGHTER * self._rtol**POWER
-        self._unknowns.noise[0] = NOISE / rtol
+        self._unknowns.noise[0], self._unknowns.near[0] = NOISE / rtol, NEARER * self._rtol
         tightened = rtol if o.atol is None else o.atol * rtol / self._rtol
         place, atol = tightened * s.size, UNCONTROLLED * self._scaling()[0]
         atol[:controlled] = tightened * np.concatenate((self._units.size_q, self._units.pace * s.size))

@@ -41,6 +41,8 @@ AGAIN = 4.0  # by so much the ratio must have changed before a point that was no
 LITTLE, SLOPE = 0.36, 1.7  # turns of a tangent in one step, as their tangents: 20 and 60 degrees
 PASSED = 3.0  # a crossing that a step has passed lies within so many lengths of it
 TURN = 0.75  # of the squared rate of fall: more than that must be lost before the ratio is nothing, or it goes through
+CLOSED = 1e-5  # distance from a crossing, in units of size, at which closed positions are on one branch or on another
+ROUND, LINE = 0.3, 0.8  # so near a crossing, in units of size, branches are lines; cosine of what is still the same
 AHEAD = 3.0  # steps ahead that a singular position is looked for
 JUMP = 0.7  # of the step before, to a crossing from where the next step jumps over it
 LEAD = 0.67  # of a longer way, that the step before the jump may go
@@ -130,12 +132,18 @@ def time_left(before: float, now: float, taken: float) -> float:
 
 
 @kernel
-def passed(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
+def passed(eqs: Any, t: float, q: Any, exact: float, rank: int, work: Any) -> bool:
     """Whether the way to (t, q), where ``terms`` are with their factors, stayed on its branch: it turned little or
-    crossed another.
+    crossed another. Nearer to a crossing than ``exact``, in units of size, branches are as good as one.
     """
     if rank == 0 or work.course[0].known == 0:
         return True
+    return goes_on(eqs, t, q, rank, work) and not strayed(q, exact, rank, eqs.terms, work)
+
+
+@kernel
+def goes_on(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
+    """What the orientation says of that."""
     turn = orientation(eqs.terms, rank, work)
     if turn == STRAIGHT:
         return True
@@ -151,6 +159,26 @@ def passed(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
     if crossed:
         c.behind = 1
     return crossed if turn == FLIPPED else turn == BENT and not crossed
+
+
+@kernel
+def strayed(q: Any, exact: float, rank: int, terms: Any, work: Any) -> bool:
+    """Whether q lies off the line through the last good position and a crossing at hand, and so on another branch.
+
+    The orientation does not tell that where only time moves, nor in the crossing itself; a line does, where the motion
+    has one freedom and no more.
+    """
+    if work.critical[0].kind != CROSSING or terms.J.shape[1] - rank + moves(terms) != 1:
+        return False
+    along, here, last = 0.0, 0.0, 0.0
+    for i in range(q.shape[0]):
+        now, before = (q[i] - work.q_c[i]) / work.size_q[i], (work.q_last[i] - work.q_c[i]) / work.size_q[i]
+        along += now * before
+        here += now * now
+        last += before * before
+    if max(here, last) > ROUND * ROUND or here < exact * exact or last < exact * exact:
+        return False
+    return along * along < LINE * LINE * here * last
 
 
 @inlined

@@ -16,6 +16,7 @@ CRITICAL = np.dtype(
         ("kind", "i8"),  # what the critical point q_c is: solvers.singular.NONE, CROSSING, or MISS
         ("gap", "f8"),  # distance of the loop from one that crosses, in units of the rows
         ("t", "f8"),  # when the drives get there, s
+        ("rate", "f8"),  # 1/s, unit of time in which it was looked for
         ("behind", "i8"),  # 1: a step has gone through it
         ("in_vain", "f8"),  # ratio of the pivots where it was looked for last and not found
     ],

@@ -1,0 +1,124 @@
+"""The C functions of an FMU, called as they are: every argument that a host can pass, every status that comes back."""
+
+from __future__ import annotations
+
+import ctypes
+import zipfile
+from collections.abc import Sequence
+from ctypes import byref, c_char_p, c_double, c_int, c_size_t, c_uint, c_void_p
+from pathlib import Path
+from typing import Any
+
+from fmpy import read_model_description
+
+OK, WARNING, DISCARD, ERROR, FATAL = range(5)
+TRUE = 1
+
+LOGGER = ctypes.CFUNCTYPE(None, c_void_p, c_char_p, c_int, c_char_p, c_char_p)
+ALLOCATE = ctypes.CFUNCTYPE(c_void_p, c_size_t, c_size_t)
+RELEASE = ctypes.CFUNCTYPE(None, c_void_p)
+FINISHED = ctypes.CFUNCTYPE(None, c_void_p, c_int)
+
+KINDS: dict[str, Any] = {"Real": c_double, "Integer": c_int, "Boolean": c_int, "String": c_char_p}
+
+
+class Callbacks(ctypes.Structure):
+    """fmi2CallbackFunctions."""
+
+    _fields_ = (
+        ("logger", LOGGER),
+        ("allocate", ALLOCATE),
+        ("release", RELEASE),
+        ("finished", FINISHED),
+        ("environment", c_void_p),
+    )
+
+
+class Library:
+    """An FMU unzipped into a folder, with its library loaded; it stays so until the process ends."""
+
+    def __init__(self, path: Path, folder: Path) -> None:
+        zipfile.ZipFile(path).extractall(folder)
+        self.description = read_model_description(str(path))
+        (binary,) = (folder / "binaries" / "linux64").glob("*.so")
+        self.resources = (folder / "resources").as_uri()
+        self.functions = ctypes.CDLL(str(binary))
+        self.functions.fmi2Instantiate.restype = c_void_p
+        self.logged: list[tuple[int, str]] = []
+        libc = ctypes.CDLL(None)
+        libc.calloc.restype = c_void_p
+        self._callbacks = Callbacks(
+            LOGGER(self._log), ALLOCATE(libc.calloc), RELEASE(libc.free), FINISHED(lambda _e, _s: None), None
+        )
+
+    def _log(self, _environment: Any, _instance: bytes, status: int, _category: bytes, text: bytes) -> None:
+        self.logged.append((status, text.decode()))
+
+    def instantiate(self) -> Instance:
+        """Return a new instance."""
+        told = b"one", c_int(1), self.description.guid.encode(), self.resources.encode()
+        component = self.functions.fmi2Instantiate(*told, byref(self._callbacks), c_int(0), c_int(TRUE))
+        assert component
+        return Instance(self, component)
+
+
+class Instance:
+    """An instance, and its states; methods return the status, and what was read."""
+
+    def __init__(self, library: Library, component: int) -> None:
+        self.library, self._component = library, c_void_p(component)
+
+    def call(self, name: str, *arguments: Any) -> int:
+        """Return the status of fmi2``name``."""
+        return int(self.library.functions["fmi2" + name](self._component, *arguments))
+
+    def set_up(self, start: float = 0.0, stop: float | None = None, tolerance: float | None = None) -> int:
+        """fmi2SetupExperiment."""
+        given = [c_int(tolerance is not None), c_double(tolerance or 0.0), c_double(start)]
+        return self.call("SetupExperiment", *given, c_int(stop is not None), c_double(stop or 0.0))
+
+    def step(self, t: float, step: float) -> int:
+        """fmi2DoStep."""
+        return self.call("DoStep", c_double(t), c_double(step), c_int(TRUE))
+
+    def get(self, kind: str, references: Sequence[int]) -> tuple[int, list[Any]]:
+        """fmi2GetReal and its like."""
+        count = len(references)
+        values = (KINDS[kind] * count)()
+        return self.call("Get" + kind, (c_uint * count)(*references), c_size_t(count), values), list(values)
+
+    def set(self, kind: str, references: Sequence[int], values: Sequence[Any]) -> int:
+        """fmi2SetReal and its like."""
+        count = len(references)
+        given = (KINDS[kind] * count)(*values)
+        return self.call("Set" + kind, (c_uint * count)(*references), c_size_t(count), given)
+
+    def save(self) -> tuple[int, c_void_p]:
+        """fmi2GetFMUstate."""
+        state = c_void_p()
+        return self.call("GetFMUstate", byref(state)), state
+
+    def restore(self, state: c_void_p) -> int:
+        """fmi2SetFMUstate."""
+        return self.call("SetFMUstate", state)
+
+    def release(self, state: c_void_p) -> int:
+        """fmi2FreeFMUstate."""
+        return self.call("FreeFMUstate", byref(state))
+
+    def to_bytes(self, state: c_void_p) -> bytes:
+        """fmi2SerializeFMUstate."""
+        size = c_size_t()
+        assert self.call("SerializedFMUstateSize", state, byref(size)) == OK
+        data = (ctypes.c_char * size.value)()
+        assert self.call("SerializeFMUstate", state, data, size) == OK
+        return data.raw
+
+    def from_bytes(self, data: bytes) -> tuple[int, c_void_p]:
+        """fmi2DeSerializeFMUstate."""
+        state = c_void_p()
+        return self.call("DeSerializeFMUstate", data, c_size_t(len(data)), byref(state)), state
+
+    def free(self) -> None:
+        """fmi2FreeInstance."""
+        self.library.functions.fmi2FreeInstance(self._component)
