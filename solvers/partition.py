@@ -21,8 +21,6 @@ accelerations only and v(s) = P P^T v + J^+ nu::
 
     v' = sum_k l_k(-c/d) a(c + k d) + O(d^4),   k = -2, -1, 1, 2,   a(s) at q(s) = close(q (+) s e), t(s) = t + s/|v|
 
-where time moves constraints, else t(s) = t.
-
 Without velocity there is no tangent: the branch cannot be decided.
 """
 
@@ -32,7 +30,6 @@ from typing import Any
 
 import numpy as np
 
-from .critical import moves
 from .dense import basic_transposed, dot, least_norm, rank_at, ratio, solve_positive, turn_in, turn_out
 from .kernel import inlined, kernel
 from .singular import CROSSING, SINGULAR, judge
@@ -279,14 +276,14 @@ def way_to_crossing(eqs: Any, q: Any, v: Any, work: Any) -> float:
 
 @kernel
 def neighbour(eqs: Any, t: float, q: Any, v: Any, along: float, rank: int, work: Any) -> bool:
-    """Closed state (work.q_near, work.v_near) at a signed distance ``along`` v from q, with its terms and factors; when
-    the motion gets there, where time moves constraints. False where it cannot be closed. No row is left out.
+    """Closed state (work.q_near, work.v_near) at a signed distance ``along`` v from q, when the motion gets there, with
+    its terms and factors; False where it cannot be closed. No row is left out.
     """
     speed = scaled_length(v, work)
     place(eqs, q, v, along / speed, work)
     for i in range(v.shape[0]):
         work.v_near[i] = v[i]
-    after = t + along / speed if moves(eqs.terms) else t  # loads may change much faster than that
+    after = t + along / speed
     eqs.position(after, work.q_near, eqs.data, eqs.terms)
     for _ in range(PASSES):
         factor(eqs.terms, work)
