@@ -13,10 +13,9 @@ def finalize_at_exit(resources: str | None, identifier: str) -> None:
 
     It holds the interpreter in a static pointer. When the process ends the pointer is destroyed, which ends Python, and
     then the library's destructor resets it once more: it writes into memory that has been freed, and the host aborts
-    with its results complete. Besides, Python ends after the static objects of the libraries that it has loaded, LLVM
-    among them, and frees what belongs to those. What is registered last at exit comes first: the pointer is reset
-    where all of them still live, and nothing is left to do for the others. A host without Python of its own and one
-    that is written in Python need the same.
+    with its results complete. What is registered last at exit comes first: the pointer is reset while all libraries
+    are whole, and nothing is left to do for the others. A host without Python of its own and one that is written in
+    Python need the same.
     """
     if resources is None:
         return

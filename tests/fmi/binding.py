@@ -34,7 +34,7 @@ class Callbacks(ctypes.Structure):
     )
 
 
-class Library:
+class Binary:
     """An FMU unzipped into a folder, with its library loaded; it stays so until the process ends."""
 
     def __init__(self, path: Path, folder: Path) -> None:
@@ -65,12 +65,12 @@ class Library:
 class Instance:
     """An instance, and its states; methods return the status, and what was read."""
 
-    def __init__(self, library: Library, component: int) -> None:
-        self.library, self._component = library, c_void_p(component)
+    def __init__(self, binary: Binary, component: int) -> None:
+        self.binary, self._component = binary, c_void_p(component)
 
     def call(self, name: str, *arguments: Any) -> int:
         """Return the status of fmi2``name``."""
-        return int(self.library.functions["fmi2" + name](self._component, *arguments))
+        return int(self.binary.functions["fmi2" + name](self._component, *arguments))
 
     def set_up(self, start: float = 0.0, stop: float | None = None, tolerance: float | None = None) -> int:
         """fmi2SetupExperiment."""
@@ -121,4 +121,4 @@ class Instance:
 
     def free(self) -> None:
         """fmi2FreeInstance."""
-        self.library.functions.fmi2FreeInstance(self._component)
+        self.binary.functions.fmi2FreeInstance(self._component)

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import pytest
-from binding import DISCARD, ERROR, FATAL, OK, Instance, Library
+from binding import DISCARD, ERROR, FATAL, OK, Binary, Instance
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition, rule, run_state_machine_as_test
@@ -47,26 +47,26 @@ wild = precondition(lambda self: self.wild)
 
 
 class Host(RuleBasedStateMachine):
-    """A host that does anything. Subclasses give the library."""
+    """A host that does anything. Subclasses give the FMU."""
 
-    library: ClassVar[Library]
+    binary: ClassVar[Binary]
 
     def __init__(self) -> None:
         super().__init__()
-        self.fmu: Instance = self.library.instantiate()
+        self.fmu: Instance = self.binary.instantiate()
         self.wild = False
         self.phase, self.t = "instantiated", 0.0
         self.mistaken = False  # the next step must be discarded
         self.refused: set[str] = set()  # and every one until these are given right
         self.states: list[tuple[Any, str, float, list[float] | None]] = []
-        variables = self.library.description.modelVariables
+        variables = self.binary.description.modelVariables
         self.references = [v.valueReference for v in variables]
         self.reals = [v for v in variables if v.type == "Real"]
         self.outputs = [v.valueReference for v in self.reals if v.causality == "output"]
 
     @property
     def message(self) -> str:
-        (reference,) = (v.valueReference for v in self.library.description.modelVariables if v.name == "solver.message")
+        (reference,) = (v.valueReference for v in self.binary.description.modelVariables if v.name == "solver.message")
         status, (text,) = self.fmu.get("String", [reference])
         assert status == OK
         return str(text.decode())
@@ -191,7 +191,7 @@ class Host(RuleBasedStateMachine):
     )
     def set_whole(self, data, kind, value):
         wanted = (kind, "Enumeration") if kind == "Integer" else (kind,)
-        named = self.library.description.modelVariables
+        named = self.binary.description.modelVariables
         fits = [v for v in named if v.type in wanted and v.name != "start_at_equilibrium"]
         if fits:
             assert self.fmu.set(kind, [data.draw(st.sampled_from(fits)).valueReference], [value]) == OK
@@ -213,7 +213,7 @@ class Host(RuleBasedStateMachine):
     def get(self, kind, data):
         wanted = data.draw(st.lists(st.sampled_from(self.references), max_size=5))
         assert self.fmu.get(kind, wanted)[0] == OK
-        types = {v.valueReference: v.type for v in self.library.description.modelVariables}
+        types = {v.valueReference: v.type for v in self.binary.description.modelVariables}
         fits = {"Integer": ("Integer", "Enumeration")}.get(kind, (kind,))
         self.mistaken |= any(types[reference] not in fits for reference in wanted)
 
@@ -292,7 +292,7 @@ def test_any_calls(name: str, tmp_path: Path) -> None:
     path = export(models()[name](**SMALL.get(name, {})), tmp_path / "model.fmu", Settings(solver="adams"))
 
     class OfThis(Host):
-        library = Library(path, tmp_path)
+        binary = Binary(path, tmp_path)
 
     checks = list(HealthCheck)
     few = settings(max_examples=EXAMPLES, stateful_step_count=30, suppress_health_check=checks, deadline=None)
