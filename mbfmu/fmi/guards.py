@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import ctypes
+import sys
 from pathlib import Path
 
-_guarded: set[str] = set()
+_guarded: set[str] = set()  # libraries
+_folders: set[str] = set()  # resources
 
 
 def finalize_at_exit(resources: str | None, identifier: str) -> None:
@@ -25,3 +27,14 @@ def finalize_at_exit(resources: str | None, identifier: str) -> None:
     _guarded.add(str(library))
     wrapper = ctypes.CDLL(str(library))  # loaded by the host: a second reference, which keeps it beyond its unloading
     ctypes.CDLL(None).__cxa_atexit(wrapper.finalizePythonInterpreter, None, None)
+
+
+def import_once(resources: str | None) -> None:
+    """Keep one of the entries that the wrapper puts before ``sys.path``, one more with every instance, and none of
+    folders that have gone since.
+    """
+    if resources is not None:
+        _folders.add(resources)
+        gone = {folder for folder in _folders if not Path(folder).is_dir()}
+        sys.path[:] = [resources, *(place for place in sys.path if place not in gone | {resources})]
+        _folders.difference_update(gone)

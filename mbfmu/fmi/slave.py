@@ -29,7 +29,7 @@ from mbfmu.settings import Settings
 from mbfmu.simulation import Simulation
 
 from .description import Experiment, Identity, model_description
-from .guards import finalize_at_exit
+from .guards import finalize_at_exit, import_once
 from .values import Phase, Values, guarded, in_words
 
 Array = NDArray[np.float64]
@@ -59,6 +59,7 @@ class ModelSlave(Values):
         self._lost, self._coarse = "", False  # what is in the log of the balance; that a grid is too coarse is
         self.declare(self.model.plant())
         finalize_at_exit(self.resources, self.identifier)
+        import_once(self.resources)
 
     def to_xml(self, _options: dict[str, str] | None = None) -> Any:
         """Return the model description."""

@@ -20,6 +20,7 @@ from mbfmu.settings import Settings
 
 PYTHON = Path(sysconfig.get_config_var("LIBDIR") or "", sysconfig.get_config_var("INSTSONAME") or "")
 COMPILER = shutil.which("cc")
+PLACES = [place for place in sys.path if place]  # as tests are collected: before any FMU adds to them
 
 pytestmark = pytest.mark.skipif(
     COMPILER is None or PYTHON.suffix == ".a" or not PYTHON.is_file(), reason="no C compiler, or no shared libpython"
@@ -51,11 +52,10 @@ def unpacked(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], list[s
 
 def exit_code(host: Path, ending: str, *fmus: list[str]) -> int:
     """What the host ends with when Python is only in what it loads, as it is in most tools."""
-    places = [place for place in sys.path if place]
     environment = os.environ | {
         "LD_PRELOAD": str(PYTHON),
         "PYTHONHOME": sys.base_prefix,
-        "PYTHONPATH": os.pathsep.join(places),
+        "PYTHONPATH": os.pathsep.join(PLACES),
     }
     told = [argument for fmu in fmus for argument in fmu]
     return subprocess.run([host, "5", ending, *told], env=environment, timeout=600, check=False).returncode

@@ -57,6 +57,7 @@ def test_a_second_instance_continues_within_tolerance_with_ida(fourbar_fmu: Path
 
 
 def test_two_hundred_lives_and_two_at_once(fourbar_fmu: Path) -> None:
+    places = len(sys.path)
     with Fmu(fourbar_fmu) as a:
         for _ in range(200):
             a.slave.reset()
@@ -68,6 +69,7 @@ def test_two_hundred_lives_and_two_at_once(fourbar_fmu: Path) -> None:
                 b.step(0.02)
                 a.step(0.01)
                 assert b["crank.angle"] > a["crank.angle"]
+        assert len(sys.path) <= places + 2  # the wrapper adds a folder with every instance
 
 
 def test_the_log_tells_void_rows(fourbar_fmu: Path) -> None:
