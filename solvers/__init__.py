@@ -6,8 +6,9 @@ from collections.abc import Callable
 
 from .adams_tree import TreeAdamsStepper
 from .explicit import AdamsLUStepper, AdamsStepper, HybridStepper
+from .options import Options, Statistics, Switching
 from .outcome import Code, SolverError, Status
-from .stepper import Options, Statistics, Stepper, Switching
+from .stepper import Stepper
 from .system import AnySystem, Array, System, Terms
 
 LARGEST_DENSE = 1000  # coordinates of a mechanism with loops whose matrices the partitions factor

@@ -38,10 +38,11 @@ from .multistep import (
     split,
 )
 from .one_step import NODES, STAGES, change_step, error_of_step, keep_stage, stage, stop_at, take_step
+from .options import Options, Statistics
 from .outcome import Code
 from .partition import NO_MASS, NOT_FINITE, OK
 from .saddle import Motion, rate_of_motion
-from .stepper import Options, Statistics, require_placed, require_resolved
+from .stepper import require_placed, require_resolved
 from .system import Array, TreeSystem, audit_callbacks
 
 SETTINGS = np.dtype(

@@ -14,8 +14,9 @@ from .hybrid import HYBRID, LU, PROJECTION
 from .kernel import records
 from .ledger import WORK, Scales
 from .multistep import HIGHEST, History, counts
+from .options import Options, Statistics
 from .outcome import Code
-from .stepper import DenseStepper, Options, Samples, Statistics, Stepper, sized
+from .stepper import DenseStepper, Samples, Stepper, sized
 from .system import Array, System
 
 SINGLES = 12  # single steps after a change of the equations before a history is begun

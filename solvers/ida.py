@@ -41,11 +41,12 @@ from .held import hold
 from .ida_driver import MATRICES, REFUSED, RESIDUALS, STANDSTILL, STEPS, IDADriver
 from .kernel import kernel
 from .ledger import WORK, Scales, add_step, begin_work, due, look
+from .options import Options, Statistics
 from .outcome import Code
 from .partition import close_report
 from .quiet import IDA
 from .singular import MISS, SINGULAR, note, passed, step_bound
-from .stepper import DenseStepper, Options, Statistics
+from .stepper import DenseStepper
 from .system import Array, System
 from .workspace import factor
 

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from .kernel import records
 from .ledger import BOOK, WORK, begin_work, report_at
+from .options import Options
 from .outcome import Code
 from .quiet import IDA, silent
-from .stepper import Options, Stepper
+from .stepper import Stepper
 from .system import AnySystem, Array
 
 STANDSTILL = 1e-10  # relative to t and one over the rate: no step, and in OFTEN steps no progress

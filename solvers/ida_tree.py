@@ -42,10 +42,11 @@ from .held import hold
 from .ida_driver import BAD, MATRICES, RESIDUALS, STANDSTILL, STEPS, IDADriver
 from .kernel import kernel
 from .ledger import Scales, add_step, due, look
+from .options import Options, Statistics
 from .outcome import Code
 from .quiet import IDA
 from .saddle import Motion, close, inverse_squares, rate_of_motion
-from .stepper import Options, Statistics, require_placed, require_resolved
+from .stepper import require_placed, require_resolved
 from .system import Array, TreeSystem, audit_callbacks
 
 UNCONTROLLED = 1e8  # absolute tolerance of the multipliers

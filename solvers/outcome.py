@@ -48,8 +48,8 @@ MESSAGES: dict[Code, tuple[str, str]] = {
     ),
     Code.BRANCHES: (
         "two branches of the motion come so near each other that no step tells them apart",
-        "The loop misses a singular position by next to nothing: give its lengths the values they have exactly there, "
-        "or others that are farther from it.",
+        "A loop is in a singular position or misses one by next to nothing: give its lengths the values they have "
+        "exactly there, or others that are farther from it, and do not let a drive stop or turn back there.",
     ),
 }
 

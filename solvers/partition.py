@@ -17,9 +17,12 @@ crosses, or a *near miss*, where the branches part just before they meet and the
 it is :mod:`solvers.singular` decides. Near a miss everything above holds. At a crossing truncating J is wrong by O(1)
 in v', not truncating divides by zero. But the motion has a tangent e = v/|v| that is continuous, and with it v' has a
 limit. It is interpolated along the branch from both sides of the crossing, which lies at s = c, with regular
-accelerations only and v(s) = P P^T v + J^+ nu::
+accelerations only and v(s) = P P^T v + J^+ nu, e and |v| without the coordinates that constraints do not know::
 
     v' = sum_k l_k(-c/d) a(c + k d) + O(d^4),   k = -2, -1, 1, 2,   a(s) at q(s) = close(q (+) s e), t(s) = t + s/|v|
+
+where time moves constraints, else t(s) = t. What constraints do not know stays where it is, as loads do: both may go
+through many periods on the way, or through much more of a way than the loops.
 
 Without velocity there is no tangent: the branch cannot be decided.
 """
@@ -30,10 +33,11 @@ from typing import Any
 
 import numpy as np
 
+from .critical import moves
 from .dense import basic_transposed, dot, least_norm, rank_at, ratio, solve_positive, turn_in, turn_out
 from .kernel import inlined, kernel
 from .singular import CROSSING, SINGULAR, judge
-from .workspace import distance, factor, factor_here, factor_transposed, scaled_length
+from .workspace import distance, factor, factor_here, factor_transposed, loop_speed
 
 OK, NOT_CLOSED, NO_MASS, UNDECIDABLE, NOT_FINITE = 0, 1, 2, 3, 4
 
@@ -245,7 +249,7 @@ def acceleration(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any, a: An
     if rank_at(work.pivot, rank, SINGULAR) == rank:
         return regular_acceleration(eqs.terms, rank, work, a)
     crossing = judge(eqs, t, q, rank, work) == CROSSING
-    if not crossing or not scaled_length(v, work) > AT_REST * work.rate[0]:
+    if not crossing or not loop_speed(v, work) > AT_REST * work.rate[0]:
         resolved = rank_at(work.pivot, rank, UNRESOLVED) == rank
         return regular_acceleration(eqs.terms, rank, work, a) if resolved else UNDECIDABLE
     code = limit(eqs, t, q, v, False, rank, work, a)
@@ -255,18 +259,18 @@ def acceleration(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any, a: An
 
 @inlined
 def place(eqs: Any, q: Any, v: Any, along: float, work: Any) -> None:
-    """work.q_near = the position at a signed distance ``along`` v from q."""
+    """work.q_near = the position a time ``along`` of the loops' part of v from q."""
     for i in range(q.shape[0]):
         work.q_near[i] = q[i]
     for i in range(v.shape[0]):
-        work.dq[i] = along * v[i]
+        work.dq[i] = along * v[i] * work.looped[i]
     eqs.retract(work.q_near, work.dq, eqs.data)
 
 
 @kernel
 def way_to_crossing(eqs: Any, q: Any, v: Any, work: Any) -> float:
     """Signed distance along v from q to where the crossing lies nearest."""
-    speed = scaled_length(v, work)
+    speed = loop_speed(v, work)
     place(eqs, q, v, -REACH / speed, work)
     behind = distance(work.q_c, work.q_near, work)
     place(eqs, q, v, REACH / speed, work)
@@ -276,14 +280,14 @@ def way_to_crossing(eqs: Any, q: Any, v: Any, work: Any) -> float:
 
 @kernel
 def neighbour(eqs: Any, t: float, q: Any, v: Any, along: float, rank: int, work: Any) -> bool:
-    """Closed state (work.q_near, work.v_near) at a signed distance ``along`` v from q, when the motion gets there, with
-    its terms and factors; False where it cannot be closed. No row is left out.
+    """Closed state (work.q_near, work.v_near) at a signed distance ``along`` v from q, with its terms and factors; when
+    the motion gets there, where time moves constraints. False where it cannot be closed. No row is left out.
     """
-    speed = scaled_length(v, work)
+    speed = loop_speed(v, work)
     place(eqs, q, v, along / speed, work)
     for i in range(v.shape[0]):
         work.v_near[i] = v[i]
-    after = t + along / speed
+    after = t + along / speed if moves(eqs.terms) else t  # loads may change much faster than that
     eqs.position(after, work.q_near, eqs.data, eqs.terms)
     for _ in range(PASSES):
         factor(eqs.terms, work)
@@ -334,7 +338,7 @@ def close_report(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any) -> in
     code = close(eqs, t, q, v, rank, work)
     if code != OK or rank_at(work.pivot, rank, SINGULAR) == rank:
         return code
-    if judge(eqs, t, q, rank, work) != CROSSING or not scaled_length(v, work) > AT_REST * work.rate[0]:
+    if judge(eqs, t, q, rank, work) != CROSSING or not loop_speed(v, work) > AT_REST * work.rate[0]:
         return code
     if rank_at(work.pivot, rank, UNRESOLVED) == rank and position_off(eqs.terms, rank, work) < ratio(work.pivot, rank):
         correct_position(eqs, t, q, rank, work)

@@ -12,6 +12,7 @@ from .partition import CLOSED, PASSES, REACH, correct_position, span_tangents
 from .workspace import factor, scaled_length
 
 REDUNDANT = 1e-6  # ratio that tells a redundant constraint from a singular position nearby
+ROUNDING = 1e-12  # part of a row that is no more than that
 SAMPLES = 5  # positions that the units of the rows are taken from
 
 
@@ -43,11 +44,13 @@ def normal_rank(eqs: Any, t: float, q: Any, v: Any, work: Any) -> int:
 @kernel
 def measure_rows(eqs: Any, t: float, q: Any, work: Any) -> None:
     """Let the unit of every row be its largest length at q and at a few positions far from q, closed or not: where it
-    is short at q it may be singular there.
+    is short at q it may be singular there. Note which coordinates they know.
     """
     m, n = eqs.terms.J.shape
     for i in range(m):
         work.row[i] = 0.0
+    for j in range(n):
+        work.looped[j] = 0.0
     for far in range(SAMPLES):
         for i in range(q.shape[0]):
             work.q_near[i] = q[i]
@@ -59,6 +62,9 @@ def measure_rows(eqs: Any, t: float, q: Any, work: Any) -> None:
             square = 0.0
             for j in range(n):
                 square += (eqs.terms.J[i, j] * work.size[j]) ** 2
+            for j in range(n):
+                if abs(eqs.terms.J[i, j]) * work.size[j] > ROUNDING * np.sqrt(square):
+                    work.looped[j] = 1.0
             work.row[i] = max(work.row[i], np.sqrt(square))
     for i in range(m):
         if not work.row[i] > 0.0:

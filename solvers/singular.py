@@ -155,7 +155,7 @@ def goes_on(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
     if crossing and ratio(work.pivot, rank) < SINGULAR:
         return True
     crossed = crossing and distance(work.q_c, q, work) <= PASSED * distance(work.q_last, q, work)
-    crossed = crossed and not turned_back(eqs.terms, work)
+    crossed = crossed and not turned_back(eqs, t, q, work)
     if crossed:
         c.behind = 1
     return crossed if turn == FLIPPED else turn == BENT and not crossed
@@ -181,12 +181,20 @@ def strayed(q: Any, exact: float, rank: int, terms: Any, work: Any) -> bool:
     return along * along < LINE * LINE * here * last
 
 
-@inlined
-def turned_back(terms: Any, work: Any) -> bool:
-    """Whether the drives have reversed since the last good position: a crossing they turn back in is not passed."""
+@kernel
+def turned_back(eqs: Any, t: float, q: Any, work: Any) -> bool:
+    """Whether the drives have reversed since the last good position: a crossing they turn back in is not passed.
+
+    What they would do now in that position is compared with what they did there: on the way their arms may have changed
+    sign. ``terms`` (of positions) belong to (t, q), and do so again.
+    """
+    if not moves(eqs.terms):
+        return False
+    eqs.position(t, work.q_last, eqs.data, eqs.terms)
     same = 0.0
-    for i in range(terms.nu.shape[0]):
-        same += work.nu_last[i] * terms.nu[i] / work.row[i]
+    for i in range(work.row.shape[0]):
+        same += work.nu_last[i] * eqs.terms.nu[i] / work.row[i]
+    eqs.position(t, q, eqs.data, eqs.terms)
     return same < 0.0
 
 

@@ -8,7 +8,7 @@ from math import acos, atan2, cos, radians, sin
 import numpy as np
 import pytest
 
-from mbfmu.mechanics import Mechanism, Polynomial, Revolute, RevoluteCut, rod
+from mbfmu.mechanics import Mechanism, Polynomial, Revolute, RevoluteCut, Translational, rod
 from mbfmu.model import Model
 from mbfmu.native import run
 from mbfmu.simulation import Settings
@@ -38,6 +38,37 @@ class Driven(Model):
         m.cut("pivot", RevoluteCut(at_a=(2.5, 0.0, 0.0), at_b=(-1.0, 0.0, 0.0)), m.ground, rocker)
         m.output("link", rod_.angle())
         return m
+
+
+@dataclass(frozen=True, kw_only=True)
+class Across(Model):
+    """Crank and rod of one length: the slider passes the crank's centre, where the drive has no lever on it."""
+
+    name = "across"
+    length: float
+    start: float = 0.3
+
+    def build(self) -> Mechanism:
+        r = self.length
+        m = Mechanism(gravity=(0.0, -9.81 * r, 0.0))
+        crank = m.body("crank", m.ground, Revolute(drive=Polynomial((self.start, 2.0))), **rod(mass=1.0, length=r))
+        pin = Revolute(at=(r, 0.0, 0.0), start=-2.0 * self.start)
+        link = m.body("rod", crank, pin, **rod(mass=0.5, length=r))
+        slider = m.body("slider", m.ground, Translational(axis="x", start=2.0 * r * cos(self.start)), mass=0.8)
+        m.cut("pin", RevoluteCut(at_a=(r, 0.0, 0.0)), link, slider)
+        m.output("way", slider.coordinate())
+        return m
+
+
+@pytest.mark.parametrize("solver", ["ida", "adams", "hybrid"])
+@pytest.mark.parametrize("length", [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 1e-8])
+def test_a_slider_passes_the_centre_of_its_crank(solver: str, length: float, tolerance: float) -> None:
+    result = run(Across(length=length), Settings(solver=solver, tolerance=tolerance), np.linspace(0.0, 4.0, 81))
+    assert not result.failure
+    np.testing.assert_allclose(
+        result["way"], 2.0 * length * np.cos(0.3 + 2.0 * result.times), atol=10.0 * tolerance * length
+    )
 
 
 @pytest.mark.parametrize("solver", ["ida", "adams", "hybrid"])

@@ -15,7 +15,7 @@ from mbfmu.mechanics import Variable
 from mbfmu.model import Model
 from mbfmu.native import Result
 from mbfmu.settings import Settings
-from solvers.stepper import Statistics
+from solvers.options import Statistics
 
 from .export import export
 from .harness import Fmu

@@ -1,0 +1,80 @@
+"""What a run is asked for, and what it has cost."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True, kw_only=True)
+class Switching:
+    """When the hybrid changes between LU and projection."""
+
+    flicker_steps: int = 20  # changes of the independents within fewer steps count as flicker
+    flicker_count: int = 3  # that many leave LU
+    energy_jump: float = 0.01  # of the largest kinetic energy so far, in one step
+    collapse_cuts: int = 6  # cuts of one step that leave LU
+    calm_steps: int = 5  # consecutive steps not shrinking and with one choice of independents to return to LU
+
+    def __post_init__(self) -> None:
+        """Refuse counts below one."""
+        for name in ("flicker_steps", "energy_jump", "flicker_count", "collapse_cuts", "calm_steps"):
+            require(name, getattr(self, name), 0.0, math.inf)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Options of every solver; those a solver has no use for it ignores."""
+
+    rtol: float = 1e-6  # relative tolerance of positions and velocities
+    atol: float | None = None  # absolute tolerance, in units of each coordinate; None: rtol
+    max_step: float = math.inf  # s
+    max_order: int | None = None  # None: 12 for Adams, 5 for IDA
+    max_steps: int = 100_000  # in one call of advance
+    audit: bool = True  # book work and what the tolerance explains
+    switching: Switching = field(default_factory=Switching)
+
+    def __post_init__(self) -> None:
+        """Refuse what no solver can honour."""
+        if not 1e-12 <= self.rtol <= 1e-2:
+            raise ValueError(f"rtol = {self.rtol}: allowed is 1e-12 to 1e-2")
+        require("atol", self.absolute, 0.0, math.inf)
+        if not self.max_step > 0.0:
+            raise ValueError(f"max_step = {self.max_step}: must be positive")
+        require("max_steps", self.max_steps, 0.0, math.inf)
+        if self.max_order is not None and not 1 <= self.max_order <= 12:
+            raise ValueError(f"max_order = {self.max_order}: allowed is 1 to 12")
+
+    @property
+    def absolute(self) -> float:
+        """The absolute tolerance in force."""
+        return self.rtol if self.atol is None else self.atol
+
+
+@dataclass(frozen=True, kw_only=True)
+class Statistics:
+    """What a run has cost so far; counts since construction, kept by save and restore."""
+
+    steps: int = 0
+    rejected: int = 0
+    rhs_evals: int = 0  # evaluations of y' (Adams) or of the residual (IDA)
+    restarts: int = 0  # begins of a history after the first
+    order: int = 0  # of the last step
+    step_size: float = 0.0  # s, of the last step
+    refused: int = 0  # of the rejected: steps that might have jumped to another branch
+    coarser: float = 1.0  # largest tolerance beside near misses in units of the one asked for, see Stepper.notice
+    stability_limited: int = 0  # of an explicit solver: steps whose length stability set, and not accuracy
+    partition_switches: int = 0  # between LU and projection
+    choices: int = 0  # changes of the independent coordinates under LU
+    left_by_turn: int = 0  # the branch turned, or a singular position was close ahead
+    left_by_flicker: int = 0
+    left_by_energy: int = 0
+    left_by_collapse: int = 0
+    time_lu: float = 0.0  # s of motion
+    time_projection: float = 0.0  # s of motion
+
+
+def require(name: str, value: float, above: float, below: float) -> None:
+    """Raise unless ``value`` lies strictly between the bounds."""
+    if not above < value < below:
+        raise ValueError(f"{name} = {value}: must lie between {above} and {below}, bounds excluded")
