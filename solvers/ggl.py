@@ -35,7 +35,7 @@ from .dense import factor_lu, solve_lu
 from .ida_driver import BAD, COUNTS, MATRICES, RESIDUALS
 from .kernel import inlined, kernel
 from .system import Array
-from .workspace import scaled_length
+from .workspace import loop_speed
 
 LAMBDA, FILTER, MU = 1e-10, 1e-13, 1e-2  # see above
 LENGTH_RATE = 10.0  # k, in units of the motion's rate
@@ -331,18 +331,21 @@ def multiply(vector: Any, product: Any, u: Any) -> None:
 
 @inlined
 def taken_by_filter(time: float, terms: Any, u: Any, work: Any) -> float:
-    """Speed that D has taken from a solution in this ``time`` (s), in units of the motion's: the power of D is
-    lambda . D lambda, and D lambda is what velocities leave of their constraints, J v - nu. What moves fast loses
-    little of its speed by that.
+    """Speed that D has taken from the loops in this ``time`` (s), in units of theirs: the power of D is lambda .
+    D lambda, and D lambda is what velocities leave of their constraints, J v - nu. What moves fast loses little of its
+    speed by that.
     """
-    power, speed = 0.0, scaled_length(u.v, work) / work.rate[0]
+    power, inertia, speed = 0.0, 0.0, loop_speed(u.v, work)
+    for i in range(u.v.shape[0]):
+        inertia += work.looped[i] * terms.M[i, i] * work.size[i] ** 2 / u.v.shape[0]
     for row in range(terms.nu.shape[0]):
         left = -terms.nu[row]
         for i in range(u.v.shape[0]):
             left += terms.J[row, i] * u.v[i]
         power += u.lam[row] * left
-    energy = u.columns[u.q.shape[0] + u.v.shape[0]]
-    return np.sqrt(speed * speed + 2.0 * max(0.0, power) * time / energy) - speed
+    if not inertia > 0.0:
+        return 0.0
+    return (np.sqrt(speed * speed + 2.0 * max(0.0, power) * time / inertia) - speed) / work.rate[1]
 
 
 @inlined

@@ -23,14 +23,16 @@ MESSAGES: dict[Code, tuple[str, str]] = {
     Code.OK: ("reached the time asked for", ""),
     Code.NOT_CLOSED: (
         "the constraints could not be closed",
-        "Start nearer to a closed position{others}.",
+        "At the start: begin nearer to a closed position. On the way: a drive leads where its loop cannot follow, or "
+        "turns back in a singular position{others}.",
     ),
     Code.NO_MASS: (
         "some motion the constraints allow moves no mass",
         "Give a mass or inertia to the bodies that move freely, or lock the coordinate.",
     ),
     Code.UNDECIDABLE: (
-        "at rest in a singular position, where branches of the motion cross and none can be preferred",
+        "in a singular position, where branches of the motion cross and none can be preferred: at rest, or as several "
+        "loops cross at once",
         "Start slightly off the singular position, or with a velocity along the branch that is meant.",
     ),
     Code.NOT_FINITE: (

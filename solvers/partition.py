@@ -19,10 +19,11 @@ in v', not truncating divides by zero. But the motion has a tangent e = v/|v| th
 limit. It is interpolated along the branch from both sides of the crossing, which lies at s = c, with regular
 accelerations only and v(s) = P P^T v + J^+ nu, e and |v| without the coordinates that constraints do not know::
 
-    v' = sum_k l_k(-c/d) a(c + k d) + O(d^4),   k = -2, -1, 1, 2,   a(s) at q(s) = close(q (+) s e), t(s) = t + s/|v|
+    v' = sum_k l_k(-c/d) a(c + k d) + O(d^4),   k = -2, -1, 1, 2,   a(s) at q(s) = close(q (+) s e)
 
-where time moves constraints, else t(s) = t. What constraints do not know stays where it is, as loads do: both may go
-through many periods on the way, or through much more of a way than the loops.
+Where time moves constraints they are taken when the motion is there, at t + s/|v|. Loads are those of t, and what
+constraints do not know stays where it is: both may go through many periods on the way, or through much more of a way
+than the loops.
 
 Without velocity there is no tangent: the branch cannot be decided.
 """
@@ -279,7 +280,7 @@ def way_to_crossing(eqs: Any, q: Any, v: Any, work: Any) -> float:
 
 
 @kernel
-def neighbour(eqs: Any, t: float, q: Any, v: Any, along: float, rank: int, work: Any) -> bool:
+def neighbour(eqs: Any, t: float, q: Any, v: Any, along: float, timed: bool, rank: int, work: Any) -> bool:
     """Closed state (work.q_near, work.v_near) at a signed distance ``along`` v from q, with its terms and factors; when
     the motion gets there, where time moves constraints. False where it cannot be closed. No row is left out.
     """
@@ -287,7 +288,7 @@ def neighbour(eqs: Any, t: float, q: Any, v: Any, along: float, rank: int, work:
     place(eqs, q, v, along / speed, work)
     for i in range(v.shape[0]):
         work.v_near[i] = v[i]
-    after = t + along / speed if moves(eqs.terms) else t  # loads may change much faster than that
+    after = t + along / speed if timed else t
     eqs.position(after, work.q_near, eqs.data, eqs.terms)
     for _ in range(PASSES):
         factor(eqs.terms, work)
@@ -295,8 +296,20 @@ def neighbour(eqs: Any, t: float, q: Any, v: Any, along: float, rank: int, work:
             factor(eqs.terms, work)
             close_velocity(work.v_near, eqs.terms, rank, work)
             eqs.motion(after, work.q_near, work.v_near, eqs.data, eqs.terms)
+            if timed:
+                load_at(eqs, t, work)
             return True
     return False
+
+
+@inlined
+def load_at(eqs: Any, t: float, work: Any) -> None:
+    """Give ``terms`` of a neighbour inertia and loads as they are at t, and leave it what constraints ask for."""
+    for i in range(work.x.shape[0]):
+        work.x[i] = eqs.terms.gamma[i]
+    eqs.dynamics(t, work.q_near, work.v_near, eqs.data, eqs.terms)
+    for i in range(work.x.shape[0]):
+        eqs.terms.gamma[i] = work.x[i]
 
 
 @kernel
@@ -307,8 +320,9 @@ def limit(eqs: Any, t: float, q: Any, v: Any, velocity: bool, rank: int, work: A
     way = way_to_crossing(eqs, q, v, work)
     step = max(REACH, abs(way))
     x = -way / step
+    timed = moves(eqs.terms)
     for node in (-2, -1, 1, 2):
-        if not neighbour(eqs, t, q, v, way + node * step, rank, work):
+        if not neighbour(eqs, t, q, v, way + node * step, timed, rank, work):
             return NOT_CLOSED
         if not velocity:
             code = regular_acceleration(eqs.terms, rank, work, work.a)

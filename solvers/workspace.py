@@ -46,7 +46,7 @@ class Workspace(NamedTuple):
     size_q: Array  # (nq,)   units of the positions
     row: Array  # (m,)    units of the constraints
     looped: Array  # (n,)    1 for coordinates that constraints know, 0 for others
-    rate: Array  # (1,)    1/s, of the motion: unit of size a second
+    rate: Array  # (2,)    1/s, of the motion, and of the loops' part in it: unit of size a second
     pace: Array  # (n,)    1/s, of every coordinate's own part in it
     A: Array  # (m, n)  L, and the reflectors of Q, of J~[pivots] = L Q^T
     tau: Array  # (m,)    of the reflectors
@@ -103,7 +103,7 @@ class Workspace(NamedTuple):
             np.zeros(k, np.int64) for k in (m, m, max(m, n), m, n, N, m)
         )
         return Workspace(
-            one(n), one(nq), one(m), one(n), one(1), one(n), z((m, n)), z(m), pivots, z(m), z((n, n)), z((n, n)),
+            one(n), one(nq), one(m), one(n), one(2), one(n), z((m, n)), z(m), pivots, z(m), z((n, n)), z((n, n)),
             z((n, n)), z((1, n)), z(n), z(n), z(m), z(n), z(n), z(n), z(nq), z(n), z(nq), z(n), z((m, m)), z(m),
             pivots_B, z((m, n)), z((m, m)), order, z(m), z(m), rows, columns, records(1, CRITICAL), z(nq), z(nq), z(m),
             z((N, N)), z((N, N)), z(N), K_pivots, z(N), z(N), z(N), records(1, COURSE), z((m, n)), z(m), frame_pivots,
