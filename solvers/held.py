@@ -7,11 +7,13 @@ tuple's fields as attributes all the same.
 
 from __future__ import annotations
 
+from hashlib import sha256
 from typing import Any
 
 import numpy as np
 from numba import typeof, types
 from numba.core import cgutils
+from numba.core.registry import cpu_target
 from numba.core.typing.templates import AttributeTemplate
 from numba.extending import (
     NativeValue,
@@ -31,26 +33,30 @@ class HeldType(types.Type):
 
     def __init__(self, content: Any) -> None:
         self.content = content
-        super().__init__(name=f"Held({content})")
+        super().__init__(name=f"Held_{sha256(str(content).encode()).hexdigest()[:16]}")  # it is part of every symbol
 
 
 register_model(HeldType)(models.OpaqueModel)
 
 
 class Held:
-    """A named tuple whose arrays stay where they are; ``value`` is the tuple."""
+    """A named tuple whose arrays stay where they are; ``value`` is the tuple, with those in it held too."""
 
     def __init__(self, value: Any) -> None:
-        self.value = value  # keeps the arrays alive
         self._numba_type_ = held_type(value)
-        self._place = np.zeros(size(value), np.uint8)
+        value = type(value)._make(hold(field) for field in value)
+        self.value = value  # keeps the arrays alive
+        self._place = np.zeros(size(self._numba_type_), np.uint8)
         self.address = self._place.ctypes.data
         put(value, self.address)
 
 
 def held_type(example: Any) -> Any:
     """Return numba's type of what :func:`hold` makes of a value of this kind."""
-    return HeldType(typeof(example)) if isinstance(example, tuple) else typeof(example)  # type: ignore[no-untyped-call]
+    if not isinstance(example, tuple):
+        return typeof(example)  # type: ignore[no-untyped-call]
+    fields = [held_type(field) for field in example]
+    return HeldType(types.BaseTuple.from_types(fields, type(example)))  # type: ignore[no-untyped-call]
 
 
 def hold(value: Any) -> Any:
@@ -84,13 +90,6 @@ def _unbox(_: Any, held: Any, c: Any) -> Any:
     return NativeValue(address)  # type: ignore[no-untyped-call]
 
 
-def _size(_: Any, value: Any) -> Any:
-    def generate(context: Any, *_: Any) -> Any:
-        return context.get_constant(types.int64, context.get_abi_sizeof(context.get_value_type(value)))
-
-    return types.int64(value), generate
-
-
 def _put(_: Any, value: Any, address: Any) -> Any:
     def generate(context: Any, builder: Any, _: Any, arguments: Any) -> Any:
         place = builder.inttoptr(arguments[1], context.get_value_type(value).as_pointer())
@@ -100,14 +99,13 @@ def _put(_: Any, value: Any, address: Any) -> Any:
     return types.void(value, types.int64), generate
 
 
-_size_of: Any = intrinsic(_size)
 _store: Any = intrinsic(_put)
 
 
-@kernel
-def size(value: Any) -> int:
-    """Bytes of a tuple as kernels have it."""
-    return _size_of(value)
+def size(held: Any) -> int:
+    """Bytes of a tuple as kernels have it, from its type."""
+    context: Any = cpu_target.target_context
+    return int(context.get_abi_sizeof(context.get_value_type(held.content)))
 
 
 @kernel

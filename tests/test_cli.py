@@ -6,12 +6,15 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from solvers import kernel
+from mbfmu import native
+from mbfmu.cli import models
+from solvers import SOLVERS, cache
 
 Command = Callable[..., Any]
 
@@ -22,18 +25,32 @@ def test_run_through_the_fmu_writes_csv_and_png(command: Command, tmp_path: Path
     assert "steps" in out
     assert "energy imbalance" in out
     assert "loop 'pivot': 3 of 5 rows are void (z, zx, zy)" in out
-    assert (tmp_path / "fourbar.csv").read_text().count("\n") == 52
-    assert (tmp_path / "fourbar.png").stat().st_size > 10_000
+    assert (tmp_path / "fourbar_adams.csv").read_text().count("\n") == 52
+    assert (tmp_path / "fourbar_adams.png").stat().st_size > 10_000
 
 
 def test_fmu_and_native_write_the_same_numbers(command: Command, tmp_path: Path) -> None:
     for extra in ("--native", "--solver=adams"):
         command("run", "fourbar", "--solver=adams", "--stop-time=1", "-o", str(tmp_path / extra.strip("-")), extra)
-    native = (tmp_path / "native" / "fourbar.csv").read_text()
-    through_fmu = (tmp_path / "solver=adams" / "fourbar.csv").read_text()
+    native = (tmp_path / "native" / "fourbar_adams.csv").read_text()
+    through_fmu = (tmp_path / "solver=adams" / "fourbar_adams.csv").read_text()
     for a, b in zip(native.splitlines()[1:], through_fmu.splitlines()[1:], strict=True):
         for x, y in zip(a.split(","), b.split(","), strict=True):
             assert float(x) == pytest.approx(float(y), rel=0, abs=1e-12)
+
+
+def test_a_run_that_fails_leaves_what_went_well(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = ("run", "fourbar/paper", "--native", "--stop-time=0.1", "-o", str(tmp_path))
+    assert command(*told)[0] == 0
+    before = (tmp_path / "fourbar_paper.csv").read_text()
+    monkeypatch.setattr("mbfmu.cli.run.run", lambda *a, **k: replace(native.run(*a, **k), failure="it stopped"))
+    code, out, err = command(*told)
+    assert code == 1
+    assert "it stopped" in err
+    assert "fourbar_paper_failed.csv" in out
+    assert (tmp_path / "fourbar_paper.csv").read_text() == before
 
 
 def test_models_lists_parameters_with_units(command: Command) -> None:
@@ -93,18 +110,34 @@ def test_a_huge_number_is_refused_in_words(command: Command, tmp_path: Path) -> 
     assert err.startswith("mbfmu: ")
 
 
-def test_the_first_run_says_why_it_takes_long(
-    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """In a terminal, where nothing has been compiled, and only for commands that need it."""
+def test_the_first_run_says_why_it_takes_long(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In a terminal, as soon as something has to be compiled, and once."""
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
-    monkeypatch.setattr(kernel, "COMPILED", True)
-    wrong = ("run", "fourbar", "--set=crank_mass=-1", "-o", str(tmp_path))
-    monkeypatch.setattr(kernel, "cache_folder", lambda: tmp_path / "cold")
-    assert "compiling, once on this machine" in command(*wrong)[2]
-    assert "compiling" not in command("models")[2]
-    (tmp_path / "cold" / "joints").mkdir(parents=True)
-    assert "compiling" not in command(*wrong)[2]
+
+    def starts(_options: object) -> int:
+        cache.tell_listeners()
+        cache.tell_listeners()
+        return 0
+
+    monkeypatch.setattr(models, "command_models", starts)
+    assert command("models")[2].count("compiling, once on this machine") == 1
+
+
+def test_the_cache_says_where_it_is(command: Command) -> None:
+    code, out, _ = command("cache")
+    assert code == 0
+    assert str(cache.home()) in out
+    assert "MB of machine code" in out
+
+
+def test_the_cache_is_warmed_for_a_model(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    started: list[str] = []
+    monkeypatch.setattr("mbfmu.cli.cache.Simulation", lambda _model, settings: started.append(settings.name))
+    code, out, _ = command("cache", "warm", "pendulum")
+    assert code == 0
+    assert started == list(SOLVERS)
+    assert "MB of machine code" in out
+    assert command("cache", "warm", "nothing")[0] == 2
 
 
 def test_python_m_is_the_command() -> None:

@@ -9,11 +9,11 @@ from collections.abc import Sequence
 
 import mbfmu
 from mbfmu.errors import UserError
-from solvers.kernel import cold
+from solvers.cache import when_compiling
 
-from . import compare, effects, equilibrium, export, linearize, models, modes, run, view
+from . import cache, compare, effects, equilibrium, export, linearize, models, modes, run, view
 
-COMMANDS = (run, view, export, equilibrium, linearize, modes, effects, compare, models)
+COMMANDS = (run, view, export, equilibrium, linearize, modes, effects, compare, models, cache)
 
 EXAMPLES = """examples:
   mbfmu run fourbar                        export the FMU, run it through FMPy, write CSV and PNG
@@ -31,14 +31,15 @@ EXAMPLES = """examples:
   mbfmu effects sheet                      what each effect costs and changes
   mbfmu compare fourbar --json rows.json   what accuracy costs in time
   mbfmu models                             every model with its parameters
+  mbfmu cache warm                         compile everything beforehand
 """
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return its exit code: 0, 1 for a run that stopped early, 2 for a user's mistake."""
     options = parser().parse_args(arguments)
-    if cold() and sys.stderr.isatty() and options.command.__module__ != models.__name__:
-        print("compiling, once on this machine: two to four minutes", file=sys.stderr)
+    if sys.stderr.isatty():
+        when_compiling(lambda: print("compiling, once on this machine: a minute or two", file=sys.stderr))
     try:
         return int(options.command(options))
     except UserError as error:

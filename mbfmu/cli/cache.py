@@ -1,0 +1,61 @@
+"""``mbfmu cache``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from tqdm import tqdm
+
+from mbfmu.equilibrium import Balance
+from mbfmu.errors import UserError
+from mbfmu.model import models
+from mbfmu.scene import load_scene
+from mbfmu.settings import Settings
+from mbfmu.simulation import Simulation
+from solvers import SOLVERS, cache
+
+from .common import Commands
+
+
+def add(commands: Commands) -> None:
+    """Describe ``mbfmu cache``."""
+    p = commands.add_parser(
+        "cache",
+        help="compile beforehand, or remove what was compiled",
+        description="Machine code is compiled when it is first needed and kept for all later processes, of any "
+        "environment with this version. Without an argument: where that is, and how much.",
+    )
+    p.add_argument(
+        "what",
+        nargs="?",
+        choices=("warm", "clear"),
+        help="warm: compile all that the models need, so that no run has to wait; clear: remove everything",
+    )
+    p.add_argument("scenes", metavar="model", nargs="*", help="to warm: model names or scenes; default: all models")
+    p.set_defaults(command=command_cache)
+
+
+def command_cache(options: argparse.Namespace) -> int:
+    """Tell of the machine code, compile it or remove it."""
+    if options.what == "warm":
+        warm(options.scenes or sorted(models()))
+    elif options.what == "clear":
+        cache.clear()
+    print(f"{cache.home()}: {cache.size() / 1e6:.0f} MB of machine code")
+    return 0
+
+
+def warm(references: list[str]) -> None:
+    """Start every model under every solver that it can have, and look for a steady state."""
+    runs = [(load_scene(reference).model, solver) for reference in references for solver in (*SOLVERS, "equilibrium")]
+    with tqdm(runs, unit="run", leave=False, disable=not sys.stderr.isatty()) as bar:
+        for model, solver in bar:
+            bar.set_description(f"{model.name} {solver}")
+            try:
+                if solver == "equilibrium":
+                    Balance(model).solve()
+                else:
+                    Simulation(model, Settings(solver=solver))
+            except UserError:
+                continue  # not for this model

@@ -1,0 +1,114 @@
+"""How compiled kernels call each other.
+
+Numba compiles a function together with all that it calls, at every level anew: of a chain of calls ten deep the last is
+compiled ten times. A :class:`Kernel` is compiled once for a signature and called by the name of a symbol, which is the
+same in every process; only what is small goes into its callers as well, where it may be worth more than a call. What a
+function on disk calls is written beside it and is there before it is loaded.
+"""
+
+from __future__ import annotations
+
+import copy
+import importlib
+import zlib
+from hashlib import sha256
+from typing import Any
+
+from llvmlite import binding
+from numba.core import sigutils, types
+from numba.core.caching import CompileResultCacheImpl
+from numba.core.ccallback import CFunc
+from numba.core.registry import CPUDispatcher
+from numba.core.serialize import dumps, loads
+
+from .cache import Cache, Place, cache_of
+
+PREFIX = "mbfmu_"
+SMALL = 20_000  # bytes of bitcode, a quarter of them names, up to which a kernel goes into its callers
+
+_kernels: dict[tuple[str, str], Kernel] = {}  # by module and name
+_symbols: dict[str, tuple[tuple[str, str], Any]] = {}  # whose they are, and for which arguments
+
+
+class Entry(CompileResultCacheImpl):
+    """How a compiled function is written: with a checksum, and with what it calls."""
+
+    _locator_classes: Any = (Place,)
+
+    def reduce(self, compiled: Any) -> Any:
+        """Return what is written."""
+        functions = compiled.library._final_module.functions
+        called = [f.name for f in functions if f.is_declaration and f.name.startswith(PREFIX)]
+        data = dumps(super().reduce(compiled))
+        return [(name, *_symbols[name]) for name in called], zlib.crc32(data), data
+
+    def rebuild(self, context: Any, written: Any) -> Any:
+        """Return the function again, after what it calls; None where it is damaged."""
+        called, checksum, data = written
+        for name, (module, function), arguments in called:
+            if name not in _symbols:
+                importlib.import_module(module)
+                _kernels[module, function].compile(arguments)
+            if name not in _symbols:
+                return None
+        return super().rebuild(context, loads(data)) if zlib.crc32(data) == checksum else None
+
+
+class LinkedCache(Cache):
+    """A cache of such entries."""
+
+    _impl_class: Any = Entry
+
+
+class Inlined(CPUDispatcher):
+    """A function that is compiled into its callers."""
+
+    def enable_caching(self) -> None:
+        """Keep machine code on disk."""
+        self._cache = cache_of(self.py_func, LinkedCache)
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """Type a call; constants are no types of their own, for which all would be compiled once more."""
+        return super().get_call_template([types.unliteral(a) for a in args], kws)
+
+
+class Kernel(Inlined):
+    """A function that is compiled once for a signature."""
+
+    def __init__(self, function: Any, **options: Any) -> None:
+        super().__init__(function, **options)
+        _kernels[self._key] = self
+
+    @property
+    def _key(self) -> tuple[str, str]:
+        return self.py_func.__module__, self.py_func.__qualname__
+
+    def compile(self, signature: Any) -> Any:
+        """Compile or load it, and give it a symbol."""
+        arguments = tuple(sigutils.normalize_signature(signature)[0])
+        known = arguments in self.overloads
+        entry = super().compile(signature)
+        if not known and "<locals>" not in self.py_func.__qualname__:  # several of that name may be at work
+            self._name(arguments)
+        return entry
+
+    def _name(self, arguments: Any) -> None:
+        compiled: Any = self.overloads[arguments]
+        told = repr((self._key, [str(a) for a in arguments]))
+        name = f"{PREFIX}{self.py_func.__name__}_{sha256(told.encode()).hexdigest()[:16]}"
+        library = compiled.library
+        binding.add_symbol(name, library.get_pointer_to_function(compiled.fndesc.llvm_func_name))
+        _symbols[name] = self._key, arguments
+        if len(library._get_module_for_linking().as_bitcode()) > SMALL:
+            called = copy.copy(compiled.fndesc)
+            called.mangled_name = name
+            self.targetctx.remove_user_function(compiled.entry_point)
+            self.targetctx.insert_user_function(compiled.entry_point, called, [])
+
+
+class Callback(CFunc):
+    """A kernel of one signature that is handed on by its address."""
+
+    def enable_caching(self) -> None:
+        """Keep machine code on disk."""
+        self._cache = cache_of(self.__wrapped__, LinkedCache)

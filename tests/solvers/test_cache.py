@@ -1,0 +1,145 @@
+"""Machine code on disk: what is damaged, missing or nobody's to write, and kernels that find each other again."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from solvers import cache
+from solvers.kernel import COMPILED
+
+pytestmark = pytest.mark.skipif(not COMPILED, reason="nothing is compiled")
+
+# `deep` is called by name, as large kernels are, from what is inlined into `outer`.
+SCRIPT = """
+import json, warnings
+import numpy as np
+warnings.simplefilter("always")
+with warnings.catch_warnings(record=True) as caught:
+    from solvers import cache, linking
+    linking.SMALL = 0
+    began = []
+    cache.when_compiling(lambda: began.append(True))
+    from solvers.kernel import inlined, kernel
+
+    @kernel
+    def deep(x, twice):
+        total = 0.0
+        for i in range(x.shape[0]):
+            total += 2.0 * x[i] if twice else x[i]
+        return total
+
+    @inlined
+    def middle(x):
+        return deep(x, True) + deep(x, False)
+
+    @kernel
+    def outer(x):
+        return 1.0 + middle(x)
+
+    found = outer(np.arange(4.0))
+told = {
+    "found": found,
+    "began": len(began),
+    "hits": {f.__name__: sum(f.stats.cache_hits.values()) for f in (deep, outer)},
+    "misses": {f.__name__: sum(f.stats.cache_misses.values()) for f in (deep, outer)},
+    "warned": [str(w.message) for w in caught if issubclass(w.category, RuntimeWarning)],
+}
+print(json.dumps(told))
+"""
+
+
+def start(script: Path, home: Path | str, **variables: str) -> subprocess.Popen[str]:
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(home), "PYTHONPATH": os.pathsep.join(sys.path)} | variables
+    return subprocess.Popen((sys.executable, script), env=environment, stdout=subprocess.PIPE, text=True)
+
+
+def ended(process: subprocess.Popen[str]) -> Any:
+    out, _ = process.communicate(timeout=300)
+    assert process.returncode == 0
+    told = json.loads(out)
+    assert told["found"] == 19.0
+    return told
+
+
+@pytest.fixture
+def script(tmp_path: Path) -> Path:
+    path = tmp_path / "demo.py"
+    path.write_text(SCRIPT)
+    return path
+
+
+def test_a_kernel_is_compiled_once_and_found_again(script: Path, tmp_path: Path) -> None:
+    home = tmp_path / "home"
+    first = ended(start(script, home))
+    assert first["misses"] == {"deep": 1, "outer": 1}, "constants are no types of their own"
+    assert first["began"] == 1
+    again = ended(start(script, home))
+    assert again["began"] == 0
+    assert again["hits"] == {"deep": 1, "outer": 1}, "what outer calls is loaded with it"
+    assert again["misses"] == {"deep": 0, "outer": 0}
+
+
+@pytest.mark.parametrize("damage", ["cut", "emptied", "flipped", "gone"])
+@pytest.mark.parametrize("kind", ["nbc", "nbi"])
+def test_damaged_files_are_compiled_anew(script: Path, tmp_path: Path, damage: str, kind: str) -> None:
+    home = tmp_path / "home"
+    ended(start(script, home))
+    files = [file for file in home.rglob(f"*.{kind}") if file.name.startswith("demo.")]
+    assert len(files) >= 3
+    for file in files:
+        content = bytearray(file.read_bytes())
+        content[len(content) // 2] ^= 1
+        if damage == "gone":
+            file.unlink()
+        else:
+            file.write_bytes({"cut": content[:-9], "emptied": b"", "flipped": content}[damage])
+    ended(start(script, home))
+    assert sum(ended(start(script, home))["misses"].values()) == 0, "and kept well"
+
+
+def test_where_nothing_can_be_written_all_is_compiled_and_said_once(script: Path) -> None:
+    told = ended(start(script, "/proc/nowhere"))
+    assert len(told["warned"]) == 1
+    assert "NUMBA_CACHE_DIR" in told["warned"][0]
+
+
+def test_two_processes_start_cold_at_once(script: Path, tmp_path: Path) -> None:
+    processes = [start(script, tmp_path / "home") for _ in range(3)]
+    for process in processes:
+        ended(process)
+    assert sum(ended(start(script, tmp_path / "home"))["misses"].values()) == 0
+
+
+def test_another_environment_with_the_same_sources_uses_the_same_code(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import json, numpy as np\n"
+        "from solvers.dense import factor_lu\n"
+        "factor_lu(np.eye(2), 2, np.zeros(2, np.int64))\n"
+        "print(json.dumps({'found': 19.0, 'hits': sum(factor_lu.stats.cache_hits.values())}))\n"
+    )
+    hits = []
+    for name in ("first", "second"):
+        for place in cache.FOLDERS:
+            shutil.copytree(place, tmp_path / name / place.relative_to(cache.HERE.parent))
+        hits.append(ended(start(script, tmp_path / "home", PYTHONPATH=str(tmp_path / name)))["hits"])
+    assert hits == [0, 1]
+
+
+def test_clearing_removes_what_is_ours(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cache, "home", lambda: tmp_path / "mbfmu")
+    (tmp_path / "mbfmu" / "0123").mkdir(parents=True)
+    (tmp_path / "mbfmu" / "0123" / "a.nbc").write_bytes(b"12345")
+    (tmp_path / "other").mkdir()
+    assert cache.size() == 5
+    cache.clear()
+    assert cache.size() == 0
+    assert [place.name for place in tmp_path.iterdir()] == ["other"]
