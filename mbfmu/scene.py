@@ -79,7 +79,7 @@ def load_scene(reference: str) -> Scene:
         return read_scene(path)
     model, slash, scene = reference.partition("/")
     if slash and ".py" not in reference:
-        return read_scene(shipped(model, scene))
+        return read_scene(shipped(model, scene)).changed(name=f"{model}_{scene}")
     return default_scene(find(reference)(), path.stem if ".py" in reference else reference)
 
 

@@ -97,6 +97,12 @@ def scene_of(options: argparse.Namespace) -> Scene:
     )
 
 
+def stem_of(options: argparse.Namespace, scene: Scene) -> str:
+    """Return how the files of a run are named: another solver than the scene's own does not replace its results."""
+    own = load_scene(options.scene).settings.name
+    return scene.name if scene.settings.name == own else f"{scene.name}_{scene.settings.name}"
+
+
 @contextmanager
 def progress(scene: Scene) -> Iterator[Callable[[float], None]]:
     """Show a bar on a terminal while a scene runs; gives what is to be called with the time reached."""

@@ -15,7 +15,7 @@ from mbfmu.native import Result, communication_points, run
 from mbfmu.scene import Scene
 from mbfmu.view import Recorder
 
-from .common import Commands, add_output, add_set, add_solver, folder, progress, scene_of
+from .common import Commands, add_output, add_set, add_solver, folder, progress, scene_of, stem_of
 
 QUICK = 5.0  # s; an FMU's run that took less is repeated for its poses
 
@@ -26,8 +26,9 @@ def add(commands: Commands) -> None:
         "run",
         help="run a scene or a model and write CSV and PNG",
         description="Run a scene or a model; write its outputs as CSV and PNG, and the poses of its bodies as NAME.npz "
-        "for `mbfmu view`. An FMU does not tell poses: they come from a native repeat of the run, which is left out "
-        f"where the FMU took more than {QUICK:g} s.",
+        "for `mbfmu view`. The names tell of another solver than the scene's own (fourbar_adams.csv) and of a run that "
+        "ended early (fourbar_failed.csv). An FMU does not tell poses: they come from a native repeat of the run, "
+        f"which is left out where the FMU took more than {QUICK:g} s.",
     )
     p.add_argument("scene", help="scene file, model name, model/scene, or my_model.py:MyModel")
     p.add_argument("--native", action="store_true", help="run without the FMU")
@@ -57,7 +58,8 @@ def command_run(options: argparse.Namespace) -> int:
             with tempfile.TemporaryDirectory(prefix="mbfmu_") as place:
                 result = run_fmu(scene.model, scene.settings, times, Path(place) / "model.fmu", bar, warn)
     total = time.perf_counter() - begin
-    csv, png, poses = (target / f"{scene.name}.{kind}" for kind in ("csv", "png", "npz"))
+    stem = stem_of(options, scene) + ("_failed" if result.failure else "")  # what went well before stays
+    csv, png, poses = (target / f"{stem}.{kind}" for kind in ("csv", "png", "npz"))
     result.write_csv(csv)
     plot_result(result, f"{scene.name}, {scene.settings.name}, tolerance {scene.settings.tolerance:g}", png)
     print("\n".join((summary(scene, result, total), *(f"  {line}" for line in loops(scene)))))

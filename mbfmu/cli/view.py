@@ -15,7 +15,7 @@ from mbfmu.errors import UserError
 from mbfmu.native import communication_points, run
 from mbfmu.view import Motion, Recorder
 
-from .common import Commands, add_set, add_solver, folder, number, progress, scene_of
+from .common import Commands, add_set, add_solver, folder, number, progress, scene_of, stem_of
 
 OF_SCENES = ("set", "solver", "partition", "tolerance", "max_step", "start_at_equilibrium", "stop_time", "interval")
 
@@ -104,7 +104,7 @@ def load(options: argparse.Namespace) -> tuple[Motion, str, Path]:
     with progress(scene) as bar:
         times = communication_points(scene.stop_time, scene.output_interval)
         result = run(scene.model, scene.settings, times, bar, recorder)
-    return recorder.motion(scene.name), result.failure, Path("results") / f"{scene.name}.html"
+    return recorder.motion(scene.name), result.failure, Path("results") / f"{stem_of(options, scene)}.html"
 
 
 def write_page(motion: Motion, options: argparse.Namespace, path: Path) -> Path:

@@ -87,10 +87,10 @@ def test_run_then_view(command: Command, tmp_path: Path) -> None:
             "run", "pendulum", "--solver=adams", "--stop-time=0.2", "-o", str(tmp_path / kind), *extra
         )
         assert code == 0
-        assert "pendulum.npz" in out
-    through_fmu, native = (Motion.load(tmp_path / kind / "pendulum.npz") for kind in ("fmu", "native"))
+        assert "pendulum_adams.npz" in out
+    through_fmu, native = (Motion.load(tmp_path / kind / "pendulum_adams.npz") for kind in ("fmu", "native"))
     assert np.array_equal(through_fmu.r, native.r)
-    code, out, _ = command("view", str(tmp_path / "fmu" / "pendulum.npz"))
+    code, out, _ = command("view", str(tmp_path / "fmu" / "pendulum_adams.npz"))
     assert code == 0
     assert (tmp_path / "fmu" / "pendulum.html").stat().st_size > 30_000
     assert "pendulum.html" in out
@@ -101,14 +101,14 @@ def test_long_run_of_an_fmu_is_not_repeated(command: Command, tmp_path: Path, mo
     code, out, _ = command("run", "pendulum", "--solver=adams", "--stop-time=0.1", "-o", str(tmp_path))
     assert code == 0
     assert "`mbfmu view pendulum`" in out
-    assert not (tmp_path / "pendulum.npz").exists()
+    assert not (tmp_path / "pendulum_adams.npz").exists()
 
 
 def test_view_runs_a_scene_itself(command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     code, _, _ = command("view", "governor/damped", "--solver=adams", "--stop-time=0.1", "--interval=0.05")
     assert code == 0
-    page = (tmp_path / "results" / "damped.html").read_text()
+    page = (tmp_path / "results" / "governor_damped.html").read_text()
     assert len(embedded(page, "times", "<f8")) == 3
 
 

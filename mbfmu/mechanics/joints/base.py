@@ -54,7 +54,7 @@ class Joint:
     fixed
         Assembly keeps ``start`` exactly instead of taking it as a guess.
     drive
-        Signal the coordinate follows (joints of one coordinate); None: free.
+        Signal the coordinate follows (joints of one coordinate), which says where it starts and how fast; None: free.
     size
         Unit of the coordinates, one number or (nv,), which tolerances are relative to; None: 1 rad, and for m the
         characteristic length of the mechanism.
@@ -74,6 +74,15 @@ class Joint:
     move: ClassVar[Any]
     coordinates: ClassVar[tuple[str, ...]] = ()  # suffix of each velocity coordinate's name
     units: ClassVar[tuple[str, ...]] = ()  # of the coordinates: m or rad
+
+    def __post_init__(self) -> None:
+        """Refuse what a drive says already."""
+        given = {"start": self.start is not None, "rate": self.rate is not None, "fixed": self.fixed}
+        if self.drive is not None and any(given.values()):
+            names = " and ".join(name for name, there in given.items() if there)
+            raise UserError(
+                f"a joint has a drive and {names}: leave {names} out, its drive says where it is and how fast"
+            )
 
     @property
     def direction(self) -> NDArray[np.float64]:
