@@ -1,8 +1,8 @@
 """What inputs cost that change at every communication point: ``python benchmarks/cosimulation.py [-o FOLDER]``.
 
-The four-bar under a sine torque that a host holds between points. Its cranks are equal, so that the coupler translates
-and the motion is that of one inertia: the error is against SciPy's integration of that, under the torque as it was held
-(the solver's own error) and under the sine itself (what holding costs).
+The four-bar under a sine torque that is held between points, or goes on as it came. Its cranks are equal, so that the
+coupler translates and the motion is that of one inertia: the error is against SciPy's integration of that, under the
+torque as it was held (the solver's own error) and under the sine itself (what holding or going on costs).
 
 Prints a table, medians of several runs with the kernels compiled, and writes ``cosimulation.png``.
 """
@@ -37,7 +37,8 @@ class Row(NamedTuple):
     """What one run came to."""
 
     own: float  # rad, error under the torque as it was held
-    whole: float  # rad, under the sine
+    held: float  # rad, under the sine
+    gone_on: float  # rad, under the sine, where the torque goes on
     time: float  # us a point
     evaluations: float  # a point
     steps: float  # a point
@@ -67,9 +68,10 @@ def angle(step: float) -> float:
     return float(y[0])
 
 
-def drive(solver: str, step: float, *, changing: bool = True) -> Simulation:
+def drive(solver: str, step: float, *, changing: bool = True, inputs: str = "hold") -> Simulation:
     """Run to the end in steps of ``step``, s."""
-    simulation = Simulation(FourBar(start_angle=START), Settings(solver=solver, tolerance=TOLERANCE))
+    settings = Settings(solver=solver, tolerance=TOLERANCE, inputs=inputs)
+    simulation = Simulation(FourBar(start_angle=START), settings)
     for k in range(round(END / step)):
         if changing:
             simulation.set_input("crank.torque", torque(k * step))
@@ -92,6 +94,7 @@ def measure(solver: str, step: float) -> tuple[Row, float]:
     row = Row(
         abs(found - angle(step)),
         abs(found - angle(0.0)),
+        abs(drive(solver, step, inputs="linear").outputs()[0] - angle(0.0)),
         1e6 * (changing - start) / points,
         counts.rhs_evals / points,
         counts.steps / points,
@@ -106,7 +109,8 @@ def picture(rows: dict[tuple[str, float], Row], path: Path) -> None:
         own = [rows[solver, step] for step in STEPS]
         left.loglog(STEPS, [row.own for row in own], "o-", label=f"{solver}, its own error")
         right.loglog(STEPS, [row.time for row in own], "o-", label=solver)
-    left.loglog(STEPS, [rows["adams", step].whole for step in STEPS], "k--", label="of holding the torque")
+    left.loglog(STEPS, [rows["adams", step].held for step in STEPS], "k--", label="of holding the torque")
+    left.loglog(STEPS, [rows["adams", step].gone_on for step in STEPS], "k:", label="of letting it go on")
     left.set_xlabel("communication step [s]")
     left.set_ylabel("error of the angle after 1 s [rad]")
     right.set_xlabel("communication step [s]")
@@ -133,11 +137,12 @@ def main() -> None:
             rows[solver, step] = row
             lines.append(
                 (
-                    solver, f"{1e3 * step:g} ms", f"{row.own:.1e}", f"{row.whole:.1e}", f"{row.time:.1f}",
+                    solver, f"{1e3 * step:g} ms", f"{row.own:.1e}", f"{row.held:.1e}", f"{row.gone_on:.1e}",
+                    f"{row.time:.1f}",
                     f"{constant:.1f}", f"{row.evaluations:.1f}", f"{row.steps:.2f}",
                 )
             )  # fmt: skip
-    header = ("solver", "step", "error, rad", "with holding", "us a point", "constant", "evaluations", "steps")
+    header = ("solver", "step", "own error, rad", "held", "going on", "us a point", "constant", "evaluations", "steps")
     print(table(header, lines))
     picture(rows, folder / "cosimulation.png")
 

@@ -24,6 +24,9 @@ class Settings:
     partition: str = parameter("projection", choices=tuple(PARTITIONS), doc="how adams parts the coordinates")
     tolerance: float = parameter(1e-6, min=1e-12, max=1e-2, doc="relative tolerance of the solver")
     max_step: float = parameter(0.0, unit="s", min=0.0, doc="largest step; 0: no limit")
+    inputs: str = parameter(
+        "hold", choices=("hold", "linear"), doc="loads that a host sets: held between points, or going on as they came"
+    )
     start_at_equilibrium: bool = parameter(False, doc="start in the steady state next to the given start")
     audit: bool = parameter(True, doc="hold the energy against the work all along")
 

@@ -38,7 +38,7 @@ class Mark(NamedTuple):
     """A point that a simulation can be taken back to."""
 
     place: Reported
-    inputs: dict[str, list[Any]] | None  # where they move supports
+    inputs: dict[str, list[Any]] | None  # where they remember anything
     work_of_jumps: float  # J
     balance: tuple[float, str] | None  # base (J) and verdict of the audit
     bent: tuple[Bend | None, tuple[float, Array]]
@@ -80,6 +80,8 @@ class Simulation:
         self.model = of_user(model)
         self.settings = settings
         self.plant = model.plant()
+        if settings.inputs == "linear":
+            self.plant.inputs.go_on()
         known = enumerate(self.plant.inputs.variables)
         self._inputs: dict[Hashable, int] = {key: k for k, v in known for key in (v.name, k)}
         if not isinstance(inputs or {}, Mapping):
@@ -217,7 +219,11 @@ class Simulation:
         """Let the supports that inputs move set out for where they are at ``end``; all jumps of their rates are one
         impulse.
         """
-        departures = self.plant.inputs.depart(self.t, float(end)) if end > self.t else []
+        if not end > self.t:
+            return
+        if self.plant.inputs.load(self.t):
+            self.stepper.renew()
+        departures = self.plant.inputs.depart(self.t, float(end))
         if not departures:
             return
         before = self.energy()
@@ -321,8 +327,8 @@ class Simulation:
     def set_input(self, key: int | str, value: float) -> None:
         """Take the value of an input, by its name or number, at the time reached.
 
-        What loads the mechanism holds from now on. What moves a support is where the support should be now, or how
-        fast: the next step moves it, see :mod:`mbfmu.mechanics.motion`.
+        What loads the mechanism holds from now on, or goes on, as the settings say. What moves a support is where the
+        support should be now, or how fast: the next step moves it, see :mod:`mbfmu.mechanics.motion`.
         """
         index = self._input(key)
         value = finite(f"input {self.plant.inputs.variables[index].name!r}", value)
@@ -355,7 +361,7 @@ class Simulation:
 
     def mark(self) -> Mark:
         """Return what :meth:`rewind` needs to take back what comes next; it costs less than :meth:`save`."""
-        inputs = self.plant.inputs.state() if self.plant.inputs.move else None
+        inputs = self.plant.inputs.state() if self.plant.inputs.remember else None
         balance = (self.audit.base, self.audit.verdict) if self.audit else None
         return Mark(self.stepper.reported, inputs, self.work_of_jumps, balance, (self._bend, self._bent_at))
 
@@ -372,7 +378,16 @@ class Simulation:
     def _owner(self) -> str:
         """What else must be the same where a state of this simulation is taken up."""
         fixed = {p.name: getattr(self.model, p.name) for p in self.model.parameters() if not p.tunable}
-        return json.dumps([self.model.name, fixed, self.settings.name, self.settings.tolerance, self.settings.audit])
+        return json.dumps(
+            [
+                self.model.name,
+                fixed,
+                self.settings.name,
+                self.settings.tolerance,
+                self.settings.audit,
+                self.settings.inputs,
+            ]
+        )
 
     def save(self) -> bytes:
         """Return the whole state: solver, inputs and tunable parameters."""

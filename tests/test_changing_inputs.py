@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from fmus.fourbar import FourBar
+from mbfmu.errors import UserError
 from mbfmu.mechanics import (
     Input,
     JointForce,
@@ -95,6 +96,73 @@ def test_ida_keeps_its_history_across_changes(tolerance: float) -> None:
     assert simulation.statistics.restarts <= 5
     assert simulation.statistics.rhs_evals <= 10_000  # of 1000 points
     assert simulation.verdict == ""
+
+
+def sine(t: float) -> float:
+    return float(5.0 * np.sin(7.0 * t))
+
+
+@pytest.mark.parametrize(("inputs", "order"), [("hold", 1.0), ("linear", 2.0)])
+@pytest.mark.parametrize("solver", ["adams", "hybrid", "ida"])
+def test_a_load_that_goes_on_converges_with_the_square_of_the_step(solver: str, inputs: str, order: float) -> None:
+    """Against the motion under the sine itself."""
+    goal = exact(sine, 1e-5, FourBar(), end=0.2)  # its own error is of first order: taken twice
+    goal = tuple(2.0 * b - a for a, b in zip(exact(sine, 2e-5, FourBar(), end=0.2), goal, strict=True))
+    steps = np.array([0.02, 0.01, 0.005])
+    settings = Settings(solver=solver, tolerance=1e-9, inputs=inputs)
+    errors = [off(moved(sine, step, settings, end=0.2), goal) for step in steps]
+    orders = np.diff(np.log(errors)) / np.diff(np.log(steps))
+    assert orders == pytest.approx(order, abs=0.25)
+
+
+def test_a_load_that_is_not_set_again_is_what_it_was() -> None:
+    """It goes on for the step it was set for, and then stays."""
+    simulation = Simulation(wheel(), Settings(solver="adams", tolerance=1e-9, inputs="linear"))
+    for t, torque in ((0.0, 1.0), (1.0, 3.0)):
+        simulation.set_input("torque", torque)
+        simulation.advance(t + 1.0)
+    assert simulation.outputs()[0] == pytest.approx(1.0 + 4.0, abs=1e-8)  # 1, then from 3 to 5
+    simulation.advance(3.0)
+    assert simulation.outputs()[0] == pytest.approx(5.0 + 3.0, abs=1e-8)
+    values = np.zeros((2, len(simulation.variables)))
+    assert simulation.record(np.array([3.5, 4.0]), values) == 2
+    assert values[:, 0] == pytest.approx([9.5, 11.0], abs=1e-8)
+
+
+def test_what_a_load_was_is_part_of_the_state() -> None:
+    settings = Settings(solver="adams", inputs="linear")
+    first, second = (Simulation(wheel(), settings) for _ in range(2))
+    for t in (0.0, 0.1):
+        first.set_input("torque", 1.0 + 5.0 * t)
+        first.advance(t + 0.1)
+    second.restore(first.save())
+    mark = second.mark()
+    second.set_input("torque", -7.0)
+    second.advance(0.25)
+    second.rewind(mark)
+    for simulation in (first, second):
+        simulation.set_input("torque", 2.0)
+        simulation.advance(0.3)
+    assert second.outputs()[0] == pytest.approx(first.outputs()[0], rel=1e-9)
+    held = Simulation(wheel(), Settings(solver="adams"))
+    with pytest.raises(UserError, match="that of another model"):
+        held.restore(first.save())
+
+
+def wheel() -> Model:
+    """A wheel of 1 kg m2 that a torque turns; its speed is the first output."""
+
+    class Wheel(Model):
+        name = "wheel"
+
+        def build(self) -> Mechanism:
+            m = Mechanism()
+            body = m.body("wheel", m.ground, Revolute(start=0.0, fixed=True), mass=1.0, inertia=(1.0, 1.0, 1.0))
+            m.force("motor", JointForce(magnitude=Input(name="torque", unit="N.m")), body)
+            m.output("speed", body.rate())
+            return m
+
+    return Wheel()
 
 
 def test_the_ramp_of_ida_does_not_rise_for_ever() -> None:

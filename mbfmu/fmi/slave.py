@@ -27,6 +27,7 @@ from mbfmu.frame import frame, unframe
 from mbfmu.model import Model
 from mbfmu.settings import Settings
 from mbfmu.simulation import Simulation
+from solvers.cache import when_compiling
 
 from .description import Experiment, Identity, model_description
 from .guards import finalize_at_exit, import_once
@@ -34,7 +35,7 @@ from .values import Phase, Values, guarded, in_words
 
 Array = NDArray[np.float64]
 
-STATE_FORMAT = 4
+STATE_FORMAT = 5
 AGREED = 1e-9  # s, or part of the time: so much may a host's clock differ from ours
 
 
@@ -57,9 +58,15 @@ class ModelSlave(Values):
         self._remarked = 0  # how many of the simulation's remarks are in the log
         self._loops: list[str] = []  # what is in the log of them
         self._lost, self._coarse = "", False  # what is in the log of the balance; that a grid is too coarse is
+        when_compiling(self._tell_compiling)
         self.declare(self.model.plant())
         finalize_at_exit(self.resources, self.identifier)
         import_once(self.resources)
+
+    def _tell_compiling(self) -> None:
+        text = "compiling, once on this machine: a minute or two"
+        self._print(text)
+        self.log(text, Fmi2Status.ok, "logAll")
 
     def to_xml(self, _options: dict[str, str] | None = None) -> Any:
         """Return the model description."""

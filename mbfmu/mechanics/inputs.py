@@ -10,6 +10,7 @@ import numpy as np
 from solvers.system import Array
 
 from .compile import GRAVITY, Numbering
+from .loads import GoingOn
 from .mechanism import Mechanism
 from .motion import Departure, InputMotion, impulse
 from .numbers import finite
@@ -93,6 +94,14 @@ class Inputs:
             if k in drives.signals and k not in self._motions:
                 speed = isinstance(numbering.signals[k], SpeedInput)
                 self._motions[k] = InputMotion(slot.variable.name, arrays.signals[k], speed=speed)
+        self._going_on: dict[int, GoingOn] = {}  # loads that do not stay between points, by the number of the input
+
+    def go_on(self) -> None:
+        """Let loads go on between points, see :mod:`.loads`; not gravity, and not where the host gives a rate."""
+        rated = {slot.signal for slot in self._slots if slot.coefficient}
+        for index, slot in enumerate(self._slots):
+            if slot.signal != GRAVITY and slot.signal not in rated and not self.moves_support(index):
+                self._going_on[index] = GoingOn(self._arrays.signals[slot.signal])
 
     def __len__(self) -> int:
         """Return how many there are."""
@@ -128,16 +137,20 @@ class Inputs:
         self._hold(index, value, t)
         if self.moves_support(index):
             self._motions[self._slots[index].signal].start()
+        elif index in self._going_on:
+            self._going_on[index].start(value)
 
     def set(self, index: int, value: float, t: float = 0.0) -> None:
         """Take the value (finite) of an input at time t.
 
-        What loads the mechanism holds from t on, and one with a rate goes on from what it has reached. What moves a
-        support is noted, for :meth:`depart`.
+        What loads the mechanism holds from t on, or goes on; one with a rate goes on from what it has reached. What
+        moves a support is noted, for :meth:`depart`.
         """
         if self.moves_support(index):
             slot = self._slots[index]
             self._motions[slot.signal].give(slot.coefficient, self._finite(index, value))
+        elif index in self._going_on:
+            self._going_on[index].give(t, self._finite(index, value))
         else:
             self._hold(index, value, t)
 
@@ -156,14 +169,20 @@ class Inputs:
         return finite(f"input {self.variables[index].name!r}", value)
 
     @property
-    def move(self) -> bool:
-        """Whether any of them moves a support."""
-        return bool(self._motions)
+    def remember(self) -> bool:
+        """Whether any of them remembers what it was at points before."""
+        return bool(self._motions or self._going_on)
 
     @property
     def settled(self) -> bool:
-        """Whether every support goes on as it does until an input is set."""
-        return all(motion.settled for motion in self._motions.values())
+        """Whether every support and every load goes on as it does until an input is set."""
+        supports = all(motion.settled for motion in self._motions.values())
+        return supports and all(load.settled for load in self._going_on.values())
+
+    def load(self, t: float) -> bool:
+        """Begin a step at t; whether a load goes on otherwise than it did, though it was not set."""
+        changed = [load.depart(t) for load in self._going_on.values()]
+        return any(changed)
 
     def depart(self, t: float, end: float) -> list[Departure]:
         """Return the supports whose motion changes at t for a step until ``end`` (s), see :mod:`.motion`."""
@@ -195,7 +214,8 @@ class Inputs:
             else:
                 signal = self._arrays.signals[slot.signal]
                 held.append((float(signal["t0"]), [float(x) for x in signal["c"]]))
-        return {"held": held, "motions": [motion.state() for motion in self._motions.values()]}
+        motions = [motion.state() for motion in self._motions.values()]
+        return {"held": held, "motions": motions, "loads": [load.state() for load in self._going_on.values()]}
 
     def restore(self, state: dict[str, list[Any]]) -> None:
         """Let the inputs hold what they held when ``state`` was taken."""
@@ -207,3 +227,5 @@ class Inputs:
                 signal["t0"], signal["c"] = t0, c
         for motion, remembered in zip(self._motions.values(), state["motions"], strict=True):
             motion.restore(remembered)
+        for load, known in zip(self._going_on.values(), state["loads"], strict=True):
+            load.restore(known)
