@@ -45,17 +45,19 @@ class ExplicitStepper(Stepper):
 
     def restart(self) -> None:
         """Begin a new history at the reported state with the next step."""
-        c = self._control
-        c["t"], c["start"], c["singles"], c["renew"], c["placed"] = self._t, 1, 0, 0, 0
+        self._begin(0, 0, 0)
+
+    def _begin(self, singles: int, renew: int, placed: int) -> None:
+        c, y, nq = self._control, self._history.y, len(self._q)
+        c["t"], c["start"], c["singles"], c["renew"], c["placed"] = self._t, 1, singles, renew, placed
         self._book_works()
-        self._history.y[:] = np.concatenate((self._q, self._v, self._ledger[[WORK]]))
+        y[:nq], y[nq:-1], y[-1] = self._q, self._v, self._ledger[WORK]
 
     def renew(self) -> None:
         """Go on in steps that need no history and end at the time asked for: the next change may come there."""
         c = self._control
         placed = c["placed"][0] if c["t"][0] == self._t and self.status.ok else 0
-        self.restart()
-        c["singles"], c["renew"], c["placed"] = SINGLES, 1, placed
+        self._begin(SINGLES, 1, placed)
 
     def jump(self, dv: Array) -> None:
         """Add dv (n,) to the reported velocities, and go on as after :meth:`renew`."""
