@@ -92,8 +92,8 @@ def test_run_then_view(command: Command, tmp_path: Path) -> None:
     assert np.array_equal(through_fmu.r, native.r)
     code, out, _ = command("view", str(tmp_path / "fmu" / "pendulum_adams.npz"))
     assert code == 0
-    assert (tmp_path / "fmu" / "pendulum.html").stat().st_size > 30_000
-    assert "pendulum.html" in out
+    assert (tmp_path / "fmu" / "pendulum_adams.html").stat().st_size > 30_000
+    assert "pendulum_adams.html" in out
 
 
 def test_long_run_of_an_fmu_is_not_repeated(command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -108,7 +108,7 @@ def test_view_runs_a_scene_itself(command: Command, tmp_path: Path, monkeypatch:
     monkeypatch.chdir(tmp_path)
     code, _, _ = command("view", "governor/damped", "--solver=adams", "--stop-time=0.1", "--interval=0.05")
     assert code == 0
-    page = (tmp_path / "results" / "governor_damped.html").read_text()
+    page = (tmp_path / "results" / "governor_damped_adams.html").read_text()
     assert len(embedded(page, "times", "<f8")) == 3
 
 
