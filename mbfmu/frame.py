@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from hashlib import blake2b
+from zlib import crc32
 
 from mbfmu.errors import UserError
 
-MAGIC = b"mbfmu1st"
-DIGEST = 16  # bytes of a checksum
-HEAD = len(MAGIC) + 2 * DIGEST + 8
+MAGIC = b"mbfmu2nd"
+CHECKSUM, OWNER, LENGTH = 4, 16, 8  # bytes
+DESCRIBED = len(MAGIC) + CHECKSUM  # where what is checked begins
+HEAD = DESCRIBED + OWNER + LENGTH
 
 
 def frame(owner: str, content: bytes) -> bytes:
     """Return the content with its head; ``owner`` says what can take it up."""
-    described = _digest(owner.encode()) + len(content).to_bytes(8, "little")
-    return b"".join((MAGIC, _digest(described + content), described, content))
+    described = _digest(owner) + len(content).to_bytes(LENGTH, "little")
+    return b"".join((MAGIC, crc32(content, crc32(described)).to_bytes(CHECKSUM, "little"), described, content))
 
 
 def unframe(owner: str, framed: bytes) -> bytes:
@@ -23,18 +25,17 @@ def unframe(owner: str, framed: bytes) -> bytes:
         raise UserError(f"{framed!r} was given as a saved state; allowed: bytes that were saved")
     if len(framed) < HEAD or framed[: len(MAGIC)] != MAGIC:
         raise UserError(f"{len(framed)} bytes were given as a saved state; they are none of this version of mbfmu")
-    checksum, described = framed[len(MAGIC) :][:DIGEST], framed[len(MAGIC) + DIGEST : HEAD]
-    length = int.from_bytes(described[DIGEST:], "little")
+    length = int.from_bytes(framed[DESCRIBED + OWNER : HEAD], "little")
     if length != len(framed) - HEAD:
         raise UserError(f"a saved state of {length} bytes has {len(framed) - HEAD}: it is damaged")
-    if checksum != _digest(framed[len(MAGIC) + DIGEST :]):
+    if crc32(memoryview(framed)[DESCRIBED:]) != int.from_bytes(framed[len(MAGIC) : DESCRIBED], "little"):
         raise UserError("a saved state is damaged: its checksum does not fit")
-    if described[:DIGEST] != _digest(owner.encode()):
+    if framed[DESCRIBED : DESCRIBED + OWNER] != _digest(owner):
         raise UserError(
             "a saved state is that of another model, of other parameters that are fixed, or of another solver"
         )
     return framed[HEAD:]
 
 
-def _digest(content: bytes) -> bytes:
-    return blake2b(content, digest_size=DIGEST).digest()
+def _digest(owner: str) -> bytes:
+    return blake2b(owner.encode(), digest_size=OWNER).digest()

@@ -23,6 +23,7 @@ import sys
 import traceback
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
+from functools import cache
 from hashlib import sha256
 from importlib.metadata import entry_points
 from math import inf, isfinite
@@ -89,6 +90,7 @@ def parameter(
     return field(default=default, metadata=about)
 
 
+@cache
 def declared(cls: Any) -> tuple[Parameter, ...]:
     """Return the parameters of a dataclass in order."""
     return tuple(Parameter(name=f.name, default=f.default, **f.metadata) for f in fields(cls) if f.metadata)  # type: ignore[arg-type]
@@ -162,7 +164,7 @@ class Model:
     @classmethod
     def parameters(cls) -> tuple[Parameter, ...]:
         """Return the declared parameters in order."""
-        return declared(cls)
+        return declared(cls)  # type: ignore[arg-type]  # classes are hashable
 
     @classmethod
     def title(cls) -> str:
