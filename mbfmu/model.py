@@ -26,7 +26,7 @@ from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from hashlib import sha256
 from importlib.metadata import entry_points
-from math import inf, isfinite
+from math import inf
 from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import Any, ClassVar, Self
@@ -194,7 +194,8 @@ def check(model: str, declared: Parameter, value: Any) -> Any:
         if kind is bool and isinstance(value, bool | np.bool_):
             return bool(value)
         raise UserError(f"{what}; allowed: {'true or false' if kind is bool else 'a number'}")
-    if not isinstance(value, int | float | np.integer | np.floating) or not isfinite(value):
+    number = isinstance(value, int | float | np.integer | np.floating)
+    if not number or not abs(value) <= sys.float_info.max:  # an int may be larger
         raise UserError(f"{what}; allowed: a finite number")
     if kind is int and value != int(value):
         raise UserError(f"{what}; allowed: a whole number")

@@ -16,9 +16,10 @@ start_angle = 0.1745
 
 from __future__ import annotations
 
+import sys
 import tomllib
 from dataclasses import dataclass, replace
-from math import isfinite
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -53,7 +54,8 @@ class Scene:
         """Check the times; raises UserError."""
         for key in ("stop_time", "output_interval"):
             value = getattr(self, key)
-            if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value) or value <= 0.0:
+            number = not isinstance(value, bool) and isinstance(value, int | float)
+            if not number or not 0.0 < value < inf or value > sys.float_info.max:
                 raise UserError(f"{key} is {value!r}; allowed: a number of seconds greater than zero")
         if self.stop_time / self.output_interval > MOST:
             raise UserError(f"output_interval is {self.output_interval!r} s: more than ten million outputs; enlarge it")

@@ -94,6 +94,12 @@ def test_whole_numbers_and_switches(pendulum_file: Path) -> None:
         ('model = "fourbar"\noutput_interval = 0.0', "output_interval is 0"),
         ('model = "fourbar"\n[parameters]\ncrank_mass = -1.0', "crank_mass"),
         ('model = "fourbar"\nparameters = 3', "parameters is 3"),
+        ('model = "fourbar"\nsolver = 3', "solver is 3"),
+        ('model = "fourbar"\nsolver = ["ida"]', r"solver is \['ida'\]"),
+        ('model = "fourbar"\npartition = ["lu"]', "partition is"),
+        ('model = "fourbar"\ninputs = "held"', "inputs is 'held'"),
+        (f'model = "fourbar"\nstop_time = {"9" * 401}', "stop_time is 999"),
+        (f'model = "fourbar"\n[parameters]\ncrank_length = {"9" * 401}', "a finite number"),
     ],
 )
 def test_scene_files_name_what_is_wrong(tmp_path: Path, text: str, message: str) -> None:

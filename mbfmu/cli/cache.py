@@ -48,7 +48,10 @@ def command_cache(options: argparse.Namespace) -> int:
 
 def warm(references: list[str]) -> None:
     """Start every model under every solver that it can have, and look for a steady state."""
-    runs = [(load_scene(reference).model, solver) for reference in references for solver in (*SOLVERS, "equilibrium")]
+    chosen = [load_scene(reference).model for reference in references]
+    runs = [(model, solver) for model in chosen for solver in (*SOLVERS, "equilibrium")]
+    for model in chosen:
+        model.plant()  # what cannot be built is told of, and not passed over
     with tqdm(runs, unit="run", leave=False, disable=not sys.stderr.isatty()) as bar:
         for model, solver in bar:
             bar.set_description(f"{model.name} {solver}")

@@ -119,6 +119,15 @@ def folder(path: Path) -> Path:
     return path
 
 
+def writable(path: Path) -> None:
+    """Complain of a file that cannot be written before anything is run for it; ``-`` is standard output."""
+    try:
+        if str(path) != "-":
+            path.open("a").close()
+    except OSError as error:
+        raise UserError(f"{str(path)!r} cannot be written: {error.strerror}") from error
+
+
 def write_json(content: Any, path: Path) -> None:
     """Write JSON to a file, or to standard output for ``-``."""
     text = json.dumps(content, indent=1) + "\n"

@@ -11,7 +11,7 @@ from tqdm import tqdm
 from mbfmu.errors import UserError
 from solvers import SOLVERS
 
-from .common import Commands, add_output, add_set, folder, scene_of, write_json
+from .common import Commands, add_output, add_set, folder, scene_of, writable, write_json
 
 
 def add(commands: Commands) -> None:
@@ -43,6 +43,8 @@ def command_compare(options: argparse.Namespace) -> int:
     if options.repeats < 1:
         raise UserError(f"--repeats is {options.repeats}; allowed: 1 or more")
     target = folder(options.output)
+    if options.json:
+        writable(options.json)
     settling = scene.model.settling
     total = len(TOLERANCES) * (len(SOLVERS) + len(SETTLING_SOLVERS) * bool(settling))
     settled: list[Settled] = []

@@ -108,7 +108,10 @@ def export(
         raw = work / "raw.fmu"
         with restored_imports():
             FmuBuilder.build_FMU(script, raw, project_files=sorted(set(work.glob("*.py")) - {script}))
-        pack(raw, path, model, page(model, variables))
+        try:
+            pack(raw, path, model, page(model, variables))
+        except OSError as error:
+            raise UserError(f"FMU file {str(path)!r} cannot be written: {error.strerror}") from error
     return path
 
 
