@@ -104,7 +104,7 @@ def measure(solver: str, step: float) -> tuple[Row, float]:
 
 def picture(rows: dict[tuple[str, float], Row], path: Path) -> None:
     """Draw error and cost over the communication step."""
-    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 5), layout="constrained")
     for solver in SOLVERS:
         own = [rows[solver, step] for step in STEPS]
         left.loglog(STEPS, [row.own for row in own], "o-", label=f"{solver}, its own error")
@@ -115,9 +115,10 @@ def picture(rows: dict[tuple[str, float], Row], path: Path) -> None:
     left.set_ylabel("error of the angle after 1 s [rad]")
     right.set_xlabel("communication step [s]")
     right.set_ylabel("time a point [us]")
+    right.set_ylim(10.0, 1000.0)
     for axes in (left, right):
         axes.grid(visible=True, which="both", alpha=0.3)
-        axes.legend()
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.15), ncols=2)
     figure.suptitle(f"four-bar, a sine torque set at every point, tolerance {TOLERANCE:g}")
     finish(figure, path)
 
