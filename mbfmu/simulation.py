@@ -221,7 +221,7 @@ class Simulation:
         """
         if not end > self.t:
             return
-        if self.plant.inputs.load(self.t):
+        if self.plant.inputs.load(self.t, float(end)):
             self.stepper.renew()
         departures = self.plant.inputs.depart(self.t, float(end))
         if not departures:
@@ -296,6 +296,8 @@ class Simulation:
             samples = self.stepper.sample(ahead)
             count = self._unfolded(ahead, samples.q)
             rows, samples = slice(done, done + count), Samples(*(part[:count] for part in samples))
+            if count > 1:
+                self.plant.inputs.pass_by(float(ahead[count - 2]))
             if count:
                 self.plant.observe_all(times[rows], *samples[:4], values[rows])
                 self._finish(times[rows], samples.q, samples.ledger, values[rows])

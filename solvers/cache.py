@@ -9,15 +9,17 @@ compiles for itself.
 from __future__ import annotations
 
 import os
-import pickle
 import shutil
 import warnings
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+import numba
+from numba.core import sigutils
 from numba.core.caching import FunctionCache, NullCache, _CacheLocator
 
 HERE = Path(__file__).resolve().parent
@@ -30,14 +32,15 @@ _unwritable: list[str] = []  # what this process has warned of
 @cache
 def home() -> Path:
     """Return the folder of all machine code of ours."""
-    default = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or Path.home() / ".cache"
-    return Path(os.environ.get("NUMBA_CACHE_DIR") or default) / "mbfmu"
+    given = (os.environ.get(name) for name in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "LOCALAPPDATA"))
+    place = next(filter(None, given), "")
+    return (Path(place) if place else Path(os.path.expanduser("~/.cache"))) / "mbfmu"  # noqa: PTH111  # never raises
 
 
 @cache
 def folder() -> Path:
     """Return the folder that holds the machine code of these sources."""
-    fingerprint = sha256()
+    fingerprint = sha256(numba.__version__.encode())
     for place in FOLDERS:
         for source in sorted(place.rglob("*.py")):
             fingerprint.update(source.relative_to(HERE.parent).as_posix().encode())
@@ -45,14 +48,18 @@ def folder() -> Path:
     return home() / fingerprint.hexdigest()[:16]
 
 
-def when_compiling(tell: Callable[[], None]) -> None:
-    """Have ``tell`` called as soon as something has to be compiled, once; it takes the place of others."""
-    _listeners[:] = [tell]
+def when_compiling(tell: Callable[[], None] | None) -> None:
+    """Have ``tell`` called once, when the first thing has been compiled; it takes the place of others. None: nobody."""
+    _listeners[:] = [tell] if tell else []
 
 
 def size() -> int:
     """Return how much machine code of all our sources, older ones too, takes, in bytes."""
-    return sum(file.stat().st_size for file in home().rglob("*") if file.is_file())
+    total = 0
+    for file in home().rglob("*"):
+        with suppress(FileNotFoundError):  # another process replaces what it keeps
+            total += file.stat().st_size if file.is_file() else 0
+    return total
 
 
 def clear() -> None:
@@ -71,7 +78,7 @@ class Place(_CacheLocator):
 
     def __init__(self, function: Any, source: str) -> None:
         self._line = str(function.__code__.co_firstlineno)
-        self._stamp = _stamp(source)
+        self._stamp = stamp(source)
         ours = any(Path(source).resolve().is_relative_to(place) for place in FOLDERS)
         other = "" if ours else "-" + sha256(str(Path(source).resolve()).encode()).hexdigest()[:8]
         self._path = str(folder() / (function.__module__ + other))
@@ -91,16 +98,23 @@ class Place(_CacheLocator):
     @classmethod
     def from_function(cls, function: Any, source: str) -> Place | None:
         """Return the place of a function; None where it cannot be written."""
-        place = cls(function, source)
         try:
-            place.ensure_cache_path()
+            place = cls(function, source)
+            if not Path(place.get_cache_path()).is_dir():  # one that is there may be read at least
+                place.ensure_cache_path()
         except OSError:
             return None
         return place
 
 
+def stamp(source: str) -> str:
+    """Return what tells versions of a source apart, wherever it lies."""
+    status = Path(source).stat()
+    return _content(source, status.st_mtime_ns, status.st_size)
+
+
 @cache
-def _stamp(source: str) -> str:
+def _content(source: str, _changed: int, _size: int) -> str:
     return sha256(Path(source).read_bytes()).hexdigest()
 
 
@@ -108,9 +122,11 @@ class Cache(FunctionCache):
     """The machine code of one function, for every signature."""
 
     def load_overload(self, signature: Any, context: Any) -> Any:
-        """Return what is kept for a signature; None where nothing is, or it is damaged."""
+        """Return what is kept for a signature; None where nothing is, or it is damaged or another signature's."""
         try:
-            return super().load_overload(signature, context)
+            found = super().load_overload(signature, context)
+            asked = tuple(sigutils.normalize_signature(signature)[0])
+            return found if found is not None and tuple(found.signature.args) == asked else None
         except Exception:  # what is damaged unpickles to anything
             return None
 
@@ -120,7 +136,9 @@ class Cache(FunctionCache):
         try:
             try:
                 super().save_overload(signature, compiled)
-            except (pickle.UnpicklingError, EOFError):  # the index is damaged
+            except OSError:
+                raise
+            except Exception:  # the index is damaged
                 self.flush()
                 super().save_overload(signature, compiled)
         except OSError as error:
@@ -141,8 +159,8 @@ def tell(error: Exception) -> None:
     if not _unwritable:
         _unwritable.append(str(error))
         warnings.warn(
-            f"machine code cannot be kept in {home()}, so every process compiles for minutes; set NUMBA_CACHE_DIR to a "
-            "folder that can be written",
+            f"machine code cannot be kept ({error}), so every process compiles for a minute or more; set "
+            "NUMBA_CACHE_DIR to a folder that can be written",
             RuntimeWarning,
             stacklevel=2,
         )

@@ -59,7 +59,7 @@ class Unknowns(NamedTuple):
     usual: Array  # (2,)    these two away from near misses
     noise: Array  # (1,)    rounding to IDA's relative tolerance
     near: Array  # (1,)    distance at which branches are told apart, in units of size
-    lost: Array  # (1,)    speed that D has taken in the last singular position, in units of the motion's
+    lost: Array  # (1,)    speed that D has taken from the loops in the last singular position, in units of theirs
     F: Array  # (m, m)  FILTER tr A + A, its factors
     Dlam: Array  # (m,)    D lambda
     lam: Array  # (m,)    lambda in its own units
@@ -335,9 +335,10 @@ def taken_by_filter(time: float, terms: Any, u: Any, work: Any) -> float:
     D lambda, and D lambda is what velocities leave of their constraints, J v - nu. What moves fast loses little of its
     speed by that.
     """
-    power, inertia, speed = 0.0, 0.0, loop_speed(u.v, work)
+    power, inertia, looped, speed = 0.0, 0.0, 0.0, loop_speed(u.v, work)
     for i in range(u.v.shape[0]):
-        inertia += work.looped[i] * terms.M[i, i] * work.size[i] ** 2 / u.v.shape[0]
+        inertia += work.looped[i] * terms.M[i, i] * work.size[i] ** 2
+        looped += work.looped[i]
     for row in range(terms.nu.shape[0]):
         left = -terms.nu[row]
         for i in range(u.v.shape[0]):
@@ -345,7 +346,8 @@ def taken_by_filter(time: float, terms: Any, u: Any, work: Any) -> float:
         power += u.lam[row] * left
     if not inertia > 0.0:
         return 0.0
-    return (np.sqrt(speed * speed + 2.0 * max(0.0, power) * time / inertia) - speed) / work.rate[1]
+    lost = np.sqrt(speed * speed + 2.0 * max(0.0, power) * time * looped / inertia) - speed
+    return lost / max(work.rate[1], speed)
 
 
 @inlined

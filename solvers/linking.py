@@ -12,16 +12,18 @@ import copy
 import importlib
 import zlib
 from hashlib import sha256
+from pathlib import Path
 from typing import Any
 
 from llvmlite import binding
 from numba.core import sigutils, types
 from numba.core.caching import CompileResultCacheImpl
 from numba.core.ccallback import CFunc
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
 from numba.core.serialize import dumps, loads
 
-from .cache import Cache, Place, cache_of
+from .cache import Cache, Place, cache_of, stamp
 
 PREFIX = "mbfmu_"
 SMALL = 20_000  # bytes of bitcode, a quarter of them names, up to which a kernel goes into its callers
@@ -37,6 +39,7 @@ class Entry(CompileResultCacheImpl):
 
     def reduce(self, compiled: Any) -> Any:
         """Return what is written."""
+        compiled.library._ensure_finalized()
         functions = compiled.library._final_module.functions
         called = [f.name for f in functions if f.is_declaration and f.name.startswith(PREFIX)]
         data = dumps(super().reduce(compiled))
@@ -75,9 +78,9 @@ class Inlined(CPUDispatcher):
 class Kernel(Inlined):
     """A function that is compiled once for a signature."""
 
-    def __init__(self, function: Any, **options: Any) -> None:
-        super().__init__(function, **options)
-        _kernels[self._key] = self
+    def __init__(self, function: Any, *options: Any, **named: Any) -> None:
+        super().__init__(function, *options, **named)
+        _kernels.setdefault(self._key, self)
 
     @property
     def _key(self) -> tuple[str, str]:
@@ -86,15 +89,18 @@ class Kernel(Inlined):
     def compile(self, signature: Any) -> Any:
         """Compile or load it, and give it a symbol."""
         arguments = tuple(sigutils.normalize_signature(signature)[0])
-        known = arguments in self.overloads
-        entry = super().compile(signature)
-        if not known and "<locals>" not in self.py_func.__qualname__:  # several of that name may be at work
-            self._name(arguments)
+        with global_compiler_lock:
+            known = arguments in self.overloads
+            entry = super().compile(signature)
+            if not known and "<locals>" not in self.py_func.__qualname__:  # several of that name may be at work
+                self._name(arguments)
         return entry
 
     def _name(self, arguments: Any) -> None:
         compiled: Any = self.overloads[arguments]
-        told = repr((self._key, [str(a) for a in arguments]))
+        source = self.py_func.__code__.co_filename
+        version = stamp(source) if Path(source).is_file() else ""
+        told = repr((self._key, version, str(compiled.signature.return_type), [str(a) for a in arguments]))
         name = f"{PREFIX}{self.py_func.__name__}_{sha256(told.encode()).hexdigest()[:16]}"
         library = compiled.library
         binding.add_symbol(name, library.get_pointer_to_function(compiled.fndesc.llvm_func_name))

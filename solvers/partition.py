@@ -281,8 +281,9 @@ def way_to_crossing(eqs: Any, q: Any, v: Any, work: Any) -> float:
 
 @kernel
 def neighbour(eqs: Any, t: float, q: Any, v: Any, along: float, timed: bool, rank: int, work: Any) -> bool:
-    """Closed state (work.q_near, work.v_near) at a signed distance ``along`` v from q, with its terms and factors; when
-    the motion gets there, where time moves constraints. False where it cannot be closed. No row is left out.
+    """Closed state (work.q_near, work.v_near) at a signed distance ``along`` v from q, with its terms and factors.
+    Where constraints are ``timed`` they are those of the time when the motion gets there, inertia and loads those of t.
+    False where it cannot be closed. No row is left out.
     """
     speed = loop_speed(v, work)
     place(eqs, q, v, along / speed, work)

@@ -112,7 +112,7 @@ class Workspace(NamedTuple):
 
     def memory(self) -> list[NDArray[Any]]:
         """Return the arrays that a motion cannot go on without."""
-        known = (self.row, self.rate, self.pace, self.critical, self.q_c, self.u)
+        known = (self.row, self.looped, self.rate, self.pace, self.critical, self.q_c, self.u)
         return [*known, self.course, self.frame, self.frame_tau, self.frame_pivots, self.q_last, self.nu_last]
 
 

@@ -117,7 +117,7 @@ def test_a_load_that_goes_on_converges_with_the_square_of_the_step(solver: str, 
 
 def test_a_load_that_is_not_set_again_is_what_it_was() -> None:
     """It goes on for the step it was set for, and then stays."""
-    simulation = Simulation(wheel(), Settings(solver="adams", tolerance=1e-9, inputs="linear"))
+    simulation = going_on()
     for t, torque in ((0.0, 1.0), (1.0, 3.0)):
         simulation.set_input("torque", torque)
         simulation.advance(t + 1.0)
@@ -127,6 +127,34 @@ def test_a_load_that_is_not_set_again_is_what_it_was() -> None:
     values = np.zeros((2, len(simulation.variables)))
     assert simulation.record(np.array([3.5, 4.0]), values) == 2
     assert values[:, 0] == pytest.approx([9.5, 11.0], abs=1e-8)
+
+
+def test_a_load_changes_by_no_more_than_it_did_however_long_the_step() -> None:
+    simulation = going_on()
+    simulation.advance(1e-4)
+    simulation.set_input("torque", 1.0)
+    simulation.advance(0.1)
+    assert simulation.outputs()[0] == pytest.approx(1.5 * (0.1 - 1e-4), rel=1e-6)  # from 1 to 2
+
+
+def test_points_that_are_recorded_are_points() -> None:
+    """What comes after them goes on alike."""
+    found = []
+    for recorded in (True, False):
+        simulation = going_on()
+        if recorded:
+            simulation.record(np.linspace(0.1, 1.0, 10), np.zeros((10, len(simulation.variables))))
+        else:
+            for k in range(10):
+                simulation.advance(0.1 * (k + 1))
+        simulation.set_input("torque", 1.0)
+        simulation.advance(1.1)
+        found.append(simulation.outputs()[0])
+    assert found == pytest.approx([0.15, 0.15], abs=1e-9)
+
+
+def going_on() -> Simulation:
+    return Simulation(wheel(), Settings(solver="adams", tolerance=1e-9, inputs="linear"))
 
 
 def test_what_a_load_was_is_part_of_the_state() -> None:

@@ -196,8 +196,40 @@ def test_a_rotor_hides_nothing(torque: float, aboard: bool, spin: float, solver:
     exact = -0.012 + 0.02 * times + torque / inertia * (times / fast - np.sin(fast * times) / fast**2)
     for tolerance in (1e-4, 1e-6, 1e-8):
         result = run(
-            Spinning(torque=torque, spin=spin, aboard=aboard), Settings(solver=solver, tolerance=tolerance), times
+            Spinning(torque=torque, spin=spin, aboard=aboard),
+            Settings(solver=solver, tolerance=tolerance),
+            times,
         )
         off = abs(result["crank"] - exact[: len(result.times)]).max()
         assert off <= 100.0 * tolerance
         assert not result.failure or result.times[-1] > 0.15, "it is passed, or refused there"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Turned(Model):
+    """A parallelogram on a base that turns in its plane: base and loop move together."""
+
+    speed: float
+
+    def build(self) -> Mechanism:
+        m = Mechanism(gravity=(0.0, 0.0, 0.0))
+        base = m.body("base", m.ground, Revolute(drive=Polynomial((0.3, self.speed))), mass=5.0)
+        parallelogram(m, base)
+        return m
+
+
+@pytest.mark.parametrize("solver", ["adams", "hybrid", "ida"])
+@pytest.mark.parametrize("speed", [0.5, 1.0, 3.1, 3.3, 5.0])
+def test_the_base_turns_with_the_loop(speed: float, solver: str) -> None:
+    """What drives do to both ends of a cut alike moves no constraint, whatever rounding leaves of it."""
+    moment = 1.5 * (2.0 + 1.5) * speed**2  # of the centrifugal forces on coupler and rocker, on lever arms of 1.5 m
+    times = np.linspace(0.0, 1.5, 31)
+    exact = solve_ivp(
+        lambda _t, z: (z[1], -moment / INERTIA * np.sin(z[0])),
+        (0.0, 1.5), (START, RATE), "DOP853", times, rtol=1e-12, atol=1e-12,
+    )  # fmt: skip
+    for tolerance in (1e-4, 1e-6, 1e-8):
+        result = run(Turned(speed=speed), Settings(solver=solver, tolerance=tolerance), times)
+        assert not result.failure
+        for name in ("crank", "rocker"):
+            assert abs(result[name] - exact.y[0]).max() <= 100.0 * tolerance

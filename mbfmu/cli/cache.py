@@ -24,7 +24,7 @@ def add(commands: Commands) -> None:
         "cache",
         help="compile beforehand, or remove what was compiled",
         description="Machine code is compiled when it is first needed and kept for all later processes, of any "
-        "environment with this version. Without an argument: where that is, and how much.",
+        "environment with this version of mbfmu and of numba. Without an argument: where that is, and how much.",
     )
     p.add_argument(
         "what",
@@ -41,6 +41,8 @@ def command_cache(options: argparse.Namespace) -> int:
     if options.what == "warm":
         warm(options.scenes or sorted(models()))
     elif options.what == "clear":
+        if options.scenes:
+            raise UserError(f"cache clear {options.scenes[0]!r}: it removes everything, and takes no model")
         cache.clear()
     print(f"{cache.home()}: {cache.size() / 1e6:.0f} MB of machine code")
     return 0

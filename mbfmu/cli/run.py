@@ -45,7 +45,7 @@ def command_run(options: argparse.Namespace) -> int:
     from mbfmu.report import plot_result
 
     scene = scene_of(options)
-    target = folder(options.output)
+    target, stem = folder(options.output), stem_of(options, scene)
     begin = time.perf_counter()
     times = communication_points(scene.stop_time, scene.output_interval)
     recorder = Recorder()
@@ -58,7 +58,7 @@ def command_run(options: argparse.Namespace) -> int:
             with tempfile.TemporaryDirectory(prefix="mbfmu_") as place:
                 result = run_fmu(scene.model, scene.settings, times, Path(place) / "model.fmu", bar, warn)
     total = time.perf_counter() - begin
-    stem = stem_of(options, scene) + ("_failed" if result.failure else "")  # what went well before stays
+    stem += "_failed" if result.failure else ""  # what went well before stays
     csv, png, poses = (target / f"{stem}.{kind}" for kind in ("csv", "png", "npz"))
     result.write_csv(csv)
     plot_result(result, f"{scene.name}, {scene.settings.name}, tolerance {scene.settings.tolerance:g}", png)

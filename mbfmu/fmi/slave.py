@@ -148,6 +148,7 @@ class ModelSlave(Values):
         given = {k: float(self._buffer[r]) for k, r in enumerate(self._inputs) if r in self._changed}
         settings = self._settings_of(self._buffer)
         self.simulation = Simulation(self._model_of(self._buffer), settings, self._t0, given)
+        when_compiling(None)
         for reference, variable in zip(self._inputs, self.simulation.plant.inputs.variables, strict=True):
             if reference not in self._changed:  # it starts where the parameters put it
                 self._buffer[reference] = variable.start

@@ -24,8 +24,21 @@ def close_cuts(arrays: Any, state: Any) -> None:
 
 
 @inlined
-def carry_inward(i: int, G: Any, row: int, arrays: Any, state: Any, J: Any) -> float:
-    """Add to J[row] the power of the wrench G on body i for every free coordinate between it and the ground.
+def common_ancestor(i: int, k: int, arrays: Any) -> int:
+    """The outermost body that carries both. Its motion changes no cut between them, whose rows live in their frames: of
+    the two powers on a joint further in only rounding would be left, which is no constraint that moves.
+    """
+    while i != k:
+        if i > k:
+            i = arrays.bodies[i].parent
+        else:
+            k = arrays.bodies[k].parent
+    return i
+
+
+@inlined
+def carry_inward(i: int, end: int, G: Any, row: int, arrays: Any, state: Any, J: Any) -> float:
+    """Add to J[row] the power of the wrench G on body i for every free coordinate between it and the body ``end``.
 
     Driven coordinates move at their known velocity; returns the power on them.
     """
@@ -33,7 +46,7 @@ def carry_inward(i: int, G: Any, row: int, arrays: Any, state: Any, J: Any) -> f
     driven = 0.0 * G[0]
     for k in range(6):
         f[k] = G[k]
-    while i > 0:
+    while i != end:
         body = arrays.bodies[i]
         for k in range(body.nv):
             power = row_dot6(state.S, body.si + k, f)
@@ -52,14 +65,15 @@ def jacobian(arrays: Any, state: Any, Phi: Any, J: Any, nu: Any) -> None:
     for i in range(arrays.cuts.shape[0]):
         cut = arrays.cuts[i]
         end = arrays.cuts[i + 1].row if i + 1 < arrays.cuts.shape[0] else state.rows.shape[0]
+        meeting = common_ancestor(cut.a, cut.b, arrays)
         for r in range(cut.row, end):
             row = arrays.kept[r]
             if row >= 0:
                 Phi[row] = state.rows[r].Phi
                 for k in range(J.shape[1]):
                     J[row, k] = 0.0
-                nu[row] = -carry_inward(cut.a, state.rows[r].Ga, row, arrays, state, J)
-                nu[row] -= carry_inward(cut.b, state.rows[r].Gb, row, arrays, state, J)
+                nu[row] = -carry_inward(cut.a, meeting, state.rows[r].Ga, row, arrays, state, J)
+                nu[row] -= carry_inward(cut.b, meeting, state.rows[r].Gb, row, arrays, state, J)
 
 
 @inlined

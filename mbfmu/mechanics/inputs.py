@@ -179,10 +179,15 @@ class Inputs:
         supports = all(motion.settled for motion in self._motions.values())
         return supports and all(load.settled for load in self._going_on.values())
 
-    def load(self, t: float) -> bool:
-        """Begin a step at t; whether a load goes on otherwise than it did, though it was not set."""
-        changed = [load.depart(t) for load in self._going_on.values()]
+    def load(self, t: float, end: float) -> bool:
+        """Begin a step from t to ``end``; whether a load goes on otherwise than it did."""
+        changed = [load.depart(t, end) for load in self._going_on.values()]
         return any(changed)
+
+    def pass_by(self, t: float) -> None:
+        """Note a communication point at which nothing changed."""
+        for load in self._going_on.values():
+            load.pass_by(t)
 
     def depart(self, t: float, end: float) -> list[Departure]:
         """Return the supports whose motion changes at t for a step until ``end`` (s), see :mod:`.motion`."""

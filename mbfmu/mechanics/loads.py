@@ -1,7 +1,7 @@
 """Loads that a host sets, between the communication points at which it does.
 
 What is held lags by half a step. A load may go on instead as from the last point to this one, which is right but for
-the square of the step; where it jumps, it goes on jumping for a step.
+the square of the step; where it jumps, it does so once more within the step that follows.
 """
 
 from __future__ import annotations
@@ -38,21 +38,28 @@ class GoingOn:
         if t != self._point:
             self._before, self._point = (self._point, self._value), t
         self._value = value
-        self._go_on()
+        self._write(0.0)
 
-    def depart(self, t: float) -> bool:
-        """Begin a step at t, s; whether it goes on otherwise than it did."""
-        if t == self._point:
-            return False
-        settled = self.settled
-        self.give(t, self._value)  # the host has said nothing: it is what it was
-        return not settled
+    def depart(self, t: float, end: float) -> bool:
+        """Begin a step from t to ``end``, s; whether it goes on otherwise than it did.
 
-    def _go_on(self) -> None:
-        t, value = self._before
-        ahead = self._point - t
-        self._signal["t0"], self._signal["c"][0] = self._point, self._value
-        self._signal["c"][1] = (self._value - value) / ahead if ahead > 0.0 else 0.0
+        It changes by no more than it last did, however long the step.
+        """
+        went_on = not self.settled
+        if t != self._point:
+            self.give(t, self._value)  # the host has said nothing: it is what it was
+        before, value = self._before
+        change = self._value - value
+        self._write(change / max(t - before, end - t) if change and t > before else 0.0)
+        return went_on or not self.settled
+
+    def pass_by(self, t: float) -> None:
+        """Note a point, t (s), at which it stayed as it is."""
+        if self.settled and not t <= self._point:
+            self.give(t, self._value)
+
+    def _write(self, slope: float) -> None:
+        self._signal["t0"], self._signal["c"][0], self._signal["c"][1] = self._point, self._value, slope
 
     def state(self) -> list[float]:
         """Return what is remembered, to be given to :meth:`restore`."""

@@ -105,6 +105,41 @@ def test_damaged_files_are_compiled_anew(script: Path, tmp_path: Path, damage: s
     assert sum(ended(start(script, home))["misses"].values()) == 0, "and kept well"
 
 
+def test_code_of_another_signature_is_not_taken(tmp_path: Path) -> None:
+    """Two processes that start cold may give one name to the code of two signatures."""
+    script, home = tmp_path / "demo.py", tmp_path / "home"
+    script.write_text(
+        "import json\n"
+        "from solvers.kernel import kernel\n\n"
+        "@kernel\n"
+        "def double(x):\n"
+        "    return 2 * x\n\n"
+        "told = double(3), double(1.5), double(1j)\n"
+        "print(json.dumps({'found': 19.0, 'told': [repr(x) for x in told]}))\n"
+    )
+    first = ended(start(script, home))["told"]
+    one, two = sorted(home.rglob("demo.double*.nbc"))[:2]
+    swapped = one.read_bytes(), two.read_bytes()
+    one.write_bytes(swapped[1])
+    two.write_bytes(swapped[0])
+    assert ended(start(script, home))["told"] == first == ["6", "3.0", "2j"]
+
+
+def test_a_caller_sees_that_what_it_calls_was_edited(tmp_path: Path) -> None:
+    callee, script = tmp_path / "callee.py", tmp_path / "demo.py"
+    body = "from solvers import linking\nlinking.SMALL = 0\nfrom solvers.kernel import kernel\n\n@kernel\ndef big(x):\n"
+    script.write_text(
+        "import json\nfrom callee import big\nfrom solvers.kernel import kernel\n\n"
+        "@kernel\ndef outer(x):\n    return big(x) + 1.0\n\n"
+        "print(json.dumps({'found': 19.0, 'told': outer(3.0)}))\n"
+    )
+    told = []
+    for result in ("2.0 * x", "int(x)", "7.5 * x"):
+        callee.write_text(f"{body}    return {result}\n")
+        told.append(ended(start(script, tmp_path / "home"))["told"])
+    assert told == [7.0, 4.0, 23.5]
+
+
 def test_where_nothing_can_be_written_all_is_compiled_and_said_once(script: Path) -> None:
     told = ended(start(script, "/proc/nowhere"))
     assert len(told["warned"]) == 1
