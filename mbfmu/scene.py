@@ -5,6 +5,7 @@ solver = "adams"           # ida, adams, hybrid, adams-lu
 partition = "projection"   # of adams
 tolerance = 1e-6
 max_step = 0.0             # s; 0: no limit
+inputs = "hold"            # loads that a host of the FMU sets; or "linear": they go on as they came
 start_at_equilibrium = false
 audit = true               # hold energy against work all along
 stop_time = 10.0           # s
