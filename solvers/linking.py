@@ -12,6 +12,7 @@ import copy
 import importlib
 import zlib
 from hashlib import sha256
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from numba.core.serialize import dumps, loads
 
 from .cache import Cache, Place, cache_of, stamp
 
+code_of = attrgetter("library")  # of what numba has compiled
 PREFIX = "mbfmu_"
 SMALL = 20_000  # bytes of bitcode, a quarter of them names, up to which a kernel goes into its callers
 
@@ -39,8 +41,9 @@ class Entry(CompileResultCacheImpl):
 
     def reduce(self, compiled: Any) -> Any:
         """Return what is written."""
-        compiled.library._ensure_finalized()
-        functions = compiled.library._final_module.functions
+        code = code_of(compiled)
+        code._ensure_finalized()
+        functions = code._final_module.functions
         called = [f.name for f in functions if f.is_declaration and f.name.startswith(PREFIX)]
         data = dumps(super().reduce(compiled))
         return [(name, *_symbols[name]) for name in called], zlib.crc32(data), data
@@ -102,10 +105,10 @@ class Kernel(Inlined):
         version = stamp(source) if Path(source).is_file() else ""
         told = repr((self._key, version, str(compiled.signature.return_type), [str(a) for a in arguments]))
         name = f"{PREFIX}{self.py_func.__name__}_{sha256(told.encode()).hexdigest()[:16]}"
-        library = compiled.library
-        binding.add_symbol(name, library.get_pointer_to_function(compiled.fndesc.llvm_func_name))
+        code = code_of(compiled)
+        binding.add_symbol(name, code.get_pointer_to_function(compiled.fndesc.llvm_func_name))
         _symbols[name] = self._key, arguments
-        if len(library._get_module_for_linking().as_bitcode()) > SMALL:
+        if len(code._get_module_for_linking().as_bitcode()) > SMALL:
             called = copy.copy(compiled.fndesc)
             called.mangled_name = name
             self.targetctx.remove_user_function(compiled.entry_point)
