@@ -380,16 +380,8 @@ class Simulation:
     def _owner(self) -> str:
         """What else must be the same where a state of this simulation is taken up."""
         fixed = {p.name: getattr(self.model, p.name) for p in self.model.parameters() if not p.tunable}
-        return json.dumps(
-            [
-                self.model.name,
-                fixed,
-                self.settings.name,
-                self.settings.tolerance,
-                self.settings.audit,
-                self.settings.inputs,
-            ]
-        )
+        how = self.settings
+        return json.dumps([self.model.name, fixed, how.name, how.tolerance, how.audit, how.inputs])
 
     def save(self) -> bytes:
         """Return the whole state: solver, inputs and tunable parameters."""
