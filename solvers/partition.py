@@ -250,7 +250,7 @@ def acceleration(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any, a: An
     if rank_at(work.pivot, rank, SINGULAR) == rank:
         return regular_acceleration(eqs.terms, rank, work, a)
     crossing = judge(eqs, t, q, rank, work) == CROSSING
-    if not crossing or not loop_speed(v, work) > AT_REST * work.rate[0]:
+    if not crossing or not loop_speed(v, work) > AT_REST * work.rate[1]:
         resolved = rank_at(work.pivot, rank, UNRESOLVED) == rank
         return regular_acceleration(eqs.terms, rank, work, a) if resolved else UNDECIDABLE
     code = limit(eqs, t, q, v, False, rank, work, a)
@@ -353,7 +353,7 @@ def close_report(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any) -> in
     code = close(eqs, t, q, v, rank, work)
     if code != OK or rank_at(work.pivot, rank, SINGULAR) == rank:
         return code
-    if judge(eqs, t, q, rank, work) != CROSSING or not loop_speed(v, work) > AT_REST * work.rate[0]:
+    if judge(eqs, t, q, rank, work) != CROSSING or not loop_speed(v, work) > AT_REST * work.rate[1]:
         return code
     if rank_at(work.pivot, rank, UNRESOLVED) == rank and position_off(eqs.terms, rank, work) < ratio(work.pivot, rank):
         correct_position(eqs, t, q, rank, work)

@@ -330,7 +330,7 @@ class DenseStepper(Stepper):
         own = own_rates(self.system, self._v, a if code is Code.OK else np.zeros(self.system.n))
         rate = max(self.system.rate, own.max(initial=0.0)) or 1.0
         require_resolved(self._t, rate, self.options.rtol)
-        loops = max(self.system.rate, (own * self._units.looped).max(initial=0.0)) or rate
+        loops = max(self.system.loop_rate, (own * self._units.looped).max(initial=0.0)) or rate
         self._units.rate[:] = rate, loops
         self._units.pace[:] = np.maximum(SLOWER * own, SLOWEST * rate)
 

@@ -139,6 +139,7 @@ class System:
     size: Array  # (n,) unit of each coordinate: 1 rad, or a length of the mechanism in m; of v per second
     row_size: Array  # (m,) unit of each constraint residual, likewise
     rate: float = 0.0  # 1/s, of motions of that size, as far as it is known beforehand: by gravity, by drives
+    loop_rate: float = 0.0  # 1/s, likewise, of what constraints know: by gravity and the drives that move it
     coordinate_names: tuple[str, ...] = ()  # (n,)
     constraint_names: tuple[str, ...] = ()  # (m,)
 

@@ -175,11 +175,13 @@ class Spinning(Model):
     torque: float
     spin: float
     aboard: bool
+    driven: bool
 
     def build(self) -> Mechanism:
         m = Mechanism(gravity=(0.0, 0.0, 0.0))
         crank, coupler = parallelogram(m, m.ground, -0.012, 0.02)
-        hinge = Revolute(at=(1.5, 0.0, 0.0), rate=self.spin, fixed=True)
+        how = {"drive": Polynomial((0.0, self.spin))} if self.driven else {"rate": self.spin, "fixed": True}
+        hinge = Revolute(at=(1.5, 0.0, 0.0), **how)
         m.body("rotor", coupler if self.aboard else m.ground, hinge, mass=0.5, inertia=(0.01, 0.01, 0.01))
         m.force("torque", JointForce(magnitude=Harmonic(amplitude=self.torque, frequency=300.0)), crank)
         return m
@@ -188,15 +190,16 @@ class Spinning(Model):
 @pytest.mark.parametrize("solver", ["adams", "hybrid", "ida"])
 @pytest.mark.parametrize("spin", [5.0, 500.0])
 @pytest.mark.parametrize("aboard", [True, False])
+@pytest.mark.parametrize("driven", [True, False])
 @pytest.mark.parametrize("torque", [20.0, 200.0])
-def test_a_rotor_hides_nothing(torque: float, aboard: bool, spin: float, solver: str) -> None:
+def test_a_rotor_hides_nothing(torque: float, driven: bool, aboard: bool, spin: float, solver: str) -> None:
     """What is lost in a crossing is held against the loop's own speed: right, or refused."""
     times, fast = np.linspace(0.0, 1.0, 41), 600.0 * np.pi
     inertia = INERTIA + 0.5 * aboard
     exact = -0.012 + 0.02 * times + torque / inertia * (times / fast - np.sin(fast * times) / fast**2)
     for tolerance in (1e-4, 1e-6, 1e-8):
         result = run(
-            Spinning(torque=torque, spin=spin, aboard=aboard),
+            Spinning(torque=torque, spin=spin, aboard=aboard, driven=driven),
             Settings(solver=solver, tolerance=tolerance),
             times,
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -34,6 +34,7 @@ class Drives:
         self._records = signals
         driven = [(b, numbering.drive[b.index]) for b in mechanism.bodies if b.joint.drive is not None]
         self._bodies = [(body.name, k) for body, k in driven]
+        self._places = {body.index: k for body, k in driven}
         self.sizes = {k: float(joint_sizes(body.name, body.joint, length)[0]) for body, k in driven}
         self.signals = sorted(self.sizes)
 
@@ -53,6 +54,11 @@ class Drives:
     def rates(self) -> list[float]:
         """Return the constant speed of every drive, without sign, in units of its coordinate per second."""
         return [abs(float(self._records[k]["c"][1])) / self.sizes[k] for k in self.signals]
+
+    def paces(self, bodies: Iterable[int] | None = None) -> list[float]:
+        """Return the pace of every drive that moves, s; of those of these bodies only, by their number, if given."""
+        signals = self.signals if bodies is None else {self._places[b] for b in bodies if b in self._places}
+        return [pace for pace in map(self.pace, signals) if pace]
 
     def pace(self, signal: int) -> float:
         """Return a time (s) in which a drive moves by about the unit of its coordinate; zero: it never moves."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from math import inf, log10, prod
 from typing import Any
 
@@ -112,6 +113,7 @@ class Plant:
             size=self._size,
             row_size=self._row_sizes(constraint_names),
             rate=self._rate(),
+            loop_rate=self._loop_rate(),
             power=power,
             exposure=exposure,
             works=self._works,
@@ -209,11 +211,20 @@ class Plant:
         self.data.arrays.kept[:] = np.where(void, -1, np.cumsum(~void) - 1)
         return [names[i] for i in np.flatnonzero(void)]
 
-    def _rate(self) -> float:
-        """Return how fast gravity and drives move the mechanism, 1/s; zero: neither does."""
-        paces = [self.drives.pace(k) for k in self.drives.signals]
+    def _rate(self, bodies: Iterable[int] | None = None) -> float:
+        """Return how fast gravity and drives, or the drives of these bodies, move them, 1/s; zero: neither does."""
         weight = float(np.linalg.norm(self.data.arrays.world["gravity"][0]))
-        return max(np.sqrt(weight / self.length), *(1.0 / x for x in paces if x), 0.0)
+        return max(np.sqrt(weight / self.length), *(1.0 / pace for pace in self.drives.paces(bodies)), 0.0)
+
+    def _loop_rate(self) -> float:
+        """Return how fast gravity and the drives that carry a cut joint's bodies move the loops, 1/s."""
+        carrying: set[int] = set()
+        for cut in self.mechanism.cuts:
+            for end in (cut.a.index, cut.b.index):
+                while end > 0 and end not in carrying:
+                    carrying.add(end)
+                    end = self.mechanism.bodies[end].parent
+        return self._rate(carrying)
 
     def _row_sizes(self, names: list[str]) -> Array:
         """Return the units of the kept rows; before any is dropped, of all."""
