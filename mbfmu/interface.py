@@ -152,8 +152,9 @@ def interface(model: Model, settings: Settings, plant: Plant | None = None) -> t
 def parameters(model: Model) -> Iterator[Variable]:
     """Yield the parameters of a model; what decides the structure is constant."""
     for p in model.parameters():
-        variability = "constant" if p.structural else "tunable" if p.tunable else "fixed"
-        yield parameter(p, Role.PARAMETER, getattr(model, p.name), variability)
+        value = getattr(model, p.name)
+        variability = "constant" if p.structural else "tunable" if p.varies(value) else "fixed"
+        yield parameter(p, Role.PARAMETER, value, variability)
 
 
 def solver_settings(settings: Settings) -> Iterator[Variable]:

@@ -51,8 +51,13 @@ class Parameter:
     max: float
     doc: str
     tunable: bool
+    optional: bool
     structural: bool
     choices: tuple[str, ...]
+
+    def varies(self, value: Any) -> bool:
+        """Whether a run with this value at its start may change it."""
+        return self.tunable and not (self.optional and value == 0)
 
 
 def parameter(
@@ -63,6 +68,7 @@ def parameter(
     max: float = inf,
     doc: str = "",
     tunable: bool = False,
+    optional: bool = False,
     structural: bool = False,
     choices: tuple[str, ...] = (),
 ) -> Any:
@@ -80,12 +86,15 @@ def parameter(
         Meaning, in a few words.
     tunable
         It may change during a run; it must not change the mechanism's structure.
+    optional
+        With zero there is nothing in the mechanism that it could change during a run.
     structural
         It decides which inputs and outputs there are, so an FMU has it fixed from its export on.
     choices
         Words that are allowed; such a parameter is structural.
     """
-    about = {"unit": unit, "min": min, "max": max, "doc": doc, "tunable": tunable, "choices": choices}
+    about = {"unit": unit, "min": min, "max": max, "doc": doc, "choices": choices}
+    about |= {"tunable": tunable, "optional": optional}
     about["structural"] = structural or bool(choices)
     return field(default=default, metadata=about)
 

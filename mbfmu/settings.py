@@ -36,6 +36,8 @@ class Settings:
             given = getattr(self, what)
             if not isinstance(given, str) or given not in known:
                 raise UserError(f"{what} is {given!r}{suggest(str(given), known)}")
+        if self.solver != "adams" and self.partition != "projection":
+            raise UserError(f"partition is {self.partition!r}, but the solver is {self.solver!r}; it is of 'adams'")
         for p in declared(Settings):
             try:
                 check("the settings", p, getattr(self, p.name))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Hashable, Iterable, Mapping
+from contextlib import suppress
 from math import isnan, nan
 from typing import Any, NamedTuple
 
@@ -134,6 +135,8 @@ class Simulation:
         for k in (3, 4):  # as where loads change, the second time with what is kept across
             rehearsal.renew()
             ends.append(rehearsal.advance(t0 + 1e-3 * k))
+        with suppress(SolverError):
+            rehearsal.accelerations()
         if done and all(status.ok for status in ends):
             _compiled.add(kind)
 
@@ -353,8 +356,9 @@ class Simulation:
         """
         for p in model.parameters():
             before, after = getattr(self.model, p.name), getattr(model, p.name)
-            if before != after and not p.tunable:
-                raise UserError(f"parameter {p.name!r} is not tunable; it cannot change during a run")
+            if before != after and not (p.varies(before) and p.varies(after)):
+                why = f", from {before!r} to {after!r}" if p.tunable else ": it is not tunable"
+                raise UserError(f"parameter {p.name!r} cannot change during a run{why}")
         before = self.energy()
         self.plant.adopt(model.plant())
         self._book_jump(before)

@@ -11,8 +11,8 @@ from __future__ import annotations
 import os
 import shutil
 import warnings
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
@@ -25,7 +25,7 @@ from numba.core.caching import FunctionCache, NullCache, _CacheLocator
 HERE = Path(__file__).resolve().parent
 FOLDERS = (HERE, HERE.parent / "mbfmu" / "mechanics")  # of the kernels
 
-_listeners: list[Callable[[], None]] = []  # who is to know that compilation has begun
+_listeners: list[Callable[[], None]] = []  # who is to know that compilation begins
 _unwritable: list[str] = []  # what this process has warned of
 
 
@@ -48,9 +48,15 @@ def folder() -> Path:
     return home() / fingerprint.hexdigest()[:16]
 
 
-def when_compiling(tell: Callable[[], None] | None) -> None:
-    """Have ``tell`` called once, when the first thing has been compiled; it takes the place of others. None: nobody."""
-    _listeners[:] = [tell] if tell else []
+@contextmanager
+def when_compiling(tell: Callable[[], None]) -> Iterator[None]:
+    """Have ``tell`` called in this block, once, before the first thing is compiled; others wait meanwhile."""
+    others = _listeners.copy()
+    _listeners[:] = [tell]
+    try:
+        yield
+    finally:
+        _listeners[:] = others
 
 
 def size() -> int:
@@ -68,7 +74,7 @@ def clear() -> None:
 
 
 def tell_listeners() -> None:
-    """Tell who waits for it that compilation has begun."""
+    """Tell who waits for it that compilation begins."""
     while _listeners:
         _listeners.pop()()
 
@@ -125,14 +131,15 @@ class Cache(FunctionCache):
         """Return what is kept for a signature; None where nothing is, or it is damaged or another signature's."""
         try:
             found = super().load_overload(signature, context)
-            asked = tuple(sigutils.normalize_signature(signature)[0])
-            return found if found is not None and tuple(found.signature.args) == asked else None
+            if found is not None and tuple(found.signature.args) == tuple(sigutils.normalize_signature(signature)[0]):
+                return found
         except Exception:  # what is damaged unpickles to anything
-            return None
+            pass
+        tell_listeners()
+        return None
 
     def save_overload(self, signature: Any, compiled: Any) -> None:
         """Keep what was compiled, where that can be written."""
-        tell_listeners()
         try:
             try:
                 super().save_overload(signature, compiled)
@@ -145,13 +152,21 @@ class Cache(FunctionCache):
             tell(error)
 
 
+class Nowhere(NullCache):
+    """What keeps nothing."""
+
+    def load_overload(self, signature: Any, context: Any) -> None:
+        """Find nothing."""
+        tell_listeners()
+
+
 def cache_of(function: Any, kind: type[Cache]) -> Any:
     """Return where the machine code of a function is kept, if anywhere."""
     try:
         return kind(function)
     except RuntimeError as error:  # no place was found
         tell(error)
-        return NullCache()
+        return Nowhere()
 
 
 def tell(error: Exception) -> None:

@@ -115,7 +115,9 @@ def test_scene_of_a_file_a_model_and_a_shipped_one(tmp_path: Path, pendulum_file
     scene = load_scene(str(path))
     assert (scene.name, scene.settings.solver, scene.model.length) == ("swing", "adams", 0.5)  # type: ignore[attr-defined]
     assert load_scene("fourbar").stop_time == 10.0
-    assert load_scene("fourbar/paper").settings.max_step == 0.01
+    paper = load_scene("fourbar/paper")
+    assert paper.settings.max_step == 0.01
+    assert paper.changed(solver="ida").settings.name == "ida", "its partition was of adams"
     with pytest.raises(UserError, match="no scene 'papr'; did you mean 'paper'"):
         load_scene("fourbar/papr")
 
@@ -126,6 +128,8 @@ def test_settings_resolve_partitions() -> None:
     assert Settings(solver="adams", partition="lu").name == "adams-lu"
     with pytest.raises(UserError, match="partition is 'qr'"):
         Settings(partition="qr")
+    with pytest.raises(UserError, match="partition is 'hybrid', but the solver is 'ida'"):
+        Settings(partition="hybrid")
 
 
 def test_results_do_not_depend_on_communication_points() -> None:
@@ -163,5 +167,5 @@ def test_tunable_parameters_change_and_fixed_ones_do_not() -> None:
     assert simulation.advance(0.1).ok
     simulation.retune(FourBar(gravity=1.62))
     assert simulation.advance(0.2).ok
-    with pytest.raises(UserError, match="'crank_mass' is not tunable"):
+    with pytest.raises(UserError, match="'crank_mass' cannot change during a run: it is not tunable"):
         simulation.retune(FourBar(gravity=1.62, crank_mass=2.0))

@@ -61,7 +61,7 @@ class Sheet(Model):
     damping: float = parameter(0.0, unit="s", min=0.0, doc="effect: material damping time, stress = K (e + damping e')")
     drag: float = parameter(0.0, unit="kg/m3", min=0.0, doc="effect: air density times drag coefficient")
     pressure: float = parameter(
-        0.0, unit="Pa", doc="effect: on the sheet, along its normal; tunable where not zero at first", tunable=True
+        0.0, unit="Pa", doc="effect: on the sheet, along its normal; zero leaves it out", tunable=True, optional=True
     )
     grid_outputs: bool = parameter(False, structural=True, doc="position of every node among the outputs")
 

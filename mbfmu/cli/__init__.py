@@ -38,10 +38,9 @@ EXAMPLES = """examples:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return its exit code: 0, 1 for a run that stopped early, 2 for a user's mistake."""
     options = parser().parse_args(arguments)
-    if sys.stderr.isatty():
-        when_compiling(lambda: print("compiling, once on this machine: a minute or two", file=sys.stderr))
     try:
-        return int(options.command(options))
+        with when_compiling(tell_compiling):
+            return int(options.command(options))
     except UserError as error:
         print(f"mbfmu: {error}", file=sys.stderr)
         return 2
@@ -51,6 +50,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of a pipe, such as head, has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 141
+
+
+def tell_compiling() -> None:
+    """Say in a terminal why it takes long."""
+    if sys.stderr.isatty():
+        print("compiling, once on this machine: a minute or two", file=sys.stderr)
 
 
 def parser() -> argparse.ArgumentParser:

@@ -90,6 +90,7 @@ def scene_of(options: argparse.Namespace) -> Scene:
         partition=getattr(options, "partition", None),
         tolerance=getattr(options, "tolerance", None),
         max_step=getattr(options, "max_step", None),
+        inputs=getattr(options, "inputs", None),
         start_at_equilibrium=getattr(options, "start_at_equilibrium", None),
         audit=getattr(options, "audit", None),
         stop_time=getattr(options, "stop_time", None),

@@ -14,6 +14,9 @@ def add(commands: Commands) -> None:
     p.add_argument("scene", metavar="model", help="model name, scene, or my_model.py:MyModel")
     add_set(p)
     add_solver(p)
+    p.add_argument(
+        "--inputs", metavar="HOW", help="loads that the host sets: hold (default) until the next point, or linear"
+    )
     p.add_argument("--stop-time", type=float, metavar="S", help="end of the default experiment, s")
     p.add_argument("--interval", type=float, metavar="S", help="its step between communication points, s")
     p.add_argument("-o", "--output", type=Path, metavar="FILE", help="FMU file; MODEL.fmu by default")

@@ -58,8 +58,8 @@ class ModelSlave(Values):
         self._remarked = 0  # how many of the simulation's remarks are in the log
         self._loops: list[str] = []  # what is in the log of them
         self._lost, self._coarse = "", False  # what is in the log of the balance; that a grid is too coarse is
-        when_compiling(self._tell_compiling)
-        self.declare(self.model.plant())
+        with when_compiling(self._tell_compiling):
+            self.declare(self.model.plant())
         finalize_at_exit(self.resources, self.identifier)
         import_once(self.resources)
 
@@ -147,11 +147,14 @@ class ModelSlave(Values):
         self.simulation, self._remarked = None, 0
         given = {k: float(self._buffer[r]) for k, r in enumerate(self._inputs) if r in self._changed}
         settings = self._settings_of(self._buffer)
-        self.simulation = Simulation(self._model_of(self._buffer), settings, self._t0, given)
-        when_compiling(None)
+        self.simulation = self._started(self._model_of(self._buffer), settings, self._t0, given)
         for reference, variable in zip(self._inputs, self.simulation.plant.inputs.variables, strict=True):
             if reference not in self._changed:  # it starts where the parameters put it
                 self._buffer[reference] = variable.start
+
+    def _started(self, model: Model, settings: Settings, t0: float, inputs: dict[int, float]) -> Simulation:
+        with when_compiling(self._tell_compiling):
+            return Simulation(model, settings, t0, inputs)
 
     def _tell_loops(self) -> None:
         """Log what is void or redundant in the loops, unless it was."""
@@ -280,7 +283,7 @@ class ModelSlave(Values):
             model, settings = self._model_of(values), self._settings_of(values)
             simulation = self.simulation if self._runs(model, settings) else None
             if simulation is None:
-                simulation = Simulation(model, replace(settings, start_at_equilibrium=False), t0)
+                simulation = self._started(model, replace(settings, start_at_equilibrium=False), t0, {})
                 self._remarked = len(simulation.remarks)  # the instance that was saved has told them
             simulation.restore(body)
         self.simulation, self._t0, self._buffer[:] = simulation, t0, values

@@ -113,6 +113,14 @@ def test_nominals_follow_the_size_of_the_mechanism() -> None:
     assert nominals(large)["crank.angle"] == nominals(small)["crank.angle"] == 1.0
 
 
+def test_what_is_not_there_at_the_start_is_not_called_tunable() -> None:
+    told = [{v.name: v for v in interface(Sheet(nx=4, nz=3, pressure=p), Settings())}["pressure"] for p in (0.0, 0.5)]
+    assert [v.variability for v in told] == ["fixed", "tunable"]
+    run = Simulation(Sheet(nx=4, nz=3), Settings(solver="adams"))
+    with pytest.raises(UserError, match=r"'pressure' cannot change during a run, from 0\.0 to 0\.5"):
+        run.retune(Sheet(nx=4, nz=3, pressure=0.5))
+
+
 def test_the_page_the_command_and_the_description_tell_the_same(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
