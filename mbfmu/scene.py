@@ -62,7 +62,7 @@ class Scene:
             raise UserError(f"output_interval is {self.output_interval!r} s: more than ten million outputs; enlarge it")
 
     def changed(self, **changes: Any) -> Scene:
-        """Return a copy with the given fields; None leaves a field as it is, but for the partition of another solver."""
+        """Return a copy with the given fields; None leaves one as it is, but for the partition of another solver."""
         settings = {k: changes.pop(k) for k in SETTINGS if k in changes}
         given = {k: v for k, v in settings.items() if v is not None}
         if "solver" in given:

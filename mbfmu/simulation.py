@@ -116,6 +116,10 @@ class Simulation:
         self._bend, self._bent_at = self.plant.bend(t0, q), (t0, q)  # the sharpest so far
         self._compile(t0, q, v)
 
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        """Refuse to be copied or pickled, as its stepper does."""
+        raise TypeError("a simulation cannot be copied or pickled: make another of the same model, and restore(save())")
+
     def _compile(self, t0: float, q: Array, v: Array) -> None:
         """Have every kernel compiled (or loaded) now, by a stepper thrown away, and not in the first step of a run.
 

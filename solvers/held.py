@@ -33,7 +33,8 @@ class HeldType(types.Type):
 
     def __init__(self, content: Any) -> None:
         self.content = content
-        super().__init__(name=f"Held_{sha256(str(content).encode()).hexdigest()[:16]}")  # it is part of every symbol
+        told = f"{content} {getattr(content, 'fields', ())}"
+        super().__init__(name=f"Held_{sha256(told.encode()).hexdigest()[:16]}")  # it is part of every symbol
 
 
 register_model(HeldType)(models.OpaqueModel)

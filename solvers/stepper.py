@@ -125,6 +125,10 @@ class Stepper(ABC):
         self._resolves = system.resolves
         self.status = self._status(Code.OK)
 
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        """Refuse to be copied or pickled: a history that two share is nobody's."""
+        raise TypeError("a stepper cannot be copied or pickled: make another of the same system, and restore(save())")
+
     def _status(self, code: Code) -> Status:
         return Status(code, self._t, self.others)
 

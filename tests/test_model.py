@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -160,6 +163,14 @@ def test_torque_input_does_work() -> None:
     assert simulation.advance(0.4).ok
     after = simulation.outputs()
     assert after[energy] - before[energy] == pytest.approx(3.0 * (after[angle] - before[angle]), rel=1e-8)
+
+
+@pytest.mark.parametrize("twin", [copy.copy, copy.deepcopy, pickle.dumps])
+def test_no_two_share_a_history(twin: Callable[[Any], Any]) -> None:
+    simulation = Simulation(FourBar(), Settings(solver="adams"))
+    for one in (simulation, simulation.stepper):
+        with pytest.raises(TypeError, match=r"cannot be copied or pickled: make another .* restore\(save\(\)\)"):
+            twin(one)
 
 
 def test_tunable_parameters_change_and_fixed_ones_do_not() -> None:

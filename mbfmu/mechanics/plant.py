@@ -219,11 +219,11 @@ class Plant:
     def _loop_rate(self) -> float:
         """Return how fast gravity and the drives that carry a cut joint's bodies move the loops, 1/s."""
         carrying: set[int] = set()
-        for cut in self.mechanism.cuts:
-            for end in (cut.a.index, cut.b.index):
-                while end > 0 and end not in carrying:
-                    carrying.add(end)
-                    end = self.mechanism.bodies[end].parent
+        for body in (end.index for cut in self.mechanism.cuts for end in (cut.a, cut.b)):
+            k = body
+            while k > 0 and k not in carrying:
+                carrying.add(k)
+                k = self.mechanism.bodies[k].parent
         return self._rate(carrying)
 
     def _row_sizes(self, names: list[str]) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +16,8 @@ from mbfmu.errors import UserError
 from mbfmu.fmi import Fmu, export
 from mbfmu.frame import frame, unframe
 from mbfmu.native import run
-from mbfmu.simulation import Settings
+from mbfmu.simulation import Settings, Simulation
+from solvers import cache
 
 SOLVERS = ["adams", "hybrid", "ida"]
 
@@ -148,6 +150,26 @@ def test_a_failed_initialization_is_no_success(fourbar_fmu: Path) -> None:
         fmu.start({})
         fmu.step(0.1)
         assert fmu.message() == ""
+
+
+def test_who_waits_for_the_compiler_is_told(
+    fourbar_fmu: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Once an instance that starts a run, and nobody else."""
+    start = Simulation.__init__
+
+    def compile_and_start(*given: Any) -> None:
+        cache.tell_listeners()
+        cache.tell_listeners()
+        start(*given)
+
+    with Fmu(fourbar_fmu):
+        cache.tell_listeners()
+        assert "compiling" not in capfd.readouterr().err
+    monkeypatch.setattr(Simulation, "__init__", compile_and_start)
+    with Fmu(fourbar_fmu):
+        told = capfd.readouterr().err
+    assert told.count("compiling, once on this machine") == 1
 
 
 # ---- what a host may do wrong ------------------------------------------------------------------------------------
