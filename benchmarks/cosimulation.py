@@ -23,8 +23,8 @@ from scipy.integrate import solve_ivp
 from timing import median_times
 
 from fmus.fourbar import FourBar
-from mbfmu.report import finish
 from mbfmu.simulation import Settings, Simulation
+from mbfmu.studies.report import finish
 from mbfmu.table import table
 
 START, END, AMPLITUDE = 0.4, 1.0, 5.0  # rad, s, N m

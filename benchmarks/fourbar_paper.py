@@ -10,9 +10,9 @@ import time
 from pathlib import Path
 
 from mbfmu.native import Result, communication_points, run
-from mbfmu.report import COLOURS, finish, plt
 from mbfmu.scene import load_scene
 from mbfmu.simulation import Simulation
+from mbfmu.studies.report import COLOURS, finish, subplots
 from mbfmu.table import table
 
 METHODS = {"LU": "adams-lu", "projection": "adams", "hybrid": "hybrid"}
@@ -82,10 +82,10 @@ def draw(scene: str, results: dict[str, Result]) -> None:
     folder = Path("fmus/fourbar/figures")
     folder.mkdir(exist_ok=True)
     for name, output, label in FIGURES[scene]:
-        figure, ax = plt.subplots(figsize=(8.0, 3.6), layout="constrained")
+        figure, ax = subplots(size=(8.0, 3.6))
         for method, style in (("LU", "-"), ("projection", "-"), ("hybrid", "--")):
             result = results[method]
-            ax.plot(result.times, result[output], style, lw=1.2, color=COLOURS[METHODS[method]], label=method)
+            ax.plot(result.t, result[output], style, lw=1.2, color=COLOURS[METHODS[method]], label=method)
         exact_span = results["projection"][output]
         margin = 0.6 * (exact_span.max() - exact_span.min())
         ax.set_ylim(exact_span.min() - margin, exact_span.max() + margin) if margin > 1e-3 else None

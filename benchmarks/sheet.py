@@ -15,10 +15,10 @@ import numpy as np
 import without_effects
 
 from fmus.sheet import Sheet
-from mbfmu.effects import time_of_evaluation
-from mbfmu.equilibrium import equilibrium
 from mbfmu.mechanics import Plant
 from mbfmu.simulation import Settings, Simulation
+from mbfmu.steady.problem import equilibrium
+from mbfmu.studies.effects import time_of_evaluation
 from mbfmu.table import table
 from solvers import Code
 from solvers.saddle import Motion

@@ -9,10 +9,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from fmus.sheet import Sheet
-from mbfmu.equilibrium import equilibrium
 from mbfmu.native import communication_points, run
-from mbfmu.report import finish, plt
 from mbfmu.simulation import Settings
+from mbfmu.steady.problem import equilibrium
+from mbfmu.studies.report import finish, subplots
 
 FIGURES = Path("fmus/sheet/figures")
 GRIDS = {(7, 5): "#efb118", (15, 11): "#ff725c", (33, 23): "#3ca951", (51, 35): "#4269d0"}
@@ -22,9 +22,7 @@ SHELL = -0.10822  # m, tip at rest by two shell codes
 def damped(path: Path) -> None:
     """Draw the tip of every grid over the rest position of the shell codes, and print where each comes to rest."""
     times = communication_points(5.0, 0.01)
-    figure, (whole, end) = plt.subplots(
-        1, 2, figsize=(9.0, 3.6), layout="constrained", gridspec_kw={"width_ratios": (2.2, 1.0)}
-    )
+    figure, (whole, end) = subplots(1, 2, size=(9.0, 3.6), gridspec_kw={"width_ratios": (2.2, 1.0)})
     for (nx, nz), colour in GRIDS.items():
         model = Sheet(nx=nx, nz=nz, damping=Sheet.settling["damping"])
         result = run(model, Settings(tolerance=1e-5 if nx < 33 else 1e-4), times)

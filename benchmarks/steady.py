@@ -9,7 +9,7 @@ from __future__ import annotations
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
 from mbfmu.model import Model
-from mbfmu.settling import as_text, settle
+from mbfmu.studies.settling import as_text, settle
 
 CASES: tuple[tuple[str, Model], ...] = (
     ("governor, damping 100 N s/m", Governor(damping=100.0)),

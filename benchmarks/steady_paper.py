@@ -10,15 +10,16 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
-from mbfmu.equilibrium import equilibrium
 from mbfmu.model import Model
 from mbfmu.native import communication_points, run
-from mbfmu.report import finish, plt
 from mbfmu.simulation import Settings
+from mbfmu.steady.problem import equilibrium
+from mbfmu.studies.report import finish, subplots
 
 SETTINGS = Settings(solver="ida", tolerance=1e-8)
 PENDULUM, GOVERNOR = Path("fmus/pendulum/figures"), Path("fmus/governor/figures")
@@ -29,7 +30,7 @@ def settle(model: Model, output: str, label: str, end: float, interval: float, p
     damped = model.with_values(model.settling)
     target = equilibrium(damped).outputs[output]
     times = communication_points(end, interval)
-    figure, ax = plt.subplots(figsize=(8.0, 3.6), layout="constrained")
+    figure, ax = subplots(size=(8.0, 3.6))
     for own, text, colour in ((model, "undamped", "#b0b0b0"), (damped, damping_in_words(model), "#4269d0")):
         ax.plot(times, run(own, SETTINGS, times)[output], lw=1.0, color=colour, label=text)
     ax.axhline(target, color="#ff725c", ls="--", lw=1.2, label=f"steady state: {target:.6g}")
@@ -40,7 +41,7 @@ def settle(model: Model, output: str, label: str, end: float, interval: float, p
     finish(figure, path)
 
 
-def above(ax: plt.Axes) -> None:
+def above(ax: Axes) -> None:
     """Put the legend over the picture, off the curves."""
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4, frameon=False, fontsize=8)
 
@@ -82,7 +83,7 @@ def acceleration(model: SwingPendulum, q: NDArray[np.float64], v: NDArray[np.flo
 def divergence(path: Path) -> None:
     """Draw the slider's distance with the velocity terms implicit and explicit."""
     model = SwingPendulum()
-    figure, ax = plt.subplots(figsize=(8.0, 3.6), layout="constrained")
+    figure, ax = subplots(size=(8.0, 3.6))
     for h, colour in ((5e-4, "#efb118"), (1e-3, "#ff725c"), (2e-3, "#9c2c1c")):
         rows = trapezoidal(model, h, 5.0, lagged=True)
         ax.plot(rows[:, 0], rows[:, 2], lw=0.6, color=colour, label=f"explicit velocity terms, {1e3 * h:g} ms")

@@ -28,7 +28,7 @@ REPEATS = 201
 WORKER = """
 import sys, time
 from fmus.sheet import Sheet
-from mbfmu.effects import evaluations
+from mbfmu.studies.effects import evaluations
 
 call = evaluations(Sheet(nx={}, nz={}, membrane=False, gravity_y=0.0).build().compile())
 call()

@@ -34,8 +34,8 @@ from throttled_engine import ThrottledEngine
 from fmus.governor import Governor
 from mbfmu.fmi import Fmu, export
 from mbfmu.native import communication_points
-from mbfmu.report import finish
 from mbfmu.simulation import Settings
+from mbfmu.studies.report import finish
 from mbfmu.table import table
 
 Array = NDArray[np.float64]

@@ -191,6 +191,18 @@ class Model:
         return replace(self, **changes)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Bare(Model):
+    """A mechanism without parameters, as it is."""
+
+    name = "mechanism"
+    mechanism: Mechanism
+
+    def build(self) -> Mechanism:
+        """Return it."""
+        return self.mechanism
+
+
 def check(model: str, declared: Parameter, value: Any) -> Any:
     """Return the value in the parameter's type, or say what is wrong with it."""
     kind = type(declared.default)
@@ -249,9 +261,11 @@ def of_user(model: Any) -> Model:
     """Return what was given for a model, if it is one."""
     if isinstance(model, Model):
         return model
+    if isinstance(model, Mechanism):
+        return Bare(mechanism=model)
     if isinstance(model, type) and issubclass(model, Model):
         raise UserError(f"model is the class {model.__name__}; give an instance of it: {model.__name__}()")
-    raise UserError(f"model is {model!r}; allowed: an instance of a subclass of mbfmu.model.Model")
+    raise UserError(f"model is {model!r}; allowed: a Mechanism, or an instance of a subclass of mbfmu.Model")
 
 
 def models() -> dict[str, type[Model]]:

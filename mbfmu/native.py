@@ -2,62 +2,24 @@
 
 from __future__ import annotations
 
-import csv
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 
 from mbfmu.errors import UserError
-from mbfmu.mechanics import Variable
+from mbfmu.mechanics import Mechanism
 from mbfmu.mechanics.numbers import array_of, finite
-from mbfmu.model import Model, suggest
-from mbfmu.simulation import Array, Settings, Simulation, together
-from solvers import Statistics
+from mbfmu.model import Model, declared, of_user, suggest
+from mbfmu.result import Result
+from mbfmu.settings import Settings
+from mbfmu.simulation import Array, Simulation
+
+__all__ = ["Result", "communication_points", "run", "simulate"]
 
 MOST = 1e7  # communication points
 ROWS = 100  # outputs recorded between two reports of progress
-
-
-@dataclass
-class Result:
-    """Outputs over time, and how the run went."""
-
-    times: Array  # (k,) s
-    values: Array  # (k, outputs)
-    variables: tuple[Variable, ...]
-    statistics: Statistics
-    wall_time: float  # s, between the first and the last output
-    failure: str = ""  # why the run ended early and what to try; empty: it did not
-    verdict: str = ""  # when and how the energy balance was lost; empty: it was not
-    coarse: str = ""  # where cells bend too far for their grid; empty: nowhere, or the run ended early
-    remarks: tuple[str, ...] = ()  # what is unusual and stops nothing, in sentences
-
-    @property
-    def warning(self) -> str:
-        """Why it is not to be trusted though it ran; empty: nothing speaks against it."""
-        return together(self.verdict, self.coarse)
-
-    def __getitem__(self, name: str) -> Array:
-        """Return one output over time."""
-        names = [v.name for v in self.variables]
-        if name not in names:
-            raise UserError(f"no output {name!r}{suggest(name, names)}")
-        return self.values[:, names.index(name)]
-
-    def as_dict(self) -> dict[str, Array]:
-        """Return every output over time, by name."""
-        return {v.name: self.values[:, i] for i, v in enumerate(self.variables)}
-
-    def write_csv(self, path: Path) -> None:
-        """Write time and outputs; the header names each with its unit."""
-        with path.open("w", newline="") as file:
-            writer = csv.writer(file)
-            writer.writerow(["time [s]", *(f"{v.name} [{v.unit}]" for v in self.variables)])
-            for t, row in zip(self.times, self.values, strict=True):
-                writer.writerow([repr(float(t)), *(repr(float(x)) for x in row)])
 
 
 def communication_points(stop_time: float, interval: float) -> Array:
@@ -72,18 +34,62 @@ def communication_points(stop_time: float, interval: float) -> Array:
     return times
 
 
+def simulate(
+    model: Model | Mechanism,
+    stop_time: float | None = None,
+    *,
+    interval: float | None = None,
+    inputs: Mapping[str, float | Callable[[float], float]] | None = None,
+    watch: Callable[[Simulation], None] | None = None,
+    **settings: Any,
+) -> Result:
+    """Simulate a model or a mechanism from rest at its start until ``stop_time``.
+
+    Parameters
+    ----------
+    model
+        A model, or a mechanism that has not one of its own.
+    stop_time, interval
+        End of the run and time between outputs, s; the model's own where they are not given.
+    inputs
+        By name: a number, or a function of time, asked at every output.
+    watch
+        Shown the simulation at every output.
+    **settings
+        Of :class:`~mbfmu.settings.Settings`: ``solver``, ``tolerance``, ``max_step``, ``start_at_equilibrium`` and
+        others.
+
+    Raises
+    ------
+    UserError
+        What is wrong with the model, the times, the inputs or the settings. A run that ends early does not raise:
+        ``failure`` of the result says why.
+    """
+    model = of_user(model)
+    times = communication_points(
+        model.stop_time if stop_time is None else stop_time, model.output_interval if interval is None else interval
+    )
+    known = [p.name for p in declared(Settings)]
+    for name in settings:
+        if name not in known:
+            raise UserError(f"there is no setting {name!r}{suggest(name, known)}")
+    return run(model, Settings(**{"tolerance": model.tolerance} | settings), times, watch=watch, inputs=inputs)
+
+
 def run(
-    model: Model,
+    model: Model | Mechanism,
     settings: Settings,
     times: Array,
     progress: Callable[[float], None] | None = None,
     watch: Callable[[Simulation], None] | None = None,
     warn: Callable[[str], None] | None = None,
+    inputs: Mapping[str, float | Callable[[float], float]] | None = None,
 ) -> Result:
     """Run a model natively, without an FMU, and record its outputs at ``times``; stops at a failure.
 
-    ``watch`` is shown the simulation whenever its outputs have been read: its bodies are in place then. ``warn`` is
-    told at once when the energy balance is lost; the run goes on.
+    ``inputs`` are numbers or functions of time by name; a function is asked at each of ``times``. ``watch`` is shown
+    the simulation whenever its outputs have been read: its bodies are in place then. ``warn`` is told at once when the
+    energy balance is lost; the run goes on.
 
     Raises
     ------
@@ -93,14 +99,18 @@ def run(
     times = array_of("times", times)
     if times.ndim != 1 or not len(times) or not np.isfinite(times).all() or np.any(np.diff(times) <= 0.0):
         raise UserError(f"times are {times!r}; they must be finite numbers in one row, each later than the one before")
-    simulation = Simulation(model, settings, float(times[0]))
+    varying = {name: value for name, value in (inputs or {}).items() if callable(value)}
+    first = {name: value(float(times[0])) if callable(value) else value for name, value in (inputs or {}).items()}
+    simulation = Simulation(model, settings, float(times[0]), first)
     values = np.zeros((len(times), len(simulation.variables)))
     values[0] = simulation.outputs()
     if watch is not None:
         watch(simulation)
     begin, done, failure, told = time.perf_counter(), 1, "", ""
     while done < len(times) and not failure:
-        rows = slice(done, done + (ROWS if watch is None else 1))
+        for name, function in varying.items():
+            simulation.set_input(name, function(float(times[done - 1])))
+        rows = slice(done, done + (1 if watch or varying else ROWS))
         done += simulation.record(times[rows], values[rows])
         if warn is not None and simulation.verdict != told:
             told = simulation.verdict
@@ -114,5 +124,16 @@ def run(
             progress(float(times[done - 1]))
     wall = time.perf_counter() - begin
     coarse = "" if failure else simulation.coarse
-    found = times[:done], values[:done], simulation.variables, simulation.statistics
-    return Result(*found, wall, failure, simulation.verdict, coarse, tuple(simulation.remarks))
+    return Result(
+        t=times[:done],
+        values=values[:done],
+        variables=simulation.variables,
+        statistics=simulation.statistics,
+        wall_time=wall,
+        model=simulation.model.name,
+        settings=settings,
+        failure=failure,
+        verdict=simulation.verdict,
+        coarse=coarse,
+        remarks=tuple(simulation.remarks),
+    )

@@ -88,10 +88,10 @@ def load_scene(reference: str) -> Scene:
     return default_scene(find(reference)(), path.stem if ".py" in reference else reference)
 
 
-def default_scene(model: Model, name: str) -> Scene:
+def default_scene(model: Model, name: str = "") -> Scene:
     """Return a model's own scene."""
     return Scene(
-        name=name.partition(":")[0],
+        name=name.partition(":")[0] or model.name,
         model=model,
         settings=Settings(tolerance=model.tolerance),
         stop_time=model.stop_time,

@@ -13,13 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.audit import VARIABLES, Audit
-from mbfmu.equilibrium import Balance
 from mbfmu.errors import UserError
 from mbfmu.frame import frame, unframe
+from mbfmu.mechanics import Mechanism
 from mbfmu.mechanics.bending import COARSE, FOLDED, Bend
 from mbfmu.mechanics.numbers import finite
 from mbfmu.model import Model, of_user
+from mbfmu.result import together
 from mbfmu.settings import Settings
+from mbfmu.steady.problem import EquilibriumProblem
 from solvers import SolverError, Statistics, Status, stepper
 from solvers.ledger import EXCHANGED
 from solvers.stepper import Reported, Samples
@@ -73,14 +75,14 @@ class Simulation:
 
     def __init__(
         self,
-        model: Model,
+        model: Model | Mechanism,
         settings: Settings,
         t0: float = 0.0,
         inputs: Mapping[int, float] | Mapping[str, float] | None = None,
     ) -> None:
-        self.model = of_user(model)
+        self.model = own = of_user(model)
         self.settings = settings
-        self.plant = model.plant()
+        self.plant = own.plant()
         if settings.inputs == "linear":
             self.plant.inputs.go_on()
         known = enumerate(self.plant.inputs.variables)
@@ -90,14 +92,14 @@ class Simulation:
         for key, value in (inputs or {}).items():
             self.plant.inputs.start(self._input(key), finite(f"input {key!r}", value), t0)
         if settings.start_at_equilibrium:
-            found = Balance(model, self.plant).solve()
+            found = EquilibriumProblem(own, self.plant).solve()
             q, v = found.q, found.v
         else:
             q, v = self.plant.assemble(t0)
         try:
             self.stepper = stepper(settings.name, self.plant.system, t0, q, v, settings.options())
         except ValueError as error:
-            raise UserError(f"model {model.name!r}: {error}") from error
+            raise UserError(f"model {own.name!r}: {error}") from error
         self.variables = (*self.plant.outputs, *VARIABLES)
         unique(["time", *(v.name for v in (*self.plant.inputs.variables, *self.variables))])
         self._out = np.zeros(len(self.variables))
@@ -432,8 +434,3 @@ def unique(names: Iterable[str]) -> None:
     name, count = Counter(names).most_common(1)[0]
     if count > 1:
         raise UserError(f"{count} variables are named {name!r}: names of parameters, inputs and outputs must differ")
-
-
-def together(*warnings: str) -> str:
-    """Return as one text what there is of several."""
-    return ". ".join(filter(None, warnings))

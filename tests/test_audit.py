@@ -14,7 +14,6 @@ from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
 from mbfmu.cli import main
-from mbfmu.compare import compare, outcome
 from mbfmu.fmi.export import export
 from mbfmu.fmi.harness import Fmu
 from mbfmu.mechanics import Harmonic, Input, JointSpring, Mechanism, PointForce, Revolute, rod
@@ -23,6 +22,7 @@ from mbfmu.model import Model, parameter
 from mbfmu.native import Result, run
 from mbfmu.scene import Scene
 from mbfmu.simulation import Settings, Simulation
+from mbfmu.studies.compare import compare, outcome
 
 SOLVERS = ("adams", "hybrid", "ida")
 TIMES = np.linspace(0.0, 3.0, 151)

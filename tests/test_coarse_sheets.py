@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from fmus.sheet import Sheet
-from mbfmu.equilibrium import equilibrium
 from mbfmu.fmi import export
 from mbfmu.native import run
 from mbfmu.simulation import Settings, Simulation
+from mbfmu.steady.problem import equilibrium
 
 
 def test_a_coarse_grid_is_told_of_and_a_fine_one_is_not(command: Any, tmp_path: Path) -> None:
@@ -41,7 +41,7 @@ def test_a_sheet_spun_till_it_folds_ends_with_a_sentence(capfd: Any) -> None:
     result = run(model, Settings(tolerance=1e-5), np.linspace(0.0, 0.05, 51))
     said = r"A cell is folded: .* 'sheet.\d.\d' and 'sheet.\d.\d', .* \(t = 0.01\d* s\). Let it"
     assert re.search(said, result.failure)
-    assert 5e-3 < result.times[-1] < 0.02
+    assert 5e-3 < result.t[-1] < 0.02
     assert result.warning == ""
     assert "".join(capfd.readouterr()) == ""
 

@@ -67,7 +67,7 @@ def test_a_slider_passes_the_centre_of_its_crank(solver: str, length: float, tol
     result = run(Across(length=length), Settings(solver=solver, tolerance=tolerance), np.linspace(0.0, 4.0, 81))
     assert not result.failure
     np.testing.assert_allclose(
-        result["way"], 2.0 * length * np.cos(0.3 + 2.0 * result.times), atol=10.0 * tolerance * length
+        result["way"], 2.0 * length * np.cos(0.3 + 2.0 * result.t), atol=10.0 * tolerance * length
     )
 
 
@@ -77,7 +77,7 @@ def test_a_crank_stops_with_a_sentence_where_it_locks(solver: str, longer: float
     """And does not hang."""
     result = run(Driven(longer=longer), Settings(solver=solver), np.linspace(0.0, 4.0, 201))
     assert result.failure
-    assert locks - 0.05 < result.times[-1] < locks + 0.001
+    assert locks - 0.05 < result.t[-1] < locks + 0.001
 
 
 @pytest.mark.parametrize(("solver", "tolerance"), [("ida", 1e-6), ("adams", 1e-8), ("hybrid", 1e-8)])
@@ -88,4 +88,4 @@ def test_where_nothing_is_free_the_balance_is_not_held_against_the_motion(solver
     assert not result.failure
     assert not result.warning
     assert np.isnan(result["energy_imbalance"]).all()
-    np.testing.assert_allclose(result["link"] + 0.7 + 2.0 * result.times, 0.0, atol=1e-9)
+    np.testing.assert_allclose(result["link"] + 0.7 + 2.0 * result.t, 0.0, atol=1e-9)

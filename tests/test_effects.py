@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from fmus.fourbar import FourBar
-from mbfmu.effects import Entry, as_text, ledger
 from mbfmu.simulation import Settings
+from mbfmu.studies.effects import Entry, as_text, ledger
 
 DOWN = {"crank": -1.5, "coupler": 1.5, "rocker": -1.5}
 

@@ -15,13 +15,13 @@ import pytest
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
-from mbfmu.equilibrium import Balance, equilibrium
 from mbfmu.errors import EquilibriumError, UserError
 from mbfmu.mechanics import DistanceCut, Input, JointSpring, Mechanism, Revolute, RevoluteCut, Translational, rod
 from mbfmu.model import Model, parameter
 from mbfmu.native import run
 from mbfmu.simulation import Settings, Simulation
-from mbfmu.sweep import sweep
+from mbfmu.steady.problem import EquilibriumProblem, equilibrium
+from mbfmu.steady.sweep import sweep
 
 
 @pytest.mark.parametrize(
@@ -100,7 +100,7 @@ def test_damping_makes_it_stable_and_a_mode_decays_in_time_as_it_says() -> None:
     result = run(model, Settings(solver="adams", tolerance=1e-10), np.linspace(0.0, 12.0, 4801))
     away = np.abs(result["arm1.angle"] - found.outputs["arm1.angle"])
     peaks = [i for i in range(1, 4800) if away[i] >= away[i - 1] and away[i] > away[i + 1]][-6:]
-    rate = np.polyfit(result.times[peaks], np.log(away[peaks]), 1)[0]
+    rate = np.polyfit(result.t[peaks], np.log(away[peaks]), 1)[0]
     assert rate == pytest.approx(mode.eigenvalue.real, rel=2e-3)
     assert mode.damping_ratio == pytest.approx(-mode.eigenvalue.real / abs(mode.eigenvalue))
 
@@ -288,7 +288,7 @@ def test_sweep_follows_the_speed_curve() -> None:
 
 
 def test_scattered_starts_find_both_sides_once() -> None:
-    problem = Balance(FourBar())
+    problem = EquilibriumProblem(FourBar())
     found = problem.solve()
     others = problem.others(found, 40)
     states = [found, *others]

@@ -7,9 +7,9 @@ import pytest
 from scipy.optimize import brentq
 
 from fmus.fourbar import FourBar
-from mbfmu.compare import reference_motion
 from mbfmu.native import run
 from mbfmu.simulation import Settings
+from mbfmu.studies.compare import reference_motion
 
 TIMES = np.linspace(0.0, 10.0, 501)
 BOUNDS = {"adams": 100.0, "hybrid": 300.0, "ida": 1000.0}
@@ -74,7 +74,7 @@ def test_lu_fails_at_the_second_singular_position(rtol: float) -> None:
     result = run(FourBar(), Settings(solver="adams-lu", tolerance=rtol), TIMES)
     gap = FourBar().branch_gap(result.as_dict())
     assert gap is not None
-    end = float(result.times[np.argmax(gap > 0.05)]) if gap.max() > 0.05 else float(result.times[-1])
+    end = float(result.t[np.argmax(gap > 0.05)]) if gap.max() > 0.05 else float(result.t[-1])
     assert 0.9 < end < 1.2
 
 

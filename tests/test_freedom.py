@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from fmus.sheet import Sheet
-from mbfmu.freedom import in_words
 from mbfmu.mechanics import Plant
+from mbfmu.steady.rigid_body_modes import in_words
 
 
 @pytest.fixture(scope="module")

@@ -53,7 +53,7 @@ def test_governor_balances_energy_and_drive_work_for_200_s(
 
 def test_the_work_of_the_drive_is_the_change_of_energy() -> None:
     result, _ = undamped(Governor(), "adams", 1e-10, 5.0, 0.001)
-    work = 11.0174 * simpson(result["spindle.effort"], x=result.times)
+    work = 11.0174 * simpson(result["spindle.effort"], x=result.t)
     change = result["energy"][-1] - result["energy"][0]
     assert abs(change) > 0.1
     assert work == pytest.approx(change, abs=1e-7)

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from mbfmu.equilibrium import Balance
 from mbfmu.errors import EquilibriumError, UserError
 from mbfmu.mechanics import Body, Mechanism, Polynomial, Revolute, Spring, Support, add_sheet, plant, rod
 from mbfmu.mechanics.tangent import find_groups
@@ -18,6 +17,7 @@ from mbfmu.mechanics.tangent.groups import BLOCK
 from mbfmu.model import Model, parameter
 from mbfmu.native import run
 from mbfmu.simulation import Settings, Simulation
+from mbfmu.steady.problem import EquilibriumProblem
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,7 +140,7 @@ def test_numbers_out_of_all_proportion_end_in_a_message(stiffness: float) -> Non
             return m
 
     with pytest.raises(EquilibriumError), np.errstate(all="ignore"):
-        _ = Balance(Odd()).solve().stability
+        _ = EquilibriumProblem(Odd()).solve().stability
 
 
 @pytest.mark.parametrize("solver", ["ida", "adams", "hybrid", "adams-lu"])

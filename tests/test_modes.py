@@ -10,12 +10,12 @@ import pytest
 
 from examples.spinning_arm import SpinningArm
 from fmus.fourbar import FourBar
-from mbfmu.equilibrium import equilibrium
 from mbfmu.errors import EquilibriumError
-from mbfmu.report import displacements
 from mbfmu.simulation import Settings, Simulation
-from mbfmu.steady import Equilibrium
-from mbfmu.view.picture import draw
+from mbfmu.steady.problem import equilibrium
+from mbfmu.steady.state import Equilibrium
+from mbfmu.studies.report import displacements
+from mbfmu.viewer.picture import draw
 
 DOWN = {"crank": -1.5, "coupler": 1.5, "rocker": -1.5}
 

@@ -8,7 +8,6 @@ from math import cos, sin
 import numpy as np
 import pytest
 
-from mbfmu.equilibrium import equilibrium
 from mbfmu.errors import EquilibriumError
 from mbfmu.mechanics import (
     JointSpring,
@@ -22,7 +21,8 @@ from mbfmu.mechanics import (
     rod,
 )
 from mbfmu.model import Model
-from mbfmu.steady import position_names
+from mbfmu.steady.problem import equilibrium
+from mbfmu.steady.state import position_names
 
 SCALES = [(1e-3, 1.0, 1.0), (1e3, 1.0, 1.0), (1.0, 1e-6, 1.0), (1e-3, 1e-6, 1e-2), (1e3, 1e6, 1e2), (1e-3, 1e3, 10.0)]
 

@@ -203,9 +203,9 @@ def test_a_rotor_hides_nothing(torque: float, driven: bool, aboard: bool, spin: 
             Settings(solver=solver, tolerance=tolerance),
             times,
         )
-        off = abs(result["crank"] - exact[: len(result.times)]).max()
+        off = abs(result["crank"] - exact[: len(result.t)]).max()
         assert off <= 100.0 * tolerance
-        assert not result.failure or result.times[-1] > 0.15, "it is passed, or refused there"
+        assert not result.failure or result.t[-1] > 0.15, "it is passed, or refused there"
 
 
 @dataclass(frozen=True, kw_only=True)

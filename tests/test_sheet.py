@@ -10,13 +10,13 @@ import pytest
 from fmpy.validation import validate_fmu
 
 from fmus.sheet import Sheet
-from mbfmu.equilibrium import Balance, equilibrium
 from mbfmu.errors import EquilibriumError, UserError
 from mbfmu.fmi import Fmu, export
 from mbfmu.mechanics import Mechanism, Support, Weld, add_sheet
 from mbfmu.mechanics.rnea import momentum
 from mbfmu.native import run
 from mbfmu.simulation import Settings, Simulation
+from mbfmu.steady.problem import EquilibriumProblem, equilibrium
 
 DATA = Path(__file__).parent / "data" / "sheet"
 CLAMPED = [1.7544, 5.6901, 10.8989, 19.3376, 25.0568, 31.0848, 39.8990, 40.8125]  # Hz, flat
@@ -65,7 +65,7 @@ def test_rounding_in_a_heavy_plate_is_no_force_that_changes_with_time() -> None:
 
 def test_downhill_ends_lower_than_the_unstable_state_next_to_the_start() -> None:
     """Gravity along the sheet, towards its clamp: Newton alone finds it standing, long steps led there too."""
-    balance = Balance(Sheet(gravity_x=9.81, gravity_y=-0.05, thickness=0.15e-3))
+    balance = EquilibriumProblem(Sheet(gravity_x=9.81, gravity_y=-0.05, thickness=0.15e-3))
     standing = balance.solve()
     assert standing.stability == "unstable"
     (fallen,) = balance.others(standing, 1)[:1]
@@ -85,7 +85,7 @@ def test_bending_alone_lets_the_sheet_curl() -> None:
 
 @pytest.mark.parametrize(("support", "expected", "rigid"), [("clamped", CLAMPED, 0), ("free", FREE, 6)])
 def test_frequencies_flat(support: str, expected: list[float], rigid: int) -> None:
-    from mbfmu.modes import shapes
+    from mbfmu.steady.modes import shapes
 
     errors = []
     for nx, nz in ((17, 12), (33, 23)):

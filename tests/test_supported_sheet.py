@@ -14,7 +14,6 @@ from scipy.integrate import solve_bvp
 
 import solvers
 from fmus.sheet import Sheet
-from mbfmu.equilibrium import Balance
 from mbfmu.errors import UserError
 from mbfmu.fmi import Fmu, export
 from mbfmu.mechanics import (
@@ -32,10 +31,11 @@ from mbfmu.mechanics import (
 )
 from mbfmu.mechanics.supports import UPRIGHT
 from mbfmu.model import Model, parameter
-from mbfmu.modes import shapes
 from mbfmu.native import run
 from mbfmu.simulation import Settings, Simulation
-from mbfmu.steady import Equilibrium
+from mbfmu.steady.modes import shapes
+from mbfmu.steady.problem import EquilibriumProblem
+from mbfmu.steady.state import Equilibrium
 from solvers.saddle import Motion, Saddle
 from solvers.system import System, TreeSystem
 
@@ -95,7 +95,7 @@ class Fixed(Model):
 
 
 def still(model: Model) -> Equilibrium:
-    return Balance(model).solve()
+    return EquilibriumProblem(model).solve()
 
 
 def dense(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -435,7 +435,7 @@ def test_springs_and_forces_on_a_large_sheet_are_those_of_the_dense_way(monkeypa
         m.output("hinge", hinge.coordinate())
         return m
 
-    balance = Balance(Fixed(build()))
+    balance = EquilibriumProblem(Fixed(build()))
     found = balance.solve()
     assert isinstance(found.plant.system, TreeSystem)
     near = found.q + 1e-7 * np.random.default_rng(0).normal(size=len(found.q))

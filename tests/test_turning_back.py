@@ -58,7 +58,7 @@ class Parallelogram(Model):
 
 def worst(result, exact) -> float:
     """Largest error of what was reported, rad."""
-    return max(abs(result[name] - exact[: len(result.times)]).max() for name in ("crank", "rocker"))
+    return max(abs(result[name] - exact[: len(result.t)]).max() for name in ("crank", "rocker"))
 
 
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 1e-8])
@@ -106,7 +106,7 @@ def test_driven_through_slowly(solver: str, tolerance: float) -> None:
     for speed in (1e-3, 5e-3, 1e-2, 3e-2):
         model = Parallelogram(first=-speed, drive=Polynomial((-speed, speed)))
         result = run(model, Settings(solver=solver, tolerance=tolerance), times)
-        apart = abs(result["rocker"] - speed * (result.times - 1.0)).max()
+        apart = abs(result["rocker"] - speed * (result.t - 1.0)).max()
         assert apart <= FACTOR * tolerance, (speed, apart, result.failure)
 
 

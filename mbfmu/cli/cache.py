@@ -7,12 +7,12 @@ import sys
 
 from tqdm import tqdm
 
-from mbfmu.equilibrium import Balance
 from mbfmu.errors import UserError
 from mbfmu.model import models
 from mbfmu.scene import load_scene
 from mbfmu.settings import Settings
 from mbfmu.simulation import Simulation
+from mbfmu.steady.problem import EquilibriumProblem
 from solvers import SOLVERS, cache
 
 from .common import Commands
@@ -59,7 +59,7 @@ def warm(references: list[str]) -> None:
             bar.set_description(f"{model.name} {solver}")
             try:
                 if solver == "equilibrium":
-                    Balance(model).solve()
+                    EquilibriumProblem(model).solve()
                 else:
                     Simulation(model, Settings(solver=solver))
             except UserError:

@@ -33,11 +33,11 @@ def add(commands: Commands) -> None:
 
 def command_compare(options: argparse.Namespace) -> int:
     """Compare all solvers; print a table, draw two plots."""
-    from mbfmu.compare import TOLERANCES, as_text, compare
-    from mbfmu.report import plot_energy, plot_work_precision
-    from mbfmu.settling import SOLVER_NAMES as SETTLING_SOLVERS
-    from mbfmu.settling import Settled, settle
-    from mbfmu.settling import as_text as settled_as_text
+    from mbfmu.studies.compare import TOLERANCES, as_text, compare
+    from mbfmu.studies.report import plot_energy, plot_work_precision
+    from mbfmu.studies.settling import SOLVER_NAMES as SETTLING_SOLVERS
+    from mbfmu.studies.settling import Settled, settle
+    from mbfmu.studies.settling import as_text as settled_as_text
 
     scene = scene_of(options)
     if options.repeats < 1:

@@ -31,7 +31,7 @@ def add(commands: Commands) -> None:
 
 def command_effects(options: argparse.Namespace) -> int:
     """Print the ledger."""
-    from mbfmu.effects import as_text, ledger
+    from mbfmu.studies.effects import as_text, ledger
 
     scene = scene_of(options)
     known = [variable.name for variable in scene.model.plant().outputs]

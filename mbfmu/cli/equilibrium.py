@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from mbfmu.equilibrium import Balance
 from mbfmu.errors import UserError
-from mbfmu.linear import modes_as_text
 from mbfmu.model import Model, suggest
-from mbfmu.report import plot_branches
-from mbfmu.steady import Equilibrium
-from mbfmu.sweep import Branch, sweep
+from mbfmu.steady.linear import modes_as_text
+from mbfmu.steady.problem import EquilibriumProblem
+from mbfmu.steady.state import Equilibrium
+from mbfmu.steady.sweep import Branch, sweep
+from mbfmu.studies.report import plot_branches
 from mbfmu.table import table
 
 from .common import Commands, add_output, add_steady, assignments, folder, number, scene_of, start_of, write_json
@@ -62,7 +62,7 @@ def command_equilibrium(options: argparse.Namespace) -> int:
         raise UserError(f"--others is {options.others}; allowed: 0 or more")
     if options.sweep:
         return swept(scene.model, scene.name, options)
-    problem = Balance(scene.model)
+    problem = EquilibriumProblem(scene.model)
     start = start_of(options)
     found = problem.solve(problem.start(start), "the start given") if start else problem.solve()
     others = problem.others(found, options.others)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from mbfmu.equilibrium import equilibrium
-from mbfmu.linear import modes_as_text
+from mbfmu.steady.linear import modes_as_text
+from mbfmu.steady.problem import equilibrium
 
 from .common import Commands, add_steady, scene_of, start_of
 

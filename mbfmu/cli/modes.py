@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 
-from mbfmu.equilibrium import equilibrium
 from mbfmu.errors import UserError
-from mbfmu.linear import modes_as_text
+from mbfmu.steady.linear import modes_as_text
+from mbfmu.steady.problem import equilibrium
 
 from .common import Commands, add_output, add_steady, folder, scene_of, start_of
 
@@ -28,7 +28,7 @@ def add(commands: Commands) -> None:
 
 def command_modes(options: argparse.Namespace) -> int:
     """Print the modes; draw their shapes where the model has a surface or an elastic body."""
-    from mbfmu.report import plot_bars, plot_shapes
+    from mbfmu.studies.report import plot_bars, plot_shapes
 
     if options.count < 1:
         raise UserError(f"--count is {options.count}; allowed: 1 or more")

@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from mbfmu.native import Result, communication_points, run
 from mbfmu.scene import Scene
-from mbfmu.view import Recorder
+from mbfmu.viewer import Recorder
 
 from .common import Commands, add_output, add_set, add_solver, folder, progress, scene_of, stem_of
 
@@ -42,7 +42,7 @@ def add(commands: Commands) -> None:
 
 def command_run(options: argparse.Namespace) -> int:
     """Run a scene; write CSV, PNG and poses; print a summary."""
-    from mbfmu.report import plot_result
+    from mbfmu.studies.report import plot_result
 
     scene = scene_of(options)
     target, stem = folder(options.output), stem_of(options, scene)
@@ -61,10 +61,10 @@ def command_run(options: argparse.Namespace) -> int:
     stem += "_failed" if result.failure else ""  # what went well before stays
     csv, png, poses = (target / f"{stem}.{kind}" for kind in ("csv", "png", "npz"))
     result.write_csv(csv)
-    plot_result(result, f"{scene.name}, {scene.settings.name}, tolerance {scene.settings.tolerance:g}", png)
+    plot_result(result, png)
     print("\n".join((summary(scene, result, total), *(f"  {line}" for line in loops(scene)))))
     if not options.native and result.wall_time < QUICK:
-        run(scene.model, scene.settings, result.times, watch=recorder)
+        run(scene.model, scene.settings, result.t, watch=recorder)
     if recorder.used:
         recorder.motion(scene.name).save(poses)
         print(f"wrote {csv}, {png} and {poses}")
@@ -92,8 +92,7 @@ def summary(scene: Scene, result: Result, total: float) -> str:
     """Return what a run cost and how well it kept its invariants."""
     outputs, s = result.as_dict(), result.statistics
     lines = [
-        f"{scene.name}: {scene.settings.name}, tolerance {scene.settings.tolerance:g}, "
-        f"{result.times[-1]:g} s simulated",
+        f"{scene.name}: {scene.settings.name}, tolerance {scene.settings.tolerance:g}, {result.t[-1]:g} s simulated",
         f"  run {result.wall_time:.3f} s; in all {total:.2f} s with start, compilation and export",
         f"  {s.steps} steps ({s.rejected} rejected), {s.rhs_evals} evaluations, "
         f"{s.partition_switches} partition switches",

@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from mbfmu.errors import UserError
 from mbfmu.native import communication_points, run
-from mbfmu.view import Motion, Recorder
+from mbfmu.viewer import Motion, Recorder
 
 from .common import Commands, add_set, add_solver, folder, number, progress, scene_of, stem_of
 
@@ -109,7 +109,7 @@ def load(options: argparse.Namespace) -> tuple[Motion, str, Path]:
 
 def write_page(motion: Motion, options: argparse.Namespace, path: Path) -> Path:
     """Write the page, and open it where that is asked for."""
-    from mbfmu.view.html import write_html
+    from mbfmu.viewer.html import write_html
 
     folder(path.parent)
     stride = write_html(motion, path)
@@ -124,7 +124,7 @@ def write_pictures(motion: Motion, options: argparse.Namespace) -> list[Path]:
     """Write the pictures and films asked for."""
     if not (options.png or options.gif or options.mp4):
         return []
-    from mbfmu.view.images import Shot, film_times, write_film, write_png
+    from mbfmu.viewer.images import Shot, film_times, write_film, write_png
 
     shot = Shot(*size(options.size), *angles(options.camera))
     if options.png:

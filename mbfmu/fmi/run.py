@@ -54,4 +54,14 @@ def run_fmu(
         described = [fmu.variables[name] for name in fmu.real_outputs]
         variables = tuple(Variable(v.name, v.unit or "1", v.description or "") for v in described)
         statistics = Statistics(**{name: fmu[f"solver.{name}"] for name in COUNTERS})
-        return Result(times[:done], values[:done], variables, statistics, wall, failure, warning)
+        return Result(
+            t=times[:done],
+            values=values[:done],
+            variables=variables,
+            statistics=statistics,
+            wall_time=wall,
+            model=model.name,
+            settings=settings,
+            failure=failure,
+            verdict=warning,
+        )

@@ -13,11 +13,11 @@ from fmpy.validation import validate_fmu
 
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
-from mbfmu.equilibrium import equilibrium
 from mbfmu.errors import UserError
 from mbfmu.fmi import Fmu, export
 from mbfmu.model import Model
 from mbfmu.simulation import Settings
+from mbfmu.steady.problem import equilibrium
 
 MODELS = {"governor": Governor(), "free": Governor(driven=False), "pendulum": SwingPendulum()}
 

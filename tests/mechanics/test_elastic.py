@@ -169,8 +169,8 @@ def test_momentum_of_a_free_mechanism_changes_by_its_weight(seed: int) -> None:
 
 def cantilever(elements: int) -> float:
     """Tip deflection under gravity of a chain of nodal bodies, at rest."""
-    from mbfmu.equilibrium import Balance
     from mbfmu.model import Model
+    from mbfmu.steady.problem import EquilibriumProblem
 
     class Chain(Model):
         name = "chain"
@@ -191,7 +191,7 @@ def cantilever(elements: int) -> float:
             m.output("tip", nodes[-1].position("y"))
             return m
 
-    return Balance(Chain()).solve().outputs["tip"]
+    return EquilibriumProblem(Chain()).solve().outputs["tip"]
 
 
 def test_a_chain_sags_as_a_cantilever() -> None:

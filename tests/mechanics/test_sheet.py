@@ -23,7 +23,6 @@ from random_mechanisms import Case, random_rotation
 from test_complex_step import check as check_complex_step
 from test_identities import close
 
-from mbfmu.equilibrium import equilibrium
 from mbfmu.errors import UserError
 from mbfmu.mechanics import (
     Floating,
@@ -41,6 +40,7 @@ from mbfmu.mechanics.elastic.plate import shape, strain
 from mbfmu.mechanics.rows import dependent_rows
 from mbfmu.mechanics.tangent import Tangent, find_groups
 from mbfmu.model import Model
+from mbfmu.steady.problem import equilibrium
 
 TREES = ["spine", "rows", "master"]
 EVERYTHING = {"membrane": True, "damping": 1e-3, "drag": 0.6, "pressure": 0.4}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from mbfmu.model import Model
 from mbfmu.native import Result, communication_points, run
 from mbfmu.simulation import Settings
-from mbfmu.view import Motion, Recorder
+from mbfmu.viewer import Motion, Recorder
 
 
 def recorded(model: Model, stop: float = 0.5) -> tuple[Result, Motion]:

@@ -35,10 +35,10 @@ from mbfmu.mechanics import (
 from mbfmu.model import Model
 from mbfmu.native import communication_points, run
 from mbfmu.simulation import Settings
-from mbfmu.view import Motion, Recorder
-from mbfmu.view.camera import Camera, Stage
-from mbfmu.view.motion import matrices
-from mbfmu.view.picture import draw
+from mbfmu.viewer import Motion, Recorder
+from mbfmu.viewer.camera import Camera, Stage
+from mbfmu.viewer.motion import matrices
+from mbfmu.viewer.picture import draw
 
 
 class Arm(Model):

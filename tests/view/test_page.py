@@ -25,8 +25,8 @@ from mbfmu.cli import parser
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Floating, Mechanism
 from mbfmu.model import Model
-from mbfmu.view import Motion, html, images
-from mbfmu.view.picture import draw
+from mbfmu.viewer import Motion, html, images
+from mbfmu.viewer.picture import draw
 
 Command = Callable[..., Any]
 

@@ -20,6 +20,7 @@ from scipy.io import savemat
 
 from mbfmu.errors import EquilibriumError, UserError
 from mbfmu.mechanics import Plant
+from mbfmu.result import optional
 from mbfmu.table import table
 from solvers.equilibrium_dense import EPSILON
 from solvers.system import Array
@@ -58,6 +59,18 @@ class StateSpace:
         values, vectors = linalg.eig(self.A) if self.A.size else (np.zeros(0), np.zeros((0, 0)))
         motions = self.coordinates @ vectors[: self.coordinates.shape[1]]
         return [(Mode(complex(values[k])), motions[:, k]) for k in slowest_first(values)]
+
+    def to_scipy(self) -> Any:
+        """Return a ``scipy.signal.StateSpace``."""
+        from scipy.signal import StateSpace as Continuous
+
+        return Continuous(self.A, self.B, self.C, self.D)
+
+    def to_control(self) -> Any:
+        """Return python-control's ``StateSpace``, names included; needs the package ``control``."""
+        control = optional("control")
+        named = {"states": list(self.states), "inputs": list(self.inputs), "outputs": list(self.outputs)}
+        return control.ss(self.A, self.B, self.C, self.D, **named)
 
     def write(self, path: Path) -> None:
         """Write ``.npz`` (numpy) or ``.mat`` (MATLAB, Octave); scipy.signal and python-control take A, B, C, D.

@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.errors import EquilibriumError
-from mbfmu.freedom import free_motions, in_words
-from mbfmu.linear import Mode, StateSpace, linearise
 from mbfmu.mechanics import Plant
 from mbfmu.mechanics.bending import COARSE
 from mbfmu.model import Model
-from mbfmu.modes import Shape, shapes
+from mbfmu.steady.linear import Mode, StateSpace, linearise
+from mbfmu.steady.modes import Shape, shapes
+from mbfmu.steady.rigid_body_modes import free_motions, in_words
 from solvers.system import Array, TreeSystem
 
 GROWTH = 1e-6  # real part relative to the largest eigenvalue from which a mode grows or decays
@@ -76,7 +76,7 @@ class Equilibrium:
 
     @cached_property
     def modes(self) -> list[Mode]:
-        """Eigenvalues of the linearised motion; the lowest few of a large tree, see :mod:`mbfmu.modes`."""
+        """Eigenvalues of the linearised motion; the lowest few of a large tree, see :mod:`mbfmu.steady.modes`."""
         if isinstance(self.plant.system, TreeSystem):
             return [shape.mode for shape in shapes(self.plant, self.q, LOWEST, self.lam)]
         return self.state_space.modes()

@@ -12,9 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.errors import UserError
-from mbfmu.model import Model
-from mbfmu.native import Result, communication_points, run
-from mbfmu.scene import Scene
+from mbfmu.mechanics import Mechanism
+from mbfmu.model import Model, of_user
+from mbfmu.native import communication_points, run
+from mbfmu.result import Result
+from mbfmu.scene import Scene, default_scene
 from mbfmu.settings import Settings
 from mbfmu.simulation import Simulation
 from mbfmu.table import table
@@ -33,7 +35,7 @@ class Row:
     Attributes
     ----------
     study
-        ``motion``; rows of :mod:`mbfmu.settling` say ``settling``.
+        ``motion``; rows of :mod:`mbfmu.studies.settling` say ``settling``.
     wall_s
         Median time of the integration alone, without compilation, start and outputs, s.
     steps
@@ -89,14 +91,14 @@ def reference_motion(model: Model, times: NDArray[np.float64]) -> Reference:
 
 
 def compare(
-    scene: Scene,
+    subject: Scene | Model | Mechanism,
     *,
     solvers: Sequence[str] = SOLVER_NAMES,
     tolerances: Sequence[float] = TOLERANCES,
     repeats: int = 5,
     progress: Callable[[str], None] | None = None,
 ) -> tuple[list[Row], dict[str, History]]:
-    """Run every solver at every tolerance.
+    """Run every solver at every tolerance: a scene, or a model for its own time.
 
     Returns
     -------
@@ -110,6 +112,7 @@ def compare(
     UserError
         The model is a large tree.
     """
+    scene = subject if isinstance(subject, Scene) else default_scene(of_user(subject))
     _refuse_large_tree(scene.model)
     times = communication_points(scene.stop_time, scene.output_interval)
     reference = reference_motion(scene.model, times)
@@ -123,7 +126,7 @@ def compare(
             wall = statistics.median(time_alone(scene, settings) for _ in range(repeats))
             rows.append(judge(scene.model, solver, tolerance, wall, result, reference))
             if tolerance == shown:
-                energies[solver] = (result.times, result["energy_imbalance"])
+                energies[solver] = (result.t, result["energy_imbalance"])
             if progress is not None:
                 progress(f"{solver} {tolerance:.0e}")
     return rows, energies
@@ -151,7 +154,7 @@ def time_alone(scene: Scene, settings: Settings) -> float:
 def judge(model: Model, solver: str, rtol: float, wall: float, result: Result, reference: Reference) -> Row:
     """Measure one result."""
     outputs = result.as_dict()
-    count = len(result.times)
+    count = len(result.t)
     errors = [np.abs(outputs[name] - exact[:count]).max() for name, exact in reference.items()]
     gap = model.branch_gap(outputs)
     return Row(
@@ -166,7 +169,7 @@ def judge(model: Model, solver: str, rtol: float, wall: float, result: Result, r
         velocity_residual=largest(outputs, "velocity_residual"),
         partition_switches=result.statistics.partition_switches,
         branch_jump=bool(gap is not None and gap.max() > BRANCH_TOLERANCE),
-        end_time=float(result.times[-1]),
+        end_time=float(result.t[-1]),
         status=result.failure or "ok",
         warning=result.verdict,
     )

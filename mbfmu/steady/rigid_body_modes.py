@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mbfmu.mechanics import Plant
 from mbfmu.mechanics.dynamics import move
-from mbfmu.modes import shapes
+from mbfmu.steady.modes import shapes
 from solvers.system import Array
 
 COUNT = 8  # modes looked at: the six rigid ones of a free body, and two that tell how stiff it is

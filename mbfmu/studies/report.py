@@ -6,51 +6,43 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import matplotlib as mpl
 import numpy as np
+from matplotlib.figure import Figure
 
-from mbfmu.view.motion import amplitudes
-from mbfmu.view.picture import PALETTE, draw
+from mbfmu.curves import draw, size
+from mbfmu.viewer.motion import amplitudes
+from mbfmu.viewer.picture import PALETTE
+from mbfmu.viewer.picture import draw as picture_of
 
 if TYPE_CHECKING:
-    from mbfmu.compare import Row
     from mbfmu.mechanics import Plant
-    from mbfmu.modes import Shape
     from mbfmu.native import Result
-    from mbfmu.sweep import Branch
-    from mbfmu.view.picture import Bar
+    from mbfmu.steady.modes import Shape
+    from mbfmu.steady.sweep import Branch
+    from mbfmu.studies.compare import Row
+    from mbfmu.viewer.picture import Bar
     from solvers.system import Array
-
-mpl.use("Agg")
-
-import matplotlib.pyplot as plt
 
 COLOURS = {"ida": "#4269d0", "adams": "#3ca951", "hybrid": "#efb118", "adams-lu": "#ff725c"}
 IN_STEP = 0.01  # of the largest displacement: out of step less than this does not show
 
 
-def plot_result(result: Result, title: str, path: Path) -> None:
-    """Draw every output against time, one panel a unit."""
-    groups: dict[str, list[int]] = {}
-    for i, variable in enumerate(result.variables):
-        groups.setdefault(variable.unit, []).append(i)
-    figure, axes = plt.subplots(
-        len(groups), 1, figsize=(9.0, 1.0 + 1.9 * len(groups)), sharex=True, squeeze=False, layout="constrained"
-    )
-    for ax, (unit, members) in zip(axes[:, 0], groups.items(), strict=True):
-        for i in members:
-            ax.plot(result.times, result.values[:, i], lw=1.0, label=result.variables[i].name)
-        ax.set_ylabel(unit)
-        ax.grid(alpha=0.3)
-        ax.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
-    axes[-1, 0].set_xlabel("time [s]")
-    figure.suptitle(title)
+def subplots(rows: int = 1, columns: int = 1, *, size: tuple[float, float], **options: Any) -> tuple[Any, Any]:
+    """Return a figure of this size (inches) that no window shows, and its axes."""
+    figure = Figure(figsize=size, layout="constrained")
+    return figure, figure.subplots(rows, columns, **options)
+
+
+def plot_result(result: Result, path: Path) -> None:
+    """Draw every output against time."""
+    figure = Figure(figsize=size(result, ()), layout="constrained")
+    draw(figure, result)
     finish(figure, path)
 
 
 def plot_work_precision(rows: Sequence[Row], title: str, path: Path) -> None:
     """Draw error against run time, log-log, one line a solver; a run that failed is a faint cross that says so."""
-    figure, ax = plt.subplots(figsize=(7.0, 5.4), layout="constrained")
+    figure, ax = subplots(size=(7.0, 5.4))
     for k, solver in enumerate(dict.fromkeys(row.solver for row in rows)):
         own = [row for row in rows if row.solver == solver and row.max_error is not None and row.max_error > 0.0]
         good = [row for row in own if row.status == "ok" and not row.branch_jump and not row.warning]
@@ -89,7 +81,7 @@ def _label(ax: Any, row: Row, *, above: bool, failed: bool) -> None:
 
 def plot_energy(histories: dict[str, tuple[Any, Any]], title: str, path: Path) -> None:
     """Draw the energy's imbalance against time, one line a solver: solver -> (times, imbalance)."""
-    figure, ax = plt.subplots(figsize=(8.0, 4.5), layout="constrained")
+    figure, ax = subplots(size=(8.0, 4.5))
     for solver, (times, imbalance) in histories.items():
         ax.semilogy(times, np.maximum(np.abs(imbalance), 1e-14), lw=1.0, color=COLOURS.get(solver), label=solver)
     ax.set_xlabel("time [s]")
@@ -102,7 +94,7 @@ def plot_energy(histories: dict[str, tuple[Any, Any]], title: str, path: Path) -
 
 def plot_branches(branches: Sequence[Branch], axis: str, output: str, title: str, path: Path) -> None:
     """Draw an output over a swept parameter: stable states solid, unstable ones dashed."""
-    figure, ax = plt.subplots(figsize=(8.0, 5.0), layout="constrained")
+    figure, ax = subplots(size=(8.0, 5.0))
     labelled: set[str] = set()
     for branch in branches:
         values = np.array(branch.values)
@@ -148,7 +140,7 @@ def plot_bars(plant: Plant, q: Array, shapes: Sequence[Shape], title: str, path:
     Displacements are against the largest one of any point of an axis, in any direction. Of points that do not move in
     step the motion a quarter of a period later is dashed.
     """
-    bars = draw(plant.mechanism, 0.0).bars
+    bars = picture_of(plant.mechanism, 0.0).bars
     figure, axes = panels(len(shapes))
     for number, (ax, shape) in enumerate(zip(axes, shapes, strict=True), 1):
         motion = shape.motion.astype(complex)
@@ -190,7 +182,7 @@ def panels(count: int) -> tuple[Any, Any]:
     """Return a figure and the axes (count,) of as many panels."""
     columns = min(4, count)
     rows = -(-count // columns)
-    figure, axes = plt.subplots(rows, columns, figsize=(3.0 * columns, 2.6 * rows), squeeze=False, layout="constrained")
+    figure, axes = subplots(rows, columns, size=(3.0 * columns, 2.6 * rows), squeeze=False)
     for ax in axes.flat[count:]:
         ax.axis("off")
     return figure, axes.flat[:count]
@@ -204,6 +196,5 @@ def poses(plant: Plant, q: Array, bodies: Any) -> tuple[Array, Array]:
 
 
 def finish(figure: Any, path: Path) -> None:
-    """Write the picture and close it."""
+    """Write the picture."""
     figure.savefig(path, dpi=130)
-    plt.close(figure)

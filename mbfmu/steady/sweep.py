@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from mbfmu.equilibrium import Balance
 from mbfmu.errors import EquilibriumError
 from mbfmu.model import Model
-from mbfmu.steady import Equilibrium
+from mbfmu.steady.problem import EquilibriumProblem
+from mbfmu.steady.state import Equilibrium
 from solvers.system import Array
 
 
@@ -38,7 +38,7 @@ def sweep(
     EquilibriumError
         No steady state at any value; the message is that of the last one.
     """
-    problems = [Balance(model.with_values({parameter: value})) for value in values]
+    problems = [EquilibriumProblem(model.with_values({parameter: value})) for value in values]
     branches: list[Branch] = []
     failure: EquilibriumError | None = None
     for i, problem in enumerate(problems):
@@ -59,7 +59,7 @@ def sweep(
     return branches
 
 
-def extend(branch: Branch, problem: Balance, value: float, branches: list[Branch]) -> bool:
+def extend(branch: Branch, problem: EquilibriumProblem, value: float, branches: list[Branch]) -> bool:
     """Follow a branch to the next value; False where it ends or meets another."""
     q = branch.states[-1].q
     if len(branch.states) > 1:  # secant
@@ -75,7 +75,7 @@ def extend(branch: Branch, problem: Balance, value: float, branches: list[Branch
     return True
 
 
-def taken(problem: Balance, q: Array, value: float, branches: list[Branch]) -> bool:
+def taken(problem: EquilibriumProblem, q: Array, value: float, branches: list[Branch]) -> bool:
     """Whether a branch has this state at this value already."""
     return any(
         problem.same(state.q, q)
@@ -86,7 +86,7 @@ def taken(problem: Balance, q: Array, value: float, branches: list[Branch]) -> b
 
 
 def traced_back(
-    state: Equilibrium, i: int, values: Sequence[float], problems: Sequence[Balance], branches: list[Branch]
+    state: Equilibrium, i: int, values: Sequence[float], problems: Sequence[EquilibriumProblem], branches: list[Branch]
 ) -> Branch:
     """Return the branch of a state found at ``values[i]``, followed backwards as far as it goes."""
     branch = Branch([values[i]], [state])

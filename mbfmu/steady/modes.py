@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from mbfmu.errors import EquilibriumError
-from mbfmu.linear import Mode
 from mbfmu.mechanics import Plant
+from mbfmu.steady.linear import Mode
 from solvers.modes import natural_modes
 from solvers.saddle import Saddle
 from solvers.system import Array, TreeSystem

@@ -21,11 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.errors import AssemblyError, EquilibriumError, UserError
-from mbfmu.freedom import free_motions, in_words
-from mbfmu.mechanics import Plant
+from mbfmu.mechanics import Mechanism, Plant
 from mbfmu.mechanics.numbers import finite
-from mbfmu.model import Model, suggest
-from mbfmu.steady import Equilibrium, position_names
+from mbfmu.model import Model, of_user, suggest
+from mbfmu.steady.linear import StateSpace
+from mbfmu.steady.modes import Shape
+from mbfmu.steady.rigid_body_modes import free_motions, in_words
+from mbfmu.steady.state import Equilibrium, position_names
 from solvers.equilibrium import EquilibriumSolver, Outcome, Solution
 from solvers.equilibrium_dense import EPSILON, DenseEquilibriumSolver
 from solvers.equilibrium_tree import TreeEquilibriumSolver
@@ -48,7 +50,7 @@ REASONS = {
 }
 
 
-class Balance:
+class EquilibriumProblem:
     """The equilibrium problem of one model, built once and solved from any number of starts.
 
     Raises
@@ -57,8 +59,8 @@ class Balance:
         There is nothing to solve for, or a drive is not at constant speed.
     """
 
-    def __init__(self, model: Model, plant: Plant | None = None) -> None:
-        self.model = model
+    def __init__(self, model: Model | Mechanism, plant: Plant | None = None) -> None:
+        self.model = model = of_user(model)
         own = plant is None
         self.plant = plant = plant or model.plant()
         if own:
@@ -375,8 +377,8 @@ class Balance:
         self._plain = np.array(plain, np.int64).reshape(-1, 2).T
 
 
-def equilibrium(model: Model, start: Mapping[str, float] | None = None) -> Equilibrium:
-    """Return a steady state of a model.
+def equilibrium(model: Model | Mechanism, start: Mapping[str, float] | None = None) -> Equilibrium:
+    """Return a steady state of a model or a mechanism.
 
     Parameters
     ----------
@@ -390,7 +392,23 @@ def equilibrium(model: Model, start: Mapping[str, float] | None = None) -> Equil
     EquilibriumError
         None is found, or what is found is none; with the residual.
     """
-    balance = Balance(model)
+    problem = EquilibriumProblem(model)
     if start:
-        return balance.solve(balance.start(start), "the start given")
-    return balance.solve()
+        return problem.solve(problem.start(start), "the start given")
+    return problem.solve()
+
+
+def linearize(model: Model | Mechanism, start: Mapping[str, float] | None = None) -> StateSpace:
+    """Return the state matrices of the motion about a steady state, from the inputs to the outputs; see
+    :func:`equilibrium`.
+    """
+    return equilibrium(model, start).state_space
+
+
+def modes(model: Model | Mechanism, count: int = 8, start: Mapping[str, float] | None = None) -> list[Shape]:
+    """Return natural modes and their shapes about a steady state, the lowest or slowest first; see
+    :func:`equilibrium`.
+    """
+    if count < 1:
+        raise UserError(f"count of modes is {count!r}; allowed: 1 or more")
+    return equilibrium(model, start).shapes(count)

@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.equilibrium import equilibrium
 from mbfmu.errors import EquilibriumError, UserError
 from mbfmu.mechanics import Plant
 from mbfmu.model import Model
 from mbfmu.settings import Settings
 from mbfmu.simulation import Simulation
-from mbfmu.steady import GROWTH
+from mbfmu.steady.problem import equilibrium
+from mbfmu.steady.state import GROWTH
 from mbfmu.table import table
 from solvers.bundle import bundle
 from solvers.kernel import kernel
@@ -43,7 +43,7 @@ class Entry:
     frequency
         Lowest natural frequency of an oscillation about the steady state, Hz; None where there is none.
     stability
-        Of the steady state, see :class:`mbfmu.steady.Equilibrium`; empty where there is none.
+        Of the steady state, see :class:`mbfmu.steady.state.Equilibrium`; empty where there is none.
     outputs
         At the end of the run, by name.
     """

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.equilibrium import Balance
 from mbfmu.model import Model
 from mbfmu.settings import Settings
 from mbfmu.simulation import Simulation
+from mbfmu.steady.problem import EquilibriumProblem
 from mbfmu.table import table
 
 SOLVER_NAMES = ("ida", "adams", "hybrid")
@@ -68,7 +68,7 @@ def settle(
 
     ``model`` must be damped: :attr:`Model.settling` holds parameters that see to it.
     """
-    balance = Balance(model)
+    balance = EquilibriumProblem(model)
     found = balance.solve()
     exact = model.exact_equilibrium()
     decay = -max(mode.eigenvalue.real for mode in found.modes)

@@ -1,0 +1,178 @@
+"""What a run gives: outputs over time, and how it went."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields
+from html import escape
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics import Variable
+from mbfmu.model import suggest
+from mbfmu.settings import Settings
+from solvers import Statistics
+from solvers.system import Array
+
+FORMAT = 1  # of a saved result
+
+
+@dataclass
+class Result:
+    """Outputs over time, and how the run went.
+
+    ``result["crank.angle"]`` is one output over ``result.t``.
+    """
+
+    t: Array  # (k,) s
+    values: Array  # (k, outputs)
+    variables: tuple[Variable, ...]  # of the columns of values
+    statistics: Statistics
+    wall_time: float  # s, between the first and the last output
+    model: str = ""  # name of the model
+    settings: Settings | None = None  # how it was integrated
+    failure: str = ""  # why the run ended early and what to try; empty: it did not
+    verdict: str = ""  # when and how the energy balance was lost; empty: it was not
+    coarse: str = ""  # where cells bend too far for their grid; empty: nowhere, or the run ended early
+    remarks: tuple[str, ...] = ()  # what is unusual and stops nothing, in sentences
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the outputs."""
+        return tuple(v.name for v in self.variables)
+
+    @property
+    def warning(self) -> str:
+        """Why it is not to be trusted though it ran; empty: nothing speaks against it."""
+        return together(self.verdict, self.coarse)
+
+    @property
+    def title(self) -> str:
+        """Model, solver and tolerance in one line."""
+        how = f"{self.settings.name}, tolerance {self.settings.tolerance:g}" if self.settings else ""
+        return ", ".join(filter(None, (self.model, how)))
+
+    def __getitem__(self, name: str) -> Array:
+        """Return one output over time."""
+        return self.values[:, self._column(name)]
+
+    def _column(self, name: str) -> int:
+        if name not in self.names:
+            raise UserError(f"no output {name!r}{suggest(str(name), self.names)}")
+        return self.names.index(name)
+
+    def unit(self, name: str) -> str:
+        """Return the unit of an output."""
+        return self.variables[self._column(name)].unit
+
+    def as_dict(self) -> dict[str, Array]:
+        """Return every output over time, by name."""
+        return {name: self.values[:, i] for i, name in enumerate(self.names)}
+
+    # ---- for other tools ----------------------------------------------------------------------------------------
+
+    def to_dataframe(self) -> Any:
+        """Return a pandas DataFrame: a column an output, over time in s; units in ``attrs["units"]``."""
+        pandas = optional("pandas")
+        frame = pandas.DataFrame(self.values, index=pandas.Index(self.t, name="time"), columns=list(self.names))
+        frame.attrs["units"] = {v.name: v.unit for v in self.variables}
+        return frame
+
+    def to_xarray(self) -> Any:
+        """Return an xarray Dataset: a variable an output over the coordinate ``time``, with its unit and meaning."""
+        xarray = optional("xarray")
+        outputs = {
+            v.name: ("time", self.values[:, i], {"units": v.unit, "long_name": v.description})
+            for i, v in enumerate(self.variables)
+        }
+        return xarray.Dataset(outputs, coords={"time": ("time", self.t, {"units": "s"})}, attrs={"title": self.title})
+
+    def plot(self, *names: str) -> Any:
+        """Return a matplotlib figure of these outputs, or of all, over time."""
+        import matplotlib.pyplot as plt
+
+        from mbfmu.curves import draw, size
+
+        figure = plt.figure(figsize=size(self, names), layout="constrained")
+        draw(figure, self, names)
+        return figure
+
+    def _repr_html_(self) -> str:
+        """Return a table for a notebook: every output with its unit, first, last, smallest and largest value."""
+        head = "<tr><th>output</th><th>unit</th><th>start</th><th>end</th><th>least</th><th>most</th></tr>"
+        rows = [
+            f"<tr><td>{escape(v.name)}</td><td>{escape(v.unit)}</td>"
+            + "".join(f"<td>{x:.6g}</td>" for x in (own[0], own[-1], own.min(), own.max()))
+            + "</tr>"
+            for v, own in zip(self.variables, self.values.T, strict=True)
+        ]
+        notes = [escape(text) for text in (self.failure, self.warning, *self.remarks) if text]
+        said = "".join(f"<p>{note}</p>" for note in notes)
+        return f"<b>{escape(self._line())}</b>{said}<table>{head}{''.join(rows)}</table>"
+
+    def __repr__(self) -> str:
+        """Return the run in one line."""
+        return f"<Result of {self._line()}>"
+
+    def _line(self) -> str:
+        span = f"{len(self.t)} times from {self.t[0]:g} to {self.t[-1]:g} s, {len(self.variables)} outputs"
+        return ": ".join(filter(None, (self.title, span))) + (", ended early" if self.failure else "")
+
+    # ---- files --------------------------------------------------------------------------------------------------
+
+    def write_csv(self, path: Path | str) -> None:
+        """Write time and outputs; the header names each with its unit."""
+        with Path(path).open("w", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow(["time [s]", *(f"{v.name} [{v.unit}]" for v in self.variables)])
+            for t, row in zip(self.t, self.values, strict=True):
+                writer.writerow([repr(float(t)), *(repr(float(x)) for x in row)])
+
+    def save(self, path: Path | str) -> None:
+        """Write all of it as ``.npz``, for :meth:`load`."""
+        told = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("t", "values")}
+        told |= {"variables": [asdict(v) for v in self.variables], "statistics": asdict(self.statistics)}
+        told["settings"] = asdict(self.settings) if self.settings else None
+        with Path(path).open("wb") as file:
+            np.savez_compressed(file, t=self.t, values=self.values, told=json.dumps({"format": FORMAT} | told))
+
+    @classmethod
+    def load(cls, path: Path | str) -> Self:
+        """Return what :meth:`save` wrote; raises UserError where the file is none of those."""
+        try:
+            with np.load(path) as file:
+                told = json.loads(str(file["told"]))
+                t, values = file["t"], file["values"]
+            if told.pop("format") != FORMAT:
+                raise ValueError("another format")
+            told["variables"] = tuple(Variable(**v) for v in told["variables"])
+            told["statistics"] = Statistics(**told["statistics"])
+            told["settings"] = Settings(**told["settings"]) if told["settings"] else None
+            return cls(t, values, **told | {"remarks": tuple(told["remarks"])})
+        except Exception as error:  # a file of another kind fails in any of these
+            raise UserError(f"{str(path)!r} is no saved result: {error}") from error
+
+
+def optional(name: str) -> Any:
+    """Import a package that only this needs; raises UserError where it is not installed."""
+    import importlib
+
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise UserError(f"this needs the package {name!r}: pip install {name}") from error
+
+
+def together(*warnings: str) -> str:
+    """Return as one text what there is of several."""
+    return ". ".join(filter(None, warnings))
+
+
+def pick(result: Result, names: Sequence[str]) -> list[int]:
+    """Return the columns of these outputs, or of all."""
+    return [result._column(name) for name in names] if names else list(range(len(result.variables)))

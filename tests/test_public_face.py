@@ -1,0 +1,138 @@
+"""What ``import mbfmu`` gives, and the objects that answer."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mbfmu as mb
+
+
+def swing(load: object = 0.0) -> mb.Mechanism:
+    """A rod of 1 kg and 1 m that a torque turns, without weight: 3 t / m l^2 in rad/s2."""
+    m = mb.Mechanism(gravity=(0.0, 0.0, 0.0))
+    arm = m.body("arm", m.ground, mb.Revolute(start=0.0, fixed=True), **mb.rod(mass=1.0, length=1.0))
+    m.force("motor", mb.JointForce(magnitude=load), arm)
+    m.output("arm.angle", arm.angle(), "angle of the arm")
+    m.output("arm.rate", arm.rate(), "its rate")
+    return m
+
+
+@pytest.fixture(scope="module")
+def result() -> mb.Result:
+    return mb.simulate(swing(1.0), 1.0, interval=0.1, solver="adams", tolerance=1e-8)
+
+
+def test_every_name_is_there_and_nothing_is_loaded_before_it_is_used() -> None:
+    assert {"Mechanism", "simulate", "export", "compare", "equilibrium", "linearize", "modes", "view"} <= set(dir(mb))
+    for name in mb.__all__:
+        assert getattr(mb, name) is not None
+    heavy = "import sys, mbfmu; print([m for m in ('numba', 'matplotlib', 'fmpy', 'scipy') if m in sys.modules])"
+    assert subprocess.check_output([sys.executable, "-c", heavy], text=True).strip() == "[]"
+
+
+def test_a_mechanism_is_simulated_as_it_is(result: mb.Result) -> None:
+    assert not result.failure
+    np.testing.assert_allclose(result["arm.angle"], 1.5 * result.t**2, atol=1e-7)
+    assert result.unit("arm.rate") == "rad/s"
+    assert result.names[:2] == ("arm.angle", "arm.rate")
+    with pytest.raises(mb.UserError, match="no output 'arm.angel'; did you mean 'arm.angle'"):
+        result["arm.angel"]
+
+
+def test_inputs_are_numbers_or_functions_of_time() -> None:
+    """A function is held from one output to the next."""
+    m, h = swing(mb.Input(name="torque", unit="N.m")), 0.1
+    held = mb.simulate(m, 1.0, interval=h, solver="adams", tolerance=1e-9, inputs={"torque": 2.0})
+    np.testing.assert_allclose(held["arm.rate"], 6.0 * held.t, atol=1e-7)
+    rising = mb.simulate(m, 1.0, interval=h, solver="adams", tolerance=1e-9, inputs={"torque": lambda t: 2.0 * t})
+    np.testing.assert_allclose(rising["arm.rate"], 3.0 * rising.t * (rising.t - h), atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"solvr": "ida"}, "there is no setting 'solvr'; did you mean 'solver'"),
+        ({"solver": "id"}, "solver is 'id'"),
+        ({"interval": 0.0}, r"allowed: times greater than zero"),
+        ({"inputs": {"force": 1.0}}, "there is no input 'force'"),
+    ],
+)
+def test_what_is_wrong_is_said(given: dict[str, object], message: str) -> None:
+    with pytest.raises(mb.UserError, match=message):
+        mb.simulate(swing(), 1.0, **given)  # type: ignore[arg-type]
+    with pytest.raises(mb.UserError, match="model is 3; allowed: a Mechanism, or an instance of a subclass"):
+        mb.simulate(3, 1.0)  # type: ignore[arg-type]
+
+
+def test_a_result_is_saved_and_loaded_whole(result: mb.Result, tmp_path: Path) -> None:
+    result.save(tmp_path / "run.npz")
+    again = mb.Result.load(tmp_path / "run.npz")
+    np.testing.assert_array_equal(again.values, result.values)
+    np.testing.assert_array_equal(again.t, result.t)
+    for name in ("variables", "statistics", "settings", "model", "failure", "remarks", "title"):
+        assert getattr(again, name) == getattr(result, name)
+    for content in (b"", b"no archive"):
+        (tmp_path / "bad.npz").write_bytes(content)
+        with pytest.raises(mb.UserError, match="is no saved result"):
+            mb.Result.load(tmp_path / "bad.npz")
+
+
+def test_a_result_shows_itself(result: mb.Result) -> None:
+    assert repr(result) == "<Result of mechanism, adams, tolerance 1e-08: 11 times from 0 to 1 s, 4 outputs>"
+    page = result._repr_html_()
+    assert "<td>arm.angle</td><td>rad</td><td>0</td><td>1.5</td>" in page
+    figure = result.plot()
+    assert [ax.get_ylabel() for ax in figure.axes] == [
+        "angle [rad]", "angular velocity [rad/s]", "residual [J]", "energy [J]",
+    ]  # fmt: skip
+    assert figure.axes[2].get_yscale() == "log"
+    assert figure.get_suptitle() == "mechanism, adams, tolerance 1e-08"
+    assert len(result.plot("arm.rate").axes) == 1
+
+
+def test_curves_that_lie_on_each_other_are_told_apart() -> None:
+    four = mb.simulate(mb.models()["fourbar"](), 0.2, solver="adams")
+    lines = {line.get_label(): line.get_linestyle() for line in four.plot("crank.angle", "rocker.angle").axes[0].lines}
+    assert lines["crank.angle"] != lines["rocker.angle"]
+
+
+def test_drawing_leaves_the_backend_alone() -> None:
+    script = (
+        "import matplotlib as mpl; mpl.use('svg'); import mbfmu.studies.report, mbfmu.viewer.images; "
+        "import matplotlib.pyplot; print(mpl.get_backend())"
+    )
+    assert subprocess.check_output([sys.executable, "-c", script], text=True).strip() == "svg"
+
+
+def test_tables_of_other_tools(result: mb.Result) -> None:
+    for name, make in (("pandas", result.to_dataframe), ("xarray", result.to_xarray)):
+        try:
+            __import__(name)
+        except ImportError:
+            with pytest.raises(mb.UserError, match=f"pip install {name}"):
+                make()
+        else:
+            np.testing.assert_array_equal(np.asarray(make()["arm.angle"]), result["arm.angle"])
+
+
+def test_a_mechanism_is_linearized_compared_and_shown(tmp_path: Path) -> None:
+    """A pendulum of a rod: omega^2 = 3 g / 2 l."""
+    m = mb.Mechanism(gravity=(0.0, -9.81, 0.0))
+    arm = m.body("arm", m.ground, mb.Revolute(start=-1.5), **mb.rod(mass=1.0, length=1.0))
+    m.force("motor", mb.JointForce(magnitude=mb.Input(name="torque", unit="N.m")), arm)
+    m.output("arm.angle", arm.angle(), "angle")
+    omega = np.sqrt(1.5 * 9.81)
+    assert mb.equilibrium(m).outputs["arm.angle"] == pytest.approx(-0.5 * np.pi)
+    assert mb.modes(m, 1)[0].mode.frequency == pytest.approx(omega)
+    space = mb.linearize(m)
+    np.testing.assert_allclose(sorted(np.linalg.eigvals(space.A).imag), [-omega, omega], rtol=1e-10)
+    assert space.to_scipy().B.shape == (2, 1)
+    page = mb.view(m, tmp_path / "arm.html", 0.1, solver="adams")
+    assert page.read_text().startswith("<!doctype html>") or "<html" in page.read_text()[:200].lower()
+    with pytest.raises(mb.UserError, match="does not exist"):
+        mb.view(m, tmp_path / "nowhere" / "arm.html", 0.1, solver="adams")
