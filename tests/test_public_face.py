@@ -40,7 +40,7 @@ def test_a_mechanism_is_simulated_as_it_is(result: mb.Result) -> None:
     np.testing.assert_allclose(result["arm.angle"], 1.5 * result.t**2, atol=1e-7)
     assert result.unit("arm.rate") == "rad/s"
     assert result.names[:2] == ("arm.angle", "arm.rate")
-    with pytest.raises(mb.UserError, match="no output 'arm.angel'; did you mean 'arm.angle'"):
+    with pytest.raises(mb.UserError, match=r"no output 'arm\.angel'; did you mean 'arm\.angle'"):
         result["arm.angel"]
 
 
