@@ -54,7 +54,7 @@ def assemble_positions(system: AnySystem, t: float, start: Array, held: NDArray[
     worst = int(np.argmax(np.abs(gaps)))
     raise AssemblyError(
         f"loop cannot close: {system.constraint_names[worst]!r} stays off by {abs(terms.Phi[worst]):.3g} "
-        f"(best {best * system.row_size[worst]:.3g}); check lengths and start positions, or hold fewer joints fixed"
+        "in the nearest position that was found; check lengths and start positions, or hold fewer joints fixed"
     )
 
 
