@@ -75,6 +75,6 @@ def test_it_falls_as_a_pendulum_or_is_refused(solver: str, seed: int) -> None:
     exact = model.exact(TIMES)
     for tolerance in (1e-4, 1e-6, 1e-8):
         result = run(model, Settings(solver=solver, tolerance=tolerance), TIMES)
-        off = max(abs(result[name] - exact[name][: len(result.times)]).max() for name in exact)
+        off = max(abs(result[name] - exact[name][: len(result.t)]).max() for name in exact)
         assert off <= 100.0 * tolerance or result.failure or result.warning
         assert solver == "ida" or not result.failure
