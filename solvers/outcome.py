@@ -23,8 +23,8 @@ MESSAGES: dict[Code, tuple[str, str]] = {
     Code.OK: ("reached the time asked for", ""),
     Code.NOT_CLOSED: (
         "the constraints could not be closed",
-        "At the start: begin nearer to a closed position, or with other rates. On the way: a drive leads where its loop cannot follow, or "
-        "turns back in a singular position{others}.",
+        "At the start: begin nearer to a closed position, or with other rates. On the way: a drive leads where its "
+        "loop cannot follow, or turns back in a singular position{others}.",
     ),
     Code.NO_MASS: (
         "some motion the constraints allow moves no mass",

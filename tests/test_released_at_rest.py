@@ -28,11 +28,9 @@ class Parallelogram(Model):
 
     def build(self) -> Mechanism:
         m = Mechanism(gravity=(0.0, -G, 0.0))
-        lengths = (1.0, self.ground, 1.0)
-        inertias = ((0.02 * M * l * l, 0.09 * M * l * l, INERTIA * M * l * l) for M, l in zip(self.masses, lengths, strict=True))
         own = [
-            {"mass": M, "com": (*c, 0.0), "inertia": inertia}
-            for M, c, inertia in zip(self.masses, self.centres, inertias, strict=True)
+            {"mass": M, "com": (*c, 0.0), "inertia": (0.02 * M * l * l, 0.09 * M * l * l, INERTIA * M * l * l)}
+            for M, c, l in zip(self.masses, self.centres, (1.0, self.ground, 1.0), strict=True)
         ]
         crank = m.body("crank", m.ground, Revolute(start=self.start, fixed=True), **own[0])
         coupler = m.body("coupler", crank, Revolute(at=(1.0, 0.0, 0.0), start=-self.start), **own[1])
