@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mbfmu.result import Result, pick
+if TYPE_CHECKING:
+    from mbfmu.result import Result
 
 QUANTITIES = {
     "m": "position",
@@ -31,7 +32,7 @@ DASHES = ("-", (0, (6, 3)), (0, (2, 2)), (0, (8, 2, 2, 2)))
 def panels(result: Result, names: Sequence[str]) -> dict[tuple[str, str], list[int]]:
     """Return the columns of every panel, by quantity and unit."""
     found: dict[tuple[str, str], list[int]] = {}
-    for i in pick(result, names):
+    for i in map(result.column, names or result.names):
         variable = result.variables[i]
         if not np.isfinite(result.values[:, i]).any():
             continue  # it is not known in this run

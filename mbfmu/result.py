@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from html import escape
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import Any, Self
 import numpy as np
 
 from mbfmu.errors import UserError
+from mbfmu.extras import optional
 from mbfmu.mechanics import Variable
 from mbfmu.model import suggest
 from mbfmu.settings import Settings
@@ -59,16 +59,17 @@ class Result:
 
     def __getitem__(self, name: str) -> Array:
         """Return one output over time."""
-        return self.values[:, self._column(name)]
+        return self.values[:, self.column(name)]
 
-    def _column(self, name: str) -> int:
+    def column(self, name: str) -> int:
+        """Return which column of ``values`` an output is."""
         if name not in self.names:
             raise UserError(f"no output {name!r}{suggest(str(name), self.names)}")
         return self.names.index(name)
 
     def unit(self, name: str) -> str:
         """Return the unit of an output."""
-        return self.variables[self._column(name)].unit
+        return self.variables[self.column(name)].unit
 
     def as_dict(self) -> dict[str, Array]:
         """Return every output over time, by name."""
@@ -158,21 +159,6 @@ class Result:
             raise UserError(f"{str(path)!r} is no saved result: {error}") from error
 
 
-def optional(name: str) -> Any:
-    """Import a package that only this needs; raises UserError where it is not installed."""
-    import importlib
-
-    try:
-        return importlib.import_module(name)
-    except ImportError as error:
-        raise UserError(f"this needs the package {name!r}: pip install {name}") from error
-
-
 def together(*warnings: str) -> str:
     """Return as one text what there is of several."""
     return ". ".join(filter(None, warnings))
-
-
-def pick(result: Result, names: Sequence[str]) -> list[int]:
-    """Return the columns of these outputs, or of all."""
-    return [result._column(name) for name in names] if names else list(range(len(result.variables)))

@@ -19,8 +19,8 @@ from scipy import linalg
 from scipy.io import savemat
 
 from mbfmu.errors import EquilibriumError, UserError
+from mbfmu.extras import optional
 from mbfmu.mechanics import Plant
-from mbfmu.result import optional
 from mbfmu.table import table
 from solvers.equilibrium_dense import EPSILON
 from solvers.system import Array

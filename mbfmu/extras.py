@@ -1,0 +1,16 @@
+"""Packages that only some calls need."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+from mbfmu.errors import UserError
+
+
+def optional(name: str) -> Any:
+    """Import a package that only this needs; raises UserError where it is not installed."""
+    try:
+        return import_module(name)
+    except ImportError as error:
+        raise UserError(f"this needs the package {name!r}: pip install {name}") from error
