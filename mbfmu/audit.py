@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 Place = tuple[float, Array]  # t, q
 
 EXPLAINED = 0.25  # of what the steps could add up to
+FEW = 6.0  # times what the last step could add: errors of a few steps need not cancel each other
 PART = 0.02  # of the energy at work
 ROUNDING = 1e-13  # of every energy that was added up
 NEAR = 0.05  # ratio of singular values of J, scaled by the bodies' inertia, that a message calls near
@@ -81,7 +82,8 @@ class Audit:
         at_work = ledgers[:, MOST] + ledgers[:, EXCHANGED]
         rounding = ROUNDING * (np.abs(energies) + abs(self.base) + at_work + stray / self._tolerance)
         most = np.maximum(PART * at_work, ledgers[:, EXPOSURE])
-        explained: Array = np.minimum(EXPLAINED * stray, most) + rounding
+        steps = np.maximum(EXPLAINED * stray, np.minimum(stray, FEW * ledgers[:, EXPOSURE]))
+        explained: Array = np.minimum(steps, most) + rounding
         return explained
 
     def _tell(self, imbalance: float, ledger: Array, before: Place, here: Place) -> str:

@@ -32,6 +32,7 @@ COUNTERS = {
     "stability_limited": "steps of adams and hybrid whose length stability set, and not accuracy",
 }
 
+ILLEGIBLE = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 NAME = re.compile(r"[A-Za-z_]\w*(\[\d+(,\d+)*\])?(\.[A-Za-z_]\w*(\[\d+(,\d+)*\])?)*", re.ASCII)
 
 
@@ -246,7 +247,16 @@ def check(variables: tuple[Variable, ...]) -> None:
             other = "the time" if v.name == "time" else f"the {seen[v.name].role.value}"
             raise UserError(f"{what} is named as {other}; give it another name")
         seen[v.name] = v
+        legible(f"the description of {what}", v.description)
+        if v.nominal is not None and not (isinstance(v.nominal, int | float) and 0.0 < v.nominal < inf):
+            raise UserError(f"the nominal value of {what} is {v.nominal!r}; allowed: a finite number above zero")
         try:
             read_unit(v.unit)
         except UserError as error:
             raise UserError(f"{what}: {error}") from error
+
+
+def legible(what: str, text: Any) -> None:
+    """Refuse what cannot be written in XML."""
+    if not isinstance(text, str) or ILLEGIBLE.search(text):
+        raise UserError(f"{what} is {text!r}; allowed: text without control characters")

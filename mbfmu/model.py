@@ -22,11 +22,11 @@ import importlib.util
 import sys
 import traceback
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import Field, dataclass, field, fields, replace
 from functools import cache
 from hashlib import sha256
 from importlib.metadata import entry_points
-from math import inf
+from math import inf, isfinite
 from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import Any, ClassVar, Self
@@ -38,6 +38,8 @@ from mbfmu.errors import UserError
 from mbfmu.mechanics import Mechanism, Plant
 
 GROUP = "mbfmu.models"
+LARGEST = 2**31 - 1  # of a whole number in an FMU
+OWN = ("name", "stop_time", "output_interval", "settling", "effects")  # attributes of a model
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,8 +103,31 @@ def parameter(
 
 @cache
 def declared(cls: Any) -> tuple[Parameter, ...]:
-    """Return the parameters of a dataclass in order."""
-    return tuple(Parameter(name=f.name, default=f.default, **f.metadata) for f in fields(cls) if f.metadata)  # type: ignore[arg-type]
+    """Return the parameters of a dataclass in order; raises UserError for a declaration that says nothing."""
+    if any(isinstance(value, Field) for value in vars(cls).values()):
+        raise UserError(f"model {cls.__name__}: write @dataclass(frozen=True, kw_only=True) above the class")
+    found = tuple(Parameter(name=f.name, default=f.default, **f.metadata) for f in fields(cls) if f.metadata)  # type: ignore[arg-type]
+    for p in found:
+        check_declaration(cls.__name__, p)
+    return found
+
+
+def check_declaration(model: str, p: Parameter) -> None:
+    """Refuse what an FMU could not say of a parameter."""
+    what = f"parameter {p.name!r} of model {model}"
+    if p.name in OWN:
+        raise UserError(f"{what} is named as an attribute that every model has; give it another name")
+    if not isinstance(p.doc, str):
+        raise UserError(f"{what}: doc is {p.doc!r}; allowed: text")
+    if not all(isinstance(c, str) and c for c in p.choices) or len(set(p.choices)) < len(p.choices):
+        raise UserError(f"{what}: choices are {p.choices!r}; allowed: words, each once")
+    real = isinstance(p.default, float)
+    if p.unit != "1" and not real:
+        raise UserError(f"{what}: unit is {p.unit!r}, but it is no real number; make its default one, or leave it out")
+    if isinstance(p.default, int) and not isinstance(p.default, bool):
+        for name, value in (("default", p.default), ("min", p.min), ("max", p.max)):
+            if isfinite(value) and not (value == int(value) and abs(value) <= LARGEST):
+                raise UserError(f"{what}: {name} is {value!r}; allowed for a whole number: whole, at most {LARGEST}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,6 +151,8 @@ class Model:
         super().__init_subclass__()
         if not cls.__dict__.get("name"):
             cls.name = cls.__name__.lower()
+        if not isinstance(cls.name, str | Field):
+            raise UserError(f"name of model {cls.__name__} is {cls.name!r}; allowed: text")
 
     def __post_init__(self) -> None:
         """Check every parameter; raises UserError naming it, its value and what is allowed."""
@@ -178,7 +205,7 @@ class Model:
     @classmethod
     def title(cls) -> str:
         """Return the first line of the docstring."""
-        return (cls.__doc__ or cls.name).strip().splitlines()[0]
+        return ((cls.__doc__ or "").strip() or cls.name).splitlines()[0]
 
     def with_values(self, values: Mapping[str, Any]) -> Self:
         """Return a copy with other parameter values; text is read as a number."""
@@ -295,9 +322,22 @@ def find(reference: str) -> type[Model]:
     return _model_class(points[reference].load(), f"entry point {reference!r}")
 
 
+def at_defaults(cls: type[Model]) -> Model:
+    """Return the model with the defaults of all its parameters."""
+    declared(cls)  # type: ignore[arg-type]  # says what is wrong first
+    try:
+        return cls()
+    except TypeError as error:
+        raise UserError(f"model {cls.__name__} cannot be made without values: {error}; give each a default") from error
+
+
 def load(path: Path, name: str = "") -> type[Model]:
     """Return a model class from a file; ``name`` may be left out where the file has one model."""
-    if not path.is_file():
+    try:
+        there = path.is_file()
+    except OSError:  # no name of a file
+        there = False
+    if not there:
         raise UserError(f"model file {str(path)!r} does not exist")
     module = load_module(path)
     own = {
@@ -325,7 +365,7 @@ def load_module(path: Path) -> ModuleType:
     sys.modules[name] = module
     try:
         spec.loader.exec_module(module)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         del sys.modules[name]
         raise UserError(f"model file {str(path)!r} cannot be imported: {type(error).__name__}: {error}") from error
     return module

@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from mbfmu.errors import UserError
-from mbfmu.model import Model, declared, find, suggest
+from mbfmu.model import Model, at_defaults, declared, find, suggest
 from mbfmu.native import MOST
 from mbfmu.settings import Settings
 
@@ -85,7 +85,7 @@ def load_scene(reference: str) -> Scene:
     model, slash, scene = reference.partition("/")
     if slash and ".py" not in reference:
         return read_scene(shipped(model, scene)).changed(name=f"{model}_{scene}")
-    return default_scene(find(reference)(), path.stem if ".py" in reference else reference)
+    return default_scene(at_defaults(find(reference)), "" if ".py" in reference else reference)
 
 
 def default_scene(model: Model, name: str = "") -> Scene:
@@ -137,7 +137,7 @@ def from_content(path: Path, content: dict[str, Any]) -> Scene:
     parameters = content.pop("parameters", {})
     if not isinstance(parameters, dict):
         raise UserError(f"parameters is {parameters!r}; allowed: a table [parameters]")
-    model = find(reference)().with_values(parameters)
+    model = at_defaults(find(reference)).with_values(parameters)
     scene = default_scene(model, path.stem)
     for key in ("tolerance", "max_step"):
         if key in content and (isinstance(content[key], bool) or not isinstance(content[key], int | float)):

@@ -37,7 +37,7 @@ SYMBOLS = {
     "MPa": Unit({"kg": 1, "m": -1, "s": -2}, 1e6),
 }
 
-PART = re.compile(r"(^|[./])(1|[A-Za-z]+)(-?\d+)?(?=[./]|$)")
+PART = re.compile(r"(^|[./])(1|[A-Za-z]+)(-?\d{1,2})?(?=[./]|$)")
 
 
 def read_unit(text: str) -> Unit:

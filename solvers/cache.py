@@ -26,6 +26,7 @@ HERE = Path(__file__).resolve().parent
 FOLDERS = (HERE, HERE.parent / "mbfmu" / "mechanics")  # of the kernels
 
 _listeners: list[Callable[[], None]] = []  # who is to know that compilation begins
+_blocks: list[Callable[[], None]] = []  # that wait, one within the other
 _unwritable: list[str] = []  # what this process has warned of
 
 
@@ -50,21 +51,26 @@ def folder() -> Path:
 
 @contextmanager
 def when_compiling(tell: Callable[[], None]) -> Iterator[None]:
-    """Have ``tell`` called in this block, once, before the first thing is compiled; others wait meanwhile."""
-    others = _listeners.copy()
-    _listeners[:] = [tell]
+    """Have ``tell`` called in this block, once, before the first thing is compiled, unless the block around it, which
+    waits meanwhile, was told already.
+    """
+    around = _listeners.copy()
+    _listeners[:] = [tell] if around or not _blocks else []
+    _blocks.append(tell)
     try:
         yield
     finally:
-        _listeners[:] = others
+        _blocks.pop()
+        _listeners[:] = around if _listeners else []
 
 
 def size() -> int:
     """Return how much machine code of all our sources, older ones too, takes, in bytes."""
     total = 0
-    for file in home().rglob("*"):
-        with suppress(FileNotFoundError):  # another process replaces what it keeps
-            total += file.stat().st_size if file.is_file() else 0
+    with suppress(OSError):  # no such folder can be
+        for file in home().rglob("*"):
+            with suppress(FileNotFoundError):  # another process replaces what it keeps
+                total += file.stat().st_size if file.is_file() else 0
     return total
 
 

@@ -12,7 +12,7 @@ from . import adams
 from .held import hold
 from .hybrid import HYBRID, LU, PROJECTION
 from .kernel import records
-from .ledger import WORK, Scales
+from .ledger import WORK, Scales, look_anew
 from .multistep import HIGHEST, History, counts
 from .options import Options, Statistics
 from .outcome import Code
@@ -51,6 +51,7 @@ class ExplicitStepper(Stepper):
         c, y, nq = self._control, self._history.y, len(self._q)
         c["t"], c["start"], c["singles"], c["renew"], c["placed"] = self._t, 1, singles, renew, placed
         self._book_works()
+        look_anew(c)
         y[:nq], y[nq:-1], y[-1] = self._q, self._v, self._ledger[WORK]
 
     def renew(self) -> None:

@@ -51,7 +51,7 @@ BOOK = np.dtype(
 NODES, WEIGHTS = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)]), np.array([5.0, 8.0, 5.0]) / 9.0  # of Gauss
 WORK, STRAY, EXCHANGED, MOST, EXPOSURE = 0, 1, 2, 3, 4  # of a reported row
 ROW = 5
-EVERY, AT_FIRST = 8, 8  # steps between two looks, and looks in a row after the start
+EVERY, AT_FIRST, ANEW = 8, 24, 3  # steps between two looks; looks in a row after the start, and after a change
 SLIP = 4.0  # what a formula says its error in W is counts so many times: it is an error, where the exposure is a bound
 BETWEEN = 4.0  # exposures: a reported state is interpolated, and closed
 
@@ -85,8 +85,13 @@ def look(exposure: Any, data: Any, c: Any, s: Any) -> None:
 
 @kernel
 def due(c: Any) -> bool:
-    """Whether a look at the energy is due: the exposure changes slowly."""
+    """Whether a look at the energy is due: the exposure changes slowly, but at the start and where loads jump."""
     return c.looks < AT_FIRST or c.steps % EVERY == 0
+
+
+def look_anew(books: Any) -> None:
+    """Let the next steps be looked at one by one: loads have changed. books (1,) of FIELDS."""
+    books["looks"] = np.minimum(books["looks"], AT_FIRST - ANEW)
 
 
 @kernel
@@ -94,6 +99,7 @@ def begin_work(books: Any, work: float) -> None:
     """Forget the powers: the motion goes on from another state, where W is ``work``, J. books (1,) of BOOK."""
     c = books[0]
     c.known, c.work, c.before = 0, work, work
+    c.looks = min(c.looks, AT_FIRST - ANEW)
 
 
 @kernel

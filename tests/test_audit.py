@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.integrate import simpson
+from scipy.integrate import simpson, solve_ivp
 
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
@@ -16,7 +16,7 @@ from fmus.pendulum import SwingPendulum
 from mbfmu.cli import main
 from mbfmu.fmi.export import export
 from mbfmu.fmi.harness import Fmu
-from mbfmu.mechanics import Harmonic, Input, JointSpring, Mechanism, PointForce, Revolute, rod
+from mbfmu.mechanics import Harmonic, Input, JointForce, JointSpring, Mechanism, PointForce, Revolute, rod
 from mbfmu.mechanics.plant import Plant
 from mbfmu.model import Model, parameter
 from mbfmu.native import Result, run
@@ -181,3 +181,42 @@ def test_an_fmu_tells_in_its_message(tmp_path: Path, monkeypatch: Any) -> None:
     with Fmu(path, {"audit": False}) as fmu:
         fmu.step(0.5)
         assert fmu.message() == ""
+
+
+def swinging(torque: Any = 0.0, start: float = 0.3) -> Mechanism:
+    """A rod of 1 kg and 1 m, and its rate as the first output."""
+    m = Mechanism(gravity=(0.0, -9.81, 0.0))
+    arm = m.body("arm", m.ground, Revolute(start=start, fixed=True), **rod(mass=1.0, length=1.0))
+    m.force("motor", JointForce(magnitude=torque), arm)
+    m.output("rate", arm.rate())
+    m.output("angle", arm.angle())
+    return m
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize(("tolerance", "torque"), [(1e-4, 100.0), (1e-4, 10.0), (1e-6, 100.0), (1e-6, 10.0)])
+def test_a_load_that_jumps_raises_no_alarm(solver: str, tolerance: float, torque: float) -> None:
+    """Just before, the motion was slow, and so was what the tolerance let its energy stray."""
+    load, dt, jump = Input(name="torque", unit="N.m"), 0.1, 5
+    simulation = Simulation(swinging(load), Settings(solver=solver, tolerance=tolerance))
+
+    def rate(_: float, y: Any, given: float) -> list[float]:
+        return [y[1], 3.0 * (given - 0.5 * 9.81 * np.cos(y[0]))]
+
+    state = np.array([0.3, 0.0])
+    for k in range(12):
+        given = 0.0 if k < jump else torque
+        simulation.set_input("torque", given)
+        assert simulation.advance(dt * (k + 1)).ok
+        state = solve_ivp(rate, (0.0, dt), state, "DOP853", args=(given,), rtol=1e-12, atol=1e-12).y[:, -1]
+        assert simulation.outputs()[1] == pytest.approx(state[0], abs=10.0 * tolerance, rel=10.0 * tolerance)
+    assert simulation.verdict == ""
+
+
+@pytest.mark.parametrize("solver", ["adams", "hybrid"])
+def test_what_is_exchanged_is_not_less_than_what_can_be_seen(solver: str) -> None:
+    result = run(swinging(), Settings(solver=solver), np.linspace(0.0, 0.5, 51))
+    kinetic = 0.5 / 3.0 * result["rate"] ** 2
+    seen = np.maximum.accumulate(kinetic) - np.minimum.accumulate(kinetic)
+    told = result["energy_exchanged"]
+    assert np.all(told[3:] >= 0.5 * seen[3:])

@@ -44,20 +44,20 @@ def test_a_run_that_fails_leaves_what_went_well(
 ) -> None:
     told = ("run", "fourbar/paper", "--native", "--stop-time=0.1", "-o", str(tmp_path))
     assert command(*told)[0] == 0
-    before = (tmp_path / "fourbar_paper.csv").read_text()
+    before = (tmp_path / "fourbar_paper_hybrid.csv").read_text()
     monkeypatch.setattr("mbfmu.cli.run.run", lambda *a, **k: replace(native.run(*a, **k), failure="it stopped"))
     code, out, err = command(*told)
     assert code == 1
     assert "it stopped" in err
-    assert "fourbar_paper_failed.csv" in out
-    assert (tmp_path / "fourbar_paper.csv").read_text() == before
+    assert "fourbar_paper_hybrid_failed.csv" in out
+    assert (tmp_path / "fourbar_paper_hybrid.csv").read_text() == before
 
 
 def test_models_lists_parameters_with_units(command: Command) -> None:
     code, out, _ = command("models")
     assert code == 0
     assert "crank_length = 1 m" in out
-    assert "tunable" in out
+    assert "changes between steps" in out
 
 
 def test_compare_writes_rows(command: Command, tmp_path: Path) -> None:
@@ -145,3 +145,31 @@ def test_the_cache_is_warmed_for_a_model(command: Command, monkeypatch: pytest.M
 def test_python_m_is_the_command() -> None:
     found = subprocess.run((sys.executable, "-m", "mbfmu", "--version"), capture_output=True, text=True, check=True)
     assert found.stdout.startswith("mbfmu ")
+
+
+def test_two_models_of_one_file_and_two_solvers_keep_their_results(command: Command, tmp_path: Path) -> None:
+    source = tmp_path / "two.py"
+    model = "class {}(FourBar):\n    pass\n"
+    source.write_text("from fmus.fourbar import FourBar\n" + model.format("First") + model.format("Second"))
+    for name, solver in (("First", "adams"), ("Second", "adams"), ("Second", "ida")):
+        told = (f"{source}:{name}", f"--solver={solver}", "--native", "--stop-time=0.02", "-o", str(tmp_path))
+        assert command("run", *told)[0] == 0
+    assert sorted(p.name for p in tmp_path.glob("*.csv")) == ["first_adams.csv", "second_adams.csv", "second_ida.csv"]
+
+
+def test_a_folder_in_the_place_of_a_result_is_told_before_the_run(command: Command, tmp_path: Path) -> None:
+    for kind in ("csv", "png", "npz"):
+        (tmp_path / kind / f"fourbar_ida.{kind}").mkdir(parents=True)
+        code, out, err = command("run", "fourbar", "--native", "-o", str(tmp_path / kind))
+        assert (code, out) == (2, "")
+        assert err.endswith(f"fourbar_ida.{kind}' cannot be written: it is a folder\n")
+
+
+def test_a_full_disk_is_told_in_words(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(_options: object) -> int:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(models, "command_models", full)
+    monkeypatch.setattr("os.dup2", lambda *_: None)
+    code, _, err = command("models")
+    assert (code, err) == (2, "mbfmu: standard output: No space left on device\n")

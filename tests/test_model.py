@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import pickle
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -180,3 +181,45 @@ def test_tunable_parameters_change_and_fixed_ones_do_not() -> None:
     assert simulation.advance(0.2).ok
     with pytest.raises(UserError, match="'crank_mass' cannot change during a run: it is not tunable"):
         simulation.retune(FourBar(gravity=1.62, crank_mass=2.0))
+
+
+def declaring(what: str, decorated: bool = True) -> str:
+    """The source of a model that declares this."""
+    head = MODEL[: MODEL.index("    length:")].rstrip()
+    if not decorated:
+        head = head.replace("@dataclass(frozen=True, kw_only=True)\n", "")
+    return f"{head}\n\n    {what}\n\n    def build(self):\n        return None\n"
+
+
+@pytest.mark.parametrize(
+    ("what", "message"),
+    [
+        ("name: float = parameter(1.0)", "'name' of model Pendulum is named as an attribute that every model has"),
+        ("p: float = parameter(1.0, doc=3)", "parameter 'p' of model Pendulum: doc is 3; allowed: text"),
+        ("p: str = parameter('a', choices=('a', 'a'))", "choices are ('a', 'a'); allowed: words, each once"),
+        ("p: int = parameter(1, choices=(1, 2))", "choices are (1, 2); allowed: words"),
+        ("p: int = parameter(1, unit='m')", "unit is 'm', but it is no real number"),
+        ("p: int = parameter(2**40)", "default is 1099511627776; allowed for a whole number"),
+        ("p: int = parameter(1, min=0.5)", "min is 0.5; allowed for a whole number"),
+        ("p: float", "model Pendulum cannot be made without values"),
+        ("name = 7", "name of model Pendulum is 7; allowed: text"),
+        ("raise SystemExit(3)", "cannot be imported: SystemExit: 3"),
+    ],
+)
+def test_what_no_model_may_declare_is_said(what: str, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "pendulum.py"
+    path.write_text(declaring(what))
+    with pytest.raises(UserError, match=re.escape(message)):
+        load_scene(str(path))
+
+
+def test_a_model_that_is_no_dataclass_is_told_so(tmp_path: Path) -> None:
+    path = tmp_path / "pendulum.py"
+    path.write_text(declaring("p: float = parameter(1.0)", decorated=False))
+    with pytest.raises(UserError, match=r"write @dataclass\(frozen=True, kw_only=True\) above the class"):
+        load_scene(str(path))
+
+
+def test_no_file_has_so_long_a_name() -> None:
+    with pytest.raises(UserError, match="does not exist"):
+        load_scene("x" * 300 + ".py")

@@ -296,7 +296,7 @@ def test_pressure_may_change_during_a_run_but_not_appear() -> None:
     assert simulation.plant.data.arrays.signals["c"][0, 0] == 2.0
     assert simulation.advance(0.004).ok
     none = Simulation(model.with_values({"pressure": 0.0}), Settings())
-    with pytest.raises(UserError, match="changes the structure"):
+    with pytest.raises(UserError, match="'pressure' cannot change during a run"):
         none.retune(model)
 
 

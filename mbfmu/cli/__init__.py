@@ -20,7 +20,7 @@ EXAMPLES = """examples:
   mbfmu run fourbar --solver adams --native
   mbfmu run fourbar/paper                  a scene that ships with a model
   mbfmu run my_scene.toml
-  mbfmu view results/fourbar.npz           3-D animation of that run, an HTML file for any browser
+  mbfmu view results/fourbar_ida.npz       3-D animation of that run, an HTML file for any browser
   mbfmu view governor/damped --gif governor.gif
   mbfmu export fourbar --set crank_length=0.8 -o fourbar.fmu
   mbfmu export my_model.py:MyModel
@@ -50,6 +50,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of a pipe, such as head, has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 141
+    except OSError as error:
+        print(f"mbfmu: {error.filename or 'standard output'}: {error.strerror}", file=sys.stderr)
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 2
 
 
 def tell_compiling() -> None:

@@ -98,10 +98,27 @@ def scene_of(options: argparse.Namespace) -> Scene:
     )
 
 
-def stem_of(options: argparse.Namespace, scene: Scene) -> str:
-    """Return how the files of a run are named: another solver than the scene's own does not replace its results."""
-    own = load_scene(options.scene).settings.name
-    return scene.name if scene.settings.name == own else f"{scene.name}_{scene.settings.name}"
+def stem_of(scene: Scene) -> str:
+    """Return how the files of a run are named: no solver replaces what another one found."""
+    return f"{scene.name}_{scene.settings.name}"
+
+
+def files_of(target: Path, stem: str) -> tuple[Path, Path, Path]:
+    """Return the files of a run, CSV, PNG and poses; complain of folders in their places before anything is run."""
+    csv, png, poses = (target / f"{stem}.{kind}" for kind in ("csv", "png", "npz"))
+    for path in (csv, png, poses):
+        if path.is_dir():
+            raise UserError(f"{str(path)!r} cannot be written: it is a folder")
+    return csv, png, poses
+
+
+@contextmanager
+def writing(target: Path) -> Iterator[None]:
+    """Say in words what cannot be written into a folder."""
+    try:
+        yield
+    except OSError as error:
+        raise UserError(f"{str(error.filename or target)!r} cannot be written: {error.strerror}") from error
 
 
 @contextmanager

@@ -15,7 +15,18 @@ from mbfmu.native import Result, communication_points, run
 from mbfmu.scene import Scene
 from mbfmu.viewer import Recorder
 
-from .common import Commands, add_output, add_set, add_solver, folder, progress, scene_of, stem_of
+from .common import (
+    Commands,
+    add_output,
+    add_set,
+    add_solver,
+    files_of,
+    folder,
+    progress,
+    scene_of,
+    stem_of,
+    writing,
+)
 
 QUICK = 5.0  # s; an FMU's run that took less is repeated for its poses
 
@@ -26,8 +37,8 @@ def add(commands: Commands) -> None:
         "run",
         help="run a scene or a model and write CSV and PNG",
         description="Run a scene or a model; write its outputs as CSV and PNG, and the poses of its bodies as NAME.npz "
-        "for `mbfmu view`. The names tell of another solver than the scene's own (fourbar_adams.csv) and of a run that "
-        "ended early (fourbar_failed.csv). An FMU does not tell poses: they come from a native repeat of the run, "
+        "for `mbfmu view`. The names tell the solver (fourbar_ida.csv), and of a run that "
+        "ended early (fourbar_ida_failed.csv). An FMU does not tell poses: they come from a native repeat of the run, "
         f"which is left out where the FMU took more than {QUICK:g} s.",
     )
     p.add_argument("scene", help="scene file, model name, model/scene, or my_model.py:MyModel")
@@ -45,7 +56,8 @@ def command_run(options: argparse.Namespace) -> int:
     from mbfmu.studies.report import plot_result
 
     scene = scene_of(options)
-    target, stem = folder(options.output), stem_of(options, scene)
+    target, stem = folder(options.output), stem_of(scene)
+    files, failed = files_of(target, stem), files_of(target, f"{stem}_failed")  # what went well before stays
     begin = time.perf_counter()
     times = communication_points(scene.stop_time, scene.output_interval)
     recorder = Recorder()
@@ -58,15 +70,16 @@ def command_run(options: argparse.Namespace) -> int:
             with tempfile.TemporaryDirectory(prefix="mbfmu_") as place:
                 result = run_fmu(scene.model, scene.settings, times, Path(place) / "model.fmu", bar, warn)
     total = time.perf_counter() - begin
-    stem += "_failed" if result.failure else ""  # what went well before stays
-    csv, png, poses = (target / f"{stem}.{kind}" for kind in ("csv", "png", "npz"))
-    result.write_csv(csv)
-    plot_result(result, png)
+    csv, png, poses = failed if result.failure else files
+    with writing(target):
+        result.write_csv(csv)
+        plot_result(result, png)
     print("\n".join((summary(scene, result, total), *(f"  {line}" for line in loops(scene)))))
     if not options.native and result.wall_time < QUICK:
         run(scene.model, scene.settings, result.t, watch=recorder)
     if recorder.used:
-        recorder.motion(scene.name).save(poses)
+        with writing(target):
+            recorder.motion(scene.name).save(poses)
         print(f"wrote {csv}, {png} and {poses}")
     else:
         print(f"wrote {csv} and {png}; see the motion with `mbfmu view {options.scene}` or after a run with --native")

@@ -104,7 +104,7 @@ def load(options: argparse.Namespace) -> tuple[Motion, str, Path]:
     with progress(scene) as bar:
         times = communication_points(scene.stop_time, scene.output_interval)
         result = run(scene.model, scene.settings, times, bar, recorder)
-    return recorder.motion(scene.name), result.failure, Path("results") / f"{stem_of(options, scene)}.html"
+    return recorder.motion(scene.name), result.failure, Path("results") / f"{stem_of(scene)}.html"
 
 
 def write_page(motion: Motion, options: argparse.Namespace, path: Path) -> Path:

@@ -20,7 +20,7 @@ from pythonfmu import FmuBuilder
 
 import mbfmu
 from mbfmu.errors import UserError
-from mbfmu.interface import interface
+from mbfmu.interface import interface, legible
 from mbfmu.model import Model
 from mbfmu.native import communication_points
 from mbfmu.settings import Settings
@@ -91,6 +91,7 @@ def export(
     plant = model.plant()
     plant.assemble()  # what cannot start is not exported
     variables = interface(model, settings, plant)
+    legible(f"the first line of the docstring of model {model.name!r}", model.title())
     experiment = Experiment(
         stop_time=model.stop_time if stop_time is None else stop_time,
         step_size=model.output_interval if output_interval is None else output_interval,

@@ -36,6 +36,7 @@ from .values import Phase, Values, guarded, in_words
 Array = NDArray[np.float64]
 
 STATE_FORMAT = 5
+TOLD = 5  # mistakes that are told one by one
 AGREED = 1e-9  # s, or part of the time: so much may a host's clock differ from ours
 
 
@@ -178,6 +179,7 @@ class ModelSlave(Values):
         simulation = self._ready(current_time, step_size)
         self._apply_changes()
         if step_size == 0.0:
+            self.message = simulation.verdict
             return True
         mark = simulation.mark()
         try:
@@ -236,7 +238,9 @@ class ModelSlave(Values):
         self._fresh = False
 
     def _raise_refused(self) -> None:
-        reasons = [*self._refused.values(), *self._mistakes]
+        made = [f"{text} ({n} times)" if n > 1 else text for text, n in self._mistakes.items()]
+        left = f"{len(made) - TOLD} other mistakes" if len(made) > TOLD else ""
+        reasons = [*self._refused.values(), *made[:TOLD], *filter(None, [left])]
         self._mistakes.clear()
         if reasons:
             raise UserError("; ".join(reasons))

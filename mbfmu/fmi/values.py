@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import sys
+from collections import Counter
 from collections.abc import Callable
 from enum import Enum
 from math import isfinite, nan
@@ -61,7 +62,7 @@ class Values(Fmi2Slave):  # type: ignore[misc]
         self.message = ""
         self._phase = Phase.INSTANTIATED
         self._refused: dict[str, str] = {}  # what was given last and not taken -> why
-        self._mistakes: list[str] = []  # of the host, since the last step
+        self._mistakes: Counter[str] = Counter()  # of the host, since the last step
         self._changed: set[int] = set()  # value references of inputs and parameters set since the last step
         self._fresh = False  # outputs are those of the present state
 
@@ -199,8 +200,9 @@ class Values(Fmi2Slave):  # type: ignore[misc]
 
     def _mistake(self, text: str) -> None:
         """Note what the host did wrong: the next step is discarded for it."""
-        self._mistakes.append(text)
-        self._report(text)
+        self._mistakes[text] += 1
+        if self._mistakes[text] == 1:
+            self._report(text)
 
     # ---- telling ------------------------------------------------------------------------------------------------
 

@@ -195,6 +195,20 @@ def test_a_mistake_in_setting_costs_one_step(fmu: Fmu, kind: str, name: str | No
     assert fmu.message() == ""
 
 
+def test_many_mistakes_are_told_in_few_words(fmu: Fmu) -> None:
+    for reference in (*range(9000, 9020), *[9000] * 1000):
+        fmu.slave.getReal([reference])
+    refuses_a_step(fmu, r"9000 is no variable; .* \(1001 times\); .*15 other mistakes")
+    assert len(fmu.message()) < 1000
+
+
+def test_a_step_of_no_length_is_a_good_one(fmu: Fmu) -> None:
+    fmu.slave.getReal([9999])
+    refuses_a_step(fmu, "9999 is no variable")
+    fmu.step(0.0)
+    assert fmu.message() == ""
+
+
 def test_reading_what_is_not_there_gives_no_number(fmu: Fmu) -> None:
     angle = fmu.variables["crank.angle"].valueReference
     got = fmu.slave.getReal([angle, 9999, 2**31 + 5])

@@ -147,11 +147,11 @@ class Named(Model):
         return swing("bar.angle")
 
 
-def swing(output: str, load: Input | float = 0.0) -> Mechanism:
+def swing(output: str, load: Input | float = 0.0, told: str = "angle", nominal: float | None = None) -> Mechanism:
     m = Mechanism(gravity=(0.0, -9.81, 0.0))
     bar = m.body("bar", m.ground, Revolute(), **rod(mass=1.0, length=1.0))
     m.force("motor", JointForce(magnitude=load), bar)
-    m.output(output, bar.angle(), "angle")
+    m.output(output, bar.angle(), told, nominal)
     return m
 
 
@@ -175,6 +175,10 @@ def made(build: Callable[[], Mechanism], **parameters: Any) -> Model:
         (made(lambda: swing("solver.steps")), "the count of the solver 'solver.steps' is named as the output"),
         (made(lambda: swing("a", Input(name="torque", unit="furlong"))), "the input 'torque': unit is 'furlong'"),
         (made(lambda: swing("a"), length="cubit"), "the parameter 'length': unit is 'cubit'"),
+        (made(lambda: swing("a"), length="m999"), "the parameter 'length': unit is 'm999'"),
+        (made(lambda: swing("a", told="bell \a")), "the description of the output 'a' is 'bell"),
+        (made(lambda: swing("a", nominal=-1.0)), "the nominal value of the output 'a' is -1.0"),
+        (made(lambda: swing("a", nominal=float("nan"))), "the nominal value of the output 'a' is nan"),
     ],
 )
 def test_what_no_fmu_can_be_made_of_is_refused_at_export(model: Model, message: str, tmp_path: Path) -> None:

@@ -56,7 +56,7 @@ class Arm(Model):
 
 def test_poses_are_those_of_the_kinematics() -> None:
     result, motion = recorded(Governor(damping=100.0))
-    assert np.array_equal(motion.times, result.times)
+    assert np.array_equal(motion.times, result.t)
     collar, arm = motion.names.index("collar"), motion.names.index("arm2")
     assert motion.r[:, collar, 1] == pytest.approx(result["collar.height"], abs=1e-7)
     ball = motion.point(arm, (0.16, 0.0, 0.0))[:, 0]
