@@ -1,4 +1,4 @@
-"""The examples of docs/extending.md and docs/equilibrium.md, run as they are printed."""
+"""The examples of the README, docs/extending.md and docs/equilibrium.md, run as they are printed."""
 
 from __future__ import annotations
 
@@ -32,7 +32,14 @@ def test_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         seen.append(language)
     assert seen.count("bash") == 1
     assert (tmp_path / "slider.fmu").is_file()
-    assert (tmp_path / "results" / "slider.png").is_file()
+    assert (tmp_path / "results" / "slidercrank_ida.png").is_file()
+
+
+def test_the_dozen_lines_of_the_readme_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (text,) = (text for language, _, text in blocks("../README.md") if language == "python")
+    exec(compile(text, "README.md", "exec"), {})
+    assert (tmp_path / "crank.png").stat().st_size > 10_000
 
 
 def test_steady_states_are_read_as_the_page_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

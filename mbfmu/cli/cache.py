@@ -49,7 +49,7 @@ def command_cache(options: argparse.Namespace) -> int:
 
 
 def warm(references: list[str]) -> None:
-    """Start every model under every solver that it can have, and look for a steady state."""
+    """Start every model under every solver that it can have, look for a steady state, and about it."""
     chosen = [load_scene(reference).model for reference in references]
     runs = [(model, solver) for model in chosen for solver in (*SOLVERS, "equilibrium")]
     for model in chosen:
@@ -59,7 +59,7 @@ def warm(references: list[str]) -> None:
             bar.set_description(f"{model.name} {solver}")
             try:
                 if solver == "equilibrium":
-                    EquilibriumProblem(model).solve()
+                    EquilibriumProblem(model).solve().shapes(1)
                 else:
                     Simulation(model, Settings(solver=solver))
             except UserError:
