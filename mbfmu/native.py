@@ -130,7 +130,7 @@ def run(
         variables=simulation.variables,
         statistics=simulation.statistics,
         wall_time=wall,
-        model=simulation.model.name,
+        name=simulation.model.name,
         settings=settings,
         failure=failure,
         verdict=simulation.verdict,

@@ -34,7 +34,7 @@ class Result:
     variables: tuple[Variable, ...]  # of the columns of values
     statistics: Statistics
     wall_time: float  # s, between the first and the last output
-    model: str = ""  # name of the model
+    name: str = ""  # of the model, or of the scene
     settings: Settings | None = None  # how it was integrated
     failure: str = ""  # why the run ended early and what to try; empty: it did not
     verdict: str = ""  # when and how the energy balance was lost; empty: it was not
@@ -53,9 +53,9 @@ class Result:
 
     @property
     def title(self) -> str:
-        """Model, solver and tolerance in one line."""
+        """Model or scene, solver and tolerance in one line."""
         how = f"{self.settings.name}, tolerance {self.settings.tolerance:g}" if self.settings else ""
-        return ", ".join(filter(None, (self.model, how)))
+        return ", ".join(filter(None, (self.name, how)))
 
     def __getitem__(self, name: str) -> Array:
         """Return one output over time."""

@@ -74,7 +74,7 @@ def test_a_result_is_saved_and_loaded_whole(result: mb.Result, tmp_path: Path) -
     again = mb.Result.load(tmp_path / "run.npz")
     np.testing.assert_array_equal(again.values, result.values)
     np.testing.assert_array_equal(again.t, result.t)
-    for name in ("variables", "statistics", "settings", "model", "failure", "remarks", "title"):
+    for name in ("variables", "statistics", "settings", "name", "failure", "remarks", "title"):
         assert getattr(again, name) == getattr(result, name)
     for content in (b"", b"no archive"):
         (tmp_path / "bad.npz").write_bytes(content)

@@ -69,7 +69,7 @@ def command_run(options: argparse.Namespace) -> int:
 
             with tempfile.TemporaryDirectory(prefix="mbfmu_") as place:
                 result = run_fmu(scene.model, scene.settings, times, Path(place) / "model.fmu", bar, warn)
-    total = time.perf_counter() - begin
+    total, result.name = time.perf_counter() - begin, scene.name
     csv, png, poses = failed if result.failure else files
     with writing(target):
         result.write_csv(csv)

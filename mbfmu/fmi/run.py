@@ -60,7 +60,7 @@ def run_fmu(
             variables=variables,
             statistics=statistics,
             wall_time=wall,
-            model=model.name,
+            name=model.name,
             settings=settings,
             failure=failure,
             verdict=warning,
