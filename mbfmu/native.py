@@ -43,7 +43,7 @@ def simulate(
     watch: Callable[[Simulation], None] | None = None,
     **settings: Any,
 ) -> Result:
-    """Simulate a model or a mechanism from rest at its start until ``stop_time``.
+    """Simulate a model or a mechanism from its start until ``stop_time``.
 
     Parameters
     ----------
