@@ -36,7 +36,7 @@ NEAR = 0.05  # ratio of singular values of J, scaled by the bodies' inertia, tha
 
 VARIABLES = (
     Variable("energy_imbalance", "J", "energy less its start and the work of drives, dampers and given forces"),
-    Variable("energy_exchanged", "J", "range of the kinetic energy so far, and work done either way"),
+    Variable("energy_exchanged", "J", "range of the kinetic energy at every eighth step so far, and work either way"),
 )
 
 
