@@ -99,6 +99,8 @@ def run(
     times = array_of("times", times)
     if times.ndim != 1 or not len(times) or not np.isfinite(times).all() or np.any(np.diff(times) <= 0.0):
         raise UserError(f"times are {times!r}; they must be finite numbers in one row, each later than the one before")
+    if not isinstance(inputs or {}, Mapping):
+        raise UserError(f"inputs are {inputs!r}; allowed: numbers or functions of time by the names of inputs")
     varying = {name: value for name, value in (inputs or {}).items() if callable(value)}
     first = {name: value(float(times[0])) if callable(value) else value for name, value in (inputs or {}).items()}
     simulation = Simulation(model, settings, float(times[0]), first)

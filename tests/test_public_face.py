@@ -60,6 +60,7 @@ def test_inputs_are_numbers_or_functions_of_time() -> None:
         ({"solver": "id"}, "solver is 'id'"),
         ({"interval": 0.0}, r"allowed: times greater than zero"),
         ({"inputs": {"force": 1.0}}, "there is no input 'force'"),
+        ({"inputs": [1.0]}, r"inputs are \[1\.0\]; allowed: numbers or functions of time"),
     ],
 )
 def test_what_is_wrong_is_said(given: dict[str, object], message: str) -> None:
@@ -134,5 +135,11 @@ def test_a_mechanism_is_linearized_compared_and_shown(tmp_path: Path) -> None:
     assert space.to_scipy().B.shape == (2, 1)
     page = mb.view(m, tmp_path / "arm.html", 0.1, solver="adams")
     assert page.read_text().startswith("<!doctype html>") or "<html" in page.read_text()[:200].lower()
+    for count in (0, "two"):
+        with pytest.raises(mb.UserError, match="allowed: a whole number from 1 on"):
+            mb.modes(m, count)  # type: ignore[arg-type]
+    for what in (m, 3):
+        with pytest.raises(mb.UserError, match=r"cannot be exported as it is|model is 3; allowed"):
+            mb.export(what, tmp_path / "arm.fmu")  # type: ignore[arg-type]
     with pytest.raises(mb.UserError, match="does not exist"):
         mb.view(m, tmp_path / "nowhere" / "arm.html", 0.1, solver="adams")

@@ -75,4 +75,4 @@ def test_it_falls_as_a_pendulum_or_is_refused(solver: str, seed: int) -> None:
         result = run(model, Settings(solver=solver, tolerance=tolerance), TIMES)
         off = max(abs(result[name] - exact[name][: len(result.t)]).max() for name in exact)
         assert off <= 100.0 * tolerance or result.failure or result.warning
-        assert solver == "ida" or not result.failure
+        assert not result.failure or (solver == "ida" and tolerance < 1e-4)

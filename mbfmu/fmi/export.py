@@ -21,7 +21,8 @@ from pythonfmu import FmuBuilder
 import mbfmu
 from mbfmu.errors import UserError
 from mbfmu.interface import interface, legible
-from mbfmu.model import Model
+from mbfmu.mechanics import Mechanism
+from mbfmu.model import Model, of_user
 from mbfmu.native import communication_points
 from mbfmu.settings import Settings
 
@@ -87,6 +88,9 @@ def export(
     UserError
         The model cannot be built with these parameters or described as an FMU, or the file cannot be written.
     """
+    if isinstance(model, Mechanism):
+        raise UserError("a mechanism cannot be exported as it is: write a Model whose build() returns it")
+    model = of_user(model)
     settings = settings or Settings(tolerance=model.tolerance)
     plant = model.plant()
     plant.assemble()  # what cannot start is not exported

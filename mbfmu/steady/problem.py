@@ -409,6 +409,6 @@ def modes(model: Model | Mechanism, count: int = 8, start: Mapping[str, float] |
     """Return natural modes and their shapes about a steady state, the lowest or slowest first; see
     :func:`equilibrium`.
     """
-    if count < 1:
-        raise UserError(f"count of modes is {count!r}; allowed: 1 or more")
+    if not isinstance(count, int) or count < 1:
+        raise UserError(f"count of modes is {count!r}; allowed: a whole number from 1 on")
     return equilibrium(model, start).shapes(count)
