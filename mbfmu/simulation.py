@@ -16,7 +16,7 @@ from mbfmu.audit import VARIABLES, Audit
 from mbfmu.errors import UserError
 from mbfmu.frame import frame, unframe
 from mbfmu.mechanics import Mechanism
-from mbfmu.mechanics.bending import COARSE, FOLDED, Bend
+from mbfmu.mechanics.arrays.bending import COARSE, FOLDED, Bend
 from mbfmu.mechanics.numbers import finite
 from mbfmu.model import Model, of_user
 from mbfmu.result import together
@@ -339,7 +339,7 @@ class Simulation:
         """Take the value of an input, by its name or number, at the time reached.
 
         What loads the mechanism holds from now on, or goes on, as the settings say. What moves a support is where the
-        support should be now, or how fast: the next step moves it, see :mod:`mbfmu.mechanics.motion`.
+        support should be now, or how fast: the next step moves it, see :mod:`mbfmu.mechanics.arrays.motion`.
         """
         index = self._input(key)
         value = finite(f"input {self.plant.inputs.variables[index].name!r}", value)

@@ -65,6 +65,11 @@ def hold(value: Any) -> Any:
     return Held(value) if COMPILED and isinstance(value, tuple) else value
 
 
+def contents(held: Any) -> Any:
+    """Return the tuple that :func:`hold` was given, with those in it held."""
+    return held.value if isinstance(held, Held) else held
+
+
 @infer_getattr
 class _Attributes(AttributeTemplate):
     key = HeldType

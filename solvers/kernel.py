@@ -63,3 +63,8 @@ def records(count: int, dtype: np.dtype[Any]) -> NDArray[Any]:
     """Return ``count`` zeroed records whose fields kernels reach as attributes (``bodies[i].mass``)."""
     array = np.zeros(count, dtype)
     return array if COMPILED else array.view(np.recarray)
+
+
+def is_kernel(function: Any) -> bool:
+    """Whether a function is compiled, so that kernels can call it."""
+    return isinstance(function, Inlined)

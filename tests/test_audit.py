@@ -17,7 +17,7 @@ from mbfmu.cli import main
 from mbfmu.fmi.export import export
 from mbfmu.fmi.harness import Fmu
 from mbfmu.mechanics import Harmonic, Input, JointForce, JointSpring, Mechanism, PointForce, Revolute, rod
-from mbfmu.mechanics.plant import Plant
+from mbfmu.mechanics.arrays.plant import Plant
 from mbfmu.model import Model, parameter
 from mbfmu.native import Result, run
 from mbfmu.scene import Scene

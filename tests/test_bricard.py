@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mbfmu.mechanics import Mechanism, Plant, Revolute, RevoluteCut
-from mbfmu.mechanics.rows import dependent_rows
+from mbfmu.mechanics.arrays.rows import dependent_rows
 from solvers import Options, stepper
 
 G = 9.81

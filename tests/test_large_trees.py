@@ -11,7 +11,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from mbfmu.errors import EquilibriumError, UserError
-from mbfmu.mechanics import Body, Mechanism, Polynomial, Revolute, Spring, Support, add_sheet, plant, rod
+from mbfmu.mechanics import Body, Mechanism, Polynomial, Revolute, Spring, Support, add_sheet, rod
+from mbfmu.mechanics.arrays import plant
 from mbfmu.mechanics.tangent import find_groups
 from mbfmu.mechanics.tangent.groups import BLOCK
 from mbfmu.model import Model, parameter

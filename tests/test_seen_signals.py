@@ -21,7 +21,6 @@ from mbfmu.mechanics import (
     Translational,
     rod,
 )
-from mbfmu.mechanics.signals import Varying, longest_step, varying
 from mbfmu.model import Model
 from mbfmu.native import run
 from mbfmu.simulation import Settings
@@ -107,12 +106,12 @@ def test_a_short_run_up_sets_a_hanging_mass_swinging(duration: float, solver: st
 def test_the_longest_step_sees_every_signal() -> None:
     plant = Made(make=lambda: shaken_slider(5.0)).plant()
     assert plant.system.resolves(0.7) == (pytest.approx(0.06), np.inf)
-    assert varying(plant.data.arrays.signals)[0].time == pytest.approx(0.2)
-    run_up = Varying(kind=2, begin=1.0, time=0.5)
-    assert longest_step(run_up, 0.0) == (0.5, 0.5)
-    assert longest_step(run_up, 0.9) == (pytest.approx(0.15), 1.5)
-    assert longest_step(run_up, 1.2) == (pytest.approx(0.15), 1.5)
-    assert longest_step(run_up, 1.5) == (np.inf, np.inf)
+    run_up = RunUp(speed=2.0, duration=0.5)
+    record = {"speed": 2.0, "duration": 0.5, "over": 0}
+    assert run_up.longest_step(record, -1.0) == (0.5, -0.5)
+    assert run_up.longest_step(record, -0.1) == (pytest.approx(0.15), 0.5)
+    assert run_up.longest_step(record, 0.2) == (pytest.approx(0.15), 0.5)
+    assert run_up.longest_step(record, 0.5) == (np.inf, np.inf)
 
 
 @pytest.mark.parametrize("solver", SOLVERS)

@@ -13,7 +13,7 @@ from fmus.sheet import Sheet
 from mbfmu.errors import EquilibriumError, UserError
 from mbfmu.fmi import Fmu, export
 from mbfmu.mechanics import Mechanism, Support, Weld, add_sheet
-from mbfmu.mechanics.rnea import momentum
+from mbfmu.mechanics.recursions.rnea import momentum
 from mbfmu.native import run
 from mbfmu.simulation import Settings, Simulation
 from mbfmu.steady.problem import EquilibriumProblem, equilibrium

@@ -27,9 +27,9 @@ from mbfmu.mechanics import (
     Support,
     Translational,
     add_sheet,
-    plant,
 )
-from mbfmu.mechanics.supports import UPRIGHT
+from mbfmu.mechanics.arrays import plant
+from mbfmu.mechanics.assemblies.supports import UPRIGHT
 from mbfmu.model import Model, parameter
 from mbfmu.native import run
 from mbfmu.simulation import Settings, Simulation
@@ -293,7 +293,7 @@ def test_pressure_may_change_during_a_run_but_not_appear() -> None:
     simulation = Simulation(model, Settings(tolerance=1e-5))
     simulation.advance(0.002)
     simulation.retune(model.with_values({"pressure": 2.0}))
-    assert simulation.plant.data.arrays.signals["c"][0, 0] == 2.0
+    assert simulation.plant.signal_records(simulation.plant.data)[0]["c"][0] == 2.0
     assert simulation.advance(0.004).ok
     none = Simulation(model.with_values({"pressure": 0.0}), Settings())
     with pytest.raises(UserError, match="'pressure' cannot change during a run"):
@@ -369,7 +369,7 @@ def test_a_clamp_at_one_end_of_the_edge_twists_the_sheet() -> None:
 
 def linearisation(at: Plant, q: Any, lam: Any) -> Any:
     """Exact derivative (n, n) of h + J^T lambda at rest, by complex step on the dense twin."""
-    from mbfmu.mechanics.dynamics import solved, take_free
+    from mbfmu.mechanics.recursions.dynamics import solved, take_free
 
     twin, n = at.complex_system(), at.system.n
     K, tau = np.zeros((n, n)), np.zeros(n, complex)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from mbfmu.mechanics import Body, Box, Input, Mechanism, Support, Translational, Weld, add_sheet
-from mbfmu.mechanics.sheet import Sheet as SheetHandle
+from mbfmu.mechanics.assemblies.sheet import Sheet as SheetHandle
 from mbfmu.model import Model, parameter
 
 HELD = {"clamped": "clamped", "moved": "clamped", "pinned": "pinned", "two_edges": "pinned"}

@@ -2,20 +2,21 @@
 
 from mbfmu.errors import AssemblyError, UserError
 
-from .bodies import Body, CutHandle, Elastic
-from .chain import add_chain
-from .compile import Variable
+from .arrays.compile import Variable
+from .arrays.plant import Plant
+from .assemblies.chain import add_chain
+from .assemblies.sheet import Sheet, add_sheet
+from .assemblies.supports import Support
+from .builder.bodies import Body, CutHandle, Elastic
+from .builder.mechanism import Mechanism, rod
 from .cuts import DistanceCut, PlanarCut, PlaneCut, RevoluteCut, SphericalCut, WeldCut
-from .elastic import MODES, Beam, Plate
-from .forces import BeamElement, JointForce, JointSpring, PointForce, Spring, Torque
+from .elements import BeamElement, Plate
+from .flexible import MODES, Beam
 from .joints import Floating, Geodesic, OutOfPlane, Revolute, Spherical, Translational, Weld
-from .mechanism import Mechanism, rod
-from .plant import Plant
+from .loads import JointForce, JointSpring, PointForce, Spring, Torque
 from .sensors import Sensor
 from .shapes import Box, Cylinder, Sphere
-from .sheet import Sheet, add_sheet
 from .signals import Harmonic, Input, Polynomial, RunUp, SpeedInput
-from .supports import Support
 
 __all__ = [
     "MODES",

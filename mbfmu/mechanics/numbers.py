@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from mbfmu.errors import UserError
 
+SHORTEST, LONGEST = 1e-50, 1e50  # m, of the lengths that can be reckoned with
+
 
 def array_of(what: str, value: Any) -> NDArray[np.float64]:
     """Return numbers as an array; they need not be finite."""

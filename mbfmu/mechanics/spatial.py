@@ -64,6 +64,25 @@ def add_wrench(W: Vec, x: float, y: float, z: float, f: Vec) -> None:
 
 
 @kernel
+def shift_motion(here: Any, parent: Any, Yj: Vec, Y: Vec) -> None:
+    """Y += what taking the parent's motion Yj at another origin adds: w_j x (r - r_j)."""
+    x, y, z = here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2]
+    wx, wy, wz = Yj[3], Yj[4], Yj[5]
+    Y[0] += wy * z - wz * y
+    Y[1] += wz * x - wx * z
+    Y[2] += wx * y - wy * x
+
+
+@kernel
+def shift_wrench(here: Any, parent: Any, f: Vec) -> None:
+    """Refer the wrench f at a body's origin to its parent's."""
+    x, y, z = here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2]
+    f[3] += y * f[2] - z * f[1]
+    f[4] += z * f[0] - x * f[2]
+    f[5] += x * f[1] - y * f[0]
+
+
+@kernel
 def add_force(W: Vec, x: float, y: float, z: float, fx: float, fy: float, fz: float) -> None:
     """Add to W a force that acts at the offset (x, y, z) from W's origin."""
     W[0] += fx
@@ -72,6 +91,24 @@ def add_force(W: Vec, x: float, y: float, z: float, fx: float, fy: float, fz: fl
     W[3] += y * fz - z * fy
     W[4] += z * fx - x * fz
     W[5] += x * fy - y * fx
+
+
+@kernel
+def arm(here: Any, p: Any) -> tuple[float, float, float]:
+    """Offset A p of a body-fixed point from its body's origin, global axes."""
+    A = here.A
+    return (
+        A[0, 0] * p[0] + A[0, 1] * p[1] + A[0, 2] * p[2],
+        A[1, 0] * p[0] + A[1, 1] * p[1] + A[1, 2] * p[2],
+        A[2, 0] * p[0] + A[2, 1] * p[1] + A[2, 2] * p[2],
+    )
+
+
+@kernel
+def centripetal(here: Any, x: float, y: float, z: float, k: int) -> float:
+    """Component k of w x (w x p) = w (w.p) - p w.w."""
+    w = here.Y
+    return w[3 + k] * (w[3] * x + w[4] * y + w[5] * z) - (x, y, z)[k] * (w[3] * w[3] + w[4] * w[4] + w[5] * w[5])
 
 
 @kernel

@@ -15,7 +15,6 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,8 +66,8 @@ class EquilibriumProblem:
             plant.drives.finish_run_ups()
         if plant.system.n == 0:
             raise EquilibriumError(f"model {model.name!r} has no free coordinate; there is no steady state to look for")
-        for name, speed, higher in plant.drives.speeds():
-            if higher != 0.0:
+        for name, speed, constant in plant.drives.speeds():
+            if not constant:
                 raise EquilibriumError(
                     f"the drive of {name!r} has no constant speed (now {speed:g}); hold or ramp it out"
                 )
@@ -77,18 +76,19 @@ class EquilibriumProblem:
         self._v, self._cyclic = np.zeros(plant.system.n), np.zeros(plant.system.n, bool)
         self._lay_out()
         if isinstance(plant.system, TreeSystem):
-            self._signals: Any = plant.data.arrays.signals
+            data = plant.data
             self._solver: EquilibriumSolver = TreeEquilibriumSolver(plant.system, self._v)
             self._solver.rehearse(self._start)
         else:
             self._complex = plant.complex_system()
-            self._signals = self._complex.data.arrays.signals
+            data = self._complex.data
             general = plant.beside(0.0, self._start)
             self._cyclic = self._find_cyclic(general)
             self._v = np.where(self._cyclic, plant.start_velocities(), 0.0)
             self._solver = DenseEquilibriumSolver(self._complex, 0.0, general, self._v)
             self._solver.rehearse(self._start)
-        self._full_speed = self._signals["c"].copy()
+        self._signals = plant.signal_records(data)
+        self._full_speeds = plant.drives.full_speeds()
 
     def start(self, given: Mapping[str, float] | None = None) -> Array:
         """Return closed positions (nq,): the model's start with coordinates ``given`` by name instead, held."""
@@ -191,8 +191,7 @@ class EquilibriumProblem:
 
     def _set_speed(self, part: float) -> None:
         """Let every drive run at ``part`` of its speed."""
-        for k in self.plant.drives.signals:
-            self._signals["c"][k, 1] = part * self._full_speed[k, 1]
+        self.plant.drives.run_at(part * self._full_speeds, self._signals)
 
     def _continue_from_rest(self, q: Array, failed: Solution) -> Solution:
         """Follow the steady state from rest to full speed."""

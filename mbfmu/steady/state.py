@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mbfmu.errors import EquilibriumError
 from mbfmu.mechanics import Plant
-from mbfmu.mechanics.bending import COARSE
+from mbfmu.mechanics.arrays.bending import COARSE
 from mbfmu.model import Model
 from mbfmu.steady.linear import Mode, StateSpace, linearise
 from mbfmu.steady.modes import Shape, shapes

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics import DistanceCut, Floating, JointSpring, Mechanism, Revolute, Spherical, Spring, Translational
-from mbfmu.mechanics.bodies import Body, CutHandle, Elastic
+from mbfmu.mechanics.builder.bodies import Body, CutHandle, Elastic
 from mbfmu.mechanics.checks import rotation
 from mbfmu.mechanics.cuts import Cut
 from mbfmu.mechanics.joints.section import Section

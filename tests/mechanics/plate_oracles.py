@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from mbfmu.mechanics import Mechanism, Plant, Sheet, Support, add_sheet
-from mbfmu.mechanics.dynamics import solved
+from mbfmu.mechanics.recursions.dynamics import solved
 from solvers.system import TreeSystem
 
 E = 1e-30  # complex step
@@ -51,7 +51,7 @@ def cantilever(grid: tuple[int, int], *, gravity: float = 9.81, **options: Any) 
 def bodies_at(plant: Plant, q: Any) -> Any:
     """Motions of all bodies at rest in q."""
     n = plant.system.n
-    solved(0.0, q, np.zeros(n), np.zeros(n), np.zeros(plant.system.m), plant.data)
+    solved(0.0, q, np.zeros(n), np.zeros(n), np.zeros(plant.system.m), plant.kernel_data)
     return plant.data.state.bodies
 
 
@@ -64,7 +64,7 @@ def forces_and_tangent(plant: Plant, q: Any) -> tuple[Any, Any]:
         moved, step = q.astype(complex), zero.copy()
         step[k] = 1j * E
         system.apply(moved, step)
-        solved(0.0, moved, zero, zero, np.zeros(system.m, complex), system.data)
+        solved(0.0, moved, zero, zero, np.zeros(system.m, complex), system.held_data)
         K[:, k] = system.data.state.tau.imag / E
     return system.data.state.tau.real.copy(), K
 

@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
-from mbfmu.mechanics import Mechanism, Plant
-from mbfmu.mechanics.cuts import REGISTRY as CUTS
-from mbfmu.mechanics.cuts import DistanceCut
-from mbfmu.mechanics.forces import REGISTRY as FORCES
-from mbfmu.mechanics.forces import JointForce, JointSpring
-from mbfmu.mechanics.joints import REGISTRY as JOINTS
+from mbfmu.mechanics import Mechanism, Plant, cuts, elements, joints, loads
+from mbfmu.mechanics.cuts import Cut, DistanceCut
 from mbfmu.mechanics.joints import Joint
 from mbfmu.mechanics.joints.base import AxisJoint
+from mbfmu.mechanics.kind import kinds_of
+from mbfmu.mechanics.loads import Force
 from mbfmu.mechanics.signals import Harmonic, Polynomial
 
 Generator = np.random.Generator
+JOINTS, CUTS = kinds_of(joints, Joint), kinds_of(cuts, Cut)
+FORCES = kinds_of(loads, Force) + kinds_of(elements, Force)
 NUMBERS = ("stiffness", "damping", "free", "axial", "torsion", "bending_y", "bending_z")
 
 
@@ -61,7 +61,7 @@ def add_forces(m: Mechanism, rng: Generator) -> None:
     for kind in FORCES:
         body = m.bodies[rng.integers(1, len(m.bodies))]
         other = m.bodies[rng.integers(0, body.index)]
-        if kind in (JointForce, JointSpring) and body.joint.nv != 1:
+        if kind.on_joint and body.joint.nv != 1:
             continue
         names = kind.__dataclass_fields__
         options: dict[str, Any] = {k: rng.uniform(0.1, 2.0) for k in (*NUMBERS, "length") if k in names}

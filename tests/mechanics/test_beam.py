@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 
 from mbfmu.errors import UserError
 from mbfmu.mechanics import MODES, Beam
-from mbfmu.mechanics.arrays import ELASTIC, NODE
+from mbfmu.mechanics.flexible.modal import ELASTIC, NODE
 from solvers.kernel import records
 
 L, MASS, EI = 3.0, 24.057, 7897.5

@@ -11,8 +11,8 @@ from random_mechanisms import Case
 from test_identities import close, derivative, observed
 
 from mbfmu.mechanics import Harmonic, Mechanism, Sheet, Support, Translational, add_sheet
-from mbfmu.mechanics.aba import forward_dynamics
-from mbfmu.mechanics.dynamics import move
+from mbfmu.mechanics.recursions.aba import forward_dynamics
+from mbfmu.mechanics.recursions.dynamics import move
 
 TREES = ["spine", "rows", "master"]
 GRAVITY = np.array([0.4, -0.9, 0.6])
@@ -58,7 +58,7 @@ def shaken(tree: str, *, gravity: Any = (0.0, 0.0, 0.0), moved: bool = False, **
 
 def corners_of(case: Case, sheet: Sheet, t: float, q: Any, v: Any) -> list[tuple[Any, Any, Any]]:
     """Origins, normals and velocities (4, 3) of the corners of every element."""
-    move(t, q, v, *case.plant.data)
+    move(t, q, v, *case.plant.kernel_data)
     bodies, (nx, nz) = case.plant.data.state.bodies, (len(sheet.nodes), len(sheet.nodes[0]))
     found = []
     for i in range(nx - 1):
@@ -150,8 +150,8 @@ def test_energy_changes_by_the_power_of_forces_and_drives_less_what_is_dissipate
 def test_left_alone_it_gains_what_drives_give_and_loses_what_is_dissipated(effects: dict[str, Any], tree: str) -> None:
     """With forward dynamics."""
     case, sheet = shaken(tree, **effects)
-    move(case.t, case.q, case.v, *case.plant.data)
-    assert forward_dynamics(*case.plant.data) == 0
+    move(case.t, case.q, case.v, *case.plant.kernel_data)
+    assert forward_dynamics(*case.plant.kernel_data) == 0
     full, free = case.plant.data.state.a, case.plant.data.arrays.bodies
     case.a = np.concatenate([full[b["vi"] : b["vi"] + b["nv"]] for b in free if b["vf"] >= 0])
     driving = powers(case)[1]

@@ -12,9 +12,9 @@ from random_mechanisms import Case, random_inertia, random_rotation
 
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Beam, BeamElement, Floating, Mechanism, Revolute, SphericalCut, Translational, add_chain
-from mbfmu.mechanics.aba import forward_dynamics
-from mbfmu.mechanics.dynamics import move, solved
-from mbfmu.mechanics.rnea import momentum
+from mbfmu.mechanics.recursions.aba import forward_dynamics
+from mbfmu.mechanics.recursions.dynamics import move, solved
+from mbfmu.mechanics.recursions.rnea import momentum
 from solvers import Options, stepper
 
 TOLERANCE = 1e-9
@@ -82,10 +82,10 @@ def test_mass_matrix_inverse_dynamics_and_articulated_body_agree(seed: int, stif
     terms = system.allocate_terms()
     system.fill(0.0, case.q, case.v, terms)
     np.testing.assert_array_equal(terms.M, terms.M.T)
-    solved(0.0, case.q, case.v, case.a, np.zeros(0), data)
+    solved(0.0, case.q, case.v, case.a, np.zeros(0), case.plant.kernel_data)
     agree(data.state.tau, terms.M @ case.a + terms.h)
-    move(0.0, case.q, case.v, *data)
-    assert forward_dynamics(*data) == 0
+    move(0.0, case.q, case.v, *case.plant.kernel_data)
+    assert forward_dynamics(*case.plant.kernel_data) == 0
     agree(terms.M @ data.state.a, -terms.h)
 
 
@@ -113,7 +113,7 @@ def test_kinetic_energy_is_the_mass_matrix_form_and_power_is_its_rate(seed: int,
 
 def twin_energy(plant: Any, q: Any, v: Any) -> complex:
     """Energy of the mechanism on complex numbers."""
-    from mbfmu.mechanics.dynamics import energy
+    from mbfmu.mechanics.recursions.dynamics import energy
 
     return complex(energy(0.0, q, v, plant.complex_system().held_data))
 
@@ -160,8 +160,8 @@ def test_momentum_of_a_free_mechanism_changes_by_its_weight(seed: int) -> None:
     run = stepper("adams", system, 0.0, case.q, 0.2 * case.v, Options(rtol=1e-10))
     before, after = np.zeros(6), np.zeros(6)
     for out in (before, after):
-        move(run.t, run.q, run.v, *plant.data)
-        momentum(*plant.data, out)
+        move(run.t, run.q, run.v, *plant.kernel_data)
+        momentum(*plant.kernel_data, out)
         run.advance(0.1)
     plant.data.arrays.world["gravity"][0] = gravity
     np.testing.assert_allclose(after, before, atol=1e-6)

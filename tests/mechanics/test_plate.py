@@ -11,9 +11,11 @@ from random_mechanisms import random_rotation
 
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Floating, Mechanism, Plant, Plate, Polynomial
-from mbfmu.mechanics.dynamics import energy, move
-from mbfmu.mechanics.elastic import pressure, tangent
-from mbfmu.mechanics.elastic.plate import bending_strain, lean, stress
+from mbfmu.mechanics.dispatch import load_tangent
+from mbfmu.mechanics.elements.plate_energy import bending_strain, lean, stress
+from mbfmu.mechanics.loads import Drag
+from mbfmu.mechanics.recursions.dynamics import energy, move
+from solvers.held import contents, hold
 
 A, B, NU = 2.0, 1.5, 0.3
 BENDING = {"a": A, "b": B, "thickness": 0.3, "youngs_modulus": 10.0, "poisson": NU}
@@ -62,7 +64,7 @@ def posed(r: Any, A_: Any) -> Any:
 
 def wrenches(plant: Plant, q: Any, v: Any = None) -> Any:
     """Applied wrenches (4, 6) about the origins, global axes."""
-    move(0.0, q, np.zeros(24) if v is None else v, *plant.data)
+    move(0.0, q, np.zeros(24) if v is None else v, *plant.kernel_data)
     return plant.data.state.bodies["F"][1:].copy()
 
 
@@ -77,7 +79,7 @@ def joint_axes(plant: Plant) -> list[Any]:
 
 
 def complex_columns(plant: Plant, q: Any, function: Any) -> Any:
-    """Derivative of ``function(q, data)`` along the 24 motions of the nodes, by complex step."""
+    """Derivative of ``function(q, system)`` along the 24 motions of the nodes, by complex step."""
     system = plant.complex_system()
     wrenches(plant, q)
     columns = []
@@ -86,17 +88,24 @@ def complex_columns(plant: Plant, q: Any, function: Any) -> Any:
             moved, step = q.astype(complex), np.zeros(24, complex)
             step[6 * i : 6 * i + 6] = 1j * E * T[:, k]
             system.apply(moved, step)
-            columns.append(np.imag(function(moved, system.data)) / E)
+            columns.append(np.imag(function(moved, system)) / E)
     return np.array(columns).T
 
 
-def complex_wrenches(q: Any, data: Any) -> Any:
-    move(0.0, q, np.zeros(24, complex), *data)
-    return data.state.bodies["F"][1:].reshape(-1)
+def complex_wrenches(q: Any, system: Any) -> Any:
+    move(0.0, q, np.zeros(24, complex), *contents(system.held_data))
+    return system.data.state.bodies["F"][1:].reshape(-1)
 
 
-def complex_energy(q: Any, data: Any) -> Any:
-    return energy(0.0, q, np.zeros(24, complex), data)
+def complex_energy(q: Any, system: Any) -> Any:
+    return energy(0.0, q, np.zeros(24, complex), system.held_data)
+
+
+def tangent_of(plant: Plant, c1: float, K: Any) -> None:
+    """Add to K the tangent of the only load where it is."""
+    _, state = plant.kernel_data
+    arrays = hold(plant._compiled.tangent_arrays())
+    load_tangent(plant.data.arrays.loads[0], c1, arrays, state, K)
 
 
 @pytest.mark.parametrize("b", [0.4, 1.5, 2.0])
@@ -106,7 +115,7 @@ def test_bending_is_the_rectangle_of_adini_clough_and_melosh(b: float) -> None:
     K = acm_stiffness(A, b, D, NU)
     w = u[:, 0]
     tilt = (w[1] - w[0] + w[2] - w[3]) / (2 * A), (w[3] - w[0] + w[2] - w[1]) / (2 * b)
-    plate = element(b=b).data.arrays.plates[0]
+    plate = element(b=b).records(Plate)[0]
     e, s = np.zeros(12), np.zeros(12)
     bending_strain(plate, u[:, 1:] - tilt, 0.25 * (w[0] - w[1] + w[2] - w[3]), e)
     stress(plate, e, 1.0, s)
@@ -193,9 +202,8 @@ def test_forces_are_minus_the_gradient_of_the_energy(kind: dict[str, Any], size:
 def test_stiffness_is_the_derivative_of_the_forces(kind: dict[str, Any], size: float) -> None:
     plant = element(**kind)
     q, K = bent(plant, size), np.zeros((24, 24))
-    arrays, state = plant.data
     wrenches(plant, q)
-    tangent.stiffness(arrays.plates[0], state.bodies, state.element[0], K)
+    tangent_of(plant, 0.0, K)
     np.testing.assert_allclose(K, -complex_columns(plant, q, complex_wrenches), rtol=0, atol=1e-13 * np.abs(K).max())
 
 
@@ -204,8 +212,10 @@ def test_damping_is_the_derivative_of_the_forces_by_velocities(kind: dict[str, A
     plant = element(damping=0.2, **kind)
     q, C = bent(plant, 0.3), np.zeros((24, 24))
     rest, Y = wrenches(plant, q), np.random.default_rng(3).normal(size=24)
-    arrays, state = plant.data
-    tangent.damping(arrays.plates[0], state.bodies, state.element[0], C)
+    K = np.zeros((24, 24))
+    tangent_of(plant, 0.0, K)
+    tangent_of(plant, 1.0, C)
+    C -= K
     v = np.concatenate([T @ Y[6 * i : 6 * i + 6] for i, T in enumerate(joint_axes(plant))])
     np.testing.assert_allclose((rest - wrenches(plant, q, v)).reshape(-1), C @ Y, atol=1e-13 * np.abs(C).max())
     assert np.linalg.eigvalsh(0.5 * (C + C.T)).min() > -1e-13 * np.abs(C).max()
@@ -283,14 +293,13 @@ def test_stiffness_of_a_pressure_is_the_derivative_of_its_forces(size: float) ->
     plant = pressed(3.0)
     q, K = bent(plant, size), np.zeros((24, 24))
     wrenches(plant, q)
-    arrays, state = plant.data
-    pressure.stiffness(arrays.pressures[0], 3.0, state.bodies, K)
+    tangent_of(plant, 0.0, K)
     np.testing.assert_allclose(K, -complex_columns(plant, q, complex_wrenches), rtol=0, atol=1e-14 * np.abs(K).max())
 
 
 def test_pressure_is_a_signal() -> None:
     plant = pressed(Polynomial((1.0, 2.0)))
-    move(3.0, bent(plant, 0.0), np.zeros(24), *plant.data)
+    move(3.0, bent(plant, 0.0), np.zeros(24), *plant.kernel_data)
     np.testing.assert_allclose(plant.data.state.bodies["F"][1:, 1], 0.25 * 7.0 * A * B)
     with pytest.raises(UserError, match="magnitude of pressure 'wind' is nan"):
         pressed(float("nan"))
@@ -308,14 +317,15 @@ def test_lean_of_a_normal_on_both_sides_of_its_series(theta: float) -> None:
 
 def test_effects_that_are_off_are_absent() -> None:
     def plates(**options: Any) -> tuple[int, int, int]:
-        arrays = element(**options).data.arrays
-        return int(arrays.plates[0]["membrane"]), int(arrays.plates[0]["damped"]), len(arrays.drags)
+        plant = element(**options)
+        (plate,) = plant.records(Plate)
+        return int(plate["membrane"]), int(plate["damped"]), len(plant.records(Drag))
 
     assert plates() == (0, 0, 0)
     assert plates(membrane="s", damping=0.1, drag=1.0) == (1, 1, 1)
     m = Mechanism()
     m.body("b", m.ground, Floating(), mass=1.0, inertia=(1.0, 1.0, 1.0))
-    assert len(m.compile().data.arrays.plates) == 0
+    assert len(m.compile().data.arrays.loads) == 0
 
 
 @pytest.mark.parametrize(

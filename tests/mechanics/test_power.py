@@ -11,7 +11,7 @@ from random_mechanisms import Case, cases
 from test_identities import derivative, observed
 
 from mbfmu.mechanics import Beam, Harmonic, Input, Mechanism, Plant, Revolute, Support, add_sheet, rod
-from mbfmu.mechanics import plant as plants
+from mbfmu.mechanics.arrays import plant as plants
 from solvers.kernel import kernel
 from solvers.system import TreeSystem
 

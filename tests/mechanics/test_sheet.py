@@ -28,17 +28,18 @@ from mbfmu.mechanics import (
     Floating,
     Harmonic,
     Mechanism,
+    Plate,
     Revolute,
     Sheet,
     Support,
     Translational,
     add_sheet,
 )
-from mbfmu.mechanics.aba import forward_dynamics
-from mbfmu.mechanics.dynamics import move, solved
-from mbfmu.mechanics.elastic.plate import shape, strain
-from mbfmu.mechanics.rows import dependent_rows
-from mbfmu.mechanics.tangent import Tangent, find_groups
+from mbfmu.mechanics.arrays.rows import dependent_rows
+from mbfmu.mechanics.elements.plate_energy import shape, strain
+from mbfmu.mechanics.recursions.aba import forward_dynamics
+from mbfmu.mechanics.recursions.dynamics import move, solved
+from mbfmu.mechanics.tangent import find_groups
 from mbfmu.model import Model
 from mbfmu.steady.problem import equilibrium
 
@@ -75,10 +76,10 @@ def test_a_cell_that_bends_and_twists_is_not_strained_to_third_order() -> None:
                 q[k] = 0.5 * size * 0.15, -size, size * size
         bodies_at(plant, q.reshape(-1))
         strains = []
-        for e in range(len(plant.data.arrays.plates)):
+        for plate in plant.records(Plate):
             plant.data.state.element[0]["strain"][:] = 0.0
-            shape(plant.data.arrays.plates[e], plant.data.state.bodies, plant.data.state.element[0])
-            strain(plant.data.arrays.plates[e], plant.data.state.element[0])
+            shape(plate, plant.data.state.bodies, plant.data.state.element[0])
+            strain(plate, plant.data.state.element[0])
             strains.append(plant.data.state.element[0]["strain"][9:12].copy())
         return np.abs(strains).max(axis=0)
 
@@ -101,7 +102,7 @@ def test_flat_sheet_lies_where_it_is_put(tree: str, edge: str) -> None:
             np.testing.assert_allclose(bodies["A"][body.index], R, atol=1e-15)
     held = 0 if tree == "master" else {"x": 5, "z": 6}[edge[0]]
     assert plant.system.n == 3 * (30 - held) if held else 6 + 3 * 29
-    assert len(plant.data.arrays.plates) == 20
+    assert len(plant.records(Plate)) == 20
     assert sheet.nearest(0.13, 0.2) is sheet.node(2, 4)
 
 
@@ -145,8 +146,8 @@ def test_articulated_body_and_complex_step_see_the_elements(tree: str) -> None:
     given = case(tree, **EVERYTHING)
     check_complex_step(given)
     data, terms = given.plant.data, given.plant.system.allocate_terms()
-    move(given.t, given.q, given.v, *data)
-    assert forward_dynamics(*data) == 0
+    move(given.t, given.q, given.v, *given.plant.kernel_data)
+    assert forward_dynamics(*given.plant.kernel_data) == 0
     a = data.state.a.copy()
     given.plant.system.fill(given.t, given.q, given.v, terms)
     close(terms.M @ a + terms.h, np.zeros_like(a), float(np.abs(terms.h).max()))
@@ -158,8 +159,8 @@ def test_structured_tangent_sees_elements_and_pressure(tree: str) -> None:
     given = case(tree, membrane=True, pressure=0.4)
     plant, n = given.plant, given.plant.system.n
     K = forces_and_tangent(plant, given.q)[1]
-    solved(0.0, given.q, np.zeros(n), np.zeros(n), np.zeros(0), plant.data)
-    tangent = Tangent(plant.data, find_groups(plant.mechanism))
+    solved(0.0, given.q, np.zeros(n), np.zeros(n), np.zeros(0), plant.kernel_data)
+    tangent = plant.tangent(find_groups(plant.mechanism))
     assert tangent.factor(0.0, 1.0)
     np.testing.assert_allclose(tangent.solve(K @ given.a + tangent.inertia(given.a)), given.a, atol=1e-11)
 
@@ -168,7 +169,7 @@ def test_pressure_lifts_a_sheet_by_its_area() -> None:
     """On the flat sheet p times the area, on the bent one the vector area of its surface."""
     m, sheet = cantilever((6, 5), tree="master", supports=[], pressure=7.0, gravity=0.0)
     plant = m.compile()
-    move(0.0, plant.start_positions(), np.zeros(plant.system.n), *plant.data)
+    move(0.0, plant.start_positions(), np.zeros(plant.system.n), *plant.kernel_data)
     forces = plant.data.state.bodies["F"][[body.index for row in sheet.nodes for body in row], :3]
     np.testing.assert_allclose(forces.sum(axis=0), (0.0, 7.0 * 0.3 * 0.21, 0.0), atol=1e-15)
     inner = plant.data.state.bodies["F"][sheet.node(2, 2).index]
@@ -179,8 +180,8 @@ def test_free_sheet_falls_flat() -> None:
     m, sheet = cantilever((5, 3), tree="master", supports=[])
     plant = m.compile()
     q = plant.start_positions()
-    move(0.0, q, np.zeros(plant.system.n), *plant.data)
-    assert forward_dynamics(*plant.data) == 0
+    move(0.0, q, np.zeros(plant.system.n), *plant.kernel_data)
+    assert forward_dynamics(*plant.kernel_data) == 0
     for row in sheet.nodes:
         for body in row:
             fall = plant.data.state.bodies[body.index]["dY"]
@@ -296,7 +297,7 @@ def test_a_driven_body_carries_an_edge_or_the_master_node(tree: str) -> None:
     sheet = add(m, tree=tree, **held)
     plant, t = m.compile(), 0.07
     bodies = plant.data.state.bodies
-    move(t, plant.start_positions(), np.zeros(plant.system.n), *plant.data)
+    move(t, plant.start_positions(), np.zeros(plant.system.n), *plant.kernel_data)
     assert plant.system.m == 0
     expected = (0.02, 0.05 * np.sin(4.0 * np.pi * t), 0.0)
     np.testing.assert_allclose(bodies["r"][sheet.node(0, 0).index], expected, atol=1e-15)

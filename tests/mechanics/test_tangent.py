@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mbfmu.mechanics import Plant
-from mbfmu.mechanics import dynamics as dy
-from mbfmu.mechanics.kinematics import accelerations
-from mbfmu.mechanics.rnea import inverse_dynamics
-from mbfmu.mechanics.tangent import Groups, Tangent, find_groups, groups
+from mbfmu.mechanics.recursions import dynamics as dy
+from mbfmu.mechanics.recursions.kinematics import accelerations
+from mbfmu.mechanics.recursions.rnea import inverse_dynamics
+from mbfmu.mechanics.tangent import Groups, find_groups, groups
 
 from .random_mechanisms import Case, cases
 
@@ -22,7 +22,7 @@ def inverse(plant: Plant, q: Any, a: Any) -> Any:
     """Joint forces (n,) at rest with accelerations a (n,); leaves the state there."""
     arrays, state = plant.data
     free = [(b, k) for b in arrays.bodies if b["vf"] >= 0 for k in range(b["nv"])]
-    dy.move(0.0, q, np.zeros(plant.system.n), arrays, state)
+    dy.move(0.0, q, np.zeros(plant.system.n), *plant.kernel_data)
     for b, k in free:
         state.a[b["vi"] + k] = a[b["vf"] + k]
     accelerations(arrays, state)
@@ -33,7 +33,7 @@ def inverse(plant: Plant, q: Any, a: Any) -> Any:
 def loaded(plant: Plant, q: Any, lam: Any) -> Any:
     """Joint forces (n,) at rest with multipliers lam (m,); leaves the state there."""
     n, tau = plant.system.n, np.zeros(plant.system.n)
-    dy.solved(0.0, q, np.zeros(n), np.zeros(n), lam, plant.data)
+    dy.solved(0.0, q, np.zeros(n), np.zeros(n), lam, plant.kernel_data)
     dy.take_free(plant.data.state.tau, plant.data.arrays, tau)
     return tau
 
@@ -58,7 +58,7 @@ def test_solves_the_linearised_inverse_dynamics(case: Case, c2: float, how: int 
         plant.system.apply(back, -h * e)
         T[:, k] = (inverse(plant, there, c2 * h * e) - inverse(plant, back, -c2 * h * e)) / (2.0 * h)
     inverse(plant, case.q, np.zeros(n))
-    tangent = Tangent(plant.data, groups_of(plant, how))
+    tangent = plant.tangent(groups_of(plant, how))
     if np.linalg.cond(T) > 1e6:
         return
     assert tangent.factor(0.0, c2)
@@ -73,10 +73,10 @@ def test_damping_of_forces(case: Case) -> None:
     still, D = np.zeros(n), np.zeros((2, n, n))
     for k, e in enumerate(np.eye(n)):
         for side, v in zip(D, (c1 * e, -c1 * e), strict=True):
-            dy.solved(0.0, case.q, v, still, np.zeros(0), plant.data)
+            dy.solved(0.0, case.q, v, still, np.zeros(0), plant.kernel_data)
             dy.take_free(plant.data.state.tau, plant.data.arrays, side[k])
     T = 0.5 * (D[0] - D[1]).T  # velocity products are even
-    first = {c: Tangent(plant.data, groups_of(plant, None)) for c in (0.0, c1)}
+    first = {c: plant.tangent(groups_of(plant, None)) for c in (0.0, c1)}
     inverse(plant, case.q, np.zeros(n))
     assert all(tangent.factor(c, c2) for c, tangent in first.items())
     x = first[c1].solve(case.a)
@@ -101,7 +101,7 @@ def test_reactions_of_cut_joints_and_their_springs(case: Case) -> None:
     if np.linalg.cond(T) > 1e6:
         return
     loaded(plant, case.q, lam)
-    tangent = Tangent(plant.data, groups_of(plant, None))
+    tangent = plant.tangent(groups_of(plant, None))
     assert tangent.factor(0.0, 50.0, alpha)
     x = tangent.solve(case.a)
     np.testing.assert_allclose(T @ x, case.a, atol=1e-6 * (1.0 + np.abs(T).max() * np.abs(x).max()))

@@ -1,8 +1,8 @@
 """What every cut joint says of itself.
 
-A cut joint ties point P of body a to point Q of body b. Its kernel ``close(cut, A, B, rows)`` writes its rows from
-``cut.row`` on: the residual Phi and the wrenches Ga, Gb (about the two origins, global axes) and the velocity products
-``bias`` such that
+A cut joint ties point P of body a to point Q of body b. Its kernel ``evaluate(cut, A, B, row, state)``, A and B being
+the motions of the two bodies, writes its rows from ``state.rows[row]`` on: the residual Phi and the wrenches Ga, Gb
+(about the two origins, global axes) and the velocity products ``bias`` such that
 
     Phi' = Ga . Y_a + Gb . Y_b,      Phi'' = Ga . Y'_a + Gb . Y'_b + bias.
 
@@ -16,11 +16,26 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+import numpy as np
+
+from mbfmu.mechanics.checks import rotation, vector
+from mbfmu.mechanics.kind import Kind, Site
+from mbfmu.mechanics.spatial import arm, centripetal
 from solvers.kernel import kernel
+
+CUT = np.dtype(
+    [
+        ("Pa", np.float64, (3,)),  # point on body a, body axes, m
+        ("Pb", np.float64, (3,)),
+        ("Ra", np.float64, (3, 3)),  # axes of the cut frame in body a; columns x, y, z
+        ("Rb", np.float64, (3, 3)),
+    ],
+    align=True,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cut:
+class Cut(Kind):
     """A joint that closes a loop.
 
     Parameters
@@ -36,18 +51,33 @@ class Cut:
     rotation_a: Any = None
     rotation_b: Any = None
 
+    record = CUT
+    kernels: ClassVar = {"evaluate": "motion, motion, index, state"}
+    evaluate: ClassVar[Any]
     rows: ClassVar[tuple[str, ...]]  # suffix of each row's name
     units: ClassVar[tuple[str, ...]]  # of each row's multiplier: N or N m
-    close: ClassVar[Any]
     parallel: ClassVar[str] = ""  # axes of the two frames that are parallel when it is closed: "", "z" or "xyz"
+
+    def fill(self, record: Any, site: Site) -> None:
+        """Write points and axes."""
+        record["Pa"], record["Pb"] = (
+            vector(f"at_a of {site.name}", self.at_a),
+            vector(f"at_b of {site.name}", self.at_b),
+        )
+        record["Ra"] = rotation(f"rotation_a of {site.name}", self.rotation_a)
+        record["Rb"] = rotation(f"rotation_b of {site.name}", self.rotation_b)
+
+    def extent(self) -> float:
+        """Return how far from each other it holds the two points, m."""
+        return 0.0
 
 
 @kernel
-def coincide(cut: Any, A: Any, B: Any, rows: Any) -> None:
+def coincide(cut: Any, A: Any, B: Any, row: int, state: Any) -> None:
     """Three rows: Q stays on P along each axis of the cut frame in body a."""
     way = between(cut, A, B)
     for k in range(3):
-        along(cut, k, A, way, rows[cut.row + k])
+        along(cut, k, A, way, state.rows[row + k])
 
 
 @kernel
@@ -94,24 +124,6 @@ def along(cut: Any, k: int, A: Any, way: Any, row: Any) -> None:
     # the reaction acts on body a where Q is
     row.Ga[0], row.Ga[1], row.Ga[2] = -nx, -ny, -nz
     row.Ga[3], row.Ga[4], row.Ga[5] = z * ny - y * nz, x * nz - z * nx, y * nx - x * ny
-
-
-@kernel
-def arm(here: Any, p: Any) -> tuple[float, float, float]:
-    """Offset A p of a body-fixed point from its body's origin, global axes."""
-    A = here.A
-    return (
-        A[0, 0] * p[0] + A[0, 1] * p[1] + A[0, 2] * p[2],
-        A[1, 0] * p[0] + A[1, 1] * p[1] + A[1, 2] * p[2],
-        A[2, 0] * p[0] + A[2, 1] * p[1] + A[2, 2] * p[2],
-    )
-
-
-@kernel
-def centripetal(here: Any, x: float, y: float, z: float, k: int) -> float:
-    """Component k of w x (w x p) = w (w.p) - p w.w."""
-    w = here.Y
-    return w[3 + k] * (w[3] * x + w[4] * y + w[5] * z) - (x, y, z)[k] * (w[3] * w[3] + w[4] * w[4] + w[5] * w[5])
 
 
 @kernel

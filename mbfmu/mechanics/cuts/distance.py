@@ -8,15 +8,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.numbers import LONGEST, SHORTEST, is_finite
+from mbfmu.mechanics.spatial import arm, centripetal
 from solvers.kernel import kernel
 
-from .base import Cut, arm, centripetal
+from .base import CUT, Cut
 
 
 @kernel
-def close(cut: Any, A: Any, B: Any, rows: Any) -> None:
+def evaluate(cut: Any, A: Any, B: Any, row: int, state: Any) -> None:
     """See :mod:`.base`. Phi' = d.d'/L, Phi'' = (d.d'' + d'.d')/L."""
-    row = rows[cut.row]
+    out = state.rows[row]
     ax, ay, az = arm(A, cut.Pa)
     bx, by, bz = arm(B, cut.Pb)
     inverse = 1.0 / cut.length
@@ -25,24 +31,40 @@ def close(cut: Any, A: Any, B: Any, rows: Any) -> None:
     ux = Yb[0] + Yb[4] * bz - Yb[5] * by - (Ya[0] + Ya[4] * az - Ya[5] * ay)
     uy = Yb[1] + Yb[5] * bx - Yb[3] * bz - (Ya[1] + Ya[5] * ax - Ya[3] * az)
     uz = Yb[2] + Yb[3] * by - Yb[4] * bx - (Ya[2] + Ya[3] * ay - Ya[4] * ax)
-    row.Phi = 0.5 * inverse * (dx * dx + dy * dy + dz * dz - cut.length * cut.length)
+    out.Phi = 0.5 * inverse * (dx * dx + dy * dy + dz * dz - cut.length * cut.length)
     bias = ux * ux + uy * uy + uz * uz
     bias += dx * (centripetal(B, bx, by, bz, 0) - centripetal(A, ax, ay, az, 0))
     bias += dy * (centripetal(B, bx, by, bz, 1) - centripetal(A, ax, ay, az, 1))
     bias += dz * (centripetal(B, bx, by, bz, 2) - centripetal(A, ax, ay, az, 2))
-    row.bias = inverse * bias
+    out.bias = inverse * bias
     dx, dy, dz = inverse * dx, inverse * dy, inverse * dz
-    row.Gb[0], row.Gb[1], row.Gb[2] = dx, dy, dz
-    row.Gb[3], row.Gb[4], row.Gb[5] = by * dz - bz * dy, bz * dx - bx * dz, bx * dy - by * dx
-    row.Ga[0], row.Ga[1], row.Ga[2] = -dx, -dy, -dz
-    row.Ga[3], row.Ga[4], row.Ga[5] = az * dy - ay * dz, ax * dz - az * dx, ay * dx - ax * dy
+    out.Gb[0], out.Gb[1], out.Gb[2] = dx, dy, dz
+    out.Gb[3], out.Gb[4], out.Gb[5] = by * dz - bz * dy, bz * dx - bx * dz, bx * dy - by * dx
+    out.Ga[0], out.Ga[1], out.Ga[2] = -dx, -dy, -dz
+    out.Ga[3], out.Ga[4], out.Ga[5] = az * dy - ay * dz, ax * dz - az * dx, ay * dx - ax * dy
 
 
 @dataclass(frozen=True, kw_only=True)
 class DistanceCut(Cut):
     """A massless rod of ``length`` (m) with a ball at each end."""
 
-    length: float
+    record = np.dtype([*CUT.descr, ("length", np.float64)], align=True)
     rows = ("",)
     units = ("N",)
-    close = close
+    evaluate = evaluate
+
+    length: float
+
+    def check(self, what: str) -> None:
+        """Refuse what is no length."""
+        if not (is_finite(self.length) and SHORTEST <= self.length <= LONGEST):
+            raise UserError(f"length of {what} is {self.length!r} m; allowed: {SHORTEST:g} to {LONGEST:g}")
+
+    def fill(self, record: Any, site: Site) -> None:
+        """Write the length too."""
+        super().fill(record, site)
+        record["length"] = self.length
+
+    def extent(self) -> float:
+        """Return its length."""
+        return self.length

@@ -11,11 +11,11 @@ from .base import Cut, along, between, perpendicular
 
 
 @kernel
-def close(cut: Any, A: Any, B: Any, rows: Any) -> None:
+def evaluate(cut: Any, A: Any, B: Any, row: int, state: Any) -> None:
     """See :mod:`.base`. z_b is perpendicular to x_a and y_a."""
-    along(cut, 2, A, between(cut, A, B), rows[cut.row])
-    perpendicular(cut, 0, 2, A, B, rows[cut.row + 1])
-    perpendicular(cut, 1, 2, A, B, rows[cut.row + 2])
+    along(cut, 2, A, between(cut, A, B), state.rows[row])
+    perpendicular(cut, 0, 2, A, B, state.rows[row + 1])
+    perpendicular(cut, 1, 2, A, B, state.rows[row + 2])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,5 +24,5 @@ class PlanarCut(Cut):
 
     rows = ("z", "xz", "yz")
     units = ("N", "N.m", "N.m")
-    close = close
+    evaluate = evaluate
     parallel = "z"

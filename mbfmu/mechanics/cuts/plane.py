@@ -11,9 +11,9 @@ from .base import Cut, along, between
 
 
 @kernel
-def close(cut: Any, A: Any, B: Any, rows: Any) -> None:
+def evaluate(cut: Any, A: Any, B: Any, row: int, state: Any) -> None:
     """See :mod:`.base`."""
-    along(cut, 2, A, between(cut, A, B), rows[cut.row])
+    along(cut, 2, A, between(cut, A, B), state.rows[row])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,4 +22,4 @@ class PlaneCut(Cut):
 
     rows = ("z",)
     units = ("N",)
-    close = close
+    evaluate = evaluate

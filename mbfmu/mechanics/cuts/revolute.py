@@ -11,11 +11,11 @@ from .base import Cut, coincide, perpendicular
 
 
 @kernel
-def close(cut: Any, A: Any, B: Any, rows: Any) -> None:
+def evaluate(cut: Any, A: Any, B: Any, row: int, state: Any) -> None:
     """See :mod:`.base`. z_a is perpendicular to x_b and y_b."""
-    coincide(cut, A, B, rows)
-    perpendicular(cut, 2, 0, A, B, rows[cut.row + 3])
-    perpendicular(cut, 2, 1, A, B, rows[cut.row + 4])
+    coincide(cut, A, B, row, state)
+    perpendicular(cut, 2, 0, A, B, state.rows[row + 3])
+    perpendicular(cut, 2, 1, A, B, state.rows[row + 4])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,5 +24,5 @@ class RevoluteCut(Cut):
 
     rows = ("x", "y", "z", "zx", "zy")
     units = ("N", "N", "N", "N.m", "N.m")
-    close = close
+    evaluate = evaluate
     parallel = "z"

@@ -11,9 +11,9 @@ from .base import Cut, coincide
 
 
 @kernel
-def close(cut: Any, A: Any, B: Any, rows: Any) -> None:
+def evaluate(cut: Any, A: Any, B: Any, row: int, state: Any) -> None:
     """See :mod:`.base`."""
-    coincide(cut, A, B, rows)
+    coincide(cut, A, B, row, state)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,4 +22,4 @@ class SphericalCut(Cut):
 
     rows = ("x", "y", "z")
     units = ("N", "N", "N")
-    close = close
+    evaluate = evaluate

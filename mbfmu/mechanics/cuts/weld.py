@@ -11,12 +11,12 @@ from .base import Cut, coincide, perpendicular
 
 
 @kernel
-def close(cut: Any, A: Any, B: Any, rows: Any) -> None:
+def evaluate(cut: Any, A: Any, B: Any, row: int, state: Any) -> None:
     """See :mod:`.base`. x_a, y_a, z_a are perpendicular to y_b, z_b, x_b."""
-    coincide(cut, A, B, rows)
-    perpendicular(cut, 0, 1, A, B, rows[cut.row + 3])
-    perpendicular(cut, 1, 2, A, B, rows[cut.row + 4])
-    perpendicular(cut, 2, 0, A, B, rows[cut.row + 5])
+    coincide(cut, A, B, row, state)
+    perpendicular(cut, 0, 1, A, B, state.rows[row + 3])
+    perpendicular(cut, 1, 2, A, B, state.rows[row + 4])
+    perpendicular(cut, 2, 0, A, B, state.rows[row + 5])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,5 +25,5 @@ class WeldCut(Cut):
 
     rows = ("x", "y", "z", "xy", "yz", "zx")
     units = ("N", "N", "N", "N.m", "N.m", "N.m")
-    close = close
+    evaluate = evaluate
     parallel = "xyz"

@@ -1,15 +1,15 @@
 """What every tree joint says of itself.
 
 A joint places its child in the joint frame F, which is fixed in the parent at the placement the builder was given. Its
-kernel ``move(axis, q, qi, rel)`` writes, in F axes,
+kernel ``place(joint, qi, state)`` reads the positions from ``state.q[qi]`` on and writes, in F axes,
 
-    rel[0:nv]       the columns of the motion subspace: the child's relative velocity is  sum_k v_k rel[k]
-    rel[6:9, 0:3]   the child's axes in F,   rel[6:9, 3] its origin in F
+    state.rel[0:nv]       the columns of the motion subspace: the child's relative velocity is  sum_k v_k rel[k]
+    state.rel[6:9, 0:3]   the child's axes in F,   state.rel[6:9, 3] its origin in F
 
 all of it: what ``rel`` held before is another joint's. For axes that rest in F and for angular velocities in the
 child's axes differentiating the columns adds nothing to the relative acceleration; a joint of other columns also has
-``bias(axis, q, qi, v, vi, out)``, which writes sum_k v_k d(rel[k])/dt into out (6,), F axes. Everything else about tree
-joints is common and lives in the recursions.
+``bias(joint, qi, vi, state)``, which writes sum_k v_k d(rel[k])/dt into ``state.bias`` (6,), F axes, with the
+velocities from ``state.v[vi]`` on. Everything else about tree joints is common and lives in the recursions.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.errors import UserError
+from mbfmu.mechanics.kind import Kind, Site
 from mbfmu.mechanics.numbers import array_of
 
 Vector = Sequence[float]
@@ -42,7 +43,7 @@ def unit_axis(axis: str | Vector) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Joint:
+class Joint(Kind):
     """A tree joint at rest in its start position.
 
     Parameters
@@ -68,10 +69,12 @@ class Joint:
     drive: Any = None
     size: float | Vector | None = None
 
+    kernels: ClassVar = {"place": "index, state", "bias": "index, index, state"}
+    place: ClassVar[Any]
+    bias: ClassVar[Any] = None
     nq: ClassVar[int]
     nv: ClassVar[int]
-    quaternion: ClassVar[bool] = False
-    move: ClassVar[Any]
+    quaternion: ClassVar[bool] = False  # the last four positions are a unit quaternion, scalar first
     coordinates: ClassVar[tuple[str, ...]] = ()  # suffix of each velocity coordinate's name
     units: ClassVar[tuple[str, ...]] = ()  # of the coordinates: m or rad
 
@@ -84,11 +87,6 @@ class Joint:
                 f"a joint has a drive and {names}: leave {names} out, its drive says where it is and how fast"
             )
 
-    @property
-    def direction(self) -> NDArray[np.float64]:
-        """Vector in the joint frame that the kernel gets as ``axis``; zero where the joint has none."""
-        return np.zeros(3)
-
     def rest(self) -> NDArray[np.float64]:
         """Positions (nq,) at which the child's frame lies on the joint frame."""
         q = np.zeros(self.nq)
@@ -99,11 +97,17 @@ class Joint:
 
 @dataclass(frozen=True, kw_only=True)
 class AxisJoint(Joint):
-    """A joint of one coordinate with an axis."""
+    """A joint with an axis."""
+
+    record = np.dtype([("axis", np.float64, (3,))], align=True)  # unit vector in the joint frame
 
     axis: str | Vector = "z"
 
     @property
     def direction(self) -> NDArray[np.float64]:
-        """Unit axis in the joint frame."""
+        """Unit vector of the axis in the joint frame."""
         return unit_axis(self.axis)
+
+    def fill(self, record: Any, site: Site) -> None:
+        """Write the axis."""
+        record["axis"] = self.direction

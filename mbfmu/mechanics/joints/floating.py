@@ -17,8 +17,9 @@ from .base import Joint
 
 
 @kernel
-def move(axis: Any, q: Any, qi: int, rel: Any) -> None:
+def place(joint: Any, qi: int, state: Any) -> None:
     """See :mod:`.base`."""
+    q, rel = state.q, state.rel
     quaternion_matrix(q, qi + 3, rel, 6)
     for k in range(3):
         for i in range(3):
@@ -34,6 +35,6 @@ class Floating(Joint):
     nq = 7
     nv = 6
     quaternion = True
-    move = move
+    place = place
     coordinates = ("x", "y", "z", "wx", "wy", "wz")
     units = ("m", "m", "m", "rad", "rad", "rad")

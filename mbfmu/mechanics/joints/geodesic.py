@@ -12,7 +12,7 @@ s'_z theta_x. Its length is |s'| if the child moves back along s',
     r_k = r_j + A_j (s' - b P + g' alpha),   b = s' / |s'|^2,   P = (3/5) alpha^2 - alpha beta / 10 + beta^2 / 15,
 
 two thirds of alpha^2 b on a circular arc. So an element has no membrane strain along the edges that are joints, however
-they bend. The kernel's ``axis`` is b.
+they bend.
 
 **It does not turn about its normal.** The frames of a surface are carried along a line by rotations about axes in the
 surface. The paper's A_z A_x is not one: where it bends by theta_z and twists by theta_x it turns by theta_z theta_x / 2
@@ -28,19 +28,20 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mbfmu.errors import UserError
+from mbfmu.mechanics.kind import Site
 from solvers.kernel import kernel
 
 from .out_of_plane import OutOfPlane
 
 
 @kernel
-def move(axis: Any, q: Any, qi: int, rel: Any) -> None:
+def place(joint: Any, qi: int, state: Any) -> None:
     """See :mod:`.base`. Columns: g', (h' + A_z A_x h') / 2, A_z f' with h' = (0, 0, 1), f' = (1, 0, 0), less b dP."""
+    q, b, rel = state.q, joint.b, state.rel
     alpha, theta_z, theta_x = q[qi], q[qi + 1], q[qi + 2]
-    b, square = axis, 1.0 / (axis[0] * axis[0] + axis[2] * axis[2])
+    square = 1.0 / (b[0] * b[0] + b[2] * b[2])
     beta = (b[0] * theta_z - b[2] * theta_x) * square
     by_alpha, by_beta = 1.2 * alpha - 0.1 * beta, (2.0 * beta / 15.0 - 0.1 * alpha) * square
     P = 0.6 * alpha * alpha + (beta / 15.0 - 0.1 * alpha) * beta
@@ -60,9 +61,10 @@ def move(axis: Any, q: Any, qi: int, rel: Any) -> None:
 
 
 @kernel
-def bias(axis: Any, q: Any, qi: int, v: Any, vi: int, out: Any) -> None:
+def bias(joint: Any, qi: int, vi: int, state: Any) -> None:
     """See :mod:`.base`: -b P'' of the rates alpha', beta', and the turning of the two axes of rotation."""
-    b, rate, bend, twist = axis, v[vi], v[vi + 1], v[vi + 2]
+    q, v, b, out = state.q, state.v, joint.b, state.bias
+    rate, bend, twist = v[vi], v[vi + 1], v[vi + 2]
     beta = (b[0] * bend - b[2] * twist) / (b[0] * b[0] + b[2] * b[2])
     back = 1.2 * rate * rate + (2.0 * beta / 15.0 - 0.2 * rate) * beta
     for k in range(3):
@@ -79,13 +81,14 @@ def bias(axis: Any, q: Any, qi: int, v: Any, vi: int, out: Any) -> None:
 class Geodesic(OutOfPlane):
     """An out-of-plane joint that keeps lengths and angles; ``at`` is the way to the node in the flat sheet."""
 
-    move = move
+    record = np.dtype([("b", np.float64, (3,))], align=True)  # s' / |s'|^2 in the joint frame, 1/m
+    place = place
+    bias = bias
 
-    @property
-    def direction(self) -> NDArray[np.float64]:
-        """b = s' / |s'|^2 in the joint frame, 1/m; of s' what lies in the plane."""
+    def fill(self, record: Any, site: Site) -> None:
+        """Write b, of s' what lies in the plane."""
         axes = np.eye(3) if self.rotation is None else np.asarray(self.rotation, float)
         s = axes.T @ np.asarray(self.at, float) * (1.0, 0.0, 1.0)
         if not s.any():
             raise UserError(f"placement of a geodesic joint is {self.at!r} m; it needs some way in the x-z plane")
-        return np.asarray(s / (s @ s))
+        record["b"] = s / (s @ s)

@@ -23,8 +23,9 @@ from .base import Joint
 
 
 @kernel
-def move(axis: Any, q: Any, qi: int, rel: Any) -> None:
+def place(joint: Any, qi: int, state: Any) -> None:
     """See :mod:`.base`. Columns: g';  h' = (0, 0, 1);  A_z f' with f' = (1, 0, 0)."""
+    q, rel = state.q, state.rel
     cz, sz = np.cos(q[qi + 1]), np.sin(q[qi + 1])
     cx, sx = np.cos(q[qi + 2]), np.sin(q[qi + 2])
     for k in range(3):
@@ -42,8 +43,9 @@ def move(axis: Any, q: Any, qi: int, rel: Any) -> None:
 
 
 @kernel
-def bias(axis: Any, q: Any, qi: int, v: Any, vi: int, out: Any) -> None:
+def bias(joint: Any, qi: int, vi: int, state: Any) -> None:
     """See :mod:`.base`: theta_z' theta_x' h' x A_z f'."""
+    q, v, out = state.q, state.v, state.bias
     turn = v[vi + 1] * v[vi + 2]
     for k in range(3):
         out[k] = 0.0 * turn
@@ -56,6 +58,7 @@ class OutOfPlane(Joint):
 
     nq = 3
     nv = 3
-    move = move
+    place = place
+    bias = bias
     coordinates = ("alpha", "theta_z", "theta_x")
     units = ("m", "rad", "rad")

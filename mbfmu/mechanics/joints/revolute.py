@@ -13,9 +13,10 @@ from .base import AxisJoint
 
 
 @kernel
-def move(axis: Any, q: Any, qi: int, rel: Any) -> None:
+def place(joint: Any, qi: int, state: Any) -> None:
     """See :mod:`.base`. Rotation by Rodrigues' formula, R = c I + s skew(n) + (1 - c) n n^T."""
-    c, s = np.cos(q[qi]), np.sin(q[qi])
+    axis, rel = joint.axis, state.rel
+    c, s = np.cos(state.q[qi]), np.sin(state.q[qi])
     for i in range(3):
         rel[0, i], rel[0, 3 + i] = 0.0, axis[i]
         for j in range(3):
@@ -36,6 +37,6 @@ class Revolute(AxisJoint):
 
     nq = 1
     nv = 1
-    move = move
+    place = place
     coordinates = ("",)
     units = ("rad",)

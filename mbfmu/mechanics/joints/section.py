@@ -1,8 +1,8 @@
 """Section: a cross-section of an elastic body on the body's frame; :meth:`Mechanism.elastic` makes these.
 
 Its coordinates are the amplitudes of the body's modes, shared by all sections of the body. The first one, the frame
-itself, owns them. How it moves is in :mod:`mbfmu.mechanics.elastic.modal`; the recursions ask for the node, not for the
-kind of the joint.
+itself, owns them. How it moves is in :mod:`mbfmu.mechanics.flexible.modal`; the recursions ask for the role of the body
+and call no kernel of the joint.
 """
 
 from __future__ import annotations
@@ -10,10 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from mbfmu.mechanics.elastic import Beam
+from mbfmu.mechanics.flexible import Beam
 
 from .base import Joint
 
@@ -32,6 +29,8 @@ class Section(Joint):
         Body of the first section; None: this is the first, the frame, which bending leaves in place.
     """
 
+    place = None
+
     beam: Beam
     x: float = 0.0
     frame: Any = None
@@ -45,11 +44,6 @@ class Section(Joint):
     def nv(self) -> int:  # type: ignore[override]
         """Amplitudes that move it."""
         return self.beam.modes
-
-    @property
-    def direction(self) -> NDArray[np.float64]:
-        """It turns about z."""
-        return np.array((0.0, 0.0, 1.0))
 
     @property
     def coordinates(self) -> tuple[str, ...]:  # type: ignore[override]

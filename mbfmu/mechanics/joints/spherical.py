@@ -15,9 +15,10 @@ from .base import Joint
 
 
 @kernel
-def move(axis: Any, q: Any, qi: int, rel: Any) -> None:
+def place(joint: Any, qi: int, state: Any) -> None:
     """See :mod:`.base`."""
-    quaternion_matrix(q, qi, rel, 6)
+    rel = state.rel
+    quaternion_matrix(state.q, qi, rel, 6)
     for k in range(3):
         for i in range(3):
             rel[k, i], rel[k, 3 + i] = 0.0, rel[6 + i, k]
@@ -31,6 +32,6 @@ class Spherical(Joint):
     nq = 4
     nv = 3
     quaternion = True
-    move = move
+    place = place
     coordinates = ("wx", "wy", "wz")
     units = ("rad", "rad", "rad")

@@ -11,8 +11,9 @@ from .base import AxisJoint
 
 
 @kernel
-def move(axis: Any, q: Any, qi: int, rel: Any) -> None:
+def place(joint: Any, qi: int, state: Any) -> None:
     """See :mod:`.base`."""
+    q, axis, rel = state.q, joint.axis, state.rel
     for i in range(3):
         rel[0, i], rel[0, 3 + i] = axis[i], 0.0
         for j in range(3):
@@ -26,6 +27,6 @@ class Translational(AxisJoint):
 
     nq = 1
     nv = 1
-    move = move
+    place = place
     coordinates = ("",)
     units = ("m",)

@@ -11,8 +11,9 @@ from .base import Joint
 
 
 @kernel
-def move(axis: Any, q: Any, qi: int, rel: Any) -> None:
+def place(joint: Any, qi: int, state: Any) -> None:
     """See :mod:`.base`."""
+    rel = state.rel
     for i in range(3):
         for j in range(3):
             rel[6 + i, j] = 1.0 if i == j else 0.0
@@ -25,4 +26,4 @@ class Weld(Joint):
 
     nq = 0
     nv = 0
-    move = move
+    place = place

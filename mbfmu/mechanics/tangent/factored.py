@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics.arrays import MOTION, ROW, Data, State, complex_records, complex_state
-from mbfmu.mechanics.forces.tangent import along_joints
+from mbfmu.mechanics.arrays.records import Arrays, State, complex_state
 from solvers.blocks import BlockTree, one_thread
 from solvers.held import hold
 from solvers.system import Array
@@ -18,6 +18,10 @@ from .folding import fold, gather_motion, inertia_forces, spread_load
 from .groups import Groups
 from .joints import turn_inner
 from .layout import lay_out
+from .loads import along_joints
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.builder.mechanism import Acting
 
 
 class Scratch(NamedTuple):
@@ -27,18 +31,12 @@ class Scratch(NamedTuple):
     S: Array  # (3..6, 6) dual basis of one joint
     N: Array  # (6, 6) directions a joint locks, rows
     C: Array  # (3, 3)
-    qc: NDArray[Any]  # (7,) complex joint position
-    vc: NDArray[Any]  # (3,) complex rotation of a quaternion joint
-    rel: NDArray[Any]  # (9, 6) complex
+    turn: NDArray[Any]  # (3,) complex rotation of a quaternion joint
     G: Array  # (6, 6) joint rows by own coordinates
     g: Array  # (6, 3) joint rows by the parent's rotation
     row: Array  # (12,) one joint row over both bodies' motions
-    K: Array  # (24, 24) stiffness of an element
-    D: Array  # (24, 24) damping
-    twins: NDArray[Any]  # (2,) complex MOTION, the bodies of a cut joint
-    rows: NDArray[Any]  # (rows,) complex ROW
+    K: Array  # (24.., 24..) stiffness of a load, six rows a body
     weight: Array  # (m,) alpha
-    pair: NDArray[np.int64]  # (2,) bodies of a cut joint or force
     along: Array  # (nv,) stiffness of forces along joint coordinates
 
 
@@ -47,32 +45,45 @@ class Tangent:
 
     Parameters
     ----------
-    data
-        The mechanism; T is taken at its state.
+    arrays, state
+        The mechanism, with the kernels for derivatives by the state; T is taken at ``state``.
     groups
         Of all bodies.
+    acting
+        The loads.
     """
 
-    def __init__(self, data: Data, groups: Groups) -> None:
-        arrays, self._moving = data
-        self.layout, self._kept, self._sizes = lay_out(arrays, groups)
+    def __init__(self, arrays: Arrays, state: State, groups: Groups, acting: Sequence[Acting]) -> None:
+        self._moving = state
+        self.layout, self._kept, self._sizes = lay_out(arrays, groups, acting)
         inward = self.layout.inward
         widest = max(size + (self._sizes[k] if k >= 0 else 0) for size, k in zip(self._sizes, inward, strict=True))
         z = np.zeros
+        most = 6 * max(4, int(np.diff(self.layout.first_body).max(initial=0)))
         self._scratch = Scratch(
-            z((widest, widest)), z((6, 6)), z((6, 6)), z((3, 3)), z(7, complex), z(3, complex),
-            z((9, 6), complex), z((6, 6)), z((6, 3)), z(12), z((24, 24)), z((24, 24)),
-            complex_records(2, MOTION), complex_records(len(self._moving.rows), ROW),
-            z(int(arrays.kept.max(initial=-1)) + 1), z(2, np.int64), z(len(self._moving.v)),
-        )  # fmt: skip
+            F=z((widest, widest)),
+            S=z((6, 6)),
+            N=z((6, 6)),
+            C=z((3, 3)),
+            turn=z(3, complex),
+            G=z((6, 6)),
+            g=z((6, 3)),
+            row=z(12),
+            K=z((most, most)),
+            weight=z(int(arrays.kept.max(initial=-1)) + 1),
+            along=z(len(state.v)),
+        )
         self._base = np.concatenate(([0], np.cumsum(self._sizes)))
         nv = int((arrays.bodies["nv"]).sum())
         self._dual = z((nv, 6))
         self._motions = z((len(arrays.bodies), 6))
-        self._state = State(*(array.copy() for array in self._moving))
-        used = self._moving if len(arrays.forces) else State(*(array[:0] for array in self._moving))
+        self._state = State(*(array.copy() for array in state))
         self._held = tuple(map(hold, (arrays, self._state, self.layout, self._scratch)))
-        self._twin = hold(complex_state(used))
+        own = state._replace(S=state.S[:0], U=state.U[:0], D=state.D[:0])
+        if not len(self.layout.steps) and not len(arrays.cuts):
+            own = own._replace(bodies=state.bodies[:0])  # no complex step moves any
+        self._steps = complex_state(own)
+        self._twin = hold(self._steps)
         self._factors = BlockTree()
 
     def factor(self, c1: float, c2: float, weight: Array | None = None) -> bool:
@@ -86,10 +97,11 @@ class Tangent:
 
     def _factor(self, c1: float, c2: float) -> bool:
         arrays, state, L, s = self._held
-        kept, scratch = self._kept, self._scratch
+        kept, scratch, twin = self._kept, self._scratch, self._twin
         for own, given in zip(self._state, self._moving, strict=True):
             own[...] = given
-        along_joints(c1, arrays, state, self._twin, scratch.along)
+        self._steps.q[:], self._steps.v[:] = self._state.q, self._state.v
+        along_joints(c1, L, arrays, state, twin, scratch.along)
         self._factors = BlockTree()
         carried: dict[int, Array] = {}  # what groups have added to their neighbour's own rows
         for group, size in enumerate(self._sizes):
@@ -99,16 +111,16 @@ class Tangent:
             F[...] = 0.0
             if group in carried:
                 F[:size, :size] = carried.pop(group)
-            fill(group, size, c1, c2, L, arrays, state, self._twin, self._dual, s)
+            fill(group, size, c1, c2, L, arrays, state, twin, self._dual, s)
             if inner >= 0:
                 carried[inner] = F[size:, size:] + carried.get(inner, 0.0)
             top = np.ascontiguousarray(F[:size])
             fold(top, 0, group, L, arrays, state)
-            turn_inner(group, L, arrays, state, top, s, True)
+            turn_inner(group, L, arrays, state, twin, top, s, True)
             left = np.ascontiguousarray(np.vstack((top[:, :size], F[size:, :size])).T)
             fold(left, 0, group, L, arrays, state)  # the columns of this group
             left = left.T
-            turn_inner(group, L, arrays, state, left, s, False)
+            turn_inner(group, L, arrays, state, twin, left, s, False)
             D = left[np.ix_(kept[group], kept[group])]
             if inner < 0:
                 U, below = np.zeros((len(kept[group]), 0)), np.zeros((0, len(kept[group])))

@@ -1,4 +1,4 @@
-"""What bodies, elements, forces and cut joints contribute to the structured tangent, added to the rows of a group and
+"""What bodies, loads and cut joints contribute to the structured tangent, added to the rows of a group and
 its neighbour inward.
 """
 
@@ -6,17 +6,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from mbfmu.mechanics.cuts import tangent as cut_tangent
-from mbfmu.mechanics.elastic import pressure
-from mbfmu.mechanics.elastic.tangent import damping, stiffness
-from mbfmu.mechanics.forces import tangent as force_tangent
-from mbfmu.mechanics.signals import value
+from mbfmu.mechanics.dispatch import load_tangent
 from solvers.kernel import kernel
 
+from . import cuts, loads
 from .joints import handed_down, outer_joint
 from .layout import FIXED, OUTER
 
-_pressure, _cut, _force = pressure.stiffness, cut_tangent.stiffness, force_tangent.stiffness
+_cut, _load = cuts.stiffness, loads.stiffness
 
 
 @kernel
@@ -49,60 +46,43 @@ def bodily(i: int, at: int, c2: float, arrays: Any, state: Any, F: Any) -> None:
 
 
 @kernel
-def plate_element(e: int, group: int, size: int, c1: float, L: Any, arrays: Any, state: Any, s: Any) -> None:
-    """Stiffness and c1 times the damping of a plate element between bodies of a group and its neighbour."""
-    plate = arrays.plates[e]
-    stiffness(plate, state.bodies, state.element[0], s.K)
-    if plate.damped == 1 and c1 != 0.0:
-        damping(plate, state.bodies, state.element[0], s.D)
-        for row in range(24):
-            for column in range(24):
-                s.K[row, column] += c1 * s.D[row, column]
-    add_element(plate.node, group, size, L, s)
-
-
-@kernel
-def pressed_surface(e: int, group: int, size: int, L: Any, arrays: Any, state: Any, s: Any) -> None:
-    """How a pressure turns and grows with its surface."""
-    load = arrays.pressures[e]
-    for row in range(24):
-        for column in range(24):
+def analytic(e: int, group: int, size: int, c1: float, L: Any, arrays: Any, state: Any, s: Any) -> None:
+    """A load between bodies of a group and its neighbour that knows its tangent."""
+    rows = 6 * (L.first_body[e + 1] - L.first_body[e])
+    for row in range(rows):
+        for column in range(rows):
             s.K[row, column] = 0.0
-    _pressure(load, value(arrays.signals[load.signal], state.time[0]), state.bodies, s.K)
-    add_element(load.node, group, size, L, s)
+    load_tangent(arrays.loads[e], c1, arrays, state, s.K)
+    add_element(L.first_body[e], L.first_body[e + 1], group, size, L, s)
 
 
 @kernel
-def cut_joint(c: int, group: int, size: int, L: Any, arrays: Any, state: Any, s: Any) -> None:
+def cut_joint(c: int, group: int, size: int, L: Any, arrays: Any, state: Any, twin: Any, s: Any) -> None:
     """How the reactions of a cut joint turn, and the springs that hold it."""
-    cut = arrays.cuts[c]
-    end = arrays.cuts[c + 1].row if c + 1 < arrays.cuts.shape[0] else state.rows.shape[0]
-    _cut(cut, end, arrays.kept, s.weight, state, s.twins, s.rows, s.K)
-    s.pair[0], s.pair[1] = cut.a, cut.b
-    add_element(s.pair, group, size, L, s)
+    _cut(arrays.cuts[c], s.weight, arrays, state, twin, s.K)
+    e = arrays.loads.shape[0] + c
+    add_element(L.first_body[e], L.first_body[e + 1], group, size, L, s)
 
 
 @kernel
-def force_on_bodies(
-    f: int, group: int, size: int, c1: float, L: Any, arrays: Any, state: Any, twin: Any, s: Any
-) -> None:
-    """Stiffness and c1 times the damping of a force between two bodies."""
-    force = arrays.forces[f]
-    _force(force, c1, arrays, state, twin, s.K)
-    s.pair[0], s.pair[1] = force.a, force.b
-    add_element(s.pair, group, size, L, s)
+def stepped(e: int, group: int, size: int, c1: float, L: Any, arrays: Any, state: Any, twin: Any, s: Any) -> None:
+    """A load that does not know it."""
+    _load(e, c1, L, arrays, state, twin, s.K)
+    add_element(L.first_body[e], L.first_body[e + 1], group, size, L, s)
 
 
 @kernel
-def add_element(node: Any, group: int, size: int, L: Any, s: Any) -> None:
-    """Add s.K to s.F, between bodies ``node`` of a group and its neighbour (offset ``size``), six rows a body."""
-    for p in range(node.shape[0]):
-        i = node[p]
+def add_element(first: int, end: int, group: int, size: int, L: Any, s: Any) -> None:
+    """Add s.K to s.F, between the bodies ``first`` to ``end`` of the layout, in a group and its neighbour (offset
+    ``size``), six rows a body.
+    """
+    for p in range(end - first):
+        i = L.bodies[first + p]
         if L.role[i] == FIXED:
             continue
         ati = L.slot[i] + (size if L.group[i] != group else 0)
-        for q in range(node.shape[0]):
-            j = node[q]
+        for q in range(end - first):
+            j = L.bodies[first + q]
             if L.role[j] == FIXED:
                 continue
             atj = L.slot[j] + (size if L.group[j] != group else 0)
@@ -116,14 +96,12 @@ def fill(
     group: int, size: int, c1: float, c2: float, L: Any, arrays: Any, state: Any, twin: Any, dual: Any, s: Any
 ) -> None:
     """Add to s.F what starts in a group: bodies, elements, joints within it and to its neighbour (offset ``size``)."""
-    for k in range(L.first_plate[group], L.first_plate[group + 1]):
-        plate_element(L.plates[k], group, size, c1, L, arrays, state, s)
-    for k in range(L.first_pressure[group], L.first_pressure[group + 1]):
-        pressed_surface(L.pressures[k], group, size, L, arrays, state, s)
+    for k in range(L.first_load[group], L.first_load[group + 1]):
+        analytic(L.loads[k], group, size, c1, L, arrays, state, s)
     for k in range(L.first_cut[group], L.first_cut[group + 1]):
-        cut_joint(L.cuts[k], group, size, L, arrays, state, s)
-    for k in range(L.first_force[group], L.first_force[group + 1]):
-        force_on_bodies(L.forces[k], group, size, c1, L, arrays, state, twin, s)
+        cut_joint(L.cuts[k], group, size, L, arrays, state, twin, s)
+    for k in range(L.first_step[group], L.first_step[group + 1]):
+        stepped(L.steps[k], group, size, c1, L, arrays, state, twin, s)
     own, inner = L.first[group + 1] - L.first[group], L.inward[group]
     for k in range(own + (L.first[inner + 1] - L.first[inner] if inner >= 0 else 0)):
         i = L.members[L.first[group] + k if k < own else L.first[inner] + k - own]
@@ -137,4 +115,4 @@ def fill(
         handed_down(i, ati, atj, arrays, state, s.F)
         if L.role[i] == OUTER:
             lock = L.lock[i] + (size if L.group[i] != group else 0)
-            outer_joint(i, ati, atj, lock, arrays, state, dual, s.F, s)
+            outer_joint(i, ati, atj, lock, arrays, state, twin, dual, s.F, s)

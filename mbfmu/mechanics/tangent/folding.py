@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from mbfmu.mechanics.spatial import add_wrench, row_dot6
+from mbfmu.mechanics.spatial import add_wrench, row_dot6, shift_motion
 from solvers.kernel import kernel
 
 from .layout import FIXED, INNER, OUTER
@@ -89,13 +89,10 @@ def gather_motion(x: Any, c: int, base: Any, L: Any, arrays: Any, state: Any, du
     for i in range(1, arrays.bodies.shape[0]):
         body = arrays.bodies[i]
         here, parent = state.bodies[i], state.bodies[body.parent]
-        px, py, pz = here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2]
         Yj = Y[body.parent]
         for a in range(6):
             Y[i, a] = Yj[a]
-        Y[i, 0] += Yj[4] * pz - Yj[5] * py
-        Y[i, 1] += Yj[5] * px - Yj[3] * pz
-        Y[i, 2] += Yj[3] * py - Yj[4] * px
+        shift_motion(here, parent, Yj, Y[i])
         if L.role[i] == FIXED:
             continue
         at = base[L.group[i]] + L.slot[i]
@@ -120,14 +117,11 @@ def inertia_forces(arrays: Any, state: Any, a: Any, tau: Any) -> None:
     for i in range(1, arrays.bodies.shape[0]):
         body, here = arrays.bodies[i], state.bodies[i]
         parent = state.bodies[body.parent]
-        x, y, z = here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2]
-        dY, dYj, W, c, m = here.dY, parent.dY, here.W, here.com, body.mass
+        dY, W, c, m = here.dY, here.W, here.com, body.mass
         for k in range(6):
-            dY[k] = dYj[k] if body.parent > 0 else 0.0
+            dY[k] = parent.dY[k] if body.parent > 0 else 0.0
         if body.parent > 0:
-            dY[0] += dYj[4] * z - dYj[5] * y
-            dY[1] += dYj[5] * x - dYj[3] * z
-            dY[2] += dYj[3] * y - dYj[4] * x
+            shift_motion(here, parent, parent.dY, dY)
         if body.vf >= 0:
             for k in range(body.nv):
                 for e in range(6):

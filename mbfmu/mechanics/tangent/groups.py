@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from mbfmu.mechanics.mechanism import Mechanism
+    from mbfmu.mechanics.builder.mechanism import Mechanism
 
 BLOCK = 12  # bodies up to which neighbouring groups are merged
 
@@ -77,12 +77,10 @@ def cell_of(mechanism: Mechanism, moving: list[bool]) -> tuple[dict[int, int], l
 
 
 def neighbours(mechanism: Mechanism, moving: list[bool], cells: dict[int, int]) -> dict[int, set[int]]:
-    """Return the cells that joints, cut joints, forces, plates and pressures tie every cell to."""
+    """Return the cells that joints, cut joints and loads tie every cell to."""
     ties: list[list[int]] = [[body.index, body.parent] for body in mechanism.bodies[1:]]
     ties += [[cut.a.index, cut.b.index] for cut in mechanism.cuts]
-    ties += [[a.index, b.index] for _, force, a, b in mechanism.forces if not force.on_joint]
-    ties += [[body.index for body in nodes] for _, nodes in mechanism.plates]
-    ties += [[body.index for body in corners] for _, _, faces in mechanism.pressures for corners in faces]
+    ties += [[body.index for body in acting.bodies] for acting in mechanism.loads() if not acting.load.on_joint]
     near: dict[int, set[int]] = {cell: set() for cell in cells.values()}
     for tie in ties:
         tied = {cells[i] for i in tie if moving[i]}

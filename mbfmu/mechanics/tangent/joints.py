@@ -6,17 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics.cuts.tangent import EPSILON
-from mbfmu.mechanics.dynamics import turn_quaternion
-from mbfmu.mechanics.joints import move
+from mbfmu.mechanics.dispatch import place_child
+from mbfmu.mechanics.recursions.dynamics import turn_quaternion
 from mbfmu.mechanics.spatial import multiply
 from solvers.kernel import kernel
 
 from .layout import FIXED, INNER
+from .steps import EPSILON
 
 
 @kernel
-def turning(i: int, arrays: Any, state: Any, s: Any) -> None:
+def turning(i: int, arrays: Any, state: Any, twin: Any, s: Any) -> None:
     """s.g (nv, 3) and s.G (nv, nv): change of the joint's S^T W with the parent's rotation and with its own positions,
     with the stiffness along its coordinates, s.along.
 
@@ -31,21 +31,21 @@ def turning(i: int, arrays: Any, state: Any, s: Any) -> None:
             s.g[k, a] = S[b] * W[c] - S[c] * W[b] + S[3 + b] * W[3 + c] - S[3 + c] * W[3 + b]
     plain = body.nq - 4 * body.quaternion
     for l in range(body.nv):
-        for k in range(body.nq):
-            s.qc[k] = state.q[body.qi + k]
         if l < plain:
-            s.qc[l] += EPSILON * 1j
+            twin.q[body.qi + l] += EPSILON * 1j
         else:
             for k in range(3):
-                s.vc[k] = EPSILON * 1j if k == l - plain else 0.0
-            turn_quaternion(s.qc, plain, s.vc, 0)
-        move(body.joint, body.axis, s.qc, 0, s.rel)
+                s.turn[k] = EPSILON * 1j if k == l - plain else 0.0
+            turn_quaternion(twin.q, body.qi + plain, s.turn, 0)
+        place_child(body, arrays, twin)
+        for k in range(body.nq):
+            twin.q[body.qi + k] = state.q[body.qi + k]
         for k in range(body.nv):
             total = 0.0
             for a in range(3):
                 pull = s.C[0, a] * W[0] + s.C[1, a] * W[1] + s.C[2, a] * W[2]
                 twist = s.C[0, a] * W[3] + s.C[1, a] * W[4] + s.C[2, a] * W[5]
-                total += s.rel[k, a].imag * pull + s.rel[k, 3 + a].imag * twist
+                total += twin.rel[k, a].imag * pull + twin.rel[k, 3 + a].imag * twist
             s.G[k, l] = total / EPSILON
         s.G[l, l] += s.along[body.vi + l]
 
@@ -114,7 +114,9 @@ def handed_down(i: int, ati: int, atj: int, arrays: Any, state: Any, F: Any) -> 
 
 
 @kernel
-def outer_joint(i: int, ati: int, atj: int, lock: int, arrays: Any, state: Any, dual: Any, F: Any, s: Any) -> None:
+def outer_joint(
+    i: int, ati: int, atj: int, lock: int, arrays: Any, state: Any, twin: Any, dual: Any, F: Any, s: Any
+) -> None:
     """Rows and columns of a joint between two groups: what it locks, and its turning along its own directions."""
     body = arrays.bodies[i]
     nv = body.nv if body.vf >= 0 else 0
@@ -137,7 +139,7 @@ def outer_joint(i: int, ati: int, atj: int, lock: int, arrays: Any, state: Any, 
         F[atj + 5, lock + r] -= tz
     if nv == 0:
         return
-    turning(i, arrays, state, s)
+    turning(i, arrays, state, twin, s)
     for k in range(nv):  # one joint row at a time: L_k (g_k . dphi_j + sum_l G_kl L_l . (y_i - X y_j))
         for a in range(6):
             s.row[a] = 0.0
@@ -164,14 +166,14 @@ def outer_joint(i: int, ati: int, atj: int, lock: int, arrays: Any, state: Any, 
 
 
 @kernel
-def turn_inner(group: int, L: Any, arrays: Any, state: Any, F: Any, s: Any, parents: bool) -> None:
+def turn_inner(group: int, L: Any, arrays: Any, state: Any, twin: Any, F: Any, s: Any, parents: bool) -> None:
     """Add the turning of a group's inner joints: by their ``parents`` before columns are folded, by their own after."""
     for m in range(L.first[group], L.first[group + 1]):
         i = L.members[m]
         body = arrays.bodies[i]
         if L.role[i] != INNER or body.vf < 0:
             continue
-        turning(i, arrays, state, s)
+        turning(i, arrays, state, twin, s)
         for k in range(body.nv):
             if parents:
                 if L.role[body.parent] != FIXED:

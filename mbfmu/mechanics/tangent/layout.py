@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mbfmu.mechanics.kind import kernel_of
+from mbfmu.mechanics.loads.base import LEFT_OUT
+
 from .groups import Groups
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.builder.mechanism import Acting
 
 FIXED, INNER, OUTER = 0, 1, 2  # does not move; folded onto a parent in its group; tied to a parent in another
 
@@ -22,17 +29,18 @@ class Layout(NamedTuple):
     lock: NDArray[np.int64]  # (nb,) first of its joint's multipliers, outer bodies
     first: NDArray[np.int64]  # (groups + 1,) into ``members``
     members: NDArray[np.int64]  # bodies of every group, parents first
-    first_plate: NDArray[np.int64]  # (groups + 1,) into ``plates``
-    plates: NDArray[np.int64]  # elements by the first group that has one of their bodies
-    first_pressure: NDArray[np.int64]  # (groups + 1,) into ``pressures``
-    pressures: NDArray[np.int64]  # surfaces under pressure, likewise
+    first_load: NDArray[np.int64]  # (groups + 1,) into ``loads``
+    loads: NDArray[np.int64]  # those with a tangent of their own, by the first group that has one of their bodies
     first_cut: NDArray[np.int64]  # (groups + 1,) into ``cuts``
     cuts: NDArray[np.int64]  # cut joints, likewise
-    first_force: NDArray[np.int64]  # (groups + 1,) into ``forces``
-    forces: NDArray[np.int64]  # forces on bodies, likewise
+    first_step: NDArray[np.int64]  # (groups + 1,) into ``steps``
+    steps: NDArray[np.int64]  # loads that are differentiated by complex steps, likewise
+    first_body: NDArray[np.int64]  # (loads + cuts + 1,) into ``bodies``
+    bodies: NDArray[np.int64]  # of every load and then of every cut joint
+    along: NDArray[np.int64]  # (k, 2) loads along the coordinate of a joint, and whose
 
 
-def lay_out(arrays: Any, found: Groups) -> tuple[Layout, list[NDArray[np.int64]], list[int]]:
+def lay_out(arrays: Any, found: Groups, acting: Sequence[Acting]) -> tuple[Layout, list[NDArray[np.int64]], list[int]]:
     """Return where everything goes, and for every group the rows that stay unknown after folding, and its size."""
     nb, groups, inward = len(arrays.bodies), found.of, found.inward
     role, slot, lock = (np.zeros(nb, np.int64) for _ in range(3))
@@ -66,17 +74,31 @@ def lay_out(arrays: Any, found: Groups) -> tuple[Layout, list[NDArray[np.int64]]
         kept.append(np.array(rows, np.int64))
         sizes.append(size)
     flat = flat_list(members)
-    ties, acting = (np.column_stack((table["a"], table["b"])) for table in (arrays.cuts, arrays.forces))
-    acting[arrays.forces["v"] >= 0] = 0  # on joints, not on bodies
-    plates, pressures, cuts, forces = (
-        by_group(nodes, role, groups, inward)
-        for nodes in (arrays.plates["node"], arrays.pressures["node"], ties, acting)
-    )
+    on = [[] if a.load.on_joint else [body.index for body in a.bodies] for a in acting]
+    told = [kernel_of(a.load, "tangent") for a in acting]
+    loads = by_group([[] if t in (None, LEFT_OUT) else own for t, own in zip(told, on, strict=True)], role, found)
+    steps = by_group([[] if t is not None else own for t, own in zip(told, on, strict=True)], role, found)
+    ties = [[int(cut["a"]), int(cut["b"])] for cut in arrays.cuts]
+    cuts = by_group(ties, role, found)
+    along = [(k, a.bodies[0].index) for k, a in enumerate(acting) if a.load.on_joint]
     layout = Layout(
-        role, groups, inward, slot, lock, offsets(members), flat,
-        offsets(plates), flat_list(plates), offsets(pressures), flat_list(pressures), offsets(cuts), flat_list(cuts),
-        offsets(forces), flat_list(forces),
-    )  # fmt: skip
+        role=role,
+        group=groups,
+        inward=inward,
+        slot=slot,
+        lock=lock,
+        first=offsets(members),
+        members=flat,
+        first_load=offsets(loads),
+        loads=flat_list(loads),
+        first_cut=offsets(cuts),
+        cuts=flat_list(cuts),
+        first_step=offsets(steps),
+        steps=flat_list(steps),
+        first_body=offsets(on + ties),
+        bodies=flat_list(on + ties),
+        along=np.array(along, np.int64).reshape(-1, 2),
+    )
     return layout, kept, sizes
 
 
@@ -86,13 +108,13 @@ def neighbours(groups: Any, inward: Any) -> bool:
     return not others or (len(others) == 1 and inward[first] == others[0])
 
 
-def by_group(elements: Any, role: Any, groups: Any, inward: Any) -> list[list[int]]:
+def by_group(elements: Sequence[Sequence[int]], role: Any, groups: Groups) -> list[list[int]]:
     """Return the elements, each a row of bodies, by the first group that has one of their moving bodies."""
-    found: list[list[int]] = [[] for _ in inward]
+    found: list[list[int]] = [[] for _ in groups.inward]
     for e, nodes in enumerate(elements):
-        own = [int(groups[i]) for i in nodes if role[i] != FIXED]
+        own = [int(groups.of[i]) for i in nodes if role[i] != FIXED]
         if own:
-            if not neighbours(own, inward):
+            if not neighbours(own, groups.inward):
                 raise ValueError(f"element {e} spans groups {sorted(set(own))}")
             found[min(own)].append(e)
     return found

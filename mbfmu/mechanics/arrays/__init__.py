@@ -1,0 +1,1 @@
+"""From the builder's objects to flat arrays, and a compiled mechanism at work."""

@@ -1,0 +1,73 @@
+"""How sharply plate elements bend between neighbouring nodes: what tells that a grid is too coarse for its motion.
+
+An element is a polynomial over its cell, so the angle between the normals of two nodes beside each other is what its
+error grows with. Some 15 degrees are good to a part in a hundred; at 40 a sheet has several states of rest; beyond 60 a
+cell is folded, and what it does means nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.mechanics.arrays.records import State
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.builder.mechanism import Mechanism
+
+COARSE, FOLDED = np.radians(15.0), np.radians(60.0)
+EDGES = np.array([[0, 1], [3, 2], [0, 3], [1, 2]])  # corners of an element: two edges along x, two along z
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bend:
+    """How the edges of all plate elements bend at one time.
+
+    Attributes
+    ----------
+    nodes
+        (P, 4, 2), bodies at the ends of every edge.
+    angles
+        (P, 4), between their normals, rad.
+    """
+
+    mechanism: Mechanism
+    nodes: Any
+    angles: Any
+
+    @property
+    def largest(self) -> float:
+        """The sharpest angle, rad; more than COARSE calls for a finer grid, more than FOLDED is past all meaning."""
+        return float(self.angles.max(initial=0.0))
+
+    def __str__(self) -> str:
+        """Say where, by how much, and what to do."""
+        a, b = self.nodes[np.unravel_index(self.angles.argmax(), self.angles.shape)]
+        names = [self.mechanism.bodies[k].name for k in (a, b)]
+        return (
+            f"cells bend by up to {np.degrees(self.largest):.0f} degrees, between {names[0]!r} and {names[1]!r}, and "
+            f"are good to about {np.degrees(COARSE):.0f}: {self._advice(a)}"
+        )
+
+    def _advice(self, node: int) -> str:
+        """Return the grid of the sheet that has ``node`` on which every cell would bend by COARSE at most."""
+        for sheet in self.mechanism.sheets:
+            own = [body.index for row in sheet.nodes for body in row]
+            if node in own:
+                inside = np.isin(self.nodes[:, 0, 0], own)
+                sharp = self.angles[inside].reshape(-1, 2, 2).max(axis=(0, 2))  # along x, along z
+                cells = np.array([len(sheet.nodes), len(sheet.nodes[0])]) - 1
+                finer = np.ceil(cells * np.maximum(1.0, sharp / COARSE)).astype(int) + 1
+                return f"refine the grid of {sheet.name!r} to {finer[0]} x {finer[1]} nodes"
+        return "refine the mesh"
+
+
+def bend(mechanism: Mechanism, plates: NDArray[Any], state: State) -> Bend:
+    """Return how plates (records) bend as the bodies of ``state`` are placed."""
+    nodes = plates["node"][:, EDGES]
+    normals = state.bodies["A"][nodes][..., 1]
+    cosines = (normals[:, :, 0] * normals[:, :, 1]).sum(axis=-1)
+    return Bend(mechanism=mechanism, nodes=nodes, angles=np.arccos(np.clip(cosines, -1.0, 1.0)))

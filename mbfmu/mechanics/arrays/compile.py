@@ -1,0 +1,304 @@
+"""From the builder's objects to flat arrays: numbering, and a record for everything."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics.builder.bodies import Body
+from mbfmu.mechanics.builder.mechanism import Mechanism
+from mbfmu.mechanics.checks import rotation, signal_of, vector
+from mbfmu.mechanics.flexible.modal import ELASTIC, NODE
+from mbfmu.mechanics.joints import Section
+from mbfmu.mechanics.kind import Kind
+from mbfmu.mechanics.sensors import Energy, KineticEnergy, RowForce, Sensor
+from mbfmu.mechanics.signals import Signal
+from solvers.kernel import records
+
+from .records import (
+    BODY,
+    CUT,
+    ITEM,
+    MODAL,
+    RIGID,
+    SECTION,
+    SENSOR,
+    WORLD,
+    Arrays,
+    Data,
+    allocate_state,
+    complex_dtype,
+    complex_twin,
+)
+from .tables import COMPLEX, TANGENT, Tables
+
+
+@dataclass(frozen=True)
+class Variable:
+    """An input or output as a host sees it."""
+
+    name: str
+    unit: str
+    description: str = ""
+    start: float = 0.0
+    nominal: float | None = None
+
+
+GRAVITY = -1  # in place of a signal's number
+
+
+@dataclass(frozen=True)
+class Slot:
+    """Where the value of an input is kept: a coefficient of a signal, or a component of gravity."""
+
+    variable: Variable
+    signal: int
+    coefficient: int
+
+
+class Numbering:
+    """Offsets of every joint in the full and the free coordinates; signals in the order they are met."""
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        self.signals: list[Signal] = []
+        self.slots: list[Slot] = []
+        self.q: list[int] = []
+        self.v: list[int] = []
+        self.qf: list[int] = []
+        self.vf: list[int] = []
+        self.drive: list[int] = []
+        self.coordinate_names: list[str] = []
+        self.nq_full = self.nv_full = self.nq = self.nv = 0
+        for axis, gravity in mechanism.gravity_inputs.items():
+            ((name, unit, description, start),) = gravity.variables()
+            self._slot(Variable(name, unit, description, start), GRAVITY, axis)
+        for body in mechanism.bodies:
+            self._count(body)
+        self.s = list(self.v)
+        self.subspaces = self.nv_full
+        for body in mechanism.bodies:
+            if shared(body):
+                self.s[body.index] = self.subspaces
+                self.subspaces += body.joint.nv
+
+    def _count(self, body: Body) -> None:
+        joint = body.joint
+        if isinstance(joint, Section) and joint.frame is not None:
+            for numbers in (self.q, self.v, self.qf, self.vf, self.drive):
+                numbers.append(numbers[joint.frame.index])
+            return
+        driven = joint.drive is not None
+        self.q.append(self.nq_full)
+        self.v.append(self.nv_full)
+        self.nq_full += joint.nq
+        self.nv_full += joint.nv
+        self.qf.append(-1 if driven else self.nq)
+        self.vf.append(-1 if driven else self.nv)
+        self.drive.append(self.signal(joint.drive, f"drive of body {body.name!r}") if driven else -1)
+        if not driven:
+            self.nq += joint.nq
+            self.nv += joint.nv
+            self.coordinate_names += [f"{body.name}.{c}" if c else body.name for c in joint.coordinates]
+
+    def signal(self, value: Any, what: str) -> int:
+        """Number a signal and, if it is an input, its slots."""
+        signal = signal_of(value, what)
+        index = len(self.signals)
+        self.signals.append(signal)
+        for coefficient, (name, unit, description, start) in enumerate(signal.variables()):
+            if name:
+                self._slot(Variable(name, unit, description, start), index, coefficient)
+        return index
+
+    def _slot(self, variable: Variable, signal: int, coefficient: int) -> None:
+        if variable.name in [slot.variable.name for slot in self.slots]:
+            raise UserError(f"input {variable.name!r} is used twice; each input moves one thing")
+        self.slots.append(Slot(variable, signal, coefficient))
+
+
+def shared(body: Body) -> bool:
+    """Whether the coordinates of a body's joint are another body's."""
+    return isinstance(body.joint, Section) and body.joint.frame is not None
+
+
+class Place:
+    """Where something of a kind is in a mechanism, see :class:`mbfmu.mechanics.kind.Site`."""
+
+    def __init__(self, name: str, bodies: tuple[Body, ...], numbering: Numbering, known: dict[str, int]) -> None:
+        self.name, self.bodies = name, tuple(body.index for body in bodies)
+        self._numbering, self._known = numbering, known
+        first = self.bodies[0] if bodies else 0
+        self.q, self.v = numbering.q[first], numbering.v[first]
+
+    def signal(self, value: Any, what: str) -> int:
+        """Number a signal; loads of one name share it."""
+        if what not in self._known:
+            self._known[what] = self._numbering.signal(value, what)
+        return self._known[what]
+
+
+class Compiled:
+    """A mechanism as arrays.
+
+    Attributes
+    ----------
+    data
+        Arrays and state; every cut-joint row is kept for now.
+    signals
+        Signals by number, each with its record.
+    sensors
+        What can be observed: the outputs, and last the energy and the kinetic energy.
+    """
+
+    def __init__(self, mechanism: Mechanism, numbering: Numbering) -> None:
+        self._numbering = numbering
+        self.sensors: list[Sensor] = [*(output[1] for output in mechanism.outputs), Energy(), KineticEnergy()]
+        loads = list(mechanism.loads())
+        rigid = [body for body in mechanism.bodies if not isinstance(body.joint, Section)]
+        known: dict[str, int] = {}
+        sites: list[tuple[Kind, Place]] = [
+            *((body.joint, Place(f"body {body.name!r}", (body,), numbering, known)) for body in rigid),
+            *((c.cut, Place(f"cut {c.name!r}", (c.a, c.b), numbering, known)) for c in mechanism.cuts),
+            *((a.load, Place(a.what, a.bodies, numbering, known)) for a in loads),
+            *((sensor, Place("a sensor", observed(sensor), numbering, known)) for sensor in self.sensors),
+        ]
+        self._ends = np.cumsum((len(rigid), len(mechanism.cuts), len(loads), len(self.sensors)))
+        filled = [filled_record(item, place) for item, place in sites]
+        for signal in numbering.signals:  # those that a signal is made of come up meanwhile
+            sites.append((signal, Place("a signal", (), numbering, {})))
+            filled.append(filled_record(*sites[-1]))
+        self._tables = tables = Tables([item for item, _ in sites], filled)
+        joints, cuts, acting, sensors, signals = np.split(np.column_stack((tables.kinds, tables.places)), self._ends)
+        world = records(1, WORLD)
+        world["gravity"] = mechanism.gravity
+        bodies, (closing, rows) = body_records(mechanism, numbering, joints), cut_records(mechanism, cuts)
+        elastics, nodes = elastic_records(mechanism, numbering)
+        world["drives"] = np.any(bodies["drive"] >= 0)
+        world["works"] = world["drives"] | any(a.load.works for a in loads) | np.any(elastics["beta"])
+        observing = item_records(sensors, SENSOR)
+        observing["energy"] = [sensor.reads_energy for sensor in self.sensors]
+        arrays = Arrays(
+            world=world,
+            bodies=bodies,
+            cuts=closing,
+            loads=item_records(acting, ITEM),
+            signals=item_records(signals, ITEM),
+            sensors=observing,
+            kept=np.arange(rows),
+            elastics=elastics,
+            nodes=nodes,
+            kernels=tables.kernels(),
+            memory=tables.memory,
+        )
+        sizes = (len(mechanism.bodies), rows, numbering.nq_full, numbering.nv_full, numbering.subspaces)
+        self.data = Data(arrays, allocate_state(*sizes))
+        self.signals = list(zip(numbering.signals, self.signal_records(self.data), strict=True))
+
+    def tangent_arrays(self) -> Arrays:
+        """Return the same arrays with the kernels that give derivatives by the state."""
+        return self.data.arrays._replace(kernels=self._tables.kernels(TANGENT))
+
+    def signal_records(self, data: Data) -> list[Any]:
+        """Return the record of every signal in the data, or in those of a :meth:`twin`."""
+        kind = complex_dtype if data.state.q.dtype == complex else np.dtype
+        found = []
+        for signal, at in zip(self._numbering.signals, data.arrays.signals["at"], strict=True):
+            dtype = kind(np.dtype(signal.record, align=True))
+            found.append(data.arrays.memory[at : at + dtype.itemsize].view(dtype)[0])
+        return found
+
+    def twin(self) -> Data:
+        """Return data as they are now with complex numbers for real ones."""
+        arrays, state = complex_twin(self.data)
+        memory, places = self._tables.complex_memory()
+        joints, *others = np.split(np.array(places, np.int64), self._ends)
+        arrays.bodies["at"][arrays.bodies["role"] == RIGID] = joints
+        for table, own in zip((arrays.cuts, arrays.loads, arrays.sensors, arrays.signals), others, strict=True):
+            table["at"] = own
+        arrays = arrays._replace(memory=memory, kernels=self._tables.kernels(COMPLEX))
+        return Data(arrays, state)
+
+    def table(self, kind: type[Kind]) -> NDArray[Any]:
+        """Return the records of a kind in the order they were added."""
+        return self._tables.table(kind)
+
+
+def filled_record(item: Kind, place: Place) -> NDArray[Any]:
+    """Return the record (1,) of something."""
+    record = records(1, np.dtype(item.record, align=True))
+    item.fill(record[0], place)
+    return record
+
+
+def observed(sensor: Sensor) -> tuple[Body, ...]:
+    """Return the body that a sensor is of, if it is of one."""
+    return (sensor.item,) if isinstance(sensor.item, Body) else ()
+
+
+def item_records(items: NDArray[np.int64], dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Return one record an item, from its kind and place (items, 2)."""
+    table = records(len(items), dtype)
+    table["kind"], table["at"] = items.T
+    return table
+
+
+def body_records(mechanism: Mechanism, numbering: Numbering, joints: NDArray[np.int64]) -> NDArray[Any]:
+    """One record a body, ground first; ``joints`` are those of rigid bodies, kind and place."""
+    table, nodes, own = records(len(mechanism.bodies), BODY), 0, iter(joints)
+    for i, body in enumerate(mechanism.bodies):
+        record, joint = table[i], body.joint
+        record["parent"], record["node"] = body.parent, -1
+        if isinstance(joint, Section):
+            record["role"] = SECTION if shared(body) else MODAL
+            record["node"], nodes = nodes, nodes + 1
+        else:
+            record["kind"], record["at"] = next(own)
+        record["nq"], record["nv"], record["quaternion"] = joint.nq, joint.nv, int(joint.quaternion)
+        record["qi"], record["vi"], record["si"] = numbering.q[i], numbering.v[i], numbering.s[i]
+        record["qf"], record["vf"], record["drive"] = numbering.qf[i], numbering.vf[i], numbering.drive[i]
+        record["mass"] = body.mass
+        record["com"], record["inertia"] = body.com, body.inertia
+        record["s"] = vector(f"placement of body {body.name!r}", joint.at)
+        record["R"] = rotation(f"rotation of body {body.name!r}", joint.rotation)
+    return table
+
+
+def cut_records(mechanism: Mechanism, cuts: NDArray[np.int64]) -> tuple[NDArray[Any], int]:
+    """One record a cut, from their kinds and places, and the number of rows."""
+    table, row = records(len(mechanism.cuts), CUT), 0
+    for record, handle, (kind, at) in zip(table, mechanism.cuts, cuts, strict=True):
+        record["kind"], record["at"] = kind, at
+        record["a"], record["b"], record["row"] = handle.a.index, handle.b.index, row
+        row += len(handle.cut.rows)
+        record["end"] = row
+    return table, row
+
+
+def elastic_records(mechanism: Mechanism, numbering: Numbering) -> tuple[NDArray[Any], NDArray[Any]]:
+    """One record an elastic body, and one a cross-section in the order of the bodies."""
+    elastics = records(len(mechanism.elastics), ELASTIC)
+    for record, elastic in zip(elastics, mechanism.elastics, strict=True):
+        i = elastic.modes.index
+        record["body"], record["qi"], record["vi"] = i, numbering.q[i], numbering.v[i]
+        elastic.beam.fill(record)
+    sections = [body.joint for body in mechanism.bodies if isinstance(body.joint, Section)]
+    nodes = records(len(sections), NODE)
+    for record, section in zip(nodes, sections, strict=True):
+        if section.frame is not None:  # bending leaves the frame in place
+            section.beam.fill_node(section.x, record)
+    return elastics, nodes
+
+
+def check_rows(mechanism: Mechanism, kept: NDArray[np.int64]) -> None:
+    """Raise UserError where an output reads a row of a cut joint that is void."""
+    first = np.cumsum([0] + [len(c.cut.rows) for c in mechanism.cuts])
+    for name, sensor, *_ in mechanism.outputs:
+        if isinstance(sensor, RowForce) and kept[first[sensor.item.index] + sensor.component] < 0:
+            raise UserError(
+                f"output {name!r} reads row {sensor.item.cut.rows[sensor.component]!r} of cut {sensor.item.name!r}, "
+                "which is void in this mechanism: no free motion works against it"
+            )

@@ -1,0 +1,240 @@
+"""What moves and loads a plant from outside: its drives, and the inputs that a host sets."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from mbfmu.mechanics.builder.mechanism import Mechanism
+from mbfmu.mechanics.numbers import finite
+from mbfmu.mechanics.sensors import Follows
+from mbfmu.mechanics.signals import Signal, SpeedInput
+from solvers.system import Array
+
+from .compile import GRAVITY, Numbering
+from .going_on import GoingOn
+from .motion import Departure, InputMotion, impulse
+from .scale import joint_sizes
+
+
+class Drives:
+    """The signals that driven coordinates follow, each once.
+
+    Attributes
+    ----------
+    signals
+        Their numbers.
+    sizes
+        The unit of the coordinate that each drives, by its number.
+    """
+
+    def __init__(
+        self, mechanism: Mechanism, numbering: Numbering, signals: list[tuple[Signal, Any]], length: float
+    ) -> None:
+        self._signals = signals
+        driven = [(b, numbering.drive[b.index]) for b in mechanism.bodies if b.joint.drive is not None]
+        self._bodies = [(body.name, k) for body, k in driven]
+        self._places = {body.index: k for body, k in driven}
+        self.sizes = {k: float(joint_sizes(body.name, body.joint, length)[0]) for body, k in driven}
+        self.signals = sorted(self.sizes)
+
+    def speeds(self) -> list[tuple[str, float, bool]]:
+        """Return name and speed of every driven body, and whether that is constant."""
+        return [(name, *self._steady(k)) for name, k in self._bodies]
+
+    def rates(self) -> list[float]:
+        """Return the constant speed of every drive, without sign, in units of its coordinate per second."""
+        return [abs(self._steady(k)[0]) / self.sizes[k] for k in self.signals]
+
+    def _steady(self, k: int) -> tuple[float, bool]:
+        signal, record = self._signals[k]
+        return signal.steady(record)
+
+    def paces(self, bodies: Iterable[int] | None = None) -> list[float]:
+        """Return the pace of every drive that moves, s; of those of these bodies only, by their number, if given."""
+        signals = self.signals if bodies is None else {self._places[b] for b in bodies if b in self._places}
+        return [pace for pace in map(self.pace, signals) if pace]
+
+    def pace(self, signal: int) -> float:
+        """Return a time (s) in which a drive moves by about the unit of its coordinate; zero: it never moves."""
+        own, record = self._signals[signal]
+        return own.pace(record, self.sizes[signal])
+
+    def finish_run_ups(self) -> None:
+        """Let every drive that runs up have its full speed from now on."""
+        for k in self.signals:
+            signal, record = self._signals[k]
+            signal.run_on(record)
+
+    def full_speeds(self) -> Array:
+        """Return the constant speed of every signal that drives, in their order."""
+        return np.array([self._steady(k)[0] for k in self.signals])
+
+    def run_at(self, speeds: Array, records: list[Any]) -> None:
+        """Let the signals that drive have these constant speeds in some ``records`` of all signals."""
+        for k, speed in zip(self.signals, speeds, strict=True):
+            self._signals[k][0].run_at(records[k], speed)
+
+
+class Inputs:
+    """The inputs of a plant, by number.
+
+    Attributes
+    ----------
+    variables
+        Name, unit, meaning and start of each.
+    signals
+        Numbers of the signals they are kept in.
+    """
+
+    def __init__(self, numbering: Numbering, arrays: Any, signals: list[tuple[Signal, Any]], drives: Drives) -> None:
+        self._slots, self._arrays = tuple(numbering.slots), arrays
+        self._records = [record for _, record in signals]
+        self.variables = tuple(slot.variable for slot in self._slots)
+        self.signals = {slot.signal for slot in self._slots}
+        self._motions: dict[int, InputMotion] = {}  # of every drive that is an input, by the number of its signal
+        for slot in self._slots:
+            k = slot.signal
+            if k in drives.signals and k not in self._motions:
+                speed = isinstance(numbering.signals[k], SpeedInput)
+                self._motions[k] = InputMotion(slot.variable.name, self._records[k], speed=speed)
+        self._going_on: dict[int, GoingOn] = {}  # loads that do not stay between points, by the number of the input
+
+    def go_on(self) -> None:
+        """Let loads go on between points, see :mod:`.loads`; not gravity, and not where the host gives a rate."""
+        rated = {slot.signal for slot in self._slots if slot.coefficient}
+        for index, slot in enumerate(self._slots):
+            if slot.signal != GRAVITY and slot.signal not in rated and not self.moves_support(index):
+                self._going_on[index] = GoingOn(self._records[slot.signal])
+
+    def __len__(self) -> int:
+        """Return how many there are."""
+        return len(self._slots)
+
+    def places(self, arrays: Any, records: list[Any]) -> list[tuple[Any, int]]:
+        """Return where the complex twin of the plant keeps every input: a vector and an index."""
+        return [
+            (arrays.world["gravity"][0] if slot.signal == GRAVITY else records[slot.signal]["c"], slot.coefficient)
+            for slot in self._slots
+        ]
+
+    def moves_support(self, index: int) -> bool:
+        """Whether an input is the position or the rate of a driven coordinate."""
+        return self._slots[index].signal in self._motions
+
+    def changes(self, index: int, follows: Follows) -> bool:
+        """Whether an input changes, at the moment it is set, what follows so: a support and a rate take a step."""
+        slot = self._slots[index]
+        if slot.signal == GRAVITY:
+            return follows >= Follows.GRAVITY
+        return not slot.coefficient and not self.moves_support(index) and follows >= Follows.LOADS
+
+    def weighs(self, index: int) -> bool:
+        """Whether an input is gravity, which changes the potential energy where it is set."""
+        return self._slots[index].signal == GRAVITY
+
+    def start(self, index: int, value: float, t: float = 0.0) -> None:
+        """Let an input (finite) have another value at the start, t."""
+        self._hold(index, value, t)
+        if self.moves_support(index):
+            self._motions[self._slots[index].signal].start()
+        elif index in self._going_on:
+            self._going_on[index].start(value)
+
+    def set(self, index: int, value: float, t: float = 0.0) -> None:
+        """Take the value (finite) of an input at time t.
+
+        What loads the mechanism holds from t on, or goes on; one with a rate goes on from what it has reached. What
+        moves a support is noted, for :meth:`depart`.
+        """
+        if self.moves_support(index):
+            slot = self._slots[index]
+            self._motions[slot.signal].give(slot.coefficient, self._finite(index, value))
+        elif index in self._going_on:
+            self._going_on[index].give(t, self._finite(index, value))
+        else:
+            self._hold(index, value, t)
+
+    def _hold(self, index: int, value: float, t: float) -> None:
+        slot = self._slots[index]
+        value = self._finite(index, value)
+        if slot.signal == GRAVITY:
+            self._arrays.world["gravity"][0, slot.coefficient] = value
+            return
+        signal = self._records[slot.signal]
+        signal["c"][0] += (t - signal["t0"]) * signal["c"][1]
+        signal["t0"] = t
+        signal["c"][slot.coefficient] = value
+
+    def _finite(self, index: int, value: float) -> float:
+        return finite(f"input {self.variables[index].name!r}", value)
+
+    @property
+    def remember(self) -> bool:
+        """Whether any of them remembers what it was at points before."""
+        return bool(self._motions or self._going_on)
+
+    @property
+    def settled(self) -> bool:
+        """Whether every support and every load goes on as it does until an input is set."""
+        supports = all(motion.settled for motion in self._motions.values())
+        return supports and all(load.settled for load in self._going_on.values())
+
+    def load(self, t: float, end: float) -> bool:
+        """Begin a step from t to ``end``; whether a load goes on otherwise than it did."""
+        changed = [load.depart(t, end) for load in self._going_on.values()]
+        return any(changed)
+
+    def pass_by(self, t: float) -> None:
+        """Note a communication point at which nothing changed."""
+        for load in self._going_on.values():
+            load.pass_by(t)
+
+    def depart(self, t: float, end: float) -> list[Departure]:
+        """Return the supports whose motion changes at t for a step until ``end`` (s), see :mod:`.motion`."""
+        found = (motion.depart(t, end) for motion in self._motions.values())
+        return [departure for departure in found if departure is not None]
+
+    def set_out(self, t: float, departures: Sequence[Departure], accelerations: Callable[[], Array]) -> Array | None:
+        """Let supports depart at t; return the jump of the free velocities (n,), or None where no rate jumps.
+
+        ``accelerations`` returns v' (n,) at t; what it raises leaves the supports on their way.
+        """
+        dv = None
+        if any(d.jump != 0.0 for d in departures):
+            before = [d.motion.course() for d in departures]
+            try:
+                dv = impulse(t, departures, accelerations)
+            finally:
+                for departure, (begin, path) in zip(departures, before, strict=True):
+                    departure.motion.follow(begin, path)
+        for motion, leg, _ in departures:
+            motion.set_out(leg)
+        return dv
+
+    def state(self) -> dict[str, list[Any]]:
+        """Return what the inputs hold, to be given to :meth:`restore`."""
+        held: list[Any] = []
+        for slot in self._slots:
+            if slot.signal == GRAVITY:
+                held.append((0.0, [float(self._arrays.world["gravity"][0, slot.coefficient])]))
+            else:
+                signal = self._records[slot.signal]
+                held.append((float(signal["t0"]), [float(x) for x in signal["c"]]))
+        motions = [motion.state() for motion in self._motions.values()]
+        return {"held": held, "motions": motions, "loads": [load.state() for load in self._going_on.values()]}
+
+    def restore(self, state: dict[str, list[Any]]) -> None:
+        """Let the inputs hold what they held when ``state`` was taken."""
+        for slot, (t0, c) in zip(self._slots, state["held"], strict=True):
+            if slot.signal == GRAVITY:
+                self._arrays.world["gravity"][0, slot.coefficient] = c[0]
+            else:
+                signal = self._records[slot.signal]
+                signal["t0"], signal["c"] = t0, c
+        for motion, remembered in zip(self._motions.values(), state["motions"], strict=True):
+            motion.restore(remembered)
+        for load, known in zip(self._going_on.values(), state["loads"], strict=True):
+            load.restore(known)

@@ -1,0 +1,234 @@
+"""The flat arrays a mechanism compiles to: what is constant, and what moves.
+
+Two types, passed to every kernel. :class:`Arrays` describes the mechanism and does not change while it moves (inputs
+and tunable parameters are written between steps). :class:`State` is scratch and result of the recursions, allocated
+once. Body 0 is the ground, so no recursion asks whether a body has a parent, and parents come before children.
+
+Vectors are in global axes unless a name ends in ``_local``; a motion or wrench is one 6-vector, linear part first, and
+a body's is taken at that body's origin. SI units throughout.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.mechanics.elements.plate_energy import ELEMENT
+from mbfmu.mechanics.flexible.modal import ELASTIC, MODES, NODE
+from solvers.kernel import records
+
+KERNELS = 4  # most that a role has
+
+RIGID, MODAL, SECTION = 0, 1, 2  # roles of a body: moved by its joint; first section of a flexible body, whose
+# amplitudes are its coordinates and do not move it; another section, which shares them
+
+BODY = np.dtype(
+    [
+        ("role", np.int64),
+        ("parent", np.int64),  # index of the parent; parents come first
+        ("kind", np.int64),  # row of the joint's kernels in Arrays.kernels; of rigid bodies
+        ("at", np.int64),  # where its record is in Arrays.memory
+        ("nq", np.int64),  # positions and velocities of the joint
+        ("nv", np.int64),
+        ("qi", np.int64),  # where they start in State.q and State.v
+        ("vi", np.int64),
+        ("si", np.int64),  # ... in State.S
+        ("qf", np.int64),  # where they start in the solver's free q and v; -1: driven
+        ("vf", np.int64),
+        ("quaternion", np.int64),  # 1: the last four positions are a unit quaternion
+        ("drive", np.int64),  # signal that gives the coordinate; -1: free
+        ("node", np.int64),  # of a section: its node; -1: rigid
+        ("mass", np.float64),  # kg
+        ("com", np.float64, (3,)),  # centre of mass from the body's origin, body axes, m
+        ("inertia", np.float64, (3, 3)),  # about the centre of mass, body axes, kg m^2
+        ("s", np.float64, (3,)),  # joint frame in the parent: origin s'_j, m
+        ("R", np.float64, (3, 3)),  # ... and axes
+    ],
+    align=True,
+)
+
+CUT = np.dtype(
+    [
+        ("kind", np.int64),  # row of its kernel
+        ("at", np.int64),  # place of its record
+        ("a", np.int64),  # the two bodies
+        ("b", np.int64),
+        ("row", np.int64),  # first of its rows in State.rows
+        ("end", np.int64),  # the one after its last
+    ],
+    align=True,
+)
+
+ITEM = np.dtype([("kind", np.int64), ("at", np.int64)], align=True)  # a load or a signal: its kernels and its record
+SENSOR = np.dtype([("kind", np.int64), ("at", np.int64), ("energy", np.int64)], align=True)  # 1: it reads State.energy
+
+WORLD = np.dtype(
+    [
+        ("gravity", np.float64, (3,)),  # m/s^2
+        ("works", np.int64),  # 1: something does work that is in no potential
+        ("drives", np.int64),  # 1: a drive does
+    ],
+    align=True,
+)
+
+
+class Arrays(NamedTuple):
+    """A compiled mechanism."""
+
+    world: NDArray[Any]  # (1,) WORLD
+    bodies: NDArray[Any]  # (nb,) BODY, ground first
+    cuts: NDArray[Any]  # CUT
+    loads: NDArray[Any]  # ITEM
+    signals: NDArray[Any]  # ITEM
+    sensors: NDArray[Any]  # SENSOR
+    kept: NDArray[np.int64]  # (rows,) number of a cut-joint row among the constraints; -1: void in this mechanism
+    elastics: NDArray[Any]  # ELASTIC
+    nodes: NDArray[Any]  # NODE
+    kernels: NDArray[np.int64]  # (kinds, KERNELS) addresses, a row for each kind that is there; 0: it has none
+    memory: NDArray[np.uint8]  # every record of joints, cut joints, loads, signals and sensors
+
+
+MOTION = np.dtype(
+    [
+        ("r", np.float64, (3,)),  # origin, m
+        ("A", np.float64, (3, 3)),  # orientation, body to global
+        ("Y", np.float64, (6,)),  # velocity (r', w)
+        ("dY", np.float64, (6,)),  # acceleration (r'', w'), less gravity
+        ("beta", np.float64, (6,)),  # acceleration at q'' = 0 and parent's Y' = 0 (velocity products)
+        ("com", np.float64, (3,)),  # centre of mass from the origin, global axes
+        ("Jc", np.float64, (3, 3)),  # inertia about the centre of mass, global axes
+        ("F", np.float64, (6,)),  # applied wrench
+        ("W", np.float64, (6,)),  # wrench the joint transmits from the parent
+        ("mass", np.float64),  # composite body: mass, first and second moment about the origin
+        ("mc", np.float64, (3,)),
+        ("J", np.float64, (3, 3)),
+        ("IA", np.float64, (6, 6)),  # articulated inertia
+        ("pA", np.float64, (6,)),  # articulated bias wrench
+    ],
+    align=True,
+)
+
+ROW = np.dtype(
+    [
+        ("Phi", np.float64),  # constraint residual
+        ("Ga", np.float64, (6,)),  # Phi' = Ga . Y_a + Gb . Y_b
+        ("Gb", np.float64, (6,)),
+        ("bias", np.float64),  # Phi'' = Ga . Y'_a + Gb . Y'_b + bias
+        ("lam", np.float64),  # multiplier that loaded the bodies last
+    ],
+    align=True,
+)
+
+
+class State(NamedTuple):
+    """What the recursions read and write."""
+
+    bodies: NDArray[Any]  # (nb,) MOTION
+    rows: NDArray[Any]  # (rows,) ROW
+    element: NDArray[Any]  # (1,) ELEMENT, a plate element at work
+    S: NDArray[np.float64]  # (subspaces, 6) joint motion subspaces, columns of B2
+    q: NDArray[np.float64]  # (nq,) every joint position, driven ones included
+    v: NDArray[np.float64]  # (nv,)
+    a: NDArray[np.float64]  # (nv,)
+    Q: NDArray[np.float64]  # (nv,) forces applied along joint coordinates
+    tau: NDArray[np.float64]  # (nv,) inverse dynamics
+    rel: NDArray[np.float64]  # (9, 6) a joint at work: rows 0-5 subspace, 6-8 rotation | offset
+    bias: NDArray[np.float64]  # (6,) what the turning of its subspace adds
+    frame: NDArray[np.float64]  # (3, 3) axes of its frame
+    product: NDArray[np.float64]  # (3, 3) a product of matrices on its way
+    wrench: NDArray[np.float64]  # (6,) a wrench on its way inward
+    U: NDArray[np.float64]  # (nv, 6) articulated body: (IA S)^T, with the joint's Cholesky factor taken out
+    D: NDArray[np.float64]  # (nv, MODES + 1) articulated body: a joint's Cholesky factor, and last its right-hand side
+    time: NDArray[np.float64]  # (1,) s, when the forces were applied last
+    damped: NDArray[np.float64]  # (1,) W, power that loads have told then, which :func:`power` would reckon again
+    energy: NDArray[np.float64]  # (2,) J, kinetic and potential, where sensors are read
+
+
+class Data(NamedTuple):
+    """What a solver passes through to the mechanics."""
+
+    arrays: Arrays
+    state: State
+
+
+def allocate_state(nb: int, rows: int, nq: int, nv: int, subspaces: int) -> State:
+    """Return zeroed scratch for ``nb`` bodies (ground included), with the ground placed."""
+    z = np.zeros
+    state = State(
+        bodies=records(nb, MOTION),
+        rows=records(rows, ROW),
+        element=records(1, ELEMENT),
+        S=z((subspaces, 6)),
+        q=z(nq),
+        v=z(nv),
+        a=z(nv),
+        Q=z(nv),
+        tau=z(nv),
+        rel=z((9, 6)),
+        bias=z(6),
+        frame=z((3, 3)),
+        product=z((3, 3)),
+        wrench=z(6),
+        U=z((nv, 6)),
+        D=z((nv, MODES + 1)),
+        time=z(1),
+        damped=z(1),
+        energy=z(2),
+    )
+    state.bodies["A"][0] = np.eye(3)
+    return state
+
+
+def empty_data() -> Data:
+    """Return data of a mechanism of one body: an example of the types that every mechanism has."""
+    whole = np.zeros(1, np.int64)
+    arrays = Arrays(
+        world=records(1, WORLD),
+        bodies=records(1, BODY),
+        cuts=records(1, CUT),
+        loads=records(1, ITEM),
+        signals=records(1, ITEM),
+        sensors=records(1, SENSOR),
+        kept=whole,
+        elastics=records(1, ELASTIC),
+        nodes=records(1, NODE),
+        kernels=np.zeros((1, KERNELS), np.int64),
+        memory=np.zeros(1, np.uint8),
+    )
+    return Data(arrays, allocate_state(1, 1, 1, 1, 1))
+
+
+def complex_twin(data: Data) -> Data:
+    """Return a copy whose real numbers are complex: the same recursions on it give derivatives by complex step.
+
+    Kernels are written so that each is an analytic function of every real number it reads. Kernels and memory are those
+    of the real one still: :class:`.tables.Tables` has the complex ones.
+    """
+    return Data(Arrays(*map(complex_copy, data.arrays)), complex_state(data.state))
+
+
+def complex_state(state: State) -> State:
+    """Return a copy whose real numbers are complex."""
+    return State(*map(complex_copy, state))
+
+
+def complex_copy(array: NDArray[Any]) -> NDArray[Any]:
+    """Return a copy whose real numbers are complex."""
+    if array.dtype.names is None:
+        return array.astype(complex) if array.dtype == np.float64 else array.copy()
+    twin = records(len(array), complex_dtype(array.dtype))
+    for name in array.dtype.names:
+        twin[name] = array[name]
+    return twin
+
+
+def complex_dtype(dtype: np.dtype[Any]) -> np.dtype[Any]:
+    """Return the fields of a record with complex numbers for real ones."""
+    fields = [(name, *_complex_field(dtype[name])) for name in dtype.names or ()]
+    return np.dtype(fields, align=True)
+
+
+def _complex_field(dtype: np.dtype[Any]) -> tuple[type, tuple[int, ...]]:
+    return (np.complex128 if dtype.base == np.float64 else np.int64), dtype.shape

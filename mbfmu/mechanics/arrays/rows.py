@@ -1,0 +1,110 @@
+"""What the rows of cut joints are worth: those no motion works against, and those that say what others say.
+
+A row is **void** where its Jacobian vanishes wherever the mechanism may be: a planar loop has three. It is dropped when
+the mechanism is compiled. A row is **redundant** where it depends on others: the loop is closed without it, and the
+forces between them are not determined. It stays, and its share is a matter of the solver.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from mbfmu.errors import AssemblyError
+from mbfmu.mechanics.builder.bodies import CutHandle
+from solvers.system import AnySystem, Array
+
+VOID = 1e-9  # of a Jacobian in units of row and coordinate, and of a gap: what rounding leaves of zero
+DEPENDENT = 1e-4  # of pivots, relative to the largest; a loop closed to 1e-11 is that far from a singular position
+TOLD = 4  # loops that are told one by one
+
+
+def row_names(cuts: Iterable[CutHandle]) -> list[str]:
+    """Return the name of every row."""
+    return [f"{c.name}.{row}" if row else c.name for c in cuts for row in c.cut.rows]
+
+
+def row_units(cuts: Iterable[CutHandle]) -> list[str]:
+    """Return the unit of every row's residual."""
+    return ["rad" if unit == "N.m" else "m" for c in cuts for unit in c.cut.units]
+
+
+class Probe:
+    """Largest Jacobian (m,) and gap (m,) of every row over positions that are tried, in units of the row."""
+
+    def __init__(self, system: AnySystem) -> None:
+        self._system, self._terms = system, system.allocate_terms()
+        self._random, self._first = np.random.default_rng(0), True
+        self.slope, self.gap, self.at_start = np.zeros(system.m), np.zeros(system.m), np.zeros(system.m)
+
+    def normal(self) -> float:
+        """Return a random number about zero, of order one."""
+        return float(self._random.normal())
+
+    def turns(self) -> float:
+        """Return a random number from zero to that of a turn, rad."""
+        return float(self._random.uniform(0.0, 2.0 * np.pi))
+
+    def try_at(self, t: float, start: Array) -> None:
+        """Take the rows at time t, at a random position about ``start`` (nq,)."""
+        s, q = self._system, start.copy()
+        s.apply(q, s.size * self._random.normal(size=s.n))
+        s.fill_position(t, q, self._terms)
+        slopes = np.abs(self._terms.J) * s.size / s.row_size[:, np.newaxis]
+        gaps = np.abs(self._terms.Phi) / s.row_size
+        if self._first:
+            self.at_start, self._first = gaps, False
+        self.slope = np.maximum(self.slope, slopes.max(axis=1, initial=0.0))
+        self.gap = np.maximum(self.gap, gaps)
+
+    def void(self, units: list[str]) -> NDArray[np.bool_]:
+        """Return which rows (m,) no free motion works against; AssemblyError where one of them does not close."""
+        s, void = self._system, self.slope < VOID
+        for i in np.flatnonzero(void & (self.gap > VOID)):
+            name, unit = s.constraint_names[i], units[i]
+            if self.at_start[i] > VOID:
+                off = self.at_start[i] * s.row_size[i]
+                raise AssemblyError(
+                    f"loop cannot close: {name!r} is off by {off:.3g} {unit} and no free joint can change that"
+                )
+            raise AssemblyError(
+                f"the drives break a loop: as they move, {name!r} opens to {self.gap[i] * s.row_size[i]:.3g} {unit} "
+                "and no free joint can follow; free a joint of this loop, or drive it otherwise"
+            )
+        return void
+
+
+def dependent_rows(system: AnySystem, t: float, q: Array) -> NDArray[np.int64]:
+    """Return the constraint rows that depend on the others at q (nq,), in order: by pivoting, in units of rows."""
+    terms = system.allocate_terms()
+    system.fill_position(t, q, terms)
+    if system.m == 0 or system.n == 0:
+        return np.arange(system.m)
+    scaled = terms.J * system.size / system.row_size[:, np.newaxis]
+    R, order = linalg.qr(scaled.T, mode="r", pivoting=True)
+    pivots = np.abs(np.diag(R))
+    rank = int(np.sum(pivots > DEPENDENT * pivots[0]))
+    return np.sort(order[rank:])
+
+
+def describe(cuts: Iterable[CutHandle], void: Collection[str], redundant: Collection[str]) -> list[str]:
+    """Return a sentence for every cut joint with void or redundant rows; few where there are many."""
+    lines = []
+    for cut in cuts:
+        rows = dict(zip(row_names([cut]), cut.cut.rows, strict=True))
+        found = [
+            (word, [row for name, row in rows.items() if name in those])
+            for word, those in (("void", void), ("redundant", redundant))
+        ]
+        parts = [
+            f"{len(those)} of {len(rows)} rows {'is' if len(those) == 1 else 'are'} {word}"
+            + (f" ({', '.join(those)})" if len(rows) > 1 else "")
+            for word, those in found
+            if those
+        ]
+        if parts:
+            lines.append(f"loop {cut.name!r}: {', '.join(parts)}")
+    return lines if len(lines) <= TOLD else [*lines[:TOLD], f"{len(lines) - TOLD} more loops have such rows"]

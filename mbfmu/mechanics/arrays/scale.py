@@ -1,0 +1,84 @@
+"""How large a mechanism is: the length and the units in which its coordinates and constraints are of order one.
+
+A threshold on a gap, a step or a Jacobian means something only against these.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+
+import numpy as np
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics.builder.bodies import Body
+from mbfmu.mechanics.builder.mechanism import Mechanism
+from mbfmu.mechanics.cuts import Cut
+from mbfmu.mechanics.joints import Joint
+from mbfmu.mechanics.numbers import LONGEST, SHORTEST, array_of
+from solvers.system import Array
+
+from .records import Arrays
+
+
+def characteristic_length(mechanism: Mechanism, arrays: Arrays) -> float:
+    """Return the largest distance between two points of one body that something hangs on, m.
+
+    Points are origins of joints, centres of mass, and where cut joints and forces act; a rod between two points and an
+    elastic body count with their length. A mechanism all of whose points coincide is measured by the springs and the
+    radii of gyration it has, and one without any by 1 m. Raises UserError for one that is no length of a mechanism.
+    """
+    points: defaultdict[int, list[Array]] = defaultdict(list)
+    for i, body in enumerate(arrays.bodies[1:], 1):
+        points[i] += [np.zeros(3), body["com"]]
+        points[int(body["parent"])].append(body["s"])
+    for handle in mechanism.cuts:
+        points[handle.a.index].append(np.asarray(handle.cut.at_a, float))
+        points[handle.b.index].append(np.asarray(handle.cut.at_b, float))
+    for acting in mechanism.loads():
+        for body, point in zip(acting.bodies, acting.load.points(), strict=False):
+            points[body.index].append(np.asarray(point, float))
+    spans = [_span(np.array(own)) for own in points.values()]
+    held = [handle.cut.extent() for handle in mechanism.cuts]
+    length = float(max((*spans, *held, *arrays.nodes["x"])) or _slight(mechanism, arrays) or 1.0)
+    if not SHORTEST <= length <= LONGEST:
+        raise UserError(
+            f"the largest length of the mechanism is {length:.3g} m; allowed: {SHORTEST:g} to {LONGEST:g} m"
+        )
+    return length
+
+
+def _span(points: Array) -> float:
+    """Return the distance between two far points of (k, 3): at least 0.57 of the largest there is."""
+    with np.errstate(over="ignore"):
+        far = points[np.linalg.norm(points - points[0], axis=1).argmax()]
+        return float(np.linalg.norm(points - far, axis=1).max())
+
+
+def _slight(mechanism: Mechanism, arrays: Arrays) -> float:
+    """Return the largest length of an unloaded load or radius of gyration, m."""
+    massive = arrays.bodies[arrays.bodies["mass"] > 0.0]
+    turning = np.trace(massive["inertia"], axis1=1, axis2=2) / massive["mass"]
+    free = max((acting.load.extent() for acting in mechanism.loads()), default=0.0)
+    return max(float(np.sqrt(turning.max(initial=0.0) / 2.0)), free)
+
+
+def coordinate_sizes(bodies: list[Body], length: float) -> Array:
+    """Return the unit of every velocity coordinate of these bodies' joints: what is told, or 1 rad and ``length`` m."""
+    return np.concatenate([np.zeros(0), *(joint_sizes(body.name, body.joint, length) for body in bodies)])
+
+
+def joint_sizes(name: str, joint: Joint, length: float) -> Array:
+    """Return the unit of the coordinates (nv,) of one joint."""
+    if joint.size is None:
+        return np.array([length if unit == "m" else 1.0 for unit in joint.units])
+    told = array_of(f"size of body {name!r}", joint.size)
+    if told.shape not in ((), (joint.nv,)) or not np.all(np.isfinite(told)) or np.any(told <= 0.0):
+        raise UserError(
+            f"size of body {name!r} is {joint.size!r}; allowed: one number greater than zero, or {joint.nv} of them"
+        )
+    return np.broadcast_to(told, (joint.nv,))
+
+
+def row_sizes(cut: Cut, length: float) -> Array:
+    """Return the unit of the residual of every row of a cut joint: 1 rad where it turns, else ``length`` m."""
+    return np.array([1.0 if unit == "N.m" else length for unit in cut.units])

@@ -1,0 +1,135 @@
+"""The records of all kinds that are in a mechanism, and where their kernels are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import types
+from numpy.typing import NDArray
+
+from mbfmu.mechanics.kind import Kind, kernel_of
+from solvers.by_address import address_of, record_type, side_by_side
+from solvers.held import held_type
+from solvers.kernel import COMPILED, records
+
+from .records import KERNELS, MOTION, complex_copy, complex_dtype, complex_state, complex_twin, empty_data
+
+
+class Numbers(NamedTuple):
+    """Which numbers kernels work on, and which kernels those are."""
+
+    arrays: type
+    state: type
+    names: frozenset[str]
+
+
+MOVING = frozenset(("place", "bias", "evaluate", "apply", "potential", "power", "read"))
+REAL = Numbers(float, float, MOVING)
+COMPLEX = Numbers(complex, complex, MOVING - {"power"})  # derivatives by whatever is in the arrays or the state
+TANGENT = Numbers(float, complex, frozenset(("place", "evaluate", "apply", "tangent")))  # ... by the state alone
+
+
+class Row(NamedTuple):
+    """A kind that is there: its record, and its kernels by name with what they are called with."""
+
+    record: np.dtype[Any]
+    kernels: tuple[tuple[str, str, Any], ...]
+
+
+class Tables:
+    """Records of everything that has a kind, those of one kind side by side.
+
+    Parameters
+    ----------
+    items
+        Joints, cut joints, loads, signals and sensors.
+    filled
+        Their records, filled, one (1,) array each.
+
+    Attributes
+    ----------
+    kinds, places
+        Of every item its row among the kernels and where its record is in ``memory``.
+    """
+
+    def __init__(self, items: Sequence[Kind], filled: Sequence[NDArray[Any]]) -> None:
+        rows = [row_of(item) for item in items]
+        self._rows = list(dict.fromkeys(rows))
+        number = {row: k for k, row in enumerate(self._rows)}
+        self.kinds = [number[row] for row in rows]
+        counts = np.bincount(np.array(self.kinds, np.int64), minlength=len(self._rows))
+        empty = [records(n, row.record) for n, row in zip(counts, self._rows, strict=True)]
+        self.memory, self._tables, starts = side_by_side(empty)
+        self.places = self._laid(self._tables, starts)
+        for place, record in zip(self.places, filled, strict=True):
+            self.memory[place : place + record.nbytes] = record.view(np.uint8)
+
+    def _laid(self, tables: list[NDArray[Any]], starts: list[int]) -> list[int]:
+        """Return of every item where its record is."""
+        met, places = [0] * len(tables), []
+        for kind in self.kinds:
+            places.append(starts[kind] + met[kind] * tables[kind].itemsize)
+            met[kind] += 1
+        return places
+
+    def table(self, kind: type[Kind]) -> NDArray[Any]:
+        """Return the records of a kind that has the same kernels wherever it is."""
+        found = [k for k, row in enumerate(self._rows) if row == row_of(kind)]
+        return self._tables[found[0]] if found else records(0, np.dtype(kind.record, align=True))
+
+    def kernels(self, numbers: Numbers = REAL) -> NDArray[np.int64]:
+        """Return the addresses (kinds, KERNELS) of all kernels, compiled for these numbers."""
+        table = np.zeros((max(1, len(self._rows)), KERNELS), np.int64)
+        for own, row in zip(table, self._rows, strict=False):
+            analytic = any(name == "tangent" and function is not None for name, _, function in row.kernels)
+            names = numbers.names - ({"apply"} if analytic and numbers is TANGENT else set())
+            for k, (name, signature, function) in enumerate(row.kernels):
+                if function is not None and name in names:
+                    own[k] = compiled(function, row.record, signature, name, numbers)
+        return table
+
+    def complex_memory(self) -> tuple[NDArray[np.uint8], list[int]]:
+        """Return the records as they are now with complex numbers for real ones, and where each is."""
+        memory, tables, starts = side_by_side([complex_copy(table) for table in self._tables])
+        return memory, self._laid(tables, starts)
+
+
+def row_of(item: Kind | type[Kind]) -> Row:
+    """Return what an item has in common with others of its kind."""
+    kernels = tuple((name, told, kernel_of(item, name)) for name, told in item.kernels.items())
+    return Row(np.dtype(item.record, align=True), kernels)
+
+
+@cache
+def compiled(function: Any, record: np.dtype[Any], signature: str, name: str, numbers: Numbers) -> int:
+    """Return the address of a kernel, compiled for the words of a signature."""
+    state = float if name == "tangent" else numbers.state
+    words, _, result = signature.partition(" -> ")
+    known = word_types(numbers.arrays, state) if COMPILED else {}
+    of_state = "state" in words.split(", ")
+    number = types.complex128 if (state if of_state else numbers.arrays) is complex else types.float64
+    triple = types.UniTuple(number, 3)  # type: ignore[no-untyped-call]
+    results = {"": types.void, "number": number, "three": triple}
+    arguments = [known.get(word) for word in words.split(", ")]
+    return address_of(
+        function, record if numbers.arrays is float else complex_dtype(record), arguments, results[result]
+    )
+
+
+@cache
+def word_types(arrays: type, state: type) -> dict[str, Any]:
+    """Return numba's types of what kernels are called with, by the words of a signature."""
+    real = empty_data()
+    number = types.complex128 if state is complex else types.float64
+    return {
+        "time": types.float64,
+        "index": types.int64,
+        "arrays": held_type((complex_twin(real) if arrays is complex else real).arrays),
+        "state": held_type(complex_state(real.state) if state is complex else real.state),
+        "motion": record_type(complex_dtype(MOTION) if state is complex else MOTION),
+        "lam": number[::1],
+        "matrix": types.float64[:, ::1],
+    }

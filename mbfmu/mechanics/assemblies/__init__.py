@@ -1,0 +1,1 @@
+"""Mechanisms of many bodies that one call adds."""

@@ -1,0 +1,177 @@
+"""What the builder hands back: bodies, cut joints, elastic bodies, and how they are observed and drawn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics.checks import Matrix, Vector, one_of, vector
+from mbfmu.mechanics.cuts import Cut
+from mbfmu.mechanics.flexible import Beam
+from mbfmu.mechanics.joints import Joint, Section
+from mbfmu.mechanics.sensors import (
+    Acceleration,
+    BendingMoment,
+    Coordinate,
+    CutForce,
+    Deflection,
+    Effort,
+    JointForce,
+    PointAcceleration,
+    PointPosition,
+    PointVelocity,
+    Rate,
+    RowForce,
+    Sensor,
+    axis_index,
+)
+
+if TYPE_CHECKING:
+    from .mechanism import Mechanism
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A body of a mechanism, as :meth:`Mechanism.body` returns it."""
+
+    name: str
+    index: int
+    parent: int
+    joint: Joint
+    mass: float = 0.0
+    com: Matrix = field(default_factory=lambda: np.zeros(3))
+    inertia: Matrix = field(default_factory=lambda: np.zeros((3, 3)))
+
+    def coordinate(self, k: int = 0) -> Sensor:
+        """Joint position k, rad or m."""
+        return Coordinate(unit=self._unit(k), item=self, component=k)
+
+    def rate(self, k: int = 0) -> Sensor:
+        """Joint velocity k, rad/s or m/s."""
+        return Rate(unit=self._unit(k) + "/s", item=self, component=k)
+
+    def acceleration(self, k: int = 0) -> Sensor:
+        """Joint acceleration k, rad/s2 or m/s2."""
+        return Acceleration(unit=self._unit(k) + "/s2", item=self, component=k)
+
+    def effort(self, k: int = 0) -> Sensor:
+        """Force or torque that drives a driven joint."""
+        return Effort(unit="N.m" if self._unit(k) == "rad" else "N", item=self, component=k)
+
+    angle = coordinate
+
+    def position(self, axis: str, point: Vector = (0.0, 0.0, 0.0)) -> Sensor:
+        """Global component of the position of a body-fixed point, m."""
+        return PointPosition(unit="m", item=self, component=axis_index(axis), point=vector("point", point))
+
+    def velocity(self, axis: str, point: Vector = (0.0, 0.0, 0.0)) -> Sensor:
+        """... of its velocity, m/s."""
+        return PointVelocity(unit="m/s", item=self, component=axis_index(axis), point=vector("point", point))
+
+    def point_acceleration(self, axis: str, point: Vector = (0.0, 0.0, 0.0)) -> Sensor:
+        """... of its acceleration, m/s2."""
+        return PointAcceleration(
+            unit="m/s2",
+            item=self,
+            component=axis_index(axis),
+            point=vector("point", point),
+        )
+
+    def joint_force(self, axis: str) -> Sensor:
+        """Global component of the force the tree joint exerts on this body, N."""
+        return JointForce(unit="N", item=self, component=axis_index(axis))
+
+    def joint_moment(self, axis: str) -> Sensor:
+        """Global component of the moment it exerts about the body's origin, N m."""
+        return JointForce(unit="N.m", item=self, component=3 + axis_index(axis))
+
+    def _unit(self, k: int) -> str:
+        if not isinstance(k, int | np.integer) or not 0 <= k < self.joint.nv:
+            raise UserError(f"body {self.name!r} has no joint coordinate {k!r}; it has {self.joint.nv}")
+        return self.joint.units[k]
+
+
+@dataclass(frozen=True, eq=False)
+class CutHandle:
+    """A cut joint of a mechanism, as :meth:`Mechanism.cut` returns it."""
+
+    name: str
+    index: int
+    cut: Cut
+    a: Body
+    b: Body
+
+    def force(self, row: str = "") -> Sensor:
+        """Force (N) or moment (N m) of one row on body b: ``x``, ``y``, ``z`` along the axes of the cut frame in body
+        a, which turn with it, that of a distance joint along the line from a to b.
+        """
+        if row not in self.cut.rows:
+            raise UserError(f"cut {self.name!r} has no row {row!r}; allowed: {', '.join(map(repr, self.cut.rows))}")
+        k = self.cut.rows.index(row)
+        return RowForce(unit=self.cut.units[k], item=self, component=k)
+
+    def joint_force(self, axis: str, on: str = "b") -> Sensor:
+        """Global component of the force the cut joint exerts on body ``"a"`` or ``"b"``, N; void rows exert none."""
+        one_of("body of a cut joint's force", on, ("a", "b"))
+        component = axis_index(axis) + (3 if on == "a" else 0)
+        return CutForce(unit="N", item=self, component=component)
+
+
+@dataclass(frozen=True, eq=False)
+class Elastic:
+    """An elastic body, as :meth:`Mechanism.elastic` returns it.
+
+    Attributes
+    ----------
+    body
+        Its frame as a body of the tree, without mass: what the joint to the parent moves.
+    modes
+        Its first section: coordinate k is the amplitude of mode k + 1, m.
+    """
+
+    name: str
+    index: int
+    beam: Beam
+    body: Body
+    modes: Body
+    _mechanism: Mechanism
+    _sections: dict[float, Body] = field(default_factory=dict)
+
+    def section(self, x: float) -> Body:
+        """Return the cross-section at x (m) as a body, to hang others on, to cut, to load, to observe."""
+        if x not in self._sections:
+            self.beam.shape(x)
+            joint = Section(beam=self.beam, x=float(x), frame=self.modes)
+            self._sections[x] = self._mechanism.add_section(f"{self.name}[{x:g}]", self.modes, joint)
+        return self._sections[x]
+
+    def deflection(self, x: float) -> Sensor:
+        """Deflection along y at x, m."""
+        return Deflection(unit="m", item=self.section(x))
+
+    def moment(self, x: float) -> Sensor:
+        """Bending moment E I w'' about z at x, N m; without the damping of the material."""
+        return BendingMoment(unit="N.m", item=self.section(x))
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A grid of bodies drawn as one skin, see :meth:`Mechanism.surface`."""
+
+    name: str
+    bodies: NDArray[np.int64]  # (rows, columns) indices
+    at: Matrix  # the point of every body it passes through, body axes, m
+    colour: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Profile:
+    """The rectangular cross-section an elastic body is drawn with, see :meth:`Mechanism.profile`."""
+
+    height: float  # along y, in which it bends, m
+    width: float  # along z, m
+    colour: str

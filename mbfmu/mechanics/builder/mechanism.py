@@ -1,0 +1,361 @@
+"""The builder: a mechanism in a dozen lines.
+
+>>> from mbfmu.mechanics import Mechanism, Revolute, rod
+>>> m = Mechanism(gravity=(0, -9.81, 0))
+>>> bob = m.body("bob", m.ground, Revolute(axis="z"), **rod(mass=1.0, length=1.0))
+>>> m.output("bob.angle", bob.angle(), "angle from the horizontal")
+>>> plant = m.compile()
+
+A body's frame is where its tree joint puts it: at rest it lies on the joint frame in the parent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics.checks import Vector, inertia_matrix, not_negative, rotation, vector
+from mbfmu.mechanics.cuts import Cut
+from mbfmu.mechanics.elements import Plate
+from mbfmu.mechanics.flexible import Beam
+from mbfmu.mechanics.joints import Joint, Revolute, Section, Weld
+from mbfmu.mechanics.kind import check_kind
+from mbfmu.mechanics.loads import Drag, Force, Load, Pressure
+from mbfmu.mechanics.numbers import finite
+from mbfmu.mechanics.sensors import (
+    Energy,
+    JacobiIntegral,
+    KineticEnergy,
+    PotentialEnergy,
+    Residual,
+    Sensor,
+    Turn,
+)
+from mbfmu.mechanics.shapes import Shape, check_colour, lengths
+from mbfmu.mechanics.signals import Input, Signal
+
+from .bodies import Body, CutHandle, Elastic, Profile, Surface
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.arrays.plant import Plant
+    from mbfmu.mechanics.assemblies.sheet import Sheet
+
+
+class Acting(NamedTuple):
+    """A load, what messages call it, and the bodies it acts on."""
+
+    what: str
+    load: Load
+    bodies: tuple[Body, ...]
+
+
+class Mechanism:
+    """Bodies on tree joints from the ground, closed by cut joints, moved by forces and drives.
+
+    Parameters
+    ----------
+    gravity
+        Acceleration of gravity, global axes, m/s^2; zero: none. A component may be an input without rate: it holds
+        between steps.
+
+    Attributes
+    ----------
+    gravity
+        (3,), m/s^2; of inputs the start.
+    gravity_inputs
+        By component.
+    """
+
+    def __init__(self, *, gravity: Vector | Sequence[float | Input] = (0.0, 0.0, 0.0)) -> None:
+        components = np.atleast_1d(np.asarray(gravity, object))
+        for given in components:
+            if isinstance(given, Signal) and (not isinstance(given, Input) or given.rate_name):
+                raise UserError(f"gravity is {given!r}; allowed: a number, or an input without rate_name")
+        self.gravity_inputs = {k: g for k, g in enumerate(components) if isinstance(g, Input)}
+        self.gravity = vector("gravity", [g.start if isinstance(g, Input) else g for g in components])
+        self.ground = Body("ground", 0, 0, Weld())
+        self.bodies: list[Body] = [self.ground]
+        self._bodies_named = {"ground": self.ground}
+        self.cuts: list[CutHandle] = []
+        self.forces: list[tuple[str, Load, Body, Body]] = []
+        self.plates: list[tuple[Plate, tuple[Body, Body, Body, Body]]] = []
+        self.elastics: list[Elastic] = []
+        self.pressures: list[tuple[str, Pressure, list[tuple[Body, ...]]]] = []
+        self.profiles: dict[int, Profile] = {}  # by elastic body
+        self.outputs: list[tuple[str, Sensor, str, float | None]] = []
+        self.shapes: list[tuple[Body, Shape]] = []
+        self.surfaces: list[Surface] = []
+        self.sheets: list[Sheet] = []  # what add_sheet has made
+        self.energy: Sensor = Energy()
+        self.kinetic_energy: Sensor = KineticEnergy()
+        self.potential_energy: Sensor = PotentialEnergy()
+        self.jacobi_integral: Sensor = JacobiIntegral()
+        self.position_residual: Sensor = Residual(unit="m")
+        self.velocity_residual: Sensor = Residual(unit="m/s", component=1)
+
+    def body(
+        self,
+        name: str,
+        parent: Body,
+        joint: Joint,
+        *,
+        mass: float = 0.0,
+        com: Vector = (0.0, 0.0, 0.0),
+        inertia: Any = (0.0, 0.0, 0.0),
+    ) -> Body:
+        """Hang a body on its parent.
+
+        Parameters
+        ----------
+        name
+            New among the bodies.
+        parent
+            A body of this mechanism or its ground.
+        joint
+            Tree joint; places the body's frame in the parent's.
+        mass
+            kg; zero is allowed where the motion has inertia from other bodies.
+        com
+            Centre of mass in the body's frame, m.
+        inertia
+            About the centre of mass, body axes, kg m^2: three principal values or a 3x3 matrix.
+        """
+        self._new_name("body", name, self._bodies_named)
+        self._member(parent, f"parent of body {name!r}")
+        check_kind(f"joint of body {name!r}", joint, Joint)
+        if isinstance(joint, Section):
+            raise UserError(f"joint of body {name!r} is a section; Elastic.section makes those")
+        joint.check(f"body {name!r}")
+        if joint.drive is not None and joint.nv != 1:
+            raise UserError(
+                f"joint of body {name!r} cannot be driven: only joints of one coordinate can; "
+                "chain revolute and translational joints through bodies without mass"
+            )
+        new = Body(
+            name,
+            len(self.bodies),
+            parent.index,
+            joint,
+            not_negative(f"mass of body {name!r}", mass),
+            vector(f"com of body {name!r}", com),
+            inertia_matrix(name, inertia),
+        )
+        self.bodies.append(new)
+        self._bodies_named[name] = new
+        return new
+
+    def elastic(self, name: str, parent: Body, joint: Joint, beam: Beam) -> Elastic:
+        """Hang a beam on its parent: a body that bends.
+
+        Parameters
+        ----------
+        name
+            New among the bodies; its frame is a body of this name.
+        parent, joint
+            As those of :meth:`body`; the joint places the frame the beam bends in, which x runs along.
+        beam
+            The beam and its modes.
+        """
+        if not isinstance(beam, Beam):
+            raise UserError(f"beam of elastic body {name!r} is {beam!r}; it must be a Beam")
+        body = self.body(name, parent, joint)
+        modes = self.add_section(f"{name}.mode", body, Section(beam=beam))
+        self.elastics.append(Elastic(name, len(self.elastics), beam, body, modes, self))
+        return self.elastics[-1]
+
+    def add_section(self, name: str, parent: Body, joint: Section) -> Body:
+        """Append a cross-section of an elastic body; :meth:`Elastic.section` is the way to one."""
+        self._new_name("body", name, self._bodies_named)
+        new = Body(name, len(self.bodies), parent.index, joint)
+        self.bodies.append(new)
+        self._bodies_named[name] = new
+        return new
+
+    def cut(self, name: str, cut: Cut, a: Body, b: Body) -> CutHandle:
+        """Close a loop with a cut joint between bodies a and b."""
+        self._new_name("cut", name, [c.name for c in self.cuts])
+        check_kind(f"cut {name!r}", cut, Cut)
+        self._member(a, f"body a of cut {name!r}")
+        self._member(b, f"body b of cut {name!r}")
+        if a is b:
+            raise UserError(f"cut {name!r} ties body {a.name!r} to itself; it needs two bodies")
+        cut.check(f"cut {name!r}")
+        self.cuts.append(CutHandle(name, len(self.cuts), cut, a, b))
+        return self.cuts[-1]
+
+    def force(self, name: str, force: Force, a: Body, b: Body | None = None) -> None:
+        """Let a force act on body a (and b); joint forces act on a's tree joint."""
+        self._new_name("force", name, [f[0] for f in self.forces])
+        check_kind(f"force {name!r}", force, Force)
+        self._member(a, f"body a of force {name!r}")
+        other = self.ground if b is None else b
+        self._member(other, f"body b of force {name!r}")
+        if force.on_joint and a.joint.nv != 1:
+            raise UserError(f"force {name!r} needs a joint of one coordinate; that of {a.name!r} has {a.joint.nv}")
+        if not force.on_joint and a is other:
+            raise UserError(f"force {name!r} acts between body {a.name!r} and itself; it needs two bodies")
+        force.check(f"force {name!r}")
+        self.forces.append((name, force, a, other))
+
+    def shape(self, body: Body, *shapes: Shape) -> None:
+        """Draw a body with these shapes instead of the picture it gets by default."""
+        self._member(body, "body of a shape")
+        for shape in shapes:
+            if not isinstance(shape, Shape):
+                raise UserError(f"shape of body {body.name!r} is {shape!r}; allowed: Box, Cylinder, Sphere")
+            vector(f"at of a shape of body {body.name!r}", shape.at)
+            shape.axes()
+            self.shapes.append((body, shape))
+
+    def profile(self, elastic: Elastic, *, height: float, width: float, colour: str = "") -> None:
+        """Draw an elastic body with this rectangular cross-section instead of a slender one.
+
+        Parameters
+        ----------
+        elastic
+            Of this mechanism.
+        height, width
+            Along y, in which it bends, and along z, m.
+        colour
+            ``"#rrggbb"``; empty: the one the body is given.
+        """
+        if not any(elastic is own for own in self.elastics):
+            named = getattr(elastic, "name", elastic)
+            raise UserError(f"elastic body of a profile is {named!r}; it must be one of this mechanism")
+        lengths(f"height and width of the profile of {elastic.name!r}", (height, width), 2)
+        self.profiles[elastic.index] = Profile(height=height, width=width, colour=check_colour(colour))
+
+    def surface(
+        self, name: str, bodies: Sequence[Sequence[Body]], *, at: Vector = (0.0, 0.0, 0.0), colour: str = ""
+    ) -> None:
+        """Draw a grid of bodies as one skin, and not one by one.
+
+        Parameters
+        ----------
+        name
+            New among the surfaces.
+        bodies
+            Rows of bodies, all of one length, at least 2 by 2.
+        at
+            The point of every body the skin passes through, in the body's frame, m.
+        colour
+            ``"#rrggbb"``; empty: one is chosen.
+        """
+        self._new_name("surface", name, [s.name for s in self.surfaces])
+        for body in (body for row in bodies for body in row):
+            self._member(body, f"a body of surface {name!r}")
+        columns = {len(row) for row in bodies}
+        if len(bodies) < 2 or len(columns) != 1 or min(columns) < 2:
+            raise UserError(f"surface {name!r} needs at least 2 rows of at least 2 bodies, all of one length")
+        grid = np.array([[body.index for body in row] for row in bodies], np.int64)
+        self.surfaces.append(Surface(name, grid, vector(f"at of surface {name!r}", at), check_colour(colour)))
+
+    def plate(self, plate: Plate, a: Body, b: Body, c: Body, d: Body) -> None:
+        """Span a plate element between bodies at its corners (0, 0), (a, 0), (a, b), (0, b) of their x-z plane."""
+        if not isinstance(plate, Plate):
+            raise UserError(f"plate is {plate!r}; it must be a Plate")
+        plate.check("a plate")
+        nodes = (a, b, c, d)
+        self._corners("a plate", nodes)
+        self.plates.append((plate, nodes))
+
+    def pressure(self, name: str, magnitude: Any, faces: Iterable[Sequence[Body]]) -> None:
+        """Let a pressure act on surfaces, along their normals as they turn.
+
+        Parameters
+        ----------
+        name
+            New among the pressures.
+        magnitude
+            Pa, a number, a signal or an input; positive along y of a flat face.
+        faces
+            Four bodies each, in the order of a plate's corners.
+        """
+        self._new_name("pressure", name, [p[0] for p in self.pressures])
+        quads = [tuple(face) for face in faces]
+        for corners in quads:
+            self._corners(f"a face of pressure {name!r}", corners)
+        self.pressures.append((name, Pressure(magnitude=magnitude), quads))
+
+    def loads(self) -> Iterator[Acting]:
+        """Yield what acts on the mechanism: forces, then plates, then what acts on surfaces."""
+        for name, force, a, b in self.forces:
+            yield Acting(f"force {name!r}", force, (a, b))
+        for plate, corners in self.plates:
+            yield Acting("a plate", plate, corners)
+        for plate, corners in self.plates:
+            if plate.drag > 0.0:
+                yield Acting("drag on a plate", Drag(density=plate.drag, a=plate.a, b=plate.b), corners)
+        for name, pressure, faces in self.pressures:
+            for face in faces:
+                yield Acting(f"pressure {name!r}", pressure, face)
+
+    def _corners(self, what: str, nodes: tuple[Body, ...]) -> None:
+        """Refuse what does not span a surface."""
+        for body in nodes:
+            self._member(body, f"corner of {what}")
+        if len({body.index for body in nodes}) < 4 or len(nodes) > 4:
+            raise UserError(f"corners of {what} are {[body.name for body in nodes]}; it needs four bodies")
+
+    def turn(self, body: Body) -> Sensor:
+        """Absolute angle (rad) of a body that hangs on the ground by parallel revolutes; it counts whole turns."""
+        return Turn(unit="rad", item=self._planar(body))
+
+    def turn_rate(self, body: Body) -> Sensor:
+        """Rate of :meth:`turn`, rad/s."""
+        return Turn(unit="rad/s", item=self._planar(body), component=1)
+
+    def _planar(self, body: Body) -> Body:
+        here, axis = body, None
+        while here.index > 0:
+            joint = here.joint
+            own = joint.direction if isinstance(joint, Revolute) else np.array((0.0, 0.0, 1.0))
+            axis, turned = own if axis is None else axis, rotation("rotation", joint.rotation) @ own
+            if not isinstance(joint, Revolute | Section) or abs(abs(turned @ axis) - 1.0) > 1e-12:
+                raise UserError(
+                    f"turn of body {body.name!r} needs parallel revolutes down to the ground, or beams between"
+                )
+            here = self.bodies[here.parent]
+        return body
+
+    def output(self, name: str, sensor: Sensor, description: str = "", nominal: float | None = None) -> None:
+        """Publish a quantity under a structured name such as ``crank.angle``."""
+        self._new_name("output", name, [o[0] for o in self.outputs])
+        if not isinstance(sensor, Sensor):
+            raise UserError(f"output {name!r} is {sensor!r}; it must be a sensor, such as Body.angle()")
+        check_kind(f"output {name!r}", sensor, Sensor)
+        if isinstance(sensor.item, Body):
+            self._member(sensor.item, f"body of output {name!r}")
+        self.outputs.append((name, sensor, description, nominal))
+
+    def compile(self) -> Plant:
+        """Turn the mechanism into flat arrays and callbacks."""
+        from mbfmu.mechanics.arrays.plant import Plant
+
+        if len(self.bodies) == 1:
+            raise UserError("the mechanism has no bodies; add at least one with Mechanism.body")
+        try:
+            return Plant(self)
+        except MemoryError as error:
+            raise UserError(f"a mechanism of {len(self.bodies)} bodies needs more memory than there is") from error
+
+    def _member(self, body: Body, role: str) -> None:
+        if not isinstance(body, Body) or body.index >= len(self.bodies) or self.bodies[body.index] is not body:
+            raise UserError(f"{role} is {body!r}, which is not a body of this mechanism")
+
+    @staticmethod
+    def _new_name(what: str, name: str, taken: Collection[str]) -> None:
+        if not isinstance(name, str) or not name.isprintable() or not name or name in taken:
+            raise UserError(
+                f"{what} is named {name!r}; a name must be text that is not empty and must be new among {list(taken)}"
+            )
+
+
+def rod(*, mass: float, length: float) -> dict[str, Any]:
+    """Mass properties of a uniform slender rod along x from the body's origin (along -x for a negative length)."""
+    mass, length = finite("mass of a rod", mass), finite("length of a rod", length)
+    transverse = mass * length * length / 12.0
+    return {"mass": mass, "com": (0.5 * length, 0.0, 0.0), "inertia": (0.0, transverse, transverse)}

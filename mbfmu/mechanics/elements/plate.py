@@ -1,0 +1,98 @@
+"""Thin plate: a rectangle between four bodies that resists bending and, where asked for, stretching in its plane."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.loads.base import Load
+from mbfmu.mechanics.numbers import is_finite
+
+from .plate_energy import PLATE, apply, potential
+from .plate_tangent import tangent
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plate(Load):
+    """A rectangular element of a thin plate; the builder is given the bodies at its corners.
+
+    Parameters
+    ----------
+    a, b
+        Sides along x and z of the bodies' frames in the flat plate, m.
+    thickness
+        m.
+    youngs_modulus, poisson
+        Pa and 1.
+    membrane
+        Resist stretching in the plane. A string picks strains: any of ``x``, ``z`` and ``s`` (shear); a single normal
+        strain has the stiffness of a plate whose edges across are free.
+    damping
+        Time beta of the material damping, stress = K (e + beta e'), s; zero: none.
+    drag
+        Density of the air times drag coefficient, kg/m^3; zero: none.
+    """
+
+    record = PLATE
+    apply = apply
+    potential = potential
+    tangent = tangent
+
+    a: float
+    b: float
+    thickness: float
+    youngs_modulus: float
+    poisson: float = 0.3
+    membrane: bool | str = False
+    damping: float = 0.0
+    drag: float = 0.0
+
+    def check(self, what: str = "a plate") -> None:
+        """Raise UserError for a number that no plate has; ``what`` says whose it is."""
+        for key in ("a", "b", "thickness", "youngs_modulus"):
+            value = getattr(self, key)
+            if not (is_finite(value) and value > 0.0):
+                raise UserError(f"{key} of {what} is {value!r}; allowed: finite and greater than zero")
+        if not -1.0 < self.poisson <= 0.5:
+            raise UserError(f"poisson of {what} is {self.poisson!r}; allowed: above -1, at most 0.5")
+        for key in ("damping", "drag"):
+            value = getattr(self, key)
+            if not (is_finite(value) and value >= 0.0):
+                raise UserError(f"{key} of {what} is {value!r}; allowed: finite and not negative")
+        if not set(self.strains) <= set("xzs"):
+            raise UserError(f"membrane of {what} is {self.membrane!r}; allowed: True, False or letters of 'xzs'")
+
+    @property
+    def strains(self) -> str:
+        """The membrane strains that the element resists."""
+        return self.membrane if isinstance(self.membrane, str) else "xzs" * self.membrane
+
+    def fill(self, record: Any, site: Site) -> None:
+        """Write corners, sizes and stiffness; see :mod:`.plate_energy` for the formulae."""
+        a, b, nu, Et = self.a, self.b, self.poisson, self.youngs_modulus * self.thickness
+        D, slim = Et * self.thickness**2 / (12.0 * (1.0 - nu**2)), a / b
+        record["node"], record["a"], record["b"] = site.bodies, a, b
+        record["bending"] = [
+            4.0 * D / slim,
+            4.0 * D * slim,
+            12.0 * D / slim,
+            D * (4.0 * slim + 8.0 * (1.0 - nu) / slim) / 3.0,
+            12.0 * D * slim,
+            D * (4.0 / slim + 8.0 * (1.0 - nu) * slim) / 3.0,
+            D * (4.0 / slim + 1.6 * (1.0 - nu) * slim),
+            D * (4.0 * slim + 1.6 * (1.0 - nu) / slim),
+            32.0 * D * (1.0 - nu) / (a * b),
+        ]
+        record["coupling"] = 4.0 * nu * D
+        x, z, s = (strain in self.strains for strain in "xzs")
+        normal = Et * a * b / (1.0 - nu**2 * (x and z))
+        record["stretching"] = (normal * x, normal * z, nu * normal * (x and z), 0.5 * Et * a * b / (1.0 + nu) * s)
+        record["membrane"], record["damped"] = bool(self.strains), self.damping > 0.0
+        record["damping"] = self.damping
+
+    @property
+    def works(self) -> bool:
+        """Whether its material is damped."""
+        return self.damping > 0.0

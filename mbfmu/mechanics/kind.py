@@ -1,0 +1,83 @@
+"""What every kind of joint, cut joint, load, signal and sensor says of itself.
+
+A kind is a class in a file of its own, of this package or of a user. It has a *record* of parameters, which ``fill``
+writes, and *kernels*, which read them; its role (:class:`.joints.Joint`, :class:`.cuts.Cut`, :class:`.loads.Load`,
+:class:`.signals.Signal`, :class:`.sensors.Sensor`) says which, and what they do. Nothing else in the package knows
+what kinds there are: the recursions call kernels by their address (:mod:`.dispatch`).
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+
+from mbfmu.errors import UserError
+from solvers.kernel import COMPILED, is_kernel
+
+NOTHING = np.dtype([("nothing", np.int64)])  # record of a kind without parameters
+
+
+class Site(Protocol):
+    """Where something of a kind is: what ``fill`` may ask."""
+
+    name: str  # as messages call it
+    bodies: tuple[int, ...]  # numbers of the bodies it was given
+    q: int  # where the position of the first body's joint is in State.q
+    v: int  # ... its velocity in State.v
+
+    def signal(self, value: Any, what: str) -> int:
+        """Return the number of a signal that is used here: of a number, a signal or an input."""
+
+
+class Kind:
+    """Base of all roles.
+
+    Attributes
+    ----------
+    record
+        Fields of the parameters: whole numbers and real ones, of any shape.
+    kernels
+        Of a role: names of the kernels and what they are called with after the record, see :mod:`.dispatch`.
+    """
+
+    record: ClassVar[np.dtype[Any]] = NOTHING
+    kernels: ClassVar[dict[str, str]]
+
+    def check(self, what: str) -> None:
+        """Raise UserError where a parameter is not allowed; ``what`` says whose it is."""
+
+    def fill(self, record: Any, site: Site) -> None:
+        """Write the parameters into a zeroed record."""
+
+
+def kernel_of(item: Kind | type[Kind], name: str) -> Any:
+    """Return a kernel of something, None where it has none; it is a function, and no method of the object."""
+    function = getattr(item, name)
+    return getattr(function, "__func__", function)
+
+
+def kinds_of(room: Any, role: type[Kind]) -> list[Any]:
+    """Return the kinds of a role that a package exports, those without kernels left out."""
+    found = [getattr(room, name) for name in room.__all__]
+    first = next(iter(role.kernels))
+    return [kind for kind in found if isinstance(kind, type) and issubclass(kind, role) and getattr(kind, first, None)]
+
+
+def check_kind(what: str, given: Any, role: type[Kind]) -> None:
+    """Refuse what is not of a role, or of a kind that lacks what its role asks for."""
+    if not isinstance(given, role):
+        raise UserError(f"{what} is {given!r}; allowed: a {role.__name__}, such as those of mbfmu.mechanics")
+    kind = type(given).__name__
+    for name in role.kernels:
+        if not hasattr(given, name):
+            raise UserError(f"{what} is a {kind}, which has no kernel {name!r}")
+        function = kernel_of(given, name)
+        if COMPILED and function is not None and not is_kernel(function):
+            raise UserError(f"{what} is a {kind}, whose {name!r} is no kernel: decorate it with mbfmu.mechanics.kernel")
+    record = given.record
+    if record.names is None or any(record[n].base not in (np.float64, np.int64) for n in record.names):
+        raise UserError(f"{what} is a {kind} with the record {record!r}; its fields must be numbers, float64 or int64")
+    for name in record.names:
+        if hasattr(np.record, name):
+            raise UserError(f"{what} is a {kind} with a field {name!r}, which records of NumPy have already; rename it")

@@ -1,0 +1,71 @@
+"""What every load says of itself: a force, an element between bodies, a load on a surface.
+
+Its kernels:
+
+    apply(load, t, arrays, state)            adds wrenches to ``state.bodies[i].F`` (about the body's origin, global
+                                             axes), or forces along coordinates to ``state.Q``
+    potential(load, arrays, state)           returns the energy it stores, J; None: it stores none
+    power(load, t, arrays, state)            returns the power in W of what has no potential: dampers take it, given
+                                             forces bring it; None: all it does is in its potential
+    tangent(load, c1, arrays, state, K)      adds to K, six rows and columns a body, minus the derivative of what
+                                             ``apply`` adds by the motions of its bodies and c1 times that by their
+                                             velocities
+
+A load without ``tangent`` of its own is differentiated by complex steps, so ``apply`` is analytic in every real
+number it reads. What is too slight to be worth solving for has ``LEFT_OUT``. A load that a scene does not call for has
+no record, and so no cost.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from mbfmu.mechanics.kind import Kind
+from solvers.kernel import kernel
+
+Points = tuple[Any, ...]
+
+
+@kernel
+def LEFT_OUT(load: Any, c1: float, arrays: Any, state: Any, K: Any) -> None:
+    """Tangent of what only implicit solvers of large trees would know of."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Load(Kind):
+    """What acts on a mechanism; the bodies it acts on are given to the builder."""
+
+    kernels: ClassVar = {
+        "apply": "time, arrays, state",
+        "potential": "arrays, state -> number",
+        "power": "time, arrays, state -> number",
+        "tangent": "time, arrays, state, matrix",
+    }
+    apply: ClassVar[Any]
+    potential: ClassVar[Any] = None
+    power: ClassVar[Any] = None
+    tangent: ClassVar[Any] = None
+    on_joint: ClassVar[bool] = False  # acts along the coordinate of the first body's joint, not on bodies
+
+    @property
+    def works(self) -> bool:
+        """Whether it brings or takes energy that no potential has."""
+        return self.power is not None
+
+    def points(self) -> Points:
+        """Return where on its bodies it acts, m, body axes, as far as that says how large they are."""
+        return ()
+
+    def extent(self) -> float:
+        """Return a length that it has unloaded, m; zero: none."""
+        return 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Force(Load):
+    """A load on one body, or between two."""
+
+    def points(self) -> Points:
+        """Return a point on each body: its own, or the origin."""
+        return () if self.on_joint else ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))

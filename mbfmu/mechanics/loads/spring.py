@@ -1,0 +1,120 @@
+"""Spring-damper between two points: F = k (l - l0) + c l' along the line that joins them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mbfmu.mechanics.checks import vector
+from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.numbers import finite
+from mbfmu.mechanics.spatial import add_force, arm
+from solvers.kernel import kernel
+
+from .base import Force, Points
+
+
+@kernel
+def _pull(force: Any, A: Any, B: Any) -> Any:
+    """Direction from a to b, arms of the two points, length and its rate; points that coincide have no direction."""
+    ax, ay, az = arm(A, force.Pa)
+    bx, by, bz = arm(B, force.Pb)
+    dx, dy, dz = B.r[0] + bx - A.r[0] - ax, B.r[1] + by - A.r[1] - ay, B.r[2] + bz - A.r[2] - az
+    length = np.sqrt(dx * dx + dy * dy + dz * dz)
+    if length == 0.0:
+        return (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, length
+    dx, dy, dz = dx / length, dy / length, dz / length
+    Ya, Yb = A.Y, B.Y
+    rate = dx * (Yb[0] + Yb[4] * bz - Yb[5] * by - (Ya[0] + Ya[4] * az - Ya[5] * ay))
+    rate += dy * (Yb[1] + Yb[5] * bx - Yb[3] * bz - (Ya[1] + Ya[5] * ax - Ya[3] * az))
+    rate += dz * (Yb[2] + Yb[3] * by - Yb[4] * bx - (Ya[2] + Ya[3] * ay - Ya[4] * ax))
+    return (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate
+
+
+@kernel
+def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
+    """See :mod:`.base`. Points that coincide have no line of action and exert nothing."""
+    A, B = state.bodies[force.a], state.bodies[force.b]
+    (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate = _pull(force, A, B)
+    f = force.stiffness * (length - force.free) + force.damping * rate
+    add_force(A.F, ax, ay, az, f * dx, f * dy, f * dz)
+    add_force(B.F, bx, by, bz, -f * dx, -f * dy, -f * dz)
+
+
+@kernel
+def potential(force: Any, arrays: Any, state: Any) -> float:
+    """k (l - l0)^2 / 2."""
+    _, _, _, length, _ = _pull(force, state.bodies[force.a], state.bodies[force.b])
+    stretch = length - force.free
+    return 0.5 * force.stiffness * stretch * stretch
+
+
+@kernel
+def power(force: Any, t: float, arrays: Any, state: Any) -> float:
+    """-c l'^2."""
+    _, _, _, _, rate = _pull(force, state.bodies[force.a], state.bodies[force.b])
+    return -force.damping * rate * rate
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spring(Force):
+    """Translational spring-damper from ``at_a`` on body a to ``at_b`` on body b (m, body frames).
+
+    Parameters
+    ----------
+    stiffness, damping
+        N/m and N s/m.
+    free
+        Free length, m.
+    """
+
+    record = np.dtype(
+        [
+            ("a", np.int64),
+            ("b", np.int64),
+            ("Pa", np.float64, (3,)),  # body axes, m
+            ("Pb", np.float64, (3,)),
+            ("stiffness", np.float64),
+            ("damping", np.float64),
+            ("free", np.float64),
+        ],
+        align=True,
+    )
+    apply = apply
+    potential = potential
+    power = power
+
+    stiffness: float = 0.0
+    damping: float = 0.0
+    free: float = 0.0
+    at_a: Any = (0.0, 0.0, 0.0)
+    at_b: Any = (0.0, 0.0, 0.0)
+
+    def check(self, what: str) -> None:
+        """Refuse what is no number."""
+        for key in ("stiffness", "damping", "free"):
+            finite(f"{key} of {what}", getattr(self, key))
+
+    def fill(self, record: Any, site: Site) -> None:
+        """Write the two points, and how much."""
+        record["a"], record["b"] = site.bodies
+        record["Pa"], record["Pb"] = (
+            vector(f"at_a of {site.name}", self.at_a),
+            vector(f"at_b of {site.name}", self.at_b),
+        )
+        record["stiffness"], record["damping"], record["free"] = self.stiffness, self.damping, self.free
+
+    @property
+    def works(self) -> bool:
+        """Whether it is damped."""
+        return bool(self.damping)
+
+    def points(self) -> Points:
+        """Return its two points."""
+        return self.at_a, self.at_b
+
+    def extent(self) -> float:
+        """Return its free length."""
+        return abs(self.free)

@@ -1,0 +1,1 @@
+"""The equations of motion by recursions over the tree."""

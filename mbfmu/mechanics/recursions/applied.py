@@ -1,0 +1,50 @@
+"""What acts on a mechanism beside inertia, weight and joints: the sums over loads and flexible bodies."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from mbfmu.mechanics.dispatch import apply_load, load_potential, load_power
+from mbfmu.mechanics.flexible import modal
+from solvers.kernel import inlined
+
+
+@inlined
+def apply_loads(t: float, arrays: Any, state: Any) -> None:
+    """Let every load and flexible body add its own to the applied wrenches and to the coordinate forces, which scatter
+    has cleared.
+    """
+    for i in range(state.bodies.shape[0]):
+        F = state.bodies[i].F
+        for k in range(6):
+            F[k] = 0.0
+    state.damped[0] = 0.0
+    for i in range(arrays.loads.shape[0]):
+        apply_load(arrays.loads[i], t, arrays, state)
+    for i in range(arrays.elastics.shape[0]):
+        modal.load(arrays.elastics[i], state)
+    state.time[0] = t
+
+
+@inlined
+def stored(arrays: Any, state: Any) -> float:
+    """Energy stored in all loads and flexible bodies, J."""
+    total = 0.0
+    for i in range(arrays.loads.shape[0]):
+        total += load_potential(arrays.loads[i], arrays, state)
+    for i in range(arrays.elastics.shape[0]):
+        total += modal.potential(arrays.elastics[i], state)
+    return total
+
+
+@inlined
+def load_powers(t: float, arrays: Any, state: Any) -> float:
+    """Power of all loads and flexible bodies, W, but for what :func:`stored` has; :func:`apply_loads` was called last
+    for this state.
+    """
+    total = state.damped[0]
+    for i in range(arrays.loads.shape[0]):
+        total += load_power(arrays.loads[i], t, arrays, state)
+    for i in range(arrays.elastics.shape[0]):
+        total += modal.power(arrays.elastics[i], state)
+    return total

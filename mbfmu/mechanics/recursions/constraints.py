@@ -1,0 +1,103 @@
+"""Cut-joint constraints of the free coordinates: Phi, J = Phi_q, nu and gamma.
+
+A row is a pair of wrenches on two bodies (see ``cuts``); carried inward to the root it meets every joint whose
+coordinate moves the body, and J[row, k] is its power on that joint's motion subspace.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from mbfmu.mechanics.dispatch import evaluate_cut
+from mbfmu.mechanics.spatial import add_wrench, dot6, row_dot6, shift_wrench
+from solvers.kernel import inlined, kernel
+
+
+@inlined
+def evaluate_cuts(arrays: Any, state: Any) -> None:
+    """Fill State.rows from positions and velocities."""
+    for i in range(arrays.cuts.shape[0]):
+        evaluate_cut(arrays.cuts[i], arrays, state)
+
+
+@inlined
+def common_ancestor(i: int, k: int, arrays: Any) -> int:
+    """The outermost body that carries both. Its motion changes no cut between them, whose rows live in their frames: of
+    the two powers on a joint further in only rounding would be left, which is no constraint that moves.
+    """
+    while i != k:
+        if i > k:
+            i = arrays.bodies[i].parent
+        else:
+            k = arrays.bodies[k].parent
+    return i
+
+
+@inlined
+def carry_inward(i: int, end: int, G: Any, row: int, arrays: Any, state: Any, J: Any) -> float:
+    """Add to J[row] the power of the wrench G on body i for every free coordinate between it and the body ``end``.
+
+    Driven coordinates move at their known velocity; returns the power on them.
+    """
+    f = state.wrench
+    driven = 0.0 * G[0]
+    for k in range(6):
+        f[k] = G[k]
+    while i != end:
+        body = arrays.bodies[i]
+        for k in range(body.nv):
+            power = row_dot6(state.S, body.si + k, f)
+            if body.vf < 0:
+                driven += power * state.v[body.vi + k]
+            else:
+                J[row, body.vf + k] += power
+        shift_wrench(state.bodies[i], state.bodies[body.parent], f)
+        i = body.parent
+    return driven
+
+
+@inlined
+def jacobian(arrays: Any, state: Any, Phi: Any, J: Any, nu: Any) -> None:
+    """Phi (m,), J (m, n) and nu (m,), after :func:`evaluate_cuts`; State.v holds the driven velocities."""
+    for i in range(arrays.cuts.shape[0]):
+        cut = arrays.cuts[i]
+        meeting = common_ancestor(cut.a, cut.b, arrays)
+        for r in range(cut.row, cut.end):
+            row = arrays.kept[r]
+            if row >= 0:
+                Phi[row] = state.rows[r].Phi
+                for k in range(J.shape[1]):
+                    J[row, k] = 0.0
+                nu[row] = -carry_inward(cut.a, meeting, state.rows[r].Ga, row, arrays, state, J)
+                nu[row] -= carry_inward(cut.b, meeting, state.rows[r].Gb, row, arrays, state, J)
+
+
+@inlined
+def right_hand_side(arrays: Any, state: Any, gamma: Any) -> None:
+    """gamma of J v' = gamma; State holds velocities, and accelerations at zero free v'."""
+    for i in range(arrays.cuts.shape[0]):
+        cut = arrays.cuts[i]
+        A, B = state.bodies[cut.a], state.bodies[cut.b]
+        for r in range(cut.row, cut.end):
+            row = arrays.kept[r]
+            if row >= 0:
+                here = state.rows[r]
+                gamma[row] = -dot6(here.Ga, A.dY) - dot6(here.Gb, B.dY) - here.bias
+
+
+@kernel
+def load_cuts(lam: Any, arrays: Any, state: Any) -> None:
+    """Add the cut-joint forces -lambda G to the applied wrenches F."""
+    f = state.wrench
+    for i in range(arrays.cuts.shape[0]):
+        cut = arrays.cuts[i]
+        for r in range(cut.row, cut.end):
+            row = arrays.kept[r]
+            if row >= 0:
+                state.rows[r].lam = lam[row]
+                for k in range(6):
+                    f[k] = -lam[row] * state.rows[r].Ga[k]
+                add_wrench(state.bodies[cut.a].F, 0.0, 0.0, 0.0, f)
+                for k in range(6):
+                    f[k] = -lam[row] * state.rows[r].Gb[k]
+                add_wrench(state.bodies[cut.b].F, 0.0, 0.0, 0.0, f)

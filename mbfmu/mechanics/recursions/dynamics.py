@@ -1,0 +1,306 @@
+"""The equations of motion as a solver calls them: the recursions in their order.
+
+Each function here is a callback of :class:`solvers.system.System`, compiled for one signature on first use.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any, cast
+
+from numba import types
+
+from mbfmu.mechanics.arrays.records import complex_twin, empty_data
+from mbfmu.mechanics.dispatch import read_sensor, signal
+from mbfmu.mechanics.spatial import quaternion_rate
+from solvers.held import held_type
+from solvers.kernel import COMPILED, callback, inlined, kernel
+from solvers.system import Terms
+
+from .aba import drive_efforts, forward_dynamics, unforced
+from .applied import apply_loads
+from .constraints import evaluate_cuts, jacobian, load_cuts, right_hand_side
+from .crba import composite_inertia, mass_matrix
+from .energy import exposure as exposure_of
+from .energy import kinetic_energy, potential_energy
+from .energy import power as power_of
+from .kinematics import accelerations, positions, scatter, turn_inertia, velocities
+from .rnea import inverse_dynamics
+
+
+@inlined
+def move(t: float, q: Any, v: Any, arrays: Any, state: Any) -> None:
+    """Positions, velocities and applied forces at (t, q, v)."""
+    scatter(t, q, v, arrays, state)
+    positions(arrays, state)
+    set_moving(t, arrays, state)
+
+
+@inlined
+def set_moving(t: float, arrays: Any, state: Any) -> None:
+    """Velocities and applied forces of the bodies as they are placed."""
+    turn_inertia(arrays, state)
+    velocities(arrays, state)
+    apply_loads(t, arrays, state)
+    evaluate_cuts(arrays, state)
+
+
+@inlined
+def position_rate(arrays: Any, q: Any, v: Any, qdot: Any) -> None:
+    """qdot (nq,) = N(q) v over the free coordinates."""
+    for i in range(1, arrays.bodies.shape[0]):
+        body = arrays.bodies[i]
+        if body.vf < 0:
+            continue
+        plain = body.nq - 4 * body.quaternion
+        for k in range(plain):
+            qdot[body.qf + k] = v[body.vf + k]
+        if body.quaternion == 1:
+            quaternion_rate(q, body.qf + plain, v, body.vf + plain, qdot)
+
+
+@inlined
+def take_free(values: Any, arrays: Any, out: Any) -> None:
+    """out (n,) = values (nv,) at the free coordinates."""
+    for i in range(1, arrays.bodies.shape[0]):
+        body = arrays.bodies[i]
+        if body.vf >= 0:
+            for k in range(body.nv):
+                out[body.vf + k] = values[body.vi + k]
+
+
+@inlined
+def motion_terms(q: Any, v: Any, arrays: Any, state: Any, terms: Any) -> None:
+    """The terms of the bodies as they move; the free accelerations are zero while the bias is taken."""
+    accelerations(arrays, state)
+    inverse_dynamics(arrays, state)
+    take_free(state.tau, arrays, terms.h)
+    composite_inertia(arrays, state)
+    mass_matrix(arrays, state, terms.M)
+    right_hand_side(arrays, state, terms.gamma)
+    position_rate(arrays, q, v, terms.qdot)
+
+
+def dynamics(t: float, q: Any, v: Any, data: Any, terms: Any) -> None:
+    """Every term of the equations of motion."""
+    arrays, state = data.arrays, data.state
+    move(t, q, v, arrays, state)
+    jacobian(arrays, state, terms.Phi, terms.J, terms.nu)
+    motion_terms(q, v, arrays, state, terms)
+
+
+def motion(t: float, q: Any, v: Any, data: Any, terms: Any) -> None:
+    """Every term but Phi, J and nu, at the position :func:`position` was called for last."""
+    arrays, state = data.arrays, data.state
+    scatter(t, q, v, arrays, state)
+    set_moving(t, arrays, state)
+    motion_terms(q, v, arrays, state, terms)
+
+
+def inverse(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any, qdot: Any, tau: Any) -> None:
+    """qdot (nq,) = N v and tau (n,) = M a + h + J^T lambda, by the recursions alone."""
+    solved(t, q, v, a, lam, data)
+    take_free(data.state.tau, data.arrays, tau)
+    position_rate(data.arrays, q, v, qdot)
+
+
+def forward(t: float, q: Any, v: Any, data: Any, qdot: Any, a: Any) -> int:
+    """qdot (nq,) = N v and a (n,) with M a + h = 0, by articulated bodies; 1 where a coordinate moves no mass."""
+    arrays, state = data.arrays, data.state
+    move(t, q, v, arrays, state)
+    code = forward_dynamics(arrays, state)
+    if arrays.world[0].drives == 1:
+        drive_efforts(arrays, state)
+    take_free(state.a, arrays, a)
+    position_rate(arrays, q, v, qdot)
+    return code
+
+
+def mobility(r: Any, data: Any, x: Any) -> None:
+    """x (n,) = M^-1 r (n,) where :func:`forward` was called for last."""
+    unforced(data.arrays, data.state, r, x)
+
+
+def constraints(t: float, q: Any, v: Any, data: Any, terms: Any) -> None:
+    """Phi, J, nu and gamma alone."""
+    arrays, state = data.arrays, data.state
+    move(t, q, v, arrays, state)
+    jacobian(arrays, state, terms.Phi, terms.J, terms.nu)
+    accelerations(arrays, state)
+    right_hand_side(arrays, state, terms.gamma)
+
+
+def position(t: float, q: Any, data: Any, terms: Any) -> None:
+    """Phi, J and nu alone; free velocities left in the state do not enter."""
+    arrays, state = data.arrays, data.state
+    for i in range(1, arrays.bodies.shape[0]):
+        body = arrays.bodies[i]
+        if body.drive >= 0:
+            scatter_drive(t, body, arrays, state)
+        else:
+            for k in range(body.nq):
+                state.q[body.qi + k] = q[body.qf + k]
+    positions(arrays, state)
+    evaluate_cuts(arrays, state)
+    jacobian(arrays, state, terms.Phi, terms.J, terms.nu)
+
+
+def retract(q: Any, dq: Any, data: Any) -> None:
+    """q <- q + N(q) dq, quaternions brought back to unit length."""
+    arrays = data.arrays
+    for i in range(1, arrays.bodies.shape[0]):
+        body = arrays.bodies[i]
+        if body.vf < 0:
+            continue
+        plain = body.nq - 4 * body.quaternion
+        for k in range(plain):
+            q[body.qf + k] += dq[body.vf + k]
+        if body.quaternion == 1:
+            turn_quaternion(q, body.qf + plain, dq, body.vf + plain)
+
+
+@kernel
+def energy(t: float, q: Any, v: Any, data: Any) -> float:
+    """Kinetic and potential energy, J."""
+    arrays, state = data.arrays, data.state
+    scatter(t, q, v, arrays, state)
+    positions(arrays, state)
+    turn_inertia(arrays, state)
+    velocities(arrays, state)
+    return kinetic_energy(arrays, state) + potential_energy(arrays, state)
+
+
+def power(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any) -> float:
+    """dE/dt at the solution (q, v, a, lam), W; :func:`dynamics` or :func:`motion` was called last for (t, q, v)."""
+    arrays, state = data.arrays, data.state
+    if arrays.world[0].works == 0:
+        return 0.0
+    if arrays.world[0].drives == 1:
+        gather_free(a, arrays, state)
+        accelerations(arrays, state)
+        load_cuts(lam, arrays, state)
+        inverse_dynamics(arrays, state)
+    return power_of(t, arrays, state)
+
+
+def solved_power(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any) -> float:
+    """dE/dt, W, at the solution that :func:`inverse` or :func:`forward` was called last for."""
+    arrays, state = data.arrays, data.state
+    return power_of(t, arrays, state) if arrays.world[0].works == 1 else 0.0
+
+
+def exposure(rtol: float, place: Any, rate: Any, data: Any, out: Any) -> None:
+    """See :func:`.energy.exposure`; :func:`dynamics`, or :func:`inverse` of a = 0 and lam = 0, was called last."""
+    exposure_of(rtol, place, rate, data.arrays, data.state, out)
+
+
+@inlined
+def gather_free(a: Any, arrays: Any, state: Any) -> None:
+    """Put the free accelerations a (n,) beside those of the drives."""
+    for i in range(1, arrays.bodies.shape[0]):
+        body = arrays.bodies[i]
+        if body.vf >= 0:
+            for k in range(body.nv):
+                state.a[body.vi + k] = a[body.vf + k]
+
+
+@kernel
+def solved(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any) -> None:
+    """Put the solution (q, v, a, lam) into the state: motion of all bodies, joint wrenches, drive efforts."""
+    arrays, state = data.arrays, data.state
+    move(t, q, v, arrays, state)
+    gather_free(a, arrays, state)
+    accelerations(arrays, state)
+    load_cuts(lam, arrays, state)
+    inverse_dynamics(arrays, state)
+
+
+@kernel
+def observe(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any, out: Any) -> None:
+    """The first outputs, as many as there is room for, at the solution (q, v, a, lam)."""
+    solved(t, q, v, a, lam, data)
+    arrays, state = data.arrays, data.state
+    for i in range(out.shape[0]):
+        if arrays.sensors[i].energy == 1:
+            state.energy[0], state.energy[1] = kinetic_energy(arrays, state), potential_energy(arrays, state)
+            break
+    for i in range(out.shape[0]):
+        out[i] = read_sensor(arrays.sensors[i], lam, arrays, state)
+
+
+@kernel
+def observe_all(times: Any, q: Any, v: Any, a: Any, lam: Any, data: Any, out: Any) -> None:
+    """:func:`observe` at each of ``times``, in a row of ``out`` each."""
+    for i in range(times.shape[0]):
+        observe(times[i], q[i], v[i], a[i], lam[i], data, out[i])
+
+
+@kernel
+def scatter_drive(t: float, body: Any, arrays: Any, state: Any) -> None:
+    """Position and velocity of a driven coordinate."""
+    state.q[body.qi], state.v[body.vi], _ = signal(body.drive, t, arrays)
+
+
+@kernel
+def turn_quaternion(q: Any, i: int, dq: Any, j: int) -> None:
+    """e <- e + e (0, dq) / 2, normalised."""
+    w, x, y, z = q[i], q[i + 1], q[i + 2], q[i + 3]
+    a, b, c = 0.5 * dq[j], 0.5 * dq[j + 1], 0.5 * dq[j + 2]
+    q[i] = w - x * a - y * b - z * c
+    q[i + 1] = x + w * a + y * c - z * b
+    q[i + 2] = y + w * b + z * a - x * c
+    q[i + 3] = z + w * c + x * b - y * a
+    norm = (q[i] * q[i] + q[i + 1] * q[i + 1] + q[i + 2] * q[i + 2] + q[i + 3] * q[i + 3]) ** 0.5
+    for k in range(4):
+        q[i + k] /= norm
+
+
+@cache
+def callbacks(scalar: type = float) -> tuple[Callable[..., Any], ...]:
+    """Return dynamics, position, motion, retract, energy as a solver takes them; compiled on first use.
+
+    ``scalar`` complex: for the data of :func:`.arrays.complex_twin`.
+    """
+    if not COMPILED:
+        return dynamics, position, motion, retract, energy
+    example = empty_data() if scalar is float else complex_twin(empty_data())
+    data, terms = held_type(example), held_type(Terms.allocate(1, 1, 1, scalar))
+    real, number = types.float64, types.float64 if scalar is float else types.complex128
+    vector = number[::1]
+    return (
+        callback(types.void(real, vector, vector, data, terms))(dynamics),
+        callback(types.void(real, vector, data, terms))(position),
+        callback(types.void(real, vector, vector, data, terms))(motion),
+        callback(types.void(vector, vector, data))(retract),
+        callback(number(real, vector, vector, data))(cast("Any", energy).py_func),
+    )
+
+
+@cache
+def tree_callbacks() -> tuple[Callable[..., Any], ...]:
+    """Return inverse, forward, mobility, position, constraints, retract as a solver of large trees takes them;
+    compiled on first use.
+    """
+    if not COMPILED:
+        return inverse, forward, mobility, position, constraints, retract
+    data, terms = held_type(empty_data()), held_type(Terms.allocate(1, 1, 1))
+    real, vector = types.float64, types.float64[::1]
+    return (
+        callback(types.void(real, vector, vector, vector, vector, data, vector, vector))(inverse),
+        callback(types.int64(real, vector, vector, data, vector, vector))(forward),
+        callback(types.void(vector, data, vector))(mobility),
+        callback(types.void(real, vector, data, terms))(position),
+        callback(types.void(real, vector, vector, data, terms))(constraints),
+        callback(types.void(vector, vector, data))(retract),
+    )
+
+
+@cache
+def audit_callbacks(tree: bool) -> tuple[Callable[..., Any], ...]:
+    """Return power and exposure as a solver takes them; compiled on first use."""
+    if not COMPILED:
+        return solved_power if tree else power, exposure
+    data, real, vector = held_type(empty_data()), types.float64, types.float64[::1]
+    work = callback(types.float64(real, vector, vector, vector, vector, data))
+    return work(solved_power if tree else power), callback(types.void(real, vector, vector, data, vector))(exposure)

@@ -1,0 +1,161 @@
+"""Kinetic and potential energy, the power that changes them, and what takes their place where a drive does work."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from mbfmu.mechanics.arrays.records import RIGID, SECTION
+from mbfmu.mechanics.flexible import modal
+from mbfmu.mechanics.spatial import add_wrench, row_dot6, shift_wrench
+from solvers.kernel import inlined
+
+from .applied import load_powers, stored
+
+
+@inlined
+def kinetic_energy(arrays: Any, state: Any) -> float:
+    """sum m v_c.v_c / 2 + w.Jc w / 2, J."""
+    total = 0.0
+    for i in range(1, arrays.bodies.shape[0]):
+        here = state.bodies[i]
+        Y, Jc, c = here.Y, here.Jc, here.com
+        x, y, z = Y[4] * c[2] - Y[5] * c[1], Y[5] * c[0] - Y[3] * c[2], Y[3] * c[1] - Y[4] * c[0]
+        square = (Y[0] + x) * (Y[0] + x) + (Y[1] + y) * (Y[1] + y) + (Y[2] + z) * (Y[2] + z)
+        total += 0.5 * arrays.bodies[i].mass * square
+        for k in range(3):
+            total += 0.5 * Y[3 + k] * (Jc[k, 0] * Y[3] + Jc[k, 1] * Y[4] + Jc[k, 2] * Y[5])
+    for i in range(arrays.elastics.shape[0]):
+        total += modal.kinetic(arrays.elastics[i], state.bodies[arrays.elastics[i].body], state, state.wrench)
+    return total
+
+
+@inlined
+def potential_energy(arrays: Any, state: Any) -> float:
+    """Energy in the gravity field (zero at the global origin) and in the springs, J."""
+    total = stored(arrays, state)
+    g = arrays.world[0].gravity
+    for i in range(1, arrays.bodies.shape[0]):
+        here = state.bodies[i]
+        for k in range(3):
+            total -= arrays.bodies[i].mass * g[k] * (here.r[k] + here.com[k])
+    for i in range(arrays.elastics.shape[0]):
+        total += modal.weight(arrays.elastics[i], state.bodies[arrays.elastics[i].body], state, g)
+    return total
+
+
+@inlined
+def body_momentum(mass: float, here: Any, p: Any) -> None:
+    """p (6,) = momentum of a body about its origin."""
+    Y, c, Jc = here.Y, here.com, here.Jc
+    p[0] = mass * (Y[0] + Y[4] * c[2] - Y[5] * c[1])
+    p[1] = mass * (Y[1] + Y[5] * c[0] - Y[3] * c[2])
+    p[2] = mass * (Y[2] + Y[3] * c[1] - Y[4] * c[0])
+    for k in range(3):
+        p[3 + k] = Jc[k, 0] * Y[3] + Jc[k, 1] * Y[4] + Jc[k, 2] * Y[5]
+    p[3] += c[1] * p[2] - c[2] * p[1]
+    p[4] += c[2] * p[0] - c[0] * p[2]
+    p[5] += c[0] * p[1] - c[1] * p[0]
+
+
+@inlined
+def generalised_momenta(arrays: Any, state: Any) -> float:
+    """State.tau = p = dT/dv over every coordinate, and the joint wrenches W as scratch; return T = p v / 2, J."""
+    for i in range(1, arrays.bodies.shape[0]):
+        body_momentum(arrays.bodies[i].mass, state.bodies[i], state.bodies[i].W)
+    for i in range(arrays.elastics.shape[0]):
+        elastic = arrays.elastics[i]
+        here = state.bodies[elastic.body]
+        for k in range(elastic.modes):
+            state.tau[elastic.vi + k] = modal.modal_momentum(elastic, k, here, state)
+        modal.momentum(elastic, here, state, here.W)
+    for i in range(arrays.bodies.shape[0] - 1, 0, -1):
+        body, here = arrays.bodies[i], state.bodies[i]
+        for k in range(body.nv):
+            p = row_dot6(state.S, body.si + k, here.W)
+            if body.role == RIGID:
+                state.tau[body.vi + k] = p
+            else:  # sections share their coordinates
+                state.tau[body.vi + k] += p
+        if body.parent > 0:
+            parent = state.bodies[body.parent]
+            x, y, z = here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2]
+            add_wrench(parent.W, x, y, z, here.W)
+    total = 0.0
+    for k in range(state.tau.shape[0]):
+        total += 0.5 * state.tau[k] * state.v[k]
+    return total
+
+
+@inlined
+def exposure(rtol: float, place: Any, rate: Any, arrays: Any, state: Any, out: Any) -> None:
+    """out = (root of the sum over all coordinates of (h dq)^2 + (p dv)^2, kinetic energy), J.
+
+    h is State.tau, the bias; dq = rtol |q| + place and dv = rtol |v| + rate with the absolute tolerances (n,) of the
+    free coordinates, and the largest of them for driven ones. State.tau and the joint wrenches are lost.
+    """
+    widest, fastest = 0.0, 0.0
+    for k in range(place.shape[0]):
+        widest, fastest = max(widest, place[k]), max(fastest, rate[k])
+    square = 0.0
+    for i in range(1, arrays.bodies.shape[0]):
+        body = arrays.bodies[i]
+        plain = body.nq - 4 * body.quaternion
+        for k in range(body.nv * (body.role != SECTION)):  # the sections of an elastic body share its coordinates
+            reach = abs(state.q[body.qi + k]) if k < plain else 2.0  # a quaternion turns by half the angle
+            square += (state.tau[body.vi + k] * (rtol * reach + (widest if body.vf < 0 else place[body.vf + k]))) ** 2
+    out[1] = generalised_momenta(arrays, state)
+    for i in range(1, arrays.bodies.shape[0]):
+        body = arrays.bodies[i]
+        for k in range(body.nv * (body.role != SECTION)):
+            speed = rtol * abs(state.v[body.vi + k]) + (fastest if body.vf < 0 else rate[body.vf + k])
+            square += (state.tau[body.vi + k] * speed) ** 2
+    out[0] = np.sqrt(square)
+
+
+@inlined
+def power(t: float, arrays: Any, state: Any) -> float:
+    """dE/dt, W: what drives, whose effort is in State.tau, and forces without a potential bring."""
+    total = load_powers(t, arrays, state)
+    for i in range(1, arrays.bodies.shape[0]):
+        body = arrays.bodies[i]
+        if body.drive >= 0:
+            for k in range(body.nv):
+                total += state.tau[body.vi + k] * state.v[body.vi + k]
+    return total
+
+
+@inlined
+def driven_action(arrays: Any, state: Any) -> float:
+    """Sum of p v over the driven coordinates, p the generalised momentum, J.
+
+    Energy less this is the Jacobi integral: with drives at constant speed about which the mechanism is symmetric
+    and without damping it stays constant, while the energy grows by the work of the drives.
+    """
+    total = 0.0
+    for i in range(1, arrays.bodies.shape[0]):
+        p = state.wrench
+        body_momentum(arrays.bodies[i].mass, state.bodies[i], p)
+        total += power_on_drives(i, p, arrays, state)
+    for e in range(arrays.elastics.shape[0]):
+        p = state.wrench
+        for k in range(6):
+            p[k] = 0.0
+        i = arrays.elastics[e].body
+        modal.momentum(arrays.elastics[e], state.bodies[i], state, p)
+        total += power_on_drives(i, p, arrays, state)
+    return total
+
+
+@inlined
+def power_on_drives(i: int, p: Any, arrays: Any, state: Any) -> float:
+    """Sum over the driven coordinates between body i and the ground of p v, p the momentum about the body's origin."""
+    total = 0.0 * p[0]
+    while i > 0:
+        body = arrays.bodies[i]
+        for k in range(body.nv * (body.drive >= 0)):
+            total += state.v[body.vi + k] * row_dot6(state.S, body.si + k, p)
+        shift_wrench(state.bodies[i], state.bodies[body.parent], p)
+        i = body.parent
+    return total

@@ -1,0 +1,68 @@
+"""What every sensor says of itself: a quantity that a mechanism tells, as an output of a model.
+
+Its kernel ``read(sensor, lam, arrays, state)`` returns it where the state holds a solution of the equations of motion
+with the multipliers ``lam`` (m,): positions, velocities, accelerations, joint wrenches, the effort of drives, and the
+energies, State.energy.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any, ClassVar
+
+import numpy as np
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics.kind import Kind, Site
+
+
+class Follows(IntEnum):
+    """What a quantity changes with at once, when a host changes an input at a communication point."""
+
+    MOTION = 0  # positions and rates: nothing, they take a step
+    GRAVITY = 1  # potential energy: with gravity
+    LOADS = 2  # accelerations: with every load
+    FORCES = 3  # likewise, and it is a force, a moment or an effort
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sensor(Kind):
+    """A quantity of a mechanism; made by the methods of ``Body``, ``CutHandle`` and ``Mechanism``.
+
+    Parameters
+    ----------
+    unit
+        Of the quantity.
+    item
+        The body or cut joint it belongs to, if any.
+    component
+        Which, where there are several.
+    """
+
+    kernels: ClassVar = {"read": "lam, arrays, state -> number"}
+    read: ClassVar[Any]
+    follows: ClassVar[Follows] = Follows.MOTION
+    reads_energy: ClassVar[bool] = False  # State.energy, which costs a pass over all bodies and loads
+    record = np.dtype(
+        [
+            ("index", np.int64),  # of the body, the coordinate or the cut joint
+            ("component", np.int64),
+        ],
+        align=True,
+    )
+
+    unit: str
+    item: Any = None
+    component: int = 0
+
+    def fill(self, record: Any, site: Site) -> None:
+        """Write which body or cut joint, and the component."""
+        record["index"], record["component"] = 0 if self.item is None else self.item.index, self.component
+
+
+def axis_index(axis: str) -> int:
+    """Return 0, 1, 2 for 'x', 'y', 'z'."""
+    if axis not in ("x", "y", "z"):
+        raise UserError(f"component is {axis!r}; allowed: 'x', 'y', 'z'")
+    return "xyz".index(axis)

@@ -1,0 +1,97 @@
+"""Coordinates of joints, what drives them, and sums of angles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from mbfmu.mechanics.arrays.records import RIGID
+from mbfmu.mechanics.kind import Site
+from solvers.kernel import kernel
+
+from .base import Follows, Sensor
+
+
+@kernel
+def position(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+    """See :mod:`.base`."""
+    return state.q[sensor.index]
+
+
+@kernel
+def velocity(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+    """See :mod:`.base`."""
+    return state.v[sensor.index]
+
+
+@kernel
+def acceleration(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+    """See :mod:`.base`."""
+    return state.a[sensor.index]
+
+
+@kernel
+def effort(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+    """See :mod:`.base`."""
+    return state.tau[sensor.index]
+
+
+@kernel
+def turn(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+    """See :mod:`.base`. Angles of revolutes, slopes of sections; component 1: their rates."""
+    total, i = 0.0 * arrays.world[0].gravity[0], sensor.index
+    while i > 0:
+        body = arrays.bodies[i]
+        if body.role != RIGID:
+            for k in range(body.nv):
+                slope = arrays.nodes[body.node].slope[k]
+                total += slope * (state.v[body.vi + k] if sensor.component == 1 else state.q[body.qi + k])
+        elif body.nv == 1:
+            total += state.v[body.vi] if sensor.component == 1 else state.q[body.qi]
+        i = body.parent
+    return total
+
+
+@dataclass(frozen=True, kw_only=True)
+class Coordinate(Sensor):
+    """Position of a joint."""
+
+    read = position
+
+    def fill(self, record: Any, site: Site) -> None:
+        """Write where it is in State.q."""
+        record["index"] = site.q + self.component
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rate(Sensor):
+    """Velocity of a joint."""
+
+    read = velocity
+
+    def fill(self, record: Any, site: Site) -> None:
+        """Write where it is in State.v."""
+        record["index"] = site.v + self.component
+
+
+@dataclass(frozen=True, kw_only=True)
+class Acceleration(Rate):
+    """Acceleration of a joint."""
+
+    read = acceleration
+    follows = Follows.LOADS
+
+
+@dataclass(frozen=True, kw_only=True)
+class Effort(Rate):
+    """Force or torque of a driven joint."""
+
+    read = effort
+    follows = Follows.FORCES
+
+
+@dataclass(frozen=True, kw_only=True)
+class Turn(Sensor):
+    """Angle of a body that hangs on the ground by parallel revolutes and sections, whole turns counted, or its rate."""
+
+    read = turn

@@ -1,0 +1,57 @@
+"""What joints and cut joints transmit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from solvers.kernel import kernel
+
+from .base import Follows, Sensor
+
+
+@kernel
+def joint_wrench(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+    """See :mod:`.base`."""
+    return state.bodies[sensor.index].W[sensor.component]
+
+
+@kernel
+def row_force(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+    """See :mod:`.base`."""
+    row = arrays.kept[arrays.cuts[sensor.index].row + sensor.component]
+    return -lam[row]
+
+
+@kernel
+def cut_force(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+    """See :mod:`.base`. -lambda G summed over the rows; component 0 to 2: on body b, 3 to 5: on body a."""
+    cut, k, total = arrays.cuts[sensor.index], sensor.component, 0.0 * arrays.world[0].gravity[0]
+    for r in range(cut.row, cut.end):
+        if arrays.kept[r] >= 0:
+            total -= state.rows[r].lam * (state.rows[r].Gb[k] if k < 3 else state.rows[r].Ga[k - 3])
+    return total
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointForce(Sensor):
+    """Component of the wrench a tree joint transmits to the body, about its origin, global axes."""
+
+    read = joint_wrench
+    follows = Follows.FORCES
+
+
+@dataclass(frozen=True, kw_only=True)
+class RowForce(Sensor):
+    """Force or moment of one row of a cut joint on its body b."""
+
+    read = row_force
+    follows = Follows.FORCES
+
+
+@dataclass(frozen=True, kw_only=True)
+class CutForce(Sensor):
+    """Global component of the force a cut joint exerts on body b, from component 3 on on body a."""
+
+    read = cut_force
+    follows = Follows.FORCES

@@ -1,0 +1,68 @@
+"""Position, velocity and acceleration of a body-fixed point, by components along the global axes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.spatial import arm, centripetal
+from solvers.kernel import kernel
+
+from .base import Follows, Sensor
+
+
+@kernel
+def position(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+    """See :mod:`.base`."""
+    here, k = state.bodies[sensor.index], sensor.component
+    return here.r[k] + arm(here, sensor.point)[k]
+
+
+@kernel
+def velocity(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+    """See :mod:`.base`. r' + w x p."""
+    here, k = state.bodies[sensor.index], sensor.component
+    p, i, j = arm(here, sensor.point), (k + 1) % 3, (k + 2) % 3
+    return here.Y[k] + here.Y[3 + i] * p[j] - here.Y[3 + j] * p[i]
+
+
+@kernel
+def acceleration(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+    """See :mod:`.base`. r'' + w' x p + w x (w x p)."""
+    here, k = state.bodies[sensor.index], sensor.component
+    p, i, j = arm(here, sensor.point), (k + 1) % 3, (k + 2) % 3
+    along = here.dY[k] + here.dY[3 + i] * p[j] - here.dY[3 + j] * p[i]
+    return along + centripetal(here, p[0], p[1], p[2], k) + arrays.world[0].gravity[k]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PointPosition(Sensor):
+    """Component of the position of ``point`` (m, body axes)."""
+
+    record = np.dtype([("index", np.int64), ("component", np.int64), ("point", np.float64, (3,))], align=True)
+    read = position
+
+    point: Any = (0.0, 0.0, 0.0)
+
+    def fill(self, record: Any, site: Site) -> None:
+        """Write the point too."""
+        super().fill(record, site)
+        record["point"] = self.point
+
+
+@dataclass(frozen=True, kw_only=True)
+class PointVelocity(PointPosition):
+    """... of its velocity."""
+
+    read = velocity
+
+
+@dataclass(frozen=True, kw_only=True)
+class PointAcceleration(PointPosition):
+    """... of its acceleration."""
+
+    read = acceleration
+    follows = Follows.LOADS

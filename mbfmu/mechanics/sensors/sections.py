@@ -1,0 +1,44 @@
+"""How a flexible body is bent at a section."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from solvers.kernel import kernel
+
+from .base import Sensor
+
+
+@kernel
+def deflection(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+    """See :mod:`.base`."""
+    body = arrays.bodies[sensor.index]
+    node, total = arrays.nodes[body.node], 0.0 * state.q[body.qi]
+    for k in range(body.nv):
+        total += node.phi[k] * state.q[body.qi + k]
+    return total
+
+
+@kernel
+def bending_moment(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+    """See :mod:`.base`."""
+    body = arrays.bodies[sensor.index]
+    node, total = arrays.nodes[body.node], 0.0 * state.q[body.qi]
+    for k in range(body.nv):
+        total += node.moment[k] * state.q[body.qi + k]
+    return total
+
+
+@dataclass(frozen=True, kw_only=True)
+class Deflection(Sensor):
+    """Along y of the body's frame, m."""
+
+    read = deflection
+
+
+@dataclass(frozen=True, kw_only=True)
+class BendingMoment(Sensor):
+    """E I w'' about z, N m."""
+
+    read = bending_moment

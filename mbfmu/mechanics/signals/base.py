@@ -1,0 +1,48 @@
+"""What every signal says of itself: a known function of time that drives a joint or scales a load.
+
+Its kernel ``evaluate(signal, t, arrays)`` returns the value at time t (s) and its first two derivatives; t is always
+real. A signal of others evaluates them by their numbers, :func:`mbfmu.mechanics.dispatch.signal`.
+
+Solvers and steady states ask a signal in use about itself with its record, which a host may have changed since.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf
+from typing import Any, ClassVar
+
+from mbfmu.mechanics.kind import Kind
+
+
+@dataclass(frozen=True)
+class Signal(Kind):
+    """A function of time; the base gives what holds for one of which no more is known."""
+
+    kernels: ClassVar = {"evaluate": "time, arrays -> three"}
+    evaluate: ClassVar[Any]
+
+    def pace(self, record: Any, size: float) -> float:
+        """Return a time (s) in which it changes by about ``size``; zero: it never changes."""
+        return 0.0
+
+    def steady(self, record: Any) -> tuple[float, bool]:
+        """Return the constant speed it has from its start on, and whether it has one."""
+        return 0.0, False
+
+    def longest_step(self, record: Any, t: float) -> tuple[float, float]:
+        """Return the longest step from t on that cannot miss how it varies, and until when it is the longest, s.
+
+        A solver that looks at a sine once a period, or passes a run-up in one step, sees nothing to be wrong about.
+        """
+        return inf, inf
+
+    def run_on(self, record: Any) -> None:
+        """Let it be from now on what it becomes in the end, if it becomes anything."""
+
+    def run_at(self, record: Any, speed: float) -> None:
+        """Let it go at another constant speed; asked only of one that has one."""
+
+    def variables(self) -> list[tuple[str, str, str, float]]:
+        """Return name, unit, description and start of what a host sets; entry k is coefficient k of the record."""
+        return []

@@ -1,0 +1,67 @@
+"""A sine."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf, pi
+from typing import Any
+
+import numpy as np
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.numbers import is_finite
+from solvers.kernel import kernel
+
+from .base import Signal
+
+SEEN = 0.3  # longest step, in periods
+
+
+@kernel
+def evaluate(signal: Any, t: float, arrays: Any) -> tuple[float, float, float]:
+    """See :mod:`.base`."""
+    w, phase = signal.frequency, signal.frequency * t + signal.phase
+    return (
+        signal.middle + signal.amplitude * np.sin(phase),
+        signal.amplitude * w * np.cos(phase),
+        -signal.amplitude * w * w * np.sin(phase),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Harmonic(Signal):
+    """mean + amplitude sin(2 pi frequency t + phase); frequency in Hz, phase in rad."""
+
+    record = np.dtype(
+        [
+            ("middle", np.float64),
+            ("amplitude", np.float64),
+            ("frequency", np.float64),  # rad/s
+            ("phase", np.float64),  # rad
+        ],
+        align=True,
+    )
+    evaluate = evaluate
+
+    amplitude: float
+    frequency: float
+    phase: float = 0.0
+    mean: float = 0.0
+
+    def fill(self, record: Any, site: Site) -> None:
+        """Write the parameters."""
+        if not is_finite((self.mean, self.amplitude, self.frequency, self.phase)):
+            raise UserError(f"{self!r}: every number must be finite")
+        record["middle"], record["amplitude"], record["phase"] = self.mean, self.amplitude, self.phase
+        record["frequency"] = 2.0 * pi * self.frequency
+
+    def pace(self, record: Any, size: float) -> float:
+        """Return the time of a radian."""
+        w = abs(float(record["frequency"]))
+        return 1.0 / w if abs(float(record["amplitude"])) * w else 0.0
+
+    def longest_step(self, record: Any, t: float) -> tuple[float, float]:
+        """Return part of a period."""
+        w = abs(float(record["frequency"]))
+        return (SEEN * (2.0 * pi / w) if abs(float(record["amplitude"])) * w > 0.0 else inf), inf

@@ -1,0 +1,144 @@
+"""Polynomials in time, and the inputs that a host sets: polynomials about the last communication point.
+
+What the coefficients of an input are while it runs is told by :mod:`mbfmu.mechanics.arrays.motion` and
+:mod:`mbfmu.mechanics.arrays.going_on`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.numbers import finite, is_finite
+from solvers.kernel import kernel
+
+from .base import Signal
+
+POLYNOMIAL = np.dtype(
+    [
+        ("t0", np.float64),  # s
+        ("c", np.float64, (4,)),  # c0 + c1 s + c2 s^2 + c3 s^3, s = t - t0
+    ],
+    align=True,
+)
+
+
+@kernel
+def evaluate(signal: Any, t: float, arrays: Any) -> tuple[float, float, float]:
+    """See :mod:`.base`."""
+    s, c = t - signal.t0, signal.c
+    return (
+        c[0] + s * (c[1] + s * (c[2] + s * c[3])),
+        c[1] + s * (2.0 * c[2] + s * 3.0 * c[3]),
+        2.0 * c[2] + s * 6.0 * c[3],
+    )
+
+
+@dataclass(frozen=True)
+class Coefficients(Signal):
+    """A polynomial, whoever gives its coefficients."""
+
+    record = POLYNOMIAL
+    evaluate = evaluate
+
+    def pace(self, record: Any, size: float) -> float:
+        """Return the shortest time in which one of its terms becomes ``size``."""
+        c = [abs(float(x)) for x in record["c"]]
+        return min(((size / x) ** (1.0 / k) for k, x in enumerate(c) if k and x), default=0.0)
+
+    def steady(self, record: Any) -> tuple[float, bool]:
+        """Return c1, which is its speed where all higher ones are zero."""
+        return float(record["c"][1]), not np.any(record["c"][2:])
+
+    def run_at(self, record: Any, speed: float) -> None:
+        """Set c1."""
+        record["c"][1] = speed
+
+
+@dataclass(frozen=True)
+class Polynomial(Coefficients):
+    """c0 + c1 t + c2 t^2 + c3 t^3."""
+
+    c: Sequence[float]
+
+    def fill(self, record: Any, site: Site) -> None:
+        """Write the coefficients."""
+        if np.ndim(self.c) != 1 or not 1 <= len(self.c) <= 4 or not is_finite(self.c):
+            raise UserError(f"polynomial coefficients are {self.c!r}; allowed: one to four finite numbers")
+        record["c"][: len(self.c)] = self.c
+
+
+@dataclass(frozen=True, kw_only=True)
+class Input(Coefficients):
+    """A value the host sets between steps.
+
+    A load is held, or continued with ``rate_name`` where the host gives the rate too. The drive of a joint is a motion
+    instead: the coordinate moves to where the host's motion will be at the end of the step, without a jump of its
+    position, see :mod:`mbfmu.mechanics.arrays.motion`.
+
+    Parameters
+    ----------
+    name, unit, description
+        Of the FMU's input variable.
+    rate_name
+        Name of a second input, the time derivative; without it the rate is zero.
+    start
+        Value until the host sets one.
+    """
+
+    name: str
+    unit: str
+    description: str = ""
+    rate_name: str = ""
+    start: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse a start that is no number."""
+        finite(f"start of input {self.name!r}", self.start)
+
+    def fill(self, record: Any, site: Site) -> None:
+        """Write the start value."""
+        record["c"][0] = self.start
+
+    def variables(self) -> list[tuple[str, str, str, float]]:
+        """Return the value, and the rate if it has a name."""
+        own = [(self.name, self.unit, self.description, self.start)]
+        return [*own, (self.rate_name, self.unit + "/s", f"rate of {self.name}", 0.0)] if self.rate_name else own
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpeedInput(Coefficients):
+    """A drive at the speed the host sets; the driven coordinate is its integral and never jumps.
+
+    A new value sets the speed at once, by an impulse that moves what hangs on the joint too. Held between communication
+    points, a speed that changes smoothly lags behind by half a step.
+
+    Parameters
+    ----------
+    name, unit, description
+        Of the FMU's input variable; ``unit`` is rad/s or m/s.
+    start
+        Speed until the host sets one.
+    """
+
+    name: str
+    unit: str
+    description: str = ""
+    start: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse a start that is no number."""
+        finite(f"start of input {self.name!r}", self.start)
+
+    def fill(self, record: Any, site: Site) -> None:
+        """Write the start value."""
+        record["c"][1] = self.start
+
+    def variables(self) -> list[tuple[str, str, str, float]]:
+        """Return nothing for coefficient 0, which follows, and the speed for coefficient 1."""
+        return [("", "", "", 0.0), (self.name, self.unit, self.description, self.start)]

@@ -1,0 +1,93 @@
+"""A run-up from rest to a constant speed, with an acceleration without jumps.
+
+The speed is speed (x - sin(2 pi x) / (2 pi)), x = t / duration, and then stays.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf
+from typing import Any
+
+import numpy as np
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.numbers import is_finite
+from solvers.kernel import kernel
+
+from .base import Signal
+
+SEEN = 0.3  # longest step, in durations
+
+
+@kernel
+def evaluate(signal: Any, t: float, arrays: Any) -> tuple[float, float, float]:
+    """See :mod:`.base`."""
+    speed = signal.speed
+    if signal.over == 1:
+        return signal.start + t * speed, speed, 0.0 * speed
+    duration = signal.duration
+    taken = min(max(t, 0.0), duration.real)
+    late, part = max(t, taken) - taken, taken / duration
+    turns = (np.cos(2.0 * np.pi * taken / duration) - 1.0) / (2.0 * np.pi) ** 2
+    return (
+        signal.start + speed * (0.5 * taken * taken / duration + duration * turns + late),
+        speed * (part - np.sin(2.0 * np.pi * part) / (2.0 * np.pi)),
+        speed / duration * (1.0 - np.cos(2.0 * np.pi * taken / duration)),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunUp(Signal):
+    """Runs up from rest to ``speed`` (rad/s or m/s) within ``duration`` (s); the coordinate starts at ``start``."""
+
+    record = np.dtype(
+        [
+            ("start", np.float64),
+            ("speed", np.float64),
+            ("duration", np.float64),
+            ("over", np.int64),  # 1: at full speed from the beginning
+        ],
+        align=True,
+    )
+    evaluate = evaluate
+
+    speed: float
+    duration: float
+    start: float = 0.0
+
+    def fill(self, record: Any, site: Site) -> None:
+        """Write the parameters."""
+        if not is_finite((self.start, self.speed, self.duration)) or self.duration <= 0.0:
+            raise UserError(f"{self!r}: every number must be finite and the duration greater than zero")
+        record["start"], record["speed"], record["duration"] = self.start, self.speed, self.duration
+
+    def pace(self, record: Any, size: float) -> float:
+        """Return the time of the run-up and of ``size`` at full speed."""
+        speed = abs(float(record["speed"]))
+        if not speed:
+            return 0.0
+        return size / speed if record["over"] else float(record["duration"]) + size / speed
+
+    def steady(self, record: Any) -> tuple[float, bool]:
+        """Return the full speed, once it is reached."""
+        return (float(record["speed"]), True) if record["over"] else (0.0, not record["speed"])
+
+    def longest_step(self, record: Any, t: float) -> tuple[float, float]:
+        """Return part of the run-up, and before it half the way there."""
+        end = float(record["duration"])
+        if record["over"] or not abs(float(record["speed"])) * end > 0.0:
+            return inf, inf
+        shortest = SEEN * end
+        if t < -shortest:
+            return -0.5 * t, 0.5 * t
+        return (shortest, end) if t < end else (inf, inf)
+
+    def run_on(self, record: Any) -> None:
+        """Let it have its full speed."""
+        record["over"] = 1
+
+    def run_at(self, record: Any, speed: float) -> None:
+        """Set the full speed."""
+        record["speed"] = speed

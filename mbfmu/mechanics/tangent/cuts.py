@@ -1,0 +1,42 @@
+"""How the forces of a cut joint change with the motions of its two bodies: by complex steps."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from mbfmu.mechanics.dispatch import evaluate_cut
+from solvers.kernel import kernel
+
+from .steps import EPSILON, displace
+
+
+@kernel
+def stiffness(cut: Any, weight: Any, arrays: Any, state: Any, twin: Any, K: Any) -> None:
+    """K (12, 12) = sum over the rows of lambda dG + weight G G^T, G = (Ga, Gb), six rows and columns a body.
+
+    lambda dG is what the reactions gain as the bodies move, weight G G^T a spring that holds the row. ``weight`` (m,)
+    is by constraint; ``twin`` is a complex state, scratch.
+    """
+    kept, bodies = arrays.kept, state.bodies
+    for i in range(12):
+        for j in range(12):
+            K[i, j] = 0.0
+    for r in range(cut.row, cut.end):
+        if kept[r] >= 0:
+            for i in range(12):
+                for j in range(12):
+                    K[i, j] += weight[kept[r]] * wrench(state.rows[r], i) * wrench(state.rows[r], j)
+    for j in range(12):
+        displace(bodies[cut.a], twin.bodies[cut.a], j)
+        displace(bodies[cut.b], twin.bodies[cut.b], j - 6)
+        evaluate_cut(cut, arrays, twin)
+        for r in range(cut.row, cut.end):
+            if kept[r] >= 0:
+                for i in range(12):
+                    K[i, j] += state.rows[r].lam * wrench(twin.rows[r], i).imag / EPSILON
+
+
+@kernel
+def wrench(row: Any, i: int) -> Any:
+    """Component i of (Ga, Gb)."""
+    return row.Ga[i] if i < 6 else row.Gb[i - 6]
