@@ -9,6 +9,7 @@ from .mechanics import (
     Cylinder,
     DistanceCut,
     Floating,
+    Function,
     Geodesic,
     Harmonic,
     Input,
@@ -21,6 +22,8 @@ from .mechanics import (
     Plate,
     PointForce,
     Polynomial,
+    Product,
+    Ramp,
     Revolute,
     RevoluteCut,
     RunUp,
@@ -29,7 +32,10 @@ from .mechanics import (
     Spherical,
     SphericalCut,
     Spring,
+    Step,
+    Sum,
     Support,
+    Table,
     Torque,
     Translational,
     Weld,
@@ -51,11 +57,12 @@ from .viewer.show import view
 
 __all__ = [
     "AssemblyError", "Beam", "BeamElement", "Box", "Cylinder", "DistanceCut", "Equilibrium", "EquilibriumError",
-    "Floating", "Geodesic", "Harmonic", "Input", "JointForce", "JointSpring", "Mechanism", "Model", "OutOfPlane",
-    "PlanarCut", "PlaneCut", "Plate", "PointForce", "Polynomial", "Result", "Revolute", "RevoluteCut", "RunUp",
-    "Settings", "Simulation", "SpeedInput", "Sphere", "Spherical", "SphericalCut", "Spring", "StateSpace", "Support",
-    "Torque", "Translational", "UserError", "Weld", "WeldCut", "add_chain", "add_sheet", "compare", "equilibrium",
-    "export", "find", "linearize", "models", "modes", "parameter", "rod", "simulate", "view",
+    "Floating", "Function", "Geodesic", "Harmonic", "Input", "JointForce", "JointSpring", "Mechanism", "Model",
+    "OutOfPlane", "PlanarCut", "PlaneCut", "Plate", "PointForce", "Polynomial", "Product", "Ramp", "Result",
+    "Revolute", "RevoluteCut", "RunUp", "Settings", "Simulation", "SpeedInput", "Sphere", "Spherical",
+    "SphericalCut", "Spring", "StateSpace", "Step", "Sum", "Support", "Table", "Torque", "Translational",
+    "UserError", "Weld", "WeldCut", "add_chain", "add_sheet", "compare", "equilibrium", "export", "find",
+    "linearize", "models", "modes", "parameter", "rod", "simulate", "view",
 ]  # fmt: skip
 
 __version__: str

@@ -65,6 +65,13 @@ def records(count: int, dtype: np.dtype[Any]) -> NDArray[Any]:
     return array if COMPILED else array.view(np.recarray)
 
 
+def kept_nowhere(function: F) -> F:
+    """Compile a function as a kernel, but for this process alone: one that is made on the way."""
+    if not COMPILED:
+        return function
+    return cast(F, Kernel(function, targetoptions={"nopython": True, "no_cfunc_wrapper": True, **_OPTIONS}))
+
+
 def is_kernel(function: Any) -> bool:
     """Whether a function is compiled, so that kernels can call it."""
     return isinstance(function, Inlined)

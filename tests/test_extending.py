@@ -20,6 +20,7 @@ def blocks(page: str) -> list[tuple[str, str, str]]:
 
 def test_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
     seen = []
     for language, options, text in blocks("extending.md"):
         if "file=" in options:
@@ -30,8 +31,9 @@ def test_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
             for line in text.splitlines():
                 assert main(shlex.split(line)[1:]) == 0, line
         seen.append(language)
-    assert seen.count("bash") == 1
+    assert seen.count("bash") == 2
     assert (tmp_path / "slider.fmu").is_file()
+    assert (tmp_path / "lamp.fmu").is_file()
     assert (tmp_path / "results" / "slidercrank_ida.png").is_file()
 
 

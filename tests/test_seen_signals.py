@@ -21,6 +21,7 @@ from mbfmu.mechanics import (
     Translational,
     rod,
 )
+from mbfmu.mechanics.signals import InUse
 from mbfmu.model import Model
 from mbfmu.native import run
 from mbfmu.simulation import Settings
@@ -107,11 +108,11 @@ def test_the_longest_step_sees_every_signal() -> None:
     plant = Made(make=lambda: shaken_slider(5.0)).plant()
     assert plant.system.resolves(0.7) == (pytest.approx(0.06), np.inf)
     run_up = RunUp(speed=2.0, duration=0.5)
-    record = {"speed": 2.0, "duration": 0.5, "over": 0}
-    assert run_up.longest_step(record, -1.0) == (0.5, -0.5)
-    assert run_up.longest_step(record, -0.1) == (pytest.approx(0.15), 0.5)
-    assert run_up.longest_step(record, 0.2) == (pytest.approx(0.15), 0.5)
-    assert run_up.longest_step(record, 0.5) == (np.inf, np.inf)
+    own = InUse(run_up, {"speed": 2.0, "duration": 0.5, "over": 0}, [])
+    assert own.longest_step(-1.0) == (0.5, -0.5)
+    assert own.longest_step(-0.1) == (pytest.approx(0.15), 0.5)
+    assert own.longest_step(0.2) == (pytest.approx(0.15), 0.5)
+    assert own.longest_step(0.5) == (np.inf, np.inf)
 
 
 @pytest.mark.parametrize("solver", SOLVERS)

@@ -293,7 +293,7 @@ def test_pressure_may_change_during_a_run_but_not_appear() -> None:
     simulation = Simulation(model, Settings(tolerance=1e-5))
     simulation.advance(0.002)
     simulation.retune(model.with_values({"pressure": 2.0}))
-    assert simulation.plant.signal_records(simulation.plant.data)[0]["c"][0] == 2.0
+    assert simulation.plant.signals(simulation.plant.data)[0].record["c"][0] == 2.0
     assert simulation.advance(0.004).ok
     none = Simulation(model.with_values({"pressure": 0.0}), Settings())
     with pytest.raises(UserError, match="'pressure' cannot change during a run"):

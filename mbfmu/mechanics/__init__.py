@@ -1,6 +1,7 @@
 """What a mechanism is and how it moves; knows neither solvers' methods nor FMI."""
 
 from mbfmu.errors import AssemblyError, UserError
+from solvers.kernel import kernel
 
 from .arrays.compile import Variable
 from .arrays.plant import Plant
@@ -9,14 +10,15 @@ from .assemblies.sheet import Sheet, add_sheet
 from .assemblies.supports import Support
 from .builder.bodies import Body, CutHandle, Elastic
 from .builder.mechanism import Mechanism, rod
-from .cuts import DistanceCut, PlanarCut, PlaneCut, RevoluteCut, SphericalCut, WeldCut
+from .cuts import Cut, DistanceCut, PlanarCut, PlaneCut, RevoluteCut, SphericalCut, WeldCut
+from .dispatch import signal_value
 from .elements import BeamElement, Plate
 from .flexible import MODES, Beam
-from .joints import Floating, Geodesic, OutOfPlane, Revolute, Spherical, Translational, Weld
-from .loads import JointForce, JointSpring, PointForce, Spring, Torque
+from .joints import Floating, Geodesic, Joint, OutOfPlane, Revolute, Spherical, Translational, Weld
+from .loads import Force, JointForce, JointSpring, Load, PointForce, Spring, Torque
 from .sensors import Sensor
 from .shapes import Box, Cylinder, Sphere
-from .signals import Harmonic, Input, Polynomial, RunUp, SpeedInput
+from .signals import Function, Harmonic, Input, Polynomial, Product, Ramp, RunUp, Signal, SpeedInput, Step, Sum, Table
 
 __all__ = [
     "MODES",
@@ -25,16 +27,21 @@ __all__ = [
     "BeamElement",
     "Body",
     "Box",
+    "Cut",
     "CutHandle",
     "Cylinder",
     "DistanceCut",
     "Elastic",
     "Floating",
+    "Force",
+    "Function",
     "Geodesic",
     "Harmonic",
     "Input",
+    "Joint",
     "JointForce",
     "JointSpring",
+    "Load",
     "Mechanism",
     "OutOfPlane",
     "PlanarCut",
@@ -43,17 +50,23 @@ __all__ = [
     "Plate",
     "PointForce",
     "Polynomial",
+    "Product",
+    "Ramp",
     "Revolute",
     "RevoluteCut",
     "RunUp",
     "Sensor",
     "Sheet",
+    "Signal",
     "SpeedInput",
     "Sphere",
     "Spherical",
     "SphericalCut",
     "Spring",
+    "Step",
+    "Sum",
     "Support",
+    "Table",
     "Torque",
     "Translational",
     "UserError",
@@ -62,5 +75,7 @@ __all__ = [
     "WeldCut",
     "add_chain",
     "add_sheet",
+    "kernel",
     "rod",
+    "signal_value",
 ]

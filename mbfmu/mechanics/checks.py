@@ -11,19 +11,23 @@ from numpy.typing import NDArray
 from mbfmu.errors import UserError
 
 from .numbers import array_of, is_finite
-from .signals import Signal, as_signal
+from .signals import Function, Polynomial, Signal
 
 Matrix = NDArray[np.float64]
 Vector = Sequence[float] | Matrix
 
 
-def signal_of(value: Any, what: str) -> Signal:
-    """Return a signal from a number, a signal or an input."""
+def signal_of(value: Any, what: str, *, drive: bool = False) -> Signal:
+    """Return a signal from a number, a signal, an input, or a function or expression of time; one that is to drive
+    needs its derivatives.
+    """
     if isinstance(value, Signal):
         return value
+    if callable(value) or isinstance(value, str):
+        return Function(value, differentiate=drive)
     if np.ndim(value) or not is_finite(value):
-        raise UserError(f"{what} is {value!r}; it must be a finite number, a signal or an input")
-    return as_signal(float(value))
+        raise UserError(f"{what} is {value!r}; it must be a finite number, a signal, an input or a function of time")
+    return Polynomial((float(value),))
 
 
 def vector(what: str, value: Vector) -> Matrix:

@@ -27,7 +27,10 @@ class Site(Protocol):
     v: int  # ... its velocity in State.v
 
     def signal(self, value: Any, what: str) -> int:
-        """Return the number of a signal that is used here: of a number, a signal or an input."""
+        """Return the number of a signal that is used here: a number, a signal, an input or a function of time."""
+
+    def numbers(self, values: Any) -> int:
+        """Keep numbers, as many as there are, in ``Arrays.numbers``; return where they begin."""
 
 
 class Kind:

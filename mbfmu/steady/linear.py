@@ -184,7 +184,7 @@ class _Line:
         """Return changes of (rates, accelerations) (2f,) and outputs for unit changes of states and one input."""
         s, T = self.system, self.terms
         if which >= 0:
-            place, k = self.plant.inputs.places(s.data.arrays, self.plant.signal_records(s.data))[which]
+            place, k = self.plant.inputs.places(s.data.arrays, self.plant.signals(s.data))[which]
             place[k] += EPSILON * 1j
         s.fill(self.t, self.q, self.v, T)
         q = self.q.copy()

@@ -87,7 +87,7 @@ class EquilibriumProblem:
             self._v = np.where(self._cyclic, plant.start_velocities(), 0.0)
             self._solver = DenseEquilibriumSolver(self._complex, 0.0, general, self._v)
             self._solver.rehearse(self._start)
-        self._signals = plant.signal_records(data)
+        self._signals = plant.signals(data)
         self._full_speeds = plant.drives.full_speeds()
 
     def start(self, given: Mapping[str, float] | None = None) -> Array:

@@ -179,7 +179,7 @@ def test_power_equals_energy_rate(case: Case) -> None:
 def non_conservative_power(case: Case) -> float:
     """Power of dampers and given forces, from the records and the body motions, written out anew."""
     plant, power = case.plant, 0.0
-    state, signals = plant.data.state, plant.signal_records(plant.data)
+    state, signals = plant.data.state, plant.signals(plant.data)
     for _, force, a, b in plant.mechanism.forces:
         name, f = type(force).__name__, plant.records(type(force))[0]
         A, B = state.bodies[a.index], state.bodies[b.index]
@@ -187,7 +187,9 @@ def non_conservative_power(case: Case) -> float:
         def velocity(body: Any, p: Any) -> Any:
             return body["Y"][:3] + np.cross(body["Y"][3:], body["A"] @ p)
 
-        magnitude = np.polyval(signals[int(f["signal"])]["c"][::-1], case.t) if hasattr(force, "magnitude") else 0.0
+        magnitude = (
+            np.polyval(signals[int(f["signal"])].record["c"][::-1], case.t) if hasattr(force, "magnitude") else 0.0
+        )
         if name == "Spring":
             d = B["r"] + B["A"] @ f["Pb"] - A["r"] - A["A"] @ f["Pa"]
             rate = d @ (velocity(B, f["Pb"]) - velocity(A, f["Pa"])) / np.linalg.norm(d)

@@ -249,9 +249,9 @@ def test_a_row_that_the_drive_will_work_against_is_kept(drive: Any) -> None:
     m.cut("pin", SphericalCut(at_b=(1, 0, 0)), m.ground, link)
     plant = m.compile()
     assert plant.void_rows == []
-    (record,) = plant.signal_records(plant.data)
-    if "c" in record.dtype.names:
-        assert record["c"][0] == 0.0  # inputs are where they were
+    (signal,) = plant.signals(plant.data)
+    if "c" in signal.record.dtype.names:
+        assert signal.record["c"][0] == 0.0  # inputs are where they were
     turned = Mechanism()
     base = turned.body("base", turned.ground, Revolute(axis="y", drive=drive), mass=1.0)
     crank = turned.body("crank", base, Revolute(start=0.3), **rod(mass=1, length=1))

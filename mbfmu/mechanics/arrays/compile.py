@@ -16,7 +16,7 @@ from mbfmu.mechanics.flexible.modal import ELASTIC, NODE
 from mbfmu.mechanics.joints import Section
 from mbfmu.mechanics.kind import Kind
 from mbfmu.mechanics.sensors import Energy, KineticEnergy, RowForce, Sensor
-from mbfmu.mechanics.signals import Signal
+from mbfmu.mechanics.signals import InUse, Signal
 from solvers.kernel import records
 
 from .records import (
@@ -72,6 +72,7 @@ class Numbering:
         self.vf: list[int] = []
         self.drive: list[int] = []
         self.coordinate_names: list[str] = []
+        self.numbers: list[float] = []
         self.nq_full = self.nv_full = self.nq = self.nv = 0
         for axis, gravity in mechanism.gravity_inputs.items():
             ((name, unit, description, start),) = gravity.variables()
@@ -98,11 +99,20 @@ class Numbering:
         self.nv_full += joint.nv
         self.qf.append(-1 if driven else self.nq)
         self.vf.append(-1 if driven else self.nv)
-        self.drive.append(self.signal(joint.drive, f"drive of body {body.name!r}") if driven else -1)
+        self.drive.append(self.signal(self._drive(body), f"drive of body {body.name!r}") if driven else -1)
         if not driven:
             self.nq += joint.nq
             self.nv += joint.nv
             self.coordinate_names += [f"{body.name}.{c}" if c else body.name for c in joint.coordinates]
+
+    @staticmethod
+    def _drive(body: Body) -> Signal:
+        """Return the signal that a joint follows; UserError for one that jumps."""
+        what = f"drive of body {body.name!r}"
+        signal = signal_of(body.joint.drive, what, drive=True)
+        if not signal.drives:
+            raise UserError(f"{what} is {signal!r}; its value or its rate jumps, and no joint can follow that")
+        return signal
 
     def signal(self, value: Any, what: str) -> int:
         """Number a signal and, if it is an input, its slots."""
@@ -140,6 +150,12 @@ class Place:
             self._known[what] = self._numbering.signal(value, what)
         return self._known[what]
 
+    def numbers(self, values: Any) -> int:
+        """Keep numbers; return where they begin."""
+        first = len(self._numbering.numbers)
+        self._numbering.numbers.extend(np.ravel(values))
+        return first
+
 
 class Compiled:
     """A mechanism as arrays.
@@ -149,7 +165,7 @@ class Compiled:
     data
         Arrays and state; every cut-joint row is kept for now.
     signals
-        Signals by number, each with its record.
+        By number.
     sensors
         What can be observed: the outputs, and last the energy and the kinetic energy.
     """
@@ -193,22 +209,23 @@ class Compiled:
             nodes=nodes,
             kernels=tables.kernels(),
             memory=tables.memory,
+            numbers=np.array(numbering.numbers, float),
         )
         sizes = (len(mechanism.bodies), rows, numbering.nq_full, numbering.nv_full, numbering.subspaces)
         self.data = Data(arrays, allocate_state(*sizes))
-        self.signals = list(zip(numbering.signals, self.signal_records(self.data), strict=True))
+        self.signals = self.signals_in(self.data)
 
     def tangent_arrays(self) -> Arrays:
         """Return the same arrays with the kernels that give derivatives by the state."""
         return self.data.arrays._replace(kernels=self._tables.kernels(TANGENT))
 
-    def signal_records(self, data: Data) -> list[Any]:
-        """Return the record of every signal in the data, or in those of a :meth:`twin`."""
+    def signals_in(self, data: Data) -> list[InUse]:
+        """Return every signal with its record in the data, or in those of a :meth:`twin`."""
         kind = complex_dtype if data.state.q.dtype == complex else np.dtype
-        found = []
+        found: list[InUse] = []
         for signal, at in zip(self._numbering.signals, data.arrays.signals["at"], strict=True):
             dtype = kind(np.dtype(signal.record, align=True))
-            found.append(data.arrays.memory[at : at + dtype.itemsize].view(dtype)[0])
+            found.append(InUse(signal, data.arrays.memory[at : at + dtype.itemsize].view(dtype)[0], found))
         return found
 
     def twin(self) -> Data:

@@ -10,7 +10,7 @@ import numpy as np
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.numbers import finite
 from mbfmu.mechanics.sensors import Follows
-from mbfmu.mechanics.signals import Signal, SpeedInput
+from mbfmu.mechanics.signals import InUse, SpeedInput
 from solvers.system import Array
 
 from .compile import GRAVITY, Numbering
@@ -30,9 +30,7 @@ class Drives:
         The unit of the coordinate that each drives, by its number.
     """
 
-    def __init__(
-        self, mechanism: Mechanism, numbering: Numbering, signals: list[tuple[Signal, Any]], length: float
-    ) -> None:
+    def __init__(self, mechanism: Mechanism, numbering: Numbering, signals: list[InUse], length: float) -> None:
         self._signals = signals
         driven = [(b, numbering.drive[b.index]) for b in mechanism.bodies if b.joint.drive is not None]
         self._bodies = [(body.name, k) for body, k in driven]
@@ -42,15 +40,11 @@ class Drives:
 
     def speeds(self) -> list[tuple[str, float, bool]]:
         """Return name and speed of every driven body, and whether that is constant."""
-        return [(name, *self._steady(k)) for name, k in self._bodies]
+        return [(name, *self._signals[k].steady()) for name, k in self._bodies]
 
     def rates(self) -> list[float]:
         """Return the constant speed of every drive, without sign, in units of its coordinate per second."""
-        return [abs(self._steady(k)[0]) / self.sizes[k] for k in self.signals]
-
-    def _steady(self, k: int) -> tuple[float, bool]:
-        signal, record = self._signals[k]
-        return signal.steady(record)
+        return [abs(self._signals[k].steady()[0]) / self.sizes[k] for k in self.signals]
 
     def paces(self, bodies: Iterable[int] | None = None) -> list[float]:
         """Return the pace of every drive that moves, s; of those of these bodies only, by their number, if given."""
@@ -59,23 +53,22 @@ class Drives:
 
     def pace(self, signal: int) -> float:
         """Return a time (s) in which a drive moves by about the unit of its coordinate; zero: it never moves."""
-        own, record = self._signals[signal]
-        return own.pace(record, self.sizes[signal])
+        return self._signals[signal].pace(self.sizes[signal])
 
     def finish_run_ups(self) -> None:
         """Let every drive that runs up have its full speed from now on."""
         for k in self.signals:
-            signal, record = self._signals[k]
-            signal.run_on(record)
+            own = self._signals[k]
+            own.signal.run_on(own)
 
     def full_speeds(self) -> Array:
         """Return the constant speed of every signal that drives, in their order."""
-        return np.array([self._steady(k)[0] for k in self.signals])
+        return np.array([self._signals[k].steady()[0] for k in self.signals])
 
-    def run_at(self, speeds: Array, records: list[Any]) -> None:
-        """Let the signals that drive have these constant speeds in some ``records`` of all signals."""
+    def run_at(self, speeds: Array, signals: list[InUse]) -> None:
+        """Let those of all ``signals`` that drive have these constant speeds."""
         for k, speed in zip(self.signals, speeds, strict=True):
-            self._signals[k][0].run_at(records[k], speed)
+            signals[k].signal.run_at(signals[k], speed)
 
 
 class Inputs:
@@ -89,9 +82,9 @@ class Inputs:
         Numbers of the signals they are kept in.
     """
 
-    def __init__(self, numbering: Numbering, arrays: Any, signals: list[tuple[Signal, Any]], drives: Drives) -> None:
+    def __init__(self, numbering: Numbering, arrays: Any, signals: list[InUse], drives: Drives) -> None:
         self._slots, self._arrays = tuple(numbering.slots), arrays
-        self._records = [record for _, record in signals]
+        self._records = [signal.record for signal in signals]
         self.variables = tuple(slot.variable for slot in self._slots)
         self.signals = {slot.signal for slot in self._slots}
         self._motions: dict[int, InputMotion] = {}  # of every drive that is an input, by the number of its signal
@@ -113,12 +106,10 @@ class Inputs:
         """Return how many there are."""
         return len(self._slots)
 
-    def places(self, arrays: Any, records: list[Any]) -> list[tuple[Any, int]]:
+    def places(self, arrays: Any, signals: list[InUse]) -> list[tuple[Any, int]]:
         """Return where the complex twin of the plant keeps every input: a vector and an index."""
-        return [
-            (arrays.world["gravity"][0] if slot.signal == GRAVITY else records[slot.signal]["c"], slot.coefficient)
-            for slot in self._slots
-        ]
+        gravity = arrays.world["gravity"][0]
+        return [(gravity if s.signal == GRAVITY else signals[s.signal].record["c"], s.coefficient) for s in self._slots]
 
     def moves_support(self, index: int) -> bool:
         """Whether an input is the position or the rate of a driven coordinate."""

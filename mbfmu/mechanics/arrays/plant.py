@@ -18,6 +18,7 @@ from mbfmu.mechanics.kind import Kind
 from mbfmu.mechanics.numbers import array_of
 from mbfmu.mechanics.recursions.dynamics import audit_callbacks, callbacks, energy, observe, observe_all, tree_callbacks
 from mbfmu.mechanics.sensors import Follows, largest_residual
+from mbfmu.mechanics.signals import InUse
 from mbfmu.mechanics.tangent import Groups, Tangent, find_groups
 from mbfmu.units import read_unit
 from solvers.held import contents
@@ -103,9 +104,9 @@ class Plant:
         """Arrays and state as kernels take them; see :mod:`solvers.held`."""
         return contents(self.system.held_data)
 
-    def signal_records(self, data: Data) -> list[Any]:
-        """Return the record of every signal in data of this plant: its own, or those of a complex system."""
-        return self._compiled.signal_records(data)
+    def signals(self, data: Data) -> list[InUse]:
+        """Return every signal as it is in data of this plant: its own, or those of a complex system."""
+        return self._compiled.signals_in(data)
 
     def complex_system(self) -> System:
         """Return the system as it is now on complex numbers, for derivatives by complex step."""
@@ -181,7 +182,7 @@ class Plant:
 
     def _resolves(self, t: float) -> tuple[float, float]:
         """Return the longest step from t on that misses no signal, and until when it does not, s."""
-        found = [signal.longest_step(record, t) for signal, record in self._compiled.signals]
+        found = [signal.longest_step(t) for signal in self._compiled.signals]
         return min((step for step, _ in found), default=inf), min((until for _, until in found), default=inf)
 
     def tangent(self, groups: Groups | None = None) -> Tangent:
@@ -217,13 +218,13 @@ class Plant:
         signals, probe, start = self._compiled.signals, Probe(self.system), self.start_positions()
         before = self.data.arrays.memory.copy()
         given = [k for k in self.drives.signals if k in self.inputs.signals]
-        centers = {k: float(signals[k][1]["c"][0]) for k in given}
+        centers = {k: float(signals[k].record["c"][0]) for k in given}
         paces = [self.drives.pace(k) for k in self.drives.signals if k not in given]
         for scale in (0.0, *(x for x in paces if x), *(1.0 for _ in given)):
             for _ in range(3):
                 probe.try_at(scale * probe.turns(), start)
                 for k in given:
-                    signals[k][1]["c"][0] = centers[k] + self.drives.sizes[k] * probe.normal()
+                    signals[k].record["c"][0] = centers[k] + self.drives.sizes[k] * probe.normal()
         self.data.arrays.memory[:] = before
         void = probe.void(row_units(self.mechanism.cuts))
         self.data.arrays.kept[:] = np.where(void, -1, np.cumsum(~void) - 1)

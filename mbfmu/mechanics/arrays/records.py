@@ -88,6 +88,7 @@ class Arrays(NamedTuple):
     nodes: NDArray[Any]  # NODE
     kernels: NDArray[np.int64]  # (kinds, KERNELS) addresses, a row for each kind that is there; 0: it has none
     memory: NDArray[np.uint8]  # every record of joints, cut joints, loads, signals and sensors
+    numbers: NDArray[np.float64]  # of tables, which are of any length
 
 
 MOTION = np.dtype(
@@ -196,6 +197,7 @@ def empty_data() -> Data:
         nodes=records(1, NODE),
         kernels=np.zeros((1, KERNELS), np.int64),
         memory=np.zeros(1, np.uint8),
+        numbers=np.zeros(1),
     )
     return Data(arrays, allocate_state(1, 1, 1, 1, 1))
 

@@ -84,6 +84,7 @@ class Mechanism:
         self.plates: list[tuple[Plate, tuple[Body, Body, Body, Body]]] = []
         self.elastics: list[Elastic] = []
         self.pressures: list[tuple[str, Pressure, list[tuple[Body, ...]]]] = []
+        self.others: list[Acting] = []  # loads, by their name
         self.profiles: dict[int, Profile] = {}  # by elastic body
         self.outputs: list[tuple[str, Sensor, str, float | None]] = []
         self.shapes: list[tuple[Body, Shape]] = []
@@ -280,8 +281,29 @@ class Mechanism:
             self._corners(f"a face of pressure {name!r}", corners)
         self.pressures.append((name, Pressure(magnitude=magnitude), quads))
 
+    def load(self, name: str, load: Load, *bodies: Body) -> None:
+        """Let a load of any kind act on as many bodies as it takes; :meth:`force` and :meth:`plate` are shorter.
+
+        Parameters
+        ----------
+        name
+            New among the forces and loads.
+        load
+            For instance an element of your own.
+        bodies
+            Of this mechanism, in the order in which the load takes them.
+        """
+        self._new_name("load", name, [*(f[0] for f in self.forces), *(a.what for a in self.others)])
+        check_kind(f"load {name!r}", load, Load)
+        for body in bodies:
+            self._member(body, f"a body of load {name!r}")
+        if not bodies:
+            raise UserError(f"load {name!r} acts on no body; give it the bodies it acts on")
+        load.check(f"load {name!r}")
+        self.others.append(Acting(name, load, bodies))
+
     def loads(self) -> Iterator[Acting]:
-        """Yield what acts on the mechanism: forces, then plates, then what acts on surfaces."""
+        """Yield what acts on the mechanism: forces, then plates, then what acts on surfaces, then other loads."""
         for name, force, a, b in self.forces:
             yield Acting(f"force {name!r}", force, (a, b))
         for plate, corners in self.plates:
@@ -292,6 +314,8 @@ class Mechanism:
         for name, pressure, faces in self.pressures:
             for face in faces:
                 yield Acting(f"pressure {name!r}", pressure, face)
+        for name, load, bodies in self.others:
+            yield Acting(f"load {name!r}", load, bodies)
 
     def _corners(self, what: str, nodes: tuple[Body, ...]) -> None:
         """Refuse what does not span a surface."""

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
 
+from mbfmu.mechanics import law
 from mbfmu.mechanics.dispatch import signal_value
 from mbfmu.mechanics.kind import Site
-from solvers.kernel import kernel
+from solvers.kernel import kept_nowhere, kernel
 
 from .base import Force
 
@@ -26,17 +28,53 @@ def power(force: Any, t: float, arrays: Any, state: Any) -> float:
     return signal_value(force.signal, t, arrays) * state.v[force.v]
 
 
-@dataclass(frozen=True, kw_only=True)
-class JointForce(Force):
-    """Torque (N m) or force (N) on a joint's coordinate: a number, a signal or an input."""
+@cache
+def kernels_of(f: Any) -> tuple[Any, Any]:
+    """Return ``apply`` and ``power`` of a force f(t, q, v)."""
+    at = law.at
 
-    record = np.dtype([("v", np.int64), ("signal", np.int64)])
+    def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
+        state.Q[force.v] += at(f, t, state.q[force.q], state.v[force.v])
+
+    def power(force: Any, t: float, arrays: Any, state: Any) -> Any:
+        return at(f, t, state.q[force.q], state.v[force.v]) * state.v[force.v]
+
+    return kept_nowhere(apply), kept_nowhere(power)
+
+
+@dataclass(frozen=True)
+class JointForce(Force):
+    """Torque (N m) or force (N) on a joint's coordinate.
+
+    Parameters
+    ----------
+    magnitude
+        A number, a signal, an input; a function or expression of the time t (s), or of t, the coordinate q (rad or m)
+        and its rate v: ``lambda t, q, v: -3.0 * v * abs(v)`` or ``"-3 * v * abs(v)"``.
+    """
+
+    record = np.dtype([("q", np.int64), ("v", np.int64), ("signal", np.int64)], align=True)
     on_joint = True
     apply = apply
     power = power
 
     magnitude: Any
 
+    def __post_init__(self) -> None:
+        """Compile a function of the coordinate."""
+        if self._is_law():
+            f = law.law_of(f"magnitude {self.magnitude!r} of a joint force", self.magnitude, ("t", "q", "v"))
+            for name, function in zip(("apply", "power"), kernels_of(f), strict=True):
+                object.__setattr__(self, name, function)
+
+    def _is_law(self) -> bool:
+        """Whether the force depends on the coordinate or its rate."""
+        if isinstance(self.magnitude, str):
+            return bool(law.names_in(self.magnitude) & {"q", "v"})
+        return callable(self.magnitude) and law.arguments_of("magnitude of a joint force", self.magnitude) != 1
+
     def fill(self, record: Any, site: Site) -> None:
         """Write where it acts, and by what signal."""
-        record["v"], record["signal"] = site.v, site.signal(self.magnitude, f"magnitude of {site.name}")
+        record["q"], record["v"] = site.q, site.v
+        if not self._is_law():
+            record["signal"] = site.signal(self.magnitude, f"magnitude of {site.name}")

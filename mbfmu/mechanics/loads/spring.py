@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 
 from mbfmu.mechanics.checks import vector
+from mbfmu.mechanics.curve import curve, rows
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.numbers import finite
+from mbfmu.mechanics.signals import Table
 from mbfmu.mechanics.spatial import add_force, arm
 from solvers.kernel import kernel
 
@@ -58,6 +60,27 @@ def power(force: Any, t: float, arrays: Any, state: Any) -> float:
     return -force.damping * rate * rate
 
 
+@kernel
+def apply_table(force: Any, t: float, arrays: Any, state: Any) -> None:
+    """See :mod:`.base`. Points that coincide have no line of action and exert nothing."""
+    A, B = state.bodies[force.a], state.bodies[force.b]
+    (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate = _pull(force, A, B)
+    f, _, _, _ = curve(arrays.numbers, force.first, force.count, length - force.free)
+    f += force.damping * rate
+    add_force(A.F, ax, ay, az, f * dx, f * dy, f * dz)
+    add_force(B.F, bx, by, bz, -f * dx, -f * dy, -f * dz)
+
+
+@kernel
+def table_potential(force: Any, arrays: Any, state: Any) -> float:
+    """The integral of the force, from no stretch on."""
+    _, _, _, length, _ = _pull(force, state.bodies[force.a], state.bodies[force.b])
+    zero = 0.0 * force.free
+    _, _, _, stored = curve(arrays.numbers, force.first, force.count, length - force.free)
+    _, _, _, unloaded = curve(arrays.numbers, force.first, force.count, zero)
+    return stored - unloaded
+
+
 @dataclass(frozen=True, kw_only=True)
 class Spring(Force):
     """Translational spring-damper from ``at_a`` on body a to ``at_b`` on body b (m, body frames).
@@ -65,7 +88,7 @@ class Spring(Force):
     Parameters
     ----------
     stiffness, damping
-        N/m and N s/m.
+        N/m and N s/m; a ``Table`` in place of a stiffness has the force over the stretch.
     free
         Free length, m.
     """
@@ -74,6 +97,8 @@ class Spring(Force):
         [
             ("a", np.int64),
             ("b", np.int64),
+            ("first", np.int64),  # of the numbers of a table, and how many rows it has
+            ("count", np.int64),
             ("Pa", np.float64, (3,)),  # body axes, m
             ("Pb", np.float64, (3,)),
             ("stiffness", np.float64),
@@ -86,15 +111,21 @@ class Spring(Force):
     potential = potential
     power = power
 
-    stiffness: float = 0.0
+    stiffness: float | Table = 0.0
     damping: float = 0.0
     free: float = 0.0
     at_a: Any = (0.0, 0.0, 0.0)
     at_b: Any = (0.0, 0.0, 0.0)
 
+    def __post_init__(self) -> None:
+        """Take the kernels of a table."""
+        if isinstance(self.stiffness, Table):
+            object.__setattr__(self, "apply", apply_table)
+            object.__setattr__(self, "potential", table_potential)
+
     def check(self, what: str) -> None:
         """Refuse what is no number."""
-        for key in ("stiffness", "damping", "free"):
+        for key in ("damping", "free") if isinstance(self.stiffness, Table) else ("stiffness", "damping", "free"):
             finite(f"{key} of {what}", getattr(self, key))
 
     def fill(self, record: Any, site: Site) -> None:
@@ -104,7 +135,12 @@ class Spring(Force):
             vector(f"at_a of {site.name}", self.at_a),
             vector(f"at_b of {site.name}", self.at_b),
         )
-        record["stiffness"], record["damping"], record["free"] = self.stiffness, self.damping, self.free
+        record["damping"], record["free"] = self.damping, self.free
+        if isinstance(self.stiffness, Table):
+            table = rows(f"stiffness of {site.name}", self.stiffness.x, self.stiffness.y, self.stiffness.kind)
+            record["first"], record["count"] = site.numbers(table), len(table)
+        else:
+            record["stiffness"] = self.stiffness
 
     @property
     def works(self) -> bool:

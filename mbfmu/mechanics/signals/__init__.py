@@ -2,15 +2,28 @@
 
 from __future__ import annotations
 
-from .base import Signal
+from .base import InUse, Signal
+from .combined import Product, Sum
+from .function import Function
 from .harmonic import Harmonic
 from .polynomial import Coefficients, Input, Polynomial, SpeedInput
 from .run_up import RunUp
+from .step import Ramp, Step
+from .table import Table
 
-
-def as_signal(value: float | Signal) -> Signal:
-    """Take a number for a constant."""
-    return Polynomial((float(value),)) if isinstance(value, int | float) else value
-
-
-__all__ = ["Coefficients", "Harmonic", "Input", "Polynomial", "RunUp", "Signal", "SpeedInput", "as_signal"]
+__all__ = [
+    "Coefficients",
+    "Function",
+    "Harmonic",
+    "InUse",
+    "Input",
+    "Polynomial",
+    "Product",
+    "Ramp",
+    "RunUp",
+    "Signal",
+    "SpeedInput",
+    "Step",
+    "Sum",
+    "Table",
+]

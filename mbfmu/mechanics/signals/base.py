@@ -3,16 +3,40 @@
 Its kernel ``evaluate(signal, t, arrays)`` returns the value at time t (s) and its first two derivatives; t is always
 real. A signal of others evaluates them by their numbers, :func:`mbfmu.mechanics.dispatch.signal`.
 
-Solvers and steady states ask a signal in use about itself with its record, which a host may have changed since.
+Solvers and steady states ask a signal about itself as it is in use, see :class:`InUse`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 from mbfmu.mechanics.kind import Kind
+
+
+class InUse(NamedTuple):
+    """A signal of a mechanism, with its record there, which a host may have changed since it was filled."""
+
+    signal: Signal
+    record: Any
+    all: list[InUse]  # by number
+
+    def part(self, field: str) -> InUse:
+        """Return the signal whose number the record has in a field."""
+        return self.all[int(self.record[field].real)]
+
+    def pace(self, size: float) -> float:
+        """See :meth:`Signal.pace`."""
+        return self.signal.pace(self, size)
+
+    def steady(self) -> tuple[float, bool]:
+        """See :meth:`Signal.steady`."""
+        return self.signal.steady(self)
+
+    def longest_step(self, t: float) -> tuple[float, float]:
+        """See :meth:`Signal.longest_step`."""
+        return self.signal.longest_step(self, t)
 
 
 @dataclass(frozen=True)
@@ -21,26 +45,27 @@ class Signal(Kind):
 
     kernels: ClassVar = {"evaluate": "time, arrays -> three"}
     evaluate: ClassVar[Any]
+    drives: ClassVar[bool] = True  # it has no jumps, nor has its rate: a joint can follow it
 
-    def pace(self, record: Any, size: float) -> float:
+    def pace(self, own: InUse, size: float) -> float:
         """Return a time (s) in which it changes by about ``size``; zero: it never changes."""
         return 0.0
 
-    def steady(self, record: Any) -> tuple[float, bool]:
+    def steady(self, own: InUse) -> tuple[float, bool]:
         """Return the constant speed it has from its start on, and whether it has one."""
         return 0.0, False
 
-    def longest_step(self, record: Any, t: float) -> tuple[float, float]:
+    def longest_step(self, own: InUse, t: float) -> tuple[float, float]:
         """Return the longest step from t on that cannot miss how it varies, and until when it is the longest, s.
 
         A solver that looks at a sine once a period, or passes a run-up in one step, sees nothing to be wrong about.
         """
         return inf, inf
 
-    def run_on(self, record: Any) -> None:
+    def run_on(self, own: InUse) -> None:
         """Let it be from now on what it becomes in the end, if it becomes anything."""
 
-    def run_at(self, record: Any, speed: float) -> None:
+    def run_at(self, own: InUse, speed: float) -> None:
         """Let it go at another constant speed; asked only of one that has one."""
 
     def variables(self) -> list[tuple[str, str, str, float]]:

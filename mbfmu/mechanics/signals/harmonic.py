@@ -13,7 +13,7 @@ from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.numbers import is_finite
 from solvers.kernel import kernel
 
-from .base import Signal
+from .base import InUse, Signal
 
 SEEN = 0.3  # longest step, in periods
 
@@ -56,12 +56,12 @@ class Harmonic(Signal):
         record["middle"], record["amplitude"], record["phase"] = self.mean, self.amplitude, self.phase
         record["frequency"] = 2.0 * pi * self.frequency
 
-    def pace(self, record: Any, size: float) -> float:
+    def pace(self, own: InUse, size: float) -> float:
         """Return the time of a radian."""
-        w = abs(float(record["frequency"]))
-        return 1.0 / w if abs(float(record["amplitude"])) * w else 0.0
+        w = abs(float(own.record["frequency"]))
+        return 1.0 / w if abs(float(own.record["amplitude"])) * w else 0.0
 
-    def longest_step(self, record: Any, t: float) -> tuple[float, float]:
+    def longest_step(self, own: InUse, t: float) -> tuple[float, float]:
         """Return part of a period."""
-        w = abs(float(record["frequency"]))
-        return (SEEN * (2.0 * pi / w) if abs(float(record["amplitude"])) * w > 0.0 else inf), inf
+        w = abs(float(own.record["frequency"]))
+        return (SEEN * (2.0 * pi / w) if abs(float(own.record["amplitude"])) * w > 0.0 else inf), inf

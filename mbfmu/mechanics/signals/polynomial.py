@@ -17,7 +17,7 @@ from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.numbers import finite, is_finite
 from solvers.kernel import kernel
 
-from .base import Signal
+from .base import InUse, Signal
 
 POLYNOMIAL = np.dtype(
     [
@@ -46,18 +46,18 @@ class Coefficients(Signal):
     record = POLYNOMIAL
     evaluate = evaluate
 
-    def pace(self, record: Any, size: float) -> float:
+    def pace(self, own: InUse, size: float) -> float:
         """Return the shortest time in which one of its terms becomes ``size``."""
-        c = [abs(float(x)) for x in record["c"]]
+        c = [abs(float(x)) for x in own.record["c"]]
         return min(((size / x) ** (1.0 / k) for k, x in enumerate(c) if k and x), default=0.0)
 
-    def steady(self, record: Any) -> tuple[float, bool]:
+    def steady(self, own: InUse) -> tuple[float, bool]:
         """Return c1, which is its speed where all higher ones are zero."""
-        return float(record["c"][1]), not np.any(record["c"][2:])
+        return float(own.record["c"][1]), not np.any(own.record["c"][2:])
 
-    def run_at(self, record: Any, speed: float) -> None:
+    def run_at(self, own: InUse, speed: float) -> None:
         """Set c1."""
-        record["c"][1] = speed
+        own.record["c"][1] = speed
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.numbers import is_finite
 from solvers.kernel import kernel
 
-from .base import Signal
+from .base import InUse, Signal
 
 SEEN = 0.3  # longest step, in durations
 
@@ -63,31 +63,31 @@ class RunUp(Signal):
             raise UserError(f"{self!r}: every number must be finite and the duration greater than zero")
         record["start"], record["speed"], record["duration"] = self.start, self.speed, self.duration
 
-    def pace(self, record: Any, size: float) -> float:
+    def pace(self, own: InUse, size: float) -> float:
         """Return the time of the run-up and of ``size`` at full speed."""
-        speed = abs(float(record["speed"]))
+        speed = abs(float(own.record["speed"]))
         if not speed:
             return 0.0
-        return size / speed if record["over"] else float(record["duration"]) + size / speed
+        return size / speed if own.record["over"] else float(own.record["duration"]) + size / speed
 
-    def steady(self, record: Any) -> tuple[float, bool]:
+    def steady(self, own: InUse) -> tuple[float, bool]:
         """Return the full speed, once it is reached."""
-        return (float(record["speed"]), True) if record["over"] else (0.0, not record["speed"])
+        return (float(own.record["speed"]), True) if own.record["over"] else (0.0, not own.record["speed"])
 
-    def longest_step(self, record: Any, t: float) -> tuple[float, float]:
+    def longest_step(self, own: InUse, t: float) -> tuple[float, float]:
         """Return part of the run-up, and before it half the way there."""
-        end = float(record["duration"])
-        if record["over"] or not abs(float(record["speed"])) * end > 0.0:
+        end = float(own.record["duration"])
+        if own.record["over"] or not abs(float(own.record["speed"])) * end > 0.0:
             return inf, inf
         shortest = SEEN * end
         if t < -shortest:
             return -0.5 * t, 0.5 * t
         return (shortest, end) if t < end else (inf, inf)
 
-    def run_on(self, record: Any) -> None:
+    def run_on(self, own: InUse) -> None:
         """Let it have its full speed."""
-        record["over"] = 1
+        own.record["over"] = 1
 
-    def run_at(self, record: Any, speed: float) -> None:
+    def run_at(self, own: InUse, speed: float) -> None:
         """Set the full speed."""
-        record["speed"] = speed
+        own.record["speed"] = speed

@@ -1,0 +1,117 @@
+"""Functions that users write in Python, or as an expression, as kernels.
+
+A law is compiled where it is used and not kept on disk: nobody can tell what a closure stands for tomorrow. A law may
+have kinks and absolute values, so where others are differentiated by complex steps it is by differences.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numba import types
+from numba.core.errors import NumbaError
+from numba.extending import overload
+
+from mbfmu.errors import UserError
+from solvers.kernel import COMPILED, is_kernel, kept_nowhere
+
+FUNCTIONS: dict[str, Any] = {
+    name: getattr(np, name)
+    for name in ("sin cos tan arcsin arccos arctan arctan2 sinh cosh tanh exp log log10 sqrt sign".split())
+} | {"abs": abs, "min": min, "max": max, "pi": np.pi, "e": np.e}
+STEP, LEAST = 1e-3, 1e-6  # of differences: of the argument, and of one that is nearly zero
+
+
+def arguments_of(what: str, law: Any) -> int:
+    """Return how many arguments a function takes."""
+    try:
+        return len(inspect.signature(law.py_func if is_kernel(law) else law).parameters)
+    except (TypeError, ValueError) as error:
+        raise UserError(f"{what} is {law!r}, whose arguments cannot be told: {error}") from error
+
+
+def from_text(what: str, text: str, names: tuple[str, ...]) -> Callable[..., Any]:
+    """Return the function that an expression is, of variables with these names; UserError for any other text."""
+    allowed = (*names, *FUNCTIONS)
+    try:
+        tree = ast.parse(text, mode="eval")
+    except SyntaxError as error:
+        raise UserError(f"{what} is {text!r}, which is no expression: {error.msg}") from error
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Name) and node.id not in allowed:
+            raise UserError(f"{what} is {text!r}, where {node.id!r} is not known; allowed: {', '.join(allowed)}")
+        if not isinstance(node, _ALLOWED) or (isinstance(node, ast.Call) and not isinstance(node.func, ast.Name)):
+            raise UserError(f"{what} is {text!r}; allowed: numbers, {', '.join(names)} and functions of them")
+    source = f"lambda {', '.join(names)}: {text}"
+    return eval(compile(source, "<expression>", "eval"), dict(FUNCTIONS))
+
+
+_ALLOWED = (
+    ast.Expression, ast.BinOp, ast.UnaryOp, ast.Call, ast.Name, ast.Load, ast.Constant, ast.IfExp, ast.Compare,
+    ast.BoolOp, ast.operator, ast.unaryop, ast.cmpop, ast.boolop,
+)  # fmt: skip
+
+
+def names_in(text: str) -> set[str]:
+    """Return the names in an expression; none where it is no expression."""
+    try:
+        return {node.id for node in ast.walk(ast.parse(text, mode="eval")) if isinstance(node, ast.Name)}
+    except SyntaxError:
+        return set()
+
+
+def law_of(what: str, given: Any, names: tuple[str, ...]) -> Any:
+    """Return a kernel ``law(*names)`` of a function or an expression.
+
+    Raises
+    ------
+    UserError
+        It takes other arguments, or cannot be compiled; says why.
+    """
+    law = from_text(what, given, names) if isinstance(given, str) else given
+    count = arguments_of(what, law)
+    if count != len(names):
+        raise UserError(f"{what} takes {count} arguments; allowed: {len(names)} ({', '.join(names)})")
+    try:
+        return compiled(law, count)
+    except NumbaError as error:
+        told = [line.strip() for line in str(error).splitlines() if line.strip() and "nopython" not in line]
+        raise UserError(
+            f"{what} cannot be compiled: {told[0][:200]}; it must be arithmetic of its arguments and of numbers that "
+            "do not change, with functions of math or NumPy"
+        ) from error
+
+
+@cache
+def compiled(law: Any, count: int) -> Any:
+    """Return a function of real numbers as a kernel."""
+    if not COMPILED:
+        return law
+    made = law if is_kernel(law) else kept_nowhere(law)
+    made.compile(types.float64(*[types.float64] * count))
+    return made
+
+
+def at(law: Any, t: float, x: Any, rate: Any) -> Any:
+    """law(t, x, rate) in a kernel; where x and rate are complex, with the derivatives by their imaginary parts."""
+    return _stepped(law, t, x, rate) if isinstance(x, complex) else law(t, x, rate)
+
+
+@overload(at, strict=False)
+def _at(law: Any, t: Any, x: Any, rate: Any) -> Any:
+    if isinstance(x, types.Complex):
+        return _stepped
+    return lambda law, t, x, rate: law(t, x, rate)
+
+
+def _stepped(law: Any, t: float, x: Any, rate: Any) -> Any:
+    a, b = x.real, rate.real
+    h, k = STEP * max(abs(a), LEAST / STEP), STEP * max(abs(b), LEAST / STEP)
+    by_x = law(t, a - 2.0 * h, b) - 8.0 * law(t, a - h, b) + 8.0 * law(t, a + h, b) - law(t, a + 2.0 * h, b)
+    by_rate = law(t, a, b - 2.0 * k) - 8.0 * law(t, a, b - k) + 8.0 * law(t, a, b + k) - law(t, a, b + 2.0 * k)
+    return law(t, a, b) + 1j * (by_x / (12.0 * h) * x.imag + by_rate / (12.0 * k) * rate.imag)

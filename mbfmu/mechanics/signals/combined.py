@@ -1,0 +1,102 @@
+"""Sums and products of signals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics.dispatch import signal as signal_at
+from mbfmu.mechanics.kind import Site
+from solvers.kernel import kernel
+
+from .base import InUse, Signal
+
+PAIR = np.dtype([("a", np.int64), ("b", np.int64)], align=True)  # numbers of two signals
+
+
+@kernel
+def total(signal: Any, t: float, arrays: Any) -> tuple[float, float, float]:
+    """See :mod:`.base`."""
+    x, dx, ddx = signal_at(signal.a, t, arrays)
+    y, dy, ddy = signal_at(signal.b, t, arrays)
+    return x + y, dx + dy, ddx + ddy
+
+
+@kernel
+def product(signal: Any, t: float, arrays: Any) -> tuple[float, float, float]:
+    """See :mod:`.base`."""
+    x, dx, ddx = signal_at(signal.a, t, arrays)
+    y, dy, ddy = signal_at(signal.b, t, arrays)
+    return x * y, dx * y + x * dy, ddx * y + 2.0 * dx * dy + x * ddy
+
+
+@dataclass(frozen=True, init=False)
+class Combined(Signal):
+    """Two or more signals, numbers among them."""
+
+    record = PAIR
+
+    parts: tuple[Any, ...]
+
+    def __init__(self, *parts: Any) -> None:
+        if len(parts) < 2:
+            raise UserError(f"{type(self).__name__} has {len(parts)} parts; allowed: two signals or numbers, or more")
+        object.__setattr__(self, "parts", parts)
+
+    def fill(self, record: Any, site: Site) -> None:
+        """Number the first, and what the others come to."""
+        first, *others = self.parts
+        name = type(self).__name__.lower()
+        record["a"] = site.signal(first, f"first part of a {name}")
+        record["b"] = site.signal(others[0] if len(others) == 1 else type(self)(*others), f"other part of a {name}")
+
+    @property
+    def drives(self) -> bool:  # type: ignore[override]
+        """Whether all parts can."""
+        return all(part.drives for part in self.parts if isinstance(part, Signal))
+
+    def pace(self, own: InUse, size: float) -> float:
+        """Return that of the faster part."""
+        return min(filter(None, (own.part(k).pace(size) for k in "ab")), default=0.0)
+
+    def longest_step(self, own: InUse, t: float) -> tuple[float, float]:
+        """Return the shortest of the parts."""
+        (step, until), (other, end) = (own.part(k).longest_step(t) for k in "ab")
+        return min(step, other), min(until, end)
+
+    def run_on(self, own: InUse) -> None:
+        """Let the parts do so."""
+        for part in (own.part(k) for k in "ab"):
+            part.signal.run_on(part)
+
+
+class Sum(Combined):
+    """The sum of signals."""
+
+    evaluate = total
+
+    def steady(self, own: InUse) -> tuple[float, bool]:
+        """Return the sum of the speeds, if all are constant."""
+        (a, steady_a), (b, steady_b) = (own.part(k).steady() for k in "ab")
+        return a + b, steady_a and steady_b
+
+    def run_at(self, own: InUse, speed: float) -> None:
+        """Let every part have its share."""
+        parts = [own.part(k) for k in "ab"]
+        speeds = [part.steady()[0] for part in parts]
+        for part, share in zip(parts, speeds, strict=True):
+            if share:
+                part.signal.run_at(part, speed * share / sum(speeds))
+
+
+class Product(Combined):
+    """The product of signals."""
+
+    evaluate = product
+
+    def steady(self, own: InUse) -> tuple[float, bool]:
+        """Return zero, constant where all parts are at rest."""
+        return 0.0, all(own.part(k).steady() == (0.0, True) for k in "ab")

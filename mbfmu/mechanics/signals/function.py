@@ -1,0 +1,92 @@
+"""A signal that a user writes as a Python function of time, or as an expression."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.law import law_of
+from mbfmu.mechanics.numbers import is_finite
+from solvers.kernel import kept_nowhere
+
+from .base import InUse, Signal
+
+FIRST, SECOND = 1e-3, 3e-3  # steps of the differences for rate and second derivative, in units of ``time``
+
+
+@cache
+def kernel_of_value(law: Any) -> Any:
+    """Return the kernel of a signal whose derivatives nobody asks for."""
+
+    def evaluate(signal: Any, t: float, arrays: Any) -> Any:
+        x = law(t)
+        return x, 0.0 * x, 0.0 * x
+
+    return kept_nowhere(evaluate)
+
+
+@cache
+def kernel_of_motion(law: Any) -> Any:
+    """Return the kernel of a signal with its derivatives, by differences of sixth order."""
+
+    def evaluate(signal: Any, t: float, arrays: Any) -> Any:
+        x, h, k = law(t), FIRST * signal.pace.real, SECOND * signal.pace.real
+        rate = 45.0 * (law(t + h) - law(t - h)) - 9.0 * (law(t + 2.0 * h) - law(t - 2.0 * h))
+        rate += law(t + 3.0 * h) - law(t - 3.0 * h)
+        second = 270.0 * (law(t + k) + law(t - k)) - 27.0 * (law(t + 2.0 * k) + law(t - 2.0 * k))
+        second += 2.0 * (law(t + 3.0 * k) + law(t - 3.0 * k)) - 490.0 * x
+        return x, rate / (60.0 * h), second / (180.0 * k * k)
+
+    return kept_nowhere(evaluate)
+
+
+@dataclass(frozen=True)
+class Function(Signal):
+    """A function of time, ``lambda t: ...`` or ``"sin(2*pi*t)"``; wherever a signal may stand it may stand as it is.
+
+    Parameters
+    ----------
+    law
+        Takes the time in s.
+    differentiate
+        It drives a joint: its derivatives are taken by differences. It must be smooth then.
+    time
+        Time in which it changes noticeably, s: no step is longer than a third of it, and differences are taken over
+        some thousandths of it.
+    """
+
+    law: Any
+    differentiate: bool = False
+    time: float = 1.0
+
+    record = np.dtype([("pace", np.float64)], align=True)
+
+    def __post_init__(self) -> None:
+        """Compile it."""
+        what = f"function of time {self.law!r}"
+        if not (is_finite(self.time) and self.time > 0.0):
+            raise UserError(f"time of {what} is {self.time!r} s; allowed: greater than zero")
+        law = law_of(what, self.law, ("t",))
+        object.__setattr__(self, "evaluate", (kernel_of_motion if self.differentiate else kernel_of_value)(law))
+
+    @property
+    def drives(self) -> bool:  # type: ignore[override]
+        """Whether it has derivatives."""
+        return self.differentiate
+
+    def fill(self, record: Any, site: Site) -> None:
+        """Write how fast it changes."""
+        record["pace"] = self.time
+
+    def pace(self, own: InUse, size: float) -> float:
+        """Return what was told."""
+        return self.time
+
+    def longest_step(self, own: InUse, t: float) -> tuple[float, float]:
+        """Return a third of its pace."""
+        return self.time / 3.0, np.inf

@@ -1,0 +1,111 @@
+"""A step, and a ramp."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf
+from typing import Any
+
+import numpy as np
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.numbers import is_finite
+from solvers.kernel import kernel
+
+from .base import InUse, Signal
+
+SEEN = 0.3  # longest step, in durations of the rise
+
+
+@kernel
+def smooth(signal: Any, t: float, arrays: Any) -> tuple[float, float, float]:
+    """See :mod:`.base`. h x^3 (10 - 15 x + 6 x^2) with x from 0 to 1: neither rate nor acceleration jump."""
+    h, duration, s = signal.height, signal.duration, t - signal.begin
+    if s.real < 0.0:
+        return signal.offset, 0.0 * h, 0.0 * h
+    if s.real >= duration.real:
+        return signal.offset + h, 0.0 * h, 0.0 * h
+    x = s / duration
+    return (
+        signal.offset + h * x * x * x * (10.0 - 15.0 * x + 6.0 * x * x),
+        30.0 * h / duration * x * x * (1.0 - x) * (1.0 - x),
+        60.0 * h / (duration * duration) * x * (1.0 - x) * (1.0 - 2.0 * x),
+    )
+
+
+@kernel
+def straight(signal: Any, t: float, arrays: Any) -> tuple[float, float, float]:
+    """See :mod:`.base`."""
+    h, duration, s = signal.height, signal.duration, t - signal.begin
+    if s.real < 0.0:
+        return signal.offset, 0.0 * h, 0.0 * h
+    if s.real >= duration.real:
+        return signal.offset + h, 0.0 * h, 0.0 * h
+    return signal.offset + h * s / duration, h / duration, 0.0 * h
+
+
+@dataclass(frozen=True, kw_only=True)
+class Step(Signal):
+    """Rises from ``offset`` by ``height`` at ``begin`` (s), within ``duration`` (s); at once where that is zero.
+
+    A rise that takes its time has neither a jump nor a kink, so a joint can follow it.
+    """
+
+    record = np.dtype(
+        [
+            ("height", np.float64),
+            ("begin", np.float64),  # s
+            ("duration", np.float64),  # s
+            ("offset", np.float64),
+        ],
+        align=True,
+    )
+    evaluate = smooth
+
+    height: float
+    begin: float = 0.0
+    duration: float = 0.0
+    offset: float = 0.0
+
+    def fill(self, record: Any, site: Site) -> None:
+        """Write the parameters."""
+        if not is_finite((self.height, self.begin, self.duration, self.offset)) or self.duration < 0.0:
+            raise UserError(f"{self!r}: every number must be finite, and duration not negative")
+        record["height"], record["begin"] = self.height, self.begin
+        record["duration"], record["offset"] = self.duration, self.offset
+
+    @property
+    def drives(self) -> bool:  # type: ignore[override]
+        """Whether it takes its time."""
+        return self.duration > 0.0
+
+    def pace(self, own: InUse, size: float) -> float:
+        """Return the part of the rise that changes it by ``size``, at most all."""
+        height, duration = abs(float(own.record["height"])), float(own.record["duration"])
+        return duration * min(1.0, size / height) if height else 0.0
+
+    def steady(self, own: InUse) -> tuple[float, bool]:
+        """Return that it is at rest, if it has no height."""
+        return 0.0, not own.record["height"]
+
+    def longest_step(self, own: InUse, t: float) -> tuple[float, float]:
+        """Return part of the rise, and before it what leads there."""
+        begin, duration = float(own.record["begin"]), float(own.record["duration"])
+        if not own.record["height"] or t >= begin + duration:
+            return inf, inf
+        if t < begin:
+            ahead = begin - t
+            return max(ahead if duration == 0.0 else 0.5 * ahead, SEEN * duration, 1e-12 * abs(begin)), begin
+        return SEEN * duration, begin + duration
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ramp(Step):
+    """Rises from ``offset`` by ``height`` from ``begin`` (s) on, along a straight line within ``duration`` (s).
+
+    Its rate jumps, so that it is for loads; a joint follows a :class:`Step` that takes its time, or a ``RunUp``.
+    """
+
+    evaluate = straight
+    drives = False
