@@ -7,6 +7,8 @@ from .mechanics import (
     BeamElement,
     Box,
     Cylinder,
+    Cylindrical,
+    CylindricalCut,
     DistanceCut,
     Floating,
     Geodesic,
@@ -16,6 +18,7 @@ from .mechanics import (
     JointSpring,
     Mechanism,
     OutOfPlane,
+    Planar,
     PlanarCut,
     PlaneCut,
     Plate,
@@ -24,6 +27,7 @@ from .mechanics import (
     Revolute,
     RevoluteCut,
     RunUp,
+    Screw,
     SpeedInput,
     Sphere,
     Spherical,
@@ -32,6 +36,8 @@ from .mechanics import (
     Support,
     Torque,
     Translational,
+    TranslationalCut,
+    Universal,
     Weld,
     WeldCut,
     add_chain,
@@ -50,12 +56,13 @@ from .studies.compare import compare
 from .viewer.show import view
 
 __all__ = [
-    "AssemblyError", "Beam", "BeamElement", "Box", "Cylinder", "DistanceCut", "Equilibrium", "EquilibriumError",
-    "Floating", "Geodesic", "Harmonic", "Input", "JointForce", "JointSpring", "Mechanism", "Model", "OutOfPlane",
-    "PlanarCut", "PlaneCut", "Plate", "PointForce", "Polynomial", "Result", "Revolute", "RevoluteCut", "RunUp",
-    "Settings", "Simulation", "SpeedInput", "Sphere", "Spherical", "SphericalCut", "Spring", "StateSpace", "Support",
-    "Torque", "Translational", "UserError", "Weld", "WeldCut", "add_chain", "add_sheet", "compare", "equilibrium",
-    "export", "find", "linearize", "models", "modes", "parameter", "rod", "simulate", "view",
+    "AssemblyError", "Beam", "BeamElement", "Box", "Cylinder", "Cylindrical", "CylindricalCut", "DistanceCut",
+    "Equilibrium", "EquilibriumError", "Floating", "Geodesic", "Harmonic", "Input", "JointForce", "JointSpring",
+    "Mechanism", "Model", "OutOfPlane", "Planar", "PlanarCut", "PlaneCut", "Plate", "PointForce", "Polynomial",
+    "Result", "Revolute", "RevoluteCut", "RunUp", "Screw", "Settings", "Simulation", "SpeedInput", "Sphere",
+    "Spherical", "SphericalCut", "Spring", "StateSpace", "Support", "Torque", "Translational", "TranslationalCut",
+    "Universal", "UserError", "Weld", "WeldCut", "add_chain", "add_sheet", "compare", "equilibrium", "export", "find",
+    "linearize", "models", "modes", "parameter", "rod", "simulate", "view",
 ]  # fmt: skip
 
 __version__: str

@@ -9,10 +9,31 @@ from .assemblies.sheet import Sheet, add_sheet
 from .assemblies.supports import Support
 from .builder.bodies import Body, CutHandle, Elastic
 from .builder.mechanism import Mechanism, rod
-from .cuts import DistanceCut, PlanarCut, PlaneCut, RevoluteCut, SphericalCut, WeldCut
+from .cuts import (
+    CylindricalCut,
+    DistanceCut,
+    PlanarCut,
+    PlaneCut,
+    RevoluteCut,
+    SphericalCut,
+    TranslationalCut,
+    WeldCut,
+)
 from .elements import BeamElement, Plate
 from .flexible import MODES, Beam
-from .joints import Floating, Geodesic, OutOfPlane, Revolute, Spherical, Translational, Weld
+from .joints import (
+    Cylindrical,
+    Floating,
+    Geodesic,
+    OutOfPlane,
+    Planar,
+    Revolute,
+    Screw,
+    Spherical,
+    Translational,
+    Universal,
+    Weld,
+)
 from .loads import JointForce, JointSpring, PointForce, Spring, Torque
 from .sensors import Sensor
 from .shapes import Box, Cylinder, Sphere
@@ -27,6 +48,8 @@ __all__ = [
     "Box",
     "CutHandle",
     "Cylinder",
+    "Cylindrical",
+    "CylindricalCut",
     "DistanceCut",
     "Elastic",
     "Floating",
@@ -37,6 +60,7 @@ __all__ = [
     "JointSpring",
     "Mechanism",
     "OutOfPlane",
+    "Planar",
     "PlanarCut",
     "PlaneCut",
     "Plant",
@@ -46,6 +70,7 @@ __all__ = [
     "Revolute",
     "RevoluteCut",
     "RunUp",
+    "Screw",
     "Sensor",
     "Sheet",
     "SpeedInput",
@@ -56,6 +81,8 @@ __all__ = [
     "Support",
     "Torque",
     "Translational",
+    "TranslationalCut",
+    "Universal",
     "UserError",
     "Variable",
     "Weld",
