@@ -7,6 +7,8 @@ from .mechanics import (
     BeamElement,
     Box,
     Cylinder,
+    Cylindrical,
+    CylindricalCut,
     DistanceCut,
     Floating,
     Function,
@@ -17,6 +19,7 @@ from .mechanics import (
     JointSpring,
     Mechanism,
     OutOfPlane,
+    Planar,
     PlanarCut,
     PlaneCut,
     Plate,
@@ -27,6 +30,7 @@ from .mechanics import (
     Revolute,
     RevoluteCut,
     RunUp,
+    Screw,
     SpeedInput,
     Sphere,
     Spherical,
@@ -38,6 +42,8 @@ from .mechanics import (
     Table,
     Torque,
     Translational,
+    TranslationalCut,
+    Universal,
     Weld,
     WeldCut,
     add_chain,
@@ -56,13 +62,14 @@ from .studies.compare import compare
 from .viewer.show import view
 
 __all__ = [
-    "AssemblyError", "Beam", "BeamElement", "Box", "Cylinder", "DistanceCut", "Equilibrium", "EquilibriumError",
-    "Floating", "Function", "Geodesic", "Harmonic", "Input", "JointForce", "JointSpring", "Mechanism", "Model",
-    "OutOfPlane", "PlanarCut", "PlaneCut", "Plate", "PointForce", "Polynomial", "Product", "Ramp", "Result",
-    "Revolute", "RevoluteCut", "RunUp", "Settings", "Simulation", "SpeedInput", "Sphere", "Spherical",
-    "SphericalCut", "Spring", "StateSpace", "Step", "Sum", "Support", "Table", "Torque", "Translational",
-    "UserError", "Weld", "WeldCut", "add_chain", "add_sheet", "compare", "equilibrium", "export", "find",
-    "linearize", "models", "modes", "parameter", "rod", "simulate", "view",
+    "AssemblyError", "Beam", "BeamElement", "Box", "Cylinder", "Cylindrical", "CylindricalCut", "DistanceCut",
+    "Equilibrium", "EquilibriumError", "Floating", "Function", "Geodesic", "Harmonic", "Input", "JointForce",
+    "JointSpring", "Mechanism", "Model", "OutOfPlane", "Planar", "PlanarCut", "PlaneCut", "Plate", "PointForce",
+    "Polynomial", "Product", "Ramp", "Result", "Revolute", "RevoluteCut", "RunUp", "Screw", "Settings", "Simulation",
+    "SpeedInput", "Sphere", "Spherical", "SphericalCut", "Spring", "StateSpace", "Step", "Sum", "Support", "Table",
+    "Torque", "Translational", "TranslationalCut", "Universal", "UserError", "Weld", "WeldCut", "add_chain",
+    "add_sheet", "compare", "equilibrium", "export", "find", "linearize", "models", "modes", "parameter", "rod",
+    "simulate", "view",
 ]  # fmt: skip
 
 __version__: str

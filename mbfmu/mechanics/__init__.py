@@ -10,11 +10,34 @@ from .assemblies.sheet import Sheet, add_sheet
 from .assemblies.supports import Support
 from .builder.bodies import Body, CutHandle, Elastic
 from .builder.mechanism import Mechanism, rod
-from .cuts import Cut, DistanceCut, PlanarCut, PlaneCut, RevoluteCut, SphericalCut, WeldCut
+from .cuts import (
+    Cut,
+    CylindricalCut,
+    DistanceCut,
+    PlanarCut,
+    PlaneCut,
+    RevoluteCut,
+    SphericalCut,
+    TranslationalCut,
+    WeldCut,
+)
 from .dispatch import signal_value
 from .elements import BeamElement, Plate
 from .flexible import MODES, Beam
-from .joints import Floating, Geodesic, Joint, OutOfPlane, Revolute, Spherical, Translational, Weld
+from .joints import (
+    Cylindrical,
+    Floating,
+    Geodesic,
+    Joint,
+    OutOfPlane,
+    Planar,
+    Revolute,
+    Screw,
+    Spherical,
+    Translational,
+    Universal,
+    Weld,
+)
 from .loads import Force, JointForce, JointSpring, Load, PointForce, Spring, Torque
 from .sensors import Sensor
 from .shapes import Box, Cylinder, Sphere
@@ -30,6 +53,8 @@ __all__ = [
     "Cut",
     "CutHandle",
     "Cylinder",
+    "Cylindrical",
+    "CylindricalCut",
     "DistanceCut",
     "Elastic",
     "Floating",
@@ -44,6 +69,7 @@ __all__ = [
     "Load",
     "Mechanism",
     "OutOfPlane",
+    "Planar",
     "PlanarCut",
     "PlaneCut",
     "Plant",
@@ -55,6 +81,7 @@ __all__ = [
     "Revolute",
     "RevoluteCut",
     "RunUp",
+    "Screw",
     "Sensor",
     "Sheet",
     "Signal",
@@ -69,6 +96,8 @@ __all__ = [
     "Table",
     "Torque",
     "Translational",
+    "TranslationalCut",
+    "Universal",
     "UserError",
     "Variable",
     "Weld",

@@ -112,6 +112,35 @@ def centripetal(here: Any, x: float, y: float, z: float, k: int) -> float:
 
 
 @kernel
+def turned(n: Vec, c: float, s: float, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """The vector (x, y, z) turned about the unit vector n by the angle of cosine c and sine s: Rodrigues' formula."""
+    d = (1.0 - c) * (n[0] * x + n[1] * y + n[2] * z)
+    return (
+        c * x + s * (n[1] * z - n[2] * y) + d * n[0],
+        c * y + s * (n[2] * x - n[0] * z) + d * n[1],
+        c * z + s * (n[0] * y - n[1] * x) + d * n[2],
+    )
+
+
+@kernel
+def axis_matrix(n: Vec, c: float, s: float, A: Vec, r: int) -> None:
+    """A[r:r+3, 0:3] = rotation matrix about the unit vector n by the angle of cosine c and sine s.
+
+    R = c I + s skew(n) + (1 - c) n n^T.
+    """
+    for i in range(3):
+        for j in range(3):
+            A[r + i, j] = (1.0 - c) * n[i] * n[j]
+        A[r + i, i] += c
+    A[r, 1] -= s * n[2]
+    A[r, 2] += s * n[1]
+    A[r + 1, 0] += s * n[2]
+    A[r + 1, 2] -= s * n[0]
+    A[r + 2, 0] -= s * n[1]
+    A[r + 2, 1] += s * n[0]
+
+
+@kernel
 def quaternion_matrix(e: Vec, i: int, A: Vec, r: int) -> None:
     """A[r:r+3, 0:3] = rotation matrix of the quaternion e[i:i+4] (scalar first), taken at unit length."""
     w, x, y, z = e[i], e[i + 1], e[i + 2], e[i + 3]

@@ -14,9 +14,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics import DistanceCut, Floating, JointSpring, Mechanism, Revolute, Spherical, Spring, Translational
+from mbfmu.mechanics import (
+    Cylindrical,
+    DistanceCut,
+    Floating,
+    JointSpring,
+    Mechanism,
+    Revolute,
+    Screw,
+    Spherical,
+    Spring,
+    Translational,
+    Universal,
+)
 from mbfmu.mechanics.builder.bodies import Body, CutHandle, Elastic
-from mbfmu.mechanics.checks import rotation
 from mbfmu.mechanics.cuts import Cut
 from mbfmu.mechanics.joints.section import Section
 from mbfmu.mechanics.shapes import along
@@ -309,9 +320,9 @@ class _Artist:
             return
         if isinstance(joint, Revolute):
             self._pin(body, np.zeros(3), joint.direction)
-        elif isinstance(joint, Spherical):
+        elif isinstance(joint, Spherical | Universal):
             self._part("sphere", body, np.zeros(3), np.eye(3) * 1.7 * r, PIN)
-        elif isinstance(joint, Translational):
+        elif isinstance(joint, Translational | Cylindrical | Screw):
             self._link("cylinder", parent, joint.at, body, (0.0, 0.0, 0.0), 0.7 * r, colour_of(parent))
         self._feet((parent, joint.at))
 
@@ -327,7 +338,7 @@ class _Artist:
         elif cut.rows == ("x", "y", "z"):
             self._part("sphere", a, cut.at_a, np.eye(3) * 1.7 * r, PIN)
         else:
-            self._pin(a, cut.at_a, rotation("rotation_a", cut.rotation_a)[:, 2])
+            self._pin(a, cut.at_a, cut.frames()[0][:, 2])
         self._feet((a, cut.at_a), (b, cut.at_b))
 
     def _pin(self, body: Body, at: Sequence[float] | Matrix, axis: Matrix) -> None:

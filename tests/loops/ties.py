@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from tree import Known, NotCovered, cut_axes, joint_axes, known
+from tree import Known, NotCovered, joint_axes, known
 
 from mbfmu.mechanics import (
+    CylindricalCut,
     DistanceCut,
     Floating,
     Mechanism,
@@ -18,6 +19,7 @@ from mbfmu.mechanics import (
     Spherical,
     SphericalCut,
     Translational,
+    TranslationalCut,
     Weld,
     WeldCut,
 )
@@ -73,9 +75,9 @@ def _of_joint(joint: Any, a: int, b: int) -> list[Tie]:
 
 def _of_cut(cut: Any, a: int, b: int) -> list[Tie]:
     at_a, at_b = np.asarray(cut.at_a, float), np.asarray(cut.at_b, float)
-    Ra, Rb = cut_axes(cut.rotation_a), cut_axes(cut.rotation_b)
+    Ra, Rb = cut.frames()
     meet, hinge = Tie("meet", a, b, at_a, at_b), Tie("hinge", a, b, Ra[:, 2], Rb[:, 2])
-    slide = Tie("slide", a, b, (Ra[:, 2], at_a), at_b)
+    slide, guide = (Tie(kind, a, b, (Ra[:, 2], at_a), at_b) for kind in ("slide", "guide"))
     match cut:
         case DistanceCut():
             return [Tie("apart", a, b, at_a, at_b, length=cut.length)]
@@ -89,6 +91,10 @@ def _of_cut(cut: Any, a: int, b: int) -> list[Tie]:
             return [slide]
         case PlanarCut():
             return [slide, hinge]
+        case TranslationalCut():
+            return [guide, Tie("lock", a, b, Ra, Rb)]
+        case CylindricalCut():
+            return [guide, hinge]
     raise NotCovered(f"cut {cut!r}")
 
 

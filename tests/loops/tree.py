@@ -130,11 +130,6 @@ def joint_axes(joint: Any) -> Any:
     return np.eye(3) if joint.rotation is None else np.asarray(joint.rotation, float)
 
 
-def cut_axes(given: Any) -> Any:
-    """Axes of a cut frame in its body."""
-    return np.eye(3) if given is None else np.asarray(given, float)
-
-
 def turning(axis: Any, angle: float) -> Any:
     """Rotation matrix about a unit axis."""
     K = skew(axis)

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
-from mbfmu.mechanics import Mechanism, Plant, cuts, elements, joints, loads
+from mbfmu.mechanics import Mechanism, Plant, Screw, Universal, cuts, elements, joints, loads
 from mbfmu.mechanics.cuts import Cut, DistanceCut
+from mbfmu.mechanics.cuts.base import AxisCut
 from mbfmu.mechanics.joints import Joint
 from mbfmu.mechanics.joints.base import AxisJoint
 from mbfmu.mechanics.kind import kinds_of
@@ -51,6 +52,10 @@ def random_joint(kind: type[Joint], rng: Generator, driven: bool) -> Joint:
     options: dict[str, Any] = {"at": rng.normal(size=3), "rotation": random_rotation(rng)}
     if issubclass(kind, AxisJoint):
         options["axis"] = rng.normal(size=3)
+        if kind is Universal:
+            options["second"] = np.cross(options["axis"], rng.normal(size=3))
+        if kind is Screw:
+            options["lead"] = rng.normal()
         if driven:
             options["drive"] = Harmonic(amplitude=rng.normal(), frequency=0.5, phase=rng.normal(), mean=rng.normal())
     return kind(**options)
@@ -85,6 +90,8 @@ def build(seed: int, kinds: list[type[Joint]], cuts: list[type], driven: bool, f
         options |= {"rotation_a": random_rotation(rng), "rotation_b": random_rotation(rng)}
         if cut is DistanceCut:
             options["length"] = rng.uniform(0.5, 2.0)
+        if issubclass(cut, AxisCut):
+            options["axis"] = ("x", "y", "z", rng.normal(size=3))[rng.integers(4)]
         m.cut(f"c{i}", cut(**options), m.bodies[-1], m.bodies[rng.integers(0, len(m.bodies) - 1)])
     if forces:
         add_forces(m, rng)

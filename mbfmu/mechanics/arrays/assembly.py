@@ -97,8 +97,8 @@ def frame_angles(cuts: Sequence[CutHandle], state: State) -> Array:
     for i, handle in enumerate(cuts):
         cut = handle.cut
         if cut.parallel:
-            axes = [np.eye(3) if R is None else np.asarray(R, float) for R in (cut.rotation_a, cut.rotation_b)]
-            C = (A[handle.a.index] @ axes[0]).T @ A[handle.b.index] @ axes[1]
+            Ra, Rb = cut.frames()
+            C = (A[handle.a.index] @ Ra).T @ A[handle.b.index] @ Rb
             cosine = C[2, 2] if cut.parallel == "z" else 0.5 * (np.trace(C) - 1.0)
             angles[i] = np.arccos(np.clip(cosine, -1.0, 1.0))
     return angles
@@ -113,7 +113,7 @@ def check_frames(cuts: Sequence[CutHandle], state: State, drawn: Array | None) -
         if angle < 1.0:  # rad: zero; else it is pi or 2 pi / 3
             continue
         before = "" if drawn is None else f" (as drawn {np.degrees(drawn[i]):.0f} deg)"
-        what = "frames" if handle.cut.parallel == "xyz" else "z axes"
+        what = "frames" if handle.cut.parallel == "xyz" else f"{handle.cut.letters[2]} axes"
         raise AssemblyError(
             f"loop {handle.name!r} closes the wrong way round: the {what} of its cut joint are "
             f"{np.degrees(angle):.0f} deg apart{before}; turn rotation_a or rotation_b of the cut joint, or start "

@@ -18,7 +18,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from mbfmu.mechanics.checks import rotation, vector
+from mbfmu.mechanics.checks import Matrix, rotation, vector
+from mbfmu.mechanics.joints.base import plane_axes, unit_axis
 from mbfmu.mechanics.kind import Kind, Site
 from mbfmu.mechanics.spatial import arm, centripetal
 from solvers.kernel import kernel
@@ -32,6 +33,7 @@ CUT = np.dtype(
     ],
     align=True,
 )
+TURNS = {"x": "yzx", "y": "zxy", "z": "xyz"}  # axes of a frame in a right-handed order, by the last one
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,18 +60,69 @@ class Cut(Kind):
     units: ClassVar[tuple[str, ...]]  # of each row's multiplier: N or N m
     parallel: ClassVar[str] = ""  # axes of the two frames that are parallel when it is closed: "", "z" or "xyz"
 
+    @property
+    def letters(self) -> str:
+        """Names of the x, y and z axes of :meth:`frames`."""
+        return "xyz"
+
+    def frames(self, what: str = "a cut joint") -> tuple[Matrix, Matrix]:
+        """Return the axes of the cut frames as columns in bodies a and b, as kernels have them."""
+        Ra, Rb = rotation(f"rotation_a of {what}", self.rotation_a), rotation(f"rotation_b of {what}", self.rotation_b)
+        return Ra, Rb
+
     def fill(self, record: Any, site: Site) -> None:
         """Write points and axes."""
         record["Pa"], record["Pb"] = (
             vector(f"at_a of {site.name}", self.at_a),
             vector(f"at_b of {site.name}", self.at_b),
         )
-        record["Ra"] = rotation(f"rotation_a of {site.name}", self.rotation_a)
-        record["Rb"] = rotation(f"rotation_b of {site.name}", self.rotation_b)
+        record["Ra"], record["Rb"] = self.frames(site.name)
 
     def extent(self) -> float:
         """Return how far from each other it holds the two points, m."""
         return 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class AxisCut(Cut):
+    """A cut joint with an axis: kernels have the cut frames turned so that it is their z.
+
+    Parameters
+    ----------
+    axis
+        ``"x"``, ``"y"`` or ``"z"``: that axis of both cut frames; rows are named by the axes of the frame in body a. Or
+        three numbers, its components in both: rows are then named by n, the axis, s, the frame's x projected into the
+        plane normal to n (its y where n is x), and t = n x s.
+    """
+
+    axis: Any = "z"
+
+    named: ClassVar[tuple[str, ...]]  # rows of the kernel, by the axes of its frames
+
+    @property
+    def letters(self) -> str:
+        """Names of the x, y and z axes of :meth:`frames`."""
+        return TURNS[self.axis] if isinstance(self.axis, str) else "stn"
+
+    @property
+    def rows(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Suffix of each row's name."""
+        names = dict(zip("xyz", self.letters, strict=True))
+        return tuple("".join(names[axis] for axis in row) for row in self.named)
+
+    def check(self, what: str) -> None:
+        """Refuse what is no axis."""
+        unit_axis(self.axis, f"axis of {what}")
+
+    def frames(self, what: str = "a cut joint") -> tuple[Matrix, Matrix]:
+        """Return the axes of the cut frames as columns in bodies a and b, as kernels have them."""
+        Ra, Rb = super().frames(what)
+        if isinstance(self.axis, str):
+            order = ["xyz".index(axis) for axis in self.letters]
+            return Ra[:, order], Rb[:, order]
+        normal = unit_axis(self.axis)
+        turn = np.column_stack((*plane_axes(normal), normal))
+        return Ra @ turn, Rb @ turn
 
 
 @kernel

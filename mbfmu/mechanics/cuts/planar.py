@@ -1,4 +1,4 @@
-"""Planar: the x-y planes of the two cut frames stay in one plane; body b may slide and turn in it."""
+"""Planar: the planes normal to an axis of the two cut frames stay one plane; body b may slide and turn in it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 from solvers.kernel import kernel
 
-from .base import Cut, along, between, perpendicular
+from .base import AxisCut, along, between, perpendicular
 
 
 @kernel
@@ -19,10 +19,10 @@ def evaluate(cut: Any, A: Any, B: Any, row: int, state: Any) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlanarCut(Cut):
-    """Two plates that slide on each other; normal: the z axis of the cut frames."""
+class PlanarCut(AxisCut):
+    """Two plates that slide and turn on each other; normal: ``axis`` of the cut frames."""
 
-    rows = ("z", "xz", "yz")
+    named = ("z", "xz", "yz")
     units = ("N", "N.m", "N.m")
     evaluate = evaluate
     parallel = "z"

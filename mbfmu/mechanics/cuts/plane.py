@@ -1,4 +1,4 @@
-"""In a plane: a point of body b stays in the x-y plane of the cut frame in body a."""
+"""In a plane: a point of body b stays in the plane normal to an axis of the cut frame in body a."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 from solvers.kernel import kernel
 
-from .base import Cut, along, between
+from .base import AxisCut, along, between
 
 
 @kernel
@@ -17,9 +17,9 @@ def evaluate(cut: Any, A: Any, B: Any, row: int, state: Any) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlaneCut(Cut):
-    """Holds a point of body b in the x-y plane of the cut frame in body a."""
+class PlaneCut(AxisCut):
+    """Holds a point of body b in a plane through that of body a; normal: ``axis`` of the cut frame in body a."""
 
-    rows = ("z",)
+    named = ("z",)
     units = ("N",)
     evaluate = evaluate

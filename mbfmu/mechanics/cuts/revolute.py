@@ -1,4 +1,4 @@
-"""Revolute: the points coincide and the z axes of the two cut frames stay parallel."""
+"""Revolute: the points coincide and an axis of the two cut frames stays parallel."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 from solvers.kernel import kernel
 
-from .base import Cut, coincide, perpendicular
+from .base import AxisCut, coincide, perpendicular
 
 
 @kernel
@@ -19,10 +19,10 @@ def evaluate(cut: Any, A: Any, B: Any, row: int, state: Any) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RevoluteCut(Cut):
-    """A hinge about the z axis of the cut frames."""
+class RevoluteCut(AxisCut):
+    """A hinge about ``axis`` of the cut frames, which points the same way on both bodies."""
 
-    rows = ("x", "y", "z", "zx", "zy")
+    named = ("x", "y", "z", "zx", "zy")
     units = ("N", "N", "N", "N.m", "N.m")
     evaluate = evaluate
     parallel = "z"

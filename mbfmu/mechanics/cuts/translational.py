@@ -1,0 +1,31 @@
+"""Translational: point Q stays on an axis through P and the two cut frames stay parallel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from solvers.kernel import kernel
+
+from .base import AxisCut, along, between, perpendicular
+
+
+@kernel
+def evaluate(cut: Any, A: Any, B: Any, row: int, state: Any) -> None:
+    """See :mod:`.base`. x_a, y_a, z_a are perpendicular to y_b, z_b, x_b."""
+    way = between(cut, A, B)
+    along(cut, 0, A, way, state.rows[row])
+    along(cut, 1, A, way, state.rows[row + 1])
+    perpendicular(cut, 0, 1, A, B, state.rows[row + 2])
+    perpendicular(cut, 1, 2, A, B, state.rows[row + 3])
+    perpendicular(cut, 2, 0, A, B, state.rows[row + 4])
+
+
+@dataclass(frozen=True, kw_only=True)
+class TranslationalCut(AxisCut):
+    """A slider: body b slides along ``axis`` of the cut frames and does not turn against body a."""
+
+    named = ("x", "y", "xy", "yz", "zx")
+    units = ("N", "N", "N.m", "N.m", "N.m")
+    evaluate = evaluate
+    parallel = "xyz"

@@ -1,0 +1,35 @@
+"""Cylindrical: the angle q_0 about an axis fixed in both bodies, and the displacement q_1 along it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mbfmu.mechanics.spatial import axis_matrix
+from solvers.kernel import kernel
+
+from .base import AxisJoint
+
+
+@kernel
+def place(joint: Any, qi: int, state: Any) -> None:
+    """See :mod:`.base`."""
+    q, axis, rel = state.q, joint.axis, state.rel
+    axis_matrix(axis, np.cos(q[qi]), np.sin(q[qi]), rel, 6)
+    for i in range(3):
+        rel[0, i], rel[0, 3 + i] = 0.0, axis[i]
+        rel[1, i], rel[1, 3 + i] = axis[i], 0.0
+        rel[6 + i, 3] = q[qi + 1] * axis[i]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cylindrical(AxisJoint):
+    """Turns about ``axis`` and slides along it; coordinates: angle in rad, displacement in m."""
+
+    nq = 2
+    nv = 2
+    place = place
+    coordinates = ("angle", "displacement")
+    units = ("rad", "m")

@@ -1,0 +1,55 @@
+"""Planar: the displacements q_0, q_1 along two axes of the joint frame and the angle q_2 about their normal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.spatial import axis_matrix
+from solvers.kernel import kernel
+
+from .base import AxisJoint, plane_axes
+
+
+@kernel
+def place(joint: Any, qi: int, state: Any) -> None:
+    """See :mod:`.base`."""
+    q, axis, first, other, rel = state.q, joint.axis, joint.first, joint.other, state.rel
+    axis_matrix(axis, np.cos(q[qi + 2]), np.sin(q[qi + 2]), rel, 6)
+    for i in range(3):
+        rel[0, i], rel[0, 3 + i] = first[i], 0.0
+        rel[1, i], rel[1, 3 + i] = other[i], 0.0
+        rel[2, i], rel[2, 3 + i] = 0.0, axis[i]
+        rel[6 + i, 3] = q[qi] * first[i] + q[qi + 1] * other[i]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Planar(AxisJoint):
+    """Slides in the plane normal to ``axis`` and turns about it; coordinates: x and y in m, angle in rad.
+
+    x and y are displacements along two axes that rest in the joint frame: for ``axis`` z its x and y. For any other
+    axis x is along the joint frame's x, projected into the plane, or along its y where ``axis`` is the frame's x; y is
+    along ``axis`` cross that. So for ``axis`` y they are along the frame's x and -z, for x along its y and z.
+    """
+
+    record = np.dtype(
+        [
+            ("axis", np.float64, (3,)),  # unit vectors in the joint frame
+            ("first", np.float64, (3,)),
+            ("other", np.float64, (3,)),
+        ],
+        align=True,
+    )
+    nq = 3
+    nv = 3
+    place = place
+    coordinates = ("x", "y", "angle")
+    units = ("m", "m", "rad")
+
+    def fill(self, record: Any, site: Site) -> None:
+        """Write the three axes."""
+        super().fill(record, site)
+        record["first"], record["other"] = plane_axes(self.direction)

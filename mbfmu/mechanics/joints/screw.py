@@ -1,0 +1,58 @@
+"""Screw: the angle q about an axis fixed in both bodies, along which the child moves by h q, h = lead / (2 pi)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.numbers import LONGEST, SHORTEST, is_finite
+from mbfmu.mechanics.spatial import axis_matrix
+from solvers.kernel import kernel
+
+from .base import AxisJoint
+
+
+@kernel
+def place(joint: Any, qi: int, state: Any) -> None:
+    """See :mod:`.base`."""
+    angle, axis, rel = state.q[qi], joint.axis, state.rel
+    axis_matrix(axis, np.cos(angle), np.sin(angle), rel, 6)
+    for i in range(3):
+        rel[0, i], rel[0, 3 + i] = joint.rise * axis[i], axis[i]
+        rel[6 + i, 3] = joint.rise * angle * axis[i]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Screw(AxisJoint):
+    """A nut on a screw: turns about ``axis`` and moves along it as it turns; coordinate: angle in rad.
+
+    Parameters
+    ----------
+    lead
+        Way along ``axis`` per turn, m; negative: a left-handed thread.
+    """
+
+    record = np.dtype([("axis", np.float64, (3,)), ("rise", np.float64)], align=True)  # h, m/rad
+    nq = 1
+    nv = 1
+    place = place
+    coordinates = ("",)
+    units = ("rad",)
+
+    lead: float
+
+    def check(self, what: str) -> None:
+        """Refuse what is no lead."""
+        if np.ndim(self.lead) or not is_finite(self.lead) or not SHORTEST <= abs(self.lead) <= LONGEST:
+            raise UserError(
+                f"lead of {what} is {self.lead!r} m per turn; allowed: {SHORTEST:g} to {LONGEST:g}, of either sign"
+            )
+
+    def fill(self, record: Any, site: Site) -> None:
+        """Write the axis and the way per radian."""
+        super().fill(record, site)
+        record["rise"] = self.lead / (2.0 * np.pi)

@@ -1,0 +1,84 @@
+"""Universal: the angle q_0 about an axis n of the joint frame, then q_1 about a second axis m, which the first carries.
+
+    A_k = A_n(q_0) A_m(q_1),     w_rel = q_0' n + q_1' A_n m
+
+The two axes of a cross are perpendicular in every position, so that no position is singular.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.spatial import axis_matrix, turned
+from solvers.kernel import kernel
+
+from .base import AxisJoint, Vector, unit_axis
+
+PERPENDICULAR = 1e-9  # cosine of the angle between two axes
+
+
+@kernel
+def place(joint: Any, qi: int, state: Any) -> None:
+    """See :mod:`.base`. Columns: n;  A_n m."""
+    q, n, m, rel = state.q, joint.axis, joint.second, state.rel
+    axis_matrix(m, np.cos(q[qi + 1]), np.sin(q[qi + 1]), rel, 6)
+    c, s = np.cos(q[qi]), np.sin(q[qi])
+    for k in range(3):
+        rel[6, k], rel[7, k], rel[8, k] = turned(n, c, s, rel[6, k], rel[7, k], rel[8, k])
+        rel[6 + k, 3] = 0.0
+        rel[0, k], rel[0, 3 + k] = 0.0, n[k]
+        rel[1, k] = 0.0
+    rel[1, 3], rel[1, 4], rel[1, 5] = turned(n, c, s, m[0], m[1], m[2])
+
+
+@kernel
+def bias(joint: Any, qi: int, vi: int, state: Any) -> None:
+    """See :mod:`.base`: q_0' q_1' n x A_n m."""
+    q, v, n, m, out = state.q, state.v, joint.axis, joint.second, state.bias
+    x, y, z = turned(n, np.cos(q[qi]), np.sin(q[qi]), m[0], m[1], m[2])
+    turn = v[vi] * v[vi + 1]
+    for k in range(3):
+        out[k] = 0.0
+    out[3], out[4], out[5] = turn * (n[1] * z - n[2] * y), turn * (n[2] * x - n[0] * z), turn * (n[0] * y - n[1] * x)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Universal(AxisJoint):
+    """A cross: turns about ``axis``, then about ``second``, which turns with the first; coordinates: two angles in rad.
+
+    Parameters
+    ----------
+    axis, second
+        Perpendicular axes, in the joint frame as they are where both angles are zero.
+    """
+
+    record = np.dtype([("axis", np.float64, (3,)), ("second", np.float64, (3,))], align=True)
+    nq = 2
+    nv = 2
+    place = place
+    bias = bias
+    coordinates = ("first", "second")
+    units = ("rad", "rad")
+
+    axis: str | Vector = "x"
+    second: str | Vector = "y"
+
+    def check(self, what: str) -> None:
+        """Refuse axes that are not perpendicular."""
+        cosine = unit_axis(self.axis, f"axis of {what}") @ unit_axis(self.second, f"second axis of {what}")
+        if abs(cosine) > PERPENDICULAR:
+            angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+            raise UserError(
+                f"second axis of {what} is {self.second!r}, {angle:.6g} deg from its axis {self.axis!r}; "
+                "allowed: an axis perpendicular to that"
+            )
+
+    def fill(self, record: Any, site: Site) -> None:
+        """Write both axes."""
+        super().fill(record, site)
+        record["second"] = unit_axis(self.second)
