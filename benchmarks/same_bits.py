@@ -7,8 +7,8 @@ A change of the house must not change what it computes. Run this on both commits
     python benchmarks/same_bits.py > after.txt && diff before.txt after.txt
 
 Every line is a run, a steady state or a state matrix and a fingerprint of its numbers. The time is told on stderr. With
-``--speed`` every line has the CPU time of a run in place of the numbers, ms, the lowest of some: run that on both commits
-in turn.
+``--speed`` every line has the lowest CPU time of some runs in place of the numbers, ms, of building the mechanism, of
+starting, and of the run: do that on both commits in turn.
 """
 
 from __future__ import annotations
@@ -49,6 +49,8 @@ from mbfmu.mechanics import (
 )
 from mbfmu.native import simulate
 from mbfmu.scene import load_scene
+from mbfmu.settings import Settings
+from mbfmu.simulation import Simulation
 from mbfmu.steady.problem import EquilibriumProblem
 
 SCENES = (
@@ -191,17 +193,22 @@ def steady(model: Any) -> list[Any]:
     return [state.q, state.lam, space.A, space.B, space.C, space.D]
 
 
-def speeds(repeats: int = 9) -> None:
-    """Tell the lowest CPU time of every run."""
-    for name, compute in runs():
-        if "steady" in name or "every" in name or "hybrid" in name:
-            continue
-        times = []
-        for _ in range(repeats + 1):
-            begin = time.process_time()
-            compute()
-            times.append(time.process_time() - begin)
-        print(f"{name:40} {1e3 * min(times[1:]):9.2f}", flush=True)
+def speeds(repeats: int = 21) -> None:
+    """Tell the lowest CPU times of building, starting and running."""
+    for name, stop in (("fourbar", 2.0), ("governor", 2.0), ("pendulum", 2.0), ("sheet", 0.02)):
+        model = load_scene(name).model
+        for solver in ("adams", "ida"):
+            found = []
+            for _ in range(repeats):
+                times = [time.process_time()]
+                model.plant()
+                times.append(time.process_time())
+                simulation = Simulation(model, Settings(solver=solver, tolerance=1e-6))
+                times.append(time.process_time())
+                simulation.advance(stop)
+                times.append(time.process_time())
+                found.append(np.diff(times))
+            print(f"{name:10} {solver:6}", *(f"{1e3 * x:9.2f}" for x in np.min(found, axis=0)), flush=True)
 
 
 def main() -> None:

@@ -24,8 +24,11 @@ def ida_stepper(system: System, t0: float, q0: Array, v0: Array, options: Option
 def stepper(name: str, system: AnySystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> Stepper:
     """Return a stepper by its name; on a large tree without constraints there is nothing to partition.
 
-    With constraints the partitions take a large tree's dense terms. Raises ValueError where these would be too large.
+    With constraints the partitions take a large tree's dense terms. Raises ValueError where these would be too large,
+    and for a name that is none.
     """
+    if name not in SOLVERS:
+        raise ValueError(f"there is no solver {name!r}; allowed: {', '.join(map(repr, SOLVERS))}")
     if isinstance(system, System):
         name = name if system.n else "adams"  # IDA takes no empty system, and nothing is integrated
         return SOLVERS[name](system, t0, q0, v0, options)

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
 from math import inf
-from typing import Any, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numba import types
@@ -122,6 +122,8 @@ class System:
     same (t, q, v), and ``exposure`` too, which leaves nothing ``power`` needs undone.
     """
 
+    has_matrices: ClassVar[bool] = True  # M and J as arrays: what state matrices and partitions are made of
+
     nq: int
     n: int
     m: int
@@ -188,6 +190,8 @@ class TreeSystem:
     q' = N(q) v,   M v' + h + J^T lambda = 0,   given as inverse and, without J, as forward dynamics. ``power`` may rely
     on either having been called last for the same (t, q, v, a, lam), ``exposure`` on inverse for a = 0 and lambda = 0.
     """
+
+    has_matrices: ClassVar[bool] = False
 
     nq: int
     n: int

@@ -54,6 +54,12 @@ class Kind:
         """Write the parameters into a zeroed record."""
 
 
+def record_of(item: Kind | type[Kind]) -> np.dtype[Any]:
+    """Return the record of something, aligned as kernels want it."""
+    given = item.record
+    return np.dtype([(name, given[name].base, given[name].shape) for name in given.names or ()], align=True)
+
+
 def kernel_of(item: Kind | type[Kind], name: str) -> Any:
     """Return a kernel of something, None where it has none; it is a function, and no method of the object."""
     function = getattr(item, name)

@@ -12,7 +12,7 @@ from mbfmu.mechanics import Plant
 from mbfmu.steady.linear import Mode
 from solvers.modes import natural_modes
 from solvers.saddle import Saddle
-from solvers.system import Array, TreeSystem
+from solvers.system import Array
 
 ROUNDING = 1e-7  # omega^2 relative to the largest one found, below which it is none; 2e-8 on a free sheet of 51 x 35
 SMALL = 1e-6  # rad/s or m/s: velocities at which damping forces are differenced
@@ -40,7 +40,6 @@ def shapes(plant: Plant, q: Array, count: int, lam: Array) -> list[Shape]:
     velocity-dependent forces that do no work are left out.
     """
     system = plant.system
-    assert isinstance(system, TreeSystem)
     n = system.n
     still, saddle = np.zeros(n), Saddle(system)
     saddle.weigh(0.0, q)

@@ -30,7 +30,7 @@ from mbfmu.steady.state import Equilibrium, position_names
 from solvers.equilibrium import EquilibriumSolver, Outcome, Solution
 from solvers.equilibrium_dense import EPSILON, DenseEquilibriumSolver
 from solvers.equilibrium_tree import TreeEquilibriumSolver
-from solvers.system import Array, TreeSystem
+from solvers.system import Array
 
 STEADY = 1e-8  # unbalance and gaps elsewhere on the drive's way, in units of the force of stiffness and of the rows
 CLOSED = 1e-8  # largest gap of a steady state, in units of the rows
@@ -75,7 +75,7 @@ class EquilibriumProblem:
         self._start = self.start()
         self._v, self._cyclic = np.zeros(plant.system.n), np.zeros(plant.system.n, bool)
         self._lay_out()
-        if isinstance(plant.system, TreeSystem):
+        if not plant.system.has_matrices:
             data = plant.data
             self._solver: EquilibriumSolver = TreeEquilibriumSolver(plant.system, self._v)
             self._solver.rehearse(self._start)
@@ -239,7 +239,7 @@ class EquilibriumProblem:
 
     def _pushed(self) -> str:
         """Return the motion of a large tree at the start that loads act on and nothing resists, in words."""
-        if not isinstance(self.plant.system, TreeSystem):
+        if self.plant.system.has_matrices:
             return ""
         none = np.zeros(self.plant.system.m)
         motions = free_motions(self.plant, self._start, none)
@@ -324,7 +324,7 @@ class EquilibriumProblem:
         found is unstable downhill from the model's start.
         """
         if count is None:
-            count = 4 if isinstance(self.plant.system, TreeSystem) else 24
+            count = 4 if not self.plant.system.has_matrices else 24
         states = [found]
         searches = [(q, "a scattered start", False) for q in self.scattered(count)]
         if count and found.stability == "unstable":

@@ -19,7 +19,7 @@ from mbfmu.model import Model
 from mbfmu.steady.linear import Mode, StateSpace, linearise
 from mbfmu.steady.modes import Shape, shapes
 from mbfmu.steady.rigid_body_modes import free_motions, in_words
-from solvers.system import Array, TreeSystem
+from solvers.system import Array
 
 GROWTH = 1e-6  # real part relative to the largest eigenvalue from which a mode grows or decays
 LOWEST = 8  # modes of a large tree that its stability is judged by
@@ -67,7 +67,7 @@ class Equilibrium:
     @cached_property
     def state_space(self) -> StateSpace:
         """The linearised motion; EquilibriumError for a large tree, which has no dense matrices."""
-        if isinstance(self.plant.system, TreeSystem):
+        if not self.plant.system.has_matrices:
             raise EquilibriumError(
                 f"model {self.model.name!r} has {self.plant.system.n} coordinates: too many for state matrices; "
                 "its lowest modes are known (mbfmu modes)"
@@ -77,13 +77,13 @@ class Equilibrium:
     @cached_property
     def modes(self) -> list[Mode]:
         """Eigenvalues of the linearised motion; the lowest few of a large tree, see :mod:`mbfmu.steady.modes`."""
-        if isinstance(self.plant.system, TreeSystem):
+        if not self.plant.system.has_matrices:
             return [shape.mode for shape in shapes(self.plant, self.q, LOWEST, self.lam)]
         return self.state_space.modes()
 
     def shapes(self, count: int) -> list[Shape]:
         """Return the lowest modes and how the coordinates take part."""
-        if isinstance(self.plant.system, TreeSystem):
+        if not self.plant.system.has_matrices:
             return shapes(self.plant, self.q, count, self.lam)
         return [Shape(mode=mode, motion=motion) for mode, motion in self.state_space.shapes()[:count]]
 
@@ -103,7 +103,7 @@ class Equilibrium:
     @cached_property
     def free(self) -> str:
         """The motions of a large tree that nothing resists, in words; empty where there are none."""
-        if self.stability != "neutral" or not isinstance(self.plant.system, TreeSystem):
+        if self.stability != "neutral" or self.plant.system.has_matrices:
             return ""
         return in_words(self.plant, self.q, free_motions(self.plant, self.q, self.lam))
 

@@ -20,7 +20,6 @@ from mbfmu.scene import Scene, default_scene
 from mbfmu.settings import Settings
 from mbfmu.simulation import Simulation
 from mbfmu.table import table
-from solvers.system import TreeSystem
 
 SOLVER_NAMES = ("ida", "adams", "hybrid", "adams-lu")
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10)
@@ -135,7 +134,7 @@ def compare(
 def _refuse_large_tree(model: Model) -> None:
     """Without loops nothing is partitioned, and what is stiff takes explicit steps that no tolerance lengthens."""
     system = model.plant().system
-    if isinstance(system, TreeSystem):
+    if not system.has_matrices:
         raise UserError(
             f"model {model.name!r} is a tree of {system.n} coordinates without loops: there hybrid and adams-lu do "
             "what adams does, whose steps stability bounds at every tolerance; "

@@ -24,7 +24,6 @@ from mbfmu.steady.state import GROWTH
 from mbfmu.table import table
 from solvers.bundle import bundle
 from solvers.kernel import kernel
-from solvers.system import TreeSystem
 
 EVALUATIONS = 200
 REPEATS = 7
@@ -145,7 +144,7 @@ def evaluations(plant: Plant) -> Callable[[], None]:
     random = np.random.default_rng(0)
     q, v = plant.start_positions(), 0.1 * random.normal(size=system.n)
     system.apply(q, 0.01 * random.normal(size=system.n) * system.size)
-    if isinstance(system, TreeSystem):
+    if not system.has_matrices:
         a, lam, qdot, tau = (np.zeros(size) for size in (system.n, system.m, system.nq, system.n))
         return lambda: _inverses(system.inverse, q, v, a, lam, system.held_data, qdot, tau, EVALUATIONS)
     equations = bundle(system, system.allocate_terms())

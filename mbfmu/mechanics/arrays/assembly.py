@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from mbfmu.errors import AssemblyError
 from mbfmu.mechanics.arrays.records import State
 from mbfmu.mechanics.builder.bodies import CutHandle
-from solvers.system import AnySystem, Array, TreeSystem
+from solvers.system import AnySystem, Array
 
 CLOSED = 1e-11  # in units of the row; a loop is closed
 LARGEST_STEP = 0.5  # in units of the coordinate, of one coordinate in one iteration
@@ -126,7 +126,7 @@ def check_inertia(system: AnySystem, t: float, q: Array, v: Array) -> None:
 
     Of a large tree the solver finds that out.
     """
-    if isinstance(system, TreeSystem):
+    if not system.has_matrices:
         return
     terms = system.allocate_terms()
     system.fill(t, q, v, terms)

@@ -14,7 +14,7 @@ from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.checks import rotation, signal_of, vector
 from mbfmu.mechanics.flexible.modal import ELASTIC, NODE
 from mbfmu.mechanics.joints import Section
-from mbfmu.mechanics.kind import Kind
+from mbfmu.mechanics.kind import Kind, record_of
 from mbfmu.mechanics.sensors import Energy, KineticEnergy, RowForce, Sensor
 from mbfmu.mechanics.signals import InUse, Signal
 from solvers.kernel import records
@@ -224,7 +224,7 @@ class Compiled:
         kind = complex_dtype if data.state.q.dtype == complex else np.dtype
         found: list[InUse] = []
         for signal, at in zip(self._numbering.signals, data.arrays.signals["at"], strict=True):
-            dtype = kind(np.dtype(signal.record, align=True))
+            dtype = kind(record_of(signal))
             found.append(InUse(signal, data.arrays.memory[at : at + dtype.itemsize].view(dtype)[0], found))
         return found
 
@@ -246,7 +246,7 @@ class Compiled:
 
 def filled_record(item: Kind, place: Place) -> NDArray[Any]:
     """Return the record (1,) of something."""
-    record = records(1, np.dtype(item.record, align=True))
+    record = records(1, record_of(item))
     item.fill(record[0], place)
     return record
 

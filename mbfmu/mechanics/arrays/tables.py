@@ -10,7 +10,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from mbfmu.mechanics.kind import Kind, kernel_of
+from mbfmu.mechanics.kind import Kind, kernel_of, record_of
 from solvers.by_address import address_of, record_type, side_by_side
 from solvers.held import held_type
 from solvers.kernel import COMPILED, records
@@ -78,7 +78,7 @@ class Tables:
     def table(self, kind: type[Kind]) -> NDArray[Any]:
         """Return the records of a kind that has the same kernels wherever it is."""
         found = [k for k, row in enumerate(self._rows) if row == row_of(kind)]
-        return self._tables[found[0]] if found else records(0, np.dtype(kind.record, align=True))
+        return self._tables[found[0]] if found else records(0, record_of(kind))
 
     def kernels(self, numbers: Numbers = REAL) -> NDArray[np.int64]:
         """Return the addresses (kinds, KERNELS) of all kernels, compiled for these numbers."""
@@ -100,7 +100,7 @@ class Tables:
 def row_of(item: Kind | type[Kind]) -> Row:
     """Return what an item has in common with others of its kind."""
     kernels = tuple((name, told, kernel_of(item, name)) for name, told in item.kernels.items())
-    return Row(np.dtype(item.record, align=True), kernels)
+    return Row(record_of(item), kernels)
 
 
 @cache
