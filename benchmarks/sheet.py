@@ -32,7 +32,7 @@ def evaluations() -> None:
     """Cost per node, and the exponent of its growth with the number of nodes."""
     lines, costs = [], []
     for nx, nz in GRIDS:
-        plants = [Sheet(nx=nx, nz=nz, membrane=membrane).build().compile() for membrane in (False, True)]
+        plants = [Plant(Sheet(nx=nx, nz=nz, membrane=membrane).build()) for membrane in (False, True)]
         own = [1e6 * time_of_evaluation(plant) / (nx * nz) for plant in plants]
         own.append(1e6 * time_of_forward_dynamics(plants[0]) / (nx * nz))
         costs.append(own)

@@ -20,17 +20,16 @@ PACKAGES = ("mbfmu", "solvers", "fmus")
 EFFECTS = (
     "plate.membrane == 1",
     "plate.damped == 1",
-    "range(arrays.drags.shape[0])",
-    "range(arrays.pressures.shape[0])",
 )
-SOURCES = ("mbfmu/mechanics/elastic/plate.py", "mbfmu/mechanics/forces/__init__.py")
+SOURCES = ("mbfmu/mechanics/elements/plate_energy.py",)
 REPEATS = 201
 WORKER = """
 import sys, time
 from fmus.sheet import Sheet
+from mbfmu.mechanics import Plant
 from mbfmu.studies.effects import evaluations
 
-call = evaluations(Sheet(nx={}, nz={}, membrane=False, gravity_y=0.0).build().compile())
+call = evaluations(Plant(Sheet(nx={}, nz={}, membrane=False, gravity_y=0.0).build()))
 call()
 for _ in sys.stdin:
     begin = time.process_time()

@@ -183,7 +183,7 @@ class Model:
             ) from error
         if not isinstance(mechanism, Mechanism):
             raise UserError(f"model {self.name!r}: build() returns {mechanism!r}; it must return a Mechanism")
-        return mechanism.compile()
+        return Plant(mechanism)
 
     def exact(self, times: NDArray[np.float64]) -> dict[str, NDArray[np.float64]] | None:
         """Return outputs whose exact motion is known, by name, at ``times`` (s); None: none is."""

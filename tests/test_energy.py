@@ -28,7 +28,7 @@ def loop(seed: int, kinds: list[type[Joint]], cut: type) -> Plant:
     masses = [
         {"mass": rng.uniform(0.5, 2.0), "com": 0.3 * rng.normal(size=3), "inertia": random_inertia(rng)} for _ in kinds
     ]
-    tree = chain(joints, masses).compile()
+    tree = Plant(chain(joints, masses))
     q = tree.start_positions()
     tree.system.apply(q, 0.5 * rng.normal(size=tree.system.n))
     tree.energy(0.0, q, np.zeros(tree.system.n))  # places the bodies
@@ -44,7 +44,7 @@ def loop(seed: int, kinds: list[type[Joint]], cut: type) -> Plant:
     if cut is RevoluteCut:
         options |= {"rotation_a": np.array(end["A"]).T}
     m.cut("tie", cut(**options), m.bodies[-1], m.ground)
-    return m.compile()
+    return Plant(m)
 
 
 def chain(joints: list[Joint], masses: list[dict[str, Any]]) -> Mechanism:

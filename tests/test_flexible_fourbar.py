@@ -136,7 +136,7 @@ def test_a_stiff_coupler_moves_as_the_rigid_one(solver: str) -> None:
 
 
 def test_without_modes_the_mechanism_is_the_rigid_one() -> None:
-    arrays: Any = FourBar(coupler_modes=0, coupler_elements=50).build().compile().data.arrays
+    arrays: Any = Plant(FourBar(coupler_modes=0, coupler_elements=50).build()).data.arrays
     assert len(arrays.elastics) == len(arrays.nodes) == 0
     assert len(arrays.bodies) == 4
 
@@ -180,7 +180,7 @@ def test_a_chain_of_nodal_bodies_passes_by_stretching_and_agrees() -> None:
 
 def test_the_static_sag_is_that_of_a_pinned_beam() -> None:
     """Hanging still the coupler is level: w = 5 q L^4 / (384 E I), of which the first sine has 4 / pi^5 * 384 / 5."""
-    plant: Plant = FourBar(coupler_modes=1, coupler_elements=40).build().compile()
+    plant: Plant = Plant(FourBar(coupler_modes=1, coupler_elements=40).build())
     from mbfmu.steady.problem import EquilibriumProblem
 
     model = FourBar(coupler_modes=1, coupler_elements=40, start_angle=-1.5)

@@ -15,7 +15,7 @@ from mbfmu.steady.rigid_body_modes import in_words
 @pytest.fixture(scope="module")
 def plant() -> Plant:
     """A free sheet; its master node 3, 2 lies at x = 0.15, z = 0.105 m, its coordinates come first."""
-    return Sheet(nx=7, nz=5, support="free", gravity_y=0.0).build().compile()
+    return Plant(Sheet(nx=7, nz=5, support="free", gravity_y=0.0).build())
 
 
 def described(plant: Plant, *twists: Any) -> str:

@@ -11,7 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from mbfmu.errors import EquilibriumError, UserError
-from mbfmu.mechanics import Body, Mechanism, Polynomial, Revolute, Spring, Support, add_sheet, rod
+from mbfmu.mechanics import Body, Mechanism, Plant, Polynomial, Revolute, Spring, Support, add_sheet, rod
 from mbfmu.mechanics.arrays import plant
 from mbfmu.mechanics.tangent import find_groups
 from mbfmu.mechanics.tangent.groups import BLOCK
@@ -168,4 +168,4 @@ def test_what_ties_everything_to_everything_is_refused_by_name(monkeypatch: pyte
     with pytest.raises(
         UserError, match=r"joints, forces and elements tie 9\d bodies to each other, 'link98' among them"
     ):
-        m.compile()
+        Plant(m)

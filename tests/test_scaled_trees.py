@@ -38,7 +38,7 @@ def chain(length: float, mass: float, time: float, gravity: float = -9.8125) -> 
         at = (length / LINKS if i else 0.0, 0.0, 0.0)
         joint = Revolute(at=at, start=0.0 if i else -0.25, rate=0.0 if gravity or i % 8 else 2.0 / time)
         body = m.body(str(i), body, joint, **rod(mass=mass / LINKS, length=length / LINKS))
-    return m.compile()
+    return Plant(m)
 
 
 def thrown(length: float, mass: float, time: float) -> Plant:
@@ -48,7 +48,7 @@ def thrown(length: float, mass: float, time: float) -> Plant:
 
 def sheet(length: float, mass: float, time: float) -> Plant:
     """A clamped sheet of 9 x 7 nodes under its weight."""
-    return (
+    return Plant(
         Sheet(
             nx=9,
             nz=7,
@@ -58,9 +58,7 @@ def sheet(length: float, mass: float, time: float) -> Plant:
             youngs_modulus=2.0**33 * mass / length / time**2,
             density=1024.0 * mass / length**3,
             gravity_y=-9.8125 * length / time**2,
-        )
-        .build()
-        .compile()
+        ).build()
     )
 
 

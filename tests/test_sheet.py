@@ -12,7 +12,7 @@ from fmpy.validation import validate_fmu
 from fmus.sheet import Sheet
 from mbfmu.errors import EquilibriumError, UserError
 from mbfmu.fmi import Fmu, export
-from mbfmu.mechanics import Mechanism, Plate, Support, Weld, add_sheet
+from mbfmu.mechanics import Mechanism, Plant, Plate, Support, Weld, add_sheet
 from mbfmu.mechanics.loads import Drag
 from mbfmu.mechanics.recursions.rnea import momentum
 from mbfmu.native import run
@@ -90,7 +90,7 @@ def test_frequencies_flat(support: str, expected: list[float], rigid: int) -> No
 
     errors = []
     for nx, nz in ((17, 12), (33, 23)):
-        plant = Sheet(nx=nx, nz=nz, support=support, gravity_y=0.0).build().compile()
+        plant = Plant(Sheet(nx=nx, nz=nz, support=support, gravity_y=0.0).build())
         found = shapes(plant, plant.start_positions(), rigid + 8, np.zeros(0))
         frequencies = np.array([shape.mode.frequency for shape in found]) / (2.0 * np.pi)
         assert (frequencies[:rigid] < 1e-3 * expected[0]).all()
@@ -351,7 +351,7 @@ def test_effects_turned_off_leave_nothing_behind() -> None:
         poisson=off.poisson, density=off.density, grid=(5, 4),
         supports=[Support("x1", body=m.body("edge", m.ground, Weld()))],
     )  # fmt: skip
-    acting, quiet, bare = (built.compile() for built in (on.build(), off.build(), m))
+    acting, quiet, bare = (Plant(built) for built in (on.build(), off.build(), m))
     assert len(acting.records(Drag)) == len(acting.records(Plate)) == 12
     assert acting.records(Plate)["membrane"].all()
     assert acting.records(Plate)["damped"].all()

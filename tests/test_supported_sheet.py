@@ -178,7 +178,7 @@ def test_an_edge_clamped_by_cut_joints_is_a_clamped_edge() -> None:
         gaps.append(abs(tree["corner"] - cuts["corner"]))
         flat = [
             [shape.mode.frequency for shape in shapes(p, p.start_positions(), 6, np.zeros(p.system.m))]
-            for p in (Held(nx=nx, nz=nz, way=way, gravity=0.0).build().compile() for way in ("clamped", "master"))
+            for p in (Plant(Held(nx=nx, nz=nz, way=way, gravity=0.0).build()) for way in ("clamped", "master"))
         ]
         np.testing.assert_allclose(flat[1], flat[0], rtol=1e-7)
     assert gaps[0] < 3e-4
@@ -386,7 +386,7 @@ def linearisation(at: Plant, q: Any, lam: Any) -> Any:
 @pytest.mark.parametrize("way", ["master", "guided", "simple"])
 def test_saddle_system_is_the_exact_linearisation(way: str) -> None:
     """At a bent position, with reactions: [K + M, J^T; J, 0] (x, y) = (f, g)."""
-    at = Held(nx=7, nz=6, way=way).build().compile()
+    at = Plant(Held(nx=7, nz=6, way=way).build())
     system, rng = at.system, np.random.default_rng(0)
     q = at.start_positions()
     system.apply(q, 0.05 * rng.normal(size=system.n))
@@ -405,7 +405,7 @@ def test_saddle_system_is_the_exact_linearisation(way: str) -> None:
 
 def test_accelerations_obey_the_equations_of_motion() -> None:
     """M a + h + J^T lambda = 0 and J a = gamma, moving."""
-    at = Held().build().compile()
+    at = Plant(Held().build())
     system, rng = at.system, np.random.default_rng(1)
     q, v = at.start_positions(), rng.normal(size=system.n)
     system.apply(q, 0.02 * rng.normal(size=system.n))

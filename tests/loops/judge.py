@@ -27,7 +27,7 @@ from tree import forward, units
 import mbfmu
 import solvers
 from mbfmu.errors import UserError
-from mbfmu.mechanics import JointForce, JointSpring, Mechanism, PointForce, Spring, Torque
+from mbfmu.mechanics import JointForce, JointSpring, Mechanism, Plant, PointForce, Spring, Torque
 from solvers import Options, stepper
 
 FACTOR = 100.0  # c: errors of a right run, in rtol and amplifications
@@ -110,7 +110,7 @@ class Verdict:
 def truth(mechanism: Mechanism, times: Any, exact: Any = None) -> Truth:
     """The truth at ``times`` (k,): the exact motion where it is given, else the reference."""
     begin = time.perf_counter()
-    plant = mechanism.compile()
+    plant = Plant(mechanism)
     start = plant.assemble(float(times[0]))
     times = np.asarray(times, float)
     if exact is not None:
@@ -148,7 +148,7 @@ def judge(
     At the time ``restart`` (s), one of the truth's, it begins anew, as it does where an input jumps.
     """
     begin = time.perf_counter()
-    plant = mechanism.compile()
+    plant = Plant(mechanism)
     k = len(known.times)
     q, v = np.full((k, known.q.shape[1]), np.nan), np.full((k, known.v.shape[1]), np.nan)
     q[0], v[0], done, why, evaluations = *known.start, 1, "", 0

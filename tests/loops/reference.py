@@ -30,7 +30,7 @@ from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 from tree import NotCovered, Units, backward, forward, sizes, units
 
-from mbfmu.mechanics import Mechanism
+from mbfmu.mechanics import Mechanism, Plant
 
 TOLERANCE = 1e-12  # of DOP853, relative to the mechanism's own units
 RESOLUTION = 0.3  # largest step by sigma / |sigma'|
@@ -98,7 +98,7 @@ def reference(
     The second run, at thirty times the tolerance and half the resolution, tells how far the first can be trusted.
     """
     if start is None:
-        start = mechanism.compile().assemble(float(times[0]))
+        start = Plant(mechanism).assemble(float(times[0]))
     best = integrate(mechanism, times, start, tolerance=tolerance)
     other = integrate(mechanism, best.times, start, tolerance=30.0 * tolerance, resolution=0.5 * RESOLUTION)
     k = len(other.times)

@@ -9,6 +9,7 @@ import pytest
 from judge import judge, truth
 from mechanisms import CASES, GAPS, grashof, parallelogram
 
+from mbfmu.mechanics import Plant
 from solvers import Options, Switching, stepper
 
 NAMED = ("three cranks", "three cranks, singular", "table", "double parallelogram, singular", "slider-crank + 1e-5")
@@ -40,7 +41,7 @@ def test_where_rounding_sets_the_accuracy_the_tolerance_follows_and_it_is_said(m
     verdict = judge(mechanism, motion, solver, 1e-10)
     assert verdict.word == "right", verdict
     assert verdict.evaluations < 6000  # noise would make it 20 000
-    plant = mechanism.compile()
+    plant = Plant(mechanism)
     q, v = plant.assemble()
     run = stepper(solver, plant.system, 0.0, q, v, Options(rtol=1e-10))
     assert run.notice == ""
@@ -68,7 +69,7 @@ def test_redundant_and_singular_loops(name, solver):
 )
 def test_what_makes_the_hybrid_leave_lu_beside_a_singular_position(why, switching):
     mechanism = grashof(1e-3).mechanism
-    plant = mechanism.compile()
+    plant = Plant(mechanism)
     q, v = plant.assemble()
     motion = stepper("hybrid", plant.system, 0.0, q, v, Options(rtol=1e-6, switching=switching))
     assert motion.advance(2.0).ok

@@ -10,6 +10,7 @@ import pytest
 from mechanisms import Scale, crane, grashof, parallelogram, slider_crank, three_cranks
 from random_loops import _MAKERS as RANDOM
 
+from mbfmu.mechanics import Plant
 from solvers import Options, stepper
 
 CASES = {
@@ -31,7 +32,7 @@ SCALES = {
 def moved(make, scale, solver, rtol):
     """Run a case; return angles and lengths (k, n) in units of the scale, and what the run took."""
     case = make(scale=scale)
-    plant = case.mechanism.compile()
+    plant = Plant(case.mechanism)
     q, v = plant.assemble()
     motion = stepper(solver, plant.system, 0.0, q, v, Options(rtol=rtol))
     samples = motion.sample(0.3 * scale.times * np.arange(1, 6))
@@ -54,7 +55,7 @@ def test_a_scaled_copy_takes_the_same_steps_to_the_same_numbers(name, solver):
 def taken(family, seed, scale, solver):
     """How a run of a random loop ended, and what it took."""
     case, _ = RANDOM[family](np.random.default_rng(seed), scale)
-    plant = case.mechanism.compile()
+    plant = Plant(case.mechanism)
     q, v = plant.assemble()
     motion = stepper(solver, plant.system, 0.0, q, v, Options(rtol=1e-6))
     motion.sample(0.1 * case.stop_time * np.arange(1, 4))

@@ -83,7 +83,7 @@ def newton(plant: Plant, q: Any) -> tuple[Any, int]:
 def cylindrical(grid: tuple[int, int], spine: bool) -> Any:
     """Coordinates of a sheet bent as one strip of it would be: where Newton with membrane may start."""
     m, _ = cantilever((grid[0], 2), tree="rows")
-    plant = m.compile()
+    plant = Plant(m)
     strip = newton(plant, np.zeros(plant.system.n))[0].reshape(-1, 2, 3).mean(axis=1)
     q = np.zeros((grid[0] - 1, grid[1], 3))
     q[:, : 1 if spine else None, :2] = strip[:, None, :2]

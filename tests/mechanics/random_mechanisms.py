@@ -105,7 +105,7 @@ def build(seed: int, kinds: list[type[Joint]], cuts: list[type], driven: bool, f
             m.output(f"{body.name}.drive_rate", body.rate())
     m.output("energy", m.energy)
     m.output("jacobi", m.jacobi_integral)
-    plant = m.compile()
+    plant = Plant(m)
     n = plant.system.n
     q = plant.start_positions()
     plant.system.apply(q, rng.normal(size=n))

@@ -16,6 +16,7 @@ from mbfmu.mechanics import (
     Input,
     JointForce,
     Mechanism,
+    Plant,
     PointForce,
     Polynomial,
     Revolute,
@@ -41,13 +42,13 @@ def four_bar(*, ground: float = 3.0, angle: float = 0.3, guess: float = 0.0) -> 
 
 
 def test_void_rows_are_dropped_and_named() -> None:
-    plant = four_bar().compile()
+    plant = Plant(four_bar())
     assert plant.void_rows == ["pivot.z", "pivot.zx", "pivot.zy"]
     assert plant.system.constraint_names == ("pivot.x", "pivot.y")
 
 
 def test_closes_from_a_bad_guess_and_holds_what_is_fixed() -> None:
-    plant = four_bar(guess=0.2).compile()
+    plant = Plant(four_bar(guess=0.2))
     q, v = plant.assemble()
     assert q[0] == 0.3
     np.testing.assert_allclose(q, [0.3, -0.3, 0.3], atol=1e-10)
@@ -56,7 +57,7 @@ def test_closes_from_a_bad_guess_and_holds_what_is_fixed() -> None:
 
 def test_says_which_loop_cannot_close_and_by_how_much() -> None:
     with pytest.raises(AssemblyError, match=r"'pivot\.[xy]' stays off by"):
-        four_bar(ground=10.0).compile().assemble()
+        Plant(four_bar(ground=10.0)).assemble()
 
 
 def test_out_of_plane_gap_cannot_close() -> None:
@@ -65,7 +66,7 @@ def test_out_of_plane_gap_cannot_close() -> None:
     b = m.body("b", a, Revolute(at=(1, 0, 0)), **rod(mass=1, length=1))
     m.cut("pin", RevoluteCut(at_a=(1, 0, 0), at_b=(2, 0, 0.5)), b, m.ground)
     with pytest.raises(AssemblyError, match=r"'pin\.z' is off by 0\.5"):
-        m.compile()
+        Plant(m)
 
 
 def test_parallelogram_with_three_cranks_reports_its_redundant_row() -> None:
@@ -75,7 +76,7 @@ def test_parallelogram_with_three_cranks_reports_its_redundant_row() -> None:
     for i, x in enumerate((1.0, 2.0)):
         follower = m.body(f"f{i}", coupler, Revolute(at=(x, 0, 0), start=0.5), **rod(mass=1, length=-1))
         m.cut(f"pin{i}", RevoluteCut(at_a=(-1, 0, 0), at_b=(x, 0, 0)), follower, m.ground)
-    plant = m.compile()
+    plant = Plant(m)
     q, _ = plant.assemble()
     first, second = plant.loops(0.0, q)  # either loop may name the row that both have in common
     assert first.startswith("loop 'pin0': 3 of 5 rows are void (z, zx, zy)")
@@ -90,11 +91,11 @@ def test_zero_mass_is_refused_where_inertia_is_needed_and_welcome_where_not() ->
     a = m.body("a", m.ground, Revolute(), **rod(mass=1, length=1))
     m.body("b", a, Revolute(at=(1, 0, 0)))
     with pytest.raises(AssemblyError, match=r"no inertia: coordinate.* 'b'"):
-        m.compile().assemble()
+        Plant(m).assemble()
     m = Mechanism()
     a = m.body("a", m.ground, Revolute())
     m.body("b", a, Revolute(at=(1, 0, 0)), **rod(mass=1, length=1))
-    m.compile().assemble()
+    Plant(m).assemble()
 
 
 def test_driven_joint_moves_as_told_and_tells_its_effort() -> None:
@@ -103,7 +104,7 @@ def test_driven_joint_moves_as_told_and_tells_its_effort() -> None:
     slide = m.body("slide", m.ground, Translational(axis="y", drive=Harmonic(amplitude=0.2, frequency=1.5)), mass=2.0)
     m.output("y", slide.position("y"))
     m.output("effort", slide.effort())
-    plant = m.compile()
+    plant = Plant(m)
     out, none = np.zeros(2), np.zeros(0)
     t, w = 0.123, 2 * pi * 1.5
     plant.observe(t, none, none, none, none, out)
@@ -117,7 +118,7 @@ def test_reactions_of_a_hanging_chain_carry_the_weight_below() -> None:
     b = m.body("b", a, Revolute(at=(1, 0, 0)), **rod(mass=3, length=1))
     m.output("top", a.joint_force("y"))
     m.output("middle", b.joint_force("y"))
-    plant = m.compile()
+    plant = Plant(m)
     q, v = plant.assemble()
     out = np.zeros(2)
     plant.observe(0.0, q, v, np.zeros(2), np.zeros(0), out)
@@ -128,7 +129,7 @@ def test_inputs_are_written_and_must_be_finite() -> None:
     m = Mechanism()
     a = m.body("a", m.ground, Revolute(), **rod(mass=3, length=1))
     m.force("motor", JointForce(magnitude=Input(name="a.torque", unit="N.m")), a)
-    plant = m.compile()
+    plant = Plant(m)
     terms = plant.system.allocate_terms()
     q, v = plant.assemble()
     plant.inputs.set(0, 5.0)
@@ -142,7 +143,7 @@ def falling(x: float, gravity: Any) -> Any:
     """A point mass of 2 kg at (0, 3, 0); gravity is x along x, and what an input says along y."""
     m = Mechanism(gravity=(x, gravity, 0.0))
     m.body("a", m.ground, Floating(start=(0, 3, 0, 1, 0, 0, 0)), mass=2, inertia=(1, 1, 1))
-    return m.compile()
+    return Plant(m)
 
 
 def test_gravity_by_an_input_loads_and_stores_energy() -> None:
@@ -181,7 +182,7 @@ def test_adopt_takes_numbers_and_refuses_another_structure() -> None:
         m = Mechanism()
         a = m.body("a", m.ground, Floating(), mass=1, inertia=(1, 1, 1))
         m.force("spring", Spring(stiffness=k, free=1.0), m.ground, a)
-        return m.compile()
+        return Plant(m)
 
     plant = spring(1.0)
     q = np.array([3.0, 0, 0, 1, 0, 0, 0])
@@ -189,7 +190,7 @@ def test_adopt_takes_numbers_and_refuses_another_structure() -> None:
     plant.adopt(spring(2.0))
     assert plant.energy(0.0, q, np.zeros(6)) == pytest.approx(4.0)
     with pytest.raises(UserError, match="structure"):
-        plant.adopt(four_bar().compile())
+        plant.adopt(Plant(four_bar()))
 
 
 @pytest.mark.parametrize(
@@ -231,7 +232,7 @@ def test_builder_refuses_strangers_twins_and_loops_on_themselves() -> None:
         m.cut("w", WeldCut(), a, m.ground).force("q")
     m.body("r", m.ground, Revolute(axis="w"))
     with pytest.raises(UserError, match="axis is 'w'"):
-        m.compile()
+        Plant(m)
 
 
 @pytest.mark.parametrize("force", [Spring(stiffness=1.0), PointForce(magnitude=1.0), Torque(magnitude=1.0)])
@@ -258,7 +259,7 @@ def test_joints_name_what_is_wrong(joint: Joint, message: str) -> None:
     m = Mechanism()
     m.body("b", m.ground, joint, mass=1.0, inertia=(1.0, 1.0, 1.0))
     with pytest.raises(UserError, match=message):
-        m.compile().assemble()
+        Plant(m).assemble()
 
 
 def test_distance_multiplier_is_the_rod_force() -> None:
@@ -267,7 +268,7 @@ def test_distance_multiplier_is_the_rod_force() -> None:
     bob = m.body("bob", m.ground, Floating(start=(0, -2, 0, 1, 0, 0, 0)), mass=3, inertia=(1, 1, 1))
     rod_ = m.cut("rod", DistanceCut(length=2.0), m.ground, bob)
     m.output("pull", rod_.force())
-    plant = m.compile()
+    plant = Plant(m)
     q, v = plant.assemble()
     terms = plant.system.allocate_terms()
     plant.system.fill(0.0, q, v, terms)
@@ -292,5 +293,5 @@ def test_rounding_in_what_a_drive_moves_opens_no_redundant_loop(speed: float) ->
     table = m.body("table", cranks[0], Revolute(at=(0.8, 0, 0), start=-lean), **slab)
     for k in (1, 2, 3):
         m.cut(f"pin{k}", RevoluteCut(at_a=(0.8, 0, 0), at_b=feet[k]), cranks[k], table)
-    _, v = m.compile().assemble()
+    _, v = Plant(m).assemble()
     np.testing.assert_allclose(v, 0.0, atol=1e-12)

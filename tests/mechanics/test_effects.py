@@ -10,7 +10,7 @@ from plate_oracles import acm_stiffness
 from random_mechanisms import Case
 from test_identities import close, derivative, observed
 
-from mbfmu.mechanics import Harmonic, Mechanism, Sheet, Support, Translational, add_sheet
+from mbfmu.mechanics import Harmonic, Mechanism, Plant, Sheet, Support, Translational, add_sheet
 from mbfmu.mechanics.recursions.aba import forward_dynamics
 from mbfmu.mechanics.recursions.dynamics import move
 
@@ -50,7 +50,7 @@ def shaken(tree: str, *, gravity: Any = (0.0, 0.0, 0.0), moved: bool = False, **
     if tree == "master":
         held = {"master": stand if moved else None}
     sheet = add_sheet(m, "sheet", density=1.0, grid=(4, 3), tree=tree, **held, **SOFT, **effects)
-    plant, rng = m.compile(), np.random.default_rng(2)
+    plant, rng = Plant(m), np.random.default_rng(2)
     q, n = plant.start_positions(), plant.system.n
     plant.system.apply(q, 0.2 * rng.normal(size=n))
     return Case(plant, 0.3, q, 0.5 * rng.normal(size=n), rng.normal(size=n)), sheet

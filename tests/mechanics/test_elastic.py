@@ -11,7 +11,17 @@ from hypothesis import strategies as st
 from random_mechanisms import Case, random_inertia, random_rotation
 
 from mbfmu.errors import UserError
-from mbfmu.mechanics import Beam, BeamElement, Floating, Mechanism, Revolute, SphericalCut, Translational, add_chain
+from mbfmu.mechanics import (
+    Beam,
+    BeamElement,
+    Floating,
+    Mechanism,
+    Plant,
+    Revolute,
+    SphericalCut,
+    Translational,
+    add_chain,
+)
 from mbfmu.mechanics.recursions.aba import forward_dynamics
 from mbfmu.mechanics.recursions.dynamics import move, solved
 from mbfmu.mechanics.recursions.rnea import momentum
@@ -55,7 +65,7 @@ def build(seed: int, stiffening: bool, loop: bool) -> Case:
             m.output(f"{body.name}.r{axis}", body.position(axis, (0.3, -0.2, 0.5)))
             m.output(f"{body.name}.v{axis}", body.velocity(axis, (0.3, -0.2, 0.5)))
             m.output(f"{body.name}.a{axis}", body.point_acceleration(axis, (0.3, -0.2, 0.5)))
-    plant = m.compile()
+    plant = Plant(m)
     q = plant.start_positions()
     n = plant.system.n
     amplitudes = np.array(

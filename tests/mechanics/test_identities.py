@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from random_mechanisms import CUTS, JOINTS, MOVING, Case, build, cases
 
-from mbfmu.mechanics import Geodesic, Mechanism, Screw
+from mbfmu.mechanics import Geodesic, Mechanism, Plant, Screw
 from mbfmu.mechanics.recursions.aba import forward_dynamics
 from mbfmu.mechanics.recursions.dynamics import move, solved
 from mbfmu.mechanics.recursions.kinematics import positions as place_joints
@@ -63,7 +63,7 @@ def test_a_joint_has_as_many_motions_as_it_says_and_places_by_a_rotation(joint: 
     m = Mechanism()
     needed: dict[Any, dict[str, Any]] = {Geodesic: {"at": (1.0, 0.0, 0.0)}, Screw: {"lead": 0.1}}
     m.body("b", m.ground, joint(**needed.get(joint, {})), mass=1.0)
-    plant = m.compile()
+    plant = Plant(m)
     arrays, state = plant.kernel_data
     plant.data.state.q[:] = np.array([0.6, 0.0, 0.8, 0.0, 0.0, 0.0, 1.0])[: joint.nq]
     plant.data.state.rel[:] = 0.0

@@ -116,7 +116,7 @@ def carried(chain: list[Any], L: float) -> Plant:
         m.output(f"force.{axis}", body.joint_force(axis))
         m.output(f"moment.{axis}", body.joint_moment(axis))
     m.output("energy", m.energy)
-    return m.compile()
+    return Plant(m)
 
 
 def placement(L: float) -> dict[str, Any]:
@@ -211,7 +211,7 @@ def falling(L: float, lead: float, **options: Any) -> tuple[Mechanism, float, fl
 @pytest.mark.parametrize("lead", [0.5, -3.0])
 def test_a_nut_falls_on_its_screw(lead: float, L: float) -> None:
     m, mass, J = falling(L, lead * L)
-    plant = m.compile()
+    plant = Plant(m)
     fall = G * L / (1.0 + J * (tau / (lead * L)) ** 2 / mass)
     motion = stepper("adams", plant.system, 0.0, *plant.assemble(), Options(rtol=1e-10))
     samples = motion.sample(np.array([1.0, 5.0]))
@@ -229,13 +229,13 @@ def test_what_turns_a_screw_lifts_the_nut(L: float) -> None:
     """Torque of a drive: (m g + m h angle'') h + J angle'' with h = lead / 2 pi."""
     lead, curve = 0.4 * L, 3.0
     m, mass, J = falling(L, lead, drive=Polynomial((0.2, 0.5, 0.5 * curve)))
-    plant, h = m.compile(), lead / tau
+    plant, h = Plant(m), lead / tau
     found = seen(plant, np.zeros(0), np.zeros(0))
     assert found["height"] == pytest.approx(0.2 * h, rel=1e-14)
     assert found["effort"] == pytest.approx(mass * (G * L + h * curve) * h + J * curve, rel=1e-12)
     m, mass, J = falling(L, lead)
     m.force("motor", JointForce(magnitude=mass * G * L * h), m.bodies[-1])
-    plant = m.compile()
+    plant = Plant(m)
     terms = plant.system.allocate_terms()
     plant.system.fill(0.0, np.array([0.3]), np.zeros(1), terms)
     assert abs(terms.h[0]) < 1e-14 * mass * G * L * h
@@ -259,7 +259,7 @@ def test_a_bent_shaft_turns_unevenly(angle: float, L: float) -> None:
         second,
         m.ground,
     )
-    plant = m.compile()
+    plant = Plant(m)
     q, v = plant.assemble()
     plant.system.fill(0.0, q, v, plant.system.allocate_terms())
     shaft = plant.data.state.bodies[2]
@@ -297,7 +297,7 @@ def test_coordinates_have_names_and_units() -> None:
     body = m.ground
     for name, joint in (("u", Universal()), ("c", Cylindrical()), ("p", Planar()), ("s", Screw(lead=2.0))):
         body = m.body(name, body, joint, mass=1.0, com=(0.1, 0.2, 0.3), inertia=(1.0, 1.0, 1.0))
-    assert m.compile().system.coordinate_names == (
+    assert Plant(m).system.coordinate_names == (
         "u.first", "u.second", "c.angle", "c.displacement", "p.x", "p.y", "p.angle", "s",
     )  # fmt: skip
     assert [m.bodies[3].coordinate(k).unit for k in range(3)] == ["m", "m", "rad"]
@@ -345,7 +345,7 @@ def test_a_cut_joint_is_the_tree_joint_of_its_name(joint: Any, cut: Any, axis: A
             m.output(f"force.{a}", held.joint_force(a))
         return held
 
-    tree = crank(L, in_tree).compile()
+    tree = Plant(crank(L, in_tree))
     q, v = tree.assemble()
     tree.system.fill(0.0, q, v, tree.system.allocate_terms())
     base, held = tree.data.state.bodies[1], tree.data.state.bodies[4]
@@ -370,7 +370,7 @@ def test_a_cut_joint_is_the_tree_joint_of_its_name(joint: Any, cut: Any, axis: A
             m.output(f"force.{a}", handle.joint_force(a))
         return held
 
-    free = crank(L, floating).compile()
+    free = Plant(crank(L, floating))
     assert not free.void_rows
     assert free.system.m == 3 + len(cut(axis=axis).rows)
     start = free.start_positions()
@@ -413,7 +413,7 @@ def rail(slider: str, L: float) -> Mechanism:
 @pytest.mark.parametrize("L", SIZES)
 @pytest.mark.parametrize("slider", ["planar", "end of the chain"])
 def test_a_slider_crank_closed_by_its_rail(slider: str, L: float) -> None:
-    tree, other = rail("tree", L).compile(), rail(slider, L).compile()
+    tree, other = Plant(rail("tree", L)), Plant(rail(slider, L))
     assert {"rail.z", "rail.yz", "rail.zx"} <= set(other.void_rows)
     assert not {"rail.x", "rail.xy"} & set(other.void_rows)
     expected, found = seen(tree, *tree.assemble()), seen(other, *other.assemble())
@@ -434,7 +434,7 @@ def test_a_rail_carries_what_leans_on_it(cut: Any, axis: str) -> None:
     for row in rail.cut.rows:
         m.output(row, rail.force(row))
     m.output("along", block.acceleration("xyz".index(axis)))
-    plant = m.compile()
+    plant = Plant(m)
     found = seen(plant, *plant.assemble())
     assert found.pop("along") == pytest.approx(along @ weight / 3.0, rel=1e-12)
     force = along * (along @ weight) - weight
@@ -470,7 +470,7 @@ def test_an_axis_of_the_frames_is_the_z_axis_of_turned_frames(cut: Any, axis: An
         m = Mechanism()
         body = m.body("b", m.ground, Floating(start=(0.3, 0.2, 0.1, 0.5, 0.5, -0.5, 0.5)), mass=1.0, inertia=(1, 1, 1))
         m.cut("c", joint, m.ground, body)
-        plant = m.compile()
+        plant = Plant(m)
         found = plant.system.allocate_terms()
         plant.system.fill(0.0, plant.start_positions(), np.arange(6.0), found)
         return found, plant.system.constraint_names
@@ -515,9 +515,9 @@ def test_frames_agree_about_the_axis_that_is_told(cut: Any, turn: Any, words: st
     m.cut("c", cut, m.ground, m.bodies[1])
     if words:
         with pytest.raises(AssemblyError, match=f"loop 'c' closes the wrong way round: {words}"):
-            m.compile().assemble()
+            Plant(m).assemble()
     else:
-        q, _ = m.compile().assemble()
+        q, _ = Plant(m).assemble()
         np.testing.assert_allclose(q[3:], quaternion, atol=1e-12)
 
 
@@ -543,7 +543,7 @@ def test_what_a_cut_joint_lets_go_moves_as_in_maximal_coordinates(cut: Any, axis
     floating = Floating(start=(*(frame @ [L, 0.0, 0.0]), *turn), rate=(0.3 * L, 0.2 * L, -0.1 * L, 0.5, -0.8, 1.1))
     block = m.body("block", m.ground, floating, **massive(rng, L))
     m.cut("cut", cut(axis=axis, at_a=(L, 0.0, 0.0)), arm, block)
-    plant = m.compile()
+    plant = Plant(m)
     start, times = plant.assemble(), np.linspace(0.0, 0.6, 4)
     expected = integrate(m, times, start)
     assert not expected.ended

@@ -30,7 +30,7 @@ def element(**options: Any) -> Plant:
     m = Mechanism()
     nodes = [m.body(f"n{i}", m.ground, Floating(), mass=1.0, inertia=(1.0, 1.0, 1.0)) for i in range(4)]
     m.plate(Plate(**(BENDING | options)), *nodes)
-    return m.compile()
+    return Plant(m)
 
 
 def pressed(p: Any) -> Plant:
@@ -38,7 +38,7 @@ def pressed(p: Any) -> Plant:
     m = Mechanism()
     nodes = [m.body(f"n{i}", m.ground, Floating(), mass=1.0, inertia=(1.0, 1.0, 1.0)) for i in range(4)]
     m.pressure("wind", p, [nodes])
-    return m.compile()
+    return Plant(m)
 
 
 def bent(plant: Plant, size: float, seed: int = 0) -> Any:
@@ -325,7 +325,7 @@ def test_effects_that_are_off_are_absent() -> None:
     assert plates(membrane="s", damping=0.1, drag=1.0) == (1, 1, 1)
     m = Mechanism()
     m.body("b", m.ground, Floating(), mass=1.0, inertia=(1.0, 1.0, 1.0))
-    assert len(m.compile().data.arrays.loads) == 0
+    assert len(Plant(m).data.arrays.loads) == 0
 
 
 @pytest.mark.parametrize(

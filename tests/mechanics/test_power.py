@@ -142,7 +142,7 @@ def test_power_of_elastic_bodies_is_the_rate_of_their_energy(make: Any, driven: 
     """Modes, plates, drag, pressure and their damping, on a hinge that swings and on one that is driven."""
     rng = np.random.default_rng(5)
     monkeypatch.setattr(plants, "LARGE", 10**6)
-    plant = make(driven).compile()
+    plant = Plant(make(driven))
     q = plant.start_positions()
     n = plant.system.n
     plant.system.apply(q, 0.05 * rng.normal(size=n))
@@ -154,9 +154,9 @@ def test_power_of_a_large_tree_is_that_of_the_dense_system(driven: bool, monkeyp
     """After the articulated-body recursion as after inverse dynamics."""
     rng = np.random.default_rng(6)
     monkeypatch.setattr(plants, "LARGE", 10**6)
-    dense = sheet(driven).compile()
+    dense = Plant(sheet(driven))
     monkeypatch.setattr(plants, "LARGE", 0)
-    tree = sheet(driven).compile()
+    tree = Plant(sheet(driven))
     assert isinstance(tree.system, TreeSystem)
     n, none = tree.system.n, np.zeros(0)
     q = tree.start_positions()
@@ -177,5 +177,5 @@ def test_power_of_a_large_tree_is_that_of_the_dense_system(driven: bool, monkeyp
 def test_nothing_works_where_all_has_a_potential() -> None:
     m = Mechanism(gravity=(0, -9.81, 0))
     m.body("bar", m.ground, Revolute(), **rod(mass=1.0, length=1.0))
-    assert not m.compile().system.works()
-    assert beams(driven=False).compile().system.works()
+    assert not Plant(m).system.works()
+    assert Plant(beams(driven=False)).system.works()

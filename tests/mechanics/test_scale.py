@@ -12,6 +12,7 @@ from mbfmu.mechanics import (
     DistanceCut,
     Floating,
     Mechanism,
+    Plant,
     PointForce,
     Revolute,
     RevoluteCut,
@@ -28,7 +29,7 @@ def slider_crank(scale: float, origin: float) -> Any:
     link = m.body("link", crank, Revolute(at=(0.1 * scale, 0, 0)), **rod(mass=1.0, length=0.4 * scale))
     slider = m.body("slider", m.ground, Translational(axis="x", at=at, start=0.4 * scale), mass=1.0)
     m.cut("pin", RevoluteCut(at_a=(0.4 * scale, 0, 0)), link, slider)
-    return m.compile()
+    return Plant(m)
 
 
 @pytest.mark.parametrize(("scale", "origin"), [(1.0, 0.0), (1e-3, 0.0), (1e3, 5.0), (1.0, -1e4)])
@@ -44,7 +45,7 @@ def test_rows_of_turns_are_measured_in_radians() -> None:
     bar = m.body("bar", m.ground, Floating(), **rod(mass=1.0, length=2.0))
     m.cut("hinge", RevoluteCut(), m.ground, bar)
     m.cut("tie", DistanceCut(length=5.0), m.ground, bar)
-    system = m.compile().system
+    system = Plant(m).system
     np.testing.assert_array_equal(system.row_size, [5.0, 5.0, 5.0, 1.0, 1.0, 5.0])
     np.testing.assert_array_equal(system.size, [5.0, 5.0, 5.0, 1.0, 1.0, 1.0])
 
@@ -55,20 +56,20 @@ def test_without_arms_springs_and_gyration_measure_and_last_a_metre() -> None:
         m.body("ball", m.ground, Floating(), mass=2.0, **options)
         return m
 
-    assert ball().compile().length == 1.0
-    assert ball(inertia=(0.02, 0.02, 0.02)).compile().length == pytest.approx(np.sqrt(0.015))
+    assert Plant(ball()).length == 1.0
+    assert Plant(ball(inertia=(0.02, 0.02, 0.02))).length == pytest.approx(np.sqrt(0.015))
     m = ball(inertia=(0.02, 0.02, 0.02))
     m.force("spring", Spring(stiffness=1.0, free=0.3), m.ground, m.bodies[1])
-    assert m.compile().length == 0.3
+    assert Plant(m).length == 0.3
     m.force("push", PointForce(magnitude=1.0, axis="x", at_a=(0, 0, 0.07)), m.bodies[1])
-    assert m.compile().length == pytest.approx(0.07)
+    assert Plant(m).length == pytest.approx(0.07)
 
 
 def test_a_joint_may_be_told_its_size() -> None:
     def floating(size: Any) -> Any:
         m = Mechanism()
         m.body("b", m.ground, Floating(size=size), **rod(mass=1.0, length=1.0))
-        return m.compile().system.size
+        return Plant(m).system.size
 
     np.testing.assert_array_equal(floating(0.25), np.full(6, 0.25))
     np.testing.assert_array_equal(floating((3, 3, 3, 1, 1, 2)), [3, 3, 3, 1, 1, 2])

@@ -28,6 +28,7 @@ from mbfmu.mechanics import (
     Floating,
     Harmonic,
     Mechanism,
+    Plant,
     Plate,
     Revolute,
     Sheet,
@@ -57,7 +58,7 @@ def case(tree: str, **effects: Any) -> Case:
     soft = {"length": 3.0, "width": 2.0, "thickness": 0.3, "youngs_modulus": 10.0, "density": 1.0}
     m, _ = cantilever((4, 3), tree=tree, supports=supports_of(tree), **soft, **effects)
     m.output("energy", m.energy)
-    plant, rng = m.compile(), np.random.default_rng(2)
+    plant, rng = Plant(m), np.random.default_rng(2)
     q, n = plant.start_positions(), plant.system.n
     plant.system.apply(q, 0.2 * rng.normal(size=n))
     return Case(plant, 0.3, q, 0.2 * rng.normal(size=n), rng.normal(size=n))
@@ -68,7 +69,7 @@ def test_a_cell_that_bends_and_twists_is_not_strained_to_third_order() -> None:
 
     def shear_and_stretch(size: float) -> Any:
         m, _ = cantilever((3, 3), tree="spine", membrane="xzs")
-        plant = m.compile()
+        plant = Plant(m)
         q = plant.start_positions().reshape(-1, 3)
         names = [name.rsplit(".", 1)[0] for name in plant.system.coordinate_names[::3]]
         for k, name in enumerate(names):
@@ -93,7 +94,7 @@ def test_a_cell_that_bends_and_twists_is_not_strained_to_third_order() -> None:
 def test_flat_sheet_lies_where_it_is_put(tree: str, edge: str) -> None:
     at, R = np.array([0.1, -0.2, 0.3]), random_rotation(np.random.default_rng(0))
     m, sheet = cantilever((6, 5), tree=tree, supports=[Support(edge)], at=at, rotation=R)
-    plant = m.compile()
+    plant = Plant(m)
     bodies = bodies_at(plant, plant.start_positions())
     for i in range(6):
         for k in range(5):
@@ -168,7 +169,7 @@ def test_structured_tangent_sees_elements_and_pressure(tree: str) -> None:
 def test_pressure_lifts_a_sheet_by_its_area() -> None:
     """On the flat sheet p times the area, on the bent one the vector area of its surface."""
     m, sheet = cantilever((6, 5), tree="master", supports=[], pressure=7.0, gravity=0.0)
-    plant = m.compile()
+    plant = Plant(m)
     move(0.0, plant.start_positions(), np.zeros(plant.system.n), *plant.kernel_data)
     forces = plant.data.state.bodies["F"][[body.index for row in sheet.nodes for body in row], :3]
     np.testing.assert_allclose(forces.sum(axis=0), (0.0, 7.0 * 0.3 * 0.21, 0.0), atol=1e-15)
@@ -178,7 +179,7 @@ def test_pressure_lifts_a_sheet_by_its_area() -> None:
 
 def test_free_sheet_falls_flat() -> None:
     m, sheet = cantilever((5, 3), tree="master", supports=[])
-    plant = m.compile()
+    plant = Plant(m)
     q = plant.start_positions()
     move(0.0, q, np.zeros(plant.system.n), *plant.kernel_data)
     assert forward_dynamics(*plant.kernel_data) == 0
@@ -214,7 +215,7 @@ def test_static_tip_at_15_by_11(tree: str, tip: float) -> None:
     """Rows cannot stretch one by one, so the free edges do not curl: half a millimetre stiffer."""
     grid = (15, 11)
     m, sheet = cantilever(grid, tree=tree, membrane=True)
-    plant = m.compile()
+    plant = Plant(m)
     q, iterations = newton(plant, cylindrical(grid, tree == "spine"))
     bodies = bodies_at(plant, q)
     assert iterations <= 6
@@ -225,7 +226,7 @@ def test_static_tip_at_15_by_11(tree: str, tip: float) -> None:
 def test_bending_alone_resists_no_gaussian_curvature() -> None:
     """It converges, to a tip 3 mm too low, and needs no help to start from flat."""
     m, sheet = cantilever((15, 11), tree="rows")
-    plant = m.compile()
+    plant = Plant(m)
     q, iterations = newton(plant, np.zeros(plant.system.n))
     assert iterations <= 6
     assert bodies_at(plant, q)["r"][sheet.node(0, 5).index][1] == pytest.approx(-111.1e-3, abs=0.2e-3)
@@ -234,26 +235,26 @@ def test_bending_alone_resists_no_gaussian_curvature() -> None:
 def test_frequencies_converge_with_second_order() -> None:
     """Flat and clamped: all trees and effects have one linear plate."""
     coarse, fine = (
-        frequencies(cantilever(g, gravity=0.0, tree="spine")[0].compile())[:8] / CLAMPED - 1 for g in ((7, 5), (15, 11))
+        frequencies(Plant(cantilever(g, gravity=0.0, tree="spine")[0]))[:8] / CLAMPED - 1 for g in ((7, 5), (15, 11))
     )
     assert np.abs(fine).max() < 0.015
     assert abs(fine[0]) < 0.0005
     order = np.log(np.abs(coarse[1:] / fine[1:])) / np.log(14 / 6)
     assert order.min() > 1.9
-    rows = frequencies(cantilever((7, 5), gravity=0.0, tree="rows", membrane=True)[0].compile())[:8] / CLAMPED - 1
+    rows = frequencies(Plant(cantilever((7, 5), gravity=0.0, tree="rows", membrane=True)[0]))[:8] / CLAMPED - 1
     np.testing.assert_allclose(rows, coarse, atol=1e-9)
 
 
 def test_frequencies_of_a_free_sheet() -> None:
-    found = frequencies(cantilever((15, 11), gravity=0.0, tree="master", supports=[])[0].compile())
+    found = frequencies(Plant(cantilever((15, 11), gravity=0.0, tree="master", supports=[])[0]))
     assert np.abs(found[:6]).max() < 1e-3
     np.testing.assert_allclose(found[6:14], FREE, rtol=0.02)
 
 
 def test_edges_clamped_by_cut_joints_do_as_welded_ones() -> None:
     """Flat frequencies agree; the constraints are independent in a bent position too."""
-    welded = frequencies(cantilever((7, 5), gravity=0.0)[0].compile())
-    plant = cantilever((7, 5), gravity=0.0, tree="master")[0].compile()
+    welded = frequencies(Plant(cantilever((7, 5), gravity=0.0)[0]))
+    plant = Plant(cantilever((7, 5), gravity=0.0, tree="master")[0])
     np.testing.assert_allclose(frequencies(plant)[:8], welded[:8], rtol=1e-9)
     q = plant.start_positions()
     assert len(dependent_rows(plant.system, 0.0, q)) == 0
@@ -272,14 +273,14 @@ def test_plate_supported_on_all_edges(tree: str) -> None:
     m, _ = cantilever((13, 9), gravity=0.0, tree=tree, supports=edges)
     D = 1e10 * 0.3e-3**3 / (12 * 0.91)
     exact = 0.5 * np.pi * (1 / 0.3**2 + 1 / 0.21**2) * np.sqrt(D / (1000 * 0.3e-3))
-    plant = m.compile()
+    plant = Plant(m)
     assert frequencies(plant)[0] == pytest.approx(exact, rel=0.02)
     assert len(dependent_rows(plant.system, 0.0, plant.start_positions())) == 0
 
 
 def test_pinned_edge_lets_the_sheet_swing_and_guided_edges_let_it_slide() -> None:
     def rigid(**options: Any) -> int:
-        return int(np.sum(np.abs(frequencies(cantilever((5, 4), gravity=0.0, **options)[0].compile())) < 1e-3))
+        return int(np.sum(np.abs(frequencies(Plant(cantilever((5, 4), gravity=0.0, **options)[0]))) < 1e-3))
 
     assert rigid(supports=[Support("z0", "pinned")]) == 1
     assert rigid(supports=[Support("x1")]) == 0
@@ -295,7 +296,7 @@ def test_a_driven_body_carries_an_edge_or_the_master_node(tree: str) -> None:
     sway = m.body("sway", lift, Translational(axis="x", drive=0.02))
     held: dict[str, Any] = {"master": sway} if tree == "master" else {"supports": [Support("x0", body=sway)]}
     sheet = add(m, tree=tree, **held)
-    plant, t = m.compile(), 0.07
+    plant, t = Plant(m), 0.07
     bodies = plant.data.state.bodies
     move(t, plant.start_positions(), np.zeros(plant.system.n), *plant.kernel_data)
     assert plant.system.m == 0
@@ -309,7 +310,7 @@ def test_a_sheet_may_hang_between_two_bodies_of_a_mechanism() -> None:
     hub = m.body("hub", m.ground, Floating(), mass=1.0, inertia=(1.0, 1.0, 1.0))
     slide = m.body("slide", hub, Translational(axis="x", at=(0.3, 0.0, 0.0)), mass=0.5, inertia=(0.1, 0.1, 0.1))
     sheet = add(m, supports=[Support("x0", body=hub), Support("x1", "guided", body=slide, at=(-0.3, 0.0, 0.0))])
-    plant = m.compile()
+    plant = Plant(m)
     assert [cut.name for cut in sheet.cuts] == ["sheet.x1.0", "sheet.x1.1", "sheet.x1.2"]
     q, v = plant.assemble()
     assert max(plant.residuals(0.0, q, v)) < 1e-12
@@ -395,7 +396,7 @@ def test_sharpest_bend_is_the_angle_of_the_joint() -> None:
     """And the advice spreads it over cells of 15 degrees."""
     m = Mechanism()
     add(m)
-    plant = m.compile()
+    plant = Plant(m)
     q = plant.start_positions()
     names = plant.system.coordinate_names
     q[names.index("sheet.2.1.theta_z")] = 0.6
@@ -410,7 +411,7 @@ def test_sharpest_bend_is_the_angle_of_the_joint() -> None:
     )
     hinge = Mechanism()
     hinge.body("b", hinge.ground, Revolute(), mass=1.0, inertia=(1.0, 1.0, 1.0))
-    assert hinge.compile().bend(0.0, np.zeros(1)) is None
+    assert Plant(hinge).bend(0.0, np.zeros(1)) is None
 
 
 def test_projected_length_and_membrane_may_meet_across_rows() -> None:

@@ -9,14 +9,14 @@ import pytest
 from plate_oracles import bodies_at
 
 from mbfmu.errors import UserError
-from mbfmu.mechanics import Geodesic, Mechanism, OutOfPlane
+from mbfmu.mechanics import Geodesic, Mechanism, OutOfPlane, Plant
 
 
 def hinged(joint: type[OutOfPlane | Geodesic], q: tuple[float, float, float]) -> tuple[Any, Any]:
     """Position and orientation of a node on its neighbour at the origin, s' = (0.3, 0, 0.4) m."""
     m = Mechanism()
     m.body("node", m.ground, joint(at=(0.3, 0.0, 0.4), start=q), mass=1.0, inertia=(1, 1, 1))
-    plant = m.compile()
+    plant = Plant(m)
     node = bodies_at(plant, plant.start_positions())[1]
     return node["r"].copy(), node["A"].copy()
 
@@ -74,4 +74,4 @@ def test_geodesic_leads_somewhere_in_the_plane(at: Any) -> None:
     m = Mechanism()
     m.body("node", m.ground, Geodesic(at=at), mass=1.0)
     with pytest.raises(UserError, match="needs some way in the x-z plane"):
-        m.compile()
+        Plant(m)

@@ -60,7 +60,7 @@ def on_base(joint: Any, seed: int, kinds: list[Any], cuts: list[Any]) -> Plant:
         pair = [m.bodies[-1], m.bodies[rng.integers(1, len(m.bodies) - 1)]]
         rng.shuffle(pair)
         m.cut(f"c{i}", cut(at_a=rng.normal(size=3), at_b=rng.normal(size=3), **frames, **length), *pair)
-    return m.compile()
+    return Plant(m)
 
 
 @pytest.mark.parametrize("drive", DRIVES)
@@ -135,7 +135,7 @@ def turn_about(axis: str, angle: float) -> Any:
 @pytest.mark.parametrize("axis", ["x", "y", "z"])
 def test_the_crane_is_the_same_in_every_attitude(drive: str, axis: str) -> None:
     """A base that has turned and one that is drawn turned: the same motion, and forces that turn with it."""
-    plant = crane(Revolute(axis=axis, drive=DRIVES[drive]()), axis).compile()
+    plant = Plant(crane(Revolute(axis=axis, drive=DRIVES[drive]()), axis))
     assert plant.void_rows == ["pin.z", "pin.zx", "pin.zy"]
     q, v = plant.assemble()
     terms = plant.system.allocate_terms()
@@ -148,7 +148,7 @@ def test_the_crane_is_the_same_in_every_attitude(drive: str, axis: str) -> None:
         out = np.zeros(len(plant.outputs))
         plant.observe(t, q, v, a, lam, out)
         drawn = Polynomial((0.0, signal[1], 0.5 * signal[2]))
-        turned = crane(Revolute(axis=axis, rotation=turn_about(axis, signal[0]), drive=drawn), axis).compile()
+        turned = Plant(crane(Revolute(axis=axis, rotation=turn_about(axis, signal[0]), drive=drawn), axis))
         a2, lam2 = accelerations(turned, 0.0, q, v)
         np.testing.assert_allclose(a2, a, rtol=1e-9)
         other, unturned = np.zeros(len(out)), np.zeros(len(out))
@@ -156,7 +156,7 @@ def test_the_crane_is_the_same_in_every_attitude(drive: str, axis: str) -> None:
         np.testing.assert_allclose(out[6:9], other[6:9], rtol=1e-9)
         np.testing.assert_allclose(out[:6], other[:6], rtol=0, atol=1e-9 * np.abs(out[:6]).max())
         np.testing.assert_allclose(out[:6:2], -out[1:6:2], rtol=1e-12)  # on body a what is on b, reversed
-        same = crane(Revolute(axis=axis, drive=drawn), axis).compile()
+        same = Plant(crane(Revolute(axis=axis, drive=drawn), axis))
         same.observe(0.0, q, v, *accelerations(same, 0.0, q, v), unturned)
         np.testing.assert_allclose(
             turn_about(axis, signal[0]) @ unturned[:6:2], out[:6:2], rtol=0, atol=1e-9 * np.abs(out[:6]).max()
@@ -166,7 +166,7 @@ def test_the_crane_is_the_same_in_every_attitude(drive: str, axis: str) -> None:
 def test_the_ram_carries_the_jib_as_statics_says() -> None:
     """A crane that stands still and one that has slewed by 90 deg: the ram's force from the jib's moment balance."""
     for angle in (0.0, 0.5 * pi, 2.0):
-        plant = crane(Revolute(axis="y", drive=angle)).compile()
+        plant = Plant(crane(Revolute(axis="y", drive=angle)))
         q, _ = plant.assemble()
         terms = plant.system.allocate_terms()
         plant.system.fill(0.0, q, np.zeros(3), terms)
@@ -191,7 +191,7 @@ def test_a_crane_swings_alike_from_every_attitude(drive: str, solver: str, same:
         base = Revolute(axis="y", rotation=turn_about("y", attitude), drive=DRIVES[drive]())
         m = crane(base)
         m.force("cylinder", JointSpring(stiffness=8000.0, damping=50.0, free=1.5), m.bodies[-1])
-        plant = m.compile()
+        plant = Plant(m)
         motion = stepper(solver, plant.system, 0.0, *plant.assemble(), Options(rtol=1e-9))
         samples = motion.sample(TURNED[1:])
         assert motion.status.ok, motion.status.message
@@ -226,7 +226,7 @@ def four_bar_on(base: Any, **frames: Any) -> Mechanism:
 @pytest.mark.parametrize("start", [0.0, -0.25 * pi, 0.5 * pi])
 @pytest.mark.parametrize("axis", ["x", "y", (1.0, 2.0, 3.0)])
 def test_void_rows_of_a_turning_loop_are_those_of_its_plane(start: float, axis: Any) -> None:
-    plant = four_bar_on(Revolute(axis=axis, drive=Polynomial((start, 1.0)))).compile()
+    plant = Plant(four_bar_on(Revolute(axis=axis, drive=Polynomial((start, 1.0)))))
     assert plant.void_rows == ["pivot.z", "pivot.zx", "pivot.zy"]
 
 
@@ -247,7 +247,7 @@ def test_a_row_that_the_drive_will_work_against_is_kept(drive: Any) -> None:
     crank = m.body("crank", base, Revolute(start=0.3), **rod(mass=1, length=1))
     link = m.body("link", crank, Revolute(at=(1, 0, 0), start=2.0), **rod(mass=1, length=1))
     m.cut("pin", SphericalCut(at_b=(1, 0, 0)), m.ground, link)
-    plant = m.compile()
+    plant = Plant(m)
     assert plant.void_rows == []
     (signal,) = plant.signals(plant.data)
     if "c" in signal.record.dtype.names:
@@ -257,7 +257,7 @@ def test_a_row_that_the_drive_will_work_against_is_kept(drive: Any) -> None:
     crank = turned.body("crank", base, Revolute(start=0.3), **rod(mass=1, length=1))
     link = turned.body("link", crank, Revolute(at=(1, 0, 0), start=2.0), **rod(mass=1, length=1))
     turned.cut("pin", SphericalCut(at_a=(1, 0, 0)), link, turned.ground)  # rows turn with the link
-    assert turned.compile().void_rows == ["pin.z"]
+    assert Plant(turned).void_rows == ["pin.z"]
 
 
 def test_a_drive_that_opens_a_loop_is_refused() -> None:
@@ -267,7 +267,7 @@ def test_a_drive_that_opens_a_loop_is_refused() -> None:
     link = m.body("link", crank, Revolute(at=(1, 0, 0), start=2.0), **rod(mass=1, length=1))
     m.cut("pin", SphericalCut(at_a=(1, 0, 0)), link, m.ground)
     with pytest.raises(AssemblyError, match=r"the drives break a loop: as they move, 'pin\.z' opens to .* m and no"):
-        m.compile()
+        Plant(m)
 
 
 def test_drives_that_move_together_break_no_loop() -> None:
@@ -282,7 +282,7 @@ def test_drives_that_move_together_break_no_loop() -> None:
     crank = m.body("crank", lifts[0], Revolute(start=0.3), **rod(mass=1, length=1))
     link = m.body("link", crank, Revolute(at=(1, 0, 0), start=0.1), **rod(mass=1, length=1.5))
     m.cut("pin", SphericalCut(at_a=(1.5, 0, 0)), link, lifts[1])
-    assert m.compile().void_rows == ["pin.z"]
+    assert Plant(m).void_rows == ["pin.z"]
 
 
 @pytest.mark.parametrize(
@@ -301,15 +301,15 @@ def test_a_weld_that_closes_turned_is_refused(angle: float, axis: Any, words: st
     box = m.body("box", m.ground, Floating(start=(0, 0, 0, *e)), mass=1.0, inertia=(1, 1, 1))
     m.cut("glue", WeldCut(), m.ground, box)
     with pytest.raises(AssemblyError, match=words):
-        m.compile().assemble()
+        Plant(m).assemble()
 
 
 def test_a_hinge_whose_axis_is_flipped_is_refused() -> None:
     flipped = np.diag([1.0, -1.0, -1.0])
-    plant = four_bar_on(Weld(), rotation_b=flipped).compile()
+    plant = Plant(four_bar_on(Weld(), rotation_b=flipped))
     with pytest.raises(AssemblyError, match=r"'pivot' closes .*: the z axes .* 180 deg apart \(as drawn 180 deg\)"):
         plant.assemble()
-    four_bar_on(Weld(), rotation_a=flipped, rotation_b=flipped).compile().assemble()
+    Plant(four_bar_on(Weld(), rotation_a=flipped, rotation_b=flipped)).assemble()
 
 
 def test_loops_close_alike_at_every_size() -> None:
@@ -321,7 +321,7 @@ def test_loops_close_alike_at_every_size() -> None:
         link = m.body("link", crank, Revolute(at=(0.1 * scale, 0, 0), start=-1.0), **rod(mass=1, length=0.4 * scale))
         slider = m.body("slider", m.ground, Translational(axis="x", start=0.3 * scale, rate=0.2 * scale), mass=1.0)
         m.cut("pin", RevoluteCut(at_a=(0.4 * scale, 0, 0)), link, slider)
-        q, v = m.compile().assemble()
+        q, v = Plant(m).assemble()
         return np.concatenate((q / [1.0, 1.0, scale], v / [1.0, 1.0, scale]))
 
     expected = closed(1.0)

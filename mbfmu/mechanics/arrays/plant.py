@@ -55,9 +55,16 @@ class Plant:
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
+        if len(mechanism.bodies) == 1:
+            raise UserError("the mechanism has no bodies; add at least one with Mechanism.body")
+        mechanism.compiled = True
         self.mechanism = mechanism
         self._numbering = numbering = Numbering(mechanism)
-        self._compiled = compiled = Compiled(mechanism, numbering)
+        try:
+            self._compiled = compiled = Compiled(mechanism, numbering)
+        except MemoryError as error:
+            count = len(mechanism.bodies)
+            raise UserError(f"a mechanism of {count} bodies needs more memory than there is") from error
         self.data = compiled.data
         self.length = characteristic_length(mechanism, self.data.arrays)
         self._size = coordinate_sizes(self._free_bodies(), self.length)

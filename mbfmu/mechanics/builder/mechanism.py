@@ -1,10 +1,10 @@
 """The builder: a mechanism in a dozen lines.
 
->>> from mbfmu.mechanics import Mechanism, Revolute, rod
+>>> from mbfmu.mechanics import Mechanism, Plant, Revolute, rod
 >>> m = Mechanism(gravity=(0, -9.81, 0))
 >>> bob = m.body("bob", m.ground, Revolute(axis="z"), **rod(mass=1.0, length=1.0))
 >>> m.output("bob.angle", bob.angle(), "angle from the horizontal")
->>> plant = m.compile()
+>>> plant = Plant(m)
 
 A body's frame is where its tree joint puts it: at rest it lies on the joint frame in the parent.
 """
@@ -40,7 +40,6 @@ from mbfmu.mechanics.signals import Input, Signal
 from .bodies import Body, CutHandle, Elastic, Profile, Surface
 
 if TYPE_CHECKING:
-    from mbfmu.mechanics.arrays.plant import Plant
     from mbfmu.mechanics.assemblies.sheet import Sheet
 
 
@@ -85,6 +84,7 @@ class Mechanism:
         self.elastics: list[Elastic] = []
         self.pressures: list[tuple[str, Pressure, list[tuple[Body, ...]]]] = []
         self.others: list[Acting] = []  # loads, by their name
+        self.compiled = False  # nothing can be added any more
         self.profiles: dict[int, Profile] = {}  # by elastic body
         self.outputs: list[tuple[str, Sensor, str, float | None]] = []
         self.shapes: list[tuple[Body, Shape]] = []
@@ -355,23 +355,15 @@ class Mechanism:
             self._member(sensor.item, f"body of output {name!r}")
         self.outputs.append((name, sensor, description, nominal))
 
-    def compile(self) -> Plant:
-        """Turn the mechanism into flat arrays and callbacks."""
-        from mbfmu.mechanics.arrays.plant import Plant
-
-        if len(self.bodies) == 1:
-            raise UserError("the mechanism has no bodies; add at least one with Mechanism.body")
-        try:
-            return Plant(self)
-        except MemoryError as error:
-            raise UserError(f"a mechanism of {len(self.bodies)} bodies needs more memory than there is") from error
-
     def _member(self, body: Body, role: str) -> None:
         if not isinstance(body, Body) or body.index >= len(self.bodies) or self.bodies[body.index] is not body:
             raise UserError(f"{role} is {body!r}, which is not a body of this mechanism")
 
-    @staticmethod
-    def _new_name(what: str, name: str, taken: Collection[str]) -> None:
+    def _new_name(self, what: str, name: str, taken: Collection[str]) -> None:
+        if self.compiled:
+            raise UserError(
+                f"{what} {name!r} comes too late: the mechanism is compiled and will not have it; build it anew"
+            )
         if not isinstance(name, str) or not name.isprintable() or not name or name in taken:
             raise UserError(
                 f"{what} is named {name!r}; a name must be text that is not empty and must be new among {list(taken)}"
