@@ -6,14 +6,17 @@ from .mechanics import (
     Beam,
     BeamElement,
     Box,
+    Bushing,
     Cylinder,
     DistanceCut,
+    DistanceStop,
     Floating,
     Geodesic,
     Harmonic,
     Input,
     JointForce,
     JointSpring,
+    JointStop,
     Mechanism,
     OutOfPlane,
     PlanarCut,
@@ -31,12 +34,17 @@ from .mechanics import (
     Spring,
     Support,
     Torque,
+    TorsionSpring,
     Translational,
     Weld,
     WeldCut,
     add_chain,
     add_sheet,
+    box,
+    cylinder,
     rod,
+    sphere,
+    tube,
 )
 from .model import Model, find, models, parameter
 from .native import simulate
@@ -50,12 +58,13 @@ from .studies.compare import compare
 from .viewer.show import view
 
 __all__ = [
-    "AssemblyError", "Beam", "BeamElement", "Box", "Cylinder", "DistanceCut", "Equilibrium", "EquilibriumError",
-    "Floating", "Geodesic", "Harmonic", "Input", "JointForce", "JointSpring", "Mechanism", "Model", "OutOfPlane",
-    "PlanarCut", "PlaneCut", "Plate", "PointForce", "Polynomial", "Result", "Revolute", "RevoluteCut", "RunUp",
-    "Settings", "Simulation", "SpeedInput", "Sphere", "Spherical", "SphericalCut", "Spring", "StateSpace", "Support",
-    "Torque", "Translational", "UserError", "Weld", "WeldCut", "add_chain", "add_sheet", "compare", "equilibrium",
-    "export", "find", "linearize", "models", "modes", "parameter", "rod", "simulate", "view",
+    "AssemblyError", "Beam", "BeamElement", "Box", "Bushing", "Cylinder", "DistanceCut", "DistanceStop", "Equilibrium",
+    "EquilibriumError", "Floating", "Geodesic", "Harmonic", "Input", "JointForce", "JointSpring", "JointStop",
+    "Mechanism", "Model", "OutOfPlane", "PlanarCut", "PlaneCut", "Plate", "PointForce", "Polynomial", "Result",
+    "Revolute", "RevoluteCut", "RunUp", "Settings", "Simulation", "SpeedInput", "Sphere", "Spherical", "SphericalCut",
+    "Spring", "StateSpace", "Support", "Torque", "TorsionSpring", "Translational", "UserError", "Weld", "WeldCut",
+    "add_chain", "add_sheet", "box", "compare", "cylinder", "equilibrium", "export", "find", "linearize", "models",
+    "modes", "parameter", "rod", "simulate", "sphere", "tube", "view",
 ]  # fmt: skip
 
 __version__: str

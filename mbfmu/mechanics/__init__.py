@@ -7,13 +7,14 @@ from .arrays.plant import Plant
 from .assemblies.chain import add_chain
 from .assemblies.sheet import Sheet, add_sheet
 from .assemblies.supports import Support
-from .builder.bodies import Body, CutHandle, Elastic
-from .builder.mechanism import Mechanism, rod
+from .builder.bodies import Body, CutHandle, Elastic, ForceHandle
+from .builder.inertia import box, cylinder, rod, sphere, tube
+from .builder.mechanism import Mechanism
 from .cuts import DistanceCut, PlanarCut, PlaneCut, RevoluteCut, SphericalCut, WeldCut
 from .elements import BeamElement, Plate
 from .flexible import MODES, Beam
 from .joints import Floating, Geodesic, OutOfPlane, Revolute, Spherical, Translational, Weld
-from .loads import JointForce, JointSpring, PointForce, Spring, Torque
+from .loads import Bushing, DistanceStop, JointForce, JointSpring, JointStop, PointForce, Spring, Torque, TorsionSpring
 from .sensors import Sensor
 from .shapes import Box, Cylinder, Sphere
 from .signals import Harmonic, Input, Polynomial, RunUp, SpeedInput
@@ -25,16 +26,20 @@ __all__ = [
     "BeamElement",
     "Body",
     "Box",
+    "Bushing",
     "CutHandle",
     "Cylinder",
     "DistanceCut",
+    "DistanceStop",
     "Elastic",
     "Floating",
+    "ForceHandle",
     "Geodesic",
     "Harmonic",
     "Input",
     "JointForce",
     "JointSpring",
+    "JointStop",
     "Mechanism",
     "OutOfPlane",
     "PlanarCut",
@@ -55,6 +60,7 @@ __all__ = [
     "Spring",
     "Support",
     "Torque",
+    "TorsionSpring",
     "Translational",
     "UserError",
     "Variable",
@@ -62,5 +68,9 @@ __all__ = [
     "WeldCut",
     "add_chain",
     "add_sheet",
+    "box",
+    "cylinder",
     "rod",
+    "sphere",
+    "tube",
 ]
