@@ -6,10 +6,12 @@ from .mechanics import (
     Beam,
     BeamElement,
     Box,
+    Bushing,
     Cylinder,
     Cylindrical,
     CylindricalCut,
     DistanceCut,
+    DistanceStop,
     Floating,
     Function,
     Geodesic,
@@ -17,6 +19,7 @@ from .mechanics import (
     Input,
     JointForce,
     JointSpring,
+    JointStop,
     Mechanism,
     OutOfPlane,
     Planar,
@@ -41,6 +44,7 @@ from .mechanics import (
     Support,
     Table,
     Torque,
+    TorsionSpring,
     Translational,
     TranslationalCut,
     Universal,
@@ -48,7 +52,11 @@ from .mechanics import (
     WeldCut,
     add_chain,
     add_sheet,
+    box,
+    cylinder,
     rod,
+    sphere,
+    tube,
 )
 from .model import Model, find, models, parameter
 from .native import simulate
@@ -62,14 +70,14 @@ from .studies.compare import compare
 from .viewer.show import view
 
 __all__ = [
-    "AssemblyError", "Beam", "BeamElement", "Box", "Cylinder", "Cylindrical", "CylindricalCut", "DistanceCut",
-    "Equilibrium", "EquilibriumError", "Floating", "Function", "Geodesic", "Harmonic", "Input", "JointForce",
-    "JointSpring", "Mechanism", "Model", "OutOfPlane", "Planar", "PlanarCut", "PlaneCut", "Plate", "PointForce",
-    "Polynomial", "Product", "Ramp", "Result", "Revolute", "RevoluteCut", "RunUp", "Screw", "Settings", "Simulation",
-    "SpeedInput", "Sphere", "Spherical", "SphericalCut", "Spring", "StateSpace", "Step", "Sum", "Support", "Table",
-    "Torque", "Translational", "TranslationalCut", "Universal", "UserError", "Weld", "WeldCut", "add_chain",
-    "add_sheet", "compare", "equilibrium", "export", "find", "linearize", "models", "modes", "parameter", "rod",
-    "simulate", "view",
+    "AssemblyError", "Beam", "BeamElement", "Box", "Bushing", "Cylinder", "Cylindrical", "CylindricalCut",
+    "DistanceCut", "DistanceStop", "Equilibrium", "EquilibriumError", "Floating", "Function", "Geodesic", "Harmonic",
+    "Input", "JointForce", "JointSpring", "JointStop", "Mechanism", "Model", "OutOfPlane", "Planar", "PlanarCut",
+    "PlaneCut", "Plate", "PointForce", "Polynomial", "Product", "Ramp", "Result", "Revolute", "RevoluteCut", "RunUp",
+    "Screw", "Settings", "Simulation", "SpeedInput", "Sphere", "Spherical", "SphericalCut", "Spring", "StateSpace",
+    "Step", "Sum", "Support", "Table", "Torque", "TorsionSpring", "Translational", "TranslationalCut", "Universal",
+    "UserError", "Weld", "WeldCut", "add_chain", "add_sheet", "box", "compare", "cylinder", "equilibrium", "export",
+    "find", "linearize", "models", "modes", "parameter", "rod", "simulate", "sphere", "tube", "view",
 ]  # fmt: skip
 
 __version__: str

@@ -8,8 +8,9 @@ from .arrays.plant import Plant
 from .assemblies.chain import add_chain
 from .assemblies.sheet import Sheet, add_sheet
 from .assemblies.supports import Support
-from .builder.bodies import Body, CutHandle, Elastic
-from .builder.mechanism import Mechanism, rod
+from .builder.bodies import Body, CutHandle, Elastic, ForceHandle
+from .builder.inertia import box, cylinder, rod, sphere, tube
+from .builder.mechanism import Mechanism
 from .cuts import (
     Cut,
     CylindricalCut,
@@ -38,7 +39,19 @@ from .joints import (
     Universal,
     Weld,
 )
-from .loads import Force, JointForce, JointSpring, Load, PointForce, Spring, Torque
+from .loads import (
+    Bushing,
+    DistanceStop,
+    Force,
+    JointForce,
+    JointSpring,
+    JointStop,
+    Load,
+    PointForce,
+    Spring,
+    Torque,
+    TorsionSpring,
+)
 from .sensors import Sensor
 from .shapes import Box, Cylinder, Sphere
 from .signals import Function, Harmonic, Input, Polynomial, Product, Ramp, RunUp, Signal, SpeedInput, Step, Sum, Table
@@ -50,15 +63,18 @@ __all__ = [
     "BeamElement",
     "Body",
     "Box",
+    "Bushing",
     "Cut",
     "CutHandle",
     "Cylinder",
     "Cylindrical",
     "CylindricalCut",
     "DistanceCut",
+    "DistanceStop",
     "Elastic",
     "Floating",
     "Force",
+    "ForceHandle",
     "Function",
     "Geodesic",
     "Harmonic",
@@ -66,6 +82,7 @@ __all__ = [
     "Joint",
     "JointForce",
     "JointSpring",
+    "JointStop",
     "Load",
     "Mechanism",
     "OutOfPlane",
@@ -95,6 +112,7 @@ __all__ = [
     "Support",
     "Table",
     "Torque",
+    "TorsionSpring",
     "Translational",
     "TranslationalCut",
     "Universal",
@@ -104,7 +122,11 @@ __all__ = [
     "WeldCut",
     "add_chain",
     "add_sheet",
+    "box",
+    "cylinder",
     "kernel",
     "rod",
     "signal_value",
+    "sphere",
+    "tube",
 ]

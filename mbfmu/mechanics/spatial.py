@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from solvers.kernel import kernel
@@ -163,3 +164,39 @@ def quaternion_rate(e: Vec, i: int, w: Vec, j: int, rate: Vec) -> None:
     rate[i + 1] = 0.5 * (e[i] * w[j] + e[i + 2] * w[j + 2] - e[i + 3] * w[j + 1])
     rate[i + 2] = 0.5 * (e[i] * w[j + 1] + e[i + 3] * w[j] - e[i + 1] * w[j + 2])
     rate[i + 3] = 0.5 * (e[i] * w[j + 2] + e[i + 1] * w[j + 1] - e[i + 2] * w[j])
+
+
+@kernel
+def angle_of(s: float, c: float) -> float:
+    """Angle whose sine and cosine are as s to c, from -pi to pi; zero where both are.
+
+    No branch of an arcus is analytic all around: the real angle is taken, and to first order what is left of it.
+    """
+    about = math.atan2(s.real, c.real)
+    x, y = math.cos(about), math.sin(about)
+    across, onward = s * x - c * y, c * x + s * y
+    return about + across / onward if onward.real > 0.0 else about + across
+
+
+@kernel
+def quaternion_of(X: Any, Y: Any, Z: Any) -> Any:
+    """Unit quaternion, scalar first, of the rotation matrix with these rows; e or -e, so that the largest is positive.
+
+    4 e_k e_l are sums of its entries; that of the largest component is no root of what cancels (Shepperd 1978).
+    """
+    x, y, z = X[0], Y[1], Z[2]
+    trace = x + y + z
+    if trace.real >= max(x.real, y.real, z.real):
+        e = (1.0 + trace, Z[1] - Y[2], X[2] - Z[0], Y[0] - X[1])
+        square = e[0]
+    elif x.real >= max(y.real, z.real):
+        e = (Z[1] - Y[2], 1.0 + 2.0 * x - trace, X[1] + Y[0], X[2] + Z[0])
+        square = e[1]
+    elif y.real >= z.real:
+        e = (X[2] - Z[0], X[1] + Y[0], 1.0 + 2.0 * y - trace, Y[2] + Z[1])
+        square = e[2]
+    else:
+        e = (Y[0] - X[1], X[2] + Z[0], Y[2] + Z[1], 1.0 + 2.0 * z - trace)
+        square = e[3]
+    size = 2.0 * square**0.5
+    return e[0] / size, e[1] / size, e[2] / size, e[3] / size

@@ -14,13 +14,14 @@ from mbfmu.mechanics.cuts.base import AxisCut
 from mbfmu.mechanics.joints import Joint
 from mbfmu.mechanics.joints.base import AxisJoint
 from mbfmu.mechanics.kind import kinds_of
-from mbfmu.mechanics.loads import Force
+from mbfmu.mechanics.loads import DistanceStop, Force, JointStop, TorsionSpring
 from mbfmu.mechanics.signals import Harmonic, Polynomial
 
 Generator = np.random.Generator
 JOINTS, CUTS = kinds_of(joints, Joint), kinds_of(cuts, Cut)
 FORCES = kinds_of(loads, Force) + kinds_of(elements, Force)
-NUMBERS = ("stiffness", "damping", "free", "axial", "torsion", "bending_y", "bending_z")
+TURNING = ("turning_stiffness", "turning_damping")
+NUMBERS = ("stiffness", "damping", *TURNING, "free", "axial", "torsion", "bending_y", "bending_z")
 
 
 @dataclass
@@ -73,10 +74,55 @@ def add_forces(m: Mechanism, rng: Generator) -> None:
         options |= {k: rng.normal(size=3) for k in ("at_a", "at_b", "axis") if k in names}
         if "magnitude" in names:
             options["magnitude"] = Polynomial(rng.normal(size=3))
+        if "fixed_in" in names:
+            options["fixed_in"] = str(rng.choice(["ground", "body"]))
+        options |= {k: random_rotation(rng) for k in ("rotation", "rotation_a", "rotation_b") if k in names}
+        if kind is JointStop:  # mostly beyond a limit; damped so little that it never comes to where it would pull
+            lower, upper = ((0.5, None), (None, -0.5), (-1.0, 0.5))[rng.integers(3)]
+            options |= {"lower": lower, "upper": upper, "damping": rng.uniform(0.05, 0.3)}
+        if kind is DistanceStop:
+            lower, upper = ((None, 0.7), (5.0, None), (0.5, 1.5))[rng.integers(3)]
+            options |= {"lower": lower, "upper": upper, "damping": rng.uniform(0.005, 0.02)}
         m.force(kind.__name__, kind(**options), body, other)
 
 
+def smooth(case: Case) -> bool:
+    """Whether no load is about to jump or to bend: differences would not be derivatives."""
+    plant, state = case.plant, case.plant.data.state
+    plant.energy(case.t, case.q, case.v)
+    lengths = [(f, *distance(f, *(state.bodies[int(f[k])] for k in "ab"))) for f in plant.records(DistanceStop)]
+    coordinates = [(f, state.q[int(f["q"])], state.v[int(f["v"])]) for f in plant.records(JointStop)]
+    for f, q, rate in lengths + coordinates:
+        v = abs(rate)
+        if min(abs(q - f["lower"]), abs(q - f["upper"])) < 0.05 * (1.0 + v) or f["damping"] * v > 0.9:
+            return False
+    for f in plant.records(TorsionSpring):
+        A, B = state.bodies["A"][int(f["a"])], state.bodies["A"][int(f["b"])]
+        R = f["Ea"] @ A.T @ B @ f["Eb"].T
+        if R[2, 2] < -0.4 or abs(np.arctan2(R[1, 0] - R[0, 1], R[0, 0] + R[1, 1])) > 2.8:
+            return False
+    return True
+
+
+def distance(f: Any, A: Any, B: Any) -> tuple[float, float]:
+    """Distance between the points of a load, and its rate."""
+    at_a, at_b = A["A"] @ f["Pa"], B["A"] @ f["Pb"]
+    way = B["r"] + at_b - A["r"] - at_a
+    rate = B["Y"][:3] + np.cross(B["Y"][3:], at_b) - A["Y"][:3] - np.cross(A["Y"][3:], at_a)
+    length = np.linalg.norm(way)
+    return float(length), float(way @ rate / length)
+
+
 def build(seed: int, kinds: list[type[Joint]], cuts: list[type], driven: bool, forces: bool) -> Case:
+    """A mechanism of these joints and cuts in a random state where nothing jumps."""
+    case = drawn(seed, kinds, cuts, driven, forces)
+    while not smooth(case):
+        seed += 1
+        case = drawn(seed, kinds, cuts, driven, forces)
+    return case
+
+
+def drawn(seed: int, kinds: list[type[Joint]], cuts: list[type], driven: bool, forces: bool) -> Case:
     """A mechanism of these joints and cuts in a random state."""
     rng = np.random.default_rng(seed)
     m = Mechanism(gravity=rng.normal(size=3))

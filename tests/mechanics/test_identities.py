@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from random_mechanisms import CUTS, JOINTS, MOVING, Case, build, cases
+from random_mechanisms import CUTS, JOINTS, MOVING, Case, build, cases, distance
 
 from mbfmu.mechanics import Geodesic, Mechanism, Plant, Screw
 from mbfmu.mechanics.recursions.aba import forward_dynamics
@@ -200,13 +200,51 @@ def non_conservative_power(case: Case) -> float:
         elif name == "JointForce":
             power += magnitude * state.v[int(f["v"])]
         elif name == "PointForce":
-            power += magnitude * f["axis"] @ velocity(A, f["Pa"])
+            power += magnitude * fixed(force, f, A) @ velocity(A, f["Pa"])
+        elif name == "JointStop":
+            q, rate = state.q[int(f["q"])], state.v[int(f["v"])]
+            power -= f["stiffness"] * f["damping"] * max(f["lower"] - q, q - f["upper"], 0.0) * rate**2
+        elif name == "DistanceStop":
+            length, rate = distance(f, A, B)
+            power -= f["stiffness"] * f["damping"] * max(f["lower"] - length, length - f["upper"], 0.0) * rate**2
+        elif name == "TorsionSpring":
+            power -= f["damping"] * twist_rate(f["Ea"], f["Eb"], A, B) ** 2
+        elif name == "Bushing":
+            power -= f["damping"] @ bushing_rate(f, A, B) ** 2
         elif name == "BeamElement":
             rate = beam_rate(A, B)
             power -= f["damping"] * rate @ cantilever(f["stiffness"], f["length"]) @ rate
         else:
-            power += magnitude * f["axis"] @ A["Y"][3:]
+            assert name == "Torque"
+            power += magnitude * fixed(force, f, A) @ A["Y"][3:]
     return power
+
+
+def fixed(force: Any, f: Any, A: Any) -> Any:
+    """Global axis of a given force or torque."""
+    return A["A"] @ f["axis"] if force.fixed_in == "body" else f["axis"]
+
+
+def twist_rate(Ea: Any, Eb: Any, A: Any, B: Any) -> float:
+    """Rate of the angle of the upper left corner of R, the attitude of a frame in b in one in a."""
+    R = Ea @ A["A"].T @ B["A"] @ Eb.T
+    dR = np.cross(Ea @ A["A"].T @ (B["Y"][3:] - A["Y"][3:]), R, axis=0)
+    s, c, ds, dc = R[1, 0] - R[0, 1], R[0, 0] + R[1, 1], dR[1, 0] - dR[0, 1], dR[0, 0] + dR[1, 1]
+    return float((c * ds - s * dc) / (s * s + c * c))
+
+
+def bushing_rate(f: Any, A: Any, B: Any) -> Any:
+    """Rates of displacement and turn 2 v of b's frame in a's; v from its axial vector 4 w v."""
+    E, at_b = A["A"] @ f["Ea"].T, B["A"] @ f["Pb"]
+    R, w = E.T @ B["A"] @ f["Eb"].T, A["Y"][3:]
+    dR = np.cross(E.T @ (B["Y"][3:] - w), R, axis=0)
+    rise = B["Y"][:3] + np.cross(B["Y"][3:], at_b) - A["Y"][:3] - np.cross(w, B["r"] + at_b - A["r"])
+    four = 2.0 * np.sqrt(1.0 + np.trace(R))  # 4 w
+
+    def axial(M: Any) -> Any:
+        return np.array([M[2, 1] - M[1, 2], M[0, 2] - M[2, 0], M[1, 0] - M[0, 1]])
+
+    return np.concatenate((E.T @ rise, 2.0 * (axial(dR) - axial(R) * np.trace(dR) / (2.0 + 2.0 * np.trace(R))) / four))
 
 
 def beam_rate(A: Any, B: Any) -> Any:

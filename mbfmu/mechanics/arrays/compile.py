@@ -252,8 +252,8 @@ def filled_record(item: Kind, place: Place) -> NDArray[Any]:
 
 
 def observed(sensor: Sensor) -> tuple[Body, ...]:
-    """Return the body that a sensor is of, if it is of one."""
-    return (sensor.item,) if isinstance(sensor.item, Body) else ()
+    """Return the bodies that a sensor is of: those it tells, or the one body that is its item."""
+    return sensor.bodies or ((sensor.item,) if isinstance(sensor.item, Body) else ())
 
 
 def item_records(items: NDArray[np.int64], dtype: np.dtype[Any]) -> NDArray[Any]:

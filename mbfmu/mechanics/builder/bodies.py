@@ -13,17 +13,23 @@ from mbfmu.mechanics.checks import Matrix, Vector, one_of, vector
 from mbfmu.mechanics.cuts import Cut
 from mbfmu.mechanics.flexible import Beam
 from mbfmu.mechanics.joints import Joint, Section
+from mbfmu.mechanics.loads import Load
 from mbfmu.mechanics.sensors import (
     Acceleration,
+    AngularVelocity,
     BendingMoment,
     Coordinate,
     CutForce,
     Deflection,
+    DirectionCosine,
     Effort,
     JointForce,
+    LoadEffort,
+    LoadWrench,
     PointAcceleration,
     PointPosition,
     PointVelocity,
+    Quaternion,
     Rate,
     RowForce,
     Sensor,
@@ -81,6 +87,25 @@ class Body:
             point=vector("point", point),
         )
 
+    def quaternion(self, k: int) -> Sensor:
+        """Component k = 0 ... 3 of the attitude as a unit quaternion, scalar first.
+
+        The scalar is not negative, so that the attitude alone says the signs: all four jump where they change, half a
+        turn from the ground's axes.
+        """
+        if not isinstance(k, int | np.integer) or not 0 <= k < 4:
+            raise UserError(f"component of a quaternion is {k!r}; allowed: 0, 1, 2, 3, scalar first")
+        return Quaternion(item=self, component=k)
+
+    def direction(self, i: str, j: str) -> Sensor:
+        """Direction cosine A[i, j]: the component along the global axis i of this body's axis j."""
+        return DirectionCosine(item=self, component=axis_index(i), axis=axis_index(j))
+
+    def angular_velocity(self, axis: str, frame: str = "global") -> Sensor:
+        """Component of the angular velocity along an axis of the ground, or with ``frame="body"`` of this, rad/s."""
+        one_of("frame of an angular velocity", frame, ("global", "body"))
+        return AngularVelocity(item=self, component=axis_index(axis) + (3 if frame == "body" else 0))
+
     def joint_force(self, axis: str) -> Sensor:
         """Global component of the force the tree joint exerts on this body, N."""
         return JointForce(unit="N", item=self, component=axis_index(axis))
@@ -119,6 +144,38 @@ class CutHandle:
         one_of("body of a cut joint's force", on, ("a", "b"))
         component = axis_index(axis) + (3 if on == "a" else 0)
         return CutForce(unit="N", item=self, component=component)
+
+
+@dataclass(frozen=True, eq=False)
+class ForceHandle:
+    """A force of a mechanism, as :meth:`Mechanism.force` returns it."""
+
+    name: str
+    index: int  # among the forces, and so among all loads
+    load: Load
+    a: Body
+    b: Body
+
+    def force(self, axis: str, on: str = "a") -> Sensor:
+        """Global component of what it exerts on body ``"a"`` or ``"b"``, N."""
+        return self._wrench("N", axis_index(axis), on)
+
+    def moment(self, axis: str, on: str = "a") -> Sensor:
+        """Global component of its moment about the origin of that body, N m."""
+        return self._wrench("N.m", 3 + axis_index(axis), on)
+
+    def effort(self) -> Sensor:
+        """What it exerts along the coordinate of the joint it acts on, N or N m."""
+        if not self.load.on_joint:
+            raise UserError(f"force {self.name!r} acts on bodies and along no coordinate; force and moment tell it")
+        unit = "N.m" if self.a.joint.units[0] == "rad" else "N"
+        return LoadEffort(unit=unit, item=self, bodies=(self.a,))
+
+    def _wrench(self, unit: str, component: int, on: str) -> Sensor:
+        one_of(f"body of force {self.name!r}", on, ("a", "b"))
+        if self.load.on_joint:
+            raise UserError(f"force {self.name!r} acts along the coordinate of a joint; effort tells it")
+        return LoadWrench(unit=unit, item=self, component=component + (6 if on == "b" else 0), bodies=(self.a, self.b))
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,25 +22,34 @@ from mbfmu.mechanics.cuts import Cut
 from mbfmu.mechanics.elements import Plate
 from mbfmu.mechanics.flexible import Beam
 from mbfmu.mechanics.joints import Joint, Revolute, Section, Weld
+from mbfmu.mechanics.joints.base import unit_axis
 from mbfmu.mechanics.kind import check_kind
 from mbfmu.mechanics.loads import Drag, Force, Load, Pressure
-from mbfmu.mechanics.numbers import finite
 from mbfmu.mechanics.sensors import (
+    AngleBetween,
+    Distance,
+    DistanceRate,
     Energy,
     JacobiIntegral,
     KineticEnergy,
     PotentialEnergy,
+    RelativePosition,
+    RelativeVelocity,
     Residual,
     Sensor,
     Turn,
+    axis_index,
 )
 from mbfmu.mechanics.shapes import Shape, check_colour, lengths
 from mbfmu.mechanics.signals import Input, Signal
 
-from .bodies import Body, CutHandle, Elastic, Profile, Surface
+from .bodies import Body, CutHandle, Elastic, ForceHandle, Profile, Surface
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.assemblies.sheet import Sheet
+
+
+ORIGIN = (0.0, 0.0, 0.0)
 
 
 class Acting(NamedTuple):
@@ -187,7 +196,7 @@ class Mechanism:
         self.cuts.append(CutHandle(name, len(self.cuts), cut, a, b))
         return self.cuts[-1]
 
-    def force(self, name: str, force: Force, a: Body, b: Body | None = None) -> None:
+    def force(self, name: str, force: Force, a: Body, b: Body | None = None) -> ForceHandle:
         """Let a force act on body a (and b); joint forces act on a's tree joint."""
         self._new_name("force", name, [f[0] for f in self.forces])
         check_kind(f"force {name!r}", force, Force)
@@ -200,6 +209,7 @@ class Mechanism:
             raise UserError(f"force {name!r} acts between body {a.name!r} and itself; it needs two bodies")
         force.check(f"force {name!r}")
         self.forces.append((name, force, a, other))
+        return ForceHandle(name, len(self.forces) - 1, force, a, other)
 
     def shape(self, body: Body, *shapes: Shape) -> None:
         """Draw a body with these shapes instead of the picture it gets by default."""
@@ -332,6 +342,28 @@ class Mechanism:
         """Rate of :meth:`turn`, rad/s."""
         return Turn(unit="rad/s", item=self._planar(body), component=1)
 
+    def distance(self, a: Body, b: Body, *, at_a: Vector = ORIGIN, at_b: Vector = ORIGIN) -> Sensor:
+        """Distance between a point of body a and one of body b (m, body frames), m."""
+        return Distance(unit="m", bodies=(a, b), at_a=vector("at_a", at_a), at_b=vector("at_b", at_b))
+
+    def distance_rate(self, a: Body, b: Body, *, at_a: Vector = ORIGIN, at_b: Vector = ORIGIN) -> Sensor:
+        """Rate of :meth:`distance`, m/s; zero where the points coincide."""
+        return DistanceRate(unit="m/s", bodies=(a, b), at_a=vector("at_a", at_a), at_b=vector("at_b", at_b))
+
+    def angle_between(self, a: Body, axis_a: str | Sequence[float], b: Body, axis_b: str | Sequence[float]) -> Sensor:
+        """Angle between an axis of body a and one of body b, from 0 to pi, rad; it has a kink at both."""
+        return AngleBetween(bodies=(a, b), at_a=unit_axis(axis_a), at_b=unit_axis(axis_b))
+
+    def relative_position(self, b: Body, a: Body, axis: str, *, at_b: Vector = ORIGIN, at_a: Vector = ORIGIN) -> Sensor:
+        """Component along an axis of body a of the way from a point of a to one of b (m, body frames), m."""
+        told = {"at_a": vector("at_a", at_a), "at_b": vector("at_b", at_b)}
+        return RelativePosition(unit="m", bodies=(a, b), component=axis_index(axis), **told)
+
+    def relative_velocity(self, b: Body, a: Body, axis: str, *, at_b: Vector = ORIGIN, at_a: Vector = ORIGIN) -> Sensor:
+        """Rate of :meth:`relative_position`, the velocity that one on body a sees, m/s."""
+        told = {"at_a": vector("at_a", at_a), "at_b": vector("at_b", at_b)}
+        return RelativeVelocity(unit="m/s", bodies=(a, b), component=axis_index(axis), **told)
+
     def _planar(self, body: Body) -> Body:
         here, axis = body, None
         while here.index > 0:
@@ -351,9 +383,15 @@ class Mechanism:
         if not isinstance(sensor, Sensor):
             raise UserError(f"output {name!r} is {sensor!r}; it must be a sensor, such as Body.angle()")
         check_kind(f"output {name!r}", sensor, Sensor)
-        if isinstance(sensor.item, Body):
-            self._member(sensor.item, f"body of output {name!r}")
+        for body in sensor.bodies or ((sensor.item,) if isinstance(sensor.item, Body) else ()):
+            self._member(body, f"body of output {name!r}")
+        if isinstance(sensor.item, ForceHandle) and not self._has(sensor.item):
+            raise UserError(f"output {name!r} is of force {sensor.item.name!r}, which is none of this mechanism")
         self.outputs.append((name, sensor, description, nominal))
+
+    def _has(self, handle: ForceHandle) -> bool:
+        """Whether a force is one of this mechanism."""
+        return handle.index < len(self.forces) and self.forces[handle.index][1] is handle.load
 
     def _member(self, body: Body, role: str) -> None:
         if not isinstance(body, Body) or body.index >= len(self.bodies) or self.bodies[body.index] is not body:
@@ -368,10 +406,3 @@ class Mechanism:
             raise UserError(
                 f"{what} is named {name!r}; a name must be text that is not empty and must be new among {list(taken)}"
             )
-
-
-def rod(*, mass: float, length: float) -> dict[str, Any]:
-    """Mass properties of a uniform slender rod along x from the body's origin (along -x for a negative length)."""
-    mass, length = finite("mass of a rod", mass), finite("length of a rod", length)
-    transverse = mass * length * length / 12.0
-    return {"mass": mass, "com": (0.5 * length, 0.0, 0.0), "inertia": (0.0, transverse, transverse)}

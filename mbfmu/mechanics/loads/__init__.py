@@ -3,12 +3,30 @@
 from __future__ import annotations
 
 from .base import Force, Load
+from .bushing import Bushing
+from .distance_stop import DistanceStop
 from .drag import Drag
 from .joint_force import JointForce
 from .joint_spring import JointSpring
+from .joint_stop import JointStop
 from .point_force import PointForce
 from .pressure import Pressure
 from .spring import Spring
 from .torque import Torque
+from .torsion_spring import TorsionSpring
 
-__all__ = ["Drag", "Force", "JointForce", "JointSpring", "Load", "PointForce", "Pressure", "Spring", "Torque"]
+__all__ = [
+    "Bushing",
+    "DistanceStop",
+    "Drag",
+    "Force",
+    "JointForce",
+    "JointSpring",
+    "JointStop",
+    "Load",
+    "PointForce",
+    "Pressure",
+    "Spring",
+    "Torque",
+    "TorsionSpring",
+]

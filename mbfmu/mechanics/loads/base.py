@@ -22,14 +22,25 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from mbfmu.mechanics.kind import Kind
+from mbfmu.mechanics.spatial import arm
 from solvers.kernel import kernel
 
 Points = tuple[Any, ...]
+FIXED_IN = ("ground", "body")  # what the axis of a given force or torque is of
 
 
 @kernel
 def LEFT_OUT(load: Any, c1: float, arrays: Any, state: Any, K: Any) -> None:
     """Tangent of what only implicit solvers of large trees would know of."""
+
+
+@kernel
+def direction(force: Any, body: Any) -> tuple[float, float, float]:
+    """Global components of the axis of a given force or torque."""
+    if force.turns == 1:
+        return arm(body, force.axis)
+    one = 1.0 + 0.0 * body.r[0]  # of the type of the state
+    return force.axis[0] * one, force.axis[1] * one, force.axis[2] * one
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""A given force at a point of a body, its direction fixed in space."""
+"""A given force at a point of a body, its direction fixed in space or in the body."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics.checks import vector
+from mbfmu.mechanics.checks import one_of, vector
 from mbfmu.mechanics.dispatch import signal_value
 from mbfmu.mechanics.joints.base import unit_axis
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.spatial import add_force, arm
 from solvers.kernel import kernel
 
-from .base import Force, Points
+from .base import FIXED_IN, Force, Points, direction
 
 
 @kernel
@@ -23,30 +23,45 @@ def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
     body = state.bodies[force.a]
     f = signal_value(force.signal, t, arrays)
     x, y, z = arm(body, force.Pa)
-    add_force(body.F, x, y, z, f * force.axis[0], f * force.axis[1], f * force.axis[2])
+    nx, ny, nz = direction(force, body)
+    add_force(body.F, x, y, z, f * nx, f * ny, f * nz)
 
 
 @kernel
 def power(force: Any, t: float, arrays: Any, state: Any) -> float:
     """Force times velocity of its point."""
-    body, axis = state.bodies[force.a], force.axis
+    body = state.bodies[force.a]
     x, y, z = arm(body, force.Pa)
+    nx, ny, nz = direction(force, body)
     Y = body.Y
-    speed = axis[0] * (Y[0] + Y[4] * z - Y[5] * y) + axis[1] * (Y[1] + Y[5] * x - Y[3] * z)
-    speed += axis[2] * (Y[2] + Y[3] * y - Y[4] * x)
+    speed = nx * (Y[0] + Y[4] * z - Y[5] * y) + ny * (Y[1] + Y[5] * x - Y[3] * z)
+    speed += nz * (Y[2] + Y[3] * y - Y[4] * x)
     return signal_value(force.signal, t, arrays) * speed
 
 
 @dataclass(frozen=True, kw_only=True)
 class PointForce(Force):
-    """Force of ``magnitude`` (N: number, signal or input) along ``axis`` (global) at ``at_a`` (m, body frame)."""
+    """Force at a point of a body.
+
+    Parameters
+    ----------
+    magnitude
+        N: number, signal or input.
+    axis
+        Along which it acts.
+    fixed_in
+        ``"ground"``: the axis is a global one; ``"body"``: it is of the body and turns with it, a follower force.
+    at_a
+        The point, m, body frame.
+    """
 
     record = np.dtype(
         [
             ("a", np.int64),
             ("signal", np.int64),
+            ("turns", np.int64),  # 1: the axis is of the body
             ("Pa", np.float64, (3,)),  # body axes, m
-            ("axis", np.float64, (3,)),
+            ("axis", np.float64, (3,)),  # unit vector
         ],
         align=True,
     )
@@ -56,11 +71,17 @@ class PointForce(Force):
     magnitude: Any
     axis: Any = "y"
     at_a: Any = (0.0, 0.0, 0.0)
+    fixed_in: str = "ground"
+
+    def check(self, what: str) -> None:
+        """Refuse what the axis cannot be fixed in."""
+        one_of(f"fixed_in of {what}", self.fixed_in, FIXED_IN)
 
     def fill(self, record: Any, site: Site) -> None:
         """Write where it acts, along what, and by what signal."""
         record["a"], record["signal"] = site.bodies[0], site.signal(self.magnitude, f"magnitude of {site.name}")
         record["Pa"], record["axis"] = vector(f"at_a of {site.name}", self.at_a), unit_axis(self.axis)
+        record["turns"] = int(self.fixed_in == "body")
 
     def points(self) -> Points:
         """Return its point, and the ground's origin."""

@@ -19,7 +19,7 @@ from .base import Force, Points
 
 
 @kernel
-def _pull(force: Any, A: Any, B: Any) -> Any:
+def pull(force: Any, A: Any, B: Any) -> Any:
     """Direction from a to b, arms of the two points, length and its rate; points that coincide have no direction."""
     ax, ay, az = arm(A, force.Pa)
     bx, by, bz = arm(B, force.Pb)
@@ -39,7 +39,7 @@ def _pull(force: Any, A: Any, B: Any) -> Any:
 def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
     """See :mod:`.base`. Points that coincide have no line of action and exert nothing."""
     A, B = state.bodies[force.a], state.bodies[force.b]
-    (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate = _pull(force, A, B)
+    (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate = pull(force, A, B)
     f = force.stiffness * (length - force.free) + force.damping * rate
     add_force(A.F, ax, ay, az, f * dx, f * dy, f * dz)
     add_force(B.F, bx, by, bz, -f * dx, -f * dy, -f * dz)
@@ -48,7 +48,7 @@ def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
 @kernel
 def potential(force: Any, arrays: Any, state: Any) -> float:
     """k (l - l0)^2 / 2."""
-    _, _, _, length, _ = _pull(force, state.bodies[force.a], state.bodies[force.b])
+    _, _, _, length, _ = pull(force, state.bodies[force.a], state.bodies[force.b])
     stretch = length - force.free
     return 0.5 * force.stiffness * stretch * stretch
 
@@ -56,7 +56,7 @@ def potential(force: Any, arrays: Any, state: Any) -> float:
 @kernel
 def power(force: Any, t: float, arrays: Any, state: Any) -> float:
     """-c l'^2."""
-    _, _, _, _, rate = _pull(force, state.bodies[force.a], state.bodies[force.b])
+    _, _, _, _, rate = pull(force, state.bodies[force.a], state.bodies[force.b])
     return -force.damping * rate * rate
 
 
@@ -64,7 +64,7 @@ def power(force: Any, t: float, arrays: Any, state: Any) -> float:
 def apply_table(force: Any, t: float, arrays: Any, state: Any) -> None:
     """See :mod:`.base`. Points that coincide have no line of action and exert nothing."""
     A, B = state.bodies[force.a], state.bodies[force.b]
-    (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate = _pull(force, A, B)
+    (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate = pull(force, A, B)
     f, _, _, _ = curve(arrays.numbers, force.first, force.count, length - force.free)
     f += force.damping * rate
     add_force(A.F, ax, ay, az, f * dx, f * dy, f * dz)
@@ -74,7 +74,7 @@ def apply_table(force: Any, t: float, arrays: Any, state: Any) -> None:
 @kernel
 def table_potential(force: Any, arrays: Any, state: Any) -> float:
     """The integral of the force, from no stretch on."""
-    _, _, _, length, _ = _pull(force, state.bodies[force.a], state.bodies[force.b])
+    _, _, _, length, _ = pull(force, state.bodies[force.a], state.bodies[force.b])
     zero = 0.0 * force.free
     _, _, _, stored = curve(arrays.numbers, force.first, force.count, length - force.free)
     _, _, _, unloaded = curve(arrays.numbers, force.first, force.count, zero)

@@ -1,4 +1,4 @@
-"""A given torque on a body, its direction fixed in space."""
+"""A given torque on a body, its direction fixed in space or in the body."""
 
 from __future__ import annotations
 
@@ -7,41 +7,67 @@ from typing import Any
 
 import numpy as np
 
+from mbfmu.mechanics.checks import one_of
 from mbfmu.mechanics.dispatch import signal_value
 from mbfmu.mechanics.joints.base import unit_axis
 from mbfmu.mechanics.kind import Site
 from solvers.kernel import kernel
 
-from .base import Force
+from .base import FIXED_IN, Force, direction
 
 
 @kernel
 def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
     """See :mod:`.base`."""
-    torque = signal_value(force.signal, t, arrays)
+    body = state.bodies[force.a]
+    torque, axis = signal_value(force.signal, t, arrays), direction(force, body)
     for k in range(3):
-        state.bodies[force.a].F[3 + k] += torque * force.axis[k]
+        body.F[3 + k] += torque * axis[k]
 
 
 @kernel
 def power(force: Any, t: float, arrays: Any, state: Any) -> float:
     """Torque times angular velocity about its axis."""
-    Y, axis = state.bodies[force.a].Y, force.axis
+    body = state.bodies[force.a]
+    Y, axis = body.Y, direction(force, body)
     return signal_value(force.signal, t, arrays) * (axis[0] * Y[3] + axis[1] * Y[4] + axis[2] * Y[5])
 
 
 @dataclass(frozen=True, kw_only=True)
 class Torque(Force):
-    """Torque of ``magnitude`` (N m: number, signal or input) about ``axis`` (global)."""
+    """Torque on a body.
 
-    record = np.dtype([("a", np.int64), ("signal", np.int64), ("axis", np.float64, (3,))], align=True)
+    Parameters
+    ----------
+    magnitude
+        N m: number, signal or input.
+    axis
+        About which it acts.
+    fixed_in
+        ``"ground"``: the axis is a global one; ``"body"``: it is of the body and turns with it.
+    """
+
+    record = np.dtype(
+        [
+            ("a", np.int64),
+            ("signal", np.int64),
+            ("turns", np.int64),  # 1: the axis is of the body
+            ("axis", np.float64, (3,)),  # unit vector
+        ],
+        align=True,
+    )
     apply = apply
     power = power
 
     magnitude: Any
     axis: Any = "z"
+    fixed_in: str = "ground"
+
+    def check(self, what: str) -> None:
+        """Refuse what the axis cannot be fixed in."""
+        one_of(f"fixed_in of {what}", self.fixed_in, FIXED_IN)
 
     def fill(self, record: Any, site: Site) -> None:
         """Write where it acts, about what, and by what signal."""
         record["a"], record["signal"] = site.bodies[0], site.signal(self.magnitude, f"magnitude of {site.name}")
-        record["axis"] = unit_axis(self.axis)
+        record["axis"], record["turns"] = unit_axis(self.axis), int(self.fixed_in == "body")

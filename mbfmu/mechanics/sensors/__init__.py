@@ -2,30 +2,43 @@
 
 from __future__ import annotations
 
+from .attitudes import AngularVelocity, DirectionCosine, Quaternion
 from .base import Follows, Sensor, axis_index
 from .coordinates import Acceleration, Coordinate, Effort, Rate, Turn
 from .energies import Energy, JacobiIntegral, KineticEnergy, PotentialEnergy, Residual, largest_residual
 from .forces import CutForce, JointForce, RowForce
+from .loads import LoadEffort, LoadWrench
+from .pairs import AngleBetween, Distance, DistanceRate, RelativePosition, RelativeVelocity
 from .points import PointAcceleration, PointPosition, PointVelocity
 from .sections import BendingMoment, Deflection
 
 __all__ = [
     "Acceleration",
+    "AngleBetween",
+    "AngularVelocity",
     "BendingMoment",
     "Coordinate",
     "CutForce",
     "Deflection",
+    "DirectionCosine",
+    "Distance",
+    "DistanceRate",
     "Effort",
     "Energy",
     "Follows",
     "JacobiIntegral",
     "JointForce",
     "KineticEnergy",
+    "LoadEffort",
+    "LoadWrench",
     "PointAcceleration",
     "PointPosition",
     "PointVelocity",
     "PotentialEnergy",
+    "Quaternion",
     "Rate",
+    "RelativePosition",
+    "RelativeVelocity",
     "Residual",
     "RowForce",
     "Sensor",

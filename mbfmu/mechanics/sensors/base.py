@@ -28,16 +28,19 @@ class Follows(IntEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Sensor(Kind):
-    """A quantity of a mechanism; made by the methods of ``Body``, ``CutHandle`` and ``Mechanism``.
+    """A quantity of a mechanism; made by the methods of ``Body``, ``CutHandle``, ``ForceHandle`` and
+    ``Mechanism``.
 
     Parameters
     ----------
     unit
         Of the quantity.
     item
-        The body or cut joint it belongs to, if any.
+        The body, cut joint or force it belongs to, if any.
     component
         Which, where there are several.
+    bodies
+        Those that ``fill`` asks for, where they are not the one body that is the item.
     """
 
     kernels: ClassVar = {"read": "lam, arrays, state -> number"}
@@ -46,7 +49,7 @@ class Sensor(Kind):
     reads_energy: ClassVar[bool] = False  # State.energy, which costs a pass over all bodies and loads
     record = np.dtype(
         [
-            ("index", np.int64),  # of the body, the coordinate or the cut joint
+            ("index", np.int64),  # of the body, the coordinate, the cut joint or the force
             ("component", np.int64),
         ],
         align=True,
@@ -55,9 +58,10 @@ class Sensor(Kind):
     unit: str
     item: Any = None
     component: int = 0
+    bodies: tuple[Any, ...] = ()
 
     def fill(self, record: Any, site: Site) -> None:
-        """Write which body or cut joint, and the component."""
+        """Write which body, cut joint or force, and the component."""
         record["index"], record["component"] = 0 if self.item is None else self.item.index, self.component
 
 

@@ -1,0 +1,115 @@
+"""Mass properties of uniform solids, to hand to a body: ``m.body("link", m.ground, joint, **rod(mass=1, length=1))``.
+
+Each returns mass (kg), centre of mass (m) and inertia about it (kg m^2) in the body's frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics.checks import Matrix, Vector, not_negative, vector
+from mbfmu.mechanics.checks import rotation as rotation_matrix
+from mbfmu.mechanics.joints.base import unit_axis
+from mbfmu.mechanics.numbers import array_of, finite
+
+Axis = str | Sequence[float]
+ORIGIN = (0.0, 0.0, 0.0)
+
+
+def rod(*, mass: float, length: float) -> dict[str, Any]:
+    """Mass properties of a uniform slender rod along x from the body's origin (along -x for a negative length)."""
+    mass, length = finite("mass of a rod", mass), finite("length of a rod", length)
+    transverse = mass * length * length / 12.0
+    return {"mass": mass, "com": (0.5 * length, 0.0, 0.0), "inertia": (0.0, transverse, transverse)}
+
+
+def box(*, mass: float, size: Vector, com: Vector = ORIGIN, rotation: Any = None) -> dict[str, Any]:
+    """Mass properties of a uniform box.
+
+    Parameters
+    ----------
+    mass
+        kg.
+    size
+        Edges along x, y, z, m.
+    com
+        Its centre in the body's frame, m; the body's origin by default.
+    rotation
+        3x3 rotation matrix whose columns the edges are along; None: the body's axes.
+    """
+    x, y, z = _lengths("size of a box", size, 3)
+    R = rotation_matrix("rotation of a box", rotation)
+    principal = not_negative("mass of a box", mass) / 12.0 * np.array((y * y + z * z, z * z + x * x, x * x + y * y))
+    return {"mass": float(mass), "com": vector("com of a box", com), "inertia": R @ np.diag(principal) @ R.T}
+
+
+def cylinder(*, mass: float, radius: float, length: float, axis: Axis = "z", com: Vector = ORIGIN) -> dict[str, Any]:
+    """Mass properties of a uniform solid cylinder.
+
+    Parameters
+    ----------
+    mass
+        kg.
+    radius, length
+        m.
+    axis
+        Which it is long along, in the body's frame.
+    com
+        Its centre in the body's frame, m; the body's origin by default.
+    """
+    return _round("cylinder", mass, radius, 0.0, length, axis, com)
+
+
+def tube(
+    *, mass: float, outer: float, inner: float, length: float, axis: Axis = "z", com: Vector = ORIGIN
+) -> dict[str, Any]:
+    """Mass properties of a uniform hollow cylinder.
+
+    Parameters
+    ----------
+    mass
+        kg.
+    outer, inner
+        Radii, m; inner is less than outer, or equal for a thin wall.
+    length
+        m.
+    axis, com
+        As those of :func:`cylinder`.
+    """
+    (bore,) = _lengths("inner radius of a tube", (inner,), 1)
+    if _lengths("outer radius of a tube", (outer,), 1)[0] < bore:
+        raise UserError(f"inner radius of a tube is {inner!r} m; allowed: no more than the outer one, {outer!r} m")
+    return _round("tube", mass, outer, inner, length, axis, com)
+
+
+def sphere(*, mass: float, radius: float, com: Vector = ORIGIN) -> dict[str, Any]:
+    """Mass properties of a uniform solid ball of ``radius`` (m), its centre ``com`` at the body's origin by default."""
+    (r,) = _lengths("radius of a sphere", (radius,), 1)
+    moment = 0.4 * not_negative("mass of a sphere", mass) * r * r
+    return {"mass": float(mass), "com": vector("com of a sphere", com), "inertia": (moment, moment, moment)}
+
+
+def _round(
+    what: str, mass: float, outer: float, inner: float, length: float, axis: Axis, com: Vector
+) -> dict[str, Any]:
+    """Mass properties of a cylinder with a bore."""
+    long, radius = _lengths(f"length and radius of a {what}", (length, outer), 2)
+    n = unit_axis(axis)
+    square = radius * radius + inner * inner
+    about = 0.5 * not_negative(f"mass of a {what}", mass) * square
+    across = mass * (3.0 * square + long * long) / 12.0
+    inertia = across * np.eye(3) + (about - across) * np.outer(n, n)
+    return {"mass": float(mass), "com": vector(f"com of a {what}", com), "inertia": inertia}
+
+
+def _lengths(what: str, value: Vector, count: int) -> Matrix:
+    """Check lengths greater than zero."""
+    array = array_of(what, value)
+    if array.shape != (count,) or not np.all(np.isfinite(array)) or np.any(array <= 0.0):
+        told = value[0] if count == 1 else value
+        raise UserError(f"{what} is {told!r} m; allowed: finite and greater than zero")
+    return array

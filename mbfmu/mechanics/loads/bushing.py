@@ -1,0 +1,215 @@
+"""Bushing between two bodies: what it resists along and about the axes of a frame in body a.
+
+d is the way from the point of a to that of b in the axes of the frame E in a, e = (w, v) the unit quaternion of the
+attitude of the frame in b, E^T E_b, and p = 2 v its turn: along its axis, twice the sine of half its angle.
+
+    U = sum k_i d_i^2 / 2 + sum kappa_i p_i^2 / 2,    force k_i d_i + c_i d_i' and moment likewise,
+
+and p' = w u + u x v with the angular velocity u of b in a. Moments are thus the gradient of U however far b turns, and
+the same of e and -e: there is no attitude at which anything jumps. The force acts on both bodies at the point of b.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics.checks import rotation, vector
+from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.numbers import array_of
+from mbfmu.mechanics.spatial import add_force, arm, quaternion_of
+from solvers.kernel import kernel
+
+from .base import Force, Points
+
+
+@kernel
+def _axes(body: Any, E: Any) -> Any:
+    """Axes of a frame E, rows in body axes, in global ones."""
+    return arm(body, E[0]), arm(body, E[1]), arm(body, E[2])
+
+
+@kernel
+def _dot(a: Any, b: Any) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@kernel
+def _way(force: Any, A: Any, B: Any) -> Any:
+    """From a's point to b's, from a's origin to b's point, and from b's origin there, global axes."""
+    ax, ay, az = arm(A, force.Pa)
+    bx, by, bz = arm(B, force.Pb)
+    x, y, z = B.r[0] + bx - A.r[0], B.r[1] + by - A.r[1], B.r[2] + bz - A.r[2]
+    return (x - ax, y - ay, z - az), (x, y, z), (bx, by, bz)
+
+
+@kernel
+def _attitude(force: Any, A: Any, B: Any) -> Any:
+    """Quaternion of the frame in b, in the one in a."""
+    fx, fy, fz = _axes(B, force.Eb)
+    ex, ey, ez = _axes(A, force.Ea)
+    return quaternion_of(
+        (_dot(ex, fx), _dot(ex, fy), _dot(ex, fz)),
+        (_dot(ey, fx), _dot(ey, fy), _dot(ey, fz)),
+        (_dot(ez, fx), _dot(ez, fy), _dot(ez, fz)),
+    )
+
+
+@kernel
+def _stretch(force: Any, A: Any, B: Any) -> tuple[float, float, float, float, float, float]:
+    """(d, p)."""
+    way, _, _ = _way(force, A, B)
+    ex, ey, ez = _axes(A, force.Ea)
+    _, x, y, z = _attitude(force, A, B)
+    return _dot(ex, way), _dot(ey, way), _dot(ez, way), 2.0 * x, 2.0 * y, 2.0 * z
+
+
+@kernel
+def _stretch_rate(force: Any, A: Any, B: Any) -> tuple[float, float, float, float, float, float]:
+    """(d, p)', seen from the frame."""
+    _, (x, y, z), (bx, by, bz) = _way(force, A, B)
+    ex, ey, ez = _axes(A, force.Ea)
+    Ya, Yb = A.Y, B.Y
+    rise = (
+        Yb[0] + Yb[4] * bz - Yb[5] * by - Ya[0] - (Ya[4] * z - Ya[5] * y),
+        Yb[1] + Yb[5] * bx - Yb[3] * bz - Ya[1] - (Ya[5] * x - Ya[3] * z),
+        Yb[2] + Yb[3] * by - Yb[4] * bx - Ya[2] - (Ya[3] * y - Ya[4] * x),
+    )
+    spin = (Yb[3] - Ya[3], Yb[4] - Ya[4], Yb[5] - Ya[5])
+    ux, uy, uz = _dot(ex, spin), _dot(ey, spin), _dot(ez, spin)
+    w, vx, vy, vz = _attitude(force, A, B)
+    return (
+        _dot(ex, rise),
+        _dot(ey, rise),
+        _dot(ez, rise),
+        w * ux + uy * vz - uz * vy,
+        w * uy + uz * vx - ux * vz,
+        w * uz + ux * vy - uy * vx,
+    )
+
+
+@kernel
+def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
+    """See :mod:`.base`."""
+    A, B = state.bodies[force.a], state.bodies[force.b]
+    k, c = force.stiffness, force.damping
+    s, rate = _stretch(force, A, B), _stretch_rate(force, A, B)
+    px, py, pz = k[0] * s[0] + c[0] * rate[0], k[1] * s[1] + c[1] * rate[1], k[2] * s[2] + c[2] * rate[2]
+    mx, my, mz = k[3] * s[3] + c[3] * rate[3], k[4] * s[4] + c[4] * rate[4], k[5] * s[5] + c[5] * rate[5]
+    w, vx, vy, vz = _attitude(force, A, B)
+    # on a, in its frame: what u does to p, transposed
+    nx, ny, nz = w * mx + vy * mz - vz * my, w * my + vz * mx - vx * mz, w * mz + vx * my - vy * mx
+    ex, ey, ez = _axes(A, force.Ea)
+    gx = ex[0] * px + ey[0] * py + ez[0] * pz
+    gy = ex[1] * px + ey[1] * py + ez[1] * pz
+    gz = ex[2] * px + ey[2] * py + ez[2] * pz
+    _, (x, y, z), (bx, by, bz) = _way(force, A, B)
+    add_force(A.F, x, y, z, gx, gy, gz)
+    add_force(B.F, bx, by, bz, -gx, -gy, -gz)
+    for i in range(3):
+        moment = ex[i] * nx + ey[i] * ny + ez[i] * nz
+        A.F[3 + i] += moment
+        B.F[3 + i] -= moment
+
+
+@kernel
+def potential(force: Any, arrays: Any, state: Any) -> float:
+    """U."""
+    s, k = _stretch(force, state.bodies[force.a], state.bodies[force.b]), force.stiffness
+    total = 0.0 * s[0]
+    for i in range(6):
+        total += 0.5 * k[i] * s[i] * s[i]
+    return total
+
+
+@kernel
+def power(force: Any, t: float, arrays: Any, state: Any) -> float:
+    """-sum c_i d_i'^2 - sum gamma_i p_i'^2."""
+    rate, c = _stretch_rate(force, state.bodies[force.a], state.bodies[force.b]), force.damping
+    total = 0.0 * rate[0]
+    for i in range(6):
+        total -= c[i] * rate[i] * rate[i]
+    return total
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bushing(Force):
+    """Springs and dampers along and about the axes of a frame in body a, between a point of it and one of body b.
+
+    It is unloaded where the points and the frames coincide. Any turn closes the energy, but the moment goes with the
+    sine of the turn: it is largest at a right angle, and nothing at half a turn.
+
+    Parameters
+    ----------
+    stiffness, damping
+        N/m and N s/m along x, y, z of the frame; one number: along all.
+    turning_stiffness, turning_damping
+        N m/rad and N m s/rad about them.
+    at_a, at_b
+        The points in the frames of the bodies, m.
+    rotation_a, rotation_b
+        3x3 axes of the frame in the two bodies; identity by default.
+    """
+
+    record = np.dtype(
+        [
+            ("a", np.int64),
+            ("b", np.int64),
+            ("Pa", np.float64, (3,)),  # body axes, m
+            ("Pb", np.float64, (3,)),
+            ("Ea", np.float64, (3, 3)),  # rows: x, y, z of the frame in body axes
+            ("Eb", np.float64, (3, 3)),
+            ("stiffness", np.float64, (6,)),  # along x, y, z, about x, y, z
+            ("damping", np.float64, (6,)),
+        ],
+        align=True,
+    )
+    apply = apply
+    potential = potential
+    power = power
+
+    stiffness: Any = 0.0
+    damping: Any = 0.0
+    turning_stiffness: Any = 0.0
+    turning_damping: Any = 0.0
+    at_a: Any = (0.0, 0.0, 0.0)
+    at_b: Any = (0.0, 0.0, 0.0)
+    rotation_a: Any = None
+    rotation_b: Any = None
+
+    def check(self, what: str) -> None:
+        """Refuse what is no stiffness."""
+        for key in ("stiffness", "damping", "turning_stiffness", "turning_damping"):
+            _along_axes(f"{key} of {what}", getattr(self, key))
+
+    def fill(self, record: Any, site: Site) -> None:
+        """Write points and frames, and how much."""
+        name = site.name
+        record["a"], record["b"] = site.bodies
+        record["Pa"], record["Pb"] = vector(f"at_a of {name}", self.at_a), vector(f"at_b of {name}", self.at_b)
+        record["Ea"] = rotation(f"rotation_a of {name}", self.rotation_a).T
+        record["Eb"] = rotation(f"rotation_b of {name}", self.rotation_b).T
+        for key in ("stiffness", "damping"):
+            onward, about = getattr(self, key), getattr(self, f"turning_{key}")
+            record[key] = [*_along_axes(f"{key} of {name}", onward), *_along_axes(f"turning_{key} of {name}", about)]
+
+    @property
+    def works(self) -> bool:
+        """Whether it is damped."""
+        return bool(np.any(self.damping) or np.any(self.turning_damping))
+
+    def points(self) -> Points:
+        """Return its two points."""
+        return self.at_a, self.at_b
+
+
+def _along_axes(what: str, value: Any) -> NDArray[np.float64]:
+    """Return one number, or three, as three; none of them negative."""
+    array = array_of(what, value)
+    if array.shape not in ((), (3,)) or not np.all(np.isfinite(array)) or np.any(array < 0.0):
+        raise UserError(f"{what} is {value!r}; allowed: one number or three, finite and not negative")
+    return np.broadcast_to(array, (3,))

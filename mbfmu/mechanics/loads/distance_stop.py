@@ -1,0 +1,104 @@
+"""Stops of the distance between two points, see :mod:`.stops`: a rope that is taut, a buffer that is pressed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mbfmu.mechanics.checks import not_negative, vector
+from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.spatial import add_force
+from solvers.kernel import kernel
+
+from .base import Force, Points
+from .spring import pull
+from .stops import LIMITS, check_limits, fill_limits, lost, push, stored
+
+
+@kernel
+def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
+    """See :mod:`.base`. Points that coincide have no line of action and exert nothing."""
+    A, B = state.bodies[force.a], state.bodies[force.b]
+    (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate = pull(force, A, B)
+    f = push(force, length, rate)
+    add_force(A.F, ax, ay, az, -f * dx, -f * dy, -f * dz)
+    add_force(B.F, bx, by, bz, f * dx, f * dy, f * dz)
+
+
+@kernel
+def potential(force: Any, arrays: Any, state: Any) -> float:
+    """k x^2 / 2."""
+    _, _, _, length, _ = pull(force, state.bodies[force.a], state.bodies[force.b])
+    return stored(force, length)
+
+
+@kernel
+def power(force: Any, t: float, arrays: Any, state: Any) -> float:
+    """-(f - k x) x'."""
+    _, _, _, length, rate = pull(force, state.bodies[force.a], state.bodies[force.b])
+    return lost(force, length, rate)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DistanceStop(Force):
+    """Limits of the distance from ``at_a`` on body a to ``at_b`` on body b (m, body frames).
+
+    Parameters
+    ----------
+    lower, upper
+        m; with upper alone it is a rope of that length, with lower alone a buffer. None: there is none on that side.
+    stiffness
+        N/m.
+    damping
+        Share of the elastic force that is added per rate of penetration, s/m; see :class:`.JointStop`.
+    """
+
+    record = np.dtype(
+        [
+            ("a", np.int64),
+            ("b", np.int64),
+            ("Pa", np.float64, (3,)),  # body axes, m
+            ("Pb", np.float64, (3,)),
+            *LIMITS,
+        ],
+        align=True,
+    )
+    apply = apply
+    potential = potential
+    power = power
+
+    lower: float | None = None
+    upper: float | None = None
+    stiffness: float
+    damping: float = 0.0
+    at_a: Any = (0.0, 0.0, 0.0)
+    at_b: Any = (0.0, 0.0, 0.0)
+
+    def check(self, what: str) -> None:
+        """Refuse what leaves no room, and a distance below zero."""
+        check_limits(what, self)
+        for key in ("lower", "upper"):
+            if getattr(self, key) is not None:
+                not_negative(f"{key} of {what}", getattr(self, key))
+
+    def fill(self, record: Any, site: Site) -> None:
+        """Write the two points, between what, and how much."""
+        name = site.name
+        record["a"], record["b"] = site.bodies
+        record["Pa"], record["Pb"] = vector(f"at_a of {name}", self.at_a), vector(f"at_b of {name}", self.at_b)
+        fill_limits(record, self)
+
+    @property
+    def works(self) -> bool:
+        """Whether it is damped."""
+        return bool(self.damping)
+
+    def points(self) -> Points:
+        """Return its two points."""
+        return self.at_a, self.at_b
+
+    def extent(self) -> float:
+        """Return its longer limit."""
+        return max(self.lower or 0.0, self.upper or 0.0)

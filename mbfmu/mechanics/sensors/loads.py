@@ -1,0 +1,77 @@
+"""What a force of a mechanism exerts: it is evaluated once more, on its own, and the state is left as it was."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mbfmu.mechanics.dispatch import apply_load
+from mbfmu.mechanics.kind import Site
+from solvers.kernel import kernel
+
+from .base import Follows, Sensor
+
+
+@kernel
+def _taken(F: Any) -> Any:
+    """Six numbers of a wrench, which is zero then."""
+    kept = (F[0], F[1], F[2], F[3], F[4], F[5])
+    for k in range(6):
+        F[k] = 0.0
+    return kept
+
+
+@kernel
+def wrench(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+    """See :mod:`.base`. Component 0 to 5: on body a, 6 to 11: on body b."""
+    Fa, Fb, k = state.bodies[sensor.a].F, state.bodies[sensor.b].F, sensor.component
+    kept_a, kept_b, damped = _taken(Fa), _taken(Fb), state.damped[0]
+    apply_load(arrays.loads[sensor.index], state.time[0].real, arrays, state)
+    found = Fa[k] if k < 6 else Fb[k - 6]
+    for i in range(6):  # b first: what they were is that of a where both are one
+        Fb[i] = kept_b[i]
+    for i in range(6):
+        Fa[i] = kept_a[i]
+    state.damped[0] = damped
+    return found
+
+
+@kernel
+def effort(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+    """See :mod:`.base`."""
+    v = sensor.v
+    kept, damped = state.Q[v], state.damped[0]
+    state.Q[v] = 0.0
+    apply_load(arrays.loads[sensor.index], state.time[0].real, arrays, state)
+    found = state.Q[v]
+    state.Q[v], state.damped[0] = kept, damped
+    return found
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadWrench(Sensor):
+    """Global component of the wrench that a force exerts about the origin of body a, from component 6 on of body b."""
+
+    record = np.dtype([("index", np.int64), ("component", np.int64), ("a", np.int64), ("b", np.int64)])
+    read = wrench
+    follows = Follows.FORCES
+
+    def fill(self, record: Any, site: Site) -> None:
+        """Write the two bodies too."""
+        super().fill(record, site)
+        record["a"], record["b"] = site.bodies
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadEffort(Sensor):
+    """What a joint force exerts along the coordinate of its joint."""
+
+    record = np.dtype([("index", np.int64), ("v", np.int64)])
+    read = effort
+    follows = Follows.FORCES
+
+    def fill(self, record: Any, site: Site) -> None:
+        """Write which force, and where its coordinate is in State.v."""
+        record["index"], record["v"] = self.item.index, site.v
