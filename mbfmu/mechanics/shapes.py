@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mbfmu.errors import UserError
 
-from .joints.base import unit_axis
+from .axes import along, unit_axis
 
 Vector = Sequence[float]
 Matrix = NDArray[np.float64]
@@ -90,14 +90,6 @@ class Box(Shape):
         if turned.shape != (3, 3) or not np.allclose(turned @ turned.T, np.eye(3), atol=1e-9):
             raise UserError(f"rotation of a box is {self.rotation!r}; it must be a 3x3 rotation matrix")
         return turned * lengths("size of a box", self.size)
-
-
-def along(direction: Matrix) -> Matrix:
-    """Return a rotation whose third column is a unit vector."""
-    other = np.eye(3)[np.argmin(np.abs(direction))]
-    first = np.cross(other, direction)
-    first /= np.linalg.norm(first)
-    return np.column_stack((first, np.cross(direction, first), direction))
 
 
 def lengths(what: str, values: Vector, count: int = 3) -> Matrix:

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from mbfmu.errors import UserError
-from mbfmu.mechanics.shapes import along
+from mbfmu.mechanics.axes import along
 
 from .camera import Camera, Stage
 from .motion import Motion, matrices

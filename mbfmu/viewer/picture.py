@@ -27,10 +27,10 @@ from mbfmu.mechanics import (
     Translational,
     Universal,
 )
+from mbfmu.mechanics.axes import along
 from mbfmu.mechanics.builder.bodies import Body, CutHandle, Elastic
 from mbfmu.mechanics.cuts import Cut
 from mbfmu.mechanics.joints.section import Section
-from mbfmu.mechanics.shapes import along
 
 Matrix = NDArray[np.float64]
 Numbers = tuple[float, ...]

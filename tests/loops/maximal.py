@@ -22,7 +22,7 @@ from ties import Tie, ties
 from tree import Known, NotCovered, Pose, Units, joint_axes, known
 
 from mbfmu.mechanics import JointForce, JointSpring, Mechanism, PointForce, Spring, Torque, Translational
-from mbfmu.mechanics.joints.base import unit_axis
+from mbfmu.mechanics.axes import unit_axis
 
 
 class Rows(NamedTuple):

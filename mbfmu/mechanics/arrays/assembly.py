@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.errors import AssemblyError
-from mbfmu.mechanics.arrays.records import State
 from mbfmu.mechanics.builder.bodies import CutHandle
+from mbfmu.mechanics.records import State
 from solvers.system import AnySystem, Array
 
 CLOSED = 1e-11  # in units of the row; a loop is closed

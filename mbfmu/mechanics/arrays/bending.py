@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics.arrays.records import State
+from mbfmu.mechanics.records import State
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.builder.mechanism import Mechanism

@@ -15,11 +15,7 @@ from mbfmu.mechanics.checks import rotation, signal_of, vector
 from mbfmu.mechanics.flexible.modal import ELASTIC, NODE
 from mbfmu.mechanics.joints import Section
 from mbfmu.mechanics.kind import Kind, record_of
-from mbfmu.mechanics.sensors import Energy, KineticEnergy, RowForce, Sensor
-from mbfmu.mechanics.signals import InUse, Signal
-from solvers.kernel import records
-
-from .records import (
+from mbfmu.mechanics.records import (
     BODY,
     CUT,
     ITEM,
@@ -34,6 +30,10 @@ from .records import (
     complex_dtype,
     complex_twin,
 )
+from mbfmu.mechanics.sensors import Energy, KineticEnergy, RowForce, Sensor
+from mbfmu.mechanics.signals import InUse, Signal
+from solvers.kernel import records
+
 from .tables import COMPLEX, TANGENT, Tables
 
 

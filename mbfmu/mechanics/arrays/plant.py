@@ -16,6 +16,7 @@ from mbfmu.mechanics.checks import with_unit_quaternion
 from mbfmu.mechanics.elements import Plate
 from mbfmu.mechanics.kind import Kind
 from mbfmu.mechanics.numbers import array_of
+from mbfmu.mechanics.records import Data
 from mbfmu.mechanics.recursions.dynamics import audit_callbacks, callbacks, energy, observe, observe_all, tree_callbacks
 from mbfmu.mechanics.sensors import Follows, largest_residual
 from mbfmu.mechanics.signals import InUse
@@ -28,7 +29,6 @@ from .assembly import assemble_positions, assemble_velocities, check_frames, che
 from .bending import Bend, bend
 from .compile import Compiled, Numbering, Variable, check_rows, shared
 from .inputs import Drives, Inputs
-from .records import Data
 from .rows import Probe, dependent_rows, describe, row_names, row_units
 from .scale import characteristic_length, coordinate_sizes, row_sizes
 

@@ -15,9 +15,8 @@ from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.cuts import Cut
 from mbfmu.mechanics.joints import Joint
 from mbfmu.mechanics.numbers import LONGEST, SHORTEST, array_of
+from mbfmu.mechanics.records import Arrays
 from solvers.system import Array
-
-from .records import Arrays
 
 
 def characteristic_length(mechanism: Mechanism, arrays: Arrays) -> float:

@@ -11,11 +11,18 @@ from numba import types
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.kind import Kind, kernel_of, record_of
+from mbfmu.mechanics.records import (
+    KERNELS,
+    MOTION,
+    complex_copy,
+    complex_dtype,
+    complex_state,
+    complex_twin,
+    empty_data,
+)
 from solvers.by_address import address_of, record_type, side_by_side
 from solvers.held import held_type
 from solvers.kernel import COMPILED, records
-
-from .records import KERNELS, MOTION, complex_copy, complex_dtype, complex_state, complex_twin, empty_data
 
 
 class Numbers(NamedTuple):

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from mbfmu.errors import UserError
+from mbfmu.mechanics.axes import unit_axis
 from mbfmu.mechanics.checks import Matrix, Vector, not_negative, vector
 from mbfmu.mechanics.checks import rotation as rotation_matrix
-from mbfmu.mechanics.joints.base import unit_axis
 from mbfmu.mechanics.numbers import array_of, finite
 
 Axis = str | Sequence[float]

@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from mbfmu.errors import UserError
+from mbfmu.mechanics.axes import unit_axis
 from mbfmu.mechanics.checks import Vector, inertia_matrix, not_negative, rotation, vector
 from mbfmu.mechanics.cuts import Cut
 from mbfmu.mechanics.elements import Plate
 from mbfmu.mechanics.flexible import Beam
 from mbfmu.mechanics.joints import Joint, Revolute, Section, Weld
-from mbfmu.mechanics.joints.base import unit_axis
 from mbfmu.mechanics.kind import check_kind
 from mbfmu.mechanics.loads import Drag, Force, Load, Pressure
 from mbfmu.mechanics.sensors import (

@@ -18,8 +18,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from mbfmu.mechanics.axes import plane_axes, unit_axis
 from mbfmu.mechanics.checks import Matrix, rotation, vector
-from mbfmu.mechanics.joints.base import plane_axes, unit_axis
 from mbfmu.mechanics.kind import Kind, Site
 from mbfmu.mechanics.spatial import arm, centripetal
 from solvers.kernel import kernel

@@ -14,7 +14,6 @@ velocities from ``state.v[vi]`` on. Everything else about tree joints is common 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -22,38 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.errors import UserError
+from mbfmu.mechanics.axes import Vector, unit_axis
 from mbfmu.mechanics.kind import Kind, Site
-from mbfmu.mechanics.numbers import array_of
-
-Vector = Sequence[float]
-ALONG_X = 1e-6  # of the component of a unit vector across x, below which it counts as x
-AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
-
-
-def unit_axis(axis: str | Vector, what: str = "axis") -> NDArray[np.float64]:
-    """Return the unit vector of 'x', 'y', 'z' or of three numbers."""
-    if isinstance(axis, str):
-        if axis not in AXES:
-            raise UserError(f"{what} is {axis!r}; allowed: 'x', 'y', 'z' or three numbers")
-        return np.array(AXES[axis])
-    vector = array_of(what, axis)
-    norm = float(np.linalg.norm(vector))
-    if vector.shape != (3,) or not np.isfinite(norm) or norm == 0.0:
-        raise UserError(f"{what} is {axis!r}; it needs three finite numbers, not all zero")
-    return vector / norm
-
-
-def plane_axes(normal: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return two unit vectors in a plane, which with its unit normal are a right-handed frame.
-
-    The first is the x axis projected into the plane, or the y axis where x is the normal; the second normal x first.
-    """
-    flat = float(np.hypot(normal[1], normal[2]))  # length of the x axis' projection
-    first = np.eye(3)[1] if flat < ALONG_X else np.eye(3)[0] - normal[0] * normal
-    first = first - (first @ normal) * normal
-    first /= np.linalg.norm(first)
-    second = np.cross(normal, first)
-    return first, second / np.linalg.norm(second)
 
 
 @dataclass(frozen=True, kw_only=True)

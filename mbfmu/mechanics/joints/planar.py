@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from mbfmu.mechanics.axes import plane_axes
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.spatial import axis_matrix
 from solvers.kernel import kernel
 
-from .base import AxisJoint, plane_axes
+from .base import AxisJoint
 
 
 @kernel

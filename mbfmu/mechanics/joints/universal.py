@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 
 from mbfmu.errors import UserError
+from mbfmu.mechanics.axes import Vector, unit_axis
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.spatial import axis_matrix, turned
 from solvers.kernel import kernel
 
-from .base import AxisJoint, Vector, unit_axis
+from .base import AxisJoint
 
 PERPENDICULAR = 1e-9  # cosine of the angle between two axes
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from mbfmu.mechanics.axes import unit_axis
 from mbfmu.mechanics.checks import one_of, vector
 from mbfmu.mechanics.dispatch import signal_value
-from mbfmu.mechanics.joints.base import unit_axis
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.spatial import add_force, arm
 from solvers.kernel import kernel

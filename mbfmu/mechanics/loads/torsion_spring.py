@@ -15,11 +15,10 @@ from typing import Any
 
 import numpy as np
 
+from mbfmu.mechanics.axes import along, unit_axis
 from mbfmu.mechanics.checks import rotation
-from mbfmu.mechanics.joints.base import unit_axis
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.numbers import finite
-from mbfmu.mechanics.shapes import along
 from mbfmu.mechanics.spatial import angle_of, arm
 from solvers.kernel import kernel
 

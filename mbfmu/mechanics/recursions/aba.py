@@ -14,8 +14,8 @@ from __future__ import annotations
 from math import sqrt
 from typing import Any
 
-from mbfmu.mechanics.arrays.records import SECTION
 from mbfmu.mechanics.flexible import modal
+from mbfmu.mechanics.records import SECTION
 from mbfmu.mechanics.spatial import dot6, shift_motion, shift_wrench
 from solvers.kernel import kernel
 

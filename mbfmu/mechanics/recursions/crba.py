@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from mbfmu.mechanics.arrays.records import MODAL, SECTION
 from mbfmu.mechanics.flexible import modal
+from mbfmu.mechanics.records import MODAL, SECTION
 from mbfmu.mechanics.spatial import row_dot6, shift_wrench
 from solvers.kernel import inlined, kernel
 

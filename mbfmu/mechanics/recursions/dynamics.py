@@ -11,8 +11,8 @@ from typing import Any, cast
 
 from numba import types
 
-from mbfmu.mechanics.arrays.records import complex_twin, empty_data
 from mbfmu.mechanics.dispatch import read_sensor, signal
+from mbfmu.mechanics.records import complex_twin, empty_data
 from mbfmu.mechanics.spatial import quaternion_rate
 from solvers.held import held_type
 from solvers.kernel import COMPILED, callback, inlined, kernel

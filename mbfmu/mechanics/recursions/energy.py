@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics.arrays.records import RIGID, SECTION
 from mbfmu.mechanics.flexible import modal
+from mbfmu.mechanics.records import RIGID, SECTION
 from mbfmu.mechanics.spatial import add_wrench, row_dot6, shift_wrench
 from solvers.kernel import inlined
 

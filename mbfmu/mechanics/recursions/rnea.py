@@ -11,8 +11,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from mbfmu.mechanics.arrays.records import RIGID
 from mbfmu.mechanics.flexible import modal
+from mbfmu.mechanics.records import RIGID
 from mbfmu.mechanics.spatial import add_wrench, cross, rotate, row_dot6
 from solvers.kernel import inlined, kernel
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from mbfmu.mechanics.arrays.records import RIGID
 from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.records import RIGID
 from solvers.kernel import kernel
 
 from .base import Follows, Sensor

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics.arrays.records import Arrays, State, complex_state
+from mbfmu.mechanics.records import Arrays, State, complex_state
 from solvers.blocks import BlockTree, one_thread
 from solvers.held import hold
 from solvers.system import Array
