@@ -8,7 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from mbfmu import mechanics
 from mbfmu.cli import main
+from mbfmu.mechanics import Cut, Force, Joint, Signal, cuts, elements, joints, loads, signals
+from mbfmu.mechanics.kind import kinds_of
 
 DOCS = Path(__file__).parents[1] / "docs"
 
@@ -35,6 +38,15 @@ def test_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert (tmp_path / "slider.fmu").is_file()
     assert (tmp_path / "lamp.fmu").is_file()
     assert (tmp_path / "results" / "slidercrank_ida.png").is_file()
+
+
+def test_the_page_of_kinds_has_every_kind_and_no_other() -> None:
+    rooms = ((joints, Joint), (cuts, Cut), (loads, Force), (elements, Force), (signals, Signal))
+    kinds = {kind.__name__ for room, role in rooms for kind in kinds_of(room, role)} - {"Coefficients"}
+    page = (DOCS / "kinds.md").read_text()
+    named = set(re.findall(r"`([A-Z]\w+)", page))
+    assert kinds - named == set()
+    assert {name for name in named if not hasattr(mechanics, name)} == set()
 
 
 def test_the_dozen_lines_of_the_readme_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
