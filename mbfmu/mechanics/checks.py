@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,10 +22,12 @@ def signal_of(value: Any, what: str, *, drive: bool = False) -> Signal:
     """Return a signal from a number, a signal, an input, or a function or expression of time; one that is to drive
     needs its derivatives.
     """
+    if isinstance(value, Function) and drive:
+        return replace(value, differentiate=True)
     if isinstance(value, Signal):
         return value
     if callable(value) or isinstance(value, str):
-        return Function(value, differentiate=drive)
+        return Function(value, differentiate=drive, what=what)
     if np.ndim(value) or not is_finite(value):
         raise UserError(f"{what} is {value!r}; it must be a finite number, a signal, an input or a function of time")
     return Polynomial((float(value),))

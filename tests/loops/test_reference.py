@@ -242,6 +242,8 @@ def test_in_space_a_planar_mechanism_moves_as_in_its_plane(seed: int) -> None:
     m, times = drawn.case.mechanism, np.linspace(0.0, 0.3 * drawn.case.stop_time, 4)
     start = Plant(m).assemble()
     runs = [integrate(m, times, start).q]
+    drawn = draw(seed, "planar")
+    m = drawn.case.mechanism
     m.body("stone", m.ground, Floating(), mass=1.0, inertia=(1.0, 1.0, 1.0))  # moves as it likes: no plane for all
     q, v = Plant(m).assemble()
     n = len(start[0])

@@ -182,6 +182,7 @@ def test_adopt_takes_numbers_and_refuses_another_structure() -> None:
         m = Mechanism()
         a = m.body("a", m.ground, Floating(), mass=1, inertia=(1, 1, 1))
         m.force("spring", Spring(stiffness=k, free=1.0), m.ground, a)
+        m.output("x", a.position("x", (k, 0, 0)))
         return Plant(m)
 
     plant = spring(1.0)
@@ -189,6 +190,9 @@ def test_adopt_takes_numbers_and_refuses_another_structure() -> None:
     assert plant.energy(0.0, q, np.zeros(6)) == pytest.approx(2.0)
     plant.adopt(spring(2.0))
     assert plant.energy(0.0, q, np.zeros(6)) == pytest.approx(4.0)
+    out = np.zeros(1)
+    plant.observe(0.0, q, np.zeros(6), np.zeros(6), np.zeros(0), out)
+    assert out[0] == pytest.approx(5.0)  # the point that is observed moves along
     with pytest.raises(UserError, match="structure"):
         plant.adopt(Plant(four_bar()))
 
@@ -252,7 +256,7 @@ def test_a_force_needs_two_bodies(force: Any) -> None:
         (Revolute(drive=Polynomial(0.0)), "polynomial coefficients are 0.0; allowed: one to four finite numbers"),  # type: ignore[arg-type]
         (Revolute(drive=Polynomial(("a",))), "polynomial coefficients are"),  # type: ignore[arg-type]
         (Revolute(drive=Harmonic(amplitude=1.0, frequency="a")), "every number must be finite"),  # type: ignore[arg-type]
-        (Revolute(drive="fast"), "drive of body 'b' is 'fast'; it must be a finite number, a signal or an input"),
+        (Revolute(drive="fast"), "drive of body 'b' is 'fast', where 'fast' is not known; allowed: t, sin"),
     ],
 )
 def test_joints_name_what_is_wrong(joint: Joint, message: str) -> None:

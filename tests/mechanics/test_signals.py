@@ -56,6 +56,7 @@ SIGNALS: dict[str, Any] = {
     "nested": Product(Sum(1.0, Step(height=1.0, duration=0.7)), Sum(0.5, Polynomial((0.1, 1.0, 1.0)))),
     "function": lambda t: np.sin(3.0 * t) * np.exp(-t),
     "expression": "sin(3*t)*exp(-t)",
+    "told its time": Function("sin(3*t)*exp(-t)", time=0.3),
 }
 
 
@@ -210,7 +211,7 @@ def test_an_input_may_be_part_of_a_sum() -> None:
         (lambda: driven("t.real"), "allowed: numbers, t and functions"),
         (lambda: driven(lambda t, x: t), "takes 2 arguments; allowed: 1"),
         (lambda: JointForce(lambda t, q: q), "takes 2 arguments; allowed: 3"),
-        (lambda: Function(lambda t: t, time=0.0), "allowed: greater than zero"),
+        (lambda: Function(lambda t: t, time=0.0), "function of time changes is 0.0 s; allowed: greater than zero"),
     ],
 )
 def test_what_is_no_signal_is_refused(make: Any, message: str) -> None:

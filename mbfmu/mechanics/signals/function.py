@@ -58,20 +58,22 @@ class Function(Signal):
     time
         Time in which it changes noticeably, s: no step is longer than a third of it, and differences are taken over
         some thousandths of it.
+    what
+        What messages call it.
     """
 
     law: Any
     differentiate: bool = False
     time: float = 1.0
+    what: str = "function of time"
 
     record = np.dtype([("pace", np.float64)], align=True)
 
     def __post_init__(self) -> None:
         """Compile it."""
-        what = f"function of time {self.law!r}"
         if not (is_finite(self.time) and self.time > 0.0):
-            raise UserError(f"time of {what} is {self.time!r} s; allowed: greater than zero")
-        law = law_of(what, self.law, ("t",))
+            raise UserError(f"time in which {self.what} changes is {self.time!r} s; allowed: greater than zero")
+        law = law_of(self.what, self.law, ("t",))
         object.__setattr__(self, "evaluate", (kernel_of_motion if self.differentiate else kernel_of_value)(law))
 
     @property
