@@ -1,6 +1,6 @@
 """How the recursions meet what they do not know: the kernels of kinds, called by their address.
 
-A row of ``Arrays.kernels`` has the addresses of one kind, in the order in which its role names them
+``Arrays.kernels`` has the addresses of each kind from ``kind`` on, in the order in which its role names them
 (``Joint.kernels``); ``Arrays.memory`` has the records.
 """
 
@@ -20,38 +20,38 @@ READ = 0  # of a sensor
 @inlined
 def place_child(body: Any, arrays: Any, state: Any) -> None:
     """Let a body's joint write its subspace and placement into State.rel; see :mod:`.joints.base`."""
-    call(arrays.kernels[body.kind, PLACE], arrays.memory, body.at, (body.qi, state))
+    call(arrays.kernels[body.kind + PLACE], arrays.memory, body.at, (body.qi, state))
 
 
 @inlined
 def has_bias(body: Any, arrays: Any) -> bool:
     """Whether the subspace of a body's joint turns in its frame."""
-    return arrays.kernels[body.kind, BIAS] != 0
+    return arrays.kernels[body.kind + BIAS] != 0
 
 
 @inlined
 def joint_bias(body: Any, arrays: Any, state: Any) -> None:
     """Let a body's joint write into State.bias what that adds."""
-    call(arrays.kernels[body.kind, BIAS], arrays.memory, body.at, (body.qi, body.vi, state))
+    call(arrays.kernels[body.kind + BIAS], arrays.memory, body.at, (body.qi, body.vi, state))
 
 
 @inlined
 def evaluate_cut(cut: Any, arrays: Any, state: Any) -> None:
     """Let a cut joint write its rows; see :mod:`.cuts.base`."""
     A, B = state.bodies[cut.a], state.bodies[cut.b]
-    call(arrays.kernels[cut.kind, EVALUATE], arrays.memory, cut.at, (A, B, cut.row, state))
+    call(arrays.kernels[cut.kind + EVALUATE], arrays.memory, cut.at, (A, B, cut.row, state))
 
 
 @inlined
 def apply_load(load: Any, t: float, arrays: Any, state: Any) -> None:
     """Let a load add its own; see :mod:`.loads.base`."""
-    call(arrays.kernels[load.kind, APPLY], arrays.memory, load.at, (t, arrays, state))
+    call(arrays.kernels[load.kind + APPLY], arrays.memory, load.at, (t, arrays, state))
 
 
 @inlined
 def load_potential(load: Any, arrays: Any, state: Any) -> float:
     """Energy a load stores, J."""
-    address = arrays.kernels[load.kind, POTENTIAL]
+    address = arrays.kernels[load.kind + POTENTIAL]
     if address == 0:
         return 0.0 * state.time[0]
     return number(address, arrays.memory, load.at, state.time, (arrays, state))
@@ -60,7 +60,7 @@ def load_potential(load: Any, arrays: Any, state: Any) -> float:
 @inlined
 def load_power(load: Any, t: float, arrays: Any, state: Any) -> float:
     """Power of a load but for what it stores, W."""
-    address = arrays.kernels[load.kind, POWER]
+    address = arrays.kernels[load.kind + POWER]
     if address == 0:
         return 0.0 * state.time[0]
     return number(address, arrays.memory, load.at, state.time, (t, arrays, state))
@@ -69,14 +69,14 @@ def load_power(load: Any, t: float, arrays: Any, state: Any) -> float:
 @inlined
 def load_tangent(load: Any, c1: float, arrays: Any, state: Any, K: Any) -> None:
     """Let a load add its tangent to K."""
-    call(arrays.kernels[load.kind, TANGENT], arrays.memory, load.at, (c1, arrays, state, K))
+    call(arrays.kernels[load.kind + TANGENT], arrays.memory, load.at, (c1, arrays, state, K))
 
 
 @inlined
 def signal(k: int, t: float, arrays: Any) -> tuple[float, float, float]:
     """Value and two derivatives of signal k at time t; see :mod:`.signals.base`."""
     item = arrays.signals[k]
-    return three(arrays.kernels[item.kind, EVALUATE], arrays.memory, item.at, arrays.world[0].gravity, (t, arrays))
+    return three(arrays.kernels[item.kind + EVALUATE], arrays.memory, item.at, arrays.world[0].gravity, (t, arrays))
 
 
 @inlined
@@ -88,4 +88,4 @@ def signal_value(k: int, t: float, arrays: Any) -> float:
 @inlined
 def read_sensor(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
     """What a sensor tells; see :mod:`.sensors.base`."""
-    return number(arrays.kernels[sensor.kind, READ], arrays.memory, sensor.at, state.time, (lam, arrays, state))
+    return number(arrays.kernels[sensor.kind + READ], arrays.memory, sensor.at, state.time, (lam, arrays, state))

@@ -28,7 +28,7 @@ BODY = np.dtype(
     [
         ("role", np.int64),
         ("parent", np.int64),  # index of the parent; parents come first
-        ("kind", np.int64),  # row of the joint's kernels in Arrays.kernels; of rigid bodies
+        ("kind", np.int64),  # where the joint's kernels are in Arrays.kernels; of rigid bodies
         ("at", np.int64),  # where its record is in Arrays.memory
         ("nq", np.int64),  # positions and velocities of the joint
         ("nv", np.int64),
@@ -51,7 +51,7 @@ BODY = np.dtype(
 
 CUT = np.dtype(
     [
-        ("kind", np.int64),  # row of its kernel
+        ("kind", np.int64),  # where its kernel is
         ("at", np.int64),  # place of its record
         ("a", np.int64),  # the two bodies
         ("b", np.int64),
@@ -86,7 +86,7 @@ class Arrays(NamedTuple):
     kept: NDArray[np.int64]  # (rows,) number of a cut-joint row among the constraints; -1: void in this mechanism
     elastics: NDArray[Any]  # ELASTIC
     nodes: NDArray[Any]  # NODE
-    kernels: NDArray[np.int64]  # (kinds, KERNELS) addresses, a row for each kind that is there; 0: it has none
+    kernels: NDArray[np.int64]  # addresses of kernels, KERNELS for each kind that is there; 0: it has none
     memory: NDArray[np.uint8]  # every record of joints, cut joints, loads, signals and sensors
     numbers: NDArray[np.float64]  # of tables, which are of any length
 
@@ -195,7 +195,7 @@ def empty_data() -> Data:
         kept=whole,
         elastics=records(1, ELASTIC),
         nodes=records(1, NODE),
-        kernels=np.zeros((1, KERNELS), np.int64),
+        kernels=np.zeros(KERNELS, np.int64),
         memory=np.zeros(1, np.uint8),
         numbers=np.zeros(1),
     )

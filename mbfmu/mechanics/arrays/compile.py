@@ -19,6 +19,7 @@ from mbfmu.mechanics.records import (
     BODY,
     CUT,
     ITEM,
+    KERNELS,
     MODAL,
     RIGID,
     SECTION,
@@ -188,7 +189,9 @@ class Compiled:
             sites.append((signal, Place("a signal", (), numbering, {})))
             filled.append(filled_record(*sites[-1]))
         self._tables = tables = Tables([item for item, _ in sites], filled)
-        joints, cuts, acting, sensors, signals = np.split(np.column_stack((tables.kinds, tables.places)), self._ends)
+        joints, cuts, acting, sensors, signals = np.split(
+            np.column_stack((KERNELS * np.array(tables.kinds), tables.places)), self._ends
+        )
         world = records(1, WORLD)
         world["gravity"] = mechanism.gravity
         bodies, (closing, rows) = body_records(mechanism, numbering, joints), cut_records(mechanism, cuts)

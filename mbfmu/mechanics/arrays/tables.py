@@ -88,7 +88,7 @@ class Tables:
         return self._tables[found[0]] if found else records(0, record_of(kind))
 
     def kernels(self, numbers: Numbers = REAL) -> NDArray[np.int64]:
-        """Return the addresses (kinds, KERNELS) of all kernels, compiled for these numbers."""
+        """Return the addresses of all kernels, KERNELS for each kind, compiled for these numbers."""
         table = np.zeros((max(1, len(self._rows)), KERNELS), np.int64)
         for own, row in zip(table, self._rows, strict=False):
             analytic = any(name == "tangent" and function is not None for name, _, function in row.kernels)
@@ -96,7 +96,7 @@ class Tables:
             for k, (name, signature, function) in enumerate(row.kernels):
                 if function is not None and name in names:
                     own[k] = compiled(function, row.record, signature, name, numbers)
-        return table
+        return table.ravel()
 
     def complex_memory(self) -> tuple[NDArray[np.uint8], list[int]]:
         """Return the records as they are now with complex numbers for real ones, and where each is."""
