@@ -4,7 +4,10 @@ model = "fourbar"          # registered name, or path/to/file.py:Class
 solver = "adams"           # ida, adams, hybrid, adams-lu
 partition = "projection"   # of adams
 tolerance = 1e-6
+absolute_tolerance = 0.0   # in units of each coordinate; 0: the relative one
 max_step = 0.0             # s; 0: no limit
+max_order = 0              # 0: the solver's own
+max_steps = 100000         # between two outputs
 inputs = "hold"            # loads that a host of the FMU sets; or "linear": they go on as they came
 start_at_equilibrium = false
 audit = true               # hold energy against work all along
@@ -139,7 +142,7 @@ def from_content(path: Path, content: dict[str, Any]) -> Scene:
         raise UserError(f"parameters is {parameters!r}; allowed: a table [parameters]")
     model = at_defaults(find(reference)).with_values(parameters)
     scene = default_scene(model, path.stem)
-    for key in ("tolerance", "max_step"):
+    for key in ("tolerance", "absolute_tolerance", "max_step", "max_order", "max_steps"):
         if key in content and (isinstance(content[key], bool) or not isinstance(content[key], int | float)):
             raise UserError(f"{key} is {content[key]!r}; allowed: a number")
     for key in ("start_at_equilibrium", "audit"):

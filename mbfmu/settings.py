@@ -16,13 +16,18 @@ PARTITIONS = {"projection": "adams", "lu": "adams-lu", "hybrid": "hybrid"}
 class Settings:
     """How a model is integrated; what each means says its declaration.
 
-    The relative tolerance is the absolute one too, in units of each coordinate. Solver ``adams`` with another
-    ``partition`` than ``projection`` is ``adams-lu`` or ``hybrid``.
+    The relative tolerance is the absolute one too, in units of each coordinate, unless that is given. Solver ``adams``
+    with another ``partition`` than ``projection`` is ``adams-lu`` or ``hybrid``.
     """
 
     solver: str = parameter("ida", choices=tuple(SOLVERS), doc="method of integration")
     partition: str = parameter("projection", choices=tuple(PARTITIONS), doc="how adams parts the coordinates")
     tolerance: float = parameter(1e-6, min=1e-12, max=1e-2, doc="relative tolerance of the solver")
+    absolute_tolerance: float = parameter(
+        0.0, min=0.0, max=1.0, doc="absolute tolerance in units of each coordinate; 0: the relative one"
+    )
+    max_order: int = parameter(0, min=0, max=12, doc="largest order; 0: the solver's own, 12, of ida 5")
+    max_steps: int = parameter(100_000, min=1, doc="most steps from one communication point to the next")
     max_step: float = parameter(0.0, unit="s", min=0.0, doc="largest step; 0: no limit")
     inputs: str = parameter(
         "hold", choices=("hold", "linear"), doc="loads that a host sets: held between points, or going on as they came"
@@ -51,4 +56,11 @@ class Settings:
 
     def options(self) -> Options:
         """Return what the stepper takes."""
-        return Options(rtol=self.tolerance, max_step=self.max_step or inf, audit=self.audit)
+        return Options(
+            rtol=self.tolerance,
+            atol=self.absolute_tolerance or None,
+            max_step=self.max_step or inf,
+            max_order=self.max_order or None,
+            max_steps=self.max_steps,
+            audit=self.audit,
+        )

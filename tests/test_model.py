@@ -15,7 +15,7 @@ import pytest
 from fmus.fourbar import FourBar
 from mbfmu.errors import UserError
 from mbfmu.model import find, models
-from mbfmu.native import communication_points, run
+from mbfmu.native import communication_points, run, simulate
 from mbfmu.scene import load_scene
 from mbfmu.simulation import Settings, Simulation
 
@@ -124,6 +124,23 @@ def test_scene_of_a_file_a_model_and_a_shipped_one(tmp_path: Path, pendulum_file
     assert paper.changed(solver="ida").settings.name == "ida", "its partition was of adams"
     with pytest.raises(UserError, match="no scene 'papr'; did you mean 'paper'"):
         load_scene("fourbar/papr")
+
+
+def test_settings_of_the_solver_reach_it_from_a_scene_and_python(tmp_path: Path, pendulum_file: Path) -> None:
+    path = tmp_path / "swing.toml"
+    numbers = "absolute_tolerance = 1e-9\nmax_order = 3\nmax_steps = 7\n"
+    path.write_text(f'model = "my_model.py:Pendulum"\nsolver = "adams"\n{numbers}')
+    scene = load_scene(str(path))
+    options = scene.settings.options()
+    assert (options.atol, options.max_order, options.max_steps) == (1e-9, 3, 7)
+    stopped = simulate(scene.model, 5.0, interval=5.0, solver="adams", max_steps=7)
+    assert "the largest number of steps for one call" in stopped.failure
+    low, high = (simulate(scene.model, 5.0, solver="adams", max_order=k).statistics for k in (2, 12))
+    assert low.order <= 2 < high.order
+    assert low.steps > 2 * high.steps
+    for given in ({"max_order": 13}, {"max_steps": 0}, {"absolute_tolerance": -1.0}, {"max_order": 2.5}):
+        with pytest.raises(UserError, match=next(iter(given))):
+            simulate(scene.model, 1.0, **given)
 
 
 def test_settings_resolve_partitions() -> None:

@@ -29,7 +29,12 @@ def add_solver(p: argparse.ArgumentParser) -> None:
     p.add_argument("--solver", metavar="NAME", help=f"one of {', '.join(SOLVERS)} (default ida)")
     p.add_argument("--partition", metavar="NAME", help="of adams: projection, lu or hybrid")
     p.add_argument("--tolerance", type=float, metavar="RTOL", help="relative tolerance (default 1e-6)")
+    p.add_argument(
+        "--absolute-tolerance", type=float, metavar="ATOL", help="in units of each coordinate; 0: the relative one"
+    )
     p.add_argument("--max-step", type=float, metavar="S", help="largest step, s; 0: no limit")
+    p.add_argument("--max-order", type=int, metavar="K", help="largest order; 0: the solver's own, 12, of ida 5")
+    p.add_argument("--max-steps", type=int, metavar="N", help="most steps between two outputs (default 100000)")
     p.add_argument(
         "--start-at-equilibrium", action="store_true", default=None, help="start in the steady state next to the start"
     )
@@ -89,7 +94,10 @@ def scene_of(options: argparse.Namespace) -> Scene:
         solver=getattr(options, "solver", None),
         partition=getattr(options, "partition", None),
         tolerance=getattr(options, "tolerance", None),
+        absolute_tolerance=getattr(options, "absolute_tolerance", None),
         max_step=getattr(options, "max_step", None),
+        max_order=getattr(options, "max_order", None),
+        max_steps=getattr(options, "max_steps", None),
         inputs=getattr(options, "inputs", None),
         start_at_equilibrium=getattr(options, "start_at_equilibrium", None),
         audit=getattr(options, "audit", None),

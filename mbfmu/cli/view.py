@@ -17,7 +17,10 @@ from mbfmu.viewer import Motion, Recorder
 
 from .common import Commands, add_set, add_solver, folder, number, progress, scene_of, stem_of
 
-OF_SCENES = ("set", "solver", "partition", "tolerance", "max_step", "start_at_equilibrium", "stop_time", "interval")
+OF_SCENES = (
+    "set", "solver", "partition", "tolerance", "absolute_tolerance", "max_step", "max_order", "max_steps",
+    "start_at_equilibrium", "stop_time", "interval",
+)  # fmt: skip
 
 
 def add(commands: Commands) -> None:

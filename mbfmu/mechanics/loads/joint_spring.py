@@ -7,13 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics.curve import curve, rows
 from mbfmu.mechanics.kind import Site
-from mbfmu.mechanics.numbers import finite
-from mbfmu.mechanics.signals import Table
 from solvers.kernel import kernel
 
-from .base import Force
+from .elastic import ElasticForce, table_energy, table_force
 
 
 @kernel
@@ -39,21 +36,18 @@ def power(force: Any, t: float, arrays: Any, state: Any) -> float:
 @kernel
 def apply_table(force: Any, t: float, arrays: Any, state: Any) -> None:
     """See :mod:`.base`."""
-    f, _, _, _ = curve(arrays.numbers, force.first, force.count, state.q[force.q] - force.free)
+    f = table_force(force, state.q[force.q] - force.free, arrays)
     state.Q[force.v] -= f + force.damping * state.v[force.v]
 
 
 @kernel
 def table_potential(force: Any, arrays: Any, state: Any) -> float:
     """The integral of the force, from no stretch on."""
-    zero = 0.0 * force.free
-    _, _, _, stored = curve(arrays.numbers, force.first, force.count, state.q[force.q] - force.free)
-    _, _, _, unloaded = curve(arrays.numbers, force.first, force.count, zero)
-    return stored - unloaded
+    return table_energy(force, state.q[force.q] - force.free, arrays)
 
 
 @dataclass(frozen=True, kw_only=True)
-class JointSpring(Force):
+class JointSpring(ElasticForce):
     """Spring-damper on the joint coordinate of a body.
 
     Parameters
@@ -81,33 +75,9 @@ class JointSpring(Force):
     apply = apply
     potential = potential
     power = power
-
-    stiffness: float | Table = 0.0
-    damping: float = 0.0
-    free: float = 0.0
-
-    def __post_init__(self) -> None:
-        """Take the kernels of a table."""
-        if isinstance(self.stiffness, Table):
-            object.__setattr__(self, "apply", apply_table)
-            object.__setattr__(self, "potential", table_potential)
-
-    def check(self, what: str) -> None:
-        """Refuse what is no number."""
-        for key in ("damping", "free") if isinstance(self.stiffness, Table) else ("stiffness", "damping", "free"):
-            finite(f"{key} of {what}", getattr(self, key))
+    tabled = (apply_table, table_potential)
 
     def fill(self, record: Any, site: Site) -> None:
-        """Write where it acts, and how much."""
+        """Write where it acts too."""
+        super().fill(record, site)
         record["q"], record["v"] = site.q, site.v
-        record["damping"], record["free"] = self.damping, self.free
-        if isinstance(self.stiffness, Table):
-            table = rows(f"stiffness of {site.name}", self.stiffness.x, self.stiffness.y, self.stiffness.kind)
-            record["first"], record["count"] = site.numbers(table), len(table)
-        else:
-            record["stiffness"] = self.stiffness
-
-    @property
-    def works(self) -> bool:
-        """Whether it is damped."""
-        return bool(self.damping)

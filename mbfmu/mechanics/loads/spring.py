@@ -8,14 +8,12 @@ from typing import Any
 import numpy as np
 
 from mbfmu.mechanics.checks import vector
-from mbfmu.mechanics.curve import curve, rows
 from mbfmu.mechanics.kind import Site
-from mbfmu.mechanics.numbers import finite
-from mbfmu.mechanics.signals import Table
 from mbfmu.mechanics.spatial import add_force, arm
 from solvers.kernel import kernel
 
-from .base import Force, Points
+from .base import Points
+from .elastic import ElasticForce, table_energy, table_force
 
 
 @kernel
@@ -65,8 +63,7 @@ def apply_table(force: Any, t: float, arrays: Any, state: Any) -> None:
     """See :mod:`.base`. Points that coincide have no line of action and exert nothing."""
     A, B = state.bodies[force.a], state.bodies[force.b]
     (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate = pull(force, A, B)
-    f, _, _, _ = curve(arrays.numbers, force.first, force.count, length - force.free)
-    f += force.damping * rate
+    f = table_force(force, length - force.free, arrays) + force.damping * rate
     add_force(A.F, ax, ay, az, f * dx, f * dy, f * dz)
     add_force(B.F, bx, by, bz, -f * dx, -f * dy, -f * dz)
 
@@ -75,14 +72,11 @@ def apply_table(force: Any, t: float, arrays: Any, state: Any) -> None:
 def table_potential(force: Any, arrays: Any, state: Any) -> float:
     """The integral of the force, from no stretch on."""
     _, _, _, length, _ = pull(force, state.bodies[force.a], state.bodies[force.b])
-    zero = 0.0 * force.free
-    _, _, _, stored = curve(arrays.numbers, force.first, force.count, length - force.free)
-    _, _, _, unloaded = curve(arrays.numbers, force.first, force.count, zero)
-    return stored - unloaded
+    return table_energy(force, length - force.free, arrays)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Spring(Force):
+class Spring(ElasticForce):
     """Translational spring-damper from ``at_a`` on body a to ``at_b`` on body b (m, body frames).
 
     Parameters
@@ -110,42 +104,19 @@ class Spring(Force):
     apply = apply
     potential = potential
     power = power
+    tabled = (apply_table, table_potential)
 
-    stiffness: float | Table = 0.0
-    damping: float = 0.0
-    free: float = 0.0
     at_a: Any = (0.0, 0.0, 0.0)
     at_b: Any = (0.0, 0.0, 0.0)
 
-    def __post_init__(self) -> None:
-        """Take the kernels of a table."""
-        if isinstance(self.stiffness, Table):
-            object.__setattr__(self, "apply", apply_table)
-            object.__setattr__(self, "potential", table_potential)
-
-    def check(self, what: str) -> None:
-        """Refuse what is no number."""
-        for key in ("damping", "free") if isinstance(self.stiffness, Table) else ("stiffness", "damping", "free"):
-            finite(f"{key} of {what}", getattr(self, key))
-
     def fill(self, record: Any, site: Site) -> None:
-        """Write the two points, and how much."""
+        """Write the two points too."""
+        super().fill(record, site)
         record["a"], record["b"] = site.bodies
         record["Pa"], record["Pb"] = (
             vector(f"at_a of {site.name}", self.at_a),
             vector(f"at_b of {site.name}", self.at_b),
         )
-        record["damping"], record["free"] = self.damping, self.free
-        if isinstance(self.stiffness, Table):
-            table = rows(f"stiffness of {site.name}", self.stiffness.x, self.stiffness.y, self.stiffness.kind)
-            record["first"], record["count"] = site.numbers(table), len(table)
-        else:
-            record["stiffness"] = self.stiffness
-
-    @property
-    def works(self) -> bool:
-        """Whether it is damped."""
-        return bool(self.damping)
 
     def points(self) -> Points:
         """Return its two points."""
