@@ -199,6 +199,7 @@ def test_an_input_may_be_part_of_a_sum() -> None:
     ("make", "message"),
     [
         (lambda: driven(Ramp(height=1.0, duration=0.5)), "jumps, and no joint can follow"),
+        (lambda: driven(Sum(1.0, Input(name="u", unit="rad"))), "jumps, and no joint can follow"),
         (lambda: driven(Step(height=1.0)), "jumps, and no joint can follow"),
         (lambda: driven(Table([0, 1, 2], [0, 1, 0], "linear")), "jumps, and no joint can follow"),
         (lambda: driven(Table([0, 1, 1], [0, 1, 0])), "each greater than the one before"),

@@ -55,8 +55,8 @@ class Combined(Signal):
 
     @property
     def drives(self) -> bool:  # type: ignore[override]
-        """Whether all parts can."""
-        return all(part.drives for part in self.parts if isinstance(part, Signal))
+        """Whether all parts can; what a host sets jumps, and only as a drive itself it is made a motion."""
+        return all(part.drives and not part.variables() for part in self.parts if isinstance(part, Signal))
 
     def pace(self, own: InUse, size: float) -> float:
         """Return that of the faster part."""
