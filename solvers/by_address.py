@@ -28,6 +28,7 @@ from .linking import code_of
 
 ALIGNED = 16  # bytes, of every record: two real numbers, or one complex
 
+_met: dict[tuple[int, int, int], tuple[Any, Any, Any]] = {}  # function, record and memory of calls without a compiler
 _functions: list[tuple[Any, Any]] = [(None, None)]  # without a compiler: what an address stands for; zero is none
 
 
@@ -63,9 +64,12 @@ def side_by_side(tables: Sequence[NDArray[Any]]) -> tuple[NDArray[np.uint8], lis
 
 
 def _interpreted(address: int, memory: Any, place: int, arguments: Any) -> Any:
-    function, dtype = _functions[address]
-    record = memory[place : place + dtype.itemsize].view(dtype).view(np.recarray)[0]
-    return function(record, *arguments)
+    met = _met.get((address, id(memory), place))
+    if met is None:
+        function, dtype = _functions[address]
+        record = memory[place : place + dtype.itemsize].view(dtype).view(np.recarray)[0]
+        met = _met[address, id(memory), place] = function, record, memory
+    return met[0](met[1], *arguments)
 
 
 def _called(result: Any, memory: Any, arguments: Any) -> Any:
