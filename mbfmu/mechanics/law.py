@@ -40,8 +40,8 @@ def from_text(what: str, text: str, names: tuple[str, ...]) -> Callable[..., Any
     allowed = (*names, *FUNCTIONS)
     try:
         tree = ast.parse(text, mode="eval")
-    except SyntaxError as error:
-        raise UserError(f"{what} is {text!r}, which is no expression: {error.msg}") from error
+    except (SyntaxError, ValueError, RecursionError) as error:
+        raise UserError(f"{what} is {text[:200]!r}, which is no expression: {error}") from error
     for node in ast.walk(tree):
         if isinstance(node, ast.Name) and node.id not in allowed:
             raise UserError(f"{what} is {text!r}, where {node.id!r} is not known; allowed: {', '.join(allowed)}")
@@ -61,7 +61,7 @@ def names_in(text: str) -> set[str]:
     """Return the names in an expression; none where it is no expression."""
     try:
         return {node.id for node in ast.walk(ast.parse(text, mode="eval")) if isinstance(node, ast.Name)}
-    except SyntaxError:
+    except (SyntaxError, ValueError, RecursionError):
         return set()
 
 

@@ -206,6 +206,8 @@ def test_an_input_may_be_part_of_a_sum() -> None:
         (lambda: driven(Table([0, 1], [0, 1, 0])), "as many x as y"),
         (lambda: driven(Table([0, 1], [0, 1], "cubic")), "kind of a table is 'cubic'"),
         (lambda: driven(Sum(1.0)), "Sum has 1 parts"),
+        (lambda: driven("0.1*sin(300*t)"), "drive of body 'wheel' changes faster than"),
+        (lambda: driven("+".join(["t"] * 5000)), "which is no expression"),
         (lambda: driven("sin(q)"), "'q' is not known"),
         (lambda: driven("sin(t"), "which is no expression"),
         (lambda: driven("__import__('os')"), "'__import__' is not known"),

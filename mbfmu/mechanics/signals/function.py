@@ -16,6 +16,7 @@ from solvers.kernel import kept_nowhere
 
 from .base import InUse, Signal
 
+TRIED, AGREE = 64, 1e-6  # times, within ten of ``time``, at which differences over two steps must agree so well
 FIRST, SECOND = 1e-3, 3e-3  # steps of the differences for rate and second derivative, in units of ``time``
 
 
@@ -74,7 +75,24 @@ class Function(Signal):
         if not (is_finite(self.time) and self.time > 0.0):
             raise UserError(f"time in which {self.what} changes is {self.time!r} s; allowed: greater than zero")
         law = law_of(self.what, self.law, ("t",))
+        if self.differentiate and not self._resolved(law):
+            raise UserError(
+                f"{self.what} changes faster than differences over thousandths of {self.time:g} s can tell; "
+                "say Function(..., time=...) with the time in which it changes, s, or give a signal"
+            )
         object.__setattr__(self, "evaluate", (kernel_of_motion if self.differentiate else kernel_of_value)(law))
+
+    def _resolved(self, law: Any) -> bool:
+        """Whether its second derivative, which a drive needs, is the same over a smaller step."""
+        found = []
+        for t in np.random.default_rng(0).uniform(0.0, 10.0 * self.time, TRIED):
+            x, seconds = law(t), []
+            for k in (SECOND * self.time, 0.25 * SECOND * self.time):
+                f = [law(t + n * k) + law(t - n * k) for n in (1, 2, 3)]
+                seconds.append((270.0 * f[0] - 27.0 * f[1] + 2.0 * f[2] - 490.0 * x) / (180.0 * k * k))
+            found.append((abs(seconds[0] - seconds[1]), abs(seconds[1]), abs(x)))
+        off, second, size = np.max(found, axis=0)
+        return not off > AGREE * (second + 1e-2 * size / self.time**2)  # the last is what rounding leaves
 
     @property
     def drives(self) -> bool:  # type: ignore[override]
