@@ -16,7 +16,7 @@ from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
 from mbfmu.model import Model
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 State = tuple[float, ...]
 Floor = Callable[[State, Any, float, int, int, NDArray[np.float64]], None]

@@ -21,7 +21,7 @@ from mbfmu.steady.problem import equilibrium
 from mbfmu.studies.effects import time_of_evaluation
 from mbfmu.table import table
 from solvers import Code
-from solvers.saddle import Motion
+from solvers.projection.saddle import Motion
 
 GRIDS = ((7, 5), (15, 11), (33, 23), (51, 35), (101, 71))
 RELEASES = (((7, 5), 1e-5), ((15, 11), 1e-5), ((51, 35), 1e-4))

@@ -28,7 +28,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .kernel import kernel
+from solvers.compiled.kernel import kernel
+
 from .system import Array
 
 FIELDS: list[tuple[str, str]] = [

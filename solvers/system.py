@@ -13,6 +13,7 @@ position is applied by :attr:`System.retract`.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -20,11 +21,10 @@ from math import inf
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
-from numba import types
 from numpy.typing import NDArray
 
-from .held import held_type, hold
-from .kernel import COMPILED, callback, kernel
+from solvers.compiled.held import held_type, hold
+from solvers.compiled.kernel import COMPILED, callback, kernel, types
 
 Array = NDArray[np.float64]
 
@@ -111,28 +111,22 @@ def nothing_varies(t: float) -> tuple[float, float]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class System:
-    """A mechanism as a solver sees it.
+class AnySystem(ABC):
+    """A mechanism as a solver sees it, whatever its size.
 
-    The callables are compiled callbacks (see :mod:`solvers.kernel`); ``data`` is whatever named tuple of arrays, or
-    array, they need and is passed through untouched. They get named tuples held (see :mod:`solvers.held`).
-
-    ``motion`` may rely on ``position`` having been called last of all, for the same t and q. Where there is nothing to
-    gain from that it is ``dynamics``. ``power`` may rely on ``dynamics`` or ``motion`` having been called last for the
-    same (t, q, v), and ``exposure`` too, which leaves nothing ``power`` needs undone.
+    The callables are compiled callbacks (see :mod:`solvers.compiled.kernel`); ``data`` is whatever named tuple of
+    arrays, or array, they need and is passed through untouched. They get named tuples held (see
+    :mod:`solvers.compiled.held`).
     """
 
-    has_matrices: ClassVar[bool] = True  # M and J as arrays: what state matrices and partitions are made of
+    has_matrices: ClassVar[bool]  # M and J as arrays: what state matrices and partitions are made of
 
     nq: int
     n: int
-    m: int
+    m: int = 0
     data: Any
-    dynamics: Callable[[float, Array, Array, Any, Terms], None]  # (t, q, v, data, terms): fills all terms
     position: Callable[[float, Array, Any, Terms], None]  # (t, q, data, terms): fills Phi, J, nu only
-    motion: Callable[[float, Array, Array, Any, Terms], None]  # (t, q, v, data, terms): fills the others, see below
     retract: Callable[[Array, Array, Any], None]  # (q, dq, data): q <- q (+) N dq in place, dq (n,)
-    energy: Callable[[float, Array, Array, Any], float]  # (t, q, v, data): kinetic and potential energy, J
     power: Callable[..., float] | None = None  # (t, q, v, a, lam, data): dE/dt, W
     exposure: Callable[..., None] | None = None  # (rtol, place, rate, data, out): see solvers.ledger
     works: Callable[[], bool] = nothing_works  # (): whether power can differ from zero, as things are now
@@ -141,22 +135,21 @@ class System:
     size: Array  # (n,) unit of each coordinate: 1 rad, or a length of the mechanism in m; of v per second
     row_size: Array  # (m,) unit of each constraint residual, likewise
     rate: float = 0.0  # 1/s, of motions of that size, as far as it is known beforehand: by gravity, by drives
-    loop_rate: float = 0.0  # 1/s, likewise, of what constraints know: by gravity and the drives that move it
     coordinate_names: tuple[str, ...] = ()  # (n,)
     constraint_names: tuple[str, ...] = ()  # (m,)
 
-    def allocate_terms(self, scalar: type = float) -> Terms:
+    @abstractmethod
+    def allocate_terms(self) -> Terms:
         """Return zeroed terms of this system's size."""
-        return Terms.allocate(self.nq, self.n, self.m, scalar)
+
+    @abstractmethod
+    def fill(self, t: float, q: Array, v: Array, terms: Terms) -> None:
+        """Fill the terms at (t, q, v), as many as the system has."""
 
     @cached_property
     def held_data(self) -> Any:
         """``data`` as the callbacks get it."""
         return hold(self.data)
-
-    def fill(self, t: float, q: Array, v: Array, terms: Terms) -> None:
-        """Fill all terms at (t, q, v)."""
-        _dynamics(self.dynamics, t, q, v, self.held_data, hold(terms))
 
     def fill_position(self, t: float, q: Array, terms: Terms) -> None:
         """Fill Phi, J and nu at (t, q)."""
@@ -165,6 +158,52 @@ class System:
     def apply(self, q: Array, dq: Array) -> None:
         """Change the positions in place by dq (n,): q <- q (+) N dq."""
         _retract(self.retract, q, dq, self.held_data)
+
+
+@dataclass(frozen=True, kw_only=True)
+class System(AnySystem):
+    """A mechanism by the matrices of its equations of motion.
+
+    ``motion`` may rely on ``position`` having been called last of all, for the same t and q. Where there is nothing to
+    gain from that it is ``dynamics``. ``power`` may rely on ``dynamics`` or ``motion`` having been called last for the
+    same (t, q, v), and ``exposure`` too, which leaves nothing ``power`` needs undone.
+    """
+
+    has_matrices: ClassVar[bool] = True
+
+    dynamics: Callable[[float, Array, Array, Any, Terms], None]  # (t, q, v, data, terms): fills all terms
+    motion: Callable[[float, Array, Array, Any, Terms], None]  # (t, q, v, data, terms): those that position leaves out
+    energy: Callable[[float, Array, Array, Any], float]  # (t, q, v, data): kinetic and potential energy, J
+    loop_rate: float = 0.0  # 1/s, as ``rate``, of what constraints know: by gravity and the drives that move it
+
+    def allocate_terms(self, scalar: type = float) -> Terms:
+        """Return zeroed terms of this system's size."""
+        return Terms.allocate(self.nq, self.n, self.m, scalar)
+
+    def fill(self, t: float, q: Array, v: Array, terms: Terms) -> None:
+        """Fill all terms at (t, q, v)."""
+        _dynamics(self.dynamics, t, q, v, self.held_data, hold(terms))
+
+
+class Equations(NamedTuple):
+    """Callbacks and data of a :class:`System`, and the ``terms`` they fill, as kernels take them."""
+
+    dynamics: Any
+    position: Any
+    motion: Any
+    retract: Any
+    energy: Any
+    power: Any
+    exposure: Any
+    data: Any
+    terms: Any
+
+    @staticmethod
+    def of(system: System, terms: Terms) -> Any:
+        """Return the equations of a system and the terms they are to fill, held."""
+        s = system
+        callbacks = s.dynamics, s.position, s.motion, s.retract, s.energy, *audit_callbacks(s)
+        return hold(Equations(*callbacks, s.held_data, hold(terms)))
 
 
 class Tangent(Protocol):
@@ -184,8 +223,8 @@ class Tangent(Protocol):
 
 
 @dataclass(frozen=True, kw_only=True)
-class TreeSystem:
-    """A large tree as a solver sees it: recursions and a structured tangent, no matrix but J of few constraints.
+class TreeSystem(AnySystem):
+    """A large tree by recursions and a structured tangent: no matrix but J of few constraints.
 
     q' = N(q) v,   M v' + h + J^T lambda = 0,   given as inverse and, without J, as forward dynamics. ``power`` may rely
     on either having been called last for the same (t, q, v, a, lam), ``exposure`` on inverse for a = 0 and lambda = 0.
@@ -193,58 +232,57 @@ class TreeSystem:
 
     has_matrices: ClassVar[bool] = False
 
-    nq: int
-    n: int
-    m: int = 0
-    data: Any
     inverse: Callable[..., None]  # (t, q, v, a, lam, data, q', tau): fills N v and tau = M a + h + J^T lambda
     forward: Callable[[float, Array, Array, Any, Array, Array], int]  # (t, q, v, data, q', v'); not 0: no inertia
     mobility: Callable[[Array, Any, Array], None]  # (r, data, x): x = M^-1 r where forward was called for last
-    position: Callable[[float, Array, Any, Terms], None]  # (t, q, data, terms): fills Phi, J, nu only
-    constraints: Callable[[float, Array, Array, Any, Terms], None]  # (t, q, v, data, terms): and gamma
-    retract: Callable[[Array, Array, Any], None]  # (q, dq, data): q <- q (+) N dq in place, dq (n,)
+    constraints: Callable[[float, Array, Array, Any, Terms], None]  # (t, q, v, data, terms): Phi, J, nu and gamma
     tangent: Tangent
-    size: Array  # (n,) unit of each coordinate: what its absolute tolerance is measured by
-    row_size: Array  # (m,) unit of each constraint residual: 1 rad, or a length of the mechanism in m
     plain: tuple[NDArray[np.int64], NDArray[np.int64]]  # where positions are no quaternions: places in q and in v
-    rate: float = 0.0  # 1/s, of motions of that size, as far as it is known beforehand: by gravity, by drives
     quaternions: tuple[tuple[int, int], ...] = ()  # first place of each in q, of its angular velocity in v
-    power: Callable[..., float] | None = None  # as of a System
-    exposure: Callable[..., None] | None = None
-    works: Callable[[], bool] = nothing_works
-    resolves: Callable[[float], tuple[float, float]] = nothing_varies
     dense: Callable[[], System] | None = None  # (): the same mechanism with its matrices
-    coordinate_names: tuple[str, ...] = ()  # (n,)
-    constraint_names: tuple[str, ...] = ()  # (m,)
 
     def allocate_terms(self) -> Terms:
         """Return zeroed terms; those of the constraints are the only ones a tree fills, and M has no entries."""
         n, m, z = self.n, self.m, np.zeros
         return Terms(z(0), z((0, 0)), z(0), z(m), z((m, n)), z(m), z(m))
 
-    @cached_property
-    def held_data(self) -> Any:
-        """``data`` as the callbacks get it."""
-        return hold(self.data)
-
-    def apply(self, q: Array, dq: Array) -> None:
-        """Change the positions in place by dq (n,): q <- q (+) N dq."""
-        _retract(self.retract, q, dq, self.held_data)
-
-    def fill_position(self, t: float, q: Array, terms: Terms) -> None:
-        """Fill Phi, J and nu at (t, q)."""
-        _position(self.position, t, q, self.held_data, hold(terms))
-
     def fill(self, t: float, q: Array, v: Array, terms: Terms) -> None:
         """Fill Phi, J, nu and gamma at (t, q, v)."""
         _dynamics(self.constraints, t, q, v, self.held_data, hold(terms))
 
-    def unbalance(self, t: float, q: Array, v: Array, a: Array, lam: Array | None = None) -> Array:
+    def residual(self, t: float, q: Array, v: Array, a: Array, lam: Array | None = None) -> Array:
         """Return M a + h + J^T lambda (n,)."""
         qdot, tau = np.zeros(self.nq), np.zeros(self.n)
         loaded = np.zeros(self.m) if lam is None else lam
         _inverse(self.inverse, t, q, v, a, loaded, self.held_data, qdot, tau)
         return tau
 
+    def as_motion(self, q: Array, rate: Array) -> Array:
+        """Return v (n,) with N v = rate (nq,) as far as there is one."""
+        v = np.zeros(self.n)
+        v[self.plain[1]] = rate[self.plain[0]]
+        for i, j in self.quaternions:
+            v[j : j + 3] = 4.0 * quaternion_map(q[i : i + 4]).T @ rate[i : i + 4]
+        return v
 
-AnySystem = System | TreeSystem
+    def as_positions(self, q: Array, v: Array) -> Array:
+        """Return N v (nq,)."""
+        rate = np.zeros(self.nq)
+        rate[self.plain[0]] = v[self.plain[1]]
+        for i, j in self.quaternions:
+            rate[i : i + 4] = quaternion_map(q[i : i + 4]) @ v[j : j + 3]
+        return rate
+
+    def position_sizes(self, sizes: Array) -> Array:
+        """Return sizes of positions (nq,) from those of motions (n,)."""
+        positions = np.zeros(self.nq)
+        positions[self.plain[0]] = sizes[self.plain[1]]
+        for i, j in self.quaternions:
+            positions[i : i + 4] = 0.5 * sizes[j : j + 3].min()
+        return positions
+
+
+def quaternion_map(e: Array) -> Array:
+    """Return (4, 3) e' = e o (0, w) / 2 as a matrix on w, body axes."""
+    w, x, y, z = e
+    return 0.5 * np.array([[-x, -y, -z], [w, -z, y], [z, w, -x], [-y, x, w]])

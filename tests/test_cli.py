@@ -14,7 +14,8 @@ import pytest
 
 from mbfmu import native
 from mbfmu.cli import models
-from solvers import SOLVERS, cache
+from solvers import SOLVERS
+from solvers.compiled import cache
 
 Command = Callable[..., Any]
 

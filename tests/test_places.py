@@ -16,7 +16,7 @@ from mbfmu.mechanics import Force, Mechanism, Revolute, Spring, rod
 from mbfmu.model import load
 from mbfmu.settings import Settings
 from mbfmu.viewer.picture import draw
-from solvers.kernel import COMPILED
+from solvers.compiled.kernel import COMPILED
 
 FILE = """
 from dataclasses import dataclass

@@ -36,7 +36,7 @@ from mbfmu.simulation import Settings, Simulation
 from mbfmu.steady.modes import shapes
 from mbfmu.steady.problem import EquilibriumProblem
 from mbfmu.steady.state import Equilibrium
-from solvers.saddle import Motion, Saddle
+from solvers.projection.saddle import Motion, Saddle
 from solvers.system import System, TreeSystem
 
 LENGTH, WIDTH, THICKNESS, E, DENSITY = 0.3, 0.21, 0.3e-3, 1e10, 1000.0
@@ -394,7 +394,7 @@ def test_saddle_system_is_the_exact_linearisation(way: str) -> None:
     K = linearisation(at, q, lam)
     saddle, rest = Saddle(system), np.zeros(system.n)
     saddle.weigh(0.0, q)
-    saddle.unbalance(0.0, q, rest, rest, lam)
+    saddle.residual(0.0, q, rest, rest, lam)
     assert saddle.factor(0.0, 1e4)
     J = saddle.terms.J
     f = K @ x + 1e4 * system.tangent.inertia(x) + J.T @ y
@@ -411,7 +411,7 @@ def test_accelerations_obey_the_equations_of_motion() -> None:
     system.apply(q, 0.02 * rng.normal(size=system.n))
     motion = Motion(system)
     assert motion.solve(0.0, q, v) == 0
-    force = system.unbalance(0.0, q, v, motion.a, motion.lam)
+    force = system.residual(0.0, q, v, motion.a, motion.lam)
     assert np.abs(force).max() < 1e-9 * np.abs(motion.lam).max()
     np.testing.assert_allclose(motion.terms.J @ motion.a, motion.terms.gamma, atol=1e-8 * np.abs(motion.a).max())
 

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import mbfmu
 from mbfmu.errors import UserError
-from solvers.cache import when_compiling
+from solvers.compiled.cache import when_compiling
 
 from . import cache, compare, effects, equilibrium, export, linearize, models, modes, run, view
 

@@ -13,7 +13,8 @@ from mbfmu.scene import load_scene
 from mbfmu.settings import Settings
 from mbfmu.simulation import Simulation
 from mbfmu.steady.problem import EquilibriumProblem
-from solvers import SOLVERS, cache
+from solvers import SOLVERS
+from solvers.compiled import cache
 
 from .common import Commands
 

@@ -27,7 +27,7 @@ from mbfmu.frame import frame, unframe
 from mbfmu.model import Model
 from mbfmu.settings import Settings
 from mbfmu.simulation import Simulation
-from solvers.cache import when_compiling
+from solvers.compiled.cache import when_compiling
 
 from .description import Experiment, Identity, model_description
 from .guards import finalize_at_exit, import_once

@@ -1,7 +1,7 @@
 """What a mechanism is and how it moves; knows neither solvers' methods nor FMI."""
 
 from mbfmu.errors import AssemblyError, UserError
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 from .arrays.compile import Variable
 from .arrays.plant import Plant

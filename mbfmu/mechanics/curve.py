@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import Akima1DInterpolator, CubicSpline, PchipInterpolator, PPoly
 
 from mbfmu.errors import UserError
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 from .numbers import array_of
 

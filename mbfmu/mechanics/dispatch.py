@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from solvers.by_address import call, number, three
-from solvers.kernel import inlined
+from solvers.compiled.by_address import call, number, three
+from solvers.compiled.kernel import inlined
 
 PLACE, BIAS = 0, 1  # of a joint
 EVALUATE = 0  # of a cut joint, of a signal

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 
 from mbfmu.errors import UserError
-from solvers.kernel import COMPILED, is_kernel
+from solvers.compiled.kernel import COMPILED, is_kernel
 
 NOTHING = np.dtype([("nothing", np.int64)])  # record of a kind without parameters
 

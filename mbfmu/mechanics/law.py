@@ -18,7 +18,7 @@ from numba.core.errors import NumbaError
 from numba.extending import overload
 
 from mbfmu.errors import UserError
-from solvers.kernel import COMPILED, is_kernel, kept_nowhere
+from solvers.compiled.kernel import COMPILED, is_kernel, kept_nowhere
 
 FUNCTIONS: dict[str, Any] = {
     name: getattr(np, name)

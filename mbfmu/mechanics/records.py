@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mbfmu.mechanics.elements.plate_energy import ELEMENT
 from mbfmu.mechanics.flexible.modal import ELASTIC, MODES, NODE
-from solvers.kernel import records
+from solvers.compiled.kernel import records
 
 KERNELS = 4  # most that a role has
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 Vec = Any  # a float array seen from a kernel
 

@@ -3,7 +3,7 @@
     x' = A x + B u,    y = C x + D u
 
 x are the changes of the independent coordinates and of their rates, u those of the inputs, y those of the outputs.
-Every column is one solution of the equations of motion on complex numbers (see :mod:`solvers.equilibrium_dense`), so no
+Every column is one solution of the equations of motion on complex numbers (see :mod:`solvers.statics.small`), so no
 difference quotient is involved and the constraints hold to first order.
 """
 
@@ -22,7 +22,7 @@ from mbfmu.errors import EquilibriumError, UserError
 from mbfmu.extras import optional
 from mbfmu.mechanics import Plant
 from mbfmu.table import table
-from solvers.equilibrium_dense import EPSILON
+from solvers.statics.small import EPSILON
 from solvers.system import Array
 
 

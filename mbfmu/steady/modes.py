@@ -10,8 +10,8 @@ import numpy as np
 from mbfmu.errors import EquilibriumError
 from mbfmu.mechanics import Plant
 from mbfmu.steady.linear import Mode
-from solvers.modes import natural_modes
-from solvers.saddle import Saddle
+from solvers.projection.saddle import Saddle
+from solvers.statics.modes import natural_modes
 from solvers.system import Array
 
 ROUNDING = 1e-7  # omega^2 relative to the largest one found, below which it is none; 2e-8 on a free sheet of 51 x 35
@@ -43,7 +43,7 @@ def shapes(plant: Plant, q: Array, count: int, lam: Array) -> list[Shape]:
     n = system.n
     still, saddle = np.zeros(n), Saddle(system)
     saddle.weigh(0.0, q)
-    saddle.unbalance(0.0, q, still, still, lam)
+    saddle.residual(0.0, q, still, still, lam)
     try:
         values, motions = natural_modes(saddle, min(count, n - system.m - 1))
     except np.linalg.LinAlgError as reason:
@@ -51,7 +51,7 @@ def shapes(plant: Plant, q: Array, count: int, lam: Array) -> list[Shape]:
     values = np.where(np.abs(values) <= ROUNDING * np.abs(values).max(initial=0.0), 0.0, values)
     found = []
     for square, motion in zip(values, motions.T, strict=True):
-        there, back = (system.unbalance(0.0, q, sign * SMALL * motion, still, lam) for sign in (1.0, -1.0))
+        there, back = (system.residual(0.0, q, sign * SMALL * motion, still, lam) for sign in (1.0, -1.0))
         decay = 0.5 * float(motion @ (there - back)) / (2.0 * SMALL)
         root = np.sqrt(complex(decay**2 - square))
         found.append(Shape(mode=Mode(complex(-decay + root)), motion=motion))

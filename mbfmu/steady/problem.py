@@ -5,9 +5,9 @@ A drive that runs up has done so, unless a simulation is to start in the state.
 A cyclic coordinate, on which nothing depends, such as the angle of a free spindle, keeps the rate the model starts it
 with; every other free coordinate is at rest.
 
-Newton alone from the model's start; where that fails, downhill first; where that fails, continuation in the drive
-speed from rest. What is found is checked: it must hold at every position of the drives, with closed loops that stay
-closed.
+Newton alone from the model's start; where that fails, pseudo-transient continuation first; where that fails,
+continuation in the drive speed from rest. What is found is checked: it must hold at every position of the drives, with
+closed loops that stay closed.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ from mbfmu.steady.linear import StateSpace
 from mbfmu.steady.modes import Shape
 from mbfmu.steady.rigid_body_modes import free_motions, in_words
 from mbfmu.steady.state import Equilibrium, position_names
-from solvers.equilibrium import EquilibriumSolver, Outcome, Solution
-from solvers.equilibrium_dense import EPSILON, DenseEquilibriumSolver
-from solvers.equilibrium_tree import TreeEquilibriumSolver
+from solvers.statics.large import TreeEquilibriumSolver
+from solvers.statics.newton import EquilibriumSolver, Outcome, Solution
+from solvers.statics.small import EPSILON, DenseEquilibriumSolver
 from solvers.system import Array
 
-STEADY = 1e-8  # unbalance and gaps elsewhere on the drive's way, in units of the force of stiffness and of the rows
+STEADY = 1e-8  # residual and gaps elsewhere on the drive's way, in units of the force of stiffness and of the rows
 CLOSED = 1e-8  # largest gap of a steady state, in units of the rows
 NUDGE = 1e-6  # in units of the coordinates, for that force
 WRENCH = 1e-6  # change of a cut joint's force there, relative to the largest
@@ -42,7 +42,7 @@ CYCLIC = 1e-10  # change with a coordinate, relative to the largest entry, below
 SAME = 1e-6  # states closer than this, in units of the coordinates, are one
 
 REASONS = {
-    Outcome.NO_PROGRESS: "Newton made no progress, and the way downhill came to no rest",
+    Outcome.NO_PROGRESS: "Newton made no progress, and pseudo-transient continuation came to no rest",
     Outcome.SINGULAR: "the Jacobian is singular and a force is left that no position nearby balances",
     Outcome.UNDETERMINED: "it ended in a singular position, where the forces of the cut joints are not determined",
     Outcome.NOT_FINITE: "the equations gave a value that is not finite",
@@ -134,9 +134,9 @@ class EquilibriumProblem:
         found_from: str = "the model's start",
         lam: Array | None = None,
         *,
-        downhill: bool = False,
+        pseudo_transient: bool = False,
     ) -> Equilibrium:
-        """Find a steady state from closed positions q (nq,); ``downhill`` leaves out trying Newton alone.
+        """Find a steady state from closed positions q (nq,); ``pseudo_transient`` leaves out trying Newton alone.
 
         Raises
         ------
@@ -145,7 +145,7 @@ class EquilibriumProblem:
         """
         q = self._start if q is None else q
         if self._solver.singular(0.0, q):
-            forces, _ = self._solver.unbalance(0.0, q, np.zeros(self.plant.system.m))
+            forces, _ = self._solver.residual(0.0, q, np.zeros(self.plant.system.m))
             raise EquilibriumError(
                 f"the start of {self.model.name!r} is a singular position: the cut joints lose rank there, so their "
                 f"forces are not determined (unbalanced {np.abs(forces).max():.3g} N or N m without them); "
@@ -153,13 +153,13 @@ class EquilibriumProblem:
             )
         begin = time.perf_counter()
         tried = 0
-        if not downhill:
+        if not pseudo_transient:
             solution = self._solver.solve(0.0, q, lam)
-            tried, downhill = solution.iterations, solution.outcome is not Outcome.FOUND
-        if downhill:
-            solution = self._solver.solve(0.0, q, downhill=True)
+            tried, pseudo_transient = solution.iterations, solution.outcome is not Outcome.FOUND
+        if pseudo_transient:
+            solution = self._solver.solve(0.0, q, pseudo_transient=True)
             solution = replace(solution, iterations=tried + solution.iterations)
-            found_from += ", downhill"
+            found_from += ", by pseudo-transient continuation"
         if solution.outcome is not Outcome.FOUND:
             solution, found_from = self._continue_from_rest(q, solution), "rest, by continuation in the drive speed"
         elapsed = time.perf_counter() - begin
@@ -202,7 +202,7 @@ class EquilibriumProblem:
         try:
             while True:
                 self._set_speed(part)
-                solution = self._solver.solve(0.0, q, lam, downhill=lam is None)
+                solution = self._solver.solve(0.0, q, lam, pseudo_transient=lam is None)
                 iterations += solution.iterations
                 if solution.outcome is Outcome.FOUND:
                     q, lam, reached = solution.q, solution.lam, part
@@ -243,7 +243,7 @@ class EquilibriumProblem:
             return ""
         none = np.zeros(self.plant.system.m)
         motions = free_motions(self.plant, self._start, none)
-        forces, _ = self._solver.unbalance(0.0, self._start, none)
+        forces, _ = self._solver.residual(0.0, self._start, none)
         along = motions.T @ forces
         if np.abs(along).max(initial=0.0) <= STEADY * float(np.linalg.norm(forces)):
             return ""
@@ -284,7 +284,7 @@ class EquilibriumProblem:
         """
         plant, lam = self.plant, solution.lam
         size, small = plant.system.size, STEADY * self._stiffness(solution)
-        forces, gaps = self._solver.unbalance(t, solution.q, lam)
+        forces, gaps = self._solver.residual(t, solution.q, lam)
         forces -= solution.forces  # what rounding leaves there is no change with the drive
         changed = ""
         if len(self._solver.rows) and np.abs(forces * size).max() > small:
@@ -292,7 +292,7 @@ class EquilibriumProblem:
             plant.system.fill_position(t, solution.q, terms)
             lam = lam.copy()
             lam[rows] -= np.linalg.lstsq(terms.J[rows].T, forces, rcond=None)[0]
-            forces = self._solver.unbalance(t, solution.q, lam)[0] - solution.forces
+            forces = self._solver.residual(t, solution.q, lam)[0] - solution.forces
             arms = np.repeat((plant.length, 1.0), 3)  # what makes forces and moments comparable
             before = plant.cut_wrenches(0.0, solution.q, self._v, solution.lam) * arms
             after = plant.cut_wrenches(t, solution.q, self._v, lam) * arms
@@ -316,12 +316,12 @@ class EquilibriumProblem:
         size = self.plant.system.size
         beside = solution.q.copy()
         self.plant.system.apply(beside, NUDGE * size * np.random.default_rng(3).uniform(-1.0, 1.0, len(size)))
-        change = self._solver.unbalance(0.0, beside, solution.lam)[0] - solution.forces
+        change = self._solver.residual(0.0, beside, solution.lam)[0] - solution.forces
         return float(np.abs(change * size).max()) / NUDGE
 
     def others(self, found: Equilibrium, count: int | None = None) -> list[Equilibrium]:
         """Return further steady states, each once: from scattered starts (24, 4 on a large tree), and where the one
-        found is unstable downhill from the model's start.
+        found is unstable, by continuation from the model's start.
         """
         if count is None:
             count = 4 if not self.plant.system.has_matrices else 24
@@ -329,9 +329,9 @@ class EquilibriumProblem:
         searches = [(q, "a scattered start", False) for q in self.scattered(count)]
         if count and found.stability == "unstable":
             searches.insert(0, (self._start, "the model's start", True))
-        for q, found_from, downhill in searches:
+        for q, found_from, pseudo_transient in searches:
             try:
-                new = self.solve(q, found_from, downhill=downhill)
+                new = self.solve(q, found_from, pseudo_transient=pseudo_transient)
             except EquilibriumError:
                 continue
             if not any(self.same(new.q, old.q) for old in states):

@@ -22,8 +22,8 @@ from mbfmu.simulation import Simulation
 from mbfmu.steady.problem import equilibrium
 from mbfmu.steady.state import GROWTH
 from mbfmu.table import table
-from solvers.bundle import bundle
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
+from solvers.system import Equations
 
 EVALUATIONS = 200
 REPEATS = 7
@@ -147,7 +147,7 @@ def evaluations(plant: Plant) -> Callable[[], None]:
     if not system.has_matrices:
         a, lam, qdot, tau = (np.zeros(size) for size in (system.n, system.m, system.nq, system.n))
         return lambda: _inverses(system.inverse, q, v, a, lam, system.held_data, qdot, tau, EVALUATIONS)
-    equations = bundle(system, system.allocate_terms())
+    equations = Equations.of(system, system.allocate_terms())
     return lambda: _dynamics(equations, q, v, EVALUATIONS)
 
 

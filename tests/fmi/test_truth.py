@@ -17,7 +17,7 @@ from mbfmu.fmi import Fmu, export
 from mbfmu.frame import frame, unframe
 from mbfmu.native import run
 from mbfmu.simulation import Settings, Simulation
-from solvers import cache
+from solvers.compiled import cache
 
 SOLVERS = ["adams", "hybrid", "ida"]
 

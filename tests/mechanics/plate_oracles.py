@@ -56,7 +56,7 @@ def bodies_at(plant: Plant, q: Any) -> Any:
 
 
 def forces_and_tangent(plant: Plant, q: Any) -> tuple[Any, Any]:
-    """Static unbalance (n,) by inverse dynamics and its exact derivative (n, n)."""
+    """Static residual (n,) by inverse dynamics and its exact derivative (n, n)."""
     system = plant.complex_system()
     n = system.n
     K, zero = np.zeros((n, n)), np.zeros(n, complex)
@@ -99,8 +99,8 @@ def frequencies(plant: Plant) -> Any:
     system.fill(0.0, q, still, terms)
     M = terms.M
     if isinstance(system, TreeSystem):
-        at_rest = system.unbalance(0.0, q, still, still)
-        M = np.array([system.unbalance(0.0, q, still, a) - at_rest for a in free]).T
+        at_rest = system.residual(0.0, q, still, still)
+        M = np.array([system.residual(0.0, q, still, a) - at_rest for a in free]).T
     K = forces_and_tangent(plant, q)[1]
     if system.m:
         _, sigma, Vt = np.linalg.svd(terms.J)

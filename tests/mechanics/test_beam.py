@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 from mbfmu.errors import UserError
 from mbfmu.mechanics import MODES, Beam
 from mbfmu.mechanics.flexible.modal import ELASTIC, NODE
-from solvers.kernel import records
+from solvers.compiled.kernel import records
 
 L, MASS, EI = 3.0, 24.057, 7897.5
 SCALE = np.sqrt(EI / (MASS / L)) / L**2  # frequency is its product with the square of the eigenvalue beta L

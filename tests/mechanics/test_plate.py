@@ -15,7 +15,7 @@ from mbfmu.mechanics.dispatch import load_tangent
 from mbfmu.mechanics.elements.plate_energy import bending_strain, lean, stress
 from mbfmu.mechanics.loads import Drag
 from mbfmu.mechanics.recursions.dynamics import energy, move
-from solvers.held import contents, hold
+from solvers.compiled.held import contents, hold
 
 A, B, NU = 2.0, 1.5, 0.3
 BENDING = {"a": A, "b": B, "thickness": 0.3, "youngs_modulus": 10.0, "poisson": NU}

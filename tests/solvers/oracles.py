@@ -12,8 +12,8 @@ from numba import typeof, types
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from solvers.held import held_type
-from solvers.kernel import callback
+from solvers.compiled.held import held_type
+from solvers.compiled.kernel import callback
 from solvers.system import Array, System, Terms
 
 G = 9.81  # m/s^2

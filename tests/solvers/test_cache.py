@@ -12,8 +12,8 @@ from typing import Any
 
 import pytest
 
-from solvers import cache
-from solvers.kernel import COMPILED
+from solvers.compiled import cache
+from solvers.compiled.kernel import COMPILED
 
 pytestmark = pytest.mark.skipif(not COMPILED, reason="nothing is compiled")
 
@@ -23,10 +23,10 @@ import json, warnings
 import numpy as np
 warnings.simplefilter("always")
 with warnings.catch_warnings(record=True) as caught:
-    from solvers import cache, linking
+    from solvers.compiled import cache, linking
     linking.SMALL = 0
     began = []
-    from solvers.kernel import inlined, kernel
+    from solvers.compiled.kernel import inlined, kernel
 
     @kernel
     def deep(x, twice):
@@ -110,7 +110,7 @@ def test_code_of_another_signature_is_not_taken(tmp_path: Path) -> None:
     script, home = tmp_path / "demo.py", tmp_path / "home"
     script.write_text(
         "import json\n"
-        "from solvers.kernel import kernel\n\n"
+        "from solvers.compiled.kernel import kernel\n\n"
         "@kernel\n"
         "def double(x):\n"
         "    return 2 * x\n\n"
@@ -127,9 +127,10 @@ def test_code_of_another_signature_is_not_taken(tmp_path: Path) -> None:
 
 def test_a_caller_sees_that_what_it_calls_was_edited(tmp_path: Path) -> None:
     callee, script = tmp_path / "callee.py", tmp_path / "demo.py"
-    body = "from solvers import linking\nlinking.SMALL = 0\nfrom solvers.kernel import kernel\n\n@kernel\ndef big(x):\n"
+    body = "from solvers.compiled import linking\nlinking.SMALL = 0\n"
+    body += "from solvers.compiled.kernel import kernel\n\n@kernel\ndef big(x):\n"
     script.write_text(
-        "import json\nfrom callee import big\nfrom solvers.kernel import kernel\n\n"
+        "import json\nfrom callee import big\nfrom solvers.compiled.kernel import kernel\n\n"
         "@kernel\ndef outer(x):\n    return big(x) + 1.0\n\n"
         "print(json.dumps({'found': 19.0, 'told': outer(3.0)}))\n"
     )
@@ -158,7 +159,7 @@ def test_another_environment_with_the_same_sources_uses_the_same_code(tmp_path: 
     script = tmp_path / "script.py"
     script.write_text(
         "import json, numpy as np\n"
-        "from solvers.dense import factor_lu\n"
+        "from solvers.linalg.dense import factor_lu\n"
         "factor_lu(np.eye(2), 2, np.zeros(2, np.int64))\n"
         "print(json.dumps({'found': 19.0, 'hits': sum(factor_lu.stats.cache_hits.values())}))\n"
     )
@@ -172,7 +173,7 @@ def test_another_environment_with_the_same_sources_uses_the_same_code(tmp_path: 
 
 LATE = """
 import json
-from solvers import cache
+from solvers.compiled import cache
 from mbfmu.model import find
 from mbfmu.settings import Settings
 from mbfmu.simulation import Simulation

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solvers import dense, svd
+from solvers.linalg import dense, svd
 
 SHAPES = [(1, 1), (2, 3), (5, 3), (3, 3), (5, 10), (0, 2)]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solvers.kernel import records
+from solvers.compiled.kernel import records
 from solvers.ledger import BOOK, POINTS, add_step, begin_work, work_at
 
 Polynomial = np.polynomial.Polynomial

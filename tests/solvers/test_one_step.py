@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solvers.one_step import NODES, STAGES, A, E
+from solvers.steppers.adams.one_step import NODES, STAGES, A, E
 
 B = np.append(A[-1], 0.0)  # the step itself
 SQUARE = np.hstack((A, np.zeros((STAGES, 1))))

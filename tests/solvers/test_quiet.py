@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from solvers.quiet import IDA, LOGS, silent
+from solvers.steppers.ida.quiet import IDA, LOGS, silent
 
 RATES = np.logspace(0.0, 8.0, 30)
 

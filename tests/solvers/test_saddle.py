@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from solvers.saddle import pseudo_inverse
+from solvers.projection.saddle import pseudo_inverse
 
 
 def test_pseudo_inverse_shares_what_redundant_rows_carry() -> None:

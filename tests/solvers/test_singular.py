@@ -7,8 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from solvers import critical, dense, singular
-from solvers.workspace import Workspace, factor
+from solvers.linalg import dense
+from solvers.projection import critical, singular
+from solvers.projection.workspace import Workspace, factor
 
 SHAPES = [(2, 3, 2), (2, 9, 2), (4, 12, 3), (3, 3, 3), (4, 7, 4), (5, 6, 3), (8, 9, 8), (6, 12, 5)]  # m, n, rank
 # smallest singular values; what is redundant and what vanishes cannot be told apart

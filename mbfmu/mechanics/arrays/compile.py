@@ -33,7 +33,7 @@ from mbfmu.mechanics.records import (
 )
 from mbfmu.mechanics.sensors import Energy, KineticEnergy, RowForce, Sensor
 from mbfmu.mechanics.signals import InUse, Signal
-from solvers.kernel import records
+from solvers.compiled.kernel import records
 
 from .tables import COMPLEX, TANGENT, Tables
 

@@ -22,7 +22,7 @@ from mbfmu.mechanics.sensors import Follows, largest_residual
 from mbfmu.mechanics.signals import InUse
 from mbfmu.mechanics.tangent import Groups, Tangent, find_groups
 from mbfmu.units import read_unit
-from solvers.held import contents
+from solvers.compiled.held import contents
 from solvers.system import Array, System, TreeSystem
 
 from .assembly import assemble_positions, assemble_velocities, check_frames, check_inertia, frame_angles
@@ -108,7 +108,7 @@ class Plant:
 
     @property
     def kernel_data(self) -> Any:
-        """Arrays and state as kernels take them; see :mod:`solvers.held`."""
+        """Arrays and state as kernels take them; see :mod:`solvers.compiled.held`."""
         return contents(self.system.held_data)
 
     def signals(self, data: Data) -> list[InUse]:

@@ -7,7 +7,6 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import types
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.kind import Kind, kernel_of, record_of
@@ -20,9 +19,9 @@ from mbfmu.mechanics.records import (
     complex_twin,
     empty_data,
 )
-from solvers.by_address import address_of, record_type, side_by_side
-from solvers.held import held_type
-from solvers.kernel import COMPILED, records
+from solvers.compiled.by_address import address_of, record_type, side_by_side
+from solvers.compiled.held import held_type
+from solvers.compiled.kernel import COMPILED, records, types
 
 
 class Numbers(NamedTuple):

@@ -22,7 +22,7 @@ from mbfmu.mechanics.axes import plane_axes, unit_axis
 from mbfmu.mechanics.checks import Matrix, rotation, vector
 from mbfmu.mechanics.kind import Kind, Site
 from mbfmu.mechanics.spatial import arm, centripetal
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 CUT = np.dtype(
     [

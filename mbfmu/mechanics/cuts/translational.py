@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 from .base import AxisCut, along, between, perpendicular
 

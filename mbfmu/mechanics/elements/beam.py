@@ -23,7 +23,7 @@ from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.loads.base import Force
 from mbfmu.mechanics.numbers import is_finite
 from mbfmu.mechanics.spatial import add_force
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 
 @kernel

@@ -53,7 +53,7 @@ from typing import Any
 
 import numpy as np
 
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 PLATE = np.dtype(
     [

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 from .plate_energy import add_arcs, by_slopes, clear_stress, differentiate, gradient, shape, strain, stress
 

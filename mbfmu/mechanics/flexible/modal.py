@@ -39,7 +39,7 @@ from typing import Any
 
 import numpy as np
 
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 MODES = 12  # most of one body
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from mbfmu.mechanics.spatial import axis_matrix
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 from .base import AxisJoint
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from mbfmu.mechanics.spatial import quaternion_matrix
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 from .base import Joint
 

@@ -31,7 +31,7 @@ import numpy as np
 
 from mbfmu.errors import UserError
 from mbfmu.mechanics.kind import Site
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 from .out_of_plane import OutOfPlane
 

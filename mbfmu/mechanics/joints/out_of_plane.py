@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 from .base import Joint
 

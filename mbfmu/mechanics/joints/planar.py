@@ -10,7 +10,7 @@ import numpy as np
 from mbfmu.mechanics.axes import plane_axes
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.spatial import axis_matrix
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 from .base import AxisJoint
 

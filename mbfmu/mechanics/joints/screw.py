@@ -11,7 +11,7 @@ from mbfmu.errors import UserError
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.numbers import LONGEST, SHORTEST, is_finite
 from mbfmu.mechanics.spatial import axis_matrix
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 from .base import AxisJoint
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from mbfmu.mechanics.spatial import quaternion_matrix
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 from .base import Joint
 

@@ -16,7 +16,7 @@ from mbfmu.errors import UserError
 from mbfmu.mechanics.axes import Vector, unit_axis
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.spatial import axis_matrix, turned
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 from .base import AxisJoint
 

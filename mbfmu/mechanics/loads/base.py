@@ -23,7 +23,7 @@ from typing import Any, ClassVar
 
 from mbfmu.mechanics.kind import Kind
 from mbfmu.mechanics.spatial import arm
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 Points = tuple[Any, ...]
 FIXED_IN = ("ground", "body")  # what the axis of a given force or torque is of

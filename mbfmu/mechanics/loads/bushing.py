@@ -22,7 +22,7 @@ from mbfmu.mechanics.checks import rotation, vector
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.numbers import array_of
 from mbfmu.mechanics.spatial import add_force, arm, quaternion_of
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 from .base import Force, Points
 

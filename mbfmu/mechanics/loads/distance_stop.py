@@ -10,7 +10,7 @@ import numpy as np
 from mbfmu.mechanics.checks import not_negative, vector
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.spatial import add_force
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 from .base import Force, Points
 from .spring import pull

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from mbfmu.mechanics.kind import Site
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 from .base import LEFT_OUT, Load
 

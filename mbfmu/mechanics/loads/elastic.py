@@ -9,7 +9,7 @@ from mbfmu.mechanics.curve import curve, rows
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.numbers import finite
 from mbfmu.mechanics.signals import Table
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 from .base import Force
 

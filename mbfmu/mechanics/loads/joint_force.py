@@ -11,7 +11,7 @@ import numpy as np
 from mbfmu.mechanics import law
 from mbfmu.mechanics.dispatch import signal_value
 from mbfmu.mechanics.kind import Site
-from solvers.kernel import kept_nowhere, kernel
+from solvers.compiled.kernel import kept_nowhere, kernel
 
 from .base import Force
 

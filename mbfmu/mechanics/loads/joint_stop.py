@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from mbfmu.mechanics.kind import Site
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 from .base import Force
 from .stops import LIMITS, check_limits, fill_limits, lost, push, stored

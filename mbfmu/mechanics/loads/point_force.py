@@ -12,7 +12,7 @@ from mbfmu.mechanics.checks import one_of, vector
 from mbfmu.mechanics.dispatch import signal_value
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.spatial import add_force, arm
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 from .base import FIXED_IN, Force, Points, direction
 

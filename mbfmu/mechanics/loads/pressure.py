@@ -19,7 +19,7 @@ import numpy as np
 
 from mbfmu.mechanics.dispatch import signal_value
 from mbfmu.mechanics.kind import Site
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 from .base import Load
 

@@ -10,7 +10,7 @@ import numpy as np
 from mbfmu.mechanics.checks import vector
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.spatial import add_force, arm
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 from .base import Points
 from .elastic import ElasticForce, table_energy, table_force

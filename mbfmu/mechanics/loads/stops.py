@@ -16,7 +16,7 @@ import numpy as np
 from mbfmu.errors import UserError
 from mbfmu.mechanics.checks import not_negative
 from mbfmu.mechanics.numbers import finite
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 LIMITS = [
     ("lower", np.float64),  # rad or m; infinite: none

@@ -11,7 +11,7 @@ from mbfmu.mechanics.axes import unit_axis
 from mbfmu.mechanics.checks import one_of
 from mbfmu.mechanics.dispatch import signal_value
 from mbfmu.mechanics.kind import Site
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 from .base import FIXED_IN, Force, direction
 

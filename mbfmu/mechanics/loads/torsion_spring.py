@@ -20,7 +20,7 @@ from mbfmu.mechanics.checks import rotation
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.numbers import finite
 from mbfmu.mechanics.spatial import angle_of, arm
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 from .base import Force
 

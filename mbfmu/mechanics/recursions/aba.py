@@ -17,7 +17,7 @@ from typing import Any
 from mbfmu.mechanics.flexible import modal
 from mbfmu.mechanics.records import SECTION
 from mbfmu.mechanics.spatial import dot6, shift_motion, shift_wrench
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 from .rnea import inertia_wrench
 

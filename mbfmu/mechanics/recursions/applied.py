@@ -6,7 +6,7 @@ from typing import Any
 
 from mbfmu.mechanics.dispatch import apply_load, load_potential, load_power
 from mbfmu.mechanics.flexible import modal
-from solvers.kernel import inlined
+from solvers.compiled.kernel import inlined
 
 
 @inlined

@@ -10,7 +10,7 @@ from typing import Any
 
 from mbfmu.mechanics.dispatch import evaluate_cut
 from mbfmu.mechanics.spatial import add_wrench, dot6, row_dot6, shift_wrench
-from solvers.kernel import inlined, kernel
+from solvers.compiled.kernel import inlined, kernel
 
 
 @inlined

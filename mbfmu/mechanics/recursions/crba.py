@@ -12,7 +12,7 @@ from typing import Any
 from mbfmu.mechanics.flexible import modal
 from mbfmu.mechanics.records import MODAL, SECTION
 from mbfmu.mechanics.spatial import row_dot6, shift_wrench
-from solvers.kernel import inlined, kernel
+from solvers.compiled.kernel import inlined, kernel
 
 
 @inlined

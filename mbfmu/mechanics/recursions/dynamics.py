@@ -9,13 +9,11 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any, cast
 
-from numba import types
-
 from mbfmu.mechanics.dispatch import read_sensor, signal
 from mbfmu.mechanics.records import complex_twin, empty_data
 from mbfmu.mechanics.spatial import quaternion_rate
-from solvers.held import held_type
-from solvers.kernel import COMPILED, callback, inlined, kernel
+from solvers.compiled.held import held_type
+from solvers.compiled.kernel import COMPILED, callback, inlined, kernel, types
 from solvers.system import Terms
 
 from .aba import drive_efforts, forward_dynamics, unforced

@@ -9,7 +9,7 @@ import numpy as np
 from mbfmu.mechanics.flexible import modal
 from mbfmu.mechanics.records import RIGID, SECTION
 from mbfmu.mechanics.spatial import add_wrench, row_dot6, shift_wrench
-from solvers.kernel import inlined
+from solvers.compiled.kernel import inlined
 
 from .applied import load_powers, stored
 

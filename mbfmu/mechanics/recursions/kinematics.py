@@ -18,7 +18,7 @@ from mbfmu.mechanics.dispatch import has_bias, joint_bias, place_child, signal
 from mbfmu.mechanics.flexible.modal import bend, bend_bias
 from mbfmu.mechanics.records import RIGID
 from mbfmu.mechanics.spatial import multiply, rotate, rotate_row, shift_motion
-from solvers.kernel import inlined
+from solvers.compiled.kernel import inlined
 
 
 @inlined

@@ -14,7 +14,7 @@ from typing import Any
 from mbfmu.mechanics.flexible import modal
 from mbfmu.mechanics.records import RIGID
 from mbfmu.mechanics.spatial import add_wrench, cross, rotate, row_dot6
-from solvers.kernel import inlined, kernel
+from solvers.compiled.kernel import inlined, kernel
 
 
 @kernel

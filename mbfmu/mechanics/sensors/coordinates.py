@@ -7,7 +7,7 @@ from typing import Any
 
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.records import RIGID
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 from .base import Follows, Sensor
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from mbfmu.mechanics.recursions.energy import driven_action
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 from .base import Follows, Sensor
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.spatial import arm, centripetal
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 from .base import Follows, Sensor
 

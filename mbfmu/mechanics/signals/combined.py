@@ -10,7 +10,7 @@ import numpy as np
 from mbfmu.errors import UserError
 from mbfmu.mechanics.dispatch import signal as signal_at
 from mbfmu.mechanics.kind import Site
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 from .base import InUse, Signal
 

@@ -12,7 +12,7 @@ from mbfmu.errors import UserError
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.law import law_of
 from mbfmu.mechanics.numbers import is_finite
-from solvers.kernel import kept_nowhere
+from solvers.compiled.kernel import kept_nowhere
 
 from .base import InUse, Signal
 

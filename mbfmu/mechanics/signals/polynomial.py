@@ -15,7 +15,7 @@ import numpy as np
 from mbfmu.errors import UserError
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.numbers import finite, is_finite
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 from .base import InUse, Signal
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from mbfmu.mechanics.curve import curve, rows
 from mbfmu.mechanics.kind import Site
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 from .base import InUse, Signal
 

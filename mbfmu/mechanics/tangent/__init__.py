@@ -14,14 +14,14 @@ sheet.
 
 A cut joint adds what its reactions gain as its bodies move, lambda dG, so that T is the derivative of h + J^T lambda.
 Where asked for it adds springs that hold it: T + J^T alpha J, by which a saddle system is solved where T alone is
-singular (:mod:`solvers.saddle`).
+singular (:mod:`solvers.projection.saddle`).
 
 **Groups.** Every body belongs to a group; the groups form a tree such that joints and elements lie within a group or
 between neighbours (:mod:`.groups`): the columns of a sheet's grid are a path. Unknowns of a group: dq
 of joints whose parent is in the same group or fixed (inner), and of every other body (outer) its motion y and the
 multipliers of the directions N its joint locks, N^T (y_i - X y_j) = 0. Inner bodies are folded onto their parents by
 the recursion itself, rows and columns alike, as in the composite-body algorithm. What is left has a block for every
-group and for every two neighbours (:mod:`solvers.blocks`).
+group and for every two neighbours (:mod:`solvers.linalg.blocks`).
 """
 
 from __future__ import annotations

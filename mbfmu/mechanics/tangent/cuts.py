@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from mbfmu.mechanics.dispatch import evaluate_cut
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 from .steps import EPSILON, displace
 

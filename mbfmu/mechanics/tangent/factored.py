@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.records import Arrays, State, complex_state
-from solvers.blocks import BlockTree, one_thread
-from solvers.held import hold
+from solvers.compiled.held import hold
+from solvers.linalg.blocks import BlockTree, one_thread
 from solvers.system import Array
 
 from .filling import fill

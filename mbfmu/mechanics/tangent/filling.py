@@ -7,7 +7,7 @@ from __future__ import annotations
 from typing import Any
 
 from mbfmu.mechanics.dispatch import load_tangent
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 from . import cuts, loads
 from .joints import handed_down, outer_joint

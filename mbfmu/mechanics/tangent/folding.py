@@ -7,7 +7,7 @@ from __future__ import annotations
 from typing import Any
 
 from mbfmu.mechanics.spatial import add_wrench, row_dot6, shift_motion
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 from .layout import FIXED, INNER, OUTER
 

@@ -9,7 +9,7 @@ import numpy as np
 from mbfmu.mechanics.dispatch import place_child
 from mbfmu.mechanics.recursions.dynamics import turn_quaternion
 from mbfmu.mechanics.spatial import multiply
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 from .layout import FIXED, INNER
 from .steps import EPSILON

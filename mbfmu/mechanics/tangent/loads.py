@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 from mbfmu.mechanics.dispatch import apply_load
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 from .steps import EPSILON, displace
 

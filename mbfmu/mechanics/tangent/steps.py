@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from solvers.kernel import kernel
+from solvers.compiled.kernel import kernel
 
 EPSILON = 1e-30  # of the step
 

@@ -1,0 +1,187 @@
+"""Where machine code is kept between processes.
+
+Numba alone would go on using a cached caller after its callee was edited. So the folder is named by a fingerprint of
+all kernel sources, ``mbfmu/<fingerprint>`` under ``NUMBA_CACHE_DIR`` or the user's cache, and every environment with
+these sources uses the same one. What is damaged there is compiled anew; where nothing can be written, every process
+compiles for itself.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numba
+from numba.core import sigutils
+from numba.core.caching import FunctionCache, NullCache, _CacheLocator
+
+HERE = Path(__file__).resolve().parent.parent
+FOLDERS = (HERE, HERE.parent / "mbfmu" / "mechanics")  # of the kernels
+
+_listeners: list[Callable[[], None]] = []  # who is to know that compilation begins
+_blocks: list[Callable[[], None]] = []  # that wait, one within the other
+_unwritable: list[str] = []  # what this process has warned of
+
+
+@cache
+def home() -> Path:
+    """Return the folder of all machine code of ours."""
+    given = (os.environ.get(name) for name in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "LOCALAPPDATA"))
+    place = next(filter(None, given), "")
+    return (Path(place) if place else Path(os.path.expanduser("~/.cache"))) / "mbfmu"  # noqa: PTH111  # never raises
+
+
+@cache
+def folder() -> Path:
+    """Return the folder that holds the machine code of these sources."""
+    fingerprint = sha256(numba.__version__.encode())
+    for place in FOLDERS:
+        for source in sorted(place.rglob("*.py")):
+            fingerprint.update(source.relative_to(HERE.parent).as_posix().encode())
+            fingerprint.update(source.read_bytes())
+    return home() / fingerprint.hexdigest()[:16]
+
+
+@contextmanager
+def when_compiling(tell: Callable[[], None]) -> Iterator[None]:
+    """Have ``tell`` called in this block, once, before the first thing is compiled, unless the block around it, which
+    waits meanwhile, was told already.
+    """
+    around = _listeners.copy()
+    _listeners[:] = [tell] if around or not _blocks else []
+    _blocks.append(tell)
+    try:
+        yield
+    finally:
+        _blocks.pop()
+        _listeners[:] = around if _listeners else []
+
+
+def size() -> int:
+    """Return how much machine code of all our sources, older ones too, takes, in bytes."""
+    total = 0
+    with suppress(OSError):  # no such folder can be
+        for file in home().rglob("*"):
+            with suppress(FileNotFoundError):  # another process replaces what it keeps
+                total += file.stat().st_size if file.is_file() else 0
+    return total
+
+
+def clear() -> None:
+    """Remove it."""
+    shutil.rmtree(home(), ignore_errors=True)
+
+
+def tell_listeners() -> None:
+    """Tell who waits for it that compilation begins."""
+    while _listeners:
+        _listeners.pop()()
+
+
+class Place(_CacheLocator):
+    """The folder of one module, whose functions are told apart by their lines."""
+
+    def __init__(self, function: Any, source: str) -> None:
+        self._line = str(function.__code__.co_firstlineno)
+        self._stamp = stamp(source)
+        ours = any(Path(source).resolve().is_relative_to(place) for place in FOLDERS)
+        other = "" if ours else "-" + sha256(str(Path(source).resolve()).encode()).hexdigest()[:8]
+        self._path = str(folder() / (function.__module__ + other))
+
+    def get_cache_path(self) -> str:
+        """Return the folder."""
+        return self._path
+
+    def get_source_stamp(self) -> str:
+        """Return what changes with the source."""
+        return self._stamp
+
+    def get_disambiguator(self) -> str:
+        """Return what tells functions of one name apart."""
+        return self._line
+
+    @classmethod
+    def from_function(cls, function: Any, source: str) -> Place | None:
+        """Return the place of a function; None where it cannot be written."""
+        try:
+            place = cls(function, source)
+            if not Path(place.get_cache_path()).is_dir():  # one that is there may be read at least
+                place.ensure_cache_path()
+        except OSError:
+            return None
+        return place
+
+
+def stamp(source: str) -> str:
+    """Return what tells versions of a source apart, wherever it lies."""
+    status = Path(source).stat()
+    return _content(source, status.st_mtime_ns, status.st_size)
+
+
+@cache
+def _content(source: str, _changed: int, _size: int) -> str:
+    return sha256(Path(source).read_bytes()).hexdigest()
+
+
+class Cache(FunctionCache):
+    """The machine code of one function, for every signature."""
+
+    def load_overload(self, signature: Any, context: Any) -> Any:
+        """Return what is kept for a signature; None where nothing is, or it is damaged or another signature's."""
+        try:
+            found = super().load_overload(signature, context)
+            if found is not None and tuple(found.signature.args) == tuple(sigutils.normalize_signature(signature)[0]):
+                return found
+        except Exception:  # what is damaged unpickles to anything
+            pass
+        tell_listeners()
+        return None
+
+    def save_overload(self, signature: Any, compiled: Any) -> None:
+        """Keep what was compiled, where that can be written."""
+        try:
+            try:
+                super().save_overload(signature, compiled)
+            except OSError:
+                raise
+            except Exception:  # the index is damaged
+                self.flush()
+                super().save_overload(signature, compiled)
+        except OSError as error:
+            tell(error)
+
+
+class Nowhere(NullCache):
+    """What keeps nothing."""
+
+    def load_overload(self, signature: Any, context: Any) -> None:
+        """Find nothing."""
+        tell_listeners()
+
+
+def cache_of(function: Any, kind: type[Cache]) -> Any:
+    """Return where the machine code of a function is kept, if anywhere."""
+    try:
+        return kind(function)
+    except RuntimeError as error:  # no place was found
+        tell(error)
+        return Nowhere()
+
+
+def tell(error: Exception) -> None:
+    """Warn, once in a process, that it keeps nothing."""
+    if not _unwritable:
+        _unwritable.append(str(error))
+        warnings.warn(
+            f"machine code cannot be kept ({error}), so every process compiles for a minute or more; set "
+            "NUMBA_CACHE_DIR to a folder that can be written",
+            RuntimeWarning,
+            stacklevel=2,
+        )

@@ -1,0 +1,78 @@
+"""How kernels, callbacks and record arrays are made.
+
+A *kernel* is a closed compiled function: scalar loops, no allocation, no exceptions, no Python objects,
+out-parameters last. A *callback* is a kernel with a fixed signature that a solver receives as an argument;
+numba types it by signature only, so the solver compiles once, is cached, and serves every system.
+
+With ``NUMBA_DISABLE_JIT=1`` everything here is plain Python, for coverage and debugging.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
+import numba
+import numpy as np
+from numba import types as types  # noqa: PLC0414  # of signatures, for who makes callbacks
+from numba.core import sigutils
+from numpy.typing import NDArray
+
+from .linking import Callback, Inlined, Kernel
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+_config: Any = numba.config
+
+COMPILED: bool = not _config.DISABLE_JIT
+
+# No kernel allocates or keeps an array, so none counts references: the counting costs more than most kernels do.
+_OPTIONS: dict[str, Any] = {"boundscheck": None, "error_model": "numpy", "_nrt": False}
+
+
+def kernel(function: F) -> F:
+    """Compile a closed function on first use and keep the machine code on disk."""
+    return _made(Kernel, function) if COMPILED else function
+
+
+def inlined(function: F) -> F:
+    """Compile a small kernel into its callers: handing it many arrays would cost more than its work."""
+    return _made(Inlined, function, forceinline=True) if COMPILED else function
+
+
+def _made(kind: type[Inlined], function: F, **options: Any) -> F:
+    made = kind(function, targetoptions={"nopython": True, "no_cfunc_wrapper": True, **_OPTIONS, **options})
+    made.enable_caching()
+    return cast(F, made)
+
+
+def callback(signature: Any) -> Callable[[F], F]:
+    """Compile a function for one signature, so that it can be passed to a kernel as an argument."""
+
+    def compile_(function: F) -> F:
+        if not COMPILED:
+            return function
+        made = Callback(function, sigutils.normalize_signature(signature), {}, dict(_OPTIONS))
+        made.enable_caching()
+        made.compile()
+        return cast(F, made)
+
+    return compile_
+
+
+def records(count: int, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Return ``count`` zeroed records whose fields kernels reach as attributes (``bodies[i].mass``)."""
+    array = np.zeros(count, dtype)
+    return array if COMPILED else array.view(np.recarray)
+
+
+def kept_nowhere(function: F) -> F:
+    """Compile a function as a kernel, but for this process alone: one that is made on the way."""
+    if not COMPILED:
+        return function
+    return cast(F, Kernel(function, targetoptions={"nopython": True, "no_cfunc_wrapper": True, **_OPTIONS}))
+
+
+def is_kernel(function: Any) -> bool:
+    """Whether a function is compiled, so that kernels can call it."""
+    return isinstance(function, Inlined)

@@ -1,0 +1,1 @@
+"""Linear algebra: small dense matrices as kernels, and blocks along a tree."""

@@ -1,0 +1,215 @@
+"""The search for critical points, where the constraints lose a row of rank.
+
+There are forces u then that balance with nothing behind them::
+
+    J~^T u = 0,   nu~ . u = 0,   Phi~ = g u,   |u| = 1          (units as in :mod:`solvers.projection.workspace`)
+
+in the unknowns q, t, u and the *gap* g, the distance of the loop from one that is singular there. Newton's method in
+all unknowns, the shortest step where it is not unique (redundant rows, critical points that form curves), damped.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from solvers.compiled.kernel import inlined, kernel
+from solvers.linalg.dense import dot, least_norm, length, lift, lq, scale_to_unit, solve_positive, turn_in, turn_out
+
+from .workspace import distance, factor_transposed
+
+PROBE = 1e-7  # of differences, in units of size
+TURNS = 5  # of the inverse iteration for the weakest forces
+DAMPING = 0.01  # of the squares of singular values, in what is left of the equations: see seek
+NOISE = 1e-8  # singular values of the equations below this part of all are those of the differences
+FLAT = 1e-6  # below this part of the largest they count as zero
+SPAN = 1e-2  # of a unit vector in q, t, u and g, its part in q and t that counts
+SLOWEST = 1e-4  # rate of the drives that counts, in those of the motion
+STRIDE, FAR = 0.3, 1.0  # longest Newton step, longest way, in units of size
+NEWTON, EXACT = 30, 1e-11  # steps, and what they may leave: g is known to its power of 3/2
+
+
+@kernel
+def seek(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
+    """Newton for the critical point next to q: fills ``work.q_c``, and time and gap of its record.
+
+    Where several rows vanish at once the point is a double root: directions that matter have singular values as small
+    as the square root of what is left, and steps are damped by that (Levenberg, Marquardt).
+    """
+    m, n = eqs.terms.J.shape
+    c, N = work.critical[0], n + m + 2
+    weakest(eqs.terms, rank, work)
+    for i in range(q.shape[0]):
+        work.q_c[i] = q[i]
+    c.t, c.gap, c.rate = t, 0.0, drive_rate(eqs.terms, work)
+    for _ in range(NEWTON):
+        residual(eqs, c.t, work.q_c, work, work.g)
+        for i in range(N):
+            if not np.isfinite(work.g[i]):
+                return False
+        off = length(work.g)
+        if off < EXACT:
+            c.gap += gap_left(m, n, work)
+            return True
+        fill_matrix(eqs, moves(eqs.terms), work)
+        if not damped_step(DAMPING * off, work):
+            return False
+        step_critical(eqs, min(1.0, STRIDE / max(length(work.change), 1e-300)), work)
+        if not max(distance(work.q_c, q, work), abs(c.t - t) * work.rate[0]) < FAR:
+            return False
+    return False
+
+
+@kernel
+def damped_step(damping: float, work: Any) -> bool:
+    """work.change = the x that minimises |K x - g|^2 + damping |x|^2: (K K^T + damping) y = g, x = K^T y; False where
+    that has no digits.
+    """
+    N, trace = work.change.shape[0], 0.0
+    for i in range(N):
+        for j in range(i + 1):
+            work.K_work[i, j] = dot(work.K, i, work.K, j, 0, N)
+        trace += work.K_work[i, i]
+    for i in range(N):
+        work.K_work[i, i] += damping + NOISE * NOISE * trace
+        work.change[i] = 0.0
+    if not solve_positive(work.K_work, N, work.g):
+        return False
+    for i in range(N):
+        for j in range(N):
+            work.change[j] += work.K[i, j] * work.g[i]
+    return True
+
+
+@kernel
+def dimension(eqs: Any, work: Any) -> int:
+    """Dimension of the critical points in q and t about the one just found, from the null space of its equations."""
+    N, n = work.change.shape[0], work.size.shape[0]
+    fill_matrix(eqs, True, work)
+    for i in range(N):
+        for j in range(N):
+            work.K_work[i, j] = work.K[i, j]
+    lq(work.K_work, N, N, work.K_tau, work.K_pivots, work.change)
+    flat = 0
+    while flat < N and abs(work.K_work[flat, flat]) > FLAT * abs(work.K_work[0, 0]):
+        flat += 1
+    for k in range(N - flat):
+        for j in range(N):
+            work.K[k, j] = 1.0 if j == flat + k else 0.0
+        turn_out(work.K_work, work.K_tau, flat, N, work.K[k])
+    lq(work.K, N - flat, n + 1, work.K_tau, work.K_pivots, work.change)
+    found = 0
+    while found < min(N - flat, n + 1) and abs(work.K[found, found]) > SPAN:
+        found += 1
+    return found
+
+
+@inlined
+def moves(terms: Any) -> bool:
+    """Whether time moves a constraint."""
+    for i in range(terms.nu.shape[0]):
+        if terms.nu[i] != 0.0:
+            return True
+    return False
+
+
+@inlined
+def drive_rate(terms: Any, work: Any) -> float:
+    """Unit of time, 1/s: that of the motion, or that of drives which are slower."""
+    square = 0.0
+    for i in range(terms.nu.shape[0]):
+        square += (terms.nu[i] / work.row[i]) ** 2
+    return min(work.rate[0], max(SLOWEST * work.rate[0], np.sqrt(square)))
+
+
+@inlined
+def gap_left(m: int, n: int, work: Any) -> float:
+    """What u . (Phi~ - g u) is off."""
+    total = 0.0
+    for i in range(m):
+        total += work.u[i] * work.g[n + 1 + i]
+    return total
+
+
+@kernel
+def weakest(terms: Any, rank: int, work: Any) -> None:
+    """work.u = the left singular vector of the smallest singular value of J~ that is not redundant, from its factors:
+    by inverse iteration, which begins with what the last pivot row has for itself.
+    """
+    m, n = terms.J.shape
+    factor_transposed(m, rank, work)
+    lift(work.A, rank)
+    lift(work.B, rank)
+    for j in range(n):
+        work.f[j] = 1.0 if j == rank - 1 else 0.0
+    turn_out(work.A, work.tau, rank, n, work.f)
+    for _ in range(TURNS):
+        turn_in(work.A, work.tau, rank, n, work.f)
+        least_norm(work.f, m, rank, work.B, work.tau_B, work.pivots_B, work.u)
+        scale_to_unit(work.u)
+        least_norm(work.u, n, rank, work.A, work.tau, work.pivots, work.f)
+        scale_to_unit(work.f)
+
+
+@kernel
+def residual(eqs: Any, t: float, q: Any, work: Any, g: Any) -> None:
+    """Left side less right side of the equations (N,) at (t, q) with ``work.u`` and the gap; ``terms`` follow."""
+    terms, c = eqs.terms, work.critical[0]
+    m, n = terms.J.shape
+    eqs.position(t, q, eqs.data, terms)
+    for j in range(n):
+        g[j] = 0.0
+    g[n], g[n + m + 1] = 0.0, -0.5
+    for i in range(m):
+        scaled = work.u[i] / work.row[i]
+        for j in range(n):
+            g[j] += scaled * terms.J[i, j] * work.size[j]
+        g[n] -= scaled * terms.nu[i] / c.rate
+        g[n + 1 + i] = terms.Phi[i] / work.row[i] - c.gap * work.u[i]
+        g[n + m + 1] += 0.5 * work.u[i] * work.u[i]
+
+
+@kernel
+def fill_matrix(eqs: Any, timed: bool, work: Any) -> None:
+    """work.K (N, N) = derivative of work.g, the last :func:`residual`: by differences where J is differentiated; that
+    by time only where ``timed``.
+    """
+    terms, c = eqs.terms, work.critical[0]
+    m, n = terms.J.shape
+    N = n + m + 2
+    for k in range(m):
+        for i in range(N):
+            work.K[i, n + 1 + k] = 0.0
+        for j in range(n):
+            work.K[j, n + 1 + k] = terms.J[k, j] * (work.size[j] / work.row[k])
+        work.K[n, n + 1 + k] = -terms.nu[k] / (work.row[k] * c.rate)
+        work.K[n + 1 + k, n + 1 + k] = -c.gap
+        work.K[N - 1, n + 1 + k] = work.u[k]
+    for i in range(N):
+        work.K[i, N - 1] = -work.u[i - n - 1] if n < i < N - 1 else 0.0
+    for i in range(N):
+        work.K[i, n] = 0.0
+    for k in range(n + timed):
+        for i in range(work.q_c.shape[0]):
+            work.q_try[i] = work.q_c[i]
+        for i in range(n):
+            work.dq[i] = PROBE * work.size[i] if i == k else 0.0
+        eqs.retract(work.q_try, work.dq, eqs.data)
+        residual(eqs, c.t + (PROBE / c.rate if k == n else 0.0), work.q_try, work, work.g_try)
+        for i in range(N):
+            work.K[i, k] = (work.g_try[i] - work.g[i]) / PROBE
+
+
+@inlined
+def step_critical(eqs: Any, part: float, work: Any) -> None:
+    """Go a ``part`` of Newton's step."""
+    m, n = eqs.terms.J.shape
+    c = work.critical[0]
+    for j in range(n):
+        work.dq[j] = -part * work.change[j] * work.size[j]
+    eqs.retract(work.q_c, work.dq, eqs.data)
+    c.t -= part * work.change[n] / c.rate
+    for i in range(m):
+        work.u[i] -= part * work.change[n + 1 + i]
+    c.gap -= part * work.change[n + m + 1]

@@ -1,0 +1,412 @@
+"""Projection partitioning: motion tangent to the constraints, through singular positions too.
+
+Coordinates are measured in units S of their size, constraints in units R of their rows (the largest they have been), so
+that nothing below knows radians from metres: J~ = R^-1 J S. With J~ = L Q^T (:func:`solvers.linalg.dense.lq`) the first
+``rank`` columns of Q span the constraint normals and the others the motions the constraints allow, P = S Q_2::
+
+    v' = J^+ gamma + P (P^T M P)^-1 P^T (-h - M J^+ gamma)       (projection, paper eq. 9-13)
+    q <- q (+) -J^+ Phi,   v <- v - J^+ (J v - nu)               (Gauss-Newton, velocity correction)
+
+M itself is never factored, so bodies without mass are fine while P^T M P is positive definite. ``rank`` is the *normal
+rank*, the rank where the mechanism can move generically; rows that are redundant everywhere just lie beyond it, and
+which ones these are is decided anew at every position.
+
+**Singular positions.** Where the diagonal entry of L number ``rank`` is below ``SINGULAR`` times the first, J is nearly
+short of rank. Two things may be near: a *crossing*, where it loses rank on the way and a second branch of the motion
+crosses, or a *near miss*, where the branches part just before they meet and the motion turns sharply. Which of the two
+it is :mod:`.singular` decides. Near a miss everything above holds. At a crossing truncating J is wrong by O(1) in v',
+not truncating divides by zero. But the motion has a tangent e = v/|v| that is continuous, and with it v' has a
+limit. It is interpolated along the branch from both sides of the crossing, which lies at s = c, with regular
+accelerations only and v(s) = P P^T v + J^+ nu, e and |v| without the coordinates that constraints do not know::
+
+    v' = sum_k l_k(-c/d) a(c + k d) + O(d^4),   k = -2, -1, 1, 2,   a(s) at q(s) = close(q (+) s e)
+
+Where time moves constraints they are taken when the motion is there, at t + s/|v|. Loads are those of t, and what
+constraints do not know stays where it is: both may go through many periods on the way, or through much more of a way
+than the loops.
+
+Without velocity there is no tangent: the branch cannot be decided.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from solvers.compiled.kernel import inlined, kernel
+from solvers.linalg.dense import basic_transposed, dot, least_norm, rank_at, ratio, solve_positive, turn_in, turn_out
+
+from .critical import moves
+from .singular import CROSSING, SINGULAR, judge
+from .workspace import distance, factor, factor_here, factor_transposed, loop_speed
+
+OK, NOT_CLOSED, NO_MASS, UNDECIDABLE, NOT_FINITE = 0, 1, 2, 3, 4
+
+AT_REST = 1e-9  # speed, in units of size and rate, below which there is no tangent; see UNRESOLVED
+UNRESOLVED = 1e-7  # ratio below which nothing is left of the digits of the smallest pivot after squaring
+CLUSTER = 10.0  # a pivot at most so many times SINGULAR vanishes at a crossing with a smaller one
+REACH = 1e-2  # d of the limit, in units of size
+PASSES = 12  # Gauss-Newton corrections of a position
+CLOSED = 1e-7  # a correction this small is the last: the next one would be its square
+CHORD = 0.1  # part that a correction by the factors of the prediction must leave at most
+TOUCHING = 1e-14  # a correction this small is rounding
+OPEN = 1e-8  # residual that a closed position must not have in any row, in units of the rows
+
+
+@kernel
+def trusted(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
+    """How many pivot rows can be divided by; ``terms`` and factors belong to (t, q).
+
+    What vanishes at a crossing is left alone: it would be divided by nearly zero. Where several rows vanish all of them
+    are: one that is closed while another is not moves the velocity to a branch that is not there.
+    """
+    if rank_at(work.pivot, rank, SINGULAR) == rank:
+        return rank
+    if judge(eqs, t, q, rank, work) == CROSSING:
+        return rank_at(work.pivot, rank, CLUSTER * SINGULAR)
+    return rank_at(work.pivot, rank, UNRESOLVED)
+
+
+@inlined
+def close_to_crossing(rank: int, work: Any) -> bool:
+    """Whether a crossing that is known lies so near that pivots which vanish there are small."""
+    return work.critical[0].kind == CROSSING and rank_at(work.pivot, rank, CLUSTER * SINGULAR) < rank
+
+
+@inlined
+def position_off(terms: Any, rank: int, work: Any) -> float:
+    """work.dq = -J^+ Phi with the first ``rank`` pivot rows; return its largest entry in units of size."""
+    for i in range(terms.Phi.shape[0]):
+        work.b[i] = terms.Phi[i] / work.row[i]
+    least_norm(work.b, terms.J.shape[1], rank, work.A, work.tau, work.pivots, work.dq)
+    largest = 0.0
+    for i in range(work.dq.shape[0]):
+        largest = max(largest, abs(work.dq[i]))
+        work.dq[i] *= -work.size[i]
+    return largest
+
+
+@inlined
+def still_open(terms: Any, work: Any) -> bool:
+    """Whether some row, dependent ones included, has a residual."""
+    for i in range(terms.Phi.shape[0]):
+        if not abs(terms.Phi[i]) <= OPEN * work.row[i]:
+            return True
+    return False
+
+
+@kernel
+def close_position(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
+    """Bring q onto Phi(t, q) = 0 along the constraint normals, in place; False if it does not get there.
+
+    Leaves Phi, J and nu at the result, and the factors of a J nearby.
+    """
+    eqs.position(t, q, eqs.data, eqs.terms)
+    for _ in range(PASSES):
+        factor(eqs.terms, work)
+        trust = trusted(eqs, t, q, rank, work)
+        largest = correct_position(eqs, t, q, trust, work)
+        if largest <= CLOSED:
+            return trust < rank or not still_open(eqs.terms, work)
+    return False
+
+
+@inlined
+def correct_position(eqs: Any, t: float, q: Any, rank: int, work: Any) -> float:
+    """One Gauss-Newton correction of q in place, with the factors of the J of ``terms``; return its size."""
+    largest = position_off(eqs.terms, rank, work)
+    if not np.isfinite(largest):
+        return np.inf
+    eqs.retract(q, work.dq, eqs.data)
+    eqs.position(t, q, eqs.data, eqs.terms)
+    return largest
+
+
+@kernel
+def close_velocity(v: Any, terms: Any, rank: int, work: Any) -> None:
+    """Take from v what violates J v = nu in the first ``rank`` pivot rows of the factored J, in place."""
+    m, n = terms.J.shape
+    for i in range(m):
+        work.b[i] = -terms.nu[i]
+        for j in range(n):
+            work.b[i] += terms.J[i, j] * v[j]
+        work.b[i] /= work.row[i]
+    least_norm(work.b, n, rank, work.A, work.tau, work.pivots, work.dq)
+    for i in range(n):
+        v[i] -= work.size[i] * work.dq[i]
+
+
+@kernel
+def close(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any) -> int:
+    """Bring (q, v) onto the constraints, in place; leave ``terms`` and the factors of J at the result."""
+    if not close_position(eqs, t, q, rank, work):
+        return NOT_CLOSED
+    factor(eqs.terms, work)
+    close_velocity(v, eqs.terms, trusted(eqs, t, q, rank, work), work)
+    eqs.motion(t, q, v, eqs.data, eqs.terms)
+    return OK
+
+
+@kernel
+def settle(eqs: Any, t: float, q: Any, v: Any, near: Any, rank: int, slight: float, work: Any) -> int:
+    """As :func:`close`, where ``terms`` and the factors of J are those of the prediction ``near``.
+
+    The constraints linearised there take q onto them but for the square of the distance; while that is not ``slight``
+    they are used again, new factors being dearer. v' depends on what stays by the inverse square of the smallest pivot.
+    """
+    n = v.shape[0]
+    if eqs.terms.Phi.shape[0] == 0:
+        for i in range(n):
+            work.dq[i] = 0.0
+        eqs.retract(q, work.dq, eqs.data)
+        eqs.dynamics(t, q, v, eqs.data, eqs.terms)
+        return OK
+    if rank == 0 or rank_at(work.pivot, rank, SINGULAR) < rank:
+        return close(eqs, t, q, v, rank, work)
+    if q.shape[0] == n:
+        for i in range(eqs.terms.Phi.shape[0]):
+            for j in range(n):
+                eqs.terms.Phi[i] += eqs.terms.J[i, j] * (q[j] - near[j])
+        position_off(eqs.terms, rank, work)
+    else:
+        for i in range(n):
+            work.dq[i] = 0.0
+    eqs.retract(q, work.dq, eqs.data)  # quaternions to unit length, too
+    eqs.position(t, q, eqs.data, eqs.terms)
+    rest = position_off(eqs.terms, rank, work)
+    while not rest <= max(slight * ratio(work.pivot, rank) ** 2, TOUCHING):
+        eqs.retract(q, work.dq, eqs.data)
+        eqs.position(t, q, eqs.data, eqs.terms)
+        before, rest = rest, position_off(eqs.terms, rank, work)
+        if not rest <= CHORD * before:
+            return close(eqs, t, q, v, rank, work)
+    close_velocity(v, eqs.terms, rank, work)
+    eqs.motion(t, q, v, eqs.data, eqs.terms)
+    factor(eqs.terms, work)
+    return OK
+
+
+@kernel
+def span_tangents(rank: int, work: Any) -> None:
+    """Fill the rows of ``work.T`` with a basis of the motions the factored constraints allow: the columns of P."""
+    n = work.T.shape[1]
+    for k in range(n - rank):
+        tangent = work.T[k]
+        for i in range(n):
+            tangent[i] = 1.0 if i == rank + k else 0.0
+        turn_out(work.A, work.tau, rank, n, tangent)
+        for i in range(n):
+            tangent[i] *= work.size[i]
+
+
+@kernel
+def tangent_motion(terms: Any, freedom: int, work: Any, a: Any) -> bool:
+    """a <- a + P z, where P^T (M a + h) = 0 and the columns of P are the first ``freedom`` rows of ``work.T``."""
+    n = a.shape[0]
+    for i in range(n):
+        work.f[i] = -terms.h[i]
+        for j in range(n):
+            work.f[i] -= terms.M[i, j] * a[j]
+    for k in range(freedom):
+        for i in range(n):
+            work.momentum[0, i] = dot(terms.M, i, work.T, k, 0, n)
+        for low in range(k + 1):
+            work.mass[k, low] = dot(work.T, low, work.momentum, 0, 0, n)
+        work.z[k] = 0.0
+        for i in range(n):
+            work.z[k] += work.T[k, i] * work.f[i]
+    if not solve_positive(work.mass, freedom, work.z):
+        return False
+    for k in range(freedom):
+        for i in range(n):
+            a[i] += work.T[k, i] * work.z[k]
+    return True
+
+
+@kernel
+def regular_acceleration(terms: Any, rank: int, work: Any, a: Any) -> int:
+    """v' away from singular positions, from ``terms`` and the factors of their J."""
+    m, n = terms.J.shape
+    for i in range(m):
+        work.b[i] = terms.gamma[i] / work.row[i]
+    least_norm(work.b, n, rank, work.A, work.tau, work.pivots, a)
+    for i in range(n):
+        a[i] *= work.size[i]
+    span_tangents(rank, work)
+    if not tangent_motion(terms, n - rank, work, a):
+        return NO_MASS
+    for i in range(n):
+        if not np.isfinite(a[i]):
+            return NOT_FINITE
+    return OK
+
+
+@kernel
+def acceleration(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any, a: Any) -> int:
+    """v' anywhere; ``terms`` and the factors of J belong to (t, q, v) and do so again afterwards."""
+    for i in range(v.shape[0]):
+        if not np.isfinite(eqs.terms.h[i]):
+            return NOT_FINITE
+    if rank_at(work.pivot, rank, SINGULAR) == rank:
+        return regular_acceleration(eqs.terms, rank, work, a)
+    crossing = judge(eqs, t, q, rank, work) == CROSSING
+    if not crossing or not loop_speed(v, work) > AT_REST * work.rate[1]:
+        resolved = rank_at(work.pivot, rank, UNRESOLVED) == rank
+        return regular_acceleration(eqs.terms, rank, work, a) if resolved else UNDECIDABLE
+    code = limit(eqs, t, q, v, False, rank, work, a)
+    factor_here(eqs, t, q, v, work)
+    return code
+
+
+@inlined
+def place(eqs: Any, q: Any, v: Any, along: float, work: Any) -> None:
+    """work.q_near = the position a time ``along`` of the loops' part of v from q."""
+    for i in range(q.shape[0]):
+        work.q_near[i] = q[i]
+    for i in range(v.shape[0]):
+        work.dq[i] = along * v[i] * work.looped[i]
+    eqs.retract(work.q_near, work.dq, eqs.data)
+
+
+@kernel
+def way_to_crossing(eqs: Any, q: Any, v: Any, work: Any) -> float:
+    """Signed distance along v from q to where the crossing lies nearest."""
+    speed = loop_speed(v, work)
+    place(eqs, q, v, -REACH / speed, work)
+    behind = distance(work.q_c, work.q_near, work)
+    place(eqs, q, v, REACH / speed, work)
+    before = distance(work.q_c, work.q_near, work)
+    return (behind * behind - before * before) / (4.0 * REACH)
+
+
+@kernel
+def neighbour(eqs: Any, t: float, q: Any, v: Any, along: float, timed: bool, rank: int, work: Any) -> bool:
+    """Closed state (work.q_near, work.v_near) at a signed distance ``along`` v from q, with its terms and factors.
+    Where constraints are ``timed`` they are those of the time when the motion gets there, inertia and loads those of t.
+    False where it cannot be closed. No row is left out.
+    """
+    speed = loop_speed(v, work)
+    place(eqs, q, v, along / speed, work)
+    for i in range(v.shape[0]):
+        work.v_near[i] = v[i]
+    after = t + along / speed if timed else t
+    eqs.position(after, work.q_near, eqs.data, eqs.terms)
+    for _ in range(PASSES):
+        factor(eqs.terms, work)
+        if correct_position(eqs, after, work.q_near, rank, work) <= CLOSED:
+            factor(eqs.terms, work)
+            close_velocity(work.v_near, eqs.terms, rank, work)
+            eqs.motion(after, work.q_near, work.v_near, eqs.data, eqs.terms)
+            if timed:
+                load_at(eqs, t, work)
+            return True
+    return False
+
+
+@inlined
+def load_at(eqs: Any, t: float, work: Any) -> None:
+    """Give ``terms`` of a neighbour inertia and loads as they are at t, and leave it what constraints ask for."""
+    for i in range(work.x.shape[0]):
+        work.x[i] = eqs.terms.gamma[i]
+    eqs.dynamics(t, work.q_near, work.v_near, eqs.data, eqs.terms)
+    for i in range(work.x.shape[0]):
+        eqs.terms.gamma[i] = work.x[i]
+
+
+@kernel
+def limit(eqs: Any, t: float, q: Any, v: Any, velocity: bool, rank: int, work: Any, out: Any) -> int:
+    """``out`` = v', or v on the branch, beside a crossing, from both sides of it (module docstring)."""
+    for i in range(v.shape[0]):
+        out[i] = 0.0
+    way = way_to_crossing(eqs, q, v, work)
+    step = max(REACH, abs(way))
+    x = -way / step
+    timed = moves(eqs.terms)
+    for node in (-2, -1, 1, 2):
+        if not neighbour(eqs, t, q, v, way + node * step, timed, rank, work):
+            return NOT_CLOSED
+        if not velocity:
+            code = regular_acceleration(eqs.terms, rank, work, work.a)
+            if code != OK:
+                return code
+        weight = lagrange(node, x)
+        for i in range(v.shape[0]):
+            out[i] += weight * (work.v_near[i] if velocity else work.a[i])
+    return OK
+
+
+@inlined
+def lagrange(node: int, x: float) -> float:
+    """The cubic that is one at ``node`` and zero at the others of -2, -1, 1, 2."""
+    if abs(node) == 1:
+        return (4.0 - x * x) * (1.0 + node * x) / 6.0
+    return (x * x - 1.0) * (2.0 + 0.5 * node * x) / 12.0
+
+
+@kernel
+def close_report(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any) -> int:
+    """As :func:`close`; at a crossing what lies across the branch is removed too: of the position as far as it is
+    resolved, of the velocity by the same limit.
+
+    For states from a solver that does not control these well (IDA's regularisation leaves them free).
+    """
+    code = close(eqs, t, q, v, rank, work)
+    if code != OK or rank_at(work.pivot, rank, SINGULAR) == rank:
+        return code
+    if judge(eqs, t, q, rank, work) != CROSSING or not loop_speed(v, work) > AT_REST * work.rate[1]:
+        return code
+    if rank_at(work.pivot, rank, UNRESOLVED) == rank and position_off(eqs.terms, rank, work) < ratio(work.pivot, rank):
+        correct_position(eqs, t, q, rank, work)
+    code = limit(eqs, t, q, v, True, rank, work, work.a)
+    if code == OK:
+        for i in range(v.shape[0]):
+            v[i] = work.a[i]
+    return code
+
+
+@kernel
+def multipliers(terms: Any, rank: int, work: Any, a: Any, lam: Any) -> None:
+    """Shortest lambda, in units of the rows, with J^T lambda = -(M a + h) in the directions of ``rank`` pivot rows, as
+    far as there are digits; ``terms`` and factors belong together.
+
+    Beside a crossing no row is left out, as it is where v' is found: forces may be unbounded there, and what they do to
+    a drive is their product with an arm that vanishes.
+    """
+    m, n = terms.J.shape
+    rank = rank_at(work.pivot, rank, UNRESOLVED)
+    for i in range(n):
+        work.f[i] = -terms.h[i]
+        for j in range(n):
+            work.f[i] -= terms.M[i, j] * a[j]
+        work.f[i] *= work.size[i]
+    if rank == m:
+        basic_transposed(work.f, m, n, rank, work.A, work.tau, work.pivots, lam)
+    else:
+        shortest_transposed(m, n, rank, work, lam)
+    for i in range(m):
+        lam[i] /= work.row[i]
+
+
+@kernel
+def unresolved(rtol: float, rank: int, work: Any) -> bool:
+    """Whether so little is left of a pivot that forces are not known: positions are no better than the tolerance."""
+    return rank > 0 and rank_at(work.pivot, rank, max(UNRESOLVED, rtol)) < rank
+
+
+@kernel
+def shortest_transposed(m: int, n: int, rank: int, work: Any, y: Any) -> None:
+    """Shortest y (m,) with J~^T y = work.f, where rows depend on each other: L^T y = Q^T f by factors of L^T."""
+    turn_in(work.A, work.tau, rank, n, work.f)
+    factor_transposed(m, rank, work)
+    least_norm(work.f, m, rank, work.B, work.tau_B, work.pivots_B, y)
+
+
+@kernel
+def evaluate(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any, a: Any, lam: Any) -> int:
+    """Accelerations and shortest multipliers at a closed state; leaves ``terms`` there."""
+    factor_here(eqs, t, q, v, work)
+    code = acceleration(eqs, t, q, v, rank, work, a)
+    if code == OK:
+        multipliers(eqs.terms, rank, work, a, lam)
+    return code

@@ -1,0 +1,97 @@
+"""What is found out once, at the start: the rank of the constraints where the mechanism moves, and their units."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from solvers.compiled.kernel import kernel
+from solvers.linalg.dense import rank_at
+
+from .projection import CLOSED, PASSES, REACH, correct_position, span_tangents
+from .workspace import factor, scaled_length
+
+REDUNDANT = 1e-6  # ratio that tells a redundant constraint from a singular position nearby
+ROUNDING = 1e-12  # part of a row that is no more than that
+SAMPLES = 5  # positions that the units of the rows are taken from
+
+
+@kernel
+def normal_rank(eqs: Any, t: float, q: Any, v: Any, work: Any) -> int:
+    """Largest rank of J at q and at neighbours a finite move away, along v and along every allowed motion.
+
+    A start in a singular position has a smaller rank than the motion that leaves it; constraints that are
+    redundant everywhere on the way do not count. The neighbours are closed first: off the constraints
+    redundancy is hidden.
+    """
+    m, n = eqs.terms.J.shape
+    measure_rows(eqs, t, q, work)
+    eqs.position(t, q, eqs.data, eqs.terms)
+    factor(eqs.terms, work)
+    here = rank_at(work.pivot, min(m, n), REDUNDANT)
+    best = here
+    span_tangents(here, work)
+    for k in range(n - here):
+        for i in range(n):
+            work.directions[k, i] = work.T[k, i]
+    for k in range(n - here + 1):
+        for i in range(n):
+            work.v_near[i] = work.directions[k, i] if k < n - here else v[i]
+        best = max(best, rank_beside(eqs, t, q, work.v_near, work))
+    return best
+
+
+@kernel
+def measure_rows(eqs: Any, t: float, q: Any, work: Any) -> None:
+    """Let the unit of every row be its largest length at q and at a few positions far from q, closed or not: where it
+    is short at q it may be singular there. Note which coordinates they know.
+    """
+    m, n = eqs.terms.J.shape
+    for i in range(m):
+        work.row[i] = 0.0
+    for j in range(n):
+        work.looped[j] = 0.0
+    for far in range(SAMPLES):
+        for i in range(q.shape[0]):
+            work.q_near[i] = q[i]
+        for j in range(n):
+            work.dq[j] = work.size[j] * np.sin(far * (1.0 + 0.7 * j))
+        eqs.retract(work.q_near, work.dq, eqs.data)
+        eqs.position(t, work.q_near, eqs.data, eqs.terms)
+        for i in range(m):
+            square = 0.0
+            for j in range(n):
+                square += (eqs.terms.J[i, j] * work.size[j]) ** 2
+            for j in range(n):
+                if abs(eqs.terms.J[i, j]) * work.size[j] > ROUNDING * np.sqrt(square):
+                    work.looped[j] = 1.0
+            work.row[i] = max(work.row[i], np.sqrt(square))
+    for i in range(m):
+        if not work.row[i] > 0.0:
+            work.row[i] = 1.0
+
+
+@kernel
+def rank_beside(eqs: Any, t: float, q: Any, e: Any, work: Any) -> int:
+    """Rank of J after a small closed move from q along e; zero where there is none."""
+    m, n = eqs.terms.J.shape
+    size = scaled_length(e, work)
+    if not size > 0.0:
+        return 0
+    for i in range(q.shape[0]):
+        work.q_near[i] = q[i]
+    for i in range(n):
+        work.dq[i] = 5.0 * REACH * e[i] / size
+    eqs.retract(work.q_near, work.dq, eqs.data)
+    eqs.position(t, work.q_near, eqs.data, eqs.terms)
+    for _ in range(PASSES):
+        factor(eqs.terms, work)
+        here = rank_at(work.pivot, min(m, n), REDUNDANT)
+        largest = correct_position(eqs, t, work.q_near, here, work)
+        if largest <= CLOSED:
+            factor(eqs.terms, work)
+            return rank_at(work.pivot, min(m, n), REDUNDANT)
+        if not largest < np.inf:
+            return 0
+    return 0

@@ -1,0 +1,171 @@
+"""Scratch of the partitions, and the factors of the constraint Jacobian in the mechanism's own units."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solvers.compiled.kernel import inlined, kernel, records
+from solvers.linalg.dense import lq
+from solvers.system import Array
+
+CRITICAL = np.dtype(
+    [
+        ("kind", "i8"),  # what the critical point q_c is: solvers.projection.singular.NONE, CROSSING, or MISS
+        ("gap", "f8"),  # distance of the loop from one that crosses, in units of the rows
+        ("t", "f8"),  # when the drives get there, s
+        ("rate", "f8"),  # 1/s, unit of time in which it was looked for
+        ("behind", "i8"),  # 1: a step has gone through it
+        ("in_vain", "f8"),  # ratio of the pivots where it was looked for last and not found
+    ],
+    align=True,
+)
+
+
+COURSE = np.dtype(
+    [
+        ("known", "i8"),  # is the frame determined
+        ("ratio", "f8"),  # of the pivots in the last position
+        ("fall", "f8"),  # 1/s, of it in the last step
+        ("taken", "f8"),  # s, that step
+        ("ahead", "f8"),  # s, when it would vanish, or come to a stop, if it goes on falling as it did
+    ],
+    align=True,
+)
+
+
+class Workspace(NamedTuple):
+    """Units, scratch, and what is known of the way so far; allocated once.
+
+    But for :meth:`memory` nothing in it outlives a call except the factors of the last J.
+    """
+
+    size: Array  # (n,)    units of the coordinates
+    size_q: Array  # (nq,)   units of the positions
+    row: Array  # (m,)    units of the constraints
+    looped: Array  # (n,)    1 for coordinates that constraints know, 0 for others
+    rate: Array  # (2,)    1/s, of the motion, and of the loops' part in it: unit of size a second
+    pace: Array  # (n,)    1/s, of every coordinate's own part in it
+    A: Array  # (m, n)  L, and the reflectors of Q, of J~[pivots] = L Q^T
+    tau: Array  # (m,)    of the reflectors
+    pivots: NDArray[np.int64]  # (m,)    order of the rows, independent ones first, int64
+    pivot: Array  # (m,)    |L_kk|, zero beyond min(m, n)
+    T: Array  # (n, n)  rows span the allowed motions, first n - rank
+    directions: Array  # (n, n)  allowed motions at the start
+    mass: Array  # (n, n)  P^T M P
+    momentum: Array  # (1, n)  M times an allowed motion
+    f: Array  # (n,)    residual force
+    z: Array  # (n,)    reduced acceleration
+    b: Array  # (m,)    residual
+    dq: Array  # (n,)    correction
+    a: Array  # (n,)    acceleration at a neighbouring position
+    slope: Array  # (n,)    acceleration under evaluation
+    q: Array  # (nq,)   position under evaluation
+    v: Array  # (n,)    velocity under evaluation
+    q_near: Array  # (nq,)   neighbouring position
+    v_near: Array  # (n,)    neighbouring velocity
+    B: Array  # (m, m)  factors of L^T
+    tau_B: Array  # (m,)
+    pivots_B: NDArray[np.int64]  # (m,)  int64
+    J_work: Array  # (m, n)  J being eliminated
+    D: Array  # (m, m)  dependent columns of J, then their LU factors
+    order: NDArray[np.int64]  # (max(m, n),)  row exchanges of D or of mass, int64
+    x: Array  # (m,)    solution with D
+    lam: Array  # (m,)    multipliers
+    rows: NDArray[np.int64]  # (m,)    candidate choice of rows, int64
+    columns: NDArray[np.int64]  # (n,)    candidate choice of coordinates, dependent ones first, int64
+    critical: NDArray[Any]  # (1,)    record of CRITICAL
+    q_c: Array  # (nq,)   critical point
+    q_try: Array  # (nq,)   position beside it
+    u: Array  # (m,)    forces that balance there
+    K: Array  # (N, N)  matrix of its equations, N = n + m + 2
+    K_work: Array  # (N, N)  its factors, or those of its square
+    K_tau: Array  # (N,)
+    K_pivots: NDArray[np.int64]  # (N,)  int64
+    g: Array  # (N,)    residual of its equations
+    g_try: Array  # (N,)    beside it
+    change: Array  # (N,)
+    course: NDArray[Any]  # (1,)    record of COURSE: the last good position
+    frame: Array  # (m, n)  factors of J~ there, see solvers.projection.singular
+    frame_tau: Array  # (m,)
+    frame_pivots: NDArray[np.int64]  # (m,)  int64
+    q_last: Array  # (nq,)   the position itself
+    nu_last: Array  # (m,)    what the drives did there, in units of the rows
+
+    @staticmethod
+    def allocate(nq: int, n: int, m: int) -> Workspace:
+        """Return zeroed scratch for ``nq`` positions, ``n`` velocities and ``m`` constraints, units of one."""
+        z, one = np.zeros, np.ones
+        N = n + m + 2 if m else 0
+        pivots, pivots_B, order, rows, columns, K_pivots, frame_pivots = (
+            np.zeros(k, np.int64) for k in (m, m, max(m, n), m, n, N, m)
+        )
+        return Workspace(
+            one(n), one(nq), one(m), one(n), one(2), one(n), z((m, n)), z(m), pivots, z(m), z((n, n)), z((n, n)),
+            z((n, n)), z((1, n)), z(n), z(n), z(m), z(n), z(n), z(n), z(nq), z(n), z(nq), z(n), z((m, m)), z(m),
+            pivots_B, z((m, n)), z((m, m)), order, z(m), z(m), rows, columns, records(1, CRITICAL), z(nq), z(nq), z(m),
+            z((N, N)), z((N, N)), z(N), K_pivots, z(N), z(N), z(N), records(1, COURSE), z((m, n)), z(m), frame_pivots,
+            z(nq), z(m),
+        )  # fmt: skip
+
+    def memory(self) -> list[NDArray[Any]]:
+        """Return the arrays that a motion cannot go on without."""
+        known = (self.row, self.looped, self.rate, self.pace, self.critical, self.q_c, self.u)
+        return [*known, self.course, self.frame, self.frame_tau, self.frame_pivots, self.q_last, self.nu_last]
+
+
+@kernel
+def factor(terms: Any, work: Any) -> None:
+    """Factor the Jacobian held by ``terms``, in units of rows and coordinates."""
+    m, n = terms.J.shape
+    for i in range(m):
+        for j in range(n):
+            work.A[i, j] = terms.J[i, j] * (work.size[j] / work.row[i])
+    lq(work.A, m, n, work.tau, work.pivots, work.pivot)
+    for i in range(m):
+        work.pivot[i] = abs(work.A[i, i]) if i < n else 0.0
+
+
+@inlined
+def factor_transposed(m: int, rank: int, work: Any) -> None:
+    """Factor L^T (rank, m), its columns in the order of the constraints, from the factors of J~."""
+    for k in range(rank):
+        for i in range(m):
+            work.B[k, work.pivots[i]] = work.A[i, k] if i >= k else 0.0
+    lq(work.B, rank, m, work.tau_B, work.pivots_B, work.x)
+
+
+@kernel
+def factor_here(eqs: Any, t: float, q: Any, v: Any, work: Any) -> None:
+    """Fill ``terms`` at (t, q, v) and factor their J."""
+    eqs.dynamics(t, q, v, eqs.data, eqs.terms)
+    factor(eqs.terms, work)
+
+
+@inlined
+def scaled_length(x: Any, work: Any) -> float:
+    """|x|, x (n,) a change of the coordinates in units of their size."""
+    square = 0.0
+    for i in range(x.shape[0]):
+        square += (x[i] / work.size[i]) ** 2
+    return np.sqrt(square)
+
+
+@inlined
+def loop_speed(v: Any, work: Any) -> float:
+    """|v| of the coordinates that constraints know, in units of their size a second."""
+    square = 0.0
+    for i in range(v.shape[0]):
+        square += (work.looped[i] * v[i] / work.size[i]) ** 2
+    return np.sqrt(square)
+
+
+@inlined
+def distance(q: Any, other: Any, work: Any) -> float:
+    """Distance of two positions (nq,) in units of size."""
+    square = 0.0
+    for i in range(q.shape[0]):
+        square += ((q[i] - other[i]) / work.size_q[i]) ** 2
+    return np.sqrt(square)

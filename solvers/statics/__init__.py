@@ -1,0 +1,1 @@
+"""Steady states by Newton-Raphson, and natural modes about them."""

@@ -1,0 +1,86 @@
+"""Steady states of a large tree by its structured tangent, in O(n); see :mod:`.newton`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solvers.projection.saddle import Saddle
+from solvers.system import Array, TreeSystem
+
+from .newton import CONVERGED, ITERATIONS, LEAST_DAMPING, EquilibriumSolver, Outcome, State
+
+
+class TreeEquilibriumSolver(EquilibriumSolver):
+    """Newton for one large tree.
+
+    Parameters
+    ----------
+    system
+        The tree.
+    v
+        Velocities (n,) of the steady motion.
+    """
+
+    def __init__(self, system: TreeSystem, v: Array) -> None:
+        super().__init__(system)
+        self.system, self._v, self._still = system, v, np.zeros(system.n)
+        self._saddle = Saddle(system)
+        self.rows = np.arange(system.m)
+
+    def rehearse(self, q: Array) -> None:
+        """See the base."""
+        self._saddle.weigh(0.0, q)
+        forces, gaps = self.residual(0.0, q, np.zeros(self.system.m))
+        if self._saddle.factor(0.0, 1.0):
+            self._moved(q, 0.0 * self._saddle.solve(forces, gaps)[0])
+
+    def residual(self, t: float, q: Array, lam: Array) -> tuple[Array, Array]:
+        """See the base."""
+        return self._saddle.residual(t, q, self._v, self._still, lam)
+
+    def singular(self, t: float, q: Array) -> bool:
+        """Never: the multipliers are the shortest."""
+        return False
+
+    def _balancing(self, t: float, q: Array) -> Array:
+        """Return none; Newton finds them in its first step."""
+        self._saddle.weigh(t, q)
+        return np.zeros(self.system.m)
+
+    def _all(self, lam: Array) -> Array:
+        return lam
+
+    def _moved(self, q: Array, step: Array) -> Array:
+        moved = q.copy()
+        self.system.apply(moved, step)
+        return moved
+
+    def _stepped(self, at: State, part: float, step: Array, reaction: Array) -> State:
+        """Return the state moved by a part of a correction."""
+        return State(self._moved(at.q, part * step), at.lam + part * reaction)
+
+    def _newton(self, t: float, at: State, c2: float) -> tuple[Outcome, State, Array, int]:
+        saddle, damping, moved = self._saddle, 1.0, self._still
+        for iteration in range(1, ITERATIONS + 1):
+            forces, gaps = saddle.residual(t, at.q, self._v, c2 * moved, at.lam)
+            if not np.isfinite(forces).all():
+                return Outcome.NOT_FINITE, at, moved, iteration
+            if not saddle.factor(0.0, c2):
+                return Outcome.SINGULAR, at, moved, iteration
+            step, reaction = saddle.solve(-forces, -gaps)
+            size = float(np.linalg.norm(step / self._size))
+            if not np.isfinite(size):
+                return Outcome.SINGULAR, at, moved, iteration
+            if size <= CONVERGED * np.sqrt(len(step)):
+                return Outcome.FOUND, self._stepped(at, 1.0, step, reaction), moved + step, iteration
+            while True:
+                trial, further = self._stepped(at, damping, step, reaction), moved + damping * step
+                forces, gaps = saddle.residual(t, trial.q, self._v, c2 * further, trial.lam)
+                after = float(np.linalg.norm(saddle.solve(forces, gaps)[0] / self._size))
+                if after <= (1.0 - 0.25 * damping) * size:
+                    break
+                damping *= 0.5
+                if damping < LEAST_DAMPING:
+                    return Outcome.NO_PROGRESS, at, moved, iteration
+            at, moved, damping = trial, further, min(1.0, 2.0 * damping)
+        return Outcome.NO_PROGRESS, at, moved, ITERATIONS

@@ -1,0 +1,176 @@
+"""Steady states by Newton-Raphson: no acceleration, drives and cyclic coordinates at constant speed, the rest still.
+
+Unknowns z = (q, lambda); equations (20)-(24) of Choi, Park and Yoo, with v zero but for cyclic coordinates::
+
+    f(z) = [ h(t, q, v) + J(q)^T lambda ;  Phi(t, q) ] = 0
+
+h is the recursive inverse dynamics at no acceleration with the drives moving. Newton is damped by the natural
+monotonicity test (Deuflhard, *Newton Methods for Nonlinear Problems*, 2004, section 3.3): a step is good where the next
+correction, taken with the old Jacobian, is shorter. The test does not change with the units of the equations.
+
+**Pseudo-transient continuation** (Kelley and Keyes 1998). Newton follows its path, which may end where the Jacobian is
+singular. Then the start is relaxed first, by implicit Euler steps of the motion of a heavily damped mechanism,
+
+    M (q - q_before) / s^2 + h + J^T lambda = 0,     Phi = 0,
+
+each solved by Newton as it is solved for a steady state. s grows where Newton finds a step easy, and shrinks where it
+fails. A step against which the forces do work, by the trapezoidal rule, does not count: where it is long, Newton may
+find a root uphill. The continuation mostly ends at a stable state where there is one, and Newton finishes there. A thin
+sheet, whose stiffness against stretching is a million times that against bending, gets from flat to hanging straight
+down in some fifty factorizations.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solvers.system import AnySystem, Array
+
+CONVERGED = 1e-10  # the last correction, in units of the coordinates; what it leaves is of the order of its square
+ITERATIONS = 60
+LEAST_DAMPING = 1e-4
+
+# In the time that gravity or the drives move the mechanism in, if they do, and units of the coordinates:
+FIRST, SHORTEST, LONGEST = 0.03, 3e-6, 3e3  # pseudo-time of the first and of any step
+RESTING, NEAR = 3.0, 1e-3  # a step this long that moves no coordinate further leaves the rest to Newton
+RUNAWAY = 100.0  # way of a step: nothing holds it
+EASY = 6  # factorizations of a step after which the next one may be much longer
+FASTER, LONGER, SHORTER = 4.0, 1.5, 0.3  # changes of the duration: after an easy, a difficult and a failed step
+MOST = 2000  # factorizations in the continuation
+
+
+class Outcome(IntEnum):
+    """How a solution ended; the numbers are those a kernel returns."""
+
+    FOUND = 0
+    NO_PROGRESS = 1
+    SINGULAR = 2
+    NOT_FINITE = 3
+    UNDETERMINED = 4  # in a singular position, where cut joints share forces in many ways
+
+
+class State(NamedTuple):
+    """What is looked for."""
+
+    q: Array  # (nq,)
+    lam: Array  # of the independent constraints
+
+
+@dataclass(frozen=True, kw_only=True)
+class Solution:
+    """What Newton found.
+
+    Attributes
+    ----------
+    q, lam
+        Positions (nq,) and multipliers (m,), redundant ones zero.
+    iterations
+        Jacobians factored.
+    forces, gaps
+        h + J^T lambda (n,) and Phi (m,) there.
+    """
+
+    outcome: Outcome
+    q: Array
+    lam: Array
+    iterations: int
+    forces: Array
+    gaps: Array
+
+
+class EquilibriumSolver(ABC):
+    """Newton for one mechanism.
+
+    Attributes
+    ----------
+    rows
+        The constraints that are solved for, independent of each other.
+    """
+
+    rows: NDArray[np.int64]
+
+    def __init__(self, system: AnySystem) -> None:
+        self._size, self._rate = system.size, system.rate or 1.0
+
+    def solve(self, t: float, q: Array, lam: Array | None = None, *, pseudo_transient: bool = False) -> Solution:
+        """Run Newton from positions q (nq,) and multipliers lam (m,); without lam from those of least residual.
+
+        ``pseudo_transient``: continuation goes first.
+        """
+        at, factored = State(q.copy(), self._balancing(t, q) if lam is None else lam[self.rows]), 0
+        if pseudo_transient:
+            at, factored = self._continue(t, at)
+        outcome, at, moved, count = self._newton(t, at, 0.0)
+        if outcome is Outcome.FOUND and lam is None and not pseudo_transient and self._strayed(moved):
+            outcome = Outcome.NO_PROGRESS
+        full = self._all(at.lam)
+        forces, gaps = self.residual(t, at.q, full)
+        return Solution(
+            outcome=outcome,
+            q=at.q,
+            lam=full,
+            iterations=factored + count,
+            forces=forces,
+            gaps=gaps,
+        )
+
+    def _continue(self, t: float, at: State) -> tuple[State, int]:
+        """Return a state near rest by pseudo-transient continuation, and how many Jacobians were factored."""
+        duration, growth, factored, pull = FIRST, FASTER, 0, self._pull(t, at.q)
+        while factored < MOST and SHORTEST < duration < LONGEST:
+            outcome, found, moved, count = self._newton(t, at, (self._rate / duration) ** 2)
+            factored += count
+            there = self._pull(t, found.q)
+            uphill = float((pull + there) @ moved) > 0.0
+            if outcome not in (Outcome.FOUND, Outcome.UNDETERMINED) or uphill:
+                duration, growth = SHORTER * duration, LONGER
+                continue
+            farthest = float(np.abs(moved / self._size).max())
+            at, pull = found, there
+            if farthest > RUNAWAY or (duration >= RESTING and farthest < NEAR):
+                break
+            duration *= growth if count < EASY else LONGER
+            growth = min(FASTER, LONGER * growth)
+        return at, factored
+
+    def _strayed(self, moved: Array) -> bool:
+        """Whether Newton alone went so far (n,) that the state it found is not the one next to the start."""
+        return False
+
+    def _pull(self, t: float, q: Array) -> Array:
+        """Return h (n,), the forces without those of the cut joints, which do no work."""
+        return self.residual(t, q, self._all(np.zeros(len(self.rows))))[0]
+
+    @abstractmethod
+    def rehearse(self, q: Array) -> None:
+        """Compile all that a solution calls, so that its time is its own."""
+
+    @abstractmethod
+    def residual(self, t: float, q: Array, lam: Array) -> tuple[Array, Array]:
+        """Return h + J^T lambda (n,) and Phi (m,)."""
+
+    @abstractmethod
+    def singular(self, t: float, q: Array) -> bool:
+        """Whether the independent constraints lose rank at q, so that no multipliers are determined."""
+
+    @abstractmethod
+    def _balancing(self, t: float, q: Array) -> Array:
+        """Return the multipliers of the independent constraints to start from."""
+
+    @abstractmethod
+    def _newton(self, t: float, at: State, c2: float) -> tuple[Outcome, State, Array, int]:
+        """Return how it ended, where, how the coordinates changed (n,), and how many Jacobians were factored.
+
+        Of an orientation the change is the sum of its small turns.
+        c2, 1/s^2: of the pseudo-transient step that starts there; zero: the steady state itself.
+        """
+
+    @abstractmethod
+    def _all(self, lam: Array) -> Array:
+        """Return the multipliers (m,) of all constraints."""

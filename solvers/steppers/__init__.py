@@ -1,0 +1,64 @@
+"""Integrators by name: Adams PECE on a partition, and SUNDIALS IDA."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from solvers.options import Options
+from solvers.stepper import Stepper
+from solvers.system import AnySystem, Array, TreeSystem
+
+from .adams.large import TreeAdamsStepper
+from .adams.small import AdamsLUStepper, AdamsStepper, HybridStepper
+
+LARGEST_DENSE = 1000  # coordinates of a mechanism with loops whose matrices the partitions factor
+
+
+def ida(*given: Any) -> Stepper:
+    """Return an IDA stepper; SUNDIALS is loaded only here."""
+    from .ida.small import IDAStepper
+
+    return IDAStepper(*given)
+
+
+def ida_large(*given: Any) -> Stepper:
+    """Return an IDA stepper on a large tree; SUNDIALS is loaded only here."""
+    from .ida.large import TreeIDAStepper
+
+    return TreeIDAStepper(*given)
+
+
+SOLVERS: dict[str, Callable[..., Stepper]] = {  # on a system's matrices
+    "ida": ida,
+    "adams": AdamsStepper,
+    "hybrid": HybridStepper,
+    "adams-lu": AdamsLUStepper,
+}
+LARGE: dict[str, Callable[..., Stepper]] = {  # on a tree's recursions, with constraints or without
+    "ida": ida_large,
+}
+
+
+def stepper(name: str, system: AnySystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> Stepper:
+    """Return a stepper by its name.
+
+    On a large tree without constraints there is nothing to partition, so that all but 'ida' are Adams; with constraints
+    the partitions take its matrices. Raises ValueError where these would be too large, and for a name that is none.
+    """
+    if name not in SOLVERS:
+        raise ValueError(f"there is no solver {name!r}; allowed: {', '.join(map(repr, SOLVERS))}")
+    given: tuple[Any, ...] = t0, q0, v0, options
+    if not isinstance(system, TreeSystem):
+        name = name if system.n else "adams"  # IDA takes no empty system, and nothing is integrated
+        return SOLVERS[name](system, *given)
+    if name in LARGE:
+        return LARGE[name](system, *given)
+    if not system.m:
+        return TreeAdamsStepper(system, *given)
+    if system.dense is None or system.n > LARGEST_DENSE:
+        raise ValueError(
+            f"solver {name!r} is given {system.n} coordinates under {system.m} constraints; allowed: {LARGEST_DENSE}; "
+            "take 'ida'"
+        )
+    return SOLVERS[name](system.dense(), *given)

@@ -1,0 +1,1 @@
+"""Adams PECE, of variable order and step."""

@@ -1,0 +1,167 @@
+"""The hybrid partition: LU while it is safe, projection where it is not, and when to change.
+
+All coordinates are in the history and under error control, so a change costs nothing.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from solvers.compiled.kernel import inlined, kernel
+from solvers.linalg.dense import positive_determinant
+from solvers.projection.lu_partition import (
+    better_choice,
+    choose,
+    factor_dependent,
+    same_choice,
+    smallest_pivot,
+    span_dependent,
+    tangents_turned,
+)
+from solvers.projection.singular import AHEAD, SINGULAR, note, time_left
+from solvers.projection.workspace import factor
+
+from .formulas import split
+
+PROJECTION, LU, HYBRID = 0, 1, 2  # partitions; the first two are regimes of the third
+CLEAR = 5.0  # steps to a singular position from which on LU is worth returning to
+
+
+@kernel
+def look_around(eqs: Any, c: Any, H: Any, work: Any) -> None:
+    """Note y as the last good position, after it was left by LU, which has noted none."""
+    split(H.y, work.q, work.v)
+    eqs.position(c.t, work.q, eqs.data, eqs.terms)
+    factor(eqs.terms, work)
+    work.course[0].ratio = 0.0
+    note(eqs, c.t, work.q, 0.0, 0.0, c.rank, work)
+
+
+@kernel
+def frame_lu(terms: Any, c: Any, H: Any, work: Any) -> None:
+    """Note orientation and tangents of the dependents, whose J_d is factored and whose tangents are at hand."""
+    c.positive = 1 if positive_determinant(work.D, c.rank, work.order) else 0
+    n = work.T.shape[1]
+    for k in range(n - c.rank):
+        for i in range(n):
+            H.tangents[k, i] = work.T[k, i]
+
+
+@kernel
+def passed_lu(c: Any, H: Any, work: Any) -> bool:
+    """Whether the LU step stayed on its branch for sure: J_d has kept the sign of its determinant, and tangents turned
+    little.
+    """
+    same = (c.positive == 1) == positive_determinant(work.D, c.rank, work.order)
+    return same and not tangents_turned(c.rank, H.tangents, work)
+
+
+@kernel
+def take_choice(terms: Any, c: Any, H: Any, work: Any) -> None:
+    """Make the candidate choice of rows and coordinates the choice, at the position of ``terms``."""
+    for i in range(work.rows.shape[0]):
+        H.rows[i] = work.rows[i]
+    for i in range(work.columns.shape[0]):
+        H.columns[i] = work.columns[i]
+    factor_dependent(terms, c.rank, H.rows, H.columns, work)
+    span_dependent(terms, c.rank, H.rows, H.columns, work)
+    frame_lu(terms, c, H, work)
+    c.pivot = 0.0
+
+
+@inlined
+def jumped(eqs: Any, t: float, done: float, c: Any, o: Any, work: Any) -> bool:
+    """Whether the energy, less the work ``done``, has jumped in an LU step of the hybrid, in units of the largest
+    kinetic energy so far.
+    """
+    if o.partition != HYBRID:
+        return False
+    after = eqs.energy(t, work.q, work.v, eqs.data) - done
+    kinetic = 0.0
+    for i in range(work.v.shape[0]):
+        for j in range(work.v.shape[0]):
+            kinetic += 0.5 * work.v[i] * eqs.terms.M[i, j] * work.v[j]
+    allowed = o.energy_jump * max(kinetic, c.kinetic) + o.rtol * (abs(after) + abs(done))
+    if c.regime == LU and abs(after - c.energy) > allowed:
+        return True
+    c.energy = after
+    c.kinetic = max(kinetic, c.kinetic)
+    return False
+
+
+@kernel
+def give_up_lu(eqs: Any, c: Any, H: Any, work: Any) -> None:
+    """Go on by projection from the last accepted state."""
+    c.regime, c.calm = PROJECTION, 0
+    look_around(eqs, c, H, work)
+
+
+@kernel
+def leave_lu(eqs: Any, c: Any, o: Any, work: Any, H: Any) -> None:
+    """After an accepted LU step: the paper's re-choice, and what the hybrid makes of it.
+
+    The hybrid looks ahead by the smallest pivot of J_d. Where that is nearly nothing, or would be within a few steps,
+    and no other choice helps it gives LU up, and where the choice flickers.
+    """
+    ends = False
+    if o.partition == HYBRID:
+        frame_lu(eqs.terms, c, H, work)
+        before, c.pivot = c.pivot, smallest_pivot(c.rank, work)
+        ends = c.pivot < SINGULAR or time_left(before, c.pivot, c.hold) < AHEAD * c.h
+    if not (due_for_choice(c) or ends):
+        return
+    found = choose(eqs.terms, c.rank, work)
+    if ends and not (found and better_choice(c.rank, work)):
+        give_up_lu(eqs, c, H, work)
+        c.by_turn += 1
+        return
+    if not found or (o.partition == HYBRID and not better_choice(c.rank, work)):
+        return
+    changed = not same_choice(c.rank, H.columns, work.columns)
+    if changed or not same_choice(c.rank, H.rows, work.rows):
+        take_choice(eqs.terms, c, H, work)
+    if not changed:
+        return
+    c.flickers = c.flickers + 1 if c.steps - c.changed_at < o.flicker_steps else 0
+    c.changes += 1
+    c.changed_at = c.steps
+    if o.partition == LU:
+        c.start = 1
+    elif c.flickers >= o.flicker_count:
+        give_up_lu(eqs, c, H, work)
+        c.by_flicker += 1
+
+
+@inlined
+def due_for_choice(c: Any) -> bool:
+    """Whether the paper chooses anew: the step has shrunk, or stayed equal for five steps."""
+    c.equal = c.equal + 1 if c.hold == c.h_before else 0
+    shrunk = c.hold < c.h_before
+    c.h_before = c.hold
+    if not (shrunk or c.equal >= 5):
+        return False
+    c.equal = 0
+    return True
+
+
+@kernel
+def return_to_lu(c: Any, o: Any, terms: Any, work: Any, H: Any) -> None:
+    """After an accepted projection step of the hybrid: count steps in which LU would have kept its choice.
+
+    Where a singular position is a few steps ahead LU is not worth it.
+    """
+    here = work.course[0]
+    calm = here.ratio >= SINGULAR and here.ahead >= CLEAR * c.h
+    calm = calm and c.h >= min(c.hold, o.max_step)
+    calm = choose(terms, c.rank, work) and calm
+    if not factor_dependent(terms, c.rank, H.rows, H.columns, work) or better_choice(c.rank, work):
+        for i in range(work.rows.shape[0]):
+            H.rows[i] = work.rows[i]
+        for i in range(work.columns.shape[0]):
+            H.columns[i] = work.columns[i]
+        calm = False
+    c.calm = c.calm + 1 if calm else 0
+    if c.calm >= o.calm_steps:
+        take_choice(terms, c, H, work)
+        c.regime, c.equal, c.h_before, c.flickers = LU, 0, 0.0, 0
+        c.returns += 1

@@ -1,0 +1,394 @@
+"""Adams PECE on constrained motion: the compiled step loop over the projection, LU and hybrid partitions.
+
+State y = (q, v), all of it in the history in either regime. Predict (P), evaluate at the prediction (E),
+correct (C), *close* the corrected state onto the constraints, evaluate there (E). Closing does not touch the
+history: its differences belong to y' at closed states, so no restart is needed after it.
+
+In the projection regime closing is a correction of the size of the tolerance along the constraint normals. In the LU
+regime the dependents are solved from the independents (:mod:`solvers.projection.lu_partition`); in 'adams-lu' at every
+evaluation, and they carry no error control, as in the paper. The hybrid changes regime by the rules of :mod:`.hybrid`.
+
+No step is accepted that may have jumped to another branch, and steps are kept short beside near misses; see
+:mod:`solvers.projection.singular`.
+
+A step may pass the time asked for; the reported state is then interpolated and closed, so what is computed
+does not depend on when results are asked for. Only where loads have just changed at such a time, and may again,
+one-step formulas take steps that end there (:mod:`.one_step`); beside a singular position they do not.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from solvers.compiled.kernel import inlined, kernel
+from solvers.ledger import due, look, report
+from solvers.projection.lu_partition import (
+    choose,
+    close_dependent,
+    dependent_acceleration,
+    dependent_multipliers,
+    factor_dependent,
+    recall_dependents,
+)  # fmt: skip
+from solvers.projection.projection import (
+    NOT_CLOSED,
+    OK,
+    acceleration,
+    close,
+    close_to_crossing,
+    multipliers,
+    settle,
+    unresolved,
+)
+from solvers.projection.singular import CLOSED, MISS, SINGULAR, note, passed, step_bound
+from solvers.projection.workspace import factor
+
+from .formulas import (
+    accept,
+    begin,
+    coefficients,
+    correct,
+    correct_work,
+    estimate,
+    interpolate,
+    join,
+    predict,
+    split,
+    unwind,
+)
+from .hybrid import HYBRID, LU, PROJECTION, give_up_lu, jumped, leave_lu, passed_lu, return_to_lu, take_choice
+from .one_step import NODES, STAGES, change_step, error_of_step, keep_stage, stage, stop_at, take_step
+
+MAX_STEPS, COLLAPSED, BRANCHES = 5, 6, 7  # beside the codes of partition
+
+SETTINGS = np.dtype(
+    [
+        ("rtol", "f8"), ("atol", "f8"), ("max_step", "f8"), ("max_order", "i8"), ("max_steps", "i8"),
+        ("partition", "i8"),  # PROJECTION, LU, or HYBRID
+        ("audit", "i8"), ("works", "i8"),  # 1: book energy and work; 1: something does work
+        ("flicker_steps", "i8"), ("flicker_count", "i8"), ("energy_jump", "f8"), ("collapse_cuts", "i8"),
+        ("calm_steps", "i8"),
+    ],
+    align=True,
+)  # fmt: skip
+RESOLVED = 3e-18  # rtol that rounding allows beside a near miss, times its gap; found by trial
+SLIGHT = 1e-3  # part of the tolerance: a correction of the position by less needs no new J
+FIRST_SINGLE = 0.1  # first of the single steps, in units of one over the rate of the motion
+CLEAR = 2.0  # times the ratio that is nearly singular, or the time to a singular position: single steps may be taken
+SMALLEST_STEP = 1e-11  # times the larger of t and one over the rate of the motion
+
+
+@inlined
+def weigh(c: Any, o: Any, H: Any, nq: int, n: int, work: Any) -> None:
+    """Error weights at y; where LU is alone its dependent coordinates have none.
+
+    Beside a near miss rounding sets the accuracy: to ask for more is to make steps small for nothing.
+    """
+    c.coarser = 1.0
+    if work.critical[0].kind == MISS:
+        gap = abs(work.critical[0].gap)
+        c.coarser = max(1.0, RESOLVED / (gap * o.rtol))
+        if c.coarser > c.coarsest:
+            c.coarsest, c.narrowest = c.coarser, gap
+    for i in range(nq + n):
+        H.weight[i] = 1.0 / (c.coarser * (o.rtol * abs(H.y[i]) + o.atol * H.unit[i]))
+    if o.partition == LU:
+        for j in range(c.rank):
+            H.weight[nq + H.columns[j]] = 0.0
+            if nq == n:
+                H.weight[H.columns[j]] = 0.0
+
+
+@kernel
+def differentiate(eqs: Any, t: float, closing: bool, c: Any, o: Any, H: Any, work: Any) -> int:
+    """y' in ``H.yp`` at (work.q, work.v), which are closed first where ``closing`` or in the LU regime."""
+    q, v, rank = work.q, work.v, c.rank
+    c.evaluations += 1
+    if c.regime == LU:
+        if o.partition == LU:
+            recall_dependents(rank, H.columns, H.y, q, v)
+        if closing or o.partition == LU:
+            hybrid = o.partition == HYBRID
+            code = close_dependent(eqs, t, q, v, rank, H.rows, H.columns, hybrid, work)
+        else:
+            eqs.dynamics(t, q, v, eqs.data, eqs.terms)
+            code = OK if factor_dependent(eqs.terms, rank, H.rows, H.columns, work) else NOT_CLOSED
+        if code == OK:
+            code = dependent_acceleration(eqs.terms, rank, H.rows, H.columns, work, work.slope)
+    else:
+        code = OK
+        if closing:
+            code = settle(eqs, t, q, v, H.p, rank, SLIGHT * min(o.rtol, o.atol), work)
+        else:
+            eqs.dynamics(t, q, v, eqs.data, eqs.terms)
+            factor(eqs.terms, work)
+            if close_to_crossing(rank, work):  # v' of what is not closed is wrong by the inverse square of its pivot
+                code = close(eqs, t, q, v, rank, work)
+        if code == OK:
+            code = acceleration(eqs, t, q, v, rank, work, work.slope)
+    if code == OK:
+        join(eqs.terms.qdot, work.slope, H.yp)
+    return code
+
+
+@kernel
+def power(eqs: Any, t: float, c: Any, o: Any, H: Any, work: Any) -> float:
+    """W' at the state evaluated last, with v' in ``work.slope``."""
+    if o.works == 0:
+        return 0.0
+    if c.regime == LU:
+        dependent_multipliers(eqs.terms, c.rank, H.rows, H.columns, work, work.slope, work.lam)
+    else:
+        multipliers(eqs.terms, c.rank, work, work.slope, work.lam)
+    return eqs.power(t, work.q, work.v, work.slope, work.lam, eqs.data)
+
+
+@kernel
+def book(eqs: Any, c: Any, o: Any, scales: Any) -> None:
+    """Book the energy at the state evaluated last, before :func:`power`; see :mod:`solvers.ledger`."""
+    if o.audit == 1 and due(c):
+        look(eqs.exposure, eqs.data, c, scales)
+        c.exposure *= max(1.0, c.coarser)
+
+
+@inlined
+def settle_down(eqs: Any, c: Any, o: Any, H: Any, work: Any) -> int:
+    """Close y = (work.q, work.v), look around, and choose coordinates."""
+    q, v = work.q, work.v
+    code = close(eqs, c.t, q, v, c.rank, work)
+    if code != OK:
+        return code
+    join(q, v, H.y)
+    work.course[0].ratio = 0.0
+    note(eqs, c.t, q, 0.0, 0.0, c.rank, work)
+    if c.rank > 0 and work.course[0].ratio < SINGULAR and o.partition == HYBRID:
+        c.regime = PROJECTION
+    if c.regime == LU:
+        if not choose(eqs.terms, c.rank, work):
+            return NOT_CLOSED
+        take_choice(eqs.terms, c, H, work)
+    c.equal, c.h_before = 0, 0.0
+    return OK
+
+
+@inlined
+def clear_way(c: Any, work: Any, target: float) -> bool:
+    """Whether no singular position lies beside the way to ``target``: a step may end there."""
+    here = work.course[0]
+    if c.rank == 0:
+        return True
+    if c.regime == LU:
+        return c.pivot == 0.0 or c.pivot >= CLEAR * SINGULAR
+    return work.critical[0].kind != MISS and here.ratio >= CLEAR * SINGULAR and here.ahead >= CLEAR * (target - c.t)
+
+
+@kernel
+def prepare(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
+    """Take y' at y, in ``H.yp`` and as the first stage; where no single step has just ended there close y and choose
+    coordinates first.
+    """
+    q, v = work.q, work.v
+    split(H.y, q, v)
+    if c.placed == 0:
+        code = settle_down(eqs, c, o, H, work)
+        if code != OK:
+            return code
+    c.energy = eqs.energy(c.t, q, v, eqs.data) - H.y[H.y.shape[0] - 1]
+    code = differentiate(eqs, c.t, False, c, o, H, work)
+    if code == OK:
+        book(eqs, c, o, scales)
+        H.yp[H.y.shape[0] - 1] = power(eqs, c.t, c, o, H, work)
+        keep_stage(H, 0)
+        c.starts += 1
+        c.h = c.single if c.single > 0.0 else FIRST_SINGLE / work.rate[0]
+        c.renew = 0
+    return code
+
+
+@kernel
+def single_step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target: float) -> int:
+    """One accepted step by the formulas of :mod:`.one_step`, not past ``target``; or why there is none.
+
+    Its stages are off the constraints by what the formulas leave, its end is closed.
+    """
+    q, v, last = work.q, work.v, H.y.shape[0] - 1
+    weigh(c, o, H, q.shape[0], v.shape[0], work)
+    while True:
+        c.h = min(c.h, o.max_step)
+        stop_at(c, target)
+        after, error = c.t + c.h, np.inf
+        code = OK
+        for i in range(1, STAGES):
+            stage(c, H, i)
+            at = c.t + NODES[i] * c.h
+            split(H.p, q, v)
+            code = differentiate(eqs, at, i == STAGES - 1, c, o, H, work)
+            if code != OK:
+                break
+            if i == STAGES - 1:
+                H.trial[last] = H.p[last]
+                join(q, v, H.trial)
+                book(eqs, c, o, scales)
+            H.yp[last] = power(eqs, at, c, o, H, work)
+            keep_stage(H, i)
+        if code == OK:
+            error = error_of_step(c, H)
+            if error <= 1.0:
+                if stayed(eqs, after, c, o, H, work):
+                    take_step(c, H, target, error)
+                    return OK
+                code, error = BRANCHES, np.inf
+        c.rejected += 1
+        change_step(c, error)
+        if not c.h > SMALLEST_STEP * max(1.0 / work.rate[0], abs(c.t)):
+            c.single = 0.0
+            return COLLAPSED if code == OK else code
+
+
+@kernel
+def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
+    """One accepted step, however often it has to be cut; or the code of what made it too small."""
+    q, v = work.q, work.v
+    weigh(c, o, H, q.shape[0], v.shape[0], work)
+    cuts = 0
+    while True:
+        coefficients(c)
+        predict(c, H)
+        split(H.p, q, v)
+        after = c.t + c.h
+        c.erk, error = 0.0, 0.0
+        code = differentiate(eqs, after, False, c, o, H, work)
+        if code == OK:
+            error = estimate(c, H)
+            if error <= 1.0:
+                correct(c, H)
+                split(H.trial, q, v)
+                code = differentiate(eqs, after, True, c, o, H, work)
+                join(q, v, H.trial)
+                if code == OK:
+                    book(eqs, c, o, scales)
+                    correct_work(c, H, power(eqs, after, c, o, H, work))
+                    if stayed(eqs, after, c, o, H, work):
+                        accept(c, H, o.max_order, o.max_step)
+                        return OK
+                    code = BRANCHES
+        cuts += 1
+        c.rejected += 1
+        cut(cuts, c, H)
+        if o.partition == HYBRID and c.regime == LU and cuts >= o.collapse_cuts:
+            give_up_lu(eqs, c, H, work)
+            c.by_collapse += 1
+        if not c.h > SMALLEST_STEP * max(1.0 / work.rate[0], abs(c.t)):
+            return COLLAPSED if code == OK else code
+
+
+@kernel
+def stayed(eqs: Any, t: float, c: Any, o: Any, H: Any, work: Any) -> bool:
+    """Whether the step to (t, work.q, work.v) may be accepted; where LU is in doubt projection tries it again.
+
+    LU alone is not watched.
+    """
+    if o.partition == LU:
+        return True
+    done = H.trial[H.y.shape[0] - 1]
+    if c.regime == PROJECTION:
+        if passed(eqs, t, work.q, CLOSED, c.rank, work):
+            jumped(eqs, t, done, c, o, work)
+            return True
+        c.refused += 1
+        return False
+    if not passed_lu(c, H, work):
+        give_up_lu(eqs, c, H, work)
+        c.by_turn += 1
+        return False
+    if jumped(eqs, t, done, c, o, work):
+        give_up_lu(eqs, c, H, work)
+        c.by_energy += 1
+        return False
+    return True
+
+
+@inlined
+def cut(cuts: int, c: Any, H: Any) -> None:
+    """Block 3 of STEP: undo the attempt, halve the step, after three failures fall back to order one."""
+    unwind(c, H)
+    shrink = 0.5
+    if cuts > 3 and 0.5 < 0.25 * c.erk:
+        shrink = np.sqrt(0.5 / c.erk)
+    c.h *= shrink
+    if cuts >= 3:
+        c.k = 1
+    elif c.erk > 0.0:
+        c.k = c.knew
+
+
+@kernel
+def advance(eqs: Any, settings: Any, H: Any, work: Any, scales: Any, target: float, q: Any, v: Any, ledger: Any) -> int:
+    """Step until ``target`` is passed; put the state there, closed, into (q, v), or the last good one on failure, and
+    what is booked into ``ledger`` (5,).
+    """
+    c, o = H.control[0], settings[0]
+    code, taken = OK, 0
+    while c.t < target:
+        if taken >= o.max_steps:
+            code = MAX_STEPS
+            break
+        if c.start == 1 and (c.renew == 1 or c.placed == 0):
+            code = prepare(eqs, c, o, H, work, scales)
+            if code != OK:
+                break
+        if c.start == 1 and c.singles > 0 and clear_way(c, work, target):
+            code = single_step(eqs, c, o, H, work, scales, target)
+        else:
+            if c.start == 1:
+                c.singles = 0
+                weigh(c, o, H, q.shape[0], v.shape[0], work)
+                begin(c, H, o.max_step, work.rate[0])
+            code = step(eqs, c, o, H, work, scales)
+        if code != OK:
+            break
+        taken += 1
+        c.steps += 1
+        if c.regime == LU:
+            c.time_lu += c.hold
+            leave_lu(eqs, c, o, work, H)
+        else:
+            note(eqs, c.t, work.q, c.hold, c.h, c.rank, work)
+            c.time_projection += c.hold
+            if o.partition == HYBRID:
+                return_to_lu(c, o, eqs.terms, work, H)
+        if o.partition != LU:
+            c.h = min(c.h, step_bound(c.t, work.q, work.v, c.hold, eqs.terms, work))
+    split(H.y, q, v)
+    done = H.y[H.y.shape[0] - 1]
+    if code == OK:
+        if target < c.t:
+            interpolate(c, H, target, H.trial)
+            split(H.trial, q, v)
+            done = H.trial[H.y.shape[0] - 1]
+        code = close(eqs, target, q, v, c.rank, work)
+    report(c, done, ledger)
+    return code
+
+
+@kernel
+def sample(
+    eqs: Any, settings: Any, H: Any, work: Any, scales: Any, times: Any, q: Any, v: Any, a: Any, lam: Any, ledger: Any
+) -> tuple[int, int]:
+    """:func:`advance` to each of ``times`` in turn, state, accelerations and multipliers in a row each.
+
+    Returns the code and the number of complete rows; where ``advance`` failed the next row holds the last good state.
+    """
+    rank = H.control[0].rank
+    for i in range(times.shape[0]):
+        code = advance(eqs, settings, H, work, scales, times[i], q[i], v[i], ledger[i])
+        if code == OK:
+            code = acceleration(eqs, times[i], q[i], v[i], rank, work, a[i])
+        if code != OK:
+            return code, i
+        multipliers(eqs.terms, rank, work, a[i], lam[i])
+        if unresolved(settings[0].rtol, rank, work):
+            H.control[0].dark, H.control[0].dark_at = 1, times[i]
+    return OK, times.shape[0]

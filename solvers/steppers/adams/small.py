@@ -1,0 +1,128 @@
+"""The steppers on Adams PECE: 'adams' (projection), 'adams-lu', and 'hybrid'."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solvers.compiled.held import hold
+from solvers.compiled.kernel import records
+from solvers.ledger import Scales
+from solvers.options import Options, Statistics
+from solvers.outcome import Code
+from solvers.stepper import Samples
+from solvers.steppers.dense import DenseStepper
+from solvers.system import Array, System
+
+from . import loop
+from .explicit import ExplicitStepper
+from .formulas import HIGHEST, History, counts
+from .hybrid import HYBRID, LU, PROJECTION
+
+
+class AdamsStepper(ExplicitStepper, DenseStepper):
+    """Adams PECE with the projection partition; see :mod:`.loop`."""
+
+    others: tuple[str, ...] = ("ida", "hybrid")
+    partition = PROJECTION
+
+    def __init__(self, system: System, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
+        super().__init__(system, t0, q0, v0, options)
+        self._history = History.allocate(system.nq, system.n, system.m)
+        self._settings = self._encode(self.options)
+        self._held = hold(self._history)
+        place = self.options.absolute * system.size
+        self._scales = hold(Scales.of(self.options.rtol, place, self._units.pace * place))
+        self._control["rank"], self._control["changed_at"] = self._rank, -self._settings["flicker_steps"][0]
+        self._history.unit[:] = np.concatenate((self._units.size_q, self._units.pace * system.size, [1.0]))
+        chosen = self._settings["partition"][0]
+        self._control["regime"] = PROJECTION if chosen == PROJECTION else LU
+        self.restart()
+
+    def _encode(self, options: Options) -> NDArray[Any]:
+        """Return the record the kernels read."""
+        settings = records(1, loop.SETTINGS)
+        settings["rtol"], settings["atol"] = options.rtol, options.absolute
+        settings["max_step"], settings["max_steps"] = options.max_step, options.max_steps
+        settings["max_order"] = HIGHEST if options.max_order is None else options.max_order
+        settings["audit"] = options.audit
+        settings["partition"] = self.partition if self._rank else PROJECTION  # nothing to partition: all the same
+        for name in (
+            "flicker_steps", "flicker_count", "energy_jump", "collapse_cuts", "calm_steps"
+        ):  # fmt: skip
+            settings[name] = getattr(options.switching, name)
+        return settings
+
+    @property
+    def _watched(self) -> bool:
+        return self.options.audit or self.partition == HYBRID  # which asks whether the energy jumps
+
+    def _advance(self, t: float) -> Code:
+        own = self._eqs, self._settings, self._held, self._work, self._scales
+        code = Code(loop.advance(*own, t, self._q, self._v, self._ledger))
+        self._t = t if code is Code.OK else float(self._control["t"][0])
+        return code
+
+    def _sample(self, times: Array, out: Samples) -> int:
+        own = self._eqs, self._settings, self._held, self._work, self._scales
+        self._control["dark"] = 0
+        code, done = loop.sample(*own, times, *out)
+        last = min(done, len(times) - 1)
+        self._t = min(float(times[last]), float(self._control["t"][0]))
+        self._q[:], self._v[:], self._ledger[:] = out.q[last], out.v[last], out.ledger[last]
+        self.status = self._status(Code(code))
+        if self._control["dark"][0]:
+            self.dark_at = float(self._control["dark_at"][0])
+        return int(done)
+
+    @property
+    def notice(self) -> str:
+        """Whether the tolerance was coarser than asked for beside a near miss."""
+        c = self._control[0]
+        if not c["coarsest"] > 1.0:
+            return ""
+        return (
+            f"the tolerance was {c['coarsest'] * self.options.rtol:.0e}, not {self.options.rtol:g}, beside a singular "
+            f"position that the loop misses by {c['narrowest']:.0e} of its size: rounding allows no finer"
+        )
+
+    def _arrays(self) -> list[NDArray[Any]]:
+        return [*self._history, self._reported, self._q, self._v, self._ledger, *self._units.memory()]
+
+    @property
+    def statistics(self) -> Statistics:
+        """What the run has cost so far."""
+        c = self._control[0]
+        left = int(c["by_turn"] + c["by_flicker"] + c["by_energy"] + c["by_collapse"])
+        return Statistics(
+            **counts(c),
+            partition_switches=left + int(c["returns"]),
+            choices=int(c["changes"]),
+            refused=int(c["refused"]),
+            coarser=max(1.0, float(c["coarsest"])),
+            left_by_turn=int(c["by_turn"]),
+            left_by_flicker=int(c["by_flicker"]),
+            left_by_energy=int(c["by_energy"]),
+            left_by_collapse=int(c["by_collapse"]),
+            time_lu=float(c["time_lu"]),
+            time_projection=float(c["time_projection"]),
+        )
+
+
+class AdamsLUStepper(AdamsStepper):
+    """Adams PECE with the LU partition, for comparison: it fails at singular positions.
+
+    See :mod:`solvers.projection.lu_partition`.
+    """
+
+    others = ("ida", "adams", "hybrid")
+    partition = LU
+
+
+class HybridStepper(AdamsStepper):
+    """Adams PECE with LU partition away from singular positions and projection near them."""
+
+    others = ("ida", "adams")
+    partition = HYBRID

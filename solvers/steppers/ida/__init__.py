@@ -1,0 +1,1 @@
+"""SUNDIALS IDA on index-reduced equations."""
