@@ -46,7 +46,7 @@ def evaluations() -> None:
 def time_of_forward_dynamics(plant: Plant) -> float:
     """Return the shortest time of one articulated-body evaluation from Python, s, in a random state near the start."""
     system, random = plant.system, np.random.default_rng(0)
-    q, v = plant.start_positions(), 0.1 * random.normal(size=system.n)
+    q, v = plant.assembly.start_positions(), 0.1 * random.normal(size=system.n)
     system.apply(q, 0.01 * random.normal(size=system.n) * system.size)
     motion, times = Motion(system), []
     for _ in range(50):

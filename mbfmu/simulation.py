@@ -158,7 +158,7 @@ class Simulation:
 
     def loops(self) -> list[str]:
         """Return in sentences which rows of the cut joints are void and which redundant; see :meth:`Plant.loops`."""
-        return self.plant.loops(self.t, self.stepper.q)
+        return self.plant.assembly.notes(self.t, self.stepper.q)
 
     def energy(self) -> float:
         """Kinetic and potential energy at the time reached, J."""

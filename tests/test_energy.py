@@ -29,7 +29,7 @@ def loop(seed: int, kinds: list[type[Joint]], cut: type) -> Plant:
         {"mass": rng.uniform(0.5, 2.0), "com": 0.3 * rng.normal(size=3), "inertia": random_inertia(rng)} for _ in kinds
     ]
     tree = Plant(chain(joints, masses))
-    q = tree.start_positions()
+    q = tree.assembly.start_positions()
     tree.system.apply(q, 0.5 * rng.normal(size=tree.system.n))
     tree.energy(0.0, q, np.zeros(tree.system.n))  # places the bodies
     end = tree.data.state.bodies[-1]

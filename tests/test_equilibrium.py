@@ -203,7 +203,7 @@ def test_state_matrices_are_differences_of_the_simulation(model: Governor) -> No
         q, held = found.q.copy(), np.zeros(len(names), bool)
         q[line] += x[:f]
         held[line] = True
-        q = plant.close(0.0, q, held)
+        q = plant.assembly.close(0.0, q, held)
         terms = plant.system.allocate_terms()
         plant.system.fill_position(0.0, q, terms)
         v = np.zeros(len(names))

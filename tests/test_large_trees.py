@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 from mbfmu.errors import EquilibriumError, UserError
 from mbfmu.mechanics import Body, Mechanism, Plant, Polynomial, Revolute, Spring, Support, add_sheet, rod
-from mbfmu.mechanics.arrays import plant
+from mbfmu.mechanics.arrays import systems
 from mbfmu.mechanics.tangent import find_groups
 from mbfmu.mechanics.tangent.groups import BLOCK
 from mbfmu.model import Model, parameter
@@ -68,7 +68,7 @@ def test_accelerations_are_those_of_lagranges_equations(solver: str) -> None:
 
 def test_a_chain_falls_as_lagranges_equations_say() -> None:
     """The links jitter; ida's error is that of order two, in proportion to rtol to the power 2/3."""
-    n = plant.LARGE + 1
+    n = systems.LARGE + 1
     start = np.concatenate((np.full(n, -0.3), np.zeros(n)))
     true = solve_ivp(
         lambda t, y: np.concatenate((y[n:], absolute(y[:n], y[n:]))), (0.0, 0.3), start, rtol=1e-9, atol=1e-9
@@ -160,7 +160,7 @@ def test_what_is_driven_alone_runs_under_every_solver(solver: str) -> None:
 
 
 def test_what_ties_everything_to_everything_is_refused_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(plant, "WIDEST", 50)
+    monkeypatch.setattr(systems, "WIDEST", 50)
     m = Mechanism()
     hang(m, m.ground, 100, 0.0, "link")
     for k in range(2, 100):

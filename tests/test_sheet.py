@@ -91,7 +91,7 @@ def test_frequencies_flat(support: str, expected: list[float], rigid: int) -> No
     errors = []
     for nx, nz in ((17, 12), (33, 23)):
         plant = Plant(Sheet(nx=nx, nz=nz, support=support, gravity_y=0.0).build())
-        found = shapes(plant, plant.start_positions(), rigid + 8, np.zeros(0))
+        found = shapes(plant, plant.assembly.start_positions(), rigid + 8, np.zeros(0))
         frequencies = np.array([shape.mode.frequency for shape in found]) / (2.0 * np.pi)
         assert (frequencies[:rigid] < 1e-3 * expected[0]).all()
         errors.append(np.abs(frequencies[rigid:] / expected - 1.0))

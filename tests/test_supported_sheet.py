@@ -28,7 +28,7 @@ from mbfmu.mechanics import (
     Translational,
     add_sheet,
 )
-from mbfmu.mechanics.arrays import plant
+from mbfmu.mechanics.arrays import systems
 from mbfmu.mechanics.assemblies.supports import UPRIGHT
 from mbfmu.model import Model, parameter
 from mbfmu.native import run
@@ -100,7 +100,7 @@ def still(model: Model) -> Equilibrium:
 
 def dense(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let every mechanism with cut joints go the dense way."""
-    monkeypatch.setattr(plant, "LARGE_LOOPS", 10_000)
+    monkeypatch.setattr(systems, "LARGE_LOOPS", 10_000)
 
 
 @pytest.mark.parametrize("way", ["master", "guided", "simple"])
@@ -177,7 +177,7 @@ def test_an_edge_clamped_by_cut_joints_is_a_clamped_edge() -> None:
         tree, cuts = (still(Held(nx=nx, nz=nz, way=way)).outputs for way in ("clamped", "master"))
         gaps.append(abs(tree["corner"] - cuts["corner"]))
         flat = [
-            [shape.mode.frequency for shape in shapes(p, p.start_positions(), 6, np.zeros(p.system.m))]
+            [shape.mode.frequency for shape in shapes(p, p.assembly.start_positions(), 6, np.zeros(p.system.m))]
             for p in (Plant(Held(nx=nx, nz=nz, way=way, gravity=0.0).build()) for way in ("clamped", "master"))
         ]
         np.testing.assert_allclose(flat[1], flat[0], rtol=1e-7)
@@ -388,7 +388,7 @@ def test_saddle_system_is_the_exact_linearisation(way: str) -> None:
     """At a bent position, with reactions: [K + M, J^T; J, 0] (x, y) = (f, g)."""
     at = Plant(Held(nx=7, nz=6, way=way).build())
     system, rng = at.system, np.random.default_rng(0)
-    q = at.start_positions()
+    q = at.assembly.start_positions()
     system.apply(q, 0.05 * rng.normal(size=system.n))
     lam, x, y = 0.01 * rng.normal(size=system.m), rng.normal(size=system.n), rng.normal(size=system.m)
     K = linearisation(at, q, lam)
@@ -407,7 +407,7 @@ def test_accelerations_obey_the_equations_of_motion() -> None:
     """M a + h + J^T lambda = 0 and J a = gamma, moving."""
     at = Plant(Held().build())
     system, rng = at.system, np.random.default_rng(1)
-    q, v = at.start_positions(), rng.normal(size=system.n)
+    q, v = at.assembly.start_positions(), rng.normal(size=system.n)
     system.apply(q, 0.02 * rng.normal(size=system.n))
     motion = Motion(system)
     assert motion.solve(0.0, q, v) == 0
@@ -440,7 +440,7 @@ def test_springs_and_forces_on_a_large_sheet_are_those_of_the_dense_way(monkeypa
     assert isinstance(found.plant.system, TreeSystem)
     near = found.q + 1e-7 * np.random.default_rng(0).normal(size=len(found.q))
     assert balance.solve(near).iterations <= 3  # the tangent is exact
-    monkeypatch.setattr(plant, "LARGE", 10_000)
+    monkeypatch.setattr(systems, "LARGE", 10_000)
     expected = still(Fixed(build()))
     assert isinstance(expected.plant.system, System)
     assert found.outputs == pytest.approx(expected.outputs, abs=1e-9)

@@ -82,9 +82,9 @@ class EquilibriumProblem:
         else:
             self._complex = plant.complex_system()
             data = self._complex.data
-            general = plant.beside(0.0, self._start)
+            general = plant.assembly.beside(0.0, self._start)
             self._cyclic = self._find_cyclic(general)
-            self._v = np.where(self._cyclic, plant.start_velocities(), 0.0)
+            self._v = np.where(self._cyclic, plant.assembly.start_velocities(), 0.0)
             self._solver = DenseEquilibriumSolver(self._complex, 0.0, general, self._v)
             self._solver.rehearse(self._start)
         self._signals = plant.signals(data)
@@ -92,14 +92,14 @@ class EquilibriumProblem:
 
     def start(self, given: Mapping[str, float] | None = None) -> Array:
         """Return closed positions (nq,): the model's start with coordinates ``given`` by name instead, held."""
-        q, held = self.plant.start_positions(), self.plant.held()
+        q, held = self.plant.assembly.start_positions(), self.plant.assembly.held()
         for name, value in (given or {}).items():
             if name not in self._names:
                 raise UserError(f"model {self.model.name!r} has no coordinate {name!r}{suggest(name, self._names)}")
             q[self._names.index(name)] = finite(f"start of coordinate {name!r}", value)
         if given:
             held[:] = [name in given for name in self.plant.system.coordinate_names]
-        return self.plant.close(0.0, q, held)
+        return self.plant.assembly.close(0.0, q, held)
 
     def scattered(self, count: int) -> Iterator[Array]:
         """Yield up to ``count`` closed starts spread over the coordinates, the same in every run."""
@@ -110,7 +110,7 @@ class EquilibriumProblem:
             q = self._start.copy()
             system.apply(q, far * random.uniform(-1.0, 1.0, system.n))
             try:
-                yield self.plant.close(0.0, q, free)
+                yield self.plant.assembly.close(0.0, q, free)
             except AssemblyError:
                 continue
 
@@ -180,7 +180,7 @@ class EquilibriumProblem:
 
     def _notes(self) -> tuple[str, ...]:
         """Return what the steady state is not, though the model's start may have meant it to be."""
-        given, names = self.plant.start_velocities(), self.plant.system.coordinate_names
+        given, names = self.plant.assembly.start_velocities(), self.plant.system.coordinate_names
         dropped = [f"{names[k]!r} ({given[k]:g})" for k in np.flatnonzero(given != self._v)]
         if not dropped:
             return ()
@@ -271,7 +271,7 @@ class EquilibriumProblem:
                     f"{opening.max():.3g} m/s"
                 )
             try:
-                self.plant.check_frames(0.0, solution.q)
+                self.plant.assembly.check_frames(0.0, solution.q)
             except AssemblyError as error:
                 raise EquilibriumError(f"what was found for {self.model.name!r} is no steady state: {error}") from error
         for turn in TURNS:

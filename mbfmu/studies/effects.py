@@ -142,7 +142,7 @@ def evaluations(plant: Plant) -> Callable[[], None]:
     """
     system = plant.system
     random = np.random.default_rng(0)
-    q, v = plant.start_positions(), 0.1 * random.normal(size=system.n)
+    q, v = plant.assembly.start_positions(), 0.1 * random.normal(size=system.n)
     system.apply(q, 0.01 * random.normal(size=system.n) * system.size)
     if not system.has_matrices:
         a, lam, qdot, tau = (np.zeros(size) for size in (system.n, system.m, system.nq, system.n))

@@ -190,9 +190,8 @@ def panels(count: int) -> tuple[Any, Any]:
 
 def poses(plant: Plant, q: Array, bodies: Any) -> tuple[Array, Array]:
     """Return origins and y axes of bodies (..., 3) at positions q (nq,)."""
-    plant.energy(0.0, q, np.zeros(plant.system.n))  # places them
-    state = plant.data.state.bodies
-    return state["r"][bodies].copy(), state["A"][bodies][..., 1].copy()
+    r, A = plant.poses(0.0, q)
+    return r[bodies], A[bodies][..., 1]
 
 
 def finish(figure: Any, path: Path) -> None:

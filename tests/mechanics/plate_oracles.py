@@ -92,7 +92,7 @@ def cylindrical(grid: tuple[int, int], spine: bool) -> Any:
 
 def frequencies(plant: Plant) -> Any:
     """Natural frequencies in Hz, lowest first, at the start; negative where the stiffness is."""
-    q = plant.start_positions()
+    q = plant.assembly.start_positions()
     system = plant.system
     free, still = np.eye(system.n), np.zeros(system.n)
     terms = system.allocate_terms()

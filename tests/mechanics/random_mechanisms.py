@@ -153,7 +153,7 @@ def drawn(seed: int, kinds: list[type[Joint]], cuts: list[type], driven: bool, f
     m.output("jacobi", m.jacobi_integral)
     plant = Plant(m)
     n = plant.system.n
-    q = plant.start_positions()
+    q = plant.assembly.start_positions()
     plant.system.apply(q, rng.normal(size=n))
     return Case(plant, float(rng.normal()), q, rng.normal(size=n), rng.normal(size=n))
 

@@ -78,12 +78,12 @@ def test_parallelogram_with_three_cranks_reports_its_redundant_row() -> None:
         m.cut(f"pin{i}", RevoluteCut(at_a=(-1, 0, 0), at_b=(x, 0, 0)), follower, m.ground)
     plant = Plant(m)
     q, _ = plant.assemble()
-    first, second = plant.loops(0.0, q)  # either loop may name the row that both have in common
+    first, second = plant.assembly.notes(0.0, q)  # either loop may name the row that both have in common
     assert first.startswith("loop 'pin0': 3 of 5 rows are void (z, zx, zy)")
     assert second.startswith("loop 'pin1': 3 of 5 rows are void (z, zx, zy)")
     assert (first + second).count(", 1 of 5 rows is redundant (") == 1
     q[:] = 0.0
-    assert plant.loops(0.0, q)[2] == "a singular position: 1 more row depends on the others there"
+    assert plant.assembly.notes(0.0, q)[2] == "a singular position: 1 more row depends on the others there"
 
 
 def test_zero_mass_is_refused_where_inertia_is_needed_and_welcome_where_not() -> None:

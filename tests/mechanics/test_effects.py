@@ -51,7 +51,7 @@ def shaken(tree: str, *, gravity: Any = (0.0, 0.0, 0.0), moved: bool = False, **
         held = {"master": stand if moved else None}
     sheet = add_sheet(m, "sheet", density=1.0, grid=(4, 3), tree=tree, **held, **SOFT, **effects)
     plant, rng = Plant(m), np.random.default_rng(2)
-    q, n = plant.start_positions(), plant.system.n
+    q, n = plant.assembly.start_positions(), plant.system.n
     plant.system.apply(q, 0.2 * rng.normal(size=n))
     return Case(plant, 0.3, q, 0.5 * rng.normal(size=n), rng.normal(size=n)), sheet
 

@@ -66,7 +66,7 @@ def build(seed: int, stiffening: bool, loop: bool) -> Case:
             m.output(f"{body.name}.v{axis}", body.velocity(axis, (0.3, -0.2, 0.5)))
             m.output(f"{body.name}.a{axis}", body.point_acceleration(axis, (0.3, -0.2, 0.5)))
     plant = Plant(m)
-    q = plant.start_positions()
+    q = plant.assembly.start_positions()
     n = plant.system.n
     amplitudes = np.array(
         [".mode." in name for name in plant.system.coordinate_names]

@@ -373,7 +373,7 @@ def test_a_cut_joint_is_the_tree_joint_of_its_name(joint: Any, cut: Any, axis: A
     free = Plant(crank(L, floating))
     assert not free.void_rows
     assert free.system.m == 3 + len(cut(axis=axis).rows)
-    start = free.start_positions()
+    start = free.assembly.start_positions()
     start[:5] = q[:5]  # crank and link are as assembled
     velocities = np.concatenate((v[:4], moving, turning))
     assert np.abs(free.system.n - free.system.m - (tree.system.n - tree.system.m)) == 0
@@ -472,7 +472,7 @@ def test_an_axis_of_the_frames_is_the_z_axis_of_turned_frames(cut: Any, axis: An
         m.cut("c", joint, m.ground, body)
         plant = Plant(m)
         found = plant.system.allocate_terms()
-        plant.system.fill(0.0, plant.start_positions(), np.arange(6.0), found)
+        plant.system.fill(0.0, plant.assembly.start_positions(), np.arange(6.0), found)
         return found, plant.system.constraint_names
 
     found, names = terms(cut(at_a=at_a, at_b=at_b, rotation_a=Ra, rotation_b=Rb, axis=axis))

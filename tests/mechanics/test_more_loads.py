@@ -250,7 +250,7 @@ def hinged(angle: float, rate: float, spring: bool) -> tuple[Any, float]:
     else:
         m.force("spring", JointSpring(**numbers), second)
     plant = Plant(m)
-    q, v = plant.start_positions(), rng.normal(size=7)
+    q, v = plant.assembly.start_positions(), rng.normal(size=7)
     plant.system.apply(q, np.r_[rng.normal(size=6), 0.0])
     q[7], v[6] = angle, rate
     terms = plant.system.allocate_terms()
@@ -280,7 +280,7 @@ def tilted(R: Any, spring: Any) -> tuple[Any, float]:
     for axis in "xyz":
         m.output(axis, handle.moment(axis, on="b"))
     plant, out = Plant(m), np.zeros(3)
-    q = plant.start_positions()
+    q = plant.assembly.start_positions()
     plant.observe(0.0, q, np.zeros(3), np.zeros(3), np.zeros(0), out)
     return out, plant.energy(0.0, q, np.zeros(3))
 
@@ -374,7 +374,7 @@ def test_a_bushing_exerts_its_force_at_its_point_on_both_bodies() -> None:
         for axis in "xyz":
             m.output(f"m{on}{axis}", handle.moment(axis, on=on))
     plant, out = Plant(m), np.zeros(12)
-    plant.observe(0.0, plant.start_positions(), np.zeros(12), np.zeros(12), np.zeros(0), out)
+    plant.observe(0.0, plant.assembly.start_positions(), np.zeros(12), np.zeros(12), np.zeros(0), out)
     force = np.array((2.0, 3.0, 4.0)) * (2.0, 3.0, 0.5)  # from (1, 0, 0) to (3, 3, 0.5)
     expected = [*force, *np.cross((3.0, 3.0, 0.5), force), *-force, *np.cross((0.0, 2.0, 0.0), -force)]
     np.testing.assert_allclose(out, expected, atol=1e-13)

@@ -74,7 +74,7 @@ def in_motion(m: Mechanism, rng: Any, size: float = 1.0) -> Observed:
     plant = Plant(m)
     n = plant.system.n
     scale = plant.system.size
-    q = plant.start_positions()
+    q = plant.assembly.start_positions()
     plant.system.apply(q, scale * rng.normal(size=n))
     return Observed(plant, 0.7, q, scale * rng.normal(size=n), scale * rng.normal(size=n))
 
@@ -128,7 +128,7 @@ def test_a_quaternion_is_of_the_attitude_and_its_first_component_positive(given:
         for k in range(4):
             m.output(f"e{k}", body.quaternion(k))
         plant, out = Plant(m), np.zeros(4)
-        plant.observe(0.0, plant.start_positions(), np.zeros(3), np.zeros(3), np.zeros(0), out)
+        plant.observe(0.0, plant.assembly.start_positions(), np.zeros(3), np.zeros(3), np.zeros(0), out)
         found.append(out)
         assert out[np.flatnonzero(out)[0]] > 0.0
     np.testing.assert_array_equal(found[0], found[1])

@@ -43,7 +43,7 @@ def pressed(p: Any) -> Plant:
 
 def bent(plant: Plant, size: float, seed: int = 0) -> Any:
     """Positions (28,) with every motion of every node off by about ``size``."""
-    rng, q = np.random.default_rng(seed), plant.start_positions()
+    rng, q = np.random.default_rng(seed), plant.assembly.start_positions()
     q.reshape(4, 7)[:, :3] = FLAT
     plant.system.apply(q, size * rng.normal(size=24))
     return q

@@ -11,7 +11,7 @@ from random_mechanisms import Case, cases
 from test_identities import derivative, observed
 
 from mbfmu.mechanics import Beam, Harmonic, Input, Mechanism, Plant, Revolute, Support, add_sheet, rod
-from mbfmu.mechanics.arrays import plant as plants
+from mbfmu.mechanics.arrays import systems
 from solvers.compiled.kernel import kernel
 from solvers.system import TreeSystem
 
@@ -141,9 +141,9 @@ def sheet(driven: bool) -> Mechanism:
 def test_power_of_elastic_bodies_is_the_rate_of_their_energy(make: Any, driven: bool, monkeypatch: Any) -> None:
     """Modes, plates, drag, pressure and their damping, on a hinge that swings and on one that is driven."""
     rng = np.random.default_rng(5)
-    monkeypatch.setattr(plants, "LARGE", 10**6)
+    monkeypatch.setattr(systems, "LARGE", 10**6)
     plant = Plant(make(driven))
-    q = plant.start_positions()
+    q = plant.assembly.start_positions()
     n = plant.system.n
     plant.system.apply(q, 0.05 * rng.normal(size=n))
     check(Case(plant, 0.3, q, 0.2 * rng.normal(size=n), rng.normal(size=n)), np.zeros(0))
@@ -153,13 +153,13 @@ def test_power_of_elastic_bodies_is_the_rate_of_their_energy(make: Any, driven: 
 def test_power_of_a_large_tree_is_that_of_the_dense_system(driven: bool, monkeypatch: Any) -> None:
     """After the articulated-body recursion as after inverse dynamics."""
     rng = np.random.default_rng(6)
-    monkeypatch.setattr(plants, "LARGE", 10**6)
+    monkeypatch.setattr(systems, "LARGE", 10**6)
     dense = Plant(sheet(driven))
-    monkeypatch.setattr(plants, "LARGE", 0)
+    monkeypatch.setattr(systems, "LARGE", 0)
     tree = Plant(sheet(driven))
     assert isinstance(tree.system, TreeSystem)
     n, none = tree.system.n, np.zeros(0)
-    q = tree.start_positions()
+    q = tree.assembly.start_positions()
     tree.system.apply(q, 0.05 * rng.normal(size=n))
     v = rng.normal(size=n)
     terms = dense.system.allocate_terms()

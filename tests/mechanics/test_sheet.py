@@ -59,7 +59,7 @@ def case(tree: str, **effects: Any) -> Case:
     m, _ = cantilever((4, 3), tree=tree, supports=supports_of(tree), **soft, **effects)
     m.output("energy", m.energy)
     plant, rng = Plant(m), np.random.default_rng(2)
-    q, n = plant.start_positions(), plant.system.n
+    q, n = plant.assembly.start_positions(), plant.system.n
     plant.system.apply(q, 0.2 * rng.normal(size=n))
     return Case(plant, 0.3, q, 0.2 * rng.normal(size=n), rng.normal(size=n))
 
@@ -70,7 +70,7 @@ def test_a_cell_that_bends_and_twists_is_not_strained_to_third_order() -> None:
     def shear_and_stretch(size: float) -> Any:
         m, _ = cantilever((3, 3), tree="spine", membrane="xzs")
         plant = Plant(m)
-        q = plant.start_positions().reshape(-1, 3)
+        q = plant.assembly.start_positions().reshape(-1, 3)
         names = [name.rsplit(".", 1)[0] for name in plant.system.coordinate_names[::3]]
         for k, name in enumerate(names):
             if name.endswith(".1"):  # the spine runs along k = 1
@@ -95,7 +95,7 @@ def test_flat_sheet_lies_where_it_is_put(tree: str, edge: str) -> None:
     at, R = np.array([0.1, -0.2, 0.3]), random_rotation(np.random.default_rng(0))
     m, sheet = cantilever((6, 5), tree=tree, supports=[Support(edge)], at=at, rotation=R)
     plant = Plant(m)
-    bodies = bodies_at(plant, plant.start_positions())
+    bodies = bodies_at(plant, plant.assembly.start_positions())
     for i in range(6):
         for k in range(5):
             body = sheet.node(i, k)
@@ -170,7 +170,7 @@ def test_pressure_lifts_a_sheet_by_its_area() -> None:
     """On the flat sheet p times the area, on the bent one the vector area of its surface."""
     m, sheet = cantilever((6, 5), tree="master", supports=[], pressure=7.0, gravity=0.0)
     plant = Plant(m)
-    move(0.0, plant.start_positions(), np.zeros(plant.system.n), *plant.kernel_data)
+    move(0.0, plant.assembly.start_positions(), np.zeros(plant.system.n), *plant.kernel_data)
     forces = plant.data.state.bodies["F"][[body.index for row in sheet.nodes for body in row], :3]
     np.testing.assert_allclose(forces.sum(axis=0), (0.0, 7.0 * 0.3 * 0.21, 0.0), atol=1e-15)
     inner = plant.data.state.bodies["F"][sheet.node(2, 2).index]
@@ -180,7 +180,7 @@ def test_pressure_lifts_a_sheet_by_its_area() -> None:
 def test_free_sheet_falls_flat() -> None:
     m, sheet = cantilever((5, 3), tree="master", supports=[])
     plant = Plant(m)
-    q = plant.start_positions()
+    q = plant.assembly.start_positions()
     move(0.0, q, np.zeros(plant.system.n), *plant.kernel_data)
     assert forward_dynamics(*plant.kernel_data) == 0
     for row in sheet.nodes:
@@ -256,14 +256,14 @@ def test_edges_clamped_by_cut_joints_do_as_welded_ones() -> None:
     welded = frequencies(Plant(cantilever((7, 5), gravity=0.0)[0]))
     plant = Plant(cantilever((7, 5), gravity=0.0, tree="master")[0])
     np.testing.assert_allclose(frequencies(plant)[:8], welded[:8], rtol=1e-9)
-    q = plant.start_positions()
+    q = plant.assembly.start_positions()
     assert len(dependent_rows(plant.system, 0.0, q)) == 0
     for i, name in enumerate(plant.system.coordinate_names):
         if name.endswith("theta_z"):
             step = np.zeros(plant.system.n)
             step[i] = 0.1
             plant.system.apply(q, step)
-    assert len(dependent_rows(plant.system, 0.0, plant.close(0.0, q, plant.held()))) == 0
+    assert len(dependent_rows(plant.system, 0.0, plant.assembly.close(0.0, q, plant.assembly.held()))) == 0
 
 
 @pytest.mark.parametrize("tree", TREES)
@@ -275,7 +275,7 @@ def test_plate_supported_on_all_edges(tree: str) -> None:
     exact = 0.5 * np.pi * (1 / 0.3**2 + 1 / 0.21**2) * np.sqrt(D / (1000 * 0.3e-3))
     plant = Plant(m)
     assert frequencies(plant)[0] == pytest.approx(exact, rel=0.02)
-    assert len(dependent_rows(plant.system, 0.0, plant.start_positions())) == 0
+    assert len(dependent_rows(plant.system, 0.0, plant.assembly.start_positions())) == 0
 
 
 def test_pinned_edge_lets_the_sheet_swing_and_guided_edges_let_it_slide() -> None:
@@ -298,7 +298,7 @@ def test_a_driven_body_carries_an_edge_or_the_master_node(tree: str) -> None:
     sheet = add(m, tree=tree, **held)
     plant, t = Plant(m), 0.07
     bodies = plant.data.state.bodies
-    move(t, plant.start_positions(), np.zeros(plant.system.n), *plant.kernel_data)
+    move(t, plant.assembly.start_positions(), np.zeros(plant.system.n), *plant.kernel_data)
     assert plant.system.m == 0
     expected = (0.02, 0.05 * np.sin(4.0 * np.pi * t), 0.0)
     np.testing.assert_allclose(bodies["r"][sheet.node(0, 0).index], expected, atol=1e-15)
@@ -397,7 +397,7 @@ def test_sharpest_bend_is_the_angle_of_the_joint() -> None:
     m = Mechanism()
     add(m)
     plant = Plant(m)
-    q = plant.start_positions()
+    q = plant.assembly.start_positions()
     names = plant.system.coordinate_names
     q[names.index("sheet.2.1.theta_z")] = 0.6
     q[names.index("sheet.3.2.theta_x")] = -0.4

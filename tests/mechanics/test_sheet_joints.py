@@ -17,7 +17,7 @@ def hinged(joint: type[OutOfPlane | Geodesic], q: tuple[float, float, float]) ->
     m = Mechanism()
     m.body("node", m.ground, joint(at=(0.3, 0.0, 0.4), start=q), mass=1.0, inertia=(1, 1, 1))
     plant = Plant(m)
-    node = bodies_at(plant, plant.start_positions())[1]
+    node = bodies_at(plant, plant.assembly.start_positions())[1]
     return node["r"].copy(), node["A"].copy()
 
 

@@ -81,7 +81,7 @@ def test_constraints_do_not_know_how_the_base_moves(
     assert moving.void_rows == resting.void_rows
     system, rng = resting.system, np.random.default_rng(seed)
     expected, found = system.allocate_terms(), system.allocate_terms()
-    q, v = resting.start_positions(), rng.normal(size=system.n)
+    q, v = resting.assembly.start_positions(), rng.normal(size=system.n)
     system.apply(q, rng.normal(size=system.n))
     system.fill(0.0, q, v, expected)
     scale = 1.0 + max(np.abs(x).max(initial=0.0) for x in (expected.Phi, expected.J, expected.gamma))

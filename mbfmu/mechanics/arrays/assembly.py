@@ -1,151 +1,159 @@
-"""Assembly: consistent positions and velocities from approximate ones, or the loop that cannot close.
-
-Gauss-Newton with the least change of the free coordinates that are not held (minimum norm), the step limited so that
-the loops close on the branch the user meant. Coordinates and rows are measured in their units (``System.size`` and
-``row_size``), so that a mechanism closes alike at every size. Run once per start, so plain linear algebra serves.
-"""
+"""How a mechanism is put together: where it starts, how its loops are closed, and which rows they have too many."""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.errors import AssemblyError
-from mbfmu.mechanics.builder.bodies import CutHandle
+from mbfmu.errors import AssemblyError, UserError
+from mbfmu.mechanics.builder.bodies import Body
+from mbfmu.mechanics.builder.mechanism import Mechanism
+from mbfmu.mechanics.checks import with_unit_quaternion
+from mbfmu.mechanics.numbers import array_of
 from mbfmu.mechanics.records import State
 from solvers.system import AnySystem, Array
 
-CLOSED = 1e-11  # in units of the row; a loop is closed
-LARGEST_STEP = 0.5  # in units of the coordinate, of one coordinate in one iteration
-OPENING = 1e-8  # of a row's rate relative to the velocities: the loop opens
-ROUNDING = 1e-12  # ... or of the pace of the drives, whose motion may cancel in a row
-RANK = 1e-9  # singular values below this part of the largest count as zero
-MASSLESS = 1e-12  # ... the same for the mass matrix
-ROUNDED = 1e-28  # square of rounding: what moves by so little of the largest mass moves none
+from .closing import assemble_positions, assemble_velocities, check_frames, check_inertia, frame_angles
+from .compile import shared
+from .rows import dependent_rows, describe
 
 
-def assemble_positions(system: AnySystem, t: float, start: Array, held: NDArray[np.bool_]) -> Array:
-    """Return positions (nq,) with Phi = 0 near ``start``; ``held`` (n,) coordinates stay.
+def free_bodies(mechanism: Mechanism) -> list[Body]:
+    """Return the bodies whose joints have free coordinates of their own."""
+    return [body for body in mechanism.bodies if body.joint.drive is None and not shared(body)]
 
-    First by damped steps (Levenberg and Marquardt, the damping falling as the square of the gap), which stay near where
-    redundant rows contradict each other in an open loop; then without damping, which gets on beside singular positions.
+
+class Assembly:
+    """A mechanism from the start given to the builder to positions with closed loops.
+
+    Parameters
+    ----------
+    mechanism
+        What is put together.
+    system
+        Its equations.
+    state
+        Where they place the bodies.
+    void_rows
+        Names of cut-joint rows that no free motion works against; the system has none of them.
     """
-    if system.m == 0:
-        return start.copy()
-    terms = system.allocate_terms()
-    for damping in (1.0, 0.0):
-        q, best, since = start.copy(), np.inf, 0
-        for _ in range(200):
-            system.fill_position(t, q, terms)
-            gaps = terms.Phi / system.row_size
-            error = float(np.abs(gaps).max(initial=0.0))
-            if error < CLOSED:
-                return q
-            since = 0 if error < 0.5 * best else since + 1
-            best = min(best, error)
-            if since > 30:
-                break
-            step = least_change(system, terms.J, gaps, held, damping * error**2)
-            step *= min(1.0, LARGEST_STEP / max(float(np.abs(step).max(initial=0.0)), 1e-300))
-            system.apply(q, -system.size * step)
-    worst = int(np.argmax(np.abs(gaps)))
-    raise AssemblyError(
-        f"loop cannot close: {system.constraint_names[worst]!r} stays off by {abs(terms.Phi[worst]):.3g} "
-        "in the nearest position that was found; check lengths and start positions, or hold fewer joints fixed"
-    )
+
+    def __init__(self, mechanism: Mechanism, system: AnySystem, state: State, void_rows: list[str]) -> None:
+        self._mechanism, self._system, self._state, self._void_rows = mechanism, system, state, void_rows
+
+    def start_positions(self) -> Array:
+        """Return the first free positions (nq,) as given to the builder, loops not closed yet."""
+        return start_positions(self._mechanism)
+
+    def start_velocities(self) -> Array:
+        """Return the first free velocities (n,) as given to the builder."""
+        return _gathered(self._mechanism, "rate", "nv", None)
+
+    def held(self) -> NDArray[np.bool_]:
+        """Return which free velocity coordinates (n,) must be left as they are."""
+        parts = [np.full(body.joint.nv, body.joint.fixed) for body in free_bodies(self._mechanism)]
+        return np.concatenate([np.zeros(0, bool), *parts])
+
+    def assemble(self, t: float) -> tuple[Array, Array]:
+        """Close the loops from the start given to the builder; return consistent (q, v).
+
+        Raises
+        ------
+        AssemblyError
+            A loop cannot close (says which and by how much), or a free motion has no inertia.
+        """
+        q = self.close(t, self.start_positions(), self.held())
+        v = assemble_velocities(self._system, t, q, self.start_velocities(), self.held())
+        check_inertia(self._system, t, q, v)
+        return q, v
+
+    def close(self, t: float, start: Array, held: NDArray[np.bool_]) -> Array:
+        """Return positions (nq,) with closed loops near ``start``; ``held`` coordinates (n,) stay.
+
+        Raises
+        ------
+        AssemblyError
+            A loop cannot close, or closes the wrong way round; says which and by how much.
+        """
+        cuts = self._mechanism.cuts
+        if not cuts:
+            return start.copy()
+        self._place(t, start)
+        drawn = frame_angles(cuts, self._state)
+        try:
+            q = assemble_positions(self._system, t, start, held)
+        except AssemblyError as error:
+            if drawn.max() < 1.0:  # rad
+                raise
+            worst = int(np.argmax(drawn))
+            raise AssemblyError(
+                f"{error}; the frames of cut joint {cuts[worst].name!r} are drawn "
+                f"{np.degrees(drawn[worst]):.0f} deg apart"
+            ) from error
+        self.check_frames(t, q, drawn)
+        return q
+
+    def check_frames(self, t: float, q: Array, drawn: Array | None = None) -> None:
+        """Raise AssemblyError where the frames of a cut joint are closed, but the wrong way round.
+
+        ``drawn`` are the angles between them, rad, in the position the loops were closed from.
+        """
+        self._place(t, q)
+        check_frames(self._mechanism.cuts, self._state, drawn)
+
+    def _place(self, t: float, q: Array) -> None:
+        self._system.fill_position(t, q, self._system.allocate_terms())
+
+    def beside(self, t: float, q: Array) -> Array:
+        """Return a closed position near q (nq,) off singular ones, where the fewest rows depend on others; or q.
+
+        One coordinate is held where it was moved to: closing would lead back to a singular position else.
+        """
+        s = self._system
+        best, random, fewest = q, np.random.default_rng(1), len(dependent_rows(s, t, q))
+        for moved in random.permutation(s.n)[:4]:
+            near = q.copy()
+            s.apply(near, s.size * random.uniform(0.02, 0.05, s.n) * random.choice((-1.0, 1.0), s.n))
+            try:
+                near = self.close(t, near, np.arange(s.n) == moved)
+            except AssemblyError:
+                continue
+            count = len(dependent_rows(s, t, near))
+            if count <= fewest:
+                best, fewest = near, count
+        return best
+
+    def notes(self, t: float, q: Array) -> list[str]:
+        """Return in sentences which rows of the cut joints are void and which are redundant about q (nq,)."""
+        names = self._system.constraint_names
+        redundant = dependent_rows(self._system, t, self.beside(t, q))
+        lines = describe(self._mechanism.cuts, self._void_rows, [names[i] for i in redundant])
+        lost = len(dependent_rows(self._system, t, q)) - len(redundant)
+        if lost > 0:
+            rows = "1 more row depends" if lost == 1 else f"{lost} more rows depend"
+            lines.append(f"a singular position: {rows} on the others there")
+        return lines
 
 
-def least_change(system: AnySystem, J: Array, gaps: Array, held: NDArray[np.bool_], damping: float = 0.0) -> Array:
-    """Return the step (n,) of least |J step - gaps|^2 + damping |step|^2, all in their units; ``held`` ones stay.
-
-    Without damping it is the shortest of those that close the gaps (m,) best.
-    """
-    step = np.zeros(system.n)
-    U, sigma, V = np.linalg.svd(J[:, ~held] * system.size[~held] / system.row_size[:, np.newaxis], full_matrices=False)
-    count = int(np.sum(sigma > RANK * sigma.max(initial=0.0)))
-    U, sigma, V = U[:, :count], sigma[:count], V[:count]
-    step[~held] = (gaps @ U * sigma / (sigma**2 + damping)) @ V
-    return step
+def start_positions(mechanism: Mechanism) -> Array:
+    """Return the first free positions (nq,) as given to the builder, loops not closed yet."""
+    return _gathered(mechanism, "start", "nq", "rest")
 
 
-def assemble_velocities(system: AnySystem, t: float, q: Array, start: Array, held: NDArray[np.bool_]) -> Array:
-    """Return velocities (n,) with J v = nu, the least change from ``start``; ``held`` coordinates stay."""
-    if system.m == 0:
-        return start.copy()
-    terms = system.allocate_terms()
-    system.fill(t, q, start, terms)
-    v = start - system.size * least_change(system, terms.J, (terms.J @ start - terms.nu) / system.row_size, held)
-    off = np.abs(terms.J @ v - terms.nu)
-    fast = max(float(np.abs(v / system.size).max(initial=0.0)), float(np.abs(terms.nu / system.row_size).max()))
-    worst = int(np.argmax(off / system.row_size))
-    if off[worst] > (OPENING * fast + ROUNDING * system.rate) * system.row_size[worst]:
-        raise AssemblyError(
-            f"start velocities are not consistent: {system.constraint_names[worst]!r} opens at {off[worst]:.3g} "
-            "per second; hold fewer joints fixed or give consistent rates"
-        )
-    return v
-
-
-def frame_angles(cuts: Sequence[CutHandle], state: State) -> Array:
-    """Return by what angle (cuts,), rad, the frames of each cut joint are off in the position of ``state``.
-
-    Of a weld that of the rotation between its frames, of a hinge that between its axes; zero where none need agree.
-    """
-    A, angles = state.bodies["A"], np.zeros(len(cuts))
-    for i, handle in enumerate(cuts):
-        cut = handle.cut
-        if cut.parallel:
-            Ra, Rb = cut.frames()
-            C = (A[handle.a.index] @ Ra).T @ A[handle.b.index] @ Rb
-            cosine = C[2, 2] if cut.parallel == "z" else 0.5 * (np.trace(C) - 1.0)
-            angles[i] = np.arccos(np.clip(cosine, -1.0, 1.0))
-    return angles
-
-
-def check_frames(cuts: Sequence[CutHandle], state: State, drawn: Array | None) -> None:
-    """Raise AssemblyError where closed frames agree only in that their axes are perpendicular.
-
-    The rows of a cut joint are products of axes, which vanish for frames turned by 180 or 120 degrees too.
-    """
-    for i, (handle, angle) in enumerate(zip(cuts, frame_angles(cuts, state), strict=True)):
-        if angle < 1.0:  # rad: zero; else it is pi or 2 pi / 3
+def _gathered(mechanism: Mechanism, attribute: str, count: str, default: str | None) -> Array:
+    parts = [np.zeros(0)]
+    for body in free_bodies(mechanism):
+        joint = body.joint
+        given = getattr(joint, attribute)
+        if given is None:
+            parts.append(getattr(joint, default)() if default else np.zeros(getattr(joint, count)))
             continue
-        before = "" if drawn is None else f" (as drawn {np.degrees(drawn[i]):.0f} deg)"
-        what = "frames" if handle.cut.parallel == "xyz" else f"{handle.cut.letters[2]} axes"
-        raise AssemblyError(
-            f"loop {handle.name!r} closes the wrong way round: the {what} of its cut joint are "
-            f"{np.degrees(angle):.0f} deg apart{before}; turn rotation_a or rotation_b of the cut joint, or start "
-            "nearer to the closed loop"
-        )
-
-
-def check_inertia(system: AnySystem, t: float, q: Array, v: Array) -> None:
-    """Raise AssemblyError where a motion the constraints allow moves no mass.
-
-    Of a large tree the solver finds that out.
-    """
-    if not system.has_matrices:
-        return
-    terms = system.allocate_terms()
-    system.fill(t, q, v, terms)
-    basis = np.diag(system.size)
-    if system.m and system.n:
-        _, sigma, Vt = np.linalg.svd(terms.J * system.size / system.row_size[:, np.newaxis])
-        rank = int(np.sum(sigma > RANK * max(float(sigma[0]), 1e-300)))
-        basis = system.size[:, np.newaxis] * Vt[rank:].T
-    if basis.shape[1] == 0:
-        return
-    M = basis.T @ terms.M @ basis
-    mass = np.diag(M)  # every motion by its own measure: a light body may move beside a heavy one
-    most = float(mass.max()) or 1.0
-    own = np.sqrt(np.where(mass > ROUNDED * most, mass, most))
-    values, vectors = np.linalg.eigh(M / np.outer(own, own))
-    if values[0] <= MASSLESS * max(float(values[-1]), 1e-300):
-        mode = np.abs(basis @ (vectors[:, 0] / own)) / system.size
-        names = [system.coordinate_names[i] for i in np.flatnonzero(mode > 0.1 * mode.max())]
-        raise AssemblyError(
-            f"no inertia: coordinate(s) {', '.join(map(repr, names))} can move without moving mass; "
-            "give a body mass or inertia there, or drive or weld the joint"
-        )
+        value = np.atleast_1d(array_of(f"{attribute} of body {body.name!r}", given))
+        if value.shape != (getattr(joint, count),) or not np.all(np.isfinite(value)):
+            raise UserError(
+                f"{attribute} of body {body.name!r} is {given!r}; it needs {getattr(joint, count)} finite numbers"
+            )
+        if attribute == "start" and joint.quaternion:
+            value = with_unit_quaternion(body.name, value)
+        parts.append(value)
+    return np.concatenate(parts)

@@ -15,7 +15,10 @@ from scipy import linalg
 
 from mbfmu.errors import AssemblyError
 from mbfmu.mechanics.builder.bodies import CutHandle
+from mbfmu.mechanics.signals import InUse
 from solvers.system import AnySystem, Array
+
+from .inputs import Drives, Inputs
 
 VOID = 1e-9  # of a Jacobian in units of row and coordinate, and of a gap: what rounding leaves of zero
 DEPENDENT = 1e-4  # of pivots, relative to the largest; a loop closed to 1e-11 is that far from a singular position
@@ -75,6 +78,32 @@ class Probe:
                 "and no free joint can follow; free a joint of this loop, or drive it otherwise"
             )
         return void
+
+
+def find_void_rows(
+    system: AnySystem, start: Array, drives: Drives, inputs: Inputs, signals: list[InUse], units: list[str]
+) -> NDArray[np.bool_]:
+    """Return which rows (m,) vanish wherever the mechanism may be.
+
+    A few random positions decide, of the free coordinates about ``start`` (nq,) and of the drives: those that are
+    functions of time where they are at some time, those that are inputs anywhere. A row that is not void vanishes there
+    with probability zero. The inputs' signals are left elsewhere.
+
+    Raises
+    ------
+    AssemblyError
+        A void row is not closed, or the drives open it.
+    """
+    probe = Probe(system)
+    given = [k for k in drives.signals if k in inputs.signals]
+    centers = {k: float(signals[k].record["c"][0]) for k in given}
+    paces = [drives.pace(k) for k in drives.signals if k not in given]
+    for scale in (0.0, *(x for x in paces if x), *(1.0 for _ in given)):
+        for _ in range(3):
+            probe.try_at(scale * probe.turns(), start)
+            for k in given:
+                signals[k].record["c"][0] = centers[k] + drives.sizes[k] * probe.normal()
+    return probe.void(units)
 
 
 def dependent_rows(system: AnySystem, t: float, q: Array) -> NDArray[np.int64]:

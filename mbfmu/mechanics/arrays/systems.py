@@ -1,0 +1,155 @@
+"""A compiled mechanism as solvers take it: by its matrices, or as a large tree by its recursions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from math import inf
+from typing import Any
+
+import numpy as np
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics.builder.mechanism import Mechanism
+from mbfmu.mechanics.records import Data
+from mbfmu.mechanics.recursions.dynamics import audit_callbacks, callbacks, tree_callbacks
+from mbfmu.mechanics.tangent import Groups, Tangent, find_groups
+from solvers.system import AnySystem, System, TreeSystem
+
+from .assembly import free_bodies
+from .compile import Compiled, Numbering
+from .inputs import Drives
+from .scale import coordinate_sizes, row_sizes
+
+LARGE = 60  # coordinates of a tree without loops from which on no dense matrix is made
+LARGE_LOOPS = 100  # ... of a mechanism with cut joints; the partitions take its matrices all the same
+WIDEST = 1000  # bodies in a group of the structured tangent: its matrix has twelve rows a body
+
+
+class Systems:
+    """Makes the equations of motion of one compiled mechanism over its free coordinates."""
+
+    def __init__(
+        self, mechanism: Mechanism, numbering: Numbering, compiled: Compiled, drives: Drives, length: float
+    ) -> None:
+        self._mechanism, self._numbering, self._compiled = mechanism, numbering, compiled
+        self._drives, self._length, self._arrays = drives, length, compiled.data.arrays
+        self._size = coordinate_sizes(free_bodies(mechanism), length)
+        self._row_size = np.concatenate([np.zeros(0), *(row_sizes(c.cut, length) for c in mechanism.cuts)])
+        limit = LARGE_LOOPS if mechanism.cuts else LARGE
+        self._large = not mechanism.elastics and numbering.nv > limit  # the structured tangent knows no modes
+
+    def make(self, constraint_names: list[str]) -> AnySystem:
+        """Return the system with the rows that are kept today, by their names."""
+        if self._large:
+            return self._tree(constraint_names)
+        return self.dense(constraint_names, self._compiled.data)
+
+    def complex_twin(self, constraint_names: list[str]) -> System:
+        """Return the system as it is now on complex numbers, for derivatives by complex step."""
+        return self.dense(constraint_names, self._compiled.twin(), complex)
+
+    def dense(self, constraint_names: list[str], data: Data, scalar: type = float) -> System:
+        """Return the system by its matrices."""
+        dynamics, position, motion, retract, energy = callbacks(scalar)
+        power, exposure = audit_callbacks(tree=False) if scalar is float else (None, None)
+        return System(
+            **self._common(constraint_names, data),
+            dynamics=dynamics,
+            position=position,
+            motion=motion,
+            retract=retract,
+            energy=energy,
+            loop_rate=self._loop_rate(),
+            power=power,
+            exposure=exposure,
+        )
+
+    def _tree(self, constraint_names: list[str]) -> TreeSystem:
+        """Return the system of a large tree."""
+        data = self._compiled.data
+        inverse, forward, mobility, position, constraints, retract = tree_callbacks()
+        power, exposure = audit_callbacks(tree=True)
+        places: list[tuple[int, int]] = []
+        quaternions: list[tuple[int, int]] = []
+        for record in self._arrays.bodies:
+            if record["vf"] < 0:
+                continue
+            plain = int(record["nq"] - 4 * record["quaternion"])
+            places += [(int(record["qf"]) + k, int(record["vf"]) + k) for k in range(plain)]
+            if record["quaternion"]:
+                quaternions.append((int(record["qf"]) + plain, int(record["vf"]) + plain))
+        in_q, in_v = np.array(places, np.int64).reshape(-1, 2).T
+        return TreeSystem(
+            **self._common(constraint_names, data),
+            inverse=inverse,
+            forward=forward,
+            mobility=mobility,
+            position=position,
+            constraints=constraints,
+            retract=retract,
+            tangent=self.tangent(),
+            plain=(in_q, in_v),
+            quaternions=tuple(quaternions),
+            dense=lambda: self.dense(constraint_names, data),
+            power=power,
+            exposure=exposure,
+        )
+
+    def _common(self, constraint_names: list[str], data: Data) -> dict[str, Any]:
+        """Return what both have."""
+        kept = self._arrays.kept
+        return {
+            "nq": self._numbering.nq,
+            "n": self._numbering.nv,
+            "m": len(constraint_names),
+            "data": data,
+            "size": self._size,
+            "row_size": self._row_size[kept >= 0] if constraint_names else np.zeros(0),
+            "rate": self._rate(),
+            "works": self._works,
+            "resolves": self._resolves,
+            "coordinate_names": tuple(self._numbering.coordinate_names),
+            "constraint_names": tuple(constraint_names),
+        }
+
+    def tangent(self, groups: Groups | None = None) -> Tangent:
+        """Return the structured tangent over these groups of bodies, or those that joints and loads tie."""
+        found = self._groups() if groups is None else groups
+        loads = list(self._mechanism.loads())
+        return Tangent(self._compiled.tangent_arrays(), self._compiled.data.state, found, loads)
+
+    def _groups(self) -> Groups:
+        """Return the groups of the structured tangent; UserError where they would be too wide to be solved."""
+        groups = find_groups(self._mechanism)
+        widest = int(np.bincount(groups.of[1:]).argmax())
+        members = np.flatnonzero(groups.of == widest)
+        if len(members) > WIDEST:
+            raise UserError(
+                f"joints, forces and elements tie {len(members)} bodies to each other, "
+                f"{self._mechanism.bodies[members[-1]].name!r} among them, so that they must be solved at once; "
+                f"allowed: {WIDEST}; tie bodies that are near each other in the tree"
+            )
+        return groups
+
+    def _works(self) -> bool:
+        return bool(self._arrays.world["works"][0])
+
+    def _resolves(self, t: float) -> tuple[float, float]:
+        """Return the longest step from t on that misses no signal, and until when it does not, s."""
+        found = [signal.longest_step(t) for signal in self._compiled.signals]
+        return min((step for step, _ in found), default=inf), min((until for _, until in found), default=inf)
+
+    def _rate(self, bodies: Iterable[int] | None = None) -> float:
+        """Return how fast gravity and drives, or the drives of these bodies, move them, 1/s; zero: neither does."""
+        weight = float(np.linalg.norm(self._arrays.world["gravity"][0]))
+        return max(np.sqrt(weight / self._length), *(1.0 / pace for pace in self._drives.paces(bodies)), 0.0)
+
+    def _loop_rate(self) -> float:
+        """Return how fast gravity and the drives that carry a cut joint's bodies move the loops, 1/s."""
+        carrying: set[int] = set()
+        for body in (end.index for cut in self._mechanism.cuts for end in (cut.a, cut.b)):
+            k = body
+            while k > 0 and k not in carrying:
+                carrying.add(k)
+                k = self._mechanism.bodies[k].parent
+        return self._rate(carrying)
