@@ -182,6 +182,19 @@ def test_what_is_no_steady_state_is_refused_with_its_residual(model: Model, word
         assert word in str(caught.value)
 
 
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize("off", [0.0, 1e-9])
+@pytest.mark.parametrize("locked", [False, True])
+def test_a_loop_whose_only_row_vanishes_at_rest_is_refused(scale: float, off: float, locked: bool) -> None:
+    """Two cranks and a rod between their tips in line: two branches cross there, or it is the one position there is."""
+    m, (at, tip) = Mechanism(gravity=(9.81, 0.0, 0.0)), (4.0, -scale) if locked else (2.0, scale)
+    left = m.body("left", m.ground, Revolute(start=off), **rod(mass=1.0, length=scale))
+    right = m.body("right", m.ground, Revolute(at=(at * scale, 0.0, 0.0), start=off), **rod(mass=1.0, length=tip))
+    m.cut("rod", DistanceCut(at_a=(scale, 0, 0), at_b=(tip, 0, 0), length=2.0 * scale), left, right)
+    with pytest.raises(EquilibriumError, match="singular position"):
+        equilibrium(m)
+
+
 def test_unknown_coordinates_and_bad_starts_are_named() -> None:
     with pytest.raises(UserError, match=r"no coordinate 'arm3'.*did you mean 'arm"):
         equilibrium(Governor(), {"arm3": 1.0})

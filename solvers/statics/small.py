@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from solvers.compiled.held import hold
 from solvers.compiled.kernel import kernel
-from solvers.linalg.dense import full_pivot, length, rank_at, ratio, solve_full_pivot
+from solvers.linalg.dense import full_pivot, length, solve_full_pivot
 from solvers.linalg.svd import decompose, pseudo_inverse_transposed
 from solvers.system import Array, Equations, System
 
@@ -30,7 +30,8 @@ SINGULAR = 1e-12  # pivot of K relative to the first, below which an unknown is 
 BALANCED = 1e-9  # residual left by the last correction
 FARTHEST = 1.0  # length of the first step
 ASTRAY = 3.2  # units of size, half a turn: a state farther from the start is not the one next to it
-SINGULAR_POSITION = 1e-7  # ratio of the singular values of J below which cut-joint forces are not determined
+SINGULAR_POSITION = 1e-7  # a singular value of J~ below which cut-joint forces are not determined, relative to the
+# largest where the mechanism is in general position: in a singular one they may vanish all together
 INDEPENDENT = 1e-8  # relative pivot of an independent constraint
 
 
@@ -39,6 +40,7 @@ class Scratch(NamedTuple):
 
     size: Array  # (n,) units of the coordinates
     row: Array  # (rank,) units of the independent constraints
+    largest: Array  # (1,) singular value of J~ in general position
     q: NDArray[Any]  # (nq,) complex: perturbed position
     v: NDArray[Any]  # (n,)  complex: velocity of the steady motion
     dq: NDArray[Any]  # (n,)  complex: perturbation
@@ -67,9 +69,9 @@ class Scratch(NamedTuple):
         n, rank, z = len(size), len(row), np.zeros
         N = n + rank
         return Scratch(
-            size, row, z(nq, complex), z(n, complex), z(n, complex), z(nq), z(rank), z(n), z(n), z(N), z((N, N)), z(N),
-            z(N), z((N, N)), z(N, np.int64), z(N, np.int64), z(1, np.int64), z((rank, n)), z((n, rank)),
-            z(rank, np.int64), z((n, n)), z(rank), z((rank, rank)),
+            size, row, np.ones(1), z(nq, complex), z(n, complex), z(n, complex), z(nq), z(rank), z(n), z(n), z(N),
+            z((N, N)), z(N), z(N), z((N, N)), z(N, np.int64), z(N, np.int64), z(1, np.int64), z((rank, n)),
+            z((n, rank)), z(rank, np.int64), z((n, n)), z(rank), z((rank, rank)),
         )  # fmt: skip
 
 
@@ -175,8 +177,8 @@ def evaluate(eqs: Any, t: float, q: Any, v: Any) -> None:
 
 
 @kernel
-def constraint_forces(rows: Any, terms: Any, s: Any, lam: Any) -> float:
-    """lam (rank,): multipliers of least residual with the ``terms`` at hand; return how far J~ is from losing rank."""
+def constraint_forces(rows: Any, terms: Any, s: Any, lam: Any) -> bool:
+    """lam (rank,): multipliers of least residual with the ``terms`` at hand; return whether J~ has its full rank."""
     n, rank = s.v.shape[0], rows.shape[0]
     for r in range(rank):
         for i in range(n):
@@ -184,10 +186,13 @@ def constraint_forces(rows: Any, terms: Any, s: Any, lam: Any) -> float:
     decompose(s.J, rank, n, s.A, s.pivots, s.U, s.sigma, s.W)
     for i in range(n):
         s.f[i] = -terms.h[i].real * s.size[i]
-    pseudo_inverse_transposed(s.f, rank, n, rank_at(s.sigma, rank, SINGULAR_POSITION), s.U, s.sigma, s.W, lam)
+    count = 0
+    while count < rank and s.sigma[count] > SINGULAR_POSITION * s.largest[0]:
+        count += 1
+    pseudo_inverse_transposed(s.f, rank, n, count, s.U, s.sigma, s.W, lam)
     for r in range(rank):
         lam[r] /= s.row[r]
-    return ratio(s.sigma, rank)
+    return count == rank
 
 
 @kernel
@@ -214,7 +219,7 @@ def newton(eqs: Any, t: float, q: Any, lam: Any, rows: Any, c2: float, s: Any, r
             linearise(eqs, t, q, lam, s.moved, rows, c2, scale, s)
             if length(s.f) > BALANCED:
                 return 2
-            return 0 if constraint_forces(rows, eqs.terms, s, s.lam_try) > SINGULAR_POSITION else 4
+            return 0 if constraint_forces(rows, eqs.terms, s, s.lam_try) else 4
         if first:  # what is farther may be another state
             damping, first = min(1.0, FARTHEST / size), False
         while True:
@@ -240,6 +245,7 @@ class DenseEquilibriumSolver(EquilibriumSolver):
         The complex twin of a mechanism's system.
     q
         A closed position (nq,) in general position, where the independent constraints are told from redundant ones.
+        Where a row vanishes there too, the mechanism cannot leave a singular position.
     v
         Velocities (n,) of the steady motion: zero but for cyclic coordinates.
     """
@@ -252,6 +258,8 @@ class DenseEquilibriumSolver(EquilibriumSolver):
         self.rows = self._independent(t, q)
         scratch = Scratch.allocate(system.nq, system.size, system.row_size[self.rows])
         scratch.v[:] = v
+        scaled = self._terms.J.real[self.rows] * system.size / scratch.row[:, np.newaxis]
+        scratch.largest[:] = np.linalg.norm(scaled, 2) if scaled.size else 1.0
         self._v, self._lam, self._moved = scratch.v, scratch.lam_try, scratch.moved
         self._scratch, self._held_terms = hold(scratch), hold(self._terms)
 
@@ -260,6 +268,7 @@ class DenseEquilibriumSolver(EquilibriumSolver):
         self.system.fill(t, q.astype(complex), np.zeros(n, complex), self._terms)
         rows, columns = np.zeros(m, np.int64), np.zeros(n, np.int64)
         scaled = self._terms.J.real * self.system.size / self.system.row_size[:, np.newaxis]
+        self._stuck = bool((np.abs(scaled).max(axis=1, initial=0.0) < SINGULAR_POSITION).any())
         rank = full_pivot(scaled, m, n, INDEPENDENT, rows, columns)
         return np.sort(rows[:rank])
 
@@ -276,7 +285,7 @@ class DenseEquilibriumSolver(EquilibriumSolver):
     def singular(self, t: float, q: Array) -> bool:
         """See the base."""
         evaluate(self._eqs, t, q.astype(complex), self._v)
-        return not constraint_forces(self.rows, self._held_terms, self._scratch, self._lam) > SINGULAR_POSITION
+        return self._stuck or not constraint_forces(self.rows, self._held_terms, self._scratch, self._lam)
 
     def _balancing(self, t: float, q: Array) -> Array:
         """Return those that leave the least residual force."""
