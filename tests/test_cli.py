@@ -22,6 +22,7 @@ from mbfmu import curves, native
 from mbfmu.cli import models, parser
 from mbfmu.cli.common import scene_of
 from mbfmu.cli.results import results
+from mbfmu.interface import Role, interface
 from mbfmu.model import declared
 from mbfmu.result import Result
 from mbfmu.scene import as_toml, load_scene
@@ -316,6 +317,12 @@ def test_every_setting_reaches_a_scene_the_command_and_what_is_saved(tmp_path: P
     for words in (["run"], ["export"], ["view"], ["effects"]):
         options = parser().parse_args([*words, "fourbar", *(as_option(k, v) for k, v in given.items())])
         assert scene_of(options).settings == expected
+
+
+def test_every_setting_is_a_variable_of_the_fmu() -> None:
+    told = interface(load_scene("fourbar").model, Settings())
+    settings = {v.name for v in told if v.role is Role.SETTING}
+    assert settings == {p.name for p in declared(Settings)} - {"partition"}, "the solver's name has it in it"
 
 
 def test_quiet_prints_the_path_and_nothing_else(command: Command, tmp_path: Path) -> None:

@@ -36,7 +36,8 @@ EXAMPLES = f"""examples:
   mbfmu models governor                    all variables of a model, and its scenes
   mbfmu cache warm                         compile everything beforehand
 
-exit codes: 0; 1 for a run that ended early or lost its energy balance; 2 for a mistake in what was asked for.
+The exit code is 0 where all is well, 1 for a run that ended early or lost its energy balance, 2 for a mistake in what
+was asked for, and 130 after Ctrl-C.
 
 This line in ~/.bashrc or ~/.zshrc has the shell complete commands, models, scenes, parameters and solvers:
   {HOW}
@@ -98,7 +99,7 @@ def add_loudness(p: argparse.ArgumentParser) -> None:
     """Add ``-q`` and ``-v``, which may stand before or after the subcommand."""
     either = p.add_mutually_exclusive_group()
     for letter, name, about in (
-        ("-q", "--quiet", "print where the results are, and what goes wrong; nothing else"),
-        ("-v", "--verbose", "print more: all statistics and settings, and what is compiled"),
+        ("-q", "--quiet", "print the path of what is written, and what goes wrong; no summary and no progress"),
+        ("-v", "--verbose", "print more, such as all statistics and settings, and say when something is compiled"),
     ):
         either.add_argument(letter, name, action="store_true", default=argparse.SUPPRESS, help=about)

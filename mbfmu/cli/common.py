@@ -41,7 +41,9 @@ def add_set(p: argparse.ArgumentParser) -> None:
 
 def add_solver(p: argparse.ArgumentParser) -> None:
     """Add every setting: what is not given stays as the scene has it."""
-    group = p.add_argument_group("settings", "What is not given here stays as the scene has it.")
+    group = p.add_argument_group(
+        "settings", "What is not given here stays as the scene has it, or the model; the defaults are those of most."
+    )
     for setting in declared(Settings):
         option = f"--{setting.name.replace('_', '-')}"
         about = f"{setting.doc} (default {default_in_words(setting)})".replace("%", "%%")
@@ -57,9 +59,12 @@ def add_solver(p: argparse.ArgumentParser) -> None:
 
 def default_in_words(setting: Parameter) -> str:
     """Return the default of a setting for people."""
-    if isinstance(setting.default, bool):
-        return "yes" if setting.default else "no"
-    return f"{setting.default:g}" if isinstance(setting.default, float) else str(setting.default)
+    default = setting.default
+    if isinstance(default, bool):
+        return "yes" if default else "no"
+    if isinstance(default, float):
+        return power(default) if 0.0 < default < 1e-3 else f"{default:g}"
+    return str(default)
 
 
 def reader(kind: type[float]) -> Callable[[str], float]:

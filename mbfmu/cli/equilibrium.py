@@ -64,7 +64,10 @@ the results are in a folder such as results/governor/default-sweep-spindle_speed
     )
     add_steady(p)
     p.add_argument(
-        "--others", type=reader(int), metavar="N", help="look for other states from N starts (24; 4 on large trees)"
+        "--others",
+        type=reader(int),
+        metavar="N",
+        help="look for other states from N more starts (24, and 4 on large trees)",
     )
     p.add_argument("--sweep", metavar="PARAMETER=FROM:TO:STEP", help="follow the steady states over a parameter")
     shown = p.add_argument("--plot", metavar="OUTPUT", help="show this output over the sweep (the model's first)")

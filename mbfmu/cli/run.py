@@ -40,11 +40,11 @@ QUICK = 5.0  # s; an FMU's run that took less is repeated for its poses
 CSV, PICTURE, SAVED, POSES = "outputs.csv", "outputs.png", "result.npz", "motion.npz"
 
 EXAMPLES = """examples:
-  mbfmu run fourbar
-  mbfmu run fourbar/paper --native
-  mbfmu run fourbar --solver adams --tolerance 1e-8 --set crank_mass=2
-  mbfmu run governor --plot 'rod*.force' --plot energy
-  cat "$(mbfmu -q run fourbar)/outputs.csv"
+  mbfmu run fourbar                                                      the model as it is
+  mbfmu run fourbar/paper --native                                       a scene that ships with it, without the FMU
+  mbfmu run fourbar --solver adams --tolerance 1e-8 --set crank_mass=2   other settings, and another parameter
+  mbfmu run governor --plot 'rod*.force' --plot energy                   a picture of these outputs only
+  cat "$(mbfmu -q run fourbar)/outputs.csv"                              the path of the results in a script
 """
 
 
