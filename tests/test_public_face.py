@@ -116,6 +116,13 @@ def test_curves_that_lie_on_each_other_are_told_apart() -> None:
         assert below.get_linewidth() > 2.0 * above.get_linewidth()
     apart = made({"x": 0.0, "y": 1.0}).plot().axes[0].lines
     assert [line.get_linestyle() for line in apart] == ["-", "-"]
+    for level in (0.0, 1.0):  # all on each other, and all apart: colors begin anew after ten
+        dozen = made({f"y{k}": level * k for k in range(12)}).plot().axes[0].lines
+        looks = {
+            (line.get_color(), line.get_linestyle(), line.get_linewidth(), str(line._dash_pattern)) for line in dozen
+        }
+        assert len(looks) == 12
+    assert [line.get_linestyle() for line in dozen] == ["-"] * 10 + ["--"] * 2
 
 
 def test_a_panel_does_not_show_rounding() -> None:
