@@ -53,7 +53,16 @@ def test_run_through_the_fmu_writes_csv_and_png(command: Command, tmp_path: Path
 
 def test_fmu_and_native_write_the_same_numbers(command: Command, tmp_path: Path) -> None:
     for extra in ("--native", "--solver=adams"):
-        command("run", "fourbar", "--solver=adams", "--stop-time=1", "-o", str(tmp_path / extra.strip("-")), extra)
+        command(
+            "run",
+            "fourbar",
+            "--solver=adams",
+            "--stop-time=1",
+            "--plot=energy",
+            "-o",
+            str(tmp_path / extra.strip("-")),
+            extra,
+        )
     native, through_fmu = (
         (tmp_path / way / "fourbar" / "default-adams-1e-6" / "outputs.csv").read_text()
         for way in ("native", "solver=adams")
@@ -220,7 +229,7 @@ def test_mistakes_get_a_message_and_exit_code_2(command: Command, arguments: tup
 
 
 def test_a_tolerance_that_is_not_run_is_told(command: Command, tmp_path: Path) -> None:
-    fine = ("run", "fourbar", "--native", "--stop-time=0.1", "--interval=0.05", "-o", str(tmp_path))
+    fine = ("run", "fourbar", "--native", "--stop-time=0.1", "--plot=energy", "-o", str(tmp_path))
     assert "note: 'ida' runs a loop at a tolerance of 1e-09, not 1e-12" in command(*fine, "--tolerance=1e-12")[1]
     assert "note:" not in command(*fine)[1]
 
@@ -274,8 +283,8 @@ def test_two_models_of_one_file_and_two_solvers_keep_their_results(command: Comm
     model = "class {}(FourBar):\n    pass\n"
     source.write_text("from fmus.fourbar import FourBar\n" + model.format("First") + model.format("Second"))
     for name, solver in (("First", "adams"), ("Second", "adams"), ("Second", "ida")):
-        told = (f"{source}:{name}", f"--solver={solver}", "--native", "--stop-time=0.02", "-o", str(tmp_path))
-        assert command("run", *told)[0] == 0
+        told = (f"{source}:{name}", f"--solver={solver}", "--native", "--stop-time=0.02", "--plot=energy")
+        assert command("run", *told, "-o", str(tmp_path))[0] == 0
     assert folders(tmp_path / "first") == ["default-adams-1e-6"]
     assert folders(tmp_path / "second") == ["default-adams-1e-6", "default-ida-1e-6"]
 
@@ -362,7 +371,7 @@ def test_every_help_has_an_example_that_parses() -> None:
         examples = [line for line in command.epilog.splitlines() if line.startswith("  mbfmu ")]
         assert examples, name
         for line in examples:
-            words = shlex.split(line.partition("    ")[0] if "    " in line.strip() else line)
+            words = shlex.split(re.split(" {3,}", line.strip())[0])  # what it does stands beside it
             assert parser().parse_args(words[1:]).command, line
 
 
