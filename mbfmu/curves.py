@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from fnmatch import fnmatchcase
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from mbfmu.errors import UserError
+from mbfmu.model import suggest
 
 if TYPE_CHECKING:
     from mbfmu.result import Result
@@ -27,12 +32,35 @@ RESIDUALS = ("residual", "imbalance")  # how names end of what should be nothing
 MOST = 12  # curves in a panel
 ALIKE = 0.01  # of the height of a panel: curves nearer than this hide each other
 DASHES = ("-", (0, (6, 3)), (0, (2, 2)), (0, (8, 2, 2, 2)))
+COLOURS = 10  # before they begin anew, with other dashes
+WIDTHS = (1.0, 3.0)  # points; of a curve, and of one under others that are dashed
+FLAT = 1e-6  # of the size of its values: a panel is not lower, or it would show their rounding
+DEEP = 1e-9  # of its largest value: how far down a logarithmic panel goes
+FAILED = "#c62828"
+
+
+def matching(known: Sequence[str], asked: Sequence[str]) -> list[str]:
+    """Return the names asked for, in their order, each once; ``*`` and ``?`` in one stand for any letters.
+
+    Raises
+    ------
+    UserError
+        One of them is no output, and no pattern that any output fits.
+    """
+    found: dict[str, None] = {}
+    for name in asked:
+        pattern = name.replace("[", "[[]")  # brackets are parts of names
+        fitting = [name] if name in known else [other for other in known if fnmatchcase(other, pattern)]
+        if not fitting:
+            raise UserError(f"no output {name!r}{suggest(name, known)}")
+        found |= dict.fromkeys(fitting)
+    return list(found)
 
 
 def panels(result: Result, names: Sequence[str]) -> dict[tuple[str, str], list[int]]:
     """Return the columns of every panel, by quantity and unit."""
     found: dict[tuple[str, str], list[int]] = {}
-    for i in map(result.column, names or result.names):
+    for i in map(result.column, matching(result.names, names) or result.names):
         variable = result.variables[i]
         if not np.isfinite(result.values[:, i]).any():
             continue  # it is not known in this run
@@ -44,22 +72,27 @@ def panels(result: Result, names: Sequence[str]) -> dict[tuple[str, str], list[i
 
 def size(result: Result, names: Sequence[str]) -> tuple[float, float]:
     """Return width and height of the figure, inches."""
-    return 9.0, 1.0 + 1.9 * max(1, len(panels(result, names)))
+    return 9.0, 1.0 + 0.5 * bool(trouble(result)) + 1.9 * max(1, len(panels(result, names)))
 
 
 def draw(figure: Any, result: Result, names: Sequence[str] = ()) -> None:
-    """Draw these outputs, or all, into a figure of :func:`size`; the title says model, solver and tolerance."""
+    """Draw these outputs, or the first of each panel, into a figure of :func:`size`.
+
+    The title says model, scene, solver and tolerance, and of a run that is not to be trusted why.
+    """
     groups = panels(result, names)
+    marker = "o" if len(result.t) == 1 else None  # a point has no line
     axes = figure.subplots(max(1, len(groups)), 1, sharex=True, squeeze=False)[:, 0]
     for ax, ((quantity, unit), columns) in zip(axes, groups.items(), strict=False):
         shown = columns if names else columns[:MOST]
-        for i, dashes in zip(shown, styles(result.values[:, shown]), strict=True):
-            curve = result.values[:, i]
-            if quantity == "residual":
-                curve = np.maximum(np.abs(curve), 1e-17)
-            ax.plot(result.t, curve, ls=dashes, lw=1.0, label=result.variables[i].name)
+        curves = result.values[:, shown]
         if quantity == "residual":
-            ax.set_yscale("log")
+            logarithmic(ax, curves)
+            curves = np.where(curves == 0.0, np.nan, np.abs(curves))
+        elif (span := extent(curves)) != (np.nanmin(curves), np.nanmax(curves)):
+            ax.set_ylim(span)
+        for i, curve, style in zip(shown, curves.T, styles(curves), strict=True):
+            ax.plot(result.t, curve, **style, marker=marker, label=result.variables[i].name)
         ax.set_ylabel(f"{quantity} [{unit}]" if quantity else f"[{unit}]")
         ax.grid(alpha=0.3)
         left = len(columns) - len(shown)
@@ -67,15 +100,62 @@ def draw(figure: Any, result: Result, names: Sequence[str] = ()) -> None:
             fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, title_fontsize=7,
             title=f"{left} more are not shown" if left else None,
         )  # fmt: skip
+    if result.failure:
+        for ax in axes:
+            ax.axvline(result.t[-1], color=FAILED, lw=1.5)
     axes[-1].set_xlabel("time [s]")
-    figure.suptitle(result.title + (", ended early" if result.failure else ""))
+    entitle(figure, result)
 
 
-def styles(curves: Any) -> list[Any]:
-    """Return the dashes of each curve (k, curves): those that lie on one before get others than it has."""
-    height = float(np.ptp(curves[np.isfinite(curves)])) if np.isfinite(curves).any() else 0.0
+def trouble(result: Result) -> str:
+    """Return in capitals how a run went wrong; empty: it did not."""
+    if result.failure:
+        return f"FAILED at {result.t[-1]:.6g} s"
+    return "INACCURATE: the energy balance is lost" if result.verdict else ""
+
+
+def entitle(figure: Any, result: Result) -> None:
+    """Write the title; in red where a run went wrong, with the first sentence of the reason."""
+    wrong = trouble(result)
+    if not wrong:
+        figure.suptitle(result.title)
+        return
+    reason = (result.failure or result.verdict).partition(". ")[0]
+    figure.suptitle(f"{result.title}\n{wrong}\n{fill(reason, 110)}", color=FAILED, fontsize=10)
+
+
+def logarithmic(ax: Any, curves: Any) -> None:
+    """Make an axis logarithmic, down to what still shows beside the largest value."""
+    ax.set_yscale("log")
+    largest = float(np.nanmax(np.abs(curves)))
+    if 0.0 < largest < np.inf:
+        smallest = float(np.nanmin(np.abs(curves)[curves != 0.0]))
+        ax.set_ylim(max(0.5 * smallest, DEEP * largest), 2.0 * largest)
+
+
+def extent(curves: Any) -> tuple[float, float]:
+    """Return the lowest and the highest value, not so near to each other that only their rounding is between them."""
+    known = curves[np.isfinite(curves)]
+    if not known.size:
+        return 0.0, 0.0
+    low, high = float(known.min()), float(known.max())
+    largest = max(abs(low), abs(high))
+    margin = 0.05 * largest if high - low < FLAT * largest else 0.0
+    return low - margin, high + margin
+
+
+def styles(curves: Any) -> list[dict[str, Any]]:
+    """Return how each curve (k, curves) is drawn: one that lies on others is dashed, and those beneath are wide."""
+    low, high = extent(curves)
     found: list[int] = []
+    beneath: set[int] = set()
     for i in range(curves.shape[1]):
-        hidden = [found[j] for j in range(i) if np.nanmax(np.abs(curves[:, i] - curves[:, j])) <= ALIKE * height]
-        found.append(next((k for k in range(len(DASHES)) if k not in hidden), 0))
-    return [DASHES[k] for k in found]
+        hidden = [j for j in range(i) if np.nanmax(np.abs(curves[:, i] - curves[:, j])) <= ALIKE * (high - low)]
+        taken = [found[j] for j in hidden]
+        dashes = range(1, len(DASHES)) if hidden else [i // COLOURS % len(DASHES)]
+        found.append(min(dashes, key=taken.count))
+        beneath.update(j for j in hidden if found[j] == 0)
+    return [
+        {"color": f"C{i % COLOURS}", "ls": DASHES[k], "lw": WIDTHS[i in beneath], "alpha": 0.5 if i in beneath else 1.0}
+        for i, k in enumerate(found)
+    ]

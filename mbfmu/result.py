@@ -16,6 +16,7 @@ from mbfmu.extras import optional
 from mbfmu.mechanics import Variable
 from mbfmu.model import suggest
 from mbfmu.settings import Settings
+from mbfmu.table import power
 from solvers import Statistics
 from solvers.system import Array
 
@@ -54,7 +55,7 @@ class Result:
     @property
     def title(self) -> str:
         """Model or scene, solver and tolerance in one line."""
-        how = f"{self.settings.name}, tolerance {self.settings.tolerance:g}" if self.settings else ""
+        how = f"{self.settings.name}, tolerance {power(self.settings.tolerance)}" if self.settings else ""
         return ", ".join(filter(None, (self.name, how)))
 
     def __getitem__(self, name: str) -> Array:
@@ -94,7 +95,16 @@ class Result:
         return xarray.Dataset(outputs, coords={"time": ("time", self.t, {"units": "s"})}, attrs={"title": self.title})
 
     def plot(self, *names: str) -> Any:
-        """Return a matplotlib figure of these outputs, or of all, over time."""
+        """Return a matplotlib figure of outputs over time: a panel a quantity, residuals on logarithmic axes.
+
+        Without names all are drawn, but no more than a dozen in one panel. A name may be a pattern:
+        ``plot("coupler.*")`` draws what begins so, and ``plot("*")`` everything.
+
+        Raises
+        ------
+        UserError
+            A name is no output, and no pattern that one fits.
+        """
         import matplotlib.pyplot as plt
 
         from mbfmu.curves import draw, size

@@ -16,10 +16,14 @@ output_interval = 0.01     # s
 
 [parameters]
 start_angle = 0.1745
+
+A scene is called ``model/scene``: ``fourbar/paper`` ships with the four-bar, ``fourbar/default`` is the model as it is.
 """
 
 from __future__ import annotations
 
+import inspect
+import json
 import sys
 import tomllib
 from dataclasses import dataclass, replace
@@ -34,6 +38,7 @@ from mbfmu.settings import Settings
 
 SETTINGS = tuple(p.name for p in declared(Settings))
 KEYS = ("model", *SETTINGS, "stop_time", "output_interval", "parameters")
+DEFAULT = "default"  # the scene of a model as it is
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,9 +48,11 @@ class Scene:
     Parameters
     ----------
     name
-        Names the result files.
+        Model and scene, such as ``fourbar/paper``.
     stop_time, output_interval
         s, greater than zero.
+    reference
+        What :func:`mbfmu.model.find` finds the model by; empty: nothing.
     """
 
     name: str
@@ -53,6 +60,7 @@ class Scene:
     settings: Settings
     stop_time: float
     output_interval: float
+    reference: str = ""
 
     def __post_init__(self) -> None:
         """Check the times; raises UserError."""
@@ -86,31 +94,36 @@ def load_scene(reference: str) -> Scene:
     if path.suffix == ".toml":
         return read_scene(path)
     model, slash, scene = reference.partition("/")
-    if slash and ".py" not in reference:
-        return read_scene(shipped(model, scene)).changed(name=f"{model}_{scene}")
-    return default_scene(at_defaults(find(reference)), "" if ".py" in reference else reference)
+    if not slash or ".py" in reference:
+        return default_scene(at_defaults(find(reference)), absolute(reference))
+    known = scenes(find(model))
+    if scene not in known:
+        raise UserError(f"model {model!r} has no scene {scene!r}{suggest(scene, known)}")
+    shipped = known[scene]
+    return read_scene(shipped) if shipped else default_scene(at_defaults(find(model)), model)
 
 
-def default_scene(model: Model, name: str = "") -> Scene:
+def default_scene(model: Model, reference: str = "") -> Scene:
     """Return a model's own scene."""
     return Scene(
-        name=name.partition(":")[0] or model.name,
+        name=f"{model.name}/{DEFAULT}",
         model=model,
         settings=Settings(tolerance=model.tolerance),
         stop_time=model.stop_time,
         output_interval=model.output_interval,
+        reference=reference,
     )
 
 
-def shipped(model: str, scene: str) -> Path:
-    """Return the file of a scene that ships with a model."""
-    import inspect
+def scenes(model: type[Model]) -> dict[str, Path | None]:
+    """Return the scenes of a model by name with their files: its own, which has none, then those that ship with it."""
+    folder = Path(inspect.getfile(model)).parent / "scenes"
+    return {DEFAULT: None} | {path.stem: path for path in sorted(folder.glob("*.toml"))}
 
-    folder = Path(inspect.getfile(find(model))).parent / "scenes"
-    known = {p.stem: p for p in sorted(folder.glob("*.toml"))}
-    if scene not in known:
-        raise UserError(f"model {model!r} has no scene {scene!r}{suggest(scene, known)}")
-    return known[scene]
+
+def absolute(reference: str) -> str:
+    """Return a model's reference as it is found from any folder."""
+    return str(Path(reference).absolute()) if ".py" in reference else reference
 
 
 def read_scene(path: Path) -> Scene:
@@ -141,7 +154,7 @@ def from_content(path: Path, content: dict[str, Any]) -> Scene:
     if not isinstance(parameters, dict):
         raise UserError(f"parameters is {parameters!r}; allowed: a table [parameters]")
     model = at_defaults(find(reference)).with_values(parameters)
-    scene = default_scene(model, path.stem)
+    scene = default_scene(model, absolute(reference)).changed(name=f"{model.name}/{path.stem}")
     for key in ("tolerance", "absolute_tolerance", "max_step", "max_order", "max_steps"):
         if key in content and (isinstance(content[key], bool) or not isinstance(content[key], int | float)):
             raise UserError(f"{key} is {content[key]!r}; allowed: a number")
@@ -149,3 +162,19 @@ def from_content(path: Path, content: dict[str, Any]) -> Scene:
         if not isinstance(content.get(key, False), bool):
             raise UserError(f"{key} is {content[key]!r}; allowed: true or false")
     return scene.changed(**content)
+
+
+def as_toml(scene: Scene) -> str:
+    """Return a scene as the text of a file, whatever it was changed by; raises UserError for a mechanism's."""
+    if not scene.reference:
+        raise UserError(f"scene {scene.name!r} has a model that no name and no file leads to")
+    settings = {name: getattr(scene.settings, name) for name in SETTINGS}
+    times = {name: getattr(scene, name) for name in ("stop_time", "output_interval")}
+    parameters = {p.name: getattr(scene.model, p.name) for p in scene.model.parameters()}
+    head = assignments({"model": scene.reference} | settings | times)
+    return "\n".join([*head, "", "[parameters]", *assignments(parameters)]) + "\n"
+
+
+def assignments(values: dict[str, Any]) -> list[str]:
+    """Return a line of TOML for each value; texts, numbers and truth values are written as in JSON."""
+    return [f"{name} = {json.dumps(value, ensure_ascii=False)}" for name, value in values.items()]

@@ -42,7 +42,7 @@ class Settings:
             if not isinstance(given, str) or given not in known:
                 raise UserError(f"{what} is {given!r}{suggest(str(given), known)}")
         if self.solver != "adams" and self.partition != "projection":
-            raise UserError(f"partition is {self.partition!r}, but the solver is {self.solver!r}; it is of 'adams'")
+            raise UserError(f"partition is {self.partition!r}, but the solver is {self.solver!r}; only 'adams' has one")
         for p in declared(Settings):
             try:
                 check("the settings", p, getattr(self, p.name))

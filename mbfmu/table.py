@@ -12,3 +12,9 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
         "  ".join(cell.ljust(w) for cell, w in zip(line, widths, strict=True)).rstrip() for line in [header, *rows]
     ]
     return "\n".join([lines[0], "  ".join("-" * w for w in widths), *lines[1:]])
+
+
+def power(number: float) -> str:
+    """Return a tolerance as people write it: ``1e-6``."""
+    digits, exponent = f"{number:.6e}".split("e")
+    return f"{float(digits):g}e{int(exponent)}"

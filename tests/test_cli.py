@@ -3,19 +3,33 @@
 from __future__ import annotations
 
 import json
+import re
+import shlex
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from threading import Barrier
 from typing import Any
 
 import pytest
 
-from mbfmu import native
-from mbfmu.cli import models
+from mbfmu import curves, native
+from mbfmu.cli import models, parser
+from mbfmu.cli.common import scene_of
+from mbfmu.cli.results import results
+from mbfmu.interface import Role, interface
+from mbfmu.model import declared
+from mbfmu.result import Result
+from mbfmu.scene import as_toml, load_scene
+from mbfmu.settings import Settings
 from solvers import SOLVERS
 from solvers.compiled import cache
+from solvers.compiled.kernel import kernel
 
 Command = Callable[..., Any]
 
@@ -26,32 +40,142 @@ def test_run_through_the_fmu_writes_csv_and_png(command: Command, tmp_path: Path
     assert "steps" in out
     assert "energy imbalance" in out
     assert "loop 'pivot': 3 of 5 rows are void (z, zx, zy)" in out
-    assert (tmp_path / "fourbar_adams.csv").read_text().count("\n") == 52
-    assert (tmp_path / "fourbar_adams.png").stat().st_size > 10_000
+    folder = tmp_path / "fourbar" / "default-adams-1e-6"
+    assert f"wrote {folder}\n" in out
+    assert sorted(p.name for p in folder.iterdir()) == [
+        "default.toml", "motion.npz", "outputs.csv", "outputs.png", "result.npz",
+    ]  # fmt: skip
+    assert (folder / "outputs.csv").read_text().count("\n") == 52
+    assert (folder / "outputs.png").stat().st_size > 10_000
+    saved = Result.load(folder / "result.npz")
+    assert saved.title == "fourbar/default, adams, tolerance 1e-6"
+    assert len(saved.t) == 51
 
 
 def test_fmu_and_native_write_the_same_numbers(command: Command, tmp_path: Path) -> None:
     for extra in ("--native", "--solver=adams"):
-        command("run", "fourbar", "--solver=adams", "--stop-time=1", "-o", str(tmp_path / extra.strip("-")), extra)
-    native = (tmp_path / "native" / "fourbar_adams.csv").read_text()
-    through_fmu = (tmp_path / "solver=adams" / "fourbar_adams.csv").read_text()
+        command(
+            "run",
+            "fourbar",
+            "--solver=adams",
+            "--stop-time=1",
+            "--plot=energy",
+            "-o",
+            str(tmp_path / extra.strip("-")),
+            extra,
+        )
+    native, through_fmu = (
+        (tmp_path / way / "fourbar" / "default-adams-1e-6" / "outputs.csv").read_text()
+        for way in ("native", "solver=adams")
+    )
     for a, b in zip(native.splitlines()[1:], through_fmu.splitlines()[1:], strict=True):
         for x, y in zip(a.split(","), b.split(","), strict=True):
             assert float(x) == pytest.approx(float(y), rel=0, abs=1e-12)
 
 
-def test_a_run_that_fails_leaves_what_went_well(
-    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("field", "word"), [("failure", "failed"), ("verdict", "inaccurate")])
+def test_a_run_that_is_not_to_be_trusted_says_so_everywhere(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, field: str, word: str
 ) -> None:
-    told = ("run", "fourbar/paper", "--native", "--stop-time=0.1", "-o", str(tmp_path))
+    told = ("run", "fourbar/paper", "--native", "--stop-time=0.1", "--plot=energy", "-o", str(tmp_path))
     assert command(*told)[0] == 0
-    before = (tmp_path / "fourbar_paper_hybrid.csv").read_text()
-    monkeypatch.setattr("mbfmu.cli.run.run", lambda *a, **k: replace(native.run(*a, **k), failure="it stopped"))
-    code, out, err = command(*told)
+    drawn: list[str] = []
+    monkeypatch.setattr("mbfmu.curves.entitle", lambda figure, result: drawn.append(curves.trouble(result)))
+    monkeypatch.setattr("mbfmu.cli.run.run", lambda *a, **k: replace(native.run(*a, **k), **{field: "it stopped"}))
+    code, out, _ = command(*told)
     assert code == 1
-    assert "it stopped" in err
-    assert "fourbar_paper_hybrid_failed.csv" in out
-    assert (tmp_path / "fourbar_paper_hybrid.csv").read_text() == before
+    assert out.endswith(f"paper-hybrid-1e-4-{word}\n")
+    assert folders(tmp_path / "fourbar") == ["paper-hybrid-1e-4", f"paper-hybrid-1e-4-{word}"]
+    assert drawn[0].startswith(word.upper())
+
+
+def folders(place: Path) -> list[str]:
+    """Return the names of all that is in a folder, hidden or not."""
+    return sorted(path.name for path in place.iterdir())
+
+
+def test_a_run_again_leaves_the_first_alone(command: Command, tmp_path: Path) -> None:
+    told = ("run", "fourbar/paper", "--native", "--stop-time=0.1", "--plot=energy", "-o", str(tmp_path))
+    first = tmp_path / "fourbar" / "paper-hybrid-1e-4"
+    assert command(*told)[0] == 0
+    before = {path.name: path.read_bytes() for path in first.iterdir()}
+    assert command(*told)[0] == 0
+    assert folders(tmp_path / "fourbar") == ["paper-hybrid-1e-4", "paper-hybrid-1e-4-2"]
+    assert {path.name: path.read_bytes() for path in first.iterdir()} == before
+
+
+def test_the_scene_in_a_folder_runs_the_same_again(command: Command, tmp_path: Path) -> None:
+    told = ("--native", "--stop-time=0.1", "--plot=energy", "-q", "-o", str(tmp_path))
+    _, first, _ = command("run", "fourbar/paper", "--set=crank_mass=2", "--max-order=3", *told)
+    again = load_scene(str(Path(first.strip()) / "paper.toml"))
+    assert again.settings == replace(load_scene("fourbar/paper").settings, max_order=3)
+    assert (again.name, again.stop_time, again.model.crank_mass) == ("fourbar/paper", 0.1, 2.0)  # type: ignore[attr-defined]
+    _, second, _ = command("run", str(Path(first.strip()) / "paper.toml"), *told)
+    assert second == first.replace("1e-4", "1e-4-2")
+    numbers = [(Path(folder.strip()) / "outputs.csv").read_text() for folder in (first, second)]
+    assert numbers[0] == numbers[1]
+
+
+def test_processes_that_end_at_once_do_not_meet(tmp_path: Path) -> None:
+    def write(number: int) -> str:
+        with results(tmp_path, load_scene("fourbar"), "x") as place:
+            place.file("who").write_text(str(number))
+            start.wait()
+            return (place.keep() / "who").read_text()
+
+    start = Barrier(8)
+    with ThreadPoolExecutor(8) as pool:
+        assert list(pool.map(write, range(8))) == [str(number) for number in range(8)]
+    assert folders(tmp_path / "fourbar") == ["x", *(f"x-{number}" for number in range(2, 9))]
+
+
+@pytest.mark.parametrize("extra", [(), ("--native",)])
+def test_an_interrupted_run_leaves_nothing_behind(tmp_path: Path, extra: tuple[str, ...]) -> None:
+    """Ctrl-C after a second of a run that would take long."""
+    told = ("run", "pendulum", "--stop-time=1e5", "--interval=1", "--max-steps=1000000000", "-o", str(tmp_path))
+    process = subprocess.Popen(
+        (sys.executable, "-m", "mbfmu", *told, *extra), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    while process.poll() is None and not (tmp_path / "pendulum").is_dir():
+        time.sleep(0.1)
+    time.sleep(3.0)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert (process.returncode, out) == (130, "")
+    assert "mbfmu: interrupted" in err
+    assert "Traceback" not in err
+    assert folders(tmp_path / "pendulum") == []
+
+
+@pytest.mark.parametrize("way", ["root", "model", "above"])
+def test_a_file_in_the_place_of_a_folder_is_told_before_the_run(command: Command, tmp_path: Path, way: str) -> None:
+    root = {"root": tmp_path / "file", "model": tmp_path, "above": tmp_path / "file" / "results"}[way]
+    (tmp_path / ("fourbar" if way == "model" else "file")).write_text("kept")
+    code, out, err = command("run", "fourbar", "-o", str(root))
+    assert (code, out) == (2, "")
+    assert err.startswith("mbfmu: folder ")
+    assert "cannot be made" in err
+
+
+def test_a_folder_that_is_read_only_is_told_before_the_run(command: Command) -> None:
+    code, out, err = command("run", "fourbar", "-o", "/proc/results")
+    assert (code, out) == (2, "")
+    assert err == "mbfmu: folder '/proc/results/fourbar' cannot be made: No such file or directory\n"
+
+
+def test_names_with_spaces_and_slashes_are_folders(command: Command, tmp_path: Path) -> None:
+    place = tmp_path / "my models"
+    place.mkdir()
+    source = place / "my model.py"
+    source.write_text("from fmus.fourbar import FourBar\nclass Mine(FourBar):\n    name = 'crank / rocker'\n")
+    (place / "a scene.toml").write_text('model = "my model.py:Mine"\nstop_time = 0.02\n')
+    root = tmp_path / "my results"
+    for told in ((f"{source}:Mine", "--stop-time=0.02"), (str(place / "a scene.toml"),)):
+        assert command("run", *told, "--native", "--plot=energy", "-o", str(root))[0] == 0
+    assert folders(root) == ["crank _ rocker"]
+    assert folders(root / "crank _ rocker") == ["a scene-ida-1e-6", "default-ida-1e-6"]
+    saved = root / "crank _ rocker" / "a scene-ida-1e-6" / "a scene.toml"
+    assert load_scene(str(saved)).model.name == "crank / rocker"
 
 
 def test_models_lists_parameters_with_units(command: Command) -> None:
@@ -70,6 +194,9 @@ def test_compare_writes_rows(command: Command, tmp_path: Path) -> None:
     assert "adams-lu" in out
     rows = json.loads(rows_file.read_text())
     assert len(rows) == 16
+    folder = tmp_path / "fourbar" / "short-compare"
+    assert folders(folder) == ["energy.png", "rows.json", "table.txt", "work_precision.png"]
+    assert (folder / "rows.json").read_text() == rows_file.read_text()
     assert {"solver", "rtol", "wall_s", "max_error", "branch_jump", "status", "partition_switches"} <= set(rows[0])
     assert all(row["status"] == "ok" for row in rows)
 
@@ -103,7 +230,7 @@ def test_mistakes_get_a_message_and_exit_code_2(command: Command, arguments: tup
 
 
 def test_a_tolerance_that_is_not_run_is_told(command: Command, tmp_path: Path) -> None:
-    fine = ("run", "fourbar", "--native", "--stop-time=0.1", "--interval=0.05", "-o", str(tmp_path))
+    fine = ("run", "fourbar", "--native", "--stop-time=0.1", "--plot=energy", "-o", str(tmp_path))
     assert "note: 'ida' runs a loop at a tolerance of 1e-09, not 1e-12" in command(*fine, "--tolerance=1e-12")[1]
     assert "note:" not in command(*fine)[1]
 
@@ -114,17 +241,21 @@ def test_a_huge_number_is_refused_in_words(command: Command, tmp_path: Path) -> 
     assert err.startswith("mbfmu: ")
 
 
-def test_the_first_run_says_why_it_takes_long(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
-    """In a terminal, as soon as something has to be compiled, and once."""
+def test_the_compiler_is_announced_and_timed(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In a terminal: before anything is compiled, once, and with its time afterwards; never with -q."""
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
 
-    def starts(_options: object) -> int:
-        cache.tell_listeners()
-        cache.tell_listeners()
+    def compiles(_options: object) -> int:
+        fresh = kernel(lambda x: x + 1.0)
+        assert fresh(1.0) == 2.0
         return 0
 
-    monkeypatch.setattr(models, "command_models", starts)
-    assert command("models")[2].count("compiling, once on this machine") == 1
+    monkeypatch.setattr(models, "command_models", compiles)
+    lines = command("models")[2].splitlines()
+    assert lines[0].startswith("compiling, once on this machine: a minute or two")
+    assert re.fullmatch(r"compiled for \d+\.\d s; that is kept", lines[1])
+    assert len(lines) == 2
+    assert command("models", "-q")[2] == ""
 
 
 def test_the_cache_says_where_it_is(command: Command) -> None:
@@ -153,17 +284,10 @@ def test_two_models_of_one_file_and_two_solvers_keep_their_results(command: Comm
     model = "class {}(FourBar):\n    pass\n"
     source.write_text("from fmus.fourbar import FourBar\n" + model.format("First") + model.format("Second"))
     for name, solver in (("First", "adams"), ("Second", "adams"), ("Second", "ida")):
-        told = (f"{source}:{name}", f"--solver={solver}", "--native", "--stop-time=0.02", "-o", str(tmp_path))
-        assert command("run", *told)[0] == 0
-    assert sorted(p.name for p in tmp_path.glob("*.csv")) == ["first_adams.csv", "second_adams.csv", "second_ida.csv"]
-
-
-def test_a_folder_in_the_place_of_a_result_is_told_before_the_run(command: Command, tmp_path: Path) -> None:
-    for kind in ("csv", "png", "npz"):
-        (tmp_path / kind / f"fourbar_ida.{kind}").mkdir(parents=True)
-        code, out, err = command("run", "fourbar", "--native", "-o", str(tmp_path / kind))
-        assert (code, out) == (2, "")
-        assert err.endswith(f"fourbar_ida.{kind}' cannot be written: it is a folder\n")
+        told = (f"{source}:{name}", f"--solver={solver}", "--native", "--stop-time=0.02", "--plot=energy")
+        assert command("run", *told, "-o", str(tmp_path))[0] == 0
+    assert folders(tmp_path / "first") == ["default-adams-1e-6"]
+    assert folders(tmp_path / "second") == ["default-adams-1e-6", "default-ida-1e-6"]
 
 
 def test_a_full_disk_is_told_in_words(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -174,3 +298,135 @@ def test_a_full_disk_is_told_in_words(command: Command, monkeypatch: pytest.Monk
     monkeypatch.setattr("os.dup2", lambda *_: None)
     code, _, err = command("models")
     assert (code, err) == (2, "mbfmu: standard output: No space left on device\n")
+
+
+# ---- what is asked for on the command line ---------------------------------------------------------------------------
+
+
+OTHER = {
+    "solver": "adams", "partition": "lu", "tolerance": 1e-5, "absolute_tolerance": 1e-7, "max_order": 4,
+    "max_steps": 5000, "max_step": 0.01, "inputs": "linear", "start_at_equilibrium": True, "audit": False,
+}  # fmt: skip
+
+
+def as_option(name: str, value: object) -> str:
+    option = name.replace("_", "-")
+    return f"--{'' if value else 'no-'}{option}" if isinstance(value, bool) else f"--{option}={value}"
+
+
+@pytest.mark.parametrize("name", [p.name for p in declared(Settings)])
+def test_every_setting_reaches_a_scene_the_command_and_what_is_saved(tmp_path: Path, name: str) -> None:
+    """A setting that is new has to be named here."""
+    given = {"solver": "adams"} | {name: OTHER[name]}
+    path = tmp_path / "s.toml"
+    path.write_text('model = "fourbar"\n' + "".join(f"{k} = {json.dumps(v)}\n" for k, v in given.items()))
+    expected = replace(load_scene("fourbar").settings, **given)
+    assert load_scene(str(path)).settings == expected
+    path.write_text(as_toml(load_scene(str(path))))
+    assert load_scene(str(path)).settings == expected
+    for words in (["run"], ["export"], ["view"], ["effects"]):
+        options = parser().parse_args([*words, "fourbar", *(as_option(k, v) for k, v in given.items())])
+        assert scene_of(options).settings == expected
+
+
+def test_every_setting_is_a_variable_of_the_fmu() -> None:
+    told = interface(load_scene("fourbar").model, Settings())
+    settings = {v.name for v in told if v.role is Role.SETTING}
+    assert settings == {p.name for p in declared(Settings)} - {"partition"}, "the solver's name has it in it"
+
+
+def test_quiet_prints_the_path_and_nothing_else(command: Command, tmp_path: Path) -> None:
+    for before, after in ((["-q"], []), ([], ["-q"])):
+        code, out, err = command(*before, "run", "fourbar", "--native", "--stop-time=0.1", "-o", str(tmp_path), *after)
+        assert (code, err) == (0, "")
+        assert (Path(out.removesuffix("\n")) / "outputs.csv").is_file()
+
+
+def test_verbose_prints_statistics_and_settings(command: Command, tmp_path: Path) -> None:
+    told = ("run", "fourbar", "--native", "--stop-time=0.1", "--plot=energy", "-o", str(tmp_path))
+    assert "absolute_tolerance = 0" not in command(*told)[1]
+    out = command("-v", *told)[1]
+    assert "absolute_tolerance = 0" in out
+    assert "time_projection = " in out
+
+
+def test_every_command_may_be_quiet_or_verbose() -> None:
+    for command in commands():
+        told = options_of(command)
+        assert {"-q", "-v"} <= told, command
+
+
+def commands() -> dict[str, Any]:
+    (found,) = (action for action in parser()._actions if action.choices and "run" in action.choices)
+    return dict(found.choices)  # type: ignore[arg-type]
+
+
+def options_of(command: str) -> set[str]:
+    return {option for action in commands()[command]._actions for option in action.option_strings}
+
+
+def test_every_help_has_an_example_that_parses() -> None:
+    for name, command in commands().items():
+        if name == "view":
+            continue
+        examples = [line for line in command.epilog.splitlines() if line.startswith("  mbfmu ")]
+        assert examples, name
+        for line in examples:
+            words = shlex.split(re.split(" {3,}", line.strip())[0])  # what it does stands beside it
+            assert parser().parse_args(words[1:]).command, line
+
+
+def test_outputs_to_draw_are_chosen_by_pattern(command: Command, tmp_path: Path) -> None:
+    told = ("run", "fourbar", "--native", "--stop-time=0.1", "-o", str(tmp_path))
+    code, _, err = command(*told, "--plot", "pivot.*", "--plot", "crnk.angle")
+    assert (code, err) == (2, "mbfmu: no output 'crnk.angle'; did you mean 'crank.angle'?\n")
+    assert command(*told, "--plot", "pivot.*")[0] == 0
+
+
+def test_models_and_scenes_are_listed(command: Command) -> None:
+    code, out, _ = command("scenes")
+    assert code == 0
+    assert re.search(r"^fourbar/paper +hybrid +1e-4 +10 s +Kim and Kim's settings", out, re.MULTILINE)
+    assert re.search(r"^sheet/default +ida +1e-5 +0\.5 s +the model as it is$", out, re.MULTILINE)
+    assert "governor" not in command("scenes", "fourbar")[1]
+    out = command("models", "fourbar")[1]
+    for title in ("Parameters", "Settings of the solver", "Outputs", "Scenes"):
+        assert f"\n{title}\n" in out
+    assert "at least 0.001 m" in out
+    assert load_scene("fourbar/default").settings == load_scene("fourbar").settings
+
+
+COMPLETED = {
+    "mbfmu ru": "run",
+    "mbfmu run fourb": "fourbar/paper",
+    "mbfmu run fourbar --solver ad": "adams-lu",
+    "mbfmu run fourbar --max-": "--max-order",
+    "mbfmu run fourbar --set crank_m": "crank_mass=",
+    "mbfmu run fourbar --plot pivot": "pivot.force.x",
+    "mbfmu run fourbar --inputs li": "linear",
+}
+ASK = """
+import io, json, os, sys
+import argcomplete
+from mbfmu import cli
+answers = {}
+class Done(Exception): pass
+def done(code): raise Done
+for line in json.loads(sys.argv[1]):
+    os.environ |= {"_ARGCOMPLETE": "1", "COMP_LINE": line, "COMP_POINT": str(len(line)), "_ARGCOMPLETE_IFS": "|"}
+    answer, complete = io.StringIO(), argcomplete.autocomplete
+    cli.argcomplete.autocomplete = lambda p: complete(p, exit_method=done, output_stream=answer)
+    try:
+        cli.main([])
+    except Done:
+        answers[line] = [word.strip() for word in answer.getvalue().split("|")]
+    cli.argcomplete.autocomplete = complete
+print(json.dumps(answers))
+"""
+
+
+def test_the_shell_completes() -> None:
+    """As a shell asks, with the line in the environment, but all lines of one process."""
+    told = subprocess.run((sys.executable, "-c", ASK, json.dumps(list(COMPLETED))), capture_output=True, check=True)
+    answers = json.loads(told.stdout)
+    assert {line: word for line, word in COMPLETED.items() if word not in answers[line]} == {}

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import csv
 import json
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import degrees, pi, radians, sqrt
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -15,13 +18,14 @@ import pytest
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
+from mbfmu.cli.equilibrium import branches_as_text
 from mbfmu.errors import EquilibriumError, UserError
 from mbfmu.mechanics import DistanceCut, Input, JointSpring, Mechanism, Revolute, RevoluteCut, Translational, rod
 from mbfmu.model import Model, parameter
 from mbfmu.native import run
 from mbfmu.simulation import Settings, Simulation
 from mbfmu.steady.problem import EquilibriumProblem, equilibrium
-from mbfmu.steady.sweep import sweep
+from mbfmu.steady.sweep import Branch, sweep
 
 
 @pytest.mark.parametrize(
@@ -342,8 +346,29 @@ def test_command_prints_and_writes_json(tmp_path: Path, command: Callable[..., A
         "equilibrium", "governor", "--sweep", "spindle_speed=8:12:1", "--json", str(target), "-o", str(tmp_path)
     )
     assert code == 0
-    assert (tmp_path / "governor_spindle_speed.png").exists()
-    assert len(json.loads(target.read_text())["branches"][0]) == 5
+    folder = tmp_path / "governor" / "default-sweep-spindle_speed"
+    assert sorted(path.name for path in folder.iterdir()) == ["branches.csv", "branches.json", "branches.png"]
+    assert target.read_text() == (folder / "branches.json").read_text()
+    branches = json.loads(target.read_text())["branches"]
+    assert len(branches[0]) == 5
+    with (folder / "branches.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    states = [state for branch in branches for state in branch]
+    assert [float(row["collar.height [m]"]) for row in rows] == [s["outputs"]["collar.height"] for s in states]
+    table = out.splitlines()
+    assert table[0].split("  ")[0] == "branch"
+    assert len(table) == 2 + len(branches) + 1, "a line a branch, and where the rest is"
+    assert re.match(r"1 +5 +8 to 12 +0\.0\S+ to 0\.0\S+ +undamped$", table[2])
+
+
+def test_a_branch_tells_where_its_stability_changes() -> None:
+    def state(stability: str) -> Any:
+        return SimpleNamespace(stability=stability, outputs={"x": 1.0})
+
+    branch = Branch([1.0, 2.0, 3.0, 4.0], [state(s) for s in ("stable", "stable", "unstable", "stable")])
+    told = branches_as_text([branch], "speed [rad/s]", "x [m]", "x").splitlines()
+    assert told[2].split("  ")[-1].strip() == "stable, unstable from 3, stable from 4"
+    assert len(told) == 3
 
 
 @pytest.mark.parametrize(

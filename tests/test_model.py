@@ -117,7 +117,7 @@ def test_scene_of_a_file_a_model_and_a_shipped_one(tmp_path: Path, pendulum_file
     path = tmp_path / "swing.toml"
     path.write_text('model = "my_model.py:Pendulum"\nsolver = "adams"\n[parameters]\nlength = 0.5\n')
     scene = load_scene(str(path))
-    assert (scene.name, scene.settings.solver, scene.model.length) == ("swing", "adams", 0.5)  # type: ignore[attr-defined]
+    assert (scene.name, scene.settings.solver, scene.model.length) == ("pendulum/swing", "adams", 0.5)  # type: ignore[attr-defined]
     assert load_scene("fourbar").stop_time == 10.0
     paper = load_scene("fourbar/paper")
     assert paper.settings.max_step == 0.01

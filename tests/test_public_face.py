@@ -5,11 +5,14 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import mbfmu as mb
+from mbfmu.mechanics import Variable
+from solvers import Statistics
 
 
 def swing(load: object = 0.0) -> mb.Mechanism:
@@ -84,7 +87,7 @@ def test_a_result_is_saved_and_loaded_whole(result: mb.Result, tmp_path: Path) -
 
 
 def test_a_result_shows_itself(result: mb.Result) -> None:
-    assert repr(result) == "<Result of mechanism, adams, tolerance 1e-08: 11 times from 0 to 1 s, 4 outputs>"
+    assert repr(result) == "<Result of mechanism, adams, tolerance 1e-8: 11 times from 0 to 1 s, 4 outputs>"
     page = result._repr_html_()
     assert "<td>arm.angle</td><td>rad</td><td>0</td><td>1.5</td>" in page
     figure = result.plot()
@@ -92,14 +95,67 @@ def test_a_result_shows_itself(result: mb.Result) -> None:
         "angle [rad]", "angular velocity [rad/s]", "residual [J]", "energy [J]",
     ]  # fmt: skip
     assert figure.axes[2].get_yscale() == "log"
-    assert figure.get_suptitle() == "mechanism, adams, tolerance 1e-08"
+    assert figure.get_suptitle() == "mechanism, adams, tolerance 1e-8"
     assert len(result.plot("arm.rate").axes) == 1
 
 
+def made(columns: dict[str, Any], **how: Any) -> mb.Result:
+    """A result of outputs in m by name, at ten times."""
+    values = np.column_stack([np.broadcast_to(column, 10) for column in columns.values()])
+    variables = tuple(Variable(name, "m", "") for name in columns)
+    return mb.Result(np.arange(10.0), values, variables, Statistics(), 1.0, name="a/b", settings=mb.Settings(), **how)
+
+
 def test_curves_that_lie_on_each_other_are_told_apart() -> None:
+    """Also where they do not move: the second is dashed, over the wide first."""
     four = mb.simulate(mb.models()["fourbar"](), 0.2, solver="adams")
-    lines = {line.get_label(): line.get_linestyle() for line in four.plot("crank.angle", "rocker.angle").axes[0].lines}
-    assert lines["crank.angle"] != lines["rocker.angle"]
+    still = made({"x": -5.718, "y": -5.718 + 1e-11 * np.arange(10.0)})
+    for result, names in ((four, ("crank.angle", "rocker.angle")), (still, ("x", "y"))):
+        below, above = result.plot(*names).axes[0].lines
+        assert (below.get_linestyle(), above.get_linestyle()) == ("-", "--")
+        assert below.get_linewidth() > 2.0 * above.get_linewidth()
+    apart = made({"x": 0.0, "y": 1.0}).plot().axes[0].lines
+    assert [line.get_linestyle() for line in apart] == ["-", "-"]
+    for level in (0.0, 1.0):  # all on each other, and all apart: colors begin anew after ten
+        dozen = made({f"y{k}": level * k for k in range(12)}).plot().axes[0].lines
+        looks = {
+            (line.get_color(), line.get_linestyle(), line.get_linewidth(), str(line._dash_pattern)) for line in dozen
+        }
+        assert len(looks) == 12
+    assert [line.get_linestyle() for line in dozen] == ["-"] * 10 + ["--"] * 2
+
+
+def test_a_panel_does_not_show_rounding() -> None:
+    low, high = made({"x": -5.718 + 1e-11 * np.arange(10.0)}).plot().axes[0].get_ylim()
+    assert (low, high) == pytest.approx((-6.0, -5.43), abs=0.01)
+
+
+def test_a_logarithmic_panel_begins_where_a_residual_does() -> None:
+    ax = made({"residual": np.array([0.0, *np.logspace(-40, -6, 9)])}).plot().axes[0]
+    assert ax.get_yscale() == "log"
+    assert ax.get_ylim() == pytest.approx((1e-15, 2e-6))
+    assert np.isnan(ax.lines[0].get_ydata()[0]), "zero has no logarithm"
+
+
+def test_a_dozen_curves_are_drawn_in_a_panel_and_the_rest_on_request() -> None:
+    result = made({f"node[{k}].x": float(k) for k in range(15)} | {"tip.y": 3.0})
+    ax = result.plot().axes[0]
+    assert len(ax.lines) == 12
+    assert ax.get_legend().get_title().get_text() == "4 more are not shown"
+    assert len(result.plot("*").axes[0].lines) == 16
+    assert len(result.plot("node[1?].x", "tip.y", "tip.*", "node[3].x").axes[0].lines) == 7
+    with pytest.raises(mb.UserError, match=r"no output 'top\.\*'"):
+        result.plot("top.*")
+
+
+@pytest.mark.parametrize(("field", "word"), [("failure", "FAILED at 9 s"), ("verdict", "INACCURATE: the energy bal")])
+def test_a_picture_says_that_a_run_went_wrong(field: str, word: str) -> None:
+    figure = made({"x": 1.0}, **{field: "it broke. Try again."}).plot()
+    lines = figure.get_suptitle().splitlines()
+    assert lines[0] == "a/b, ida, tolerance 1e-6"
+    assert lines[1].startswith(word)
+    assert lines[2] == "it broke"
+    assert len(figure.axes[0].lines) == 1 + (field == "failure")
 
 
 def test_drawing_leaves_the_backend_alone() -> None:

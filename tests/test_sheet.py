@@ -18,6 +18,7 @@ from mbfmu.mechanics.recursions.rnea import momentum
 from mbfmu.native import run
 from mbfmu.simulation import Settings, Simulation
 from mbfmu.steady.problem import EquilibriumProblem, equilibrium
+from mbfmu.studies.report import without_rounding
 
 DATA = Path(__file__).parent / "data" / "sheet"
 CLAMPED = [1.7544, 5.6901, 10.8989, 19.3376, 25.0568, 31.0848, 39.8990, 40.8125]  # Hz, flat
@@ -314,15 +315,30 @@ def test_modes_command_draws_shapes(command: Any, tmp_path: Path) -> None:
     code, out, _ = command("modes", "sheet", "--set", "nx=9", "--set", "nz=7", "-n", "5", "-o", str(tmp_path))
     assert code == 0
     assert out.count("±") == 5
-    assert (tmp_path / "sheet_modes.png").stat().st_size > 10_000
-    code, out, _ = command("modes", "governor")
+    folder = tmp_path / "sheet" / "default-modes"
+    assert (folder / "shapes.png").stat().st_size > 10_000
+    assert (folder / "modes.txt").read_text() + f"wrote {folder}\n" == out
+    code, out, _ = command("modes", "governor", "-o", str(tmp_path))
     assert code == 0
     assert "6.552" in out
+    assert not (tmp_path / "governor" / "default-modes" / "shapes.png").exists()
     assert command("modes", "sheet", "-n", "0")[0] == 2
 
 
-def test_compare_refuses_a_large_tree_and_says_what_to_do(command: Any) -> None:
-    code, _, err = command("compare", "sheet")
+def test_no_nodal_line_is_made_of_rounding() -> None:
+    """Bending and twist of a sheet clamped at its right end, where what is left is rounding of either sign."""
+    x, z = np.linspace(1.0, 0.0, 9), np.linspace(-1.0, 1.0, 7)
+    noise = 1e-9 * (-1.0) ** np.add.outer(np.arange(9), np.arange(7))
+    bending, twist = np.outer(x**2, np.ones(7)) + noise, np.outer(x**2, z) + noise
+    assert without_rounding(bending).min() > 0.0
+    settled = without_rounding(twist)
+    assert np.array_equal(np.sign(settled), np.tile(np.sign(z.round(9)), (9, 1)))
+    there = np.abs(twist) > 1e-4
+    assert np.array_equal(settled[there], twist[there])
+
+
+def test_compare_refuses_a_large_tree_and_says_what_to_do(command: Any, tmp_path: Path) -> None:
+    code, _, err = command("compare", "sheet", "-o", str(tmp_path))
     assert code == 2
     assert "'sheet' is a tree of 462 coordinates without loops" in err
     assert "mbfmu run sheet --native --solver ida --tolerance 1e-4" in err

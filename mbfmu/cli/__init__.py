@@ -1,4 +1,5 @@
 """The command ``mbfmu``: one module a subcommand."""
+# PYTHON_ARGCOMPLETE_OK
 
 from __future__ import annotations
 
@@ -7,45 +8,63 @@ import os
 import sys
 from collections.abc import Sequence
 
+import argcomplete
+
 import mbfmu
 from mbfmu.errors import UserError
-from solvers.compiled.cache import when_compiling
 
-from . import cache, compare, effects, equilibrium, export, linearize, models, modes, run, view
+from . import cache, compare, effects, equilibrium, export, linearize, models, modes, run, scenes, view
+from .compiling import compilation
+from .completion import HOW
 
-COMMANDS = (run, view, export, equilibrium, linearize, modes, effects, compare, models, cache)
+COMMANDS = (run, view, export, equilibrium, linearize, modes, effects, compare, models, scenes, cache)
 
-EXAMPLES = """examples:
-  mbfmu run fourbar                        export the FMU, run it through FMPy, write CSV and PNG
+EXAMPLES = f"""examples:
+  mbfmu run fourbar                        export the FMU, run it through FMPy, write CSV and pictures
   mbfmu run fourbar --solver adams --native
   mbfmu run fourbar/paper                  a scene that ships with a model
   mbfmu run my_scene.toml
-  mbfmu view results/fourbar_ida.npz       3-D animation of that run, an HTML file for any browser
-  mbfmu view governor/damped --gif governor.gif
+  mbfmu view governor/damped               3-D animation of a run, an HTML file for any browser
   mbfmu export fourbar --set crank_length=0.8 -o fourbar.fmu
   mbfmu export my_model.py:MyModel
   mbfmu equilibrium governor               steady state at constant speed, and whether it is stable
   mbfmu equilibrium governor --sweep spindle_speed=5:20:0.5
-  mbfmu linearize governor -o governor.npz state matrices about the steady state
+  mbfmu linearize governor                 state matrices about the steady state
   mbfmu modes sheet -n 8                   natural frequencies and shapes
   mbfmu effects sheet                      what each effect costs and changes
-  mbfmu compare fourbar --json rows.json   what accuracy costs in time
-  mbfmu models                             every model with its parameters
+  mbfmu compare fourbar                    what accuracy costs in time
+  mbfmu models governor                    all variables of a model, and its scenes
   mbfmu cache warm                         compile everything beforehand
+
+The exit code is 0 where all is well, 1 for a run that ended early or lost its energy balance, 2 for a mistake in what
+was asked for, and 130 after Ctrl-C.
+
+This line in ~/.bashrc or ~/.zshrc has the shell complete commands, models, scenes, parameters and solvers:
+  {HOW}
 """
+
+
+class Formatter(argparse.HelpFormatter):
+    """Keeps text that comes in lines as it is, and wraps other text."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        return text if "\n" in text else super()._fill_text(text, width, indent)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return its exit code: 0, 1 for a run that stopped early, 2 for a user's mistake."""
-    options = parser().parse_args(arguments)
+    described = parser()
+    argcomplete.autocomplete(described)
+    options = described.parse_args(arguments)
+    tells = options.verbose or (sys.stderr.isatty() and not options.quiet)
     try:
-        with when_compiling(tell_compiling):
+        with compilation(tells):
             return int(options.command(options))
     except UserError as error:
         print(f"mbfmu: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print("mbfmu: interrupted", file=sys.stderr)
+        print("mbfmu: interrupted; what was not finished is not kept", file=sys.stderr)
         return 130
     except BrokenPipeError:  # the reader of a pipe, such as head, has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -56,22 +75,31 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
 
 
-def tell_compiling() -> None:
-    """Say in a terminal why it takes long."""
-    if sys.stderr.isatty():
-        print("compiling, once on this machine: a minute or two", file=sys.stderr)
-
-
 def parser() -> argparse.ArgumentParser:
     """Return the parser of all subcommands."""
     top = argparse.ArgumentParser(
         prog="mbfmu",
         description="Multibody mechanisms in relative coordinates, as FMUs.",
         epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        formatter_class=Formatter,
     )
     top.add_argument("--version", action="version", version=f"mbfmu {mbfmu.__version__}")
+    top.set_defaults(quiet=False, verbose=False)
+    add_loudness(top)
     commands = top.add_subparsers(required=True, metavar="COMMAND")
     for module in COMMANDS:
         module.add(commands)
+    for command in commands.choices.values():
+        command.formatter_class = Formatter
+        add_loudness(command)
     return top
+
+
+def add_loudness(p: argparse.ArgumentParser) -> None:
+    """Add ``-q`` and ``-v``, which may stand before or after the subcommand."""
+    either = p.add_mutually_exclusive_group()
+    for letter, name, about in (
+        ("-q", "--quiet", "print the path of what is written, and what goes wrong; no summary and no progress"),
+        ("-v", "--verbose", "print more, such as all statistics and settings, and say when something is compiled"),
+    ):
+        either.add_argument(letter, name, action="store_true", default=argparse.SUPPRESS, help=about)

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
-
-from tqdm import tqdm
 
 from mbfmu.errors import UserError
 from mbfmu.model import models
@@ -16,7 +13,8 @@ from mbfmu.steady.problem import EquilibriumProblem
 from solvers import SOLVERS
 from solvers.compiled import cache
 
-from .common import Commands
+from .common import Commands, bar, tell_more
+from .completion import complete, scene_names
 
 
 def add(commands: Commands) -> None:
@@ -25,7 +23,9 @@ def add(commands: Commands) -> None:
         "cache",
         help="compile beforehand, or remove what was compiled",
         description="Machine code is compiled when it is first needed and kept for all later processes, of any "
-        "environment with this version of mbfmu and of numba. Without an argument: where that is, and how much.",
+        "environment with this version of mbfmu and of numba. Without an argument the command says where that is, and "
+        "how much.",
+        epilog="examples:\n  mbfmu cache\n  mbfmu cache warm fourbar governor\n  mbfmu cache clear\n",
     )
     p.add_argument(
         "what",
@@ -33,14 +33,17 @@ def add(commands: Commands) -> None:
         choices=("warm", "clear"),
         help="warm: compile all that the models need, so that no run has to wait; clear: remove everything",
     )
-    p.add_argument("scenes", metavar="model", nargs="*", help="to warm: model names or scenes; default: all models")
+    named = p.add_argument(
+        "scenes", metavar="model", nargs="*", help="compile for these models or scenes; for all models without it"
+    )
+    complete(named, scene_names)
     p.set_defaults(command=command_cache)
 
 
 def command_cache(options: argparse.Namespace) -> int:
     """Tell of the machine code, compile it or remove it."""
     if options.what == "warm":
-        warm(options.scenes or sorted(models()))
+        warm(options.scenes or sorted(models()), options)
     elif options.what == "clear":
         if options.scenes:
             raise UserError(f"cache clear {options.scenes[0]!r}: it removes everything, and takes no model")
@@ -49,15 +52,17 @@ def command_cache(options: argparse.Namespace) -> int:
     return 0
 
 
-def warm(references: list[str]) -> None:
+def warm(references: list[str], options: argparse.Namespace) -> None:
     """Start every model under every solver that it can have, look for a steady state, and about it."""
     chosen = [load_scene(reference).model for reference in references]
     runs = [(model, solver) for model in chosen for solver in (*SOLVERS, "equilibrium")]
     for model in chosen:
         model.plant()  # what cannot be built is told of, and not passed over
-    with tqdm(runs, unit="run", leave=False, disable=not sys.stderr.isatty()) as bar:
-        for model, solver in bar:
-            bar.set_description(f"{model.name} {solver}")
+    with bar(len(runs), "warm", options.quiet, "run") as shown:
+        for model, solver in runs:
+            shown.set_description(f"{model.name} {solver}")
+            shown.update()
+            tell_more(options, f"{model.name} {solver}")
             try:
                 if solver == "equilibrium":
                     EquilibriumProblem(model).solve().shapes(1)

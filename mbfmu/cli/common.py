@@ -1,9 +1,10 @@
-"""What several commands share: arguments that change a scene, folders and files for results."""
+"""What several commands share: arguments that change a scene, names of files, what is printed."""
 
 from __future__ import annotations
 
 import argparse
 import json
+import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -13,44 +14,101 @@ from typing import Any
 from tqdm import tqdm
 
 from mbfmu.errors import UserError
-from mbfmu.scene import Scene, load_scene
-from solvers import SOLVERS
+from mbfmu.model import Parameter, declared
+from mbfmu.scene import SETTINGS, Scene, load_scene
+from mbfmu.settings import Settings
+from mbfmu.table import power
+
+from .completion import complete, parameter_names, scene_names
 
 Commands = Any  # argparse's collection of subparsers, whose class is private
+AGAIN = "A folder that is there is left alone: the next one of its name ends in -2, then -3"
+LONGEST = 80  # characters of a model's or a scene's name in that of a folder
+METAVARS = {"s": "S"}  # what stands for a value, by its unit
 
 
 def add_set(p: argparse.ArgumentParser) -> None:
     """Add ``--set``."""
-    p.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="change a parameter")
+    given = p.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="give a parameter of the model another value, as in --set crank_mass=2; may be repeated",
+    )
+    complete(given, parameter_names)
 
 
 def add_solver(p: argparse.ArgumentParser) -> None:
-    """Add what changes a scene's solver."""
-    p.add_argument("--solver", metavar="NAME", help=f"one of {', '.join(SOLVERS)} (default ida)")
-    p.add_argument("--partition", metavar="NAME", help="of adams: projection, lu or hybrid")
-    p.add_argument("--tolerance", type=float, metavar="RTOL", help="relative tolerance (default 1e-6)")
-    p.add_argument(
-        "--absolute-tolerance", type=float, metavar="ATOL", help="in units of each coordinate; 0: the relative one"
+    """Add every setting: what is not given stays as the scene has it."""
+    group = p.add_argument_group(
+        "settings", "What is not given here stays as the scene has it, or the model; the defaults are those of most."
     )
-    p.add_argument("--max-step", type=float, metavar="S", help="largest step, s; 0: no limit")
-    p.add_argument("--max-order", type=int, metavar="K", help="largest order; 0: the solver's own, 12, of ida 5")
-    p.add_argument("--max-steps", type=int, metavar="N", help="most steps between two outputs (default 100000)")
-    p.add_argument(
-        "--start-at-equilibrium", action="store_true", default=None, help="start in the steady state next to the start"
+    for setting in declared(Settings):
+        option = f"--{setting.name.replace('_', '-')}"
+        about = f"{setting.doc} (default {default_in_words(setting)})".replace("%", "%%")
+        if isinstance(setting.default, bool):
+            group.add_argument(option, action=argparse.BooleanOptionalAction, help=about)
+        elif setting.choices:
+            named = group.add_argument(option, metavar="NAME", help=f"{about}: {', '.join(setting.choices)}")
+            complete(named, list(setting.choices))
+        else:
+            kind, metavar = (int, "N") if isinstance(setting.default, int) else (float, METAVARS.get(setting.unit, "X"))
+            group.add_argument(option, type=reader(kind), metavar=metavar, help=about)
+
+
+def default_in_words(setting: Parameter) -> str:
+    """Return the default of a setting for people."""
+    default = setting.default
+    if isinstance(default, bool):
+        return "yes" if default else "no"
+    if isinstance(default, float):
+        return power(default) if 0.0 < default < 1e-3 else f"{default:g}"
+    return str(default)
+
+
+def reader(kind: type[float]) -> Callable[[str], float]:
+    """Return what reads a number of this kind from the command line."""
+
+    def read(text: str) -> float:
+        try:
+            return kind(text)
+        except ValueError as error:
+            what = "a whole number" if kind is int else "a number"
+            raise argparse.ArgumentTypeError(f"{text!r} is not {what}") from error
+
+    return read
+
+
+def add_times(p: argparse.ArgumentParser, stop: str, interval: str) -> None:
+    """Add the end of a run and the time between its outputs, with what each is."""
+    p.add_argument("--stop-time", type=reader(float), metavar="S", help=f"{stop}, s")
+    p.add_argument("--interval", type=reader(float), metavar="S", help=f"{interval}, s")
+
+
+def add_scene(p: argparse.ArgumentParser) -> None:
+    """Add the scene that a command works on."""
+    given = p.add_argument(
+        "scene", help="a model (fourbar), one of its scenes (fourbar/paper), a scene file, or my_model.py:MyModel"
     )
-    p.add_argument(
-        "--no-audit", dest="audit", action="store_false", default=None, help="do not hold the energy against the work"
-    )
+    complete(given, scene_names)
 
 
 def add_output(p: argparse.ArgumentParser, what: str) -> None:
-    """Add ``-o`` for a folder."""
-    p.add_argument("-o", "--output", type=Path, default=Path("results"), metavar="DIR", help=f"folder for {what}")
+    """Add ``-o`` for the folder of all results."""
+    p.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        default=Path("results"),
+        metavar="DIR",
+        help=f"write the folder DIR/{what}; without this DIR is results. {AGAIN}",
+    )
 
 
 def add_steady(p: argparse.ArgumentParser) -> None:
     """Add the model whose steady state is asked for, and where to look for it."""
-    p.add_argument("scene", metavar="model", help="model name, scene, or my_model.py:MyModel")
+    add_scene(p)
     add_set(p)
     p.add_argument(
         "--from",
@@ -58,7 +116,7 @@ def add_steady(p: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="COORDINATE=VALUE",
-        help="start Newton here instead of at the model's start (rad or m); may be repeated",
+        help="search from here instead of from the model's start, as in --from arm1=0.8 (rad or m); may be repeated",
     )
 
 
@@ -91,33 +149,30 @@ def scene_of(options: argparse.Namespace) -> Scene:
     scene = load_scene(options.scene)
     return scene.changed(
         model=scene.model.with_values(assignments("--set", options.set)),
-        solver=getattr(options, "solver", None),
-        partition=getattr(options, "partition", None),
-        tolerance=getattr(options, "tolerance", None),
-        absolute_tolerance=getattr(options, "absolute_tolerance", None),
-        max_step=getattr(options, "max_step", None),
-        max_order=getattr(options, "max_order", None),
-        max_steps=getattr(options, "max_steps", None),
-        inputs=getattr(options, "inputs", None),
-        start_at_equilibrium=getattr(options, "start_at_equilibrium", None),
-        audit=getattr(options, "audit", None),
+        **{name: getattr(options, name, None) for name in SETTINGS},
         stop_time=getattr(options, "stop_time", None),
         output_interval=getattr(options, "interval", None),
     )
 
 
+def scene_part(scene: Scene) -> str:
+    """Return the name of a scene without its model's, for the name of a file."""
+    return file_name(scene.name.removeprefix(f"{scene.model.name}/"))
+
+
+def run_part(scene: Scene) -> str:
+    """Return how the folder of a run is called: by its scene, solver and tolerance."""
+    return f"{scene_part(scene)}-{scene.settings.name}-{power(scene.settings.tolerance)}"
+
+
 def stem_of(scene: Scene) -> str:
     """Return how the files of a run are named: no solver replaces what another one found."""
-    return f"{scene.name}_{scene.settings.name}"
+    return f"{file_name(scene.model.name)}/{run_part(scene)}"
 
 
-def files_of(target: Path, stem: str) -> tuple[Path, Path, Path]:
-    """Return the files of a run, CSV, PNG and poses; complain of folders in their places before anything is run."""
-    csv, png, poses = (target / f"{stem}.{kind}" for kind in ("csv", "png", "npz"))
-    for path in (csv, png, poses):
-        if path.is_dir():
-            raise UserError(f"{str(path)!r} cannot be written: it is a folder")
-    return csv, png, poses
+def file_name(text: str) -> str:
+    """Return text as a name that every file system takes."""
+    return re.sub(r"[^\w .+=-]", "_", text)[:LONGEST].strip(" .") or "unnamed"
 
 
 @contextmanager
@@ -125,15 +180,39 @@ def writing(target: Path) -> Iterator[None]:
     """Say in words what cannot be written into a folder."""
     try:
         yield
+    except BrokenPipeError:  # of what is printed meanwhile
+        raise
     except OSError as error:
         raise UserError(f"{str(error.filename or target)!r} cannot be written: {error.strerror}") from error
 
 
 @contextmanager
-def progress(scene: Scene) -> Iterator[Callable[[float], None]]:
+def progress(scene: Scene, quiet: bool = False) -> Iterator[Callable[[float], None]]:
     """Show a bar on a terminal while a scene runs; gives what is to be called with the time reached."""
-    with tqdm(total=scene.stop_time, unit="s", desc=scene.name, leave=False, disable=not sys.stderr.isatty()) as bar:
-        yield lambda t: bar.update(t - bar.n)
+    with bar(scene.stop_time, scene.name, quiet, "s") as shown:
+        yield lambda t: shown.update(t - shown.n)
+
+
+def bar(total: float, what: str, quiet: bool, unit: str = "it") -> Any:
+    """Return a bar on a terminal; none shows where nobody looks or wants one."""
+    return tqdm(total=total, unit=unit, desc=what, leave=False, disable=quiet or not sys.stderr.isatty())
+
+
+def tell(options: argparse.Namespace, text: str) -> None:
+    """Print what ``-q`` leaves out."""
+    if not options.quiet:
+        print(text)
+
+
+def tell_more(options: argparse.Namespace, text: str) -> None:
+    """Print what ``-v`` asks for."""
+    if options.verbose:
+        print(text)
+
+
+def wrote(options: argparse.Namespace, *paths: Path) -> None:
+    """Print where results are: with ``-q`` the paths alone, which a script can read."""
+    print("\n".join(map(str, paths)) if options.quiet else f"wrote {' and '.join(map(str, paths))}")
 
 
 def folder(path: Path) -> Path:

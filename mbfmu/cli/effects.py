@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import sys
-
-from tqdm import tqdm
 
 from mbfmu.errors import UserError
 from mbfmu.model import suggest
 
-from .common import Commands, add_solver, add_steady, scene_of, start_of
+from .common import Commands, add_solver, add_steady, bar, reader, scene_of, start_of
+from .completion import complete, output_names
 
 
 def add(commands: Commands) -> None:
@@ -21,11 +19,15 @@ def add(commands: Commands) -> None:
         description="Run a model as it is, and with each of its effects turned over alone; print the time of an "
         "evaluation and of the run, the first natural frequency about the steady state next to the start, and outputs "
         "at the end.",
+        epilog="examples:\n  mbfmu effects sheet\n  mbfmu effects sheet --stop-time 0.1 --show tip.y --show energy\n",
     )
     add_steady(p)
     add_solver(p)
-    p.add_argument("--stop-time", type=float, metavar="S", help="end of the run, s")
-    p.add_argument("--show", action="append", default=[], metavar="OUTPUT", help="output to show; may be repeated")
+    p.add_argument("--stop-time", type=reader(float), metavar="S", help="end of the run, s")
+    shown = p.add_argument(
+        "--show", action="append", default=[], metavar="OUTPUT", help="show this output; may be repeated"
+    )
+    complete(shown, output_names)
     p.set_defaults(command=command_effects)
 
 
@@ -41,7 +43,7 @@ def command_effects(options: argparse.Namespace) -> int:
     first = ["tip.y"] if "tip.y" in known else known[:1]
     shown = options.show or [*first, *({"energy"}.intersection(known).difference(first))]
     total = 1 + len(scene.model.effects)
-    with tqdm(total=total, desc="effects", leave=False, disable=not sys.stderr.isatty()) as bar:
-        entries = ledger(scene.model, scene.settings, scene.stop_time, start_of(options), lambda _: bar.update())
+    with bar(total, "effects", options.quiet) as seen:
+        entries = ledger(scene.model, scene.settings, scene.stop_time, start_of(options), lambda _: seen.update())
     print(as_text(entries, shown))
     return 0

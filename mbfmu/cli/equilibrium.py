@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import sys
-from collections.abc import Sequence
+import csv
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
 from mbfmu.errors import UserError
-from mbfmu.model import Model, suggest
+from mbfmu.model import suggest
+from mbfmu.scene import Scene
 from mbfmu.steady.linear import modes_as_text
 from mbfmu.steady.problem import EquilibriumProblem
 from mbfmu.steady.state import Equilibrium
@@ -19,7 +19,24 @@ from mbfmu.steady.sweep import Branch, sweep
 from mbfmu.studies.report import plot_branches
 from mbfmu.table import table
 
-from .common import Commands, add_output, add_steady, assignments, folder, number, scene_of, start_of, write_json
+from .common import (
+    Commands,
+    add_output,
+    add_steady,
+    assignments,
+    bar,
+    number,
+    reader,
+    scene_of,
+    scene_part,
+    start_of,
+    tell,
+    tell_more,
+    write_json,
+    wrote,
+)
+from .completion import complete, output_names
+from .results import Results, results
 
 WORDS = {
     "stable": "stable: every mode decays",
@@ -34,24 +51,36 @@ def add(commands: Commands) -> None:
     p = commands.add_parser(
         "equilibrium",
         help="steady state at constant drive speed, or at rest, with its stability",
-        description="Find where a model stays while its drives turn at constant speed (static equilibrium without "
-        "drives), how it moves about that state, and which other steady states there are.",
+        description="""Find where a model stays while its drives turn at constant speed, or at rest where it has none;
+how it moves about that state, and which other steady states there are. This is printed, and --json writes it.
+
+With --sweep the steady states are followed over a parameter. Each branch is a line of the table that is printed, and
+the results are in a folder such as results/governor/default-sweep-spindle_speed:
+  branches.png   an output over the parameter
+  branches.csv   every state: the parameter, the outputs and the stability
+  branches.json  and all that is known of it""",
+        epilog="examples:\n  mbfmu equilibrium governor\n  mbfmu equilibrium governor --from arm1=0.8 --from arm2=0.8\n"
+        "  mbfmu equilibrium governor --sweep spindle_speed=5:20:0.25 --plot collar.height\n",
     )
     add_steady(p)
     p.add_argument(
-        "--others", type=int, metavar="N", help="scattered starts to look for other states (24; 4 on large trees)"
+        "--others",
+        type=reader(int),
+        metavar="N",
+        help="look for other states from N more starts (24, and 4 on large trees)",
     )
-    p.add_argument("--sweep", metavar="PARAMETER=FROM:TO:STEP", help="follow the steady states over a parameter; plots")
-    p.add_argument("--plot", metavar="OUTPUT", help="output to plot over the sweep (the model's first)")
+    p.add_argument("--sweep", metavar="PARAMETER=FROM:TO:STEP", help="follow the steady states over a parameter")
+    shown = p.add_argument("--plot", metavar="OUTPUT", help="show this output over the sweep (the model's first)")
+    complete(shown, output_names)
     p.add_argument(
         "--json",
         type=Path,
         nargs="?",
         const=Path("-"),
         metavar="FILE",
-        help="write JSON, to standard output by default",
+        help="write all that is known as JSON; to standard output without FILE",
     )
-    add_output(p, "the sweep's plot")
+    add_output(p, "MODEL/SCENE-sweep-PARAMETER")
     p.set_defaults(command=command_equilibrium)
 
 
@@ -61,7 +90,7 @@ def command_equilibrium(options: argparse.Namespace) -> int:
     if options.others is not None and options.others < 0:
         raise UserError(f"--others is {options.others}; allowed: 0 or more")
     if options.sweep:
-        return swept(scene.model, scene.name, options)
+        return swept(scene, options)
     problem = EquilibriumProblem(scene.model)
     start = start_of(options)
     found = problem.solve(problem.start(start), "the start given") if start else problem.solve()
@@ -70,6 +99,7 @@ def command_equilibrium(options: argparse.Namespace) -> int:
         write_json({**found.as_dict(), "others": [other.as_dict() for other in others]}, options.json)
     if not options.json or str(options.json) != "-":
         print(as_text(found, others))
+        tell_more(options, f"{1 + len(others)} steady states; the first took {found.effort}")
     return 0
 
 
@@ -78,8 +108,7 @@ def as_text(found: Equilibrium, others: Sequence[Equilibrium]) -> str:
     units = {v.name: v.unit for v in found.plant.outputs}
     values = table(("output", "value", "unit"), [(k, f"{x:.12g}", units[k]) for k, x in found.outputs.items()])
     lines = [
-        f"{found.model.name}: steady state found from {found.found_from} in {found.iterations} Newton iterations "
-        f"({1e3 * found.solve_time:.2f} ms), residual {found.residual:.1e} N or N m",
+        f"{found.model.name}: steady state found from {found.found_from} in {found.effort}",
         *(f"note: {note}" for note in found.notes),
         values,
         "",
@@ -95,29 +124,65 @@ def as_text(found: Equilibrium, others: Sequence[Equilibrium]) -> str:
     return "\n".join(lines)
 
 
-def swept(model: Model, name: str, options: argparse.Namespace) -> int:
-    """Follow the steady states over a parameter; print a table, draw the branches."""
+def swept(scene: Scene, options: argparse.Namespace) -> int:
+    """Follow the steady states over a parameter; print a line a branch, write every state."""
     parameter, values = read_sweep(options.sweep)
-    outputs = [variable.name for variable in model.plant().outputs]
-    shown = options.plot or outputs[0]
+    model = scene.model
+    outputs = {variable.name: variable.unit for variable in model.plant().outputs}
+    shown = options.plot or next(iter(outputs))
     if shown not in outputs:
         raise UserError(f"--plot {shown!r}: no such output{suggest(shown, outputs)}")
-    with tqdm(total=len(values), desc="sweep", leave=False, disable=not sys.stderr.isatty()) as bar:
-        branches = sweep(model, parameter, values, progress=lambda _: bar.update())
-    picture = folder(options.output) / f"{name}_{parameter}.png"
+    model.with_values({parameter: values[0]})  # complains of the parameter
     unit = next(p.unit for p in model.parameters() if p.name == parameter)
-    plot_branches(branches, f"{parameter} [{unit}]", shown, f"{name}: steady states", picture)
-    if options.json:
-        write_json({"parameter": parameter, "branches": [as_list(branch) for branch in branches]}, options.json)
-    if not options.json or str(options.json) != "-":
-        rows = [
-            (str(k + 1), f"{value:g}", f"{state.outputs[shown]:.9g}", state.stability)
-            for k, branch in enumerate(branches)
-            for value, state in zip(branch.values, branch.states, strict=True)
-        ]
-        print(table(("branch", parameter, shown, "stability"), rows))
-        print(f"wrote {picture}")
+    axes = f"{parameter} [{unit}]", f"{shown} [{outputs[shown]}]"
+    with results(options.output, scene, f"{scene_part(scene)}-sweep-{parameter}") as place:
+        with bar(len(values), "sweep", options.quiet) as seen:
+            branches = sweep(model, parameter, values, progress=lambda _: seen.update())
+        plot_branches(branches, axes[0], shown, f"{scene.name}: steady states", place.file("branches.png"))
+        content = {"parameter": parameter, "branches": [as_list(branch) for branch in branches]}
+        write_json(content, place.file("branches.json"))
+        write_states(place, branches, axes[0], outputs)
+        if options.json:
+            write_json(content, options.json)
+        kept = place.keep()
+    if str(options.json) != "-":
+        tell(options, branches_as_text(branches, *axes, shown))
+        wrote(options, kept)
     return 0
+
+
+def write_states(place: Results, branches: Sequence[Branch], axis: str, outputs: Mapping[str, str]) -> None:
+    """Write every state of every branch as CSV."""
+    with place.file("branches.csv").open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["branch", axis, *(f"{name} [{unit}]" for name, unit in outputs.items()), "stability"])
+        for k, branch in enumerate(branches, 1):
+            for value, state in zip(branch.values, branch.states, strict=True):
+                writer.writerow([k, repr(value), *(repr(state.outputs[name]) for name in outputs), state.stability])
+
+
+def branches_as_text(branches: Sequence[Branch], parameter: str, output: str, shown: str) -> str:
+    """Return a line for every branch: from where to where it goes, and where its stability changes."""
+    rows = []
+    for k, branch in enumerate(branches, 1):
+        heights = [state.outputs[shown] for state in branch.states]
+        rows.append((str(k), str(len(heights)), span(branch.values), span(heights), stability_of(branch)))
+    return table(("branch", "states", parameter, output, "stability"), rows)
+
+
+def span(values: Sequence[float]) -> str:
+    """Return the first and the last of several values."""
+    first, last = f"{values[0]:.6g}", f"{values[-1]:.6g}"
+    return first if first == last else f"{first} to {last}"
+
+
+def stability_of(branch: Branch) -> str:
+    """Return the stability along a branch, and the values of the parameter from which on it is another."""
+    told = [branch.states[0].stability]
+    for value, before, state in zip(branch.values[1:], branch.states, branch.states[1:], strict=False):
+        if state.stability != before.stability:
+            told.append(f"{state.stability} from {value:g}")
+    return ", ".join(told)
 
 
 def as_list(branch: Branch) -> list[dict[str, object]]:

@@ -5,21 +5,43 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from .common import Commands, add_set, add_solver, scene_of
+from mbfmu.scene import DEFAULT
+
+from .common import (
+    Commands,
+    add_scene,
+    add_set,
+    add_solver,
+    add_times,
+    file_name,
+    scene_of,
+    scene_part,
+    tell_more,
+    wrote,
+)
 
 
 def add(commands: Commands) -> None:
     """Describe ``mbfmu export``."""
-    p = commands.add_parser("export", help="write a model as an FMU (FMI 2.0 co-simulation)")
-    p.add_argument("scene", metavar="model", help="model name, scene, or my_model.py:MyModel")
-    add_set(p)
-    add_solver(p)
-    p.add_argument(
-        "--inputs", metavar="HOW", help="loads that the host sets: hold (default) until the next point, or linear"
+    p = commands.add_parser(
+        "export",
+        help="write a model as an FMU (FMI 2.0 co-simulation)",
+        description="Write a model as an FMU for co-simulation, FMI 2.0. What you give here are the values it starts "
+        "with; a host may set them before a run. `mbfmu models NAME` lists its variables.",
+        epilog="examples:\n  mbfmu export fourbar\n  mbfmu export fourbar --set crank_mass=2 -o heavy.fmu\n"
+        "  mbfmu export my_model.py:MyModel --solver adams\n",
     )
-    p.add_argument("--stop-time", type=float, metavar="S", help="end of the default experiment, s")
-    p.add_argument("--interval", type=float, metavar="S", help="its step between communication points, s")
-    p.add_argument("-o", "--output", type=Path, metavar="FILE", help="FMU file; MODEL.fmu by default")
+    add_scene(p)
+    add_set(p)
+    add_times(p, "end of the default experiment", "its time between communication points")
+    p.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="FILE",
+        help="write this file; MODEL.fmu without it, or MODEL_SCENE.fmu. A file that is there is replaced",
+    )
+    add_solver(p)
     p.set_defaults(command=command_export)
 
 
@@ -28,12 +50,14 @@ def command_export(options: argparse.Namespace) -> int:
     from mbfmu.fmi import export
 
     scene = scene_of(options)
+    name, part = file_name(scene.model.name), scene_part(scene)
     path = export(
         scene.model,
-        options.output or Path(f"{scene.name}.fmu"),
+        options.output or Path(f"{name}.fmu" if part == DEFAULT else f"{name}_{part}.fmu"),
         scene.settings,
         stop_time=scene.stop_time,
         output_interval=scene.output_interval,
     )
-    print(f"wrote {path}")
+    wrote(options, path)
+    tell_more(options, f"{path.stat().st_size / 1e3:.0f} kB; `mbfmu models {options.scene}` lists its variables")
     return 0

@@ -8,7 +8,10 @@ from pathlib import Path
 from mbfmu.steady.linear import modes_as_text
 from mbfmu.steady.problem import equilibrium
 
-from .common import Commands, add_steady, scene_of, start_of
+from .common import AGAIN, Commands, add_steady, scene_of, scene_part, start_of, tell, tell_more, wrote
+from .results import results
+
+FOLDER, NAME = Path("results"), "state_space.npz"
 
 
 def add(commands: Commands) -> None:
@@ -16,11 +19,21 @@ def add(commands: Commands) -> None:
     p = commands.add_parser(
         "linearize",
         help="state matrices about a steady state",
-        description="Write A, B, C, D of the motion about a steady state, from the inputs to the outputs. "
-        'Read them with numpy.load("FILE.npz") for scipy.signal.StateSpace or control.ss, or in MATLAB from FILE.mat.',
+        description="Find the steady state next to the start, and write A, B, C, D of the motion about it, from the "
+        "inputs to the outputs. numpy.load reads them for scipy.signal.StateSpace and control.ss; MATLAB and Octave "
+        "read a .mat.",
+        epilog="examples:\n  mbfmu linearize governor\n  mbfmu linearize governor/free --set stiffness=2000\n"
+        "  mbfmu linearize governor -o governor.mat\n",
     )
     add_steady(p)
-    p.add_argument("-o", "--output", type=Path, metavar="FILE", help=".npz or .mat; MODEL_linear.npz by default")
+    p.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="FILE",
+        help="write this file, .npz or .mat; one that is there is replaced. Without it the matrices go to "
+        f"{FOLDER}/MODEL/SCENE-linear/{NAME}. {AGAIN}",
+    )
     p.set_defaults(command=command_linearize)
 
 
@@ -29,12 +42,19 @@ def command_linearize(options: argparse.Namespace) -> int:
     scene = scene_of(options)
     found = equilibrium(scene.model, start_of(options))
     space = found.state_space
-    path = options.output or Path(f"{scene.name}_linear.npz")
-    space.write(path)
-    print(f"{scene.name}: linearised about the steady state found from {found.found_from} ({found.stability})")
+    if options.output:
+        space.write(options.output)
+        path = options.output
+    else:
+        with results(FOLDER, scene, f"{scene_part(scene)}-linear") as place:
+            space.write(place.file(NAME))
+            path = place.keep() / NAME
+    tell(options, f"{scene.name}: linearized about the steady state found from {found.found_from} ({found.stability})")
+    tell_more(options, found.effort)
     for note in found.notes:
-        print(f"note: {note}")
-    print(f"states {', '.join(space.states)}; inputs {', '.join(space.inputs) or 'none'}; {len(space.outputs)} outputs")
-    print(modes_as_text(space.modes()))
-    print(f"wrote {path}")
+        tell(options, f"note: {note}")
+    inputs = ", ".join(space.inputs) or "none"
+    tell(options, f"states {', '.join(space.states)}; inputs {inputs}; {len(space.outputs)} outputs")
+    tell(options, modes_as_text(space.modes()))
+    wrote(options, path)
     return 0

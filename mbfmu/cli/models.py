@@ -9,7 +9,9 @@ from mbfmu.model import Model, models
 from mbfmu.scene import load_scene
 from mbfmu.table import table
 
+from . import scenes
 from .common import Commands
+from .completion import complete, scene_names
 
 
 def add(commands: Commands) -> None:
@@ -17,10 +19,15 @@ def add(commands: Commands) -> None:
     p = commands.add_parser(
         "models",
         help="list the models and their parameters, or all variables of one",
-        description="List the models that are installed, with their parameters; or, of those named, every variable "
-        "that an FMU of it has: parameters, settings of the solver, inputs and outputs.",
+        description="List the models that are installed, with their parameters. Of a model that is named, list every "
+        "variable its FMU has, with unit and range: parameters, settings of the solver, inputs and outputs; and its "
+        "scenes.",
+        epilog="examples:\n  mbfmu models\n  mbfmu models governor\n  mbfmu models my_model.py:MyModel\n",
     )
-    p.add_argument("scenes", metavar="model", nargs="*", help="model name, scene, or my_model.py:MyModel")
+    named = p.add_argument(
+        "scenes", metavar="model", nargs="*", help="a model, one of its scenes, a scene file, or my_model.py:MyModel"
+    )
+    complete(named, scene_names)
     p.set_defaults(command=command_models)
 
 
@@ -33,11 +40,13 @@ def command_models(options: argparse.Namespace) -> int:
         for role in Role:
             if told := columns([v for v in variables if v.role is role]):
                 print(f"\n{role.plural}\n{table(list(told), list(zip(*told.values(), strict=True)))}")
+        if scene.reference in models():
+            print(f"\nScenes\n{scenes.as_text({scene.reference: type(scene.model)})}")
     if not options.scenes:
         for name, model in sorted(models().items()):
             print(f"{name}: {model.title()}")
             print("\n".join(brief(model)))
-        print("\n`mbfmu models NAME` lists all variables of a model: settings, inputs and outputs too.")
+        print("\n`mbfmu models NAME` lists all variables of a model, and its scenes; `mbfmu scenes` lists all scenes.")
     return 0
 
 

@@ -8,7 +8,19 @@ from mbfmu.errors import UserError
 from mbfmu.steady.linear import modes_as_text
 from mbfmu.steady.problem import equilibrium
 
-from .common import Commands, add_output, add_steady, folder, scene_of, start_of
+from .common import (
+    Commands,
+    add_output,
+    add_steady,
+    reader,
+    scene_of,
+    scene_part,
+    start_of,
+    tell,
+    tell_more,
+    wrote,
+)
+from .results import results
 
 
 def add(commands: Commands) -> None:
@@ -16,13 +28,18 @@ def add(commands: Commands) -> None:
     p = commands.add_parser(
         "modes",
         help="natural frequencies and damping about a steady state, and the shapes of sheets and beams",
-        description="Find the steady state next to the start, and the natural modes about it: all of a small "
-        "mechanism, the lowest of a large one. Shapes of a surface, or of elastic bodies, are "
-        "drawn. A drive that runs up has done so.",
+        description="""Find the steady state next to the start, and the natural modes about it: all of a small
+mechanism, the lowest of a large one. A drive that runs up has done so.
+
+The results are in a folder such as results/sheet/default-modes:
+  modes.txt   what is printed
+  shapes.png  the shapes of a sheet, or of elastic bodies, where the model has these""",
+        epilog="examples:\n  mbfmu modes sheet -n 4\n"
+        "  mbfmu modes fourbar --set coupler_modes=2 --from crank=-1.5    about the state that hangs\n",
     )
     add_steady(p)
-    p.add_argument("-n", "--count", type=int, default=8, metavar="N", help="modes to show (8)")
-    add_output(p, "the picture")
+    p.add_argument("-n", "--count", type=reader(int), default=8, metavar="N", help="show at most N modes (8)")
+    add_output(p, "MODEL/SCENE-modes")
     p.set_defaults(command=command_modes)
 
 
@@ -33,18 +50,27 @@ def command_modes(options: argparse.Namespace) -> int:
     if options.count < 1:
         raise UserError(f"--count is {options.count}; allowed: 1 or more")
     scene = scene_of(options)
-    found = equilibrium(scene.model, start_of(options))
-    print(f"{scene.name}: modes about the steady state found from {found.found_from} ({found.stability})")
-    for note in found.notes:
-        print(f"note: {note}")
-    modes = found.shapes(options.count)
-    print(modes_as_text([shape.mode for shape in modes]))
-    if found.stability == "unstable":
-        print("`mbfmu equilibrium` lists the steady states it finds; --from COORDINATE=VALUE starts next to another")
-    mechanism = found.plant.mechanism
-    if modes and (mechanism.surfaces or mechanism.elastics):
-        picture = folder(options.output) / f"{scene.name}_modes.png"
-        plot = plot_shapes if mechanism.surfaces else plot_bars
-        plot(found.plant, found.q, modes, f"{scene.name}: natural modes", picture)
-        print(f"wrote {picture}")
+    with results(options.output, scene, f"{scene_part(scene)}-modes") as place:
+        found = equilibrium(scene.model, start_of(options))
+        modes = found.shapes(options.count)
+        text = "\n".join(
+            (
+                f"{scene.name}: modes about the steady state found from {found.found_from} ({found.stability})",
+                *(f"note: {note}" for note in found.notes),
+                modes_as_text([shape.mode for shape in modes]),
+            )
+        )
+        place.file("modes.txt").write_text(text + "\n")
+        mechanism = found.plant.mechanism
+        if modes and (mechanism.surfaces or mechanism.elastics):
+            plot = plot_shapes if mechanism.surfaces else plot_bars
+            plot(found.plant, found.q, modes, f"{scene.name}: natural modes", place.file("shapes.png"))
+        tell(options, text)
+        tell_more(options, found.effort)
+        if found.stability == "unstable":
+            tell(
+                options,
+                "`mbfmu equilibrium` lists the steady states it finds; --from COORDINATE=VALUE starts next to another",
+            )
+        wrote(options, place.keep())
     return 0

@@ -6,62 +6,113 @@ import argparse
 import sys
 import tempfile
 import time
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
 
+from mbfmu.audit import VARIABLES
+from mbfmu.curves import matching
 from mbfmu.native import Result, communication_points, run
-from mbfmu.scene import Scene
+from mbfmu.scene import Scene, as_toml
 from mbfmu.viewer import Recorder
 
 from .common import (
     Commands,
     add_output,
+    add_scene,
     add_set,
     add_solver,
-    files_of,
-    folder,
+    add_times,
     progress,
+    run_part,
     scene_of,
-    stem_of,
-    writing,
+    scene_part,
+    tell,
+    tell_more,
+    wrote,
 )
+from .completion import complete, output_names
+from .results import Results, results
 
 QUICK = 5.0  # s; an FMU's run that took less is repeated for its poses
+CSV, PICTURE, SAVED, POSES = "outputs.csv", "outputs.png", "result.npz", "motion.npz"
+
+EXAMPLES = """examples:
+  mbfmu run fourbar                                                      the model as it is
+  mbfmu run fourbar/paper --native                                       a scene that ships with it, without the FMU
+  mbfmu run fourbar --solver adams --tolerance 1e-8 --set crank_mass=2   other settings, and another parameter
+  mbfmu run governor --plot 'rod*.force' --plot energy                   a picture of these outputs only
+  cat "$(mbfmu -q run fourbar)/outputs.csv"                              the path of the results in a script
+"""
 
 
 def add(commands: Commands) -> None:
     """Describe ``mbfmu run``."""
     p = commands.add_parser(
         "run",
-        help="run a scene or a model and write CSV and PNG",
-        description="Run a scene or a model; write its outputs as CSV and PNG, and the poses of its bodies as NAME.npz "
-        "for `mbfmu view`. The names tell the solver (fourbar_ida.csv), and of a run that "
-        "ended early (fourbar_ida_failed.csv). An FMU does not tell poses: they come from a native repeat of the run, "
-        f"which is left out where the FMU took more than {QUICK:g} s.",
+        help="run a scene or a model; write its outputs, a picture and the motion",
+        description=f"""Run a scene or a model: export it as an FMU, and drive that through FMPy.
+
+The results are in a folder such as results/fourbar/paper-hybrid-1e-4:
+  {CSV}  every output over time
+  {PICTURE}  the outputs as curves
+  {SAVED}   all of it, for mbfmu.Result.load
+  {POSES}   where the bodies were, for `mbfmu view`
+  paper.toml   the scene with every value, for `mbfmu run`
+
+The folder of a run that ended early ends in -failed. That of a run that lost its energy balance ends in -inaccurate.
+The exit code of both is 1. A mistake in what you ask for gives 2, and an interrupted run 130; these write nothing.
+
+An FMU does not tell poses. They come from a native repeat of the run, which is left out where the FMU took more than
+{QUICK:g} s.""",
+        epilog=EXAMPLES,
     )
-    p.add_argument("scene", help="scene file, model name, model/scene, or my_model.py:MyModel")
-    p.add_argument("--native", action="store_true", help="run without the FMU")
+    add_scene(p)
+    p.add_argument("--native", action="store_true", help="run without the FMU: faster, with the same numbers")
+    shown = p.add_argument(
+        "--plot",
+        action="append",
+        default=[],
+        metavar="OUTPUT",
+        help="draw this output, or all that a pattern such as 'coupler.*' fits; may be repeated. Without it all are "
+        "drawn, but no more than a dozen in one panel",
+    )
+    complete(shown, output_names)
     add_set(p)
+    add_times(p, "end of the run", "time between outputs")
+    add_output(p, "MODEL/SCENE-SOLVER-TOLERANCE")
     add_solver(p)
-    p.add_argument("--stop-time", type=float, metavar="S", help="end of the run, s")
-    p.add_argument("--interval", type=float, metavar="S", help="time between outputs, s")
-    add_output(p, "CSV, PNG and poses")
     p.set_defaults(command=command_run)
 
 
 def command_run(options: argparse.Namespace) -> int:
-    """Run a scene; write CSV, PNG and poses; print a summary."""
-    from mbfmu.studies.report import plot_result
-
+    """Run a scene; write what it gives into a folder; print a summary."""
     scene = scene_of(options)
-    target, stem = folder(options.output), stem_of(scene)
-    files, failed = files_of(target, stem), files_of(target, f"{stem}_failed")  # what went well before stays
-    begin = time.perf_counter()
+    matching([v.name for v in (*scene.model.plant().outputs, *VARIABLES)], options.plot)  # complains before the run
+    with results(options.output, scene, run_part(scene)) as place:
+        recorder = Recorder()
+        begin = time.perf_counter()
+        result = ran(scene, options, recorder)
+        total = time.perf_counter() - begin
+        if not options.native and result.wall_time < QUICK:
+            run(scene.model, scene.settings, result.t, watch=recorder)
+        write(place, scene, result, recorder, options.plot)
+        tell(options, "\n".join((summary(scene, result, total), *(f"  {line}" for line in loops(scene)))))
+        tell_more(options, statistics(result))
+        wrote(options, place.keep(mark(result)))
+    if not recorder.used:
+        tell(options, f"see the motion with `mbfmu view {options.scene}`, or after a run with --native")
+    for text in filter(None, (result.coarse and f"warning: {result.coarse}", result.failure)):
+        print(f"mbfmu: {text}", file=sys.stderr)
+    return 1 if mark(result) else 0
+
+
+def ran(scene: Scene, options: argparse.Namespace, recorder: Recorder) -> Result:
+    """Return the result of a scene, through its FMU or natively."""
     times = communication_points(scene.stop_time, scene.output_interval)
-    recorder = Recorder()
-    with progress(scene) as bar:
+    with progress(scene, options.quiet) as bar:
         if options.native:
             result = run(scene.model, scene.settings, times, bar, recorder, warn)
         else:
@@ -69,25 +120,25 @@ def command_run(options: argparse.Namespace) -> int:
 
             with tempfile.TemporaryDirectory(prefix="mbfmu_") as place:
                 result = run_fmu(scene.model, scene.settings, times, Path(place) / "model.fmu", bar, warn)
-    total, result.name = time.perf_counter() - begin, scene.name
-    csv, png, poses = failed if result.failure else files
-    with writing(target):
-        result.write_csv(csv)
-        plot_result(result, png)
-    print("\n".join((summary(scene, result, total), *(f"  {line}" for line in loops(scene)))))
-    if not options.native and result.wall_time < QUICK:
-        run(scene.model, scene.settings, result.t, watch=recorder)
+    result.name = scene.name
+    return result
+
+
+def mark(result: Result) -> str:
+    """Return what the name of a folder says of a run that is not to be trusted; empty: nothing speaks against it."""
+    return "failed" if result.failure else "inaccurate" if result.verdict else ""
+
+
+def write(place: Results, scene: Scene, result: Result, recorder: Recorder, shown: list[str]) -> None:
+    """Write the files of a run."""
+    from mbfmu.studies.report import plot_result
+
+    result.write_csv(place.file(CSV))
+    result.save(place.file(SAVED))
+    plot_result(result, place.file(PICTURE), shown)
+    place.file(f"{scene_part(scene)}.toml").write_text(as_toml(scene))
     if recorder.used:
-        with writing(target):
-            recorder.motion(scene.name).save(poses)
-        print(f"wrote {csv}, {png} and {poses}")
-    else:
-        print(f"wrote {csv} and {png}; see the motion with `mbfmu view {options.scene}` or after a run with --native")
-    if result.coarse:
-        print(f"mbfmu: warning: {result.coarse}", file=sys.stderr)
-    if result.failure:
-        print(f"mbfmu: {result.failure}", file=sys.stderr)
-    return 1 if result.failure or result.verdict else 0
+        recorder.motion(scene.name).save(place.file(POSES))
 
 
 def warn(text: str) -> None:
@@ -105,7 +156,7 @@ def summary(scene: Scene, result: Result, total: float) -> str:
     """Return what a run cost and how well it kept its invariants."""
     outputs, s = result.as_dict(), result.statistics
     lines = [
-        f"{scene.name}: {scene.settings.name}, tolerance {scene.settings.tolerance:g}, {result.t[-1]:g} s simulated",
+        f"{result.title}: {result.t[-1]:g} s simulated",
         f"  run {result.wall_time:.3f} s; in all {total:.2f} s with start, compilation and export",
         f"  {s.steps} steps ({s.rejected} rejected), {s.rhs_evals} evaluations, "
         f"{s.partition_switches} partition switches",
@@ -117,7 +168,7 @@ def summary(scene: Scene, result: Result, total: float) -> str:
         )
     if scene.settings.audit:
         worst, exchanged = np.abs(outputs["energy_imbalance"]).max(), outputs["energy_exchanged"][-1]
-        part = f", {worst / exchanged:.1e} of the {exchanged:.3g} J exchanged" if exchanged else ""
+        part = f", {worst / exchanged:.1e} of the {exchanged:.3g} J exchanged" if worst < exchanged else ""
         held = f"{worst:.2e} J{part}{': LOST' if result.verdict else ''}"
         lines.append(f"  energy imbalance {held if np.isfinite(worst) else 'not held: the drives leave nothing free'}")
     for key, unit in (("position_residual", "m"), ("velocity_residual", "m/s")):
@@ -125,3 +176,11 @@ def summary(scene: Scene, result: Result, total: float) -> str:
             lines.append(f"  largest {key.replace('_', ' ')} {outputs[key].max():.2e} {unit}")
     lines += [f"  note: {remark}" for remark in result.remarks]
     return "\n".join(lines)
+
+
+def statistics(result: Result) -> str:
+    """Return all that the solver counted, and all that it was told."""
+    assert result.settings is not None
+    told = "\n".join(f"    {name} = {value}" for name, value in asdict(result.settings).items())
+    counts = "\n".join(f"    {name} = {value:g}" for name, value in asdict(result.statistics).items())
+    return f"  settings\n{told}\n  statistics of the solver\n{counts}"

@@ -25,6 +25,8 @@ from mbfmu.table import table
 from solvers.statics.small import EPSILON
 from solvers.system import Array
 
+ROUNDING = 1e-12  # of the largest eigenvalue
+
 
 @dataclass(frozen=True, kw_only=True)
 class StateSpace:
@@ -92,7 +94,7 @@ class StateSpace:
 
 def slowest_first(values: Any) -> list[int]:
     """Return the order of eigenvalues (k,) by size, without those below the real axis."""
-    floor = 1e-12 * np.abs(values).max(initial=0.0)
+    floor = ROUNDING * np.abs(values).max(initial=0.0)
     return [int(k) for k in np.argsort(np.abs(values), kind="stable") if values[k].imag >= -floor]
 
 
@@ -115,7 +117,8 @@ class Mode:
 
 
 def modes_as_text(modes: list[Mode]) -> str:
-    """Return a table of eigenvalues for people."""
+    """Return a table of eigenvalues for people; a real part that is rounding is written as zero."""
+    floor = ROUNDING * max((abs(m.eigenvalue) for m in modes), default=0.0)
     rows = [
         (
             f"{m.eigenvalue.real:.6g}" + (f" ± {m.frequency:.6g}i" if m.frequency else ""),
@@ -123,9 +126,15 @@ def modes_as_text(modes: list[Mode]) -> str:
             f"{m.frequency / (2.0 * np.pi):.6g}",
             f"{m.damping_ratio + 0.0:.4g}",
         )
-        for m in modes
+        for m in (without_rounding(mode, floor) for mode in modes)
     ]
     return table(("eigenvalue [1/s]", "frequency [rad/s]", "[Hz]", "damping ratio"), rows)
+
+
+def without_rounding(mode: Mode, floor: float) -> Mode:
+    """Return a mode whose real part, 1/s, is zero where it is not above the floor."""
+    s = mode.eigenvalue
+    return mode if abs(s.real) > floor else Mode(complex(0.0, s.imag))
 
 
 def linearise(plant: Plant, t: float, q: Array, v: Array, rows: NDArray[np.int64]) -> StateSpace:

@@ -107,6 +107,14 @@ class Equilibrium:
             return ""
         return in_words(self.plant, self.q, free_motions(self.plant, self.q, self.lam))
 
+    @property
+    def effort(self) -> str:
+        """What it took to find, in words."""
+        return (
+            f"{self.iterations} Newton iterations ({1e3 * self.solve_time:.2f} ms), "
+            f"residual {self.residual:.1e} N or N m"
+        )
+
     @cached_property
     def warning(self) -> str:
         """Why the state is not to be trusted; empty: nothing speaks against it."""

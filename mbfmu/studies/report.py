@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.lib.stride_tricks import sliding_window_view
 
 from mbfmu.curves import draw, size
 from mbfmu.viewer.motion import amplitudes
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from solvers.system import Array
 
 COLOURS = {"ida": "#4269d0", "adams": "#3ca951", "hybrid": "#efb118", "adams-lu": "#ff725c"}
+ROUNDING = 1e-4  # of the largest deflection: less is taken for none
 IN_STEP = 0.01  # of the largest displacement: out of step less than this does not show
 
 
@@ -33,10 +35,10 @@ def subplots(rows: int = 1, columns: int = 1, *, size: tuple[float, float], **op
     return figure, figure.subplots(rows, columns, **options)
 
 
-def plot_result(result: Result, path: Path) -> None:
-    """Draw every output against time."""
-    figure = Figure(figsize=size(result, ()), layout="constrained")
-    draw(figure, result)
+def plot_result(result: Result, path: Path, names: Sequence[str] = ()) -> None:
+    """Draw outputs against time as :meth:`mbfmu.Result.plot` does."""
+    figure = Figure(figsize=size(result, names), layout="constrained")
+    draw(figure, result, names)
     finish(figure, path)
 
 
@@ -119,19 +121,44 @@ def plot_shapes(plant: Plant, q: Array, shapes: Sequence[Shape], title: str, pat
     """Draw the deflection of the first surface along its normal, one panel a mode, over its place in the grid."""
     surface = plant.mechanism.surfaces[0]
     at_rest, normals = poses(plant, q, surface.bodies)
+    x, z = along(at_rest[:, at_rest.shape[1] // 2]), along(at_rest[at_rest.shape[0] // 2])
     figure, axes = panels(len(shapes))
     for number, (ax, shape) in enumerate(zip(axes, shapes, strict=True), 1):
         moved, step = q.copy(), 1e-6 / max(1e-300, float(np.abs(shape.motion).max()))
         plant.system.apply(moved, step * shape.motion)
         deflection = np.einsum("ijk,ijk->ij", poses(plant, moved, surface.bodies)[0] - at_rest, normals)
-        largest = float(np.abs(deflection).max()) or 1.0
-        ax.imshow(deflection.T / largest, cmap="RdBu", vmin=-1.0, vmax=1.0, interpolation="bilinear", origin="lower")
-        ax.contour(deflection.T / largest, levels=[0.0], colors="black", linewidths=0.6)
-        ax.set_xticks([])
-        ax.set_yticks([])
+        share = deflection.T / (float(np.abs(deflection).max()) or 1.0)
+        drawn = ax.pcolormesh(x, z, share, cmap="RdBu", vmin=-1.0, vmax=1.0, shading="gouraud")
+        settled = without_rounding(share)
+        if settled.min() < 0.0 < settled.max():
+            ax.contour(x, z, settled, levels=[0.0], colors="black", linewidths=0.6)
+        ax.set_aspect("equal")
+        ax.tick_params(labelsize=7)
         ax.set_title(f"{number}: {shape.mode.frequency / (2.0 * np.pi):.4g} Hz", fontsize=10)
-    figure.suptitle(f"{title} (deflection along the normal; nodal lines black)")
+    figure.colorbar(drawn, ax=list(axes), label="deflection over the largest", shrink=0.8)
+    figure.supxlabel(f"along {surface.name} [m]", fontsize=9)
+    figure.supylabel("across it [m]", fontsize=9)
+    figure.suptitle(f"{title}\ndeflection along the normal; nodal lines black", fontsize=10)
     finish(figure, path)
+
+
+def along(points: Array) -> Array:
+    """Return how far points (k, 3) are from the first, along the line through them, m."""
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    return np.concatenate(([0.0], np.cumsum(steps)))
+
+
+def without_rounding(share: Array) -> Array:
+    """Return deflections (k, l), shares of the largest, where those that are rounding are what is around them.
+
+    At a clamped edge rounding alone has a sign, along which a nodal line would go.
+    """
+    known = np.abs(share) > ROUNDING
+    padded = (np.pad(values, 1) for values in (np.where(known, share, 0.0), known))
+    total, count = (sliding_window_view(values, (3, 3)).sum(axis=(-2, -1)) for values in padded)
+    mean = total / np.maximum(count, 1)
+    found: Array = np.where(known, share, np.where(np.abs(mean) > ROUNDING, mean, 0.0))
+    return found
 
 
 def plot_bars(plant: Plant, q: Array, shapes: Sequence[Shape], title: str, path: Path) -> None:
@@ -155,11 +182,14 @@ def plot_bars(plant: Plant, q: Array, shapes: Sequence[Shape], title: str, path:
             if np.abs(across.imag).max() > IN_STEP:
                 ax.plot(bar.x, across.imag, "--", color=colour)
         ax.set_ylim(-1.1, 1.1)
+        ax.tick_params(labelsize=7)
         ax.grid(alpha=0.3)
         hertz, growth = shape.mode.frequency / (2.0 * np.pi), shape.mode.eigenvalue.real
         ax.set_title(f"{number}: {hertz:.4g} Hz" if hertz else f"{number}: {growth:+.4g} 1/s", fontsize=10)
     axes[0].legend(fontsize=8)
-    figure.suptitle(f"{title}\ndisplacement across the axis, over the place on it [m]", fontsize=10)
+    figure.supxlabel("place on the axis [m]", fontsize=9)
+    figure.supylabel("displacement across it over the largest", fontsize=9)
+    figure.suptitle(title, fontsize=10)
     finish(figure, path)
 
 

@@ -87,13 +87,13 @@ def test_run_then_view(command: Command, tmp_path: Path) -> None:
             "run", "pendulum", "--solver=adams", "--stop-time=0.2", "-o", str(tmp_path / kind), *extra
         )
         assert code == 0
-        assert "pendulum_adams.npz" in out
-    through_fmu, native = (Motion.load(tmp_path / kind / "pendulum_adams.npz") for kind in ("fmu", "native"))
+    folders = {kind: tmp_path / kind / "pendulum" / "default-adams-1e-6" for kind in ("fmu", "native")}
+    through_fmu, native = (Motion.load(folders[kind] / "motion.npz") for kind in ("fmu", "native"))
     assert np.array_equal(through_fmu.r, native.r)
-    code, out, _ = command("view", str(tmp_path / "fmu" / "pendulum_adams.npz"))
+    code, out, _ = command("view", str(folders["fmu"] / "motion.npz"))
     assert code == 0
-    assert (tmp_path / "fmu" / "pendulum_adams.html").stat().st_size > 30_000
-    assert "pendulum_adams.html" in out
+    assert (folders["fmu"] / "motion.html").stat().st_size > 30_000
+    assert "motion.html" in out
 
 
 def test_long_run_of_an_fmu_is_not_repeated(command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -101,14 +101,16 @@ def test_long_run_of_an_fmu_is_not_repeated(command: Command, tmp_path: Path, mo
     code, out, _ = command("run", "pendulum", "--solver=adams", "--stop-time=0.1", "-o", str(tmp_path))
     assert code == 0
     assert "`mbfmu view pendulum`" in out
-    assert not (tmp_path / "pendulum_adams.npz").exists()
+    folder = tmp_path / "pendulum" / "default-adams-1e-6"
+    assert (folder / "outputs.csv").is_file()
+    assert not (folder / "motion.npz").exists()
 
 
 def test_view_runs_a_scene_itself(command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     code, _, _ = command("view", "governor/damped", "--solver=adams", "--stop-time=0.1", "--interval=0.05")
     assert code == 0
-    page = (tmp_path / "results" / "governor_damped_adams.html").read_text()
+    page = (tmp_path / "results" / "governor" / "damped-adams-1e-6.html").read_text()
     assert len(embedded(page, "times", "<f8")) == 3
 
 

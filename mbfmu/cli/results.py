@@ -1,0 +1,65 @@
+"""Where a command leaves its files: in a folder of its own, which no other run ever writes to."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import count
+from pathlib import Path
+
+from mbfmu.scene import Scene
+
+from .common import file_name, folder, writing
+
+
+class Results:
+    """Files on their way to ``root/model/what``: in a hidden folder beside it until :meth:`keep`.
+
+    So there is no folder with half the files of a run, and two processes that end at once do not meet.
+    """
+
+    def __init__(self, root: Path, scene: Scene, what: str) -> None:
+        self.place = root / file_name(scene.model.name) / what
+        self.hidden = folder(self.place.parent) / f".unfinished-{secrets.token_hex(6)}"
+
+    def file(self, name: str) -> Path:
+        """Return the path to write a file to."""
+        return self.hidden / name
+
+    def keep(self, mark: str = "") -> Path:
+        """Give the folder its name, followed by ``mark``, or the next number where that is taken; return its path."""
+        name = "-".join(filter(None, (self.place.name, mark)))
+        for number in count(1):
+            target = self.place.with_name(name if number == 1 else f"{name}-{number}")
+            if os.path.lexists(target):
+                continue
+            try:
+                self.hidden.rename(target)
+            except OSError:
+                if os.path.lexists(target):
+                    continue  # another process was faster
+                raise
+            return target
+        raise AssertionError  # numbers do not end
+
+
+@contextmanager
+def results(root: Path, scene: Scene, what: str) -> Iterator[Results]:
+    """Yield where files may be written; what is not kept is removed, whatever happens.
+
+    Raises
+    ------
+    UserError
+        A folder cannot be made, or a file cannot be written.
+    """
+    place = Results(root, scene, what)
+    with writing(place.place.parent):
+        place.hidden.mkdir()
+    try:
+        with writing(place.place):
+            yield place
+    finally:
+        shutil.rmtree(place.hidden, ignore_errors=True)

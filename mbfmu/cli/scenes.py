@@ -1,0 +1,45 @@
+"""``mbfmu scenes``."""
+
+from __future__ import annotations
+
+import argparse
+
+from mbfmu.model import Model, find, models
+from mbfmu.scene import load_scene, scenes
+from mbfmu.table import power, table
+
+from .common import Commands
+from .completion import complete, model_names
+
+
+def add(commands: Commands) -> None:
+    """Describe ``mbfmu scenes``."""
+    p = commands.add_parser(
+        "scenes",
+        help="list the scenes of the models",
+        description="List the scenes that ship with the models: how each is integrated, for how long, and what it "
+        "shows. Run one by its name, as in `mbfmu run fourbar/paper`.",
+        epilog="examples:\n  mbfmu scenes\n  mbfmu scenes fourbar sheet\n",
+    )
+    named = p.add_argument("models", metavar="model", nargs="*", help="a model's name; all models without it")
+    complete(named, model_names)
+    p.set_defaults(command=command_scenes)
+
+
+def command_scenes(options: argparse.Namespace) -> int:
+    """List the scenes of some models, or of all."""
+    print(as_text({name: find(name) for name in options.models or sorted(models())}))
+    return 0
+
+
+def as_text(chosen: dict[str, type[Model]]) -> str:
+    """Return a line for every scene of these models."""
+    rows = []
+    for model, cls in chosen.items():
+        for case, path in scenes(cls).items():
+            scene = load_scene(f"{model}/{case}")
+            first = path.read_text().partition("\n")[0] if path else ""
+            about = first.removeprefix("#").strip() if first.startswith("#") else "" if path else "the model as it is"
+            how = (scene.settings.name, power(scene.settings.tolerance), f"{scene.stop_time:g} s")
+            rows.append((f"{model}/{case}", *how, about))
+    return table(("scene", "solver", "tolerance", "until", "what it shows"), rows)
