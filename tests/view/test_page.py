@@ -9,6 +9,7 @@ import re
 import shlex
 import shutil
 import subprocess
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -49,6 +50,11 @@ def flat_sheet(rows: int = 3, columns: int = 4) -> tuple[Mechanism, Motion]:
         times=np.array([0.0, 1.0]),
         names=names,
         parents=parents,
+        joints=("", *("floating" for _ in m.bodies[1:])),
+        outputs=(),
+        values=np.zeros((2, 0)),
+        arrows=(),
+        forces=np.zeros((2, 0, 3), np.float32),
         r=r,
         e=e,
         p=np.zeros((2, 0), np.float32),
@@ -58,9 +64,16 @@ def flat_sheet(rows: int = 3, columns: int = 4) -> tuple[Mechanism, Motion]:
 
 
 def embedded(page: str, name: str, kind: str) -> np.ndarray[Any, Any]:
-    block = re.search(rf'<script type="application/octet-stream" id="{name}">(.*?)</script>', page)
+    """Numbers of a block of a page: (T, n)."""
+    block, times = (
+        re.search(rf'<script type="application/octet-stream" id="{own}">(.*?)</script>', page)
+        for own in (name, name.replace(name.split("-", maxsplit=1)[0], "times"))
+    )
     assert block is not None
-    return np.frombuffer(base64.b64decode(block[1]), kind)
+    assert times is not None
+    planes, whole = (np.frombuffer(zlib.decompress(base64.b64decode(found[1])), np.uint8) for found in (block, times))
+    steps = np.ascontiguousarray(planes.reshape(4, -1).T).view("<u4").reshape(-1, whole.size // 8)
+    return np.ascontiguousarray(np.cumsum(steps, axis=1, dtype=np.uint32).T).view(kind)
 
 
 def scene_in(page: str) -> dict[str, Any]:
@@ -109,13 +122,14 @@ def test_view_runs_a_scene_itself(command: Command, tmp_path: Path, monkeypatch:
     code, _, _ = command("view", "governor/damped", "--solver=adams", "--stop-time=0.1", "--interval=0.05")
     assert code == 0
     page = (tmp_path / "results" / "governor_damped_adams.html").read_text()
-    assert len(embedded(page, "times", "<f8")) == 3
+    assert embedded(page, "times", "<f8").ravel().tolist() == [0.0, 0.05, 0.1]
 
 
 def test_page_needs_nothing_but_itself() -> None:
     _, motion = flat_sheet()
     page, stride = html.page(motion)
     assert stride == 1
+    page = re.sub(r"/\*!.*?\*/", "", page, flags=re.DOTALL)  # whose the plots are, and their license
     assert not re.search(r"https?:|\bsrc\s*=|<link|@import|url\(|fetch\(|XMLHttpRequest|\{\{", page)
     assert "<title>a &lt;b&gt;</title>" in page
     assert scene_in(page)["bodies"] == list(motion.names)
@@ -124,7 +138,7 @@ def test_page_needs_nothing_but_itself() -> None:
 def test_page_holds_the_poses() -> None:
     _, motion = recorded(Governor(), 0.1)
     page, _ = html.page(motion)
-    assert np.array_equal(embedded(page, "times", "<f8"), motion.times)
+    assert np.array_equal(embedded(page, "times", "<f8").ravel(), motion.times)
     assert np.array_equal(embedded(page, "positions", "<f4").reshape(motion.r.shape), motion.r)
     turning = html.turning_bodies(motion)
     shown = embedded(page, "quaternions", "<f4").reshape(len(motion.times), len(turning), 4)
@@ -145,7 +159,7 @@ def test_large_motion_is_thinned_to_its_last_frame(monkeypatch: pytest.MonkeyPat
     _, motion = recorded(FourBar(), 0.5)
     monkeypatch.setattr(html, "LARGEST", 2_000)
     page, stride = html.page(motion)
-    times = embedded(page, "times", "<f8")
+    times = embedded(page, "times", "<f8").ravel()
     assert stride > 1
     assert times[0] == motion.times[0]
     assert times[1] == motion.times[stride]

@@ -2,6 +2,7 @@
 
 const SPEEDS = [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 1000];
 
+const SHOWN = ["grid", "shadow", "labels", "mesh", "forces", "beside"]; // by switches
 const THEMES = {
   light: {
     background: rgb("#eef1f5"),
@@ -20,12 +21,14 @@ const THEMES = {
 const element = (id) => document.getElementById(id);
 
 class Viewer {
-  constructor(scene) {
+  /** `motion` and, or null, `beside`: the runs of the scene. */
+  constructor(scene, motion, beside) {
     this.scene = scene;
     this.canvas = element("view");
-    this.motion = new Motion(scene.bodies.length, scene.turning);
+    this.motion = motion;
+    this.beside = beside;
     this.renderer = new Renderer(this.canvas);
-    this.stage = new Stage(this.renderer, scene, this.motion);
+    this.stage = new Stage(this.renderer, scene, this.motion, this.beside);
     this.camera = new Camera(scene.stage);
     this.time = this.motion.start;
     this.speed = this.fittingSpeed();
@@ -33,9 +36,11 @@ class Viewer {
     this.theme = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
     this.playing = this.motion.end > this.motion.start && !matchMedia("(prefers-reduced-motion: reduce)").matches;
     this.prepareControls();
+    this.preparePlot();
     this.prepareLabels();
     this.preparePointer();
     this.prepareKeys();
+    this.freeKeys();
     this.stale = true;
     new ResizeObserver(() => (this.stale = true)).observe(this.canvas);
     this.last = performance.now();
@@ -53,14 +58,13 @@ class Viewer {
 
   prepareControls() {
     const { note, bodies, picture } = this.scene;
-    element("note").textContent = [note, `grid ${this.stage.floor.spacing} m`].filter((text) => text).join(" · ");
+    const beside = this.scene.against && `beside it ${this.scene.against.title}`;
+    const grid = `grid ${figures(this.stage.floor.spacing)} m`;
+    element("note").textContent = [note, beside, grid].filter((text) => text).join(" · ");
     const slider = element("time");
     slider.min = this.motion.start;
     slider.max = this.motion.end;
-    slider.addEventListener("input", () => {
-      this.playing = false;
-      this.goTo(Number(slider.value));
-    });
+    slider.addEventListener("input", () => this.halt(Number(slider.value)));
     element("play").addEventListener("click", () => this.toggle());
     for (const speed of SPEEDS) {
       element("speed").add(new Option(`${speed}×`, speed, false, speed === this.speed));
@@ -73,13 +77,38 @@ class Viewer {
       this.stale = true;
     });
     element("mesh-option").hidden = picture.skins.length === 0;
-    for (const name of ["grid", "shadow", "labels", "mesh"]) {
+    element("forces-option").hidden = this.scene.arrows.length === 0;
+    element("beside-option").hidden = !this.beside;
+    for (const name of SHOWN) {
       element(`show-${name}`).addEventListener("change", () => (this.stale = true));
     }
+    this.prepareLegend();
     element("reset").addEventListener("click", () => this.reset());
     element("theme").addEventListener("click", () => this.switchTheme());
     element("save").addEventListener("click", () => this.save());
     document.documentElement.dataset.theme = this.theme;
+  }
+
+  /** What the arrows mean: their scale, and whose they are. */
+  prepareLegend() {
+    const kinds = Object.keys(KINDS).filter((kind) => this.scene.arrows.some((arrow) => arrow.kind === kind));
+    element("legend").append(`arrows: ${this.stage.arrows.legend.join(", ")}`);
+    for (const kind of kinds) {
+      const dot = document.createElement("i");
+      dot.style.background = KINDS[kind];
+      element("legend").append(dot, KIND_NAMES[kind]);
+    }
+  }
+
+  preparePlot() {
+    const motions = [this.motion, this.beside].filter((motion) => motion);
+    const plotted = this.motion.outputs.length > 0;
+    element("plot-option").hidden = !plotted;
+    const show = () => document.body.classList.toggle("plotted", plotted && element("show-plot").checked);
+    element("show-plot").checked = window.innerWidth > 760;
+    element("show-plot").addEventListener("change", show);
+    show();
+    this.plot = new Plot(element("curves"), element("choice"), motions, (time) => this.halt(time));
   }
 
   prepareLabels() {
@@ -112,7 +141,9 @@ class Viewer {
       const [a, b] = [...pointers.values()];
       return b ? Math.hypot(a[0] - b[0], a[1] - b[1]) : 0;
     };
+    let travelled = 0; // by the pointer since it went down, pixels: a click does not turn
     canvas.addEventListener("pointerdown", (event) => {
+      travelled = 0;
       canvas.setPointerCapture(event.pointerId);
       pointers.set(event.pointerId, [event.clientX, event.clientY]);
     });
@@ -123,6 +154,7 @@ class Viewer {
         return;
       }
       const before = middle(), wide = spread();
+      travelled += Math.hypot(event.movementX, event.movementY);
       pointers.set(event.pointerId, [event.clientX, event.clientY]);
       const [dx, dy] = middle().map((x, k) => (x - before[k]) / canvas.clientHeight);
       if (pointers.size > 1 || event.buttons & 6 || event.shiftKey) {
@@ -137,6 +169,7 @@ class Viewer {
     for (const name of ["pointerup", "pointercancel"]) {
       canvas.addEventListener(name, (event) => pointers.delete(event.pointerId));
     }
+    canvas.addEventListener("click", (event) => travelled < 4 && this.pick(event.clientX, event.clientY));
     canvas.addEventListener("pointerleave", () => {
       this.hovered = null;
       this.stale = true;
@@ -162,6 +195,10 @@ class Viewer {
       g: () => element("show-grid").click(),
       l: () => element("show-labels").click(),
       m: () => element("show-mesh").click(),
+      f: () => element("show-forces").click(),
+      b: () => element("show-beside").click(),
+      o: () => element("show-plot").click(),
+      Escape: () => this.hold(null),
       r: () => this.reset(),
       t: () => this.switchTheme(),
       p: () => this.save(),
@@ -179,6 +216,15 @@ class Viewer {
     });
   }
 
+  /** What was clicked does not keep the space bar. */
+  freeKeys() {
+    addEventListener("click", ({ detail }) => {
+      if (detail > 0 && document.activeElement?.matches("button, summary, input[type=checkbox]")) {
+        document.activeElement.blur();
+      }
+    });
+  }
+
   toggle() {
     this.playing = !this.playing;
     if (this.playing && this.time >= this.motion.end) {
@@ -192,13 +238,48 @@ class Viewer {
     this.stale = true;
   }
 
+  /** Stop at a time. */
+  halt(time) {
+    this.playing = false;
+    this.goTo(time);
+  }
+
+  /** Pick the body that is seen at a place of the canvas. */
+  pick(x, y) {
+    const { clientWidth: width, clientHeight: height } = this.canvas;
+    const { eye, right, up, back } = this.camera.look();
+    const slope = Math.tan(this.camera.field / 2);
+    const across = slope * this.camera.aspect * ((2 * x) / width - 1), above = slope * (1 - (2 * y) / height);
+    this.stage.figure.place(this.time);
+    this.hold(picked(this.stage.figure, eye, combined([right, up, back], [across, above, -1])));
+  }
+
+  /** Have a body, or none, highlighted and told of. */
+  hold(body) {
+    this.stage.figure.picked = body;
+    element("card").hidden = body === null;
+    this.stale = true;
+  }
+
+  tell() {
+    const body = this.stage.figure.picked;
+    if (body === null) {
+      return;
+    }
+    const rows = told(this.scene, this.motion, body, this.time).map((words) => {
+      const row = document.createElement("tr");
+      words.forEach((word) => (row.insertCell().textContent = word));
+      return row;
+    });
+    element("card").firstChild.replaceChildren(...rows);
+  }
+
   /** To the next or the last recorded frame. */
   step(by) {
-    this.playing = false;
     const k = this.motion.frame(this.time);
     const back = by < 0 && this.time > this.motion.times[k] ? 0 : by;
     const last = this.motion.times.length - 1;
-    this.goTo(this.motion.times[Math.min(Math.max(k + back, 0), last)]);
+    this.halt(this.motion.times[Math.min(Math.max(k + back, 0), last)]);
   }
 
   changeSpeed(by) {
@@ -215,6 +296,7 @@ class Viewer {
   switchTheme() {
     this.theme = this.theme === "dark" ? "light" : "dark";
     document.documentElement.dataset.theme = this.theme;
+    this.plot.rebuild();
     this.stale = true;
   }
 
@@ -231,11 +313,10 @@ class Viewer {
   }
 
   tick(now) {
-    const passed = Math.min((now - this.last) / 1000, 0.1);
+    const passed = Math.min(Math.max((now - this.last) / 1000, 0), 0.1); // a frame's clock may lag behind the page's
     this.last = now;
     if (this.playing) {
-      this.time += passed * this.speed;
-      this.stale = true;
+      this.goTo(this.time + passed * this.speed);
       if (this.time >= this.motion.end) {
         const again = element("loop").checked;
         this.time = again ? this.motion.start : this.motion.end;
@@ -252,7 +333,7 @@ class Viewer {
   draw() {
     const theme = THEMES[this.theme];
     const show = Object.fromEntries(
-      ["grid", "shadow", "labels", "mesh"].map((name) => [name, element(`show-${name}`).checked]),
+      SHOWN.map((name) => [name, element(`show-${name}`).checked]),
     );
     const height = Math.max(this.canvas.clientHeight, 1);
     const margins = { top: Math.min(50 / height, 0.2), bottom: Math.min(90 / height, 0.3), side: 0.05 };
@@ -263,6 +344,9 @@ class Viewer {
     this.drawTriad(look);
     this.placeLabels(look, show.labels);
     const digits = Math.min(Math.max(Math.ceil(-Math.log10(this.motion.interval) - 1e-9), 0), 9);
+    this.plot.show(this.time);
+    this.tell();
+    element("legend").hidden = !show.forces;
     element("time").value = this.time;
     element("clock").textContent = `${this.time.toFixed(digits)} / ${this.motion.end.toFixed(digits)} s`;
     element("play").textContent = this.playing ? "❚❚" : "▶";
@@ -301,7 +385,8 @@ class Viewer {
       }
     }
     for (const label of this.labels) {
-      label.span.hidden = !label.place || !(all || label === nearest);
+      const held = label.body === this.stage.figure.picked;
+      label.span.hidden = !label.place || !(all || held || label === nearest);
       if (!label.span.hidden) {
         label.span.style.transform = `translate(${label.place[0] + 10}px, ${label.place[1] - 24}px)`;
       }
@@ -309,12 +394,17 @@ class Viewer {
   }
 }
 
-try {
-  new Viewer(JSON.parse(element("scene").textContent));
-} catch (error) {
+async function start() {
+  const scene = JSON.parse(element("scene").textContent);
+  const motion = new Motion(scene, await recorded());
+  const beside = scene.against && new Motion(scene.against, await recorded("-against"));
+  return new Viewer(scene, motion, beside);
+}
+
+start().catch((error) => {
   const message = document.createElement("p");
   message.className = "failed";
   message.textContent = error.message;
   document.body.append(message);
   document.body.dataset.state = "failed";
-}
+});
