@@ -21,7 +21,7 @@ from . import meshes
 from .camera import basis
 from .meshes import Mesh
 from .motion import Motion
-from .picture import Link
+from .picture import Link, Part
 
 Array = NDArray[np.float64]
 
@@ -52,6 +52,8 @@ def glb(motion: Motion) -> tuple[bytes, int]:
     document.time = document.accessor(seconds[frames], bounds=True)
     for body in range(len(motion.names)):
         document.add_body(body)
+    for part in motion.picture.parts:
+        document.add_part(part)
     for link in motion.picture.links:
         document.add_link(link)
     for k in range(len(motion.picture.bars)):
@@ -157,16 +159,16 @@ class _Document:
             self.channels.append({"sampler": len(self.samplers) - 1, "target": {"node": node, "path": path}})
 
     def add_body(self, body: int) -> None:
-        """Add a body and what is fixed to it."""
-        motion = self.motion
-        node = self.node(0, name=motion.names[body])
-        self.animate(node, "translation", motion.r[self.frames, body])
-        self.animate(node, "rotation", turns(motion.e[self.frames, body]))
-        for part in motion.picture.parts:
-            if part.body == body:
-                matrix = np.eye(4)
-                matrix[:3, :3], matrix[:3, 3] = np.reshape(part.axes, (3, 3)).T, part.at
-                self.node(node, mesh=self.solid(part.solid, part.colour), matrix=matrix.T.ravel().tolist())
+        """Add the frame of a body."""
+        node = self.node(0, name=self.motion.names[body])
+        self.animate(node, "translation", self.motion.r[self.frames, body])
+        self.animate(node, "rotation", turns(self.motion.e[self.frames, body]))
+
+    def add_part(self, part: Part) -> None:
+        """Add what is fixed to a body."""
+        matrix = np.eye(4)
+        matrix[:3, :3], matrix[:3, 3] = np.reshape(part.axes, (3, 3)).T, part.at
+        self.node(1 + part.body, mesh=self.solid(part.solid, part.colour), matrix=matrix.T.ravel().tolist())
 
     def add_link(self, link: Link) -> None:
         """Add a link: its node turns along it and takes its length."""

@@ -22,7 +22,8 @@ from .forces import scales
 from .motion import Motion
 
 SCRIPTS = (
-    "algebra", "solids", "motion", "camera", "renderer", "figure", "arrows", "stage", "pick", "plot", "viewer",
+    "algebra", "solids", "motion", "camera", "renderer", "figure", "arrows", "stage", "clock", "pick", "plot",
+    "hands", "viewer",
 )  # fmt: skip
 LARGEST = 14_000_000  # bytes of numbers in a page, before they are packed
 

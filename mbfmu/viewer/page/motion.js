@@ -28,6 +28,20 @@ async function recorded(suffix = "") {
   return found;
 }
 
+/** Number of the last recorded frame not after a time. */
+function frameAt(times, time) {
+  let low = 0, high = times.length - 1;
+  while (low < high) {
+    const middle = (low + high + 1) >> 1;
+    if (times[middle] <= time) {
+      low = middle;
+    } else {
+      high = middle - 1;
+    }
+  }
+  return low;
+}
+
 /** Outputs with their values over time, which are embedded frame after frame, less their first. */
 function columns(outputs, table) {
   const wide = outputs.length;
@@ -63,23 +77,9 @@ class Motion {
     return (this.end - this.start) / (this.times.length - 1) || 1;
   }
 
-  /** Number of the last recorded frame not after a time. */
-  frame(time) {
-    let low = 0, high = this.times.length - 1;
-    while (low < high) {
-      const middle = (low + high + 1) >> 1;
-      if (this.times[middle] <= time) {
-        low = middle;
-      } else {
-        high = middle - 1;
-      }
-    }
-    return low;
-  }
-
   /** The frames a time lies between, and how far from the first to the second; a time outside is brought inside. */
   around(time) {
-    const k = this.frame(time), next = Math.min(k + 1, this.times.length - 1);
+    const k = frameAt(this.times, time), next = Math.min(k + 1, this.times.length - 1);
     const span = this.times[next] - this.times[k];
     return [k, next, span > 0 ? Math.max((time - this.times[k]) / span, 0) : 0];
   }

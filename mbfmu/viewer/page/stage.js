@@ -7,6 +7,7 @@ function rounded(size) {
 }
 
 const BESIDE = 0.35; // opacity of the run beside
+const MARK = 0.009; // radius of the ball at the point of a picked body that is told of, against the size of the stage
 
 class Stage {
   /** `beside`: the motion of another run, or null. */
@@ -17,6 +18,8 @@ class Stage {
     this.figure = new Figure(renderer, scene, motion, scene.scale);
     this.beside = beside && new Figure(renderer, scene.against, beside, scene.scale);
     this.arrows = new Arrows(renderer, scene, motion);
+    this.middles = scene.picture.middles;
+    this.mark = renderer.solids(sphere(), 1, 0);
     this.prepareFloor();
   }
 
@@ -43,7 +46,16 @@ class Stage {
     this.figure.place(time);
     this.beside?.place(time);
     this.arrows.place();
-    this.reached = this.motion.frame(time);
+    this.placeMark();
+    this.reached = frameAt(this.motion.times, time);
+  }
+
+  placeMark() {
+    const body = this.figure.picked, r = MARK * 2 * Math.hypot(...this.stage.half);
+    if (body !== null) {
+      this.mark.data.set([r, 0, 0, 0, r, 0, 0, 0, r, ...this.motion.point(body, this.middles[body]), ...PICKED]);
+      this.renderer.update(this.mark);
+    }
   }
 
   /** Show the path of a body's point, or none. */
@@ -73,6 +85,9 @@ class Stage {
       renderer.shadows(theme.shadow, () => this.figure.draw(false));
     }
     this.figure.draw(show.mesh);
+    if (this.figure.picked !== null) {
+      renderer.drawSolids(this.mark);
+    }
     if (show.forces) {
       this.arrows.draw();
     }

@@ -1,7 +1,5 @@
 /* The page: time, camera and options in the hands of the reader. */
 
-const SPEEDS = [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 1000];
-
 const SHOWN = ["grid", "shadow", "labels", "mesh", "forces", "beside"]; // by switches
 const THEMES = {
   light: {
@@ -30,30 +28,19 @@ class Viewer {
     this.renderer = new Renderer(this.canvas);
     this.stage = new Stage(this.renderer, scene, this.motion, this.beside);
     this.camera = new Camera(scene.stage);
-    this.time = this.motion.start;
-    this.speed = this.fittingSpeed();
+    this.clock = new Clock(motion.times);
     this.hovered = null;
     this.theme = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
-    this.playing = this.motion.end > this.motion.start && !matchMedia("(prefers-reduced-motion: reduce)").matches;
+    this.clock.playing = this.clock.end > this.clock.start && !matchMedia("(prefers-reduced-motion: reduce)").matches;
     this.prepareControls();
     this.preparePlot();
     this.prepareLabels();
-    this.preparePointer();
-    this.prepareKeys();
-    this.freeKeys();
+    handPointer(this);
+    handKeys(this);
+    freeKeys();
     this.stale = true;
     new ResizeObserver(() => (this.stale = true)).observe(this.canvas);
-    this.last = performance.now();
     requestAnimationFrame((now) => this.tick(now));
-  }
-
-  /** Real time, unless the motion would be over in a moment or last for minutes. */
-  fittingSpeed() {
-    const span = this.motion.end - this.motion.start;
-    if (span >= 2 && span <= 120) {
-      return 1;
-    }
-    return SPEEDS.findLast((speed) => span / speed >= 5) ?? SPEEDS[0];
   }
 
   prepareControls() {
@@ -62,14 +49,17 @@ class Viewer {
     const grid = `grid ${figures(this.stage.floor.spacing)} m`;
     element("note").textContent = [note, beside, grid].filter((text) => text).join(" · ");
     const slider = element("time");
-    slider.min = this.motion.start;
-    slider.max = this.motion.end;
+    slider.min = this.clock.start;
+    slider.max = this.clock.end;
     slider.addEventListener("input", () => this.halt(Number(slider.value)));
-    element("play").addEventListener("click", () => this.toggle());
+    element("play").addEventListener("click", () => {
+      this.clock.toggle();
+      this.stale = true;
+    });
     for (const speed of SPEEDS) {
-      element("speed").add(new Option(`${speed}×`, speed, false, speed === this.speed));
+      element("speed").add(new Option(`${speed}×`, speed, false, speed === this.clock.speed));
     }
-    element("speed").addEventListener("change", (event) => (this.speed = Number(event.target.value)));
+    element("speed").addEventListener("change", (event) => (this.clock.speed = Number(event.target.value)));
     bodies.forEach((name, k) => k > 0 && element("trace").add(new Option(name, k)));
     element("trace").addEventListener("change", (event) => {
       const body = event.target.value === "" ? null : Number(event.target.value);
@@ -108,6 +98,7 @@ class Viewer {
     element("show-plot").checked = window.innerWidth > 760;
     element("show-plot").addEventListener("change", show);
     show();
+    element("options").open = this.canvas.clientWidth > 900; // it would stand before the motion
     this.plot = new Plot(element("curves"), element("choice"), motions, (time) => this.halt(time));
   }
 
@@ -130,118 +121,10 @@ class Viewer {
     this.triadLines = lines.map((points) => this.renderer.lines(points, true));
   }
 
-  preparePointer() {
-    const pointers = new Map();
-    const canvas = this.canvas;
-    const middle = () => {
-      const all = [...pointers.values()];
-      return [0, 1].map((k) => all.reduce((sum, p) => sum + p[k], 0) / all.length);
-    };
-    const spread = () => {
-      const [a, b] = [...pointers.values()];
-      return b ? Math.hypot(a[0] - b[0], a[1] - b[1]) : 0;
-    };
-    let travelled = 0; // by the pointer since it went down, pixels: a click does not turn
-    canvas.addEventListener("pointerdown", (event) => {
-      travelled = 0;
-      canvas.setPointerCapture(event.pointerId);
-      pointers.set(event.pointerId, [event.clientX, event.clientY]);
-    });
-    canvas.addEventListener("pointermove", (event) => {
-      this.stale = true;
-      if (!pointers.has(event.pointerId)) {
-        this.hovered = [event.clientX, event.clientY];
-        return;
-      }
-      const before = middle(), wide = spread();
-      travelled += Math.hypot(event.movementX, event.movementY);
-      pointers.set(event.pointerId, [event.clientX, event.clientY]);
-      const [dx, dy] = middle().map((x, k) => (x - before[k]) / canvas.clientHeight);
-      if (pointers.size > 1 || event.buttons & 6 || event.shiftKey) {
-        this.camera.shift(dx, dy);
-      } else {
-        this.camera.turn(4 * dx, 4 * dy);
-      }
-      if (wide > 0 && spread() > 0) {
-        this.camera.zoom(wide / spread());
-      }
-    });
-    for (const name of ["pointerup", "pointercancel"]) {
-      canvas.addEventListener(name, (event) => pointers.delete(event.pointerId));
-    }
-    canvas.addEventListener("click", (event) => travelled < 4 && this.pick(event.clientX, event.clientY));
-    canvas.addEventListener("pointerleave", () => {
-      this.hovered = null;
-      this.stale = true;
-    });
-    canvas.addEventListener("contextmenu", (event) => event.preventDefault());
-    canvas.addEventListener("dblclick", () => this.reset());
-    canvas.addEventListener("wheel", (event) => {
-      event.preventDefault();
-      this.camera.zoom(Math.exp(Math.min(Math.max(event.deltaY, -100), 100) * 0.0016));
-      this.stale = true;
-    }, { passive: false });
-  }
-
-  prepareKeys() {
-    const actions = {
-      " ": () => this.toggle(),
-      ArrowRight: () => this.step(1),
-      ArrowLeft: () => this.step(-1),
-      Home: () => this.goTo(this.motion.start),
-      End: () => this.goTo(this.motion.end),
-      "+": () => this.changeSpeed(1),
-      "-": () => this.changeSpeed(-1),
-      g: () => element("show-grid").click(),
-      l: () => element("show-labels").click(),
-      m: () => element("show-mesh").click(),
-      f: () => element("show-forces").click(),
-      b: () => element("show-beside").click(),
-      o: () => element("show-plot").click(),
-      Escape: () => this.hold(null),
-      r: () => this.reset(),
-      t: () => this.switchTheme(),
-      p: () => this.save(),
-    };
-    addEventListener("keydown", (event) => {
-      const action = actions[event.key.length === 1 ? event.key.toLowerCase() : event.key];
-      const { target } = event;
-      const button = target instanceof HTMLButtonElement || target.type === "checkbox";
-      const taken = target instanceof HTMLSelectElement || (button && event.key === " ");
-      if (!action || taken || event.ctrlKey || event.metaKey || event.altKey) {
-        return;
-      }
-      event.preventDefault();
-      action();
-    });
-  }
-
-  /** What was clicked does not keep the space bar. */
-  freeKeys() {
-    addEventListener("click", ({ detail }) => {
-      if (detail > 0 && document.activeElement?.matches("button, summary, input[type=checkbox]")) {
-        document.activeElement.blur();
-      }
-    });
-  }
-
-  toggle() {
-    this.playing = !this.playing;
-    if (this.playing && this.time >= this.motion.end) {
-      this.time = this.motion.start;
-    }
-    this.stale = true;
-  }
-
-  goTo(time) {
-    this.time = Math.min(Math.max(time, this.motion.start), this.motion.end);
-    this.stale = true;
-  }
-
   /** Stop at a time. */
   halt(time) {
-    this.playing = false;
-    this.goTo(time);
+    this.clock.halt(time);
+    this.stale = true;
   }
 
   /** Pick the body that is seen at a place of the canvas. */
@@ -250,7 +133,7 @@ class Viewer {
     const { eye, right, up, back } = this.camera.look();
     const slope = Math.tan(this.camera.field / 2);
     const across = slope * this.camera.aspect * ((2 * x) / width - 1), above = slope * (1 - (2 * y) / height);
-    this.stage.figure.place(this.time);
+    this.stage.figure.place(this.clock.time);
     this.hold(picked(this.stage.figure, eye, combined([right, up, back], [across, above, -1])));
   }
 
@@ -266,26 +149,12 @@ class Viewer {
     if (body === null) {
       return;
     }
-    const rows = told(this.scene, this.motion, body, this.time).map((words) => {
+    const rows = told(this.scene, this.motion, body, this.clock.time).map((words) => {
       const row = document.createElement("tr");
       words.forEach((word) => (row.insertCell().textContent = word));
       return row;
     });
     element("card").firstChild.replaceChildren(...rows);
-  }
-
-  /** To the next or the last recorded frame. */
-  step(by) {
-    const k = this.motion.frame(this.time);
-    const back = by < 0 && this.time > this.motion.times[k] ? 0 : by;
-    const last = this.motion.times.length - 1;
-    this.halt(this.motion.times[Math.min(Math.max(k + back, 0), last)]);
-  }
-
-  changeSpeed(by) {
-    const k = SPEEDS.indexOf(this.speed) + by;
-    this.speed = SPEEDS[Math.min(Math.max(k, 0), SPEEDS.length - 1)];
-    element("speed").value = this.speed;
   }
 
   reset() {
@@ -306,23 +175,16 @@ class Viewer {
     this.canvas.toBlob((blob) => {
       const link = document.createElement("a");
       link.href = URL.createObjectURL(blob);
-      link.download = `${this.scene.title.replaceAll("/", "_")}_${this.time.toFixed(3)}.png`;
+      link.download = `${this.scene.title.replaceAll("/", "_")}_${this.clock.time.toFixed(3)}.png`;
       link.click();
       URL.revokeObjectURL(link.href);
     });
   }
 
   tick(now) {
-    const passed = Math.min(Math.max((now - this.last) / 1000, 0), 0.1); // a frame's clock may lag behind the page's
-    this.last = now;
-    if (this.playing) {
-      this.goTo(this.time + passed * this.speed);
-      if (this.time >= this.motion.end) {
-        const again = element("loop").checked;
-        this.time = again ? this.motion.start : this.motion.end;
-        this.playing = again;
-      }
-    }
+    this.clock.loop = element("loop").checked;
+    this.stale ||= this.clock.playing;
+    this.clock.tick(now);
     if (this.stale) {
       this.stale = false;
       this.draw();
@@ -338,18 +200,19 @@ class Viewer {
     const height = Math.max(this.canvas.clientHeight, 1);
     const margins = { top: Math.min(50 / height, 0.2), bottom: Math.min(90 / height, 0.3), side: 0.05 };
     this.camera.resize(this.renderer.resize(), margins);
-    this.stage.place(this.time);
+    this.stage.place(this.clock.time);
     const look = this.camera.look();
     this.stage.draw(look, theme, show);
     this.drawTriad(look);
     this.placeLabels(look, show.labels);
     const digits = Math.min(Math.max(Math.ceil(-Math.log10(this.motion.interval) - 1e-9), 0), 9);
-    this.plot.show(this.time);
+    this.plot.show(this.clock.time);
     this.tell();
     element("legend").hidden = !show.forces;
-    element("time").value = this.time;
-    element("clock").textContent = `${this.time.toFixed(digits)} / ${this.motion.end.toFixed(digits)} s`;
-    element("play").textContent = this.playing ? "❚❚" : "▶";
+    element("time").value = this.clock.time;
+    element("speed").value = this.clock.speed;
+    element("clock").textContent = `${this.clock.time.toFixed(digits)} / ${this.clock.end.toFixed(digits)} s`;
+    element("play").textContent = this.clock.playing ? "❚❚" : "▶";
     document.body.dataset.state = "ready";
   }
 
