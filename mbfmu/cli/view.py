@@ -105,7 +105,10 @@ def check(options: argparse.Namespace) -> None:
             f"-o {str(options.output)!r}: the file's name must end in .html, or .glb for a glTF; pictures: --png, "
             "--gif, --mp4"
         )
-    if options.output and options.output.suffix == ".glb" and (options.open or options.against):
+    pictures = options.png or options.gif or options.mp4
+    if options.against is not None and pictures and not (options.output or options.open):
+        raise UserError("--against goes with a page: pictures and films show one run; add -o FILE.html")
+    if options.output and options.output.suffix == ".glb" and (options.open or options.against is not None):
         raise UserError(f"--{'open' if options.open else 'against'} goes with a page, and {options.output} is a glTF")
 
 
@@ -116,16 +119,16 @@ def load(options: argparse.Namespace) -> tuple[Motion, Motion | None, list[str],
         given = [name for name in OF_SCENES if getattr(options, name)]
         if given:
             raise UserError(f"--{given[0].replace('_', '-')} changes a run, and {options.scene!r} is the record of one")
-        if against and not against.endswith(".npz"):
+        if against is not None and not against.endswith(".npz"):
             raise UserError(f"--against {against!r}: {options.scene!r} is the record of a run; write another one, .npz")
-        beside = Motion.load(Path(against)) if against else None
+        beside = Motion.load(Path(against)) if against is not None else None
         return Motion.load(source), beside, [], source.with_suffix(".html")
     scene = scene_of(options)
     page = Path("results") / f"{stem_of(scene)}.html"
-    recorded = Motion.load(Path(against)) if against and against.endswith(".npz") else None
-    other = against_of(scene, against) if against and not recorded else None
+    recorded = Motion.load(Path(against)) if against is not None and against.endswith(".npz") else None
+    other = against_of(scene, against) if against is not None and recorded is None else None
     motion, result = recorded_run(scene)
-    if not other:
+    if other is None:
         return motion, recorded, list(filter(None, [result.failure])), page
     beside, second = recorded_run(other)
     motion, beside = side_by_side(motion, result, beside, second)

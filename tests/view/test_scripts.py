@@ -164,3 +164,14 @@ def test_arrow_is_as_long_as_its_force_by_the_scale() -> None:
             assert tip[3] + 0.5 * tip[2] == pytest.approx(foot + way, abs=1e-6)
     assert sum(way is not None for way in ways["ways"]) >= 3
     assert all(f"{unit} = " in text for unit, text in zip(ways["scales"], ways["legend"], strict=True))
+
+
+def test_numbers_and_ticks_have_the_figures_they_need() -> None:
+    found = evaluated("""
+        return [figures(0), figures(123456), figures(0.05), figures(-3.381e-8), figures(0.30000000000000004),
+          ticks([0, 0.5, 1]), ticks([-4e-8, -2e-8, 0]), ticks([42.125, 42.126, 42.127]), ticks([1e6, 2e6])];
+    """)
+    assert found == [
+        "0", "1.235e+5", "0.05", "-3.381e-8", "0.3",
+        ["0", "0.5", "1"], ["-4e-8", "-2e-8", "0"], ["42.125", "42.126", "42.127"], ["1e+6", "2e+6"],
+    ]  # fmt: skip

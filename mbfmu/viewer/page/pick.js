@@ -92,9 +92,6 @@ function picked(figure, eye, direction) {
   return body;
 }
 
-/** A number with four figures and no more zeros than it needs. */
-const figures = (x) => String(Number(x.toPrecision(4)));
-
 /** What is told of a body at a time: rows of a word and what it says. */
 function told(scene, motion, body, time) {
   const at = scene.picture.middles[body], place = motion.point(body, at);
@@ -102,7 +99,7 @@ function told(scene, motion, body, time) {
   return [
     ["body", scene.bodies[body]],
     ["joint", body > 0 ? `${scene.joints[body]}, on ${scene.bodies[scene.parents[body]]}` : "none"],
-    ["position", `${place.map(figures).join(", ")} m`],
+    ["position", `${place.map((x) => figures(x)).join(", ")} m`],
     ["speed", `${figures(speed)} m/s`],
   ];
 }

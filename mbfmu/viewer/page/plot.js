@@ -22,6 +22,13 @@ function table(motions, names) {
   return tables.length > 1 ? uPlot.join(tables) : tables[0];
 }
 
+/** What stands at the ticks of an axis: as many figures as tell one from the next. */
+function ticks(values) {
+  const step = Math.abs(values[1] - values[0]) || 1, largest = Math.max(...values.map(Math.abs));
+  const count = Math.min(Math.max(Math.ceil(Math.log10(largest / step) - 1e-9) + 1, 1), 15);
+  return values.map((x) => (Math.abs(x) < 0.5 * step ? "0" : figures(x, count)));
+}
+
 class Plot {
   /** `goTo` is called with the time that a reader points at. */
   constructor(root, choice, motions, goTo) {
@@ -70,7 +77,7 @@ class Plot {
       const on = this.chosen.includes(name);
       chip.setAttribute("aria-pressed", on);
       chip.firstChild.style.background = on ? this.colour(name) : "";
-      chip.lastChild.textContent = "";
+      chip.lastChild.textContent = on ? chip.lastChild.textContent : "";
     }
     const { clientWidth: width, clientHeight: height } = this.root;
     if (this.chosen.length === 0 || width < 60 || height < 60) {
@@ -88,7 +95,8 @@ class Plot {
     const units = [...new Set(this.chosen.map((name) => this.unit(name)))];
     const look = { stroke: ink, grid: { stroke: edge, width: 1 }, ticks: { stroke: edge, width: 1 } };
     const axes = units.map((unit, k) => ({
-      ...look, scale: unit, label: unit, side: k % 2 ? 1 : 3, size: 62, labelSize: 18, labelGap: 2,
+      ...look, scale: unit, label: unit, side: k % 2 ? 1 : 3, labelSize: 18, labelGap: 2,
+      values: (_, splits) => ticks(splits), size: (_, texts) => 20 + 7 * Math.max(3, ...(texts ?? []).map((t) => t.length)),
       grid: { ...look.grid, show: k === 0 },
     }));
     const series = this.motions.flatMap((_, run) => this.chosen.map((name) => ({
@@ -134,7 +142,7 @@ class Plot {
     this.now.style.transform = `translateX(${this.plot.valToPos(time, "x")}px)`;
     for (const name of this.chosen) {
       const values = this.motions.map((motion) => valueAt(motion, name, time)).filter((x) => !Number.isNaN(x));
-      this.chips.get(name).lastChild.textContent = `${values.map(figures).join(" | ")} ${this.unit(name)}`;
+      this.chips.get(name).lastChild.textContent = `${values.map((x) => figures(x)).join(" | ")} ${this.unit(name)}`;
     }
   }
 }

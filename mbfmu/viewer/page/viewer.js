@@ -98,7 +98,7 @@ class Viewer {
     element("show-plot").checked = window.innerWidth > 760;
     element("show-plot").addEventListener("change", show);
     show();
-    element("options").open = this.canvas.clientWidth > 900; // it would stand before the motion
+    element("options").open = this.canvas.clientWidth > 800; // it would stand before the motion
     this.plot = new Plot(element("curves"), element("choice"), motions, (time) => this.halt(time));
   }
 
