@@ -272,6 +272,11 @@ class Simulation:
         self._finish(np.array([stepper.t]), stepper.q[None], stepper.ledger[None], self._out[None])
         return self._out
 
+    @property
+    def last_outputs(self) -> Array:
+        """What :meth:`outputs` or :meth:`record` has read last, in the order of ``variables``."""
+        return self._out.copy()
+
     def _finish(self, times: Array, q: Array, ledgers: Array, values: Array) -> None:
         """Put what the audit finds in place of the energies that ``values`` (k, outputs) end in."""
         values[:, -2:] = np.column_stack(self._check(times, q, values[:, -2], ledgers))
@@ -313,6 +318,8 @@ class Simulation:
             done = rows.stop
             if self.failure:
                 break
+        if done:
+            self._out[:] = values[done - 1]
         self._remark(self.stepper.notice)
         self._tell_dark()
         return done

@@ -6,10 +6,9 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from numba.core.event import TimingListener, install_listener
 from tqdm import tqdm
 
-from solvers.compiled.cache import when_compiling
+from solvers.compiled.cache import time_of_compiling, when_compiling
 
 BEFORE = "compiling, once on this machine: a minute or two; later runs start at once"
 
@@ -17,13 +16,13 @@ BEFORE = "compiling, once on this machine: a minute or two; later runs start at 
 @contextmanager
 def compilation(tells: bool) -> Iterator[None]:
     """Tell on standard error, where that is wanted, that this block waits for the compiler, and how long it did."""
-    timer = TimingListener()  # type: ignore[no-untyped-call]
-    try:
-        with install_listener("numba:compile", timer), when_compiling(lambda: say(BEFORE, tells)):
-            yield
-    finally:
-        if timer.done:
-            say(f"compiled for {timer.duration:.1f} s; that is kept", tells)
+    with time_of_compiling() as taken:
+        try:
+            with when_compiling(lambda: say(BEFORE, tells)):
+                yield
+        finally:
+            if taken():
+                say(f"compiled for {taken():.1f} s; that is kept", tells)
 
 
 def say(text: str, tells: bool) -> None:

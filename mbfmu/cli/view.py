@@ -12,8 +12,12 @@ from pathlib import Path
 from tqdm import tqdm
 
 from mbfmu.errors import UserError
-from mbfmu.native import communication_points, run
+from mbfmu.native import Result, communication_points, run
+from mbfmu.scene import Scene
 from mbfmu.viewer import Motion, Recorder
+from mbfmu.viewer.gltf import write_glb
+from mbfmu.viewer.html import write_html
+from mbfmu.viewer.show import changes, side_by_side
 
 from .common import Commands, add_set, add_solver, folder, number, progress, scene_of, stem_of
 
@@ -39,7 +43,14 @@ def add(commands: Commands) -> None:
         "--output",
         type=Path,
         metavar="FILE",
-        help="HTML file; results/NAME.html, or beside a pose file, unless pictures are asked for",
+        help="HTML file, or .glb for a binary glTF; results/NAME.html, or beside a pose file, unless pictures are "
+        "asked for",
+    )
+    p.add_argument(
+        "--against",
+        metavar="SOLVER[:RTOL]",
+        help="show a second run too, translucent: of another solver, another tolerance (:1e-4), both (ida:1e-4), or a "
+        "pose file .npz",
     )
     p.add_argument("--scale", type=float, default=1.0, metavar="F", help="magnify the deflection of elastic bodies (1)")
     p.add_argument("--open", action="store_true", help="open the page in the browser")
@@ -65,17 +76,16 @@ def add(commands: Commands) -> None:
 def command_view(options: argparse.Namespace) -> int:
     """Write a page, or the pictures asked for."""
     check(options)
-    motion, failure, page = load(options)
+    motion, against, failures, page = load(options)
     if options.scale != 1.0:
         motion = motion.scaled(options.scale)
     wrote = write_pictures(motion, options)
     if options.output or options.open or not wrote:
-        wrote.append(write_page(motion, options, options.output or page))
+        wrote.append(write_page(motion, against, options, options.output or page))
     print(f"wrote {' and '.join(str(path) for path in wrote)}")
-    if failure:
+    for failure in failures:
         print(f"mbfmu: {failure}", file=sys.stderr)
-        return 1
-    return 0
+    return 1 if failures else 0
 
 
 def check(options: argparse.Namespace) -> None:
@@ -90,32 +100,63 @@ def check(options: argparse.Namespace) -> None:
         path = getattr(options, kind)
         if path and path.suffix != f".{kind}":
             raise UserError(f"--{kind} {str(path)!r}: the file's name must end in .{kind}")
-    if options.output and options.output.suffix not in (".html", ".htm"):
-        raise UserError(f"-o {str(options.output)!r}: the page's name must end in .html; pictures: --png, --gif, --mp4")
+    if options.output and options.output.suffix not in (".html", ".htm", ".glb"):
+        raise UserError(
+            f"-o {str(options.output)!r}: the file's name must end in .html, or .glb for a glTF; pictures: --png, "
+            "--gif, --mp4"
+        )
+    pictures = options.png or options.gif or options.mp4
+    if options.against is not None and pictures and not (options.output or options.open):
+        raise UserError("--against goes with a page: pictures and films show one run; add -o FILE.html")
+    if options.output and options.output.suffix == ".glb" and (options.open or options.against is not None):
+        raise UserError(f"--{'open' if options.open else 'against'} goes with a page, and {options.output} is a glTF")
 
 
-def load(options: argparse.Namespace) -> tuple[Motion, str, Path]:
-    """Return the motion, why its run ended early if it did, and where its page goes by default."""
-    source = Path(options.scene)
+def load(options: argparse.Namespace) -> tuple[Motion, Motion | None, list[str], Path]:
+    """Return the motion, the one beside it, why their runs ended early if they did, and where the page goes."""
+    source, against = Path(options.scene), options.against
     if source.suffix == ".npz":
         given = [name for name in OF_SCENES if getattr(options, name)]
         if given:
             raise UserError(f"--{given[0].replace('_', '-')} changes a run, and {options.scene!r} is the record of one")
-        return Motion.load(source), "", source.with_suffix(".html")
+        if against is not None and not against.endswith(".npz"):
+            raise UserError(f"--against {against!r}: {options.scene!r} is the record of a run; write another one, .npz")
+        beside = Motion.load(Path(against)) if against is not None else None
+        return Motion.load(source), beside, [], source.with_suffix(".html")
     scene = scene_of(options)
+    page = Path("results") / f"{stem_of(scene)}.html"
+    recorded = Motion.load(Path(against)) if against is not None and against.endswith(".npz") else None
+    other = against_of(scene, against) if against is not None and recorded is None else None
+    motion, result = recorded_run(scene)
+    if other is None:
+        return motion, recorded, list(filter(None, [result.failure])), page
+    beside, second = recorded_run(other)
+    motion, beside = side_by_side(motion, result, beside, second)
+    return motion, beside, list(filter(None, (result.failure, second.failure))), page
+
+
+def against_of(scene: Scene, text: str) -> Scene:
+    """Return the scene with the solver, the tolerance or both of ``SOLVER:RTOL``."""
+    other = scene.changed(**changes(text))
+    if other.settings == scene.settings:
+        raise UserError(f"--against {text!r} is the run itself: {scene.settings.name}, {scene.settings.tolerance:g}")
+    return other
+
+
+def recorded_run(scene: Scene) -> tuple[Motion, Result]:
+    """Run a scene natively; return its motion and its result."""
     recorder = Recorder()
     with progress(scene) as bar:
         times = communication_points(scene.stop_time, scene.output_interval)
         result = run(scene.model, scene.settings, times, bar, recorder)
-    return recorder.motion(scene.name), result.failure, Path("results") / f"{stem_of(scene)}.html"
+    result.name = scene.name
+    return recorder.motion(scene.name), result
 
 
-def write_page(motion: Motion, options: argparse.Namespace, path: Path) -> Path:
-    """Write the page, and open it where that is asked for."""
-    from mbfmu.viewer.html import write_html
-
+def write_page(motion: Motion, against: Motion | None, options: argparse.Namespace, path: Path) -> Path:
+    """Write the page, and open it where that is asked for; or the glTF."""
     folder(path.parent)
-    stride = write_html(motion, path)
+    stride = write_glb(motion, path) if path.suffix == ".glb" else write_html(motion, path, against)
     if stride > 1:
         print(f"{path} shows every {stride}th of {len(motion.times)} frames, to keep its size down")
     if options.open:

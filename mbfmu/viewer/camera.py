@@ -36,12 +36,10 @@ class Stage:
     elevation: float
 
     @classmethod
-    def of(cls, motion: Motion) -> Stage:
-        """Find the stage of a motion."""
-        axes = basis(np.array(motion.picture.up))
-        frames = np.unique(np.linspace(0, len(motion.times) - 1, FRAMES).astype(int))
-        clouds = [motion.point(body, at, frames).reshape(-1, 3) for body, at in motion.picture.points().items()]
-        clouds += [motion.axis(bar, frames).reshape(-1, 3) for bar in motion.picture.bars]
+    def of(cls, *motions: Motion) -> Stage:
+        """Find the stage of a motion, or of some beside each other; up is that of the first."""
+        axes = basis(np.array(motions[0].picture.up))
+        clouds = [cloud for motion in motions for cloud in reached(motion)]
         cloud = np.concatenate(clouds or [np.zeros((1, 3))]) @ axes.T
         low, high = cloud.min(axis=0), cloud.max(axis=0)
         half = 0.5 * (high - low)
@@ -91,6 +89,13 @@ class Camera:
         seen = (points - self.eye) @ self.axes.T
         depth = np.maximum(-seen[..., 2], 1e-9)
         return self.focal * seen[..., :2] / depth[..., None], depth
+
+
+def reached(motion: Motion) -> list[Array]:
+    """Return points (k, 3) that a motion reaches, global axes, m."""
+    frames = np.unique(np.linspace(0, len(motion.times) - 1, FRAMES).astype(int))
+    clouds = [motion.point(body, at, frames).reshape(-1, 3) for body, at in motion.picture.points().items()]
+    return clouds + [motion.axis(bar, frames).reshape(-1, 3) for bar in motion.picture.bars]
 
 
 def directions(count: int) -> Array:

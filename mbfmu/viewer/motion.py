@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 import zipfile
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,30 +15,38 @@ from scipy.spatial.transform import Rotation
 
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Mechanism, Plant
+from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.simulation import Simulation
 
-from .picture import Bar, Picture, draw
+from .forces import Arrow, Source, read, shown, sources
+from .picture import Bar, Picture, as_tuples, draw
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
-FORMAT = 2
+FORMAT = 3
+ARRAYS = ("times", "r", "e", "p", "values", "forces")  # of a pose file
 
 
 @dataclass(frozen=True, kw_only=True)
 class Motion:
-    """Poses of every body, the ground first, in global axes, and amplitudes of elastic bodies.
+    """Poses of every body, the ground first, in global axes, and amplitudes of elastic bodies; outputs and forces.
 
-    Single precision, as pictures need no more.
+    Single precision, as pictures need no more, but for times and outputs.
     """
 
     title: str
     times: Array  # (T,) s
     names: tuple[str, ...]  # (nb,)
     parents: tuple[int, ...]  # (nb,)
+    joints: tuple[str, ...]  # (nb,) by which a body hangs on its parent, in words
     r: Single  # (T, nb, 3) origins, m
     e: Single  # (T, nb, 4) unit quaternions, scalar first, body to global
     p: Single  # (T, na) amplitudes of the bars of the picture, one after the other, m
+    outputs: tuple[tuple[str, str], ...]  # names and units
+    values: Array  # (T, outputs)
+    arrows: tuple[Arrow, ...]
+    forces: Single  # (T, arrows, 3) global axes, N or N m
     picture: Picture
     scale: float = 1.0  # by which pictures magnify the deflection of elastic bodies; not in a pose file
 
@@ -80,10 +89,13 @@ class Motion:
             "title": self.title,
             "names": self.names,
             "parents": self.parents,
+            "joints": self.joints,
+            "outputs": self.outputs,
+            "arrows": [asdict(arrow) for arrow in self.arrows],
             "picture": self.picture.as_dict(),
         }
         try:
-            np.savez_compressed(path, about=json.dumps(about), times=self.times, r=self.r, e=self.e, p=self.p)
+            np.savez_compressed(path, about=json.dumps(about), **{name: getattr(self, name) for name in ARRAYS})
         except OSError as error:
             raise UserError(f"{str(path)!r} cannot be written: {error.strerror}") from error
 
@@ -108,8 +120,11 @@ class Motion:
             title=about["title"],
             names=tuple(about["names"]),
             parents=tuple(about["parents"]),
+            joints=tuple(about["joints"]),
+            outputs=tuple((name, unit) for name, unit in about["outputs"]),
+            arrows=tuple(Arrow(**as_tuples(arrow)) for arrow in about["arrows"]),
             picture=Picture.from_dict(about["picture"]),
-            **{name: arrays[name] for name in ("times", "r", "e", "p")},
+            **{name: arrays[name] for name in ARRAYS},
         )
 
     @property
@@ -118,28 +133,38 @@ class Motion:
         frames, bodies = len(self.times), len(self.names)
         amplitudes = sum(len(bar.shapes[0]) for bar in self.picture.bars)
         shapes = ((frames, bodies, 3), (frames, bodies, 4), (frames, amplitudes))
-        return frames > 0 and (self.r.shape, self.e.shape, self.p.shape) == shapes
+        poses = (self.r.shape, self.e.shape, self.p.shape) == shapes
+        told = (frames, len(self.outputs)), (frames, len(self.arrows), 3)
+        return frames > 0 and poses and (self.values.shape, self.forces.shape) == told
 
 
 class Recorder:
-    """Notes the pose of every body; give it to :func:`mbfmu.native.run` as ``watch``."""
+    """Notes the pose of every body, outputs and forces; give it to :func:`mbfmu.native.run` as ``watch``."""
 
     def __init__(self) -> None:
         self._mechanism: Mechanism | None = None
+        self._sources: list[Source] = []
+        self._outputs: tuple[tuple[str, str], ...] = ()
         self._times: list[float] = []
         self._r: list[Single] = []
         self._A: list[Single] = []
         self._p: list[Single] = []
+        self._values: list[Array] = []
+        self._forces: list[Array] = []
 
     def __call__(self, simulation: Simulation) -> None:
-        """Note where the bodies are."""
+        """Note where the bodies are, and what was read of them."""
         plant = simulation.plant
         bodies = plant.data.state.bodies
-        self._mechanism = plant.mechanism
+        if self._mechanism is not plant.mechanism:
+            self._mechanism, self._sources = plant.mechanism, sources(plant.mechanism)
+            self._outputs = tuple((variable.name, variable.unit) for variable in simulation.variables)
         self._times.append(simulation.t)
         self._r.append(bodies["r"].astype(np.float32))
         self._A.append(bodies["A"].astype(np.float32))
         self._p.append(amplitudes(plant).astype(np.float32))
+        self._values.append(simulation.last_outputs)
+        self._forces.append(read(plant, self._sources, simulation.t))
 
     @property
     def used(self) -> bool:
@@ -153,16 +178,28 @@ class Recorder:
         r, A = np.stack(self._r), np.stack(self._A)
         e = Rotation.from_matrix(A.reshape(-1, 3, 3)).as_quat().reshape(*A.shape[:2], 4)
         span = float(np.linalg.norm(np.ptp(r[:, 1:].reshape(-1, 3), axis=0)))
+        arrows, forces = shown(self._sources, np.stack(self._forces), span)
         return Motion(
             title=title,
             times=np.array(self._times),
             names=tuple(body.name for body in mechanism.bodies),
             parents=tuple(body.parent for body in mechanism.bodies),
+            joints=tuple(joint_of(body) for body in mechanism.bodies),
             r=r,
             e=np.roll(e, 1, axis=-1).astype(np.float32),
             p=np.stack(self._p),
+            outputs=self._outputs,
+            values=np.stack(self._values),
+            arrows=arrows,
+            forces=forces.astype(np.float32),
             picture=draw(mechanism, span),
         )
+
+
+def joint_of(body: Body) -> str:
+    """Return the joint of a body in words, ``revolute, driven``; nothing for the ground."""
+    words = re.sub(r"(?<!^)(?=[A-Z])", " ", type(body.joint).__name__).lower()
+    return f"{words}{', driven' * (body.joint.drive is not None)}" if body.index else ""
 
 
 def amplitudes(plant: Plant) -> Array:

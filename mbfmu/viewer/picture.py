@@ -28,7 +28,7 @@ from mbfmu.mechanics import (
     Universal,
 )
 from mbfmu.mechanics.axes import along
-from mbfmu.mechanics.builder.bodies import Body, CutHandle, Elastic
+from mbfmu.mechanics.builder.bodies import Body, CutHandle, Elastic, Surface
 from mbfmu.mechanics.cuts import Cut
 from mbfmu.mechanics.joints.section import Section
 
@@ -193,7 +193,8 @@ class _Artist:
         self.mechanism = mechanism
         self.held = self._held_points()
         self.shaped = {body.index for body, _ in mechanism.shapes}
-        self.skinned = {int(i) for surface in mechanism.surfaces for i in surface.bodies.flat}
+        self.surfaces = surfaces_of(mechanism)
+        self.skinned = {int(i) for surface in self.surfaces for i in surface.bodies.flat}
         bars = [float(np.linalg.norm(p)) for body in mechanism.bodies[1:] for p in self._ends(body)]
         bars += [handle.cut.length for handle in mechanism.cuts if isinstance(handle.cut, DistanceCut)]
         bars += [elastic.beam.length for elastic in mechanism.elastics]
@@ -230,7 +231,7 @@ class _Artist:
                 at=numbers(surface.at),
                 colour=surface.colour or PALETTE[(k + 5) % len(PALETTE)],
             )
-            for k, surface in enumerate(self.mechanism.surfaces)
+            for k, surface in enumerate(self.surfaces)
         )
         return Picture(
             up=up_of(self.mechanism.gravity),
@@ -269,7 +270,7 @@ class _Artist:
         middles = [numbers(body.com) for body in self.mechanism.bodies]
         for elastic in self.mechanism.elastics:
             middles[elastic.body.index] = (0.5 * elastic.beam.length, 0.0, 0.0)
-        for surface in self.mechanism.surfaces:
+        for surface in self.surfaces:
             for i in surface.bodies.flat:
                 middles[i] = numbers(surface.at)
         return tuple(middles)
@@ -358,6 +359,17 @@ class _Artist:
     def _link(self, solid: str, a: Body, at_a: Any, b: Body, at_b: Any, radius: float, colour: str) -> None:
         ends: dict[str, Any] = {"a": a.index, "b": b.index, "at_a": numbers(at_a), "at_b": numbers(at_b)}
         self.links.append(Link(solid=solid, radius=radius, colour=colour, **ends))
+
+
+def surfaces_of(mechanism: Mechanism) -> list[Surface]:
+    """Return the surfaces of a mechanism, and those of its sheets that it gives none."""
+    found = list(mechanism.surfaces)
+    drawn = {int(i) for surface in found for i in surface.bodies.flat}
+    for sheet in mechanism.sheets:
+        nodes = np.array([[node.index for node in row] for row in sheet.nodes], np.int64)
+        if not drawn.intersection(map(int, nodes.flat)):
+            found.append(Surface(sheet.name, nodes, np.zeros(3), ""))
+    return found
 
 
 def bar_radius(bars: list[float], across: float) -> float:

@@ -21,6 +21,7 @@ from typing import Any
 import numba
 from numba.core import sigutils
 from numba.core.caching import FunctionCache, NullCache, _CacheLocator
+from numba.core.event import TimingListener, install_listener
 
 HERE = Path(__file__).resolve().parent.parent
 FOLDERS = (HERE, HERE.parent / "mbfmu" / "mechanics")  # of the kernels
@@ -62,6 +63,14 @@ def when_compiling(tell: Callable[[], None]) -> Iterator[None]:
     finally:
         _blocks.pop()
         _listeners[:] = around if _listeners else []
+
+
+@contextmanager
+def time_of_compiling() -> Iterator[Callable[[], float]]:
+    """Yield what tells for how long this block has compiled so far, s."""
+    timer = TimingListener()
+    with install_listener("numba:compile", timer):
+        yield lambda: float(timer.duration) if timer.done else 0.0
 
 
 def size() -> int:

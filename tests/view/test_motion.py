@@ -154,8 +154,9 @@ def test_pose_file_keeps_everything(tmp_path: Path) -> None:
     again = Motion.load(tmp_path / "m.npz")
     assert again.picture == motion.picture
     assert (again.title, again.names, again.parents) == (motion.title, motion.names, motion.parents)
-    for name in ("times", "r", "e", "p"):
-        assert np.array_equal(getattr(again, name), getattr(motion, name))
+    assert (again.joints, again.outputs, again.arrows) == (motion.joints, motion.outputs, motion.arrows)
+    for name in ("times", "r", "e", "p", "values", "forces"):
+        assert np.array_equal(getattr(again, name), getattr(motion, name), equal_nan=True)
 
 
 def test_pose_file_of_another_version_is_refused(tmp_path: Path) -> None:

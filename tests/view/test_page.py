@@ -9,6 +9,7 @@ import re
 import shlex
 import shutil
 import subprocess
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -23,10 +24,12 @@ from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from mbfmu.cli import parser
 from mbfmu.errors import UserError
-from mbfmu.mechanics import Floating, Mechanism
+from mbfmu.mechanics import Floating, Mechanism, PointForce, Revolute, Support, add_sheet, rod
 from mbfmu.model import Model
-from mbfmu.viewer import Motion, html, images
+from mbfmu.native import simulate
+from mbfmu.viewer import Motion, Recorder, html, images
 from mbfmu.viewer.picture import draw
+from mbfmu.viewer.show import view
 
 Command = Callable[..., Any]
 
@@ -49,6 +52,11 @@ def flat_sheet(rows: int = 3, columns: int = 4) -> tuple[Mechanism, Motion]:
         times=np.array([0.0, 1.0]),
         names=names,
         parents=parents,
+        joints=("", *("floating" for _ in m.bodies[1:])),
+        outputs=(),
+        values=np.zeros((2, 0)),
+        arrows=(),
+        forces=np.zeros((2, 0, 3), np.float32),
         r=r,
         e=e,
         p=np.zeros((2, 0), np.float32),
@@ -58,9 +66,16 @@ def flat_sheet(rows: int = 3, columns: int = 4) -> tuple[Mechanism, Motion]:
 
 
 def embedded(page: str, name: str, kind: str) -> np.ndarray[Any, Any]:
-    block = re.search(rf'<script type="application/octet-stream" id="{name}">(.*?)</script>', page)
+    """Numbers of a block of a page: (T, n)."""
+    block, times = (
+        re.search(rf'<script type="application/octet-stream" id="{own}">(.*?)</script>', page)
+        for own in (name, name.replace(name.split("-", maxsplit=1)[0], "times"))
+    )
     assert block is not None
-    return np.frombuffer(base64.b64decode(block[1]), kind)
+    assert times is not None
+    planes, whole = (np.frombuffer(zlib.decompress(base64.b64decode(found[1])), np.uint8) for found in (block, times))
+    steps = np.ascontiguousarray(planes.reshape(4, -1).T).view("<u4").reshape(-1, whole.size // 8)
+    return np.ascontiguousarray(np.cumsum(steps, axis=1, dtype=np.uint32).T).view(kind)
 
 
 def scene_in(page: str) -> dict[str, Any]:
@@ -96,6 +111,46 @@ def test_run_then_view(command: Command, tmp_path: Path) -> None:
     assert "motion.html" in out
 
 
+def test_two_runs_stand_in_one_page(command: Command, tmp_path: Path) -> None:
+    path = tmp_path / "two.html"
+    code, _, err = command(
+        "view", "fourbar", "--solver=adams", "--stop-time=0.1", "--against=ida:1e-4", "-o", str(path)
+    )
+    assert (code, err) == (0, "")
+    page = path.read_text()
+    scene = scene_in(page)
+    assert scene["title"] == "fourbar, adams, tolerance 1e-06"
+    assert scene["against"]["title"] == "fourbar, ida, tolerance 0.0001"
+    assert scene["against"]["picture"] == scene["picture"]
+    first, second = (embedded(page, f"positions{end}", "<f4") for end in ("", "-against"))
+    assert np.abs(first - second).max() > 0.0
+    assert first == pytest.approx(second, abs=1e-2)
+    assert scene["against"]["outputs"][0]["name"] == "crank.angle"
+
+
+def test_pose_files_stand_against_each_other_and_keep_their_outputs(command: Command, tmp_path: Path) -> None:
+    for mass in (1.0, 2.0):
+        recorded(FourBar(crank_mass=mass), 0.1)[1].save(tmp_path / f"{mass:g}.npz")
+    code, _, _ = command("view", str(tmp_path / "1.npz"), "--against", str(tmp_path / "2.npz"))
+    assert code == 0
+    page = (tmp_path / "1.html").read_text()
+    outputs, energy = embedded(page, "outputs", "<f4"), [o["name"] for o in scene_in(page)["outputs"]].index("energy")
+    assert np.abs(outputs[:, energy]).max() < 1e-4  # what it strays from its start
+    base = scene_in(page)["outputs"][energy]["base"]
+    assert base == Motion.load(tmp_path / "1.npz").values[0, energy]
+    assert scene_in(page)["against"]["outputs"][energy]["base"] != base
+
+
+def test_view_in_one_call_takes_a_second_run(tmp_path: Path) -> None:
+    page = view(FourBar(), tmp_path / "a.html", 0.05, against=":1e-3").read_text()
+    assert scene_in(page)["against"]["title"] == "fourbar, ida, tolerance 0.001"
+    _, motion = recorded(FourBar(), 0.05)
+    page = view(motion, tmp_path / "b.html", against=recorded(Governor(), 0.05)[1]).read_text()
+    assert scene_in(page)["against"]["bodies"][1] == "spindle"
+    with pytest.raises(UserError, match="against is 'adams', but 'fourbar' is the record of a run"):
+        view(motion, tmp_path / "c.html", against="adams")
+
+
 def test_long_run_of_an_fmu_is_not_repeated(command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mbfmu.cli.run.QUICK", 0.0)
     code, out, _ = command("run", "pendulum", "--solver=adams", "--stop-time=0.1", "-o", str(tmp_path))
@@ -111,13 +166,14 @@ def test_view_runs_a_scene_itself(command: Command, tmp_path: Path, monkeypatch:
     code, _, _ = command("view", "governor/damped", "--solver=adams", "--stop-time=0.1", "--interval=0.05")
     assert code == 0
     page = (tmp_path / "results" / "governor" / "damped-adams-1e-6.html").read_text()
-    assert len(embedded(page, "times", "<f8")) == 3
+    assert embedded(page, "times", "<f8").ravel().tolist() == [0.0, 0.05, 0.1]
 
 
 def test_page_needs_nothing_but_itself() -> None:
     _, motion = flat_sheet()
     page, stride = html.page(motion)
     assert stride == 1
+    page = re.sub(r"/\*!.*?\*/", "", page, flags=re.DOTALL)  # whose the plots are, and their license
     assert not re.search(r"https?:|\bsrc\s*=|<link|@import|url\(|fetch\(|XMLHttpRequest|\{\{", page)
     assert "<title>a &lt;b&gt;</title>" in page
     assert scene_in(page)["bodies"] == list(motion.names)
@@ -126,7 +182,7 @@ def test_page_needs_nothing_but_itself() -> None:
 def test_page_holds_the_poses() -> None:
     _, motion = recorded(Governor(), 0.1)
     page, _ = html.page(motion)
-    assert np.array_equal(embedded(page, "times", "<f8"), motion.times)
+    assert np.array_equal(embedded(page, "times", "<f8").ravel(), motion.times)
     assert np.array_equal(embedded(page, "positions", "<f4").reshape(motion.r.shape), motion.r)
     turning = html.turning_bodies(motion)
     shown = embedded(page, "quaternions", "<f4").reshape(len(motion.times), len(turning), 4)
@@ -147,7 +203,7 @@ def test_large_motion_is_thinned_to_its_last_frame(monkeypatch: pytest.MonkeyPat
     _, motion = recorded(FourBar(), 0.5)
     monkeypatch.setattr(html, "LARGEST", 2_000)
     page, stride = html.page(motion)
-    times = embedded(page, "times", "<f8")
+    times = embedded(page, "times", "<f8").ravel()
     assert stride > 1
     assert times[0] == motion.times[0]
     assert times[1] == motion.times[stride]
@@ -165,6 +221,45 @@ def test_sheet_is_stored_and_drawn_as_one_skin(tmp_path: Path) -> None:
     assert len(np.unique(imread(tmp_path / "sheet.png").reshape(-1, 4), axis=0)) > 50
     with pytest.raises(UserError, match="surface 'torn' needs at least 2 rows"):
         mechanism.surface("torn", [mechanism.bodies[1:4], mechanism.bodies[4:6]])
+
+
+def test_sheet_of_an_assembly_has_a_surface_unless_it_is_given_one() -> None:
+    for own in (False, True):
+        m = Mechanism()
+        sheet = add_sheet(
+            m, "flag", length=0.3, width=0.2, thickness=1e-3, youngs_modulus=1e9, density=1000.0, grid=(4, 3),
+            supports=[Support("x0", "clamped")],
+        )  # fmt: skip
+        if own:
+            m.surface("mine", sheet.nodes, colour="#102030")
+        picture = draw(m, 0.3)
+        (skin,) = picture.skins
+        assert skin.name == ("mine" if own else "flag")
+        assert skin.bodies == tuple(tuple(node.index for node in row) for row in sheet.nodes)
+        assert {part.body for part in picture.parts} <= {0}
+        assert not picture.links
+
+
+@pytest.mark.parametrize("k", [1e-3, 1e3], ids=["millimetre", "kilometre"])
+def test_page_suits_a_mechanism_of_any_size(k: float) -> None:
+    m = Mechanism(gravity=(0.0, -9.81, 0.0))
+    arm = m.body("arm", m.ground, Revolute(start=0.3), **rod(mass=k**3, length=k))
+    m.force("pull", PointForce(magnitude=k**3, at_a=(k, 0.0, 0.0)), arm)
+    recorder = Recorder()
+    simulate(m, 2.0 * k**0.5, interval=0.02 * k**0.5, watch=recorder)
+    motion = recorder.motion("arm")
+    scene = scene_in(html.page(motion)[0])
+    value, length = scene["scales"]["N"]
+    assert 0.01 < length / k < 1.0
+    assert value / k**3 == pytest.approx(1.0, rel=0.6)
+    assert scene["stage"]["half"][0] / k == pytest.approx(0.75, abs=0.35)
+    assert np.linalg.norm(motion.picture.parts[0].axes[:3]) / k == pytest.approx(0.02, rel=0.7)
+
+
+def test_page_of_the_fourbar_is_small(tmp_path: Path) -> None:
+    _, motion = recorded(FourBar(), 10.0)
+    assert html.write_html(motion, tmp_path / "page.html") == 1
+    assert (tmp_path / "page.html").stat().st_size < 220_000
 
 
 def test_png_gif_and_page_at_once(command: Command, tmp_path: Path) -> None:
@@ -203,6 +298,22 @@ def test_film_without_ffmpeg_says_what_to_install(command: Command, tmp_path: Pa
         (("good.npz", "--time=0"), "--time goes with --png"),
         (("good.npz", "--gif=x.png"), "must end in .gif"),
         (("good.npz", "-o", "x.png"), "must end in .html"),
+        (("good.npz", "-o", "x.glb", "--open"), "--open goes with a page, and x.glb is a glTF"),
+        (("good.npz", "-o", "x.glb", "--against=good.npz"), "--against goes with a page, and x.glb is a glTF"),
+        (
+            ("good.npz", "--against=good.npz", "--png=x.png"),
+            "--against goes with a page: pictures and films show one run",
+        ),
+        (("good.npz", "--against=adams"), "--against 'adams': 'good.npz' is the record of a run; write another one"),
+        (("good.npz", "--against=none.npz"), "pose file 'none.npz' cannot be read"),
+        (("fourbar", "--against=ida"), "--against 'ida' is the run itself: ida, 1e-06"),
+        (("fourbar", "--against=:1e-6"), "--against ':1e-6' is the run itself: ida, 1e-06"),
+        (("fourbar", "--against=adam"), "solver is 'adam'; did you mean 'adams'?"),
+        (
+            ("fourbar", "--against=ida:fine"),
+            "against 'ida:fine': 'fine' is no number; write SOLVER",
+        ),
+        (("fourbar", "--against="), "against '': write SOLVER, SOLVER:RTOL or :RTOL"),
         (("good.npz", "--gif=x.gif", "--fps=0"), "--fps is 0"),
         (("good.npz", "--gif=x.gif", "--speed=nan"), "--speed is nan"),
         (("good.npz", "--scale=0"), "--scale is 0; allowed: finite and greater than zero"),
@@ -233,7 +344,7 @@ def test_page_of_the_docs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.chdir(tmp_path)
     blocks = re.findall(r"```(\w+)\n(.*?)```", page, flags=re.DOTALL)
     commands = [line for language, text in blocks if language == "bash" for line in text.splitlines()]
-    assert len(commands) == 8
+    assert len(commands) == 11
     for line in commands:
         parser().parse_args(shlex.split(line)[1:])
     for language, text in blocks:
@@ -270,6 +381,8 @@ def test_page_draws_in_a_browser(tmp_path: Path, model: Model) -> None:
     content = opened("--dump-dom")
     assert 'data-state="ready"' in content
     assert "/ 0.30 s" in content
+    assert 'class="uplot' in content
+    assert re.search(r'aria-pressed="true".*?<output>[-\d.e]+ (m|rad)</output>', content)
     opened(f"--screenshot={picture}")
     pixels = imread(picture)[60:400, 100:440, :3]
     assert len(np.unique(pixels.reshape(-1, 3), axis=0)) > 300

@@ -6,7 +6,7 @@ from typing import Any
 
 from mbfmu.mechanics.dispatch import apply_load, load_potential, load_power
 from mbfmu.mechanics.flexible import modal
-from solvers.compiled.kernel import inlined
+from solvers.compiled.kernel import inlined, kernel
 
 
 @inlined
@@ -24,6 +24,12 @@ def apply_loads(t: float, arrays: Any, state: Any) -> None:
     for i in range(arrays.elastics.shape[0]):
         modal.load(arrays.elastics[i], state)
     state.time[0] = t
+
+
+@kernel
+def apply_alone(k: int, t: float, arrays: Any, state: Any) -> None:
+    """Let one load add its own to the applied wrenches and the coordinate forces."""
+    apply_load(arrays.loads[k], t, arrays, state)
 
 
 @inlined

@@ -62,3 +62,9 @@ function rotation(e, i, out) {
 
 /** Red, green and blue from 0 to 1 of "#rrggbb". */
 const rgb = (text) => [1, 3, 5].map((i) => parseInt(text.slice(i, i + 2), 16) / 255);
+
+/** A number with so many figures and no more zeros than it needs. */
+function figures(x, count = 4) {
+  const size = Math.abs(x), text = String(Number(x.toPrecision(count)));
+  return size > 0 && (size >= 1e5 || size < 1e-4) ? Number(x.toPrecision(count)).toExponential() : text;
+}

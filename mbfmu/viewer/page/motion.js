@@ -1,27 +1,66 @@
-/* The recorded motion: reads the embedded numbers and places every body between two recorded frames. */
+/* The recorded motion: unpacks the embedded numbers and places every body between two recorded frames. */
 
-/** Bytes of an embedded base64 block as an array of the given type. */
-function embedded(id, Type) {
-  const text = atob(document.getElementById(id).textContent.trim());
-  const bytes = new Uint8Array(text.length);
-  for (let i = 0; i < text.length; i++) {
-    bytes[i] = text.charCodeAt(i);
+/**
+ * The numbers of an embedded block as an array of the given type, frame after frame. They are packed: words of 32 bits,
+ * column after column, each less the one before, their first bytes before all second ones, deflated, in base64.
+ */
+async function embedded(id, Type, frames) {
+  const bytes = Uint8Array.from(atob(document.getElementById(id).textContent), (c) => c.charCodeAt(0));
+  const whole = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
+  const planes = new Uint8Array(await new Response(whole).arrayBuffer()), count = planes.length / 4;
+  const words = new Uint32Array(count), columns = frames ? count / frames : Type.BYTES_PER_ELEMENT / 4;
+  const rows = count / columns;
+  for (let column = 0, i = 0; column < columns; column++) {
+    for (let row = 0, word = 0; row < rows; row++, i++) {
+      word += planes[i] | (planes[count + i] << 8) | (planes[2 * count + i] << 16) | (planes[3 * count + i] << 24);
+      words[row * columns + column] = word |= 0;
+    }
   }
-  return new Type(bytes.buffer);
+  return new Type(words.buffer);
+}
+
+/** The numbers over time of the run whose blocks end in `suffix`. */
+async function recorded(suffix = "") {
+  const times = await embedded(`times${suffix}`, Float64Array), found = { times };
+  for (const name of ["positions", "quaternions", "amplitudes", "outputs", "forces"]) {
+    found[name] = await embedded(name + suffix, Float32Array, times.length);
+  }
+  return found;
+}
+
+/** Number of the last recorded frame not after a time. */
+function frameAt(times, time) {
+  let low = 0, high = times.length - 1;
+  while (low < high) {
+    const middle = (low + high + 1) >> 1;
+    if (times[middle] <= time) {
+      low = middle;
+    } else {
+      high = middle - 1;
+    }
+  }
+  return low;
+}
+
+/** Outputs with their values over time, which are embedded frame after frame, less their first. */
+function columns(outputs, table) {
+  const wide = outputs.length;
+  return outputs.map(({ name, unit, base }, k) => {
+    const values = Float64Array.from({ length: table.length / wide }, (_, i) => base + table[i * wide + k]);
+    return { name, unit, values };
+  });
 }
 
 class Motion {
   /** `turning`: numbers of the bodies whose orientation is recorded, in the order of their quaternions. */
-  constructor(bodies, turning) {
-    this.times = embedded("times", Float64Array);
-    this.positions = embedded("positions", Float32Array);
-    this.quaternions = embedded("quaternions", Float32Array);
-    this.amplitudes = embedded("amplitudes", Float32Array);
-    this.bodies = bodies;
+  constructor({ bodies, turning, outputs, arrows }, recorded) {
+    Object.assign(this, recorded);
+    this.outputs = columns(outputs, recorded.outputs);
     this.slots = new Map(turning.map((body, k) => [body, k]));
-    this.r = new Float32Array(3 * bodies);
+    this.r = new Float32Array(3 * bodies.length);
     this.e = new Float32Array(4 * turning.length);
     this.p = new Float32Array(this.amplitudes.length / this.times.length);
+    this.f = new Float32Array(3 * arrows.length);
     this.A = new Float32Array(9);
   }
 
@@ -38,28 +77,37 @@ class Motion {
     return (this.end - this.start) / (this.times.length - 1) || 1;
   }
 
-  /** Number of the last recorded frame not after a time. */
-  frame(time) {
-    let low = 0, high = this.times.length - 1;
-    while (low < high) {
-      const middle = (low + high + 1) >> 1;
-      if (this.times[middle] <= time) {
-        low = middle;
-      } else {
-        high = middle - 1;
-      }
-    }
-    return low;
+  /** The frames a time lies between, and how far from the first to the second; a time outside is brought inside. */
+  around(time) {
+    const k = frameAt(this.times, time), next = Math.min(k + 1, this.times.length - 1);
+    const span = this.times[next] - this.times[k];
+    return [k, next, span > 0 ? Math.max((time - this.times[k]) / span, 0) : 0];
   }
 
   /** Place every body at a time. */
   place(time) {
-    const k = this.frame(time), next = Math.min(k + 1, this.times.length - 1);
-    const span = this.times[next] - this.times[k];
-    const s = span > 0 ? (time - this.times[k]) / span : 0;
+    const [k, next, s] = this.around(time);
     this.between(this.positions, this.r, k, next, s);
     this.between(this.quaternions, this.e, k, next, s, 4);
     this.between(this.amplitudes, this.p, k, next, s);
+    this.between(this.forces, this.f, k, next, s);
+  }
+
+  /** Velocity of a point of a body: differences over the frames before and after, mixed. The bodies stay placed. */
+  velocity(body, at, time) {
+    const [first, second, s] = this.around(time);
+    const place = (k) => {
+      this.place(this.times[k]);
+      return this.point(body, at);
+    };
+    const rate = (k) => {
+      const [a, b] = [Math.max(k - 1, 0), Math.min(k + 1, this.times.length - 1)];
+      const way = add(place(b), place(a), -1);
+      return b > a ? scaled(way, 1 / (this.times[b] - this.times[a])) : [0, 0, 0];
+    };
+    const mixed = add(scaled(rate(first), 1 - s), rate(second), s);
+    this.place(time);
+    return mixed;
   }
 
   /** Mix two frames into `out`; quaternions (`width` 4) go the short way and keep unit length. */

@@ -43,7 +43,8 @@ void main() {
   `${UNIFORMS}${SHADING}
 in vec3 point, facing, tint;
 out vec4 pixel;
-void main() { pixel = shade.a > 0.0 ? shade : vec4(lit(tint, facing, eye, point), 1.0); }`,
+uniform float opacity;
+void main() { pixel = shade.a > 0.0 ? shade : vec4(lit(tint, facing, eye, point), opacity); }`,
 ];
 
 /* A skin: light shines through it, and its back is a little paler. */
@@ -59,7 +60,7 @@ void main() {
 }`,
   `${UNIFORMS}${SHADING}
 uniform vec3 colour;
-uniform float mesh;
+uniform float mesh, opacity;
 in vec3 point, facing;
 out vec4 pixel;
 void main() {
@@ -67,7 +68,7 @@ void main() {
   vec3 tint = front ? colour : mix(colour, vec3(0.9), 0.4);
   vec3 n = front ? facing : -facing;
   vec3 seen = mix(lit(tint, n, eye, point), lit(tint, -n, eye, point), 0.25);
-  pixel = shade.a > 0.0 ? shade : mesh > 0.0 ? vec4(0.5 * seen, 0.4) : vec4(seen, 1.0);
+  pixel = shade.a > 0.0 ? shade : mesh > 0.0 ? vec4(0.5 * seen, 0.4 * opacity) : vec4(seen, opacity);
 }`,
 ];
 
@@ -244,6 +245,7 @@ class Renderer {
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT | gl.STENCIL_BUFFER_BIT);
     this.world = world;
     this.shade = [0, 0, 0, 0];
+    this.opacity = 1;
   }
 
   /** Draw into this part of the canvas from now on. */
@@ -263,6 +265,9 @@ class Renderer {
     }
     if (uniforms.floorHeight) {
       gl.uniform1f(uniforms.floorHeight, this.world.floorHeight);
+    }
+    if (uniforms.opacity) {
+      gl.uniform1f(uniforms.opacity, this.opacity);
     }
     if (uniforms.shade) {
       gl.uniform4fv(uniforms.shade, this.shade);
@@ -288,11 +293,14 @@ class Renderer {
     gl.drawElements(gl.TRIANGLES, item.faceCount, gl.UNSIGNED_INT, 0);
     gl.disable(gl.POLYGON_OFFSET_FILL);
     if (mesh) {
+      const blended = gl.isEnabled(gl.BLEND);
       gl.enable(gl.BLEND);
       gl.uniform1f(uniforms.mesh, 1);
       gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, item.edges);
       gl.drawElements(gl.LINES, item.edgeCount, gl.UNSIGNED_INT, 0);
-      gl.disable(gl.BLEND);
+      if (!blended) {
+        gl.disable(gl.BLEND);
+      }
     }
   }
 
@@ -308,6 +316,21 @@ class Renderer {
     gl.enable(gl.BLEND);
     gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, item.count);
     gl.disable(gl.BLEND);
+  }
+
+  /** Let what `draw` draws shine through, but not what is hidden by itself: its depths come first. */
+  translucent(opacity, draw) {
+    const gl = this.gl;
+    gl.colorMask(false, false, false, false);
+    draw();
+    gl.colorMask(true, true, true, true);
+    this.opacity = opacity;
+    gl.enable(gl.BLEND);
+    gl.depthFunc(gl.LEQUAL);
+    draw();
+    gl.depthFunc(gl.LESS);
+    gl.disable(gl.BLEND);
+    this.opacity = 1;
   }
 
   /** Draw the shadows that `draw` casts on the floor, everywhere equally dark. */

@@ -48,6 +48,14 @@ function cylinder() {
   return together(side, cap(0.5), cap(-0.5));
 }
 
+/** Radius 1 at the foot, length 1 along z, the tip above. */
+function cone() {
+  const round = (v) => [Math.cos(TURN * v), Math.sin(TURN * v)];
+  const side = patch(1, 24, (u, v) => [[...round(v).map((x) => u * x), 0.5 - u], unit([...round(v), 1])]);
+  const foot = patch(1, 24, (u, v) => [[...round(v).map((x) => u * x), -0.5], [0, 0, -1]]);
+  return together(side, foot);
+}
+
 /** Edges of length 1; with the faces across these axes. */
 function box(axes = [0, 1, 2]) {
   const faces = [];

@@ -1,7 +1,6 @@
 /* The page: time, camera and options in the hands of the reader. */
 
-const SPEEDS = [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 1000];
-
+const SHOWN = ["grid", "shadow", "labels", "mesh", "forces", "beside"]; // by switches
 const THEMES = {
   light: {
     background: rgb("#eef1f5"),
@@ -20,52 +19,47 @@ const THEMES = {
 const element = (id) => document.getElementById(id);
 
 class Viewer {
-  constructor(scene) {
+  /** `motion` and, or null, `beside`: the runs of the scene. */
+  constructor(scene, motion, beside) {
     this.scene = scene;
     this.canvas = element("view");
-    this.motion = new Motion(scene.bodies.length, scene.turning);
+    this.motion = motion;
+    this.beside = beside;
     this.renderer = new Renderer(this.canvas);
-    this.stage = new Stage(this.renderer, scene, this.motion);
+    this.stage = new Stage(this.renderer, scene, this.motion, this.beside);
     this.camera = new Camera(scene.stage);
-    this.time = this.motion.start;
-    this.speed = this.fittingSpeed();
+    this.clock = new Clock(motion.times);
     this.hovered = null;
     this.theme = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
-    this.playing = this.motion.end > this.motion.start && !matchMedia("(prefers-reduced-motion: reduce)").matches;
+    this.clock.playing = this.clock.end > this.clock.start && !matchMedia("(prefers-reduced-motion: reduce)").matches;
     this.prepareControls();
+    this.preparePlot();
     this.prepareLabels();
-    this.preparePointer();
-    this.prepareKeys();
+    handPointer(this);
+    handKeys(this);
+    freeKeys();
     this.stale = true;
     new ResizeObserver(() => (this.stale = true)).observe(this.canvas);
-    this.last = performance.now();
     requestAnimationFrame((now) => this.tick(now));
-  }
-
-  /** Real time, unless the motion would be over in a moment or last for minutes. */
-  fittingSpeed() {
-    const span = this.motion.end - this.motion.start;
-    if (span >= 2 && span <= 120) {
-      return 1;
-    }
-    return SPEEDS.findLast((speed) => span / speed >= 5) ?? SPEEDS[0];
   }
 
   prepareControls() {
     const { note, bodies, picture } = this.scene;
-    element("note").textContent = [note, `grid ${this.stage.floor.spacing} m`].filter((text) => text).join(" · ");
+    const beside = this.scene.against && `beside it ${this.scene.against.title}`;
+    const grid = `grid ${figures(this.stage.floor.spacing)} m`;
+    element("note").textContent = [note, beside, grid].filter((text) => text).join(" · ");
     const slider = element("time");
-    slider.min = this.motion.start;
-    slider.max = this.motion.end;
-    slider.addEventListener("input", () => {
-      this.playing = false;
-      this.goTo(Number(slider.value));
+    slider.min = this.clock.start;
+    slider.max = this.clock.end;
+    slider.addEventListener("input", () => this.halt(Number(slider.value)));
+    element("play").addEventListener("click", () => {
+      this.clock.toggle();
+      this.stale = true;
     });
-    element("play").addEventListener("click", () => this.toggle());
     for (const speed of SPEEDS) {
-      element("speed").add(new Option(`${speed}×`, speed, false, speed === this.speed));
+      element("speed").add(new Option(`${speed}×`, speed, false, speed === this.clock.speed));
     }
-    element("speed").addEventListener("change", (event) => (this.speed = Number(event.target.value)));
+    element("speed").addEventListener("change", (event) => (this.clock.speed = Number(event.target.value)));
     bodies.forEach((name, k) => k > 0 && element("trace").add(new Option(name, k)));
     element("trace").addEventListener("change", (event) => {
       const body = event.target.value === "" ? null : Number(event.target.value);
@@ -73,13 +67,39 @@ class Viewer {
       this.stale = true;
     });
     element("mesh-option").hidden = picture.skins.length === 0;
-    for (const name of ["grid", "shadow", "labels", "mesh"]) {
+    element("forces-option").hidden = this.scene.arrows.length === 0;
+    element("beside-option").hidden = !this.beside;
+    for (const name of SHOWN) {
       element(`show-${name}`).addEventListener("change", () => (this.stale = true));
     }
+    this.prepareLegend();
     element("reset").addEventListener("click", () => this.reset());
     element("theme").addEventListener("click", () => this.switchTheme());
     element("save").addEventListener("click", () => this.save());
     document.documentElement.dataset.theme = this.theme;
+  }
+
+  /** What the arrows mean: their scale, and whose they are. */
+  prepareLegend() {
+    const kinds = Object.keys(KINDS).filter((kind) => this.scene.arrows.some((arrow) => arrow.kind === kind));
+    element("legend").append(`arrows: ${this.stage.arrows.legend.join(", ")}`);
+    for (const kind of kinds) {
+      const dot = document.createElement("i");
+      dot.style.background = KINDS[kind];
+      element("legend").append(dot, KIND_NAMES[kind]);
+    }
+  }
+
+  preparePlot() {
+    const motions = [this.motion, this.beside].filter((motion) => motion);
+    const plotted = this.motion.outputs.length > 0;
+    element("plot-option").hidden = !plotted;
+    const show = () => document.body.classList.toggle("plotted", plotted && element("show-plot").checked);
+    element("show-plot").checked = window.innerWidth > 760;
+    element("show-plot").addEventListener("change", show);
+    show();
+    element("options").open = this.canvas.clientWidth > 800; // it would stand before the motion
+    this.plot = new Plot(element("curves"), element("choice"), motions, (time) => this.halt(time));
   }
 
   prepareLabels() {
@@ -101,110 +121,40 @@ class Viewer {
     this.triadLines = lines.map((points) => this.renderer.lines(points, true));
   }
 
-  preparePointer() {
-    const pointers = new Map();
-    const canvas = this.canvas;
-    const middle = () => {
-      const all = [...pointers.values()];
-      return [0, 1].map((k) => all.reduce((sum, p) => sum + p[k], 0) / all.length);
-    };
-    const spread = () => {
-      const [a, b] = [...pointers.values()];
-      return b ? Math.hypot(a[0] - b[0], a[1] - b[1]) : 0;
-    };
-    canvas.addEventListener("pointerdown", (event) => {
-      canvas.setPointerCapture(event.pointerId);
-      pointers.set(event.pointerId, [event.clientX, event.clientY]);
-    });
-    canvas.addEventListener("pointermove", (event) => {
-      this.stale = true;
-      if (!pointers.has(event.pointerId)) {
-        this.hovered = [event.clientX, event.clientY];
-        return;
-      }
-      const before = middle(), wide = spread();
-      pointers.set(event.pointerId, [event.clientX, event.clientY]);
-      const [dx, dy] = middle().map((x, k) => (x - before[k]) / canvas.clientHeight);
-      if (pointers.size > 1 || event.buttons & 6 || event.shiftKey) {
-        this.camera.shift(dx, dy);
-      } else {
-        this.camera.turn(4 * dx, 4 * dy);
-      }
-      if (wide > 0 && spread() > 0) {
-        this.camera.zoom(wide / spread());
-      }
-    });
-    for (const name of ["pointerup", "pointercancel"]) {
-      canvas.addEventListener(name, (event) => pointers.delete(event.pointerId));
-    }
-    canvas.addEventListener("pointerleave", () => {
-      this.hovered = null;
-      this.stale = true;
-    });
-    canvas.addEventListener("contextmenu", (event) => event.preventDefault());
-    canvas.addEventListener("dblclick", () => this.reset());
-    canvas.addEventListener("wheel", (event) => {
-      event.preventDefault();
-      this.camera.zoom(Math.exp(Math.min(Math.max(event.deltaY, -100), 100) * 0.0016));
-      this.stale = true;
-    }, { passive: false });
-  }
-
-  prepareKeys() {
-    const actions = {
-      " ": () => this.toggle(),
-      ArrowRight: () => this.step(1),
-      ArrowLeft: () => this.step(-1),
-      Home: () => this.goTo(this.motion.start),
-      End: () => this.goTo(this.motion.end),
-      "+": () => this.changeSpeed(1),
-      "-": () => this.changeSpeed(-1),
-      g: () => element("show-grid").click(),
-      l: () => element("show-labels").click(),
-      m: () => element("show-mesh").click(),
-      r: () => this.reset(),
-      t: () => this.switchTheme(),
-      p: () => this.save(),
-    };
-    addEventListener("keydown", (event) => {
-      const action = actions[event.key.length === 1 ? event.key.toLowerCase() : event.key];
-      const { target } = event;
-      const button = target instanceof HTMLButtonElement || target.type === "checkbox";
-      const taken = target instanceof HTMLSelectElement || (button && event.key === " ");
-      if (!action || taken || event.ctrlKey || event.metaKey || event.altKey) {
-        return;
-      }
-      event.preventDefault();
-      action();
-    });
-  }
-
-  toggle() {
-    this.playing = !this.playing;
-    if (this.playing && this.time >= this.motion.end) {
-      this.time = this.motion.start;
-    }
+  /** Stop at a time. */
+  halt(time) {
+    this.clock.halt(time);
     this.stale = true;
   }
 
-  goTo(time) {
-    this.time = Math.min(Math.max(time, this.motion.start), this.motion.end);
+  /** Pick the body that is seen at a place of the canvas. */
+  pick(x, y) {
+    const { clientWidth: width, clientHeight: height } = this.canvas;
+    const { eye, right, up, back } = this.camera.look();
+    const slope = Math.tan(this.camera.field / 2);
+    const across = slope * this.camera.aspect * ((2 * x) / width - 1), above = slope * (1 - (2 * y) / height);
+    this.stage.figure.place(this.clock.time);
+    this.hold(picked(this.stage.figure, eye, combined([right, up, back], [across, above, -1])));
+  }
+
+  /** Have a body, or none, highlighted and told of. */
+  hold(body) {
+    this.stage.figure.picked = body;
+    element("card").hidden = body === null;
     this.stale = true;
   }
 
-  /** To the next or the last recorded frame. */
-  step(by) {
-    this.playing = false;
-    const k = this.motion.frame(this.time);
-    const back = by < 0 && this.time > this.motion.times[k] ? 0 : by;
-    const last = this.motion.times.length - 1;
-    this.goTo(this.motion.times[Math.min(Math.max(k + back, 0), last)]);
-  }
-
-  changeSpeed(by) {
-    const k = SPEEDS.indexOf(this.speed) + by;
-    this.speed = SPEEDS[Math.min(Math.max(k, 0), SPEEDS.length - 1)];
-    element("speed").value = this.speed;
+  tell() {
+    const body = this.stage.figure.picked;
+    if (body === null) {
+      return;
+    }
+    const rows = told(this.scene, this.motion, body, this.clock.time).map((words) => {
+      const row = document.createElement("tr");
+      words.forEach((word) => (row.insertCell().textContent = word));
+      return row;
+    });
+    element("card").firstChild.replaceChildren(...rows);
   }
 
   reset() {
@@ -215,6 +165,7 @@ class Viewer {
   switchTheme() {
     this.theme = this.theme === "dark" ? "light" : "dark";
     document.documentElement.dataset.theme = this.theme;
+    this.plot.rebuild();
     this.stale = true;
   }
 
@@ -224,24 +175,16 @@ class Viewer {
     this.canvas.toBlob((blob) => {
       const link = document.createElement("a");
       link.href = URL.createObjectURL(blob);
-      link.download = `${this.scene.title.replaceAll("/", "_")}_${this.time.toFixed(3)}.png`;
+      link.download = `${this.scene.title.replaceAll("/", "_")}_${this.clock.time.toFixed(3)}.png`;
       link.click();
       URL.revokeObjectURL(link.href);
     });
   }
 
   tick(now) {
-    const passed = Math.min((now - this.last) / 1000, 0.1);
-    this.last = now;
-    if (this.playing) {
-      this.time += passed * this.speed;
-      this.stale = true;
-      if (this.time >= this.motion.end) {
-        const again = element("loop").checked;
-        this.time = again ? this.motion.start : this.motion.end;
-        this.playing = again;
-      }
-    }
+    this.clock.loop = element("loop").checked;
+    this.stale ||= this.clock.playing;
+    this.clock.tick(now);
     if (this.stale) {
       this.stale = false;
       this.draw();
@@ -252,20 +195,24 @@ class Viewer {
   draw() {
     const theme = THEMES[this.theme];
     const show = Object.fromEntries(
-      ["grid", "shadow", "labels", "mesh"].map((name) => [name, element(`show-${name}`).checked]),
+      SHOWN.map((name) => [name, element(`show-${name}`).checked]),
     );
     const height = Math.max(this.canvas.clientHeight, 1);
     const margins = { top: Math.min(50 / height, 0.2), bottom: Math.min(90 / height, 0.3), side: 0.05 };
     this.camera.resize(this.renderer.resize(), margins);
-    this.stage.place(this.time);
+    this.stage.place(this.clock.time);
     const look = this.camera.look();
     this.stage.draw(look, theme, show);
     this.drawTriad(look);
     this.placeLabels(look, show.labels);
     const digits = Math.min(Math.max(Math.ceil(-Math.log10(this.motion.interval) - 1e-9), 0), 9);
-    element("time").value = this.time;
-    element("clock").textContent = `${this.time.toFixed(digits)} / ${this.motion.end.toFixed(digits)} s`;
-    element("play").textContent = this.playing ? "❚❚" : "▶";
+    this.plot.show(this.clock.time);
+    this.tell();
+    element("legend").hidden = !show.forces;
+    element("time").value = this.clock.time;
+    element("speed").value = this.clock.speed;
+    element("clock").textContent = `${this.clock.time.toFixed(digits)} / ${this.clock.end.toFixed(digits)} s`;
+    element("play").textContent = this.clock.playing ? "❚❚" : "▶";
     document.body.dataset.state = "ready";
   }
 
@@ -301,7 +248,8 @@ class Viewer {
       }
     }
     for (const label of this.labels) {
-      label.span.hidden = !label.place || !(all || label === nearest);
+      const held = label.body === this.stage.figure.picked;
+      label.span.hidden = !label.place || !(all || held || label === nearest);
       if (!label.span.hidden) {
         label.span.style.transform = `translate(${label.place[0] + 10}px, ${label.place[1] - 24}px)`;
       }
@@ -309,12 +257,17 @@ class Viewer {
   }
 }
 
-try {
-  new Viewer(JSON.parse(element("scene").textContent));
-} catch (error) {
+async function start() {
+  const scene = JSON.parse(element("scene").textContent);
+  const motion = new Motion(scene, await recorded());
+  const beside = scene.against && new Motion(scene.against, await recorded("-against"));
+  return new Viewer(scene, motion, beside);
+}
+
+start().catch((error) => {
   const message = document.createElement("p");
   message.className = "failed";
   message.textContent = error.message;
   document.body.append(message);
   document.body.dataset.state = "failed";
-}
+});

@@ -1,0 +1,123 @@
+/* What is drawn of one run: the picture of its mechanism brought to the places its bodies have. */
+
+const PICKED = [1, 0.83, 0.1]; // what a picked body is tinted with
+
+/** The 3x3 matrix (columns, 9 numbers) that brings a unit solid along z between two points; its radius is given. */
+function stretched(a, b, radius) {
+  const along = add(b, a, -1), length = Math.hypot(...along);
+  const least = [0, 1, 2].reduce((best, k) => (Math.abs(along[k]) < Math.abs(along[best]) ? k : best), 0);
+  const other = [0, 0, 0];
+  other[least] = 1;
+  const x = length > 0 ? scaled(unit(cross(other, along)), radius) : [0, 0, 0];
+  const y = length > 0 ? scaled(unit(cross(along, x)), radius) : [0, 0, 0];
+  return [...x, ...y, ...along];
+}
+
+class Figure {
+  constructor(renderer, { picture }, motion, scale) {
+    this.renderer = renderer;
+    this.motion = motion;
+    this.scale = scale;
+    this.picked = null;
+    this.skins = picture.skins.map((skin) => {
+      const item = renderer.skin(skin.bodies.length, skin.bodies[0].length, rgb(skin.colour));
+      return { ...skin, item };
+    });
+    this.bars = picture.bars.map((bar) => {
+      const item = renderer.solids(box([1, 2]), bar.x.length - 1, 0), ends = renderer.solids(box(), 2, 0);
+      return { ...bar, item, ends };
+    });
+    this.groups = Object.keys(SOLIDS).map((solid) => this.group(solid, picture)).filter((group) => group);
+  }
+
+  /** All parts and links made from one solid. */
+  group(solid, picture) {
+    const parts = picture.parts.filter((part) => part.solid === solid);
+    const links = picture.links.filter((link) => link.solid === solid);
+    if (parts.length + links.length === 0) {
+      return null;
+    }
+    const wire = solid === "coil" ? WIRE : 0;
+    const item = this.renderer.solids(SOLIDS[solid](), parts.length + links.length, wire);
+    return { solid, parts, links, item };
+  }
+
+  /** Bring everything to a time. */
+  place(time) {
+    this.motion.place(time);
+    for (const { parts, links, item } of this.groups) {
+      parts.forEach((part, k) => this.placePart(part, item.data, INSTANCE * k));
+      links.forEach((link, k) => this.placeLink(link, item.data, INSTANCE * (parts.length + k)));
+      this.renderer.update(item);
+    }
+    for (const bar of this.bars) {
+      this.placeBar(bar);
+      this.renderer.update(bar.item);
+      this.renderer.update(bar.ends);
+    }
+    for (const skin of this.skins) {
+      this.placeSkin(skin);
+      this.renderer.update(skin.item);
+    }
+  }
+
+  /** The colour of a thing that belongs to these bodies. */
+  tint(colour, ...bodies) {
+    const own = rgb(colour);
+    return bodies.includes(this.picked) ? own.map((x, k) => 0.35 * x + 0.65 * PICKED[k]) : own;
+  }
+
+  placePart(part, data, i) {
+    const A = this.motion.orientation(part.body), m = part.axes;
+    for (let column = 0; column < 9; column += 3) {
+      for (let k = 0; k < 3; k++) {
+        data[i + column + k] = A[k] * m[column] + A[3 + k] * m[column + 1] + A[6 + k] * m[column + 2];
+      }
+    }
+    data.set(this.motion.point(part.body, part.at), i + 9);
+    data.set(this.tint(part.colour, part.body), i + 12);
+  }
+
+  placeLink(link, data, i) {
+    const a = this.motion.point(link.a, link.at_a), b = this.motion.point(link.b, link.at_b);
+    data.set([...stretched(a, b, link.radius), ...scaled(add(a, b), 0.5), ...this.tint(link.colour)], i);
+  }
+
+  /** Four sides from every point of the bent axis to the next; the first and the last piece once more, closed. */
+  placeBar(bar) {
+    const points = bar.x.map((_, k) => this.motion.point(bar.body, bent(bar, k, this.motion.p, this.scale)));
+    const z = this.motion.orientation(bar.body).slice(6), tint = this.tint(bar.colour, bar.body);
+    for (let k = 0; k + 1 < points.length; k++) {
+      const along = add(points[k + 1], points[k], -1);
+      const up = scaled(unit(cross(z, along)), bar.height);
+      const middle = scaled(add(points[k], points[k + 1]), 0.5);
+      bar.item.data.set([...along, ...up, ...scaled(z, bar.width), ...middle, ...tint], INSTANCE * k);
+    }
+    const data = bar.item.data;
+    bar.ends.data.set([...data.slice(0, INSTANCE), ...data.slice(-INSTANCE)]);
+  }
+
+  placeSkin({ bodies, at, item }) {
+    const rows = bodies.length, columns = bodies[0].length, data = item.data;
+    for (let i = 0; i < rows; i++) {
+      for (let j = 0; j < columns; j++) {
+        data.set(this.motion.point(bodies[i][j], at), 6 * (i * columns + j));
+      }
+    }
+    const difference = (a, b) => [0, 1, 2].map((k) => data[6 * b + k] - data[6 * a + k]);
+    for (let i = 0; i < rows; i++) {
+      for (let j = 0; j < columns; j++) {
+        const [above, below] = [Math.max(i - 1, 0), Math.min(i + 1, rows - 1)].map((k) => k * columns + j);
+        const [left, right] = [Math.max(j - 1, 0), Math.min(j + 1, columns - 1)].map((k) => i * columns + k);
+        data.set(cross(difference(above, below), difference(left, right)), 6 * (i * columns + j) + 3);
+      }
+    }
+  }
+
+  draw(mesh) {
+    const renderer = this.renderer;
+    [...this.groups, ...this.bars].forEach(({ item }) => renderer.drawSolids(item));
+    this.bars.forEach(({ ends }) => renderer.drawSolids(ends));
+    this.skins.forEach((skin) => renderer.drawSkin(skin.item, mesh));
+  }
+}
