@@ -89,11 +89,11 @@ An FMU does not tell poses. They come from a native repeat of the run, which is 
 
 def command_run(options: argparse.Namespace) -> int:
     """Run a scene; write what it gives into a folder; print a summary."""
+    begin = time.perf_counter()
     scene = scene_of(options)
     matching([v.name for v in (*scene.model.plant().outputs, *VARIABLES)], options.plot)  # complains before the run
     with results(options.output, scene, run_part(scene)) as place:
         recorder = Recorder()
-        begin = time.perf_counter()
         result = ran(scene, options, recorder)
         total = time.perf_counter() - begin
         if not options.native and result.wall_time < QUICK:
