@@ -29,7 +29,7 @@ from .assembly import assemble_positions, assemble_velocities, check_frames, che
 from .bending import Bend, bend
 from .compile import Compiled, Numbering, Variable, check_rows, shared
 from .inputs import Drives, Inputs
-from .rows import Probe, dependent_rows, describe, row_names, row_units
+from .rows import Probe, dependent_rows, describe, row_names
 from .scale import characteristic_length, coordinate_sizes, row_sizes
 
 LARGE = 60  # coordinates of a tree without loops from which on no dense matrix is made
@@ -51,7 +51,7 @@ class Plant:
     length
         Characteristic length, m; see :func:`.scale.characteristic_length`.
     void_rows
-        Names of cut-joint rows that no free motion works against; dropped.
+        Names of rows of constraints that no free motion works against; dropped.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
@@ -68,10 +68,10 @@ class Plant:
         self.data = compiled.data
         self.length = characteristic_length(mechanism, self.data.arrays)
         self._size = coordinate_sizes(self._free_bodies(), self.length)
-        names = row_names(mechanism.cuts)
+        names = row_names(mechanism.constraints)
         self.drives = Drives(mechanism, numbering, compiled.signals, self.length)
         self.inputs = Inputs(numbering, self.data.arrays, compiled.signals, self.drives)
-        self._row_size = np.concatenate([np.zeros(0), *(row_sizes(c.cut, self.length) for c in mechanism.cuts)])
+        self._row_size = np.concatenate([np.zeros(0), *(row_sizes(c, self.length) for c in mechanism.constraints)])
         self.void_rows: list[str] = []
         large = not mechanism.elastics and numbering.nv > (LARGE_LOOPS if names else LARGE)  # T knows no modes
         make = self._tree_system if large else self._system
@@ -233,7 +233,7 @@ class Plant:
                 for k in given:
                     signals[k].record["c"][0] = centers[k] + self.drives.sizes[k] * probe.normal()
         self.data.arrays.memory[:] = before
-        void = probe.void(row_units(self.mechanism.cuts))
+        void = probe.void([unit for handle in self.mechanism.constraints for unit in handle.units])
         self.data.arrays.kept[:] = np.where(void, -1, np.cumsum(~void) - 1)
         return [names[i] for i in np.flatnonzero(void)]
 
@@ -243,13 +243,14 @@ class Plant:
         return max(np.sqrt(weight / self.length), *(1.0 / pace for pace in self.drives.paces(bodies)), 0.0)
 
     def _loop_rate(self) -> float:
-        """Return how fast gravity and the drives that carry a cut joint's bodies move the loops, 1/s."""
+        """Return how fast gravity and the drives that carry a cut joint's bodies or are coupled move them, 1/s."""
         carrying: set[int] = set()
         for body in (end.index for cut in self.mechanism.cuts for end in (cut.a, cut.b)):
             k = body
             while k > 0 and k not in carrying:
                 carrying.add(k)
                 k = self.mechanism.bodies[k].parent
+        carrying.update(end.index for coupling in self.mechanism.couplings for end in (coupling.a, coupling.b))
         return self._rate(carrying)
 
     def _row_sizes(self, names: list[str]) -> Array:
@@ -312,14 +313,14 @@ class Plant:
         AssemblyError
             A loop cannot close, or closes the wrong way round; says which and by how much.
         """
-        if not self.mechanism.cuts:
+        if not self.mechanism.constraints:
             return start.copy()
         self.system.fill_position(t, start, self.system.allocate_terms())
         drawn = frame_angles(self.mechanism.cuts, self.data.state)
         try:
             q = assemble_positions(self.system, t, start, held)
         except AssemblyError as error:
-            if drawn.max() < 1.0:  # rad
+            if drawn.max(initial=0.0) < 1.0:  # rad
                 raise
             worst = int(np.argmax(drawn))
             raise AssemblyError(
@@ -357,10 +358,10 @@ class Plant:
         return best
 
     def loops(self, t: float, q: Array) -> list[str]:
-        """Return in sentences which rows of the cut joints are void and which are redundant about q (nq,)."""
+        """Return in sentences which rows of the constraints are void and which are redundant about q (nq,)."""
         names = self.system.constraint_names
         redundant = dependent_rows(self.system, t, self.beside(t, q))
-        lines = describe(self.mechanism.cuts, self.void_rows, [names[i] for i in redundant])
+        lines = describe(self.mechanism.constraints, self.void_rows, [names[i] for i in redundant])
         lost = len(dependent_rows(self.system, t, q)) - len(redundant)
         if lost > 0:
             rows = "1 more row depends" if lost == 1 else f"{lost} more rows depend"
@@ -373,9 +374,8 @@ class Plant:
         arrays, state = self.data
         rows, load = state.rows, np.where(arrays.kept >= 0, lam[arrays.kept], 0.0)
         found = np.zeros((len(arrays.cuts), 2, 6))
-        ends = [*arrays.cuts["row"][1:], len(rows)]
-        for wrenches, cut, end in zip(found, arrays.cuts, ends, strict=True):
-            own = slice(int(cut["row"]), int(end))
+        for wrenches, cut in zip(found, arrays.cuts, strict=True):
+            own = slice(int(cut["row"]), int(cut["end"]))
             for wrench, body, G in zip(wrenches, (cut["a"], cut["b"]), (rows["Ga"], rows["Gb"]), strict=True):
                 wrench[:] = -(load[own] @ G[own]).reshape(2, 3).dot(state.bodies["A"][int(body)]).ravel()
         return found
