@@ -219,7 +219,7 @@ def test_a_drive_takes_the_effort_of_what_is_coupled_to_it(driven: str, solver: 
     inertia = 2.0 + 0.3 * 16.0 if driven == "a" else 0.3 + 2.0 / 16.0
     np.testing.assert_allclose(result["effort"], inertia * result["acceleration"], atol=1e-5)
     np.testing.assert_allclose(result["inner"], (0.3 if driven == "a" else 2.0) * result["other"], atol=1e-5)
-    assert np.abs(result["energy_imbalance"]).max() < 1e-5
+    assert np.abs(result["energy_imbalance"]).max() < 1e-5 * np.ptp(result["energy"])
     assert np.ptp(result["energy"]) > 0.1
 
 
@@ -398,7 +398,7 @@ def test_a_large_tree_with_gears() -> None:
         assert np.ptp(found[solver]["energy"]) < 1e-3
         assert found[solver]["open"].max() < 1e-8
     for name in ("first", "last"):
-        np.testing.assert_allclose(found["ida"][name], found["adams"][name], atol=3e-5)
+        np.testing.assert_allclose(found["ida"][name], found["adams"][name], atol=3e-4)
         assert np.ptp(found["adams"][name]) > 0.05
 
 
@@ -461,5 +461,5 @@ def test_a_driven_cam_has_no_steady_state() -> None:
     m = Mechanism(gravity=(0.0, -9.81, 0.0))
     stem = m.body("stem", m.ground, Translational(axis="y"), mass=0.5)
     m.couple("lift", LAWS["function"], stem, wheel(m, "cam", 1.0, start=None, drive=Polynomial((0.5, 3.0))))
-    with pytest.raises(EquilibriumError, match="the drive opens a loop"):
+    with pytest.raises(EquilibriumError, match=r"no steady state: .* loop that opens by"):
         equilibrium(m)
