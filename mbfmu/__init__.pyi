@@ -7,6 +7,7 @@ from .mechanics import (
     BeamElement,
     Box,
     Bushing,
+    Cam,
     Cylinder,
     Cylindrical,
     CylindricalCut,
@@ -14,6 +15,7 @@ from .mechanics import (
     DistanceStop,
     Floating,
     Function,
+    Gear,
     Geodesic,
     Harmonic,
     Input,
@@ -70,14 +72,15 @@ from .studies.compare import compare
 from .viewer.show import view
 
 __all__ = [
-    "AssemblyError", "Beam", "BeamElement", "Box", "Bushing", "Cylinder", "Cylindrical", "CylindricalCut",
-    "DistanceCut", "DistanceStop", "Equilibrium", "EquilibriumError", "Floating", "Function", "Geodesic", "Harmonic",
-    "Input", "JointForce", "JointSpring", "JointStop", "Mechanism", "Model", "OutOfPlane", "Planar", "PlanarCut",
-    "PlaneCut", "Plate", "PointForce", "Polynomial", "Product", "Ramp", "Result", "Revolute", "RevoluteCut", "RunUp",
-    "Screw", "Settings", "Simulation", "SpeedInput", "Sphere", "Spherical", "SphericalCut", "Spring", "StateSpace",
-    "Step", "Sum", "Support", "Table", "Torque", "TorsionSpring", "Translational", "TranslationalCut", "Universal",
-    "UserError", "Weld", "WeldCut", "add_chain", "add_sheet", "box", "compare", "cylinder", "equilibrium", "export",
-    "find", "linearize", "models", "modes", "parameter", "rod", "simulate", "sphere", "tube", "view",
+    "AssemblyError", "Beam", "BeamElement", "Box", "Bushing", "Cam", "Cylinder", "Cylindrical", "CylindricalCut",
+    "DistanceCut", "DistanceStop", "Equilibrium", "EquilibriumError", "Floating", "Function", "Gear", "Geodesic",
+    "Harmonic", "Input", "JointForce", "JointSpring", "JointStop", "Mechanism", "Model", "OutOfPlane", "Planar",
+    "PlanarCut", "PlaneCut", "Plate", "PointForce", "Polynomial", "Product", "Ramp", "Result", "Revolute",
+    "RevoluteCut", "RunUp", "Screw", "Settings", "Simulation", "SpeedInput", "Sphere", "Spherical", "SphericalCut",
+    "Spring", "StateSpace", "Step", "Sum", "Support", "Table", "Torque", "TorsionSpring", "Translational",
+    "TranslationalCut", "Universal", "UserError", "Weld", "WeldCut", "add_chain", "add_sheet", "box", "compare",
+    "cylinder", "equilibrium", "export", "find", "linearize", "models", "modes", "parameter", "rod", "simulate",
+    "sphere", "tube", "view",
 ]  # fmt: skip
 
 __version__: str

@@ -109,8 +109,8 @@ def nearest(plant: Plant, before: Place, here: Place) -> str:
     if ratio > NEAR:
         return ""
     names = [name for name, part in zip(plant.system.constraint_names, rows, strict=True) if part > 0.5 * rows.max()]
-    cuts = {handle.name for handle in plant.mechanism.cuts}
-    found = dict.fromkeys(name if name in cuts else name.rpartition(".")[0] for name in names)
+    whole = {handle.name for handle in plant.mechanism.constraints}
+    found = dict.fromkeys(name if name in whole else name.rpartition(".")[0] for name in names)
     loops = " and ".join(repr(name) for name in found)
     return f"; the loop that {loops} closes is near a singular position (singular values {ratio:.1e})"
 
@@ -135,11 +135,14 @@ def distance(plant: Plant, t: float, q: Array) -> tuple[float, Array]:
 
 
 def row_sizes(plant: Plant, lengths: Array) -> Array:
-    """Return for every row of J the largest of ``lengths`` (m,) among those of its cut joint and kind."""
+    """Return for every row of J the largest of ``lengths`` (m,) among those of its cut joint and kind, of a coupling
+    its own.
+    """
     data: Any = plant.data
-    first = data.arrays.cuts["row"]
+    first = np.concatenate((data.arrays.cuts["row"], data.arrays.couplings["row"]))
     kept = np.flatnonzero(data.arrays.kept >= 0)
-    cut = np.searchsorted(first, kept, side="right")
-    moves = np.abs(data.state.rows["Ga"][kept, :3]).max(axis=1) > 0.0
-    kinds = 2 * cut + moves
+    owner = np.searchsorted(first, kept, side="right")
+    moves = np.zeros(len(data.arrays.kept), bool)
+    moves[: len(data.state.rows)] = np.abs(data.state.rows["Ga"][:, :3]).max(axis=1, initial=0.0) > 0.0
+    kinds = 2 * owner + moves[kept]
     return np.array([max(lengths[kinds == kind].max(), 1e-300) for kind in kinds])

@@ -23,7 +23,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mbfmu.mechanics import Cut, Force, Joint, Load, Mechanism, Sensor, Signal, kernel, rod, signal_value
+from mbfmu.mechanics import (
+    Coupling, Cut, Force, Joint, Load, Mechanism, Sensor, Signal, Translational, kernel, rod, signal_value
+)
 from mbfmu.mechanics.spatial import arm
 from mbfmu.model import Model, parameter
 
@@ -78,6 +80,21 @@ def level(cut, A, B, row, state):
 class LevelCut(Cut):
     rows, units = ("y",), ("N",)
     evaluate = level
+
+
+@kernel
+def square(coupling, x, arrays):
+    return coupling.bend * x * x, 2.0 * coupling.bend * x, 2.0 * coupling.bend + 0.0 * x
+
+
+@dataclass(frozen=True, kw_only=True)
+class Squares(Coupling):
+    record = np.dtype([("bend", np.float64)])
+    evaluate = square
+    bend: float  # 1/m
+
+    def fill(self, record, site):
+        record["bend"] = self.bend
 
 
 @kernel
@@ -159,10 +176,14 @@ def add(m, count, lag):
         last = m.body(f"link{i}", last, Parabola(bend=0.1, start=0.01, at=(0.02, 0, 0)), mass=0.1)
     other = m.body("other", m.ground, Parabola(bend=0.5, start=-0.4, at=(0.0, 0.0, 0.5)), mass=2.0)
     m.cut("level", LevelCut(at_b=(0, 0.1, 0)), bead, other)
+    lift = m.body("lift", m.ground, Translational(axis="y", at=(0.0, 0.0, 1.0)), mass=0.5)
+    ties = m.couple("ties", Squares(bend=0.3), lift, other)
     m.force("cubic", Cubic(strength=3.0, part=Lag(lag=lag) if lag else 1.0), bead)
     m.load("gather", Gather(stiffness=5.0), bead, last, m.bodies[1])
     m.output("x", bead.coordinate(), "of the bead")
     m.output("other", other.coordinate(), "of the other bead")
+    m.output("lift", lift.coordinate(), "of what rises with the other bead")
+    m.output("pull", ties.effort(), "of the coupling on it")
     m.output("squared", Squared(unit="m2", item=bead), "distance of the bead squared")
     return m
 
@@ -186,15 +207,17 @@ def beads(tmp_path_factory: pytest.TempPathFactory) -> Any:
 
 
 def reference(stop: float) -> tuple[float, float]:
-    """Positions of the two beads: masses 1 and 2 on y = x^2 / 2, the first 0.1 m higher, by Lagrange's equation."""
+    """Positions of the two beads: masses 1 and 2 on y = x^2 / 2, the first 0.1 m higher, by Lagrange's equation; the
+    second lifts 0.5 kg by 0.3 x^2.
+    """
 
     def rates(t: float, y: Any) -> list[float]:
         x, v = y  # of the second; the first is at root(x^2 + 0.2)
         first = x * x + 0.2
-        mass = 2.0 * (1.0 + x * x) + x * x + x * x / first
-        slope = 4.0 * x + 2.0 * x + 2.0 * x * 0.2 / first**2
+        mass = 2.0 * (1.0 + x * x) + x * x + x * x / first + 0.5 * (0.6 * x) ** 2
+        slope = 4.0 * x + 2.0 * x + 2.0 * x * 0.2 / first**2 + 0.36 * x
         pull = -3.0 * (1.0 - np.exp(-t / 0.2)) * (first + (0.5 * first) ** 3) * x
-        return [v, (pull - 3.0 * 9.81 * x - 0.5 * slope * v * v) / mass]
+        return [v, (pull - 3.3 * 9.81 * x - 0.5 * slope * v * v) / mass]
 
     x = float(solve_ivp(rates, (0.0, stop), [-0.4, 0.0], rtol=1e-11, atol=1e-13).y[0, -1])
     return float(np.sqrt(x * x + 0.2)), x
@@ -205,6 +228,8 @@ def test_runs_as_the_closed_equations_say(beads: Any, solver: str) -> None:
     result = simulate(beads(), 1.0, solver=solver, tolerance=1e-8)
     assert not result.failure
     assert [result["x"][-1], result["other"][-1]] == pytest.approx(reference(1.0), abs=2e-6)
+    np.testing.assert_allclose(result["lift"], 0.3 * result["other"] ** 2, atol=1e-9)
+    assert result["pull"].min() > 0.0
     np.testing.assert_allclose(result["squared"], result["x"] ** 2 + (0.5 * result["x"] ** 2) ** 2, atol=1e-9)
 
 
@@ -221,11 +246,11 @@ def test_steady_state_and_state_matrices(beads: Any) -> None:
     assert state.positions()["other"] == pytest.approx(0.0, abs=1e-6)
     assert state.positions()["bead"] == pytest.approx(np.sqrt(0.2), abs=1e-6)
     A = linearize(beads(lag=0.0)).A
-    np.testing.assert_allclose(np.abs(np.linalg.eigvals(A)), [np.sqrt(1.5 * 9.81 + 1.5 * 0.201)] * 2, rtol=1e-6)
+    np.testing.assert_allclose(np.abs(np.linalg.eigvals(A)), [np.sqrt((3.3 * 9.81 + 3.0 * 0.201) / 2.0)] * 2, rtol=1e-6)
 
 
 def test_picture(beads: Any) -> None:
-    assert len(draw(beads().build(), 1.0).middles) == 3
+    assert len(draw(beads().build(), 1.0).middles) == 4
 
 
 def test_fmu(beads: Any, tmp_path: Path) -> None:

@@ -149,7 +149,7 @@ def warn(text: str) -> None:
 def loops(scene: Scene) -> list[str]:
     """Return what is void or redundant in the loops of a scene at its start."""
     plant = scene.model.plant()
-    return plant.assembly.notes(0.0, plant.assemble()[0]) if plant.mechanism.cuts else []
+    return plant.assembly.notes(0.0, plant.assemble()[0]) if plant.mechanism.constraints else []
 
 
 def summary(scene: Scene, result: Result, total: float) -> str:

@@ -8,9 +8,10 @@ from .arrays.plant import Plant
 from .assemblies.chain import add_chain
 from .assemblies.sheet import Sheet, add_sheet
 from .assemblies.supports import Support
-from .builder.bodies import Body, CutHandle, Elastic, ForceHandle
+from .builder.bodies import Body, CouplingHandle, CutHandle, Elastic, ForceHandle
 from .builder.inertia import box, cylinder, rod, sphere, tube
 from .builder.mechanism import Mechanism
+from .couplings import Cam, Coupling, Gear
 from .cuts import (
     Cut,
     CylindricalCut,
@@ -64,6 +65,9 @@ __all__ = [
     "Body",
     "Box",
     "Bushing",
+    "Cam",
+    "Coupling",
+    "CouplingHandle",
     "Cut",
     "CutHandle",
     "Cylinder",
@@ -76,6 +80,7 @@ __all__ = [
     "Force",
     "ForceHandle",
     "Function",
+    "Gear",
     "Geodesic",
     "Harmonic",
     "Input",

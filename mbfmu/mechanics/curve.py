@@ -2,7 +2,7 @@
 
 A row of ``Arrays.numbers`` is an interval: where it begins, the four coefficients from there on, lowest first, and the
 integral from the first point to there. The last row is the end, with its value and slope. Beyond both ends the curve
-goes on as a straight line.
+goes on as a straight line; one that is periodic has its number of rows negative.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from .numbers import array_of
 
 ROW = 6  # numbers of an interval
 KINDS = ("spline", "monotone", "akima", "linear")
+ENDS = {"linear": "natural", "hold": "clamped", "periodic": "periodic"}  # how a spline ends where it goes on so beyond
 
 
 @kernel
@@ -27,6 +28,12 @@ def curve(numbers: Any, first: int, count: int, x: Any) -> Any:
     """Value of a curve of ``count`` rows from ``first`` on, its two derivatives, and its integral from the first point
     on; analytic in x but for the points.
     """
+    turns = 0.0
+    if count < 0:
+        count = -count
+        begin, period = numbers[first].real, numbers[first + ROW * (count - 1)].real - numbers[first].real
+        turns = np.floor((x.real - begin) / period)
+        x = x - turns * period
     low, high = 0, count - 1
     while high - low > 1:
         middle = (low + high) // 2
@@ -34,7 +41,8 @@ def curve(numbers: Any, first: int, count: int, x: Any) -> Any:
             high = middle
         else:
             low = middle
-    if x.real >= numbers[first + ROW * (count - 1)].real:
+    end = first + ROW * (count - 1)
+    if x.real >= numbers[end].real:
         low = count - 1
     at = first + ROW * low
     s, c0, c1, c2, c3 = x - numbers[at], numbers[at + 1], numbers[at + 2], numbers[at + 3], numbers[at + 4]
@@ -44,12 +52,12 @@ def curve(numbers: Any, first: int, count: int, x: Any) -> Any:
         c0 + s * (c1 + s * (c2 + s * c3)),
         c1 + s * (2.0 * c2 + s * 3.0 * c3),
         2.0 * c2 + s * 6.0 * c3,
-        numbers[at + 5] + s * (c0 + s * (c1 / 2.0 + s * (c2 / 3.0 + s * c3 / 4.0))),
+        numbers[at + 5] + s * (c0 + s * (c1 / 2.0 + s * (c2 / 3.0 + s * c3 / 4.0))) + turns * numbers[end + 5],
     )
 
 
-def rows(what: str, x: Any, y: Any, kind: str) -> NDArray[np.float64]:
-    """Return the rows (points, 6) of a curve through points; UserError for what is none."""
+def rows(what: str, x: Any, y: Any, kind: str, beyond: str = "linear") -> NDArray[np.float64]:
+    """Return the rows (intervals + 1, 6) of a curve through points; UserError for what is none."""
     xs, ys = array_of(f"x of {what}", x), array_of(f"y of {what}", y)
     if xs.ndim != 1 or xs.shape != ys.shape or len(xs) < 2:
         raise UserError(f"{what} has {xs.shape} and {ys.shape} numbers; allowed: as many x as y, at least two")
@@ -57,20 +65,44 @@ def rows(what: str, x: Any, y: Any, kind: str) -> NDArray[np.float64]:
         raise UserError(f"x of {what} is {x!r}; allowed: finite numbers, each greater than the one before")
     if kind not in KINDS:
         raise UserError(f"kind of {what} is {kind!r}; allowed: {', '.join(map(repr, KINDS))}")
-    if len(xs) == 2 or kind == "linear":
-        c = np.zeros((4, len(xs) - 1))
-        c[2], c[3] = np.diff(ys) / np.diff(xs), ys[:-1]
-        found = PPoly(c, xs)
-    elif kind == "spline":
-        found = CubicSpline(xs, ys, bc_type="natural")
-    elif kind == "monotone":
-        found = PchipInterpolator(xs, ys)
-    else:
-        found = Akima1DInterpolator(xs, ys)
+    if beyond not in ENDS:
+        raise UserError(f"beyond of {what} is {beyond!r}; allowed: {', '.join(map(repr, ENDS))}")
+    if beyond == "periodic" and ys[0] != ys[-1]:
+        raise UserError(f"{what} is periodic, and begins at {ys[0]:g} and ends at {ys[-1]:g}; allowed: the same value")
+    found = _pieces(xs, ys, kind, beyond)
     table = np.zeros((len(xs), ROW))
     table[:, 0], table[:-1, 1:5] = xs, found.c[::-1].T
     width = xs[-1] - xs[-2]
     c0, c1, c2, c3 = table[-2, 1:5]
     table[-1, 1:3] = c0 + width * (c1 + width * (c2 + width * c3)), c1 + width * (2.0 * c2 + 3.0 * width * c3)
     table[:, 5] = [found.antiderivative()(x) for x in xs]
+    if beyond == "hold":  # an interval before the first point, whose slope is none; nor has the end any
+        table[-1, 2] = 0.0
+        return np.vstack(((xs[0] - width, ys[0], 0.0, 0.0, 0.0, -width * ys[0]), table))
+    if beyond == "periodic":  # rounding may leave x at the end
+        table[-1, 2:5] = table[0, 2:5]
     return table
+
+
+def _pieces(xs: NDArray[np.float64], ys: NDArray[np.float64], kind: str, beyond: str) -> Any:
+    """Return the polynomials of the intervals between the points."""
+    if kind == "linear" or (len(xs) == 2 and beyond != "hold"):
+        c = np.zeros((4, len(xs) - 1))
+        c[2], c[3] = np.diff(ys) / np.diff(xs), ys[:-1]
+        return PPoly(c, xs)
+    if kind == "spline":
+        return CubicSpline(xs, ys, bc_type=ENDS[beyond])
+    make = PchipInterpolator if kind == "monotone" else Akima1DInterpolator
+    if beyond == "linear":
+        return make(xs, ys)
+    period, gap = xs[-1] - xs[0], np.diff(xs).min()
+    if beyond == "periodic":
+        before, after = (xs[:-1] - period, ys[:-1]), (xs[1:] + period, ys[1:])
+    else:  # flat on both sides
+        before, after = (
+            (xs[0] - gap * np.array((2.0, 1.0)), ys[[0, 0]]),
+            (xs[-1] + gap * np.array((1.0, 2.0)), ys[[-1, -1]]),
+        )
+    whole = make(*(np.concatenate(part) for part in zip(before, (xs, ys), after, strict=True)))
+    first = len(before[0])
+    return PPoly(whole.c[:, first : first + len(xs) - 1], xs)

@@ -12,7 +12,7 @@ from solvers.compiled.by_address import call, number, three
 from solvers.compiled.kernel import inlined
 
 PLACE, BIAS = 0, 1  # of a joint
-EVALUATE = 0  # of a cut joint, of a signal
+EVALUATE = 0  # of a cut joint, of a coupling, of a signal
 APPLY, POTENTIAL, POWER, TANGENT = 0, 1, 2, 3  # of a load
 READ = 0  # of a sensor
 
@@ -40,6 +40,13 @@ def evaluate_cut(cut: Any, arrays: Any, state: Any) -> None:
     """Let a cut joint write its rows; see :mod:`.cuts.base`."""
     A, B = state.bodies[cut.a], state.bodies[cut.b]
     call(arrays.kernels[cut.kind + EVALUATE], arrays.memory, cut.at, (A, B, cut.row, state))
+
+
+@inlined
+def evaluate_coupling(coupling: Any, arrays: Any, state: Any) -> tuple[float, float, float]:
+    """f, f' and f'' of a coupling where its second coordinate is; see :mod:`.couplings.base`."""
+    address = arrays.kernels[coupling.kind + EVALUATE]
+    return three(address, arrays.memory, coupling.at, state.q, (state.q[coupling.qb], arrays))
 
 
 @inlined

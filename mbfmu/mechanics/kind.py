@@ -1,9 +1,10 @@
-"""What every kind of joint, cut joint, load, signal and sensor says of itself.
+"""What every kind of joint, cut joint, coupling, load, signal and sensor says of itself.
 
 A kind is a class in a file of its own, of this package or of a user. It has a *record* of parameters, which ``fill``
-writes, and *kernels*, which read them; its role (:class:`.joints.Joint`, :class:`.cuts.Cut`, :class:`.loads.Load`,
-:class:`.signals.Signal`, :class:`.sensors.Sensor`) says which, and what they do. Nothing else in the package knows
-what kinds there are: the recursions call kernels by their address (:mod:`.dispatch`).
+writes, and *kernels*, which read them; its role (:class:`.joints.Joint`, :class:`.cuts.Cut`,
+:class:`.couplings.Coupling`, :class:`.loads.Load`, :class:`.signals.Signal`, :class:`.sensors.Sensor`) says
+which, and what they do. Nothing else in the package knows what kinds there are: the recursions call kernels by their
+address (:mod:`.dispatch`).
 """
 
 from __future__ import annotations

@@ -25,6 +25,8 @@ FUNCTIONS: dict[str, Any] = {
     for name in ("sin cos tan arcsin arccos arctan arctan2 sinh cosh tanh exp log log10 sqrt sign".split())
 } | {"abs": abs, "min": min, "max": max, "pi": np.pi, "e": np.e}
 STEP, LEAST = 1e-3, 1e-6  # of differences: of the argument, and of one that is nearly zero
+FIRST, SECOND, THIRD = 1e-3, 3e-3, 1e-2  # steps of differences for derivatives, of the width over which a law changes
+TRIED, AGREE = 64, 1e-6  # points at which differences over two steps must agree so well
 
 
 def arguments_of(what: str, law: Any) -> int:
@@ -115,3 +117,44 @@ def _stepped(law: Any, t: float, x: Any, rate: Any) -> Any:
     by_x = law(t, a - 2.0 * h, b) - 8.0 * law(t, a - h, b) + 8.0 * law(t, a + h, b) - law(t, a + 2.0 * h, b)
     by_rate = law(t, a, b - 2.0 * k) - 8.0 * law(t, a, b - k) + 8.0 * law(t, a, b + k) - law(t, a, b + 2.0 * k)
     return law(t, a, b) + 1j * (by_x / (12.0 * h) * x.imag + by_rate / (12.0 * k) * rate.imag)
+
+
+def real_derivatives(law: Any, x: float, width: float) -> Any:
+    """law(x) and its first two derivatives, by differences of sixth order."""
+    value, h, k = law(x), FIRST * width, SECOND * width
+    rate = 45.0 * (law(x + h) - law(x - h)) - 9.0 * (law(x + 2.0 * h) - law(x - 2.0 * h))
+    rate += law(x + 3.0 * h) - law(x - 3.0 * h)
+    second = 270.0 * (law(x + k) + law(x - k)) - 27.0 * (law(x + 2.0 * k) + law(x - 2.0 * k))
+    second += 2.0 * (law(x + 3.0 * k) + law(x - 3.0 * k)) - 490.0 * value
+    return value, rate / (60.0 * h), second / (180.0 * k * k)
+
+
+def complex_derivatives(law: Any, x: complex, width: float) -> Any:
+    """... where x is complex, with their derivatives by its imaginary part."""
+    a, b, h = x.real, 1j * x.imag, THIRD * width
+    value, rate, second = derivatives(law, a, width)
+    third = 338.0 * (law(a + 2.0 * h) - law(a - 2.0 * h)) - 488.0 * (law(a + h) - law(a - h))
+    third += 7.0 * (law(a + 4.0 * h) - law(a - 4.0 * h)) - 72.0 * (law(a + 3.0 * h) - law(a - 3.0 * h))
+    return value + rate * b, rate + second * b, second + third / (240.0 * h * h * h) * b
+
+
+def derivatives(law: Any, x: Any, width: float) -> Any:
+    """law(x) and its first two derivatives in a kernel; ``width``: change of x over which it changes noticeably."""
+    return (complex_derivatives if isinstance(x, complex) else real_derivatives)(law, x, width)
+
+
+@overload(derivatives, strict=False)
+def _derivatives(law: Any, x: Any, width: Any) -> Any:
+    if isinstance(x, types.Complex):
+        return complex_derivatives
+    return real_derivatives
+
+
+def resolved(law: Any, ends: Any, width: float) -> bool:
+    """Whether the second derivative of a law is the same over a smaller step, at random points between two ends."""
+    found = []
+    for x in np.random.default_rng(0).uniform(ends[0], ends[1], TRIED):
+        (value, _, second), (_, _, finer) = (real_derivatives(law, x, part * width) for part in (1.0, 0.25))
+        found.append((abs(second - finer), abs(finer), abs(value)))
+    off, second, size = np.max(found, axis=0)
+    return bool(not off > AGREE * (second + 1e-2 * size / width**2))  # the last is what rounding leaves

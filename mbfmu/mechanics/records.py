@@ -61,6 +61,23 @@ CUT = np.dtype(
     align=True,
 )
 
+COUPLING = np.dtype(
+    [
+        ("kind", np.int64),  # where its kernel is
+        ("at", np.int64),  # place of its record
+        ("a", np.int64),  # the two bodies
+        ("b", np.int64),
+        ("qa", np.int64),  # where their coordinates are in State.q
+        ("qb", np.int64),
+        ("va", np.int64),  # ... in State.v
+        ("vb", np.int64),
+        ("fa", np.int64),  # ... in the solver's free v; -1: driven
+        ("fb", np.int64),
+        ("row", np.int64),  # number of its row, in Arrays.kept
+    ],
+    align=True,
+)
+
 ITEM = np.dtype([("kind", np.int64), ("at", np.int64)], align=True)  # a load or a signal: its kernels and its record
 SENSOR = np.dtype([("kind", np.int64), ("at", np.int64), ("energy", np.int64)], align=True)  # 1: it reads State.energy
 
@@ -80,14 +97,15 @@ class Arrays(NamedTuple):
     world: NDArray[Any]  # (1,) WORLD
     bodies: NDArray[Any]  # (nb,) BODY, ground first
     cuts: NDArray[Any]  # CUT
+    couplings: NDArray[Any]  # COUPLING
     loads: NDArray[Any]  # ITEM
     signals: NDArray[Any]  # ITEM
     sensors: NDArray[Any]  # SENSOR
-    kept: NDArray[np.int64]  # (rows,) number of a cut-joint row among the constraints; -1: void in this mechanism
+    kept: NDArray[np.int64]  # (rows,) number among the constraints of rows, cut joints first, then couplings; -1: void
     elastics: NDArray[Any]  # ELASTIC
     nodes: NDArray[Any]  # NODE
     kernels: NDArray[np.int64]  # addresses of kernels, KERNELS for each kind that is there; 0: it has none
-    memory: NDArray[np.uint8]  # every record of joints, cut joints, loads, signals and sensors
+    memory: NDArray[np.uint8]  # every record of joints, cut joints, couplings, loads, signals and sensors
     numbers: NDArray[np.float64]  # of tables, which are of any length
 
 
@@ -122,12 +140,23 @@ ROW = np.dtype(
     align=True,
 )
 
+COUPLED = np.dtype(
+    [
+        ("Phi", np.float64),  # q_a - f(q_b)
+        ("slope", np.float64),  # f'
+        ("bend", np.float64),  # f''
+        ("lam", np.float64),  # multiplier that loaded the coordinates last
+    ],
+    align=True,
+)
+
 
 class State(NamedTuple):
     """What the recursions read and write."""
 
     bodies: NDArray[Any]  # (nb,) MOTION
-    rows: NDArray[Any]  # (rows,) ROW
+    rows: NDArray[Any]  # (rows of cut joints,) ROW
+    coupled: NDArray[Any]  # (couplings,) COUPLED
     element: NDArray[Any]  # (1,) ELEMENT, a plate element at work
     S: NDArray[np.float64]  # (subspaces, 6) joint motion subspaces, columns of B2
     q: NDArray[np.float64]  # (nq,) every joint position, driven ones included
@@ -154,12 +183,13 @@ class Data(NamedTuple):
     state: State
 
 
-def allocate_state(nb: int, rows: int, nq: int, nv: int, subspaces: int) -> State:
+def allocate_state(nb: int, rows: int, couplings: int, nq: int, nv: int, subspaces: int) -> State:
     """Return zeroed scratch for ``nb`` bodies (ground included), with the ground placed."""
     z = np.zeros
     state = State(
         bodies=records(nb, MOTION),
         rows=records(rows, ROW),
+        coupled=records(couplings, COUPLED),
         element=records(1, ELEMENT),
         S=z((subspaces, 6)),
         q=z(nq),
@@ -189,6 +219,7 @@ def empty_data() -> Data:
         world=records(1, WORLD),
         bodies=records(1, BODY),
         cuts=records(1, CUT),
+        couplings=records(1, COUPLING),
         loads=records(1, ITEM),
         signals=records(1, ITEM),
         sensors=records(1, SENSOR),
@@ -199,7 +230,7 @@ def empty_data() -> Data:
         memory=np.zeros(1, np.uint8),
         numbers=np.zeros(1),
     )
-    return Data(arrays, allocate_state(1, 1, 1, 1, 1))
+    return Data(arrays, allocate_state(1, 1, 1, 1, 1, 1))
 
 
 def complex_twin(data: Data) -> Data:

@@ -3,7 +3,7 @@
 A drive that runs up has done so, unless a simulation is to start in the state.
 
 A cyclic coordinate, on which nothing depends, such as the angle of a free spindle, keeps the rate the model starts it
-with; every other free coordinate is at rest.
+with, or has the one that a coupling to a drive or to another gives it; every other free coordinate is at rest.
 
 Newton alone from the model's start; where that fails, pseudo-transient continuation first; where that fails,
 continuation in the drive speed from rest. What is found is checked: it must hold at every position of the drives, with
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from mbfmu.errors import AssemblyError, EquilibriumError, UserError
 from mbfmu.mechanics import Mechanism, Plant
+from mbfmu.mechanics.arrays.closing import least_change
 from mbfmu.mechanics.numbers import finite
 from mbfmu.model import Model, of_user, suggest
 from mbfmu.steady.linear import StateSpace
@@ -84,7 +85,7 @@ class EquilibriumProblem:
             data = self._complex.data
             general = plant.assembly.beside(0.0, self._start)
             self._cyclic = self._find_cyclic(general)
-            self._v = np.where(self._cyclic, plant.assembly.start_velocities(), 0.0)
+            self._v = self._steady_velocities()
             self._solver = DenseEquilibriumSolver(self._complex, 0.0, general, self._v)
             self._solver.rehearse(self._start)
         self._signals = plant.signals(data)
@@ -128,6 +129,17 @@ class EquilibriumProblem:
             cyclic[k] = max(change) <= CYCLIC * EPSILON
         return cyclic
 
+    def _steady_velocities(self) -> Array:
+        """Return the velocities (n,) of the steady motion: those of cyclic coordinates, as the couplings want them."""
+        plant, system = self.plant, self.plant.system
+        v = np.where(self._cyclic, plant.assembly.start_velocities(), 0.0)
+        if plant.mechanism.couplings and self._cyclic.any():
+            terms = system.allocate_terms()
+            system.fill(0.0, self._start, v, terms)
+            held, opening = ~self._cyclic | plant.assembly.held(), terms.J @ v - terms.nu
+            v -= system.size * least_change(system, terms.J, opening / system.row_size, held)
+        return v
+
     def solve(
         self,
         q: Array | None = None,
@@ -148,7 +160,7 @@ class EquilibriumProblem:
             forces, _ = self._solver.residual(0.0, q, np.zeros(self.plant.system.m))
             raise EquilibriumError(
                 f"the start of {self.model.name!r} is a singular position: the cut joints lose rank there, so their "
-                f"forces are not determined (unbalanced {np.abs(forces).max():.3g} N or N m without them); "
+                f"forces are not determined (residuald {np.abs(forces).max():.3g} N or N m without them); "
                 "give another start (--from)"
             )
         begin = time.perf_counter()
@@ -181,7 +193,7 @@ class EquilibriumProblem:
     def _notes(self) -> tuple[str, ...]:
         """Return what the steady state is not, though the model's start may have meant it to be."""
         given, names = self.plant.assembly.start_velocities(), self.plant.system.coordinate_names
-        dropped = [f"{names[k]!r} ({given[k]:g})" for k in np.flatnonzero(given != self._v)]
+        dropped = [f"{names[k]!r} ({given[k]:g})" for k in np.flatnonzero((given != self._v) & (given != 0.0))]
         if not dropped:
             return ()
         return (
@@ -192,6 +204,9 @@ class EquilibriumProblem:
     def _set_speed(self, part: float) -> None:
         """Let every drive run at ``part`` of its speed."""
         self.plant.drives.run_at(part * self._full_speeds, self._signals)
+        if self._cyclic.any():
+            self._v = self._steady_velocities()
+            self._solver.set_velocities(self._v)
 
     def _continue_from_rest(self, q: Array, failed: Solution) -> Solution:
         """Follow the steady state from rest to full speed."""
@@ -282,24 +297,31 @@ class EquilibriumProblem:
 
         Forces of cut joints may turn with either body: those of a bearing on the ground turn with the shaft in it.
         """
-        plant, lam = self.plant, solution.lam
+        plant, lam, q = self.plant, solution.lam, solution.q.copy()
+        plant.system.apply(q, t * self._v)
         size, small = plant.system.size, STEADY * self._stiffness(solution)
-        forces, gaps = self._solver.residual(t, solution.q, lam)
+        forces, gaps = self._solver.residual(t, q, lam)
         forces -= solution.forces  # what rounding leaves there is no change with the drive
         changed = ""
         if len(self._solver.rows) and np.abs(forces * size).max() > small:
             rows, terms = self._solver.rows, plant.system.allocate_terms()
-            plant.system.fill_position(t, solution.q, terms)
+            plant.system.fill_position(t, q, terms)
             lam = lam.copy()
             lam[rows] -= np.linalg.lstsq(terms.J[rows].T, forces, rcond=None)[0]
-            forces = self._solver.residual(t, solution.q, lam)[0] - solution.forces
+            forces = self._solver.residual(t, q, lam)[0] - solution.forces
             arms = np.repeat((plant.length, 1.0), 3)  # what makes forces and moments comparable
             before = plant.cut_wrenches(0.0, solution.q, self._v, solution.lam) * arms
-            after = plant.cut_wrenches(t, solution.q, self._v, lam) * arms
+            after = plant.cut_wrenches(t, q, self._v, lam) * arms
             change = np.abs(after - before).max(axis=2).min(axis=1)
-            if change.max() > small + WRENCH * np.abs(before).max():
+            if change.max(initial=0.0) > small + WRENCH * np.abs(before).max(initial=0.0):
                 worst = int(np.argmax(change))
                 changed = f"change by {change[worst]:.3g} N m in cut joint {plant.mechanism.cuts[worst].name!r}"
+            own = plant.data.arrays.kept[plant.data.arrays.couplings["row"]]
+            own = own[own >= 0]
+            change = np.abs(lam - solution.lam)[own] * plant.system.row_size[own]
+            if change.max(initial=0.0) > small + WRENCH * np.abs(solution.lam[own]).max(initial=0.0):
+                name = plant.system.constraint_names[own[int(np.argmax(change))]]
+                changed = f"change by {change.max():.3g} N m in coupling {name!r}"
         if np.abs(forces * size).max() > small:
             worst = int(np.argmax(np.abs(forces * size)))
             changed = f"leave {abs(forces[worst]):.3g} N or N m at {plant.system.coordinate_names[worst]!r}"

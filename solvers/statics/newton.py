@@ -25,7 +25,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,9 +94,14 @@ class EquilibriumSolver(ABC):
     """
 
     rows: NDArray[np.int64]
+    _v: NDArray[Any]  # (n,) velocities of the steady motion
 
     def __init__(self, system: AnySystem) -> None:
         self._size, self._rate = system.size, system.rate or 1.0
+
+    def set_velocities(self, v: Array) -> None:
+        """Let the steady motion have other velocities (n,)."""
+        self._v[:] = v
 
     def solve(self, t: float, q: Array, lam: Array | None = None, *, pseudo_transient: bool = False) -> Solution:
         """Run Newton from positions q (nq,) and multipliers lam (m,); without lam from those of least residual.

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
-from mbfmu.mechanics import Mechanism, Plant, Screw, Universal, cuts, elements, joints, loads
+from mbfmu.mechanics import Cam, Mechanism, Plant, Screw, Table, Universal, couplings, cuts, elements, joints, loads
+from mbfmu.mechanics.couplings import Coupling
 from mbfmu.mechanics.cuts import Cut, DistanceCut
 from mbfmu.mechanics.cuts.base import AxisCut
 from mbfmu.mechanics.joints import Joint
@@ -18,7 +19,7 @@ from mbfmu.mechanics.loads import DistanceStop, Force, JointStop, TorsionSpring
 from mbfmu.mechanics.signals import Harmonic, Polynomial
 
 Generator = np.random.Generator
-JOINTS, CUTS = kinds_of(joints, Joint), kinds_of(cuts, Cut)
+JOINTS, CUTS, COUPLINGS = kinds_of(joints, Joint), kinds_of(cuts, Cut), kinds_of(couplings, Coupling)
 FORCES = kinds_of(loads, Force) + kinds_of(elements, Force)
 TURNING = ("turning_stiffness", "turning_damping")
 NUMBERS = ("stiffness", "damping", *TURNING, "free", "axial", "torsion", "bending_y", "bending_z")
@@ -86,6 +87,16 @@ def add_forces(m: Mechanism, rng: Generator) -> None:
         m.force(kind.__name__, kind(**options), body, other)
 
 
+def add_couplings(m: Mechanism, rng: Generator, kinds: list[type[Coupling]]) -> None:
+    """Couplings of these kinds between random coordinates, as far as there are two."""
+    plain = [(b, k) for b in m.bodies[1:] for k in range(b.joint.nv - 3 * b.joint.quaternion)]
+    for i, kind in enumerate(kinds if len(plain) > 1 else []):
+        (a, k), (b, l) = (plain[j] for j in rng.permutation(len(plain))[:2])
+        law = Table([-30.0, -10.0, 10.0, 30.0], 20.0 * rng.normal(size=4))  # no point is near where it is taken
+        coupling = kind(law=law) if kind is Cam else kind(ratio=rng.normal(), offset=rng.normal())
+        m.couple(f"g{i}", coupling, a, b, coordinate_a=k, coordinate_b=l)
+
+
 def smooth(case: Case) -> bool:
     """Whether no load is about to jump or to bend: differences would not be derivatives."""
     plant, state = case.plant, case.plant.data.state
@@ -113,17 +124,17 @@ def distance(f: Any, A: Any, B: Any) -> tuple[float, float]:
     return float(length), float(way @ rate / length)
 
 
-def build(seed: int, kinds: list[type[Joint]], cuts: list[type], driven: bool, forces: bool) -> Case:
-    """A mechanism of these joints and cuts in a random state where nothing jumps."""
-    case = drawn(seed, kinds, cuts, driven, forces)
+def build(seed: int, kinds: list[type[Joint]], closing: list[type], driven: bool, forces: bool) -> Case:
+    """A mechanism of these joints, cuts and couplings in a random state where nothing jumps."""
+    case = drawn(seed, kinds, closing, driven, forces)
     while not smooth(case):
         seed += 1
-        case = drawn(seed, kinds, cuts, driven, forces)
+        case = drawn(seed, kinds, closing, driven, forces)
     return case
 
 
-def drawn(seed: int, kinds: list[type[Joint]], cuts: list[type], driven: bool, forces: bool) -> Case:
-    """A mechanism of these joints and cuts in a random state."""
+def drawn(seed: int, kinds: list[type[Joint]], closing: list[type], driven: bool, forces: bool) -> Case:
+    """A mechanism of these joints, cuts and couplings in a random state."""
     rng = np.random.default_rng(seed)
     m = Mechanism(gravity=rng.normal(size=3))
     for i, kind in enumerate(kinds):
@@ -131,7 +142,7 @@ def drawn(seed: int, kinds: list[type[Joint]], cuts: list[type], driven: bool, f
         joint = random_joint(kind, rng, driven and i == 0)
         mass = rng.uniform(0.5, 2.0)
         m.body(f"b{i}", parent, joint, mass=mass, com=rng.normal(size=3), inertia=random_inertia(rng))
-    for i, cut in enumerate(cuts):
+    for i, cut in enumerate(kind for kind in closing if issubclass(kind, Cut)):
         options: dict[str, Any] = {"at_a": rng.normal(size=3), "at_b": rng.normal(size=3)}
         options |= {"rotation_a": random_rotation(rng), "rotation_b": random_rotation(rng)}
         if cut is DistanceCut:
@@ -139,6 +150,7 @@ def drawn(seed: int, kinds: list[type[Joint]], cuts: list[type], driven: bool, f
         if issubclass(cut, AxisCut):
             options["axis"] = ("x", "y", "z", rng.normal(size=3))[rng.integers(4)]
         m.cut(f"c{i}", cut(**options), m.bodies[-1], m.bodies[rng.integers(0, len(m.bodies) - 1)])
+    add_couplings(m, rng, [kind for kind in closing if issubclass(kind, Coupling)])
     if forces:
         add_forces(m, rng)
     for body in m.bodies[1:]:
@@ -169,4 +181,5 @@ def cases(draw: Any, *, cuts: bool = False, driven: bool = False, forces: bool =
     if driven:
         kinds.insert(0, draw(st.sampled_from([j for j in MOVING if j.nv == 1])))
     closing = draw(st.lists(st.sampled_from(CUTS), min_size=1, max_size=2)) if cuts else []
+    closing += draw(st.lists(st.sampled_from(COUPLINGS), max_size=2)) if cuts else []
     return build(draw(st.integers(0, 2**32 - 1)), kinds, closing, driven, forces)

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import given
-from random_mechanisms import CUTS, JOINTS, Case, build, cases
+from random_mechanisms import COUPLINGS, CUTS, JOINTS, Case, build, cases
 
-from mbfmu.mechanics import Geodesic
+from mbfmu.mechanics import Geodesic, Revolute, Universal
 from solvers.system import Terms
 
 E = 1e-30
@@ -55,3 +55,9 @@ def test_derivatives_on_random_mechanisms(case: Case) -> None:
 @pytest.mark.parametrize("cut", CUTS)
 def test_derivatives_of_every_joint_and_cut(joint: Any, cut: Any) -> None:
     check(build(3, [Geodesic, joint, Geodesic], [cut], False, True))
+
+
+@pytest.mark.parametrize("coupling", COUPLINGS)
+def test_derivatives_of_every_coupling(coupling: Any) -> None:
+    for driven in (False, True):
+        check(build(3, [Revolute, Universal, Geodesic], [coupling], driven, True))

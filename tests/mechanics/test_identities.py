@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from random_mechanisms import CUTS, JOINTS, MOVING, Case, build, cases, distance
+from random_mechanisms import COUPLINGS, CUTS, JOINTS, MOVING, Case, build, cases, distance
 
 from mbfmu.mechanics import Geodesic, Mechanism, Plant, Screw
 from mbfmu.mechanics.recursions.aba import forward_dynamics
@@ -300,3 +300,20 @@ def test_every_joint_moves_in_a_loop(kind: Any) -> None:
         case.plant.system.fill(case.t, case.q, case.v, terms)
         assert np.all(np.isfinite(terms.J))
         assert np.abs(terms.J).max() > 0.0
+
+
+@pytest.mark.parametrize("kind", [joint for joint in MOVING if joint.nv > 3 * joint.quaternion])
+def test_every_joint_is_coupled(kind: Any) -> None:
+    """Phi, J, gamma and the power of every coupling, one end driven or not; the strategies draw at random."""
+    for seed, driven in ((1, False), (2, kind.nv == 1)):
+        case = build(seed, [kind, kind], COUPLINGS, driven, False)
+        system, terms = case.plant.system, case.plant.system.allocate_terms()
+        assert system.m == len(COUPLINGS)
+
+        def rates(t: float, q: Any, v: Any, system: Any = system, terms: Any = terms) -> Any:
+            system.fill(t, q, v, terms)
+            return np.concatenate((terms.Phi, terms.J @ v - terms.nu))
+
+        found = derivative(case, rates)
+        system.fill(case.t, case.q, case.v, terms)
+        close(found, np.concatenate((terms.J @ case.v - terms.nu, terms.J @ case.a - terms.gamma)))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.interpolate import CubicSpline, PchipInterpolator
+from scipy.interpolate import Akima1DInterpolator, CubicSpline, PchipInterpolator
 
 from mbfmu import UserError, equilibrium, linearize, simulate
 from mbfmu.mechanics import (
@@ -29,6 +29,7 @@ from mbfmu.mechanics import (
     Step,
     Sum,
     Table,
+    TorsionSpring,
     Translational,
     rod,
 )
@@ -51,6 +52,8 @@ SIGNALS: dict[str, Any] = {
     "run-up": RunUp(speed=2.0, duration=0.8, start=0.1),
     "step": Step(height=-1.5, begin=0.2, duration=1.1, offset=0.3),
     "spline": Table(POINTS, VALUES),
+    "periodic": Table(POINTS, np.append(VALUES[:-1], VALUES[0]), beyond="periodic"),
+    "held": Table(POINTS, VALUES, beyond="hold"),
     "sum": Sum(1.0, Harmonic(amplitude=0.3, frequency=1.5), Polynomial((0.0, 2.0))),
     "product": Product(Polynomial((0.0, 2.0)), Harmonic(amplitude=0.3, frequency=1.5), 3.0),
     "nested": Product(Sum(1.0, Step(height=1.0, duration=0.7)), Sum(0.5, Polynomial((0.1, 1.0, 1.0)))),
@@ -92,6 +95,102 @@ def test_tables_are_those_of_scipy_and_straight_beyond_their_ends() -> None:
             line = float(exact(end) + (t - end) * exact(end, 1))
             x, rate, second = signal_at(0, t, arrays)
             assert (x, rate, second) == pytest.approx((line, float(exact(end, 1)), 0.0), abs=1e-13)
+
+
+RETURNING = np.append(VALUES[:-1], VALUES[0])
+
+
+def test_a_periodic_table_goes_round_for_ever() -> None:
+    """A spline is SciPy's; the others are those of a table that repeats itself by hand, as far as they look."""
+    turns = [POINTS[:-1] + 2.0 * k for k in range(-2, 3)]
+    repeated, values = np.concatenate(turns), np.tile(VALUES[:-1], 5)
+    known = {
+        "spline": CubicSpline(POINTS, RETURNING, bc_type="periodic"),
+        "monotone": PchipInterpolator(repeated, values),
+        "akima": Akima1DInterpolator(repeated, values),
+    }
+    for kind, exact in known.items():
+        arrays = driven(Table(POINTS, RETURNING, kind, beyond="periodic")).kernel_data.arrays
+        for t in (-1e3, -2.0, -0.7, 0.0, 0.1, 0.3, 1.0, 1.9, 2.0, 3.7, 8.4):
+            place = np.mod(t, 2.0)
+            expected = [float(exact(place, order)) for order in range(3)]
+            assert signal_at(0, t, arrays)[:2] == pytest.approx(expected[:2], abs=1e-10)
+            if kind == "spline":
+                assert signal_at(0, t, arrays)[2] == pytest.approx(expected[2], abs=1e-9)
+
+
+def test_a_table_that_holds_comes_to_its_ends_without_slope() -> None:
+    for kind in ("spline", "monotone", "linear"):
+        m = Mechanism()
+        slider = m.body("slider", m.ground, Translational(), mass=1.0)
+        table = Table(POINTS, VALUES, kind, beyond="hold")
+        m.force("push", JointForce(table), slider)
+        arrays = Plant(m).kernel_data.arrays
+        for t, value in ((-3.0, 0.0), (-1e-9, 0.0), (0.3, 0.4), (0.5, 0.1), (2.0, 1.0), (2.1, 1.0), (50.0, 1.0)):
+            found = signal_at(0, t, arrays)
+            assert found[0] == pytest.approx(value, abs=1e-13)
+            if not 0.0 <= t < 2.0:
+                assert found[1:] == (0.0, 0.0)
+        if table.drives:
+            assert [signal_at(0, t, arrays)[1] for t in (1e-9, 2.0 - 1e-9)] == pytest.approx([0.0, 0.0], abs=1e-6)
+
+
+def test_a_spring_with_a_periodic_table_keeps_its_energy_over_whole_turns() -> None:
+    """Its mean torque, which does work in every turn, is in its potential too."""
+    m = Mechanism()
+    wheel = m.body("wheel", m.ground, Revolute(rate=6.0), inertia=(1.0, 1.0, 1.0))
+    m.force("cogging", JointSpring(stiffness=Table(POINTS, RETURNING, beyond="periodic")), wheel)
+    m.output("angle", wheel.angle())
+    m.output("rate", wheel.rate())
+    m.output("energy", m.energy)
+    found = simulate(m, 3.0, solver="adams", tolerance=1e-9)
+    assert found["angle"].max() > 6.0
+    assert np.ptp(found["energy"]) < 1e-5
+    integral = CubicSpline(POINTS, RETURNING, bc_type="periodic").antiderivative()
+    turns, place = np.divmod(found["angle"], 2.0)
+    stored = found["energy"] - 0.5 * found["rate"] ** 2
+    np.testing.assert_allclose(stored, turns * integral(2.0) + integral(place), atol=1e-9)
+
+
+LAW = {"function": lambda x: 3.0 * x + 20.0 * x**3, "expression": "3*x + 20*x**3"}
+
+
+@pytest.mark.parametrize("solver", ["adams", "ida"])
+@pytest.mark.parametrize("law", LAW)
+def test_a_spring_with_a_function_moves_as_scipy_says(law: str, solver: str) -> None:
+    m = Mechanism()
+    slider = m.body("slider", m.ground, Translational(axis="x", start=0.9), mass=2.0)
+    other = m.body("other", m.ground, Translational(axis="x", at=(0, 1, 0), start=0.9), mass=2.0)
+    wheel = m.body("wheel", m.ground, Revolute(start=0.9), inertia=(2.0, 2.0, 2.0))
+    m.force("in joint", JointSpring(stiffness=LAW[law], free=0.1, damping=0.3), slider)
+    m.force("between", Spring(stiffness=LAW[law], free=0.6, damping=0.3, at_b=(0, 1, 0)), other, m.ground)
+    m.force("about", TorsionSpring(stiffness=LAW[law], free=0.1, damping=0.3), m.ground, wheel)
+    for body in (slider, other, wheel):
+        m.output(body.name, body.coordinate())
+    result = simulate(m, 1.0, solver=solver, tolerance=1e-8)
+    assert not result.failure
+    assert not result.verdict
+
+    for name, free in (("slider", 0.1), ("other", 0.6), ("wheel", 0.1)):
+
+        def rates(t: float, y: Any, free: float = free) -> list[float]:
+            x = y[0] - free
+            return [y[1], -(3.0 * x + 20.0 * x**3 + 0.3 * y[1]) / 2.0]
+
+        exact = solve_ivp(rates, (0.0, 1.0), [0.9, 0.0], rtol=1e-11, atol=1e-12).y[0, -1]
+        assert result[name][-1] == pytest.approx(exact, abs=2e-6)
+
+
+def test_a_torsion_spring_with_a_table_stores_energy_and_a_function_has_a_slope() -> None:
+    x = np.linspace(-2.0, 2.0, 9)
+    for stiffness, stored in ((Table(x, 3.0 * x), 0.5 * 3.0 * 0.64), (lambda x: 3.0 * x, 0.0)):
+        m = Mechanism()
+        wheel = m.body("wheel", m.ground, Revolute(start=0.9), inertia=(2.0, 2.0, 2.0))
+        m.force("about", TorsionSpring(stiffness=stiffness, free=0.1), m.ground, wheel)
+        m.output("energy", m.energy)
+        plant = Plant(m)
+        assert plant.energy(0.0, *plant.assemble()) == pytest.approx(stored, rel=1e-9, abs=1e-12)
+        np.testing.assert_allclose(np.abs(np.linalg.eigvals(linearize(m).A)), np.sqrt(1.5), rtol=1e-8)
 
 
 @pytest.mark.parametrize("solver", ["adams", "ida"])
@@ -205,6 +304,12 @@ def test_an_input_may_be_part_of_a_sum() -> None:
         (lambda: driven(Table([0, 1, 1], [0, 1, 0])), "each greater than the one before"),
         (lambda: driven(Table([0, 1], [0, 1, 0])), "as many x as y"),
         (lambda: driven(Table([0, 1], [0, 1], "cubic")), "kind of a table is 'cubic'"),
+        (
+            lambda: driven(Table([0, 1, 2], [0, 1, 2], beyond="periodic")),
+            "begins at 0 and ends at 2; allowed: the same",
+        ),
+        (lambda: driven(Table([0, 1, 2], [0, 1, 2], beyond="stop")), "beyond of a table is 'stop'; allowed: 'linear'"),
+        (lambda: driven(Table([0, 1, 2], [0, 1, 2], "akima", beyond="hold")), "jumps, and no joint can follow"),
         (lambda: driven(Sum(1.0)), "Sum has 1 parts"),
         (lambda: driven("0.1*sin(300*t)"), "drive of body 'wheel' changes faster than"),
         (lambda: driven("+".join(["t"] * 5000)), "which is no expression"),

@@ -84,8 +84,9 @@ def test_damping_of_forces(case: Case) -> None:
     np.testing.assert_allclose(x, y, atol=1e-8 * (1.0 + np.abs(x).max()))
 
 
+@pytest.mark.parametrize("how", [None, 1, 2])
 @given(case=cases(cuts=True))
-def test_reactions_of_cut_joints_and_their_springs(case: Case) -> None:
+def test_reactions_of_constraints_and_their_springs(case: Case, how: int | None) -> None:
     """M + d(h + J^T lambda)/dq + J^T alpha J."""
     plant, n, m, h = case.plant, case.plant.system.n, case.plant.system.m, 1e-5
     rng, T = np.random.default_rng(0), np.zeros((n, n))
@@ -101,7 +102,7 @@ def test_reactions_of_cut_joints_and_their_springs(case: Case) -> None:
     if np.linalg.cond(T) > 1e6:
         return
     loaded(plant, case.q, lam)
-    tangent = plant.tangent(groups_of(plant, None))
+    tangent = plant.tangent(groups_of(plant, how))
     assert tangent.factor(0.0, 50.0, alpha)
     x = tangent.solve(case.a)
     np.testing.assert_allclose(T @ x, case.a, atol=1e-6 * (1.0 + np.abs(T).max() * np.abs(x).max()))

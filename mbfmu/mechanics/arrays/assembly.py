@@ -35,7 +35,7 @@ class Assembly:
     state
         Where they place the bodies.
     void_rows
-        Names of cut-joint rows that no free motion works against; the system has none of them.
+        Names of rows of constraints that no free motion works against; the system has none of them.
     """
 
     def __init__(self, mechanism: Mechanism, system: AnySystem, state: State, void_rows: list[str]) -> None:
@@ -76,14 +76,14 @@ class Assembly:
             A loop cannot close, or closes the wrong way round; says which and by how much.
         """
         cuts = self._mechanism.cuts
-        if not cuts:
+        if not self._mechanism.constraints:
             return start.copy()
         self._place(t, start)
         drawn = frame_angles(cuts, self._state)
         try:
             q = assemble_positions(self._system, t, start, held)
         except AssemblyError as error:
-            if drawn.max() < 1.0:  # rad
+            if drawn.max(initial=0.0) < 1.0:  # rad
                 raise
             worst = int(np.argmax(drawn))
             raise AssemblyError(
@@ -124,10 +124,10 @@ class Assembly:
         return best
 
     def notes(self, t: float, q: Array) -> list[str]:
-        """Return in sentences which rows of the cut joints are void and which are redundant about q (nq,)."""
+        """Return in sentences which rows of the constraints are void and which are redundant about q (nq,)."""
         names = self._system.constraint_names
         redundant = dependent_rows(self._system, t, self.beside(t, q))
-        lines = describe(self._mechanism.cuts, self._void_rows, [names[i] for i in redundant])
+        lines = describe(self._mechanism.constraints, self._void_rows, [names[i] for i in redundant])
         lost = len(dependent_rows(self._system, t, q)) - len(redundant)
         if lost > 0:
             rows = "1 more row depends" if lost == 1 else f"{lost} more rows depend"

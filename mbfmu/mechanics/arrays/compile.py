@@ -17,6 +17,7 @@ from mbfmu.mechanics.joints import Section
 from mbfmu.mechanics.kind import Kind, record_of
 from mbfmu.mechanics.records import (
     BODY,
+    COUPLING,
     CUT,
     ITEM,
     KERNELS,
@@ -31,7 +32,7 @@ from mbfmu.mechanics.records import (
     complex_dtype,
     complex_twin,
 )
-from mbfmu.mechanics.sensors import Energy, KineticEnergy, RowForce, Sensor
+from mbfmu.mechanics.sensors import CouplingEffort, Energy, KineticEnergy, RowForce, Sensor
 from mbfmu.mechanics.signals import InUse, Signal
 from solvers.compiled.kernel import records
 
@@ -180,16 +181,18 @@ class Compiled:
         sites: list[tuple[Kind, Place]] = [
             *((body.joint, Place(f"body {body.name!r}", (body,), numbering, known)) for body in rigid),
             *((c.cut, Place(f"cut {c.name!r}", (c.a, c.b), numbering, known)) for c in mechanism.cuts),
+            *((c.coupling, Place(f"coupling {c.name!r}", (c.a, c.b), numbering, known)) for c in mechanism.couplings),
             *((a.load, Place(a.what, a.bodies, numbering, known)) for a in loads),
             *((sensor, Place("a sensor", observed(sensor), numbering, known)) for sensor in self.sensors),
         ]
-        self._ends = np.cumsum((len(rigid), len(mechanism.cuts), len(loads), len(self.sensors)))
+        counts = (len(rigid), len(mechanism.cuts), len(mechanism.couplings), len(loads), len(self.sensors))
+        self._ends = np.cumsum(counts)
         filled = [filled_record(item, place) for item, place in sites]
         for signal in numbering.signals:  # those that a signal is made of come up meanwhile
             sites.append((signal, Place("a signal", (), numbering, {})))
             filled.append(filled_record(*sites[-1]))
         self._tables = tables = Tables([item for item, _ in sites], filled)
-        joints, cuts, acting, sensors, signals = np.split(
+        joints, cuts, couplings, acting, sensors, signals = np.split(
             np.column_stack((KERNELS * np.array(tables.kinds), tables.places)), self._ends
         )
         world = records(1, WORLD)
@@ -204,18 +207,19 @@ class Compiled:
             world=world,
             bodies=bodies,
             cuts=closing,
+            couplings=coupling_records(mechanism, numbering, couplings, rows),
             loads=item_records(acting, ITEM),
             signals=item_records(signals, ITEM),
             sensors=observing,
-            kept=np.arange(rows),
+            kept=np.arange(rows + len(couplings)),
             elastics=elastics,
             nodes=nodes,
             kernels=tables.kernels(),
             memory=tables.memory,
             numbers=np.array(numbering.numbers, float),
         )
-        sizes = (len(mechanism.bodies), rows, numbering.nq_full, numbering.nv_full, numbering.subspaces)
-        self.data = Data(arrays, allocate_state(*sizes))
+        sizes = (numbering.nq_full, numbering.nv_full, numbering.subspaces)
+        self.data = Data(arrays, allocate_state(len(mechanism.bodies), rows, len(couplings), *sizes))
         self.signals = self.signals_in(self.data)
 
     def tangent_arrays(self) -> Arrays:
@@ -237,7 +241,8 @@ class Compiled:
         memory, places = self._tables.complex_memory()
         joints, *others = np.split(np.array(places, np.int64), self._ends)
         arrays.bodies["at"][arrays.bodies["role"] == RIGID] = joints
-        for table, own in zip((arrays.cuts, arrays.loads, arrays.sensors, arrays.signals), others, strict=True):
+        tables = (arrays.cuts, arrays.couplings, arrays.loads, arrays.sensors, arrays.signals)
+        for table, own in zip(tables, others, strict=True):
             table["at"] = own
         arrays = arrays._replace(memory=memory, kernels=self._tables.kernels(COMPLEX))
         return Data(arrays, state)
@@ -298,6 +303,20 @@ def cut_records(mechanism: Mechanism, cuts: NDArray[np.int64]) -> tuple[NDArray[
     return table, row
 
 
+def coupling_records(
+    mechanism: Mechanism, numbering: Numbering, couplings: NDArray[np.int64], row: int
+) -> NDArray[Any]:
+    """One record a coupling, from their kinds and places; ``row`` is the first of their rows."""
+    table = records(len(mechanism.couplings), COUPLING)
+    for record, handle, (kind, at) in zip(table, mechanism.couplings, couplings, strict=True):
+        record["kind"], record["at"], record["row"] = kind, at, row + handle.index
+        for end, body, k in (("a", handle.a, handle.coordinate_a), ("b", handle.b, handle.coordinate_b)):
+            i, free = body.index, body.joint.drive is None
+            record[end], record["q" + end], record["v" + end] = i, numbering.q[i] + k, numbering.v[i] + k
+            record["f" + end] = numbering.vf[i] + k if free else -1
+    return table
+
+
 def elastic_records(mechanism: Mechanism, numbering: Numbering) -> tuple[NDArray[Any], NDArray[Any]]:
     """One record an elastic body, and one a cross-section in the order of the bodies."""
     elastics = records(len(mechanism.elastics), ELASTIC)
@@ -314,9 +333,14 @@ def elastic_records(mechanism: Mechanism, numbering: Numbering) -> tuple[NDArray
 
 
 def check_rows(mechanism: Mechanism, kept: NDArray[np.int64]) -> None:
-    """Raise UserError where an output reads a row of a cut joint that is void."""
-    first = np.cumsum([0] + [len(c.cut.rows) for c in mechanism.cuts])
+    """Raise UserError where an output reads a row of a cut joint, or a coupling, that is void."""
+    first = np.cumsum([0] + [len(c.rows) for c in mechanism.constraints])
     for name, sensor, *_ in mechanism.outputs:
+        if isinstance(sensor, CouplingEffort) and kept[first[len(mechanism.cuts) + sensor.item.index]] < 0:
+            raise UserError(
+                f"output {name!r} reads coupling {sensor.item.name!r}, which is void in this mechanism: both its "
+                "coordinates are driven"
+            )
         if isinstance(sensor, RowForce) and kept[first[sensor.item.index] + sensor.component] < 0:
             raise UserError(
                 f"output {name!r} reads row {sensor.item.cut.rows[sensor.component]!r} of cut {sensor.item.name!r}, "

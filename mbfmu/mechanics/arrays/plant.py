@@ -25,7 +25,7 @@ from .assembly import Assembly, start_positions
 from .bending import Bend, bend
 from .compile import Compiled, Numbering, Variable, check_rows
 from .inputs import Drives, Inputs
-from .rows import find_void_rows, row_names, row_units
+from .rows import find_void_rows, row_names
 from .scale import characteristic_length
 from .systems import Systems
 
@@ -46,7 +46,7 @@ class Plant:
     length
         Characteristic length, m; see :func:`.scale.characteristic_length`.
     void_rows
-        Names of cut-joint rows that no free motion works against; dropped.
+        Names of rows of constraints that no free motion works against; dropped.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
@@ -65,7 +65,7 @@ class Plant:
         self.drives = Drives(mechanism, numbering, compiled.signals, self.length)
         self.inputs = Inputs(numbering, self.data.arrays, compiled.signals, self.drives)
         self._systems = Systems(mechanism, numbering, compiled, self.drives, self.length)
-        names = row_names(mechanism.cuts)
+        names = row_names(mechanism.constraints)
         self.void_rows: list[str] = []
         self.system: Any = self._systems.make(names)
         if names:
@@ -78,7 +78,8 @@ class Plant:
     def _drop_void_rows(self, names: list[str]) -> list[str]:
         """Number the rows that are not void anew; return the names of those that are."""
         signals, before = self._compiled.signals, self.data.arrays.memory.copy()
-        units, start = row_units(self.mechanism.cuts), start_positions(self.mechanism)
+        start = start_positions(self.mechanism)
+        units = [unit for handle in self.mechanism.constraints for unit in handle.units]
         void = find_void_rows(self.system, start, self.drives, self.inputs, signals, units)
         self.data.arrays.memory[:] = before
         self.data.arrays.kept[:] = np.where(void, -1, np.cumsum(~void) - 1)
@@ -169,9 +170,8 @@ class Plant:
         arrays, state = self.data
         rows, load = state.rows, np.where(arrays.kept >= 0, lam[arrays.kept], 0.0)
         found = np.zeros((len(arrays.cuts), 2, 6))
-        ends = [*arrays.cuts["row"][1:], len(rows)]
-        for wrenches, cut, end in zip(found, arrays.cuts, ends, strict=True):
-            own = slice(int(cut["row"]), int(end))
+        for wrenches, cut in zip(found, arrays.cuts, strict=True):
+            own = slice(int(cut["row"]), int(cut["end"]))
             for wrench, body, G in zip(wrenches, (cut["a"], cut["b"]), (rows["Ga"], rows["Gb"]), strict=True):
                 wrench[:] = -(load[own] @ G[own]).reshape(2, 3).dot(state.bodies["A"][int(body)]).ravel()
         return found

@@ -1,4 +1,4 @@
-"""What the rows of cut joints are worth: those no motion works against, and those that say what others say.
+"""What the rows of constraints are worth: those no motion works against, and those that say what others say.
 
 A row is **void** where its Jacobian vanishes wherever the mechanism may be: a planar loop has three. It is dropped when
 the mechanism is compiled. A row is **redundant** where it depends on others: the loop is closed without it, and the
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from mbfmu.errors import AssemblyError
-from mbfmu.mechanics.builder.bodies import CutHandle
+from mbfmu.mechanics.builder.bodies import CouplingHandle, CutHandle
 from mbfmu.mechanics.signals import InUse
 from solvers.system import AnySystem, Array
 
@@ -25,14 +25,12 @@ DEPENDENT = 1e-4  # of pivots, relative to the largest; a loop closed to 1e-11 i
 TOLD = 4  # loops that are told one by one
 
 
-def row_names(cuts: Iterable[CutHandle]) -> list[str]:
+Handle = CutHandle | CouplingHandle
+
+
+def row_names(handles: Iterable[Handle]) -> list[str]:
     """Return the name of every row."""
-    return [f"{c.name}.{row}" if row else c.name for c in cuts for row in c.cut.rows]
-
-
-def row_units(cuts: Iterable[CutHandle]) -> list[str]:
-    """Return the unit of every row's residual."""
-    return ["rad" if unit == "N.m" else "m" for c in cuts for unit in c.cut.units]
+    return [f"{handle.name}.{row}" if row else handle.name for handle in handles for row in handle.rows]
 
 
 class Probe:
@@ -119,11 +117,11 @@ def dependent_rows(system: AnySystem, t: float, q: Array) -> NDArray[np.int64]:
     return np.sort(order[rank:])
 
 
-def describe(cuts: Iterable[CutHandle], void: Collection[str], redundant: Collection[str]) -> list[str]:
-    """Return a sentence for every cut joint with void or redundant rows; few where there are many."""
+def describe(handles: Iterable[Handle], void: Collection[str], redundant: Collection[str]) -> list[str]:
+    """Return a sentence for every cut joint or coupling with void or redundant rows; few where there are many."""
     lines = []
-    for cut in cuts:
-        rows = dict(zip(row_names([cut]), cut.cut.rows, strict=True))
+    for handle in handles:
+        rows = dict(zip(row_names([handle]), handle.rows, strict=True))
         found = [
             (word, [row for name, row in rows.items() if name in those])
             for word, those in (("void", void), ("redundant", redundant))
@@ -135,5 +133,5 @@ def describe(cuts: Iterable[CutHandle], void: Collection[str], redundant: Collec
             if those
         ]
         if parts:
-            lines.append(f"loop {cut.name!r}: {', '.join(parts)}")
+            lines.append(f"{handle.what} {handle.name!r}: {', '.join(parts)}")
     return lines if len(lines) <= TOLD else [*lines[:TOLD], f"{len(lines) - TOLD} more loops have such rows"]

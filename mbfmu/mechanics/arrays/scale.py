@@ -10,9 +10,8 @@ from collections import defaultdict
 import numpy as np
 
 from mbfmu.errors import UserError
-from mbfmu.mechanics.builder.bodies import Body
+from mbfmu.mechanics.builder.bodies import Body, CouplingHandle, CutHandle
 from mbfmu.mechanics.builder.mechanism import Mechanism
-from mbfmu.mechanics.cuts import Cut
 from mbfmu.mechanics.joints import Joint
 from mbfmu.mechanics.numbers import LONGEST, SHORTEST, array_of
 from mbfmu.mechanics.records import Arrays
@@ -78,6 +77,21 @@ def joint_sizes(name: str, joint: Joint, length: float) -> Array:
     return np.broadcast_to(told, (joint.nv,))
 
 
-def row_sizes(cut: Cut, length: float) -> Array:
-    """Return the unit of the residual of every row of a cut joint: 1 rad where it turns, else ``length`` m."""
-    return np.array([1.0 if unit == "N.m" else length for unit in cut.units])
+def row_sizes(handle: CutHandle | CouplingHandle, length: float) -> Array:
+    """Return the unit of the residual of every row: of a cut joint 1 rad where it turns, else ``length`` m."""
+    if isinstance(handle, CutHandle):
+        return np.array([1.0 if unit == "rad" else length for unit in handle.units])
+    return np.array([_coupling_size(handle, length)])
+
+
+def _coupling_size(handle: CouplingHandle, length: float) -> float:
+    """Return what the free ones of two coupled coordinates change the residual by at most, each moved by its unit: so
+    that the larger entry of its row is one, whatever the ratio.
+    """
+    a, b, steep = handle.a, handle.b, handle.coupling.steepness() or 1.0
+    moved = (
+        float(joint_sizes(a.name, a.joint, length)[handle.coordinate_a]),
+        float(joint_sizes(b.name, b.joint, length)[handle.coordinate_b]) * steep,
+    )
+    free = [size for size, body in zip(moved, (a, b), strict=True) if body.joint.drive is None]
+    return max(free or moved)

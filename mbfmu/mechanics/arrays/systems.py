@@ -34,8 +34,8 @@ class Systems:
         self._mechanism, self._numbering, self._compiled = mechanism, numbering, compiled
         self._drives, self._length, self._arrays = drives, length, compiled.data.arrays
         self._size = coordinate_sizes(free_bodies(mechanism), length)
-        self._row_size = np.concatenate([np.zeros(0), *(row_sizes(c.cut, length) for c in mechanism.cuts)])
-        limit = LARGE_LOOPS if mechanism.cuts else LARGE
+        self._row_size = np.concatenate([np.zeros(0), *(row_sizes(c, length) for c in mechanism.constraints)])
+        limit = LARGE_LOOPS if mechanism.constraints else LARGE
         self._large = not mechanism.elastics and numbering.nv > limit  # the structured tangent knows no modes
 
     def make(self, constraint_names: list[str]) -> AnySystem:
@@ -145,11 +145,12 @@ class Systems:
         return max(np.sqrt(weight / self._length), *(1.0 / pace for pace in self._drives.paces(bodies)), 0.0)
 
     def _loop_rate(self) -> float:
-        """Return how fast gravity and the drives that carry a cut joint's bodies move the loops, 1/s."""
+        """Return how fast gravity and the drives that carry a cut joint's bodies or are coupled move them, 1/s."""
         carrying: set[int] = set()
         for body in (end.index for cut in self._mechanism.cuts for end in (cut.a, cut.b)):
             k = body
             while k > 0 and k not in carrying:
                 carrying.add(k)
                 k = self._mechanism.bodies[k].parent
+        carrying.update(end.index for coupling in self._mechanism.couplings for end in (coupling.a, coupling.b))
         return self._rate(carrying)

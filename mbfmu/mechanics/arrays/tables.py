@@ -51,7 +51,7 @@ class Tables:
     Parameters
     ----------
     items
-        Joints, cut joints, loads, signals and sensors.
+        Joints, cut joints, couplings, loads, signals and sensors.
     filled
         Their records, filled, one (1,) array each.
 
@@ -132,6 +132,7 @@ def word_types(arrays: type, state: type) -> dict[str, Any]:
     number = types.complex128 if state is complex else types.float64
     return {
         "time": types.float64,
+        "coordinate": types.complex128 if arrays is complex else types.float64,
         "index": types.int64,
         "arrays": held_type((complex_twin(real) if arrays is complex else real).arrays),
         "state": held_type(complex_state(real.state) if state is complex else real.state),

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.errors import UserError
 from mbfmu.mechanics.checks import Matrix, Vector, one_of, vector
+from mbfmu.mechanics.couplings import Coupling
 from mbfmu.mechanics.cuts import Cut
 from mbfmu.mechanics.flexible import Beam
 from mbfmu.mechanics.joints import Joint, Section
@@ -19,6 +20,7 @@ from mbfmu.mechanics.sensors import (
     AngularVelocity,
     BendingMoment,
     Coordinate,
+    CouplingEffort,
     CutForce,
     Deflection,
     DirectionCosine,
@@ -66,7 +68,7 @@ class Body:
 
     def effort(self, k: int = 0) -> Sensor:
         """Force or torque that drives a driven joint."""
-        return Effort(unit="N.m" if self._unit(k) == "rad" else "N", item=self, component=k)
+        return Effort(unit=effort_unit(self._unit(k)), item=self, component=k)
 
     angle = coordinate
 
@@ -120,6 +122,32 @@ class Body:
         return self.joint.units[k]
 
 
+def effort_unit(unit: str) -> str:
+    """Return the unit of what acts along a coordinate in rad or m."""
+    return "N.m" if unit == "rad" else "N"
+
+
+def coordinate_of(what: str, body: Body, given: int | None) -> int:
+    """Return which coordinate of a body's joint is meant: the one given, or the only one.
+
+    Raises
+    ------
+    UserError
+        There is none of that number, several and none is told, or it is one of a quaternion.
+    """
+    joint, k = body.joint, given
+    plain = joint.nv - 3 * joint.quaternion
+    names = ", ".join(f"{k}: {name or joint.units[k]}" for k, name in enumerate(joint.coordinates[:plain]))
+    if plain == 0:
+        why = "turns by a quaternion" if joint.quaternion else "has none"
+        raise UserError(f"{what}: the joint of body {body.name!r} {why}; allowed: an angle or a displacement")
+    if k is None and plain == joint.nv == 1:
+        return 0
+    if not isinstance(k, int | np.integer) or not 0 <= k < plain:
+        raise UserError(f"{what} is {given!r}, of body {body.name!r}; allowed: {names}")
+    return int(k)
+
+
 @dataclass(frozen=True, eq=False)
 class CutHandle:
     """A cut joint of a mechanism, as :meth:`Mechanism.cut` returns it."""
@@ -129,6 +157,17 @@ class CutHandle:
     cut: Cut
     a: Body
     b: Body
+    what: ClassVar[str] = "loop"  # as messages call it
+
+    @property
+    def rows(self) -> tuple[str, ...]:
+        """Suffix of each row's name."""
+        return self.cut.rows
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Unit of each row's residual."""
+        return tuple("rad" if unit == "N.m" else "m" for unit in self.cut.units)
 
     def force(self, row: str = "") -> Sensor:
         """Force (N) or moment (N m) of one row on body b: ``x``, ``y``, ``z`` along the axes of the cut frame in body
@@ -144,6 +183,32 @@ class CutHandle:
         one_of("body of a cut joint's force", on, ("a", "b"))
         component = axis_index(axis) + (3 if on == "a" else 0)
         return CutForce(unit="N", item=self, component=component)
+
+
+@dataclass(frozen=True, eq=False)
+class CouplingHandle:
+    """A coupling of two coordinates, as :meth:`Mechanism.couple` returns it."""
+
+    name: str
+    index: int
+    coupling: Coupling
+    a: Body
+    b: Body
+    coordinate_a: int
+    coordinate_b: int
+    what: ClassVar[str] = "coupling"
+    rows: ClassVar[tuple[str, ...]] = ("",)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Unit of its residual: that of the first coordinate."""
+        return (self.a.joint.units[self.coordinate_a],)
+
+    def effort(self, on: str = "a") -> Sensor:
+        """What it exerts along the coordinate of body ``"a"`` or ``"b"``, N or N m."""
+        one_of(f"body of coupling {self.name!r}", on, ("a", "b"))
+        unit = (self.a.joint.units[self.coordinate_a], self.b.joint.units[self.coordinate_b])["ab".index(on)]
+        return CouplingEffort(unit=effort_unit(unit), item=self, component="ab".index(on), bodies=(self.a, self.b))
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,8 +233,7 @@ class ForceHandle:
         """What it exerts along the coordinate of the joint it acts on, N or N m."""
         if not self.load.on_joint:
             raise UserError(f"force {self.name!r} acts on bodies and along no coordinate; force and moment tell it")
-        unit = "N.m" if self.a.joint.units[0] == "rad" else "N"
-        return LoadEffort(unit=unit, item=self, bodies=(self.a,))
+        return LoadEffort(unit=effort_unit(self.a.joint.units[0]), item=self, bodies=(self.a,))
 
     def _wrench(self, unit: str, component: int, on: str) -> Sensor:
         one_of(f"body of force {self.name!r}", on, ("a", "b"))

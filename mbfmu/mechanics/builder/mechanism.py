@@ -19,6 +19,7 @@ import numpy as np
 from mbfmu.errors import UserError
 from mbfmu.mechanics.axes import unit_axis
 from mbfmu.mechanics.checks import Vector, inertia_matrix, not_negative, rotation, vector
+from mbfmu.mechanics.couplings import Coupling
 from mbfmu.mechanics.cuts import Cut
 from mbfmu.mechanics.elements import Plate
 from mbfmu.mechanics.flexible import Beam
@@ -43,7 +44,7 @@ from mbfmu.mechanics.sensors import (
 from mbfmu.mechanics.shapes import Shape, check_colour, lengths
 from mbfmu.mechanics.signals import Input, Signal
 
-from .bodies import Body, CutHandle, Elastic, ForceHandle, Profile, Surface
+from .bodies import Body, CouplingHandle, CutHandle, Elastic, ForceHandle, Profile, Surface, coordinate_of
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.assemblies.sheet import Sheet
@@ -88,6 +89,7 @@ class Mechanism:
         self.bodies: list[Body] = [self.ground]
         self._bodies_named = {"ground": self.ground}
         self.cuts: list[CutHandle] = []
+        self.couplings: list[CouplingHandle] = []
         self.forces: list[tuple[str, Load, Body, Body]] = []
         self.plates: list[tuple[Plate, tuple[Body, Body, Body, Body]]] = []
         self.elastics: list[Elastic] = []
@@ -186,7 +188,7 @@ class Mechanism:
 
     def cut(self, name: str, cut: Cut, a: Body, b: Body) -> CutHandle:
         """Close a loop with a cut joint between bodies a and b."""
-        self._new_name("cut", name, [c.name for c in self.cuts])
+        self._new_name("cut", name, [c.name for c in self.constraints])
         check_kind(f"cut {name!r}", cut, Cut)
         self._member(a, f"body a of cut {name!r}")
         self._member(b, f"body b of cut {name!r}")
@@ -195,6 +197,48 @@ class Mechanism:
         cut.check(f"cut {name!r}")
         self.cuts.append(CutHandle(name, len(self.cuts), cut, a, b))
         return self.cuts[-1]
+
+    def couple(
+        self,
+        name: str,
+        coupling: Coupling,
+        a: Body,
+        b: Body,
+        *,
+        coordinate_a: int | None = None,
+        coordinate_b: int | None = None,
+    ) -> CouplingHandle:
+        """Let a coordinate of body a's joint follow one of body b's, wherever in the tree the two are.
+
+        Parameters
+        ----------
+        name
+            New among the couplings and cuts.
+        coupling
+            The law, such as ``Gear(ratio=-2.0)`` or ``Cam(table)``.
+        a, b
+            Bodies of this mechanism; either joint may be driven.
+        coordinate_a, coordinate_b
+            Which coordinate, counted from 0, where the joint has several; never one of a quaternion.
+        """
+        what = f"coupling {name!r}"
+        self._new_name("coupling", name, [c.name for c in self.constraints])
+        check_kind(what, coupling, Coupling)
+        self._member(a, f"body a of {what}")
+        self._member(b, f"body b of {what}")
+        k = coordinate_of(f"coordinate_a of {what}", a, coordinate_a)
+        l = coordinate_of(f"coordinate_b of {what}", b, coordinate_b)
+        if a is b and k == l:
+            raise UserError(f"{what} ties the coordinate of body {a.name!r} to itself; it needs two coordinates")
+        coupling.check(what)
+        coupling.check_unit(what, b.joint.units[l])
+        self.couplings.append(CouplingHandle(name, len(self.couplings), coupling, a, b, k, l))
+        return self.couplings[-1]
+
+    @property
+    def constraints(self) -> list[CutHandle | CouplingHandle]:
+        """What has rows among the constraints, in their order."""
+        return [*self.cuts, *self.couplings]
 
     def force(self, name: str, force: Force, a: Body, b: Body | None = None) -> ForceHandle:
         """Let a force act on body a (and b); joint forces act on a's tree joint."""

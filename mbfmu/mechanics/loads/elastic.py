@@ -1,15 +1,21 @@
-"""What springs have in common: a stiffness, or a table of the force over the stretch, damping and a free length."""
+"""What springs have in common: a stiffness, or a law of the force over the stretch, damping and a free length.
+
+A table is integrated, so that such a spring stores energy as a linear one does. Of a function no integral is known: its
+energy is in no potential, and the work it does is in the balance instead.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, ClassVar
 
-from mbfmu.mechanics.curve import curve, rows
-from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics import law
+from mbfmu.mechanics.curve import curve
+from mbfmu.mechanics.kind import Site, kernel_of
 from mbfmu.mechanics.numbers import finite
 from mbfmu.mechanics.signals import Table
-from solvers.compiled.kernel import kernel
+from solvers.compiled.kernel import kept_nowhere, kernel
 
 from .base import Force
 
@@ -29,37 +35,60 @@ def table_energy(force: Any, stretch: Any, arrays: Any) -> Any:
     return stored - unloaded
 
 
+@cache
+def as_law(f: Any) -> Any:
+    """Return a function of the stretch as one of the time, the stretch and its rate."""
+
+    def of_stretch(t: float, x: float, rate: float) -> Any:
+        return f(x)
+
+    return kept_nowhere(of_stretch)
+
+
 @dataclass(frozen=True, kw_only=True)
 class ElasticForce(Force):
-    """A spring and a damper beside it; ``tabled`` are ``apply`` and ``potential`` of one with a table."""
+    """A spring and a damper beside it.
+
+    ``tabled`` are ``apply`` and ``potential`` of one with a table, ``made`` returns ``apply`` and ``power`` of one with
+    a function of the time, the stretch and its rate.
+    """
 
     tabled: ClassVar[tuple[Any, Any]]
+    made: ClassVar[Any]
 
-    stiffness: float | Table = 0.0
+    stiffness: Any = 0.0
     damping: float = 0.0
     free: float = 0.0
 
     def __post_init__(self) -> None:
-        """Take the kernels of a table."""
+        """Take the kernels of a table, or of a function."""
+        found: dict[str, Any] = {}
         if isinstance(self.stiffness, Table):
-            for name, function in zip(("apply", "potential"), self.tabled, strict=True):
-                object.__setattr__(self, name, function)
+            found = dict(zip(("apply", "potential"), self.tabled, strict=True))
+        elif self._is_function():
+            f = as_law(law.law_of(f"stiffness {self.stiffness!r} of a spring", self.stiffness, ("x",)))
+            found = dict(zip(("apply", "power"), kernel_of(self, "made")(f), strict=True)) | {"potential": None}
+        for name, function in found.items():
+            object.__setattr__(self, name, function)
+
+    def _is_function(self) -> bool:
+        return isinstance(self.stiffness, str) or callable(self.stiffness)
 
     def check(self, what: str) -> None:
         """Refuse what is no number."""
-        for key in ("damping", "free") if isinstance(self.stiffness, Table) else ("stiffness", "damping", "free"):
+        given = isinstance(self.stiffness, Table) or self._is_function()
+        for key in ("damping", "free") if given else ("stiffness", "damping", "free"):
             finite(f"{key} of {what}", getattr(self, key))
 
     def fill(self, record: Any, site: Site) -> None:
         """Write how much."""
         record["damping"], record["free"] = self.damping, self.free
         if isinstance(self.stiffness, Table):
-            table = rows(f"stiffness of {site.name}", self.stiffness.x, self.stiffness.y, self.stiffness.kind)
-            record["first"], record["count"] = site.numbers(table), len(table)
-        else:
+            self.stiffness.write(f"stiffness of {site.name}", record, site)
+        elif not self._is_function():
             record["stiffness"] = self.stiffness
 
     @property
     def works(self) -> bool:
-        """Whether it is damped."""
-        return bool(self.damping)
+        """Whether it is damped, or its force a function."""
+        return bool(self.damping) or self._is_function()

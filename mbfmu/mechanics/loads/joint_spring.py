@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
 
+from mbfmu.mechanics import law
 from mbfmu.mechanics.kind import Site
-from solvers.compiled.kernel import kernel
+from solvers.compiled.kernel import kept_nowhere, kernel
 
 from .elastic import ElasticForce, table_energy, table_force
 
@@ -46,6 +48,22 @@ def table_potential(force: Any, arrays: Any, state: Any) -> float:
     return table_energy(force, state.q[force.q] - force.free, arrays)
 
 
+@cache
+def kernels_of(f: Any) -> tuple[Any, Any]:
+    """Return ``apply`` and ``power`` of a spring whose force is a function."""
+    at = law.at
+
+    def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
+        rate = state.v[force.v]
+        state.Q[force.v] -= at(f, t, state.q[force.q] - force.free, rate) + force.damping * rate
+
+    def power(force: Any, t: float, arrays: Any, state: Any) -> Any:
+        rate = state.v[force.v]
+        return -(at(f, t, state.q[force.q] - force.free, rate) + force.damping * rate) * rate
+
+    return kept_nowhere(apply), kept_nowhere(power)
+
+
 @dataclass(frozen=True, kw_only=True)
 class JointSpring(ElasticForce):
     """Spring-damper on the joint coordinate of a body.
@@ -54,7 +72,8 @@ class JointSpring(ElasticForce):
     ----------
     stiffness, damping
         N m/rad and N m s/rad in a revolute, N/m and N s/m in a translational joint; a ``Table`` in place of a
-        stiffness has the force over the stretch.
+        stiffness has the force over the stretch x, ``lambda x: ...`` or an expression ``"3 * x**3"`` is it: the work of
+        such a function is known, its energy is not.
     free
         Unloaded coordinate, rad or m.
     """
@@ -76,6 +95,7 @@ class JointSpring(ElasticForce):
     potential = potential
     power = power
     tabled = (apply_table, table_potential)
+    made = kernels_of
 
     def fill(self, record: Any, site: Site) -> None:
         """Write where it acts too."""

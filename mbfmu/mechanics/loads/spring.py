@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
 
+from mbfmu.mechanics import law
 from mbfmu.mechanics.checks import vector
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.spatial import add_force, arm
-from solvers.compiled.kernel import kernel
+from solvers.compiled.kernel import kept_nowhere, kernel
 
 from .base import Points
 from .elastic import ElasticForce, table_energy, table_force
@@ -75,6 +77,25 @@ def table_potential(force: Any, arrays: Any, state: Any) -> float:
     return table_energy(force, length - force.free, arrays)
 
 
+@cache
+def kernels_of(f: Any) -> tuple[Any, Any]:
+    """Return ``apply`` and ``power`` of a spring whose force is a function."""
+    at = law.at
+
+    def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
+        A, B = state.bodies[force.a], state.bodies[force.b]
+        (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate = pull(force, A, B)
+        f_x = at(f, t, length - force.free, rate) + force.damping * rate
+        add_force(A.F, ax, ay, az, f_x * dx, f_x * dy, f_x * dz)
+        add_force(B.F, bx, by, bz, -f_x * dx, -f_x * dy, -f_x * dz)
+
+    def power(force: Any, t: float, arrays: Any, state: Any) -> Any:
+        _, _, _, length, rate = pull(force, state.bodies[force.a], state.bodies[force.b])
+        return -(at(f, t, length - force.free, rate) + force.damping * rate) * rate
+
+    return kept_nowhere(apply), kept_nowhere(power)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Spring(ElasticForce):
     """Translational spring-damper from ``at_a`` on body a to ``at_b`` on body b (m, body frames).
@@ -82,7 +103,8 @@ class Spring(ElasticForce):
     Parameters
     ----------
     stiffness, damping
-        N/m and N s/m; a ``Table`` in place of a stiffness has the force over the stretch.
+        N/m and N s/m; a ``Table`` in place of a stiffness has the force over the stretch x, ``lambda x: ...`` or an
+        expression ``"3 * x**3"`` is it: the work of such a function is known, its energy is not.
     free
         Free length, m.
     """
@@ -105,6 +127,7 @@ class Spring(ElasticForce):
     potential = potential
     power = power
     tabled = (apply_table, table_potential)
+    made = kernels_of
 
     at_a: Any = (0.0, 0.0, 0.0)
     at_b: Any = (0.0, 0.0, 0.0)

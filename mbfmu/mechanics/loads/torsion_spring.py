@@ -11,18 +11,19 @@ so that a torque along g does the work. Where a hinge joins the bodies m is n, a
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
 
+from mbfmu.mechanics import law
 from mbfmu.mechanics.axes import along, unit_axis
 from mbfmu.mechanics.checks import rotation
 from mbfmu.mechanics.kind import Site
-from mbfmu.mechanics.numbers import finite
 from mbfmu.mechanics.spatial import angle_of, arm
-from solvers.compiled.kernel import kernel
+from solvers.compiled.kernel import kept_nowhere, kernel
 
-from .base import Force
+from .elastic import ElasticForce, table_energy, table_force
 
 
 @kernel
@@ -45,17 +46,23 @@ def _twist(force: Any, A: Any, B: Any) -> Any:
 
 
 @kernel
-def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
-    """See :mod:`.base`."""
-    A, B = state.bodies[force.a], state.bodies[force.b]
-    phi, rate, (gx, gy, gz) = _twist(force, A, B)
-    torque = force.stiffness * (phi - force.free) + force.damping * rate
+def turn_back(A: Any, B: Any, torque: Any, g: Any) -> None:
+    """Let a torque act along g on a, and against it on b."""
+    gx, gy, gz = g
     A.F[3] += torque * gx
     A.F[4] += torque * gy
     A.F[5] += torque * gz
     B.F[3] -= torque * gx
     B.F[4] -= torque * gy
     B.F[5] -= torque * gz
+
+
+@kernel
+def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
+    """See :mod:`.base`."""
+    A, B = state.bodies[force.a], state.bodies[force.b]
+    phi, rate, g = _twist(force, A, B)
+    turn_back(A, B, force.stiffness * (phi - force.free) + force.damping * rate, g)
 
 
 @kernel
@@ -72,8 +79,40 @@ def power(force: Any, t: float, arrays: Any, state: Any) -> float:
     return -force.damping * rate * rate
 
 
+@kernel
+def apply_table(force: Any, t: float, arrays: Any, state: Any) -> None:
+    """See :mod:`.base`."""
+    A, B = state.bodies[force.a], state.bodies[force.b]
+    phi, rate, g = _twist(force, A, B)
+    turn_back(A, B, table_force(force, phi - force.free, arrays) + force.damping * rate, g)
+
+
+@kernel
+def table_potential(force: Any, arrays: Any, state: Any) -> float:
+    """The integral of the torque, from no turn on."""
+    phi, _, _ = _twist(force, state.bodies[force.a], state.bodies[force.b])
+    return table_energy(force, phi - force.free, arrays)
+
+
+@cache
+def kernels_of(f: Any) -> tuple[Any, Any]:
+    """Return ``apply`` and ``power`` of a spring whose torque is a function."""
+    at = law.at
+
+    def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
+        A, B = state.bodies[force.a], state.bodies[force.b]
+        phi, rate, g = _twist(force, A, B)
+        turn_back(A, B, at(f, t, phi - force.free, rate) + force.damping * rate, g)
+
+    def power(force: Any, t: float, arrays: Any, state: Any) -> Any:
+        phi, rate, _ = _twist(force, state.bodies[force.a], state.bodies[force.b])
+        return -(at(f, t, phi - force.free, rate) + force.damping * rate) * rate
+
+    return kept_nowhere(apply), kept_nowhere(power)
+
+
 @dataclass(frozen=True, kw_only=True)
-class TorsionSpring(Force):
+class TorsionSpring(ElasticForce):
     """Torsional spring-damper between bodies a and b about an axis of body a.
 
     The angle is that of a hinge about the axis, from -pi to pi, where it jumps and the torque with it; what turns
@@ -85,7 +124,8 @@ class TorsionSpring(Force):
     axis
         In the frame of body a.
     stiffness, damping
-        N m/rad and N m s/rad.
+        N m/rad and N m s/rad; a ``Table`` in place of a stiffness has the torque over the turn x from ``free``,
+        ``lambda x: ...`` or an expression is it: the work of such a function is known, its energy is not.
     free
         Unloaded angle of b in a, rad.
     rotation
@@ -96,6 +136,8 @@ class TorsionSpring(Force):
         [
             ("a", np.int64),
             ("b", np.int64),
+            ("first", np.int64),  # of the numbers of a table, and how many rows it has
+            ("count", np.int64),
             ("Ea", np.float64, (3, 3)),  # rows e1, e2, n, axes of a
             ("Eb", np.float64, (3, 3)),  # rows f1, f2, m, axes of b
             ("stiffness", np.float64),
@@ -107,26 +149,15 @@ class TorsionSpring(Force):
     apply = apply
     potential = potential
     power = power
+    tabled = (apply_table, table_potential)
+    made = kernels_of
 
     axis: Any = "z"
-    stiffness: float = 0.0
-    damping: float = 0.0
-    free: float = 0.0
     rotation: Any = None
 
-    def check(self, what: str) -> None:
-        """Refuse what is no number."""
-        for key in ("stiffness", "damping", "free"):
-            finite(f"{key} of {what}", getattr(self, key))
-
     def fill(self, record: Any, site: Site) -> None:
-        """Write the two frames, and how much."""
+        """Write the two frames too."""
+        super().fill(record, site)
         record["a"], record["b"] = site.bodies
         frame = along(unit_axis(self.axis))
         record["Ea"], record["Eb"] = frame.T, frame.T @ rotation(f"rotation of {site.name}", self.rotation)
-        record["stiffness"], record["damping"], record["free"] = self.stiffness, self.damping, self.free
-
-    @property
-    def works(self) -> bool:
-        """Whether it is damped."""
-        return bool(self.damping)

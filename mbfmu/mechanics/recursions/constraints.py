@@ -1,23 +1,30 @@
-"""Cut-joint constraints of the free coordinates: Phi, J = Phi_q, nu and gamma.
+"""Constraints of the free coordinates: Phi, J = Phi_q, nu and gamma; rows of cut joints first, then of couplings.
 
-A row is a pair of wrenches on two bodies (see ``cuts``); carried inward to the root it meets every joint whose
-coordinate moves the body, and J[row, k] is its power on that joint's motion subspace.
+A row of a cut joint is a pair of wrenches on two bodies (see ``cuts``); carried inward to the root it meets every joint
+whose coordinate moves the body, and J[row, k] is its power on that joint's motion subspace. A coupling has one row, of
+two coordinates (see ``couplings``):
+
+    Phi = q_a - f(q_b),    Phi' = v_a - f' v_b,    Phi'' = v'_a - f' v'_b - f'' v_b^2.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-from mbfmu.mechanics.dispatch import evaluate_cut
+from mbfmu.mechanics.dispatch import evaluate_coupling, evaluate_cut
 from mbfmu.mechanics.spatial import add_wrench, dot6, row_dot6, shift_wrench
 from solvers.compiled.kernel import inlined, kernel
 
 
 @inlined
-def evaluate_cuts(arrays: Any, state: Any) -> None:
-    """Fill State.rows from positions and velocities."""
+def evaluate_constraints(arrays: Any, state: Any) -> None:
+    """Fill State.rows from positions and velocities, State.coupled from positions."""
     for i in range(arrays.cuts.shape[0]):
         evaluate_cut(arrays.cuts[i], arrays, state)
+    for i in range(arrays.couplings.shape[0]):
+        coupling, here = arrays.couplings[i], state.coupled[i]
+        value, here.slope, here.bend = evaluate_coupling(coupling, arrays, state)
+        here.Phi = state.q[coupling.qa] - value
 
 
 @inlined
@@ -58,7 +65,7 @@ def carry_inward(i: int, end: int, G: Any, row: int, arrays: Any, state: Any, J:
 
 @inlined
 def jacobian(arrays: Any, state: Any, Phi: Any, J: Any, nu: Any) -> None:
-    """Phi (m,), J (m, n) and nu (m,), after :func:`evaluate_cuts`; State.v holds the driven velocities."""
+    """Phi (m,), J (m, n) and nu (m,), after :func:`evaluate_constraints`; State.v holds the driven velocities."""
     for i in range(arrays.cuts.shape[0]):
         cut = arrays.cuts[i]
         meeting = common_ancestor(cut.a, cut.b, arrays)
@@ -70,6 +77,22 @@ def jacobian(arrays: Any, state: Any, Phi: Any, J: Any, nu: Any) -> None:
                     J[row, k] = 0.0
                 nu[row] = -carry_inward(cut.a, meeting, state.rows[r].Ga, row, arrays, state, J)
                 nu[row] -= carry_inward(cut.b, meeting, state.rows[r].Gb, row, arrays, state, J)
+    for i in range(arrays.couplings.shape[0]):
+        coupling, here = arrays.couplings[i], state.coupled[i]
+        row = arrays.kept[coupling.row]
+        if row >= 0:
+            Phi[row] = here.Phi
+            for k in range(J.shape[1]):
+                J[row, k] = 0.0
+            nu[row] = 0.0
+            if coupling.fa >= 0:
+                J[row, coupling.fa] += 1.0
+            else:
+                nu[row] -= state.v[coupling.va]
+            if coupling.fb >= 0:
+                J[row, coupling.fb] -= here.slope
+            else:
+                nu[row] += here.slope * state.v[coupling.vb]
 
 
 @inlined
@@ -83,11 +106,17 @@ def right_hand_side(arrays: Any, state: Any, gamma: Any) -> None:
             if row >= 0:
                 here = state.rows[r]
                 gamma[row] = -dot6(here.Ga, A.dY) - dot6(here.Gb, B.dY) - here.bias
+    for i in range(arrays.couplings.shape[0]):
+        coupling, bent = arrays.couplings[i], state.coupled[i]
+        row = arrays.kept[coupling.row]
+        if row >= 0:
+            v = state.v[coupling.vb]
+            gamma[row] = bent.slope * state.a[coupling.vb] + bent.bend * v * v - state.a[coupling.va]
 
 
 @kernel
-def load_cuts(lam: Any, arrays: Any, state: Any) -> None:
-    """Add the cut-joint forces -lambda G to the applied wrenches F."""
+def load_constraints(lam: Any, arrays: Any, state: Any) -> None:
+    """Add the cut-joint forces -lambda G to the applied wrenches F, those of couplings to the coordinate forces Q."""
     f = state.wrench
     for i in range(arrays.cuts.shape[0]):
         cut = arrays.cuts[i]
@@ -101,3 +130,10 @@ def load_cuts(lam: Any, arrays: Any, state: Any) -> None:
                 for k in range(6):
                     f[k] = -lam[row] * state.rows[r].Gb[k]
                 add_wrench(state.bodies[cut.b].F, 0.0, 0.0, 0.0, f)
+    for i in range(arrays.couplings.shape[0]):
+        coupling, here = arrays.couplings[i], state.coupled[i]
+        row = arrays.kept[coupling.row]
+        if row >= 0:
+            here.lam = lam[row]
+            state.Q[coupling.va] -= lam[row]
+            state.Q[coupling.vb] += here.slope * lam[row]

@@ -18,7 +18,7 @@ from solvers.system import Terms
 
 from .aba import drive_efforts, forward_dynamics, unforced
 from .applied import apply_loads
-from .constraints import evaluate_cuts, jacobian, load_cuts, right_hand_side
+from .constraints import evaluate_constraints, jacobian, load_constraints, right_hand_side
 from .crba import composite_inertia, mass_matrix
 from .energy import exposure as exposure_of
 from .energy import kinetic_energy, potential_energy
@@ -41,7 +41,7 @@ def set_moving(t: float, arrays: Any, state: Any) -> None:
     turn_inertia(arrays, state)
     velocities(arrays, state)
     apply_loads(t, arrays, state)
-    evaluate_cuts(arrays, state)
+    evaluate_constraints(arrays, state)
 
 
 @inlined
@@ -140,7 +140,7 @@ def position(t: float, q: Any, data: Any, terms: Any) -> None:
             for k in range(body.nq):
                 state.q[body.qi + k] = q[body.qf + k]
     positions(arrays, state)
-    evaluate_cuts(arrays, state)
+    evaluate_constraints(arrays, state)
     jacobian(arrays, state, terms.Phi, terms.J, terms.nu)
 
 
@@ -177,7 +177,7 @@ def power(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any) -> float:
     if arrays.world[0].drives == 1:
         gather_free(a, arrays, state)
         accelerations(arrays, state)
-        load_cuts(lam, arrays, state)
+        load_constraints(lam, arrays, state)
         inverse_dynamics(arrays, state)
     return power_of(t, arrays, state)
 
@@ -210,7 +210,7 @@ def solved(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any) -> None:
     move(t, q, v, arrays, state)
     gather_free(a, arrays, state)
     accelerations(arrays, state)
-    load_cuts(lam, arrays, state)
+    load_constraints(lam, arrays, state)
     inverse_dynamics(arrays, state)
 
 

@@ -6,7 +6,7 @@ from .attitudes import AngularVelocity, DirectionCosine, Quaternion
 from .base import Follows, Sensor, axis_index
 from .coordinates import Acceleration, Coordinate, Effort, Rate, Turn
 from .energies import Energy, JacobiIntegral, KineticEnergy, PotentialEnergy, Residual, largest_residual
-from .forces import CutForce, JointForce, RowForce
+from .forces import CouplingEffort, CutForce, JointForce, RowForce
 from .loads import LoadEffort, LoadWrench
 from .pairs import AngleBetween, Distance, DistanceRate, RelativePosition, RelativeVelocity
 from .points import PointAcceleration, PointPosition, PointVelocity
@@ -18,6 +18,7 @@ __all__ = [
     "AngularVelocity",
     "BendingMoment",
     "Coordinate",
+    "CouplingEffort",
     "CutForce",
     "Deflection",
     "DirectionCosine",

@@ -57,6 +57,11 @@ def largest_residual(velocity: bool, arrays: Any, state: Any) -> float:
                 for k in range(6):
                     open_ += row.Ga[k] * state.bodies[cut.a].Y[k] + row.Gb[k] * state.bodies[cut.b].Y[k]
             worst = max(worst, abs(open_))
+    for i in range(arrays.couplings.shape[0]):
+        coupling, here = arrays.couplings[i], state.coupled[i]
+        if arrays.kept[coupling.row] >= 0:
+            rate = state.v[coupling.va] - here.slope * state.v[coupling.vb]
+            worst = max(worst, abs(rate if velocity else here.Phi))
     return worst
 
 

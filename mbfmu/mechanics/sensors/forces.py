@@ -1,4 +1,4 @@
-"""What joints and cut joints transmit."""
+"""What joints, cut joints and couplings transmit."""
 
 from __future__ import annotations
 
@@ -33,6 +33,13 @@ def cut_force(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
     return total
 
 
+@kernel
+def coupling_effort(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+    """See :mod:`.base`. Component 0: along the first coordinate, 1: along the second."""
+    force = -lam[arrays.kept[arrays.couplings[sensor.index].row]]
+    return force if sensor.component == 0 else -force * state.coupled[sensor.index].slope
+
+
 @dataclass(frozen=True, kw_only=True)
 class JointForce(Sensor):
     """Component of the wrench a tree joint transmits to the body, about its origin, global axes."""
@@ -54,4 +61,12 @@ class CutForce(Sensor):
     """Global component of the force a cut joint exerts on body b, from component 3 on on body a."""
 
     read = cut_force
+    follows = Follows.FORCES
+
+
+@dataclass(frozen=True, kw_only=True)
+class CouplingEffort(Sensor):
+    """What a coupling exerts along the coordinate of its body a, with component 1 along that of b."""
+
+    read = coupling_effort
     follows = Follows.FORCES

@@ -9,39 +9,34 @@ from typing import Any
 import numpy as np
 
 from mbfmu.errors import UserError
+from mbfmu.mechanics import law
 from mbfmu.mechanics.kind import Site
-from mbfmu.mechanics.law import law_of
 from mbfmu.mechanics.numbers import is_finite
 from solvers.compiled.kernel import kept_nowhere
 
 from .base import InUse, Signal
 
-TRIED, AGREE = 64, 1e-6  # times, within ten of ``time``, at which differences over two steps must agree so well
-FIRST, SECOND = 1e-3, 3e-3  # steps of the differences for rate and second derivative, in units of ``time``
+RANGE = 10.0  # units of ``time`` from zero on, in which it is tried
 
 
 @cache
-def kernel_of_value(law: Any) -> Any:
+def kernel_of_value(function: Any) -> Any:
     """Return the kernel of a signal whose derivatives nobody asks for."""
 
     def evaluate(signal: Any, t: float, arrays: Any) -> Any:
-        x = law(t)
+        x = function(t)
         return x, 0.0 * x, 0.0 * x
 
     return kept_nowhere(evaluate)
 
 
 @cache
-def kernel_of_motion(law: Any) -> Any:
-    """Return the kernel of a signal with its derivatives, by differences of sixth order."""
+def kernel_of_motion(function: Any) -> Any:
+    """Return the kernel of a signal with its derivatives, by differences."""
+    derivatives = law.derivatives
 
     def evaluate(signal: Any, t: float, arrays: Any) -> Any:
-        x, h, k = law(t), FIRST * signal.pace.real, SECOND * signal.pace.real
-        rate = 45.0 * (law(t + h) - law(t - h)) - 9.0 * (law(t + 2.0 * h) - law(t - 2.0 * h))
-        rate += law(t + 3.0 * h) - law(t - 3.0 * h)
-        second = 270.0 * (law(t + k) + law(t - k)) - 27.0 * (law(t + 2.0 * k) + law(t - 2.0 * k))
-        second += 2.0 * (law(t + 3.0 * k) + law(t - 3.0 * k)) - 490.0 * x
-        return x, rate / (60.0 * h), second / (180.0 * k * k)
+        return derivatives(function, t, signal.pace.real)
 
     return kept_nowhere(evaluate)
 
@@ -74,25 +69,13 @@ class Function(Signal):
         """Compile it."""
         if not (is_finite(self.time) and self.time > 0.0):
             raise UserError(f"time in which {self.what} changes is {self.time!r} s; allowed: greater than zero")
-        law = law_of(self.what, self.law, ("t",))
-        if self.differentiate and not self._resolved(law):
+        function = law.law_of(self.what, self.law, ("t",))
+        if self.differentiate and not law.resolved(function, (0.0, RANGE * self.time), self.time):
             raise UserError(
                 f"{self.what} changes faster than differences over thousandths of {self.time:g} s can tell; "
                 "say Function(..., time=...) with the time in which it changes, s, or give a signal"
             )
-        object.__setattr__(self, "evaluate", (kernel_of_motion if self.differentiate else kernel_of_value)(law))
-
-    def _resolved(self, law: Any) -> bool:
-        """Whether its second derivative, which a drive needs, is the same over a smaller step."""
-        found = []
-        for t in np.random.default_rng(0).uniform(0.0, 10.0 * self.time, TRIED):
-            x, seconds = law(t), []
-            for k in (SECOND * self.time, 0.25 * SECOND * self.time):
-                f = [law(t + n * k) + law(t - n * k) for n in (1, 2, 3)]
-                seconds.append((270.0 * f[0] - 27.0 * f[1] + 2.0 * f[2] - 490.0 * x) / (180.0 * k * k))
-            found.append((abs(seconds[0] - seconds[1]), abs(seconds[1]), abs(x)))
-        off, second, size = np.max(found, axis=0)
-        return not off > AGREE * (second + 1e-2 * size / self.time**2)  # the last is what rounding leaves
+        object.__setattr__(self, "evaluate", (kernel_of_motion if self.differentiate else kernel_of_value)(function))
 
     @property
     def drives(self) -> bool:  # type: ignore[override]

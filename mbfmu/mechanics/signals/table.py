@@ -24,30 +24,36 @@ def evaluate(signal: Any, t: float, arrays: Any) -> tuple[float, float, float]:
 
 @dataclass(frozen=True)
 class Table(Signal):
-    """A curve through points; beyond both ends it goes on as a straight line.
+    """A curve through points.
 
-    Of a spring it is the force over the stretch, see ``JointSpring`` and ``Spring``.
+    Of a spring it is the force over the stretch, see ``JointSpring`` and ``Spring``; of a ``Cam`` the one coordinate
+    over the other.
 
     Parameters
     ----------
     x
-        Where the points are, ascending: s, or of a spring m or rad.
+        Where the points are, ascending: s, or of a spring or cam m or rad.
     y
         Values there.
     kind
         ``spline``: twice differentiable, without curvature at its ends. ``monotone``: never beyond the points beside
         it, ``akima``: hardly ever; both with jumps of the second derivative. ``linear``: straight from point to point,
         which no joint can follow.
+    beyond
+        How it goes on beyond both ends. ``linear``: as a straight line. ``hold``: with the value there; a spline or a
+        monotone curve comes to its ends without slope. ``periodic``: from the beginning again, for ever either way; the
+        last value must be the first, and a curve has no kink there.
     """
 
     x: Any
     y: Any
     kind: str = "spline"
+    beyond: str = "linear"
 
     record = np.dtype(
         [
             ("first", np.int64),  # row of numbers
-            ("count", np.int64),  # of rows
+            ("count", np.int64),  # of rows, negative: periodic
             ("slope", np.float64),  # the steepest, 1/s
             ("interval", np.float64),  # the shortest, s
         ],
@@ -57,13 +63,25 @@ class Table(Signal):
 
     def fill(self, record: Any, site: Site) -> None:
         """Write the points."""
-        table = rows("a table", self.x, self.y, self.kind)
-        record["first"], record["count"] = site.numbers(table), len(table)
+        table = self.write("a table", record, site)
         record["slope"], record["interval"] = np.abs(table[:, 2]).max(), np.diff(table[:, 0]).min()
+
+    def rows(self, what: str) -> Any:
+        """Return the rows of the curve, see :mod:`mbfmu.mechanics.curve`; UserError for what is none."""
+        return rows(what, self.x, self.y, self.kind, self.beyond)
+
+    def write(self, what: str, record: Any, site: Site) -> Any:
+        """Keep the rows for the kernels of a record with ``first`` and ``count``, and return them."""
+        table = self.rows(what)
+        record["first"] = site.numbers(table)
+        record["count"] = -len(table) if self.beyond == "periodic" else len(table)
+        return table
 
     @property
     def drives(self) -> bool:  # type: ignore[override]
         """Whether its rate has no jumps."""
+        if self.beyond == "hold":
+            return self.kind in ("spline", "monotone")
         return self.kind != "linear" or np.size(self.x) == 2
 
     def __hash__(self) -> int:
@@ -79,6 +97,10 @@ class Table(Signal):
         """Return the shortest interval between points, until the last."""
         begin, end = np.min(self.x), np.max(self.x)
         shortest = float(own.record["interval"])
-        if t >= end or not float(own.record["slope"]):
+        if not float(own.record["slope"]):
+            return inf, inf
+        if self.beyond == "periodic":
+            return shortest, inf
+        if t >= end:
             return inf, inf
         return (max(0.5 * (begin - t), shortest), float(begin)) if t < begin else (shortest, float(end))

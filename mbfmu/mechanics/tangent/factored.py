@@ -35,6 +35,7 @@ class Scratch(NamedTuple):
     G: Array  # (6, 6) joint rows by own coordinates
     g: Array  # (6, 3) joint rows by the parent's rotation
     row: Array  # (12,) one joint row over both bodies' motions
+    pair: Array  # (24,) what two coupled coordinates do, over the motions of four bodies
     K: Array  # (24.., 24..) stiffness of a load, six rows a body
     weight: Array  # (m,) alpha
     along: Array  # (nv,) stiffness of forces along joint coordinates
@@ -69,6 +70,7 @@ class Tangent:
             G=z((6, 6)),
             g=z((6, 3)),
             row=z(12),
+            pair=z(24),
             K=z((most, most)),
             weight=z(int(arrays.kept.max(initial=-1)) + 1),
             along=z(len(state.v)),

@@ -1,4 +1,4 @@
-"""What bodies, loads and cut joints contribute to the structured tangent, added to the rows of a group and
+"""What bodies, loads, cut joints and couplings contribute to the structured tangent, added to the rows of a group and
 its neighbour inward.
 """
 
@@ -9,11 +9,11 @@ from typing import Any
 from mbfmu.mechanics.dispatch import load_tangent
 from solvers.compiled.kernel import kernel
 
-from . import cuts, loads
+from . import couplings, cuts, loads
 from .joints import handed_down, outer_joint
 from .layout import FIXED, OUTER
 
-_cut, _load = cuts.stiffness, loads.stiffness
+_cut, _coupling, _load = cuts.stiffness, couplings.stiffness, loads.stiffness
 
 
 @kernel
@@ -65,6 +65,14 @@ def cut_joint(c: int, group: int, size: int, L: Any, arrays: Any, state: Any, tw
 
 
 @kernel
+def coupling(c: int, group: int, size: int, L: Any, arrays: Any, state: Any, dual: Any, s: Any) -> None:
+    """How the efforts of a coupling change, and the spring that holds it."""
+    _coupling(c, arrays, state, dual, s)
+    e = arrays.loads.shape[0] + arrays.cuts.shape[0] + c
+    add_element(L.first_body[e], L.first_body[e + 1], group, size, L, s)
+
+
+@kernel
 def stepped(e: int, group: int, size: int, c1: float, L: Any, arrays: Any, state: Any, twin: Any, s: Any) -> None:
     """A load that does not know it."""
     _load(e, c1, L, arrays, state, twin, s.K)
@@ -100,6 +108,8 @@ def fill(
         analytic(L.loads[k], group, size, c1, L, arrays, state, s)
     for k in range(L.first_cut[group], L.first_cut[group + 1]):
         cut_joint(L.cuts[k], group, size, L, arrays, state, twin, s)
+    for k in range(L.first_coupling[group], L.first_coupling[group + 1]):
+        coupling(L.couplings[k], group, size, L, arrays, state, dual, s)
     for k in range(L.first_step[group], L.first_step[group + 1]):
         stepped(L.steps[k], group, size, c1, L, arrays, state, twin, s)
     own, inner = L.first[group + 1] - L.first[group], L.inward[group]

@@ -77,9 +77,12 @@ def cell_of(mechanism: Mechanism, moving: list[bool]) -> tuple[dict[int, int], l
 
 
 def neighbours(mechanism: Mechanism, moving: list[bool], cells: dict[int, int]) -> dict[int, set[int]]:
-    """Return the cells that joints, cut joints and loads tie every cell to."""
+    """Return the cells that joints, cut joints, couplings and loads tie every cell to."""
     ties: list[list[int]] = [[body.index, body.parent] for body in mechanism.bodies[1:]]
     ties += [[cut.a.index, cut.b.index] for cut in mechanism.cuts]
+    for coupling in mechanism.couplings:
+        free = [end for end in (coupling.a, coupling.b) if end.joint.drive is None]
+        ties.append([i for end in free for i in (end.index, end.parent)])
     ties += [[body.index for body in acting.bodies] for acting in mechanism.loads() if not acting.load.on_joint]
     near: dict[int, set[int]] = {cell: set() for cell in cells.values()}
     for tie in ties:

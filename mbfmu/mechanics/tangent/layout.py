@@ -33,10 +33,12 @@ class Layout(NamedTuple):
     loads: NDArray[np.int64]  # those with a tangent of their own, by the first group that has one of their bodies
     first_cut: NDArray[np.int64]  # (groups + 1,) into ``cuts``
     cuts: NDArray[np.int64]  # cut joints, likewise
+    first_coupling: NDArray[np.int64]  # (groups + 1,) into ``couplings``
+    couplings: NDArray[np.int64]  # likewise
     first_step: NDArray[np.int64]  # (groups + 1,) into ``steps``
     steps: NDArray[np.int64]  # loads that are differentiated by complex steps, likewise
-    first_body: NDArray[np.int64]  # (loads + cuts + 1,) into ``bodies``
-    bodies: NDArray[np.int64]  # of every load and then of every cut joint
+    first_body: NDArray[np.int64]  # (loads + cuts + couplings + 1,) into ``bodies``
+    bodies: NDArray[np.int64]  # of every load, every cut joint and every coupling: a, its parent, b, its parent
     along: NDArray[np.int64]  # (k, 2) loads along the coordinate of a joint, and whose
 
 
@@ -80,6 +82,8 @@ def lay_out(arrays: Any, found: Groups, acting: Sequence[Acting]) -> tuple[Layou
     steps = by_group([[] if t is not None else own for t, own in zip(told, on, strict=True)], role, found)
     ties = [[int(cut["a"]), int(cut["b"])] for cut in arrays.cuts]
     cuts = by_group(ties, role, found)
+    pairs = [[i for end in "ab" for i in coupled_bodies(arrays, coupling, end)] for coupling in arrays.couplings]
+    couplings = by_group(pairs, role, found)
     along = [(k, a.bodies[0].index) for k, a in enumerate(acting) if a.load.on_joint]
     layout = Layout(
         role=role,
@@ -93,13 +97,21 @@ def lay_out(arrays: Any, found: Groups, acting: Sequence[Acting]) -> tuple[Layou
         loads=flat_list(loads),
         first_cut=offsets(cuts),
         cuts=flat_list(cuts),
+        first_coupling=offsets(couplings),
+        couplings=flat_list(couplings),
         first_step=offsets(steps),
         steps=flat_list(steps),
-        first_body=offsets(on + ties),
-        bodies=flat_list(on + ties),
+        first_body=offsets(on + ties + pairs),
+        bodies=flat_list(on + ties + pairs),
         along=np.array(along, np.int64).reshape(-1, 2),
     )
     return layout, kept, sizes
+
+
+def coupled_bodies(arrays: Any, coupling: Any, end: str) -> list[int]:
+    """Return the two bodies whose motions say what a coupled coordinate does; the ground where it is driven."""
+    i = int(coupling[end])
+    return [i, int(arrays.bodies[i]["parent"])] if coupling["f" + end] >= 0 else [0, 0]
 
 
 def neighbours(groups: Any, inward: Any) -> bool:

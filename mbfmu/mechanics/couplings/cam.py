@@ -1,0 +1,110 @@
+"""A coordinate as a function of another: q_a = f(q_b)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics import law
+from mbfmu.mechanics.curve import curve
+from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.numbers import is_finite
+from mbfmu.mechanics.signals import Signal, Table
+from solvers.compiled.kernel import kept_nowhere, kernel
+
+from .base import Coupling
+
+RANGE = 5.0  # units of ``width`` to either side of zero, in which a function is tried
+
+
+@kernel
+def evaluate(cam: Any, x: Any, arrays: Any) -> Any:
+    """See :mod:`.base`."""
+    value, slope, bend, _ = curve(arrays.numbers, cam.first, cam.count, x)
+    return value, slope, bend
+
+
+@cache
+def kernel_of(f: Any) -> Any:
+    """Return ``evaluate`` of a function f(q)."""
+    derivatives = law.derivatives
+
+    def evaluate(cam: Any, x: Any, arrays: Any) -> Any:
+        return derivatives(f, x, cam.width.real)
+
+    return kept_nowhere(evaluate)
+
+
+@dataclass(frozen=True)
+class Cam(Coupling):
+    """A cam and its follower, or any other law: first coordinate = law(second).
+
+    Parameters
+    ----------
+    law
+        A ``Table`` of the first coordinate over the second, which must be smooth (``beyond="periodic"`` for a cam that
+        turns on); a function ``lambda q: ...`` or an expression ``"0.01 * cos(3 * q)"``, compiled and differentiated by
+        differences.
+    width
+        Of a function: change of the second coordinate, rad or m, over which it changes noticeably; None: 1 rad. It must
+        be told where the second coordinate is a displacement.
+    """
+
+    law: Any
+    width: float | None = None
+
+    record = np.dtype([("first", np.int64), ("count", np.int64), ("width", np.float64)], align=True)
+    evaluate = evaluate
+
+    def __post_init__(self) -> None:
+        """Compile a function."""
+        if not isinstance(self.law, Table):
+            if isinstance(self.law, Signal) or not (callable(self.law) or isinstance(self.law, str)):
+                raise UserError(f"law of a cam is {self.law!r}; allowed: a Table, a function or an expression of q")
+            object.__setattr__(self, "evaluate", kernel_of(self._function()))
+
+    def _function(self) -> Any:
+        return law.law_of("law of a cam", self.law, ("q",))
+
+    def check(self, what: str) -> None:
+        """Refuse what no joint can follow."""
+        if self.width is not None and not (np.ndim(self.width) == 0 and is_finite(self.width) and self.width > 0.0):
+            raise UserError(f"width of {what} is {self.width!r}; allowed: greater than zero")
+        if isinstance(self.law, Table):
+            self.law.rows(f"law of {what}")
+            if not self.law.drives:
+                raise UserError(f"law of {what} is {self.law!r}; its slope jumps, and no joint can follow that")
+        elif not law.resolved(self._function(), self._width * RANGE * np.array((-1.0, 1.0)), self._width):
+            raise UserError(
+                f"law of {what} changes faster than differences over thousandths of {self._width:g} can tell; "
+                "say Cam(..., width=...) with the change of its coordinate, rad or m, over which it changes"
+            )
+
+    def check_unit(self, what: str, unit: str) -> None:
+        """Refuse a function of a displacement that does not say over what it changes."""
+        if unit == "m" and self.width is None and not isinstance(self.law, Table):
+            raise UserError(
+                f"law of {what} is a function of a displacement; say Cam(..., width=...) with the displacement, m, "
+                "over which it changes"
+            )
+
+    @property
+    def _width(self) -> float:
+        return 1.0 if self.width is None else float(self.width)
+
+    def fill(self, record: Any, site: Site) -> None:
+        """Write the table, or how fast the function changes."""
+        record["width"] = self._width
+        if isinstance(self.law, Table):
+            self.law.write(f"law of {site.name}", record, site)
+
+    def steepness(self) -> float:
+        """Return the steepest slope at the points of a table, or at some of a function."""
+        if isinstance(self.law, Table):
+            return float(np.abs(self.law.rows("law of a cam")[:, 2]).max())
+        points = self._width * np.linspace(-RANGE, RANGE, 41)
+        return float(np.abs([law.derivatives(self._function(), x, self._width)[1] for x in points]).max())

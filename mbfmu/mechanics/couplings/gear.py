@@ -1,0 +1,58 @@
+"""A constant ratio of two coordinates: q_a = ratio q_b + offset."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.numbers import finite, is_finite
+from solvers.compiled.kernel import kernel
+
+from .base import Coupling
+
+
+@kernel
+def evaluate(gear: Any, x: Any, arrays: Any) -> Any:
+    """See :mod:`.base`."""
+    return gear.ratio * x + gear.offset, gear.ratio + 0.0 * x, 0.0 * x
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gear(Coupling):
+    """A gear, belt, chain drive, or rack and pinion: first coordinate = ``ratio`` * second + ``offset``.
+
+    It holds positions, as Modelica's IdealGear does: unless both are fixed, assembly moves the joints whose starts do
+    not fit, and what was turned by so many teeth says so by its offset. Nothing is taken from where they start.
+
+    Parameters
+    ----------
+    ratio
+        Of two outer gears about parallel axes -(teeth of the second) / (teeth of the first), of an inner gear, a belt
+        or a chain without the sign; of a rack on a pinion the pitch radius, m/rad, of a pinion on a rack its inverse.
+    offset
+        First coordinate where the second is zero, rad or m.
+    """
+
+    record = np.dtype([("ratio", np.float64), ("offset", np.float64)], align=True)
+    evaluate = evaluate
+
+    ratio: float
+    offset: float = 0.0
+
+    def check(self, what: str) -> None:
+        """Refuse what is no ratio."""
+        if np.ndim(self.ratio) or not is_finite(self.ratio) or self.ratio == 0.0:
+            raise UserError(f"ratio of {what} is {self.ratio!r}; allowed: a finite number other than zero")
+        finite(f"offset of {what}", self.offset)
+
+    def fill(self, record: Any, site: Site) -> None:
+        """Write ratio and offset."""
+        record["ratio"], record["offset"] = self.ratio, self.offset
+
+    def steepness(self) -> float:
+        """Return the ratio without its sign."""
+        return abs(self.ratio)
