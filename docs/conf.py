@@ -5,13 +5,11 @@ Nothing is fetched: formulas become MathML, and no other project's index of name
 
 from __future__ import annotations
 
-import os
 import sys
 from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent / "_ext"))
-os.environ.setdefault("MPLBACKEND", "Agg")
 
 import mbfmu
 
@@ -21,7 +19,7 @@ copyright = author
 version = release = mbfmu.__version__
 
 extensions = ["sphinx.ext.autodoc", "sphinx.ext.napoleon", "myst_nb", "sphinx_copybutton"]
-extensions += ["mathml", "names", "animations"]  # ours, in _ext
+extensions += ["mathml", "names", "animations", "links"]  # ours, in _ext
 exclude_patterns = ["_ext", "**/.ipynb_checkpoints"]
 
 html_theme = "furo"
