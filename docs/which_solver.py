@@ -17,7 +17,7 @@ QUESTIONS = (  # lines of a question, and of what to take where the answer is ye
         ("ida", "sheets: 1e-5, fine grids 1e-4"),
     ),
     (("Has it cut joints and more", "than 1000 coordinates?"), ("ida", "the only one that takes it")),
-    (("Has it many loops,", "or long ones?"), ("hybrid", "tolerance: error wanted / 100")),
+    (("Has it large loops:", "dozens of coordinates in one?"), ("hybrid", "tolerance: error wanted / 100")),
 )
 LAST = ("adams", "tolerance: error wanted / 100")
 WIDTH, ROW, LINE = 720, 108, 19  # pixels

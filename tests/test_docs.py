@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import runpy
+import shlex
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ import pytest
 import mbfmu
 import solvers
 from mbfmu import mechanics
+from mbfmu.cli import main
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -48,3 +50,15 @@ def test_every_benchmark_stands_on_its_page() -> None:
 def test_the_citation_has_the_version() -> None:
     (version,) = re.findall(r"^version: (\S+)$", (ROOT / "CITATION.cff").read_text(), re.MULTILINE)
     assert version == mbfmu.__version__
+
+
+def test_the_tour_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = (DOCS / "tour.md").read_text()
+    (export,) = re.findall(r"^mbfmu export .*", text, re.MULTILINE)
+    assert main(shlex.split(export)[1:]) == 0
+    capsys.readouterr()
+    for block in re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL):
+        exec(compile(block, "docs/tour.md", "exec"), {})
+    native = mbfmu.simulate(mbfmu.find("fourbar")(crank_mass=2.0), 2.0, tolerance=1e-8)
+    assert float(capsys.readouterr().out) == pytest.approx(native["crank.angle"][-1], abs=1e-6)
