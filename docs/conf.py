@@ -19,7 +19,7 @@ copyright = author
 version = release = mbfmu.__version__
 
 extensions = ["sphinx.ext.autodoc", "sphinx.ext.napoleon", "myst_nb", "sphinx_copybutton"]
-extensions += ["mathml", "names", "animations", "links"]  # ours, in _ext
+extensions += ["mathml", "fields", "names", "animations", "links"]  # ours, in _ext
 exclude_patterns = ["_ext", "**/.ipynb_checkpoints"]
 
 html_theme = "furo"
@@ -34,10 +34,11 @@ myst_heading_anchors = 3
 
 nb_execution_mode = "force"
 nb_execution_raise_on_error = True
-nb_execution_timeout = 300
+nb_execution_timeout = 900  # s a cell: the first one compiles where nothing is in the cache
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
+autodoc_preserve_defaults = True
 autodoc_class_signature = "mixed"
 napoleon_google_docstring = False
 napoleon_use_rtype = False
