@@ -1,0 +1,64 @@
+"""What the site says of the package agrees with the package."""
+
+from __future__ import annotations
+
+import re
+import runpy
+import shlex
+from pathlib import Path
+
+import pytest
+
+import mbfmu
+import solvers
+from mbfmu import mechanics
+from mbfmu.cli import main
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+PAGES = sorted(DOCS.rglob("*.md"))
+
+
+def documented() -> list[str]:
+    """Names of the objects on the pages of the reference."""
+    text = "\n".join(page.read_text() for page in (DOCS / "api").glob("*.md"))
+    return [name.rpartition(".")[2] for name in re.findall(r"^\.\. (?:auto|py:)\w+:: (\S+)", text, re.MULTILINE)]
+
+
+def test_the_reference_has_every_public_name_once() -> None:
+    named = documented()
+    assert sorted(named) == sorted(set(named))
+    assert set(named) == set(mbfmu.__all__) | set(mechanics.__all__) | set(solvers.__all__)
+
+
+def test_the_picture_of_the_choice_is_what_its_script_draws() -> None:
+    script = runpy.run_path(str(DOCS / "which_solver.py"))
+    assert script["PICTURE"].read_text() == script["picture"]()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(DOCS)))
+def test_files_that_a_page_names_exist(page: Path) -> None:
+    named = re.findall(r"`((?:mbfmu|solvers|fmus|tests|benchmarks|examples|docs)/[\w/.]*)`", page.read_text())
+    assert [name for name in named if not (ROOT / name).exists()] == []
+
+
+def test_every_benchmark_stands_on_its_page() -> None:
+    page = (DOCS / "benchmarks.md").read_text()
+    assert [path.name for path in (ROOT / "benchmarks").glob("*.py") if f"`{path.name}`" not in page] == []
+
+
+def test_the_citation_has_the_version() -> None:
+    (version,) = re.findall(r"^version: (\S+)$", (ROOT / "CITATION.cff").read_text(), re.MULTILINE)
+    assert version == mbfmu.__version__
+
+
+def test_the_tour_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = (DOCS / "tour.md").read_text()
+    (export,) = re.findall(r"^mbfmu export .*", text, re.MULTILINE)
+    assert main(shlex.split(export)[1:]) == 0
+    capsys.readouterr()
+    for block in re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL):
+        exec(compile(block, "docs/tour.md", "exec"), {})
+    native = mbfmu.simulate(mbfmu.find("fourbar")(crank_mass=2.0), 2.0, tolerance=1e-8)
+    assert float(capsys.readouterr().out) == pytest.approx(native["crank.angle"][-1], abs=1e-6)
