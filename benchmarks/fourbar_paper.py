@@ -12,7 +12,7 @@ from pathlib import Path
 from mbfmu.native import Result, communication_points, run
 from mbfmu.scene import load_scene
 from mbfmu.simulation import Simulation
-from mbfmu.studies.report import COLOURS, finish, subplots
+from mbfmu.studies.report import COLORS, finish, subplots
 from mbfmu.table import table
 
 METHODS = {"LU": "adams-lu", "projection": "adams", "hybrid": "hybrid"}
@@ -85,7 +85,7 @@ def draw(scene: str, results: dict[str, Result]) -> None:
         figure, ax = subplots(size=(8.0, 3.6))
         for method, style in (("LU", "-"), ("projection", "-"), ("hybrid", "--")):
             result = results[method]
-            ax.plot(result.t, result[output], style, lw=1.2, color=COLOURS[METHODS[method]], label=method)
+            ax.plot(result.t, result[output], style, lw=1.2, color=COLORS[METHODS[method]], label=method)
         exact_span = results["projection"][output]
         margin = 0.6 * (exact_span.max() - exact_span.min())
         ax.set_ylim(exact_span.min() - margin, exact_span.max() + margin) if margin > 1e-3 else None

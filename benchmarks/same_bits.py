@@ -104,7 +104,7 @@ def bent_loop() -> Mechanism:
     m = Mechanism(gravity=(0, -9.81, 0))
     crank = m.body("crank", m.ground, Revolute(start=0.3, fixed=True), **rod(mass=0.5, length=0.1))
     beam = Beam(length=0.3, mass=0.4, bending_stiffness=2.0, modes=2, damping=1e-4)
-    coupler = m.elastic("coupler", crank, Revolute(at=(0.1, 0, 0), start=-0.4), beam)
+    coupler = m.flexible_body("coupler", crank, Revolute(at=(0.1, 0, 0), start=-0.4), beam)
     slider = m.body("slider", m.ground, Translational(axis="x", start=0.38), mass=1.0)
     pin = m.cut("pin", RevoluteCut(), coupler.section(0.3), slider)
     m.output("crank.angle", m.turn(crank))

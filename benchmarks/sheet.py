@@ -65,7 +65,7 @@ def statics() -> None:
         lines.append(
             (f"{nx} x {nz}", f"{found.solve_time:.3g}", str(found.iterations), f"{tip:.3f}", f"{tip + 108.22:+.3f}")
         )
-    print(table(("statics", "time [s]", "factorings", "tip [mm]", "off by"), lines), "\n")
+    print(table(("statics", "time [s]", "factorizations", "tip [mm]", "off by"), lines), "\n")
 
 
 def releases() -> None:

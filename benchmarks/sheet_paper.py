@@ -23,14 +23,14 @@ def damped(path: Path) -> None:
     """Draw the tip of every grid over the rest position of the shell codes, and print where each comes to rest."""
     times = communication_points(5.0, 0.01)
     figure, (whole, end) = subplots(1, 2, size=(9.0, 3.6), gridspec_kw={"width_ratios": (2.2, 1.0)})
-    for (nx, nz), colour in GRIDS.items():
+    for (nx, nz), color in GRIDS.items():
         model = Sheet(nx=nx, nz=nz, damping=Sheet.settling["damping"])
         result = run(model, Settings(tolerance=1e-5 if nx < 33 else 1e-4), times)
         if result.failure:
             raise SystemExit(f"{nx} x {nz}: {result.failure}")
         tip, rest = 1e3 * result["tip.y"], 1e3 * equilibrium(model).outputs["tip.y"]
         for ax in (whole, end):
-            ax.plot(times, tip, lw=1.1, color=colour, label=f"{nx} x {nz}")
+            ax.plot(times, tip, lw=1.1, color=color, label=f"{nx} x {nz}")
         print(f"{nx} x {nz}: tip {tip[-1]:.3f} mm after {times[-1]:g} s, at rest {rest:.3f} mm")
     for ax in (whole, end):
         ax.axhline(1e3 * SHELL, color="#303030", ls="--", lw=1.0, label="shell codes, at rest")

@@ -31,8 +31,8 @@ def settle(model: Model, output: str, label: str, end: float, interval: float, p
     target = equilibrium(damped).outputs[output]
     times = communication_points(end, interval)
     figure, ax = subplots(size=(8.0, 3.6))
-    for own, text, colour in ((model, "undamped", "#b0b0b0"), (damped, damping_in_words(model), "#4269d0")):
-        ax.plot(times, run(own, SETTINGS, times)[output], lw=1.0, color=colour, label=text)
+    for own, text, color in ((model, "undamped", "#b0b0b0"), (damped, damping_in_words(model), "#4269d0")):
+        ax.plot(times, run(own, SETTINGS, times)[output], lw=1.0, color=color, label=text)
     ax.axhline(target, color="#ff725c", ls="--", lw=1.2, label=f"steady state: {target:.6g}")
     ax.set_xlabel("time [s]")
     ax.set_ylabel(label)
@@ -84,9 +84,9 @@ def divergence(path: Path) -> None:
     """Draw the slider's distance with the velocity terms implicit and explicit."""
     model = SwingPendulum()
     figure, ax = subplots(size=(8.0, 3.6))
-    for h, colour in ((5e-4, "#efb118"), (1e-3, "#ff725c"), (2e-3, "#9c2c1c")):
+    for h, color in ((5e-4, "#efb118"), (1e-3, "#ff725c"), (2e-3, "#9c2c1c")):
         rows = trapezoidal(model, h, 5.0, lagged=True)
-        ax.plot(rows[:, 0], rows[:, 2], lw=0.6, color=colour, label=f"explicit velocity terms, {1e3 * h:g} ms")
+        ax.plot(rows[:, 0], rows[:, 2], lw=0.6, color=color, label=f"explicit velocity terms, {1e3 * h:g} ms")
     rows = trapezoidal(model, 1e-3, 5.0, lagged=False)
     ax.plot(rows[:, 0], rows[:, 2], lw=0.4, color="#4269d0", label="implicit, 1 ms")
     ax.set_ylim(0.6, 1.5)

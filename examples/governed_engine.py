@@ -312,10 +312,10 @@ def draw(run: Run, errors: dict[str, list[float]], path: Path) -> None:
         "torque [N m]": {"load": run["engine.load"], "engine": ENGINE.max_torque * run["engine.throttle"]},
         "height [mm]": {"collar": 1e3 * run["governor.collar.height"]},
     }
-    colours = {"governor": "#efb118", "collar": "#efb118", "engine": "#4269d0", "load": "#ff725c"}
+    colors = {"governor": "#efb118", "collar": "#efb118", "engine": "#4269d0", "load": "#ff725c"}
     for ax, (label, curves) in zip(left, panels.items(), strict=True):
         for name, values in curves.items():
-            ax.plot(run["time"], values, color=colours[name], lw=1.4, label=name)
+            ax.plot(run["time"], values, color=colors[name], lw=1.4, label=name)
         ax.set_ylabel(label)
         ax.margins(x=0.0, y=0.12)
         ax.grid(alpha=0.3)

@@ -5,7 +5,7 @@
     mbfmu effects examples/spinning_arm.py:SpinningArm
 
 The arm is clamped to a hub that runs up to 6 rad/s within 15 s, faster than the arm's first natural frequency. The tip
-lags behind by half a metre and comes back, because the centrifugal force straightens the arm. Linear modes alone do not
+lags behind by half a meter and comes back, because the centrifugal force straightens the arm. Linear modes alone do not
 know that force: to them the arm softens as it spins faster, and runs away. Data are those of Simo and Vu-Quoc (1986).
 """
 
@@ -48,7 +48,7 @@ class SpinningArm(Model):
             ends=("clamped", "free"),
             stiffening=self.stiffening,
         )
-        arm = m.elastic("arm", m.ground, Revolute(drive=RunUp(speed=self.speed, duration=self.duration)), beam)
+        arm = m.flexible_body("arm", m.ground, Revolute(drive=RunUp(speed=self.speed, duration=self.duration)), beam)
         m.output("tip.deflection", arm.deflection(self.length), "tip across the turning axis of the arm")
         m.output("root.moment", arm.moment(0.0), "bending moment at the hub")
         m.output("hub.angle", arm.body.angle(), "angle of the hub")

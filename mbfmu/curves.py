@@ -32,7 +32,7 @@ RESIDUALS = ("residual", "imbalance")  # how names end of what should be nothing
 MOST = 12  # curves in a panel
 ALIKE = 0.01  # of the height of a panel: curves nearer than this hide each other
 DASHES = ("-", (0, (6, 3)), (0, (2, 2)), (0, (8, 2, 2, 2)))
-COLOURS = 10  # before they begin anew, with other dashes
+COLORS = 10  # before they begin anew, with other dashes
 WIDTHS = (1.0, 3.0)  # points; of a curve, and of one under others that are dashed
 FLAT = 1e-6  # of the size of its values: a panel is not lower, or it would show their rounding
 DEEP = 1e-9  # of its largest value: how far down a logarithmic panel goes
@@ -152,10 +152,10 @@ def styles(curves: Any) -> list[dict[str, Any]]:
     for i in range(curves.shape[1]):
         hidden = [j for j in range(i) if np.nanmax(np.abs(curves[:, i] - curves[:, j])) <= ALIKE * (high - low)]
         taken = [found[j] for j in hidden]
-        dashes = range(1, len(DASHES)) if hidden else [i // COLOURS % len(DASHES)]
+        dashes = range(1, len(DASHES)) if hidden else [i // COLORS % len(DASHES)]
         found.append(min(dashes, key=taken.count))
         beneath.update(j for j in hidden if found[j] == 0)
     return [
-        {"color": f"C{i % COLOURS}", "ls": DASHES[k], "lw": WIDTHS[i in beneath], "alpha": 0.5 if i in beneath else 1.0}
+        {"color": f"C{i % COLORS}", "ls": DASHES[k], "lw": WIDTHS[i in beneath], "alpha": 0.5 if i in beneath else 1.0}
         for i, k in enumerate(found)
     ]

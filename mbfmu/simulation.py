@@ -157,7 +157,7 @@ class Simulation:
         return self.stepper.statistics
 
     def loops(self) -> list[str]:
-        """Return in sentences which rows of the cut joints are void and which redundant."""
+        """Return in sentences which rows of the cut joints vanish and which are redundant."""
         return self.plant.assembly.notes(self.t, self.stepper.q)
 
     def energy(self) -> float:

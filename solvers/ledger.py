@@ -10,7 +10,7 @@ its *exposure*
 
     sqrt(sum (p_i tol_i)^2 + sum (g_i tol_i)^2),
 
-and the sum over the steps is what the tolerance explains (``stray``). p is the generalised momentum, all bodies and
+and the sum over the steps is what the tolerance explains (``stray``). p is the generalized momentum, all bodies and
 drives in it; for g stands the bias h of the equations of motion, which holds the forces of every potential and the same
 products of velocities. An energy that is a square of the error is covered: the exposure is taken where a step ends. No
 tolerance controls e_W. Driven coordinates count among the others as if they were integrated, since it is through their

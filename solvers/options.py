@@ -35,7 +35,7 @@ class Options:
     switching: Switching = field(default_factory=Switching)
 
     def __post_init__(self) -> None:
-        """Refuse what no solver can honour."""
+        """Refuse what no solver can honor."""
         if not 1e-12 <= self.rtol <= 1e-2:
             raise ValueError(f"rtol = {self.rtol}: allowed is 1e-12 to 1e-2")
         require("atol", self.absolute, 0.0, math.inf)

@@ -207,7 +207,7 @@ class Equations(NamedTuple):
 
 
 class Tangent(Protocol):
-    """The linearised equations of motion of a tree, T = c2 M + c1 D + K, in a form that is solved in O(n).
+    """The linearized equations of motion of a tree, T = c2 M + c1 D + K, in a form that is solved in O(n).
 
     K is the derivative of h + J^T lambda.
     """

@@ -39,7 +39,7 @@ def test_run_through_the_fmu_writes_csv_and_png(command: Command, tmp_path: Path
     assert code == 0
     assert "steps" in out
     assert "energy imbalance" in out
-    assert "loop 'pivot': 3 of 5 rows are void (z, zx, zy)" in out
+    assert "loop 'pivot': 3 of 5 rows vanish (z, zx, zy)" in out
     folder = tmp_path / "fourbar" / "default-adams-1e-6"
     assert f"wrote {folder}\n" in out
     assert sorted(p.name for p in folder.iterdir()) == [

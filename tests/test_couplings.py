@@ -231,10 +231,10 @@ def test_two_drives_agree_or_are_refused() -> None:
         return m, m.couple("mesh", Gear(ratio=-3.0), a, b)
 
     m, mesh = both(-6.0)
-    assert Plant(m).void_rows == ["mesh"]
+    assert Plant(m).vanishing_rows == ["mesh"]
     m, mesh = both(-6.0)
     m.output("effort", mesh.effort())
-    with pytest.raises(UserError, match="'effort' reads coupling 'mesh', which is void in this mechanism: both its"):
+    with pytest.raises(UserError, match="'effort' reads coupling 'mesh', which vanishes in this mechanism: both its"):
         Plant(m)
     with pytest.raises(AssemblyError, match=r"the drives break .*'mesh' opens to .* rad"):
         Plant(both(-5.0)[0])
@@ -262,7 +262,7 @@ def test_a_loop_with_a_gear_is_the_loop_with_more_inertia(solver: str) -> None:
     assert not found.failure
     np.testing.assert_allclose(found["crank"], true["crank"], atol=1e-5)
     sentences = Simulation(of_user(slider_crank(True)), Settings()).loops()
-    assert sentences == ["loop 'pin': 1 of 3 rows is void (z)"]
+    assert sentences == ["loop 'pin': 1 of 3 rows vanishes (z)"]
 
 
 def ring(last: float) -> Mechanism:
@@ -406,7 +406,7 @@ def test_the_joint_of_an_elastic_body_is_geared() -> None:
     """So stiff a beam that it is a rod: a third of m l^2 on the hub."""
     m = Mechanism()
     beam = Beam(length=2.0, mass=3.0, bending_stiffness=4e5, modes=2, ends=("clamped", "free"), damping=1e-4)
-    arm = m.elastic("arm", m.ground, Revolute(), beam)
+    arm = m.flexible_body("arm", m.ground, Revolute(), beam)
     motor = wheel(m, "motor", 0.02)
     m.couple("mesh", Gear(ratio=0.1), arm.body, motor)
     m.force("torque", JointForce("1.0 - cos(t)"), motor)

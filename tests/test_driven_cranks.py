@@ -1,4 +1,4 @@
-"""Loops without freedom: a crank that is driven, through its dead centres or into one that it cannot pass."""
+"""Loops without freedom: a crank that is driven, through its dead centers or into one that it cannot pass."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Driven(Model):
 
 @dataclass(frozen=True, kw_only=True)
 class Across(Model):
-    """Crank and rod of one length: the slider passes the crank's centre, where the drive has no lever on it."""
+    """Crank and rod of one length: the slider passes the crank's center, where the drive has no lever on it."""
 
     name = "across"
     length: float
@@ -63,7 +63,7 @@ class Across(Model):
 @pytest.mark.parametrize("solver", ["ida", "adams", "hybrid"])
 @pytest.mark.parametrize("length", [1e-3, 1.0, 1e3])
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 1e-8])
-def test_a_slider_passes_the_centre_of_its_crank(solver: str, length: float, tolerance: float) -> None:
+def test_a_slider_passes_the_center_of_its_crank(solver: str, length: float, tolerance: float) -> None:
     result = run(Across(length=length), Settings(solver=solver, tolerance=tolerance), np.linspace(0.0, 4.0, 81))
     assert not result.failure
     np.testing.assert_allclose(

@@ -1,4 +1,4 @@
-"""Steady states: closed forms, stability, failures, linearisation, sweeps."""
+"""Steady states: closed forms, stability, failures, linearization, sweeps."""
 
 from __future__ import annotations
 

@@ -137,7 +137,7 @@ def test_a_stiff_coupler_moves_as_the_rigid_one(solver: str) -> None:
 
 def test_without_modes_the_mechanism_is_the_rigid_one() -> None:
     arrays: Any = Plant(FourBar(coupler_modes=0, coupler_elements=50).build()).data.arrays
-    assert len(arrays.elastics) == len(arrays.nodes) == 0
+    assert len(arrays.flexibles) == len(arrays.nodes) == 0
     assert len(arrays.bodies) == 4
 
 

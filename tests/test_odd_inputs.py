@@ -78,7 +78,7 @@ def other() -> Mechanism:
         (lambda m, bar: Input(name="push", unit="N", start=float("nan")), "start of input 'push' is nan"),
         (lambda m, bar: Input(name="push", unit="N", start="x"), "start of input 'push' is 'x'"),
         (lambda m, bar: SpeedInput(name="speed", unit="rad/s", start=float("inf")), "start of input 'speed' is inf"),
-        (lambda m, bar: m.body("b", bar, Translational(size="x"), mass=1.0), "size of body 'b' is 'x'"),
+        (lambda m, bar: m.body("b", bar, Translational(nominal="x"), mass=1.0), "nominal of body 'b' is 'x'"),
         (
             lambda m, bar: m.cut("far", RevoluteCut(at_a=(1e160, 0.0, 0.0)), bar, m.ground),
             "largest length of the mechanism",

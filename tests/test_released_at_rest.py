@@ -24,13 +24,13 @@ class Parallelogram(Model):
     start: float  # rad, from flat
     masses: tuple[float, ...]
     ground: float
-    centres: tuple[tuple[float, float], ...]  # of mass, m
+    centers: tuple[tuple[float, float], ...]  # of mass, m
 
     def build(self) -> Mechanism:
         m = Mechanism(gravity=(0.0, -G, 0.0))
         own = [
             {"mass": M, "com": (*c, 0.0), "inertia": (0.02 * M * l * l, 0.09 * M * l * l, INERTIA * M * l * l)}
-            for M, c, l in zip(self.masses, self.centres, (1.0, self.ground, 1.0), strict=True)
+            for M, c, l in zip(self.masses, self.centers, (1.0, self.ground, 1.0), strict=True)
         ]
         crank = m.body("crank", m.ground, Revolute(start=self.start, fixed=True), **own[0])
         coupler = m.body("coupler", crank, Revolute(at=(1.0, 0.0, 0.0), start=-self.start), **own[1])
@@ -42,7 +42,7 @@ class Parallelogram(Model):
 
     def exact(self, times: np.ndarray) -> dict[str, np.ndarray]:
         """The angle of both cranks; the coupler does not turn."""
-        (first, middle, last), (here, _, there) = self.masses, self.centres
+        (first, middle, last), (here, _, there) = self.masses, self.centers
         inertia = sum(M * (INERTIA + c[0] ** 2 + c[1] ** 2) for M, c in ((first, here), (last, there))) + middle
         x, y = first * here[0] + middle + last * there[0], first * here[1] + last * there[1]
 
@@ -62,7 +62,7 @@ def drawn(seed: int) -> Parallelogram:
         start=float(10.0 ** rng.uniform(-6.0, -3.5)),
         masses=tuple(10.0 ** rng.uniform(-1.5, 1.5, 3)),
         ground=ground,
-        centres=tuple((rng.uniform(*place), rng.uniform(-0.3, 0.3)) for place in places),
+        centers=tuple((rng.uniform(*place), rng.uniform(-0.3, 0.3)) for place in places),
     )
 
 

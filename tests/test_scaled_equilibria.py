@@ -29,7 +29,7 @@ SCALES = [(1e-3, 1.0, 1.0), (1e3, 1.0, 1.0), (1.0, 1e-6, 1.0), (1e-3, 1e-6, 1e-2
 
 @dataclass(frozen=True, kw_only=True)
 class Copy(Model):
-    """Something in other units: metres, kilograms and seconds of it are so many."""
+    """Something in other units: meters, kilograms and seconds of it are so many."""
 
     length: float = 1.0
     mass: float = 1.0

@@ -36,11 +36,11 @@ def test_static_tip_on_the_papers_grids(grid: tuple[int, int], within: float) ->
     assert found.outputs["reaction.y"] == pytest.approx(weight, rel=1e-9)
 
 
-def test_static_centre_line_lies_on_both_shell_codes() -> None:
+def test_static_center_line_lies_on_both_shell_codes() -> None:
     model = Sheet(nx=51, nz=35, grid_outputs=True)
     found = equilibrium(model)
     line = np.array([[found.outputs[f"node[{i},17].{axis}"] for axis in "xy"] for i in range(51)])
-    table = np.genfromtxt(DATA / "cantilever_static_centreline.csv", delimiter=",", names=True)
+    table = np.genfromtxt(DATA / "cantilever_static_centerline.csv", delimiter=",", names=True)
     names = table.dtype.names
     assert names is not None
     for x, y in zip(names[1::2], names[2::2], strict=True):

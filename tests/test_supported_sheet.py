@@ -162,7 +162,7 @@ def test_a_flat_sheet_may_be_clamped_to_a_slider() -> None:
     assert abs(result["energy"][-1]) < 1e-3 * load * LENGTH * WIDTH * abs(result["middle"][-1])
 
 
-def test_a_regularisation_that_would_damp_is_small_on_fine_grids_too() -> None:
+def test_a_regularization_that_would_damp_is_small_on_fine_grids_too() -> None:
     drift = [
         np.ptp(r["energy"]) / np.ptp(r["kinetic"])
         for r in (run(Held(nx=n, nz=5), Settings(tolerance=1e-5), np.linspace(0.0, 0.05, 11)) for n in (9, 25))
@@ -171,7 +171,7 @@ def test_a_regularisation_that_would_damp_is_small_on_fine_grids_too() -> None:
 
 
 def test_an_edge_clamped_by_cut_joints_is_a_clamped_edge() -> None:
-    """The two trees discretise alike but for the side their joints' arcs start from."""
+    """The two trees discretize alike but for the side their joints' arcs start from."""
     gaps = []
     for nx, nz in ((9, 7), (17, 13)):
         tree, cuts = (still(Held(nx=nx, nz=nz, way=way)).outputs for way in ("clamped", "master"))
@@ -367,7 +367,7 @@ def test_a_clamp_at_one_end_of_the_edge_twists_the_sheet() -> None:
     assert corners((WIDTH - 0.07, WIDTH)) == pytest.approx((far, near), rel=1e-8)
 
 
-def linearisation(at: Plant, q: Any, lam: Any) -> Any:
+def linearization(at: Plant, q: Any, lam: Any) -> Any:
     """Exact derivative (n, n) of h + J^T lambda at rest, by complex step on the dense twin."""
     from mbfmu.mechanics.recursions.dynamics import solved, take_free
 
@@ -384,14 +384,14 @@ def linearisation(at: Plant, q: Any, lam: Any) -> Any:
 
 
 @pytest.mark.parametrize("way", ["master", "guided", "simple"])
-def test_saddle_system_is_the_exact_linearisation(way: str) -> None:
+def test_saddle_system_is_the_exact_linearization(way: str) -> None:
     """At a bent position, with reactions: [K + M, J^T; J, 0] (x, y) = (f, g)."""
     at = Plant(Held(nx=7, nz=6, way=way).build())
     system, rng = at.system, np.random.default_rng(0)
     q = at.assembly.start_positions()
     system.apply(q, 0.05 * rng.normal(size=system.n))
     lam, x, y = 0.01 * rng.normal(size=system.m), rng.normal(size=system.n), rng.normal(size=system.m)
-    K = linearisation(at, q, lam)
+    K = linearization(at, q, lam)
     saddle, rest = Saddle(system), np.zeros(system.n)
     saddle.weigh(0.0, q)
     saddle.residual(0.0, q, rest, rest, lam)

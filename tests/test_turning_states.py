@@ -90,7 +90,7 @@ class Umbrella(Model):
         return PIN * sin(angle) - sqrt(LINK**2 - (PIN * cos(angle)) ** 2)
 
     def torque(self, angle: float) -> float:
-        """Generalised force along the arm's angle where everything is at rest but the column."""
+        """Generalized force along the arm's angle where everything is at rest but the column."""
         h = 1e-30
         swing = -self.mass * 9.81 * 0.5 * ARM * cos(angle)
         swing -= self.speed**2 * self.mass * ARM**2 / 3.0 * sin(angle) * cos(angle)

@@ -77,7 +77,7 @@ class FourBar(Model):
             coupler = middle = tip = m.body("coupler", crank, pin, **rod(mass=self.coupler_mass, length=L))
             at_middle, at_tip = (0.5 * L, 0.0, 0.0), (L, 0.0, 0.0)
         else:
-            elastic = m.elastic("coupler", crank, pin, self._beam())
+            elastic = m.flexible_body("coupler", crank, pin, self._beam())
             m.profile(elastic, height=self.coupler_height, width=self.coupler_width)
             coupler, middle, tip = elastic.body, elastic.section(0.5 * L), elastic.section(L)
             at_middle = at_tip = (0.0, 0.0, 0.0)
@@ -118,7 +118,7 @@ class FourBar(Model):
             )
             on_ground = pivot.joint_force(axis, on="a")
             m.output(f"pivot.force.{axis}", on_ground, f"force of the rocker on its ground pivot, {direction}")
-        for elastic in m.elastics:
+        for elastic in m.flexible_bodies:
             for k in range(self.coupler_modes):
                 mode = f"coupler.mode[{k + 1}]"
                 m.output(f"{mode}.amplitude", elastic.modes.coordinate(k), "largest deflection by the mode")

@@ -58,7 +58,7 @@ class Governor(Model):
     rod_length: float = parameter(0.10922, unit="m", min=1e-3, doc="rod between arm and collar")
     pivot_height: float = parameter(0.2, unit="m", doc="height of the arms' pivot")
     ball_mass: float = parameter(1.0, unit="kg", min=0.0, doc="each ball")
-    ball_inertia: float = parameter(0.1, unit="kg.m2", min=0.0, doc="each ball, about every axis of its centre")
+    ball_inertia: float = parameter(0.1, unit="kg.m2", min=0.0, doc="each ball, about every axis of its center")
     collar_mass: float = parameter(1.0, unit="kg", min=0.0, doc="collar")
     collar_inertia: float = parameter(0.125, unit="kg.m2", min=0.0, doc="collar about the spindle")
     spindle_inertia: float = parameter(

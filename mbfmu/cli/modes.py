@@ -62,7 +62,7 @@ def command_modes(options: argparse.Namespace) -> int:
         )
         place.file("modes.txt").write_text(text + "\n")
         mechanism = found.plant.mechanism
-        if modes and (mechanism.surfaces or mechanism.elastics):
+        if modes and (mechanism.surfaces or mechanism.flexible_bodies):
             plot = plot_shapes if mechanism.surfaces else plot_bars
             plot(found.plant, found.q, modes, f"{scene.name}: natural modes", place.file("shapes.png"))
         tell(options, text)

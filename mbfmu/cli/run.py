@@ -147,7 +147,7 @@ def warn(text: str) -> None:
 
 
 def loops(scene: Scene) -> list[str]:
-    """Return what is void or redundant in the loops of a scene at its start."""
+    """Return what vanishes or redundant in the loops of a scene at its start."""
     plant = scene.model.plant()
     return plant.assembly.notes(0.0, plant.assemble()[0]) if plant.mechanism.constraints else []
 

@@ -1,4 +1,4 @@
-"""What travels in an FMU for people: a page that lists its variables, and the licences of what is in it."""
+"""What travels in an FMU for people: a page that lists its variables, and the licenses of what is in it."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ def _table(role: Role, variables: Sequence[Variable]) -> str:
     return f"<h2>{role.plural}</h2><table><tr>{head}</tr>{rows}</table>"
 
 
-def licences() -> dict[str, str]:
-    """Return the texts of the licences of what an FMU contains, by the name of a file."""
+def licenses() -> dict[str, str]:
+    """Return the texts of the licenses of what an FMU contains, by the name of a file."""
     return {f"{name}.txt": _licence(name) for name in ("mbfmu", "pythonfmu")}
 
 
@@ -49,4 +49,4 @@ def _licence(package: str) -> str:
     for file in distribution(package).files or ():
         if file.name.startswith("LICENSE") and ".dist-info" in str(file):
             return file.read_text()
-    raise UserError(f"package {package!r} is installed without its licence; install it anew")
+    raise UserError(f"package {package!r} is installed without its license; install it anew")

@@ -158,7 +158,7 @@ class ModelSlave(Values):
             return Simulation(model, settings, t0, inputs)
 
     def _tell_loops(self) -> None:
-        """Log what is void or redundant in the loops, unless it was."""
+        """Log which rows of the loops vanish or are redundant, unless that was said."""
         assert self.simulation is not None
         told, self._loops = self._loops, self.simulation.loops()
         if told != self._loops:

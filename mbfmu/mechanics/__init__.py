@@ -8,7 +8,7 @@ from .arrays.plant import Plant
 from .assemblies.chain import add_chain
 from .assemblies.sheet import Sheet, add_sheet
 from .assemblies.supports import Support
-from .builder.bodies import Body, CouplingHandle, CutHandle, Elastic, ForceHandle
+from .builder.bodies import Body, CouplingHandle, CutHandle, FlexibleBody, ForceHandle
 from .builder.inertia import box, cylinder, rod, sphere, tube
 from .builder.mechanism import Mechanism
 from .couplings import Cam, Coupling, Gear
@@ -75,7 +75,7 @@ __all__ = [
     "CylindricalCut",
     "DistanceCut",
     "DistanceStop",
-    "Elastic",
+    "FlexibleBody",
     "Floating",
     "Force",
     "ForceHandle",

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.elements.plate_energy import ELEMENT
-from mbfmu.mechanics.flexible.modal import ELASTIC, MODES, NODE
+from mbfmu.mechanics.flexible.modal import FLEXIBLE, MODES, NODE
 from solvers.compiled.kernel import records
 
 KERNELS = 4  # most that a role has
@@ -41,8 +41,8 @@ BODY = np.dtype(
         ("drive", np.int64),  # signal that gives the coordinate; -1: free
         ("node", np.int64),  # of a section: its node; -1: rigid
         ("mass", np.float64),  # kg
-        ("com", np.float64, (3,)),  # centre of mass from the body's origin, body axes, m
-        ("inertia", np.float64, (3, 3)),  # about the centre of mass, body axes, kg m^2
+        ("com", np.float64, (3,)),  # center of mass from the body's origin, body axes, m
+        ("inertia", np.float64, (3, 3)),  # about the center of mass, body axes, kg m^2
         ("s", np.float64, (3,)),  # joint frame in the parent: origin s'_j, m
         ("R", np.float64, (3, 3)),  # ... and axes
     ],
@@ -102,7 +102,7 @@ class Arrays(NamedTuple):
     signals: NDArray[Any]  # ITEM
     sensors: NDArray[Any]  # SENSOR
     kept: NDArray[np.int64]  # (rows,) number among the constraints of rows, cut joints first, then couplings; -1: void
-    elastics: NDArray[Any]  # ELASTIC
+    flexibles: NDArray[Any]  # FLEXIBLE
     nodes: NDArray[Any]  # NODE
     kernels: NDArray[np.int64]  # addresses of kernels, KERNELS for each kind that is there; 0: it has none
     memory: NDArray[np.uint8]  # every record of joints, cut joints, couplings, loads, signals and sensors
@@ -116,8 +116,8 @@ MOTION = np.dtype(
         ("Y", np.float64, (6,)),  # velocity (r', w)
         ("dY", np.float64, (6,)),  # acceleration (r'', w'), less gravity
         ("beta", np.float64, (6,)),  # acceleration at q'' = 0 and parent's Y' = 0 (velocity products)
-        ("com", np.float64, (3,)),  # centre of mass from the origin, global axes
-        ("Jc", np.float64, (3, 3)),  # inertia about the centre of mass, global axes
+        ("com", np.float64, (3,)),  # center of mass from the origin, global axes
+        ("Jc", np.float64, (3, 3)),  # inertia about the center of mass, global axes
         ("F", np.float64, (6,)),  # applied wrench
         ("W", np.float64, (6,)),  # wrench the joint transmits from the parent
         ("mass", np.float64),  # composite body: mass, first and second moment about the origin
@@ -224,7 +224,7 @@ def empty_data() -> Data:
         signals=records(1, ITEM),
         sensors=records(1, SENSOR),
         kept=whole,
-        elastics=records(1, ELASTIC),
+        flexibles=records(1, FLEXIBLE),
         nodes=records(1, NODE),
         kernels=np.zeros(KERNELS, np.int64),
         memory=np.zeros(1, np.uint8),

@@ -1,6 +1,6 @@
 """What bodies look like: pure data for pictures, without effect on the motion.
 
-A shape is a unit solid (sphere of radius 1, cylinder of radius 1 and length 1 along z, cube of side 1, all centred at
+A shape is a unit solid (sphere of radius 1, cylinder of radius 1 and length 1 along z, cube of side 1, all centered at
 the origin) brought to its size and place in the body's frame.
 """
 
@@ -29,19 +29,19 @@ class Shape:
     Parameters
     ----------
     at
-        Its centre in the body's frame, m.
-    colour
-        ``"#rrggbb"``; empty: the colour the body is given.
+        Its center in the body's frame, m.
+    color
+        ``"#rrggbb"``; empty: the color the body is given.
     """
 
     at: Vector = (0.0, 0.0, 0.0)
-    colour: str = ""
+    color: str = ""
 
     solid: ClassVar[str]
 
     def __post_init__(self) -> None:
-        """Check the colour; raises UserError."""
-        check_colour(self.colour)
+        """Check the color; raises UserError."""
+        check_color(self.color)
 
     def axes(self) -> Matrix:
         """Return the 3x3 matrix that takes the unit solid to its size and orientation in the body's frame."""
@@ -100,8 +100,8 @@ def lengths(what: str, values: Vector, count: int = 3) -> Matrix:
     return array
 
 
-def check_colour(colour: str) -> str:
-    """Return a colour ``#rrggbb`` or nothing as it is."""
-    if not re.fullmatch(r"(#[0-9a-fA-F]{6})?", colour):
-        raise UserError(f"colour is {colour!r}; write #rrggbb")
-    return colour
+def check_color(color: str) -> str:
+    """Return a color ``#rrggbb`` or nothing as it is."""
+    if not re.fullmatch(r"(#[0-9a-fA-F]{6})?", color):
+        raise UserError(f"color is {color!r}; write #rrggbb")
+    return color

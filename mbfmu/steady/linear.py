@@ -1,4 +1,4 @@
-"""The linearised motion about a steady state: exact state matrices by complex step.
+"""The linearized motion about a steady state: exact state matrices by complex step.
 
     x' = A x + B u,    y = C x + D u
 
@@ -100,7 +100,7 @@ def slowest_first(values: Any) -> list[int]:
 
 @dataclass(frozen=True)
 class Mode:
-    """An eigenvalue s of the linearised motion, 1/s; with a positive imaginary part it stands for a pair."""
+    """An eigenvalue s of the linearized motion, 1/s; with a positive imaginary part it stands for a pair."""
 
     eigenvalue: complex
 
@@ -137,8 +137,8 @@ def without_rounding(mode: Mode, floor: float) -> Mode:
     return mode if abs(s.real) > floor else Mode(complex(0.0, s.imag))
 
 
-def linearise(plant: Plant, t: float, q: Array, v: Array, rows: NDArray[np.int64]) -> StateSpace:
-    """Linearise about the steady state (q (nq,), v (n,)) at time t; ``rows`` are the independent constraints.
+def linearize(plant: Plant, t: float, q: Array, v: Array, rows: NDArray[np.int64]) -> StateSpace:
+    """Linearize about the steady state (q (nq,), v (n,)) at time t; ``rows`` are the independent constraints.
 
     Raises EquilibriumError where a slope is not finite.
     """
@@ -150,7 +150,7 @@ def linearise(plant: Plant, t: float, q: Array, v: Array, rows: NDArray[np.int64
     seen = np.array([c[1] for c in columns]).reshape(len(columns), len(plant.outputs)).T
     names = [plant.system.coordinate_names[k] for k in line.independent]
     if not np.isfinite(slope).all():
-        raise EquilibriumError("the linearised motion is not finite: forces and masses are too far apart")
+        raise EquilibriumError("the linearized motion is not finite: forces and masses are too far apart")
     return StateSpace(
         A=slope[:, : 2 * freedom],
         B=slope[:, 2 * freedom :],

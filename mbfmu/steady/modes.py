@@ -19,7 +19,7 @@ SMALL = 1e-6  # rad/s or m/s: velocities at which damping forces are differenced
 
 
 @dataclass(frozen=True, kw_only=True)
-class Shape:
+class ModeShape:
     """A mode and how the coordinates take part.
 
     Attributes
@@ -33,7 +33,7 @@ class Shape:
     motion: Any
 
 
-def shapes(plant: Plant, q: Array, count: int, lam: Array) -> list[Shape]:
+def shapes(plant: Plant, q: Array, count: int, lam: Array) -> list[ModeShape]:
     """Return the lowest modes of a large tree about a steady state q (nq,), lam (m,).
 
     A motion that nothing resists has the eigenvalue zero. Damping is taken as what each mode alone loses, phi^T D phi;
@@ -54,5 +54,5 @@ def shapes(plant: Plant, q: Array, count: int, lam: Array) -> list[Shape]:
         there, back = (system.residual(0.0, q, sign * SMALL * motion, still, lam) for sign in (1.0, -1.0))
         decay = 0.5 * float(motion @ (there - back)) / (2.0 * SMALL)
         root = np.sqrt(complex(decay**2 - square))
-        found.append(Shape(mode=Mode(complex(-decay + root)), motion=motion))
+        found.append(ModeShape(mode=Mode(complex(-decay + root)), motion=motion))
     return found

@@ -25,7 +25,7 @@ from mbfmu.mechanics.arrays.closing import least_change
 from mbfmu.mechanics.numbers import finite
 from mbfmu.model import Model, of_user, suggest
 from mbfmu.steady.linear import StateSpace
-from mbfmu.steady.modes import Shape
+from mbfmu.steady.modes import ModeShape
 from mbfmu.steady.rigid_body_modes import free_motions, in_words
 from mbfmu.steady.state import Equilibrium, position_names
 from solvers.statics.large import TreeEquilibriumSolver
@@ -426,7 +426,7 @@ def linearize(model: Model | Mechanism, start: Mapping[str, float] | None = None
     return equilibrium(model, start).state_space
 
 
-def modes(model: Model | Mechanism, count: int = 8, start: Mapping[str, float] | None = None) -> list[Shape]:
+def modes(model: Model | Mechanism, count: int = 8, start: Mapping[str, float] | None = None) -> list[ModeShape]:
     """Return natural modes and their shapes about a steady state, the lowest or slowest first; see
     :func:`equilibrium`.
     """

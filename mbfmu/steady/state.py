@@ -1,6 +1,6 @@
-"""A steady state and what is known of it: its outputs, its linearised motion, whether that stays near.
+"""A steady state and what is known of it: its outputs, its linearized motion, whether that stays near.
 
-Stability is that of the exactly linearised motion.
+Stability is that of the exactly linearized motion.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from mbfmu.errors import EquilibriumError
 from mbfmu.mechanics import Plant
 from mbfmu.mechanics.arrays.bending import COARSE
 from mbfmu.model import Model
-from mbfmu.steady.linear import Mode, StateSpace, linearise
-from mbfmu.steady.modes import Shape, shapes
+from mbfmu.steady.linear import Mode, StateSpace, linearize
+from mbfmu.steady.modes import ModeShape, shapes
 from mbfmu.steady.rigid_body_modes import free_motions, in_words
 from solvers.system import Array
 
@@ -66,30 +66,30 @@ class Equilibrium:
 
     @cached_property
     def state_space(self) -> StateSpace:
-        """The linearised motion; EquilibriumError for a large tree, which has no dense matrices."""
+        """The linearized motion; EquilibriumError for a large tree, which has no dense matrices."""
         if not self.plant.system.has_matrices:
             raise EquilibriumError(
                 f"model {self.model.name!r} has {self.plant.system.n} coordinates: too many for state matrices; "
                 "its lowest modes are known (mbfmu modes)"
             )
-        return linearise(self.plant, 0.0, self.q, self.v, self.rows)
+        return linearize(self.plant, 0.0, self.q, self.v, self.rows)
 
     @cached_property
     def modes(self) -> list[Mode]:
-        """Eigenvalues of the linearised motion; the lowest few of a large tree, see :mod:`mbfmu.steady.modes`."""
+        """Eigenvalues of the linearized motion; the lowest few of a large tree, see :mod:`mbfmu.steady.modes`."""
         if not self.plant.system.has_matrices:
             return [shape.mode for shape in shapes(self.plant, self.q, LOWEST, self.lam)]
         return self.state_space.modes()
 
-    def shapes(self, count: int) -> list[Shape]:
+    def shapes(self, count: int) -> list[ModeShape]:
         """Return the lowest modes and how the coordinates take part."""
         if not self.plant.system.has_matrices:
             return shapes(self.plant, self.q, count, self.lam)
-        return [Shape(mode=mode, motion=motion) for mode, motion in self.state_space.shapes()[:count]]
+        return [ModeShape(mode=mode, motion=motion) for mode, motion in self.state_space.shapes()[:count]]
 
     @property
     def stability(self) -> str:
-        """Of the linearised motion: ``stable`` (it decays), ``undamped`` (some of it oscillates for ever), ``neutral``
+        """Of the linearized motion: ``stable`` (it decays), ``undamped`` (some of it oscillates for ever), ``neutral``
         (some of it drifts) or ``unstable``.
         """
         values = np.array([mode.eigenvalue for mode in self.modes])

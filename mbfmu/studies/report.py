@@ -18,13 +18,13 @@ from mbfmu.viewer.picture import draw as picture_of
 if TYPE_CHECKING:
     from mbfmu.mechanics import Plant
     from mbfmu.native import Result
-    from mbfmu.steady.modes import Shape
+    from mbfmu.steady.modes import ModeShape
     from mbfmu.steady.sweep import Branch
     from mbfmu.studies.compare import Row
     from mbfmu.viewer.picture import Bar
     from solvers.system import Array
 
-COLOURS = {"ida": "#4269d0", "adams": "#3ca951", "hybrid": "#efb118", "adams-lu": "#ff725c"}
+COLORS = {"ida": "#4269d0", "adams": "#3ca951", "hybrid": "#efb118", "adams-lu": "#ff725c"}
 ROUNDING = 1e-4  # of the largest deflection: less is taken for none
 IN_STEP = 0.01  # of the largest displacement: out of step less than this does not show
 
@@ -49,7 +49,7 @@ def plot_work_precision(rows: Sequence[Row], title: str, path: Path) -> None:
         own = [row for row in rows if row.solver == solver and row.max_error is not None and row.max_error > 0.0]
         good = [row for row in own if row.status == "ok" and not row.branch_jump and not row.warning]
         bad = [row for row in own if row not in good]
-        style = {"color": COLOURS.get(solver), "zorder": 3.0 + k}
+        style = {"color": COLORS.get(solver), "zorder": 3.0 + k}
         if good:
             errors = [r.max_error for r in good]
             ax.loglog([r.wall_s for r in good], errors, "o-", ms=9.0 * 0.8**k, lw=2.5 * 0.75**k, label=solver, **style)
@@ -76,7 +76,7 @@ def _label(ax: Any, row: Row, *, above: bool, failed: bool) -> None:
         "va": "bottom" if above else "top",
     }
     if failed:
-        place = {"xytext": (0, -6), "ha": "center", "va": "top", "color": COLOURS.get(row.solver)}
+        place = {"xytext": (0, -6), "ha": "center", "va": "top", "color": COLORS.get(row.solver)}
     text = f"{row.rtol:.0e} failed" if failed else f"{row.rtol:.0e}"
     ax.annotate(text, (row.wall_s, row.max_error), textcoords="offset points", fontsize=7, zorder=9.0, **place)
 
@@ -85,7 +85,7 @@ def plot_energy(histories: dict[str, tuple[Any, Any]], title: str, path: Path) -
     """Draw the energy's imbalance against time, one line a solver: solver -> (times, imbalance)."""
     figure, ax = subplots(size=(8.0, 4.5))
     for solver, (times, imbalance) in histories.items():
-        ax.semilogy(times, np.maximum(np.abs(imbalance), 1e-14), lw=1.0, color=COLOURS.get(solver), label=solver)
+        ax.semilogy(times, np.maximum(np.abs(imbalance), 1e-14), lw=1.0, color=COLORS.get(solver), label=solver)
     ax.set_xlabel("time [s]")
     ax.set_ylabel("|energy - energy at the start - work| [J]")
     ax.set_title(title)
@@ -97,17 +97,17 @@ def plot_energy(histories: dict[str, tuple[Any, Any]], title: str, path: Path) -
 def plot_branches(branches: Sequence[Branch], axis: str, output: str, title: str, path: Path) -> None:
     """Draw an output over a swept parameter: stable states solid, unstable ones dashed."""
     figure, ax = subplots(size=(8.0, 5.0))
-    labelled: set[str] = set()
+    labeled: set[str] = set()
     for branch in branches:
         values = np.array(branch.values)
         heights = np.array([state.outputs[output] for state in branch.states])
         stable = np.array([state.stability in ("stable", "undamped") for state in branch.states])
         for own, label, style in ((stable, "stable", "o-"), (~stable, "unstable or neutral", "x--")):
             if own.any():
-                colour = "#4269d0" if label == "stable" else "#ff725c"
-                shown = None if label in labelled else label
-                labelled.add(label)
-                ax.plot(values, np.where(own, heights, np.nan), style, ms=3.0, lw=1.2, color=colour, label=shown)
+                color = "#4269d0" if label == "stable" else "#ff725c"
+                shown = None if label in labeled else label
+                labeled.add(label)
+                ax.plot(values, np.where(own, heights, np.nan), style, ms=3.0, lw=1.2, color=color, label=shown)
     unit = next(v.unit for v in branches[0].states[0].plant.outputs if v.name == output)
     ax.set_xlabel(axis)
     ax.set_ylabel(f"{output} [{unit}]")
@@ -117,7 +117,7 @@ def plot_branches(branches: Sequence[Branch], axis: str, output: str, title: str
     finish(figure, path)
 
 
-def plot_shapes(plant: Plant, q: Array, shapes: Sequence[Shape], title: str, path: Path) -> None:
+def plot_shapes(plant: Plant, q: Array, shapes: Sequence[ModeShape], title: str, path: Path) -> None:
     """Draw the deflection of the first surface along its normal, one panel a mode, over its place in the grid."""
     surface = plant.mechanism.surfaces[0]
     at_rest, normals = poses(plant, q, surface.bodies)
@@ -161,7 +161,7 @@ def without_rounding(share: Array) -> Array:
     return found
 
 
-def plot_bars(plant: Plant, q: Array, shapes: Sequence[Shape], title: str, path: Path) -> None:
+def plot_bars(plant: Plant, q: Array, shapes: Sequence[ModeShape], title: str, path: Path) -> None:
     """Draw how elastic bodies move across their axes, one panel a mode, over the place on the axis.
 
     Displacements are against the largest one of any point of an axis, in any direction. Of points that do not move in
@@ -176,11 +176,11 @@ def plot_bars(plant: Plant, q: Array, shapes: Sequence[Shape], title: str, path:
         every = np.concatenate(moved).ravel()
         largest = every[np.argmax(np.abs(every))] or 1.0
         for k, (bar, displacement) in enumerate(zip(bars, moved, strict=True)):
-            colour = PALETTE[k % len(PALETTE)]
+            color = PALETTE[k % len(PALETTE)]
             across = displacement[:, 1] / largest
-            ax.plot(bar.x, across.real, color=colour, label=bar.name)
+            ax.plot(bar.x, across.real, color=color, label=bar.name)
             if np.abs(across.imag).max() > IN_STEP:
-                ax.plot(bar.x, across.imag, "--", color=colour)
+                ax.plot(bar.x, across.imag, "--", color=color)
         ax.set_ylim(-1.1, 1.1)
         ax.tick_params(labelsize=7)
         ax.grid(alpha=0.3)

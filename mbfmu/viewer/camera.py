@@ -29,7 +29,7 @@ class Stage:
     """
 
     axes: tuple[tuple[float, ...], ...]  # unit vectors right, up, front in global axes
-    centre: tuple[float, ...]  # of the box the motion stays in, along these axes, m
+    center: tuple[float, ...]  # of the box the motion stays in, along these axes, m
     half: tuple[float, ...]  # half the box's edges, m
     outermost: tuple[tuple[float, ...], ...]  # points the motion reaches, along these axes, m
     azimuth: float  # degrees

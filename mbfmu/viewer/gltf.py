@@ -107,11 +107,11 @@ class _Document:
         self.content["accessors"].append(told)
         return len(self.content["accessors"]) - 1
 
-    def material(self, colour: str, both_sides: bool = False) -> int:
+    def material(self, color: str, both_sides: bool = False) -> int:
         """Return the number of a plain material; glTF's colors are linear."""
-        key = ("both" if both_sides else "", colour)
+        key = ("both" if both_sides else "", color)
         if key not in self.found:
-            plain = np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)]) / 255.0
+            plain = np.array([int(color[k : k + 2], 16) for k in (1, 3, 5)]) / 255.0
             linear = np.where(plain <= 0.04045, plain / 12.92, ((plain + 0.055) / 1.055) ** 2.4)
             look = {"baseColorFactor": [*linear.tolist(), 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.55}
             self.content["materials"].append({"pbrMetallicRoughness": look, "doubleSided": both_sides})
@@ -133,14 +133,14 @@ class _Document:
         self.content["meshes"].append({"primitives": [primitive | {"material": material}]})
         return len(self.content["meshes"]) - 1
 
-    def solid(self, name: str, colour: str) -> int:
+    def solid(self, name: str, color: str) -> int:
         """Return the mesh of a unit solid in a color."""
         if name not in self.solids:
             make = {"sphere": meshes.sphere, "cylinder": meshes.cylinder, "box": meshes.box}
             self.solids[name] = self.primitive(make[name]())
-        if (name, colour) not in self.found:
-            self.found[name, colour] = self.mesh(self.solids[name], self.material(colour))
-        return self.found[name, colour]
+        if (name, color) not in self.found:
+            self.found[name, color] = self.mesh(self.solids[name], self.material(color))
+        return self.found[name, color]
 
     def node(self, parent: int, **node: Any) -> int:
         """Hang a new node on another; return its number."""
@@ -168,7 +168,7 @@ class _Document:
         """Add what is fixed to a body."""
         matrix = np.eye(4)
         matrix[:3, :3], matrix[:3, 3] = np.reshape(part.axes, (3, 3)).T, part.at
-        self.node(1 + part.body, mesh=self.solid(part.solid, part.colour), matrix=matrix.T.ravel().tolist())
+        self.node(1 + part.body, mesh=self.solid(part.solid, part.color), matrix=matrix.T.ravel().tolist())
 
     def add_link(self, link: Link) -> None:
         """Add a link: its node turns along it and takes its length."""
@@ -179,9 +179,9 @@ class _Document:
         along = np.divide(b - a, size, out=np.tile((0.0, 0.0, 1.0), (len(a), 1)), where=size > 0.0)
         if link.solid == "coil":
             slender = link.radius / (float(size.mean()) or link.radius)
-            mesh = self.mesh(self.primitive(meshes.coil(slender)), self.material(link.colour))
+            mesh = self.mesh(self.primitive(meshes.coil(slender)), self.material(link.color))
         else:
-            mesh = self.solid(link.solid, link.colour)
+            mesh = self.solid(link.solid, link.color)
         node = self.node(0, mesh=mesh)
         self.animate(node, "translation", 0.5 * (a + b))
         self.animate(node, "rotation", turns(onto(along)))
@@ -190,7 +190,7 @@ class _Document:
     def add_bar(self, k: int) -> None:
         """Add an elastic body beneath its frame."""
         bar = self.motion.picture.bars[k]
-        mesh = self.mesh(self.primitive(meshes.bar(bar, self.motion.scale)), self.material(bar.colour))
+        mesh = self.mesh(self.primitive(meshes.bar(bar, self.motion.scale)), self.material(bar.color))
         weights = self.motion.p[self.frames, bar.modes]
         self.content["meshes"][mesh]["weights"] = weights[0].tolist()
         self.animate(self.node(1 + bar.body, name=bar.name, mesh=mesh), "weights", weights)
@@ -206,7 +206,7 @@ class _Document:
         primitive["attributes"]["JOINTS_0"] = self.accessor(joints, VERTICES)
         primitive["attributes"]["WEIGHTS_0"] = self.accessor(np.column_stack((zero[:, 0] + 1.0, zero)), VERTICES)
         self.content["skins"].append({"joints": [1 + int(body) for body in nodes], "skeleton": 0})
-        own = {"name": skin.name, "mesh": self.mesh(primitive, self.material(skin.colour, both_sides=True))}
+        own = {"name": skin.name, "mesh": self.mesh(primitive, self.material(skin.color, both_sides=True))}
         self.nodes.append(own | {"skin": len(self.content["skins"]) - 1})
         self.scene.append(len(self.nodes) - 1)  # its own place would not matter
 

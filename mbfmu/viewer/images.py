@@ -95,19 +95,19 @@ class _Artist:
         self.axes = np.array(stage.axes)
         self.light = np.array([0.35, 1.0, 0.55]) @ self.axes
         self.light /= np.linalg.norm(self.light)
-        self.floor = stage.centre[1] - stage.half[1] - 0.01 * float(np.linalg.norm(stage.half))
+        self.floor = stage.center[1] - stage.half[1] - 0.01 * float(np.linalg.norm(stage.half))
         picture = motion.picture
         fine = len(picture.parts) + len(picture.links) < MANY
         self.solids = {"sphere": sphere(fine), "cylinder": cylinder(fine), "box": box()}
         self.solids["coil"], self.wire = coil()
-        self.colours = {c: np.array(to_rgb(c)) for c in self._colours()}
+        self.colors = {c: np.array(to_rgb(c)) for c in self._colors()}
         self.figure = Figure(figsize=(shot.width / DPI, shot.height / DPI), facecolor=BACKGROUND)
         self.grid = self._grid()
 
-    def _colours(self) -> set[str]:
+    def _colors(self) -> set[str]:
         picture = self.motion.picture
         return {
-            thing.colour for things in (picture.parts, picture.links, picture.bars, picture.skins) for thing in things
+            thing.color for things in (picture.parts, picture.links, picture.bars, picture.skins) for thing in things
         }
 
     def draw(self, frame: int) -> None:
@@ -119,24 +119,24 @@ class _Artist:
         ax.set_xlim(-0.5 * aspect, 0.5 * aspect)
         ax.set_ylim(-0.5, 0.5)
         ax.add_collection(LineCollection(self.grid, colors=GRID, linewidths=0.7, zorder=0))
-        faces, colours, both = self._faces(frame)
+        faces, colors, both = self._faces(frame)
         if len(faces):
             self._cast(ax, faces)
-            self._paint(ax, faces, colours, both)
+            self._paint(ax, faces, colors, both)
         clock = "   ".join(filter(None, (f"{self.motion.times[frame]:.3f} s", self.motion.caption)))
         self.figure.text(0.02, 0.965, self.motion.title, color=INK, fontsize=12, va="center", weight="bold")
         self.figure.text(0.02, 0.03, clock, color=INK, fontsize=10, va="center", family="monospace")
 
     def _faces(self, frame: int) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Return faces (n, 4, 3) in global axes, their colours (n, 3), and which show both sides."""
+        """Return faces (n, 4, 3) in global axes, their colors (n, 3), and which show both sides."""
         motion, picture = self.motion, self.motion.picture
         r, A = motion.r[frame].astype(float), matrices(motion.e[frame].astype(float))
         faces: list[Array] = []
-        colours: list[Array] = []
+        colors: list[Array] = []
         for part in picture.parts:
             local = self.solids[part.solid] @ np.reshape(part.axes, (3, 3)) + part.at
             faces.append(local @ A[part.body].T + r[part.body])
-            colours.append(self.colours[part.colour])
+            colors.append(self.colors[part.color])
         for link in picture.links:
             a, b = (A[body] @ at + r[body] for body, at in ((link.a, link.at_a), (link.b, link.at_b)))
             size = float(np.linalg.norm(b - a))
@@ -145,22 +145,22 @@ class _Artist:
                 solid = self.solids[link.solid] * [link.radius, link.radius, size]
                 solid = solid + link.radius * self.wire if link.solid == "coil" else solid
                 faces.append(solid @ turned.T + 0.5 * (a + b))
-                colours.append(self.colours[link.colour])
+                colors.append(self.colors[link.color])
         for bar in picture.bars:
             faces.append(bent(motion.axis(bar, frame), A[bar.body][:, 2], bar.height, bar.width))
-            colours.append(self.colours[bar.colour])
+            colors.append(self.colors[bar.color])
         closed = sum(len(f) for f in faces)
         for skin in picture.skins:
             grid = np.array(skin.bodies)
             p = r[grid] + A[grid] @ np.array(skin.at)
             quads = np.stack((p[:-1, :-1], p[1:, :-1], p[1:, 1:], p[:-1, 1:]), axis=2)
             faces.append(quads.reshape(-1, 4, 3))
-            colours.append(self.colours[skin.colour])
+            colors.append(self.colors[skin.color])
         if not faces:
             return np.zeros((0, 4, 3)), np.zeros((0, 3)), np.zeros(0, bool)
         counts = [len(f) for f in faces]
         total = np.concatenate(faces)
-        return total, np.repeat(np.array(colours), counts, axis=0), np.arange(len(total)) >= closed
+        return total, np.repeat(np.array(colors), counts, axis=0), np.arange(len(total)) >= closed
 
     def _cast(self, ax: Any, faces: Array) -> None:
         """Draw the shadows on the floor, where the camera is above it."""
@@ -171,7 +171,7 @@ class _Artist:
         fallen: Any = self.camera.project(faces - drop[..., None] * self.light)[0]
         ax.add_collection(PolyCollection(fallen, facecolors=SHADOW, edgecolors=SHADOW, linewidths=0.3, zorder=1))
 
-    def _paint(self, ax: Any, faces: Array, colours: Array, both: NDArray[np.bool_]) -> None:
+    def _paint(self, ax: Any, faces: Array, colors: Array, both: NDArray[np.bool_]) -> None:
         normals = np.cross(faces[:, 2] - faces[:, 0], faces[:, 3] - faces[:, 1])
         normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-30)[:, None]
         middle = faces.mean(axis=1)
@@ -184,22 +184,22 @@ class _Artist:
         sky, key = n @ self.axes[1], n @ self.light
         bright = 0.45 + 0.11 * (1.0 - 2.0 * through) * sky + 0.14 * np.abs(front[shown])
         bright += 0.42 * np.where(key > 0.0, 1.0 - through, through) * np.abs(key)
-        colour = np.minimum(colours[shown] * bright[:, None], 1.0)
+        color = np.minimum(colors[shown] * bright[:, None], 1.0)
         points, depth = self.camera.project(faces[shown])
         order = np.argsort(-depth.mean(axis=1))
         outlines: Any = points[order]
-        edges = np.where(both[shown][:, None], 0.8 * colour, colour)[order]
+        edges = np.where(both[shown][:, None], 0.8 * color, color)[order]
         ax.add_collection(
-            PolyCollection(outlines, facecolors=colour[order], edgecolors=edges, linewidths=0.35, zorder=2)
+            PolyCollection(outlines, facecolors=color[order], edgecolors=edges, linewidths=0.35, zorder=2)
         )
 
     def _grid(self) -> Any:
         """Return the lines (n, 2, 2) of the floor's grid in picture coordinates."""
-        centre, half = self.stage.centre, self.stage.half
+        center, half = self.stage.center, self.stage.half
         reach = 1.8 * max(half[0], half[2], 0.5 * half[1])
         spacing = rounded(reach / 4.0)
         count = int(np.ceil(reach / spacing))
-        middle = spacing * np.round(np.array(centre) / spacing)
+        middle = spacing * np.round(np.array(center) / spacing)
         ticks = spacing * np.arange(-count, count + 1)
         edge = ticks[-1]
         ends = [((x, -edge), (x, edge)) for x in ticks] + [((-edge, x), (edge, x)) for x in ticks]

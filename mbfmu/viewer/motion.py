@@ -204,7 +204,7 @@ def joint_of(body: Body) -> str:
 
 def amplitudes(plant: Plant) -> Array:
     """Return the amplitudes (na,) of the elastic bodies of a plant whose bodies are in place, in their order, m."""
-    owners = [plant.data.arrays.bodies[elastic.modes.index] for elastic in plant.mechanism.elastics]
+    owners = [plant.data.arrays.bodies[elastic.modes.index] for elastic in plant.mechanism.flexible_bodies]
     q = plant.data.state.q
     return np.array([q[own["qi"] + k] for own in owners for k in range(own["nv"])])
 

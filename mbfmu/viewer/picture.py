@@ -2,7 +2,7 @@
 
 Everything drawn is one of four: a part, a solid fixed to a body; a link, a solid stretched between points of two
 bodies; a skin through a grid of bodies; a bar, an elastic body as it bends. A body the model gives no shapes gets bars
-from its joint to where other things take hold of it, and a ball in its centre of mass whose volume goes with the mass.
+from its joint to where other things take hold of it, and a ball in its center of mass whose volume goes with the mass.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from mbfmu.mechanics import (
     Universal,
 )
 from mbfmu.mechanics.axes import along
-from mbfmu.mechanics.builder.bodies import Body, CutHandle, Elastic, Surface
+from mbfmu.mechanics.builder.bodies import Body, CutHandle, FlexibleBody, Surface
 from mbfmu.mechanics.cuts import Cut
 from mbfmu.mechanics.joints.section import Section
 
@@ -49,9 +49,9 @@ class Part:
 
     solid: str  # sphere, cylinder or box
     body: int
-    at: Numbers  # centre, body axes, m
+    at: Numbers  # center, body axes, m
     axes: Numbers  # columns of the matrix from the unit solid to the body's axes, one after the other
-    colour: str
+    color: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +64,7 @@ class Link:
     at_a: Numbers  # body axes, m
     at_b: Numbers
     radius: float  # m
-    colour: str
+    color: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +74,7 @@ class Skin:
     name: str
     bodies: tuple[tuple[int, ...], ...]
     at: Numbers  # point of every body, body axes, m
-    colour: str
+    color: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,7 +105,7 @@ class Bar:
     shortenings: tuple[tuple[Numbers, ...], ...]
     height: float
     width: float
-    colour: str
+    color: str
 
     @property
     def modes(self) -> slice:
@@ -197,9 +197,9 @@ class _Artist:
         self.skinned = {int(i) for surface in self.surfaces for i in surface.bodies.flat}
         bars = [float(np.linalg.norm(p)) for body in mechanism.bodies[1:] for p in self._ends(body)]
         bars += [handle.cut.length for handle in mechanism.cuts if isinstance(handle.cut, DistanceCut)]
-        bars += [elastic.beam.length for elastic in mechanism.elastics]
+        bars += [elastic.beam.length for elastic in mechanism.flexible_bodies]
         self.radius = bar_radius(bars, max([span, *bars]) or 1.0)
-        masses = [body.mass for body in mechanism.bodies] + [elastic.beam.mass for elastic in mechanism.elastics]
+        masses = [body.mass for body in mechanism.bodies] + [elastic.beam.mass for elastic in mechanism.flexible_bodies]
         self.heaviest = max(masses, default=0.0)
         self.parts: list[Part] = []
         self.links: list[Link] = []
@@ -212,7 +212,7 @@ class _Artist:
             if body.index not in self.skinned:
                 self._joint(body)
         for body, shape in self.mechanism.shapes:
-            self._part(shape.solid, body, shape.at, shape.axes(), shape.colour or colour_of(body))
+            self._part(shape.solid, body, shape.at, shape.axes(), shape.color or color_of(body))
         for handle in self.mechanism.cuts:
             self._cut(handle)
         for _, force, a, b in self.mechanism.forces:
@@ -229,7 +229,7 @@ class _Artist:
                 name=surface.name,
                 bodies=tuple(tuple(int(i) for i in row) for row in surface.bodies),
                 at=numbers(surface.at),
-                colour=surface.colour or PALETTE[(k + 5) % len(PALETTE)],
+                color=surface.color or PALETTE[(k + 5) % len(PALETTE)],
             )
             for k, surface in enumerate(self.surfaces)
         )
@@ -246,12 +246,12 @@ class _Artist:
     def _bars(self) -> tuple[Bar, ...]:
         bars: list[Bar] = []
         first = 0
-        for elastic in self.mechanism.elastics:
+        for elastic in self.mechanism.flexible_bodies:
             bars.append(self._bar(elastic, first))
             first += elastic.beam.modes
         return tuple(bars)
 
-    def _bar(self, elastic: Elastic, first: int) -> Bar:
+    def _bar(self, elastic: FlexibleBody, first: int) -> Bar:
         beam, profile = elastic.beam, self.mechanism.profiles.get(elastic.index)
         x = np.linspace(0.0, beam.length, PIECES + 1)
         return Bar(
@@ -263,12 +263,12 @@ class _Artist:
             shortenings=tuple(tuple(map(numbers, beam.shortening(float(place)))) for place in x if beam.stiffening),
             height=profile.height if profile else 1.2 * self.radius,
             width=profile.width if profile else 1.2 * self.radius,
-            colour=profile.colour if profile and profile.colour else colour_of(elastic.body),
+            color=profile.color if profile and profile.color else color_of(elastic.body),
         )
 
     def _middles(self) -> tuple[Numbers, ...]:
         middles = [numbers(body.com) for body in self.mechanism.bodies]
-        for elastic in self.mechanism.elastics:
+        for elastic in self.mechanism.flexible_bodies:
             middles[elastic.body.index] = (0.5 * elastic.beam.length, 0.0, 0.0)
         for surface in self.surfaces:
             for i in surface.bodies.flat:
@@ -298,17 +298,17 @@ class _Artist:
         return ends
 
     def _bars_and_ball(self, body: Body) -> None:
-        colour, ends = colour_of(body), self._ends(body)
+        color, ends = color_of(body), self._ends(body)
         thick = self.radius * (1.0 + 0.08 * (body.index % 3))  # bars that lie in one line do not flicker
         for end in ends:
             size = float(np.linalg.norm(end))
-            self._part("cylinder", body, 0.5 * end, along(end / size) * [thick, thick, size], colour)
-            self._part("sphere", body, end, np.eye(3) * thick, colour)
+            self._part("cylinder", body, 0.5 * end, along(end / size) * [thick, thick, size], color)
+            self._part("sphere", body, end, np.eye(3) * thick, color)
         if ends:
-            self._part("sphere", body, np.zeros(3), np.eye(3) * thick, colour)
+            self._part("sphere", body, np.zeros(3), np.eye(3) * thick, color)
         if body.mass > 0.0:
             ball = self.radius * max(1.4, 3.2 * (body.mass / self.heaviest) ** (1.0 / 3.0))
-            self._part("sphere", body, body.com, np.eye(3) * ball, colour)
+            self._part("sphere", body, body.com, np.eye(3) * ball, color)
             if not ends and isinstance(body.joint, Floating | Spherical):  # show how it turns
                 for axis, of_axis in zip(np.eye(3), AXES, strict=True):
                     bar = along(axis) * [0.5 * thick, 0.5 * thick, 1.5 * ball]
@@ -324,7 +324,7 @@ class _Artist:
         elif isinstance(joint, Spherical | Universal):
             self._part("sphere", body, np.zeros(3), np.eye(3) * 1.7 * r, PIN)
         elif isinstance(joint, Translational | Cylindrical | Screw):
-            self._link("cylinder", parent, joint.at, body, (0.0, 0.0, 0.0), 0.7 * r, colour_of(parent))
+            self._link("cylinder", parent, joint.at, body, (0.0, 0.0, 0.0), 0.7 * r, color_of(parent))
         self._feet((parent, joint.at))
 
     def _cut(self, handle: CutHandle) -> None:
@@ -352,13 +352,13 @@ class _Artist:
             if body.index == 0:
                 self._part("box", body, at, np.eye(3) * 3.6 * self.radius, GROUND)
 
-    def _part(self, solid: str, body: Body, at: Sequence[float] | Matrix, axes: Matrix, colour: str) -> None:
+    def _part(self, solid: str, body: Body, at: Sequence[float] | Matrix, axes: Matrix, color: str) -> None:
         flat = numbers(np.asarray(axes).T.ravel())
-        self.parts.append(Part(solid=solid, body=body.index, at=numbers(at), axes=flat, colour=colour))
+        self.parts.append(Part(solid=solid, body=body.index, at=numbers(at), axes=flat, color=color))
 
-    def _link(self, solid: str, a: Body, at_a: Any, b: Body, at_b: Any, radius: float, colour: str) -> None:
+    def _link(self, solid: str, a: Body, at_a: Any, b: Body, at_b: Any, radius: float, color: str) -> None:
         ends: dict[str, Any] = {"a": a.index, "b": b.index, "at_a": numbers(at_a), "at_b": numbers(at_b)}
-        self.links.append(Link(solid=solid, radius=radius, colour=colour, **ends))
+        self.links.append(Link(solid=solid, radius=radius, color=color, **ends))
 
 
 def surfaces_of(mechanism: Mechanism) -> list[Surface]:
@@ -380,8 +380,8 @@ def bar_radius(bars: list[float], across: float) -> float:
     return min(max(0.03 * usual, 0.004 * across), 0.12 * usual, 0.015 * across)
 
 
-def colour_of(body: Body) -> str:
-    """Return the colour a body is given."""
+def color_of(body: Body) -> str:
+    """Return the color a body is given."""
     return PALETTE[(body.index - 1) % len(PALETTE)] if body.index else GROUND
 
 

@@ -94,7 +94,7 @@ def tell_listeners() -> None:
         _listeners.pop()()
 
 
-class Place(_CacheLocator):
+class Locator(_CacheLocator):
     """The folder of one module, whose functions are told apart by their lines."""
 
     def __init__(self, function: Any, source: str) -> None:
@@ -117,7 +117,7 @@ class Place(_CacheLocator):
         return self._line
 
     @classmethod
-    def from_function(cls, function: Any, source: str) -> Place | None:
+    def from_function(cls, function: Any, source: str) -> Locator | None:
         """Return the place of a function; None where it cannot be written."""
         try:
             place = cls(function, source)

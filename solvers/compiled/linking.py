@@ -24,7 +24,7 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
 from numba.core.serialize import dumps, loads
 
-from .cache import Cache, Place, cache_of, stamp
+from .cache import Cache, Locator, cache_of, stamp
 
 code_of = attrgetter("library")  # of what numba has compiled
 PREFIX = "mbfmu_"
@@ -37,7 +37,7 @@ _symbols: dict[str, tuple[tuple[str, str], Any]] = {}  # whose they are, and for
 class Entry(CompileResultCacheImpl):
     """How a compiled function is written: with a checksum, and with what it calls."""
 
-    _locator_classes: Any = (Place,)
+    _locator_classes: Any = (Locator,)
 
     def reduce(self, compiled: Any) -> Any:
         """Return what is written."""

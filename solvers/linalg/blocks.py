@@ -1,6 +1,6 @@
 """Systems whose blocks form a tree, by block elimination from its leaves with LAPACK.
 
-With i the neighbour inward of block k, and c its neighbours outward, whose matrices L_c stand in the rows of k::
+With i the neighbor inward of block k, and c its neighbors outward, whose matrices L_c stand in the rows of k::
 
     D_k x_k + U_k x_i + sum_c L_c x_c = b_k
     D_i <- D_i - L_k (D_k^-1 U_k),    pivoting inside a diagonal block
@@ -34,9 +34,9 @@ class BlockTree:
     def __init__(self) -> None:
         self._factors: list[tuple[Array, NDArray[np.int32]]] = []
         self._right: list[Array] = []  # D_k^-1 U_k
-        self._left: list[Array] = []  # L_k, in the rows of the neighbour inward
+        self._left: list[Array] = []  # L_k, in the rows of the neighbor inward
         self._inward: list[int] = []
-        self._carried: dict[int, Array] = {}  # sum of L_k D_k^-1 U_k, by the neighbour inward
+        self._carried: dict[int, Array] = {}  # sum of L_k D_k^-1 U_k, by the neighbor inward
 
     def append(self, D: Array, U: Array, L: Array, inward: int) -> bool:
         """Eliminate the next block: D (n, n), U (n, n') to the one inward, L (n', n) from it; False where singular.

@@ -1,4 +1,4 @@
-"""Small dense linear algebra as closed kernels: factorisations and solves for constraint Jacobians and mass matrices.
+"""Small dense linear algebra as closed kernels: factorizations and solves for constraint Jacobians and mass matrices.
 
 Sizes are a mechanism's few degrees of freedom, so everything is plain loops over C-contiguous arrays; sizes
 are passed beside the arrays because scratch is allocated once at its largest.

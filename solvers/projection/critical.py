@@ -63,7 +63,7 @@ def seek(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
 
 @kernel
 def damped_step(damping: float, work: Any) -> bool:
-    """work.change = the x that minimises |K x - g|^2 + damping |x|^2: (K K^T + damping) y = g, x = K^T y; False where
+    """work.change = the x that minimizes |K x - g|^2 + damping |x|^2: (K K^T + damping) y = g, x = K^T y; False where
     that has no digits.
     """
     N, trace = work.change.shape[0], 0.0

@@ -1,7 +1,7 @@
 """Projection partitioning: motion tangent to the constraints, through singular positions too.
 
 Coordinates are measured in units S of their size, constraints in units R of their rows (the largest they have been), so
-that nothing below knows radians from metres: J~ = R^-1 J S. With J~ = L Q^T (:func:`solvers.linalg.dense.lq`) the first
+that nothing below knows radians from meters: J~ = R^-1 J S. With J~ = L Q^T (:func:`solvers.linalg.dense.lq`) the first
 ``rank`` columns of Q span the constraint normals and the others the motions the constraints allow, P = S Q_2::
 
     v' = J^+ gamma + P (P^T M P)^-1 P^T (-h - M J^+ gamma)       (projection, paper eq. 9-13)
@@ -152,7 +152,7 @@ def close(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any) -> int:
 def settle(eqs: Any, t: float, q: Any, v: Any, near: Any, rank: int, slight: float, work: Any) -> int:
     """As :func:`close`, where ``terms`` and the factors of J are those of the prediction ``near``.
 
-    The constraints linearised there take q onto them but for the square of the distance; while that is not ``slight``
+    The constraints linearized there take q onto them but for the square of the distance; while that is not ``slight``
     they are used again, new factors being dearer. v' depends on what stays by the inverse square of the smallest pivot.
     """
     n = v.shape[0]
@@ -281,7 +281,7 @@ def way_to_crossing(eqs: Any, q: Any, v: Any, work: Any) -> float:
 
 
 @kernel
-def neighbour(eqs: Any, t: float, q: Any, v: Any, along: float, timed: bool, rank: int, work: Any) -> bool:
+def neighbor(eqs: Any, t: float, q: Any, v: Any, along: float, timed: bool, rank: int, work: Any) -> bool:
     """Closed state (work.q_near, work.v_near) at a signed distance ``along`` v from q, with its terms and factors.
     Where constraints are ``timed`` they are those of the time when the motion gets there, inertia and loads those of t.
     False where it cannot be closed. No row is left out.
@@ -306,7 +306,7 @@ def neighbour(eqs: Any, t: float, q: Any, v: Any, along: float, timed: bool, ran
 
 @inlined
 def load_at(eqs: Any, t: float, work: Any) -> None:
-    """Give ``terms`` of a neighbour inertia and loads as they are at t, and leave it what constraints ask for."""
+    """Give ``terms`` of a neighbor inertia and loads as they are at t, and leave it what constraints ask for."""
     for i in range(work.x.shape[0]):
         work.x[i] = eqs.terms.gamma[i]
     eqs.dynamics(t, work.q_near, work.v_near, eqs.data, eqs.terms)
@@ -324,7 +324,7 @@ def limit(eqs: Any, t: float, q: Any, v: Any, velocity: bool, rank: int, work: A
     x = -way / step
     timed = moves(eqs.terms)
     for node in (-2, -1, 1, 2):
-        if not neighbour(eqs, t, q, v, way + node * step, timed, rank, work):
+        if not neighbor(eqs, t, q, v, way + node * step, timed, rank, work):
             return NOT_CLOSED
         if not velocity:
             code = regular_acceleration(eqs.terms, rank, work, work.a)
@@ -349,7 +349,7 @@ def close_report(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any) -> in
     """As :func:`close`; at a crossing what lies across the branch is removed too: of the position as far as it is
     resolved, of the velocity by the same limit.
 
-    For states from a solver that does not control these well (IDA's regularisation leaves them free).
+    For states from a solver that does not control these well (IDA's regularization leaves them free).
     """
     code = close(eqs, t, q, v, rank, work)
     if code != OK or rank_at(work.pivot, rank, SINGULAR) == rank:

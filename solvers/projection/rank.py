@@ -19,10 +19,10 @@ SAMPLES = 5  # positions that the units of the rows are taken from
 
 @kernel
 def normal_rank(eqs: Any, t: float, q: Any, v: Any, work: Any) -> int:
-    """Largest rank of J at q and at neighbours a finite move away, along v and along every allowed motion.
+    """Largest rank of J at q and at neighbors a finite move away, along v and along every allowed motion.
 
     A start in a singular position has a smaller rank than the motion that leaves it; constraints that are
-    redundant everywhere on the way do not count. The neighbours are closed first: off the constraints
+    redundant everywhere on the way do not count. The neighbors are closed first: off the constraints
     redundancy is hidden.
     """
     m, n = eqs.terms.J.shape

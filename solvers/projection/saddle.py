@@ -25,7 +25,7 @@ from solvers.system import Array, TreeSystem
 
 SPRING = 1e4  # (rad/s)^2, stiffness to effective mass of the springs alpha
 REDUNDANT = 1e-10  # eigenvalues of a scaled Schur complement below this part of the largest count as zero
-VOID = (
+VANISHING = (
     1e-20  # square of a row to that of the largest below which nothing works against it here: rounding is 1e-32, units
 )
 # make 1e-6
@@ -53,10 +53,10 @@ def pseudo_inverse(S: Array) -> Array:
 def inverse_squares(squares: Array) -> Array:
     """Return what scales rows of these squares (m,) to one; a row that vanishes here is left small."""
     largest = squares.max(initial=0.0) or 1.0
-    return np.asarray(1.0 / np.where(squares > VOID * largest, squares, largest))
+    return np.asarray(1.0 / np.where(squares > VANISHING * largest, squares, largest))
 
 
-class Motion:
+class Accelerations:
     """Accelerations and multipliers of a tree at any state, with what they came from.
 
     Attributes
@@ -95,7 +95,7 @@ class Motion:
         return Code.OK if np.isfinite(self.a).all() else Code.NOT_FINITE
 
 
-def rate_of_motion(motion: Motion, t: float, q: Array, v: Array) -> float:
+def rate_of_motion(motion: Accelerations, t: float, q: Array, v: Array) -> float:
     """Return the rate of a tree's motion, 1/s: by gravity and drives, or where there are none as it starts."""
     s = motion.system
     if s.rate > 0.0:
@@ -139,7 +139,7 @@ class Saddle:
     def weigh(self, t: float, q: Array) -> None:
         """Choose alpha at a position."""
         if self.system.m:
-            motion = Motion(self.system)
+            motion = Accelerations(self.system)
             motion.solve(t, q, np.zeros(self.system.n))
             self._alpha = SPRING * motion.masses
 

@@ -60,12 +60,12 @@ class Workspace(NamedTuple):
     z: Array  # (n,)    reduced acceleration
     b: Array  # (m,)    residual
     dq: Array  # (n,)    correction
-    a: Array  # (n,)    acceleration at a neighbouring position
+    a: Array  # (n,)    acceleration at a neighboring position
     slope: Array  # (n,)    acceleration under evaluation
     q: Array  # (nq,)   position under evaluation
     v: Array  # (n,)    velocity under evaluation
-    q_near: Array  # (nq,)   neighbouring position
-    v_near: Array  # (n,)    neighbouring velocity
+    q_near: Array  # (nq,)   neighboring position
+    v_near: Array  # (n,)    neighboring velocity
     B: Array  # (m, m)  factors of L^T
     tau_B: Array  # (m,)
     pivots_B: NDArray[np.int64]  # (m,)  int64

@@ -7,7 +7,7 @@ import numpy as np
 from solvers.projection.saddle import Saddle
 from solvers.system import Array, TreeSystem
 
-from .newton import CONVERGED, ITERATIONS, LEAST_DAMPING, EquilibriumSolver, Outcome, State
+from .newton import CONVERGED, ITERATIONS, LEAST_DAMPING, EquilibriumSolver, Outcome, Unknowns
 
 
 class TreeEquilibriumSolver(EquilibriumSolver):
@@ -55,11 +55,11 @@ class TreeEquilibriumSolver(EquilibriumSolver):
         self.system.apply(moved, step)
         return moved
 
-    def _stepped(self, at: State, part: float, step: Array, reaction: Array) -> State:
+    def _stepped(self, at: Unknowns, part: float, step: Array, reaction: Array) -> Unknowns:
         """Return the state moved by a part of a correction."""
-        return State(self._moved(at.q, part * step), at.lam + part * reaction)
+        return Unknowns(self._moved(at.q, part * step), at.lam + part * reaction)
 
-    def _newton(self, t: float, at: State, c2: float) -> tuple[Outcome, State, Array, int]:
+    def _newton(self, t: float, at: Unknowns, c2: float) -> tuple[Outcome, Unknowns, Array, int]:
         saddle, damping, moved = self._saddle, 1.0, self._still
         for iteration in range(1, ITERATIONS + 1):
             forces, gaps = saddle.residual(t, at.q, self._v, c2 * moved, at.lam)

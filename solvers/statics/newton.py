@@ -55,7 +55,7 @@ class Outcome(IntEnum):
     UNDETERMINED = 4  # in a singular position, where cut joints share forces in many ways
 
 
-class State(NamedTuple):
+class Unknowns(NamedTuple):
     """What is looked for."""
 
     q: Array  # (nq,)
@@ -108,7 +108,7 @@ class EquilibriumSolver(ABC):
 
         ``pseudo_transient``: continuation goes first.
         """
-        at, factored = State(q.copy(), self._balancing(t, q) if lam is None else lam[self.rows]), 0
+        at, factored = Unknowns(q.copy(), self._balancing(t, q) if lam is None else lam[self.rows]), 0
         if pseudo_transient:
             at, factored = self._continue(t, at)
         outcome, at, moved, count = self._newton(t, at, 0.0)
@@ -125,7 +125,7 @@ class EquilibriumSolver(ABC):
             gaps=gaps,
         )
 
-    def _continue(self, t: float, at: State) -> tuple[State, int]:
+    def _continue(self, t: float, at: Unknowns) -> tuple[Unknowns, int]:
         """Return a state near rest by pseudo-transient continuation, and how many Jacobians were factored."""
         duration, growth, factored, pull = FIRST, FASTER, 0, self._pull(t, at.q)
         while factored < MOST and SHORTEST < duration < LONGEST:
@@ -169,7 +169,7 @@ class EquilibriumSolver(ABC):
         """Return the multipliers of the independent constraints to start from."""
 
     @abstractmethod
-    def _newton(self, t: float, at: State, c2: float) -> tuple[Outcome, State, Array, int]:
+    def _newton(self, t: float, at: Unknowns, c2: float) -> tuple[Outcome, Unknowns, Array, int]:
         """Return how it ended, where, how the coordinates changed (n,), and how many Jacobians were factored.
 
         Of an orientation the change is the sum of its small turns.

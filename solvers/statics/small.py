@@ -23,7 +23,7 @@ from solvers.linalg.dense import full_pivot, length, solve_full_pivot
 from solvers.linalg.svd import decompose, pseudo_inverse_transposed
 from solvers.system import Array, Equations, System
 
-from .newton import CONVERGED, ITERATIONS, LEAST_DAMPING, EquilibriumSolver, Outcome, State
+from .newton import CONVERGED, ITERATIONS, LEAST_DAMPING, EquilibriumSolver, Outcome, Unknowns
 
 EPSILON = 1e-30  # of the complex step; its square must vanish beside one
 SINGULAR = 1e-12  # pivot of K relative to the first, below which an unknown is undetermined
@@ -76,7 +76,7 @@ class Scratch(NamedTuple):
 
 
 @kernel
-def linearise(eqs: Any, t: float, q: Any, lam: Any, moved: Any, rows: Any, c2: float, scale: float, s: Any) -> None:
+def linearize(eqs: Any, t: float, q: Any, lam: Any, moved: Any, rows: Any, c2: float, scale: float, s: Any) -> None:
     """s.f and s.K at (q, lam), c2 M moved among the forces; one evaluation a coordinate. ``scale`` is an energy."""
     n, rank, terms = s.v.shape[0], rows.shape[0], eqs.terms
     for k in range(n):
@@ -201,7 +201,7 @@ def newton(eqs: Any, t: float, q: Any, lam: Any, rows: Any, c2: float, s: Any, r
     n = s.v.shape[0]
     for i in range(n):
         s.moved[i] = 0.0
-    linearise(eqs, t, q, lam, s.moved, rows, c2, 1.0, s)
+    linearize(eqs, t, q, lam, s.moved, rows, c2, 1.0, s)
     scale = stiffness(s)
     for i in range(n):
         s.f[i] /= scale
@@ -216,7 +216,7 @@ def newton(eqs: Any, t: float, q: Any, lam: Any, rows: Any, c2: float, s: Any, r
         if size <= CONVERGED:
             move(eqs, q, lam, 1.0, scale, s)
             take(q, lam, s)
-            linearise(eqs, t, q, lam, s.moved, rows, c2, scale, s)
+            linearize(eqs, t, q, lam, s.moved, rows, c2, scale, s)
             if length(s.f) > BALANCED:
                 return 2
             return 0 if constraint_forces(rows, eqs.terms, s, s.lam_try) else 4
@@ -224,7 +224,7 @@ def newton(eqs: Any, t: float, q: Any, lam: Any, rows: Any, c2: float, s: Any, r
             damping, first = min(1.0, FARTHEST / size), False
         while True:
             move(eqs, q, lam, damping, scale, s)
-            linearise(eqs, t, s.q_try, s.lam_try, s.moved_try, rows, c2, scale, s)
+            linearize(eqs, t, s.q_try, s.lam_try, s.moved_try, rows, c2, scale, s)
             after = correction(s, s.z_next)
             if after <= (1.0 - 0.25 * damping) * size:
                 break
@@ -294,8 +294,8 @@ class DenseEquilibriumSolver(EquilibriumSolver):
         constraint_forces(self.rows, self._held_terms, self._scratch, lam)
         return lam
 
-    def _newton(self, t: float, at: State, c2: float) -> tuple[Outcome, State, Array, int]:
-        found, report = State(at.q.copy(), at.lam.copy()), np.zeros(1)
+    def _newton(self, t: float, at: Unknowns, c2: float) -> tuple[Outcome, Unknowns, Array, int]:
+        found, report = Unknowns(at.q.copy(), at.lam.copy()), np.zeros(1)
         outcome = Outcome(newton(self._eqs, t, *found, self.rows, c2, self._scratch, report))
         return outcome, found, self._moved.copy(), int(report[0])
 

@@ -72,7 +72,7 @@ def test_two_hundred_lives_and_two_at_once(fourbar_fmu: Path) -> None:
         assert len(sys.path) <= places + 2  # the wrapper adds a folder with every instance
 
 
-def test_the_log_tells_void_rows(fourbar_fmu: Path) -> None:
+def test_the_log_tells_vanishing_rows(fourbar_fmu: Path) -> None:
     said: list[str] = []
     simulate_fmu(
         str(fourbar_fmu),
@@ -80,7 +80,7 @@ def test_the_log_tells_void_rows(fourbar_fmu: Path) -> None:
         debug_logging=True,
         logger=lambda _env, _name, _status, category, message: said.append(f"{category.decode()}: {message.decode()}"),
     )
-    assert any("loop 'pivot': 3 of 5 rows are void (z, zx, zy)" in line for line in said), said
+    assert any("loop 'pivot': 3 of 5 rows vanish (z, zx, zy)" in line for line in said), said
 
 
 def test_steps_of_zero_and_of_three_seconds(fourbar_fmu: Path) -> None:

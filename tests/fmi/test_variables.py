@@ -40,7 +40,7 @@ class Moved(Model):
     """Everything that an input can be: a support, a speed, a load with its rate, gravity."""
 
     gripped: bool = parameter(True, doc="held at the tip", structural=True)
-    colour: str = parameter("red", doc="of the paint", choices=("red", "green"))
+    color: str = parameter("red", doc="of the paint", choices=("red", "green"))
     angle: float = parameter(0.3, unit="deg", doc="of the arm at the start")
 
     def build(self) -> Mechanism:
@@ -203,12 +203,12 @@ def test_choices_are_read_and_set_in_words(fourbar_fmu: Path, tmp_path: Path) ->
         assert fmu["solver"] == "adams"
     with pytest.raises(UserError, match="solver is 'euler'; allowed: adams"):
         Fmu(fourbar_fmu, {"solver": "euler"})
-    path = export(Moved(colour="green"), tmp_path / "m.fmu", Settings(solver="adams", partition="lu"))
+    path = export(Moved(color="green"), tmp_path / "m.fmu", Settings(solver="adams", partition="lu"))
     with Fmu(path) as fmu:
-        assert fmu["colour"] == "green"
+        assert fmu["color"] == "green"
         assert fmu["solver"] == "adams-lu"
-        fmu["colour"] = 1
-        with pytest.raises(UserError, match="'colour' was set to 1, but it is fixed since the export"):
+        fmu["color"] = 1
+        with pytest.raises(UserError, match="'color' was set to 1, but it is fixed since the export"):
             fmu.step(0.01)
 
 

@@ -84,7 +84,7 @@ class Site:
         return body
 
     def mass(self, length: float) -> dict[str, Any]:
-        """A body around a rod along x: unlike mass, its centre off the middle."""
+        """A body around a rod along x: unlike mass, its center off the middle."""
         mass = self.scale.masses * float(np.exp(self.rng.uniform(-1.5, 1.5)))
         points = self.rng.normal(size=(5, 3)) * np.abs(length) * (0.3, 0.15, 0.1)
         inertia = sum((p @ p) * np.eye(3) - np.outer(p, p) for p in points) * mass / 5.0

@@ -295,7 +295,7 @@ def n_four_bar(loops: int = 2, *, scale: Scale = UNSCALED) -> Case:
 
 
 def slider_crank(eps: float = 0.0, *, start: float = 20.0, rate: float = 6.0, scale: Scale = UNSCALED) -> Case:
-    """Crank r and rod r + eps; with equal lengths the slider passes the crank's centre in a singular position."""
+    """Crank r and rod r + eps; with equal lengths the slider passes the crank's center in a singular position."""
     r, L = scale.lengths, (1.0 + eps) * scale.lengths
     crank, link, slider = np.array((1.0, 0.5, 0.8)) * scale.masses
     angle, speed = radians(start), rate / scale.times

@@ -13,7 +13,7 @@ from mbfmu.mechanics import Mechanism
 
 
 class Planar(Maximal):
-    """Bodies in a plane: x, y of the centre of mass and an angle each."""
+    """Bodies in a plane: x, y of the center of mass and an angle each."""
 
     dim, per = 2, 3
 

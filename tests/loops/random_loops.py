@@ -9,7 +9,7 @@ Five families:
 ``driven``    planar or spatial ones on a base that a drive turns or shifts, or with a driven crank
 
 Most planar ones lie in any plane, so that the rows out of it are redundant; a third in one of the global axes, where
-these rows are void, until a drive turns them. Lengths and masses are scaled by 1e-3 ... 1e3, times by 0.1 ... 10.
+these rows vanish, until a drive turns them. Lengths and masses are scaled by 1e-3 ... 1e3, times by 0.1 ... 10.
 """
 
 from __future__ import annotations

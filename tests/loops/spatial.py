@@ -18,7 +18,7 @@ def cross(a: Any, b: Any) -> Any:
 
 
 class Spatial(Maximal):
-    """Bodies in space: centre of mass and unit quaternion; velocity, and angular velocity in the body's axes."""
+    """Bodies in space: center of mass and unit quaternion; velocity, and angular velocity in the body's axes."""
 
     dim, per = 3, 6
 

@@ -41,9 +41,9 @@ def four_bar(*, ground: float = 3.0, angle: float = 0.3, guess: float = 0.0) -> 
     return m
 
 
-def test_void_rows_are_dropped_and_named() -> None:
+def test_vanishing_rows_are_dropped_and_named() -> None:
     plant = Plant(four_bar())
-    assert plant.void_rows == ["pivot.z", "pivot.zx", "pivot.zy"]
+    assert plant.vanishing_rows == ["pivot.z", "pivot.zx", "pivot.zy"]
     assert plant.system.constraint_names == ("pivot.x", "pivot.y")
 
 
@@ -79,8 +79,8 @@ def test_parallelogram_with_three_cranks_reports_its_redundant_row() -> None:
     plant = Plant(m)
     q, _ = plant.assemble()
     first, second = plant.assembly.notes(0.0, q)  # either loop may name the row that both have in common
-    assert first.startswith("loop 'pin0': 3 of 5 rows are void (z, zx, zy)")
-    assert second.startswith("loop 'pin1': 3 of 5 rows are void (z, zx, zy)")
+    assert first.startswith("loop 'pin0': 3 of 5 rows vanish (z, zx, zy)")
+    assert second.startswith("loop 'pin1': 3 of 5 rows vanish (z, zx, zy)")
     assert (first + second).count(", 1 of 5 rows is redundant (") == 1
     q[:] = 0.0
     assert plant.assembly.notes(0.0, q)[2] == "a singular position: 1 more row depends on the others there"

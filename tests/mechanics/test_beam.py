@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 
 from mbfmu.errors import UserError
 from mbfmu.mechanics import MODES, Beam
-from mbfmu.mechanics.flexible.modal import ELASTIC, NODE
+from mbfmu.mechanics.flexible.modal import FLEXIBLE, NODE
 from solvers.compiled.kernel import records
 
 L, MASS, EI = 3.0, 24.057, 7897.5
@@ -66,7 +66,7 @@ def test_moments_are_of_the_order_of_the_shapes() -> None:
 
 def test_integrals_are_those_of_the_shapes() -> None:
     arm = beam(ends=("clamped", "free"), elements=5, modes=2, stiffening=True, damping=0.25)
-    record = records(1, ELASTIC)[0]
+    record = records(1, FLEXIBLE)[0]
     arm.fill(record)
     rho = MASS / L
 

@@ -1,4 +1,4 @@
-"""Elastic bodies in the recursions: identities on random mechanisms, and a beam against its chain of nodal bodies."""
+"""Flexible bodies in the recursions: identities on random mechanisms, and a beam against its chain of nodal bodies."""
 
 from __future__ import annotations
 
@@ -54,9 +54,9 @@ def build(seed: int, stiffening: bool, loop: bool) -> Case:
         stiffening=stiffening,
     )
     second = Beam(length=1.5, mass=1.0, bending_stiffness=20.0, modes=2, elements=3)
-    arm = m.elastic("arm", base, placed(Revolute, axis=rng.normal(size=3)), first)
+    arm = m.flexible_body("arm", base, placed(Revolute, axis=rng.normal(size=3)), first)
     rigid("hung", arm.section(1.1), placed(Revolute, axis=rng.normal(size=3)))
-    strut = m.elastic("strut", arm.section(2.0), placed(Translational, axis=rng.normal(size=3)), second)
+    strut = m.flexible_body("strut", arm.section(2.0), placed(Translational, axis=rng.normal(size=3)), second)
     tip = rigid("tip", strut.section(1.5), placed(Revolute, axis=rng.normal(size=3)))
     if loop:
         m.cut("loop", SphericalCut(at_a=rng.normal(size=3), at_b=rng.normal(size=3)), tip, arm.section(0.4))
@@ -217,8 +217,8 @@ def test_a_beam_and_its_sections_are_refused_by_name_where_they_cannot_be() -> N
     m = Mechanism()
     beam = Beam(length=1.0, mass=1.0, bending_stiffness=1.0, modes=1)
     with pytest.raises(UserError, match="beam of elastic body 'b' is None"):
-        m.elastic("b", m.ground, Revolute(), None)  # type: ignore[arg-type]
-    elastic = m.elastic("b", m.ground, Revolute(), beam)
+        m.flexible_body("b", m.ground, Revolute(), None)  # type: ignore[arg-type]
+    elastic = m.flexible_body("b", m.ground, Revolute(), beam)
     with pytest.raises(UserError, match="place on a beam is 2"):
         elastic.section(2.0)
     assert elastic.section(0.5) is elastic.section(0.5)

@@ -371,7 +371,7 @@ def test_a_cut_joint_is_the_tree_joint_of_its_name(joint: Any, cut: Any, axis: A
         return held
 
     free = Plant(crank(L, floating))
-    assert not free.void_rows
+    assert not free.vanishing_rows
     assert free.system.m == 3 + len(cut(axis=axis).rows)
     start = free.assembly.start_positions()
     start[:5] = q[:5]  # crank and link are as assembled
@@ -414,8 +414,8 @@ def rail(slider: str, L: float) -> Mechanism:
 @pytest.mark.parametrize("slider", ["planar", "end of the chain"])
 def test_a_slider_crank_closed_by_its_rail(slider: str, L: float) -> None:
     tree, other = Plant(rail("tree", L)), Plant(rail(slider, L))
-    assert {"rail.z", "rail.yz", "rail.zx"} <= set(other.void_rows)
-    assert not {"rail.x", "rail.xy"} & set(other.void_rows)
+    assert {"rail.z", "rail.yz", "rail.zx"} <= set(other.vanishing_rows)
+    assert not {"rail.x", "rail.xy"} & set(other.vanishing_rows)
     expected, found = seen(tree, *tree.assemble()), seen(other, *other.assemble())
     found.pop("normal.x")
     expected.pop("normal")

@@ -445,10 +445,10 @@ def test_a_follower_force_is_no_gradient_and_its_work_is_counted() -> None:
 
 
 def integrals(points: Any, mass: float) -> tuple[Any, Any]:
-    """Centre, and inertia about it, of equal masses at these points."""
-    centre = points.mean(axis=0)
-    x = points - centre
-    return centre, mass / len(x) * (np.sum(x * x) * np.eye(3) - x.T @ x)
+    """Center, and inertia about it, of equal masses at these points."""
+    center = points.mean(axis=0)
+    x = points - center
+    return center, mass / len(x) * (np.sum(x * x) * np.eye(3) - x.T @ x)
 
 
 def filled(inside: Any, reach: float) -> Any:

@@ -214,7 +214,7 @@ def loaded(m: Mechanism, rng: Any) -> dict[str, Any]:
 
 
 def test_a_floating_body_moves_as_the_forces_and_its_child_tell() -> None:
-    """Newton and Euler about its centre of mass, with what sensors say that each force exerts on it."""
+    """Newton and Euler about its center of mass, with what sensors say that each force exerts on it."""
     rng, m = np.random.default_rng(11), Mechanism()
     handles = loaded(m, rng)
     first, hinged = m.bodies[1], m.bodies[2]

@@ -117,7 +117,7 @@ def beams(driven: bool) -> Mechanism:
     hinge = Revolute(drive=Harmonic(amplitude=0.4, frequency=0.7)) if driven else Revolute(start=0.2)
     beam = Beam(length=2.0, mass=3.0, bending_stiffness=400.0, modes=2, ends=("clamped", "free"), damping=1e-2,
                 stiffening=True)  # fmt: skip
-    arm = m.elastic("arm", m.ground, hinge, beam)
+    arm = m.flexible_body("arm", m.ground, hinge, beam)
     m.body("flap", arm.section(2.0), Revolute(start=0.4), **rod(mass=0.4, length=0.3))
     m.output("energy", m.energy)
     return m

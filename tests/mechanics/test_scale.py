@@ -37,7 +37,7 @@ def test_length_is_of_the_parts_and_not_of_where_they_are(scale: float, origin: 
     plant = slider_crank(scale, origin)
     assert plant.length == pytest.approx(0.4 * scale)
     np.testing.assert_allclose(plant.system.size, [1.0, 1.0, 0.4 * scale])
-    np.testing.assert_allclose(plant.system.row_size, [0.4 * scale, 0.4 * scale])  # x, y; z, zx, zy are void
+    np.testing.assert_allclose(plant.system.row_size, [0.4 * scale, 0.4 * scale])  # x, y; z, zx, zy vanish
 
 
 def test_rows_of_turns_are_measured_in_radians() -> None:
@@ -69,11 +69,11 @@ def test_without_arms_springs_and_gyration_measure_and_last_a_metre() -> None:
 def test_a_joint_may_be_told_its_size() -> None:
     def floating(size: Any) -> Any:
         m = Mechanism()
-        m.body("b", m.ground, Floating(size=size), **rod(mass=1.0, length=1.0))
+        m.body("b", m.ground, Floating(nominal=size), **rod(mass=1.0, length=1.0))
         return Plant(m).system.size
 
     np.testing.assert_array_equal(floating(0.25), np.full(6, 0.25))
     np.testing.assert_array_equal(floating((3, 3, 3, 1, 1, 2)), [3, 3, 3, 1, 1, 2])
     for wrong in (0.0, -1.0, float("nan"), (1.0, 2.0)):
-        with pytest.raises(UserError, match=r"size of body 'b' is .*; allowed: one number greater than zero, or 6"):
+        with pytest.raises(UserError, match=r"nominal of body 'b' is .*; allowed: one number greater than zero, or 6"):
             floating(wrong)

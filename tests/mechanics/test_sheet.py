@@ -128,7 +128,7 @@ def test_trees_follow_spine_and_rows() -> None:
 
 
 def test_cells_add_up_to_the_sheet() -> None:
-    """Mass, centre of mass and, but for what the cells' own corners round off, inertia."""
+    """Mass, center of mass and, but for what the cells' own corners round off, inertia."""
     _, sheet = cantilever((6, 5))
     nodes = [
         (b, np.array([0.06 * i, 0.0, 0.0525 * k]) + b.com)
@@ -212,7 +212,7 @@ def test_static_tip_at_7_by_5_from_flat(tree: str) -> None:
 
 @pytest.mark.parametrize(("tree", "tip"), [("spine", TIP), ("rows", -107.72e-3)])
 def test_static_tip_at_15_by_11(tree: str, tip: float) -> None:
-    """Rows cannot stretch one by one, so the free edges do not curl: half a millimetre stiffer."""
+    """Rows cannot stretch one by one, so the free edges do not curl: half a millimeter stiffer."""
     grid = (15, 11)
     m, sheet = cantilever(grid, tree=tree, membrane=True)
     plant = Plant(m)

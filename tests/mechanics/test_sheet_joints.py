@@ -13,7 +13,7 @@ from mbfmu.mechanics import Geodesic, Mechanism, OutOfPlane, Plant
 
 
 def hinged(joint: type[OutOfPlane | Geodesic], q: tuple[float, float, float]) -> tuple[Any, Any]:
-    """Position and orientation of a node on its neighbour at the origin, s' = (0.3, 0, 0.4) m."""
+    """Position and orientation of a node on its neighbor at the origin, s' = (0.3, 0, 0.4) m."""
     m = Mechanism()
     m.body("node", m.ground, joint(at=(0.3, 0.0, 0.4), start=q), mass=1.0, inertia=(1, 1, 1))
     plant = Plant(m)

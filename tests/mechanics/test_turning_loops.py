@@ -78,7 +78,7 @@ def test_constraints_do_not_know_how_the_base_moves(
     """Phi, J, nu and gamma of loops that close on the base are those on a base at rest, also where they are open."""
     moving = on_base(Revolute(axis=axis, drive=DRIVES[drive]()), seed, [*kinds, last], cuts)
     resting = on_base(Weld(), seed, [*kinds, last], cuts)
-    assert moving.void_rows == resting.void_rows
+    assert moving.vanishing_rows == resting.vanishing_rows
     system, rng = resting.system, np.random.default_rng(seed)
     expected, found = system.allocate_terms(), system.allocate_terms()
     q, v = resting.assembly.start_positions(), rng.normal(size=system.n)
@@ -136,7 +136,7 @@ def turn_about(axis: str, angle: float) -> Any:
 def test_the_crane_is_the_same_in_every_attitude(drive: str, axis: str) -> None:
     """A base that has turned and one that is drawn turned: the same motion, and forces that turn with it."""
     plant = Plant(crane(Revolute(axis=axis, drive=DRIVES[drive]()), axis))
-    assert plant.void_rows == ["pin.z", "pin.zx", "pin.zy"]
+    assert plant.vanishing_rows == ["pin.z", "pin.zx", "pin.zy"]
     q, v = plant.assemble()
     terms = plant.system.allocate_terms()
     for t in TURNED:
@@ -184,7 +184,7 @@ def test_the_ram_carries_the_jib_as_statics_says() -> None:
 def test_a_crane_swings_alike_from_every_attitude(drive: str, solver: str, same: float) -> None:
     """Runs through 720 deg from two attitudes: the same motion in the crane, loops closed all the way.
 
-    Gravity is along the axis of the base. 90 deg from where it starts, a row along a global axis would be void.
+    Gravity is along the axis of the base. 90 deg from where it starts, a row along a global axis would vanish.
     """
     motions = []
     for attitude in (0.0, 0.25 * pi):
@@ -225,9 +225,9 @@ def four_bar_on(base: Any, **frames: Any) -> Mechanism:
 
 @pytest.mark.parametrize("start", [0.0, -0.25 * pi, 0.5 * pi])
 @pytest.mark.parametrize("axis", ["x", "y", (1.0, 2.0, 3.0)])
-def test_void_rows_of_a_turning_loop_are_those_of_its_plane(start: float, axis: Any) -> None:
+def test_vanishing_rows_of_a_turning_loop_are_those_of_its_plane(start: float, axis: Any) -> None:
     plant = Plant(four_bar_on(Revolute(axis=axis, drive=Polynomial((start, 1.0)))))
-    assert plant.void_rows == ["pivot.z", "pivot.zx", "pivot.zy"]
+    assert plant.vanishing_rows == ["pivot.z", "pivot.zx", "pivot.zy"]
 
 
 @pytest.mark.parametrize(
@@ -248,7 +248,7 @@ def test_a_row_that_the_drive_will_work_against_is_kept(drive: Any) -> None:
     link = m.body("link", crank, Revolute(at=(1, 0, 0), start=2.0), **rod(mass=1, length=1))
     m.cut("pin", SphericalCut(at_b=(1, 0, 0)), m.ground, link)
     plant = Plant(m)
-    assert plant.void_rows == []
+    assert plant.vanishing_rows == []
     (signal,) = plant.signals(plant.data)
     if "c" in signal.record.dtype.names:
         assert signal.record["c"][0] == 0.0  # inputs are where they were
@@ -257,7 +257,7 @@ def test_a_row_that_the_drive_will_work_against_is_kept(drive: Any) -> None:
     crank = turned.body("crank", base, Revolute(start=0.3), **rod(mass=1, length=1))
     link = turned.body("link", crank, Revolute(at=(1, 0, 0), start=2.0), **rod(mass=1, length=1))
     turned.cut("pin", SphericalCut(at_a=(1, 0, 0)), link, turned.ground)  # rows turn with the link
-    assert Plant(turned).void_rows == ["pin.z"]
+    assert Plant(turned).vanishing_rows == ["pin.z"]
 
 
 def test_a_drive_that_opens_a_loop_is_refused() -> None:
@@ -282,7 +282,7 @@ def test_drives_that_move_together_break_no_loop() -> None:
     crank = m.body("crank", lifts[0], Revolute(start=0.3), **rod(mass=1, length=1))
     link = m.body("link", crank, Revolute(at=(1, 0, 0), start=0.1), **rod(mass=1, length=1.5))
     m.cut("pin", SphericalCut(at_a=(1.5, 0, 0)), link, lifts[1])
-    assert Plant(m).void_rows == ["pin.z"]
+    assert Plant(m).vanishing_rows == ["pin.z"]
 
 
 @pytest.mark.parametrize(

@@ -53,7 +53,7 @@ def fourbar_dynamics(t, q, v, data, terms):
         terms.Phi[row] = -x[6] if row % 2 == 0 else 0.0
         for j in range(3):
             terms.J[row, j] = 0.0
-    # bar b has angle phi_b = q_0 + .. + q_b; its centre sits at sum over bars c <= b of r_bc (cos, sin) phi_c
+    # bar b has angle phi_b = q_0 + .. + q_b; its center sits at sum over bars c <= b of r_bc (cos, sin) phi_c
     for b in range(3):
         for i in range(b + 1):
             for j in range(b + 1):
@@ -209,7 +209,7 @@ def particle(stiffness: float = 0.0, nan_from: float = np.inf, blow_up: float = 
     )
 
 
-# --- free rigid body about its centre: q a unit quaternion (body to space), v the angular velocity in the body -------
+# --- free rigid body about its center: q a unit quaternion (body to space), v the angular velocity in the body -------
 
 
 @callback(DYNAMICS)

@@ -1,4 +1,4 @@
-"""The small factorisations against numpy."""
+"""The small factorizations against numpy."""
 
 from __future__ import annotations
 

@@ -157,8 +157,8 @@ def test_parts_keep_their_place_and_colors_are_linear() -> None:
     assert np.reshape(own["matrix"], (4, 4))[:3, :3] == pytest.approx(np.reshape(part.axes, (3, 3)))
     assert own["matrix"][12:15] == pytest.approx(part.at)
     material = file.told["materials"][file.told["meshes"][own["mesh"]]["primitives"][0]["material"]]
-    grey = int(part.colour[1:3], 16) / 255.0
-    assert material["pbrMetallicRoughness"]["baseColorFactor"][0] == pytest.approx(((grey + 0.055) / 1.055) ** 2.4)
+    gray = int(part.color[1:3], 16) / 255.0
+    assert material["pbrMetallicRoughness"]["baseColorFactor"][0] == pytest.approx(((gray + 0.055) / 1.055) ** 2.4)
 
 
 def test_elastic_body_bends_by_its_modes() -> None:

@@ -49,7 +49,7 @@ class Arm(Model):
     def build(self) -> Mechanism:
         beam = Beam(length=2.0, mass=1.0, bending_stiffness=20.0, modes=2, ends=("clamped", "free"), stiffening=True)
         m = Mechanism(gravity=(0.0, -9.81, 0.0))
-        arm = m.elastic("arm", m.ground, Revolute(drive=Polynomial((0.3, 2.0))), beam)
+        arm = m.flexible_body("arm", m.ground, Revolute(drive=Polynomial((0.3, 2.0))), beam)
         m.output("tip.deflection", arm.deflection(2.0))
         return m
 
@@ -120,18 +120,18 @@ def test_elastic_body_is_a_bar_and_its_sections_are_not_drawn() -> None:
     assert [names[i] for i in picture.unnamed] == ["coupler.mode", "coupler[1.5]", "coupler[3]"]
     drawn = {names[part.body] for part in picture.parts if part.solid != "cylinder"}
     assert drawn == {"ground", "crank", "rocker"}
-    mechanism.profile(mechanism.elastics[0], height=0.1, width=0.2, colour="#102030")
+    mechanism.profile(mechanism.flexible_bodies[0], height=0.1, width=0.2, color="#102030")
     (bar,) = draw(mechanism, 3.0).bars
-    assert (bar.height, bar.width, bar.colour) == (0.1, 0.2, "#102030")
+    assert (bar.height, bar.width, bar.color) == (0.1, 0.2, "#102030")
 
 
 def test_bad_profiles_are_named() -> None:
     mechanism = FourBar(coupler_modes=1).build()
-    (coupler,) = mechanism.elastics
+    (coupler,) = mechanism.flexible_bodies
     with pytest.raises(UserError, match=r"height and width of the profile of 'coupler' is \(0.0, 0.1\) m; allowed"):
         mechanism.profile(coupler, height=0.0, width=0.1)
-    with pytest.raises(UserError, match="colour is 'red'"):
-        mechanism.profile(coupler, height=0.1, width=0.1, colour="red")
+    with pytest.raises(UserError, match="color is 'red'"):
+        mechanism.profile(coupler, height=0.1, width=0.1, color="red")
     with pytest.raises(UserError, match="elastic body of a profile is 'coupler'; it must be one of this mechanism"):
         FourBar(coupler_modes=1).build().profile(coupler, height=0.1, width=0.1)
 
@@ -178,7 +178,7 @@ def test_default_picture_knows_every_joint_cut_and_spring() -> None:
     assert sorted(link.solid for link in picture.links) == ["coil", "cylinder"]
     axes = [np.reshape(part.axes, (3, 3)) for part in picture.parts if part.body == arm.index]
     assert max(np.linalg.norm(bar[2]) for bar in axes) == pytest.approx(1.0)  # the bar, as long as the arm
-    assert len({part.colour for part in picture.parts}) >= 5
+    assert len({part.color for part in picture.parts}) >= 5
 
 
 def test_shapes_replace_the_default_picture() -> None:
@@ -186,16 +186,16 @@ def test_shapes_replace_the_default_picture() -> None:
     body = m.body("body", m.ground, Floating(), mass=1.0)
     m.shape(
         body,
-        Box(size=(0.1, 0.2, 0.3), at=(1.0, 0.0, 0.0), colour="#102030"),
+        Box(size=(0.1, 0.2, 0.3), at=(1.0, 0.0, 0.0), color="#102030"),
         Cylinder(radius=0.1, length=2.0, axis="x"),
         Sphere(radius=0.5),
     )
     block, bar, ball = draw(m, 1.0).parts
-    assert (block.at, block.colour) == ((1.0, 0.0, 0.0), "#102030")
+    assert (block.at, block.color) == ((1.0, 0.0, 0.0), "#102030")
     assert np.reshape(block.axes, (3, 3)) == pytest.approx(np.diag((0.1, 0.2, 0.3)))
     assert bar.axes[6:] == pytest.approx((2.0, 0.0, 0.0))
     assert np.linalg.det(np.reshape(bar.axes, (3, 3))) == pytest.approx(0.02)
-    assert ball.colour == bar.colour != block.colour
+    assert ball.color == bar.color != block.color
 
 
 @pytest.mark.parametrize(
@@ -205,7 +205,7 @@ def test_shapes_replace_the_default_picture() -> None:
         (lambda: Box(size=(1.0, 2.0)), "size of a box"),
         (lambda: Box(size=(1.0, 1.0, 1.0), rotation=np.ones((3, 3))), "rotation of a box"),
         (lambda: Cylinder(radius=1.0, length=1.0, axis="w"), "axis is 'w'"),
-        (lambda: Sphere(radius=1.0, colour="red"), "colour is 'red'; write #rrggbb"),
+        (lambda: Sphere(radius=1.0, color="red"), "color is 'red'; write #rrggbb"),
         (lambda: Sphere(radius=1.0, at=(0.0, 0.0)), "at of a shape of body 'b'"),
         (lambda: "ball", "shape of body 'b' is 'ball'"),
     ],

@@ -231,7 +231,7 @@ def test_sheet_of_an_assembly_has_a_surface_unless_it_is_given_one() -> None:
             supports=[Support("x0", "clamped")],
         )  # fmt: skip
         if own:
-            m.surface("mine", sheet.nodes, colour="#102030")
+            m.surface("mine", sheet.nodes, color="#102030")
         picture = draw(m, 0.3)
         (skin,) = picture.skins
         assert skin.name == ("mine" if own else "flag")
@@ -240,7 +240,7 @@ def test_sheet_of_an_assembly_has_a_surface_unless_it_is_given_one() -> None:
         assert not picture.links
 
 
-@pytest.mark.parametrize("k", [1e-3, 1e3], ids=["millimetre", "kilometre"])
+@pytest.mark.parametrize("k", [1e-3, 1e3], ids=["millimeter", "kilometer"])
 def test_page_suits_a_mechanism_of_any_size(k: float) -> None:
     m = Mechanism(gravity=(0.0, -9.81, 0.0))
     arm = m.body("arm", m.ground, Revolute(start=0.3), **rod(mass=k**3, length=k))

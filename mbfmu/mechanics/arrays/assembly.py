@@ -34,12 +34,12 @@ class Assembly:
         Its equations.
     state
         Where they place the bodies.
-    void_rows
+    vanishing_rows
         Names of rows of constraints that no free motion works against; the system has none of them.
     """
 
-    def __init__(self, mechanism: Mechanism, system: AnySystem, state: State, void_rows: list[str]) -> None:
-        self._mechanism, self._system, self._state, self._void_rows = mechanism, system, state, void_rows
+    def __init__(self, mechanism: Mechanism, system: AnySystem, state: State, vanishing_rows: list[str]) -> None:
+        self._mechanism, self._system, self._state, self._vanishing_rows = mechanism, system, state, vanishing_rows
 
     def start_positions(self) -> Array:
         """Return the first free positions (nq,) as given to the builder, loops not closed yet."""
@@ -124,10 +124,10 @@ class Assembly:
         return best
 
     def notes(self, t: float, q: Array) -> list[str]:
-        """Return in sentences which rows of the constraints are void and which are redundant about q (nq,)."""
+        """Return in sentences which rows of the constraints vanish and which are redundant about q (nq,)."""
         names = self._system.constraint_names
         redundant = dependent_rows(self._system, t, self.beside(t, q))
-        lines = describe(self._mechanism.constraints, self._void_rows, [names[i] for i in redundant])
+        lines = describe(self._mechanism.constraints, self._vanishing_rows, [names[i] for i in redundant])
         lost = len(dependent_rows(self._system, t, q)) - len(redundant)
         if lost > 0:
             rows = "1 more row depends" if lost == 1 else f"{lost} more rows depend"

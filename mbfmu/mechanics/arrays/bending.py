@@ -1,4 +1,4 @@
-"""How sharply plate elements bend between neighbouring nodes: what tells that a grid is too coarse for its motion.
+"""How sharply plate elements bend between neighboring nodes: what tells that a grid is too coarse for its motion.
 
 An element is a polynomial over its cell, so the angle between the normals of two nodes beside each other is what its
 error grows with. Some 15 degrees are good to a part in a hundred; at 40 a sheet has several states of rest; beyond 60 a

@@ -12,7 +12,7 @@ from mbfmu.errors import UserError
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.checks import rotation, signal_of, vector
-from mbfmu.mechanics.flexible.modal import ELASTIC, NODE
+from mbfmu.mechanics.flexible.modal import FLEXIBLE, NODE
 from mbfmu.mechanics.joints import Section
 from mbfmu.mechanics.kind import Kind, record_of
 from mbfmu.mechanics.records import (
@@ -198,9 +198,9 @@ class Compiled:
         world = records(1, WORLD)
         world["gravity"] = mechanism.gravity
         bodies, (closing, rows) = body_records(mechanism, numbering, joints), cut_records(mechanism, cuts)
-        elastics, nodes = elastic_records(mechanism, numbering)
+        flexibles, nodes = flexible_records(mechanism, numbering)
         world["drives"] = np.any(bodies["drive"] >= 0)
-        world["works"] = world["drives"] | any(a.load.works for a in loads) | np.any(elastics["beta"])
+        world["works"] = world["drives"] | any(a.load.works for a in loads) | np.any(flexibles["beta"])
         observing = item_records(sensors, SENSOR)
         observing["energy"] = [sensor.reads_energy for sensor in self.sensors]
         arrays = Arrays(
@@ -212,7 +212,7 @@ class Compiled:
             signals=item_records(signals, ITEM),
             sensors=observing,
             kept=np.arange(rows + len(couplings)),
-            elastics=elastics,
+            flexibles=flexibles,
             nodes=nodes,
             kernels=tables.kernels(),
             memory=tables.memory,
@@ -317,10 +317,10 @@ def coupling_records(
     return table
 
 
-def elastic_records(mechanism: Mechanism, numbering: Numbering) -> tuple[NDArray[Any], NDArray[Any]]:
+def flexible_records(mechanism: Mechanism, numbering: Numbering) -> tuple[NDArray[Any], NDArray[Any]]:
     """One record an elastic body, and one a cross-section in the order of the bodies."""
-    elastics = records(len(mechanism.elastics), ELASTIC)
-    for record, elastic in zip(elastics, mechanism.elastics, strict=True):
+    flexibles = records(len(mechanism.flexible_bodies), FLEXIBLE)
+    for record, elastic in zip(flexibles, mechanism.flexible_bodies, strict=True):
         i = elastic.modes.index
         record["body"], record["qi"], record["vi"] = i, numbering.q[i], numbering.v[i]
         elastic.beam.fill(record)
@@ -329,20 +329,20 @@ def elastic_records(mechanism: Mechanism, numbering: Numbering) -> tuple[NDArray
     for record, section in zip(nodes, sections, strict=True):
         if section.frame is not None:  # bending leaves the frame in place
             section.beam.fill_node(section.x, record)
-    return elastics, nodes
+    return flexibles, nodes
 
 
 def check_rows(mechanism: Mechanism, kept: NDArray[np.int64]) -> None:
-    """Raise UserError where an output reads a row of a cut joint, or a coupling, that is void."""
+    """Raise UserError where an output reads a row of a cut joint, or a coupling, that vanishes."""
     first = np.cumsum([0] + [len(c.rows) for c in mechanism.constraints])
     for name, sensor, *_ in mechanism.outputs:
         if isinstance(sensor, CouplingEffort) and kept[first[len(mechanism.cuts) + sensor.item.index]] < 0:
             raise UserError(
-                f"output {name!r} reads coupling {sensor.item.name!r}, which is void in this mechanism: both its "
+                f"output {name!r} reads coupling {sensor.item.name!r}, which vanishes in this mechanism: both its "
                 "coordinates are driven"
             )
         if isinstance(sensor, RowForce) and kept[first[sensor.item.index] + sensor.component] < 0:
             raise UserError(
                 f"output {name!r} reads row {sensor.item.cut.rows[sensor.component]!r} of cut {sensor.item.name!r}, "
-                "which is void in this mechanism: no free motion works against it"
+                "which vanishes in this mechanism: no free motion works against it"
             )

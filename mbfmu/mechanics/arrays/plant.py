@@ -25,7 +25,7 @@ from .assembly import Assembly, start_positions
 from .bending import Bend, bend
 from .compile import Compiled, Numbering, Variable, check_rows
 from .inputs import Drives, Inputs
-from .rows import find_void_rows, row_names
+from .rows import find_vanishing_rows, row_names
 from .scale import characteristic_length
 from .systems import Systems
 
@@ -45,7 +45,7 @@ class Plant:
         Variables in the order of :meth:`observe`.
     length
         Characteristic length, m; see :func:`.scale.characteristic_length`.
-    void_rows
+    vanishing_rows
         Names of rows of constraints that no free motion works against; dropped.
     """
 
@@ -66,24 +66,24 @@ class Plant:
         self.inputs = Inputs(numbering, self.data.arrays, compiled.signals, self.drives)
         self._systems = Systems(mechanism, numbering, compiled, self.drives, self.length)
         names = row_names(mechanism.constraints)
-        self.void_rows: list[str] = []
+        self.vanishing_rows: list[str] = []
         self.system: Any = self._systems.make(names)
         if names:
-            self.void_rows = self._drop_void_rows(names)
-            self.system = self._systems.make([n for n in names if n not in self.void_rows])
-        self.assembly = Assembly(mechanism, self.system, self.data.state, self.void_rows)
+            self.vanishing_rows = self._drop_vanishing_rows(names)
+            self.system = self._systems.make([n for n in names if n not in self.vanishing_rows])
+        self.assembly = Assembly(mechanism, self.system, self.data.state, self.vanishing_rows)
         self.outputs = tuple(Variable(n, s.unit, d, 0.0, nominal) for n, s, d, nominal in mechanism.outputs)
         check_rows(mechanism, self.data.arrays.kept)
 
-    def _drop_void_rows(self, names: list[str]) -> list[str]:
-        """Number the rows that are not void anew; return the names of those that are."""
+    def _drop_vanishing_rows(self, names: list[str]) -> list[str]:
+        """Number the rows that do not vanish anew; return the names of those that are."""
         signals, before = self._compiled.signals, self.data.arrays.memory.copy()
         start = start_positions(self.mechanism)
         units = [unit for handle in self.mechanism.constraints for unit in handle.units]
-        void = find_void_rows(self.system, start, self.drives, self.inputs, signals, units)
+        vanishing = find_vanishing_rows(self.system, start, self.drives, self.inputs, signals, units)
         self.data.arrays.memory[:] = before
-        self.data.arrays.kept[:] = np.where(void, -1, np.cumsum(~void) - 1)
-        return [names[i] for i in np.flatnonzero(void)]
+        self.data.arrays.kept[:] = np.where(vanishing, -1, np.cumsum(~vanishing) - 1)
+        return [names[i] for i in np.flatnonzero(vanishing)]
 
     def assemble(self, t: float = 0.0) -> tuple[Array, Array]:
         """Close the loops from the start given to the builder; return consistent positions (nq,), velocities (n,).

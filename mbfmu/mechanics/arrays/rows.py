@@ -1,6 +1,6 @@
 """What the rows of constraints are worth: those no motion works against, and those that say what others say.
 
-A row is **void** where its Jacobian vanishes wherever the mechanism may be: a planar loop has three. It is dropped when
+A row **vanishes** where its Jacobian is zero wherever the mechanism may be: a planar loop has three. It is dropped when
 the mechanism is compiled. A row is **redundant** where it depends on others: the loop is closed without it, and the
 forces between them are not determined. It stays, and its share is a matter of the solver.
 """
@@ -20,7 +20,7 @@ from solvers.system import AnySystem, Array
 
 from .inputs import Drives, Inputs
 
-VOID = 1e-9  # of a Jacobian in units of row and coordinate, and of a gap: what rounding leaves of zero
+VANISHING = 1e-9  # of a Jacobian in units of row and coordinate, and of a gap: what rounding leaves of zero
 DEPENDENT = 1e-4  # of pivots, relative to the largest; a loop closed to 1e-11 is that far from a singular position
 TOLD = 4  # loops that are told one by one
 
@@ -61,12 +61,12 @@ class Probe:
         self.slope = np.maximum(self.slope, slopes.max(axis=1, initial=0.0))
         self.gap = np.maximum(self.gap, gaps)
 
-    def void(self, units: list[str]) -> NDArray[np.bool_]:
+    def vanishing(self, units: list[str]) -> NDArray[np.bool_]:
         """Return which rows (m,) no free motion works against; AssemblyError where one of them does not close."""
-        s, void = self._system, self.slope < VOID
-        for i in np.flatnonzero(void & (self.gap > VOID)):
+        s, vanishing = self._system, self.slope < VANISHING
+        for i in np.flatnonzero(vanishing & (self.gap > VANISHING)):
             name, unit = s.constraint_names[i], units[i]
-            if self.at_start[i] > VOID:
+            if self.at_start[i] > VANISHING:
                 off = self.at_start[i] * s.row_size[i]
                 raise AssemblyError(
                     f"loop cannot close: {name!r} is off by {off:.3g} {unit} and no free joint can change that"
@@ -75,22 +75,22 @@ class Probe:
                 f"the drives break a loop: as they move, {name!r} opens to {self.gap[i] * s.row_size[i]:.3g} {unit} "
                 "and no free joint can follow; free a joint of this loop, or drive it otherwise"
             )
-        return void
+        return vanishing
 
 
-def find_void_rows(
+def find_vanishing_rows(
     system: AnySystem, start: Array, drives: Drives, inputs: Inputs, signals: list[InUse], units: list[str]
 ) -> NDArray[np.bool_]:
     """Return which rows (m,) vanish wherever the mechanism may be.
 
     A few random positions decide, of the free coordinates about ``start`` (nq,) and of the drives: those that are
-    functions of time where they are at some time, those that are inputs anywhere. A row that is not void vanishes there
-    with probability zero. The inputs' signals are left elsewhere.
+    functions of time where they are at some time, those that are inputs anywhere. Another row vanishes there with
+    probability zero. The inputs' signals are left elsewhere.
 
     Raises
     ------
     AssemblyError
-        A void row is not closed, or the drives open it.
+        A vanishing row is not closed, or the drives open it.
     """
     probe = Probe(system)
     given = [k for k in drives.signals if k in inputs.signals]
@@ -101,7 +101,7 @@ def find_void_rows(
             probe.try_at(scale * probe.turns(), start)
             for k in given:
                 signals[k].record["c"][0] = centers[k] + drives.sizes[k] * probe.normal()
-    return probe.void(units)
+    return probe.vanishing(units)
 
 
 def dependent_rows(system: AnySystem, t: float, q: Array) -> NDArray[np.int64]:
@@ -117,19 +117,22 @@ def dependent_rows(system: AnySystem, t: float, q: Array) -> NDArray[np.int64]:
     return np.sort(order[rank:])
 
 
-def describe(handles: Iterable[Handle], void: Collection[str], redundant: Collection[str]) -> list[str]:
-    """Return a sentence for every cut joint or coupling with void or redundant rows; few where there are many."""
+def describe(handles: Iterable[Handle], vanishing: Collection[str], redundant: Collection[str]) -> list[str]:
+    """Return a sentence for every cut joint or coupling with vanishing or redundant rows; few where there are many."""
     lines = []
     for handle in handles:
         rows = dict(zip(row_names([handle]), handle.rows, strict=True))
         found = [
-            (word, [row for name, row in rows.items() if name in those])
-            for word, those in (("void", void), ("redundant", redundant))
+            (verbs, [row for name, row in rows.items() if name in those])
+            for verbs, those in (
+                (("vanishes", "vanish"), vanishing),
+                (("is redundant", "are redundant"), redundant),
+            )
         ]
         parts = [
-            f"{len(those)} of {len(rows)} rows {'is' if len(those) == 1 else 'are'} {word}"
+            f"{len(those)} of {len(rows)} rows {verbs[len(those) > 1]}"
             + (f" ({', '.join(those)})" if len(rows) > 1 else "")
-            for word, those in found
+            for verbs, those in found
             if those
         ]
         if parts:

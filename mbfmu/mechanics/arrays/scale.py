@@ -21,7 +21,7 @@ from solvers.system import Array
 def characteristic_length(mechanism: Mechanism, arrays: Arrays) -> float:
     """Return the largest distance between two points of one body that something hangs on, m.
 
-    Points are origins of joints, centres of mass, and where cut joints and forces act; a rod between two points and an
+    Points are origins of joints, centers of mass, and where cut joints and forces act; a rod between two points and an
     elastic body count with their length. A mechanism all of whose points coincide is measured by the springs and the
     radii of gyration it has, and one without any by 1 m. Raises UserError for one that is no length of a mechanism.
     """
@@ -67,12 +67,13 @@ def coordinate_sizes(bodies: list[Body], length: float) -> Array:
 
 def joint_sizes(name: str, joint: Joint, length: float) -> Array:
     """Return the unit of the coordinates (nv,) of one joint."""
-    if joint.size is None:
+    if joint.nominal is None:
         return np.array([length if unit == "m" else 1.0 for unit in joint.units])
-    told = array_of(f"size of body {name!r}", joint.size)
+    told = array_of(f"nominal of body {name!r}", joint.nominal)
     if told.shape not in ((), (joint.nv,)) or not np.all(np.isfinite(told)) or np.any(told <= 0.0):
         raise UserError(
-            f"size of body {name!r} is {joint.size!r}; allowed: one number greater than zero, or {joint.nv} of them"
+            f"nominal of body {name!r} is {joint.nominal!r}; allowed: one number greater than zero, "
+            f"or {joint.nv} of them"
         )
     return np.broadcast_to(told, (joint.nv,))
 

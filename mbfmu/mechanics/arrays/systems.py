@@ -36,7 +36,7 @@ class Systems:
         self._size = coordinate_sizes(free_bodies(mechanism), length)
         self._row_size = np.concatenate([np.zeros(0), *(row_sizes(c, length) for c in mechanism.constraints)])
         limit = LARGE_LOOPS if mechanism.constraints else LARGE
-        self._large = not mechanism.elastics and numbering.nv > limit  # the structured tangent knows no modes
+        self._large = not mechanism.flexible_bodies and numbering.nv > limit  # the structured tangent knows no modes
 
     def make(self, constraint_names: list[str]) -> AnySystem:
         """Return the system with the rows that are kept today, by their names."""

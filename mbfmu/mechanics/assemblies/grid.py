@@ -47,5 +47,5 @@ def from_edge(shape: tuple[int, int], edge: str, held: list[int], spine: bool) -
 
 
 def _outward(count: int, low: int, high: int) -> list[tuple[int, int]]:
-    """Pairs (number, neighbour nearer to low ... high) outside that range, outward."""
+    """Pairs (number, neighbor nearer to low ... high) outside that range, outward."""
     return [(n, n + 1) for n in range(low - 1, -1, -1)] + [(n, n - 1) for n in range(high + 1, count)]

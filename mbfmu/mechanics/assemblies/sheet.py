@@ -8,7 +8,7 @@
 >>> m.output("tip", sheet.node(0, 2).position("y"), "height of the free edge")
 
 In its own frame the flat sheet fills 0 <= x <= length, 0 <= z <= width; its normal is y. Node (i, k) of the grid lies
-at x = i a, z = k b. A node has the mass of its cell, half a cell at a border and a quarter at a corner, the centre of
+at x = i a, z = k b. A node has the mass of its cell, half a cell at a border and a quarter at a corner, the center of
 mass in the middle of the cell (so off the node at a border) and the rotary inertia m (c^2 + t^2) / 12 of a rigid one,
 which leaves explicit steps 12 to 95 times as long as the plate's own m t^2 / 12.
 
@@ -301,7 +301,7 @@ class _Builder:
                 cells = self.shape[0 if node[1] == parent[1] else 1] - 1
                 angle = self.share / cells**2
                 size = (angle * self.side, angle, angle)  # a node that is off takes along as many as one that is turned
-                joint = self.joint(at=tuple(self._flat(node) - self._flat(parent)), size=size)
+                joint = self.joint(at=tuple(self._flat(node) - self._flat(parent)), nominal=size)
             self.bodies[node] = self.mechanism.body(f"{self.name}.{node[0]}.{node[1]}", body, joint, **self._cell(node))
 
     def _cell(self, node: Node) -> dict[str, Any]:

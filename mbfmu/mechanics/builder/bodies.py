@@ -179,7 +179,7 @@ class CutHandle:
         return RowForce(unit=self.cut.units[k], item=self, component=k)
 
     def joint_force(self, axis: str, on: str = "b") -> Sensor:
-        """Global component of the force the cut joint exerts on body ``"a"`` or ``"b"``, N; void rows exert none."""
+        """Global component of the force the cut joint exerts on body ``"a"`` or ``"b"``, N; none by vanishing rows."""
         one_of("body of a cut joint's force", on, ("a", "b"))
         component = axis_index(axis) + (3 if on == "a" else 0)
         return CutForce(unit="N", item=self, component=component)
@@ -243,8 +243,8 @@ class ForceHandle:
 
 
 @dataclass(frozen=True, eq=False)
-class Elastic:
-    """An elastic body, as :meth:`Mechanism.elastic` returns it.
+class FlexibleBody:
+    """An elastic body, as :meth:`Mechanism.flexible_body` returns it.
 
     Attributes
     ----------
@@ -286,7 +286,7 @@ class Surface:
     name: str
     bodies: NDArray[np.int64]  # (rows, columns) indices
     at: Matrix  # the point of every body it passes through, body axes, m
-    colour: str
+    color: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -295,4 +295,4 @@ class Profile:
 
     height: float  # along y, in which it bends, m
     width: float  # along z, m
-    colour: str
+    color: str

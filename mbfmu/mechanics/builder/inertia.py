@@ -1,6 +1,6 @@
 """Mass properties of uniform solids, to hand to a body: ``m.body("link", m.ground, joint, **rod(mass=1, length=1))``.
 
-Each returns mass (kg), centre of mass (m) and inertia about it (kg m^2) in the body's frame.
+Each returns mass (kg), center of mass (m) and inertia about it (kg m^2) in the body's frame.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def box(*, mass: float, size: Vector, com: Vector = ORIGIN, rotation: Any = None
     size
         Edges along x, y, z, m.
     com
-        Its centre in the body's frame, m; the body's origin by default.
+        Its center in the body's frame, m; the body's origin by default.
     rotation
         3x3 rotation matrix whose columns the edges are along; None: the body's axes.
     """
@@ -59,7 +59,7 @@ def cylinder(*, mass: float, radius: float, length: float, axis: Axis = "z", com
     axis
         Which it is long along, in the body's frame.
     com
-        Its centre in the body's frame, m; the body's origin by default.
+        Its center in the body's frame, m; the body's origin by default.
     """
     return _round("cylinder", mass, radius, 0.0, length, axis, com)
 
@@ -87,7 +87,7 @@ def tube(
 
 
 def sphere(*, mass: float, radius: float, com: Vector = ORIGIN) -> dict[str, Any]:
-    """Mass properties of a uniform solid ball of ``radius`` (m), its centre ``com`` at the body's origin by default."""
+    """Mass properties of a uniform solid ball of ``radius`` (m), its center ``com`` at the body's origin by default."""
     (r,) = _lengths("radius of a sphere", (radius,), 1)
     moment = 0.4 * not_negative("mass of a sphere", mass) * r * r
     return {"mass": float(mass), "com": vector("com of a sphere", com), "inertia": (moment, moment, moment)}

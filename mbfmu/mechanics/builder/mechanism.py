@@ -41,10 +41,10 @@ from mbfmu.mechanics.sensors import (
     Turn,
     axis_index,
 )
-from mbfmu.mechanics.shapes import Shape, check_colour, lengths
+from mbfmu.mechanics.shapes import Shape, check_color, lengths
 from mbfmu.mechanics.signals import Input, Signal
 
-from .bodies import Body, CouplingHandle, CutHandle, Elastic, ForceHandle, Profile, Surface, coordinate_of
+from .bodies import Body, CouplingHandle, CutHandle, FlexibleBody, ForceHandle, Profile, Surface, coordinate_of
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.assemblies.sheet import Sheet
@@ -92,7 +92,7 @@ class Mechanism:
         self.couplings: list[CouplingHandle] = []
         self.forces: list[tuple[str, Load, Body, Body]] = []
         self.plates: list[tuple[Plate, tuple[Body, Body, Body, Body]]] = []
-        self.elastics: list[Elastic] = []
+        self.flexible_bodies: list[FlexibleBody] = []
         self.pressures: list[tuple[str, Pressure, list[tuple[Body, ...]]]] = []
         self.others: list[Acting] = []  # loads, by their name
         self.compiled = False  # nothing can be added any more
@@ -131,15 +131,15 @@ class Mechanism:
         mass
             kg; zero is allowed where the motion has inertia from other bodies.
         com
-            Centre of mass in the body's frame, m.
+            Center of mass in the body's frame, m.
         inertia
-            About the centre of mass, body axes, kg m^2: three principal values or a 3x3 matrix.
+            About the center of mass, body axes, kg m^2: three principal values or a 3x3 matrix.
         """
         self._new_name("body", name, self._bodies_named)
         self._member(parent, f"parent of body {name!r}")
         check_kind(f"joint of body {name!r}", joint, Joint)
         if isinstance(joint, Section):
-            raise UserError(f"joint of body {name!r} is a section; Elastic.section makes those")
+            raise UserError(f"joint of body {name!r} is a section; FlexibleBody.section makes those")
         joint.check(f"body {name!r}")
         if joint.drive is not None and joint.nv != 1:
             raise UserError(
@@ -159,7 +159,7 @@ class Mechanism:
         self._bodies_named[name] = new
         return new
 
-    def elastic(self, name: str, parent: Body, joint: Joint, beam: Beam) -> Elastic:
+    def flexible_body(self, name: str, parent: Body, joint: Joint, beam: Beam) -> FlexibleBody:
         """Hang a beam on its parent: a body that bends.
 
         Parameters
@@ -175,11 +175,11 @@ class Mechanism:
             raise UserError(f"beam of elastic body {name!r} is {beam!r}; it must be a Beam")
         body = self.body(name, parent, joint)
         modes = self.add_section(f"{name}.mode", body, Section(beam=beam))
-        self.elastics.append(Elastic(name, len(self.elastics), beam, body, modes, self))
-        return self.elastics[-1]
+        self.flexible_bodies.append(FlexibleBody(name, len(self.flexible_bodies), beam, body, modes, self))
+        return self.flexible_bodies[-1]
 
     def add_section(self, name: str, parent: Body, joint: Section) -> Body:
-        """Append a cross-section of an elastic body; :meth:`Elastic.section` is the way to one."""
+        """Append a cross-section of an elastic body; :meth:`FlexibleBody.section` is the way to one."""
         self._new_name("body", name, self._bodies_named)
         new = Body(name, len(self.bodies), parent.index, joint)
         self.bodies.append(new)
@@ -265,7 +265,7 @@ class Mechanism:
             shape.axes()
             self.shapes.append((body, shape))
 
-    def profile(self, elastic: Elastic, *, height: float, width: float, colour: str = "") -> None:
+    def profile(self, elastic: FlexibleBody, *, height: float, width: float, color: str = "") -> None:
         """Draw an elastic body with this rectangular cross-section instead of a slender one.
 
         Parameters
@@ -274,17 +274,17 @@ class Mechanism:
             Of this mechanism.
         height, width
             Along y, in which it bends, and along z, m.
-        colour
+        color
             ``"#rrggbb"``; empty: the one the body is given.
         """
-        if not any(elastic is own for own in self.elastics):
+        if not any(elastic is own for own in self.flexible_bodies):
             named = getattr(elastic, "name", elastic)
             raise UserError(f"elastic body of a profile is {named!r}; it must be one of this mechanism")
         lengths(f"height and width of the profile of {elastic.name!r}", (height, width), 2)
-        self.profiles[elastic.index] = Profile(height=height, width=width, colour=check_colour(colour))
+        self.profiles[elastic.index] = Profile(height=height, width=width, color=check_color(color))
 
     def surface(
-        self, name: str, bodies: Sequence[Sequence[Body]], *, at: Vector = (0.0, 0.0, 0.0), colour: str = ""
+        self, name: str, bodies: Sequence[Sequence[Body]], *, at: Vector = (0.0, 0.0, 0.0), color: str = ""
     ) -> None:
         """Draw a grid of bodies as one skin, and not one by one.
 
@@ -296,7 +296,7 @@ class Mechanism:
             Rows of bodies, all of one length, at least 2 by 2.
         at
             The point of every body the skin passes through, in the body's frame, m.
-        colour
+        color
             ``"#rrggbb"``; empty: one is chosen.
         """
         self._new_name("surface", name, [s.name for s in self.surfaces])
@@ -306,7 +306,7 @@ class Mechanism:
         if len(bodies) < 2 or len(columns) != 1 or min(columns) < 2:
             raise UserError(f"surface {name!r} needs at least 2 rows of at least 2 bodies, all of one length")
         grid = np.array([[body.index for body in row] for row in bodies], np.int64)
-        self.surfaces.append(Surface(name, grid, vector(f"at of surface {name!r}", at), check_colour(colour)))
+        self.surfaces.append(Surface(name, grid, vector(f"at of surface {name!r}", at), check_color(color)))
 
     def plate(self, plate: Plate, a: Body, b: Body, c: Body, d: Body) -> None:
         """Span a plate element between bodies at its corners (0, 0), (a, 0), (a, b), (0, b) of their x-z plane."""

@@ -7,7 +7,7 @@ the motions of the two bodies, writes its rows from ``state.rows[row]`` on: the 
     Phi' = Ga . Y_a + Gb . Y_b,      Phi'' = Ga . Y'_a + Gb . Y'_b + bias.
 
 The multiplier lambda of a row is the force or moment with which body b must be pushed along Gb with reversed sign:
-the cut joint loads the bodies with -lambda Ga and -lambda Gb. Rows that are void in a mechanism (out of the plane of a
+the cut joint loads the bodies with -lambda Ga and -lambda Gb. Rows that vanish in a mechanism (out of the plane of a
 planar loop, say) are dropped when it is compiled.
 """
 

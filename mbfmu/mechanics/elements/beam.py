@@ -7,7 +7,7 @@ is small;
     U = (d, phi)^T K (d, phi) / 2,    force and moment  K ((d, phi) + beta (d, phi)'),
 
 K the stiffness of a cantilever of this length, clamped at a. dR = [w x] R gives d phi = (tr R 1 - R) w / 2. Nothing is
-linearised in how the bodies move, but between the two of an element displacement and turn should be small.
+linearized in how the bodies move, but between the two of an element displacement and turn should be small.
 """
 
 from __future__ import annotations

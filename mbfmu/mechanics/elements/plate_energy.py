@@ -15,7 +15,7 @@ The energy sees the normals only, so turning a node about its normal costs nothi
 
 **Bending** is the rectangle of Adini, Clough and Melosh (1963). Its 12 x 12 stiffness falls apart into four classes of
 symmetry of three unknowns each; of the deflections tau alone is left. With the sign patterns of the corners
-x = (- + + -), z = (- - + +), xz = (+ - + -) and means over the corners <.>, the generalised strains are
+x = (- + + -), z = (- - + +), xz = (+ - + -) and means over the corners <.>, the generalized strains are
 
     0: <x w_x>   1: <z w_z>     constant curvature     4: <w_z>   5: <xz w_x>    w ~ z, z^3, x^2 z
     2: <w_x>     3: <xz w_z>    w ~ x, x^3, x z^2      6: <z w_x> - 2 tau / a    w ~ x^3 z
@@ -62,7 +62,7 @@ PLATE = np.dtype(
         ("damped", np.int64),  # 1: has material damping
         ("a", np.float64),  # sides along x and z of the element, m
         ("b", np.float64),
-        ("bending", np.float64, (9,)),  # stiffness by generalised strains 0 ... 8, see the module
+        ("bending", np.float64, (9,)),  # stiffness by generalized strains 0 ... 8, see the module
         ("coupling", np.float64),  # ... between the first four pairs
         ("stretching", np.float64, (4,)),  # by E_xx, E_zz, between these two, by gamma; N m
         ("damping", np.float64),  # beta of stress = K (e + beta e'), s
@@ -205,7 +205,7 @@ def add_arcs(plate: Any, s: Any, e: Any, out: Any) -> None:
 
 @kernel
 def strain(plate: Any, here: Any) -> None:
-    """Generalised strains from the shape."""
+    """Generalized strains from the shape."""
     bending_strain(plate, here.w, here.t[1], here.strain)
     if plate.membrane == 1:
         membrane_strain(plate, here, here.strain)

@@ -3,7 +3,7 @@
 Euler-Bernoulli elements of cubic deflection (Hermite) with consistent mass, along x of the body's frame, bending along
 y. A mode is scaled so that its largest deflection is 1 m, first bulge positive: the modes of a pinned beam are
 sin(k pi x / L) and the amplitudes are those of the sines. All integrals are those of the elements, by Gauss's four
-points, exact for the shapes; so what is left of discretisation is in the shapes, of fourth order in the element length.
+points, exact for the shapes; so what is left of discretization is in the shapes, of fourth order in the element length.
 """
 
 from __future__ import annotations
@@ -212,7 +212,7 @@ class Beam:
         return G
 
     def fill(self, record: Any) -> None:
-        """Write mass, modes and stiffness into an ``ELASTIC`` record."""
+        """Write mass, modes and stiffness into an ``FLEXIBLE`` record."""
         L, n = self.length, self.modes
         x, lengths, phi, slope = self._integrate(L)
         rho = self.mass / L * lengths

@@ -43,7 +43,7 @@ from solvers.compiled.kernel import kernel
 
 MODES = 12  # most of one body
 
-ELASTIC = np.dtype(  # a slender body by its modes; everything about the origin of its frame
+FLEXIBLE = np.dtype(  # a slender body by its modes; everything about the origin of its frame
     [
         ("body", np.int64),  # its first node: the frame
         ("modes", np.int64),

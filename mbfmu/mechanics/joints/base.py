@@ -39,8 +39,8 @@ class Joint(Kind):
         Assembly keeps ``start`` exactly instead of taking it as a guess.
     drive
         Signal the coordinate follows (joints of one coordinate), which says where it starts and how fast; None: free.
-    size
-        Unit of the coordinates, one number or (nv,), which tolerances are relative to; None: 1 rad, and for m the
+    nominal
+        Usual size of the coordinates, one number or (nv,), which tolerances are relative to; None: 1 rad, and for m the
         characteristic length of the mechanism.
     """
 
@@ -50,7 +50,7 @@ class Joint(Kind):
     rate: float | Vector | None = None
     fixed: bool = False
     drive: Any = None
-    size: float | Vector | None = None
+    nominal: float | Vector | None = None
 
     kernels: ClassVar = {"place": "index, state", "bias": "index, index, state"}
     place: ClassVar[Any]

@@ -1,4 +1,4 @@
-"""Geodesic: a node of a thin sheet on its neighbour, as a sheet that neither stretches nor shears has it.
+"""Geodesic: a node of a thin sheet on its neighbor, as a sheet that neither stretches nor shears has it.
 
 Coordinates and placement of :mod:`.out_of_plane`, and its deflection along the parent's normal. But on a surface that
 keeps its lengths and angles a straight line of the flat sheet stays a geodesic, and that asks for two things to second

@@ -1,4 +1,4 @@
-"""Out-of-plane: a node of a thin sheet on its neighbour (sheet paper, eq. 4, 5, 9, 10).
+"""Out-of-plane: a node of a thin sheet on its neighbor (sheet paper, eq. 4, 5, 9, 10).
 
 The sheet lies in the x-z plane of every node's frame. Coordinates (alpha, theta_z, theta_x): the child moves along the
 parent's normal y', then turns about z' and about the x axis so turned,
@@ -54,7 +54,7 @@ def bias(joint: Any, qi: int, vi: int, state: Any) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class OutOfPlane(Joint):
-    """The paper's: lets a sheet's node leave its neighbour's plane; ``at`` is the way to the node in the flat sheet."""
+    """The paper's: lets a sheet's node leave its neighbor's plane; ``at`` is the way to the node in the flat sheet."""
 
     nq = 3
     nv = 3

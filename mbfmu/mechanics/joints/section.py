@@ -1,4 +1,4 @@
-"""Section: a cross-section of an elastic body on the body's frame; :meth:`Mechanism.elastic` makes these.
+"""Section: a cross-section of an elastic body on the body's frame; :meth:`Mechanism.flexible_body` makes these.
 
 Its coordinates are the amplitudes of the body's modes, shared by all sections of the body. The first one, the frame
 itself, owns them. How it moves is in :mod:`mbfmu.mechanics.flexible.modal`; the recursions ask for the role of the body

@@ -1,6 +1,6 @@
 """Quadratic air drag on an element between four bodies: pressure -rho c |v_n| v_n / 2 on its area.
 
-v_n is the velocity of its centre, the mean of the corners, along its normal; a quarter of the force acts on each body.
+v_n is the velocity of its center, the mean of the corners, along its normal; a quarter of the force acts on each body.
 """
 
 from __future__ import annotations

@@ -132,8 +132,8 @@ def start(arrays: Any, state: Any) -> None:
             state.U[c, k] = 0.0
         for k in range(state.D.shape[1]):
             state.D[c, k] = 0.0
-    for i in range(arrays.elastics.shape[0]):
-        start_elastic(arrays.elastics[i], state)
+    for i in range(arrays.flexibles.shape[0]):
+        start_elastic(arrays.flexibles[i], state)
 
 
 @kernel

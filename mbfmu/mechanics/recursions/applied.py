@@ -21,8 +21,8 @@ def apply_loads(t: float, arrays: Any, state: Any) -> None:
     state.damped[0] = 0.0
     for i in range(arrays.loads.shape[0]):
         apply_load(arrays.loads[i], t, arrays, state)
-    for i in range(arrays.elastics.shape[0]):
-        modal.load(arrays.elastics[i], state)
+    for i in range(arrays.flexibles.shape[0]):
+        modal.load(arrays.flexibles[i], state)
     state.time[0] = t
 
 
@@ -38,8 +38,8 @@ def stored(arrays: Any, state: Any) -> float:
     total = 0.0
     for i in range(arrays.loads.shape[0]):
         total += load_potential(arrays.loads[i], arrays, state)
-    for i in range(arrays.elastics.shape[0]):
-        total += modal.potential(arrays.elastics[i], state)
+    for i in range(arrays.flexibles.shape[0]):
+        total += modal.potential(arrays.flexibles[i], state)
     return total
 
 
@@ -51,6 +51,6 @@ def load_powers(t: float, arrays: Any, state: Any) -> float:
     total = state.damped[0]
     for i in range(arrays.loads.shape[0]):
         total += load_power(arrays.loads[i], t, arrays, state)
-    for i in range(arrays.elastics.shape[0]):
-        total += modal.power(arrays.elastics[i], state)
+    for i in range(arrays.flexibles.shape[0]):
+        total += modal.power(arrays.flexibles[i], state)
     return total

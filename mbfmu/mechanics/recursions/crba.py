@@ -28,8 +28,8 @@ def composite_inertia(arrays: Any, state: Any) -> None:
             for j in range(3):
                 here.J[k, j] = here.Jc[k, j] - mass * c[k] * c[j]
             here.J[k, k] += cc
-    for i in range(arrays.elastics.shape[0]):
-        modal.composite(arrays.elastics[i], state.bodies[arrays.elastics[i].body], state.q)
+    for i in range(arrays.flexibles.shape[0]):
+        modal.composite(arrays.flexibles[i], state.bodies[arrays.flexibles[i].body], state.q)
     for i in range(arrays.bodies.shape[0] - 1, 0, -1):
         j = arrays.bodies[i].parent
         if j > 0:
@@ -95,8 +95,8 @@ def mass_matrix(arrays: Any, state: Any, M: Any) -> None:
     The amplitudes of an elastic body get its own inertia first, then that of what hangs on each of its sections.
     """
     f = state.wrench
-    for e in range(arrays.elastics.shape[0]):
-        elastic = arrays.elastics[e]
+    for e in range(arrays.flexibles.shape[0]):
+        elastic = arrays.flexibles[e]
         first = arrays.bodies[elastic.body].vf
         for k in range(elastic.modes):
             for j in range(k):

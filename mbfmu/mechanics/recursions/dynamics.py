@@ -242,7 +242,7 @@ def scatter_drive(t: float, body: Any, arrays: Any, state: Any) -> None:
 
 @kernel
 def turn_quaternion(q: Any, i: int, dq: Any, j: int) -> None:
-    """e <- e + e (0, dq) / 2, normalised."""
+    """e <- e + e (0, dq) / 2, normalized."""
     w, x, y, z = q[i], q[i + 1], q[i + 2], q[i + 3]
     a, b, c = 0.5 * dq[j], 0.5 * dq[j + 1], 0.5 * dq[j + 2]
     q[i] = w - x * a - y * b - z * c

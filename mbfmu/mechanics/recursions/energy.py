@@ -26,8 +26,8 @@ def kinetic_energy(arrays: Any, state: Any) -> float:
         total += 0.5 * arrays.bodies[i].mass * square
         for k in range(3):
             total += 0.5 * Y[3 + k] * (Jc[k, 0] * Y[3] + Jc[k, 1] * Y[4] + Jc[k, 2] * Y[5])
-    for i in range(arrays.elastics.shape[0]):
-        total += modal.kinetic(arrays.elastics[i], state.bodies[arrays.elastics[i].body], state, state.wrench)
+    for i in range(arrays.flexibles.shape[0]):
+        total += modal.kinetic(arrays.flexibles[i], state.bodies[arrays.flexibles[i].body], state, state.wrench)
     return total
 
 
@@ -40,8 +40,8 @@ def potential_energy(arrays: Any, state: Any) -> float:
         here = state.bodies[i]
         for k in range(3):
             total -= arrays.bodies[i].mass * g[k] * (here.r[k] + here.com[k])
-    for i in range(arrays.elastics.shape[0]):
-        total += modal.weight(arrays.elastics[i], state.bodies[arrays.elastics[i].body], state, g)
+    for i in range(arrays.flexibles.shape[0]):
+        total += modal.weight(arrays.flexibles[i], state.bodies[arrays.flexibles[i].body], state, g)
     return total
 
 
@@ -64,8 +64,8 @@ def generalised_momenta(arrays: Any, state: Any) -> float:
     """State.tau = p = dT/dv over every coordinate, and the joint wrenches W as scratch; return T = p v / 2, J."""
     for i in range(1, arrays.bodies.shape[0]):
         body_momentum(arrays.bodies[i].mass, state.bodies[i], state.bodies[i].W)
-    for i in range(arrays.elastics.shape[0]):
-        elastic = arrays.elastics[i]
+    for i in range(arrays.flexibles.shape[0]):
+        elastic = arrays.flexibles[i]
         here = state.bodies[elastic.body]
         for k in range(elastic.modes):
             state.tau[elastic.vi + k] = modal.modal_momentum(elastic, k, here, state)
@@ -128,7 +128,7 @@ def power(t: float, arrays: Any, state: Any) -> float:
 
 @inlined
 def driven_action(arrays: Any, state: Any) -> float:
-    """Sum of p v over the driven coordinates, p the generalised momentum, J.
+    """Sum of p v over the driven coordinates, p the generalized momentum, J.
 
     Energy less this is the Jacobi integral: with drives at constant speed about which the mechanism is symmetric
     and without damping it stays constant, while the energy grows by the work of the drives.
@@ -138,12 +138,12 @@ def driven_action(arrays: Any, state: Any) -> float:
         p = state.wrench
         body_momentum(arrays.bodies[i].mass, state.bodies[i], p)
         total += power_on_drives(i, p, arrays, state)
-    for e in range(arrays.elastics.shape[0]):
+    for e in range(arrays.flexibles.shape[0]):
         p = state.wrench
         for k in range(6):
             p[k] = 0.0
-        i = arrays.elastics[e].body
-        modal.momentum(arrays.elastics[e], state.bodies[i], state, p)
+        i = arrays.flexibles[e].body
+        modal.momentum(arrays.flexibles[e], state.bodies[i], state, p)
         total += power_on_drives(i, p, arrays, state)
     return total
 

@@ -71,7 +71,7 @@ def positions(arrays: Any, state: Any) -> None:
 
 @inlined
 def turn_inertia(arrays: Any, state: Any) -> None:
-    """Centre of mass and inertia of every body in global axes: c = A c', J = A J' A^T."""
+    """Center of mass and inertia of every body in global axes: c = A c', J = A J' A^T."""
     for i in range(1, arrays.bodies.shape[0]):
         body = arrays.bodies[i]
         here = state.bodies[i]

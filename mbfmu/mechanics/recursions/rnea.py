@@ -1,6 +1,6 @@
 """Recursive Newton-Euler: inverse dynamics, F = B^T (M Y' - Q), (14) of the sheet paper without its constraint part.
 
-Featherstone 2008, section 5.3, in global axes. Per body, with c from its origin to its centre of mass:
+Featherstone 2008, section 5.3, in global axes. Per body, with c from its origin to its center of mass:
 
     f = m (r'' + w' x c + w x (w x c)),     n = c x f + Jc w' + w x Jc w
 
@@ -45,8 +45,8 @@ def inverse_dynamics(arrays: Any, state: Any) -> None:
         inertia_wrench(arrays.bodies[i].mass, here, here.W)
         for k in range(6):
             here.W[k] -= here.F[k]
-    for i in range(arrays.elastics.shape[0]):
-        elastic = arrays.elastics[i]
+    for i in range(arrays.flexibles.shape[0]):
+        elastic = arrays.flexibles[i]
         for k in range(elastic.vi, elastic.vi + elastic.modes):
             state.tau[k] = -state.Q[k]
         modal.inertia(elastic, state.bodies[elastic.body], state)
@@ -74,15 +74,15 @@ def momentum(arrays: Any, state: Any, out: Any) -> None:
         here = state.bodies[i]
         mass = arrays.bodies[i].mass
         Y, c, r, Jc = here.Y, here.com, here.r, here.Jc
-        p = here.W  # scratch: momentum of this body about its centre of mass
+        p = here.W  # scratch: momentum of this body about its center of mass
         cross(Y[3:6], c, p)
         for k in range(3):
             p[k] = mass * (Y[k] + p[k])
         rotate(Jc, Y[3:6], p[3:6])
         add_wrench(out, r[0] + c[0], r[1] + c[1], r[2] + c[2], p)
-    for i in range(arrays.elastics.shape[0]):
-        here = state.bodies[arrays.elastics[i].body]
+    for i in range(arrays.flexibles.shape[0]):
+        here = state.bodies[arrays.flexibles[i].body]
         for k in range(6):
             here.W[k] = 0.0
-        modal.momentum(arrays.elastics[i], here, state, here.W)
+        modal.momentum(arrays.flexibles[i], here, state, here.W)
         add_wrench(out, here.r[0], here.r[1], here.r[2], here.W)

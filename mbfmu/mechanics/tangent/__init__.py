@@ -1,4 +1,4 @@
-"""The linearised equations of motion of a large tree, assembled and solved in O(n): no matrix over all bodies.
+"""The linearized equations of motion of a large tree, assembled and solved in O(n): no matrix over all bodies.
 
 For changes of the joint positions dq, of the velocities c1 dq and of the accelerations c2 dq, the change of the inverse
 dynamics is d tau = T dq. T is dense in joint coordinates, because a joint moves everything beyond it. In the motions
@@ -17,11 +17,11 @@ Where asked for it adds springs that hold it: T + J^T alpha J, by which a saddle
 singular (:mod:`solvers.projection.saddle`).
 
 **Groups.** Every body belongs to a group; the groups form a tree such that joints and elements lie within a group or
-between neighbours (:mod:`.groups`): the columns of a sheet's grid are a path. Unknowns of a group: dq
+between neighbors (:mod:`.groups`): the columns of a sheet's grid are a path. Unknowns of a group: dq
 of joints whose parent is in the same group or fixed (inner), and of every other body (outer) its motion y and the
 multipliers of the directions N its joint locks, N^T (y_i - X y_j) = 0. Inner bodies are folded onto their parents by
 the recursion itself, rows and columns alike, as in the composite-body algorithm. What is left has a block for every
-group and for every two neighbours (:mod:`solvers.linalg.blocks`).
+group and for every two neighbors (:mod:`solvers.linalg.blocks`).
 """
 
 from __future__ import annotations

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class Scratch(NamedTuple):
-    """Allocated once; W: rows of the largest two neighbours."""
+    """Allocated once; W: rows of the largest two neighbors."""
 
     F: Array  # (W, W)
     S: Array  # (3..6, 6) dual basis of one joint
@@ -105,7 +105,7 @@ class Tangent:
         self._steps.q[:], self._steps.v[:] = self._state.q, self._state.v
         along_joints(c1, L, arrays, state, twin, scratch.along)
         self._factors = BlockTree()
-        carried: dict[int, Array] = {}  # what groups have added to their neighbour's own rows
+        carried: dict[int, Array] = {}  # what groups have added to their neighbor's own rows
         for group, size in enumerate(self._sizes):
             inner = int(self.layout.inward[group])
             after = self._sizes[inner] if inner >= 0 else 0

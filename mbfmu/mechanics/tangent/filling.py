@@ -1,5 +1,5 @@
 """What bodies, loads, cut joints and couplings contribute to the structured tangent, added to the rows of a group and
-its neighbour inward.
+its neighbor inward.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def bodily(i: int, at: int, c2: float, arrays: Any, state: Any, F: Any) -> None:
 
 @kernel
 def analytic(e: int, group: int, size: int, c1: float, L: Any, arrays: Any, state: Any, s: Any) -> None:
-    """A load between bodies of a group and its neighbour that knows its tangent."""
+    """A load between bodies of a group and its neighbor that knows its tangent."""
     rows = 6 * (L.first_body[e + 1] - L.first_body[e])
     for row in range(rows):
         for column in range(rows):
@@ -81,7 +81,7 @@ def stepped(e: int, group: int, size: int, c1: float, L: Any, arrays: Any, state
 
 @kernel
 def add_element(first: int, end: int, group: int, size: int, L: Any, s: Any) -> None:
-    """Add s.K to s.F, between the bodies ``first`` to ``end`` of the layout, in a group and its neighbour (offset
+    """Add s.K to s.F, between the bodies ``first`` to ``end`` of the layout, in a group and its neighbor (offset
     ``size``), six rows a body.
     """
     for p in range(end - first):
@@ -103,7 +103,7 @@ def add_element(first: int, end: int, group: int, size: int, L: Any, s: Any) -> 
 def fill(
     group: int, size: int, c1: float, c2: float, L: Any, arrays: Any, state: Any, twin: Any, dual: Any, s: Any
 ) -> None:
-    """Add to s.F what starts in a group: bodies, elements, joints within it and to its neighbour (offset ``size``)."""
+    """Add to s.F what starts in a group: bodies, elements, joints within it and to its neighbor (offset ``size``)."""
     for k in range(L.first_load[group], L.first_load[group + 1]):
         analytic(L.loads[k], group, size, c1, L, arrays, state, s)
     for k in range(L.first_cut[group], L.first_cut[group + 1]):

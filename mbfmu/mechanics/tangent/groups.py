@@ -1,8 +1,8 @@
 """Groups of bodies for the structured elimination, found from what ties bodies to each other: see the package.
 
 Bodies are put in layers by their distance from a root, a joint or an element being a step. Those of one layer that hang
-together by way of layers further out are one group, and every group has one neighbour inward: the groups form a tree
-(a layering tree: Chepoi and Dragan 2000), a chain's a path, a star's a star. Then neighbours are merged into blocks:
+together by way of layers further out are one group, and every group has one neighbor inward: the groups form a tree
+(a layering tree: Chepoi and Dragan 2000), a chain's a path, a star's a star. Then neighbors are merged into blocks:
 the elimination costs some calls a group, and folding within a group costs little.
 
 The columns of a sheet's grid are groups as they are.
@@ -18,21 +18,21 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from mbfmu.mechanics.builder.mechanism import Mechanism
 
-BLOCK = 12  # bodies up to which neighbouring groups are merged
+BLOCK = 12  # bodies up to which neighboring groups are merged
 
 
 class Groups(NamedTuple):
     """Which group every body is in, and where each leads."""
 
     of: NDArray[np.int64]  # (nb,), outer groups first; of a body that does not move any
-    inward: NDArray[np.int64]  # (groups,) the neighbour inward, a larger number; -1: there is none
+    inward: NDArray[np.int64]  # (groups,) the neighbor inward, a larger number; -1: there is none
 
 
 def find_groups(mechanism: Mechanism) -> Groups:
-    """Return groups such that every joint and element lies within one or between one and its neighbour inward."""
+    """Return groups such that every joint and element lies within one or between one and its neighbor inward."""
     moving = moving_bodies(mechanism)
     cells, columns = cell_of(mechanism, moving)
-    near = neighbours(mechanism, moving, cells)
+    near = neighbors(mechanism, moving, cells)
     roots = [own[-1] for own in columns if own] + sorted(near)
     layer = layers(near, roots)
     group, inward = layering_tree(near, layer)
@@ -76,7 +76,7 @@ def cell_of(mechanism: Mechanism, moving: list[bool]) -> tuple[dict[int, int], l
     return cells, columns
 
 
-def neighbours(mechanism: Mechanism, moving: list[bool], cells: dict[int, int]) -> dict[int, set[int]]:
+def neighbors(mechanism: Mechanism, moving: list[bool], cells: dict[int, int]) -> dict[int, set[int]]:
     """Return the cells that joints, cut joints, couplings and loads tie every cell to."""
     ties: list[list[int]] = [[body.index, body.parent] for body in mechanism.bodies[1:]]
     ties += [[cut.a.index, cut.b.index] for cut in mechanism.cuts]
@@ -111,7 +111,7 @@ def layers(near: dict[int, set[int]], roots: list[int]) -> dict[int, int]:
 
 
 def layering_tree(near: dict[int, set[int]], layer: dict[int, int]) -> tuple[dict[int, int], dict[int, int]]:
-    """Return the group of every cell, named by one of its cells, and the neighbour inward of every group; -1: none."""
+    """Return the group of every cell, named by one of its cells, and the neighbor inward of every group; -1: none."""
     joined = {cell: cell for cell in near}  # towards the name of all that hangs together so far
 
     def name(cell: int) -> int:

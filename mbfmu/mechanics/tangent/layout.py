@@ -24,7 +24,7 @@ class Layout(NamedTuple):
 
     role: NDArray[np.int64]  # (nb,) FIXED, INNER, OUTER
     group: NDArray[np.int64]  # (nb,)
-    inward: NDArray[np.int64]  # (groups,) neighbour inward; -1: none
+    inward: NDArray[np.int64]  # (groups,) neighbor inward; -1: none
     slot: NDArray[np.int64]  # (nb,) first of the body's six rows
     lock: NDArray[np.int64]  # (nb,) first of its joint's multipliers, outer bodies
     first: NDArray[np.int64]  # (groups + 1,) into ``members``
@@ -55,7 +55,7 @@ def lay_out(arrays: Any, found: Groups, acting: Sequence[Acting]) -> tuple[Layou
             role[i] = INNER if free else FIXED
         else:
             role[i] = INNER if groups[parent] == groups[i] else OUTER
-            if not neighbours(groups[[parent, i]], inward):
+            if not neighbors(groups[[parent, i]], inward):
                 raise ValueError(f"body {i} and its parent {parent} are in groups {groups[i]} and {groups[parent]}")
         if role[i] != FIXED:
             members[groups[i]].append(i)
@@ -114,8 +114,8 @@ def coupled_bodies(arrays: Any, coupling: Any, end: str) -> list[int]:
     return [i, int(arrays.bodies[i]["parent"])] if coupling["f" + end] >= 0 else [0, 0]
 
 
-def neighbours(groups: Any, inward: Any) -> bool:
-    """Whether some groups are one, or one and its neighbour inward."""
+def neighbors(groups: Any, inward: Any) -> bool:
+    """Whether some groups are one, or one and its neighbor inward."""
     first, *others = sorted({int(group) for group in groups})
     return not others or (len(others) == 1 and inward[first] == others[0])
 
@@ -126,7 +126,7 @@ def by_group(elements: Sequence[Sequence[int]], role: Any, groups: Groups) -> li
     for e, nodes in enumerate(elements):
         own = [int(groups.of[i]) for i in nodes if role[i] != FIXED]
         if own:
-            if not neighbours(own, groups.inward):
+            if not neighbors(own, groups.inward):
                 raise ValueError(f"element {e} spans groups {sorted(set(own))}")
             found[min(own)].append(e)
     return found

@@ -32,9 +32,9 @@ class Camera {
     const [r, s] = [farthest(1, above, 1), farthest(1, below, -1)];
     const depth = Math.max((p + q) / (2 * wide), (r + s) / (above + below));
     const height = (r - above * depth + below * depth - s) / 2;
-    const centre = dot(combined(this.stage.axes, this.stage.centre), back);
-    this.distance = depth - centre;
-    this.target = combined([right, up, back], [(p - q) / 2, height, centre]);
+    const center = dot(combined(this.stage.axes, this.stage.center), back);
+    this.distance = depth - center;
+    this.target = combined([right, up, back], [(p - q) / 2, height, center]);
   }
 
   /** Unit vectors right, up and back in global axes. */
@@ -79,7 +79,7 @@ class Camera {
     const { right, up, back } = this.axes();
     const eye = add(this.target, back, this.distance);
     const size = 4 * Math.hypot(...this.stage.half);
-    const depth = dot(add(eye, combined(this.stage.axes, this.stage.centre), -1), back);
+    const depth = dot(add(eye, combined(this.stage.axes, this.stage.center), -1), back);
     const near = Math.max(depth - size, 0.002 * size);
     const lens = perspective(this.field, this.aspect, near, Math.max(depth, 0) + size);
     return { eye, right, up, back, matrix: product(lens, view(eye, right, up, back)) };

@@ -20,7 +20,7 @@ class Figure {
     this.scale = scale;
     this.picked = null;
     this.skins = picture.skins.map((skin) => {
-      const item = renderer.skin(skin.bodies.length, skin.bodies[0].length, rgb(skin.colour));
+      const item = renderer.skin(skin.bodies.length, skin.bodies[0].length, rgb(skin.color));
       return { ...skin, item };
     });
     this.bars = picture.bars.map((bar) => {
@@ -61,9 +61,9 @@ class Figure {
     }
   }
 
-  /** The colour of a thing that belongs to these bodies. */
-  tint(colour, ...bodies) {
-    const own = rgb(colour);
+  /** The color of a thing that belongs to these bodies. */
+  tint(color, ...bodies) {
+    const own = rgb(color);
     return bodies.includes(this.picked) ? own.map((x, k) => 0.35 * x + 0.65 * PICKED[k]) : own;
   }
 
@@ -75,18 +75,18 @@ class Figure {
       }
     }
     data.set(this.motion.point(part.body, part.at), i + 9);
-    data.set(this.tint(part.colour, part.body), i + 12);
+    data.set(this.tint(part.color, part.body), i + 12);
   }
 
   placeLink(link, data, i) {
     const a = this.motion.point(link.a, link.at_a), b = this.motion.point(link.b, link.at_b);
-    data.set([...stretched(a, b, link.radius), ...scaled(add(a, b), 0.5), ...this.tint(link.colour)], i);
+    data.set([...stretched(a, b, link.radius), ...scaled(add(a, b), 0.5), ...this.tint(link.color)], i);
   }
 
   /** Four sides from every point of the bent axis to the next; the first and the last piece once more, closed. */
   placeBar(bar) {
     const points = bar.x.map((_, k) => this.motion.point(bar.body, bent(bar, k, this.motion.p, this.scale)));
-    const z = this.motion.orientation(bar.body).slice(6), tint = this.tint(bar.colour, bar.body);
+    const z = this.motion.orientation(bar.body).slice(6), tint = this.tint(bar.color, bar.body);
     for (let k = 0; k + 1 < points.length; k++) {
       const along = add(points[k + 1], points[k], -1);
       const up = scaled(unit(cross(z, along)), bar.height);

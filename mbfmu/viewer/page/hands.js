@@ -12,9 +12,9 @@ function handPointer(viewer) {
     const [a, b] = [...pointers.values()];
     return b ? Math.hypot(a[0] - b[0], a[1] - b[1]) : 0;
   };
-  let travelled = 0; // by the pointer since it went down, pixels: a click does not turn
+  let traveled = 0; // by the pointer since it went down, pixels: a click does not turn
   canvas.addEventListener("pointerdown", (event) => {
-    travelled = 0;
+    traveled = 0;
     canvas.setPointerCapture(event.pointerId);
     pointers.set(event.pointerId, [event.clientX, event.clientY]);
   });
@@ -25,7 +25,7 @@ function handPointer(viewer) {
       return;
     }
     const before = middle(), wide = spread();
-    travelled += Math.hypot(event.movementX, event.movementY);
+    traveled += Math.hypot(event.movementX, event.movementY);
     pointers.set(event.pointerId, [event.clientX, event.clientY]);
     const [dx, dy] = middle().map((x, k) => (x - before[k]) / canvas.clientHeight);
     if (pointers.size > 1 || event.buttons & 6 || event.shiftKey) {
@@ -40,7 +40,7 @@ function handPointer(viewer) {
   for (const name of ["pointerup", "pointercancel"]) {
     canvas.addEventListener(name, (event) => pointers.delete(event.pointerId));
   }
-  canvas.addEventListener("click", (event) => travelled < 4 && viewer.pick(event.clientX, event.clientY));
+  canvas.addEventListener("click", (event) => traveled < 4 && viewer.pick(event.clientX, event.clientY));
   canvas.addEventListener("pointerleave", () => {
     viewer.hovered = null;
     viewer.stale = true;

@@ -61,7 +61,7 @@ class Plot {
     this.rebuild();
   }
 
-  colour(name) {
+  color(name) {
     const k = this.motions[0].outputs.findIndex((output) => output.name === name);
     return CURVES[k % CURVES.length];
   }
@@ -76,7 +76,7 @@ class Plot {
     for (const [name, chip] of this.chips) {
       const on = this.chosen.includes(name);
       chip.setAttribute("aria-pressed", on);
-      chip.firstChild.style.background = on ? this.colour(name) : "";
+      chip.firstChild.style.background = on ? this.color(name) : "";
       chip.lastChild.textContent = on ? chip.lastChild.textContent : "";
     }
     const { clientWidth: width, clientHeight: height } = this.root;
@@ -100,7 +100,7 @@ class Plot {
       grid: { ...look.grid, show: k === 0 },
     }));
     const series = this.motions.flatMap((_, run) => this.chosen.map((name) => ({
-      label: name, scale: this.unit(name), stroke: this.colour(name), width: run ? 1 : 1.6, points: { show: false },
+      label: name, scale: this.unit(name), stroke: this.color(name), width: run ? 1 : 1.6, points: { show: false },
       ...(run && { dash: [6, 4] }), spanGaps: this.motions.length > 1,
     })));
     return {

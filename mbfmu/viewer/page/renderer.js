@@ -1,14 +1,14 @@
 /* Draws solids, skins and lines with WebGL 2. Knows nothing of mechanisms. */
 
 const SHADING = `
-vec3 lit(vec3 colour, vec3 normal, vec3 eye, vec3 point) {
+vec3 lit(vec3 color, vec3 normal, vec3 eye, vec3 point) {
   vec3 n = normalize(normal), v = normalize(eye - point);
   float key = max(dot(n, light), 0.0);
   float sky = 0.5 + 0.5 * dot(n, up);
   float glint = pow(max(dot(n, normalize(light + v)), 0.0), 48.0);
   float front = max(dot(n, v), 0.0);
   float rim = pow(1.0 - front, 3.0);
-  return colour * (0.34 + 0.22 * sky + 0.42 * key + 0.14 * front) + vec3(0.22) * glint + vec3(0.07) * rim;
+  return color * (0.34 + 0.22 * sky + 0.42 * key + 0.14 * front) + vec3(0.22) * glint + vec3(0.07) * rim;
 }`;
 
 const UNIFORMS = `#version 300 es
@@ -16,11 +16,11 @@ precision highp float;
 uniform mat4 camera;
 uniform vec3 eye, light, up;
 uniform float floorHeight;
-uniform vec4 shade;  // colour of a shadow; alpha 0: no shadow is being drawn
+uniform vec4 shade;  // color of a shadow; alpha 0: no shadow is being drawn
 vec3 fallen(vec3 p) { return shade.a > 0.0 ? p - light * ((dot(p, up) - floorHeight) / dot(light, up)) : p; }
 `;
 
-/* Solids: one instance is the columns of a 3x3 matrix, an origin and a colour. */
+/* Solids: one instance is the columns of a 3x3 matrix, an origin and a color. */
 const SOLID = [
   `${UNIFORMS}
 layout(location = 0) in vec3 position;
@@ -29,7 +29,7 @@ layout(location = 2) in vec3 x;
 layout(location = 3) in vec3 y;
 layout(location = 4) in vec3 z;
 layout(location = 5) in vec3 origin;
-layout(location = 6) in vec3 colour;
+layout(location = 6) in vec3 color;
 uniform float wire;  // thickness of a wire whose middle the positions are, against the length of x; 0: none
 out vec3 point, facing, tint;
 void main() {
@@ -37,7 +37,7 @@ void main() {
   vec3 turned = mat3(normalize(x), normalize(y), normalize(z)) * normal;
   facing = wire > 0.0 ? turned : solid;
   point = fallen(mat3(x, y, z) * position + origin + (wire > 0.0 ? wire * length(x) * turned : vec3(0.0)));
-  tint = colour;
+  tint = color;
   gl_Position = camera * vec4(point, 1.0);
 }`,
   `${UNIFORMS}${SHADING}
@@ -59,13 +59,13 @@ void main() {
   gl_Position = camera * vec4(point, 1.0);
 }`,
   `${UNIFORMS}${SHADING}
-uniform vec3 colour;
+uniform vec3 color;
 uniform float mesh, opacity;
 in vec3 point, facing;
 out vec4 pixel;
 void main() {
   bool front = dot(facing, eye - point) > 0.0;
-  vec3 tint = front ? colour : mix(colour, vec3(0.9), 0.4);
+  vec3 tint = front ? color : mix(color, vec3(0.9), 0.4);
   vec3 n = front ? facing : -facing;
   vec3 seen = mix(lit(tint, n, eye, point), lit(tint, -n, eye, point), 0.25);
   pixel = shade.a > 0.0 ? shade : mesh > 0.0 ? vec4(0.5 * seen, 0.4 * opacity) : vec4(seen, opacity);
@@ -95,14 +95,14 @@ void main() {
   strength = float(gl_InstanceID) < reached ? 1.0 : 0.3;
 }`,
   `${UNIFORMS}
-uniform vec4 colour;
-uniform vec4 fade;  // centre, and the distance from it at which lines have vanished; 0: nowhere
+uniform vec4 color;
+uniform vec4 fade;  // center, and the distance from it at which lines have vanished; 0: nowhere
 in vec3 point;
 in float strength;
 out vec4 pixel;
 void main() {
   float near = fade.w > 0.0 ? 1.0 - smoothstep(0.45 * fade.w, fade.w, distance(point, fade.xyz)) : 1.0;
-  pixel = vec4(colour.rgb, colour.a * strength * near);
+  pixel = vec4(color.rgb, color.a * strength * near);
 }`,
 ];
 
@@ -174,7 +174,7 @@ class Renderer {
   }
 
   /** A grid of rows x columns points; fill `data` with position and normal of each and call `update`. */
-  skin(rows, columns, colour) {
+  skin(rows, columns, color) {
     const gl = this.gl, data = new Float32Array(6 * rows * columns), faces = [], edges = [];
     for (let i = 0; i < rows; i++) {
       for (let j = 0; j < columns; j++) {
@@ -198,7 +198,7 @@ class Renderer {
     gl.bindVertexArray(null);
     const index = (numbers) => this.buffer(new Uint32Array(numbers), gl.ELEMENT_ARRAY_BUFFER);
     return {
-      array, buffer, data, colour,
+      array, buffer, data, color,
       faces: index(faces), faceCount: faces.length, edges: index(edges), edgeCount: edges.length,
     };
   }
@@ -284,7 +284,7 @@ class Renderer {
 
   drawSkin(item, mesh) {
     const gl = this.gl, uniforms = this.use("skin");
-    gl.uniform3fv(uniforms.colour, item.colour);
+    gl.uniform3fv(uniforms.color, item.color);
     gl.uniform1f(uniforms.mesh, 0);
     gl.bindVertexArray(item.array);
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, item.faces);
@@ -305,9 +305,9 @@ class Renderer {
   }
 
   /** Draw lines `width` pixels wide; those from number `reached` on faintly. */
-  drawLines(item, colour, width, { fade = [0, 0, 0, 0], reached = Infinity } = {}) {
+  drawLines(item, color, width, { fade = [0, 0, 0, 0], reached = Infinity } = {}) {
     const gl = this.gl, uniforms = this.use("line"), scale = window.devicePixelRatio || 1;
-    gl.uniform4fv(uniforms.colour, colour);
+    gl.uniform4fv(uniforms.color, color);
     gl.uniform4fv(uniforms.fade, fade);
     gl.uniform2fv(uniforms.size, this.size);
     gl.uniform1f(uniforms.width, width * scale);

@@ -24,12 +24,12 @@ class Stage {
   }
 
   prepareFloor() {
-    const { axes, centre, half } = this.stage;
+    const { axes, center, half } = this.stage;
     const [right, up, front] = axes;
     const reach = 2.6 * Math.max(half[0], half[2], 0.5 * half[1]);
     const spacing = rounded(reach / 5);
-    const height = centre[1] - half[1] - 0.01 * Math.hypot(...half);
-    const middle = [centre[0], centre[2]].map((x) => spacing * Math.round(x / spacing));
+    const height = center[1] - half[1] - 0.01 * Math.hypot(...half);
+    const middle = [center[0], center[2]].map((x) => spacing * Math.round(x / spacing));
     const count = Math.ceil(reach / spacing);
     const place = (a, b) => combined([right, up, front], [middle[0] + a, height, middle[1] + b]);
     const points = [];

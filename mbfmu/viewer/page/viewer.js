@@ -224,14 +224,14 @@ class Viewer {
     const flat = new Float32Array([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, -0.5, 0, 0, 0, 0, 1.5]);
     const turned = product(flat, view([0, 0, 0], look.right, look.up, look.back));
     this.renderer.world = { ...this.renderer.world, matrix: turned };
-    const colours = ["#d9483b", "#3f9b4b", "#3b6fd9"];
-    colours.forEach((colour, k) => {
-      this.renderer.drawLines(this.triadLines[k], [...rgb(colour), 1], 2.5);
+    const colors = ["#d9483b", "#3f9b4b", "#3b6fd9"];
+    colors.forEach((color, k) => {
+      this.renderer.drawLines(this.triadLines[k], [...rgb(color), 1], 2.5);
       const [x, y, , w] = transformed(turned, IDENTITY.slice(3 * k, 3 * k + 3));
       const [right, above] = [x, y].map((along) => size * (0.5 + (0.58 * along) / w));
       const [across, down] = [left + right, this.canvas.clientHeight - bottom - above];
       this.triad[k].style.transform = `translate(${across}px, ${down}px) translate(-50%, -50%)`;
-      this.triad[k].style.color = colour;
+      this.triad[k].style.color = color;
     });
   }
 

@@ -22,7 +22,7 @@ from solvers.ledger import Scales, due, look, report
 from solvers.options import Options, Statistics
 from solvers.outcome import Code
 from solvers.projection.projection import NO_MASS, NOT_FINITE, OK
-from solvers.projection.saddle import Motion, rate_of_motion
+from solvers.projection.saddle import Accelerations, rate_of_motion
 from solvers.stepper import require_placed, require_resolved
 from solvers.system import Array, TreeSystem, audit_callbacks
 
@@ -245,7 +245,7 @@ class TreeAdamsStepper(ExplicitStepper):
         super().__init__(system, t0, q0, v0, options)
         self.system = system
         o = self.options
-        self._motion = Motion(system)
+        self._motion = Accelerations(system)
         rate = rate_of_motion(self._motion, self._t, self._q, self._v)
         require_resolved(self._t, rate, o.rtol)
         self._history = History.allocate(system.nq, system.n, 0)

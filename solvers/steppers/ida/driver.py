@@ -39,8 +39,8 @@ class IDADriver(Stepper):
     def __init__(self, system: AnySystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
         super().__init__(system, t0, q0, v0, options)
         self._counts, self._book = np.zeros(COUNTS), records(1, BOOK)
-        self._begun = np.zeros(1)  # how often IDA has been initialised
-        self._pending = True  # IDA is to be initialised at the reported state
+        self._begun = np.zeros(1)  # how often IDA has been initialized
+        self._pending = True  # IDA is to be initialized at the reported state
         self._passed = self._begun_at = self._t  # s, where IDA itself stands, and where its history begins
         self._taken, self._reach = 0.0, np.inf  # s, its last step, and how long the next one may be
         self._longest = np.inf  # s, of any step
@@ -48,7 +48,7 @@ class IDADriver(Stepper):
 
     @abstractmethod
     def _begin(self) -> Code:
-        """Initialise IDA at the reported state."""
+        """Initialize IDA at the reported state."""
 
     @abstractmethod
     def _look_over(self, t: float, y: Array, yp: Array) -> Code:
@@ -76,7 +76,7 @@ class IDADriver(Stepper):
         return Code.COLLAPSED
 
     def _begun_here(self) -> None:
-        """Note that IDA has been initialised at the reported state."""
+        """Note that IDA has been initialized at the reported state."""
         self._pending, self._passed, self._begun_at, self._taken = False, self._t, self._t, 0.0
         self._begun[0] += 1.0
         begin_work(self._book, self._ledger[WORK])
@@ -131,7 +131,7 @@ class IDADriver(Stepper):
         report_at(self._book, self._t, self._ledger)
 
     def restart(self) -> None:
-        """Initialise IDA anew at the reported state before the next step."""
+        """Initialize IDA anew at the reported state before the next step."""
         self._pending, self._reach = True, np.inf
 
     def _arrays(self) -> list[NDArray[Any]]:

@@ -1,4 +1,4 @@
-"""The equations that IDA solves, stabilised and regular in singular positions too, and their Newton matrix.
+"""The equations that IDA solves, stabilized and regular in singular positions too, and their Newton matrix.
 
 Gear, Gupta and Leimkuhler's form, in unknowns y = (q, v, lambda, mu)::
 
@@ -48,7 +48,7 @@ class Unknowns(NamedTuple):
     y: Array  # (N,)    q, v, lambda, mu
     yp: Array  # (N,)
     res: Array  # (N,)    residual
-    beside: Array  # (N,)    residual at a neighbour
+    beside: Array  # (N,)    residual at a neighbor
     q: Array  # (nq,)
     v: Array  # (n,)
     a: Array  # (n,)    v'

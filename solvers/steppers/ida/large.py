@@ -42,7 +42,7 @@ from solvers.ledger import Scales, add_step, due, look
 from solvers.linalg.blocks import one_thread
 from solvers.options import Options, Statistics
 from solvers.outcome import Code
-from solvers.projection.saddle import Motion, close, inverse_squares, rate_of_motion
+from solvers.projection.saddle import Accelerations, close, inverse_squares, rate_of_motion
 from solvers.stepper import require_placed, require_resolved
 from solvers.system import Array, TreeSystem, audit_callbacks
 
@@ -137,7 +137,7 @@ class TreeIDAStepper(IDADriver):
         self._v_at, self._lam_at, self._mu_at = (slice(*pair) for pair in pairwise(map(int, ends)))
         self._scratch = Scratch.allocate(nq, n, m)
         self._held = hold(self._scratch)
-        self._terms, self._motion = system.allocate_terms(), Motion(system)
+        self._terms, self._motion = system.allocate_terms(), Accelerations(system)
         self._rate = rate_of_motion(self._motion, self._t, self._q, self._v)
         require_resolved(self._t, self._rate, self.options.rtol)
         require_placed(self._q, system.position_sizes(system.size), self.options.rtol)

@@ -1,4 +1,4 @@
-"""SUNDIALS IDA on the stabilised equations of constrained motion ('ida'): variable-order BDF on :mod:`.ggl`.
+"""SUNDIALS IDA on the stabilized equations of constrained motion ('ida'): variable-order BDF on :mod:`.ggl`.
 
 After each step the way is looked over (:mod:`solvers.projection.singular`). A step that may have jumped to another
 branch is taken back: IDA starts anew where it began and does not step so far. A crossing is jumped over. Beside a near
@@ -172,13 +172,13 @@ class IDAStepper(IDADriver, DenseStepper):
         )
 
     def _begin(self) -> Code:
-        """Initialise IDA at the reported state with consistent derivatives."""
+        """Initialize IDA at the reported state with consistent derivatives."""
         s, u, w = self.system, self._unknowns, self._units
         code, a, lam = self._evaluate()
         if code is not Code.OK:
             return code
         if s.m:
-            u.usual[:] = self._regularisation()
+            u.usual[:] = self._regularization()
             u.d[:] = u.usual
         zeros = np.zeros(s.m)
         y = np.concatenate((self._q, self._v, lam * w.row, zeros))
@@ -197,7 +197,7 @@ class IDAStepper(IDADriver, DenseStepper):
         return Code.OK
 
     def _scaling(self) -> tuple[Array, Array]:
-        """Return the units of unknowns and residuals (N,): pivots are not to depend on metres and kilograms."""
+        """Return the units of unknowns and residuals (N,): pivots are not to depend on meters and kilograms."""
         s, w = self.system, self._units
         rate, one = w.rate[0], np.ones(s.m)
         inertia = self._terms.M * np.outer(s.size, s.size)
@@ -206,7 +206,7 @@ class IDAStepper(IDADriver, DenseStepper):
         rows = w.size_q * rate, energy / s.size, one * rate, one
         return np.concatenate(columns), np.concatenate(rows)
 
-    def _regularisation(self) -> tuple[float, float]:
+    def _regularization(self) -> tuple[float, float]:
         """Return what D is on rows without rank, and d. M may be singular across the motion; there J~ stands in."""
         w, terms = self._units, self._terms
         J = terms.J * (self.system.size / w.row[:, None])
