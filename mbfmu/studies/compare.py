@@ -20,8 +20,8 @@ from mbfmu.scene import Scene, default_scene
 from mbfmu.settings import Settings
 from mbfmu.simulation import Simulation
 from mbfmu.table import table
+from solvers import SOLVERS
 
-SOLVER_NAMES = ("ida", "adams", "hybrid", "adams-lu")
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10)
 BRANCH_TOLERANCE = 0.05  # rad; twice the error that the loosest tolerance leaves on the right branch
 REFERENCE_TOLERANCE = 1e-12
@@ -92,7 +92,7 @@ def reference_motion(model: Model, times: NDArray[np.float64]) -> Reference:
 def compare(
     subject: Scene | Model | Mechanism,
     *,
-    solvers: Sequence[str] = SOLVER_NAMES,
+    solvers: Sequence[str] = tuple(SOLVERS),
     tolerances: Sequence[float] = TOLERANCES,
     repeats: int = 5,
     progress: Callable[[str], None] | None = None,
