@@ -150,7 +150,7 @@ def test_a_cam_moves_as_its_one_coordinate_does(law: str, solver: str) -> None:
     assert np.ptp(result["energy"]) < 1e-5 * np.ptp(result["stem"]) * 800.0
 
 
-def test_a_cam_does_no_work_and_stands_on_no_table_twice() -> None:
+def test_a_cam_pushes_back_by_its_slope() -> None:
     result = simulate(follower(LAWS["table"]), 0.5, interval=0.01, **TIGHT)
     slope = lifted(result["cam"], 1)
     np.testing.assert_allclose(result["torque"], -slope * result["force"], atol=1e-6)

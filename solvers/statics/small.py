@@ -46,7 +46,7 @@ class Scratch(NamedTuple):
     dq: NDArray[Any]  # (n,)  complex: perturbation
     q_try: Array  # (nq,)
     lam_try: Array  # (rank,)
-    moved: Array  # (n,) since a step downhill began
+    moved: Array  # (n,) since a pseudo-transient step began
     moved_try: Array  # (n,)
     f: Array  # (N,)   residuals
     K: Array  # (N, N) df/dz
@@ -197,7 +197,7 @@ def constraint_forces(rows: Any, terms: Any, s: Any, lam: Any) -> bool:
 
 @kernel
 def newton(eqs: Any, t: float, q: Any, lam: Any, rows: Any, c2: float, s: Any, report: Any) -> int:
-    """Solve f = 0 from (q, lam), in place, or a step downhill; report: Jacobians factored."""
+    """Solve f = 0 from (q, lam), in place, or a pseudo-transient step; report: Jacobians factored."""
     n = s.v.shape[0]
     for i in range(n):
         s.moved[i] = 0.0

@@ -11,7 +11,7 @@ A body's frame is where its tree joint puts it: at rest it lies on the joint fra
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -23,7 +23,7 @@ from mbfmu.mechanics.couplings import Coupling
 from mbfmu.mechanics.cuts import Cut
 from mbfmu.mechanics.elements import Plate
 from mbfmu.mechanics.flexible import Beam
-from mbfmu.mechanics.joints import Joint, Revolute, Section, Weld
+from mbfmu.mechanics.joints import Joint, Revolute, Section
 from mbfmu.mechanics.kind import check_kind
 from mbfmu.mechanics.loads import Drag, Force, Load, Pressure
 from mbfmu.mechanics.sensors import (
@@ -41,10 +41,10 @@ from mbfmu.mechanics.sensors import (
     Turn,
     axis_index,
 )
-from mbfmu.mechanics.shapes import Shape, check_color, lengths
 from mbfmu.mechanics.signals import Input, Signal
 
-from .bodies import Body, CouplingHandle, CutHandle, FlexibleBody, ForceHandle, Profile, Surface, coordinate_of
+from .appearance import Appearance
+from .bodies import Body, CouplingHandle, CutHandle, FlexibleBody, ForceHandle, coordinate_of
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.assemblies.sheet import Sheet
@@ -61,7 +61,7 @@ class Acting(NamedTuple):
     bodies: tuple[Body, ...]
 
 
-class Mechanism:
+class Mechanism(Appearance):
     """Bodies on tree joints from the ground, closed by cut joints, moved by forces and drives.
 
     Parameters
@@ -85,21 +85,14 @@ class Mechanism:
                 raise UserError(f"gravity is {given!r}; allowed: a number, or an input without rate_name")
         self.gravity_inputs = {k: g for k, g in enumerate(components) if isinstance(g, Input)}
         self.gravity = vector("gravity", [g.start if isinstance(g, Input) else g for g in components])
-        self.ground = Body("ground", 0, 0, Weld())
-        self.bodies: list[Body] = [self.ground]
-        self._bodies_named = {"ground": self.ground}
+        super().__init__()
         self.cuts: list[CutHandle] = []
         self.couplings: list[CouplingHandle] = []
         self.forces: list[tuple[str, Load, Body, Body]] = []
         self.plates: list[tuple[Plate, tuple[Body, Body, Body, Body]]] = []
-        self.flexible_bodies: list[FlexibleBody] = []
         self.pressures: list[tuple[str, Pressure, list[tuple[Body, ...]]]] = []
         self.others: list[Acting] = []  # loads, by their name
-        self.compiled = False  # nothing can be added any more
-        self.profiles: dict[int, Profile] = {}  # by elastic body
         self.outputs: list[tuple[str, Sensor, str, float | None]] = []
-        self.shapes: list[tuple[Body, Shape]] = []
-        self.surfaces: list[Surface] = []
         self.sheets: list[Sheet] = []  # what add_sheet has made
         self.energy: Sensor = Energy()
         self.kinetic_energy: Sensor = KineticEnergy()
@@ -155,9 +148,7 @@ class Mechanism:
             vector(f"com of body {name!r}", com),
             inertia_matrix(name, inertia),
         )
-        self.bodies.append(new)
-        self._bodies_named[name] = new
-        return new
+        return self._append(new)
 
     def flexible_body(self, name: str, parent: Body, joint: Joint, beam: Beam) -> FlexibleBody:
         """Hang a beam on its parent: a body that bends.
@@ -182,9 +173,7 @@ class Mechanism:
         """Append a cross-section of an elastic body; :meth:`FlexibleBody.section` is the way to one."""
         self._new_name("body", name, self._bodies_named)
         new = Body(name, len(self.bodies), parent.index, joint)
-        self.bodies.append(new)
-        self._bodies_named[name] = new
-        return new
+        return self._append(new)
 
     def cut(self, name: str, cut: Cut, a: Body, b: Body) -> CutHandle:
         """Close a loop with a cut joint between bodies a and b."""
@@ -254,59 +243,6 @@ class Mechanism:
         force.check(f"force {name!r}")
         self.forces.append((name, force, a, other))
         return ForceHandle(name, len(self.forces) - 1, force, a, other)
-
-    def shape(self, body: Body, *shapes: Shape) -> None:
-        """Draw a body with these shapes instead of the picture it gets by default."""
-        self._member(body, "body of a shape")
-        for shape in shapes:
-            if not isinstance(shape, Shape):
-                raise UserError(f"shape of body {body.name!r} is {shape!r}; allowed: Box, Cylinder, Sphere")
-            vector(f"at of a shape of body {body.name!r}", shape.at)
-            shape.axes()
-            self.shapes.append((body, shape))
-
-    def profile(self, elastic: FlexibleBody, *, height: float, width: float, color: str = "") -> None:
-        """Draw an elastic body with this rectangular cross-section instead of a slender one.
-
-        Parameters
-        ----------
-        elastic
-            Of this mechanism.
-        height, width
-            Along y, in which it bends, and along z, m.
-        color
-            ``"#rrggbb"``; empty: the one the body is given.
-        """
-        if not any(elastic is own for own in self.flexible_bodies):
-            named = getattr(elastic, "name", elastic)
-            raise UserError(f"elastic body of a profile is {named!r}; it must be one of this mechanism")
-        lengths(f"height and width of the profile of {elastic.name!r}", (height, width), 2)
-        self.profiles[elastic.index] = Profile(height=height, width=width, color=check_color(color))
-
-    def surface(
-        self, name: str, bodies: Sequence[Sequence[Body]], *, at: Vector = (0.0, 0.0, 0.0), color: str = ""
-    ) -> None:
-        """Draw a grid of bodies as one skin, and not one by one.
-
-        Parameters
-        ----------
-        name
-            New among the surfaces.
-        bodies
-            Rows of bodies, all of one length, at least 2 by 2.
-        at
-            The point of every body the skin passes through, in the body's frame, m.
-        color
-            ``"#rrggbb"``; empty: one is chosen.
-        """
-        self._new_name("surface", name, [s.name for s in self.surfaces])
-        for body in (body for row in bodies for body in row):
-            self._member(body, f"a body of surface {name!r}")
-        columns = {len(row) for row in bodies}
-        if len(bodies) < 2 or len(columns) != 1 or min(columns) < 2:
-            raise UserError(f"surface {name!r} needs at least 2 rows of at least 2 bodies, all of one length")
-        grid = np.array([[body.index for body in row] for row in bodies], np.int64)
-        self.surfaces.append(Surface(name, grid, vector(f"at of surface {name!r}", at), check_color(color)))
 
     def plate(self, plate: Plate, a: Body, b: Body, c: Body, d: Body) -> None:
         """Span a plate element between bodies at its corners (0, 0), (a, 0), (a, b), (0, b) of their x-z plane."""
@@ -436,17 +372,3 @@ class Mechanism:
     def _has(self, handle: ForceHandle) -> bool:
         """Whether a force is one of this mechanism."""
         return handle.index < len(self.forces) and self.forces[handle.index][1] is handle.load
-
-    def _member(self, body: Body, role: str) -> None:
-        if not isinstance(body, Body) or body.index >= len(self.bodies) or self.bodies[body.index] is not body:
-            raise UserError(f"{role} is {body!r}, which is not a body of this mechanism")
-
-    def _new_name(self, what: str, name: str, taken: Collection[str]) -> None:
-        if self.compiled:
-            raise UserError(
-                f"{what} {name!r} comes too late: the mechanism is compiled and will not have it; build it anew"
-            )
-        if not isinstance(name, str) or not name.isprintable() or not name or name in taken:
-            raise UserError(
-                f"{what} is named {name!r}; a name must be text that is not empty and must be new among {list(taken)}"
-            )

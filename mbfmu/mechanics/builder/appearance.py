@@ -1,0 +1,78 @@
+"""How a mechanism is drawn where its bodies' default pictures are not wanted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics.checks import Vector, vector
+from mbfmu.mechanics.shapes import Shape, check_color, lengths
+
+from .bodies import Body, FlexibleBody, Profile, Surface
+from .roster import Roster
+
+
+class Appearance(Roster):
+    """Shapes of bodies, cross-sections of flexible ones, skins over grids of them."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.flexible_bodies: list[FlexibleBody] = []
+        self.shapes: list[tuple[Body, Shape]] = []
+        self.profiles: dict[int, Profile] = {}  # by flexible body
+        self.surfaces: list[Surface] = []
+
+    def shape(self, body: Body, *shapes: Shape) -> None:
+        """Draw a body with these shapes instead of the picture it gets by default."""
+        self._member(body, "body of a shape")
+        for shape in shapes:
+            if not isinstance(shape, Shape):
+                raise UserError(f"shape of body {body.name!r} is {shape!r}; allowed: Box, Cylinder, Sphere")
+            vector(f"at of a shape of body {body.name!r}", shape.at)
+            shape.axes()
+            self.shapes.append((body, shape))
+
+    def profile(self, elastic: FlexibleBody, *, height: float, width: float, color: str = "") -> None:
+        """Draw an elastic body with this rectangular cross-section instead of a slender one.
+
+        Parameters
+        ----------
+        elastic
+            Of this mechanism.
+        height, width
+            Along y, in which it bends, and along z, m.
+        color
+            ``"#rrggbb"``; empty: the one the body is given.
+        """
+        if not any(elastic is own for own in self.flexible_bodies):
+            named = getattr(elastic, "name", elastic)
+            raise UserError(f"elastic body of a profile is {named!r}; it must be one of this mechanism")
+        lengths(f"height and width of the profile of {elastic.name!r}", (height, width), 2)
+        self.profiles[elastic.index] = Profile(height=height, width=width, color=check_color(color))
+
+    def surface(
+        self, name: str, bodies: Sequence[Sequence[Body]], *, at: Vector = (0.0, 0.0, 0.0), color: str = ""
+    ) -> None:
+        """Draw a grid of bodies as one skin, and not one by one.
+
+        Parameters
+        ----------
+        name
+            New among the surfaces.
+        bodies
+            Rows of bodies, all of one length, at least 2 by 2.
+        at
+            The point of every body the skin passes through, in the body's frame, m.
+        color
+            ``"#rrggbb"``; empty: one is chosen.
+        """
+        self._new_name("surface", name, [s.name for s in self.surfaces])
+        for body in (body for row in bodies for body in row):
+            self._member(body, f"a body of surface {name!r}")
+        columns = {len(row) for row in bodies}
+        if len(bodies) < 2 or len(columns) != 1 or min(columns) < 2:
+            raise UserError(f"surface {name!r} needs at least 2 rows of at least 2 bodies, all of one length")
+        grid = np.array([[body.index for body in row] for row in bodies], np.int64)
+        self.surfaces.append(Surface(name, grid, vector(f"at of surface {name!r}", at), check_color(color)))

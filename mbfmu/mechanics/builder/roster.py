@@ -1,0 +1,45 @@
+"""The bodies of a mechanism and the names that are taken."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics.joints import Weld
+
+from .bodies import Body
+
+
+class Roster:
+    """Bodies by number and by name, the ground first.
+
+    Attributes
+    ----------
+    compiled
+        Nothing can be added any more.
+    """
+
+    def __init__(self) -> None:
+        self.ground = Body("ground", 0, 0, Weld())
+        self.bodies: list[Body] = [self.ground]
+        self.compiled = False
+        self._bodies_named = {"ground": self.ground}
+
+    def _append(self, body: Body) -> Body:
+        self.bodies.append(body)
+        self._bodies_named[body.name] = body
+        return body
+
+    def _member(self, body: Body, role: str) -> None:
+        if not isinstance(body, Body) or body.index >= len(self.bodies) or self.bodies[body.index] is not body:
+            raise UserError(f"{role} is {body!r}, which is not a body of this mechanism")
+
+    def _new_name(self, what: str, name: str, taken: Collection[str]) -> None:
+        if self.compiled:
+            raise UserError(
+                f"{what} {name!r} comes too late: the mechanism is compiled and will not have it; build it anew"
+            )
+        if not isinstance(name, str) or not name.isprintable() or not name or name in taken:
+            raise UserError(
+                f"{what} is named {name!r}; a name must be text that is not empty and must be new among {list(taken)}"
+            )
