@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from mbfmu.audit import VARIABLES, Audit
 from mbfmu.errors import UserError
+from mbfmu.folds import Folds, Sharpest
 from mbfmu.frame import frame, unframe
 from mbfmu.mechanics import Mechanism
-from mbfmu.mechanics.arrays.bending import COARSE, FOLDED, Bend
 from mbfmu.mechanics.numbers import finite
 from mbfmu.model import Model, of_user
 from mbfmu.result import together
@@ -32,10 +32,6 @@ Array = NDArray[np.float64]
 
 _compiled: set[tuple[type, bool]] = set()  # kinds of runs whose kernels this process has compiled
 
-UNFOLD = (
-    "Let it move more slowly, damp it, or make it stiffer; where the motion is meant, only a finer grid follows it."
-)
-
 
 class Mark(NamedTuple):
     """A point that a simulation can be taken back to."""
@@ -44,7 +40,7 @@ class Mark(NamedTuple):
     inputs: dict[str, list[Any]] | None  # where they remember anything
     work_of_jumps: float  # J
     balance: tuple[float, str] | None  # base (J) and verdict of the audit
-    bent: tuple[Bend | None, tuple[float, Array]]
+    sharpest: Sharpest
 
 
 class Simulation:
@@ -114,8 +110,7 @@ class Simulation:
         # where nothing is free nothing is integrated but the work, whose error no tolerance controls
         audited = settings.audit and self.stepper.freedom > 0
         self.audit = Audit(self.plant, settings.tolerance, self.energy()) if audited else None
-        self._folded, self._dark = "", False
-        self._bend, self._bent_at = self.plant.bend(t0, q), (t0, q)  # the sharpest so far
+        self._folds, self._dark = Folds(self.plant, t0, q), False
         self._compile(t0, q, v)
 
     def __reduce_ex__(self, protocol: Any) -> Any:
@@ -168,7 +163,7 @@ class Simulation:
     def failure(self) -> str:
         """Why the last :meth:`advance` or :meth:`record` ended early and what to try; empty: it did not."""
         status = self.stepper.status
-        return self._folded if status.ok else f"{status.message}. {status.remedy}"
+        return self._folds.folded if status.ok else f"{status.message}. {status.remedy}"
 
     @property
     def verdict(self) -> str:
@@ -178,9 +173,7 @@ class Simulation:
     @property
     def coarse(self) -> str:
         """Where, when and how far cells have bent most, if too far for their grid; empty: they have not."""
-        if self._bend is None or self._bend.largest <= COARSE:
-            return ""
-        return f"{self._bend} (t = {self._bent_at[0]:.9g} s)"
+        return self._folds.coarse
 
     @property
     def warning(self) -> str:
@@ -204,25 +197,9 @@ class Simulation:
             energy, ledger = self.energy(), self.stepper.ledger
             if not self.audit.holds(self.t, q, energy, ledger):
                 self._check(np.array([self.t]), q[None], np.array([energy]), ledger[None])
-        self._look(self.t, q)
+        self._folds.look(self.t, q)
         self._remark(self.stepper.notice)
         return status
-
-    def _look(self, t: float, q: Array) -> bool:
-        """Note how sharply plates bend at positions q (nq,); False where a cell is folded, which ends a run."""
-        here = self.plant.bend(t, q)
-        if here is None or self._bend is None:
-            return True
-        if here.largest > self._bend.largest:
-            self._bend, self._bent_at = here, (t, q)
-        self._folded = f"A cell is folded: {self.coarse}. {UNFOLD}" if here.largest > FOLDED else ""
-        return not self._folded
-
-    def _unfolded(self, times: Array, q: Array) -> int:
-        """Return how many of the positions q (k, nq) at ``times`` come before the first with a folded cell."""
-        if self._bend is None:
-            return len(q)
-        return next((i for i in range(len(q)) if not self._look(float(times[i]), q[i])), len(q))
 
     def _set_out(self, end: float) -> None:
         """Let the supports that inputs move set out for where they are at ``end``; all jumps of their rates are one
@@ -308,7 +285,7 @@ class Simulation:
             self._set_out(times[done])
             ahead = times[done:] if self.plant.inputs.settled else times[done : done + 1]
             samples = self.stepper.sample(ahead)
-            count = self._unfolded(ahead, samples.q)
+            count = self._folds.unfolded(ahead, samples.q)
             rows, samples = slice(done, done + count), Samples(*(part[:count] for part in samples))
             if count > 1:
                 self.plant.inputs.pass_by(float(ahead[count - 2]))
@@ -382,14 +359,15 @@ class Simulation:
         """Return what :meth:`rewind` needs to take back what comes next; it costs less than :meth:`save`."""
         inputs = self.plant.inputs.state() if self.plant.inputs.remember else None
         balance = (self.audit.base, self.audit.verdict) if self.audit else None
-        return Mark(self.stepper.reported, inputs, self.work_of_jumps, balance, (self._bend, self._bent_at))
+        return Mark(self.stepper.reported, inputs, self.work_of_jumps, balance, self._folds.sharpest)
 
     def rewind(self, mark: Mark) -> None:
         """Take back all since ``mark`` but what was set; the solver goes on anew there."""
         if mark.inputs is not None:
             self.plant.inputs.restore(mark.inputs)
         self.stepper.return_to(mark.place)
-        self.work_of_jumps, (self._bend, self._bent_at), self._folded = mark.work_of_jumps, mark.bent, ""
+        self.work_of_jumps = mark.work_of_jumps
+        self._folds.rewind(mark.sharpest)
         if self.audit and mark.balance:
             self.audit.base, self.audit.verdict = mark.balance
 
@@ -405,8 +383,8 @@ class Simulation:
         changed = {p.name: getattr(self.model, p.name) for p in self.model.parameters() if p.tunable}
         inputs, work = self.plant.inputs.state(), self.work_of_jumps
         balance = [self.audit.base, self.audit.verdict] if self.audit else []
-        bent = [self._bent_at[0], self._bent_at[1].tolist()] if self.coarse else []
-        known = {"parameters": changed, "inputs": inputs, "work_of_jumps": work, "balance": balance, "bent": bent}
+        known = {"parameters": changed, "inputs": inputs, "work_of_jumps": work, "balance": balance}
+        known["bent"] = self._folds.state()
         head = json.dumps(known).encode()
         return frame(self._owner, len(head).to_bytes(8, "little") + head + self.stepper.save())
 
@@ -431,9 +409,7 @@ class Simulation:
         self.stepper.restore(content[split:])
         if self.audit:
             self.audit.base, self.audit.verdict = head["balance"]
-        t, q = head["bent"] or (self.t, self.stepper.q)
-        self._bend, self._bent_at = self.plant.bend(t, np.array(q)), (t, np.array(q))
-        self._look(self.t, self.stepper.q)
+        self._folds.restore(head["bent"], self.t, self.stepper.q)
 
 
 def unique(names: Iterable[str]) -> None:

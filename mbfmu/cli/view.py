@@ -19,7 +19,7 @@ from mbfmu.viewer.gltf import write_glb
 from mbfmu.viewer.html import write_html
 from mbfmu.viewer.show import changes, side_by_side
 
-from .common import Commands, add_set, add_solver, folder, number, progress, scene_of, stem_of
+from .common import Commands, add_set, add_solver, folder, number, progress, scene_of, stem_of, wrote
 
 OF_SCENES = (
     "set", "solver", "partition", "tolerance", "absolute_tolerance", "max_step", "max_order", "max_steps",
@@ -33,7 +33,7 @@ def add(commands: Commands) -> None:
         "view",
         help="3-D animation of a run: an HTML file for any browser, PNG, GIF or MP4",
         description="Write an animation of a run as one HTML file that needs no network. Give the pose file "
-        "results/NAME.npz that `mbfmu run` wrote, or what `mbfmu run` takes, which is then run natively.",
+        "motion.npz that `mbfmu run` wrote, or what `mbfmu run` takes, which is then run natively.",
     )
     p.add_argument(
         "scene", metavar="result", help="pose file .npz, scene file, model name, model/scene, or my_model.py:MyModel"
@@ -43,7 +43,7 @@ def add(commands: Commands) -> None:
         "--output",
         type=Path,
         metavar="FILE",
-        help="HTML file, or .glb for a binary glTF; results/NAME.html, or beside a pose file, unless pictures are "
+        help="HTML file, or .glb for a binary glTF; a page under results/, or beside a pose file, unless pictures are "
         "asked for",
     )
     p.add_argument(
@@ -79,10 +79,10 @@ def command_view(options: argparse.Namespace) -> int:
     motion, against, failures, page = load(options)
     if options.scale != 1.0:
         motion = motion.scaled(options.scale)
-    wrote = write_pictures(motion, options)
-    if options.output or options.open or not wrote:
-        wrote.append(write_page(motion, against, options, options.output or page))
-    print(f"wrote {' and '.join(str(path) for path in wrote)}")
+    written = write_pictures(motion, options)
+    if options.output or options.open or not written:
+        written.append(write_page(motion, against, options, options.output or page))
+    wrote(options, *written)
     for failure in failures:
         print(f"mbfmu: {failure}", file=sys.stderr)
     return 1 if failures else 0
@@ -157,7 +157,7 @@ def write_page(motion: Motion, against: Motion | None, options: argparse.Namespa
     """Write the page, and open it where that is asked for; or the glTF."""
     folder(path.parent)
     stride = write_glb(motion, path) if path.suffix == ".glb" else write_html(motion, path, against)
-    if stride > 1:
+    if stride > 1 and not options.quiet:
         print(f"{path} shows every {stride}th of {len(motion.times)} frames, to keep its size down")
     if options.open:
         webbrowser.open(path.resolve().as_uri())

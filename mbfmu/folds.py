@@ -1,0 +1,69 @@
+"""How far the cells of sheets bend in a run: too far for their grid is a warning, a folded cell ends it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from mbfmu.mechanics import Plant
+from mbfmu.mechanics.arrays.bending import COARSE, FOLDED, Bend
+from solvers.system import Array
+
+UNFOLD = (
+    "Let it move more slowly, damp it, or make it stiffer; where the motion is meant, only a finer grid follows it."
+)
+Sharpest = tuple[Bend | None, float, Array]
+
+
+class Folds:
+    """Watches the plates of a plant; one without plates costs nothing.
+
+    Attributes
+    ----------
+    sharpest
+        How the plates were bent most so far, when (s), and at which positions (nq,).
+    folded
+        That a cell is folded at the positions looked at last, and what to do; empty: none is.
+    """
+
+    def __init__(self, plant: Plant, t: float, q: Array) -> None:
+        self._plant, self.folded = plant, ""
+        self.sharpest: Sharpest = (plant.bend(t, q), t, q)
+
+    @property
+    def coarse(self) -> str:
+        """Where, when and how far cells have bent most, if too far for their grid; empty: they have not."""
+        bend, t, _ = self.sharpest
+        return f"{bend} (t = {t:.9g} s)" if bend is not None and bend.largest > COARSE else ""
+
+    def look(self, t: float, q: Array) -> bool:
+        """Note how sharply plates bend at positions q (nq,); False where a cell is folded."""
+        here, (most, *_) = self._plant.bend(t, q), self.sharpest
+        if here is None or most is None:
+            return True
+        if here.largest > most.largest:
+            self.sharpest = here, t, q
+        self.folded = f"A cell is folded: {self.coarse}. {UNFOLD}" if here.largest > FOLDED else ""
+        return not self.folded
+
+    def unfolded(self, times: Array, q: Array) -> int:
+        """Return how many of the positions q (k, nq) at ``times`` come before the first with a folded cell."""
+        if self.sharpest[0] is None:
+            return len(q)
+        return next((i for i in range(len(q)) if not self.look(float(times[i]), q[i])), len(q))
+
+    def rewind(self, sharpest: Sharpest) -> None:
+        """Forget what came after ``sharpest`` was the sharpest."""
+        self.sharpest, self.folded = sharpest, ""
+
+    def state(self) -> list[Any]:
+        """Return time and positions of a bend that is worth a warning, for JSON; empty: there was none."""
+        _, t, q = self.sharpest
+        return [t, q.tolist()] if self.coarse else []
+
+    def restore(self, state: list[Any], t: float, q: Array) -> None:
+        """Take up a :meth:`state` at the positions q (nq,) of time t."""
+        then, there = (state[0], np.array(state[1])) if state else (t, q)
+        self.sharpest = self._plant.bend(then, there), then, there
+        self.look(t, q)
