@@ -21,7 +21,7 @@ from mbfmu.steady.problem import equilibrium
 from mbfmu.studies.effects import time_of_evaluation
 from mbfmu.table import table
 from solvers import Code
-from solvers.projection.saddle import Motion
+from solvers.projection.saddle import Accelerations
 
 GRIDS = ((7, 5), (15, 11), (33, 23), (51, 35), (101, 71))
 RELEASES = (((7, 5), 1e-5), ((15, 11), 1e-5), ((51, 35), 1e-4))
@@ -48,7 +48,7 @@ def time_of_forward_dynamics(plant: Plant) -> float:
     system, random = plant.system, np.random.default_rng(0)
     q, v = plant.assembly.start_positions(), 0.1 * random.normal(size=system.n)
     system.apply(q, 0.01 * random.normal(size=system.n) * system.size)
-    motion, times = Motion(system), []
+    motion, times = Accelerations(system), []
     for _ in range(50):
         begin = time.perf_counter()
         assert motion.solve(0.0, q, v) is Code.OK

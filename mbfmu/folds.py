@@ -10,9 +10,7 @@ from mbfmu.mechanics import Plant
 from mbfmu.mechanics.arrays.bending import COARSE, FOLDED, Bend
 from solvers.system import Array
 
-UNFOLD = (
-    "Let it move more slowly, damp it, or make it stiffer; where the motion is meant, only a finer grid follows it."
-)
+UNFOLD = "Move it more slowly, damp it or make it stiffer; if the motion is intended, use a finer grid."
 Sharpest = tuple[Bend | None, float, Array]
 
 

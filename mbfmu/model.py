@@ -108,6 +108,11 @@ def declared(cls: Any) -> tuple[Parameter, ...]:
         raise UserError(f"model {cls.__name__}: write @dataclass(frozen=True, kw_only=True) above the class")
     found = tuple(Parameter(name=f.name, default=f.default, **f.metadata) for f in fields(cls) if f.metadata)  # type: ignore[arg-type]
     for p in found:
+        if p.name in OWN or (p.name == "tolerance" and issubclass(cls, Model)):
+            raise UserError(
+                f"parameter {p.name!r} of model {cls.__name__} is named as an attribute that every model has; "
+                "give it another name"
+            )
         check_declaration(cls.__name__, p)
     return found
 
@@ -115,8 +120,6 @@ def declared(cls: Any) -> tuple[Parameter, ...]:
 def check_declaration(model: str, p: Parameter) -> None:
     """Refuse what an FMU could not say of a parameter."""
     what = f"parameter {p.name!r} of model {model}"
-    if p.name in OWN:
-        raise UserError(f"{what} is named as an attribute that every model has; give it another name")
     if not isinstance(p.doc, str):
         raise UserError(f"{what}: doc is {p.doc!r}; allowed: text")
     if not all(isinstance(c, str) and c for c in p.choices) or len(set(p.choices)) < len(p.choices):

@@ -21,7 +21,7 @@ class Settings:
     """
 
     solver: str = parameter("ida", choices=tuple(SOLVERS), doc="method of integration")
-    partition: str = parameter("projection", choices=tuple(PARTITIONS), doc="how adams parts the coordinates")
+    partition: str = parameter("projection", choices=tuple(PARTITIONS), doc="coordinate partition of adams")
     tolerance: float = parameter(1e-6, min=1e-12, max=1e-2, doc="relative tolerance of the solver")
     absolute_tolerance: float = parameter(
         0.0, min=0.0, max=1.0, doc="absolute tolerance in units of each coordinate; 0: the relative one"
@@ -33,7 +33,7 @@ class Settings:
         "hold", choices=("hold", "linear"), doc="loads that a host sets: held between points, or going on as they came"
     )
     start_at_equilibrium: bool = parameter(False, doc="start in the steady state next to the given start")
-    audit: bool = parameter(True, doc="hold the energy against the work all along")
+    audit: bool = parameter(True, doc="check the energy against the work done, during the whole run")
 
     def __post_init__(self) -> None:
         """Check the names and numbers; raises UserError."""
@@ -45,7 +45,7 @@ class Settings:
             raise UserError(f"partition is {self.partition!r}, but the solver is {self.solver!r}; only 'adams' has one")
         for p in declared(Settings):
             try:
-                check("the settings", p, getattr(self, p.name))
+                object.__setattr__(self, p.name, check("the settings", p, getattr(self, p.name)))
             except UserError as error:
                 raise UserError(f"{p.name} is {getattr(self, p.name)!r}; allowed: {span(p)}") from error
 

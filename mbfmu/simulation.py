@@ -104,8 +104,8 @@ class Simulation:
         self._remark(self.stepper.notice)
         if self.stepper.starts_singular:
             self._remark(
-                "it starts in a singular position, where its loops leave rates open: taken are the nearest to those "
-                "given; give the rate of every joint to say which way it goes"
+                "the start is a singular position, in which the loops do not determine all rates; the rates nearest to "
+                "those given are used. Give the rate of every joint to choose the branch"
             )
         # where nothing is free nothing is integrated but the work, whose error no tolerance controls
         audited = settings.audit and self.stepper.freedom > 0
@@ -152,7 +152,7 @@ class Simulation:
         return self.stepper.statistics
 
     def loops(self) -> list[str]:
-        """Return in sentences which rows of the cut joints vanish and which are redundant."""
+        """Return in sentences which rows of the constraints vanish and which are redundant."""
         return self.plant.assembly.notes(self.t, self.stepper.q)
 
     def energy(self) -> float:
@@ -307,8 +307,8 @@ class Simulation:
             return
         self._dark = True
         self._remark(
-            f"at t = {self.stepper.dark_at:.9g} s outputs of forces or efforts were read in a singular "
-            "position, or nearer to one than the tolerance tells: forces are not determined there, and may be unbounded"
+            f"at t = {self.stepper.dark_at:.9g} s outputs of forces or efforts were read in, or too near, a singular "
+            "position: forces are not determined there and may be unbounded"
         )
 
     def _input(self, key: int | str) -> int:

@@ -4,7 +4,7 @@ The equations of motion of a constrained mechanical system in relative coordinat
 
     q' = N(q) v                               positions q (nq), velocities v (n)
     M(q) v' + h(t, q, v) + J(q)^T lambda = 0  (14) of the sheet paper, h holds every force but M v'
-    Phi(t, q) = 0                             m cut-joint constraints, J = dPhi/dq N
+    Phi(t, q) = 0                             m constraints of cut joints and couplings, J = dPhi/dq N
     J v = nu,  J v' = gamma                   its first and second time derivative
 
 ``nq`` exceeds ``n`` where an orientation is held as a unit quaternion; then ``N`` is not square and a change of
@@ -27,6 +27,8 @@ from solvers.compiled.held import held_type, hold
 from solvers.compiled.kernel import COMPILED, callback, kernel, types
 
 Array = NDArray[np.float64]
+
+LARGEST_DENSE = 1000  # coordinates of a large tree with constraints whose matrices the partitions factor
 
 
 class Terms(NamedTuple):

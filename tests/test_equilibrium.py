@@ -276,7 +276,7 @@ class Tilted(Model):
         return m
 
 
-def test_linearised_response_to_gravity_by_an_input() -> None:
+def test_linearized_response_to_gravity_by_an_input() -> None:
     """A slender rod turns by 3/2 g / L and pulls on its support with a quarter of the force on it."""
     space = equilibrium(Tilted()).state_space
     np.testing.assert_allclose(space.B, [[0.0], [1.5]], atol=1e-12)

@@ -86,7 +86,7 @@ def test_a_spindle_a_million_times_the_collar_turns_as_if_driven(solver: str) ->
 @pytest.mark.parametrize(
     "model", [Governor(stiffness=1e7, start_angle=0.9, free_length=0.17), SwingPendulum(slider_stiffness=1e7)]
 )
-def test_a_spring_of_1e7_newton_a_metre_is_only_a_faster_motion(model: Model, solver: str, bound: float) -> None:
+def test_a_spring_of_1e7_newton_a_meter_is_only_a_faster_motion(model: Model, solver: str, bound: float) -> None:
     times = np.linspace(0.0, 0.5, 51)
     result = run(model, Settings(solver=solver, tolerance=1e-9), times)
     assert not result.failure

@@ -13,6 +13,8 @@ from scipy.integrate import solve_ivp
 from fmus.fourbar import FourBar
 from mbfmu.errors import UserError
 from mbfmu.mechanics import (
+    Box,
+    CutHandle,
     DistanceCut,
     Input,
     JointForce,
@@ -21,6 +23,7 @@ from mbfmu.mechanics import (
     Revolute,
     RevoluteCut,
     SpeedInput,
+    SphericalCut,
     Support,
     Translational,
     add_sheet,
@@ -59,6 +62,12 @@ def other() -> Mechanism:
     return m
 
 
+def foreign_cut() -> CutHandle:
+    """A cut joint of another mechanism."""
+    m = other()
+    return m.cut("pin", SphericalCut(), m.bodies[-1], m.ground)
+
+
 @pytest.mark.parametrize(
     ("more", "message"),
     [
@@ -69,6 +78,14 @@ def other() -> Mechanism:
         (lambda m, bar: m.output("a", bar.coordinate(0.5)), "no joint coordinate 0.5"),
         (lambda m, bar: m.output("a", other().bodies[-1].angle()), "not a body of this mechanism"),
         (lambda m, bar: m.output("a", other().ground.position("x")), "not a body of this mechanism"),
+        (lambda m, bar: m.output("a", foreign_cut().force("x")), "'pin', which is no constraint of this mechanism"),
+        (
+            lambda m, bar: (m.load("f", JointForce(magnitude=1.0), bar), m.force("f", JointForce(magnitude=1.0), bar)),
+            "force is named 'f'",
+        ),
+        (lambda m, bar: m.shape(bar, Box(size="x")), "size of a box is 'x'"),
+        (lambda m, bar: m.shape(bar, Box(size=(1, 1, 1), rotation=np.diag((1, 1, -1)))), "rotation of a box"),
+        (lambda m, bar: m.surface("s", [[m.ground, bar], [m.ground, bar]], color=5), "color is 5"),
         (lambda m, bar: m.output("time", bar.angle()), "2 variables are named 'time'"),
         (lambda m, bar: m.output("energy_imbalance", bar.rate()), "2 variables are named 'energy_imbalance'"),
         (
@@ -113,6 +130,11 @@ def test_times_that_are_none(times: Any) -> None:
 def test_settings_of_another_kind(odd: dict[str, Any]) -> None:
     with pytest.raises(UserError, match=f"{next(iter(odd))} is"):
         Settings(**odd)
+
+
+def test_settings_take_numbers_of_numpy_and_keep_their_own() -> None:
+    settings = Settings(tolerance=np.float64(1e-8), max_steps=np.int64(500))
+    assert repr((settings.tolerance, settings.max_steps)) == "(1e-08, 500)"
 
 
 @pytest.mark.parametrize("key", [-1, 0, 99, "torque", None, 1.5])

@@ -102,7 +102,7 @@ def test_gravity_across_the_column_is_refused_in_any_units(scale: tuple[float, f
 
 
 @pytest.mark.parametrize("copy", [{"mass": 1e-20}, {"length": 1e-7}, {"length": 1e7}])
-def test_copies_beyond_all_measure_stand_alike_and_are_linearised_alike(copy: dict[str, float]) -> None:
+def test_copies_beyond_all_measure_stand_alike_and_are_linearized_alike(copy: dict[str, float]) -> None:
     found = [equilibrium(model) for model in (Umbrella(), Umbrella(**copy))]
     eigenvalues = [np.sort_complex(np.linalg.eigvals(result.state_space.A)) for result in found]
     np.testing.assert_allclose(eigenvalues[1], eigenvalues[0], rtol=1e-6)

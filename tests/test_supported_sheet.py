@@ -36,7 +36,7 @@ from mbfmu.simulation import Settings, Simulation
 from mbfmu.steady.modes import shapes
 from mbfmu.steady.problem import EquilibriumProblem
 from mbfmu.steady.state import Equilibrium
-from solvers.projection.saddle import Motion, Saddle
+from solvers.projection.saddle import Accelerations, Saddle
 from solvers.system import System, TreeSystem
 
 LENGTH, WIDTH, THICKNESS, E, DENSITY = 0.3, 0.21, 0.3e-3, 1e10, 1000.0
@@ -409,7 +409,7 @@ def test_accelerations_obey_the_equations_of_motion() -> None:
     system, rng = at.system, np.random.default_rng(1)
     q, v = at.assembly.start_positions(), rng.normal(size=system.n)
     system.apply(q, 0.02 * rng.normal(size=system.n))
-    motion = Motion(system)
+    motion = Accelerations(system)
     assert motion.solve(0.0, q, v) == 0
     force = system.residual(0.0, q, v, motion.a, motion.lam)
     assert np.abs(force).max() < 1e-9 * np.abs(motion.lam).max()

@@ -32,7 +32,7 @@ def add(commands: Commands) -> None:
 
 
 def command_effects(options: argparse.Namespace) -> int:
-    """Print the ledger."""
+    """Print the costs."""
     from mbfmu.studies.effects import as_text, ledger
 
     scene = scene_of(options)

@@ -97,7 +97,8 @@ def command_run(options: argparse.Namespace) -> int:
         result = ran(scene, options, recorder)
         total = time.perf_counter() - begin
         if not options.native and result.wall_time < QUICK:
-            run(scene.model, scene.settings, result.t, watch=recorder)
+            repeat = run(scene.model, scene.settings, result.t, watch=recorder)
+            result.remarks, result.coarse = repeat.remarks, repeat.coarse  # which an FMU has in its log alone
         write(place, scene, result, recorder, options.plot)
         tell(options, "\n".join((summary(scene, result, total), *(f"  {line}" for line in loops(scene)))))
         tell_more(options, statistics(result))
@@ -147,7 +148,7 @@ def warn(text: str) -> None:
 
 
 def loops(scene: Scene) -> list[str]:
-    """Return what vanishes or redundant in the loops of a scene at its start."""
+    """Return which rows vanish or are redundant in the loops of a scene at its start."""
     plant = scene.model.plant()
     return plant.assembly.notes(0.0, plant.assemble()[0]) if plant.mechanism.constraints else []
 

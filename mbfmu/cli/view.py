@@ -95,7 +95,7 @@ def check(options: argparse.Namespace) -> None:
         if not isfinite(value) or value <= 0.0:
             raise UserError(f"--{name} is {value:g}; allowed: finite and greater than zero")
     if options.time is not None and not options.png:
-        raise UserError("--time goes with --png")
+        raise UserError("--time needs --png FILE")
     for kind in ("png", "gif", "mp4"):
         path = getattr(options, kind)
         if path and path.suffix != f".{kind}":
@@ -116,7 +116,7 @@ def load(options: argparse.Namespace) -> tuple[Motion, Motion | None, list[str],
     """Return the motion, the one beside it, why their runs ended early if they did, and where the page goes."""
     source, against = Path(options.scene), options.against
     if source.suffix == ".npz":
-        given = [name for name in OF_SCENES if getattr(options, name)]
+        given = [name for name in OF_SCENES if getattr(options, name) not in (None, [])]
         if given:
             raise UserError(f"--{given[0].replace('_', '-')} changes a run, and {options.scene!r} is the record of one")
         if against is not None and not against.endswith(".npz"):
@@ -129,10 +129,10 @@ def load(options: argparse.Namespace) -> tuple[Motion, Motion | None, list[str],
     other = against_of(scene, against) if against is not None and recorded is None else None
     motion, result = recorded_run(scene)
     if other is None:
-        return motion, recorded, list(filter(None, [result.failure])), page
+        return motion, recorded, list(filter(None, [result.failure or result.warning])), page
     beside, second = recorded_run(other)
     motion, beside = side_by_side(motion, result, beside, second)
-    return motion, beside, list(filter(None, (result.failure, second.failure))), page
+    return motion, beside, list(filter(None, (one.failure or one.warning for one in (result, second)))), page
 
 
 def against_of(scene: Scene, text: str) -> Scene:
@@ -158,7 +158,7 @@ def write_page(motion: Motion, against: Motion | None, options: argparse.Namespa
     folder(path.parent)
     stride = write_glb(motion, path) if path.suffix == ".glb" else write_html(motion, path, against)
     if stride > 1 and not options.quiet:
-        print(f"{path} shows every {stride}th of {len(motion.times)} frames, to keep its size down")
+        print(f"{path} shows one frame in {stride} of {len(motion.times)}, to limit its size")
     if options.open:
         webbrowser.open(path.resolve().as_uri())
     return path

@@ -42,10 +42,10 @@ def _table(role: Role, variables: Sequence[Variable]) -> str:
 
 def licenses() -> dict[str, str]:
     """Return the texts of the licenses of what an FMU contains, by the name of a file."""
-    return {f"{name}.txt": _licence(name) for name in ("mbfmu", "pythonfmu")}
+    return {f"{name}.txt": _license(name) for name in ("mbfmu", "pythonfmu")}
 
 
-def _licence(package: str) -> str:
+def _license(package: str) -> str:
     for file in distribution(package).files or ():
         if file.name.startswith("LICENSE") and ".dist-info" in str(file):
             return file.read_text()

@@ -97,8 +97,8 @@ def export(
     variables = interface(model, settings, plant)
     legible(f"the first line of the docstring of model {model.name!r}", model.title())
     experiment = Experiment(
-        stop_time=model.stop_time if stop_time is None else stop_time,
-        step_size=model.output_interval if output_interval is None else output_interval,
+        stop_time=float(model.stop_time if stop_time is None else stop_time),
+        step_size=float(model.output_interval if output_interval is None else output_interval),
         tolerance=settings.tolerance,
     )
     communication_points(experiment.stop_time, experiment.step_size)  # refuses what is no time

@@ -90,11 +90,6 @@ def with_unit_quaternion(body: str, start: Matrix) -> Matrix:
     return np.concatenate((start[:-4], e / length))
 
 
-def names_of(registry: tuple[type, ...]) -> str:
-    """Class names, for messages."""
-    return ", ".join(kind.__name__ for kind in registry)
-
-
 def one_of(what: str, value: Any, allowed: Collection[str]) -> None:
     """Refuse a word that is not among those allowed."""
     if value not in allowed:

@@ -101,7 +101,7 @@ class Arrays(NamedTuple):
     loads: NDArray[Any]  # ITEM
     signals: NDArray[Any]  # ITEM
     sensors: NDArray[Any]  # SENSOR
-    kept: NDArray[np.int64]  # (rows,) number among the constraints of rows, cut joints first, then couplings; -1: void
+    kept: NDArray[np.int64]  # (rows,) number among the constraints of rows, cuts first, then couplings; -1: it vanishes
     flexibles: NDArray[Any]  # FLEXIBLE
     nodes: NDArray[Any]  # NODE
     kernels: NDArray[np.int64]  # addresses of kernels, KERNELS for each kind that is there; 0: it has none

@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from mbfmu.errors import UserError
 
 from .axes import along, unit_axis
+from .checks import rotation
+from .numbers import array_of
 
 Vector = Sequence[float]
 Matrix = NDArray[np.float64]
@@ -86,15 +88,12 @@ class Box(Shape):
 
     def axes(self) -> Matrix:
         """See :class:`Shape`."""
-        turned: Matrix = np.eye(3) if self.rotation is None else np.asarray(self.rotation, float)
-        if turned.shape != (3, 3) or not np.allclose(turned @ turned.T, np.eye(3), atol=1e-9):
-            raise UserError(f"rotation of a box is {self.rotation!r}; it must be a 3x3 rotation matrix")
-        return turned * lengths("size of a box", self.size)
+        return rotation("rotation of a box", self.rotation) * lengths("size of a box", self.size)
 
 
 def lengths(what: str, values: Vector, count: int = 3) -> Matrix:
     """Check positive lengths."""
-    array = np.asarray(values, float)
+    array = array_of(what, values)
     if array.shape != (count,) or not np.all(np.isfinite(array)) or np.any(array <= 0.0):
         raise UserError(f"{what} is {values!r} m; allowed: finite and greater than zero")
     return array
@@ -102,6 +101,6 @@ def lengths(what: str, values: Vector, count: int = 3) -> Matrix:
 
 def check_color(color: str) -> str:
     """Return a color ``#rrggbb`` or nothing as it is."""
-    if not re.fullmatch(r"(#[0-9a-fA-F]{6})?", color):
+    if not isinstance(color, str) or not re.fullmatch(r"(#[0-9a-fA-F]{6})?", color):
         raise UserError(f"color is {color!r}; write #rrggbb")
     return color

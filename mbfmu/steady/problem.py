@@ -160,7 +160,7 @@ class EquilibriumProblem:
             forces, _ = self._solver.residual(0.0, q, np.zeros(self.plant.system.m))
             raise EquilibriumError(
                 f"the start of {self.model.name!r} is a singular position: the cut joints lose rank there, so their "
-                f"forces are not determined (residuald {np.abs(forces).max():.3g} N or N m without them); "
+                f"forces are not determined (residual {np.abs(forces).max():.3g} N or N m without them); "
                 "give another start (--from)"
             )
         begin = time.perf_counter()
@@ -168,6 +168,7 @@ class EquilibriumProblem:
         if not pseudo_transient:
             solution = self._solver.solve(0.0, q, lam)
             tried, pseudo_transient = solution.iterations, solution.outcome is not Outcome.FOUND
+        alone = not pseudo_transient
         if pseudo_transient:
             solution = self._solver.solve(0.0, q, pseudo_transient=True)
             solution = replace(solution, iterations=tried + solution.iterations)
@@ -187,6 +188,7 @@ class EquilibriumProblem:
             residual=float(np.abs(solution.forces).max()),
             solve_time=elapsed,
             found_from=found_from,
+            continued=not alone,
             notes=self._notes(),
         )
 

@@ -41,6 +41,8 @@ class Equilibrium:
         s, of the solution alone: the plant was built before.
     found_from
         Where Newton started, in words.
+    continued
+        Whether Newton alone failed, and the state may be far from where it started.
     notes
         What the state leaves out of the model's start, in words.
     """
@@ -55,6 +57,7 @@ class Equilibrium:
     residual: float
     solve_time: float
     found_from: str
+    continued: bool = False
     notes: tuple[str, ...] = ()
 
     @cached_property

@@ -68,7 +68,7 @@ def extend(branch: Branch, problem: EquilibriumProblem, value: float, branches: 
         state = problem.solve(q, "the branch's last state", branch.states[-1].lam)
     except EquilibriumError:
         return False
-    if "continuation" in state.found_from or taken(problem, state.q, value, branches):
+    if state.continued or taken(problem, state.q, value, branches):
         return False
     branch.values.append(value)
     branch.states.append(state)

@@ -134,7 +134,7 @@ def compare(
 def _refuse_large_tree(model: Model) -> None:
     """Without loops nothing is partitioned, and what is stiff takes explicit steps that no tolerance lengthens."""
     system = model.plant().system
-    if not system.has_matrices:
+    if not system.has_matrices and not system.m:
         raise UserError(
             f"model {model.name!r} is a tree of {system.n} coordinates without loops: there hybrid and adams-lu do "
             "what adams does, whose steps stability bounds at every tolerance; "

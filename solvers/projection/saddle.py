@@ -25,10 +25,8 @@ from solvers.system import Array, TreeSystem
 
 SPRING = 1e4  # (rad/s)^2, stiffness to effective mass of the springs alpha
 REDUNDANT = 1e-10  # eigenvalues of a scaled Schur complement below this part of the largest count as zero
-VANISHING = (
-    1e-20  # square of a row to that of the largest below which nothing works against it here: rounding is 1e-32, units
-)
-# make 1e-6
+# Square of a row to that of the largest below which nothing works against it here: rounding is 1e-32, units make 1e-6.
+VANISHING = 1e-20
 PASSES, CLOSED = 12, 1e-11  # of the way back onto the constraints; m or rad
 
 

@@ -7,12 +7,10 @@ from typing import Any
 
 from solvers.options import Options
 from solvers.stepper import Stepper
-from solvers.system import AnySystem, Array, TreeSystem
+from solvers.system import LARGEST_DENSE, AnySystem, Array, TreeSystem
 
 from .adams.large import TreeAdamsStepper
 from .adams.small import AdamsLUStepper, AdamsStepper, HybridStepper
-
-LARGEST_DENSE = 1000  # coordinates of a mechanism with loops whose matrices the partitions factor
 
 
 def ida(*given: Any) -> Stepper:

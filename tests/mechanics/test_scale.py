@@ -50,7 +50,7 @@ def test_rows_of_turns_are_measured_in_radians() -> None:
     np.testing.assert_array_equal(system.size, [5.0, 5.0, 5.0, 1.0, 1.0, 1.0])
 
 
-def test_without_arms_springs_and_gyration_measure_and_last_a_metre() -> None:
+def test_without_arms_springs_and_gyration_measure_and_last_a_meter() -> None:
     def ball(**options: Any) -> Any:
         m = Mechanism()
         m.body("ball", m.ground, Floating(), mass=2.0, **options)

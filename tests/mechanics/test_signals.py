@@ -35,6 +35,23 @@ from mbfmu.mechanics import (
 )
 from mbfmu.mechanics.dispatch import signal as signal_at
 
+
+def test_a_sum_of_drives_goes_from_rest_to_its_speed_again_though_parts_cancel() -> None:
+    """As continuation in the drive's speed does, on the plant and on its complex twin."""
+    m, turn = Mechanism(), Polynomial
+    for k, (a, b) in enumerate(((3.0, 2.0), (2.0, -2.0), (1.0, 0.0))):
+        drive = Sum(turn((0.1, a)), Sum(turn((0.0, b)), turn((0.5, 0.25))))
+        m.body(f"disk{k}", m.ground, Revolute(drive=drive), mass=1.0, inertia=(1, 1, 1))
+    m.body("free", m.ground, Revolute(), mass=1.0, inertia=(1, 1, 1))
+    plant = Plant(m)
+    for signals in (plant.signals(plant.data), plant.signals(plant.complex_system().data)):
+        speeds, full = plant.drives.speeds(), plant.drives.full_speeds()
+        for part in (0.0, 0.5, 1.0):
+            plant.drives.run_at(part * full, signals)
+        assert plant.drives.speeds() == speeds
+    assert [speed for _, speed, _ in speeds] == [5.25, 0.25, 1.25]
+
+
 POINTS = np.array([0.0, 0.3, 0.5, 1.2, 2.0])
 VALUES = np.array([0.0, 0.4, 0.1, 0.9, 1.0])
 

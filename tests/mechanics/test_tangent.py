@@ -49,7 +49,7 @@ def groups_of(plant: Plant, how: int | None) -> Groups:
 
 @pytest.mark.parametrize("how", [None, 1, 2])
 @given(case=cases(forces=True), c2=st.floats(0.5, 50.0))
-def test_solves_the_linearised_inverse_dynamics(case: Case, c2: float, how: int | None) -> None:
+def test_solves_the_linearized_inverse_dynamics(case: Case, c2: float, how: int | None) -> None:
     plant, n, h = case.plant, case.plant.system.n, 1e-5
     T = np.zeros((n, n))
     for k, e in enumerate(np.eye(n)):

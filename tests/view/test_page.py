@@ -295,7 +295,7 @@ def test_film_without_ffmpeg_says_what_to_install(command: Command, tmp_path: Pa
         (("other.npz",), "'other.npz' is not a pose file"),
         (("results.csv",), "unknown model 'results.csv'"),
         (("good.npz", "--png=x.png", "--time=9"), "time 9 s is outside the motion, 0 to 0.05 s"),
-        (("good.npz", "--time=0"), "--time goes with --png"),
+        (("good.npz", "--time=0"), "--time needs --png"),
         (("good.npz", "--gif=x.png"), "must end in .gif"),
         (("good.npz", "-o", "x.png"), "must end in .html"),
         (("good.npz", "-o", "x.glb", "--open"), "--open goes with a page, and x.glb is a glTF"),

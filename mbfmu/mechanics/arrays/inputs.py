@@ -62,13 +62,16 @@ class Drives:
             own.signal.run_on(own)
 
     def full_speeds(self) -> Array:
-        """Return the constant speed of every signal that drives, in their order."""
-        return np.array([self._signals[k].steady()[0] for k in self.signals])
+        """Return the constant speed of every signal that drives, sums by their parts, in their order."""
+        return np.array([leaf.steady()[0] for leaf in self._moving(self._signals)])
 
     def run_at(self, speeds: Array, signals: list[InUse]) -> None:
-        """Let those of all ``signals`` that drive have these constant speeds."""
-        for k, speed in zip(self.signals, speeds, strict=True):
-            signals[k].signal.run_at(signals[k], speed)
+        """Let those of all ``signals`` that drive have these constant speeds, in the order of :meth:`full_speeds`."""
+        for leaf, speed in zip(self._moving(signals), speeds, strict=True):
+            leaf.signal.run_at(leaf, speed)
+
+    def _moving(self, signals: list[InUse]) -> list[InUse]:
+        return [leaf for k in self.signals for leaf in signals[k].signal.moving(signals[k])]
 
 
 class Inputs:
@@ -96,7 +99,7 @@ class Inputs:
         self._going_on: dict[int, GoingOn] = {}  # loads that do not stay between points, by the number of the input
 
     def go_on(self) -> None:
-        """Let loads go on between points, see :mod:`.loads`; not gravity, and not where the host gives a rate."""
+        """Let loads go on between points, see :mod:`.going_on`; not gravity, and not where the host gives a rate."""
         rated = {slot.signal for slot in self._slots if slot.coefficient}
         for index, slot in enumerate(self._slots):
             if slot.signal != GRAVITY and slot.signal not in rated and not self.moves_support(index):

@@ -168,7 +168,8 @@ class Plant:
         """Return what every cut joint exerts on its bodies a and b (cuts, 2, 6), each in the axes of that body."""
         self.system.fill(t, q, v, self.system.allocate_terms())
         arrays, state = self.data
-        rows, load = state.rows, np.where(arrays.kept >= 0, lam[arrays.kept], 0.0)
+        rows, load = state.rows, np.zeros(len(arrays.kept))
+        load[arrays.kept >= 0] = lam  # numbers of kept rows ascend
         found = np.zeros((len(arrays.cuts), 2, 6))
         for wrenches, cut in zip(found, arrays.cuts, strict=True):
             own = slice(int(cut["row"]), int(cut["end"]))

@@ -21,7 +21,7 @@ from .inputs import Drives
 from .scale import coordinate_sizes, row_sizes
 
 LARGE = 60  # coordinates of a tree without loops from which on no dense matrix is made
-LARGE_LOOPS = 100  # ... of a mechanism with cut joints; the partitions take its matrices all the same
+LARGE_LOOPS = 100  # ... of a mechanism with constraints; the partitions take its matrices all the same
 WIDEST = 1000  # bodies in a group of the structured tangent: its matrix has twelve rows a body
 
 

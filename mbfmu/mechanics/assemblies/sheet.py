@@ -50,10 +50,9 @@ from .grid import Link, Node, around, from_edge, on_edge
 from .supports import Support, check_support, cut_of
 
 GRAVITY = 9.81  # m/s^2: what bends a sheet is of the order of its weight
-SHARE = (
-    25.0  # size of a joint's angles times the square of the cells in its chain: curvature times cell, and the errors
-)
-# of a chain add up; measured on releases of a sheet with 14 to 50 cells. Less where a sheet bends less: _pliancy
+# Size of a joint's angles times the square of the cells in its chain: curvature times cell, and the errors of a chain
+# add up; measured on releases of a sheet with 14 to 50 cells. Less where a sheet bends less: _pliancy
+SHARE = 25.0
 TREES = ("spine", "rows", "master")
 JOINTS: dict[str, type[Joint]] = {"geodesic": Geodesic, "paper": OutOfPlane}
 
@@ -152,7 +151,7 @@ def add_sheet(
         ``geodesic`` keeps the lengths and angles of the sheet; ``paper`` the projected length of its chains.
     membrane
         Resist shear and stretching across rows or ribs; or the strains you name, out of ``x``, ``z``, ``s`` (shear), as
-        in :class:`.elastic.Plate`.
+        in :class:`.Plate`.
     damping, drag
         Material damping time, s, and density times drag coefficient of the air, kg/m^3.
     pressure

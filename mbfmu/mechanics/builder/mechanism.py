@@ -231,7 +231,7 @@ class Mechanism(Appearance):
 
     def force(self, name: str, force: Force, a: Body, b: Body | None = None) -> ForceHandle:
         """Let a force act on body a (and b); joint forces act on a's tree joint."""
-        self._new_name("force", name, [f[0] for f in self.forces])
+        self._new_name("force", name, self._loads_named())
         check_kind(f"force {name!r}", force, Force)
         self._member(a, f"body a of force {name!r}")
         other = self.ground if b is None else b
@@ -283,7 +283,7 @@ class Mechanism(Appearance):
         bodies
             Of this mechanism, in the order in which the load takes them.
         """
-        self._new_name("load", name, [*(f[0] for f in self.forces), *(a.what for a in self.others)])
+        self._new_name("load", name, self._loads_named())
         check_kind(f"load {name!r}", load, Load)
         for body in bodies:
             self._member(body, f"a body of load {name!r}")
@@ -291,6 +291,9 @@ class Mechanism(Appearance):
             raise UserError(f"load {name!r} acts on no body; give it the bodies it acts on")
         load.check(f"load {name!r}")
         self.others.append(Acting(name, load, bodies))
+
+    def _loads_named(self) -> list[str]:
+        return [*(f[0] for f in self.forces), *(a.what for a in self.others)]
 
     def loads(self) -> Iterator[Acting]:
         """Yield what acts on the mechanism: forces, then plates, then what acts on surfaces, then other loads."""
@@ -365,6 +368,8 @@ class Mechanism(Appearance):
         check_kind(f"output {name!r}", sensor, Sensor)
         for body in sensor.bodies or ((sensor.item,) if isinstance(sensor.item, Body) else ()):
             self._member(body, f"body of output {name!r}")
+        if isinstance(sensor.item, CutHandle | CouplingHandle) and not any(sensor.item is c for c in self.constraints):
+            raise UserError(f"output {name!r} is of {sensor.item.name!r}, which is no constraint of this mechanism")
         if isinstance(sensor.item, ForceHandle) and not self._has(sensor.item):
             raise UserError(f"output {name!r} is of force {sensor.item.name!r}, which is none of this mechanism")
         self.outputs.append((name, sensor, description, nominal))

@@ -32,14 +32,12 @@ class Roster:
 
     def _member(self, body: Body, role: str) -> None:
         if not isinstance(body, Body) or body.index >= len(self.bodies) or self.bodies[body.index] is not body:
-            raise UserError(f"{role} is {body!r}, which is not a body of this mechanism")
+            raise UserError(f"{role} is {getattr(body, 'name', body)!r}, which is not a body of this mechanism")
 
     def _new_name(self, what: str, name: str, taken: Collection[str]) -> None:
         if self.compiled:
-            raise UserError(
-                f"{what} {name!r} comes too late: the mechanism is compiled and will not have it; build it anew"
-            )
+            raise UserError(f"{what} {name!r} cannot be added: the mechanism is compiled already; build a new one")
         if not isinstance(name, str) or not name.isprintable() or not name or name in taken:
             raise UserError(
-                f"{what} is named {name!r}; a name must be text that is not empty and must be new among {list(taken)}"
+                f"{what} is named {name!r}; allowed: printable text, not empty, that is no other {what}'s name"
             )

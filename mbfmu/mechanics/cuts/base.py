@@ -155,8 +155,8 @@ def along(cut: Any, k: int, A: Any, way: Any, row: Any) -> None:
 
     Phi' = n.d' + (w_a x n).d,     Phi'' = n.d'' + (w'_a x n).d + (w_a x (w_a x n)).d + 2 (w_a x n).d'
 
-    n rests in body a and not in the ground, so that what is true of a row in one attitude of the mechanism (that it is
-    void, the size of its multiplier) is true in all.
+    n rests in body a and not in the ground, so that what is true of a row in one attitude of the mechanism (that it
+    vanishes, the size of its multiplier) is true in all.
     """
     nx, ny, nz = arm(A, cut.Ra[:, k])
     (bx, by, bz), (x, y, z), (dx, dy, dz), (ux, uy, uz), (ex, ey, ez) = way

@@ -6,7 +6,7 @@ Outward:            D v' = u - U^T B1 Y'_j,     Y'_i = B1 Y'_j + beta + S v'
 
 A driven coordinate has its acceleration already: its joint passes IA on whole, with IA S v' in the bias. The nodes of
 an elastic body share their coordinates: each passes IA on whole and adds its U and D to those of the first, the frame,
-which eliminates them (elastic.modal).
+which eliminates them (flexible.modal).
 """
 
 from __future__ import annotations

@@ -258,7 +258,7 @@ def turn_quaternion(q: Any, i: int, dq: Any, j: int) -> None:
 def callbacks(scalar: type = float) -> tuple[Callable[..., Any], ...]:
     """Return dynamics, position, motion, retract, energy as a solver takes them; compiled on first use.
 
-    ``scalar`` complex: for the data of :func:`.arrays.complex_twin`.
+    ``scalar`` complex: for the data of :func:`.records.complex_twin`.
     """
     if not COMPILED:
         return dynamics, position, motion, retract, energy

@@ -60,7 +60,7 @@ def body_momentum(mass: float, here: Any, p: Any) -> None:
 
 
 @inlined
-def generalised_momenta(arrays: Any, state: Any) -> float:
+def generalized_momenta(arrays: Any, state: Any) -> float:
     """State.tau = p = dT/dv over every coordinate, and the joint wrenches W as scratch; return T = p v / 2, J."""
     for i in range(1, arrays.bodies.shape[0]):
         body_momentum(arrays.bodies[i].mass, state.bodies[i], state.bodies[i].W)
@@ -105,7 +105,7 @@ def exposure(rtol: float, place: Any, rate: Any, arrays: Any, state: Any, out: A
         for k in range(body.nv * (body.role != SECTION)):  # the sections of an elastic body share its coordinates
             reach = abs(state.q[body.qi + k]) if k < plain else 2.0  # a quaternion turns by half the angle
             square += (state.tau[body.vi + k] * (rtol * reach + (widest if body.vf < 0 else place[body.vf + k]))) ** 2
-    out[1] = generalised_momenta(arrays, state)
+    out[1] = generalized_momenta(arrays, state)
     for i in range(1, arrays.bodies.shape[0]):
         body = arrays.bodies[i]
         for k in range(body.nv * (body.role != SECTION)):

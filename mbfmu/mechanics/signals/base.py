@@ -65,6 +65,10 @@ class Signal(Kind):
     def run_on(self, own: InUse) -> None:
         """Let it be from now on what it becomes in the end, if it becomes anything."""
 
+    def moving(self, own: InUse) -> list[InUse]:
+        """Return the signals whose speeds make up its own, in an order of their own: itself, or what it is a sum of."""
+        return [own]
+
     def run_at(self, own: InUse, speed: float) -> None:
         """Let it go at another constant speed; asked only of one that has one."""
 

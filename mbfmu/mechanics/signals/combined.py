@@ -83,13 +83,9 @@ class Sum(Combined):
         (a, steady_a), (b, steady_b) = (own.part(k).steady() for k in "ab")
         return a + b, steady_a and steady_b
 
-    def run_at(self, own: InUse, speed: float) -> None:
-        """Let every part have its share."""
-        parts = [own.part(k) for k in "ab"]
-        speeds = [part.steady()[0] for part in parts]
-        for part, share in zip(parts, speeds, strict=True):
-            if share:
-                part.signal.run_at(part, speed * share / sum(speeds))
+    def moving(self, own: InUse) -> list[InUse]:
+        """Return those of the parts."""
+        return [leaf for part in (own.part(k) for k in "ab") for leaf in part.signal.moving(part)]
 
 
 class Product(Combined):

@@ -361,7 +361,7 @@ def interpolate(c: Any, H: Any, t: float, y: Any) -> None:
 
 
 def counts(c: Any) -> dict[str, Any]:
-    """Return what a record of CONTROL has counted, by the names of :class:`solvers.stepper.Statistics`."""
+    """Return what a record of CONTROL has counted, by the names of :class:`solvers.options.Statistics`."""
     return {
         "steps": int(c["steps"]),
         "rejected": int(c["rejected"]),

@@ -6,7 +6,7 @@ back to unit length after each step, by a change of the size of the tolerance.
 
 Explicit steps are bounded by stability: on a mesh of plates the fastest mode turns some thousand times while the
 slowest moves. The error control keeps the step there, because an unstable step fails its test;
-:attr:`solvers.stepper.Statistics.stability_limited` tells how many.
+:attr:`solvers.options.Statistics.stability_limited` tells how many.
 """
 
 from __future__ import annotations

@@ -61,7 +61,7 @@ from .formulas import (
 from .hybrid import HYBRID, LU, PROJECTION, give_up_lu, jumped, leave_lu, passed_lu, return_to_lu, take_choice
 from .one_step import NODES, STAGES, change_step, error_of_step, keep_stage, stage, stop_at, take_step
 
-MAX_STEPS, COLLAPSED, BRANCHES = 5, 6, 7  # beside the codes of partition
+MAX_STEPS, COLLAPSED, BRANCHES = 5, 6, 7  # beside the codes of projection
 
 SETTINGS = np.dtype(
     [

@@ -140,4 +140,5 @@ class IDADriver(Stepper):
     def restore(self, data: bytes) -> None:
         """Take over a reported state; the history starts anew."""
         super().restore(data)
+        self.restart()
         self._pending, self._stops = True, 0

@@ -44,7 +44,7 @@ from solvers.options import Options, Statistics
 from solvers.outcome import Code
 from solvers.projection.saddle import Accelerations, close, inverse_squares, rate_of_motion
 from solvers.stepper import require_placed, require_resolved
-from solvers.system import Array, TreeSystem, audit_callbacks
+from solvers.system import LARGEST_DENSE, Array, TreeSystem, audit_callbacks
 
 from .driver import BAD, MATRICES, RESIDUALS, STANDSTILL, STEPS, IDADriver
 from .ggl import LENGTH_RATE
@@ -129,7 +129,8 @@ class TreeIDAStepper(IDADriver):
     """IDA on a large tree."""
 
     def __init__(self, system: TreeSystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
-        self.others = () if system.m else ("adams",)  # which knows no loops in a large tree
+        dense = ("adams", "hybrid") if system.n <= LARGEST_DENSE else ()
+        self.others = dense if system.m else ("adams",)
         super().__init__(system, t0, q0, v0, options)
         self.system = system
         nq, n, m = system.nq, system.n, system.m

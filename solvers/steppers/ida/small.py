@@ -58,10 +58,9 @@ TIGHTER, POWER = 3.0, 1.2
 UNCONTROLLED = 1e20  # absolute tolerance of the multipliers, in their units
 BELOW = 0.2  # part of a near miss's gap that the residual of a step beside it must stay below
 NEARER = 10.0  # times rtol: branches that are no farther apart, in units of size, are one
-LOSS = (
-    10.0  # times rtol: speed that D may take from loops in a singular position, in units of theirs; in a period of the
-)
-# motion that makes an error of some 60 rtol
+# Times rtol: speed that D may take from loops in a singular position, in units of theirs. In a period of the motion
+# that makes an error of some 60 rtol.
+LOSS = 10.0
 LESS = 1e-4  # of D beside a near miss, where redundant rows are all that needs it
 NOISE = 3e-16  # relative rounding of a residual
 STOPS = 12  # times asked for at which steps end after a load has changed at one: another change is likely
