@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from mbfmu.errors import UserError
+from mbfmu.interrupts import interrupts_held
 from mbfmu.mechanics import Mechanism
 from mbfmu.mechanics.numbers import array_of, finite
 from mbfmu.model import Model, declared, of_user, suggest
@@ -109,21 +110,23 @@ def run(
     if watch is not None:
         watch(simulation)
     begin, done, failure, told = time.perf_counter(), 1, "", ""
-    while done < len(times) and not failure:
-        for name, function in varying.items():
-            simulation.set_input(name, function(float(times[done - 1])))
-        rows = slice(done, done + (1 if watch or varying else ROWS))
-        done += simulation.record(times[rows], values[rows])
-        if warn is not None and simulation.verdict != told:
-            told = simulation.verdict
-            warn(told)
-        failure = simulation.failure
-        if failure:
-            break
-        if watch is not None:
-            watch(simulation)
-        if progress is not None:
-            progress(float(times[done - 1]))
+    with interrupts_held() as interrupt:
+        while done < len(times) and not failure:
+            interrupt()
+            for name, function in varying.items():
+                simulation.set_input(name, function(float(times[done - 1])))
+            rows = slice(done, done + (1 if watch or varying else ROWS))
+            done += simulation.record(times[rows], values[rows])
+            if warn is not None and simulation.verdict != told:
+                told = simulation.verdict
+                warn(told)
+            failure = simulation.failure
+            if failure:
+                break
+            if watch is not None:
+                watch(simulation)
+            if progress is not None:
+                progress(float(times[done - 1]))
     wall = time.perf_counter() - begin
     coarse = "" if failure else simulation.coarse
     return Result(

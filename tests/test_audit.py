@@ -17,7 +17,6 @@ from mbfmu.cli import main
 from mbfmu.fmi.export import export
 from mbfmu.fmi.harness import Fmu
 from mbfmu.mechanics import Harmonic, Input, JointForce, JointSpring, Mechanism, PointForce, Revolute, rod
-from mbfmu.mechanics.arrays.plant import Plant
 from mbfmu.model import Model, parameter
 from mbfmu.native import Result, run
 from mbfmu.scene import Scene
@@ -89,7 +88,7 @@ def test_damping_that_the_equations_do_not_have_is_seen(solver: str, tolerance: 
     damped = Arm(driven=False, damping=2e3 * tolerance)
     settings = Settings(solver=solver, tolerance=tolerance)
     assert not run(damped, settings, TIMES).warning
-    monkeypatch.setattr(Plant, "_works", lambda self: False)
+    monkeypatch.setattr(Systems, "_works", lambda self: False)
     told: list[str] = []
     result = run(damped, settings, TIMES, warn=told.append)
     assert told == [result.warning]
@@ -152,7 +151,7 @@ def test_the_audit_leaves_the_motion_as_it_is_and_can_be_left_out(solver: str) -
 
 
 def test_the_command_ends_with_an_error(tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
-    monkeypatch.setattr(Plant, "_works", lambda self: False)
+    monkeypatch.setattr(Systems, "_works", lambda self: False)
     end = ["--stop-time", "1", "-o", str(tmp_path)]
     for native in ([], ["--native"]):
         assert main(["run", "governor/damped", *end, *native]) == 1
@@ -164,7 +163,7 @@ def test_the_command_ends_with_an_error(tmp_path: Path, monkeypatch: Any, capsys
 
 
 def test_compare_marks_the_row(monkeypatch: Any) -> None:
-    monkeypatch.setattr(Plant, "_works", lambda self: False)
+    monkeypatch.setattr(Systems, "_works", lambda self: False)
     scene = Scene(name="x", model=Governor(damping=5.0), settings=Settings(), stop_time=0.5, output_interval=0.05)
     rows, energies = compare(scene, solvers=["adams"], tolerances=[1e-6], repeats=1)
     assert outcome(rows[0]).startswith("inaccurate")
@@ -172,7 +171,7 @@ def test_compare_marks_the_row(monkeypatch: Any) -> None:
 
 
 def test_an_fmu_tells_in_its_message(tmp_path: Path, monkeypatch: Any) -> None:
-    monkeypatch.setattr(Plant, "_works", lambda self: False)
+    monkeypatch.setattr(Systems, "_works", lambda self: False)
     path = export(Governor(damping=5.0), tmp_path / "wrong.fmu")
     with Fmu(path) as fmu:
         fmu.step(0.5)

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import signal
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
-from threading import current_thread, main_thread
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.errors import UserError
 from mbfmu.interface import COUNTERS
+from mbfmu.interrupts import interrupts_held
 from mbfmu.mechanics import Variable
 from mbfmu.model import Model
 from mbfmu.native import Result
@@ -22,32 +20,6 @@ from solvers.options import Statistics
 
 from .export import export
 from .harness import Fmu
-
-
-@contextmanager
-def interrupts_held() -> Iterator[Callable[[], None]]:
-    """Yield what raises the KeyboardInterrupt that Ctrl-C asked for meanwhile; a second Ctrl-C ends the process.
-
-    In a call of the FMU it would be raised inside PythonFMU's wrapper, which does not survive it.
-    """
-    if current_thread() is not main_thread():  # signals go to the main thread alone
-        yield lambda: None
-        return
-    asked: list[int] = []
-
-    def hold(number: int, _frame: object) -> None:
-        asked.append(number)
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
-
-    def interrupt() -> None:
-        if asked:
-            raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGINT, hold)
-    try:
-        yield interrupt
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 def run_fmu(
@@ -63,7 +35,10 @@ def run_fmu(
     ``warn`` is told at once when the energy balance is lost; the run goes on. Ctrl-C ends it between two steps.
     """
     export(model, path, settings)
-    with interrupts_held() as interrupt, Fmu(path, start_time=float(times[0]), tolerance=settings.tolerance) as fmu:
+    with (
+        interrupts_held(fatal=True) as interrupt,
+        Fmu(path, start_time=float(times[0]), tolerance=settings.tolerance) as fmu,
+    ):
         values = np.zeros((len(times), len(fmu.real_outputs)))
         values[0] = fmu.reals()
         begin, done, failure, warning = time.perf_counter(), 1, "", ""

@@ -119,8 +119,8 @@ def test_two_runs_stand_in_one_page(command: Command, tmp_path: Path) -> None:
     assert (code, err) == (0, "")
     page = path.read_text()
     scene = scene_in(page)
-    assert scene["title"] == "fourbar, adams, tolerance 1e-06"
-    assert scene["against"]["title"] == "fourbar, ida, tolerance 0.0001"
+    assert scene["title"] == "fourbar/default, adams, tolerance 1e-6"
+    assert scene["against"]["title"] == "fourbar/default, ida, tolerance 1e-4"
     assert scene["against"]["picture"] == scene["picture"]
     first, second = (embedded(page, f"positions{end}", "<f4") for end in ("", "-against"))
     assert np.abs(first - second).max() > 0.0
@@ -143,7 +143,7 @@ def test_pose_files_stand_against_each_other_and_keep_their_outputs(command: Com
 
 def test_view_in_one_call_takes_a_second_run(tmp_path: Path) -> None:
     page = view(FourBar(), tmp_path / "a.html", 0.05, against=":1e-3").read_text()
-    assert scene_in(page)["against"]["title"] == "fourbar, ida, tolerance 0.001"
+    assert scene_in(page)["against"]["title"] == "fourbar, ida, tolerance 1e-3"
     _, motion = recorded(FourBar(), 0.05)
     page = view(motion, tmp_path / "b.html", against=recorded(Governor(), 0.05)[1]).read_text()
     assert scene_in(page)["against"]["bodies"][1] == "spindle"
