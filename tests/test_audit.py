@@ -17,6 +17,7 @@ from mbfmu.cli import main
 from mbfmu.fmi.export import export
 from mbfmu.fmi.harness import Fmu
 from mbfmu.mechanics import Harmonic, Input, JointForce, JointSpring, Mechanism, PointForce, Revolute, rod
+from mbfmu.mechanics.arrays.systems import Systems
 from mbfmu.model import Model, parameter
 from mbfmu.native import Result, run
 from mbfmu.scene import Scene
