@@ -47,7 +47,7 @@ class Type(Enum):
 
 
 class Role(Enum):
-    """Whose a variable is, in words."""
+    """What a variable is, in words."""
 
     PARAMETER = "parameter"
     SETTING = "setting of the solver"
@@ -127,7 +127,7 @@ def columns(variables: Sequence[Variable]) -> dict[str, list[str]]:
         "unit": ["" if v.unit == "1" else v.unit for v in variables],
         "allowed": [v.allowed for v in variables],
         "changes": [CHANGES.get(v.variability, "") for v in variables],
-        "at once with": [", ".join(v.depends_on) for v in variables],
+        "changed at once by": [", ".join(v.depends_on) for v in variables],
         "meaning": [v.description for v in variables],
     }
     return {title: cells for title, cells in found.items() if any(cells)}

@@ -367,8 +367,6 @@ def options_of(command: str) -> set[str]:
 
 def test_every_help_has_an_example_that_parses() -> None:
     for name, command in commands().items():
-        if name == "view":
-            continue
         examples = [line for line in command.epilog.splitlines() if line.startswith("  mbfmu ")]
         assert examples, name
         for line in examples:

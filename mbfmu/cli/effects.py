@@ -16,7 +16,7 @@ def add(commands: Commands) -> None:
     p = commands.add_parser(
         "effects",
         help="what each effect of a model costs, and what it changes",
-        description="Run a model as it is, and with each of its effects turned over alone; print the time of an "
+        description="Run a model as it is, and with one of its effects switched at a time; print the time of an "
         "evaluation and of the run, the first natural frequency about the steady state next to the start, and outputs "
         "at the end.",
         epilog="examples:\n  mbfmu effects sheet\n  mbfmu effects sheet --stop-time 0.1 --show tip.y --show energy\n",

@@ -12,8 +12,10 @@ from pathlib import Path
 from tqdm import tqdm
 
 from mbfmu.errors import UserError
+from mbfmu.model import declared
 from mbfmu.native import Result, communication_points, run
 from mbfmu.scene import Scene
+from mbfmu.settings import Settings
 from mbfmu.viewer import Motion, Recorder
 from mbfmu.viewer.gltf import write_glb
 from mbfmu.viewer.html import write_html
@@ -21,19 +23,25 @@ from mbfmu.viewer.show import changes, side_by_side
 
 from .common import Commands, add_set, add_solver, folder, number, progress, scene_of, stem_of, wrote
 
-OF_SCENES = (
-    "set", "solver", "partition", "tolerance", "absolute_tolerance", "max_step", "max_order", "max_steps",
-    "start_at_equilibrium", "stop_time", "interval",
-)  # fmt: skip
+OF_SCENES = ("set", *(setting.name for setting in declared(Settings)), "stop_time", "interval")
+
+
+EXAMPLES = """examples:
+  mbfmu view governor/damped
+  mbfmu view fourbar --against ida:1e-4 --open
+  mbfmu view pendulum --png pendulum.png --time 0.4
+  mbfmu view governor -o governor.glb
+"""
 
 
 def add(commands: Commands) -> None:
     """Describe ``mbfmu view``."""
     p = commands.add_parser(
         "view",
-        help="3-D animation of a run: an HTML file for any browser, PNG, GIF or MP4",
+        help="3-D animation of a run: an HTML file for any browser, glTF, PNG, GIF or MP4",
         description="Write an animation of a run as one HTML file that needs no network. Give the pose file "
         "motion.npz that `mbfmu run` wrote, or what `mbfmu run` takes, which is then run natively.",
+        epilog=EXAMPLES,
     )
     p.add_argument(
         "scene", metavar="result", help="pose file .npz, scene file, model name, model/scene, or my_model.py:MyModel"

@@ -70,7 +70,8 @@ class EquilibriumProblem:
         for name, speed, constant in plant.drives.speeds():
             if not constant:
                 raise EquilibriumError(
-                    f"the drive of {name!r} has no constant speed (now {speed:g}); hold or ramp it out"
+                    f"the drive of {name!r} has no constant speed (now {speed:g}); allowed: "
+                    "a constant speed, or a RunUp to one"
                 )
         self._names = position_names(plant)
         self._start = self.start()

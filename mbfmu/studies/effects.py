@@ -1,6 +1,6 @@
 """The ledger of effects: what each costs, and what it changes, by which a user decides what a scene needs.
 
-The model runs as it is, and with each effect turned over alone: off where it was on, on where it was off. An effect
+The model runs as it is, and with one effect switched at a time: off where it was on, on where it was off. An effect
 that is off has no entry in any array.
 """
 
