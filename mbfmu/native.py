@@ -100,6 +100,8 @@ def run(
     times = array_of("times", times)
     if times.ndim != 1 or not len(times) or not np.isfinite(times).all() or np.any(np.diff(times) <= 0.0):
         raise UserError(f"times are {times!r}; they must be finite numbers in one row, each later than the one before")
+    if watch is not None and not callable(watch):
+        raise UserError(f"watch is {watch!r}; allowed: a function that is shown the simulation")
     if not isinstance(inputs or {}, Mapping):
         raise UserError(f"inputs are {inputs!r}; allowed: numbers or functions of time by the names of inputs")
     varying = {name: value for name, value in (inputs or {}).items() if callable(value)}

@@ -274,7 +274,11 @@ def test_what_is_no_kind_is_refused() -> None:
     class Clash(Spring):
         record = np.dtype([("mean", np.float64)])
 
-    for kind, message in ((Odd(), "its fields must be numbers"), (Clash(), "field 'mean'"), (3, "allowed: a Force")):
+    for kind, message in (
+        (Odd(), "allowed: a NumPy dtype of named fields"),
+        (Clash(), "field 'mean'"),
+        (3, "allowed: a Force"),
+    ):
         with pytest.raises(UserError, match=message):
             m.force("f", kind, body)
     if COMPILED:

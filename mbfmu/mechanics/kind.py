@@ -80,14 +80,22 @@ def check_kind(what: str, given: Any, role: type[Kind]) -> None:
         raise UserError(f"{what} is {given!r}; allowed: a {role.__name__}, such as those of mbfmu.mechanics")
     kind = type(given).__name__
     for name in role.kernels:
-        if not hasattr(given, name):
+        optional = getattr(role, name, False) is None
+        function = kernel_of(given, name) if hasattr(given, name) else None
+        if function is None and not optional:
             raise UserError(f"{what} is a {kind}, which has no kernel {name!r}")
-        function = kernel_of(given, name)
         if COMPILED and function is not None and not is_kernel(function):
             raise UserError(f"{what} is a {kind}, whose {name!r} is no kernel: decorate it with mbfmu.mechanics.kernel")
+    for name, meant in vars(role).get("__annotations__", {}).items():
+        if "ClassVar" in str(meant) and not hasattr(given, name):
+            raise UserError(f"{what} is a {kind}, which does not say its {name!r}; see the base {role.__name__}")
     record = given.record
-    if record.names is None or any(record[n].base not in (np.float64, np.int64) for n in record.names):
-        raise UserError(f"{what} is a {kind} with the record {record!r}; its fields must be numbers, float64 or int64")
-    for name in record.names:
+    named = (record.names or ()) if isinstance(record, np.dtype) else ()
+    if not named or any(record[n].base not in (np.float64, np.int64) or not record[n].itemsize for n in named):
+        raise UserError(
+            f"{what} is a {kind} with the record {record!r}; allowed: a NumPy dtype of named fields, each of one "
+            "number or more, float64 or int64"
+        )
+    for name in named:
         if hasattr(np.record, name):
             raise UserError(f"{what} is a {kind} with a field {name!r}, which records of NumPy have already; rename it")

@@ -218,7 +218,7 @@ def test_builder_names_what_is_wrong(options: dict[str, Any], message: str) -> N
 def test_builder_refuses_strangers_twins_and_loops_on_themselves() -> None:
     m, other = Mechanism(), Mechanism()
     a = m.body("a", m.ground, Spherical(), mass=1, inertia=(1, 1, 1))
-    with pytest.raises(UserError, match="must be new"):
+    with pytest.raises(UserError, match="that is no other body's name"):
         m.body("a", m.ground, Revolute())
     with pytest.raises(UserError, match="not a body of this mechanism"):
         m.body("b", other.ground, Revolute())

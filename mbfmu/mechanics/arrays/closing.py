@@ -41,6 +41,12 @@ def assemble_positions(system: AnySystem, t: float, start: Array, held: NDArray[
             system.fill_position(t, q, terms)
             gaps = terms.Phi / system.row_size
             error = float(np.abs(gaps).max(initial=0.0))
+            if not np.isfinite(gaps).all() or not np.isfinite(terms.J).all():
+                odd = ~np.isfinite(terms.Phi) | ~np.isfinite(terms.J).all(axis=1)
+                name = system.constraint_names[int(np.argmax(odd))]
+                raise AssemblyError(
+                    f"{name!r} or its slope is not finite on the way to a closed position; start elsewhere"
+                )
             if error < CLOSED:
                 return q
             since = 0 if error < 0.5 * best else since + 1

@@ -255,7 +255,13 @@ class Compiled:
 def filled_record(item: Kind, place: Place) -> NDArray[Any]:
     """Return the record (1,) of something."""
     record = records(1, record_of(item))
-    item.fill(record[0], place)
+    try:
+        item.fill(record[0], place)
+    except UserError:
+        raise
+    except Exception as error:
+        kind = type(item).__name__
+        raise UserError(f"{place.name}: fill of {kind} failed: {type(error).__name__}: {error}") from error
     return record
 
 

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mbfmu.errors import UserError
 from mbfmu.mechanics.kind import Kind, kernel_of, record_of
 from mbfmu.mechanics.records import (
     KERNELS,
@@ -120,9 +121,15 @@ def compiled(function: Any, record: np.dtype[Any], signature: str, name: str, nu
     triple = types.UniTuple(number, 3)  # type: ignore[no-untyped-call]
     results = {"": types.void, "number": number, "three": triple}
     arguments = [known.get(word) for word in words.split(", ")]
-    return address_of(
-        function, record if numbers.arrays is float else complex_dtype(record), arguments, results[result]
-    )
+    own = record if numbers.arrays is float else complex_dtype(record)
+    try:
+        return address_of(function, own, arguments, results[result])
+    except Exception as error:  # of numba's many, whatever a user's kernel meets
+        where = f"{function.__module__}.{function.__qualname__}"
+        wanted = f"it is called with its record, {words}, and returns {result or 'nothing'}"
+        lines = [line.strip() for line in str(error).splitlines() if line.strip() and "nopython mode" not in line]
+        reason = f"{type(error).__name__}: {lines[0] if lines else ''}"
+        raise UserError(f"kernel {name!r} ({where}) cannot be compiled: {reason}; {wanted}") from error
 
 
 @cache

@@ -130,9 +130,9 @@ class Mechanism(Appearance):
         """
         self._new_name("body", name, self._bodies_named)
         self._member(parent, f"parent of body {name!r}")
-        check_kind(f"joint of body {name!r}", joint, Joint)
         if isinstance(joint, Section):
             raise UserError(f"joint of body {name!r} is a section; FlexibleBody.section makes those")
+        check_kind(f"joint of body {name!r}", joint, Joint)
         joint.check(f"body {name!r}")
         if joint.drive is not None and joint.nv != 1:
             raise UserError(
