@@ -136,11 +136,14 @@ def test_an_interrupted_run_leaves_nothing_behind(tmp_path: Path, extra: tuple[s
     process = subprocess.Popen(
         (sys.executable, "-m", "mbfmu", *told, *extra), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
-    while process.poll() is None and not (tmp_path / "pendulum").is_dir():
-        time.sleep(0.1)
-    time.sleep(3.0)
-    process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=60)
+    try:
+        while process.poll() is None and not (tmp_path / "pendulum").is_dir():
+            time.sleep(0.1)
+        time.sleep(3.0)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=60)
+    finally:
+        process.kill()
     assert (process.returncode, out) == (130, "")
     assert "mbfmu: interrupted" in err
     assert "Traceback" not in err
