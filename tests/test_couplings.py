@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -125,9 +126,9 @@ def follower(law: Cam) -> Mechanism:
     return m
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
-@pytest.mark.parametrize("law", LAWS)
-def test_a_cam_moves_as_its_one_coordinate_does(law: str, solver: str) -> None:
+@cache
+def one_coordinate(law: str) -> tuple[Any, Any]:
+    """The cam's angle and the stem's displacement every 0.01 s of 0.8 s, by the Lagrangian of the angle alone."""
     smooth = law == "table"
 
     def f(q: float, order: int) -> float:
@@ -140,13 +141,21 @@ def test_a_cam_moves_as_its_one_coordinate_does(law: str, solver: str) -> None:
         pull = -0.5 * 9.81 - 800.0 * (f(q, 0) + 0.01)
         return [v, (slope * pull - 0.5 * slope * bend * v * v) / (2e-2 + 0.5 * slope**2)]
 
+    times = np.linspace(0.0, 0.8, 81)
+    angle = solve_ivp(rates, (0.0, 0.8), [0.3, 20.0], t_eval=times, rtol=1e-10, atol=1e-12).y[0]
+    return angle, [f(q, 0) for q in angle]
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("law", LAWS)
+def test_a_cam_moves_as_its_one_coordinate_does(law: str, solver: str) -> None:
     result = simulate(follower(LAWS[law]), 0.8, interval=0.01, solver=solver, tolerance=1e-8)
     assert not result.failure
     assert not result.verdict
     assert result["cam"].max() > 4.0 * np.pi
-    true = solve_ivp(rates, (0.0, 0.8), [0.3, 20.0], t_eval=result.t, rtol=1e-10, atol=1e-12).y
-    np.testing.assert_allclose(result["cam"], true[0], atol=2e-5)
-    np.testing.assert_allclose(result["stem"], [f(q, 0) for q in true[0]], atol=1e-6)
+    angle, height = one_coordinate(law)
+    np.testing.assert_allclose(result["cam"], angle, atol=2e-5)
+    np.testing.assert_allclose(result["stem"], height, atol=1e-6)
     assert np.ptp(result["energy"]) < 1e-5 * np.ptp(result["stem"]) * 800.0
 
 
