@@ -39,7 +39,7 @@ def test_a_sheet_spun_till_it_folds_ends_with_a_sentence(capfd: Any) -> None:
     """Ten times its lowest frequency; SUNDIALS keeps its warnings to itself."""
     model = Sheet(nx=4, nz=3, support="free", start_spin=600.0)
     result = run(model, Settings(tolerance=1e-5), np.linspace(0.0, 0.05, 51))
-    said = r"A cell is folded: .* 'sheet.\d.\d' and 'sheet.\d.\d', .* \(t = 0.01\d* s\). Let it"
+    said = r"A cell is folded: .* 'sheet.\d.\d' and 'sheet.\d.\d', .* \(t = 0.01\d* s\). Move it"
     assert re.search(said, result.failure)
     assert 5e-3 < result.t[-1] < 0.02
     assert result.warning == ""

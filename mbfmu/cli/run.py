@@ -98,7 +98,7 @@ def command_run(options: argparse.Namespace) -> int:
         total = time.perf_counter() - begin
         if not options.native and result.wall_time < QUICK:
             repeat = run(scene.model, scene.settings, result.t, watch=recorder)
-            result.remarks, result.coarse = repeat.remarks, repeat.coarse  # which an FMU has in its log alone
+            result.remarks = repeat.remarks  # which an FMU has in its log alone
         write(place, scene, result, recorder, options.plot)
         tell(options, "\n".join((summary(scene, result, total), *(f"  {line}" for line in loops(scene)))))
         tell_more(options, statistics(result))

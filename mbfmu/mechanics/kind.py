@@ -87,7 +87,7 @@ def check_kind(what: str, given: Any, role: type[Kind]) -> None:
         if COMPILED and function is not None and not is_kernel(function):
             raise UserError(f"{what} is a {kind}, whose {name!r} is no kernel: decorate it with mbfmu.mechanics.kernel")
     for name, meant in vars(role).get("__annotations__", {}).items():
-        if "ClassVar" in str(meant) and not hasattr(given, name):
+        if "ClassVar" in str(meant) and not hasattr(type(given), name):
             raise UserError(f"{what} is a {kind}, which does not say its {name!r}; see the base {role.__name__}")
     record = given.record
     named = (record.names or ()) if isinstance(record, np.dtype) else ()
