@@ -27,7 +27,7 @@ ENDS = [
 OUT_OF_REACH = {"ground_length", "coupler_length", "rocker_length", "rod_length"}  # 1 mm does not close the loop
 
 
-@pytest.mark.parametrize("solver", ["ida", "adams", "hybrid"])
+@pytest.mark.parametrize("solver", ["ida", "adams", pytest.param("hybrid", marks=pytest.mark.campaign)])
 @pytest.mark.parametrize(("model", "name", "end"), ENDS)
 def test_a_run_at_the_end_of_a_range(model: Model, name: str, end: float, solver: str) -> None:
     settings, times = Settings(solver=solver, tolerance=1e-6), np.linspace(0.0, 0.5, 11)
