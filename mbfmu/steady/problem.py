@@ -24,6 +24,7 @@ from mbfmu.mechanics import Mechanism, Plant
 from mbfmu.mechanics.arrays.closing import least_change
 from mbfmu.mechanics.numbers import finite
 from mbfmu.model import Model, of_user, suggest
+from mbfmu.steady.checks import STEADY, check
 from mbfmu.steady.linear import StateSpace
 from mbfmu.steady.modes import ModeShape
 from mbfmu.steady.rigid_body_modes import free_motions, in_words
@@ -33,11 +34,6 @@ from solvers.statics.newton import EquilibriumSolver, Outcome, Solution
 from solvers.statics.small import EPSILON, DenseEquilibriumSolver
 from solvers.system import Array
 
-STEADY = 1e-8  # residual and gaps elsewhere on the drive's way, in units of the force of stiffness and of the rows
-CLOSED = 1e-8  # largest gap of a steady state, in units of the rows
-NUDGE = 1e-6  # in units of the coordinates, for that force
-WRENCH = 1e-6  # change of a cut joint's force there, relative to the largest
-TURNS = (0.7, 1.9, 3.4)  # rad or m of the drive (s where nothing is driven) at which the balance must hold too
 SMALLEST_STEP = 1e-3  # of the continuation, relative to the full speed
 CYCLIC = 1e-10  # change with a coordinate, relative to the largest entry, below which there is none
 SAME = 1e-6  # states closer than this, in units of the coordinates, are one
@@ -177,7 +173,7 @@ class EquilibriumProblem:
         if solution.outcome is not Outcome.FOUND:
             solution, found_from = self._continue_from_rest(q, solution), "rest, by continuation in the drive speed"
         elapsed = time.perf_counter() - begin
-        self._check(solution)
+        check(self.model.name, self.plant, self._solver, self._v, solution)
         return Equilibrium(
             model=self.model,
             plant=self.plant,
@@ -266,83 +262,6 @@ class EquilibriumProblem:
         if np.abs(along).max(initial=0.0) <= STEADY * float(np.linalg.norm(forces)):
             return ""
         return in_words(self.plant, self._start, motions @ along[:, np.newaxis])
-
-    def _check(self, solution: Solution) -> None:
-        """Raise unless the solution is a steady state."""
-        system, speeds = self.plant.system, self.plant.drives.rates()
-        fastest = max(speeds, default=0.0)
-        if system.m:
-            terms = system.allocate_terms()
-            system.fill(0.0, solution.q, self._v, terms)
-            gaps = np.abs(solution.gaps) / system.row_size
-            if gaps.max() > CLOSED:
-                worst = int(gaps.argmax())
-                raise EquilibriumError(
-                    f"what was found for {self.model.name!r} leaves {system.constraint_names[worst]!r} open by "
-                    f"{gaps[worst]:.2g} of its size, allowed is {CLOSED:g}: try another start (--from)"
-                )
-            opening = np.abs(terms.J @ self._v - terms.nu)
-            rates = max(fastest, float(np.abs(self._v / system.size).max()))
-            if (opening / system.row_size).max() > STEADY * rates:
-                raise EquilibriumError(
-                    f"{self.model.name!r} has no steady state: with the free joints at rest the drive opens a loop at "
-                    f"{opening.max():.3g} m/s"
-                )
-            try:
-                self.plant.assembly.check_frames(0.0, solution.q)
-            except AssemblyError as error:
-                raise EquilibriumError(f"what was found for {self.model.name!r} is no steady state: {error}") from error
-        for turn in TURNS:
-            self._check_turned(turn, turn / (fastest or 1.0), solution)
-
-    def _check_turned(self, turn: float, t: float, solution: Solution) -> None:
-        """Raise unless the solution holds at time t too, when the fastest drive has moved by ``turn``.
-
-        Forces of cut joints may turn with either body: those of a bearing on the ground turn with the shaft in it.
-        """
-        plant, lam, q = self.plant, solution.lam, solution.q.copy()
-        plant.system.apply(q, t * self._v)
-        size, small = plant.system.size, STEADY * self._stiffness(solution)
-        forces, gaps = self._solver.residual(t, q, lam)
-        forces -= solution.forces  # what rounding leaves there is no change with the drive
-        changed = ""
-        if len(self._solver.rows) and np.abs(forces * size).max() > small:
-            rows, terms = self._solver.rows, plant.system.allocate_terms()
-            plant.system.fill_position(t, q, terms)
-            lam = lam.copy()
-            lam[rows] -= np.linalg.lstsq(terms.J[rows].T, forces, rcond=None)[0]
-            forces = self._solver.residual(t, q, lam)[0] - solution.forces
-            arms = np.repeat((plant.length, 1.0), 3)  # what makes forces and moments comparable
-            before = plant.cut_wrenches(0.0, solution.q, self._v, solution.lam) * arms
-            after = plant.cut_wrenches(t, q, self._v, lam) * arms
-            change = np.abs(after - before).max(axis=2).min(axis=1)
-            if change.max(initial=0.0) > small + WRENCH * np.abs(before).max(initial=0.0):
-                worst = int(np.argmax(change))
-                changed = f"change by {change[worst]:.3g} N m in cut joint {plant.mechanism.cuts[worst].name!r}"
-            own = plant.data.arrays.kept[plant.data.arrays.couplings["row"]]
-            own = own[own >= 0]
-            change = np.abs(lam - solution.lam)[own] * plant.system.row_size[own]
-            if change.max(initial=0.0) > small + WRENCH * np.abs(solution.lam[own]).max(initial=0.0):
-                name = plant.system.constraint_names[own[int(np.argmax(change))]]
-                changed = f"change by {change.max():.3g} N m in coupling {name!r}"
-        if np.abs(forces * size).max() > small:
-            worst = int(np.argmax(np.abs(forces * size)))
-            changed = f"leave {abs(forces[worst]):.3g} N or N m at {plant.system.coordinate_names[worst]!r}"
-        open_by = (np.abs(gaps - solution.gaps) / plant.system.row_size).max(initial=0.0)
-        if changed or open_by > STEADY:
-            changed = changed or f"go with a loop that opens by {open_by * plant.length:.3g} m"
-            raise EquilibriumError(
-                f"{self.model.name!r} has no steady state: forces that balance at one position of the drive {changed} "
-                f"after it has moved by {turn:g}; a force such as gravity does not turn with it"
-            )
-
-    def _stiffness(self, solution: Solution) -> float:
-        """Return what forces change by where all coordinates change by their units, at most, times the unit: J."""
-        size = self.plant.system.size
-        beside = solution.q.copy()
-        self.plant.system.apply(beside, NUDGE * size * np.random.default_rng(3).uniform(-1.0, 1.0, len(size)))
-        change = self._solver.residual(0.0, beside, solution.lam)[0] - solution.forces
-        return float(np.abs(change * size).max()) / NUDGE
 
     def others(self, found: Equilibrium, count: int | None = None) -> list[Equilibrium]:
         """Return further steady states, each once: from scattered starts (24, 4 on a large tree), and where the one

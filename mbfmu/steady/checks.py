@@ -1,0 +1,100 @@
+"""Whether what Newton found is a steady state: closed, at constant speed, balanced wherever the drives have gone."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbfmu.errors import AssemblyError, EquilibriumError
+from mbfmu.mechanics import Plant
+from solvers.statics.newton import EquilibriumSolver, Solution
+from solvers.system import Array
+
+STEADY = 1e-8  # residual and gaps elsewhere on the drive's way, in units of the force of stiffness and of the rows
+CLOSED = 1e-8  # largest gap of a steady state, in units of the rows
+NUDGE = 1e-6  # in units of the coordinates, for that force
+WRENCH = 1e-6  # change of a cut joint's force there, relative to the largest
+TURNS = (0.7, 1.9, 3.4)  # rad or m of the drive (s where nothing is driven) at which the balance must hold too
+
+
+def check(name: str, plant: Plant, solver: EquilibriumSolver, v: Array, solution: Solution) -> None:
+    """Raise EquilibriumError unless a solution is a steady state of the model ``name`` with velocities v (n,)."""
+    system, speeds = plant.system, plant.drives.rates()
+    fastest = max(speeds, default=0.0)
+    if system.m:
+        terms = system.allocate_terms()
+        system.fill(0.0, solution.q, v, terms)
+        gaps = np.abs(solution.gaps) / system.row_size
+        if gaps.max() > CLOSED:
+            worst = int(gaps.argmax())
+            raise EquilibriumError(
+                f"what was found for {name!r} leaves {system.constraint_names[worst]!r} open by "
+                f"{gaps[worst]:.2g} of its size, allowed is {CLOSED:g}: try another start (--from)"
+            )
+        opening = np.abs(terms.J @ v - terms.nu)
+        rates = max(fastest, float(np.abs(v / system.size).max()))
+        worst = int(np.argmax(opening / system.row_size))
+        if opening[worst] > STEADY * rates * system.row_size[worst]:
+            raise EquilibriumError(
+                f"{name!r} has no steady state: with the free joints at rest the drive opens a loop, "
+                f"{system.constraint_names[worst]!r} by {opening[worst]:.3g} per second"
+            )
+        try:
+            plant.assembly.check_frames(0.0, solution.q)
+        except AssemblyError as error:
+            raise EquilibriumError(f"what was found for {name!r} is no steady state: {error}") from error
+    for turn in TURNS:
+        check_turned(name, plant, solver, v, solution, turn, turn / (fastest or 1.0))
+
+
+def check_turned(
+    name: str, plant: Plant, solver: EquilibriumSolver, v: Array, solution: Solution, turn: float, t: float
+) -> None:
+    """Raise unless the solution holds at time t too, when the fastest drive has moved by ``turn``.
+
+    Forces of cut joints may turn with either body: those of a bearing on the ground turn with the shaft in it.
+    """
+    lam, q = solution.lam, solution.q.copy()
+    plant.system.apply(q, t * v)
+    size, small = plant.system.size, STEADY * stiffness(plant, solver, solution)
+    forces, gaps = solver.residual(t, q, lam)
+    forces -= solution.forces  # what rounding leaves there is no change with the drive
+    changed = ""
+    if len(solver.rows) and np.abs(forces * size).max() > small:
+        rows, terms = solver.rows, plant.system.allocate_terms()
+        plant.system.fill_position(t, q, terms)
+        lam = lam.copy()
+        lam[rows] -= np.linalg.lstsq(terms.J[rows].T, forces, rcond=None)[0]
+        forces = solver.residual(t, q, lam)[0] - solution.forces
+        arms = np.repeat((plant.length, 1.0), 3)  # what makes forces and moments comparable
+        before = plant.cut_wrenches(0.0, solution.q, v, solution.lam) * arms
+        after = plant.cut_wrenches(t, q, v, lam) * arms
+        change = np.abs(after - before).max(axis=2).min(axis=1)
+        if change.max(initial=0.0) > small + WRENCH * np.abs(before).max(initial=0.0):
+            worst = int(np.argmax(change))
+            changed = f"change by {change[worst]:.3g} N m in cut joint {plant.mechanism.cuts[worst].name!r}"
+        own = plant.data.arrays.kept[plant.data.arrays.couplings["row"]]
+        own = own[own >= 0]
+        sizes = plant.system.row_size[own]
+        change = np.abs(lam - solution.lam)[own] * sizes
+        if change.max(initial=0.0) > small + WRENCH * np.abs(solution.lam[own] * sizes).max(initial=0.0):
+            coupling = plant.system.constraint_names[own[int(np.argmax(change))]]
+            changed = f"change by {change.max():.3g} N m in coupling {coupling!r}"
+    if np.abs(forces * size).max() > small:
+        worst = int(np.argmax(np.abs(forces * size)))
+        changed = f"leave {abs(forces[worst]):.3g} N or N m at {plant.system.coordinate_names[worst]!r}"
+    open_by = (np.abs(gaps - solution.gaps) / plant.system.row_size).max(initial=0.0)
+    if changed or open_by > STEADY:
+        changed = changed or f"go with a loop that opens by {open_by:.3g} of its size"
+        raise EquilibriumError(
+            f"{name!r} has no steady state: forces that balance at one position of the drive {changed} "
+            f"after it has moved by {turn:g}; a force such as gravity does not turn with it"
+        )
+
+
+def stiffness(plant: Plant, solver: EquilibriumSolver, solution: Solution) -> float:
+    """Return what forces change by where all coordinates change by their units, at most, times the unit: J."""
+    size = plant.system.size
+    beside = solution.q.copy()
+    plant.system.apply(beside, NUDGE * size * np.random.default_rng(3).uniform(-1.0, 1.0, len(size)))
+    change = solver.residual(0.0, beside, solution.lam)[0] - solution.forces
+    return float(np.abs(change * size).max()) / NUDGE
