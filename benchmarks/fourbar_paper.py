@@ -46,7 +46,7 @@ def study(name: str) -> None:
     results: dict[str, Result] = {}
     lines = []
     for method, solver in METHODS.items():
-        settings = scene.changed(solver=solver, partition="projection").settings
+        settings = scene.changed(solver=solver).settings
         result = results[method] = run(scene.model, settings, times)
         s = result.statistics
         runs = [advance_alone(Simulation(scene.model, settings), scene.stop_time) for _ in range(REPEATS)]

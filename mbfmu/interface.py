@@ -159,11 +159,9 @@ def parameters(model: Model) -> Iterator[Variable]:
 
 
 def solver_settings(settings: Settings) -> Iterator[Variable]:
-    """Yield the settings; the solver is told by one name, which has the partition in it."""
+    """Yield the settings."""
     for p in declared(Settings):
-        if p.name != "partition":
-            value = settings.name if p.name == "solver" else getattr(settings, p.name)
-            yield parameter(p, Role.SETTING, value, "fixed")
+        yield parameter(p, Role.SETTING, getattr(settings, p.name), "fixed")
 
 
 def parameter(p: Parameter, role: Role, value: Any, variability: str) -> Variable:

@@ -55,7 +55,7 @@ class Result:
     @property
     def title(self) -> str:
         """Model or scene, solver and tolerance in one line."""
-        how = f"{self.settings.name}, tolerance {power(self.settings.tolerance)}" if self.settings else ""
+        how = f"{self.settings.solver}, tolerance {power(self.settings.tolerance)}" if self.settings else ""
         return ", ".join(filter(None, (self.name, how)))
 
     def __getitem__(self, name: str) -> Array:

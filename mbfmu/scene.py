@@ -2,7 +2,6 @@
 
 model = "fourbar"          # registered name, or path/to/file.py:Class
 solver = "adams"           # ida, adams, hybrid, adams-lu
-partition = "projection"   # of adams
 tolerance = 1e-6
 absolute_tolerance = 0.0   # in units of each coordinate; 0: the relative one
 max_step = 0.0             # s; 0: no limit
@@ -73,11 +72,9 @@ class Scene:
             raise UserError(f"output_interval is {self.output_interval!r} s: more than ten million outputs; enlarge it")
 
     def changed(self, **changes: Any) -> Scene:
-        """Return a copy with the given fields; None leaves one as it is, but for the partition of another solver."""
+        """Return a copy with the given fields; None leaves one as it is."""
         settings = {k: changes.pop(k) for k in SETTINGS if k in changes}
         given = {k: v for k, v in settings.items() if v is not None}
-        if "solver" in given:
-            given.setdefault("partition", "projection")
         rest = {k: v for k, v in changes.items() if v is not None}
         return replace(self, settings=replace(self.settings, **given), **rest)
 

@@ -9,19 +9,15 @@ from mbfmu.errors import UserError
 from mbfmu.model import check, declared, parameter, span, suggest
 from solvers import SOLVERS, Options
 
-PARTITIONS = {"projection": "adams", "lu": "adams-lu", "hybrid": "hybrid"}
-
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
     """How a model is integrated; what each means says its declaration.
 
-    The relative tolerance is the absolute one too, in units of each coordinate, unless that is given. Solver ``adams``
-    with another ``partition`` than ``projection`` is ``adams-lu`` or ``hybrid``.
+    The relative tolerance is the absolute one too, in units of each coordinate, unless that is given.
     """
 
     solver: str = parameter("ida", choices=tuple(SOLVERS), doc="method of integration")
-    partition: str = parameter("projection", choices=tuple(PARTITIONS), doc="coordinate partition of adams")
     tolerance: float = parameter(1e-6, min=1e-12, max=1e-2, doc="relative tolerance of the solver")
     absolute_tolerance: float = parameter(
         0.0, min=0.0, max=1.0, doc="absolute tolerance in units of each coordinate; 0: the relative one"
@@ -37,22 +33,13 @@ class Settings:
 
     def __post_init__(self) -> None:
         """Check the names and numbers; raises UserError."""
-        for what, known in (("solver", SOLVERS), ("partition", PARTITIONS)):
-            given = getattr(self, what)
-            if not isinstance(given, str) or given not in known:
-                raise UserError(f"{what} is {given!r}{suggest(str(given), known)}")
-        if self.solver != "adams" and self.partition != "projection":
-            raise UserError(f"partition is {self.partition!r}, but the solver is {self.solver!r}; only 'adams' has one")
+        if not isinstance(self.solver, str) or self.solver not in SOLVERS:
+            raise UserError(f"solver is {self.solver!r}{suggest(str(self.solver), SOLVERS)}")
         for p in declared(Settings):
             try:
                 object.__setattr__(self, p.name, check("the settings", p, getattr(self, p.name)))
             except UserError as error:
                 raise UserError(f"{p.name} is {getattr(self, p.name)!r}; allowed: {span(p)}") from error
-
-    @property
-    def name(self) -> str:
-        """The solver's name with its partition resolved."""
-        return PARTITIONS[self.partition] if self.solver == "adams" else self.solver
 
     def options(self) -> Options:
         """Return what the stepper takes."""

@@ -93,7 +93,7 @@ class Simulation:
         else:
             q, v = self.plant.assemble(t0)
         try:
-            self.stepper = stepper(settings.name, self.plant.system, t0, q, v, settings.options())
+            self.stepper = stepper(settings.solver, self.plant.system, t0, q, v, settings.options())
         except ValueError as error:
             raise UserError(f"model {own.name!r}: {error}") from error
         self.variables = (*self.plant.outputs, *VARIABLES)
@@ -125,7 +125,7 @@ class Simulation:
         kind = (type(self.stepper), self.plant.system.m > 0)
         if kind in _compiled:
             return
-        rehearsal = stepper(self.settings.name, self.plant.system, t0, q, v, self.settings.options())
+        rehearsal = stepper(self.settings.solver, self.plant.system, t0, q, v, self.settings.options())
         times, values = np.array([t0 + 1e-3]), np.zeros((1, len(self._out)))
         samples = rehearsal.sample(times)
         done = len(samples.q)

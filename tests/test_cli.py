@@ -270,7 +270,7 @@ def test_the_cache_says_where_it_is(command: Command) -> None:
 
 def test_the_cache_is_warmed_for_a_model(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     started: list[str] = []
-    monkeypatch.setattr("mbfmu.cli.cache.Simulation", lambda _model, settings: started.append(settings.name))
+    monkeypatch.setattr("mbfmu.cli.cache.Simulation", lambda _model, settings: started.append(settings.solver))
     code, out, _ = command("cache", "warm", "pendulum")
     assert code == 0
     assert started == list(SOLVERS)
@@ -307,7 +307,7 @@ def test_a_full_disk_is_told_in_words(command: Command, monkeypatch: pytest.Monk
 
 
 OTHER = {
-    "solver": "adams", "partition": "lu", "tolerance": 1e-5, "absolute_tolerance": 1e-7, "max_order": 4,
+    "solver": "adams-lu", "tolerance": 1e-5, "absolute_tolerance": 1e-7, "max_order": 4,
     "max_steps": 5000, "max_step": 0.01, "inputs": "linear", "start_at_equilibrium": True, "audit": False,
 }  # fmt: skip
 
@@ -335,7 +335,7 @@ def test_every_setting_reaches_a_scene_the_command_and_what_is_saved(tmp_path: P
 def test_every_setting_is_a_variable_of_the_fmu() -> None:
     told = interface(load_scene("fourbar").model, Settings())
     settings = {v.name for v in told if v.role is Role.SETTING}
-    assert settings == {p.name for p in declared(Settings)} - {"partition"}, "the solver's name has it in it"
+    assert settings == {p.name for p in declared(Settings)}
 
 
 def test_quiet_prints_the_path_and_nothing_else(command: Command, tmp_path: Path) -> None:

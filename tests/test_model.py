@@ -100,7 +100,6 @@ def test_whole_numbers_and_switches(pendulum_file: Path) -> None:
         ('model = "fourbar"\nparameters = 3', "parameters is 3"),
         ('model = "fourbar"\nsolver = 3', "solver is 3"),
         ('model = "fourbar"\nsolver = ["ida"]', r"solver is \['ida'\]"),
-        ('model = "fourbar"\npartition = ["lu"]', "partition is"),
         ('model = "fourbar"\ninputs = "held"', "inputs is 'held'"),
         (f'model = "fourbar"\nstop_time = {"9" * 401}', "stop_time is 999"),
         (f'model = "fourbar"\n[parameters]\ncrank_length = {"9" * 401}', "a finite number"),
@@ -121,7 +120,8 @@ def test_scene_of_a_file_a_model_and_a_shipped_one(tmp_path: Path, pendulum_file
     assert load_scene("fourbar").stop_time == 10.0
     paper = load_scene("fourbar/paper")
     assert paper.settings.max_step == 0.01
-    assert paper.changed(solver="ida").settings.name == "ida", "its partition was of adams"
+    assert paper.settings.solver == "hybrid"
+    assert paper.changed(solver="ida").settings.solver == "ida"
     with pytest.raises(UserError, match="no scene 'papr'; did you mean 'paper'"):
         load_scene("fourbar/papr")
 
@@ -141,16 +141,6 @@ def test_settings_of_the_solver_reach_it_from_a_scene_and_python(tmp_path: Path,
     for given in ({"max_order": 13}, {"max_steps": 0}, {"absolute_tolerance": -1.0}, {"max_order": 2.5}):
         with pytest.raises(UserError, match=next(iter(given))):
             simulate(scene.model, 1.0, **given)
-
-
-def test_settings_resolve_partitions() -> None:
-    assert Settings().name == "ida"
-    assert Settings(solver="adams").name == "adams"
-    assert Settings(solver="adams", partition="lu").name == "adams-lu"
-    with pytest.raises(UserError, match="partition is 'qr'"):
-        Settings(partition="qr")
-    with pytest.raises(UserError, match="partition is 'hybrid', but the solver is 'ida'"):
-        Settings(partition="hybrid")
 
 
 def test_results_do_not_depend_on_communication_points() -> None:

@@ -122,7 +122,6 @@ def test_times_that_are_none(times: Any) -> None:
         {"solver": None},
         {"solver": ["ida"]},
         {"solver": 5},
-        {"partition": None},
         {"audit": None},
         {"start_at_equilibrium": "x"},
     ],

@@ -162,7 +162,7 @@ def scene_part(scene: Scene) -> str:
 
 def run_part(scene: Scene) -> str:
     """Return how the folder of a run is called: by its scene, solver and tolerance."""
-    return f"{scene_part(scene)}-{scene.settings.name}-{power(scene.settings.tolerance)}"
+    return f"{scene_part(scene)}-{scene.settings.solver}-{power(scene.settings.tolerance)}"
 
 
 def stem_of(scene: Scene) -> str:

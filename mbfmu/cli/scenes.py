@@ -40,6 +40,6 @@ def as_text(chosen: dict[str, type[Model]]) -> str:
             scene = load_scene(f"{model}/{case}")
             first = path.read_text().partition("\n")[0] if path else ""
             about = first.removeprefix("#").strip() if first.startswith("#") else "" if path else "the model as it is"
-            how = (scene.settings.name, power(scene.settings.tolerance), f"{scene.stop_time:g} s")
+            how = (scene.settings.solver, power(scene.settings.tolerance), f"{scene.stop_time:g} s")
             rows.append((f"{model}/{case}", *how, about))
     return table(("scene", "solver", "tolerance", "until", "what it shows"), rows)

@@ -147,7 +147,7 @@ def against_of(scene: Scene, text: str) -> Scene:
     """Return the scene with the solver, the tolerance or both of ``SOLVER:RTOL``."""
     other = scene.changed(**changes(text))
     if other.settings == scene.settings:
-        raise UserError(f"--against {text!r} is the run itself: {scene.settings.name}, {scene.settings.tolerance:g}")
+        raise UserError(f"--against {text!r} is the run itself: {scene.settings.solver}, {scene.settings.tolerance:g}")
     return other
 
 

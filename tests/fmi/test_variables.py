@@ -203,7 +203,7 @@ def test_choices_are_read_and_set_in_words(fourbar_fmu: Path, tmp_path: Path) ->
         assert fmu["solver"] == "adams"
     with pytest.raises(UserError, match="solver is 'euler'; allowed: adams"):
         Fmu(fourbar_fmu, {"solver": "euler"})
-    path = export(Moved(color="green"), tmp_path / "m.fmu", Settings(solver="adams", partition="lu"))
+    path = export(Moved(color="green"), tmp_path / "m.fmu", Settings(solver="adams-lu"))
     with Fmu(path) as fmu:
         assert fmu["color"] == "green"
         assert fmu["solver"] == "adams-lu"
