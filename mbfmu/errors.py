@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
 
 class UserError(ValueError):
     """Base of every error the command line prints without a traceback."""
@@ -13,3 +17,14 @@ class AssemblyError(UserError):
 
 class EquilibriumError(UserError):
     """No steady state was found, or what was found is none; the message gives the residual."""
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Say in words that a file, or one in a folder, cannot be written; raises UserError."""
+    try:
+        yield
+    except BrokenPipeError:  # of what is printed meanwhile
+        raise
+    except OSError as error:
+        raise UserError(f"{str(error.filename or path)!r} cannot be written: {error.strerror or error}") from error

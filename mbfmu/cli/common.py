@@ -13,7 +13,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from mbfmu.errors import UserError
+from mbfmu.errors import UserError, writing
 from mbfmu.model import Parameter, declared
 from mbfmu.scene import SETTINGS, Scene, load_scene
 from mbfmu.settings import Settings
@@ -176,17 +176,6 @@ def file_name(text: str) -> str:
 
 
 @contextmanager
-def writing(target: Path) -> Iterator[None]:
-    """Say in words what cannot be written into a folder."""
-    try:
-        yield
-    except BrokenPipeError:  # of what is printed meanwhile
-        raise
-    except OSError as error:
-        raise UserError(f"{str(error.filename or target)!r} cannot be written: {error.strerror}") from error
-
-
-@contextmanager
 def progress(scene: Scene, quiet: bool = False) -> Iterator[Callable[[float], None]]:
     """Show a bar on a terminal while a scene runs; gives what is to be called with the time reached."""
     with bar(scene.stop_time, scene.name, quiet, "s") as shown:
@@ -226,11 +215,9 @@ def folder(path: Path) -> Path:
 
 def writable(path: Path) -> None:
     """Complain of a file that cannot be written before anything is run for it; ``-`` is standard output."""
-    try:
-        if str(path) != "-":
+    if str(path) != "-":
+        with writing(path):
             path.open("a").close()
-    except OSError as error:
-        raise UserError(f"{str(path)!r} cannot be written: {error.strerror}") from error
 
 
 def write_json(content: Any, path: Path) -> None:
@@ -239,7 +226,5 @@ def write_json(content: Any, path: Path) -> None:
     if str(path) == "-":
         sys.stdout.write(text)
         return
-    try:
+    with writing(path):
         path.write_text(text)
-    except OSError as error:
-        raise UserError(f"{str(path)!r} cannot be written: {error.strerror}") from error

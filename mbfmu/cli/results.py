@@ -10,9 +10,10 @@ from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
 
+from mbfmu.errors import writing
 from mbfmu.scene import Scene
 
-from .common import file_name, folder, writing
+from .common import file_name, folder
 
 
 class Results:

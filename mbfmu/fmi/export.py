@@ -19,7 +19,7 @@ from pathlib import Path
 from pythonfmu import FmuBuilder
 
 import mbfmu
-from mbfmu.errors import UserError
+from mbfmu.errors import UserError, writing
 from mbfmu.interface import interface, legible
 from mbfmu.mechanics import Mechanism
 from mbfmu.model import Model, of_user
@@ -113,10 +113,8 @@ def export(
         raw = work / "raw.fmu"
         with restored_imports():
             FmuBuilder.build_FMU(script, raw, project_files=sorted(set(work.glob("*.py")) - {script}))
-        try:
+        with writing(path):
             pack(raw, path, model, page(model, variables))
-        except OSError as error:
-            raise UserError(f"FMU file {str(path)!r} cannot be written: {error.strerror}") from error
     return path
 
 

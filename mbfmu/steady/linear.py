@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 from scipy.io import savemat
 
-from mbfmu.errors import EquilibriumError, UserError
+from mbfmu.errors import EquilibriumError, UserError, writing
 from mbfmu.extras import optional
 from mbfmu.mechanics import Plant
 from mbfmu.table import table
@@ -81,15 +81,13 @@ class StateSpace:
         """
         matrices = {"A": self.A, "B": self.B, "C": self.C, "D": self.D}
         names = {"states": self.states, "inputs": self.inputs, "outputs": self.outputs}
-        try:
+        with writing(path):
             if path.suffix == ".npz":
                 np.savez(path, allow_pickle=False, **matrices, **{k: np.array(v, str) for k, v in names.items()})
             elif path.suffix == ".mat":
                 savemat(path, {**matrices, **{k: np.array(v, object) for k, v in names.items()}})
             else:
-                raise UserError(f"file {str(path)!r}: allowed endings are .npz and .mat")
-        except OSError as error:
-            raise UserError(f"{str(path)!r} cannot be written: {error.strerror}") from error
+                raise UserError(f"file is {str(path)!r}; its name must end in .npz or .mat")
 
 
 def slowest_first(values: Any) -> list[int]:

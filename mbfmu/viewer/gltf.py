@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.errors import UserError
+from mbfmu.errors import writing
 
 from . import meshes
 from .camera import basis
@@ -34,10 +34,8 @@ VERTICES, INDICES = 34962, 34963  # what a part of the buffer is for
 def write_glb(motion: Motion, path: Path) -> int:
     """Write the file; return the stride with which it takes frames (more than 1: it would have been too large)."""
     content, stride = glb(motion)
-    try:
+    with writing(path):
         path.write_bytes(content)
-    except OSError as error:
-        raise UserError(f"{str(path)!r} cannot be written: {error.strerror}") from error
     return stride
 
 

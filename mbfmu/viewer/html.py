@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.errors import UserError
+from mbfmu.errors import writing
 
 from .camera import Stage
 from .forces import scales
@@ -34,10 +34,8 @@ def write_html(motion: Motion, path: Path, against: Motion | None = None) -> int
     ``against`` is the motion of another run, drawn beside the first and translucent.
     """
     text, stride = page(motion, against)
-    try:
+    with writing(path):
         path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise UserError(f"{str(path)!r} cannot be written: {error.strerror}") from error
     return stride
 
 

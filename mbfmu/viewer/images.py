@@ -14,7 +14,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from mbfmu.errors import UserError
+from mbfmu.errors import UserError, writing
 from mbfmu.mechanics.axes import along
 
 from .camera import Camera, Stage
@@ -41,10 +41,8 @@ def write_png(motion: Motion, path: Path, time: float, shot: Shot) -> None:
     """Draw the recorded frame next to a time (s)."""
     artist = _Artist(motion, shot)
     artist.draw(motion.frame(time))
-    try:
+    with writing(path):
         artist.figure.savefig(path, dpi=DPI, format="png")
-    except OSError as error:
-        raise UserError(f"{str(path)!r} cannot be written: {error.strerror}") from error
 
 
 def write_film(
@@ -63,15 +61,12 @@ def write_film(
     else:
         writer = PillowWriter(fps=fps)
     artist = _Artist(motion, shot)
-    try:
-        with writer.saving(artist.figure, str(path), DPI):
-            for time in film_times(motion, fps, speed):
-                artist.draw(motion.frame(float(time)))
-                writer.grab_frame()
-                if progress is not None:
-                    progress()
-    except OSError as error:
-        raise UserError(f"{str(path)!r} cannot be written: {error.strerror}") from error
+    with writing(path), writer.saving(artist.figure, str(path), DPI):
+        for time in film_times(motion, fps, speed):
+            artist.draw(motion.frame(float(time)))
+            writer.grab_frame()
+            if progress is not None:
+                progress()
 
 
 def film_times(motion: Motion, fps: int, speed: float) -> Array:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from mbfmu.errors import UserError
+from mbfmu.errors import UserError, writing
 from mbfmu.mechanics import Mechanism, Plant
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.simulation import Simulation
@@ -94,10 +94,8 @@ class Motion:
             "arrows": [asdict(arrow) for arrow in self.arrows],
             "picture": self.picture.as_dict(),
         }
-        try:
+        with writing(path):
             np.savez_compressed(path, about=json.dumps(about), **{name: getattr(self, name) for name in ARRAYS})
-        except OSError as error:
-            raise UserError(f"{str(path)!r} cannot be written: {error.strerror}") from error
 
     @classmethod
     def load(cls, path: Path) -> Motion:
