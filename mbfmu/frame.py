@@ -1,8 +1,13 @@
-"""States as bytes that can be trusted: framed with whose they are, their length, and a checksum of all of it."""
+"""States as bytes that can be trusted: framed with whose they are, their length, and a checksum of all of it.
+
+A state is a head, which JSON holds, and a body of bytes.
+"""
 
 from __future__ import annotations
 
+import json
 from hashlib import blake2b
+from typing import Any
 from zlib import crc32
 
 from mbfmu.errors import UserError
@@ -10,31 +15,34 @@ from mbfmu.errors import UserError
 MAGIC = b"mbfmu2nd"
 CHECKSUM, OWNER, LENGTH = 4, 16, 8  # bytes
 DESCRIBED = len(MAGIC) + CHECKSUM  # where what is checked begins
-HEAD = DESCRIBED + OWNER + LENGTH
+FRONT = DESCRIBED + OWNER + LENGTH  # what stands before the content
 
 
-def frame(owner: str, content: bytes) -> bytes:
-    """Return the content with its head; ``owner`` says what can take it up."""
+def frame(owner: str, head: dict[str, Any], body: bytes) -> bytes:
+    """Return a state as bytes; ``owner`` says what can take it up."""
+    text = json.dumps(head).encode()
+    content = len(text).to_bytes(LENGTH, "little") + text + body
     described = _digest(owner) + len(content).to_bytes(LENGTH, "little")
     return b"".join((MAGIC, crc32(content, crc32(described)).to_bytes(CHECKSUM, "little"), described, content))
 
 
-def unframe(owner: str, framed: bytes) -> bytes:
-    """Return the content of :func:`frame`; raises UserError where it is damaged or another owner's."""
+def unframe(owner: str, framed: bytes) -> tuple[dict[str, Any], bytes]:
+    """Return head and body of :func:`frame`; raises UserError where the state is damaged or another owner's."""
     if not isinstance(framed, bytes):
         raise UserError(f"{framed!r} was given as a saved state; allowed: bytes that were saved")
-    if len(framed) < HEAD or framed[: len(MAGIC)] != MAGIC:
+    if len(framed) < FRONT or framed[: len(MAGIC)] != MAGIC:
         raise UserError(f"{len(framed)} bytes were given as a saved state; they are none of this version of mbfmu")
-    length = int.from_bytes(framed[DESCRIBED + OWNER : HEAD], "little")
-    if length != len(framed) - HEAD:
-        raise UserError(f"a saved state of {length} bytes has {len(framed) - HEAD}: it is damaged")
+    length = int.from_bytes(framed[DESCRIBED + OWNER : FRONT], "little")
+    if length != len(framed) - FRONT:
+        raise UserError(f"a saved state of {length} bytes has {len(framed) - FRONT}: it is damaged")
     if crc32(memoryview(framed)[DESCRIBED:]) != int.from_bytes(framed[len(MAGIC) : DESCRIBED], "little"):
         raise UserError("a saved state is damaged: its checksum does not fit")
     if framed[DESCRIBED : DESCRIBED + OWNER] != _digest(owner):
         raise UserError(
             "a saved state is that of another model, of other parameters that are fixed, or of another solver"
         )
-    return framed[HEAD:]
+    split = FRONT + LENGTH + int.from_bytes(framed[FRONT : FRONT + LENGTH], "little")
+    return json.loads(framed[FRONT + LENGTH : split]), framed[split:]
 
 
 def _digest(owner: str) -> bytes:

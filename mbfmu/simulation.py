@@ -383,10 +383,9 @@ class Simulation:
         changed = {p.name: getattr(self.model, p.name) for p in self.model.parameters() if p.tunable}
         inputs, work = self.plant.inputs.state(), self.work_of_jumps
         balance = [self.audit.base, self.audit.verdict] if self.audit else []
-        known = {"parameters": changed, "inputs": inputs, "work_of_jumps": work, "balance": balance}
-        known["bent"] = self._folds.state()
-        head = json.dumps(known).encode()
-        return frame(self._owner, len(head).to_bytes(8, "little") + head + self.stepper.save())
+        head = {"parameters": changed, "inputs": inputs, "work_of_jumps": work, "balance": balance}
+        head["bent"] = self._folds.state()
+        return frame(self._owner, head, self.stepper.save())
 
     def restore(self, state: bytes) -> None:
         """Take up a state saved by a simulation of the same model and settings.
@@ -396,9 +395,7 @@ class Simulation:
         UserError
             It is damaged, or none of such a simulation; nothing has changed then.
         """
-        content = unframe(self._owner, state)
-        split = 8 + int.from_bytes(content[:8], "little")
-        head = json.loads(content[8:split])
+        head, body = unframe(self._owner, state)
         model = self.model.with_values(head["parameters"])
         if model != self.model:
             self.plant.adopt(model.plant())
@@ -406,7 +403,7 @@ class Simulation:
         self.plant.inputs.restore(head["inputs"])
         self.work_of_jumps = head["work_of_jumps"]
         self.stepper.restart()  # the equations may have changed
-        self.stepper.restore(content[split:])
+        self.stepper.restore(body)
         if self.audit:
             self.audit.base, self.audit.verdict = head["balance"]
         self._folds.restore(head["bent"], self.t, self.stepper.q)

@@ -13,7 +13,6 @@ A discarded step leaves everything as it was where the step began, and may be tr
 from __future__ import annotations
 
 import ctypes
-import json
 from dataclasses import replace
 from math import isfinite, nan
 from typing import Any, ClassVar
@@ -263,9 +262,7 @@ class ModelSlave(Values):
             "phase": self._phase.name,
             "message": self.message,
         }
-        text = json.dumps(head).encode()
-        body = self.simulation.save() if self.simulation else b""
-        return frame(self._owner, len(text).to_bytes(8, "little") + text + body)
+        return frame(self._owner, head, self.simulation.save() if self.simulation else b"")
 
     @property
     def _owner(self) -> str:
@@ -274,9 +271,7 @@ class ModelSlave(Values):
     def _set_fmu_state(self, state: bytes) -> None:
         """Take up a state; a bad one changes nothing, and no step is made until a good one is given."""
         try:
-            content = unframe(self._owner, state)
-            split = 8 + int.from_bytes(content[:8], "little")
-            self._go_back(json.loads(content[8:split]), content[split:])
+            self._go_back(*unframe(self._owner, state))
         except Exception as error:
             self._refuse("FMU state", f"the FMU state is refused: {in_words(error)}")
 

@@ -65,8 +65,8 @@ def test_a_bad_state_changes_nothing_and_stops_the_run(fmu: Fmu, fourbar_fmu: Pa
 def test_no_flipped_bit_is_taken(fmu: Fmu) -> None:
     state = fmu.save()
     owner = "somebody"
-    framed = frame(owner, state)
-    assert unframe(owner, framed) == state
+    framed = frame(owner, {"inputs": [1.5]}, state)
+    assert unframe(owner, framed) == ({"inputs": [1.5]}, state)
     rng = np.random.default_rng(0)
     for place in {*range(50), *rng.integers(0, len(framed), 200).tolist()}:
         bad = bytearray(framed)
