@@ -19,6 +19,8 @@ class Code(IntEnum):
     BRANCHES = 7
 
 
+OK, NOT_CLOSED, NO_MASS, UNDECIDABLE, NOT_FINITE, MAX_STEPS, COLLAPSED, BRANCHES = map(int, Code)  # for kernels
+
 MESSAGES: dict[Code, tuple[str, str]] = {
     Code.OK: ("reached the time asked for", ""),
     Code.NOT_CLOSED: (

@@ -23,6 +23,7 @@ from .completion import complete, parameter_names, scene_names
 
 Commands = Any  # argparse's collection of subparsers, whose class is private
 AGAIN = "A folder that is there is left alone: the next one of its name ends in -2, then -3"
+RESULTS = Path("results")  # where results go that are sent nowhere else
 LONGEST = 80  # characters of a model's or a scene's name in that of a folder
 METAVARS = {"s": "S"}  # what stands for a value, by its unit
 
@@ -100,9 +101,9 @@ def add_output(p: argparse.ArgumentParser, what: str) -> None:
         "-o",
         "--output",
         type=Path,
-        default=Path("results"),
+        default=RESULTS,
         metavar="DIR",
-        help=f"write the folder DIR/{what}; without this DIR is results. {AGAIN}",
+        help=f"write the folder DIR/{what}; without this DIR is {RESULTS}. {AGAIN}",
     )
 
 

@@ -8,10 +8,10 @@ from pathlib import Path
 from mbfmu.steady.linear import modes_as_text
 from mbfmu.steady.problem import equilibrium
 
-from .common import AGAIN, Commands, add_steady, scene_of, scene_part, start_of, tell, tell_more, wrote
+from .common import AGAIN, RESULTS, Commands, add_steady, scene_of, scene_part, start_of, tell, tell_more, wrote
 from .results import results
 
-FOLDER, NAME = Path("results"), "state_space.npz"
+NAME = "state_space.npz"
 
 
 def add(commands: Commands) -> None:
@@ -32,7 +32,7 @@ def add(commands: Commands) -> None:
         type=Path,
         metavar="FILE",
         help="write this file, .npz or .mat; one that is there is replaced. Without it the matrices go to "
-        f"{FOLDER}/MODEL/SCENE-linear/{NAME}. {AGAIN}",
+        f"{RESULTS}/MODEL/SCENE-linear/{NAME}. {AGAIN}",
     )
     p.set_defaults(command=command_linearize)
 
@@ -46,7 +46,7 @@ def command_linearize(options: argparse.Namespace) -> int:
         space.write(options.output)
         path = options.output
     else:
-        with results(FOLDER, scene, f"{scene_part(scene)}-linear") as place:
+        with results(RESULTS, scene, f"{scene_part(scene)}-linear") as place:
             space.write(place.file(NAME))
             path = place.keep() / NAME
     tell(options, f"{scene.name}: linearized about the steady state found from {found.found_from} ({found.stability})")

@@ -27,8 +27,9 @@ import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
 from solvers.linalg.dense import factor_lu, full_pivot, solve_lu, solve_lu_transposed
+from solvers.outcome import NO_MASS, NOT_CLOSED, NOT_FINITE, OK
 
-from .projection import CHORD, NO_MASS, NOT_CLOSED, NOT_FINITE, OK, PASSES, TOUCHING, still_open, tangent_motion
+from .projection import CHORD, PASSES, TOUCHING, still_open, tangent_motion
 
 PIVOT = 1e-12  # pivots this small relative to the first are zero
 WORTH = 3.0  # how many times larger its smallest pivot makes another choice worth a change

@@ -36,12 +36,11 @@ import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
 from solvers.linalg.dense import basic_transposed, dot, least_norm, rank_at, ratio, solve_positive, turn_in, turn_out
+from solvers.outcome import NO_MASS, NOT_CLOSED, NOT_FINITE, OK, UNDECIDABLE
 
 from .critical import moves
 from .singular import CROSSING, SINGULAR, judge
 from .workspace import distance, factor, factor_here, factor_transposed, loop_speed
-
-OK, NOT_CLOSED, NO_MASS, UNDECIDABLE, NOT_FINITE = 0, 1, 2, 3, 4
 
 AT_REST = 1e-9  # speed, in units of size and rate, below which there is no tangent; see UNRESOLVED
 UNRESOLVED = 1e-7  # ratio below which nothing is left of the digits of the smallest pivot after squaring

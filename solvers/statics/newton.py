@@ -55,6 +55,9 @@ class Outcome(IntEnum):
     UNDETERMINED = 4  # in a singular position, where cut joints share forces in many ways
 
 
+FOUND, NO_PROGRESS, SINGULAR, NOT_FINITE, UNDETERMINED = map(int, Outcome)  # for kernels
+
+
 class Unknowns(NamedTuple):
     """What is looked for."""
 

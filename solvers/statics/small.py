@@ -23,10 +23,22 @@ from solvers.linalg.dense import full_pivot, length, solve_full_pivot
 from solvers.linalg.svd import decompose, pseudo_inverse_transposed
 from solvers.system import Array, Equations, System
 
-from .newton import CONVERGED, ITERATIONS, LEAST_DAMPING, EquilibriumSolver, Outcome, Unknowns
+from .newton import (
+    CONVERGED,
+    FOUND,
+    ITERATIONS,
+    LEAST_DAMPING,
+    NO_PROGRESS,
+    NOT_FINITE,
+    SINGULAR,
+    UNDETERMINED,
+    EquilibriumSolver,
+    Outcome,
+    Unknowns,
+)
 
 EPSILON = 1e-30  # of the complex step; its square must vanish beside one
-SINGULAR = 1e-12  # pivot of K relative to the first, below which an unknown is undetermined
+PIVOT = 1e-12  # pivot of K relative to the first, below which an unknown is undetermined
 BALANCED = 1e-9  # residual left by the last correction
 FARTHEST = 1.0  # length of the first step
 ASTRAY = 3.2  # units of size, half a turn: a state farther from the start is not the one next to it
@@ -166,7 +178,7 @@ def factor(s: Any) -> bool:
             if not np.isfinite(s.K[i, j]):
                 return False
             s.LU[i, j] = s.K[i, j]
-    s.rank[0] = full_pivot(s.LU, N, N, SINGULAR, s.order, s.columns)
+    s.rank[0] = full_pivot(s.LU, N, N, PIVOT, s.order, s.columns)
     return True
 
 
@@ -211,15 +223,15 @@ def newton(eqs: Any, t: float, q: Any, lam: Any, rows: Any, c2: float, s: Any, r
     for _ in range(ITERATIONS):
         report[0] += 1.0
         if not factor(s):
-            return 3
+            return NOT_FINITE
         size = correction(s, s.z)
         if size <= CONVERGED:
             move(eqs, q, lam, 1.0, scale, s)
             take(q, lam, s)
             linearize(eqs, t, q, lam, s.moved, rows, c2, scale, s)
             if length(s.f) > BALANCED:
-                return 2
-            return 0 if constraint_forces(rows, eqs.terms, s, s.lam_try) else 4
+                return SINGULAR
+            return FOUND if constraint_forces(rows, eqs.terms, s, s.lam_try) else UNDETERMINED
         if first:  # what is farther may be another state
             damping, first = min(1.0, FARTHEST / size), False
         while True:
@@ -230,10 +242,10 @@ def newton(eqs: Any, t: float, q: Any, lam: Any, rows: Any, c2: float, s: Any, r
                 break
             damping *= 0.5
             if damping < LEAST_DAMPING:
-                return 1
+                return NO_PROGRESS
         take(q, lam, s)
         damping = min(1.0, 2.0 * damping)
-    return 1
+    return NO_PROGRESS
 
 
 class DenseEquilibriumSolver(EquilibriumSolver):

@@ -20,8 +20,7 @@ from solvers.compiled.held import hold
 from solvers.compiled.kernel import inlined, kernel, records
 from solvers.ledger import Scales, due, look, report
 from solvers.options import Options, Statistics
-from solvers.outcome import Code
-from solvers.projection.projection import NO_MASS, NOT_FINITE, OK
+from solvers.outcome import COLLAPSED, MAX_STEPS, NO_MASS, NOT_FINITE, OK, Code
 from solvers.projection.saddle import Accelerations, rate_of_motion
 from solvers.stepper import require_placed, require_resolved
 from solvers.system import Array, TreeSystem, audit_callbacks
@@ -42,7 +41,7 @@ from .formulas import (
     predict,
     split,
 )
-from .loop import COLLAPSED, FIRST_SINGLE, MAX_STEPS, SMALLEST_STEP, cut
+from .loop import FIRST_SINGLE, SMALLEST_STEP, cut
 from .one_step import NODES, STAGES, change_step, error_of_step, keep_stage, stage, stop_at, take_step
 
 SETTINGS = np.dtype(

@@ -24,6 +24,7 @@ import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
 from solvers.ledger import due, look, report
+from solvers.outcome import BRANCHES, COLLAPSED, MAX_STEPS, NOT_CLOSED, OK
 from solvers.projection.lu_partition import (
     choose,
     close_dependent,
@@ -33,8 +34,6 @@ from solvers.projection.lu_partition import (
     recall_dependents,
 )  # fmt: skip
 from solvers.projection.projection import (
-    NOT_CLOSED,
-    OK,
     acceleration,
     close,
     close_to_crossing,
@@ -60,8 +59,6 @@ from .formulas import (
 )
 from .hybrid import HYBRID, LU, PROJECTION, give_up_lu, jumped, leave_lu, passed_lu, return_to_lu, take_choice
 from .one_step import NODES, STAGES, change_step, error_of_step, keep_stage, stage, stop_at, take_step
-
-MAX_STEPS, COLLAPSED, BRANCHES = 5, 6, 7  # beside the codes of projection
 
 SETTINGS = np.dtype(
     [
