@@ -452,7 +452,7 @@ def test_what_cannot_be_coupled_is_refused() -> None:
         (Cam(corner), a, slider, {}, "its slope jumps, and no joint can follow"),
         (Cam(lambda q: 0.1 * q * q), a, slider, {}, "is a function of a displacement; say Cam"),
         (Cam(lambda q: np.sin(900.0 * q)), slider, a, {}, "changes faster than differences"),
-        (Cam("0.1 * q", width=-1.0), slider, a, {}, "width of coupling 'g' is -1.0; allowed: greater than zero"),
+        (Cam("0.1 * q", width=-1.0), slider, a, {}, "width of coupling 'g' is -1.0; allowed: finite and greater"),
         (RevoluteCut(), a, slider, {}, "coupling 'g' is RevoluteCut.*; allowed: a Coupling"),
     ]
     for coupling, first, second, options, message in refused:

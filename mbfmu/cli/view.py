@@ -12,6 +12,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from mbfmu.errors import UserError
+from mbfmu.mechanics.numbers import positive
 from mbfmu.model import declared
 from mbfmu.native import Result, communication_points, run
 from mbfmu.scene import Scene
@@ -21,7 +22,7 @@ from mbfmu.viewer.gltf import write_glb
 from mbfmu.viewer.html import write_html
 from mbfmu.viewer.show import changes, side_by_side
 
-from .common import Commands, add_set, add_solver, folder, number, progress, scene_of, stem_of, wrote
+from .common import RESULTS, Commands, add_set, add_solver, folder, number, progress, scene_of, stem_of, wrote
 
 OF_SCENES = ("set", *(setting.name for setting in declared(Settings)), "stop_time", "interval")
 
@@ -99,9 +100,7 @@ def command_view(options: argparse.Namespace) -> int:
 def check(options: argparse.Namespace) -> None:
     """Complain about options before anything is run."""
     for name in ("fps", "speed", "scale"):
-        value = getattr(options, name)
-        if not isfinite(value) or value <= 0.0:
-            raise UserError(f"--{name} is {value:g}; allowed: finite and greater than zero")
+        positive(f"--{name}", getattr(options, name))
     if options.time is not None and not options.png:
         raise UserError("--time needs --png FILE")
     for kind in ("png", "gif", "mp4"):
@@ -132,7 +131,7 @@ def load(options: argparse.Namespace) -> tuple[Motion, Motion | None, list[str],
         beside = Motion.load(Path(against)) if against is not None else None
         return Motion.load(source), beside, [], source.with_suffix(".html")
     scene = scene_of(options)
-    page = Path("results") / f"{stem_of(scene)}.html"
+    page = RESULTS / f"{stem_of(scene)}.html"
     recorded = Motion.load(Path(against)) if against is not None and against.endswith(".npz") else None
     other = against_of(scene, against) if against is not None and recorded is None else None
     motion, result = recorded_run(scene)

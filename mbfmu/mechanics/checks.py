@@ -51,11 +51,12 @@ def rotation(what: str, value: Any) -> Matrix:
     return R
 
 
-def not_negative(what: str, value: float) -> float:
-    """Check a finite number that is not negative."""
-    if np.ndim(value) or not is_finite(value) or value < 0.0:
-        raise UserError(f"{what} is {value!r}; allowed: finite and not negative")
-    return float(value)
+def lengths(what: str, value: Vector) -> Matrix:
+    """Check three lengths (m) that are greater than zero."""
+    array = array_of(what, value)
+    if array.shape != (3,) or not np.all(np.isfinite(array)) or np.any(array <= 0.0):
+        raise UserError(f"{what} is {value!r} m; it needs three lengths, finite and greater than zero")
+    return array
 
 
 def whole(what: str, value: Any) -> int:

@@ -36,6 +36,20 @@ def finite(what: str, value: Any) -> float:
     return float(value)
 
 
+def positive(what: str, value: Any) -> float:
+    """Check a finite number that is greater than zero."""
+    if np.ndim(value) or not is_finite(value) or value <= 0.0:
+        raise UserError(f"{what} is {value!r}; allowed: finite and greater than zero")
+    return float(value)
+
+
+def not_negative(what: str, value: Any) -> float:
+    """Check a finite number that is not negative."""
+    if np.ndim(value) or not is_finite(value) or value < 0.0:
+        raise UserError(f"{what} is {value!r}; allowed: finite and not negative")
+    return float(value)
+
+
 def _numbers(value: Any) -> NDArray[np.float64] | None:
     """Return numbers as an array, None where there is anything else; NumPy alone would read text."""
     try:

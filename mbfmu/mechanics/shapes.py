@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from mbfmu.errors import UserError
 
 from .axes import along, unit_axis
-from .checks import rotation
-from .numbers import array_of
+from .checks import lengths, rotation
+from .numbers import positive
 
 Vector = Sequence[float]
 Matrix = NDArray[np.float64]
@@ -59,7 +59,7 @@ class Sphere(Shape):
 
     def axes(self) -> Matrix:
         """See :class:`Shape`."""
-        return np.diag(lengths("radius of a sphere", [self.radius] * 3))
+        return positive("radius of a sphere", self.radius) * np.eye(3)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,9 +73,8 @@ class Cylinder(Shape):
 
     def axes(self) -> Matrix:
         """See :class:`Shape`."""
-        return along(unit_axis(self.axis)) * lengths(
-            "radius and length of a cylinder", [self.radius] * 2 + [self.length]
-        )
+        radius, length = positive("radius of a cylinder", self.radius), positive("length of a cylinder", self.length)
+        return along(unit_axis(self.axis)) * [radius, radius, length]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,14 +88,6 @@ class Box(Shape):
     def axes(self) -> Matrix:
         """See :class:`Shape`."""
         return rotation("rotation of a box", self.rotation) * lengths("size of a box", self.size)
-
-
-def lengths(what: str, values: Vector, count: int = 3) -> Matrix:
-    """Check positive lengths."""
-    array = array_of(what, values)
-    if array.shape != (count,) or not np.all(np.isfinite(array)) or np.any(array <= 0.0):
-        raise UserError(f"{what} is {values!r} m; allowed: finite and greater than zero")
-    return array
 
 
 def check_color(color: str) -> str:

@@ -106,6 +106,27 @@ def arm(here: Any, p: Any) -> tuple[float, float, float]:
 
 
 @kernel
+def way(A: Any, B: Any, Pa: Any, Pb: Any) -> Any:
+    """From a's point to b's, from a's origin to b's point, and from b's origin there, global axes."""
+    ax, ay, az = arm(A, Pa)
+    bx, by, bz = arm(B, Pb)
+    x, y, z = B.r[0] + bx - A.r[0], B.r[1] + by - A.r[1], B.r[2] + bz - A.r[2]
+    return (x - ax, y - ay, z - az), (x, y, z), (bx, by, bz)
+
+
+@kernel
+def way_rate(A: Any, B: Any, Pa: Any, Pb: Any) -> Any:
+    """Velocity of b's point as one on body a sees it, global axes."""
+    _, (x, y, z), (bx, by, bz) = way(A, B, Pa, Pb)
+    a, b = A.Y, B.Y
+    return (
+        b[0] + b[4] * bz - b[5] * by - a[0] - (a[4] * z - a[5] * y),
+        b[1] + b[5] * bx - b[3] * bz - a[1] - (a[5] * x - a[3] * z),
+        b[2] + b[3] * by - b[4] * bx - a[2] - (a[3] * y - a[4] * x),
+    )
+
+
+@kernel
 def centripetal(here: Any, x: float, y: float, z: float, k: int) -> float:
     """Component k of w x (w x p) = w (w.p) - p w.w."""
     w = here.Y

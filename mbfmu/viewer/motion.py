@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from mbfmu.errors import UserError, writing
 from mbfmu.mechanics import Mechanism, Plant
 from mbfmu.mechanics.builder.bodies import Body
+from mbfmu.mechanics.numbers import positive
 from mbfmu.simulation import Simulation
 
 from .forces import Arrow, Source, read, shown, sources
@@ -70,8 +71,7 @@ class Motion:
 
     def scaled(self, scale: float) -> Motion:
         """Return the motion with the deflection of its elastic bodies magnified in pictures."""
-        if not (np.isfinite(scale) and scale > 0.0):
-            raise UserError(f"scale of the deflection is {scale:g}; allowed: finite and greater than zero")
+        positive("scale of the deflection", scale)
         if not self.picture.bars:
             raise UserError(f"scale of the deflection is {scale:g}, but {self.title!r} has no elastic body to bend")
         return replace(self, scale=scale)

@@ -231,7 +231,7 @@ def test_a_beam_and_its_sections_are_refused_by_name_where_they_cannot_be() -> N
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"length": 0.0}, "length of a beam element is 0.0 m; allowed: greater than zero"),
+        ({"length": 0.0}, "length of a beam element is 0.0; allowed: finite and greater than zero"),
         ({"axial": float("nan")}, "axial of a beam element is nan; allowed: finite and not negative"),
         ({"torsion": -1.0}, "torsion of a beam element is -1.0; allowed: finite and not negative"),
         ({"bending_y": -2.0}, "bending_y of a beam element is -2.0"),

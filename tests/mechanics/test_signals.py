@@ -336,7 +336,7 @@ def test_an_input_may_be_part_of_a_sum() -> None:
         (lambda: driven("t.real"), "allowed: numbers, t and functions"),
         (lambda: driven(lambda t, x: t), "takes 2 arguments; allowed: 1"),
         (lambda: JointForce(lambda t, q: q), "takes 2 arguments; allowed: 3"),
-        (lambda: Function(lambda t: t, time=0.0), "function of time changes is 0.0 s; allowed: greater than zero"),
+        (lambda: Function(lambda t: t, time=0.0), "function of time changes is 0.0; allowed: finite and greater"),
     ],
 )
 def test_what_is_no_signal_is_refused(make: Any, message: str) -> None:

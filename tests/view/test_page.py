@@ -316,7 +316,7 @@ def test_film_without_ffmpeg_says_what_to_install(command: Command, tmp_path: Pa
         (("fourbar", "--against="), "against '': write SOLVER, SOLVER:RTOL or :RTOL"),
         (("good.npz", "--gif=x.gif", "--fps=0"), "--fps is 0"),
         (("good.npz", "--gif=x.gif", "--speed=nan"), "--speed is nan"),
-        (("good.npz", "--scale=0"), "--scale is 0; allowed: finite and greater than zero"),
+        (("good.npz", "--scale=0"), "--scale is 0.0; allowed: finite and greater than zero"),
         (("good.npz", "--scale=inf"), "--scale is inf; allowed: finite and greater than zero"),
         (("good.npz", "--scale=2"), "scale of the deflection is 2, but 'fourbar' has no elastic body to bend"),
         (("good.npz", "--png=x.png", "--size=big"), "--size 'big'"),

@@ -15,7 +15,7 @@ from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.checks import whole
 from mbfmu.mechanics.elements import BeamElement
 from mbfmu.mechanics.joints import Joint, Revolute, Translational
-from mbfmu.mechanics.numbers import is_finite
+from mbfmu.mechanics.numbers import positive
 
 
 def add_chain(
@@ -55,8 +55,7 @@ def add_chain(
     The nodes. Each has the mass of its half elements and their rotary inertia as rigid rods.
     """
     for what, value in (("length", length), ("mass", mass), ("axial", axial), ("bending_stiffness", bending_stiffness)):
-        if not (is_finite(value) and value > 0.0):
-            raise UserError(f"{what} of chain {name!r} is {value!r}; allowed: greater than zero")
+        positive(f"{what} of chain {name!r}", value)
     if whole(f"elements of chain {name!r}", elements) < 1:
         raise UserError(f"elements of chain {name!r} are {elements!r}; allowed: at least 1")
     h = length / elements

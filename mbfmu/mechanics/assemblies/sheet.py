@@ -44,7 +44,7 @@ from mbfmu.mechanics.checks import Matrix, Vector, one_of, rotation, vector
 from mbfmu.mechanics.cuts import Cut, PlaneCut
 from mbfmu.mechanics.elements import Plate
 from mbfmu.mechanics.joints import Floating, Geodesic, Joint, OutOfPlane, Revolute, Weld
-from mbfmu.mechanics.numbers import is_finite
+from mbfmu.mechanics.numbers import is_finite, positive
 
 from .grid import Link, Node, around, from_edge, on_edge
 from .supports import Support, check_support, cut_of
@@ -160,8 +160,7 @@ def add_sheet(
     what = f"sheet {name!r}"
     shape = _grid(what, grid)
     for key, value in (("length", length), ("width", width), ("density", density)):
-        if not (is_finite(value) and value > 0.0):
-            raise UserError(f"{key} of {what} is {value!r}; allowed: finite and greater than zero")
+        positive(f"{key} of {what}", value)
     one_of(f"tree of {what}", tree, TREES)
     one_of(f"joint of {what}", joint, JOINTS)
     if isinstance(supports, Support):

@@ -8,7 +8,8 @@ import numpy as np
 
 from mbfmu.errors import UserError
 from mbfmu.mechanics.checks import Vector, vector
-from mbfmu.mechanics.shapes import Shape, check_color, lengths
+from mbfmu.mechanics.numbers import positive
+from mbfmu.mechanics.shapes import Shape, check_color
 
 from .bodies import Body, FlexibleBody, Profile, Surface
 from .roster import Roster
@@ -49,8 +50,11 @@ class Appearance(Roster):
         if not any(elastic is own for own in self.flexible_bodies):
             named = getattr(elastic, "name", elastic)
             raise UserError(f"elastic body of a profile is {named!r}; it must be one of this mechanism")
-        lengths(f"height and width of the profile of {elastic.name!r}", (height, width), 2)
-        self.profiles[elastic.index] = Profile(height=height, width=width, color=check_color(color))
+        self.profiles[elastic.index] = Profile(
+            height=positive(f"height of the profile of {elastic.name!r}", height),
+            width=positive(f"width of the profile of {elastic.name!r}", width),
+            color=check_color(color),
+        )
 
     def surface(
         self, name: str, bodies: Sequence[Sequence[Body]], *, at: Vector = (0.0, 0.0, 0.0), color: str = ""

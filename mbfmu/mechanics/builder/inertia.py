@@ -12,9 +12,9 @@ import numpy as np
 
 from mbfmu.errors import UserError
 from mbfmu.mechanics.axes import unit_axis
-from mbfmu.mechanics.checks import Matrix, Vector, not_negative, vector
+from mbfmu.mechanics.checks import Vector, lengths, vector
 from mbfmu.mechanics.checks import rotation as rotation_matrix
-from mbfmu.mechanics.numbers import array_of, finite
+from mbfmu.mechanics.numbers import finite, not_negative, positive
 
 Axis = str | Sequence[float]
 ORIGIN = (0.0, 0.0, 0.0)
@@ -41,7 +41,7 @@ def box(*, mass: float, size: Vector, com: Vector = ORIGIN, rotation: Any = None
     rotation
         3x3 rotation matrix whose columns the edges are along; None: the body's axes.
     """
-    x, y, z = _lengths("size of a box", size, 3)
+    x, y, z = lengths("size of a box", size)
     R = rotation_matrix("rotation of a box", rotation)
     principal = not_negative("mass of a box", mass) / 12.0 * np.array((y * y + z * z, z * z + x * x, x * x + y * y))
     return {"mass": float(mass), "com": vector("com of a box", com), "inertia": R @ np.diag(principal) @ R.T}
@@ -80,15 +80,14 @@ def tube(
     axis, com
         As those of :func:`cylinder`.
     """
-    (bore,) = _lengths("inner radius of a tube", (inner,), 1)
-    if _lengths("outer radius of a tube", (outer,), 1)[0] < bore:
+    if positive("outer radius of a tube", outer) < positive("inner radius of a tube", inner):
         raise UserError(f"inner radius of a tube is {inner!r} m; allowed: no more than the outer one, {outer!r} m")
     return _round("tube", mass, outer, inner, length, axis, com)
 
 
 def sphere(*, mass: float, radius: float, com: Vector = ORIGIN) -> dict[str, Any]:
     """Mass properties of a uniform solid ball of ``radius`` (m), its center ``com`` at the body's origin by default."""
-    (r,) = _lengths("radius of a sphere", (radius,), 1)
+    r = positive("radius of a sphere", radius)
     moment = 0.4 * not_negative("mass of a sphere", mass) * r * r
     return {"mass": float(mass), "com": vector("com of a sphere", com), "inertia": (moment, moment, moment)}
 
@@ -97,19 +96,10 @@ def _round(
     what: str, mass: float, outer: float, inner: float, length: float, axis: Axis, com: Vector
 ) -> dict[str, Any]:
     """Mass properties of a cylinder with a bore."""
-    long, radius = _lengths(f"length and radius of a {what}", (length, outer), 2)
+    long, radius = positive(f"length of a {what}", length), positive(f"radius of a {what}", outer)
     n = unit_axis(axis)
     square = radius * radius + inner * inner
     about = 0.5 * not_negative(f"mass of a {what}", mass) * square
     across = mass * (3.0 * square + long * long) / 12.0
     inertia = across * np.eye(3) + (about - across) * np.outer(n, n)
     return {"mass": float(mass), "com": vector(f"com of a {what}", com), "inertia": inertia}
-
-
-def _lengths(what: str, value: Vector, count: int) -> Matrix:
-    """Check lengths greater than zero."""
-    array = array_of(what, value)
-    if array.shape != (count,) or not np.all(np.isfinite(array)) or np.any(array <= 0.0):
-        told = value[0] if count == 1 else value
-        raise UserError(f"{what} is {told!r} m; allowed: finite and greater than zero")
-    return array

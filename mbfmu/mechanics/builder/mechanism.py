@@ -18,7 +18,7 @@ import numpy as np
 
 from mbfmu.errors import UserError
 from mbfmu.mechanics.axes import unit_axis
-from mbfmu.mechanics.checks import Vector, inertia_matrix, not_negative, rotation, vector
+from mbfmu.mechanics.checks import Vector, inertia_matrix, rotation, vector
 from mbfmu.mechanics.couplings import Coupling
 from mbfmu.mechanics.cuts import Cut
 from mbfmu.mechanics.elements import Plate
@@ -26,6 +26,7 @@ from mbfmu.mechanics.flexible import Beam
 from mbfmu.mechanics.joints import Joint, Revolute, Section
 from mbfmu.mechanics.kind import check_kind
 from mbfmu.mechanics.loads import Drag, Force, Load, Pressure
+from mbfmu.mechanics.numbers import not_negative
 from mbfmu.mechanics.sensors import (
     AngleBetween,
     Distance,

@@ -12,7 +12,7 @@ from mbfmu.errors import UserError
 from mbfmu.mechanics import law
 from mbfmu.mechanics.curve import curve
 from mbfmu.mechanics.kind import Site
-from mbfmu.mechanics.numbers import is_finite
+from mbfmu.mechanics.numbers import positive
 from mbfmu.mechanics.signals import Signal, Table
 from solvers.compiled.kernel import kept_nowhere, kernel
 
@@ -72,8 +72,8 @@ class Cam(Coupling):
 
     def check(self, what: str) -> None:
         """Refuse what no joint can follow."""
-        if self.width is not None and not (np.ndim(self.width) == 0 and is_finite(self.width) and self.width > 0.0):
-            raise UserError(f"width of {what} is {self.width!r}; allowed: greater than zero")
+        if self.width is not None:
+            positive(f"width of {what}", self.width)
         if isinstance(self.law, Table):
             self.law.rows(f"law of {what}")
             if not self.law.drives:

@@ -17,11 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.errors import UserError
-from mbfmu.mechanics.checks import not_negative
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.loads.base import Force
-from mbfmu.mechanics.numbers import is_finite
+from mbfmu.mechanics.numbers import not_negative, positive
 from mbfmu.mechanics.spatial import add_force
 from solvers.compiled.kernel import kernel
 
@@ -175,8 +173,7 @@ class BeamElement(Force):
 
     def __post_init__(self) -> None:
         """Refuse what is no beam, naming it."""
-        if not (is_finite(self.length) and self.length > 0.0):
-            raise UserError(f"length of a beam element is {self.length!r} m; allowed: greater than zero")
+        positive("length of a beam element", self.length)
         for name in ("axial", "torsion", "bending_y", "bending_z", "damping"):
             not_negative(f"{name} of a beam element", getattr(self, name))
 

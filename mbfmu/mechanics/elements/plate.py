@@ -8,7 +8,7 @@ from typing import Any
 from mbfmu.errors import UserError
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.loads.base import Load
-from mbfmu.mechanics.numbers import is_finite
+from mbfmu.mechanics.numbers import not_negative, positive
 
 from .plate_energy import PLATE, apply, potential
 from .plate_tangent import tangent
@@ -52,15 +52,11 @@ class Plate(Load):
     def check(self, what: str = "a plate") -> None:
         """Raise UserError for a number that no plate has; ``what`` says whose it is."""
         for key in ("a", "b", "thickness", "youngs_modulus"):
-            value = getattr(self, key)
-            if not (is_finite(value) and value > 0.0):
-                raise UserError(f"{key} of {what} is {value!r}; allowed: finite and greater than zero")
+            positive(f"{key} of {what}", getattr(self, key))
         if not -1.0 < self.poisson <= 0.5:
             raise UserError(f"poisson of {what} is {self.poisson!r}; allowed: above -1, at most 0.5")
         for key in ("damping", "drag"):
-            value = getattr(self, key)
-            if not (is_finite(value) and value >= 0.0):
-                raise UserError(f"{key} of {what} is {value!r}; allowed: finite and not negative")
+            not_negative(f"{key} of {what}", getattr(self, key))
         if not set(self.strains) <= set("xzs"):
             raise UserError(f"membrane of {what} is {self.membrane!r}; allowed: True, False or letters of 'xzs'")
 

@@ -18,7 +18,7 @@ from scipy.linalg import eigh
 
 from mbfmu.errors import UserError
 from mbfmu.mechanics.checks import whole
-from mbfmu.mechanics.numbers import finite, is_finite
+from mbfmu.mechanics.numbers import finite, not_negative, positive
 
 from .modal import MODES
 
@@ -66,11 +66,8 @@ class Beam:
     def __post_init__(self) -> None:
         """Refuse what is no beam, naming it."""
         for name in ("length", "mass", "bending_stiffness"):
-            value = getattr(self, name)
-            if not (is_finite(value) and value > 0.0):
-                raise UserError(f"{name} of a beam is {value!r}; allowed: greater than zero")
-        if not (is_finite(self.damping) and self.damping >= 0.0):
-            raise UserError(f"damping of a beam is {self.damping!r} s; allowed: finite and not negative")
+            positive(f"{name} of a beam", getattr(self, name))
+        not_negative("damping of a beam", self.damping)
         for name in ("modes", "elements"):
             whole(f"{name} of a beam", getattr(self, name))
         if self.elements < 1:

@@ -21,7 +21,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from mbfmu.mechanics.kind import Kind
+from mbfmu.mechanics.checks import vector
+from mbfmu.mechanics.kind import Kind, Site
 from mbfmu.mechanics.spatial import arm
 from solvers.compiled.kernel import kernel
 
@@ -41,6 +42,12 @@ def direction(force: Any, body: Any) -> tuple[float, float, float]:
         return arm(body, force.axis)
     one = 1.0 + 0.0 * body.r[0]  # of the type of the state
     return force.axis[0] * one, force.axis[1] * one, force.axis[2] * one
+
+
+def fill_points(force: Any, record: Any, site: Site) -> None:
+    """Write the two bodies that a force is between, and ``at_a`` and ``at_b`` on them."""
+    record["a"], record["b"] = site.bodies
+    record["Pa"], record["Pb"] = vector(f"at_a of {site.name}", force.at_a), vector(f"at_b of {site.name}", force.at_b)
 
 
 @dataclass(frozen=True, kw_only=True)

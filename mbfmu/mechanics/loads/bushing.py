@@ -18,13 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.errors import UserError
-from mbfmu.mechanics.checks import rotation, vector
+from mbfmu.mechanics.checks import rotation
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.numbers import array_of
-from mbfmu.mechanics.spatial import add_force, arm, quaternion_of
+from mbfmu.mechanics.spatial import add_force, arm, quaternion_of, way, way_rate
 from solvers.compiled.kernel import kernel
 
-from .base import Force, Points
+from .base import Force, Points, fill_points
 
 
 @kernel
@@ -36,15 +36,6 @@ def _axes(body: Any, E: Any) -> Any:
 @kernel
 def _dot(a: Any, b: Any) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@kernel
-def _way(force: Any, A: Any, B: Any) -> Any:
-    """From a's point to b's, from a's origin to b's point, and from b's origin there, global axes."""
-    ax, ay, az = arm(A, force.Pa)
-    bx, by, bz = arm(B, force.Pb)
-    x, y, z = B.r[0] + bx - A.r[0], B.r[1] + by - A.r[1], B.r[2] + bz - A.r[2]
-    return (x - ax, y - ay, z - az), (x, y, z), (bx, by, bz)
 
 
 @kernel
@@ -62,23 +53,18 @@ def _attitude(force: Any, A: Any, B: Any) -> Any:
 @kernel
 def _stretch(force: Any, A: Any, B: Any) -> tuple[float, float, float, float, float, float]:
     """(d, p)."""
-    way, _, _ = _way(force, A, B)
+    d, _, _ = way(A, B, force.Pa, force.Pb)
     ex, ey, ez = _axes(A, force.Ea)
     _, x, y, z = _attitude(force, A, B)
-    return _dot(ex, way), _dot(ey, way), _dot(ez, way), 2.0 * x, 2.0 * y, 2.0 * z
+    return _dot(ex, d), _dot(ey, d), _dot(ez, d), 2.0 * x, 2.0 * y, 2.0 * z
 
 
 @kernel
 def _stretch_rate(force: Any, A: Any, B: Any) -> tuple[float, float, float, float, float, float]:
     """(d, p)', seen from the frame."""
-    _, (x, y, z), (bx, by, bz) = _way(force, A, B)
+    rise = way_rate(A, B, force.Pa, force.Pb)
     ex, ey, ez = _axes(A, force.Ea)
     Ya, Yb = A.Y, B.Y
-    rise = (
-        Yb[0] + Yb[4] * bz - Yb[5] * by - Ya[0] - (Ya[4] * z - Ya[5] * y),
-        Yb[1] + Yb[5] * bx - Yb[3] * bz - Ya[1] - (Ya[5] * x - Ya[3] * z),
-        Yb[2] + Yb[3] * by - Yb[4] * bx - Ya[2] - (Ya[3] * y - Ya[4] * x),
-    )
     spin = (Yb[3] - Ya[3], Yb[4] - Ya[4], Yb[5] - Ya[5])
     ux, uy, uz = _dot(ex, spin), _dot(ey, spin), _dot(ez, spin)
     w, vx, vy, vz = _attitude(force, A, B)
@@ -107,7 +93,7 @@ def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
     gx = ex[0] * px + ey[0] * py + ez[0] * pz
     gy = ex[1] * px + ey[1] * py + ez[1] * pz
     gz = ex[2] * px + ey[2] * py + ez[2] * pz
-    _, (x, y, z), (bx, by, bz) = _way(force, A, B)
+    _, (x, y, z), (bx, by, bz) = way(A, B, force.Pa, force.Pb)
     add_force(A.F, x, y, z, gx, gy, gz)
     add_force(B.F, bx, by, bz, -gx, -gy, -gz)
     for i in range(3):
@@ -189,8 +175,7 @@ class Bushing(Force):
     def fill(self, record: Any, site: Site) -> None:
         """Write points and frames, and how much."""
         name = site.name
-        record["a"], record["b"] = site.bodies
-        record["Pa"], record["Pb"] = vector(f"at_a of {name}", self.at_a), vector(f"at_b of {name}", self.at_b)
+        fill_points(self, record, site)
         record["Ea"] = rotation(f"rotation_a of {name}", self.rotation_a).T
         record["Eb"] = rotation(f"rotation_b of {name}", self.rotation_b).T
         for key in ("stiffness", "damping"):

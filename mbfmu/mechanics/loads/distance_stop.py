@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics.checks import not_negative, vector
 from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.numbers import not_negative
 from mbfmu.mechanics.spatial import add_force
 from solvers.compiled.kernel import kernel
 
-from .base import Force, Points
+from .base import Force, Points, fill_points
 from .spring import pull
 from .stops import LIMITS, check_limits, fill_limits, lost, push, stored
 
@@ -85,9 +85,7 @@ class DistanceStop(Force):
 
     def fill(self, record: Any, site: Site) -> None:
         """Write the two points, between what, and how much."""
-        name = site.name
-        record["a"], record["b"] = site.bodies
-        record["Pa"], record["Pb"] = vector(f"at_a of {name}", self.at_a), vector(f"at_b of {name}", self.at_b)
+        fill_points(self, record, site)
         fill_limits(record, self)
 
     @property

@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 
 from mbfmu.mechanics import law
-from mbfmu.mechanics.checks import vector
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.spatial import add_force, arm
 from solvers.compiled.kernel import kept_nowhere, kernel
 
-from .base import Points
+from .base import Points, fill_points
 from .elastic import ElasticForce, table_energy, table_force
 
 
@@ -135,11 +134,7 @@ class Spring(ElasticForce):
     def fill(self, record: Any, site: Site) -> None:
         """Write the two points too."""
         super().fill(record, site)
-        record["a"], record["b"] = site.bodies
-        record["Pa"], record["Pb"] = (
-            vector(f"at_a of {site.name}", self.at_a),
-            vector(f"at_b of {site.name}", self.at_b),
-        )
+        fill_points(self, record, site)
 
     def points(self) -> Points:
         """Return its two points."""

@@ -14,8 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from mbfmu.errors import UserError
-from mbfmu.mechanics.checks import not_negative
-from mbfmu.mechanics.numbers import finite
+from mbfmu.mechanics.numbers import finite, not_negative
 from solvers.compiled.kernel import kernel
 
 LIMITS = [

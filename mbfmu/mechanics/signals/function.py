@@ -11,7 +11,7 @@ import numpy as np
 from mbfmu.errors import UserError
 from mbfmu.mechanics import law
 from mbfmu.mechanics.kind import Site
-from mbfmu.mechanics.numbers import is_finite
+from mbfmu.mechanics.numbers import positive
 from solvers.compiled.kernel import kept_nowhere
 
 from .base import InUse, Signal
@@ -67,8 +67,7 @@ class Function(Signal):
 
     def __post_init__(self) -> None:
         """Compile it."""
-        if not (is_finite(self.time) and self.time > 0.0):
-            raise UserError(f"time in which {self.what} changes is {self.time!r} s; allowed: greater than zero")
+        positive(f"time in which {self.what} changes", self.time)
         function = law.law_of(self.what, self.law, ("t",))
         if self.differentiate and not law.resolved(function, (0.0, RANGE * self.time), self.time):
             raise UserError(
