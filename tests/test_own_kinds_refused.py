@@ -54,12 +54,13 @@ def force(**said: Any) -> Callable[[Mechanism, Body], Any]:
 @pytest.mark.parametrize(
     ("add", "message"),
     [
-        (force(apply=None), "force 'f' is a Own, which has no kernel 'apply'"),
+        (force(apply=None), "force 'f' is of class Own, which has no kernel 'apply'"),
         (force(), "has no kernel 'apply'"),
         (force(apply=len), "decorate it with mbfmu.mechanics.kernel"),
         (force(apply=too_few), "kernel 'apply' .*too_few.* cannot be compiled.*its record, time, arrays, state"),
         (force(apply=no_field), "cannot be compiled: .*nosuch"),
-        (force(apply=nothing, record=3), "record 3; allowed: a NumPy dtype"),
+        (force(apply=nothing, drawn="rod"), "class Own, whose `drawn` is 'rod'; allowed: '', 'coil'"),
+        (force(apply=nothing, record=3), "record is 3; allowed: a NumPy dtype"),
         (force(apply=nothing, record=np.dtype([])), "allowed: a NumPy dtype of named fields"),
         (force(apply=nothing, record=np.dtype([("x", np.float64, (0,))])), "one number or more"),
         (force(apply=nothing, record=np.dtype([("x", "U4")])), "float64 or int64"),

@@ -53,7 +53,6 @@ def command_compare(options: argparse.Namespace) -> int:
     """Compare all solvers; print a table, draw two plots."""
     from mbfmu.studies.compare import TOLERANCES, as_text, compare
     from mbfmu.studies.report import plot_energy, plot_work_precision
-    from mbfmu.studies.settling import SOLVER_NAMES as SETTLING_SOLVERS
     from mbfmu.studies.settling import Settled, settle
     from mbfmu.studies.settling import as_text as settled_as_text
 
@@ -63,7 +62,7 @@ def command_compare(options: argparse.Namespace) -> int:
     if options.json:
         writable(options.json)
     settling = scene.model.settling
-    total = len(TOLERANCES) * (len(SOLVERS) + len(SETTLING_SOLVERS) * bool(settling))
+    total = len(TOLERANCES) * len(SOLVERS) * (2 if settling else 1)
     settled: list[Settled] = []
     with results(options.output, scene, f"{scene_part(scene)}-compare") as place:
         with bar(total, "compare", options.quiet) as shown:

@@ -78,24 +78,28 @@ def check_kind(what: str, given: Any, role: type[Kind]) -> None:
     """Refuse what is not of a role, or of a kind that lacks what its role asks for."""
     if not isinstance(given, role):
         raise UserError(f"{what} is {given!r}; allowed: a {role.__name__}, such as those of mbfmu.mechanics")
-    kind = type(given).__name__
+    said = f"{what} is of class {type(given).__name__}"
     for name in role.kernels:
         optional = getattr(role, name, False) is None
         function = kernel_of(given, name) if hasattr(given, name) else None
         if function is None and not optional:
-            raise UserError(f"{what} is a {kind}, which has no kernel {name!r}")
+            raise UserError(f"{said}, which has no kernel {name!r}")
         if COMPILED and function is not None and not is_kernel(function):
-            raise UserError(f"{what} is a {kind}, whose {name!r} is no kernel: decorate it with mbfmu.mechanics.kernel")
+            raise UserError(f"{said}, whose {name!r} is no kernel; decorate it with mbfmu.mechanics.kernel")
     for name, meant in vars(role).get("__annotations__", {}).items():
         if "ClassVar" in str(meant) and not hasattr(type(given), name):
-            raise UserError(f"{what} is a {kind}, which does not say its {name!r}; see the base {role.__name__}")
+            raise UserError(f"{said}, which does not say its {name!r}; see its base {role.__name__}")
+    drawings = getattr(role, "drawings", ())
+    if drawings and given.drawn not in drawings:
+        allowed = ", ".join(map(repr, drawings))
+        raise UserError(f"{said}, whose `drawn` is {given.drawn!r}; allowed: {allowed}")
     record = given.record
     named = (record.names or ()) if isinstance(record, np.dtype) else ()
     if not named or any(record[n].base not in (np.float64, np.int64) or not record[n].itemsize for n in named):
         raise UserError(
-            f"{what} is a {kind} with the record {record!r}; allowed: a NumPy dtype of named fields, each of one "
+            f"{said}, whose record is {record!r}; allowed: a NumPy dtype of named fields, each of one "
             "number or more, float64 or int64"
         )
     for name in named:
         if hasattr(np.record, name):
-            raise UserError(f"{what} is a {kind} with a field {name!r}, which records of NumPy have already; rename it")
+            raise UserError(f"{said}, whose record has a field {name!r}; NumPy's records have that name already")

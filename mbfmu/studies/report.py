@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ from mbfmu.curves import draw, size
 from mbfmu.viewer.motion import amplitudes
 from mbfmu.viewer.picture import PALETTE
 from mbfmu.viewer.picture import draw as picture_of
+from solvers import SOLVERS
 
 if TYPE_CHECKING:
     from mbfmu.mechanics import Plant
@@ -24,7 +26,8 @@ if TYPE_CHECKING:
     from mbfmu.viewer.picture import Bar
     from solvers.system import Array
 
-COLORS = {"ida": "#4269d0", "adams": "#3ca951", "hybrid": "#efb118", "adams-lu": "#ff725c"}
+CYCLE = ("#4269d0", "#3ca951", "#efb118", "#ff725c", "#a463f2", "#38b2c4", "#ff8ab7", "#9c6b4e")
+COLORS = dict(zip(SOLVERS, cycle(CYCLE), strict=False))  # by solver
 ROUNDING = 1e-4  # of the largest deflection: less is taken for none
 IN_STEP = 0.01  # of the largest displacement: out of step less than this does not show
 

@@ -18,8 +18,8 @@ from mbfmu.settings import Settings
 from mbfmu.simulation import Simulation
 from mbfmu.steady.problem import EquilibriumProblem
 from mbfmu.table import table
+from solvers import SOLVERS
 
-SOLVER_NAMES = ("ida", "adams", "hybrid")
 LEFT = 1e-10  # of the first deviation, when the slowest mode has settled
 NEWTON = "newton"
 
@@ -60,7 +60,7 @@ def settle(
     model: Model,
     *,
     tolerances: Sequence[float],
-    solvers: Sequence[str] = SOLVER_NAMES,
+    solvers: Sequence[str] = tuple(SOLVERS),
     repeats: int = 5,
     progress: Callable[[str], None] | None = None,
 ) -> list[Settled]:

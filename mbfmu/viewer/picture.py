@@ -7,26 +7,14 @@ from its joint to where other things take hold of it, and a ball in its center o
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics import (
-    Cylindrical,
-    DistanceCut,
-    Floating,
-    JointSpring,
-    Mechanism,
-    Revolute,
-    Screw,
-    Spherical,
-    Spring,
-    Translational,
-    Universal,
-)
+from mbfmu.mechanics import Mechanism
 from mbfmu.mechanics.axes import along
 from mbfmu.mechanics.builder.bodies import Body, CutHandle, FlexibleBody, Surface
 from mbfmu.mechanics.cuts import Cut
@@ -191,12 +179,13 @@ class _Artist:
 
     def __init__(self, mechanism: Mechanism, span: float) -> None:
         self.mechanism = mechanism
+        self.coils = list(self._coils())
         self.held = self._held_points()
         self.shaped = {body.index for body, _ in mechanism.shapes}
         self.surfaces = surfaces_of(mechanism)
         self.skinned = {int(i) for surface in self.surfaces for i in surface.bodies.flat}
         bars = [float(np.linalg.norm(p)) for body in mechanism.bodies[1:] for p in self._ends(body)]
-        bars += [handle.cut.length for handle in mechanism.cuts if isinstance(handle.cut, DistanceCut)]
+        bars += [handle.cut.extent() for handle in mechanism.cuts if handle.cut.drawn == "rod"]
         bars += [elastic.beam.length for elastic in mechanism.flexible_bodies]
         self.radius = bar_radius(bars, max([span, *bars]) or 1.0)
         masses = [body.mass for body in mechanism.bodies] + [elastic.beam.mass for elastic in mechanism.flexible_bodies]
@@ -215,15 +204,10 @@ class _Artist:
             self._part(shape.solid, body, shape.at, shape.axes(), shape.color or color_of(body))
         for handle in self.mechanism.cuts:
             self._cut(handle)
-        for _, force, a, b in self.mechanism.forces:
-            if {a.index, b.index} <= self.skinned:
-                continue
-            if isinstance(force, Spring):
-                self._link("coil", a, force.at_a, b, force.at_b, 2.5 * self.radius, STEEL)
-                self._feet((a, force.at_a), (b, force.at_b))
-            elif isinstance(force, JointSpring) and isinstance(a.joint, Translational):
-                parent = self.mechanism.bodies[a.parent]
-                self._link("coil", parent, a.joint.at, a, (0.0, 0.0, 0.0), 2.5 * self.radius, STEEL)
+        for a, at_a, b, at_b in self.coils:
+            if not {a.index, b.index} <= self.skinned:
+                self._link("coil", a, at_a, b, at_b, 2.5 * self.radius, STEEL)
+                self._feet((a, at_a), (b, at_b))
         skins = tuple(
             Skin(
                 name=surface.name,
@@ -275,17 +259,27 @@ class _Artist:
                 middles[i] = numbers(surface.at)
         return tuple(middles)
 
+    def _coils(self) -> Iterator[tuple[Body, Any, Body, Any]]:
+        """Yield the two bodies that every coil is between, with the points on them, body axes."""
+        for _, load, bodies in self.mechanism.loads():
+            if load.drawn != "coil":
+                continue
+            body, joint = bodies[0], bodies[0].joint
+            if len(load.points()) == len(bodies) == 2:
+                yield bodies[0], load.points()[0], bodies[1], load.points()[1]
+            elif load.on_joint and joint.drawn == "slide" and joint.units == ("m",):
+                yield self.mechanism.bodies[body.parent], joint.at, body, (0.0, 0.0, 0.0)
+
     def _held_points(self) -> list[list[Matrix]]:
         """Return, for every body, the points other bodies, cuts and springs take hold of, body axes."""
         held: list[list[Matrix]] = [[] for _ in self.mechanism.bodies]
         for body in self.mechanism.bodies[1:]:
-            if not isinstance(body.joint, Floating):
+            if body.joint.drawn != "free":
                 held[body.parent].append(np.asarray(body.joint.at, float))
-        ends: list[tuple[Any, Body, Body]] = [(handle.cut, handle.a, handle.b) for handle in self.mechanism.cuts]
-        ends += [(force, a, b) for _, force, a, b in self.mechanism.forces if isinstance(force, Spring)]
-        for tie, a, b in ends:
-            held[a.index].append(np.asarray(tie.at_a, float))
-            held[b.index].append(np.asarray(tie.at_b, float))
+        cuts = ((handle.a, handle.cut.at_a, handle.b, handle.cut.at_b) for handle in self.mechanism.cuts)
+        for a, at_a, b, at_b in (*cuts, *self.coils):
+            held[a.index].append(np.asarray(at_a, float))
+            held[b.index].append(np.asarray(at_b, float))
         return held
 
     def _ends(self, body: Body) -> list[Matrix]:
@@ -309,7 +303,7 @@ class _Artist:
         if body.mass > 0.0:
             ball = self.radius * max(1.4, 3.2 * (body.mass / self.heaviest) ** (1.0 / 3.0))
             self._part("sphere", body, body.com, np.eye(3) * ball, color)
-            if not ends and isinstance(body.joint, Floating | Spherical):  # show how it turns
+            if not ends and body.joint.quaternion:  # show how it turns
                 for axis, of_axis in zip(np.eye(3), AXES, strict=True):
                     bar = along(axis) * [0.5 * thick, 0.5 * thick, 1.5 * ball]
                     self._part("cylinder", body, body.com + 1.25 * ball * axis, bar, of_axis)
@@ -317,13 +311,13 @@ class _Artist:
     def _joint(self, body: Body) -> None:
         joint, r = body.joint, self.radius
         parent = self.mechanism.bodies[body.parent]
-        if isinstance(joint, Floating):
+        if joint.drawn == "free":
             return
-        if isinstance(joint, Revolute):
+        if joint.drawn == "pin":
             self._pin(body, np.zeros(3), joint.direction)
-        elif isinstance(joint, Spherical | Universal):
+        elif joint.drawn == "ball":
             self._part("sphere", body, np.zeros(3), np.eye(3) * 1.7 * r, PIN)
-        elif isinstance(joint, Translational | Cylindrical | Screw):
+        elif joint.drawn == "slide":
             self._link("cylinder", parent, joint.at, body, (0.0, 0.0, 0.0), 0.7 * r, color_of(parent))
         self._feet((parent, joint.at))
 
@@ -332,11 +326,11 @@ class _Artist:
         a, b, r = handle.a, handle.b, self.radius
         if {a.index, b.index} <= self.skinned:
             return
-        if isinstance(cut, DistanceCut):
+        if cut.drawn == "rod":
             self._link("cylinder", a, cut.at_a, b, cut.at_b, 0.6 * r, STEEL)
             for body, at in ((a, cut.at_a), (b, cut.at_b)):
                 self._part("sphere", body, at, np.eye(3) * 1.3 * r, PIN)
-        elif cut.rows == ("x", "y", "z"):
+        elif cut.drawn == "ball":
             self._part("sphere", a, cut.at_a, np.eye(3) * 1.7 * r, PIN)
         else:
             self._pin(a, cut.at_a, cut.frames()[0][:, 2])

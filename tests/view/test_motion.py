@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,8 @@ from mbfmu.mechanics import (
     Box,
     Cylinder,
     Floating,
+    Force,
+    Joint,
     Mechanism,
     Polynomial,
     Revolute,
@@ -38,7 +41,7 @@ from mbfmu.simulation import Settings
 from mbfmu.viewer import Motion, Recorder
 from mbfmu.viewer.camera import Camera, Stage
 from mbfmu.viewer.motion import matrices
-from mbfmu.viewer.picture import draw
+from mbfmu.viewer.picture import PIN, Picture, draw
 
 
 class Arm(Model):
@@ -179,6 +182,34 @@ def test_default_picture_knows_every_joint_cut_and_spring() -> None:
     axes = [np.reshape(part.axes, (3, 3)) for part in picture.parts if part.body == arm.index]
     assert max(np.linalg.norm(bar[2]) for bar in axes) == pytest.approx(1.0)  # the bar, as long as the arm
     assert len({part.color for part in picture.parts}) >= 5
+
+
+def test_own_joint_and_own_force_are_drawn_as_they_say() -> None:
+    @dataclass(frozen=True, kw_only=True)
+    class Hinge(Joint):
+        record, place = Revolute.record, Revolute.place
+        nq, nv = 1, 1
+        coordinates, units = ("",), ("rad",)
+        drawn = "pin"
+
+    @dataclass(frozen=True, kw_only=True)
+    class Rope(Force):
+        record, apply = Spring.record, Spring.apply
+        drawn = "coil"
+
+        def points(self) -> tuple[Any, ...]:
+            return (0.0, 2.0, 0.0), (0.5, 0.0, 0.0)
+
+    def pictured(joint: Joint, force: Force) -> Picture:
+        m = Mechanism()
+        arm = m.body("arm", m.ground, joint, **rod(mass=1.0, length=1.0))
+        m.force("rope", force, m.ground, arm)
+        return draw(m, 2.0)
+
+    own, ours = pictured(Hinge(), Rope()), pictured(Revolute(), Spring(at_a=(0.0, 2.0, 0.0), at_b=(0.5, 0.0, 0.0)))
+    assert [(link.solid, link.at_a, link.at_b) for link in own.links] == [("coil", (0.0, 2.0, 0.0), (0.5, 0.0, 0.0))]
+    assert [part.body for part in own.parts if part.color == PIN] == [1]
+    assert own == ours
 
 
 def test_shapes_replace_the_default_picture() -> None:

@@ -58,6 +58,8 @@ class Cut(Kind):
     evaluate: ClassVar[Any]
     rows: ClassVar[tuple[str, ...]]  # suffix of each row's name
     units: ClassVar[tuple[str, ...]]  # of each row's multiplier: N or N m
+    drawings: ClassVar = ("pin", "ball", "rod")
+    drawn: ClassVar[str] = "pin"  # how pictures show it: one of these
     parallel: ClassVar[str] = ""  # axes of the two frames that are parallel when it is closed: "", "z" or "xyz"
 
     @property

@@ -51,6 +51,7 @@ class DistanceCut(Cut):
     record = np.dtype([*CUT.descr, ("length", np.float64)], align=True)
     rows = ("",)
     units = ("N",)
+    drawn = "rod"
     evaluate = evaluate
 
     length: float

@@ -22,4 +22,5 @@ class SphericalCut(Cut):
 
     rows = ("x", "y", "z")
     units = ("N", "N", "N")
+    drawn = "ball"
     evaluate = evaluate

@@ -60,6 +60,8 @@ class Joint(Kind):
     quaternion: ClassVar[bool] = False  # the last four positions are a unit quaternion, scalar first
     coordinates: ClassVar[tuple[str, ...]] = ()  # suffix of each velocity coordinate's name
     units: ClassVar[tuple[str, ...]] = ()  # of the coordinates: m or rad
+    drawings: ClassVar = ("", "pin", "ball", "slide", "free")
+    drawn: ClassVar[str] = ""  # how pictures show it: one of these; "free": nothing holds the child
 
     def __post_init__(self) -> None:
         """Refuse what a drive says already."""
@@ -69,6 +71,11 @@ class Joint(Kind):
             raise UserError(
                 f"a joint has a drive and {names}: leave {names} out, its drive says where it is and how fast"
             )
+
+    @property
+    def direction(self) -> NDArray[np.float64]:
+        """Unit vector in the joint frame that a pin is drawn along."""
+        return np.array((0.0, 0.0, 1.0))
 
     def rest(self) -> NDArray[np.float64]:
         """Positions (nq,) at which the child's frame lies on the joint frame."""

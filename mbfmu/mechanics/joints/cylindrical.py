@@ -33,3 +33,4 @@ class Cylindrical(AxisJoint):
     place = place
     coordinates = ("angle", "displacement")
     units = ("rad", "m")
+    drawn = "slide"

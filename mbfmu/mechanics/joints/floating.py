@@ -38,3 +38,4 @@ class Floating(Joint):
     place = place
     coordinates = ("x", "y", "z", "wx", "wy", "wz")
     units = ("m", "m", "m", "rad", "rad", "rad")
+    drawn = "free"

@@ -32,3 +32,4 @@ class Revolute(AxisJoint):
     place = place
     coordinates = ("",)
     units = ("rad",)
+    drawn = "pin"

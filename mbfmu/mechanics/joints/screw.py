@@ -42,6 +42,7 @@ class Screw(AxisJoint):
     place = place
     coordinates = ("",)
     units = ("rad",)
+    drawn = "slide"
 
     lead: float
 

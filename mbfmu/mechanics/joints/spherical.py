@@ -35,3 +35,4 @@ class Spherical(Joint):
     place = place
     coordinates = ("wx", "wy", "wz")
     units = ("rad", "rad", "rad")
+    drawn = "ball"

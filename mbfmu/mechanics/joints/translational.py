@@ -30,3 +30,4 @@ class Translational(AxisJoint):
     place = place
     coordinates = ("",)
     units = ("m",)
+    drawn = "slide"

@@ -65,6 +65,7 @@ class Universal(AxisJoint):
     bias = bias
     coordinates = ("first", "second")
     units = ("rad", "rad")
+    drawn = "ball"
 
     axis: str | Vector = "x"
     second: str | Vector = "y"

@@ -64,6 +64,8 @@ class Load(Kind):
     potential: ClassVar[Any] = None
     power: ClassVar[Any] = None
     tangent: ClassVar[Any] = None
+    drawings: ClassVar = ("", "coil")
+    drawn: ClassVar[str] = ""  # how pictures show it: one of these; a coil is between its points, or along its joint
     on_joint: ClassVar[bool] = False  # acts along the coordinate of the first body's joint, not on bodies
 
     @property

@@ -91,6 +91,7 @@ class JointSpring(ElasticForce):
         align=True,
     )
     on_joint = True
+    drawn = "coil"
     apply = apply
     potential = potential
     power = power

@@ -122,6 +122,7 @@ class Spring(ElasticForce):
         ],
         align=True,
     )
+    drawn = "coil"
     apply = apply
     potential = potential
     power = power
