@@ -25,7 +25,7 @@ from pythonfmu import Fmi2Causality, Fmi2Slave, Fmi2Variability, Real
 
 from mbfmu.fmi.description import Experiment, Identity, model_description
 from mbfmu.fmi.guards import finalize_at_exit
-from mbfmu.interface import Role, Type, Variable
+from mbfmu.interface import Role, ScalarVariable, Type
 
 # PythonFMU 0.7 drops one reference to this module's names at every instantiation and would free them.
 ctypes.pythonapi.Py_IncRef(ctypes.py_object(globals()))
@@ -90,7 +90,7 @@ class ThrottledEngine(Fmi2Slave):  # type: ignore[misc]
     def to_xml(self, _options: dict[str, str] | None = None) -> Any:
         """Return the model description, with the units that PythonFMU leaves out."""
         described = [
-            Variable(
+            ScalarVariable(
                 name=name,
                 role=Role(causality.name),
                 type=Type.REAL,

@@ -64,7 +64,7 @@ class Role(Enum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Variable:
+class ScalarVariable:
     """A variable as a host sees it; words are those of FMI 2.
 
     Attributes
@@ -119,7 +119,7 @@ class Variable:
 CHANGES = {"tunable": "between steps", "constant": "not after export"}
 
 
-def columns(variables: Sequence[Variable]) -> dict[str, list[str]]:
+def columns(variables: Sequence[ScalarVariable]) -> dict[str, list[str]]:
     """Return what is told of variables, by the titles of a table's columns; empty columns are left out."""
     found = {
         "name": [v.name for v in variables],
@@ -133,7 +133,7 @@ def columns(variables: Sequence[Variable]) -> dict[str, list[str]]:
     return {title: cells for title, cells in found.items() if any(cells)}
 
 
-def interface(model: Model, settings: Settings, plant: Plant | None = None) -> tuple[Variable, ...]:
+def interface(model: Model, settings: Settings, plant: Plant | None = None) -> tuple[ScalarVariable, ...]:
     """Return every variable of a model under these settings; ``plant`` saves building it again.
 
     Raises
@@ -150,7 +150,7 @@ def interface(model: Model, settings: Settings, plant: Plant | None = None) -> t
     )
 
 
-def parameters(model: Model) -> Iterator[Variable]:
+def parameters(model: Model) -> Iterator[ScalarVariable]:
     """Yield the parameters of a model; what decides the structure is constant."""
     for p in model.parameters():
         value = getattr(model, p.name)
@@ -158,20 +158,20 @@ def parameters(model: Model) -> Iterator[Variable]:
         yield parameter(p, Role.PARAMETER, value, variability)
 
 
-def solver_settings(settings: Settings) -> Iterator[Variable]:
+def solver_settings(settings: Settings) -> Iterator[ScalarVariable]:
     """Yield the settings."""
     for p in declared(Settings):
         yield parameter(p, Role.SETTING, getattr(settings, p.name), "fixed")
 
 
-def parameter(p: Parameter, role: Role, value: Any, variability: str) -> Variable:
+def parameter(p: Parameter, role: Role, value: Any, variability: str) -> ScalarVariable:
     """Return what is declared of a parameter, with its value as the start."""
     kinds = ((bool, Type.BOOLEAN), (int, Type.INTEGER), (np.integer, Type.INTEGER), (float, Type.REAL))
     kind = next((found for python, found in kinds if isinstance(p.default, python)), None)
     if kind is None and not p.choices:
         raise UserError(f"parameter {p.name!r} has the default {p.default!r}; allowed: a number, or text with choices")
     constant = variability == "constant"
-    return Variable(
+    return ScalarVariable(
         name=p.name,
         role=role,
         type=kind if kind and not p.choices else Type.ENUMERATION,
@@ -187,13 +187,13 @@ def parameter(p: Parameter, role: Role, value: Any, variability: str) -> Variabl
     )
 
 
-def inputs(plant: Plant) -> Iterator[Variable]:
+def inputs(plant: Plant) -> Iterator[ScalarVariable]:
     """Yield the inputs."""
     for v in plant.inputs.variables:
         yield moving(v, Role.INPUT, start=v.start, allowed="any finite number")
 
 
-def outputs(plant: Plant) -> Iterator[Variable]:
+def outputs(plant: Plant) -> Iterator[ScalarVariable]:
     """Yield the outputs, and those of the audit."""
     names = [v.name for v in plant.inputs.variables]
     reached = [*plant.feedthrough(), *(() for _ in VARIABLES)]
@@ -201,9 +201,9 @@ def outputs(plant: Plant) -> Iterator[Variable]:
         yield moving(v, Role.OUTPUT, depends_on=tuple(names[i] for i in at_once))
 
 
-def moving(v: mechanics.Variable, role: Role, **told: Any) -> Variable:
+def moving(v: mechanics.Variable, role: Role, **told: Any) -> ScalarVariable:
     """Return an input or output of a plant, with what else is told of it."""
-    return Variable(
+    return ScalarVariable(
         name=v.name,
         role=role,
         type=Type.REAL,
@@ -216,12 +216,12 @@ def moving(v: mechanics.Variable, role: Role, **told: Any) -> Variable:
     )
 
 
-def solver_outputs() -> Iterator[Variable]:
+def solver_outputs() -> Iterator[ScalarVariable]:
     """Yield what the solver tells of itself."""
     said = "what went wrong, a stop or a lost energy balance, and what to try; or empty"
     told = [(name, Role.COUNTER, Type.INTEGER, text) for name, text in COUNTERS.items()]
     for name, role, kind, text in [*told, ("message", Role.MESSAGE, Type.STRING, said)]:
-        yield Variable(
+        yield ScalarVariable(
             name=f"solver.{name}",
             role=role,
             type=kind,
@@ -231,9 +231,9 @@ def solver_outputs() -> Iterator[Variable]:
         )
 
 
-def check(variables: tuple[Variable, ...]) -> None:
+def check(variables: tuple[ScalarVariable, ...]) -> None:
     """Refuse names that a host cannot read or that are taken, and units that nobody knows."""
-    seen: dict[str, Variable] = {}
+    seen: dict[str, ScalarVariable] = {}
     for v in variables:
         what = f"the {v.role.value} {v.name!r}"
         if not NAME.fullmatch(v.name):

@@ -80,7 +80,7 @@ class Simulation:
         self.settings = settings
         self.plant = own.plant()
         if settings.inputs == "linear":
-            self.plant.inputs.go_on()
+            self.plant.inputs.extrapolate()
         known = enumerate(self.plant.inputs.variables)
         self._inputs: dict[Hashable, int] = {key: k for k, v in known for key in (v.name, k)}
         if not isinstance(inputs or {}, Mapping):
@@ -110,7 +110,7 @@ class Simulation:
         # where nothing is free nothing is integrated but the work, whose error no tolerance controls
         audited = settings.audit and self.stepper.freedom > 0
         self.audit = Audit(self.plant, settings.tolerance, self.energy()) if audited else None
-        self._folds, self._dark = Folds(self.plant, t0, q), False
+        self._folds, self._told_undetermined = Folds(self.plant, t0, q), False
         self._compile(t0, q, v)
 
     def __reduce_ex__(self, protocol: Any) -> Any:
@@ -125,19 +125,19 @@ class Simulation:
         kind = (type(self.stepper), self.plant.system.m > 0)
         if kind in _compiled:
             return
-        rehearsal = stepper(self.settings.solver, self.plant.system, t0, q, v, self.settings.options())
+        trial = stepper(self.settings.solver, self.plant.system, t0, q, v, self.settings.options())
         times, values = np.array([t0 + 1e-3]), np.zeros((1, len(self._out)))
-        samples = rehearsal.sample(times)
+        samples = trial.sample(times)
         done = len(samples.q)
         self.plant.observe_all(times[:done], *samples[:4], values[:done])
         self.plant.observe(t0, q, v, np.zeros(len(v)), np.zeros(self.plant.system.m), self._out)
         self.energy()
-        ends = [rehearsal.advance(t0 + 2e-3)]
+        ends = [trial.advance(t0 + 2e-3)]
         for k in (3, 4):  # as where loads change, the second time with what is kept across
-            rehearsal.renew()
-            ends.append(rehearsal.advance(t0 + 1e-3 * k))
+            trial.renew()
+            ends.append(trial.advance(t0 + 1e-3 * k))
         with suppress(SolverError):
-            rehearsal.accelerations()
+            trial.accelerations()
         if done and all(status.ok for status in ends):
             _compiled.add(kind)
 
@@ -223,8 +223,8 @@ class Simulation:
         else:
             self.stepper.jump(dv)
         self._book_jump(before)
-        for motion, leg, _ in departures:
-            if leg.jumps:
+        for motion, segment, _ in departures:
+            if segment.jumps:
                 self._remark(
                     f"input {motion.name!r} jumps in position, farther than its rate explains; "
                     "the support moves there within a communication step"
@@ -245,7 +245,7 @@ class Simulation:
         except SolverError as error:
             raise UserError(f"model {self.model.name!r}: {error}") from error
         self.plant.observe(stepper.t, stepper.q, stepper.v, a, lam, self._out)
-        self._tell_dark()
+        self._tell_undetermined()
         self._finish(np.array([stepper.t]), stepper.q[None], stepper.ledger[None], self._out[None])
         return self._out
 
@@ -298,17 +298,17 @@ class Simulation:
         if done:
             self._out[:] = values[done - 1]
         self._remark(self.stepper.notice)
-        self._tell_dark()
+        self._tell_undetermined()
         return done
 
-    def _tell_dark(self) -> None:
+    def _tell_undetermined(self) -> None:
         """Remark, once, that forces were read where they are not known."""
-        if isnan(self.stepper.dark_at) or self._dark or not self.plant.tells_forces:
+        if isnan(self.stepper.undetermined_at) or self._told_undetermined or not self.plant.tells_forces:
             return
-        self._dark = True
+        self._told_undetermined = True
         self._remark(
-            f"at t = {self.stepper.dark_at:.9g} s outputs of forces or efforts were read in, or too near, a singular "
-            "position: forces are not determined there and may be unbounded"
+            f"at t = {self.stepper.undetermined_at:.9g} s outputs of forces or efforts were read in a singular "
+            "position, or too near one: forces are not determined there and may be unbounded"
         )
 
     def _input(self, key: int | str) -> int:

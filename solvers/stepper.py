@@ -94,7 +94,7 @@ class Stepper(ABC):
     ----------
     others
         Names of the solvers to try where this one does not go on.
-    dark_at
+    undetermined_at
         When forces were asked for last in a position so near a singular one that they are not resolved, s; else nan.
     starts_singular
         Whether it was constructed in a singular position: rates may not be what the loops would make them beside it.
@@ -102,7 +102,7 @@ class Stepper(ABC):
 
     others: tuple[str, ...]
     starts_singular: bool = False
-    dark_at: float = math.nan
+    undetermined_at: float = math.nan
 
     def __init__(self, system: AnySystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
         self.options = options or Options()
@@ -155,7 +155,7 @@ class Stepper(ABC):
     def return_to(self, place: Reported) -> None:
         """Make a state that was reported before the reported one: an advance from it is taken back."""
         self._t, self._q[:], self._v[:], self._ledger[:] = place
-        self.dark_at = math.nan
+        self.undetermined_at = math.nan
         self.status = self._status(Code.OK)
         self.renew()
 
@@ -196,11 +196,11 @@ class Stepper(ABC):
         code, a, lam = self._evaluate()
         if code is not Code.OK:
             raise SolverError(self._status(code))
-        if self._dark():
-            self.dark_at = self._t
+        if self._undetermined():
+            self.undetermined_at = self._t
         return a, lam
 
-    def _dark(self) -> bool:
+    def _undetermined(self) -> bool:
         """Whether forces that were just evaluated are not resolved."""
         return False
 
@@ -239,8 +239,8 @@ class Stepper(ABC):
             if code is not Code.OK:
                 self.status = self._status(code)
                 return i
-            if self._dark():
-                self.dark_at = self._t
+            if self._undetermined():
+                self.undetermined_at = self._t
         return len(times)
 
     @abstractmethod
@@ -268,7 +268,7 @@ class Stepper(ABC):
     def restore(self, data: bytes) -> None:
         """Go back to where ``data`` was saved: bit for bit where the arrays hold the solver's history."""
         unpack(data, self._arrays())
-        self._t, self.dark_at = float(self._reported[0]), math.nan
+        self._t, self.undetermined_at = float(self._reported[0]), math.nan
         self.status = self._status(Code.OK)
 
     @property

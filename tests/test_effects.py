@@ -1,4 +1,4 @@
-"""The ledger of effects of models with elastic bodies."""
+"""What effects of models with elastic bodies cost and change."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pytest
 
 from fmus.fourbar import FourBar
 from mbfmu.simulation import Settings
-from mbfmu.studies.effects import Entry, as_text, ledger
+from mbfmu.studies.effects import Entry, as_text, costs
 
 DOWN = {"crank": -1.5, "coupler": 1.5, "rocker": -1.5}
 
@@ -16,7 +16,7 @@ DOWN = {"crank": -1.5, "coupler": 1.5, "rocker": -1.5}
 @pytest.fixture(scope="module")
 def entries() -> dict[str, Entry]:
     model = FourBar(coupler_modes=2)
-    return {e.case: e for e in ledger(model, Settings(tolerance=1e-8), 0.5, DOWN)}
+    return {e.case: e for e in costs(model, Settings(tolerance=1e-8), 0.5, DOWN)}
 
 
 def test_effects_of_the_fourbar(entries: dict[str, Entry]) -> None:
@@ -44,7 +44,7 @@ def test_first_frequency_is_that_of_an_oscillation(entries: dict[str, Entry]) ->
 
 def test_unstable_state_has_no_first_frequency() -> None:
     model = FourBar()
-    text = as_text(ledger(model, Settings(), 0.01), ["crank.angle"])
+    text = as_text(costs(model, Settings(), 0.01), ["crank.angle"])
     line = next(line for line in text.splitlines() if line.startswith("as it is"))
     assert "unstable" in line
 

@@ -33,7 +33,7 @@ def add(commands: Commands) -> None:
 
 def command_effects(options: argparse.Namespace) -> int:
     """Print the costs."""
-    from mbfmu.studies.effects import as_text, ledger
+    from mbfmu.studies.effects import as_text, costs
 
     scene = scene_of(options)
     known = [variable.name for variable in scene.model.plant().outputs]
@@ -44,6 +44,6 @@ def command_effects(options: argparse.Namespace) -> int:
     shown = options.show or [*first, *({"energy"}.intersection(known).difference(first))]
     total = 1 + len(scene.model.effects)
     with bar(total, "effects", options.quiet) as seen:
-        entries = ledger(scene.model, scene.settings, scene.stop_time, start_of(options), lambda _: seen.update())
+        entries = costs(scene.model, scene.settings, scene.stop_time, start_of(options), lambda _: seen.update())
     print(as_text(entries, shown))
     return 0

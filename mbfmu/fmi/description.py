@@ -8,7 +8,7 @@ from math import isfinite
 from xml.etree.ElementTree import Element, SubElement
 
 import mbfmu
-from mbfmu.interface import Type, Variable
+from mbfmu.interface import ScalarVariable, Type
 from mbfmu.units import read_unit
 
 EPOCH = "2000-01-01T00:00:00+00:00"  # the date of every build: equal content gives equal bytes
@@ -44,7 +44,7 @@ class Identity:
 
 
 def model_description(
-    identity: Identity, experiment: Experiment, variables: Sequence[Variable], log_categories: Mapping[str, str]
+    identity: Identity, experiment: Experiment, variables: Sequence[ScalarVariable], log_categories: Mapping[str, str]
 ) -> Element:
     """Return the root of modelDescription.xml; elements keep the order of the FMI schema."""
     root = Element(
@@ -85,7 +85,7 @@ def number(value: float) -> str:
     return repr(float(value))
 
 
-def _units(variables: Iterable[Variable]) -> Iterable[Element]:
+def _units(variables: Iterable[ScalarVariable]) -> Iterable[Element]:
     """Yield the definitions of all units, with what people read them in."""
     shown = {v.unit: v.display_unit for v in variables if v.unit != "1"}
     if not shown:
@@ -102,7 +102,7 @@ def _units(variables: Iterable[Variable]) -> Iterable[Element]:
     yield definitions
 
 
-def _enumerations(variables: Iterable[Variable]) -> Iterable[Element]:
+def _enumerations(variables: Iterable[ScalarVariable]) -> Iterable[Element]:
     """Yield the types of variables that are one of several words."""
     chosen = [v for v in variables if v.choices]
     if not chosen:
@@ -116,11 +116,11 @@ def _enumerations(variables: Iterable[Variable]) -> Iterable[Element]:
     yield definitions
 
 
-def _type_name(v: Variable) -> str:
+def _type_name(v: ScalarVariable) -> str:
     return f"choice of {v.name}"  # no variable has a blank in its name
 
 
-def _variable(parent: Element, reference: int, v: Variable) -> None:
+def _variable(parent: Element, reference: int, v: ScalarVariable) -> None:
     """Add a variable; start, unit and range belong to its type."""
     scalar = SubElement(
         parent,
@@ -152,7 +152,7 @@ def _variable(parent: Element, reference: int, v: Variable) -> None:
         kind.set("start", str(v.start).lower() if isinstance(v.start, bool) else as_text(v.start))
 
 
-def _structure(variables: Sequence[Variable]) -> Element:
+def _structure(variables: Sequence[ScalarVariable]) -> Element:
     """Return what depends on what: outputs on the inputs that change them at once, at the start on everything."""
     structure = Element("ModelStructure")
     index = {v.name: str(i) for i, v in enumerate(variables, 1)}

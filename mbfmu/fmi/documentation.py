@@ -8,7 +8,7 @@ from importlib.metadata import distribution
 
 import mbfmu
 from mbfmu.errors import UserError
-from mbfmu.interface import Role, Variable, columns
+from mbfmu.interface import Role, ScalarVariable, columns
 from mbfmu.model import Model
 
 STYLE = (
@@ -18,7 +18,7 @@ STYLE = (
 )
 
 
-def page(model: Model, variables: Sequence[Variable]) -> str:
+def page(model: Model, variables: Sequence[ScalarVariable]) -> str:
     """Return a page that says what the model is and lists every variable."""
     tables = "".join(_table(role, [v for v in variables if v.role is role]) for role in Role)
     return (
@@ -28,7 +28,7 @@ def page(model: Model, variables: Sequence[Variable]) -> str:
     )
 
 
-def _table(role: Role, variables: Sequence[Variable]) -> str:
+def _table(role: Role, variables: Sequence[ScalarVariable]) -> str:
     if not variables:
         return ""
     told = columns(variables)

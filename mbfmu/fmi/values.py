@@ -15,7 +15,7 @@ from pythonfmu import Fmi2Slave
 from pythonfmu.enums import Fmi2Status
 
 from mbfmu.errors import UserError
-from mbfmu.interface import Role, Type, Variable, interface
+from mbfmu.interface import Role, ScalarVariable, Type, interface
 from mbfmu.mechanics import Plant
 from mbfmu.model import Model
 from mbfmu.settings import Settings
@@ -157,7 +157,7 @@ class Values(Fmi2Slave):  # type: ignore[misc]
                 self._refused.pop(v.name, None)
                 self._take(reference, value)
 
-    def _locked(self, v: Variable) -> str:
+    def _locked(self, v: ScalarVariable) -> str:
         """Why a variable cannot be set now; empty: it can."""
         if v.causality == "output":
             return "it is an output"
@@ -169,7 +169,7 @@ class Values(Fmi2Slave):  # type: ignore[misc]
             return "it is fixed since the initialization"
         return ""
 
-    def _wrong(self, v: Variable, value: float) -> str:
+    def _wrong(self, v: ScalarVariable, value: float) -> str:
         """What is wrong with a value; empty: nothing."""
         if not isfinite(value):
             return f"{v.name!r} was set to {value!r}; allowed: a finite number"

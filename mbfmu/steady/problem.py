@@ -76,7 +76,7 @@ class EquilibriumProblem:
         if not plant.system.has_matrices:
             data = plant.data
             self._solver: EquilibriumSolver = TreeEquilibriumSolver(plant.system, self._v)
-            self._solver.rehearse(self._start)
+            self._solver.run_trial(self._start)
         else:
             self._complex = plant.complex_system()
             data = self._complex.data
@@ -84,7 +84,7 @@ class EquilibriumProblem:
             self._cyclic = self._find_cyclic(general)
             self._v = self._steady_velocities()
             self._solver = DenseEquilibriumSolver(self._complex, 0.0, general, self._v)
-            self._solver.rehearse(self._start)
+            self._solver.run_trial(self._start)
         self._signals = plant.signals(data)
         self._full_speeds = plant.drives.full_speeds()
 

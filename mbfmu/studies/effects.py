@@ -1,4 +1,4 @@
-"""The ledger of effects: what each costs, and what it changes, by which a user decides what a scene needs.
+"""The costs of effects, and what each changes, by which a user decides what a scene needs.
 
 The model runs as it is, and with one effect switched at a time: off where it was on, on where it was off. An effect
 that is off has no entry in any array.
@@ -55,7 +55,7 @@ class Entry:
     outputs: dict[str, float]
 
 
-def ledger(
+def costs(
     model: Model,
     settings: Settings,
     end: float,
@@ -164,7 +164,7 @@ def _dynamics(eqs: Any, q: Any, v: Any, count: int) -> None:
 
 
 def as_text(entries: list[Entry], shown: list[str]) -> str:
-    """Return the ledger for people; ``shown`` are outputs at the end of the run."""
+    """Return the entries as a table for people; ``shown`` are outputs at the end of the run."""
     bare = entries[0]
     rows = []
     for e in entries:

@@ -124,7 +124,7 @@ def plot_shapes(plant: Plant, q: Array, shapes: Sequence[ModeShape], title: str,
     """Draw the deflection of the first surface along its normal, one panel a mode, over its place in the grid."""
     surface = plant.mechanism.surfaces[0]
     at_rest, normals = poses(plant, q, surface.bodies)
-    x, z = along(at_rest[:, at_rest.shape[1] // 2]), along(at_rest[at_rest.shape[0] // 2])
+    x, z = distances(at_rest[:, at_rest.shape[1] // 2]), distances(at_rest[at_rest.shape[0] // 2])
     figure, axes = panels(len(shapes))
     for number, (ax, shape) in enumerate(zip(axes, shapes, strict=True), 1):
         moved, step = q.copy(), 1e-6 / max(1e-300, float(np.abs(shape.motion).max()))
@@ -145,7 +145,7 @@ def plot_shapes(plant: Plant, q: Array, shapes: Sequence[ModeShape], title: str,
     finish(figure, path)
 
 
-def along(points: Array) -> Array:
+def distances(points: Array) -> Array:
     """Return how far points (k, 3) are from the first, along the line through them, m."""
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     return np.concatenate(([0.0], np.cumsum(steps)))

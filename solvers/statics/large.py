@@ -27,7 +27,7 @@ class TreeEquilibriumSolver(EquilibriumSolver):
         self._saddle = Saddle(system)
         self.rows = np.arange(system.m)
 
-    def rehearse(self, q: Array) -> None:
+    def run_trial(self, q: Array) -> None:
         """See the base."""
         self._saddle.weigh(0.0, q)
         forces, gaps = self.residual(0.0, q, np.zeros(self.system.m))

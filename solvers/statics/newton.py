@@ -156,7 +156,7 @@ class EquilibriumSolver(ABC):
         return self.residual(t, q, self._all(np.zeros(len(self.rows))))[0]
 
     @abstractmethod
-    def rehearse(self, q: Array) -> None:
+    def run_trial(self, q: Array) -> None:
         """Compile all that a solution calls, so that its time is its own."""
 
     @abstractmethod

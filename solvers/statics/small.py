@@ -284,7 +284,7 @@ class DenseEquilibriumSolver(EquilibriumSolver):
         rank = full_pivot(scaled, m, n, INDEPENDENT, rows, columns)
         return np.sort(rows[:rank])
 
-    def rehearse(self, q: Array) -> None:
+    def run_trial(self, q: Array) -> None:
         """See the base."""
         self.solve(0.0, q)
 

@@ -76,5 +76,5 @@ class DenseStepper(Stepper):
         code = evaluate(self._eqs, self._t, self._q, self._v, self._rank, self._work, a, lam)
         return Code(code), a, lam
 
-    def _dark(self) -> bool:
+    def _undetermined(self) -> bool:
         return bool(unresolved(self.options.rtol, self._rank, self._work))

@@ -41,7 +41,7 @@ from .tables import COMPLEX, TANGENT, Tables
 
 @dataclass(frozen=True)
 class Variable:
-    """An input or output as a host sees it."""
+    """An input or output of a mechanism."""
 
     name: str
     unit: str
@@ -137,7 +137,7 @@ def shared(body: Body) -> bool:
     return isinstance(body.joint, Section) and body.joint.frame is not None
 
 
-class Place:
+class CompiledSite:
     """Where something of a kind is in a mechanism, see :class:`mbfmu.mechanics.kind.Site`."""
 
     def __init__(self, name: str, bodies: tuple[Body, ...], numbering: Numbering, known: dict[str, int]) -> None:
@@ -178,18 +178,21 @@ class Compiled:
         loads = list(mechanism.loads())
         rigid = [body for body in mechanism.bodies if not isinstance(body.joint, Section)]
         known: dict[str, int] = {}
-        sites: list[tuple[Kind, Place]] = [
-            *((body.joint, Place(f"body {body.name!r}", (body,), numbering, known)) for body in rigid),
-            *((c.cut, Place(f"cut {c.name!r}", (c.a, c.b), numbering, known)) for c in mechanism.cuts),
-            *((c.coupling, Place(f"coupling {c.name!r}", (c.a, c.b), numbering, known)) for c in mechanism.couplings),
-            *((a.load, Place(a.what, a.bodies, numbering, known)) for a in loads),
-            *((sensor, Place("a sensor", observed(sensor), numbering, known)) for sensor in self.sensors),
+        sites: list[tuple[Kind, CompiledSite]] = [
+            *((body.joint, CompiledSite(f"body {body.name!r}", (body,), numbering, known)) for body in rigid),
+            *((c.cut, CompiledSite(f"cut {c.name!r}", (c.a, c.b), numbering, known)) for c in mechanism.cuts),
+            *(
+                (c.coupling, CompiledSite(f"coupling {c.name!r}", (c.a, c.b), numbering, known))
+                for c in mechanism.couplings
+            ),
+            *((a.load, CompiledSite(a.what, a.bodies, numbering, known)) for a in loads),
+            *((sensor, CompiledSite("a sensor", observed(sensor), numbering, known)) for sensor in self.sensors),
         ]
         counts = (len(rigid), len(mechanism.cuts), len(mechanism.couplings), len(loads), len(self.sensors))
         self._ends = np.cumsum(counts)
         filled = [filled_record(item, place) for item, place in sites]
         for signal in numbering.signals:  # those that a signal is made of come up meanwhile
-            sites.append((signal, Place("a signal", (), numbering, {})))
+            sites.append((signal, CompiledSite("a signal", (), numbering, {})))
             filled.append(filled_record(*sites[-1]))
         self._tables = tables = Tables([item for item, _ in sites], filled)
         joints, cuts, couplings, acting, sensors, signals = np.split(
@@ -252,7 +255,7 @@ class Compiled:
         return self._tables.table(kind)
 
 
-def filled_record(item: Kind, place: Place) -> NDArray[Any]:
+def filled_record(item: Kind, place: CompiledSite) -> NDArray[Any]:
     """Return the record (1,) of something."""
     record = records(1, record_of(item))
     try:

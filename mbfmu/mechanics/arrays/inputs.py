@@ -14,7 +14,7 @@ from mbfmu.mechanics.signals import InUse, SpeedInput
 from solvers.system import Array
 
 from .compile import GRAVITY, Numbering
-from .going_on import GoingOn
+from .extrapolated import Extrapolated
 from .motion import Departure, InputMotion, impulse
 from .scale import joint_sizes
 
@@ -96,14 +96,14 @@ class Inputs:
             if k in drives.signals and k not in self._motions:
                 speed = isinstance(numbering.signals[k], SpeedInput)
                 self._motions[k] = InputMotion(slot.variable.name, self._records[k], speed=speed)
-        self._going_on: dict[int, GoingOn] = {}  # loads that do not stay between points, by the number of the input
+        self._extrapolated: dict[int, Extrapolated] = {}  # loads that change between points, by number of the input
 
-    def go_on(self) -> None:
-        """Let loads go on between points, see :mod:`.going_on`; not gravity, and not where the host gives a rate."""
+    def extrapolate(self) -> None:
+        """Extrapolate loads between points, see :mod:`.extrapolated`; not gravity, nor where the host gives a rate."""
         rated = {slot.signal for slot in self._slots if slot.coefficient}
         for index, slot in enumerate(self._slots):
             if slot.signal != GRAVITY and slot.signal not in rated and not self.moves_support(index):
-                self._going_on[index] = GoingOn(self._records[slot.signal])
+                self._extrapolated[index] = Extrapolated(self._records[slot.signal])
 
     def __len__(self) -> int:
         """Return how many there are."""
@@ -134,8 +134,8 @@ class Inputs:
         self._hold(index, value, t)
         if self.moves_support(index):
             self._motions[self._slots[index].signal].start()
-        elif index in self._going_on:
-            self._going_on[index].start(value)
+        elif index in self._extrapolated:
+            self._extrapolated[index].start(value)
 
     def set(self, index: int, value: float, t: float = 0.0) -> None:
         """Take the value (finite) of an input at time t.
@@ -146,8 +146,8 @@ class Inputs:
         if self.moves_support(index):
             slot = self._slots[index]
             self._motions[slot.signal].give(slot.coefficient, self._finite(index, value))
-        elif index in self._going_on:
-            self._going_on[index].give(t, self._finite(index, value))
+        elif index in self._extrapolated:
+            self._extrapolated[index].give(t, self._finite(index, value))
         else:
             self._hold(index, value, t)
 
@@ -168,22 +168,22 @@ class Inputs:
     @property
     def remember(self) -> bool:
         """Whether any of them remembers what it was at points before."""
-        return bool(self._motions or self._going_on)
+        return bool(self._motions or self._extrapolated)
 
     @property
     def settled(self) -> bool:
         """Whether every support and every load goes on as it does until an input is set."""
         supports = all(motion.settled for motion in self._motions.values())
-        return supports and all(load.settled for load in self._going_on.values())
+        return supports and all(load.settled for load in self._extrapolated.values())
 
     def load(self, t: float, end: float) -> bool:
         """Begin a step from t to ``end``; whether a load goes on otherwise than it did."""
-        changed = [load.depart(t, end) for load in self._going_on.values()]
+        changed = [load.depart(t, end) for load in self._extrapolated.values()]
         return any(changed)
 
     def pass_by(self, t: float) -> None:
         """Note a communication point at which nothing changed."""
-        for load in self._going_on.values():
+        for load in self._extrapolated.values():
             load.pass_by(t)
 
     def depart(self, t: float, end: float) -> list[Departure]:
@@ -204,8 +204,8 @@ class Inputs:
             finally:
                 for departure, (begin, path) in zip(departures, before, strict=True):
                     departure.motion.follow(begin, path)
-        for motion, leg, _ in departures:
-            motion.set_out(leg)
+        for motion, segment, _ in departures:
+            motion.set_out(segment)
         return dv
 
     def state(self) -> dict[str, list[Any]]:
@@ -218,7 +218,7 @@ class Inputs:
                 signal = self._records[slot.signal]
                 held.append((float(signal["t0"]), [float(x) for x in signal["c"]]))
         motions = [motion.state() for motion in self._motions.values()]
-        return {"held": held, "motions": motions, "loads": [load.state() for load in self._going_on.values()]}
+        return {"held": held, "motions": motions, "loads": [load.state() for load in self._extrapolated.values()]}
 
     def restore(self, state: dict[str, list[Any]]) -> None:
         """Let the inputs hold what they held when ``state`` was taken."""
@@ -230,5 +230,5 @@ class Inputs:
                 signal["t0"], signal["c"] = t0, c
         for motion, remembered in zip(self._motions.values(), state["motions"], strict=True):
             motion.restore(remembered)
-        for load, known in zip(self._going_on.values(), state["loads"], strict=True):
+        for load, known in zip(self._extrapolated.values(), state["loads"], strict=True):
             load.restore(known)

@@ -35,7 +35,7 @@ def minmod(*numbers: float) -> float:
     return max(0.0, min(numbers)) + min(0.0, max(numbers))
 
 
-class Leg(NamedTuple):
+class Segment(NamedTuple):
     """A motion from one communication point to the next; positions in m or rad."""
 
     begin: float  # s
@@ -44,15 +44,15 @@ class Leg(NamedTuple):
     goal: float  # x at the end
     position: float  # u at the beginning
     rate: float  # v at the beginning, as the host gave it
-    mean: float  # rate of u over the leg before
+    mean: float  # rate of u over the segment before
     jumps: bool  # u is farther off than the rates given explain
 
 
 class Departure(NamedTuple):
-    """A support that changes its motion: its leg and the jump of its rate, m/s or rad/s."""
+    """A support that changes its motion: its segment and the jump of its rate, m/s or rad/s."""
 
     motion: InputMotion
-    leg: Leg
+    segment: Segment
     jump: float
 
 
@@ -81,7 +81,7 @@ class InputMotion:
         self._position, self._rate = x, v
         self._set = False  # a position was given since the last point
         self._rated = v != 0.0  # the host gives rates
-        self._leg = Leg(-inf, nan, (x, v, 0.0, 0.0), x, x, v, 0.0, False)
+        self._segment = Segment(-inf, nan, (x, v, 0.0, 0.0), x, x, v, 0.0, False)
 
     def give(self, coefficient: int, value: float) -> None:
         """Take a position (coefficient 0) or a rate (1) for the point the host stands at."""
@@ -92,28 +92,28 @@ class InputMotion:
 
     def depart(self, t: float, end: float) -> Departure | None:
         """Return how the motion changes at t for a step until ``end`` (s); None where it goes on as it is."""
-        if not self._set and self._rate == self._leg.rate and t < self._leg.end and end <= self._leg.end:
-            return None  # in the middle of a leg
-        leg, (x, v) = self._next(t, end), self._now(t)
-        if leg.path != (x, v, 0.0, 0.0) or self._signal["c"][2:].any():
-            return Departure(self, leg, leg.path[1] - v)
-        self._note(leg)
+        if not self._set and self._rate == self._segment.rate and t < self._segment.end and end <= self._segment.end:
+            return None  # in the middle of a segment
+        segment, (x, v) = self._next(t, end), self._now(t)
+        if segment.path != (x, v, 0.0, 0.0) or self._signal["c"][2:].any():
+            return Departure(self, segment, segment.path[1] - v)
+        self._note(segment)
         return None
 
-    def set_out(self, leg: Leg) -> None:
+    def set_out(self, segment: Segment) -> None:
         """Take up a motion that :meth:`depart` returned."""
-        self.follow(leg.begin, leg.path)
-        self._note(leg)
+        self.follow(segment.begin, segment.path)
+        self._note(segment)
 
-    def _note(self, leg: Leg) -> None:
-        self._leg, self._position, self._set = leg, leg.position, False
+    def _note(self, segment: Segment) -> None:
+        self._segment, self._position, self._set = segment, segment.position, False
 
     @property
     def settled(self) -> bool:
         """Whether the motion goes on as it does until the host sets another."""
-        _, v, *higher = self._leg.path
-        arrived = self._speed or self._rated or (v == 0.0 and self._leg.goal == self._position)
-        return arrived and not any(higher) and not self._set and self._rate == self._leg.rate
+        _, v, *higher = self._segment.path
+        arrived = self._speed or self._rated or (v == 0.0 and self._segment.goal == self._position)
+        return arrived and not any(higher) and not self._set and self._rate == self._segment.rate
 
     def course(self) -> tuple[float, Array]:
         """Return the polynomial that the signal is, to be given to :meth:`follow`."""
@@ -123,27 +123,27 @@ class InputMotion:
         """Let the signal be a polynomial (4,) about t."""
         self._signal["t0"], self._signal["c"] = t, path
 
-    def shake(self, t: float, acceleration: float) -> None:
+    def perturb(self, t: float, acceleration: float) -> None:
         """Let the signal have an acceleration at t, and the position and rate it has there."""
         self.follow(t, (*self._now(t), 0.5 * acceleration, 0.0))
 
     def _now(self, t: float) -> tuple[float, float]:
         """Return position and rate at t, before any jump."""
         s, (c0, c1, c2, c3) = t - float(self._signal["t0"]), map(float, self._signal["c"])
-        x = self._leg.goal if t == self._leg.end else c0 + s * (c1 + s * (c2 + s * c3))
+        x = self._segment.goal if t == self._segment.end else c0 + s * (c1 + s * (c2 + s * c3))
         return x, c1 + s * (2.0 * c2 + s * 3.0 * c3)
 
-    def _next(self, t: float, end: float) -> Leg:
+    def _next(self, t: float, end: float) -> Segment:
         """Return the motion from t to ``end``, see the module's docstring."""
-        last, h, x = self._leg, end - t, self._now(t)[0]
+        last, h, x = self._segment, end - t, self._now(t)[0]
         v, before = self._rate, t - last.begin
         u = self._position if self._set or not self._rated else x
         if self._speed:
-            return Leg(t, end, (x, v, 0.0, 0.0), x + v * h, x, v, 0.0, False)
+            return Segment(t, end, (x, v, 0.0, 0.0), x + v * h, x, v, 0.0, False)
         mean = (u - last.position) / before if before > 0.0 else last.mean
         if not self._rated:
             r = minmod(mean, last.mean)
-            return Leg(t, end, (x, r + (u - x) / h, 0.0, 0.0), u + r * h, u, v, mean, False)
+            return Segment(t, end, (x, r + (u - x) / h, 0.0, 0.0), u + r * h, u, v, mean, False)
         a = 0.0
         if before > 0.0:
             a1, a2 = (v - last.rate) / before, 2.0 * (mean - last.rate) / before
@@ -152,16 +152,16 @@ class InputMotion:
         path = (x, v, 0.5 * a + 3.0 * e / h**2, -2.0 * e / h**3)
         longest = max(h, before) if before < inf else h
         jumps = abs(e) > longest * (abs(v) + abs(last.rate))
-        return Leg(t, end, path, u + h * (v + 0.5 * a * h), u, v, mean, jumps)
+        return Segment(t, end, path, u + h * (v + 0.5 * a * h), u, v, mean, jumps)
 
     def state(self) -> list[Any]:
         """Return what is remembered, beside the signal, to be given to :meth:`restore`."""
-        return [self._position, self._rate, self._set, self._rated, list(self._leg)]
+        return [self._position, self._rate, self._set, self._rated, list(self._segment)]
 
     def restore(self, state: list[Any]) -> None:
         """Remember what was remembered when ``state`` was taken."""
         self._position, self._rate, self._set, self._rated, (begin, end, path, *rest) = state
-        self._leg = Leg(begin, end, tuple(path), *rest)
+        self._segment = Segment(begin, end, tuple(path), *rest)
 
 
 def impulse(t: float, departures: Sequence[Departure], accelerations: Callable[[], Array]) -> Array:
@@ -175,14 +175,14 @@ def impulse(t: float, departures: Sequence[Departure], accelerations: Callable[[
     t
         s
     departures
-        What changes; their signals are left shaken.
+        What changes; their signals are left perturbed.
     accelerations
         Returns v' (n,) at t for the drives' signals as they are.
     """
     found = []
     for part in (0.0, 1.0):
         for motion, _, jump in departures:
-            motion.shake(t, part * jump)
+            motion.perturb(t, part * jump)
         found.append(accelerations())
     dv: Array = found[1] - found[0]
     return dv

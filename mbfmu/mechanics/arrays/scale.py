@@ -37,7 +37,7 @@ def characteristic_length(mechanism: Mechanism, arrays: Arrays) -> float:
             points[body.index].append(np.asarray(point, float))
     spans = [_span(np.array(own)) for own in points.values()]
     held = [handle.cut.extent() for handle in mechanism.cuts]
-    length = float(max((*spans, *held, *arrays.nodes["x"])) or _slight(mechanism, arrays) or 1.0)
+    length = float(max((*spans, *held, *arrays.nodes["x"])) or _length_without_points(mechanism, arrays) or 1.0)
     if not SHORTEST <= length <= LONGEST:
         raise UserError(
             f"the largest length of the mechanism is {length:.3g} m; allowed: {SHORTEST:g} to {LONGEST:g} m"
@@ -52,7 +52,7 @@ def _span(points: Array) -> float:
         return float(np.linalg.norm(points - far, axis=1).max())
 
 
-def _slight(mechanism: Mechanism, arrays: Arrays) -> float:
+def _length_without_points(mechanism: Mechanism, arrays: Arrays) -> float:
     """Return the largest length of an unloaded load or radius of gyration, m."""
     massive = arrays.bodies[arrays.bodies["mass"] > 0.0]
     turning = np.trace(massive["inertia"], axis1=1, axis2=2) / massive["mass"]

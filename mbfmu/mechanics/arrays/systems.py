@@ -11,7 +11,7 @@ import numpy as np
 from mbfmu.errors import UserError
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.records import Data
-from mbfmu.mechanics.recursions.dynamics import audit_callbacks, callbacks, tree_callbacks
+from mbfmu.mechanics.recursions.dynamics import callbacks, tree_callbacks, work_callbacks
 from mbfmu.mechanics.tangent import Groups, Tangent, find_groups
 from solvers.system import AnySystem, System, TreeSystem
 
@@ -51,7 +51,7 @@ class Systems:
     def dense(self, constraint_names: list[str], data: Data, scalar: type = float) -> System:
         """Return the system by its matrices."""
         dynamics, position, motion, retract, energy = callbacks(scalar)
-        power, exposure = audit_callbacks(tree=False) if scalar is float else (None, None)
+        power, exposure = work_callbacks(tree=False) if scalar is float else (None, None)
         return System(
             **self._common(constraint_names, data),
             dynamics=dynamics,
@@ -68,7 +68,7 @@ class Systems:
         """Return the system of a large tree."""
         data = self._compiled.data
         inverse, forward, mobility, position, constraints, retract = tree_callbacks()
-        power, exposure = audit_callbacks(tree=True)
+        power, exposure = work_callbacks(tree=True)
         places: list[tuple[int, int]] = []
         quaternions: list[tuple[int, int]] = []
         for record in self._arrays.bodies:

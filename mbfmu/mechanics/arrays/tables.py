@@ -39,7 +39,7 @@ COMPLEX = Numbers(complex, complex, MOVING - {"power"})  # derivatives by whatev
 TANGENT = Numbers(float, complex, frozenset(("place", "evaluate", "apply", "tangent")))  # ... by the state alone
 
 
-class Row(NamedTuple):
+class UsedKind(NamedTuple):
     """A kind that is there: its record, and its kernels by name with what they are called with."""
 
     record: np.dtype[Any]
@@ -63,12 +63,12 @@ class Tables:
     """
 
     def __init__(self, items: Sequence[Kind], filled: Sequence[NDArray[Any]]) -> None:
-        rows = [row_of(item) for item in items]
-        self._rows = list(dict.fromkeys(rows))
-        number = {row: k for k, row in enumerate(self._rows)}
-        self.kinds = [number[row] for row in rows]
-        counts = np.bincount(np.array(self.kinds, np.int64), minlength=len(self._rows))
-        empty = [records(n, row.record) for n, row in zip(counts, self._rows, strict=True)]
+        used = [used_kind(item) for item in items]
+        self._used = list(dict.fromkeys(used))
+        number = {kind: k for k, kind in enumerate(self._used)}
+        self.kinds = [number[kind] for kind in used]
+        counts = np.bincount(np.array(self.kinds, np.int64), minlength=len(self._used))
+        empty = [records(n, kind.record) for n, kind in zip(counts, self._used, strict=True)]
         self.memory, self._tables, starts = side_by_side(empty)
         self.places = self._laid(self._tables, starts)
         for place, record in zip(self.places, filled, strict=True):
@@ -84,18 +84,18 @@ class Tables:
 
     def table(self, kind: type[Kind]) -> NDArray[Any]:
         """Return the records of a kind that has the same kernels wherever it is."""
-        found = [k for k, row in enumerate(self._rows) if row == row_of(kind)]
+        found = [k for k, used in enumerate(self._used) if used == used_kind(kind)]
         return self._tables[found[0]] if found else records(0, record_of(kind))
 
     def kernels(self, numbers: Numbers = REAL) -> NDArray[np.int64]:
         """Return the addresses of all kernels, KERNELS for each kind, compiled for these numbers."""
-        table = np.zeros((max(1, len(self._rows)), KERNELS), np.int64)
-        for own, row in zip(table, self._rows, strict=False):
-            analytic = any(name == "tangent" and function is not None for name, _, function in row.kernels)
+        table = np.zeros((max(1, len(self._used)), KERNELS), np.int64)
+        for own, kind in zip(table, self._used, strict=False):
+            analytic = any(name == "tangent" and function is not None for name, _, function in kind.kernels)
             names = numbers.names - ({"apply"} if analytic and numbers is TANGENT else set())
-            for k, (name, signature, function) in enumerate(row.kernels):
+            for k, (name, signature, function) in enumerate(kind.kernels):
                 if function is not None and name in names:
-                    own[k] = compiled(function, row.record, signature, name, numbers)
+                    own[k] = compiled(function, kind.record, signature, name, numbers)
         return table.ravel()
 
     def complex_memory(self) -> tuple[NDArray[np.uint8], list[int]]:
@@ -104,10 +104,10 @@ class Tables:
         return memory, self._laid(tables, starts)
 
 
-def row_of(item: Kind | type[Kind]) -> Row:
+def used_kind(item: Kind | type[Kind]) -> UsedKind:
     """Return what an item has in common with others of its kind."""
     kernels = tuple((name, told, kernel_of(item, name)) for name, told in item.kernels.items())
-    return Row(record_of(item), kernels)
+    return UsedKind(record_of(item), kernels)
 
 
 @cache

@@ -12,11 +12,11 @@ from mbfmu.mechanics.numbers import positive
 from mbfmu.mechanics.shapes import Shape, check_color
 
 from .bodies import Body, FlexibleBody, Profile, Surface
-from .roster import Roster
+from .members import Members
 
 
-class Appearance(Roster):
-    """Shapes of bodies, cross-sections of flexible ones, skins over grids of them."""
+class Appearance(Members):
+    """Base of :class:`.Mechanism`: shapes of bodies, cross-sections of elastic ones, skins over grids of them."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -35,24 +35,24 @@ class Appearance(Roster):
             shape.axes()
             self.shapes.append((body, shape))
 
-    def profile(self, elastic: FlexibleBody, *, height: float, width: float, color: str = "") -> None:
+    def profile(self, flexible_body: FlexibleBody, *, height: float, width: float, color: str = "") -> None:
         """Draw an elastic body with this rectangular cross-section instead of a slender one.
 
         Parameters
         ----------
-        elastic
+        flexible_body
             Of this mechanism.
         height, width
             Along y, in which it bends, and along z, m.
         color
             ``"#rrggbb"``; empty: the one the body is given.
         """
-        if not any(elastic is own for own in self.flexible_bodies):
-            named = getattr(elastic, "name", elastic)
+        if not any(flexible_body is own for own in self.flexible_bodies):
+            named = getattr(flexible_body, "name", flexible_body)
             raise UserError(f"elastic body of a profile is {named!r}; it must be one of this mechanism")
-        self.profiles[elastic.index] = Profile(
-            height=positive(f"height of the profile of {elastic.name!r}", height),
-            width=positive(f"width of the profile of {elastic.name!r}", width),
+        self.profiles[flexible_body.index] = Profile(
+            height=positive(f"height of the profile of {flexible_body.name!r}", height),
+            width=positive(f"width of the profile of {flexible_body.name!r}", width),
             color=check_color(color),
         )
 

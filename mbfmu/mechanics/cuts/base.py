@@ -132,7 +132,7 @@ def coincide(cut: Any, A: Any, B: Any, row: int, state: Any) -> None:
     """Three rows: Q stays on P along each axis of the cut frame in body a."""
     way = between(cut, A, B)
     for k in range(3):
-        along(cut, k, A, way, state.rows[row + k])
+        hold_along(cut, k, A, way, state.rows[row + k])
 
 
 @kernel
@@ -152,7 +152,7 @@ def between(cut: Any, A: Any, B: Any) -> Any:
 
 
 @kernel
-def along(cut: Any, k: int, A: Any, way: Any, row: Any) -> None:
+def hold_along(cut: Any, k: int, A: Any, way: Any, row: Any) -> None:
     """One row: Phi = n.d, n axis k of the cut frame in body a, d from P on a to Q on b; ``way`` of :func:`between`.
 
     Phi' = n.d' + (w_a x n).d,     Phi'' = n.d'' + (w'_a x n).d + (w_a x (w_a x n)).d + 2 (w_a x n).d'

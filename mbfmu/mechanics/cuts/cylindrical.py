@@ -7,15 +7,15 @@ from typing import Any
 
 from solvers.compiled.kernel import kernel
 
-from .base import AxisCut, along, between, perpendicular
+from .base import AxisCut, between, hold_along, perpendicular
 
 
 @kernel
 def evaluate(cut: Any, A: Any, B: Any, row: int, state: Any) -> None:
     """See :mod:`.base`. z_a is perpendicular to x_b and y_b."""
     way = between(cut, A, B)
-    along(cut, 0, A, way, state.rows[row])
-    along(cut, 1, A, way, state.rows[row + 1])
+    hold_along(cut, 0, A, way, state.rows[row])
+    hold_along(cut, 1, A, way, state.rows[row + 1])
     perpendicular(cut, 2, 0, A, B, state.rows[row + 2])
     perpendicular(cut, 2, 1, A, B, state.rows[row + 3])
 

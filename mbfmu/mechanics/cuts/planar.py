@@ -7,13 +7,13 @@ from typing import Any
 
 from solvers.compiled.kernel import kernel
 
-from .base import AxisCut, along, between, perpendicular
+from .base import AxisCut, between, hold_along, perpendicular
 
 
 @kernel
 def evaluate(cut: Any, A: Any, B: Any, row: int, state: Any) -> None:
     """See :mod:`.base`. z_b is perpendicular to x_a and y_a."""
-    along(cut, 2, A, between(cut, A, B), state.rows[row])
+    hold_along(cut, 2, A, between(cut, A, B), state.rows[row])
     perpendicular(cut, 0, 2, A, B, state.rows[row + 1])
     perpendicular(cut, 1, 2, A, B, state.rows[row + 2])
 

@@ -7,13 +7,13 @@ from typing import Any
 
 from solvers.compiled.kernel import kernel
 
-from .base import AxisCut, along, between
+from .base import AxisCut, between, hold_along
 
 
 @kernel
 def evaluate(cut: Any, A: Any, B: Any, row: int, state: Any) -> None:
     """See :mod:`.base`."""
-    along(cut, 2, A, between(cut, A, B), state.rows[row])
+    hold_along(cut, 2, A, between(cut, A, B), state.rows[row])
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -295,7 +295,7 @@ def tree_callbacks() -> tuple[Callable[..., Any], ...]:
 
 
 @cache
-def audit_callbacks(tree: bool) -> tuple[Callable[..., Any], ...]:
+def work_callbacks(tree: bool) -> tuple[Callable[..., Any], ...]:
     """Return power and exposure as a solver takes them; compiled on first use."""
     if not COMPILED:
         return solved_power if tree else power, exposure

@@ -1,7 +1,7 @@
 """Polynomials in time, and the inputs that a host sets: polynomials about the last communication point.
 
 What the coefficients of an input are while it runs is told by :mod:`mbfmu.mechanics.arrays.motion` and
-:mod:`mbfmu.mechanics.arrays.going_on`.
+:mod:`mbfmu.mechanics.arrays.extrapolated`.
 """
 
 from __future__ import annotations

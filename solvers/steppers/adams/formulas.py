@@ -51,7 +51,7 @@ CONTROL = np.dtype(
         ("refused", "i8"),  # steps that might have jumped to another branch
         ("coarser", "f8"), ("coarsest", "f8"),  # tolerance of this step in units of the one asked for, and its largest
         ("narrowest", "f8"),  # the gap that made it so
-        ("dark", "i8"), ("dark_at", "f8"),  # 1: forces asked for were not resolved, and when last
+        ("undetermined", "i8"), ("undetermined_at", "f8"),  # 1: forces asked for were not resolved, and when last
         *FIELDS,
     ],
     align=True,

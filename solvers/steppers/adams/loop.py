@@ -387,5 +387,5 @@ def sample(
             return code, i
         multipliers(eqs.terms, rank, work, a[i], lam[i])
         if unresolved(settings[0].rtol, rank, work):
-            H.control[0].dark, H.control[0].dark_at = 1, times[i]
+            H.control[0].undetermined, H.control[0].undetermined_at = 1, times[i]
     return OK, times.shape[0]

@@ -67,14 +67,14 @@ class AdamsStepper(ExplicitStepper, DenseStepper):
 
     def _sample(self, times: Array, out: Samples) -> int:
         own = self._eqs, self._settings, self._held, self._work, self._scales
-        self._control["dark"] = 0
+        self._control["undetermined"] = 0
         code, done = loop.sample(*own, times, *out)
         last = min(done, len(times) - 1)
         self._t = min(float(times[last]), float(self._control["t"][0]))
         self._q[:], self._v[:], self._ledger[:] = out.q[last], out.v[last], out.ledger[last]
         self.status = self._status(Code(code))
-        if self._control["dark"][0]:
-            self.dark_at = float(self._control["dark_at"][0])
+        if self._control["undetermined"][0]:
+            self.undetermined_at = float(self._control["undetermined_at"][0])
         return int(done)
 
     @property

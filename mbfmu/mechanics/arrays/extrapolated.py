@@ -10,7 +10,7 @@ from math import nan
 from typing import Any
 
 
-class GoingOn:
+class Extrapolated:
     """An input that goes on from its value at a point as it came there from the point before.
 
     Parameters

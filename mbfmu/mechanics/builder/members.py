@@ -10,8 +10,8 @@ from mbfmu.mechanics.joints import Weld
 from .bodies import Body
 
 
-class Roster:
-    """Bodies by number and by name, the ground first.
+class Members:
+    """Base of :class:`.Mechanism`: bodies by number and by name, the ground first.
 
     Attributes
     ----------
