@@ -90,10 +90,10 @@ class Audit:
         exchanged = ledger[EXCHANGED]
         part = f", {abs(imbalance) / exchanged:.2g} of the {exchanged:.3g} J exchanged so far" if exchanged else ""
         return (
-            f"the energy balance is lost at t = {here[0]:.6g} s: {abs(imbalance):.3g} J have "
-            f"{'come from nowhere' if imbalance > 0.0 else 'gone nowhere'}{part}, which the tolerance does not explain"
-            f"{nearest(self.plant, before, here)}. The motion from here on is not to be trusted: tighten the tolerance "
-            "or take another solver, and compare"
+            f"the energy balance is lost at t = {here[0]:.6g} s: the energy has changed by {abs(imbalance):.3g} J "
+            f"{'more' if imbalance > 0.0 else 'less'} than the work done on it{part}, which the tolerance does not "
+            f"explain{nearest(self.plant, before, here)}. The motion from here on is not to be trusted: tighten the "
+            "tolerance or take another solver, and compare"
         )
 
 

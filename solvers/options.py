@@ -37,13 +37,13 @@ class Options:
     def __post_init__(self) -> None:
         """Refuse what no solver can honor."""
         if not 1e-12 <= self.rtol <= 1e-2:
-            raise ValueError(f"rtol = {self.rtol}: allowed is 1e-12 to 1e-2")
+            raise ValueError(f"rtol is {self.rtol}; allowed: 1e-12 to 1e-2")
         require("atol", self.absolute, 0.0, math.inf)
         if not self.max_step > 0.0:
-            raise ValueError(f"max_step = {self.max_step}: must be positive")
+            raise ValueError(f"max_step is {self.max_step} s; allowed: greater than zero")
         require("max_steps", self.max_steps, 0.0, math.inf)
         if self.max_order is not None and not 1 <= self.max_order <= 12:
-            raise ValueError(f"max_order = {self.max_order}: allowed is 1 to 12")
+            raise ValueError(f"max_order is {self.max_order}; allowed: 1 to 12")
 
     @property
     def absolute(self) -> float:
@@ -77,4 +77,4 @@ class Statistics:
 def require(name: str, value: float, above: float, below: float) -> None:
     """Raise unless ``value`` lies strictly between the bounds."""
     if not above < value < below:
-        raise ValueError(f"{name} = {value}: must lie between {above} and {below}, bounds excluded")
+        raise ValueError(f"{name} is {value}; allowed: between {above} and {below}, bounds excluded")

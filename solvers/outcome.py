@@ -24,17 +24,17 @@ OK, NOT_CLOSED, NO_MASS, UNDECIDABLE, NOT_FINITE, MAX_STEPS, COLLAPSED, BRANCHES
 MESSAGES: dict[Code, tuple[str, str]] = {
     Code.OK: ("reached the time asked for", ""),
     Code.NOT_CLOSED: (
-        "the constraints could not be closed",
-        "At the start: begin nearer to a closed position, or with other rates. On the way: a drive leads where its "
-        "loop cannot follow, or turns back in a singular position{others}.",
+        "no position or rate nearby satisfies the constraints",
+        "At the start: give positions nearer to a closed loop, or other rates. Later: see whether a drive moves its "
+        "loop out of reach, or turns back in a singular position{others}.",
     ),
     Code.NO_MASS: (
-        "some motion the constraints allow moves no mass",
+        "a motion that the constraints allow moves no mass",
         "Give a mass or inertia to the bodies that move freely, or lock the coordinate.",
     ),
     Code.UNDECIDABLE: (
-        "in a singular position, where branches of the motion cross and none can be preferred: at rest, or as several "
-        "loops cross at once",
+        "the mechanism is in a singular position where branches of the motion cross, and nothing tells which to "
+        "follow: it is at rest, or several loops are singular at once",
         "Start slightly off the singular position, or with a velocity along the branch that is meant.",
     ),
     Code.NOT_FINITE: (
@@ -43,17 +43,18 @@ MESSAGES: dict[Code, tuple[str, str]] = {
     ),
     Code.MAX_STEPS: (
         "the largest number of steps for one call was taken",
-        "Look for a motion far faster than meant, loosen the tolerance, or go on: advance may be called again.",
+        "See whether something moves far faster than meant, loosen the tolerance, or go on: advance may be called "
+        "again.",
     ),
     Code.COLLAPSED: (
-        "the step has become too small to move time",
-        "The motion has a jump or a kink here, or comes to a singular position, or a drive leads where its loop cannot "
-        "follow: smooth the force, shorten the drive's way{others}.",
+        "the step has become so small that the time no longer changes",
+        "A force may jump or have a kink here, a singular position may be near, or a drive may move its loop out of "
+        "reach. Smooth the force, or shorten the motion of the drive{others}.",
     ),
     Code.BRANCHES: (
-        "two branches of the motion come so near each other that no step tells them apart",
-        "A loop is in a singular position or misses one by next to nothing: give its lengths the values they have "
-        "exactly there, or others that are farther from it, and do not let a drive stop or turn back there.",
+        "two branches of the motion are so close that no step is short enough to tell them apart",
+        "A loop is in a singular position, or very near one. Give its lengths the values they have exactly there, or "
+        "values farther from it, and do not let a drive stop or turn back there.",
     ),
 }
 

@@ -22,8 +22,8 @@ def require_resolved(t0: float, rate: float, rtol: float) -> None:
     apart = float(np.spacing(abs(t0)))
     if not apart * rate <= rtol:
         raise ValueError(
-            f"t0 = {t0:g} s: numbers there are {apart:.1e} s apart, in which the motion goes on by more than the "
-            f"tolerance of {rtol:g}; start at a smaller time"
+            f"t0 is {t0:g} s: numbers there are {apart:.1e} s apart, and in that time the motion changes by more than "
+            f"the tolerance of {rtol:g}; start at a smaller time"
         )
 
 
@@ -167,7 +167,7 @@ class Stepper(ABC):
     def advance(self, t: float) -> Status:
         """Go to time ``t``, s."""
         if not t >= self._t:
-            raise ValueError(f"advance to t = {t}: time stands at {self._t} and cannot go back; use restore()")
+            raise ValueError(f"the time to advance to is {t} s, but it stands at {self._t} s; use restore() to go back")
         if t > self._t or not self.status.ok:
             until = self._limit_steps()
             code = self._advance(min(float(t), until))
@@ -281,9 +281,9 @@ def sized(name: str, values: Array, size: int) -> Array:
     """Return a contiguous copy of ``values`` (size,); raise for another size or what is not finite."""
     array = np.array(values, dtype=np.float64, ndmin=1)
     if array.shape != (size,):
-        raise ValueError(f"{name} has shape {array.shape}: this system needs ({size},)")
+        raise ValueError(f"{name} has the shape {array.shape}; this system needs ({size},)")
     if not np.isfinite(array).all():
-        raise ValueError(f"{name} = {array}: must be finite")
+        raise ValueError(f"{name} is {array}; it must be finite")
     return array
 
 
@@ -296,7 +296,7 @@ def unpack(data: bytes, arrays: list[NDArray[Any]]) -> None:
     """Fill the arrays from :func:`pack`'s bytes; raise if they are of another length."""
     needed = sum(array.nbytes for array in arrays)
     if len(data) != needed:
-        raise ValueError(f"saved state has {len(data)} bytes: this stepper's has {needed}; was it another system?")
+        raise ValueError(f"the saved state has {len(data)} bytes; allowed: one of the same system, of {needed} bytes")
     offset = 0
     for array in arrays:
         count = array.size

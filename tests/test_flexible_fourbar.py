@@ -101,7 +101,7 @@ def test_four_modes_are_nearer() -> None:
 def test_lu_fails_at_a_singular_position_as_the_paper_says() -> None:
     times = np.linspace(0.0, 10.0, 101)
     result = run(FourBar(coupler_modes=2), Settings(solver="adams-lu", tolerance=1e-8), times)
-    assert "too small to move time" in result.failure
+    assert "the time no longer changes" in result.failure
     assert result.t[-1] <= 0.1813
 
 

@@ -291,5 +291,5 @@ def test_a_start_in_a_singular_position_is_told() -> None:
 
 @pytest.mark.parametrize("given", [{"start": 0.3}, {"rate": 1.0}, {"fixed": True}, {"start": 0.0, "rate": 0.0}])
 def test_a_joint_that_is_driven_takes_no_start(given: dict[str, Any]) -> None:
-    with pytest.raises(UserError, match=f"a drive and {' and '.join(given)}: leave"):
+    with pytest.raises(UserError, match=f"drive and {' and '.join(given)} are given; leave out"):
         Revolute(drive=SpeedInput(name="speed", unit="rad/s"), **given)

@@ -16,7 +16,7 @@ ALONG_X = 1e-6  # of the component of a unit vector across x, below which it cou
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
-def unit_axis(axis: str | Vector, what: str = "axis") -> NDArray[np.float64]:
+def unit_axis(axis: str | Vector, what: str) -> NDArray[np.float64]:
     """Return the unit vector of 'x', 'y', 'z' or of three numbers."""
     if isinstance(axis, str):
         if axis not in AXES:

@@ -74,7 +74,7 @@ class Cylinder(Shape):
     def axes(self) -> Matrix:
         """See :class:`Shape`."""
         radius, length = positive("radius of a cylinder", self.radius), positive("length of a cylinder", self.length)
-        return along(unit_axis(self.axis)) * [radius, radius, length]
+        return along(unit_axis(self.axis, "axis of a cylinder")) * [radius, radius, length]
 
 
 @dataclass(frozen=True, kw_only=True)

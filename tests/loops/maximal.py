@@ -124,10 +124,10 @@ class Maximal:
                 case JointSpring() | JointForce():
                     self._joints.append(self._on_joint(force, a))
                 case PointForce():
-                    axis = self._global(unit_axis(force.axis) * T * T / (m * L))
+                    axis = self._global(unit_axis(force.axis, "axis") * T * T / (m * L))
                     self._loads.append((self._point(a.index, force.at_a), axis, known(force.magnitude)))
                 case Torque():
-                    axis = unit_axis(force.axis) * T * T / (m * L * L)
+                    axis = unit_axis(force.axis, "axis") * T * T / (m * L * L)
                     self._torques.append((a.index, axis, known(force.magnitude)))
                 case _:
                     raise NotCovered(f"force {name!r}: {force!r}")

@@ -283,7 +283,7 @@ def test_a_bent_shaft_turns_unevenly(angle: float, L: float) -> None:
         (Screw(lead=float("nan")), "lead of body 'b' is nan m per turn"),
         (Screw(lead=(1.0, 2.0)), r"lead of body 'b' is \(1\.0, 2\.0\) m per turn"),  # type: ignore[arg-type]
         (Screw(lead="1"), "lead of body 'b' is '1' m per turn"),  # type: ignore[arg-type]
-        (Cylindrical(drive=1.0), "joint of body 'b' cannot be driven"),
+        (Cylindrical(drive=1.0), "joint of body 'b' has 2 coordinates and cannot be driven"),
     ],
 )
 def test_what_is_no_such_joint_is_refused(joint: Any, message: str) -> None:

@@ -521,7 +521,7 @@ def test_mass_properties_are_those_of_the_books() -> None:
         (sphere, {"radius": -1.0}, "radius of a sphere is -1.0; allowed: finite and greater"),
         (sphere, {"radius": "big"}, "radius of a sphere is 'big'; allowed: finite"),
         (cylinder, {"radius": 1.0, "length": np.inf}, "length of a cylinder is inf"),
-        (cylinder, {"radius": 1.0, "length": 1.0, "axis": "w"}, "axis is 'w'"),
+        (cylinder, {"radius": 1.0, "length": 1.0, "axis": "w"}, "axis of a cylinder is 'w'"),
         (tube, {"outer": 1.0, "inner": 2.0, "length": 1.0}, "inner radius of a tube is 2.0 m; allowed: no more than"),
         (tube, {"outer": 1.0, "inner": 0.0, "length": 1.0}, "inner radius of a tube is 0.0; allowed: finite and"),
         (tube, {"outer": 2.0, "inner": 1.0, "length": 0.0}, "length of a tube is 0.0"),

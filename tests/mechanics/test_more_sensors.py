@@ -412,22 +412,25 @@ def test_what_cannot_be_told_is_refused() -> None:
     motor = m.force("motor", JointForce(magnitude=1.0), arm)
     theirs = other.force("theirs", Torque(magnitude=1.0), stranger)
     for make, message in (
-        (lambda: arm.quaternion(4), "component of a quaternion is 4; allowed: 0, 1, 2, 3"),
-        (lambda: arm.direction("x", "q"), "component is 'q'"),
+        (lambda: arm.quaternion(4), "component of the quaternion of body 'arm' is 4; allowed: 0, 1, 2, 3"),
+        (lambda: arm.direction("x", "q"), "component of body 'arm' is 'q'"),
         (
             lambda: arm.angular_velocity("x", frame="joint"),
-            "frame of an angular velocity is 'joint'; allowed: 'global'",
+            "frame of the angular velocity of body 'arm' is 'joint'; allowed: 'global'",
         ),
-        (lambda: m.distance(m.ground, arm, at_a=3.0), "at_a is 3.0; it needs three"),
-        (lambda: m.angle_between(m.ground, "u", arm, "x"), "axis is 'u'"),
-        (lambda: m.relative_position(arm, m.ground, "u"), "component is 'u'"),
+        (
+            lambda: m.distance(m.ground, arm, at_a=3.0),
+            "at_a of the distance between 'ground' and 'arm' is 3.0; it needs three",
+        ),
+        (lambda: m.angle_between(m.ground, "u", arm, "x"), "axis_a of the angle between 'ground' and 'arm' is 'u'"),
+        (lambda: m.relative_position(arm, m.ground, "u"), "component of 'arm' relative to 'ground' is 'u'"),
         (
             lambda: m.output("o", m.distance(m.ground, stranger)),
             "(?s)body of output 'o' is .* not a body of this mechanism",
         ),
         (lambda: m.output("o", theirs.force("x")), "body of output 'o' is"),
         (lambda: spring.force("x", on="c"), "body of force 'spring' is 'c'; allowed: 'a', 'b'"),
-        (lambda: spring.force("r"), "component is 'r'"),
+        (lambda: spring.force("r"), "component of force 'spring' is 'r'"),
         (spring.effort, "force 'spring' acts on bodies and along no coordinate"),
         (lambda: motor.moment("x"), "force 'motor' acts along the coordinate of a joint; effort tells it"),
     ):

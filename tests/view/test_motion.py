@@ -235,7 +235,7 @@ def test_shapes_replace_the_default_picture() -> None:
         (lambda: Sphere(radius=-1.0), "radius of a sphere"),
         (lambda: Box(size=(1.0, 2.0)), "size of a box"),
         (lambda: Box(size=(1.0, 1.0, 1.0), rotation=np.ones((3, 3))), "rotation of a box"),
-        (lambda: Cylinder(radius=1.0, length=1.0, axis="w"), "axis is 'w'"),
+        (lambda: Cylinder(radius=1.0, length=1.0, axis="w"), "axis of a cylinder is 'w'"),
         (lambda: Sphere(radius=1.0, color="red"), "color is 'red'; write #rrggbb"),
         (lambda: Sphere(radius=1.0, at=(0.0, 0.0)), "at of a shape of body 'b'"),
         (lambda: "ball", "shape of body 'b' is 'ball'"),

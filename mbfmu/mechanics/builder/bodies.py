@@ -74,19 +74,19 @@ class Body:
 
     def position(self, axis: str, point: Vector = (0.0, 0.0, 0.0)) -> Sensor:
         """Global component of the position of a body-fixed point, m."""
-        return PointPosition(unit="m", item=self, component=axis_index(axis), point=vector("point", point))
+        return PointPosition(unit="m", item=self, component=self._axis(axis), point=self._point(point))
 
     def velocity(self, axis: str, point: Vector = (0.0, 0.0, 0.0)) -> Sensor:
         """... of its velocity, m/s."""
-        return PointVelocity(unit="m/s", item=self, component=axis_index(axis), point=vector("point", point))
+        return PointVelocity(unit="m/s", item=self, component=self._axis(axis), point=self._point(point))
 
     def point_acceleration(self, axis: str, point: Vector = (0.0, 0.0, 0.0)) -> Sensor:
         """... of its acceleration, m/s2."""
         return PointAcceleration(
             unit="m/s2",
             item=self,
-            component=axis_index(axis),
-            point=vector("point", point),
+            component=self._axis(axis),
+            point=self._point(point),
         )
 
     def quaternion(self, k: int) -> Sensor:
@@ -96,25 +96,33 @@ class Body:
         turn from the ground's axes.
         """
         if not isinstance(k, int | np.integer) or not 0 <= k < 4:
-            raise UserError(f"component of a quaternion is {k!r}; allowed: 0, 1, 2, 3, scalar first")
+            raise UserError(
+                f"component of the quaternion of body {self.name!r} is {k!r}; allowed: 0, 1, 2, 3, scalar first"
+            )
         return Quaternion(item=self, component=k)
 
     def direction(self, i: str, j: str) -> Sensor:
         """Direction cosine A[i, j]: the component along the global axis i of this body's axis j."""
-        return DirectionCosine(item=self, component=axis_index(i), axis=axis_index(j))
+        return DirectionCosine(item=self, component=self._axis(i), axis=self._axis(j))
 
     def angular_velocity(self, axis: str, frame: str = "global") -> Sensor:
         """Component of the angular velocity along an axis of the ground, or with ``frame="body"`` of this, rad/s."""
-        one_of("frame of an angular velocity", frame, ("global", "body"))
-        return AngularVelocity(item=self, component=axis_index(axis) + (3 if frame == "body" else 0))
+        one_of(f"frame of the angular velocity of body {self.name!r}", frame, ("global", "body"))
+        return AngularVelocity(item=self, component=self._axis(axis) + (3 if frame == "body" else 0))
 
     def joint_force(self, axis: str) -> Sensor:
         """Global component of the force the tree joint exerts on this body, N."""
-        return JointForce(unit="N", item=self, component=axis_index(axis))
+        return JointForce(unit="N", item=self, component=self._axis(axis))
 
     def joint_moment(self, axis: str) -> Sensor:
         """Global component of the moment it exerts about the body's origin, N m."""
-        return JointForce(unit="N.m", item=self, component=3 + axis_index(axis))
+        return JointForce(unit="N.m", item=self, component=3 + self._axis(axis))
+
+    def _axis(self, axis: str) -> int:
+        return axis_index(axis, f"of body {self.name!r}")
+
+    def _point(self, point: Vector) -> Matrix:
+        return vector(f"point of body {self.name!r}", point)
 
     def _unit(self, k: int) -> str:
         if not isinstance(k, int | np.integer) or not 0 <= k < self.joint.nv:
@@ -180,8 +188,8 @@ class CutHandle:
 
     def joint_force(self, axis: str, on: str = "b") -> Sensor:
         """Global component of the force the cut joint exerts on body ``"a"`` or ``"b"``, N; none by vanishing rows."""
-        one_of("body of a cut joint's force", on, ("a", "b"))
-        component = axis_index(axis) + (3 if on == "a" else 0)
+        one_of(f"body of cut {self.name!r}", on, ("a", "b"))
+        component = axis_index(axis, f"of cut {self.name!r}") + (3 if on == "a" else 0)
         return CutForce(unit="N", item=self, component=component)
 
 
@@ -223,17 +231,20 @@ class ForceHandle:
 
     def force(self, axis: str, on: str = "a") -> Sensor:
         """Global component of what it exerts on body ``"a"`` or ``"b"``, N."""
-        return self._wrench("N", axis_index(axis), on)
+        return self._wrench("N", self._axis(axis), on)
 
     def moment(self, axis: str, on: str = "a") -> Sensor:
         """Global component of its moment about the origin of that body, N m."""
-        return self._wrench("N.m", 3 + axis_index(axis), on)
+        return self._wrench("N.m", 3 + self._axis(axis), on)
 
     def effort(self) -> Sensor:
         """What it exerts along the coordinate of the joint it acts on, N or N m."""
         if not self.load.on_joint:
             raise UserError(f"force {self.name!r} acts on bodies and along no coordinate; force and moment tell it")
         return LoadEffort(unit=effort_unit(self.a.joint.units[0]), item=self, bodies=(self.a,))
+
+    def _axis(self, axis: str) -> int:
+        return axis_index(axis, f"of force {self.name!r}")
 
     def _wrench(self, unit: str, component: int, on: str) -> Sensor:
         one_of(f"body of force {self.name!r}", on, ("a", "b"))

@@ -97,7 +97,7 @@ def _round(
 ) -> dict[str, Any]:
     """Mass properties of a cylinder with a bore."""
     long, radius = positive(f"length of a {what}", length), positive(f"radius of a {what}", outer)
-    n = unit_axis(axis)
+    n = unit_axis(axis, f"axis of a {what}")
     square = radius * radius + inner * inner
     about = 0.5 * not_negative(f"mass of a {what}", mass) * square
     across = mass * (3.0 * square + long * long) / 12.0

@@ -132,13 +132,13 @@ class Mechanism(Appearance):
         self._new_name("body", name, self._bodies_named)
         self._member(parent, f"parent of body {name!r}")
         if isinstance(joint, Section):
-            raise UserError(f"joint of body {name!r} is a section; FlexibleBody.section makes those")
+            raise UserError(f"joint of body {name!r} is of class Section, which FlexibleBody.section alone makes")
         check_kind(f"joint of body {name!r}", joint, Joint)
         joint.check(f"body {name!r}")
         if joint.drive is not None and joint.nv != 1:
             raise UserError(
-                f"joint of body {name!r} cannot be driven: only joints of one coordinate can; "
-                "chain revolute and translational joints through bodies without mass"
+                f"joint of body {name!r} has {joint.nv} coordinates and cannot be driven; allowed: a joint of one "
+                "coordinate, or a chain of such joints through bodies without mass"
             )
         new = Body(
             name,
@@ -328,25 +328,29 @@ class Mechanism(Appearance):
 
     def distance(self, a: Body, b: Body, *, at_a: Vector = ORIGIN, at_b: Vector = ORIGIN) -> Sensor:
         """Distance between a point of body a and one of body b (m, body frames), m."""
-        return Distance(unit="m", bodies=(a, b), at_a=vector("at_a", at_a), at_b=vector("at_b", at_b))
+        return Distance(unit="m", bodies=(a, b), **_points("the distance", a, at_a, b, at_b))
 
     def distance_rate(self, a: Body, b: Body, *, at_a: Vector = ORIGIN, at_b: Vector = ORIGIN) -> Sensor:
         """Rate of :meth:`distance`, m/s; zero where the points coincide."""
-        return DistanceRate(unit="m/s", bodies=(a, b), at_a=vector("at_a", at_a), at_b=vector("at_b", at_b))
+        return DistanceRate(unit="m/s", bodies=(a, b), **_points("the distance", a, at_a, b, at_b))
 
     def angle_between(self, a: Body, axis_a: str | Sequence[float], b: Body, axis_b: str | Sequence[float]) -> Sensor:
         """Angle between an axis of body a and one of body b, from 0 to pi, rad; it has a kink at both."""
-        return AngleBetween(bodies=(a, b), at_a=unit_axis(axis_a), at_b=unit_axis(axis_b))
+        what = f"the angle between {_named(a)} and {_named(b)}"
+        axes = {"at_a": unit_axis(axis_a, f"axis_a of {what}"), "at_b": unit_axis(axis_b, f"axis_b of {what}")}
+        return AngleBetween(bodies=(a, b), **axes)
 
     def relative_position(self, b: Body, a: Body, axis: str, *, at_b: Vector = ORIGIN, at_a: Vector = ORIGIN) -> Sensor:
         """Component along an axis of body a of the way from a point of a to one of b (m, body frames), m."""
-        told = {"at_a": vector("at_a", at_a), "at_b": vector("at_b", at_b)}
-        return RelativePosition(unit="m", bodies=(a, b), component=axis_index(axis), **told)
+        component = axis_index(axis, f"of {_named(b)} relative to {_named(a)}")
+        points = _points("the way", a, at_a, b, at_b)
+        return RelativePosition(unit="m", bodies=(a, b), component=component, **points)
 
     def relative_velocity(self, b: Body, a: Body, axis: str, *, at_b: Vector = ORIGIN, at_a: Vector = ORIGIN) -> Sensor:
         """Rate of :meth:`relative_position`, the velocity that one on body a sees, m/s."""
-        told = {"at_a": vector("at_a", at_a), "at_b": vector("at_b", at_b)}
-        return RelativeVelocity(unit="m/s", bodies=(a, b), component=axis_index(axis), **told)
+        component = axis_index(axis, f"of {_named(b)} relative to {_named(a)}")
+        points = _points("the way", a, at_a, b, at_b)
+        return RelativeVelocity(unit="m/s", bodies=(a, b), component=component, **points)
 
     def _planar(self, body: Body) -> Body:
         here, axis = body, None
@@ -378,3 +382,14 @@ class Mechanism(Appearance):
     def _has(self, handle: ForceHandle) -> bool:
         """Whether a force is one of this mechanism."""
         return handle.index < len(self.forces) and self.forces[handle.index][1] is handle.load
+
+
+def _named(body: Any) -> str:
+    """Return what messages call a body; it need not be one."""
+    return repr(getattr(body, "name", body))
+
+
+def _points(what: str, a: Body, at_a: Vector, b: Body, at_b: Vector) -> dict[str, Any]:
+    """Return the two points of a sensor between bodies, checked."""
+    between = f"{what} between {_named(a)} and {_named(b)}"
+    return {"at_a": vector(f"at_a of {between}", at_a), "at_b": vector(f"at_b of {between}", at_b)}

@@ -122,7 +122,7 @@ class AxisCut(Cut):
         if isinstance(self.axis, str):
             order = ["xyz".index(axis) for axis in self.letters]
             return Ra[:, order], Rb[:, order]
-        normal = unit_axis(self.axis)
+        normal = unit_axis(self.axis, f"axis of {what}")
         turn = np.column_stack((*plane_axes(normal), normal))
         return Ra @ turn, Rb @ turn
 

@@ -69,7 +69,8 @@ class Joint(Kind):
         if self.drive is not None and any(given.values()):
             names = " and ".join(name for name, there in given.items() if there)
             raise UserError(
-                f"a joint has a drive and {names}: leave {names} out, its drive says where it is and how fast"
+                f"{type(self).__name__}: drive and {names} are given; leave out {names}, the drive says where it is "
+                "and how fast"
             )
 
     @property
@@ -93,10 +94,14 @@ class AxisJoint(Joint):
 
     axis: str | Vector = "z"
 
+    def check(self, what: str) -> None:
+        """Refuse what is no axis."""
+        unit_axis(self.axis, f"axis of {what}")
+
     @property
     def direction(self) -> NDArray[np.float64]:
         """Unit vector of the axis in the joint frame."""
-        return unit_axis(self.axis)
+        return unit_axis(self.axis, f"axis of {type(self).__name__}")
 
     def fill(self, record: Any, site: Site) -> None:
         """Write the axis."""

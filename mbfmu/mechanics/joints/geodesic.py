@@ -90,5 +90,5 @@ class Geodesic(OutOfPlane):
         axes = np.eye(3) if self.rotation is None else np.asarray(self.rotation, float)
         s = axes.T @ np.asarray(self.at, float) * (1.0, 0.0, 1.0)
         if not s.any():
-            raise UserError(f"placement of a geodesic joint is {self.at!r} m; it needs some way in the x-z plane")
+            raise UserError(f"at of {site.name} is {self.at!r} m; a Geodesic joint needs some way in the x-z plane")
         record["b"] = s / (s @ s)

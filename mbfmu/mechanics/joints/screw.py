@@ -48,6 +48,7 @@ class Screw(AxisJoint):
 
     def check(self, what: str) -> None:
         """Refuse what is no lead."""
+        super().check(what)
         if np.ndim(self.lead) or not is_finite(self.lead) or not SHORTEST <= abs(self.lead) <= LONGEST:
             raise UserError(
                 f"lead of {what} is {self.lead!r} m per turn; allowed: {SHORTEST:g} to {LONGEST:g}, of either sign"

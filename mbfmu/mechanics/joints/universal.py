@@ -83,4 +83,4 @@ class Universal(AxisJoint):
     def fill(self, record: Any, site: Site) -> None:
         """Write both axes."""
         super().fill(record, site)
-        record["second"] = unit_axis(self.second)
+        record["second"] = unit_axis(self.second, f"second axis of {site.name}")

@@ -66,7 +66,7 @@ class ElasticForce(Force):
         if isinstance(self.stiffness, Table):
             found = dict(zip(("apply", "potential"), self.tabled, strict=True))
         elif self._is_function():
-            f = as_law(law.law_of(f"stiffness {self.stiffness!r} of a spring", self.stiffness, ("x",)))
+            f = as_law(law.law_of(f"stiffness of a {type(self).__name__}", self.stiffness, ("x",)))
             found = dict(zip(("apply", "power"), kernel_of(self, "made")(f), strict=True)) | {"potential": None}
         for name, function in found.items():
             object.__setattr__(self, name, function)

@@ -63,7 +63,7 @@ class JointForce(Force):
     def __post_init__(self) -> None:
         """Compile a function of the coordinate."""
         if self._is_law():
-            f = law.law_of(f"magnitude {self.magnitude!r} of a joint force", self.magnitude, ("t", "q", "v"))
+            f = law.law_of("magnitude of a JointForce", self.magnitude, ("t", "q", "v"))
             for name, function in zip(("apply", "power"), kernels_of(f), strict=True):
                 object.__setattr__(self, name, function)
 
@@ -71,7 +71,7 @@ class JointForce(Force):
         """Whether the force depends on the coordinate or its rate."""
         if isinstance(self.magnitude, str):
             return bool(law.names_in(self.magnitude) & {"q", "v"})
-        return callable(self.magnitude) and law.arguments_of("magnitude of a joint force", self.magnitude) != 1
+        return callable(self.magnitude) and law.arguments_of("magnitude of a JointForce", self.magnitude) != 1
 
     def fill(self, record: Any, site: Site) -> None:
         """Write where it acts, and by what signal."""

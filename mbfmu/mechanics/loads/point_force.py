@@ -80,7 +80,8 @@ class PointForce(Force):
     def fill(self, record: Any, site: Site) -> None:
         """Write where it acts, along what, and by what signal."""
         record["a"], record["signal"] = site.bodies[0], site.signal(self.magnitude, f"magnitude of {site.name}")
-        record["Pa"], record["axis"] = vector(f"at_a of {site.name}", self.at_a), unit_axis(self.axis)
+        record["Pa"] = vector(f"at_a of {site.name}", self.at_a)
+        record["axis"] = unit_axis(self.axis, f"axis of {site.name}")
         record["turns"] = int(self.fixed_in == "body")
 
     def points(self) -> Points:

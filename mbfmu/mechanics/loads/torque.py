@@ -70,4 +70,5 @@ class Torque(Force):
     def fill(self, record: Any, site: Site) -> None:
         """Write where it acts, about what, and by what signal."""
         record["a"], record["signal"] = site.bodies[0], site.signal(self.magnitude, f"magnitude of {site.name}")
-        record["axis"], record["turns"] = unit_axis(self.axis), int(self.fixed_in == "body")
+        record["axis"] = unit_axis(self.axis, f"axis of {site.name}")
+        record["turns"] = int(self.fixed_in == "body")

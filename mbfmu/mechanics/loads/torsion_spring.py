@@ -159,5 +159,5 @@ class TorsionSpring(ElasticForce):
         """Write the two frames too."""
         super().fill(record, site)
         record["a"], record["b"] = site.bodies
-        frame = along(unit_axis(self.axis))
+        frame = along(unit_axis(self.axis, f"axis of {site.name}"))
         record["Ea"], record["Eb"] = frame.T, frame.T @ rotation(f"rotation of {site.name}", self.rotation)

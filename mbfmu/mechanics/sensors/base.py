@@ -65,8 +65,8 @@ class Sensor(Kind):
         record["index"], record["component"] = 0 if self.item is None else self.item.index, self.component
 
 
-def axis_index(axis: str) -> int:
-    """Return 0, 1, 2 for 'x', 'y', 'z'."""
+def axis_index(axis: str, of: str) -> int:
+    """Return 0, 1, 2 for 'x', 'y', 'z'; ``of`` says in messages whose component it is."""
     if axis not in ("x", "y", "z"):
-        raise UserError(f"component is {axis!r}; allowed: 'x', 'y', 'z'")
+        raise UserError(f"component {of} is {axis!r}; allowed: 'x', 'y', 'z'")
     return "xyz".index(axis)
