@@ -102,6 +102,7 @@ class Arrays(NamedTuple):
     signals: NDArray[Any]  # ITEM
     sensors: NDArray[Any]  # SENSOR
     kept: NDArray[np.int64]  # (rows,) number among the constraints of rows, cuts first, then couplings; -1: it vanishes
+    reach: NDArray[np.float64]  # (rows,) what a residual of one counts for, m: the mechanism's length by the row's unit
     flexibles: NDArray[Any]  # FLEXIBLE
     nodes: NDArray[Any]  # NODE
     kernels: NDArray[np.int64]  # addresses of kernels, KERNELS for each kind that is there; 0: it has none
@@ -224,6 +225,7 @@ def empty_data() -> Data:
         signals=records(1, ITEM),
         sensors=records(1, SENSOR),
         kept=whole,
+        reach=np.zeros(1),
         flexibles=records(1, FLEXIBLE),
         nodes=records(1, NODE),
         kernels=np.zeros(KERNELS, np.int64),

@@ -239,7 +239,7 @@ class EquilibriumProblem:
 
     def _failure(self, solution: Solution, what: str) -> str:
         worst = int(np.argmax(np.abs(solution.forces)))
-        gap = float(np.abs(solution.gaps).max(initial=0.0))
+        gap = self.plant.length * float(np.abs(solution.gaps / self.plant.system.row_size).max(initial=0.0))
         if solution.outcome is not Outcome.NOT_FINITE and (pushed := self._pushed()):
             return (
                 f"{what} for {self.model.name!r}: at the start nothing resists {pushed}, on which the loads act; "

@@ -238,6 +238,18 @@ def test_builder_refuses_strangers_twins_and_loops_on_themselves() -> None:
         m.body("r", m.ground, Revolute(axis="w"))
 
 
+@pytest.mark.parametrize("size", [1e-3, 1e3])
+def test_an_open_angle_counts_as_the_path_of_a_point_one_length_away(size: float) -> None:
+    m = Mechanism()
+    arm = m.body("arm", m.ground, Revolute(), **rod(mass=1.0, length=2.0 * size))
+    m.cut("glue", WeldCut(), arm, m.ground)
+    plant = Plant(m)
+    assert plant.length == pytest.approx(size)  # from the joint to the center of mass
+    gap, rate = plant.residuals(0.0, np.array([0.1]), np.array([0.3]))
+    assert gap == pytest.approx(size * np.sin(0.1))
+    assert rate == pytest.approx(size * 0.3 * np.cos(0.1))
+
+
 @pytest.mark.parametrize("force", [Spring(stiffness=1.0), PointForce(magnitude=1.0), Torque(magnitude=1.0)])
 def test_a_force_needs_two_bodies(force: Any) -> None:
     m = Mechanism()

@@ -215,6 +215,7 @@ class Compiled:
             signals=item_records(signals, ITEM),
             sensors=observing,
             kept=np.arange(rows + len(couplings)),
+            reach=np.ones(rows + len(couplings)),
             flexibles=flexibles,
             nodes=nodes,
             kernels=tables.kernels(),

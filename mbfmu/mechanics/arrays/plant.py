@@ -65,6 +65,7 @@ class Plant:
         self.drives = Drives(mechanism, numbering, compiled.signals, self.length)
         self.inputs = Inputs(numbering, self.data.arrays, compiled.signals, self.drives)
         self._systems = Systems(mechanism, numbering, compiled, self.drives, self.length)
+        self.data.arrays.reach[:] = self.length / self._systems.row_size
         names = row_names(mechanism.constraints)
         self.vanishing_rows: list[str] = []
         self.system: Any = self._systems.make(names)
@@ -206,7 +207,7 @@ class Plant:
         return bend(self.mechanism, self.records(Plate), self.data.state)
 
     def residuals(self, t: float, q: Array, v: Array) -> tuple[float, float]:
-        """Largest constraint residual in position and in velocity."""
+        """Largest constraint residual in position, m, and in velocity, m/s: what the residual outputs tell."""
         if self.system.m == 0:
             return 0.0, 0.0
         terms = self.system.allocate_terms()

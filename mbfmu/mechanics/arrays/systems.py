@@ -26,7 +26,13 @@ WIDEST = 1000  # bodies in a group of the structured tangent: its matrix has twe
 
 
 class Systems:
-    """Makes the equations of motion of one compiled mechanism over its free coordinates."""
+    """Makes the equations of motion of one compiled mechanism over its free coordinates.
+
+    Attributes
+    ----------
+    row_size
+        Units of the residuals of all rows, those that vanish too.
+    """
 
     def __init__(
         self, mechanism: Mechanism, numbering: Numbering, compiled: Compiled, drives: Drives, length: float
@@ -34,7 +40,7 @@ class Systems:
         self._mechanism, self._numbering, self._compiled = mechanism, numbering, compiled
         self._drives, self._length, self._arrays = drives, length, compiled.data.arrays
         self._size = coordinate_sizes(free_bodies(mechanism), length)
-        self._row_size = np.concatenate([np.zeros(0), *(row_sizes(c, length) for c in mechanism.constraints)])
+        self.row_size = np.concatenate([np.zeros(0), *(row_sizes(c, length) for c in mechanism.constraints)])
         limit = LARGE_LOOPS if mechanism.constraints else LARGE
         self._large = not mechanism.flexible_bodies and numbering.nv > limit  # the structured tangent knows no modes
 
@@ -104,7 +110,7 @@ class Systems:
             "m": len(constraint_names),
             "data": data,
             "size": self._size,
-            "row_size": self._row_size[kept >= 0] if constraint_names else np.zeros(0),
+            "row_size": self.row_size[kept >= 0] if constraint_names else np.zeros(0),
             "rate": self._rate(),
             "works": self._works,
             "resolves": self._resolves,

@@ -43,7 +43,7 @@ def residual(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
 
 @kernel
 def largest_residual(velocity: bool, arrays: Any, state: Any) -> float:
-    """Largest |Phi| or |Phi'| of the kept rows."""
+    """Largest |Phi| or |Phi'| of the kept rows, each by its reach: m or m/s."""
     worst = 0.0
     for i in range(arrays.cuts.shape[0]):
         cut = arrays.cuts[i]
@@ -56,12 +56,13 @@ def largest_residual(velocity: bool, arrays: Any, state: Any) -> float:
                 open_ = 0.0
                 for k in range(6):
                     open_ += row.Ga[k] * state.bodies[cut.a].Y[k] + row.Gb[k] * state.bodies[cut.b].Y[k]
-            worst = max(worst, abs(open_))
+            worst = max(worst, abs(open_ * arrays.reach[r]))
     for i in range(arrays.couplings.shape[0]):
         coupling, here = arrays.couplings[i], state.coupled[i]
         if arrays.kept[coupling.row] >= 0:
             rate = state.v[coupling.va] - here.slope * state.v[coupling.vb]
-            worst = max(worst, abs(rate if velocity else here.Phi))
+            open_ = rate if velocity else here.Phi
+            worst = max(worst, abs(open_ * arrays.reach[coupling.row]))
     return worst
 
 
@@ -100,6 +101,10 @@ class JacobiIntegral(PotentialEnergy):
 
 @dataclass(frozen=True, kw_only=True)
 class Residual(Sensor):
-    """Largest residual of the constraints; component 1: of their rates."""
+    """Largest residual of the constraints, m; component 1: of their rates, m/s.
+
+    A residual in another unit than m counts by the length of the mechanism: 1 rad as the path of a point that far from
+    the axis, and that of a coupling relative to what its coordinates change it by when each moves by its unit.
+    """
 
     read = residual
