@@ -337,7 +337,10 @@ class Mechanism(Appearance):
     def angle_between(self, a: Body, axis_a: str | Sequence[float], b: Body, axis_b: str | Sequence[float]) -> Sensor:
         """Angle between an axis of body a and one of body b, from 0 to pi, rad; it has a kink at both."""
         what = f"the angle between {_named(a)} and {_named(b)}"
-        axes = {"at_a": unit_axis(axis_a, f"axis_a of {what}"), "at_b": unit_axis(axis_b, f"axis_b of {what}")}
+        axes: dict[str, Any] = {
+            "at_a": unit_axis(axis_a, f"axis_a of {what}"),
+            "at_b": unit_axis(axis_b, f"axis_b of {what}"),
+        }
         return AngleBetween(bodies=(a, b), **axes)
 
     def relative_position(self, b: Body, a: Body, axis: str, *, at_b: Vector = ORIGIN, at_a: Vector = ORIGIN) -> Sensor:
