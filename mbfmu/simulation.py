@@ -376,7 +376,7 @@ class Simulation:
         """What else must be the same where a state of this simulation is taken up."""
         fixed = {p.name: getattr(self.model, p.name) for p in self.model.parameters() if not p.tunable}
         how = self.settings
-        return json.dumps([self.model.name, fixed, how.name, how.tolerance, how.audit, how.inputs])
+        return json.dumps([self.model.name, fixed, how.solver, how.tolerance, how.audit, how.inputs])
 
     def save(self) -> bytes:
         """Return the whole state: solver, inputs and tunable parameters."""

@@ -89,10 +89,9 @@ def check_kind(what: str, given: Any, role: type[Kind]) -> None:
     for name, meant in vars(role).get("__annotations__", {}).items():
         if "ClassVar" in str(meant) and not hasattr(type(given), name):
             raise UserError(f"{said}, which does not say its {name!r}; see its base {role.__name__}")
-    drawings = getattr(role, "drawings", ())
-    if drawings and given.drawn not in drawings:
-        allowed = ", ".join(map(repr, drawings))
-        raise UserError(f"{said}, whose `drawn` is {given.drawn!r}; allowed: {allowed}")
+    drawings, drawn = getattr(role, "drawings", ()), getattr(given, "drawn", None)
+    if drawings and drawn not in drawings:
+        raise UserError(f"{said}, whose `drawn` is {drawn!r}; allowed: {', '.join(map(repr, drawings))}")
     record = given.record
     named = (record.names or ()) if isinstance(record, np.dtype) else ()
     if not named or any(record[n].base not in (np.float64, np.int64) or not record[n].itemsize for n in named):
