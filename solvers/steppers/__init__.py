@@ -11,6 +11,7 @@ from solvers.system import LARGEST_DENSE, AnySystem, Array, TreeSystem
 
 from .adams.large import TreeAdamsStepper
 from .adams.small import AdamsLUStepper, AdamsStepper, HybridStepper
+from .radau.small import RadauStepper
 
 
 def ida(*given: Any) -> Stepper:
@@ -32,6 +33,7 @@ SOLVERS: dict[str, Callable[..., Stepper]] = {  # on a system's matrices
     "adams": AdamsStepper,
     "hybrid": HybridStepper,
     "adams-lu": AdamsLUStepper,
+    "radau": RadauStepper,
 }
 LARGE: dict[str, Callable[..., Stepper]] = {  # on a tree's recursions, with constraints or without
     "ida": ida_large,

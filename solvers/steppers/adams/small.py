@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +11,7 @@ from solvers.compiled.held import hold
 from solvers.compiled.kernel import records
 from solvers.ledger import Scales
 from solvers.options import Options, Statistics
-from solvers.outcome import Code
-from solvers.stepper import Samples
-from solvers.steppers.dense import DenseStepper
+from solvers.steppers.closed import ClosedStepper
 from solvers.system import Array, System
 
 from . import loop
@@ -22,11 +20,12 @@ from .formulas import HIGHEST, History, counts
 from .hybrid import HYBRID, LU, PROJECTION
 
 
-class AdamsStepper(ExplicitStepper, DenseStepper):
+class AdamsStepper(ExplicitStepper, ClosedStepper):
     """Adams PECE with the projection partition; see :mod:`.loop`."""
 
     others: tuple[str, ...] = ("ida", "hybrid")
     partition = PROJECTION
+    loop: ClassVar = loop
 
     def __init__(self, system: System, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
         super().__init__(system, t0, q0, v0, options)
@@ -58,35 +57,6 @@ class AdamsStepper(ExplicitStepper, DenseStepper):
     @property
     def _watched(self) -> bool:
         return self.options.audit or self.partition == HYBRID  # which asks whether the energy jumps
-
-    def _advance(self, t: float) -> Code:
-        own = self._eqs, self._settings, self._held, self._work, self._scales
-        code = Code(loop.advance(*own, t, self._q, self._v, self._ledger))
-        self._t = t if code is Code.OK else float(self._control["t"][0])
-        return code
-
-    def _sample(self, times: Array, out: Samples) -> int:
-        own = self._eqs, self._settings, self._held, self._work, self._scales
-        self._control["undetermined"] = 0
-        code, done = loop.sample(*own, times, *out)
-        last = min(done, len(times) - 1)
-        self._t = min(float(times[last]), float(self._control["t"][0]))
-        self._q[:], self._v[:], self._ledger[:] = out.q[last], out.v[last], out.ledger[last]
-        self.status = self._status(Code(code))
-        if self._control["undetermined"][0]:
-            self.undetermined_at = float(self._control["undetermined_at"][0])
-        return int(done)
-
-    @property
-    def notice(self) -> str:
-        """Whether the tolerance was coarser than asked for beside a near miss."""
-        c = self._control[0]
-        if not c["coarsest"] > 1.0:
-            return ""
-        return (
-            f"the tolerance was {c['coarsest'] * self.options.rtol:.0e}, not {self.options.rtol:g}, beside a singular "
-            f"position that the loop misses by {c['narrowest']:.0e} of its size: rounding allows no finer"
-        )
 
     def _arrays(self) -> list[NDArray[Any]]:
         return [*self._history, self._reported, self._q, self._v, self._ledger, *self._units.memory()]

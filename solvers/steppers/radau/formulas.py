@@ -1,0 +1,236 @@
+"""The formulas of Radau IIA, order 5 in three stages, for q' = N(q) v, v' = a(t, q, v).
+
+The stages V_i = v + Z_i at t + c_i h satisfy Z = h A a(Q, V), with positions Q_i = q + h sum_j A_ij N_j V_j that follow
+from them. Newton's matrix falls apart by the eigenvalues of A^-1, gamma and alpha +- i beta, into
+
+    E(lambda) = lambda / h - a_v - (h / lambda) a_q                        (n, n), real and complex
+
+as positions are eliminated. The error is that of an embedded formula of order 3, filtered by E(gamma). Source: Hairer
+and Wanner, *Solving Ordinary Differential Equations II* (1996), sections IV.5 and IV.8; the elimination is that of
+second-order equations, p. 127 there.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solvers.compiled.kernel import inlined, kernel, records
+from solvers.ledger import FIELDS
+from solvers.linalg.dense import factor_lu, solve_lu
+from solvers.system import Array
+
+STAGES = 3
+R6 = np.sqrt(6.0)
+NODES = np.array([(4.0 - R6) / 10.0, (4.0 + R6) / 10.0, 1.0])
+A = np.array(
+    [
+        [(88.0 - 7.0 * R6) / 360.0, (296.0 - 169.0 * R6) / 1800.0, (-2.0 + 3.0 * R6) / 225.0],
+        [(296.0 + 169.0 * R6) / 1800.0, (88.0 + 7.0 * R6) / 360.0, (-2.0 - 3.0 * R6) / 225.0],
+        [(16.0 - R6) / 36.0, (16.0 + R6) / 36.0, 1.0 / 9.0],
+    ]
+)  # the last row is the step itself
+E = np.array([-(13.0 + 7.0 * R6), -13.0 + 7.0 * R6, -1.0]) / 3.0  # of the embedded formula, on Z
+
+_values, _vectors = np.linalg.eig(np.linalg.inv(A))
+_real, _complex = int(np.argmin(abs(_values.imag))), int(np.argmax(_values.imag))
+_inverse = np.linalg.inv(_vectors)
+GAMMA, LAMBDA = float(_values[_real].real), complex(_values[_complex])  # eigenvalues of A^-1
+TO_REAL, TO_COMPLEX = _inverse[_real].real.copy(), _inverse[_complex].copy()  # Z into the two parts
+FROM_REAL, FROM_COMPLEX = _vectors[:, _real].real.copy(), 2.0 * _vectors[:, _complex]  # and back: real part of the sum
+
+CONTROL = np.dtype(
+    [
+        ("t", "f8"), ("h", "f8"), ("hold", "f8"),  # time reached, next step, last step
+        ("start", "i8"), ("placed", "i8"),  # y' at y is to be taken anew; y is closed
+        ("ends", "i8"),  # steps yet to take that end where asked
+        ("follows", "i8"),  # the last step's polynomial goes on to this one
+        ("rate", "f8"),  # by which Newton's last correction fell
+        ("known", "i8"), ("fresh", "i8"),  # derivatives of a are at hand; they were taken at y
+        ("error", "f8"), ("before", "f8"),  # of the last accepted step, and its length: the controller's memory
+        ("rank", "i8"),
+        ("steps", "i8"), ("rejected", "i8"), ("evaluations", "i8"), ("starts", "i8"), ("matrices", "i8"),
+        ("refused", "i8"),  # steps that might have jumped to another branch
+        ("coarser", "f8"), ("coarsest", "f8"), ("narrowest", "f8"),  # as in solvers.steppers.adams.formulas
+        ("undetermined", "i8"), ("undetermined_at", "f8"),
+        *FIELDS,
+    ],
+    align=True,
+)  # fmt: skip
+
+
+class Memory(NamedTuple):
+    """All an integration remembers, and scratch; copying these arrays copies the integration."""
+
+    control: NDArray[Any]  # (1,)  record of CONTROL
+    q: Array  # (nq,)  state at control.t
+    v: Array  # (n,)
+    work: Array  # (1,)  W, J
+    qdot: Array  # (nq,)  its derivatives
+    a: Array  # (n,)
+    power: Array  # (1,)  W
+    q0: Array  # (nq,)  where the last step began
+    v0: Array  # (n,)
+    work0: Array  # (1,)
+    qdot0: Array  # (nq,)
+    a0: Array  # (n,)
+    power0: Array  # (1,)
+    Z: Array  # (3, n)  stages of v less v0
+    a_q: Array  # (n, n)  derivatives of a by a motion of q, and by v, in units of size
+    a_v: Array  # (n, n)
+    place: Array  # (n,)  tolerance of a motion of q in this step
+    speed: Array  # (n,)  of v
+    Q: Array  # (3, nq)  positions of the stages
+    N: Array  # (3, nq)  N V there
+    F: Array  # (3, n)  accelerations there
+    P: Array  # (3,)  powers there, W
+    E1: Array  # (n, n)  factors of E(gamma)
+    E2: NDArray[np.complex128]  # (n, n)  of E(alpha + i beta)
+    order1: NDArray[np.int64]  # (n,)
+    order2: NDArray[np.int64]  # (n,)
+    b1: Array  # (n,)
+    x1: Array  # (n,)
+    b2: NDArray[np.complex128]  # (n,)
+    x2: NDArray[np.complex128]  # (n,)
+    e_q: Array  # (n,)  error of the step in a motion of q
+    e_v: Array  # (n,)  in v
+
+    @staticmethod
+    def allocate(nq: int, n: int) -> Memory:
+        """Return zeroed memory for ``nq`` positions and ``n`` velocities."""
+        z, three = np.zeros, STAGES
+        order1, order2 = z(n, np.int64), z(n, np.int64)
+        b2, x2 = z(n, np.complex128), z(n, np.complex128)
+        return Memory(
+            records(1, CONTROL), z(nq), z(n), z(1), z(nq), z(n), z(1), z(nq), z(n), z(1), z(nq), z(n), z(1),
+            z((three, n)), z((n, n)), z((n, n)), z(n), z(n), z((three, nq)), z((three, nq)), z((three, n)), z(three),
+            z((n, n)), z((n, n), np.complex128), order1, order2, z(n), z(n), b2, x2, z(n), z(n),
+        )  # fmt: skip
+
+
+@kernel
+def factor_newton(h: float, H: Any) -> bool:
+    """Factor E(gamma) and E(alpha + i beta) for steps of h; False where one is singular."""
+    n = H.v.shape[0]
+    for i in range(n):
+        for j in range(n):
+            H.E1[i, j] = -H.a_v[i, j] - (h / GAMMA) * H.a_q[i, j]
+            H.E2[i, j] = -H.a_v[i, j] - (h / LAMBDA) * H.a_q[i, j]
+        H.E1[i, i] += GAMMA / h
+        H.E2[i, i] += LAMBDA / h
+    return factor_lu(H.E1, n, H.order1) and factor_lu(H.E2, n, H.order2)
+
+
+@kernel
+def correct_stages(h: float, H: Any, size: Any) -> float:
+    """One of Newton's corrections of ``H.Z`` by the accelerations ``H.F``; return its size in tolerances."""
+    n = H.v.shape[0]
+    for i in range(n):
+        real, pair = 0.0, 0.0j
+        for s in range(STAGES):
+            real += TO_REAL[s] * (H.F[s, i] - GAMMA / h * H.Z[s, i])
+            pair += TO_COMPLEX[s] * (H.F[s, i] - LAMBDA / h * H.Z[s, i])
+        H.b1[i], H.b2[i] = real / size[i], pair / size[i]
+    solve_lu(H.E1, n, H.order1, H.b1, H.x1)
+    solve_lu(H.E2, n, H.order2, H.b2, H.x2)
+    square = 0.0
+    for i in range(n):
+        for s in range(STAGES):
+            change = size[i] * (FROM_REAL[s] * H.x1[i] + (FROM_COMPLEX[s] * H.x2[i]).real)
+            H.Z[s, i] += change
+            square += (change / H.speed[i]) ** 2 + (h * change / (GAMMA * H.place[i])) ** 2
+    return np.sqrt(square / STAGES)
+
+
+@kernel
+def error_of_step(h: float, H: Any, size: Any) -> float:
+    """The error of the step from ``H.Z`` in tolerances; it is left in ``H.e_q`` and ``H.e_v``."""
+    n = H.v.shape[0]
+    for i in range(n):
+        H.e_q[i], H.e_v[i] = H.v0[i], H.a0[i]
+        for s in range(STAGES):
+            H.e_v[i] += E[s] * H.Z[s, i] / h
+            for k in range(STAGES):
+                H.e_q[i] += E[s] * A[s, k] * (H.v0[i] + H.Z[k, i])
+    for i in range(n):
+        H.b1[i] = H.e_v[i] / size[i]
+        for j in range(n):
+            H.b1[i] += (h / GAMMA) * H.a_q[i, j] * H.e_q[j] / size[j]
+    solve_lu(H.E1, n, H.order1, H.b1, H.x1)
+    square = 0.0
+    for i in range(n):
+        H.e_v[i] = size[i] * H.x1[i]
+        H.e_q[i] = (h / GAMMA) * (H.e_q[i] + H.e_v[i])
+        square += (H.e_q[i] / H.place[i]) ** 2 + (H.e_v[i] / H.speed[i]) ** 2
+    return np.sqrt(square)
+
+
+@kernel
+def error_of_work(h: float, H: Any) -> float:
+    """The error of W over the step by the same formula, J."""
+    found = H.power0[0]
+    for s in range(STAGES):
+        for k in range(STAGES):
+            found += E[s] * A[s, k] * H.P[k]
+    return h / GAMMA * found
+
+
+@kernel
+def extrapolate(h: float, H: Any) -> None:
+    """``H.Z`` of the next step, of h, from the polynomial of the last one, of ``hold``."""
+    ratio = h / H.control[0].hold
+    for i in range(H.v.shape[0]):
+        z1, z2, z3 = H.Z[0, i], H.Z[1, i], H.Z[2, i]
+        # Newton's form over the nodes 0, c1, c2, 1
+        d1 = z1 / NODES[0]
+        d2 = (z2 - z1) / (NODES[1] - NODES[0])
+        d3 = (z3 - z2) / (NODES[2] - NODES[1])
+        dd1 = (d2 - d1) / NODES[1]
+        dd2 = (d3 - d2) / (NODES[2] - NODES[0])
+        ddd = (dd2 - dd1) / NODES[2]
+        for s in range(STAGES):
+            x = 1.0 + NODES[s] * ratio
+            H.Z[s, i] = x * (d1 + (x - NODES[0]) * (dd1 + (x - NODES[1]) * ddd)) - z3
+
+
+@inlined
+def hermite(
+    x: float, h: float, y0: float, s0: float, c0: float, y1: float, s1: float, c1: float
+) -> tuple[float, float]:
+    """Value and slope at x in 0..1 of the quintic with values y, slopes s and curvatures c at both ends of h."""
+    d = (y1 - y0) / h - s0 - 0.5 * h * c0
+    e = s1 - s0 - h * c0
+    f = h * (c1 - c0)
+    p, q, r = 10.0 * d - 4.0 * e + 0.5 * f, -15.0 * d + 7.0 * e - f, 6.0 * d - 3.0 * e + 0.5 * f
+    x2 = x * x
+    value = y0 + h * x * (s0 + 0.5 * h * c0 * x + x2 * (p + x * (q + x * r)))
+    slope = s0 + h * c0 * x + x2 * (3.0 * p + x * (4.0 * q + 5.0 * x * r))
+    return value, slope
+
+
+@inlined
+def cubic(x: float, h: float, y0: float, s0: float, y1: float, s1: float) -> float:
+    """Value at x in 0..1 of the cubic with values y and slopes s at both ends of h."""
+    d = y1 - y0
+    return y0 + x * (h * s0 + x * (3.0 * d - h * (2.0 * s0 + s1) + x * (h * (s0 + s1) - 2.0 * d)))
+
+
+@kernel
+def interpolate(t: float, H: Any, q: Any, v: Any) -> float:
+    """State (q, v) at t in the last step, and W, J.
+
+    Where positions are no quaternions they are of order 5 and velocities of order 4, else both of order 3.
+    """
+    c = H.control[0]
+    x, nq, n = 1.0 - (c.t - t) / c.hold, q.shape[0], v.shape[0]
+    for i in range(nq):
+        if nq == n:
+            q[i], v[i] = hermite(x, c.hold, H.q0[i], H.v0[i], H.a0[i], H.q[i], H.v[i], H.a[i])
+        else:
+            q[i] = cubic(x, c.hold, H.q0[i], H.qdot0[i], H.q[i], H.qdot[i])
+    if nq != n:
+        for i in range(n):
+            v[i] = cubic(x, c.hold, H.v0[i], H.a0[i], H.v[i], H.a[i])
+    return cubic(x, c.hold, H.work0[0], H.power0[0], H.work[0], H.power[0])

@@ -1,0 +1,371 @@
+"""Radau IIA on constrained motion: the compiled step loop.
+
+What is integrated is the motion that :mod:`solvers.projection.projection` makes of the equations: its accelerations are
+tangent to the constraints, so that stages need not be closed, and the end of every step is. Newton's matrix is kept
+while the corrections fall fast, over steps, times asked for and jumps of the loads; derivatives are by differences,
+and none are taken near a singular position, where v' turns within the step. What is known of the branch, and how short
+steps must be beside near misses, is as for Adams.
+
+A step may pass the time asked for; the reported state is then interpolated and closed. Where loads have just changed
+at such a time, and may again, steps end there: what a step needs of the one before it is a guess and no more.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from solvers.compiled.kernel import inlined, kernel
+from solvers.ledger import SLIP, due, look, report
+from solvers.outcome import BRANCHES, COLLAPSED, MAX_STEPS, OK
+from solvers.projection.projection import acceleration, close, motion_here, multipliers, unresolved
+from solvers.projection.singular import CLOSED, MISS, note, passed, step_bound
+
+from .formulas import (
+    NODES,
+    STAGES,
+    A,
+    correct_stages,
+    error_of_step,
+    error_of_work,
+    extrapolate,
+    factor_newton,
+    interpolate,
+)
+
+SETTINGS = np.dtype(
+    [
+        ("rtol", "f8"), ("atol", "f8"), ("max_step", "f8"), ("max_steps", "i8"),
+        ("audit", "i8"), ("works", "i8"),  # 1: book energy and work; 1: something does work
+    ],
+    align=True,
+)  # fmt: skip
+FIRST = 0.1  # first step, in units of one over the rate of the motion
+APART = 1e-6  # in units of size, and of it times the rate: what derivatives are differences over
+REGULAR = 1e-2  # ratio of the pivots below which no derivatives are taken
+CORRECTIONS = 8  # of Newton at most
+EXACT = 0.02  # tolerances: what Newton leaves
+SLOW = 0.3  # rate of the corrections that calls for new derivatives
+SAFETY, SHORTEST, LONGEST = 0.9, 0.2, 6.0  # of the next step in units of this one
+TINY = 1e-8  # an error, in tolerances, that lets it be as long as any
+SAME = 1e-9  # part of a step: nearer to its end is there
+RESOLVED = 3e-18  # see solvers.steppers.adams.loop
+SMALLEST_STEP = 1e-11  # times the larger of t and one over the rate of the motion
+
+
+@inlined
+def weigh(c: Any, o: Any, H: Any, work: Any) -> None:
+    """Tolerances at (H.q, H.v), coarser beside a near miss, where rounding sets the accuracy."""
+    c.coarser = 1.0
+    if work.critical[0].kind == MISS:
+        gap = abs(work.critical[0].gap)
+        c.coarser = max(1.0, RESOLVED / (gap * o.rtol))
+        if c.coarser > c.coarsest:
+            c.coarsest, c.narrowest = c.coarser, gap
+    n = H.v.shape[0]
+    for i in range(n):
+        far = abs(H.q[i]) if H.q.shape[0] == n else work.size[i]
+        H.place[i] = c.coarser * (o.rtol * far + o.atol * work.size[i])
+        H.speed[i] = c.coarser * (o.rtol * abs(H.v[i]) + o.atol * work.pace[i] * work.size[i])
+
+
+@kernel
+def differentiate(eqs: Any, t: float, c: Any, work: Any, a: Any) -> int:
+    """a = v' at (work.q, work.v), which need not be closed; leaves ``terms`` there."""
+    c.evaluations += 1
+    return motion_here(eqs, t, work.q, work.v, c.rank, work, a)
+
+
+@kernel
+def power(eqs: Any, t: float, c: Any, o: Any, work: Any, a: Any) -> float:
+    """W' at the state evaluated last, with v' = a."""
+    if o.works == 0:
+        return 0.0
+    multipliers(eqs.terms, c.rank, work, a, work.lam)
+    return eqs.power(t, work.q, work.v, a, work.lam, eqs.data)
+
+
+@inlined
+def at_state(q: Any, v: Any, work: Any) -> None:
+    """(work.q, work.v) <- (q, v)."""
+    for i in range(q.shape[0]):
+        work.q[i] = q[i]
+    for i in range(v.shape[0]):
+        work.v[i] = v[i]
+
+
+@kernel
+def arrive(eqs: Any, t: float, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
+    """Take q', v' and W' at (work.q, work.v), which is closed with its ``terms`` and factors at hand; book it."""
+    c.evaluations += 1
+    code = acceleration(eqs, t, work.q, work.v, c.rank, work, work.slope)
+    if code == OK:
+        for i in range(H.q.shape[0]):
+            H.q[i], H.qdot[i] = work.q[i], eqs.terms.qdot[i]
+        for i in range(H.v.shape[0]):
+            H.v[i], H.a[i] = work.v[i], work.slope[i]
+        if o.audit == 1 and due(c):
+            look(eqs.exposure, eqs.data, c, scales)
+            c.exposure *= max(1.0, c.coarser)
+        H.power[0] = power(eqs, t, c, o, work, work.slope)
+    return code
+
+
+@kernel
+def prepare(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
+    """Close (H.q, H.v) where it is not, look around, and take its derivatives."""
+    at_state(H.q, H.v, work)
+    code = close(eqs, c.t, work.q, work.v, c.rank, work)
+    if code != OK:
+        return code
+    if c.placed == 0:
+        work.course[0].ratio = 0.0
+        note(eqs, c.t, work.q, 0.0, 0.0, c.rank, work)
+    c.start, c.placed, c.follows, c.fresh = 0, 1, 0, 0
+    c.starts += 1
+    if not c.h > 0.0:
+        c.h = FIRST / work.rate[0]
+    return arrive(eqs, c.t, c, o, H, work, scales)
+
+
+@kernel
+def take_derivatives(eqs: Any, c: Any, H: Any, work: Any) -> bool:
+    """a_q and a_v at (H.q, H.v) by differences, in units of size; False where one is not finite."""
+    n = H.v.shape[0]
+    c.matrices += 1
+    at_state(H.q, H.v, work)
+    differentiate(eqs, c.t, c, work, H.e_q)
+    for k in range(2 * n):
+        j = k % n
+        at_state(H.q, H.v, work)
+        apart = APART
+        if k < n:
+            for i in range(n):
+                H.e_v[i] = 0.0
+            H.e_v[j] = APART * work.size[j]
+            eqs.retract(work.q, H.e_v, eqs.data)
+        else:
+            apart = APART * work.rate[0]
+            work.v[j] += apart * work.size[j]
+        if differentiate(eqs, c.t, c, work, H.e_v) != OK:
+            return False
+        for i in range(n):
+            slope = (H.e_v[i] - H.e_q[i]) / (apart * work.size[i])
+            if not np.isfinite(slope):
+                return False
+            if k < n:
+                H.a_q[i, j] = slope
+            else:
+                H.a_v[i, j] = slope
+    c.known, c.fresh = 1, 1
+    return True
+
+
+@kernel
+def place_stages(eqs: Any, h: float, c: Any, H: Any, work: Any) -> None:
+    """Positions of the stages, from their velocities; those of quaternions from N where they were."""
+    nq, n = H.q.shape[0], H.v.shape[0]
+    for s in range(STAGES):
+        if nq == n:
+            for i in range(n):
+                H.N[s, i] = H.v[i] + H.Z[s, i]
+        else:
+            for i in range(n):
+                work.v[i] = H.v[i] + H.Z[s, i]
+            eqs.dynamics(c.t + NODES[s] * h, H.Q[s], work.v, eqs.data, eqs.terms)
+            for i in range(nq):
+                H.N[s, i] = eqs.terms.qdot[i]
+    for s in range(STAGES):
+        for i in range(nq):
+            total = 0.0
+            for k in range(STAGES):
+                total += A[s, k] * H.N[k, i]
+            H.Q[s, i] = H.q[i] + h * total
+
+
+@kernel
+def solve_stages(eqs: Any, h: float, c: Any, o: Any, H: Any, work: Any) -> bool:
+    """Solve for the stages of a step of h from (H.q, H.v) with the factors at hand; ``c.rate`` tells how it went."""
+    nq, n = H.q.shape[0], H.v.shape[0]
+    for s in range(STAGES):
+        for i in range(n):
+            if c.follows == 0:
+                H.Z[s, i] = NODES[s] * h * H.a[i]
+        for i in range(nq):
+            H.Q[s, i] = H.q[i] + NODES[s] * h * H.qdot[i]
+    if c.follows == 1:
+        extrapolate(h, H)
+    place_stages(eqs, h, c, H, work)
+    before, rate = 0.0, 0.0
+    for k in range(CORRECTIONS):
+        for s in range(STAGES):
+            at = c.t + NODES[s] * h
+            for i in range(nq):
+                work.q[i] = H.Q[s, i]
+            for i in range(n):
+                work.v[i] = H.v[i] + H.Z[s, i]
+            if differentiate(eqs, at, c, work, work.slope) != OK:
+                return False
+            H.P[s] = power(eqs, at, c, o, work, work.slope)
+            for i in range(n):
+                H.F[s, i] = work.slope[i]
+        size = correct_stages(h, H, work.size)
+        place_stages(eqs, h, c, H, work)
+        if not size < np.inf:
+            return False
+        if k > 0:
+            rate = size / before if k == 1 else np.sqrt(rate * size / before)
+            if rate >= 1.0 or size * rate ** (CORRECTIONS - 1 - k) > EXACT * (1.0 - rate):
+                c.rate = 1.0
+                return False
+            c.rate = rate
+        if size == 0.0 or (k > 0 and size * rate <= EXACT * (1.0 - rate)) or size <= 1e-3 * EXACT:
+            return True
+        before = size
+    return False
+
+
+@inlined
+def grow(c: Any, h: float, error: float) -> float:
+    """By how much the step after one of h may be longer, with a look at how the error has changed (Gustafsson)."""
+    factor = SAFETY * max(error, TINY) ** -0.25
+    if c.before > 0.0:
+        factor = min(factor, SAFETY * h / c.before * (c.error / max(error, TINY) ** 2) ** 0.25)
+    return min(LONGEST, max(SHORTEST, factor))
+
+
+@inlined
+def stop_at(c: Any, target: float) -> float:
+    """Length of the next step where it is to end at ``target``, or half way where another would be shorter still."""
+    left = target - c.t
+    if left * (1.0 - SAME) <= c.h:
+        return left
+    return 0.5 * left if left < 2.0 * c.h else c.h
+
+
+@kernel
+def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target: float) -> int:
+    """One accepted step, however often it has to be cut; or the code of what made it too small."""
+    nq, n = H.q.shape[0], H.v.shape[0]
+    weigh(c, o, H, work)
+    while True:
+        c.h = min(c.h, o.max_step)
+        h = stop_at(c, target) if c.ends > 0 else c.h
+        code, shorter = COLLAPSED, 0.5
+        renewable = c.fresh == 0 and (c.rank == 0 or work.course[0].ratio >= REGULAR)
+        if renewable and (c.known == 0 or c.rate > SLOW):
+            renewable = False
+            take_derivatives(eqs, c, H, work)
+        solved = factor_newton(h, H) and solve_stages(eqs, h, c, o, H, work)
+        if solved:
+            keep_start(H)
+            error = error_of_step(h, H, work.size)
+            if error <= 1.0:
+                for i in range(nq):
+                    work.q[i] = H.Q[STAGES - 1, i]
+                for i in range(n):
+                    work.v[i] = H.v[i] + H.Z[STAGES - 1, i]
+                after = target if c.ends > 0 and abs(target - c.t - h) <= SAME * h else c.t + h
+                code = close(eqs, after, work.q, work.v, c.rank, work)
+                if code == OK and not passed(eqs, after, work.q, CLOSED, c.rank, work):
+                    code = BRANCHES
+                    c.refused += 1
+                if code == OK:
+                    code = arrive(eqs, after, c, o, H, work, scales)
+                if code == OK:
+                    accept(c, H, h, after, error)
+                    return OK
+            else:
+                shorter = max(SHORTEST, SAFETY * error**-0.25)
+        elif renewable:
+            c.known, shorter = 0, 1.0
+        c.follows = 0
+        c.rejected += 1
+        if shorter < 1.0:
+            c.h = shorter * h
+        if not c.h > SMALLEST_STEP * max(1.0 / work.rate[0], abs(c.t)):
+            return code
+
+
+@inlined
+def keep_start(H: Any) -> None:
+    """Note where this step begins."""
+    for i in range(H.q.shape[0]):
+        H.q0[i], H.qdot0[i] = H.q[i], H.qdot[i]
+    for i in range(H.v.shape[0]):
+        H.v0[i], H.a0[i] = H.v[i], H.a[i]
+    H.work0[0], H.power0[0] = H.work[0], H.power[0]
+
+
+@inlined
+def accept(c: Any, H: Any, h: float, after: float, error: float) -> None:
+    """Go on from where the step of h has ended; the next is as long as accuracy lets it."""
+    done = 0.0
+    for s in range(STAGES):
+        done += h * A[STAGES - 1, s] * H.P[s]
+    H.work[0] += done
+    c.through += abs(done)
+    c.stray += c.exposure + SLIP * abs(error_of_work(h, H))
+    whole = h >= c.h
+    c.t, c.hold = after, h
+    longer = h * grow(c, h, error)
+    c.error, c.before = max(error, 1e-2), h
+    c.h = longer if whole else max(c.h, longer)
+    c.follows, c.fresh, c.ends = 1, 0, max(0, c.ends - 1)
+    c.steps += 1
+
+
+@kernel
+def advance(eqs: Any, settings: Any, H: Any, work: Any, scales: Any, target: float, q: Any, v: Any, ledger: Any) -> int:
+    """Step until ``target`` is passed; put the state there, closed, into (q, v), or the last good one on failure, and
+    what is booked into ``ledger`` (5,).
+    """
+    c, o = H.control[0], settings[0]
+    code, taken = OK, 0
+    while c.t < target:
+        if taken >= o.max_steps:
+            code = MAX_STEPS
+            break
+        if c.start == 1:
+            code = prepare(eqs, c, o, H, work, scales)
+            if code != OK:
+                break
+        code = step(eqs, c, o, H, work, scales, target)
+        if code != OK:
+            break
+        taken += 1
+        note(eqs, c.t, H.q, c.hold, c.h, c.rank, work)
+        c.h = min(c.h, step_bound(c.t, H.q, H.v, c.hold, eqs.terms, work))
+    for i in range(q.shape[0]):
+        q[i] = H.q[i]
+    for i in range(v.shape[0]):
+        v[i] = H.v[i]
+    done = H.work[0]
+    if code == OK:
+        if target < c.t:
+            done = interpolate(target, H, q, v)
+        code = close(eqs, target, q, v, c.rank, work)
+    report(c, done, ledger)
+    return code
+
+
+@kernel
+def sample(
+    eqs: Any, settings: Any, H: Any, work: Any, scales: Any, times: Any, q: Any, v: Any, a: Any, lam: Any, ledger: Any
+) -> tuple[int, int]:
+    """:func:`advance` to each of ``times`` in turn, state, accelerations and multipliers in a row each.
+
+    Returns the code and the number of complete rows; where ``advance`` failed the next row holds the last good state.
+    """
+    rank = H.control[0].rank
+    for i in range(times.shape[0]):
+        code = advance(eqs, settings, H, work, scales, times[i], q[i], v[i], ledger[i])
+        if code == OK:
+            code = acceleration(eqs, times[i], q[i], v[i], rank, work, a[i])
+        if code != OK:
+            return code, i
+        multipliers(eqs.terms, rank, work, a[i], lam[i])
+        if unresolved(settings[0].rtol, rank, work):
+            H.control[0].undetermined, H.control[0].undetermined_at = 1, times[i]
+    return OK, times.shape[0]

@@ -1,0 +1,91 @@
+"""The stepper on Radau IIA: 'radau'."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+from numpy.typing import NDArray
+
+from solvers.compiled.held import hold
+from solvers.compiled.kernel import records
+from solvers.ledger import WORK, Scales, look_anew
+from solvers.options import Options, Statistics
+from solvers.stepper import sized
+from solvers.steppers.closed import ClosedStepper
+from solvers.system import Array, System
+
+from . import loop
+from .formulas import Memory
+
+STOPS = 12  # steps after a change of the loads that end where they are asked to: another change is likely
+# The error that is estimated is that of a formula of order 3: its step is as tolerance^(1/4), and the motion's error,
+# of order 5, as that step^5. For an error in proportion to rtol the estimate is held to LOOSER rtol^POWER.
+LOOSER, POWER = 2.0, 0.8
+
+
+class RadauStepper(ClosedStepper):
+    """Radau IIA of order 5; see :mod:`.loop`. For stiff models, and for loads that change at every time asked for."""
+
+    others: tuple[str, ...] = ("adams", "ida")
+    loop: ClassVar = loop
+
+    def __init__(self, system: System, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
+        super().__init__(system, t0, q0, v0, options)
+        self._memory = Memory.allocate(system.nq, system.n)
+        self._held = hold(self._memory)
+        o, self._settings = self.options, records(1, loop.SETTINGS)
+        looser = LOOSER * o.rtol**POWER
+        self._settings["rtol"], self._settings["atol"] = looser, o.absolute * looser / o.rtol
+        self._settings["max_step"], self._settings["max_steps"] = o.max_step, o.max_steps
+        self._settings["audit"] = o.audit
+        place = o.absolute * system.size
+        self._scales = hold(Scales.of(o.rtol, place, self._units.pace * place))
+        self._control["rank"] = self._rank
+        self.restart()
+
+    @property
+    def _control(self) -> NDArray[Any]:
+        return self._memory.control
+
+    def _limit(self, longest: float) -> None:
+        if longest != self._settings["max_step"][0]:
+            self._settings["max_step"] = longest
+
+    def restart(self) -> None:
+        """Begin anew at the reported state; Newton's matrix is kept while it serves."""
+        self._begin(0, 0)
+
+    def renew(self) -> None:
+        """Go on in steps that end at the time asked for: the next change may come there."""
+        c = self._control
+        self._begin(STOPS, c["placed"][0] if c["t"][0] == self._t and self.status.ok else 0)
+
+    def _begin(self, ends: int, placed: int) -> None:
+        c, memory = self._control, self._memory
+        c["t"], c["start"], c["ends"], c["placed"], c["before"] = self._t, 1, ends, placed, 0.0
+        self._settings["works"] = self.options.audit and self.system.works()
+        look_anew(c)
+        memory.q[:], memory.v[:], memory.work[:] = self._q, self._v, self._ledger[WORK]
+
+    def jump(self, dv: Array) -> None:
+        """Add dv (n,) to the reported velocities, and go on as after :meth:`renew`."""
+        self._v += sized("dv", dv, self.system.n)
+        self.renew()
+
+    def _arrays(self) -> list[NDArray[Any]]:
+        return [*self._memory, self._reported, self._q, self._v, self._ledger, *self._units.memory()]
+
+    @property
+    def statistics(self) -> Statistics:
+        """What the run has cost so far."""
+        c = self._control[0]
+        return Statistics(
+            steps=int(c["steps"]),
+            rejected=int(c["rejected"]),
+            rhs_evals=int(c["evaluations"]),
+            restarts=max(0, int(c["starts"]) - 1),
+            order=5,
+            step_size=float(c["hold"]),
+            refused=int(c["refused"]),
+            coarser=max(1.0, float(c["coarsest"])),
+        )
