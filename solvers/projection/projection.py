@@ -258,17 +258,6 @@ def acceleration(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any, a: An
     return code
 
 
-@kernel
-def motion_here(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any, a: Any) -> int:
-    """v' at a state that need not be closed; it is closed where it must be. Leaves ``terms`` and factors there."""
-    factor_here(eqs, t, q, v, work)
-    if close_to_crossing(rank, work):  # v' of what is not closed is wrong by the inverse square of its pivot
-        code = close(eqs, t, q, v, rank, work)
-        if code != OK:
-            return code
-    return acceleration(eqs, t, q, v, rank, work, a)
-
-
 @inlined
 def place(eqs: Any, q: Any, v: Any, along: float, work: Any) -> None:
     """work.q_near = the position a time ``along`` of the loops' part of v from q."""

@@ -1,4 +1,4 @@
-"""Integrators by name: Adams PECE on a partition, and SUNDIALS IDA."""
+"""Integrators by name: Adams PECE on a partition, Radau IIA, and SUNDIALS IDA."""
 
 from __future__ import annotations
 
@@ -38,13 +38,15 @@ SOLVERS: dict[str, Callable[..., Stepper]] = {  # on a system's matrices
 LARGE: dict[str, Callable[..., Stepper]] = {  # on a tree's recursions, with constraints or without
     "ida": ida_large,
 }
+# on those of a tree without constraints: there is nothing to partition
+UNTIED: dict[str, Callable[..., Stepper]] = dict.fromkeys(("adams", "hybrid", "adams-lu"), TreeAdamsStepper)
 
 
 def stepper(name: str, system: AnySystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> Stepper:
     """Return a stepper by its name.
 
-    On a large tree without constraints there is nothing to partition, so that all but 'ida' are Adams; with constraints
-    the partitions take its matrices. Raises ValueError where these would be too large, and for a name that is none.
+    A large tree is advanced by its recursions where the solver has a way to, else by its matrices. Raises ValueError
+    where these would be too large, and for a name that is none.
     """
     if name not in SOLVERS:
         raise ValueError(f"there is no solver {name!r}; allowed: {', '.join(map(repr, SOLVERS))}")
@@ -54,8 +56,8 @@ def stepper(name: str, system: AnySystem, t0: float, q0: Array, v0: Array, optio
         return SOLVERS[name](system, *given)
     if name in LARGE:
         return LARGE[name](system, *given)
-    if not system.m:
-        return TreeAdamsStepper(system, *given)
+    if not system.m and name in UNTIED:
+        return UNTIED[name](system, *given)
     if system.dense is None or system.n > LARGEST_DENSE:
         raise ValueError(
             f"solver {name!r} is given {system.n} coordinates under {system.m} constraints; allowed: {LARGEST_DENSE}; "

@@ -14,7 +14,7 @@ from solvers.steppers.ida.small import FINEST
 
 START = np.radians(10.0)
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10)
-BOUND = {"adams": 100.0, "hybrid": 300.0, "ida": 1000.0}  # of the largest error, in units of rtol
+BOUND = {"adams": 100.0, "hybrid": 300.0, "ida": 1000.0, "radau": 30.0}  # of the largest error, in units of rtol
 PACE = 0.2  # s, one radian at full speed
 TIMES = tuple(np.linspace(0.0, 10.0, 101)[1:])
 

@@ -36,12 +36,13 @@ from solvers.projection.lu_partition import (
 from solvers.projection.projection import (
     acceleration,
     close,
-    motion_here,
+    close_to_crossing,
     multipliers,
     settle,
     unresolved,
 )
 from solvers.projection.singular import CLOSED, MISS, SINGULAR, note, passed, step_bound
+from solvers.projection.workspace import factor
 
 from .formulas import (
     accept,
@@ -113,12 +114,17 @@ def differentiate(eqs: Any, t: float, closing: bool, c: Any, o: Any, H: Any, wor
             code = OK if factor_dependent(eqs.terms, rank, H.rows, H.columns, work) else NOT_CLOSED
         if code == OK:
             code = dependent_acceleration(eqs.terms, rank, H.rows, H.columns, work, work.slope)
-    elif closing:
-        code = settle(eqs, t, q, v, H.p, rank, SLIGHT * min(o.rtol, o.atol), work)
+    else:
+        code = OK
+        if closing:
+            code = settle(eqs, t, q, v, H.p, rank, SLIGHT * min(o.rtol, o.atol), work)
+        else:
+            eqs.dynamics(t, q, v, eqs.data, eqs.terms)
+            factor(eqs.terms, work)
+            if close_to_crossing(rank, work):  # v' of what is not closed is wrong by the inverse square of its pivot
+                code = close(eqs, t, q, v, rank, work)
         if code == OK:
             code = acceleration(eqs, t, q, v, rank, work, work.slope)
-    else:
-        code = motion_here(eqs, t, q, v, rank, work, work.slope)
     if code == OK:
         join(eqs.terms.qdot, work.slope, H.yp)
     return code

@@ -18,9 +18,11 @@ import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
 from solvers.ledger import SLIP, due, look, report
-from solvers.outcome import BRANCHES, COLLAPSED, MAX_STEPS, OK
-from solvers.projection.projection import acceleration, close, motion_here, multipliers, unresolved
+from solvers.linalg.dense import ratio
+from solvers.outcome import BRANCHES, COLLAPSED, MAX_STEPS, NOT_FINITE, OK
+from solvers.projection.projection import acceleration, close, multipliers, unresolved
 from solvers.projection.singular import CLOSED, MISS, note, passed, step_bound
+from solvers.projection.workspace import factor_here
 
 from .formulas import (
     NODES,
@@ -43,6 +45,7 @@ SETTINGS = np.dtype(
 )  # fmt: skip
 FIRST = 0.1  # first step, in units of one over the rate of the motion
 APART = 1e-6  # in units of size, and of it times the rate: what derivatives are differences over
+NARROW = 0.1  # ratio of the pivots below which stages are closed
 REGULAR = 1e-2  # ratio of the pivots below which no derivatives are taken
 CORRECTIONS = 8  # of Newton at most
 EXACT = 0.02  # tolerances: what Newton leaves
@@ -72,9 +75,17 @@ def weigh(c: Any, o: Any, H: Any, work: Any) -> None:
 
 @kernel
 def differentiate(eqs: Any, t: float, c: Any, work: Any, a: Any) -> int:
-    """a = v' at (work.q, work.v), which need not be closed; leaves ``terms`` there."""
+    """a = v' at (work.q, work.v), which need not be closed; leaves ``terms`` there.
+
+    What is off the constraints is in v' by the inverse square of the smallest pivot: where that is small it is closed.
+    """
     c.evaluations += 1
-    return motion_here(eqs, t, work.q, work.v, c.rank, work, a)
+    factor_here(eqs, t, work.q, work.v, work)
+    if c.rank > 0 and ratio(work.pivot, c.rank) < NARROW:
+        code = close(eqs, t, work.q, work.v, c.rank, work)
+        if code != OK:
+            return code
+    return acceleration(eqs, t, work.q, work.v, c.rank, work, a)
 
 
 @kernel
@@ -185,7 +196,7 @@ def place_stages(eqs: Any, h: float, c: Any, H: Any, work: Any) -> None:
 
 
 @kernel
-def solve_stages(eqs: Any, h: float, c: Any, o: Any, H: Any, work: Any) -> bool:
+def solve_stages(eqs: Any, h: float, c: Any, o: Any, H: Any, work: Any) -> int:
     """Solve for the stages of a step of h from (H.q, H.v) with the factors at hand; ``c.rate`` tells how it went."""
     nq, n = H.q.shape[0], H.v.shape[0]
     for s in range(STAGES):
@@ -205,25 +216,26 @@ def solve_stages(eqs: Any, h: float, c: Any, o: Any, H: Any, work: Any) -> bool:
                 work.q[i] = H.Q[s, i]
             for i in range(n):
                 work.v[i] = H.v[i] + H.Z[s, i]
-            if differentiate(eqs, at, c, work, work.slope) != OK:
-                return False
+            code = differentiate(eqs, at, c, work, work.slope)
+            if code != OK:
+                return code
             H.P[s] = power(eqs, at, c, o, work, work.slope)
             for i in range(n):
                 H.F[s, i] = work.slope[i]
         size = correct_stages(h, H, work.size)
         place_stages(eqs, h, c, H, work)
         if not size < np.inf:
-            return False
+            return NOT_FINITE
         if k > 0:
             rate = size / before if k == 1 else np.sqrt(rate * size / before)
             if rate >= 1.0 or size * rate ** (CORRECTIONS - 1 - k) > EXACT * (1.0 - rate):
                 c.rate = 1.0
-                return False
+                return COLLAPSED
             c.rate = rate
         if size == 0.0 or (k > 0 and size * rate <= EXACT * (1.0 - rate)) or size <= 1e-3 * EXACT:
-            return True
+            return OK
         before = size
-    return False
+    return COLLAPSED
 
 
 @inlined
@@ -257,8 +269,9 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target: float
         if renewable and (c.known == 0 or c.rate > SLOW):
             renewable = False
             take_derivatives(eqs, c, H, work)
-        solved = factor_newton(h, H) and solve_stages(eqs, h, c, o, H, work)
-        if solved:
+        if factor_newton(h, H):
+            code = solve_stages(eqs, h, c, o, H, work)
+        if code == OK:
             keep_start(H)
             error = error_of_step(h, H, work.size)
             if error <= 1.0:
@@ -277,7 +290,7 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target: float
                     accept(c, H, h, after, error)
                     return OK
             else:
-                shorter = max(SHORTEST, SAFETY * error**-0.25)
+                code, shorter = COLLAPSED, max(SHORTEST, SAFETY * error**-0.25)
         elif renewable:
             c.known, shorter = 0, 1.0
         c.follows = 0
