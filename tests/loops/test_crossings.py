@@ -39,7 +39,7 @@ def known(name):
     return case.mechanism, truth(case.mechanism, times, case.exact), beside
 
 
-@pytest.mark.parametrize(("solver", "finest"), [("ida", 1e-8), ("adams", 1e-10), ("hybrid", 1e-10)])
+@pytest.mark.parametrize(("solver", "finest"), [("ida", 1e-8), ("adams", 1e-10), ("hybrid", 1e-10), ("radau", 1e-10)])
 @pytest.mark.parametrize("name", CROSSES)
 def test_a_motion_begins_anew_beside_a_crossing(name, solver, finest):
     mechanism, motion, beside = known(name)

@@ -23,7 +23,7 @@ def known(make, stop_time, **options):
     return case.mechanism, truth(case.mechanism, np.linspace(0.0, stop_time, 41), case.exact)
 
 
-@pytest.mark.parametrize("solver", ["ida", "adams", "hybrid"])
+@pytest.mark.parametrize("solver", ["ida", "adams", "hybrid", "radau"])
 @pytest.mark.parametrize("gap", [*GAPS[::2], -1e-09, -1e-06])
 @pytest.mark.parametrize("name", FOUR_BARS)
 def test_a_four_bar_beside_its_singular_position(name, gap, solver):
@@ -51,7 +51,7 @@ def test_where_rounding_sets_the_accuracy_the_tolerance_follows_and_it_is_said(m
     assert "rounding allows no finer" in run.notice
 
 
-@pytest.mark.parametrize("solver", ["ida", "adams", "hybrid"])
+@pytest.mark.parametrize("solver", ["ida", "adams", "hybrid", "radau"])
 @pytest.mark.parametrize("name", NAMED)
 def test_redundant_and_singular_loops(name, solver):
     mechanism, motion = known(CASES[name], 3.0)

@@ -19,7 +19,7 @@ CAMPAIGN = pytest.mark.campaign
 
 
 @pytest.mark.parametrize("part", [*range(0, PARTS, 2), *(pytest.param(k, marks=CAMPAIGN) for k in range(1, PARTS, 2))])
-@pytest.mark.parametrize("solver", ["adams", "hybrid", "ida"])
+@pytest.mark.parametrize("solver", ["adams", "hybrid", "ida", "radau"])
 def test_none_is_wrong(solver: str, part: int) -> None:
     own = sorted(KNOWN())[part::PARTS]
     refused = 0

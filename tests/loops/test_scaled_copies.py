@@ -42,7 +42,7 @@ def moved(make, scale, solver, rtol):
     return samples.q / np.where(slides, scale.lengths, 1.0), (s.steps, s.rejected, s.rhs_evals)
 
 
-@pytest.mark.parametrize("solver", ["adams", "hybrid", "ida"])
+@pytest.mark.parametrize("solver", ["adams", "hybrid", "ida", "radau"])
 @pytest.mark.parametrize("name", CASES)
 def test_a_scaled_copy_takes_the_same_steps_to_the_same_numbers(name, solver):
     q, cost = moved(CASES[name], Scale(), solver, 1e-6)
@@ -63,7 +63,7 @@ def taken(family, seed, scale, solver):
     return motion.status.code, s.steps, s.rejected, s.rhs_evals
 
 
-@pytest.mark.parametrize("solver", ["adams", "hybrid", "ida"])
+@pytest.mark.parametrize("solver", ["adams", "hybrid", "ida", "radau"])
 @pytest.mark.parametrize("family", RANDOM)
 def test_scaled_copies_of_random_loops_take_the_same_steps(family, solver):
     scales = SCALES["a thousandth"], SCALES["light"], SCALES["small, heavy and fast"]

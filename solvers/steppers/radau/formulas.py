@@ -46,6 +46,7 @@ CONTROL = np.dtype(
         ("t", "f8"), ("h", "f8"), ("hold", "f8"),  # time reached, next step, last step
         ("start", "i8"), ("placed", "i8"),  # y' at y is to be taken anew; y is closed
         ("ends", "i8"),  # steps yet to take that end where asked
+        ("bent", "i8"),  # second derivatives of quaternions are those of the last step
         ("follows", "i8"),  # the last step's polynomial goes on to this one
         ("rate", "f8"),  # by which Newton's last correction fell
         ("known", "i8"), ("fresh", "i8"),  # derivatives of a are at hand; they were taken at y
@@ -77,10 +78,12 @@ class Memory(NamedTuple):
     qdot0: Array  # (nq,)
     a0: Array  # (n,)
     power0: Array  # (1,)
+    bend0: Array  # (nq,)  second derivatives of q at both ends, where it holds quaternions and they are asked for
+    bend: Array  # (nq,)
     Z: Array  # (3, n)  stages of v less v0
     a_q: Array  # (n, n)  derivatives of a by a motion of q, and by v, in units of size
     a_v: Array  # (n, n)
-    place: Array  # (n,)  tolerance of a motion of q in this step
+    exact: Array  # (nq,)  tolerance of q in this step
     speed: Array  # (n,)  of v
     Q: Array  # (3, nq)  positions of the stages
     N: Array  # (3, nq)  N V there
@@ -104,8 +107,9 @@ class Memory(NamedTuple):
         order1, order2 = z(n, np.int64), z(n, np.int64)
         b2, x2 = z(n, np.complex128), z(n, np.complex128)
         return Memory(
-            records(1, CONTROL), z(nq), z(n), z(1), z(nq), z(n), z(1), z(nq), z(n), z(1), z(nq), z(n), z(1),
-            z((three, n)), z((n, n)), z((n, n)), z(n), z(n), z((three, nq)), z((three, nq)), z((three, n)), z(three),
+            records(1, CONTROL), z(nq), z(n), z(1), z(nq), z(n), z(1), z(nq), z(n), z(1), z(nq), z(n), z(1), z(nq),
+            z(nq),
+            z((three, n)), z((n, n)), z((n, n)), z(nq), z(n), z((three, nq)), z((three, nq)), z((three, n)), z(three),
             z((n, n)), z((n, n), np.complex128), order1, order2, z(n), z(n), b2, x2, z(n), z(n),
         )  # fmt: skip
 
@@ -125,7 +129,7 @@ def factor_newton(h: float, H: Any) -> bool:
 
 @kernel
 def correct_stages(h: float, H: Any, size: Any) -> float:
-    """One of Newton's corrections of ``H.Z`` by the accelerations ``H.F``; return its size in tolerances."""
+    """One of Newton's corrections of ``H.Z`` by the accelerations ``H.F``; return the square of it in tolerances."""
     n = H.v.shape[0]
     for i in range(n):
         real, pair = 0.0, 0.0j
@@ -140,14 +144,14 @@ def correct_stages(h: float, H: Any, size: Any) -> float:
         for s in range(STAGES):
             change = size[i] * (FROM_REAL[s] * H.x1[i] + (FROM_COMPLEX[s] * H.x2[i]).real)
             H.Z[s, i] += change
-            square += (change / H.speed[i]) ** 2 + (h * change / (GAMMA * H.place[i])) ** 2
-    return np.sqrt(square / STAGES)
+            square += (change / H.speed[i]) ** 2
+    return square / STAGES
 
 
 @kernel
 def error_of_step(h: float, H: Any, size: Any) -> float:
-    """The error of the step from ``H.Z`` in tolerances; it is left in ``H.e_q`` and ``H.e_v``."""
-    n = H.v.shape[0]
+    """The error of the step from ``H.Z``, in tolerances; that of quaternions is not filtered."""
+    nq, n = H.q.shape[0], H.v.shape[0]
     for i in range(n):
         H.e_q[i], H.e_v[i] = H.v0[i], H.a0[i]
         for s in range(STAGES):
@@ -163,7 +167,16 @@ def error_of_step(h: float, H: Any, size: Any) -> float:
     for i in range(n):
         H.e_v[i] = size[i] * H.x1[i]
         H.e_q[i] = (h / GAMMA) * (H.e_q[i] + H.e_v[i])
-        square += (H.e_q[i] / H.place[i]) ** 2 + (H.e_v[i] / H.speed[i]) ** 2
+        square += (H.e_v[i] / H.speed[i]) ** 2
+        if nq == n:
+            square += (H.e_q[i] / H.exact[i]) ** 2
+    if nq != n:
+        for i in range(nq):
+            slope = H.qdot0[i]
+            for s in range(STAGES):
+                for k in range(STAGES):
+                    slope += E[s] * A[s, k] * H.N[k, i]
+            square += (h / GAMMA * slope / H.exact[i]) ** 2
     return np.sqrt(square)
 
 
@@ -219,17 +232,14 @@ def cubic(x: float, h: float, y0: float, s0: float, y1: float, s1: float) -> flo
 
 @kernel
 def interpolate(t: float, H: Any, q: Any, v: Any) -> float:
-    """State (q, v) at t in the last step, and W, J.
-
-    Where positions are no quaternions they are of order 5 and velocities of order 4, else both of order 3.
-    """
+    """State (q, v) at t in the last step, and W, J. Positions are of order 5, velocities of 4, of 3 with quaternions."""
     c = H.control[0]
     x, nq, n = 1.0 - (c.t - t) / c.hold, q.shape[0], v.shape[0]
     for i in range(nq):
         if nq == n:
             q[i], v[i] = hermite(x, c.hold, H.q0[i], H.v0[i], H.a0[i], H.q[i], H.v[i], H.a[i])
         else:
-            q[i] = cubic(x, c.hold, H.q0[i], H.qdot0[i], H.q[i], H.qdot[i])
+            q[i], _ = hermite(x, c.hold, H.q0[i], H.qdot0[i], H.bend0[i], H.q[i], H.qdot[i], H.bend[i])
     if nq != n:
         for i in range(n):
             v[i] = cubic(x, c.hold, H.v0[i], H.a0[i], H.v[i], H.a[i])

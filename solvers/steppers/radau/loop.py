@@ -38,7 +38,9 @@ from .formulas import (
 
 SETTINGS = np.dtype(
     [
-        ("rtol", "f8"), ("atol", "f8"), ("max_step", "f8"), ("max_steps", "i8"),
+        ("rtol", "f8"), ("atol", "f8"),  # of the estimated error
+        ("exact", "f8"),  # what Newton may leave, in these
+        ("max_step", "f8"), ("max_steps", "i8"),
         ("audit", "i8"), ("works", "i8"),  # 1: book energy and work; 1: something does work
     ],
     align=True,
@@ -48,7 +50,7 @@ APART = 1e-6  # in units of size, and of it times the rate: what derivatives are
 NARROW = 0.1  # ratio of the pivots below which stages are closed
 REGULAR = 1e-2  # ratio of the pivots below which no derivatives are taken
 CORRECTIONS = 8  # of Newton at most
-EXACT = 0.02  # tolerances: what Newton leaves
+PLENTY = 1e-3  # of what Newton may leave: a first correction so small is the last
 SLOW = 0.3  # rate of the corrections that calls for new derivatives
 SAFETY, SHORTEST, LONGEST = 0.9, 0.2, 6.0  # of the next step in units of this one
 TINY = 1e-8  # an error, in tolerances, that lets it be as long as any
@@ -66,10 +68,9 @@ def weigh(c: Any, o: Any, H: Any, work: Any) -> None:
         c.coarser = max(1.0, RESOLVED / (gap * o.rtol))
         if c.coarser > c.coarsest:
             c.coarsest, c.narrowest = c.coarser, gap
-    n = H.v.shape[0]
-    for i in range(n):
-        far = abs(H.q[i]) if H.q.shape[0] == n else work.size[i]
-        H.place[i] = c.coarser * (o.rtol * far + o.atol * work.size[i])
+    for i in range(H.q.shape[0]):
+        H.exact[i] = c.coarser * (o.rtol * abs(H.q[i]) + o.atol * work.size_q[i])
+    for i in range(H.v.shape[0]):
         H.speed[i] = c.coarser * (o.rtol * abs(H.v[i]) + o.atol * work.pace[i] * work.size[i])
 
 
@@ -174,8 +175,11 @@ def take_derivatives(eqs: Any, c: Any, H: Any, work: Any) -> bool:
 
 
 @kernel
-def place_stages(eqs: Any, h: float, c: Any, H: Any, work: Any) -> None:
-    """Positions of the stages, from their velocities; those of quaternions from N where they were."""
+def place_stages(eqs: Any, h: float, c: Any, H: Any, work: Any) -> float:
+    """Positions of the stages, from their velocities; return the square of how far they went, in tolerances.
+
+    Quaternions take N from where they were: they come nearer with every correction, as Newton's matrix lets them.
+    """
     nq, n = H.q.shape[0], H.v.shape[0]
     for s in range(STAGES):
         if nq == n:
@@ -187,12 +191,16 @@ def place_stages(eqs: Any, h: float, c: Any, H: Any, work: Any) -> None:
             eqs.dynamics(c.t + NODES[s] * h, H.Q[s], work.v, eqs.data, eqs.terms)
             for i in range(nq):
                 H.N[s, i] = eqs.terms.qdot[i]
+    square = 0.0
     for s in range(STAGES):
         for i in range(nq):
             total = 0.0
             for k in range(STAGES):
                 total += A[s, k] * H.N[k, i]
-            H.Q[s, i] = H.q[i] + h * total
+            total = H.q[i] + h * total
+            square += ((total - H.Q[s, i]) / H.exact[i]) ** 2
+            H.Q[s, i] = total
+    return square / STAGES
 
 
 @kernel
@@ -222,17 +230,16 @@ def solve_stages(eqs: Any, h: float, c: Any, o: Any, H: Any, work: Any) -> int:
             H.P[s] = power(eqs, at, c, o, work, work.slope)
             for i in range(n):
                 H.F[s, i] = work.slope[i]
-        size = correct_stages(h, H, work.size)
-        place_stages(eqs, h, c, H, work)
+        size = np.sqrt(correct_stages(h, H, work.size) + place_stages(eqs, h, c, H, work))
         if not size < np.inf:
             return NOT_FINITE
         if k > 0:
             rate = size / before if k == 1 else np.sqrt(rate * size / before)
-            if rate >= 1.0 or size * rate ** (CORRECTIONS - 1 - k) > EXACT * (1.0 - rate):
+            if rate >= 1.0 or size * rate ** (CORRECTIONS - 1 - k) > o.exact * (1.0 - rate):
                 c.rate = 1.0
                 return COLLAPSED
             c.rate = rate
-        if size == 0.0 or (k > 0 and size * rate <= EXACT * (1.0 - rate)) or size <= 1e-3 * EXACT:
+        if size == 0.0 or (k > 0 and size * rate <= o.exact * (1.0 - rate)) or size <= PLENTY * o.exact:
             return OK
         before = size
     return COLLAPSED
@@ -325,8 +332,23 @@ def accept(c: Any, H: Any, h: float, after: float, error: float) -> None:
     longer = h * grow(c, h, error)
     c.error, c.before = max(error, 1e-2), h
     c.h = longer if whole else max(c.h, longer)
-    c.follows, c.fresh, c.ends = 1, 0, max(0, c.ends - 1)
+    c.follows, c.fresh, c.bent, c.ends = 1, 0, 0, max(0, c.ends - 1)
     c.steps += 1
+
+
+@kernel
+def bend(eqs: Any, q: Any, qdot: Any, v: Any, a: Any, c: Any, work: Any, out: Any) -> None:
+    """out (nq,) = (N v)', exactly: N(q) v is linear in either, so what its differences keep is no more than that."""
+    for sign in (1.0, -1.0):
+        step = sign * c.hold
+        for i in range(q.shape[0]):
+            work.q[i] = q[i] + step * qdot[i]
+        for i in range(v.shape[0]):
+            work.v[i] = v[i] + step * a[i]
+        eqs.dynamics(c.t, work.q, work.v, eqs.data, eqs.terms)
+        for i in range(q.shape[0]):
+            before = out[i] if sign < 0.0 else 0.0
+            out[i] = before + eqs.terms.qdot[i] / (2.0 * step)
 
 
 @kernel
@@ -357,6 +379,10 @@ def advance(eqs: Any, settings: Any, H: Any, work: Any, scales: Any, target: flo
     done = H.work[0]
     if code == OK:
         if target < c.t:
+            if q.shape[0] != v.shape[0] and c.bent == 0:
+                bend(eqs, H.q0, H.qdot0, H.v0, H.a0, c, work, H.bend0)
+                bend(eqs, H.q, H.qdot, H.v, H.a, c, work, H.bend)
+                c.bent = 1
             done = interpolate(target, H, q, v)
         code = close(eqs, target, q, v, c.rank, work)
     report(c, done, ledger)
