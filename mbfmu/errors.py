@@ -27,4 +27,6 @@ def writing(path: Path) -> Iterator[None]:
     except BrokenPipeError:  # of what is printed meanwhile
         raise
     except OSError as error:
-        raise UserError(f"{str(error.filename or path)!r} cannot be written: {error.strerror or error}") from error
+        inside = error.filename is not None and path in Path(error.filename).parents
+        where = str(error.filename if inside else path)
+        raise UserError(f"{where!r} cannot be written: {error.strerror or error}") from error

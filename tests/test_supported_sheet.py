@@ -118,7 +118,7 @@ def test_statics_are_those_of_the_dense_way(way: str, monkeypatch: pytest.Monkey
 
 @pytest.mark.parametrize("way", ["master", "guided"])
 def test_motion_and_reactions_are_those_of_the_dense_way(way: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    model = Held(nx=6, nz=5, way=way)
+    model = Held(nx=7, nz=6, way=way)
     times = np.linspace(0.0, 0.05, 6)
     structured = run(model, Settings(tolerance=1e-6), times)
     large = Simulation(model, Settings())
