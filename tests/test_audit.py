@@ -24,7 +24,7 @@ from mbfmu.scene import Scene
 from mbfmu.simulation import Settings, Simulation
 from mbfmu.studies.compare import compare, outcome
 
-SOLVERS = ("adams", "hybrid", "ida")
+SOLVERS = ("adams", "hybrid", "ida", "radau")
 TIMES = np.linspace(0.0, 3.0, 151)
 
 

@@ -58,7 +58,7 @@ def off(simulation: Simulation, goal: tuple[float, float]) -> float:
     return max(abs(found["crank.angle"] - goal[0]), abs(found["crank.rate"] - goal[1]))
 
 
-@pytest.mark.parametrize("solver", ["adams", "hybrid"])
+@pytest.mark.parametrize("solver", ["adams", "hybrid", "radau"])
 @pytest.mark.parametrize("step", [1e-3, 1e-2])
 @pytest.mark.parametrize("amplitude", [5.0, 100.0])
 def test_a_changing_torque_takes_a_step_a_point_and_no_accuracy(amplitude: float, step: float, solver: str) -> None:

@@ -46,7 +46,6 @@ CONTROL = np.dtype(
         ("t", "f8"), ("h", "f8"), ("hold", "f8"),  # time reached, next step, last step
         ("start", "i8"), ("placed", "i8"),  # y' at y is to be taken anew; y is closed
         ("ends", "i8"),  # steps yet to take that end where asked
-        ("bent", "i8"),  # second derivatives of quaternions are those of the last step
         ("follows", "i8"),  # the last step's polynomial goes on to this one
         ("rate", "f8"),  # by which Newton's last correction fell
         ("known", "i8"), ("fresh", "i8"),  # derivatives of a are at hand; they were taken at y
@@ -78,8 +77,6 @@ class Memory(NamedTuple):
     qdot0: Array  # (nq,)
     a0: Array  # (n,)
     power0: Array  # (1,)
-    bend0: Array  # (nq,)  second derivatives of q at both ends, where it holds quaternions and they are asked for
-    bend: Array  # (nq,)
     Z: Array  # (3, n)  stages of v less v0
     a_q: Array  # (n, n)  derivatives of a by a motion of q, and by v, in units of size
     a_v: Array  # (n, n)
@@ -107,8 +104,7 @@ class Memory(NamedTuple):
         order1, order2 = z(n, np.int64), z(n, np.int64)
         b2, x2 = z(n, np.complex128), z(n, np.complex128)
         return Memory(
-            records(1, CONTROL), z(nq), z(n), z(1), z(nq), z(n), z(1), z(nq), z(n), z(1), z(nq), z(n), z(1), z(nq),
-            z(nq),
+            records(1, CONTROL), z(nq), z(n), z(1), z(nq), z(n), z(1), z(nq), z(n), z(1), z(nq), z(n), z(1),
             z((three, n)), z((n, n)), z((n, n)), z(nq), z(n), z((three, nq)), z((three, nq)), z((three, n)), z(three),
             z((n, n)), z((n, n), np.complex128), order1, order2, z(n), z(n), b2, x2, z(n), z(n),
         )  # fmt: skip
@@ -190,57 +186,53 @@ def error_of_work(h: float, H: Any) -> float:
     return h / GAMMA * found
 
 
+@inlined
+def divided(y0: float, y1: float, y2: float, y3: float) -> tuple[float, float, float]:
+    """Divided differences over 0 and the nodes: those from 0 on, of first to third order."""
+    first, second, third = (y1 - y0) / NODES[0], (y2 - y1) / (NODES[1] - NODES[0]), (y3 - y2) / (1.0 - NODES[1])
+    rise, later = (second - first) / NODES[1], (third - second) / (1.0 - NODES[0])
+    return first, rise, later - rise
+
+
 @kernel
 def extrapolate(h: float, H: Any) -> None:
     """``H.Z`` of the next step, of h, from the polynomial of the last one, of ``hold``."""
     ratio = h / H.control[0].hold
     for i in range(H.v.shape[0]):
         z1, z2, z3 = H.Z[0, i], H.Z[1, i], H.Z[2, i]
-        # Newton's form over the nodes 0, c1, c2, 1
-        d1 = z1 / NODES[0]
-        d2 = (z2 - z1) / (NODES[1] - NODES[0])
-        d3 = (z3 - z2) / (NODES[2] - NODES[1])
-        dd1 = (d2 - d1) / NODES[1]
-        dd2 = (d3 - d2) / (NODES[2] - NODES[0])
-        ddd = (dd2 - dd1) / NODES[2]
+        d1, d2, d3 = divided(0.0, z1, z2, z3)
         for s in range(STAGES):
             x = 1.0 + NODES[s] * ratio
-            H.Z[s, i] = x * (d1 + (x - NODES[0]) * (dd1 + (x - NODES[1]) * ddd)) - z3
+            H.Z[s, i] = x * (d1 + (x - NODES[0]) * (d2 + (x - NODES[1]) * d3)) - z3
 
 
 @inlined
-def hermite(
-    x: float, h: float, y0: float, s0: float, c0: float, y1: float, s1: float, c1: float
-) -> tuple[float, float]:
-    """Value and slope at x in 0..1 of the quintic with values y, slopes s and curvatures c at both ends of h."""
-    d = (y1 - y0) / h - s0 - 0.5 * h * c0
-    e = s1 - s0 - h * c0
-    f = h * (c1 - c0)
-    p, q, r = 10.0 * d - 4.0 * e + 0.5 * f, -15.0 * d + 7.0 * e - f, 6.0 * d - 3.0 * e + 0.5 * f
-    x2 = x * x
-    value = y0 + h * x * (s0 + 0.5 * h * c0 * x + x2 * (p + x * (q + x * r)))
-    slope = s0 + h * c0 * x + x2 * (3.0 * p + x * (4.0 * q + 5.0 * x * r))
-    return value, slope
-
-
-@inlined
-def cubic(x: float, h: float, y0: float, s0: float, y1: float, s1: float) -> float:
-    """Value at x in 0..1 of the cubic with values y and slopes s at both ends of h."""
-    d = y1 - y0
-    return y0 + x * (h * s0 + x * (3.0 * d - h * (2.0 * s0 + s1) + x * (h * (s0 + s1) - 2.0 * d)))
+def integral(x: float, h: float, y0: float, y1: float, y2: float, y3: float) -> float:
+    """Integral, from the beginning to x in 0..1 of the step, of the cubic with these values there and at the nodes."""
+    d1, d2, d3 = divided(y0, y1, y2, y3)
+    a, b = NODES[0], NODES[1]
+    linear, square = d1 - a * d2 + a * b * d3, d2 - (a + b) * d3
+    return h * x * (y0 + x * (linear / 2.0 + x * (square / 3.0 + x * d3 / 4.0)))
 
 
 @kernel
 def interpolate(t: float, H: Any, q: Any, v: Any) -> float:
-    """State (q, v) at t in the last step, and W, J. Positions are of order 5, velocities of 4, of 3 with quaternions."""
+    """State (q, v) at t in the last step, and W, J: v as the cubic through the stages, q and W as its integral.
+
+    Nothing is taken from accelerations: where the motion is stiff they are known to no digit that a long step leaves.
+    What closing the end has changed is let in gradually.
+    """
     c = H.control[0]
-    x, nq, n = 1.0 - (c.t - t) / c.hold, q.shape[0], v.shape[0]
-    for i in range(nq):
-        if nq == n:
-            q[i], v[i] = hermite(x, c.hold, H.q0[i], H.v0[i], H.a0[i], H.q[i], H.v[i], H.a[i])
-        else:
-            q[i], _ = hermite(x, c.hold, H.q0[i], H.qdot0[i], H.bend0[i], H.q[i], H.qdot[i], H.bend[i])
-    if nq != n:
-        for i in range(n):
-            v[i] = cubic(x, c.hold, H.v0[i], H.a0[i], H.v[i], H.a[i])
-    return cubic(x, c.hold, H.work0[0], H.power0[0], H.work[0], H.power[0])
+    x, h = 1.0 - (c.t - t) / c.hold, c.hold
+    fraction = x * x * (3.0 - 2.0 * x)
+    for i in range(q.shape[0]):
+        rates = H.qdot0[i], H.N[0, i], H.N[1, i], H.N[2, i]
+        rest = H.q[i] - H.q0[i] - integral(1.0, h, *rates)
+        q[i] = H.q0[i] + integral(x, h, *rates) + fraction * rest
+    for i in range(v.shape[0]):
+        d1, d2, d3 = divided(0.0, H.Z[0, i], H.Z[1, i], H.Z[2, i])
+        rest = H.v[i] - H.v0[i] - H.Z[2, i]
+        v[i] = H.v0[i] + x * (d1 + (x - NODES[0]) * (d2 + (x - NODES[1]) * d3)) + fraction * rest
+    powers = H.power0[0], H.P[0], H.P[1], H.P[2]
+    rest = H.work[0] - H.work0[0] - integral(1.0, h, *powers)
+    return H.work0[0] + integral(x, h, *powers) + fraction * rest

@@ -332,23 +332,8 @@ def accept(c: Any, H: Any, h: float, after: float, error: float) -> None:
     longer = h * grow(c, h, error)
     c.error, c.before = max(error, 1e-2), h
     c.h = longer if whole else max(c.h, longer)
-    c.follows, c.fresh, c.bent, c.ends = 1, 0, 0, max(0, c.ends - 1)
+    c.follows, c.fresh, c.ends = 1, 0, max(0, c.ends - 1)
     c.steps += 1
-
-
-@kernel
-def bend(eqs: Any, q: Any, qdot: Any, v: Any, a: Any, c: Any, work: Any, out: Any) -> None:
-    """out (nq,) = (N v)', exactly: N(q) v is linear in either, so what its differences keep is no more than that."""
-    for sign in (1.0, -1.0):
-        step = sign * c.hold
-        for i in range(q.shape[0]):
-            work.q[i] = q[i] + step * qdot[i]
-        for i in range(v.shape[0]):
-            work.v[i] = v[i] + step * a[i]
-        eqs.dynamics(c.t, work.q, work.v, eqs.data, eqs.terms)
-        for i in range(q.shape[0]):
-            before = out[i] if sign < 0.0 else 0.0
-            out[i] = before + eqs.terms.qdot[i] / (2.0 * step)
 
 
 @kernel
@@ -379,10 +364,6 @@ def advance(eqs: Any, settings: Any, H: Any, work: Any, scales: Any, target: flo
     done = H.work[0]
     if code == OK:
         if target < c.t:
-            if q.shape[0] != v.shape[0] and c.bent == 0:
-                bend(eqs, H.q0, H.qdot0, H.v0, H.a0, c, work, H.bend0)
-                bend(eqs, H.q, H.qdot, H.v, H.a, c, work, H.bend)
-                c.bent = 1
             done = interpolate(target, H, q, v)
         code = close(eqs, target, q, v, c.rank, work)
     report(c, done, ledger)
