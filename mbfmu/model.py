@@ -274,11 +274,12 @@ def span(declared: Parameter) -> str:
     if isinstance(declared.default, bool):
         return "true or false"
     unit = "" if declared.unit == "1" else f" {declared.unit}"
+    kind = "whole numbers, " if isinstance(declared.default, int) else ""
     if declared.min == -inf:
-        return "any finite number" if declared.max == inf else f"at most {declared.max:g}{unit}"
+        return f"{kind}any finite number" if declared.max == inf else f"{kind}at most {declared.max:g}{unit}"
     if declared.max == inf:
-        return f"at least {declared.min:g}{unit}"
-    return f"{declared.min:g} to {declared.max:g}{unit}"
+        return f"{kind}at least {declared.min:g}{unit}"
+    return f"{kind}{declared.min:g} to {declared.max:g}{unit}"
 
 
 def suggest(name: str, known: Any) -> str:

@@ -9,6 +9,8 @@ from mbfmu.errors import UserError
 from mbfmu.model import check, declared, parameter, span, suggest
 from solvers import SOLVERS, Options
 
+FINEST = 1e-15  # absolute tolerance: numbers of size one are no finer
+
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
@@ -40,6 +42,8 @@ class Settings:
                 object.__setattr__(self, p.name, check("the settings", p, getattr(self, p.name)))
             except UserError as error:
                 raise UserError(f"{p.name} is {getattr(self, p.name)!r}; allowed: {span(p)}") from error
+        if 0.0 < self.absolute_tolerance < FINEST:
+            raise UserError(f"absolute_tolerance is {self.absolute_tolerance!r}; allowed: 0, or {FINEST:g} to 1")
 
     def options(self) -> Options:
         """Return what the stepper takes."""

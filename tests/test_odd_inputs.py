@@ -123,6 +123,8 @@ def test_times_that_are_none(times: Any) -> None:
         {"solver": ["ida"]},
         {"solver": 5},
         {"audit": None},
+        {"absolute_tolerance": 1e-300},
+        {"max_order": 2.5},
         {"start_at_equilibrium": "x"},
     ],
 )
