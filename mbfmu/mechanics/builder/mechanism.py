@@ -26,7 +26,7 @@ from mbfmu.mechanics.flexible import Beam
 from mbfmu.mechanics.joints import Joint, Revolute, Section
 from mbfmu.mechanics.kind import check_kind
 from mbfmu.mechanics.loads import Drag, Force, Load, Pressure
-from mbfmu.mechanics.numbers import not_negative, positive
+from mbfmu.mechanics.numbers import not_negative
 from mbfmu.mechanics.sensors import (
     AngleBetween,
     Distance,
@@ -376,8 +376,6 @@ class Mechanism(Appearance):
         check_kind(f"output {name!r}", sensor, Sensor)
         if not isinstance(description, str):
             raise UserError(f"description of output {name!r} is {description!r}; allowed: text")
-        if nominal is not None:
-            positive(f"nominal of output {name!r}", nominal)
         for body in sensor.bodies or ((sensor.item,) if isinstance(sensor.item, Body) else ()):
             self._member(body, f"body of output {name!r}")
         if isinstance(sensor.item, CutHandle | CouplingHandle) and not any(sensor.item is c for c in self.constraints):
