@@ -26,6 +26,13 @@ def too_few(item: Any, t: float, arrays: Any) -> None:
 
 
 @kernel
+def raising(item: Any, t: float, arrays: Any, state: Any) -> None:
+    """Raises, in a callback that no exception leaves."""
+    if t >= 0.0:
+        raise ValueError("no")
+
+
+@kernel
 def no_field(item: Any, t: float, arrays: Any, state: Any) -> None:
     """Reads what its record has not."""
     state.Q[0] += item.nosuch
@@ -57,6 +64,7 @@ def force(**said: Any) -> Callable[[Mechanism, Body], Any]:
         (force(apply=None), "force 'f' is of class Own, which has no kernel 'apply'"),
         (force(), "has no kernel 'apply'"),
         (force(apply=len), "decorate it with mbfmu.mechanics.kernel"),
+        (force(apply=raising), "force 'f' is of class Own, whose kernel 'apply' raises"),
         (force(apply=too_few), "kernel 'apply' .*too_few.* cannot be compiled.*its record, time, arrays, state"),
         (force(apply=no_field), "cannot be compiled: .*nosuch"),
         (force(apply=nothing, drawn="rod"), "class Own, whose `drawn` is 'rod'; allowed: '', 'coil'"),

@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 
 from mbfmu.errors import UserError
-from solvers.compiled.kernel import COMPILED, is_kernel
+from solvers.compiled.kernel import COMPILED, is_kernel, raises
 
 NOTHING = np.dtype([("nothing", np.int64)])  # record of a kind without parameters
 
@@ -86,6 +86,10 @@ def check_kind(what: str, given: Any, role: type[Kind]) -> None:
             raise UserError(f"{said}, which has no kernel {name!r}")
         if COMPILED and function is not None and not is_kernel(function):
             raise UserError(f"{said}, whose {name!r} is no kernel; decorate it with mbfmu.mechanics.kernel")
+        if function is not None and raises(function):
+            raise UserError(
+                f"{said}, whose kernel {name!r} raises; a kernel has nobody to tell: let it write nan, which ends a run"
+            )
     for name, meant in vars(role).get("__annotations__", {}).items():
         if "ClassVar" in str(meant) and not hasattr(type(given), name):
             raise UserError(f"{said}, which does not say its {name!r}; see its base {role.__name__}")

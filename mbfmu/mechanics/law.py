@@ -18,7 +18,7 @@ from numba.core.errors import NumbaError
 from numba.extending import overload
 
 from mbfmu.errors import UserError
-from solvers.compiled.kernel import COMPILED, is_kernel, kept_nowhere
+from solvers.compiled.kernel import COMPILED, is_kernel, kept_nowhere, raises
 
 FUNCTIONS: dict[str, Any] = {
     name: getattr(np, name)
@@ -79,6 +79,8 @@ def law_of(what: str, given: Any, names: tuple[str, ...]) -> Any:
     count = arguments_of(what, law)
     if count != len(names):
         raise UserError(f"{what} takes {count} arguments; allowed: {len(names)} ({', '.join(names)})")
+    if raises(law):
+        raise UserError(f"{what} raises an exception; let it return nan instead, which ends a run there")
     try:
         return compiled(law, count)
     except NumbaError as error:

@@ -9,6 +9,7 @@ With ``NUMBA_DISABLE_JIT=1`` everything here is plain Python, for coverage and d
 
 from __future__ import annotations
 
+import dis
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
@@ -76,3 +77,9 @@ def kept_nowhere(function: F) -> F:
 def is_kernel(function: Any) -> bool:
     """Whether a function is compiled, so that kernels can call it."""
     return isinstance(function, Inlined)
+
+
+def raises(function: Any) -> bool:
+    """Whether a kernel, or a function to be made one, has a ``raise`` or an ``assert`` in it."""
+    code = getattr(getattr(function, "py_func", function), "__code__", None)
+    return code is not None and any(step.opname == "RAISE_VARARGS" for step in dis.get_instructions(code))

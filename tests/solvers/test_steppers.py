@@ -72,6 +72,17 @@ def test_a_restart_in_every_singular_position_does_not_lose_the_branch(name):
     np.testing.assert_allclose(stepper.q, fourbar_q(exact(stepper.t)[0]), atol=2e-5)
 
 
+@pytest.mark.parametrize("name", BOUND)
+def test_steps_that_end_where_asked_do_not_end_in_singular_positions(name):
+    exact = pendulum()
+    stepper = SOLVERS[name](fourbar(), 0.0, fourbar_q(START), np.zeros(3), Options(rtol=1e-8))
+    for t in singular_times():
+        for ahead in (0.01, 1e-4, 0.0):
+            stepper.renew()
+            assert stepper.advance(t - ahead).ok
+    np.testing.assert_allclose(stepper.q, fourbar_q(exact(stepper.t)[0]), atol=2e-5)
+
+
 def test_lu_passes_the_first_singular_position_and_fails_at_the_second():
     stepper, error = run("adams-lu", 1e-6)
     assert stepper.status.code is Code.COLLAPSED

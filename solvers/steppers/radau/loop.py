@@ -21,7 +21,7 @@ from solvers.ledger import SLIP, due, look, report
 from solvers.linalg.dense import ratio
 from solvers.outcome import BRANCHES, COLLAPSED, MAX_STEPS, NOT_FINITE, OK
 from solvers.projection.projection import acceleration, close, multipliers, unresolved
-from solvers.projection.singular import CLOSED, MISS, note, passed, step_bound
+from solvers.projection.singular import CLOSED, MISS, clear_way, note, passed, step_bound
 from solvers.projection.workspace import factor_here
 
 from .formulas import (
@@ -39,7 +39,8 @@ from .formulas import (
 SETTINGS = np.dtype(
     [
         ("rtol", "f8"), ("atol", "f8"),  # of the estimated error
-        ("exact", "f8"),  # what Newton may leave, in these
+        ("asked", "f8"),  # rtol of the motion
+        ("exact", "f8"),  # what Newton may leave, in tolerances of the estimated error
         ("max_step", "f8"), ("max_steps", "i8"),
         ("audit", "i8"), ("works", "i8"),  # 1: book energy and work; 1: something does work
     ],
@@ -50,7 +51,7 @@ APART = 1e-6  # in units of size, and of it times the rate: what derivatives are
 NARROW = 0.1  # ratio of the pivots below which stages are closed
 REGULAR = 1e-2  # ratio of the pivots below which no derivatives are taken
 CORRECTIONS = 8  # of Newton at most
-PLENTY = 1e-3  # of what Newton may leave: a first correction so small is the last
+ROUNDING = 1e-9  # of what Newton may leave: a correction so small is no other's measure
 SLOW = 0.3  # rate of the corrections that calls for new derivatives
 SAFETY, SHORTEST, LONGEST = 0.9, 0.2, 6.0  # of the next step in units of this one
 TINY = 1e-8  # an error, in tolerances, that lets it be as long as any
@@ -65,7 +66,7 @@ def weigh(c: Any, o: Any, H: Any, work: Any) -> None:
     c.coarser = 1.0
     if work.critical[0].kind == MISS:
         gap = abs(work.critical[0].gap)
-        c.coarser = max(1.0, RESOLVED / (gap * o.rtol))
+        c.coarser = max(1.0, RESOLVED / (gap * o.asked))
         if c.coarser > c.coarsest:
             c.coarsest, c.narrowest = c.coarser, gap
     for i in range(H.q.shape[0]):
@@ -134,11 +135,13 @@ def prepare(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
     if c.placed == 0:
         work.course[0].ratio = 0.0
         note(eqs, c.t, work.q, 0.0, 0.0, c.rank, work)
-    c.start, c.placed, c.follows, c.fresh = 0, 1, 0, 0
-    c.starts += 1
-    if not c.h > 0.0:
-        c.h = FIRST / work.rate[0]
-    return arrive(eqs, c.t, c, o, H, work, scales)
+    code = arrive(eqs, c.t, c, o, H, work, scales)
+    if code == OK:
+        c.start, c.placed, c.follows, c.fresh = 0, 1, 0, 0
+        c.starts += 1
+        if not c.h > 0.0:
+            c.h = FIRST / work.rate[0]
+    return code
 
 
 @kernel
@@ -146,8 +149,10 @@ def take_derivatives(eqs: Any, c: Any, H: Any, work: Any) -> bool:
     """a_q and a_v at (H.q, H.v) by differences, in units of size; False where one is not finite."""
     n = H.v.shape[0]
     c.matrices += 1
+    c.known = 0
     at_state(H.q, H.v, work)
-    differentiate(eqs, c.t, c, work, H.e_q)
+    if differentiate(eqs, c.t, c, work, H.e_q) != OK:
+        return False
     for k in range(2 * n):
         j = k % n
         at_state(H.q, H.v, work)
@@ -170,7 +175,7 @@ def take_derivatives(eqs: Any, c: Any, H: Any, work: Any) -> bool:
                 H.a_q[i, j] = slope
             else:
                 H.a_v[i, j] = slope
-    c.known, c.fresh = 1, 1
+    c.known, c.fresh, c.rate = 1, 1, 0.0
     return True
 
 
@@ -207,13 +212,14 @@ def place_stages(eqs: Any, h: float, c: Any, H: Any, work: Any) -> float:
 def solve_stages(eqs: Any, h: float, c: Any, o: Any, H: Any, work: Any) -> int:
     """Solve for the stages of a step of h from (H.q, H.v) with the factors at hand; ``c.rate`` tells how it went."""
     nq, n = H.q.shape[0], H.v.shape[0]
+    goes_on = c.follows == 1 and h <= LONGEST * c.hold  # farther out a polynomial is no guess
     for s in range(STAGES):
         for i in range(n):
-            if c.follows == 0:
+            if not goes_on:
                 H.Z[s, i] = NODES[s] * h * H.a[i]
         for i in range(nq):
             H.Q[s, i] = H.q[i] + NODES[s] * h * H.qdot[i]
-    if c.follows == 1:
+    if goes_on:
         extrapolate(h, H)
     place_stages(eqs, h, c, H, work)
     before, rate = 0.0, 0.0
@@ -233,13 +239,15 @@ def solve_stages(eqs: Any, h: float, c: Any, o: Any, H: Any, work: Any) -> int:
         size = np.sqrt(correct_stages(h, H, work.size) + place_stages(eqs, h, c, H, work))
         if not size < np.inf:
             return NOT_FINITE
+        if size <= ROUNDING * o.exact:
+            return OK
         if k > 0:
             rate = size / before if k == 1 else np.sqrt(rate * size / before)
             if rate >= 1.0 or size * rate ** (CORRECTIONS - 1 - k) > o.exact * (1.0 - rate):
                 c.rate = 1.0
                 return COLLAPSED
             c.rate = rate
-        if size == 0.0 or (k > 0 and size * rate <= o.exact * (1.0 - rate)) or size <= PLENTY * o.exact:
+        if k > 0 and size * rate <= o.exact * (1.0 - rate):
             return OK
         before = size
     return COLLAPSED
@@ -270,7 +278,8 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target: float
     weigh(c, o, H, work)
     while True:
         c.h = min(c.h, o.max_step)
-        h = stop_at(c, target) if c.ends > 0 else c.h
+        ends = c.ends > 0 and clear_way(target - c.t, c.rank, work)
+        h = stop_at(c, target) if ends else c.h
         code, shorter = COLLAPSED, 0.5
         renewable = c.fresh == 0 and (c.rank == 0 or work.course[0].ratio >= REGULAR)
         if renewable and (c.known == 0 or c.rate > SLOW):
@@ -286,7 +295,7 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target: float
                     work.q[i] = H.Q[STAGES - 1, i]
                 for i in range(n):
                     work.v[i] = H.v[i] + H.Z[STAGES - 1, i]
-                after = target if c.ends > 0 and abs(target - c.t - h) <= SAME * h else c.t + h
+                after = target if ends and abs(target - c.t - h) <= SAME * h else c.t + h
                 code = close(eqs, after, work.q, work.v, c.rank, work)
                 if code == OK and not passed(eqs, after, work.q, CLOSED, c.rank, work):
                     code = BRANCHES
@@ -298,6 +307,8 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target: float
                     return OK
             else:
                 code, shorter = COLLAPSED, max(SHORTEST, SAFETY * error**-0.25)
+                if renewable:
+                    c.known = 0
         elif renewable:
             c.known, shorter = 0, 1.0
         c.follows = 0
@@ -321,6 +332,7 @@ def keep_start(H: Any) -> None:
 @inlined
 def accept(c: Any, H: Any, h: float, after: float, error: float) -> None:
     """Go on from where the step of h has ended; the next is as long as accuracy lets it."""
+    H.P[STAGES - 1] = H.power[0]  # what Newton left of the others is of the size of its tolerance
     done = 0.0
     for s in range(STAGES):
         done += h * A[STAGES - 1, s] * H.P[s]
@@ -334,6 +346,15 @@ def accept(c: Any, H: Any, h: float, after: float, error: float) -> None:
     c.h = longer if whole else max(c.h, longer)
     c.follows, c.fresh, c.ends = 1, 0, max(0, c.ends - 1)
     c.steps += 1
+
+
+@inlined
+def back_to(H: Any, q: Any, v: Any) -> None:
+    """(q, v) <- where the last step ended."""
+    for i in range(q.shape[0]):
+        q[i] = H.q[i]
+    for i in range(v.shape[0]):
+        v[i] = H.v[i]
 
 
 @kernel
@@ -357,15 +378,15 @@ def advance(eqs: Any, settings: Any, H: Any, work: Any, scales: Any, target: flo
         taken += 1
         note(eqs, c.t, H.q, c.hold, c.h, c.rank, work)
         c.h = min(c.h, step_bound(c.t, H.q, H.v, c.hold, eqs.terms, work))
-    for i in range(q.shape[0]):
-        q[i] = H.q[i]
-    for i in range(v.shape[0]):
-        v[i] = H.v[i]
+    back_to(H, q, v)
     done = H.work[0]
     if code == OK:
         if target < c.t:
             done = interpolate(target, H, q, v)
         code = close(eqs, target, q, v, c.rank, work)
+        if code != OK:
+            back_to(H, q, v)
+            done = H.work[0]
     report(c, done, ledger)
     return code
 
@@ -386,6 +407,6 @@ def sample(
         if code != OK:
             return code, i
         multipliers(eqs.terms, rank, work, a[i], lam[i])
-        if unresolved(settings[0].rtol, rank, work):
+        if unresolved(settings[0].asked, rank, work):
             H.control[0].undetermined, H.control[0].undetermined_at = 1, times[i]
     return OK, times.shape[0]

@@ -37,6 +37,7 @@ class RadauStepper(ClosedStepper):
         o, self._settings = self.options, records(1, loop.SETTINGS)
         looser = LOOSER * o.rtol**POWER
         self._settings["rtol"], self._settings["atol"] = looser, o.absolute * looser / o.rtol
+        self._settings["asked"] = o.rtol
         self._settings["exact"] = EXACT * o.rtol / looser
         self._settings["max_step"], self._settings["max_steps"] = o.max_step, o.max_steps
         self._settings["audit"] = o.audit
@@ -54,8 +55,9 @@ class RadauStepper(ClosedStepper):
             self._settings["max_step"] = longest
 
     def restart(self) -> None:
-        """Begin anew at the reported state; Newton's matrix is kept while it serves."""
+        """Begin anew at the reported state, with nothing of what was known of it."""
         self._begin(0, 0)
+        self._control["known"] = 0
 
     def renew(self) -> None:
         """Go on in steps that end at the time asked for: the next change may come there."""
