@@ -48,7 +48,6 @@ AHEAD = 3.0  # steps ahead that a singular position is looked for
 JUMP = 0.7  # of the step before, to a crossing from where the next step jumps over it
 LEAD = 0.67  # of a longer way, that the step before the jump may go
 DARK = 1e-7  # ratio so near a crossing that any step leads out
-CLEAR = 2.0  # times the ratio that is nearly singular, or the time to a singular position: steps may end there
 PART = 0.3  # of the way to a near miss that one step may go
 
 
@@ -290,13 +289,6 @@ def same_side(rank: int, work: Any) -> bool:
         for j in range(rank):
             work.D[i, j] = work.A[k, j] if j <= k else 0.0
     return factor_lu(work.D, rank, work.order) and positive == positive_determinant(work.D, rank, work.order)
-
-
-@inlined
-def clear_way(way: float, rank: int, work: Any) -> bool:
-    """Whether no singular position lies beside the way, s, to a time asked for: a step may end there."""
-    here = work.course[0]
-    return rank == 0 or (work.critical[0].kind != MISS and here.ratio >= CLEAR * SINGULAR and here.ahead >= CLEAR * way)
 
 
 @kernel

@@ -41,7 +41,7 @@ from solvers.projection.projection import (
     settle,
     unresolved,
 )
-from solvers.projection.singular import CLEAR, CLOSED, MISS, SINGULAR, clear_way, note, passed, step_bound
+from solvers.projection.singular import CLOSED, MISS, SINGULAR, note, passed, step_bound
 from solvers.projection.workspace import factor
 
 from .formulas import (
@@ -73,6 +73,7 @@ SETTINGS = np.dtype(
 RESOLVED = 3e-18  # rtol that rounding allows beside a near miss, times its gap; found by trial
 SLIGHT = 1e-3  # part of the tolerance: a correction of the position by less needs no new J
 FIRST_SINGLE = 0.1  # first of the single steps, in units of one over the rate of the motion
+CLEAR = 2.0  # times the ratio that is nearly singular, or the time to a singular position: single steps may be taken
 SMALLEST_STEP = 1e-11  # times the larger of t and one over the rate of the motion
 
 
@@ -170,11 +171,14 @@ def settle_down(eqs: Any, c: Any, o: Any, H: Any, work: Any) -> int:
 
 
 @inlined
-def may_end(c: Any, work: Any, target: float) -> bool:
-    """Whether a step may end at ``target``: no singular position lies beside the way."""
-    if c.regime == LU and c.rank > 0:
+def clear_way(c: Any, work: Any, target: float) -> bool:
+    """Whether no singular position lies beside the way to ``target``: a step may end there."""
+    here = work.course[0]
+    if c.rank == 0:
+        return True
+    if c.regime == LU:
         return c.pivot == 0.0 or c.pivot >= CLEAR * SINGULAR
-    return clear_way(target - c.t, c.rank, work)
+    return work.critical[0].kind != MISS and here.ratio >= CLEAR * SINGULAR and here.ahead >= CLEAR * (target - c.t)
 
 
 @kernel
@@ -332,7 +336,7 @@ def advance(eqs: Any, settings: Any, H: Any, work: Any, scales: Any, target: flo
             code = prepare(eqs, c, o, H, work, scales)
             if code != OK:
                 break
-        if c.start == 1 and c.singles > 0 and may_end(c, work, target):
+        if c.start == 1 and c.singles > 0 and clear_way(c, work, target):
             code = single_step(eqs, c, o, H, work, scales, target)
         else:
             if c.start == 1:

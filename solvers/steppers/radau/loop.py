@@ -21,7 +21,7 @@ from solvers.ledger import SLIP, due, look, report
 from solvers.linalg.dense import ratio
 from solvers.outcome import BRANCHES, COLLAPSED, MAX_STEPS, NOT_FINITE, OK
 from solvers.projection.projection import acceleration, close, multipliers, unresolved
-from solvers.projection.singular import CLOSED, MISS, clear_way, note, passed, step_bound
+from solvers.projection.singular import CLOSED, MISS, note, passed, step_bound
 from solvers.projection.workspace import factor_here
 
 from .formulas import (
@@ -278,8 +278,7 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target: float
     weigh(c, o, H, work)
     while True:
         c.h = min(c.h, o.max_step)
-        ends = c.ends > 0 and clear_way(target - c.t, c.rank, work)
-        h = stop_at(c, target) if ends else c.h
+        h = stop_at(c, target) if c.ends > 0 else c.h
         code, shorter = COLLAPSED, 0.5
         renewable = c.fresh == 0 and (c.rank == 0 or work.course[0].ratio >= REGULAR)
         if renewable and (c.known == 0 or c.rate > SLOW):
@@ -295,7 +294,7 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target: float
                     work.q[i] = H.Q[STAGES - 1, i]
                 for i in range(n):
                     work.v[i] = H.v[i] + H.Z[STAGES - 1, i]
-                after = target if ends and abs(target - c.t - h) <= SAME * h else c.t + h
+                after = target if c.ends > 0 and abs(target - c.t - h) <= SAME * h else c.t + h
                 code = close(eqs, after, work.q, work.v, c.rank, work)
                 if code == OK and not passed(eqs, after, work.q, CLOSED, c.rank, work):
                     code = BRANCHES
