@@ -80,8 +80,8 @@ class Memory(NamedTuple):
     Z: Array  # (3, n)  stages of v less v0
     a_q: Array  # (n, n)  derivatives of a by a motion of q, and by v, in units of size
     a_v: Array  # (n, n)
-    exact: Array  # (nq,)  tolerance of q in this step
-    speed: Array  # (n,)  of v
+    tol_q: Array  # (nq,)  tolerance of q in this step
+    tol_v: Array  # (n,)  of v
     Q: Array  # (3, nq)  positions of the stages
     N: Array  # (3, nq)  N V there
     F: Array  # (3, n)  accelerations there
@@ -140,7 +140,7 @@ def correct_stages(h: float, H: Any, size: Any) -> float:
         for s in range(STAGES):
             change = size[i] * (FROM_REAL[s] * H.x1[i] + (FROM_COMPLEX[s] * H.x2[i]).real)
             H.Z[s, i] += change
-            square += (change / H.speed[i]) ** 2
+            square += (change / H.tol_v[i]) ** 2
     return square / STAGES
 
 
@@ -163,16 +163,16 @@ def error_of_step(h: float, H: Any, size: Any) -> float:
     for i in range(n):
         H.e_v[i] = size[i] * H.x1[i]
         H.e_q[i] = (h / GAMMA) * (H.e_q[i] + H.e_v[i])
-        square += (H.e_v[i] / H.speed[i]) ** 2
+        square += (H.e_v[i] / H.tol_v[i]) ** 2
         if nq == n:
-            square += (H.e_q[i] / H.exact[i]) ** 2
+            square += (H.e_q[i] / H.tol_q[i]) ** 2
     if nq != n:
         for i in range(nq):
             slope = H.qdot0[i]
             for s in range(STAGES):
                 for k in range(STAGES):
                     slope += E[s] * A[s, k] * H.N[k, i]
-            square += (h / GAMMA * slope / H.exact[i]) ** 2
+            square += (h / GAMMA * slope / H.tol_q[i]) ** 2
     return np.sqrt(square)
 
 

@@ -18,23 +18,12 @@ import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
 from solvers.ledger import SLIP, due, look, report
-from solvers.linalg.dense import ratio
-from solvers.outcome import BRANCHES, COLLAPSED, MAX_STEPS, NOT_FINITE, OK
+from solvers.outcome import BRANCHES, COLLAPSED, MAX_STEPS, OK
 from solvers.projection.projection import acceleration, close, multipliers, unresolved
 from solvers.projection.singular import CLOSED, MISS, note, passed, step_bound
-from solvers.projection.workspace import factor_here
 
-from .formulas import (
-    NODES,
-    STAGES,
-    A,
-    correct_stages,
-    error_of_step,
-    error_of_work,
-    extrapolate,
-    factor_newton,
-    interpolate,
-)
+from .formulas import STAGES, A, error_of_step, error_of_work, factor_newton, interpolate
+from .stages import FARTHEST, at_state, power, solve_stages, take_derivatives
 
 SETTINGS = np.dtype(
     [
@@ -47,13 +36,9 @@ SETTINGS = np.dtype(
     align=True,
 )  # fmt: skip
 FIRST = 0.1  # first step, in units of one over the rate of the motion
-APART = 1e-6  # in units of size, and of it times the rate: what derivatives are differences over
-NARROW = 0.1  # ratio of the pivots below which stages are closed
 REGULAR = 1e-2  # ratio of the pivots below which no derivatives are taken
-CORRECTIONS = 8  # of Newton at most
-ROUNDING = 1e-9  # of what Newton may leave: a correction so small is no other's measure
 SLOW = 0.3  # rate of the corrections that calls for new derivatives
-SAFETY, SHORTEST, LONGEST = 0.9, 0.2, 6.0  # of the next step in units of this one
+SAFETY, SHORTEST, LONGEST = 0.9, 0.2, FARTHEST  # of the next step in units of this one
 TINY = 1e-8  # an error, in tolerances, that lets it be as long as any
 SAME = 1e-9  # part of a step: nearer to its end is there
 RESOLVED = 3e-18  # see solvers.steppers.adams.loop
@@ -70,42 +55,9 @@ def weigh(c: Any, o: Any, H: Any, work: Any) -> None:
         if c.coarser > c.coarsest:
             c.coarsest, c.narrowest = c.coarser, gap
     for i in range(H.q.shape[0]):
-        H.exact[i] = c.coarser * (o.rtol * abs(H.q[i]) + o.atol * work.size_q[i])
+        H.tol_q[i] = c.coarser * (o.rtol * abs(H.q[i]) + o.atol * work.size_q[i])
     for i in range(H.v.shape[0]):
-        H.speed[i] = c.coarser * (o.rtol * abs(H.v[i]) + o.atol * work.pace[i] * work.size[i])
-
-
-@kernel
-def differentiate(eqs: Any, t: float, c: Any, work: Any, a: Any) -> int:
-    """a = v' at (work.q, work.v), which need not be closed; leaves ``terms`` there.
-
-    What is off the constraints is in v' by the inverse square of the smallest pivot: where that is small it is closed.
-    """
-    c.evaluations += 1
-    factor_here(eqs, t, work.q, work.v, work)
-    if c.rank > 0 and ratio(work.pivot, c.rank) < NARROW:
-        code = close(eqs, t, work.q, work.v, c.rank, work)
-        if code != OK:
-            return code
-    return acceleration(eqs, t, work.q, work.v, c.rank, work, a)
-
-
-@kernel
-def power(eqs: Any, t: float, c: Any, o: Any, work: Any, a: Any) -> float:
-    """W' at the state evaluated last, with v' = a."""
-    if o.works == 0:
-        return 0.0
-    multipliers(eqs.terms, c.rank, work, a, work.lam)
-    return eqs.power(t, work.q, work.v, a, work.lam, eqs.data)
-
-
-@inlined
-def at_state(q: Any, v: Any, work: Any) -> None:
-    """(work.q, work.v) <- (q, v)."""
-    for i in range(q.shape[0]):
-        work.q[i] = q[i]
-    for i in range(v.shape[0]):
-        work.v[i] = v[i]
+        H.tol_v[i] = c.coarser * (o.rtol * abs(H.v[i]) + o.atol * work.pace[i] * work.size[i])
 
 
 @kernel
@@ -142,115 +94,6 @@ def prepare(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
         if not c.h > 0.0:
             c.h = FIRST / work.rate[0]
     return code
-
-
-@kernel
-def take_derivatives(eqs: Any, c: Any, H: Any, work: Any) -> bool:
-    """a_q and a_v at (H.q, H.v) by differences, in units of size; False where one is not finite."""
-    n = H.v.shape[0]
-    c.matrices += 1
-    c.known = 0
-    at_state(H.q, H.v, work)
-    if differentiate(eqs, c.t, c, work, H.e_q) != OK:
-        return False
-    for k in range(2 * n):
-        j = k % n
-        at_state(H.q, H.v, work)
-        apart = APART
-        if k < n:
-            for i in range(n):
-                H.e_v[i] = 0.0
-            H.e_v[j] = APART * work.size[j]
-            eqs.retract(work.q, H.e_v, eqs.data)
-        else:
-            apart = APART * work.rate[0]
-            work.v[j] += apart * work.size[j]
-        if differentiate(eqs, c.t, c, work, H.e_v) != OK:
-            return False
-        for i in range(n):
-            slope = (H.e_v[i] - H.e_q[i]) / (apart * work.size[i])
-            if not np.isfinite(slope):
-                return False
-            if k < n:
-                H.a_q[i, j] = slope
-            else:
-                H.a_v[i, j] = slope
-    c.known, c.fresh, c.rate = 1, 1, 0.0
-    return True
-
-
-@kernel
-def place_stages(eqs: Any, h: float, c: Any, H: Any, work: Any) -> float:
-    """Positions of the stages, from their velocities; return the square of how far they went, in tolerances.
-
-    Quaternions take N from where they were: they come nearer with every correction, as Newton's matrix lets them.
-    """
-    nq, n = H.q.shape[0], H.v.shape[0]
-    for s in range(STAGES):
-        if nq == n:
-            for i in range(n):
-                H.N[s, i] = H.v[i] + H.Z[s, i]
-        else:
-            for i in range(n):
-                work.v[i] = H.v[i] + H.Z[s, i]
-            eqs.dynamics(c.t + NODES[s] * h, H.Q[s], work.v, eqs.data, eqs.terms)
-            for i in range(nq):
-                H.N[s, i] = eqs.terms.qdot[i]
-    square = 0.0
-    for s in range(STAGES):
-        for i in range(nq):
-            total = 0.0
-            for k in range(STAGES):
-                total += A[s, k] * H.N[k, i]
-            total = H.q[i] + h * total
-            square += ((total - H.Q[s, i]) / H.exact[i]) ** 2
-            H.Q[s, i] = total
-    return square / STAGES
-
-
-@kernel
-def solve_stages(eqs: Any, h: float, c: Any, o: Any, H: Any, work: Any) -> int:
-    """Solve for the stages of a step of h from (H.q, H.v) with the factors at hand; ``c.rate`` tells how it went."""
-    nq, n = H.q.shape[0], H.v.shape[0]
-    goes_on = c.follows == 1 and h <= LONGEST * c.hold  # farther out a polynomial is no guess
-    for s in range(STAGES):
-        for i in range(n):
-            if not goes_on:
-                H.Z[s, i] = NODES[s] * h * H.a[i]
-        for i in range(nq):
-            H.Q[s, i] = H.q[i] + NODES[s] * h * H.qdot[i]
-    if goes_on:
-        extrapolate(h, H)
-    place_stages(eqs, h, c, H, work)
-    before, rate = 0.0, 0.0
-    for k in range(CORRECTIONS):
-        for s in range(STAGES):
-            at = c.t + NODES[s] * h
-            for i in range(nq):
-                work.q[i] = H.Q[s, i]
-            for i in range(n):
-                work.v[i] = H.v[i] + H.Z[s, i]
-            code = differentiate(eqs, at, c, work, work.slope)
-            if code != OK:
-                return code
-            H.P[s] = power(eqs, at, c, o, work, work.slope)
-            for i in range(n):
-                H.F[s, i] = work.slope[i]
-        size = np.sqrt(correct_stages(h, H, work.size) + place_stages(eqs, h, c, H, work))
-        if not size < np.inf:
-            return NOT_FINITE
-        if size <= ROUNDING * o.exact:
-            return OK
-        if k > 0:
-            rate = size / before if k == 1 else np.sqrt(rate * size / before)
-            if rate >= 1.0 or size * rate ** (CORRECTIONS - 1 - k) > o.exact * (1.0 - rate):
-                c.rate = 1.0
-                return COLLAPSED
-            c.rate = rate
-        if k > 0 and size * rate <= o.exact * (1.0 - rate):
-            return OK
-        before = size
-    return COLLAPSED
 
 
 @inlined

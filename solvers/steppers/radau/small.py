@@ -51,8 +51,7 @@ class RadauStepper(ClosedStepper):
         return self._memory.control
 
     def _limit(self, longest: float) -> None:
-        if longest != self._settings["max_step"][0]:
-            self._settings["max_step"] = longest
+        self._settings["max_step"] = longest
 
     def restart(self) -> None:
         """Begin anew at the reported state, with nothing of what was known of it."""
