@@ -11,6 +11,8 @@ from __future__ import annotations
 
 import dis
 from collections.abc import Callable
+from functools import lru_cache
+from types import CodeType
 from typing import Any, TypeVar, cast
 
 import numba
@@ -82,4 +84,9 @@ def is_kernel(function: Any) -> bool:
 def raises(function: Any) -> bool:
     """Whether a kernel, or a function to be made one, has a ``raise`` or an ``assert`` in it."""
     code = getattr(getattr(function, "py_func", function), "__code__", None)
-    return code is not None and any(step.opname == "RAISE_VARARGS" for step in dis.get_instructions(code))
+    return code is not None and _has_raise(code)
+
+
+@lru_cache(maxsize=1024)  # a sheet asks for the same few kernels hundreds of times
+def _has_raise(code: CodeType) -> bool:
+    return any(step.opname == "RAISE_VARARGS" for step in dis.get_instructions(code))
