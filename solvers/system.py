@@ -214,6 +214,8 @@ class Tangent(Protocol):
     K is the derivative of h + J^T lambda.
     """
 
+    factored: int  # how often: who keeps factors must see whether they are still his
+
     def factor(self, c1: float, c2: float, weight: Array | None = None) -> bool:
         """Assemble and factor T, or T + J^T weight J, at the last :attr:`TreeSystem.inverse`; False where singular."""
 

@@ -6,18 +6,22 @@ With i the neighbor inward of block k, and c its neighbors outward, whose matric
     D_i <- D_i - L_k (D_k^-1 U_k),    pivoting inside a diagonal block
 
 A path of blocks is a block-tridiagonal matrix. The elimination is stable where the diagonal blocks stay well
-conditioned. Blocks may differ in size.
+conditioned. Blocks may differ in size. They are factored by LAPACK; what is solved with the factors, far more often, is
+one kernel.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 from threadpoolctl import ThreadpoolController
 
+from solvers.compiled.held import hold
+from solvers.compiled.kernel import inlined, kernel
 from solvers.system import Array
 
 _threads = ThreadpoolController()
@@ -28,45 +32,114 @@ def one_thread() -> Any:
     return _threads.limit(limits=1, user_api="blas")
 
 
-class BlockTree:
-    """Factors of a matrix whose blocks are given outer ones first."""
+class Factors(NamedTuple):
+    """Factors of all blocks, one after the other; matrices by columns, along which the loops run."""
 
-    def __init__(self) -> None:
-        self._factors: list[tuple[Array, NDArray[np.int32]]] = []
-        self._right: list[Array] = []  # D_k^-1 U_k
-        self._left: list[Array] = []  # L_k, in the rows of the neighbor inward
-        self._inward: list[int] = []
+    inward: NDArray[np.int64]  # (blocks,) the neighbor inward; -1: none
+    first: NDArray[np.int64]  # (blocks + 1,) its first unknown
+    at: NDArray[np.int64]  # (blocks + 1,) where its LU begins, n_k^2 entries
+    tied: NDArray[np.int64]  # (blocks + 1,) where its right and left begin, n_k n_i entries each
+    lu: Array  # P D_k = L U
+    pivots: NDArray[np.int64]  # (unknowns,) which row each is exchanged with, counted in its block
+    right: Array  # D_k^-1 U_k (n_k, n_i)
+    left: Array  # L_k (n_i, n_k)
+
+
+@inlined
+def subtract(a: float, columns: Any, at: int, begin: int, end: int, y: Any, offset: int) -> None:
+    """y[offset + i] -= a columns[at + i] for i from ``begin`` to before ``end``."""
+    column, out = columns[at : at + end], y[offset : offset + end]
+    for i in range(begin, end):
+        out[i] -= a * column[i]
+
+
+@kernel
+def solve_block(B: Any, k: int, x: Any) -> None:
+    """x_k <- D_k^-1 x_k."""
+    first, n, at = B.first[k], B.first[k + 1] - B.first[k], B.at[k]
+    for i in range(n):
+        other = B.pivots[first + i]
+        x[first + i], x[first + other] = x[first + other], x[first + i]
+    for j in range(n):
+        subtract(x[first + j], B.lu, at + j * n, j + 1, n, x, first)
+    for back in range(n):
+        j = n - 1 - back
+        x[first + j] /= B.lu[at + j * n + j]
+        subtract(x[first + j], B.lu, at + j * n, 0, j, x, first)
+
+
+@kernel
+def solve_blocks(B: Any, x: Any) -> None:
+    """x (unknowns,) <- the solution for the right-hand side x."""
+    blocks = B.inward.shape[0]
+    for k in range(blocks):
+        solve_block(B, k, x)
+        inner, first = B.inward[k], B.first[k]
+        if inner >= 0:
+            to, size = B.first[inner], B.first[inner + 1] - B.first[inner]
+            for j in range(B.first[k + 1] - first):
+                subtract(x[first + j], B.left, B.tied[k] + j * size, 0, size, x, to)
+    for back in range(blocks):
+        k = blocks - 1 - back
+        inner, first = B.inward[k], B.first[k]
+        if inner >= 0:
+            begin, n = B.first[inner], B.first[k + 1] - first
+            for j in range(B.first[inner + 1] - begin):
+                subtract(x[begin + j], B.right, B.tied[k] + j * n, 0, n, x, first)
+
+
+class BlockTree:
+    """Factors of a matrix whose blocks are given outer ones first.
+
+    Parameters
+    ----------
+    sizes
+        Rows of every block.
+    inward
+        Of every block its neighbor inward, by number, a later one; -1: there is none.
+
+    Attributes
+    ----------
+    factors
+        What :func:`solve_blocks` takes, held.
+    """
+
+    def __init__(self, sizes: Sequence[int], inward: Sequence[int]) -> None:
+        n = np.array([*sizes, 0], np.int64)  # the last one stands for no neighbor
+        inner = np.array(inward, np.int64)
+        starts = [np.concatenate(([0], np.cumsum(counts))) for counts in (n[:-1], n[:-1] ** 2, n[:-1] * n[inner])]
+        first, at, tied = (start.astype(np.int64) for start in starts)
+        self._factors = Factors(
+            inner, first, at, tied,
+            np.zeros(at[-1]), np.zeros(first[-1], np.int64), np.zeros(tied[-1]), np.zeros(tied[-1]),
+        )  # fmt: skip
+        self.factors = hold(self._factors)
+        self.begin()
+
+    def begin(self) -> None:
+        """Forget what has been factored: the first block is next."""
+        self._done = 0
         self._carried: dict[int, Array] = {}  # sum of L_k D_k^-1 U_k, by the neighbor inward
 
-    def append(self, D: Array, U: Array, L: Array, inward: int) -> bool:
+    def append(self, D: Array, U: Array, L: Array) -> bool:
         """Eliminate the next block: D (n, n), U (n, n') to the one inward, L (n', n) from it; False where singular.
 
-        ``inward`` is that block's number, counted as they are appended; -1: there is none, U and L are empty. ``D`` is
-        overwritten.
+        U and L are empty where there is none.
         """
-        carried = self._carried.pop(len(self._factors), None)
+        F, k = self._factors, self._done
+        carried = self._carried.pop(k, None)
         if carried is not None:
             D -= carried
-        lu, pivots, info = lapack.dgetrf(D, overwrite_a=1) if D.size else (D, np.zeros(0, np.int32), 0)
-        if info != 0:
-            return False
-        right = lapack.dgetrs(lu, pivots, U)[0] if U.size else U
-        self._factors.append((lu, pivots))
-        self._right.append(right)
-        self._left.append(L)
-        self._inward.append(inward)
-        if inward >= 0:
-            self._carried[inward] = L @ right + self._carried.get(inward, 0.0)
+        if D.size:
+            lu, pivots, info = lapack.dgetrf(D)
+            if info != 0:
+                return False
+            F.lu[F.at[k] : F.at[k + 1]] = lu.T.reshape(-1)
+            F.pivots[F.first[k] : F.first[k + 1]] = pivots
+        if U.size:
+            right, _ = lapack.dgetrs(lu, pivots, U)
+            own, inner = slice(F.tied[k], F.tied[k + 1]), int(F.inward[k])
+            F.right[own], F.left[own] = right.T.reshape(-1), L.T.reshape(-1)
+            self._carried[inner] = L @ right + self._carried.get(inner, 0.0)
+        self._done += 1
         return True
-
-    def solve(self, parts: list[Array]) -> list[Array]:
-        """Return the solution for right-hand sides (n_k,) or (n_k, columns)."""
-        x = list(parts)
-        for k, (lu, pivots) in enumerate(self._factors):
-            x[k], inward = lapack.dgetrs(lu, pivots, x[k])[0] if x[k].size else x[k], self._inward[k]
-            if inward >= 0:
-                x[inward] = x[inward] - self._left[k] @ x[k]
-        for k in range(len(x) - 1, -1, -1):
-            if self._inward[k] >= 0:
-                x[k] = x[k] - self._right[k] @ x[self._inward[k]]
-        return x

@@ -11,6 +11,7 @@ from solvers.system import LARGEST_DENSE, AnySystem, Array, TreeSystem
 
 from .adams.large import TreeAdamsStepper
 from .adams.small import AdamsLUStepper, AdamsStepper, HybridStepper
+from .esdirk.large import TreeESDIRKStepper
 from .radau.small import RadauStepper
 
 
@@ -37,9 +38,11 @@ SOLVERS: dict[str, Callable[..., Stepper]] = {  # on a system's matrices
 }
 LARGE: dict[str, Callable[..., Stepper]] = {  # on a tree's recursions, with constraints or without
     "ida": ida_large,
+    "esdirk": TreeESDIRKStepper,
 }
 # on those of a tree without constraints: there is nothing to partition
 UNTIED: dict[str, Callable[..., Stepper]] = dict.fromkeys(("adams", "hybrid", "adams-lu"), TreeAdamsStepper)
+NAMES = tuple(dict.fromkeys((*SOLVERS, *LARGE)))
 
 
 def stepper(name: str, system: AnySystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> Stepper:
@@ -48,10 +51,12 @@ def stepper(name: str, system: AnySystem, t0: float, q0: Array, v0: Array, optio
     A large tree is advanced by its recursions where the solver has a way to, else by its matrices. Raises ValueError
     where these would be too large, and for a name that is none.
     """
-    if name not in SOLVERS:
-        raise ValueError(f"there is no solver {name!r}; allowed: {', '.join(map(repr, SOLVERS))}")
+    if name not in NAMES:
+        raise ValueError(f"there is no solver {name!r}; allowed: {', '.join(map(repr, NAMES))}")
     given: tuple[Any, ...] = t0, q0, v0, options
     if not isinstance(system, TreeSystem):
+        if name not in SOLVERS:
+            raise ValueError(f"solver {name!r} is for large trees, but this system has its matrices; take 'radau'")
         name = name if system.n else "adams"  # IDA takes no empty system, and nothing is integrated
         return SOLVERS[name](system, *given)
     if name in LARGE:

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from mbfmu.mechanics.records import Arrays, State, complex_state
 from solvers.compiled.held import hold
-from solvers.linalg.blocks import BlockTree, one_thread
+from solvers.compiled.kernel import kernel
+from solvers.linalg.blocks import BlockTree, one_thread, solve_blocks
 from solvers.system import Array
 
 from .filling import fill
@@ -41,6 +42,29 @@ class Scratch(NamedTuple):
     along: Array  # (nv,) stiffness of forces along joint coordinates
 
 
+class Unknowns(NamedTuple):
+    """The rows of all groups, and those of them that are solved for."""
+
+    base: NDArray[np.int64]  # (groups + 1,) first row of each
+    rows: NDArray[np.int64]  # (unknowns,) those that stay after folding
+    x: Array  # (unknowns,)
+    dual: Array  # (nv, 6) dual bases of all joints
+    motions: Array  # (nb, 6)
+
+
+@kernel
+def solve(r: Any, L: Any, arrays: Any, state: Any, factors: Any, s: Any, b: Any, dq: Any) -> None:
+    """dq (n, columns) with T dq = r; b (rows, columns) is zero, and used up."""
+    spread_load(r, s.base, L, arrays, state, s.dual, b)
+    for c in range(r.shape[1]):
+        for i in range(s.rows.shape[0]):
+            s.x[i] = b[s.rows[i], c]
+        solve_blocks(factors, s.x)
+        for i in range(s.rows.shape[0]):
+            b[s.rows[i], c] = s.x[i]
+        gather_motion(b, c, s.base, L, arrays, state, s.dual, s.motions, dq)
+
+
 class Tangent:
     """T of one mechanism, factored and solved as often as wanted.
 
@@ -52,7 +76,14 @@ class Tangent:
         Of all bodies.
     acting
         The loads.
+
+    Attributes
+    ----------
+    factored
+        How often: who keeps factors must see whether they are still his.
     """
+
+    factored = 0
 
     def __init__(self, arrays: Arrays, state: State, groups: Groups, acting: Sequence[Acting]) -> None:
         self._moving = state
@@ -75,10 +106,13 @@ class Tangent:
             weight=z(int(arrays.kept.max(initial=-1)) + 1),
             along=z(len(state.v)),
         )
-        self._base = np.concatenate(([0], np.cumsum(self._sizes)))
+        base = np.concatenate(([0], np.cumsum(self._sizes))).astype(np.int64)
+        rows = np.concatenate([np.zeros(0, np.int64), *(at + own for at, own in zip(base, self._kept, strict=False))])
         nv = int((arrays.bodies["nv"]).sum())
         self._dual = z((nv, 6))
-        self._motions = z((len(arrays.bodies), 6))
+        self._rows = int(base[-1])
+        self._tree = BlockTree([len(own) for own in self._kept], inward)
+        self._unknowns = hold(Unknowns(base, rows, z(len(rows)), self._dual, z((len(arrays.bodies), 6))))
         self._state = State(*(array.copy() for array in state))
         self._held = tuple(map(hold, (arrays, self._state, self.layout, self._scratch)))
         own = state._replace(S=state.S[:0], U=state.U[:0], D=state.D[:0])
@@ -86,7 +120,6 @@ class Tangent:
             own = own._replace(bodies=state.bodies[:0])  # no complex step moves any
         self._steps = complex_state(own)
         self._twin = hold(self._steps)
-        self._factors = BlockTree()
 
     def factor(self, c1: float, c2: float, weight: Array | None = None) -> bool:
         """Assemble and factor T at the state of the last inverse dynamics; False where it is singular.
@@ -104,7 +137,8 @@ class Tangent:
             own[...] = given
         self._steps.q[:], self._steps.v[:] = self._state.q, self._state.v
         along_joints(c1, L, arrays, state, twin, scratch.along)
-        self._factors = BlockTree()
+        self._tree.begin()
+        self.factored += 1
         carried: dict[int, Array] = {}  # what groups have added to their neighbor's own rows
         for group, size in enumerate(self._sizes):
             inner = int(self.layout.inward[group])
@@ -133,23 +167,16 @@ class Tangent:
                 fold(lower, 0, inner, L, arrays, state)
                 U = right.T[np.ix_(kept[group], kept[inner])]
                 below = lower[np.ix_(kept[inner], kept[group])]
-            if not self._factors.append(D, U, below, inner):
+            if not self._tree.append(D, U, below):
                 return False
         return True
 
     def solve(self, r: Array) -> Array:
         """Return dq with T dq = r, both (n,) or (n, columns), by the last factors."""
         columns = np.ascontiguousarray(r.reshape(len(r), -1))
-        (arrays, state, L, _), b = self._held, np.zeros((int(self._base[-1]), columns.shape[1]))
-        spread_load(columns, self._base, L, arrays, state, self._dual, b)
-        parts = [b[base + rows] for base, rows in zip(self._base, self._kept, strict=False)]
-        with one_thread():
-            solution = self._factors.solve(parts)
-        for base, rows, x in zip(self._base, self._kept, solution, strict=False):
-            b[base + rows] = x
+        (arrays, state, L, _), b = self._held, np.zeros((self._rows, columns.shape[1]))
         dq = np.zeros(columns.shape)
-        for c in range(columns.shape[1]):
-            gather_motion(b, c, self._base, L, arrays, state, self._dual, self._motions, dq)
+        solve(columns, L, arrays, state, self._tree.factors, self._unknowns, b, dq)
         return dq.reshape(r.shape)
 
     def inertia(self, a: Array) -> Array:

@@ -1,0 +1,318 @@
+"""ESDIRK3(2) for q' = N(q) v, M v' + h = 0: its coefficients, its stages, its error, and what lies between two steps.
+
+The method is the implicit one of ARK3(2)4L[2]SA (Kennedy, Carpenter, Appl. Numer. Math. 44, 2003): four stages, the
+first explicit, L-stable, stiffly accurate: the last stage is where the step ends, and its slopes are the next step's
+first. With Q_j = N v and A_j = v' in stage j, stage i is at
+
+    q_i = q_e + h gamma Q_i,    v_i = v_e + h gamma A_i,    q_e = q + h sum_j<i a_ij Q_j,    v_e likewise.
+
+Newton moves q_i alone: v_i and A_i follow from it, and where q is an angle or a length c = 1 / (h gamma) makes
+dv = c dq, dA = c^2 dq, so that T = c^2 M + c D + K takes the residual's place. A unit quaternion u stands for the
+position q_i = (u . q_e) u, whose slope is normal to it: the motion is extended to quaternions of any length by taking
+the direction alone, which leaves q' = N(q) v and its order as they are.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solvers.compiled.kernel import inlined, kernel, records
+from solvers.ledger import FIELDS, SLIP, due, look
+from solvers.system import Array, TreeSystem
+
+GAMMA = 1767732205903 / 4055673282236
+STAGES = 4
+C = np.array([0.0, 2.0 * GAMMA, 0.6, 1.0])
+B = np.array(
+    [
+        1471266399579 / 7840856788654,
+        -4482444167858 / 7529755066697,
+        11266239266428 / 11593286722821,
+        GAMMA,
+    ]
+)
+A = np.array(
+    [
+        [0.0, 0.0, 0.0, 0.0],
+        [GAMMA, GAMMA, 0.0, 0.0],
+        [2746238789719 / 10658868560708, -640167445237 / 6845629431997, GAMMA, 0.0],
+        B,
+    ]
+)
+LOWER = np.array(  # weights of order 2
+    [
+        2756255671327 / 12835298489170,
+        -10771552573575 / 22201958757719,
+        9247589265047 / 10645013368117,
+        2193209047091 / 5459859503100,
+    ]
+)
+CONTROL = np.dtype(
+    [
+        *FIELDS,
+        ("t", "f8"), ("h", "f8"), ("hold", "f8"),  # s: where it stands, the next step, the last one
+        ("error", "f8"), ("before", "f8"),  # of the last step, and its length, s; 0: there is none
+        ("start", "i8"),  # 1: the slopes are to be taken anew
+        ("ends", "i8"),  # so many steps are yet to end at the time asked for
+        ("c", "f8"), ("at", "f8"),  # 1/s, s: of which T, taken when, the factors are; c = 0: there are none
+        ("work", "f8"),  # J
+        ("steps", "i8"), ("rejected", "i8"), ("evaluations", "i8"), ("starts", "i8"),
+    ],
+    align=True,
+)  # fmt: skip
+
+
+class Memory(NamedTuple):
+    """All there is to go on from; where the last step ended, and how."""
+
+    control: NDArray[Any]  # (1,)
+    q: Array  # (nq,)
+    v: Array  # (n,)
+    lam: Array  # (m,)
+    Q: Array  # (STAGES, nq) slopes; before a step, the first row
+    A: Array  # (STAGES, n)
+    P: Array  # (STAGES,) powers, W
+    q0: Array  # (nq,) where it began
+    slope0: Array  # (nq,)
+    slope: Array  # (nq,) where it ended
+    ends: Array  # (4,) W there, J, and its power, W, first where it began
+    factors: Array  # (nq + 2 n + m,) state, accelerations and multipliers the factors were taken at
+
+    @staticmethod
+    def allocate(nq: int, n: int, m: int) -> Memory:
+        """Return zeroed memory."""
+        sizes = nq, n, m, (STAGES, nq), (STAGES, n), STAGES, nq, nq, nq, 4, nq + 2 * n + m
+        return Memory(records(1, CONTROL), *(np.zeros(size) for size in sizes))
+
+
+class Stage(NamedTuple):
+    """The stage that is being solved, and scratch."""
+
+    q: Array  # (nq,) quaternions of unit length
+    v: Array  # (n,)
+    a: Array  # (n,)
+    lam: Array  # (m,)
+    slope: Array  # (nq,)
+    qe: Array  # (nq,)
+    ve: Array  # (n,)
+    tau: Array  # (n,) M a + h + J^T lambda
+    qdot: Array  # (nq,)
+    turn: Array  # (n,)
+    tol: Array  # (n,) of positions, as motions
+    zero: Array  # (n,)
+    none: Array  # (m,)
+    in_q: NDArray[np.int64]  # (k,) where positions are no quaternions, in q and in v
+    in_v: NDArray[np.int64]
+    turning: NDArray[np.int64]  # (k, 2) first place of each quaternion in q, of its angular velocity in v
+
+    @staticmethod
+    def of(system: TreeSystem) -> Stage:
+        """Return zeroed scratch for a system."""
+        nq, n, m = system.nq, system.n, system.m
+        arrays = (np.zeros(k) for k in (nq, n, n, m, nq, nq, n, n, nq, n, n, n, m))
+        return Stage(*arrays, *system.plain, np.array(system.quaternions, np.int64).reshape(-1, 2))
+
+
+@inlined
+def quaternion_slope(q: Any, i: int, v: Any, j: int, out: Any) -> None:
+    """out[i:] <- e o (0, w) / 2 of the quaternion e = q[i:] and the angular velocity w = v[j:], body axes."""
+    w, x, y, z = q[i], q[i + 1], q[i + 2], q[i + 3]
+    a, b, c = 0.5 * v[j], 0.5 * v[j + 1], 0.5 * v[j + 2]
+    out[i] = -x * a - y * b - z * c
+    out[i + 1] = w * a - z * b + y * c
+    out[i + 2] = z * a + w * b - x * c
+    out[i + 3] = -y * a + x * b + w * c
+
+
+@inlined
+def angular_velocity(q: Any, i: int, slope: Any, scale: float, v: Any, j: int) -> None:
+    """v[j:] <- scale times the w of :func:`quaternion_slope`, q[i:] of unit length."""
+    w, x, y, z = q[i], q[i + 1], q[i + 2], q[i + 3]
+    a, b, c, d = slope[i], slope[i + 1], slope[i + 2], slope[i + 3]
+    v[j] = 2.0 * scale * (-x * a + w * b + z * c - y * d)
+    v[j + 1] = 2.0 * scale * (-y * a - z * b + w * c + x * d)
+    v[j + 2] = 2.0 * scale * (-z * a + y * b - x * c + w * d)
+
+
+@kernel
+def as_motion(q: Any, slope: Any, s: Any, v: Any) -> None:
+    """v (n,) with N v = slope, as far as there is one."""
+    for k in range(s.in_q.shape[0]):
+        v[s.in_v[k]] = slope[s.in_q[k]]
+    for k in range(s.turning.shape[0]):
+        angular_velocity(q, s.turning[k, 0], slope, 1.0, v, s.turning[k, 1])
+
+
+@kernel
+def as_slope(q: Any, v: Any, s: Any, slope: Any) -> None:
+    """slope (nq,) = N v."""
+    for k in range(s.in_q.shape[0]):
+        slope[s.in_q[k]] = v[s.in_v[k]]
+    for k in range(s.turning.shape[0]):
+        quaternion_slope(q, s.turning[k, 0], v, s.turning[k, 1], slope)
+
+
+@kernel
+def begin_stage(eqs: Any, i: int, h: float, M: Any, s: Any) -> None:
+    """q_e and v_e of stage i, and a first guess from the stage before it: on at its velocity.
+
+    What v' says of the unresolved modes would throw the guess far off.
+    """
+    for k in range(s.q.shape[0]):
+        s.qe[k] = M.q[k]
+    for k in range(s.v.shape[0]):
+        s.ve[k] = M.v[k]
+        s.turn[k] = (C[i] - C[i - 1]) * h * s.v[k]
+    for j in range(i):
+        a = h * A[i, j]
+        for k in range(s.q.shape[0]):
+            s.qe[k] += a * M.Q[j, k]
+        for k in range(s.v.shape[0]):
+            s.ve[k] += a * M.A[j, k]
+    eqs.retract(s.q, s.turn, eqs.data)
+
+
+@kernel
+def rates(c: float, s: Any) -> None:
+    """Slope, v and v' of the stage at s.q, c = 1 / (h gamma)."""
+    for k in range(s.in_q.shape[0]):
+        i = s.in_q[k]
+        s.slope[i] = c * (s.q[i] - s.qe[i])
+        s.v[s.in_v[k]] = s.slope[i]
+    for k in range(s.turning.shape[0]):
+        first = s.turning[k, 0]
+        size = 0.0
+        for i in range(first, first + 4):
+            size += s.q[i] * s.qe[i]
+        for i in range(first, first + 4):
+            s.slope[i] = c * (size * s.q[i] - s.qe[i])
+        angular_velocity(s.q, first, s.slope, 1.0 / size, s.v, s.turning[k, 1])
+    for k in range(s.v.shape[0]):
+        s.a[k] = c * (s.v[k] - s.ve[k])
+
+
+@kernel
+def residual(eqs: Any, t: float, c: float, s: Any) -> bool:
+    """s.tau of the stage at s.q; False where it is not finite."""
+    rates(c, s)
+    eqs.inverse(t, s.q, s.v, s.a, s.lam, eqs.data, s.qdot, s.tau)
+    finite = True
+    for k in range(s.tau.shape[0]):
+        finite = finite and np.isfinite(s.tau[k])
+    return finite
+
+
+@kernel
+def correct(eqs: Any, dq: Any, dlam: Any, s: Any) -> float:
+    """Move the stage by -dq and -dlam; return the size of dq in tolerances."""
+    for k in range(s.v.shape[0]):
+        s.turn[k] = -dq[k]
+    for k in range(s.lam.shape[0]):
+        s.lam[k] -= dlam[k]
+    eqs.retract(s.q, s.turn, eqs.data)
+    return size_of(dq, s)
+
+
+@kernel
+def size_of(dq: Any, s: Any) -> float:
+    """Root of the mean square of dq (n,) in tolerances."""
+    total = 0.0
+    for k in range(dq.shape[0]):
+        total += (dq[k] / s.tol[k]) ** 2
+    return np.sqrt(total / max(1, dq.shape[0]))
+
+
+@kernel
+def end_stage(eqs: Any, i: int, t: float, c: float, works: int, M: Any, s: Any) -> None:
+    """Keep the slopes of stage i, and its power."""
+    rates(c, s)
+    for k in range(s.slope.shape[0]):
+        M.Q[i, k] = s.slope[k]
+    for k in range(s.a.shape[0]):
+        M.A[i, k] = s.a[k]
+    M.P[i] = eqs.power(t, s.q, s.v, s.a, s.lam, eqs.data) if works == 1 else 0.0
+
+
+@kernel
+def error_of_step(h: float, M: Any, s: Any) -> None:
+    """s.turn <- what formulas of order 3 and 2 differ by in the positions, as a motion."""
+    for k in range(s.slope.shape[0]):
+        s.slope[k] = 0.0
+        for j in range(STAGES):
+            s.slope[k] += h * (B[j] - LOWER[j]) * M.Q[j, k]
+    as_motion(s.q, s.slope, s, s.turn)
+
+
+@kernel
+def begin_motion(eqs: Any, t: float, works: int, M: Any, s: Any) -> None:
+    """Take slope and power at (M.q, M.v), whose accelerations and multipliers are M.A[0] and M.lam."""
+    as_slope(M.q, M.v, s, M.Q[0])
+    M.P[0] = 0.0
+    if works == 1:
+        eqs.inverse(t, M.q, M.v, M.A[0], M.lam, eqs.data, s.qdot, s.tau)
+        M.P[0] = eqs.power(t, M.q, M.v, M.A[0], M.lam, eqs.data)
+
+
+@kernel
+def accept(h: float, after: float, M: Any, s: Any) -> None:
+    """Go on from (s.q, s.v), where the step of h has ended."""
+    c = M.control[0]
+    done, slip = 0.0, 0.0
+    for j in range(STAGES):
+        done += h * B[j] * M.P[j]
+        slip += h * (B[j] - LOWER[j]) * M.P[j]
+    c.through += abs(done)
+    c.stray += c.exposure + SLIP * abs(slip)
+    M.ends[0], M.ends[1], M.ends[2], M.ends[3] = c.work, c.work + done, M.P[0], M.P[STAGES - 1]
+    c.work, M.P[0] = c.work + done, M.P[STAGES - 1]
+    for k in range(s.q.shape[0]):
+        M.q0[k], M.slope0[k], M.q[k] = M.q[k], M.Q[0, k], s.q[k]
+    as_slope(s.q, s.v, s, M.slope)
+    for k in range(s.q.shape[0]):
+        M.Q[0, k] = M.slope[k]
+    for k in range(s.v.shape[0]):
+        M.v[k], M.A[0, k] = s.v[k], M.A[STAGES - 1, k]
+    for k in range(s.lam.shape[0]):
+        M.lam[k] = s.lam[k]
+    c.t, c.hold = after, h
+    c.steps += 1
+
+
+@kernel
+def look_around(eqs: Any, M: Any, s: Any, scales: Any) -> None:
+    """Book the energy where the last step ended, at the cost of an inverse dynamics; see :mod:`solvers.ledger`."""
+    c = M.control[0]
+    if due(c):
+        eqs.inverse(c.t, M.q, M.v, s.zero, s.none, eqs.data, s.qdot, s.tau)
+        look(eqs.exposure, eqs.data, c, scales)
+
+
+@kernel
+def interpolate(t: float, M: Any, s: Any, q: Any, v: Any) -> float:
+    """Put into (q, v) the motion at t in the last step: cubic through the positions and slopes at its ends.
+
+    Its velocity is the cubic's own; accelerations would bring in the unresolved modes. Returns W there.
+    """
+    c = M.control[0]
+    h = c.hold
+    x = 1.0 + (t - c.t) / h
+    for k in range(q.shape[0]):
+        rise = M.q[k] - M.q0[k]
+        bend, skew = 3.0 * rise - h * (2.0 * M.slope0[k] + M.slope[k]), h * (M.slope0[k] + M.slope[k]) - 2.0 * rise
+        q[k] = M.q0[k] + x * (h * M.slope0[k] + x * (bend + x * skew))
+        s.slope[k] = M.slope0[k] + x * (2.0 * bend + 3.0 * x * skew) / h
+    for k in range(s.turning.shape[0]):
+        first, square = s.turning[k, 0], 0.0
+        for i in range(first, first + 4):
+            square += q[i] * q[i]
+        for i in range(first, first + 4):
+            q[i] /= np.sqrt(square)
+            s.slope[i] /= np.sqrt(square)
+    as_motion(q, s.slope, s, v)
+    begin, end, p0, p = M.ends[0], M.ends[1], M.ends[2], M.ends[3]
+    rise = end - begin
+    bend, skew = 3.0 * rise - h * (2.0 * p0 + p), h * (p0 + p) - 2.0 * rise
+    return begin + x * (h * p0 + x * (bend + x * skew))

@@ -1,0 +1,312 @@
+"""ESDIRK3(2) on a large tree: 'esdirk'; the method is in :mod:`.formulas`.
+
+For meshes of plates and beams, whose fastest modes an explicit method must follow and this one damps. Newton's matrix
+is the structured tangent, factored where the steps change or where corrections fall slowly, and kept over steps, times
+asked for and jumps of the loads. Cut joints are held in every stage, with the tree's saddle system; where a step ends
+its rates are brought onto them too.
+
+Positions alone are controlled: their error is filtered by (c^2 M + c D + K)^-1 c^2 M, which leaves out of it what the
+method damps. A step is kept as long as the last one unless it must be shorter or may be twice as long, since another
+length needs other factors.
+
+A step may pass the time asked for, and is interpolated. After a jump of the loads the next ones end there: what a step
+needs of the one before it are its accelerations alone.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solvers.compiled.held import hold
+from solvers.ledger import WORK, Scales, look_anew, report
+from solvers.linalg.blocks import one_thread
+from solvers.options import Options, Statistics
+from solvers.outcome import Code
+from solvers.projection.saddle import Accelerations, Saddle, close, rate_of_motion
+from solvers.stepper import Stepper, require_placed, require_resolved, sized
+from solvers.system import LARGEST_DENSE, Array, TreeSystem, audit_callbacks
+
+from .formulas import (
+    GAMMA,
+    STAGES,
+    C,
+    Memory,
+    Stage,
+    accept,
+    begin_motion,
+    begin_stage,
+    correct,
+    end_stage,
+    error_of_step,
+    interpolate,
+    look_around,
+    residual,
+    size_of,
+)
+
+RATE = 150.0  # what is said of a rate's tolerance, to that of its coordinate, in units of the motion's rate: none has one
+FIRST = 1e-2  # first step, in units of one over the rate of the motion
+EXACT = 0.05  # tolerances that Newton may leave of a stage: it has one sign in many steps, and adds up
+SLOW, TOO_SLOW = 0.4, 0.9  # rate of the corrections that calls for new factors, and that ends the stage
+UNSEEN = 0.5  # that of a step's first correction
+ROUNDING = 1e-3  # tolerances: a correction that need not fall
+NEAR = 1e-3  # part by which 1 / (h gamma) may be off that of the factors
+MOST, RENEWALS = 12, 2  # corrections of a stage, and factors made on the way
+SAFETY, SHORTEST, LONGER, LONGEST = 0.9, 0.2, 2.0, 4.0  # of the next step in units of this one
+TINY = 1e-8  # an error, in tolerances, that lets it be as long as any
+SAME = 1e-9  # part of a step: nearer to its end is there
+STOPS = 12  # steps after a change of the loads that end where they are asked to: another change is likely
+SMALLEST_STEP = 1e-11  # times the larger of t and one over the rate of the motion
+
+
+class Callbacks(NamedTuple):
+    """What the kernels call."""
+
+    inverse: Any
+    retract: Any
+    power: Any
+    exposure: Any
+    data: Any
+
+
+class TreeESDIRKStepper(Stepper):
+    """ESDIRK3(2) on a large tree."""
+
+    def __init__(self, system: TreeSystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
+        dense = ("adams", "hybrid") if system.n <= LARGEST_DENSE else ()
+        self.others = (*dense, "ida") if system.m else ("adams", "ida")
+        super().__init__(system, t0, q0, v0, options)
+        self.system, o = system, self.options
+        self._motion, self._saddle = Accelerations(system), Saddle(system)
+        self._memory, self._stage = Memory.allocate(system.nq, system.n, system.m), Stage.of(system)
+        self._c = self._memory.control[0]
+        self._held = hold(self._memory), hold(self._stage)
+        callbacks = system.inverse, system.retract, *audit_callbacks(system)
+        self._eqs = hold(Callbacks(*callbacks, system.held_data))
+        self._rate = rate_of_motion(self._motion, self._t, self._q, self._v)
+        require_resolved(self._t, self._rate, o.rtol)
+        require_placed(self._q, system.position_sizes(system.size), o.rtol)
+        self._absolute = o.absolute * system.size
+        rates = RATE * self._rate * self._absolute
+        self._scales = hold(Scales.of(o.rtol, self._absolute, rates, system.n))
+        self._works, self._longest = 0, np.inf
+        self._mine = -1  # how often the tangent had been factored when these factors were made
+        self.status = self._status(close(system, self._t, self._q, self._v))
+        self.restart()
+
+    def _advance(self, t: float) -> Code:
+        code, taken = Code.OK, 0
+        with one_thread():
+            while code is Code.OK and self._c["t"] < t:
+                if taken >= self.options.max_steps:
+                    code = Code.MAX_STEPS
+                    break
+                code = self._prepare() if self._c["start"] else Code.OK
+                code = self._step(t) if code is Code.OK else code
+                taken += 1
+            return self._report(t, code)
+
+    def _report(self, t: float, code: Code) -> Code:
+        """Make the motion at t the reported state, or on failure where the last step ended."""
+        c, M = self._c, self._memory
+        at, q, v, work = float(c["t"]), M.q.copy(), M.v.copy(), float(c["work"])
+        if code is Code.OK and t < at:
+            work = interpolate(t, *self._held, q, v)
+            code = close(self.system, t, q, v)
+            if code is not Code.OK:
+                return code
+            at = t
+        if at >= self._t:
+            self._t, self._q[:], self._v[:] = at, q, v
+            report(c, work, self._ledger)
+        return code
+
+    def _prepare(self) -> Code:
+        """Take accelerations where the next step begins."""
+        c, M = self._c, self._memory
+        code = self._motion.solve(float(c["t"]), M.q, M.v)
+        if code is Code.OK:
+            M.A[0], M.lam[:] = self._motion.a, self._motion.lam
+            begin_motion(self._eqs, float(c["t"]), self._works, *self._held)
+            self._look()
+            c["start"] = 0
+            c["starts"] += 1
+            if not c["h"] > 0.0:
+                c["h"] = FIRST / self._rate
+        return code
+
+    def _look(self) -> None:
+        if self.options.audit:
+            look_around(self._eqs, *self._held, self._scales)
+
+    def _step(self, target: float) -> Code:
+        """One accepted step, however often it has to be cut; or what made it too small."""
+        c, M, s = self._c, self._memory, self._stage
+        s.tol[:] = self._absolute
+        s.tol[s.in_v] += self.options.rtol * np.abs(M.q[s.in_q])
+        while True:
+            c["h"] = min(c["h"], self._longest)
+            h = self._stop_at(target) if c["ends"] else float(c["h"])
+            ends = bool(c["ends"]) and abs(target - c["t"] - h) <= SAME * h
+            after = target if ends else float(c["t"]) + h
+            code, error, rate = self._try(h, after)
+            if code is Code.OK and error <= 1.0:
+                break
+            c["rejected"] += 1
+            if code is Code.OK:
+                c["h"] = h * max(SHORTEST, SAFETY * error ** (-1.0 / 3.0))
+            else:
+                c["h"] = 0.5 * h
+            if not c["h"] > SMALLEST_STEP * max(1.0 / self._rate, abs(c["t"])):
+                return Code.COLLAPSED if code is Code.OK else code
+        whole, longer = h >= c["h"], self._longer(h, max(error, TINY))
+        c["error"], c["before"] = max(error, 1e-2), h
+        accept(h, after, *self._held)
+        self._look()
+        c["h"] = longer if whole else max(c["h"], longer)
+        c["ends"] = max(0, c["ends"] - 1)
+        if rate > SLOW:
+            c["c"] = 0.0
+        return Code.OK
+
+    def _longer(self, h: float, error: float) -> float:
+        """Return the length of the step after one of h, with a look at how the error has changed (Gustafsson)."""
+        c = self._c
+        factor = SAFETY * error ** (-1.0 / 3.0)
+        if c["before"] > 0.0:
+            factor = min(factor, SAFETY * h / c["before"] * (c["error"] / error**2) ** (1.0 / 3.0))
+        return h if 1.0 <= factor < LONGER else h * float(min(LONGEST, max(SHORTEST, factor)))
+
+    def _stop_at(self, target: float) -> float:
+        """Return the length of a step that is to end at ``target``, or half way where another would be shorter."""
+        left, h = target - float(self._c["t"]), float(self._c["h"])
+        if left * (1.0 - SAME) <= h:
+            return left
+        return 0.5 * left if left < 2.0 * h else h
+
+    def _try(self, h: float, after: float) -> tuple[Code, float, float]:
+        """Solve the stages of a step of h; return its error in tolerances, and the slowest rate of corrections."""
+        t, M, s, held = float(self._c["t"]), self._memory, self._stage, self._held
+        rate, slow, slowest = 1.0 / (GAMMA * h), UNSEEN, 0.0
+        if not self._factors_for(rate):
+            return Code.COLLAPSED, np.inf, np.inf
+        s.q[:], s.v[:], s.lam[:] = M.q, M.v, M.lam
+        for i in range(1, STAGES):
+            at = t + C[i] * h if i < STAGES - 1 else after
+            begin_stage(self._eqs, i, h, *held)
+            code, slow = self._solve_stage(at, rate, slow)
+            if code is not Code.OK:
+                return code, np.inf, np.inf
+            end_stage(self._eqs, i, at, rate, self._works, *held)
+            slowest = max(slowest, slow)
+        code = close(self.system, after, s.q, s.v)
+        error_of_step(h, *held)
+        error, _ = self._saddle.solve(rate**2 * self.system.tangent.inertia(s.turn), s.none)
+        return code, size_of(error, held[1]), slowest
+
+    def _solve_stage(self, t: float, rate: float, slow: float) -> tuple[Code, float]:
+        """Solve the stage that has been begun; return how fast corrections fall, ``slow`` where that was not seen.
+
+        Where they fall slowly, factors are made anew on the way.
+        """
+        s, held, terms, before, renewed = self._stage, self._held[1], self._saddle.terms, 0.0, 0
+        for k in range(MOST):
+            self._c["evaluations"] += 1
+            if not residual(self._eqs, t, rate, held):
+                return Code.NOT_FINITE, slow
+            if self.system.m:
+                self.system.fill_position(t, s.q, terms)
+            if k > 1 and slow > SLOW and renewed < RENEWALS:
+                renewed += 1
+                self._place_factors(t, rate, s.q, s.v, s.a, s.lam)
+                if not self._factor():
+                    return Code.COLLAPSED, slow
+            size = correct(self._eqs, *self._saddle.solve(s.tau, terms.Phi), held)
+            if not np.isfinite(size):
+                return Code.NOT_FINITE, slow
+            if k:
+                slow = size / before
+            if size <= ROUNDING or slow * size <= EXACT * (1.0 - slow):
+                return Code.OK, slow
+            if slow > TOO_SLOW and renewed == RENEWALS:
+                break
+            before = size
+        return Code.COLLAPSED, slow
+
+    def _place_factors(self, t: float, rate: float, q: Array, v: Array, a: Array, lam: Array) -> None:
+        """Note where factors are to be taken, and for which 1 / (h gamma) = ``rate``."""
+        self._c["c"], self._c["at"] = rate, t
+        self._memory.factors[:] = np.concatenate((q, v, a, lam))
+
+    def _factors_for(self, rate: float) -> bool:
+        """Have factors for 1 / (h gamma) = ``rate``, those there are if they are not far off; False: singular."""
+        c, M = self._c, self._memory
+        if abs(c["c"] - rate) > NEAR * rate:
+            self._place_factors(float(c["t"]), rate, M.q, M.v, M.A[0], M.lam)
+        elif self._mine == self.system.tangent.factored:
+            return True
+        q, v, a, lam = np.split(M.factors, np.cumsum((len(M.q), len(M.v), len(M.v))))
+        self._saddle.weigh(float(c["at"]), q)
+        self._saddle.residual(float(c["at"]), q, v, a, lam)
+        return self._factor()
+
+    def _factor(self) -> bool:
+        """Factor where the residual was taken last; False where T is singular."""
+        rate = float(self._c["c"])
+        good = self._saddle.factor(rate, rate**2)
+        self._mine = self.system.tangent.factored
+        if not good:
+            self._c["c"] = 0.0
+        return good
+
+    def _evaluate(self) -> tuple[Code, Array, Array]:
+        code = self._motion.solve(self._t, self._q, self._v)
+        return code, self._motion.a.copy(), self._motion.lam.copy()
+
+    def _limit(self, longest: float) -> None:
+        self._longest = longest
+
+    def restart(self) -> None:
+        """Begin anew at the reported state, with nothing of what was known of it."""
+        self._c["h"], self._c["c"] = 0.0, 0.0
+        self._begin(0)
+
+    def renew(self) -> None:
+        """Go on in steps that end at the time asked for: the next change may come there."""
+        self._begin(STOPS)
+
+    def _begin(self, ends: int) -> None:
+        c, M = self._c, self._memory
+        c["t"], c["start"], c["ends"], c["before"], c["work"] = self._t, 1, ends, 0.0, self._ledger[WORK]
+        self._works = int(self.options.audit and self.system.works())
+        look_anew(M.control)
+        M.q[:], M.v[:] = self._q, self._v
+
+    def jump(self, dv: Array) -> None:
+        """Add dv (n,) to the reported velocities, and go on as after :meth:`renew`."""
+        self._v += sized("dv", dv, self.system.n)
+        self.renew()
+
+    def _arrays(self) -> list[NDArray[Any]]:
+        return [*self._memory, self._reported, self._q, self._v, self._ledger]
+
+    def restore(self, data: bytes) -> None:
+        """Go back to where ``data`` was saved; factors are made anew from what they were made of."""
+        super().restore(data)
+        self._works, self._mine = int(self.options.audit and self.system.works()), -1
+
+    @property
+    def statistics(self) -> Statistics:
+        """What the run has cost so far."""
+        c = self._c
+        return Statistics(
+            steps=int(c["steps"]),
+            rejected=int(c["rejected"]),
+            rhs_evals=int(c["evaluations"]),
+            restarts=max(0, int(c["starts"]) - 1),
+            order=3,
+            step_size=float(c["hold"]),
+        )
