@@ -11,7 +11,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from mbfmu.errors import UserError
+from mbfmu.errors import UserError, writing
 from mbfmu.extras import optional
 from mbfmu.mechanics import Variable
 from mbfmu.model import suggest
@@ -138,7 +138,7 @@ class Result:
 
     def write_csv(self, path: Path | str) -> None:
         """Write time and outputs; the header names each with its unit."""
-        with Path(path).open("w", newline="") as file:
+        with writing(Path(path)), Path(path).open("w", newline="") as file:
             writer = csv.writer(file)
             writer.writerow(["time [s]", *(f"{v.name} [{v.unit}]" for v in self.variables)])
             for t, row in zip(self.t, self.values, strict=True):
@@ -149,7 +149,7 @@ class Result:
         told = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("t", "values")}
         told |= {"variables": [asdict(v) for v in self.variables], "statistics": asdict(self.statistics)}
         told["settings"] = asdict(self.settings) if self.settings else None
-        with Path(path).open("wb") as file:
+        with writing(Path(path)), Path(path).open("wb") as file:
             np.savez_compressed(file, t=self.t, values=self.values, told=json.dumps({"format": FORMAT} | told))
 
     @classmethod
@@ -164,6 +164,12 @@ class Result:
             told["variables"] = tuple(Variable(**v) for v in told["variables"])
             told["statistics"] = Statistics(**told["statistics"])
             told["settings"] = Settings(**told["settings"]) if told["settings"] else None
+            if (
+                t.ndim != 1
+                or values.shape != (len(t), len(told["variables"]))
+                or t.dtype.kind + values.dtype.kind != "ff"
+            ):
+                raise ValueError(f"times {t.shape} and values {values.shape} do not belong together")
             return cls(t, values, **told | {"remarks": tuple(told["remarks"])})
         except Exception as error:  # a file of another kind fails in any of these
             raise UserError(f"{str(path)!r} is no saved result: {error}") from error

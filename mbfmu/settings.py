@@ -7,7 +7,8 @@ from math import inf
 
 from mbfmu.errors import UserError
 from mbfmu.model import check, declared, parameter, span, suggest
-from solvers import SOLVERS, Options
+from solvers import Options
+from solvers.steppers import NAMES
 
 FINEST = 1e-15  # absolute tolerance: numbers of size one are no finer
 
@@ -19,7 +20,7 @@ class Settings:
     The relative tolerance is the absolute one too, in units of each coordinate, unless that is given.
     """
 
-    solver: str = parameter("ida", choices=tuple(SOLVERS), doc="method of integration")
+    solver: str = parameter("ida", choices=NAMES, doc="method of integration")
     tolerance: float = parameter(1e-6, min=1e-12, max=1e-2, doc="relative tolerance of the solver")
     absolute_tolerance: float = parameter(
         0.0, min=0.0, max=1.0, doc="absolute tolerance in units of each coordinate; 0: the relative one"
@@ -35,8 +36,8 @@ class Settings:
 
     def __post_init__(self) -> None:
         """Check the names and numbers; raises UserError."""
-        if not isinstance(self.solver, str) or self.solver not in SOLVERS:
-            raise UserError(f"solver is {self.solver!r}{suggest(str(self.solver), SOLVERS)}")
+        if not isinstance(self.solver, str) or self.solver not in NAMES:
+            raise UserError(f"solver is {self.solver!r}{suggest(str(self.solver), NAMES)}")
         for p in declared(Settings):
             try:
                 object.__setattr__(self, p.name, check("the settings", p, getattr(self, p.name)))

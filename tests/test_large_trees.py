@@ -55,7 +55,7 @@ def absolute(angles: Any, rates: Any) -> Any:
     return -np.linalg.solve(C * np.cos(difference), (C * np.sin(difference)) @ rates**2 + load)
 
 
-@pytest.mark.parametrize("solver", ["ida", "adams"])
+@pytest.mark.parametrize("solver", ["ida", "adams", "esdirk"])
 def test_accelerations_are_those_of_lagranges_equations(solver: str) -> None:
     simulation = Simulation(Links(), Settings(solver=solver))
     rng = np.random.default_rng(0)
@@ -85,7 +85,7 @@ def test_a_chain_falls_as_lagranges_equations_say() -> None:
     assert tight < 1e-3 ** (2.0 / 3.0) * 3.0 * loose
 
 
-@pytest.mark.parametrize("solver", ["ida", "adams", "hybrid", "adams-lu"])
+@pytest.mark.parametrize("solver", ["ida", "adams", "hybrid", "adams-lu", "esdirk"])
 def test_five_thousand_links_run_under_every_solver(solver: str) -> None:
     simulation = Simulation(Links(links=5000), Settings(solver=solver, tolerance=1e-4))
     energy = float(simulation.outputs()[0])
@@ -144,7 +144,7 @@ def test_numbers_out_of_all_proportion_end_in_a_message(stiffness: float) -> Non
         _ = EquilibriumProblem(Odd()).solve().stability
 
 
-@pytest.mark.parametrize("solver", ["ida", "adams", "hybrid", "adams-lu"])
+@pytest.mark.parametrize("solver", ["ida", "adams", "hybrid", "adams-lu", "esdirk"])
 def test_what_is_driven_alone_runs_under_every_solver(solver: str) -> None:
     class Driven(Model):
         name = "driven"

@@ -86,6 +86,31 @@ def test_a_result_is_saved_and_loaded_whole(result: mb.Result, tmp_path: Path) -
             mb.Result.load(tmp_path / "bad.npz")
 
 
+@pytest.mark.parametrize("change", [{"t": np.zeros(3)}, {"values": np.zeros(11)}, {"t": np.array(["a"] * 11)}])
+def test_arrays_that_do_not_belong_together_are_no_result(result: mb.Result, tmp_path: Path, change: Any) -> None:
+    result.save(tmp_path / "run.npz")
+    with np.load(tmp_path / "run.npz") as file:
+        arrays = dict(file) | change
+    np.savez(tmp_path / "bad.npz", **arrays)
+    with pytest.raises(mb.UserError, match=r"is no saved result: times .* do not belong together"):
+        mb.Result.load(tmp_path / "bad.npz")
+
+
+def test_where_nothing_can_be_written_is_said(result: mb.Result, tmp_path: Path) -> None:
+    for write in (result.save, result.write_csv):
+        for path in (tmp_path, tmp_path / "none" / "run.npz"):
+            with pytest.raises(mb.UserError, match="cannot be written"):
+                write(path)
+
+
+def test_what_moves_no_mass_is_not_linearized() -> None:
+    m = mb.Mechanism()
+    m.body("b", m.ground, mb.Planar(), mass=1.0)
+    for ask in (mb.linearize, mb.modes, lambda m: mb.equilibrium(m).stability):
+        with pytest.raises(mb.UserError, match=r"no inertia: coordinate\(s\) 'b.angle'"):
+            ask(m)
+
+
 def test_a_result_shows_itself(result: mb.Result) -> None:
     assert repr(result) == "<Result of mechanism, adams, tolerance 1e-8: 11 times from 0 to 1 s, 4 outputs>"
     page = result._repr_html_()

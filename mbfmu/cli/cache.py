@@ -10,8 +10,8 @@ from mbfmu.scene import load_scene
 from mbfmu.settings import Settings
 from mbfmu.simulation import Simulation
 from mbfmu.steady.problem import EquilibriumProblem
-from solvers import SOLVERS
 from solvers.compiled import cache
+from solvers.steppers import NAMES
 
 from .common import Commands, bar, tell_more
 from .completion import complete, scene_names
@@ -55,7 +55,7 @@ def command_cache(options: argparse.Namespace) -> int:
 def warm(references: list[str], options: argparse.Namespace) -> None:
     """Start every model under every solver that it can have, look for a steady state, and about it."""
     chosen = [load_scene(reference).model for reference in references]
-    runs = [(model, solver) for model in chosen for solver in (*SOLVERS, "equilibrium")]
+    runs = [(model, solver) for model in chosen for solver in (*NAMES, "equilibrium")]
     for model in chosen:
         model.plant()  # what cannot be built is told of, and not passed over
     with bar(len(runs), "warm", options.quiet, "run") as shown:

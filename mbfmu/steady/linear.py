@@ -21,6 +21,7 @@ from scipy.io import savemat
 from mbfmu.errors import EquilibriumError, UserError, writing
 from mbfmu.extras import optional
 from mbfmu.mechanics import Plant
+from mbfmu.mechanics.arrays.closing import check_inertia
 from mbfmu.table import table
 from solvers.statics.small import EPSILON
 from solvers.system import Array
@@ -74,13 +75,14 @@ class StateSpace:
         named = {"states": list(self.states), "inputs": list(self.inputs), "outputs": list(self.outputs)}
         return control.ss(self.A, self.B, self.C, self.D, **named)
 
-    def write(self, path: Path) -> None:
+    def write(self, path: Path | str) -> None:
         """Write ``.npz`` (numpy) or ``.mat`` (MATLAB, Octave); scipy.signal and python-control take A, B, C, D.
 
         >>> # with numpy.load(path) as f: control.ss(f["A"], f["B"], f["C"], f["D"])
         """
         matrices = {"A": self.A, "B": self.B, "C": self.C, "D": self.D}
         names = {"states": self.states, "inputs": self.inputs, "outputs": self.outputs}
+        path = Path(path)
         with writing(path):
             if path.suffix == ".npz":
                 np.savez(path, allow_pickle=False, **matrices, **{k: np.array(v, str) for k, v in names.items()})
@@ -138,8 +140,9 @@ def without_rounding(mode: Mode, floor: float) -> Mode:
 def linearize(plant: Plant, t: float, q: Array, v: Array, rows: NDArray[np.int64]) -> StateSpace:
     """Linearize about the steady state (q (nq,), v (n,)) at time t; ``rows`` are the independent constraints.
 
-    Raises EquilibriumError where a slope is not finite.
+    Raises EquilibriumError where a slope is not finite, AssemblyError where a free motion has no inertia.
     """
+    check_inertia(plant.system, t, q, v)
     line = _Line(plant, t, q, v, rows)
     freedom = len(line.independent)
     directions = [*line.unit_states(), *line.unit_inputs()]

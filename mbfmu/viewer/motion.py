@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import zipfile
+import zlib
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -106,7 +107,7 @@ class Motion:
                 motion = cls._of_file(about, file) if about["format"] == FORMAT else None
         except OSError as error:
             raise UserError(f"pose file {str(path)!r} cannot be read: {error.strerror or error}") from error
-        except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+        except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
             raise UserError(f"{str(path)!r} is not a pose file as `mbfmu run` writes them") from error
         if motion is None or not motion._complete:
             raise UserError(f"{str(path)!r} is not a pose file this version of mbfmu can read")

@@ -88,8 +88,16 @@ def solve_blocks(B: Any, x: Any) -> None:
                 subtract(x[begin + j], B.right, B.tied[k] + j * n, 0, n, x, first)
 
 
+class Blocks(NamedTuple):
+    """What is to be filled for one block before it is eliminated, by columns: the factors take their place."""
+
+    D: Array  # (n, n) transposed
+    U: Array  # (n', n) transposed: in its rows what the neighbor inward does
+    L: Array  # (n, n') transposed: in the neighbor's rows what it does
+
+
 class BlockTree:
-    """Factors of a matrix whose blocks are given outer ones first.
+    """Factors of a matrix whose blocks are eliminated outer ones first.
 
     Parameters
     ----------
@@ -100,6 +108,8 @@ class BlockTree:
 
     Attributes
     ----------
+    blocks
+        Of every block the arrays to be filled, held.
     factors
         What :func:`solve_blocks` takes, held.
     """
@@ -109,37 +119,39 @@ class BlockTree:
         inner = np.array(inward, np.int64)
         starts = [np.concatenate(([0], np.cumsum(counts))) for counts in (n[:-1], n[:-1] ** 2, n[:-1] * n[inner])]
         first, at, tied = (start.astype(np.int64) for start in starts)
-        self._factors = Factors(
+        F = self._factors = Factors(
             inner, first, at, tied,
             np.zeros(at[-1]), np.zeros(first[-1], np.int64), np.zeros(tied[-1]), np.zeros(tied[-1]),
         )  # fmt: skip
-        self.factors = hold(self._factors)
+        self.factors = hold(F)
+        self._blocks = [
+            Blocks(
+                F.lu[at[k] : at[k + 1]].reshape(own, own),
+                F.right[tied[k] : tied[k + 1]].reshape(other, own),
+                F.left[tied[k] : tied[k + 1]].reshape(own, other),
+            )
+            for k, (own, other) in enumerate(zip(n[:-1], n[inner], strict=True))
+        ]
+        self.blocks = [hold(block) for block in self._blocks]
         self.begin()
 
     def begin(self) -> None:
-        """Forget what has been factored: the first block is next."""
-        self._done = 0
-        self._carried: dict[int, Array] = {}  # sum of L_k D_k^-1 U_k, by the neighbor inward
+        """Forget what has been factored."""
+        self._carried: dict[int, Array] = {}  # sum of L_k D_k^-1 U_k, transposed, by the neighbor inward
 
-    def append(self, D: Array, U: Array, L: Array) -> bool:
-        """Eliminate the next block: D (n, n), U (n, n') to the one inward, L (n', n) from it; False where singular.
-
-        U and L are empty where there is none.
-        """
-        F, k = self._factors, self._done
-        carried = self._carried.pop(k, None)
-        if carried is not None:
-            D -= carried
-        if D.size:
-            lu, pivots, info = lapack.dgetrf(D)
-            if info != 0:
-                return False
-            F.lu[F.at[k] : F.at[k + 1]] = lu.T.reshape(-1)
-            F.pivots[F.first[k] : F.first[k + 1]] = pivots
-        if U.size:
-            right, _ = lapack.dgetrs(lu, pivots, U)
-            own, inner = slice(F.tied[k], F.tied[k + 1]), int(F.inward[k])
-            F.right[own], F.left[own] = right.T.reshape(-1), L.T.reshape(-1)
-            self._carried[inner] = L @ right + self._carried.get(inner, 0.0)
-        self._done += 1
-        return True
+    def eliminate(self, k: int) -> bool:
+        """Eliminate the next block, whose arrays have been filled; False where it is singular."""
+        F, (D, U, L) = self._factors, self._blocks[k]
+        if k in self._carried:
+            D -= self._carried.pop(k)
+        if not D.size:
+            return True
+        lu, F.pivots[F.first[k] : F.first[k + 1]], info = lapack.dgetrf(D.T, overwrite_a=1)  # in place
+        if info == 0 and U.size:
+            lapack.dgetrs(lu, F.pivots[F.first[k] : F.first[k + 1]], U.T, overwrite_b=1)  # in place
+            inner = int(F.inward[k])
+            if inner in self._carried:
+                self._carried[inner] += U @ L
+            else:
+                self._carried[inner] = U @ L
+        return bool(info == 0)

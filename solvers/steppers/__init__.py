@@ -55,9 +55,13 @@ def stepper(name: str, system: AnySystem, t0: float, q0: Array, v0: Array, optio
         raise ValueError(f"there is no solver {name!r}; allowed: {', '.join(map(repr, NAMES))}")
     given: tuple[Any, ...] = t0, q0, v0, options
     if not isinstance(system, TreeSystem):
+        if not system.n:
+            name = "adams"  # IDA takes no empty system, and nothing is integrated
         if name not in SOLVERS:
-            raise ValueError(f"solver {name!r} is for large trees, but this system has its matrices; take 'radau'")
-        name = name if system.n else "adams"  # IDA takes no empty system, and nothing is integrated
+            raise ValueError(
+                f"solver {name!r} is for large trees; this system has {system.n} coordinates and is solved by its "
+                "matrices; take 'radau'"
+            )
         return SOLVERS[name](system, *given)
     if name in LARGE:
         return LARGE[name](system, *given)

@@ -24,6 +24,8 @@ EIGENVALUES = {  # beta L of the characteristic equations
     ("free", "free"): [brentq(lambda x: np.cos(x) * np.cosh(x) - 1.0, a, a + 2.0) for a in (4.0, 7.0, 10.0)],
     ("clamped", "pinned"): [brentq(lambda x: np.tan(x) - np.tanh(x), a, a + 0.9) for a in (3.5, 6.5, 9.7)],
     ("guided", "pinned"): np.pi * (np.arange(3) + 0.5),
+    ("guided", "guided"): np.pi * np.arange(1, 4),
+    ("free", "guided"): [brentq(lambda x: np.tan(x) + np.tanh(x), a, a + 1.0) for a in (2.0, 5.0, 8.0)],
 }
 
 
@@ -41,6 +43,15 @@ def test_frequencies_converge_at_fourth_order(ends: tuple[str, str], eigenvalues
     resolved = errors[1] > 1e-8  # roundoff of the eigenvalues is some 1e-9
     assert resolved.sum() >= 2
     np.testing.assert_allclose(np.log2(errors[0] / errors[1])[resolved], 4.0, atol=0.15)
+
+
+@pytest.mark.parametrize(("ends", "eigenvalues"), EIGENVALUES.items())
+def test_no_mode_is_lost_where_there_are_many_elements(ends: tuple[str, str], eigenvalues: list[float]) -> None:
+    """The slowest is slower than the fastest by the square of their number and more."""
+    for elements in (40, 70, 100):
+        np.testing.assert_allclose(
+            beam(elements=elements, ends=ends).frequencies, SCALE * np.square(eigenvalues), rtol=2e-5
+        )
 
 
 def test_modes_of_the_pinned_beam_are_sines() -> None:
@@ -102,7 +113,10 @@ def test_integrals_are_those_of_the_shapes() -> None:
         ({"mass": -1.0}, "mass of a beam is -1.0"),
         ({"bending_stiffness": float("nan")}, "bending_stiffness of a beam is nan"),
         ({"damping": -1e-3}, "damping of a beam is -0.001"),
-        ({"elements": 0}, "elements of a beam are 0"),
+        ({"elements": 0}, "elements of a beam are 0; allowed: 1 to 100"),
+        ({"elements": 101}, "elements of a beam are 101; allowed: 1 to 100"),
+        ({"ends": ("pinned",)}, "ends of a beam are .*; allowed: two of pinned, clamped, guided, free"),
+        ({"ends": None}, "ends of a beam are None; allowed: two of"),
         ({"elements": 10.0}, "elements of a beam are 10.0; allowed: whole numbers"),
         ({"modes": 1.5}, "modes of a beam are 1.5; allowed: whole numbers"),
         ({"ends": ("pinned", "glued")}, "end of a beam is 'glued'; allowed: pinned, clamped, guided, free"),

@@ -145,7 +145,7 @@ def check_inertia(system: AnySystem, t: float, q: Array, v: Array) -> None:
         return
     M = basis.T @ terms.M @ basis
     mass = np.diag(M)  # every motion by its own measure: a light body may move beside a heavy one
-    most = float(mass.max()) or 1.0
+    most = max(0.0, float(mass.max())) or 1.0  # below zero is rounding
     own = np.sqrt(np.where(mass > ROUNDED * most, mass, most))
     values, vectors = np.linalg.eigh(M / np.outer(own, own))
     if values[0] <= MASSLESS * max(float(values[-1]), 1e-300):

@@ -10,19 +10,22 @@ from numpy.typing import NDArray
 
 from mbfmu.mechanics.records import Arrays, State, complex_state
 from solvers.compiled.held import hold
-from solvers.compiled.kernel import kernel
+from solvers.compiled.kernel import inlined, kernel
 from solvers.linalg.blocks import BlockTree, one_thread, solve_blocks
 from solvers.system import Array
 
 from .filling import fill
 from .folding import fold, gather_motion, inertia_forces, spread_load
 from .groups import Groups
-from .joints import turn_inner
+from .joints import turn_themselves, turn_with_parents
 from .layout import lay_out
 from .loads import along_joints
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.builder.mechanism import Acting
+
+
+NOTHING = np.zeros((0, 0))
 
 
 class Scratch(NamedTuple):
@@ -40,6 +43,69 @@ class Scratch(NamedTuple):
     K: Array  # (24.., 24..) stiffness of a load, six rows a body
     weight: Array  # (m,) alpha
     along: Array  # (nv,) stiffness of forces along joint coordinates
+
+
+class Panels(NamedTuple):
+    """Rows and columns of one group and of its neighbor inward on their way to blocks; the space is all groups'."""
+
+    top: Array  # (size, size + after) rows of the group
+    left: Array  # (size, size + after) its columns, transposed
+    right: Array  # (after, size) what the neighbor does in the group's rows, transposed
+    lower: Array  # (after, size) what the group does in the neighbor's rows
+    kept: NDArray[np.int64]  # rows of the group that stay after folding
+    kept_inner: NDArray[np.int64]  # those of its neighbor
+
+
+@kernel
+def assemble(
+    group: int, c1: float, c2: float, L: Any, arrays: Any, state: Any, twin: Any, dual: Any, s: Any,
+    handed: Any, onward: Any, P: Any, B: Any,
+) -> None:  # fmt: skip
+    """Fill the blocks B of a group. ``handed`` is what outer groups have added to its own rows, to ``onward`` it adds
+    what starts in it and belongs to its neighbor's.
+    """
+    F, size, after, inner = s.F, P.top.shape[0], P.right.shape[0], L.inward[group]
+    for i in range(size + after):
+        for j in range(size + after):
+            F[i, j] = 0.0
+    for i in range(handed.shape[0]):
+        for j in range(handed.shape[0]):
+            F[i, j] = handed[i, j]
+    fill(group, size, c1, c2, L, arrays, state, twin, dual, s)
+    for i in range(after):
+        for j in range(after):
+            onward[i, j] += F[size + i, size + j]
+    for i in range(size):
+        for j in range(size + after):
+            P.top[i, j] = F[i, j]
+    fold(P.top, 0, group, L, arrays, state)
+    turn_with_parents(group, L, arrays, state, twin, P.top, s)
+    for j in range(size):
+        for i in range(size):
+            P.left[j, i] = P.top[i, j]
+        for i in range(after):
+            P.left[j, size + i] = F[size + i, j]
+    fold(P.left, 0, group, L, arrays, state)
+    turn_themselves(group, L, arrays, state, twin, P.left, s)
+    take(P.left, P.kept, P.kept, B.D)
+    if after > 0:
+        for j in range(after):
+            for i in range(size):
+                P.right[j, i], P.lower[j, i] = P.top[i, size + j], P.left[i, size + j]
+        fold(P.right, 0, inner, L, arrays, state)
+        fold(P.lower, 0, inner, L, arrays, state)
+        take(P.right, P.kept_inner, P.kept, B.U)
+        for a in range(P.kept.shape[0]):
+            for b in range(P.kept_inner.shape[0]):
+                B.L[a, b] = P.lower[P.kept_inner[b], P.kept[a]]
+
+
+@inlined
+def take(F: Any, rows: Any, columns: Any, out: Any) -> None:
+    """out <- these rows and columns of F."""
+    for a in range(rows.shape[0]):
+        for b in range(columns.shape[0]):
+            out[a, b] = F[rows[a], columns[b]]
 
 
 class Unknowns(NamedTuple):
@@ -87,7 +153,7 @@ class Tangent:
 
     def __init__(self, arrays: Arrays, state: State, groups: Groups, acting: Sequence[Acting]) -> None:
         self._moving = state
-        self.layout, self._kept, self._sizes = lay_out(arrays, groups, acting)
+        self.layout, kept, self._sizes = lay_out(arrays, groups, acting)
         inward = self.layout.inward
         widest = max(size + (self._sizes[k] if k >= 0 else 0) for size, k in zip(self._sizes, inward, strict=True))
         z = np.zeros
@@ -107,11 +173,12 @@ class Tangent:
             along=z(len(state.v)),
         )
         base = np.concatenate(([0], np.cumsum(self._sizes))).astype(np.int64)
-        rows = np.concatenate([np.zeros(0, np.int64), *(at + own for at, own in zip(base, self._kept, strict=False))])
+        rows = np.concatenate([np.zeros(0, np.int64), *(at + own for at, own in zip(base, kept, strict=False))])
         nv = int((arrays.bodies["nv"]).sum())
         self._dual = z((nv, 6))
         self._rows = int(base[-1])
-        self._tree = BlockTree([len(own) for own in self._kept], inward)
+        self._tree = BlockTree([len(own) for own in kept], inward.tolist())
+        self._panels = [hold(panels) for panels in self._share_panels(kept)]
         self._unknowns = hold(Unknowns(base, rows, z(len(rows)), self._dual, z((len(arrays.bodies), 6))))
         self._state = State(*(array.copy() for array in state))
         self._held = tuple(map(hold, (arrays, self._state, self.layout, self._scratch)))
@@ -120,6 +187,21 @@ class Tangent:
             own = own._replace(bodies=state.bodies[:0])  # no complex step moves any
         self._steps = complex_state(own)
         self._twin = hold(self._steps)
+
+    def _share_panels(self, kept: list[NDArray[np.int64]]) -> list[Panels]:
+        """Return the panels of every group."""
+        none, sizes, inward = np.zeros(0, np.int64), [*self._sizes, 0], self.layout.inward
+        pairs = [(size, sizes[inner]) for size, inner in zip(self._sizes, inward, strict=True)]
+        most = max((a * (a + b) for a, b in pairs), default=0), max((a * b for a, b in pairs), default=0)
+        space = [np.zeros(most[0]), np.zeros(most[0]), np.zeros(most[1]), np.zeros(most[1])]
+
+        def share(k: int, rows: int, columns: int) -> Array:
+            return space[k][: rows * columns].reshape(rows, columns)
+
+        return [
+            Panels(share(0, a, a + b), share(1, a, a + b), share(2, b, a), share(3, b, a), rows, inner_rows)
+            for (a, b), rows, inner_rows in zip(pairs, kept, [kept[k] if k >= 0 else none for k in inward], strict=True)
+        ]
 
     def factor(self, c1: float, c2: float, weight: Array | None = None) -> bool:
         """Assemble and factor T at the state of the last inverse dynamics; False where it is singular.
@@ -132,42 +214,23 @@ class Tangent:
 
     def _factor(self, c1: float, c2: float) -> bool:
         arrays, state, L, s = self._held
-        kept, scratch, twin = self._kept, self._scratch, self._twin
+        scratch, twin = self._scratch, self._twin
         for own, given in zip(self._state, self._moving, strict=True):
             own[...] = given
         self._steps.q[:], self._steps.v[:] = self._state.q, self._state.v
         along_joints(c1, L, arrays, state, twin, scratch.along)
         self._tree.begin()
         self.factored += 1
-        carried: dict[int, Array] = {}  # what groups have added to their neighbor's own rows
-        for group, size in enumerate(self._sizes):
+        handed: dict[int, Array] = {}  # what groups have added to their neighbor's own rows
+        for group, panels in enumerate(self._panels):
             inner = int(self.layout.inward[group])
             after = self._sizes[inner] if inner >= 0 else 0
-            F = scratch.F[: size + after, : size + after]
-            F[...] = 0.0
-            if group in carried:
-                F[:size, :size] = carried.pop(group)
-            fill(group, size, c1, c2, L, arrays, state, twin, self._dual, s)
-            if inner >= 0:
-                carried[inner] = F[size:, size:] + carried.get(inner, 0.0)
-            top = np.ascontiguousarray(F[:size])
-            fold(top, 0, group, L, arrays, state)
-            turn_inner(group, L, arrays, state, twin, top, s, True)
-            left = np.ascontiguousarray(np.vstack((top[:, :size], F[size:, :size])).T)
-            fold(left, 0, group, L, arrays, state)  # the columns of this group
-            left = left.T
-            turn_inner(group, L, arrays, state, twin, left, s, False)
-            D = left[np.ix_(kept[group], kept[group])]
-            if inner < 0:
-                U, below = np.zeros((len(kept[group]), 0)), np.zeros((0, len(kept[group])))
-            else:
-                right = np.ascontiguousarray(top[:, size:].T)
-                fold(right, 0, inner, L, arrays, state)
-                lower = np.ascontiguousarray(left[size:])
-                fold(lower, 0, inner, L, arrays, state)
-                U = right.T[np.ix_(kept[group], kept[inner])]
-                below = lower[np.ix_(kept[inner], kept[group])]
-            if not self._tree.append(D, U, below):
+            own, onward = handed.pop(group, NOTHING), handed.get(inner, NOTHING)
+            if inner >= 0 and inner not in handed:
+                onward = handed[inner] = np.zeros((after, after))
+            blocks = self._tree.blocks[group]
+            assemble(group, c1, c2, L, arrays, state, twin, self._dual, s, own, onward, panels, blocks)
+            if not self._tree.eliminate(group):
                 return False
         return True
 

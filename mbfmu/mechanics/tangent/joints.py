@@ -166,19 +166,26 @@ def outer_joint(
 
 
 @kernel
-def turn_inner(group: int, L: Any, arrays: Any, state: Any, twin: Any, F: Any, s: Any, parents: bool) -> None:
-    """Add the turning of a group's inner joints: by their ``parents`` before columns are folded, by their own after."""
+def turn_with_parents(group: int, L: Any, arrays: Any, state: Any, twin: Any, F: Any, s: Any) -> None:
+    """Add the turning of a group's inner joints by their parents, before columns are folded."""
     for m in range(L.first[group], L.first[group + 1]):
         i = L.members[m]
         body = arrays.bodies[i]
-        if L.role[i] != INNER or body.vf < 0:
-            continue
-        turning(i, arrays, state, twin, s)
-        for k in range(body.nv):
-            if parents:
-                if L.role[body.parent] != FIXED:
-                    for a in range(3):
-                        F[L.slot[i] + k, L.slot[body.parent] + 3 + a] += s.g[k, a]
-            else:
+        if L.role[i] == INNER and body.vf >= 0 and L.role[body.parent] != FIXED:
+            turning(i, arrays, state, twin, s)
+            for k in range(body.nv):
+                for a in range(3):
+                    F[L.slot[i] + k, L.slot[body.parent] + 3 + a] += s.g[k, a]
+
+
+@kernel
+def turn_themselves(group: int, L: Any, arrays: Any, state: Any, twin: Any, columns: Any, s: Any) -> None:
+    """Add the turning of a group's inner joints by their own positions, after that, to F by ``columns``."""
+    for m in range(L.first[group], L.first[group + 1]):
+        i = L.members[m]
+        body = arrays.bodies[i]
+        if L.role[i] == INNER and body.vf >= 0:
+            turning(i, arrays, state, twin, s)
+            for k in range(body.nv):
                 for l in range(body.nv):
-                    F[L.slot[i] + k, L.slot[i] + l] += s.G[k, l]
+                    columns[L.slot[i] + l, L.slot[i] + k] += s.G[k, l]

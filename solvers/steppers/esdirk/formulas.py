@@ -50,6 +50,8 @@ LOWER = np.array(  # weights of order 2
         2193209047091 / 5459859503100,
     ]
 )
+MOST = 12  # corrections of a stage
+NEW = 1e-4  # part of a change of corrections that must be left beside the others
 CONTROL = np.dtype(
     [
         *FIELDS,
@@ -102,6 +104,11 @@ class Stage(NamedTuple):
     qdot: Array  # (nq,)
     turn: Array  # (n,)
     tol: Array  # (n,) of positions, as motions
+    f: Array  # (n + m,) the last correction as Newton has it, and as it was made, of positions and multipliers
+    step: Array  # (n + m,)
+    df: Array  # (MOST, n) changes of corrections, in tolerances, orthonormal
+    along: Array  # (MOST, n + m) what goes with them
+    used: NDArray[np.int64]  # (1,) how many there are
     zero: Array  # (n,)
     none: Array  # (m,)
     in_q: NDArray[np.int64]  # (k,) where positions are no quaternions, in q and in v
@@ -111,9 +118,13 @@ class Stage(NamedTuple):
     @staticmethod
     def of(system: TreeSystem) -> Stage:
         """Return zeroed scratch for a system."""
-        nq, n, m = system.nq, system.n, system.m
-        arrays = (np.zeros(k) for k in (nq, n, n, m, nq, nq, n, n, nq, n, n, n, m))
-        return Stage(*arrays, *system.plain, np.array(system.quaternions, np.int64).reshape(-1, 2))
+        nq, n, m, z = system.nq, system.n, system.m, np.zeros
+        turning = np.array(system.quaternions, np.int64).reshape(-1, 2)
+        return Stage(
+            z(nq), z(n), z(n), z(m), z(nq), z(nq), z(n), z(n), z(nq), z(n), z(n),
+            z(n + m), z(n + m), z((MOST, n)), z((MOST, n + m)), np.zeros(1, np.int64),
+            z(n), z(m), *system.plain, turning,
+        )  # fmt: skip
 
 
 @inlined
@@ -206,23 +217,81 @@ def residual(eqs: Any, t: float, c: float, s: Any) -> bool:
 
 
 @kernel
-def correct(eqs: Any, dq: Any, dlam: Any, s: Any) -> float:
-    """Move the stage by -dq and -dlam; return the size of dq in tolerances."""
-    for k in range(s.v.shape[0]):
-        s.turn[k] = -dq[k]
-    for k in range(s.lam.shape[0]):
-        s.lam[k] -= dlam[k]
+def correct(eqs: Any, k: int, dq: Any, dlam: Any, s: Any) -> float:
+    """Move the stage by correction k, accelerated; return its size in tolerances.
+
+    Factors that are kept are wrong for a few modes only. With x_k the unknowns, f_k = -(dq, dlam) what Newton would add
+    and dx, df their changes from one correction to the next, it is f - sum c (df + dx) that is added, c such that
+    f - sum c df is least (Anderson; Walker, Ni, SIAM J. Numer. Anal. 49, 2011). The df are kept orthonormal.
+    """
+    n, size = dq.shape[0], size_of(dq, s)
+    if k == 0:
+        s.used[0] = 0
+    else:
+        keep_secant(s.used[0], dq, dlam, s)
+    for i in range(n):
+        s.f[i], s.step[i] = dq[i], dq[i]
+    for i in range(dlam.shape[0]):
+        s.f[n + i], s.step[n + i] = dlam[i], dlam[i]
+    for j in range(s.used[0]):
+        part = 0.0
+        for i in range(n):
+            part += s.df[j, i] * dq[i] / s.tol[i]
+        for i in range(s.step.shape[0]):
+            s.step[i] -= part * s.along[j, i]
+    for i in range(n):
+        s.turn[i] = -s.step[i]
+    for i in range(dlam.shape[0]):
+        s.lam[i] -= s.step[n + i]
     eqs.retract(s.q, s.turn, eqs.data)
-    return size_of(dq, s)
+    return size
+
+
+@kernel
+def keep_secant(k: int, dq: Any, dlam: Any, s: Any) -> None:
+    """Row k of s.df and s.along from the last two corrections, by Gram and Schmidt; none where it is nothing new."""
+    n = dq.shape[0]
+    for i in range(s.step.shape[0]):
+        change = (dq[i] if i < n else dlam[i - n]) - s.f[i]
+        s.along[k, i] = s.step[i] + change
+        if i < n:
+            s.df[k, i] = change / s.tol[i]
+    before = root_of_square(s.df, k)
+    for j in range(k):
+        part = 0.0
+        for i in range(n):
+            part += s.df[j, i] * s.df[k, i]
+        for i in range(n):
+            s.df[k, i] -= part * s.df[j, i]
+        for i in range(s.step.shape[0]):
+            s.along[k, i] -= part * s.along[j, i]
+    left = root_of_square(s.df, k)
+    if left > NEW * before:
+        for i in range(n):
+            s.df[k, i] /= left
+        for i in range(s.step.shape[0]):
+            s.along[k, i] /= left
+        s.used[0] = k + 1
+
+
+@inlined
+def root_of_square(F: Any, k: int) -> float:
+    """|F[k]|."""
+    total = 0.0
+    for i in range(F.shape[1]):
+        total += F[k, i] * F[k, i]
+    return np.sqrt(total)
 
 
 @kernel
 def size_of(dq: Any, s: Any) -> float:
-    """Root of the mean square of dq (n,) in tolerances."""
-    total = 0.0
+    """The largest of dq (n,) in tolerances: one that moves among many that rest counts as if it were alone."""
+    largest = 0.0
     for k in range(dq.shape[0]):
-        total += (dq[k] / s.tol[k]) ** 2
-    return np.sqrt(total / max(1, dq.shape[0]))
+        size = abs(dq[k] / s.tol[k])
+        if not size <= largest:
+            largest = size
+    return largest
 
 
 @kernel

@@ -2,8 +2,9 @@
 
 For meshes of plates and beams, whose fastest modes an explicit method must follow and this one damps. Newton's matrix
 is the structured tangent, factored where the steps change or where corrections fall slowly, and kept over steps, times
-asked for and jumps of the loads. Cut joints are held in every stage, with the tree's saddle system; where a step ends
-its rates are brought onto them too.
+asked for and jumps of the loads. Corrections are accelerated, which makes up for most of what has changed since: a
+factorization costs as much as twenty of them. Cut joints are held by the accelerations of every stage, with the
+tree's saddle system; where a step ends it is brought onto them.
 
 Positions alone are controlled: their error is filtered by (c^2 M + c D + K)^-1 c^2 M, which leaves out of it what the
 method damps. A step is kept as long as the last one unless it must be shorter or may be twice as long, since another
@@ -31,6 +32,7 @@ from solvers.system import LARGEST_DENSE, Array, TreeSystem, audit_callbacks
 
 from .formulas import (
     GAMMA,
+    MOST,
     STAGES,
     C,
     Memory,
@@ -47,14 +49,18 @@ from .formulas import (
     size_of,
 )
 
-RATE = 150.0  # what is said of a rate's tolerance, to that of its coordinate, in units of the motion's rate: none has one
+RATE = 150.0  # a rate counts as known to so many tolerances of its coordinate, in units of the motion's rate
 FIRST = 1e-2  # first step, in units of one over the rate of the motion
-EXACT = 0.05  # tolerances that Newton may leave of a stage: it has one sign in many steps, and adds up
-SLOW, TOO_SLOW = 0.4, 0.9  # rate of the corrections that calls for new factors, and that ends the stage
-UNSEEN = 0.5  # that of a step's first correction
-ROUNDING = 1e-3  # tolerances: a correction that need not fall
+STRICTER = 0.2  # of the tolerance, to which the estimated error of a step is held: that of the motion adds up to more
+# What Newton may leave of a stage, in these tolerances: EXACT, or DRIFT (h rate)^2. It has one sign in many steps, and
+# the rate that it leaves behind, larger by 1 / (h gamma), adds up to a drift.
+EXACT, DRIFT = 0.05, 6.0
+CLOSINGS = 2  # on the way back onto the constraints by the factors of the stages
+SLOW = 0.7  # rate of the corrections that calls for new factors
+RENEWALS = 2  # of the factors within a stage
+UNSEEN, FASTEST = 0.5, 0.1  # rate of a first correction; the least that is counted on
+ROUNDING = 0.02  # of what Newton may leave: a correction that need not fall
 NEAR = 1e-3  # part by which 1 / (h gamma) may be off that of the factors
-MOST, RENEWALS = 12, 2  # corrections of a stage, and factors made on the way
 SAFETY, SHORTEST, LONGER, LONGEST = 0.9, 0.2, 2.0, 4.0  # of the next step in units of this one
 TINY = 1e-8  # an error, in tolerances, that lets it be as long as any
 SAME = 1e-9  # part of a step: nearer to its end is there
@@ -145,14 +151,14 @@ class TreeESDIRKStepper(Stepper):
     def _step(self, target: float) -> Code:
         """One accepted step, however often it has to be cut; or what made it too small."""
         c, M, s = self._c, self._memory, self._stage
-        s.tol[:] = self._absolute
-        s.tol[s.in_v] += self.options.rtol * np.abs(M.q[s.in_q])
+        s.tol[:] = STRICTER * self._absolute
+        s.tol[s.in_v] += STRICTER * self.options.rtol * np.abs(M.q[s.in_q])
         while True:
             c["h"] = min(c["h"], self._longest)
             h = self._stop_at(target) if c["ends"] else float(c["h"])
             ends = bool(c["ends"]) and abs(target - c["t"] - h) <= SAME * h
             after = target if ends else float(c["t"]) + h
-            code, error, rate = self._try(h, after)
+            code, error = self._try(h, after)
             if code is Code.OK and error <= 1.0:
                 break
             c["rejected"] += 1
@@ -168,8 +174,6 @@ class TreeESDIRKStepper(Stepper):
         self._look()
         c["h"] = longer if whole else max(c["h"], longer)
         c["ends"] = max(0, c["ends"] - 1)
-        if rate > SLOW:
-            c["c"] = 0.0
         return Code.OK
 
     def _longer(self, h: float, error: float) -> float:
@@ -187,54 +191,78 @@ class TreeESDIRKStepper(Stepper):
             return left
         return 0.5 * left if left < 2.0 * h else h
 
-    def _try(self, h: float, after: float) -> tuple[Code, float, float]:
-        """Solve the stages of a step of h; return its error in tolerances, and the slowest rate of corrections."""
+    def _try(self, h: float, after: float) -> tuple[Code, float]:
+        """Solve the stages of a step of h; return its error in tolerances."""
         t, M, s, held = float(self._c["t"]), self._memory, self._stage, self._held
-        rate, slow, slowest = 1.0 / (GAMMA * h), UNSEEN, 0.0
+        rate, exact = 1.0 / (GAMMA * h), min(EXACT, DRIFT * (self._rate * h) ** 2)
         if not self._factors_for(rate):
-            return Code.COLLAPSED, np.inf, np.inf
+            return Code.COLLAPSED, np.inf
         s.q[:], s.v[:], s.lam[:] = M.q, M.v, M.lam
         for i in range(1, STAGES):
             at = t + C[i] * h if i < STAGES - 1 else after
             begin_stage(self._eqs, i, h, *held)
-            code, slow = self._solve_stage(at, rate, slow)
+            code = self._solve_stage(at, rate, exact)
             if code is not Code.OK:
-                return code, np.inf, np.inf
+                return code, np.inf
             end_stage(self._eqs, i, at, rate, self._works, *held)
-            slowest = max(slowest, slow)
-        code = close(self.system, after, s.q, s.v)
+        code = self._close(after)
         error_of_step(h, *held)
         error, _ = self._saddle.solve(rate**2 * self.system.tangent.inertia(s.turn), s.none)
-        return code, size_of(error, held[1]), slowest
+        return code, size_of(error, held[1])
 
-    def _solve_stage(self, t: float, rate: float, slow: float) -> tuple[Code, float]:
-        """Solve the stage that has been begun; return how fast corrections fall, ``slow`` where that was not seen.
+    def _close(self, t: float) -> Code:
+        """Bring the end of a step onto the constraints.
+
+        First the way that reactions move it: what Newton leaves of the multipliers is all gone then, where the shortest
+        way would turn a part of it into motion.
+        """
+        system, s, saddle = self.system, self._stage, self._saddle
+        if system.m:
+            for _ in range(CLOSINGS):
+                system.fill_position(t, s.q, saddle.terms)
+                system.apply(s.q, -saddle.solve(s.zero, saddle.terms.Phi)[0])
+            system.fill_position(t, s.q, saddle.terms)
+            for _ in range(CLOSINGS):
+                s.v[:] -= saddle.solve(s.zero, saddle.terms.J @ s.v - saddle.terms.nu)[0]
+        return close(system, t, s.q, s.v)
+
+    def _solve_stage(self, t: float, rate: float, exact: float) -> Code:
+        """Solve the stage that has been begun, to ``exact`` tolerances.
 
         Where they fall slowly, factors are made anew on the way.
         """
-        s, held, terms, before, renewed = self._stage, self._held[1], self._saddle.terms, 0.0, 0
+        s, held, slow, before, begun, renewed = self._stage, self._held[1], UNSEEN, 0.0, 0, 0
         for k in range(MOST):
             self._c["evaluations"] += 1
             if not residual(self._eqs, t, rate, held):
-                return Code.NOT_FINITE, slow
-            if self.system.m:
-                self.system.fill_position(t, s.q, terms)
-            if k > 1 and slow > SLOW and renewed < RENEWALS:
-                renewed += 1
+                return Code.NOT_FINITE
+            gap = self._gap(t, rate)
+            if k - begun > 1 and slow > SLOW:
+                if renewed == RENEWALS:
+                    break
+                renewed, begun = renewed + 1, k
                 self._place_factors(t, rate, s.q, s.v, s.a, s.lam)
                 if not self._factor():
-                    return Code.COLLAPSED, slow
-            size = correct(self._eqs, *self._saddle.solve(s.tau, terms.Phi), held)
+                    break
+            size = correct(self._eqs, k - begun, *self._saddle.solve(s.tau, gap), held)
             if not np.isfinite(size):
-                return Code.NOT_FINITE, slow
-            if k:
-                slow = size / before
-            if size <= ROUNDING or slow * size <= EXACT * (1.0 - slow):
-                return Code.OK, slow
-            if slow > TOO_SLOW and renewed == RENEWALS:
-                break
+                return Code.NOT_FINITE
+            slow = max(FASTEST, size / before) if k > begun else slow
+            if size <= ROUNDING * exact or slow * size <= exact * (1.0 - slow):
+                return Code.OK
             before = size
-        return Code.COLLAPSED, slow
+        return Code.COLLAPSED
+
+    def _gap(self, t: float, rate: float) -> Array:
+        """Return how far the stage's accelerations are off the constraints' (m,), as a change of the positions.
+
+        Position constraints in the stages would take the order to one.
+        """
+        s, terms = self._stage, self._saddle.terms
+        if not self.system.m:
+            return s.none
+        self.system.fill(t, s.q, s.v, terms)
+        return np.asarray((terms.J @ s.a - terms.gamma) / rate**2)
 
     def _place_factors(self, t: float, rate: float, q: Array, v: Array, a: Array, lam: Array) -> None:
         """Note where factors are to be taken, and for which 1 / (h gamma) = ``rate``."""
