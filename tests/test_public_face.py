@@ -103,6 +103,12 @@ def test_where_nothing_can_be_written_is_said(result: mb.Result, tmp_path: Path)
                 write(path)
 
 
+@pytest.mark.parametrize(("start", "said"), [(5, "start is 5; allowed: positions"), ({0: 1.0}, "has no coordinate 0")])
+def test_a_start_that_is_none_is_refused(start: Any, said: str) -> None:
+    with pytest.raises(mb.UserError, match=said):
+        mb.equilibrium(swing(), start=start)
+
+
 def test_what_moves_no_mass_is_not_linearized() -> None:
     m = mb.Mechanism()
     m.body("b", m.ground, mb.Planar(), mass=1.0)

@@ -91,9 +91,13 @@ class EquilibriumProblem:
     def start(self, given: Mapping[str, float] | None = None) -> Array:
         """Return closed positions (nq,): the model's start with coordinates ``given`` by name instead, held."""
         q, held = self.plant.assembly.start_positions(), self.plant.assembly.held()
+        if not isinstance(given or {}, Mapping):
+            raise UserError(f"start is {given!r}; allowed: positions by the names of coordinates")
         for name, value in (given or {}).items():
             if name not in self._names:
-                raise UserError(f"model {self.model.name!r} has no coordinate {name!r}{suggest(name, self._names)}")
+                raise UserError(
+                    f"model {self.model.name!r} has no coordinate {name!r}{suggest(str(name), self._names)}"
+                )
             q[self._names.index(name)] = finite(f"start of coordinate {name!r}", value)
         if given:
             held[:] = [name in given for name in self.plant.system.coordinate_names]

@@ -117,6 +117,7 @@ def test_integrals_are_those_of_the_shapes() -> None:
         ({"elements": 101}, "elements of a beam are 101; allowed: 1 to 100"),
         ({"ends": ("pinned",)}, "ends of a beam are .*; allowed: two of pinned, clamped, guided, free"),
         ({"ends": None}, "ends of a beam are None; allowed: two of"),
+        ({"stiffening": "yes"}, "stiffening of a beam is 'yes'; allowed: True, False"),
         ({"elements": 10.0}, "elements of a beam are 10.0; allowed: whole numbers"),
         ({"modes": 1.5}, "modes of a beam are 1.5; allowed: whole numbers"),
         ({"ends": ("pinned", "glued")}, "end of a beam is 'glued'; allowed: pinned, clamped, guided, free"),

@@ -74,6 +74,8 @@ class Beam:
             raise UserError(f"elements of a beam are {self.elements!r}; allowed: 1 to {MOST_ELEMENTS}")
         if not isinstance(self.ends, tuple | list) or len(self.ends) != 2:
             raise UserError(f"ends of a beam are {self.ends!r}; allowed: two of {', '.join(ENDS)}")
+        if not isinstance(self.stiffening, bool):
+            raise UserError(f"stiffening of a beam is {self.stiffening!r}; allowed: True, False")
         for end in self.ends:
             if end not in ENDS:
                 raise UserError(f"end of a beam is {end!r}; allowed: {', '.join(ENDS)}")

@@ -55,6 +55,7 @@ STRICTER = 0.2  # of the tolerance, to which the estimated error of a step is he
 # What Newton may leave of a stage, in these tolerances: EXACT, or DRIFT (h rate)^2. It has one sign in many steps, and
 # the rate that it leaves behind, larger by 1 / (h gamma), adds up to a drift.
 EXACT, DRIFT = 0.05, 6.0
+FINEST = 1e-12  # sizes: what rounding leaves of a correction
 CLOSINGS = 2  # on the way back onto the constraints by the factors of the stages
 SLOW = 0.7  # rate of the corrections that calls for new factors
 RENEWALS = 2  # of the factors within a stage
@@ -194,7 +195,8 @@ class TreeESDIRKStepper(Stepper):
     def _try(self, h: float, after: float) -> tuple[Code, float]:
         """Solve the stages of a step of h; return its error in tolerances."""
         t, M, s, held = float(self._c["t"]), self._memory, self._stage, self._held
-        rate, exact = 1.0 / (GAMMA * h), min(EXACT, DRIFT * (self._rate * h) ** 2)
+        rate = 1.0 / (GAMMA * h)
+        exact = max(min(EXACT, DRIFT * (self._rate * h) ** 2), FINEST / (STRICTER * self.options.absolute))
         if not self._factors_for(rate):
             return Code.COLLAPSED, np.inf
         s.q[:], s.v[:], s.lam[:] = M.q, M.v, M.lam
@@ -229,7 +231,7 @@ class TreeESDIRKStepper(Stepper):
     def _solve_stage(self, t: float, rate: float, exact: float) -> Code:
         """Solve the stage that has been begun, to ``exact`` tolerances.
 
-        Where they fall slowly, factors are made anew on the way.
+        Where corrections fall slowly, factors are made anew on the way.
         """
         s, held, slow, before, begun, renewed = self._stage, self._held[1], UNSEEN, 0.0, 0, 0
         for k in range(MOST):
@@ -276,18 +278,18 @@ class TreeESDIRKStepper(Stepper):
             self._place_factors(float(c["t"]), rate, M.q, M.v, M.A[0], M.lam)
         elif self._mine == self.system.tangent.factored:
             return True
-        q, v, a, lam = np.split(M.factors, np.cumsum((len(M.q), len(M.v), len(M.v))))
-        self._saddle.weigh(float(c["at"]), q)
-        self._saddle.residual(float(c["at"]), q, v, a, lam)
         return self._factor()
 
     def _factor(self) -> bool:
-        """Factor where the residual was taken last; False where T is singular."""
-        rate = float(self._c["c"])
-        good = self._saddle.factor(rate, rate**2)
+        """Factor T where it has been placed; False where it is singular."""
+        c, M, saddle = self._c, self._memory, self._saddle
+        q, v, a, lam = np.split(M.factors, np.cumsum((len(M.q), len(M.v), len(M.v))))
+        saddle.weigh(float(c["at"]), q)
+        saddle.residual(float(c["at"]), q, v, a, lam)
+        good = saddle.factor(float(c["c"]), float(c["c"]) ** 2)
         self._mine = self.system.tangent.factored
         if not good:
-            self._c["c"] = 0.0
+            c["c"] = 0.0
         return good
 
     def _evaluate(self) -> tuple[Code, Array, Array]:
