@@ -27,7 +27,7 @@ SPRING = 1e4  # (rad/s)^2, stiffness to effective mass of the springs alpha
 REDUNDANT = 1e-10  # eigenvalues of a scaled Schur complement below this part of the largest count as zero
 # Square of a row to that of the largest below which nothing works against it here: rounding is 1e-32, units make 1e-6.
 VANISHING = 1e-20
-PASSES, CLOSED = 12, 1e-11  # of the way back onto the constraints; m or rad
+PASSES, CLOSED = 12, 1e-11  # of the way back onto the constraints, in units of their rows
 
 
 @kernel
@@ -157,7 +157,7 @@ def close(system: TreeSystem, t: float, q: Array, v: Array) -> Code:
     terms = system.allocate_terms()
     for _ in range(PASSES):
         system.fill_position(t, q, terms)
-        off = float(np.abs(terms.Phi).max())
+        off = float(np.abs(terms.Phi / system.row_size).max())
         if not np.isfinite(off):
             return Code.NOT_FINITE
         with one_thread():

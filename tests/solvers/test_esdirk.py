@@ -143,6 +143,24 @@ def test_the_error_is_in_proportion(tolerance: float) -> None:
     assert simulation.verdict == ""
 
 
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-4, 1e-6])
+def test_a_stiff_joint_that_starts_off_its_rest_is_not_jumped_over(tolerance: float) -> None:
+    """It is there after some milliseconds, and has turned the other body by what their inertias say."""
+    J, m = np.array([0.03, 0.01]), Mechanism(gravity=(0.0, 0.0, 0.0))
+    for k in range(MANY // 2 + 1):
+        a = m.body(f"a{k}", m.ground, Revolute(axis="z"), mass=1.0, inertia=(0.02, 0.02, J[0]))
+        b = m.body(f"b{k}", a, Revolute(axis="z", start=0.3), mass=1.0, inertia=(0.02, 0.02, J[1]))
+        m.force(f"tie{k}", JointSpring(stiffness=1e6, damping=1e3), b)
+    m.output("first", m.turn(a))
+    m.output("second", m.turn(b))
+    simulation = of(m, tolerance=tolerance)
+    assert simulation.advance(0.5).ok
+    first, second = row(simulation, "first", "second")
+    assert second == pytest.approx(first, abs=tolerance)
+    assert first == pytest.approx(0.3 * J[1] / J.sum(), abs=10.0 * tolerance)
+    assert simulation.verdict == ""
+
+
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 1e-8])
 def test_attitudes_too(tolerance: float) -> None:
     simulation = of(rotors(), tolerance=tolerance)

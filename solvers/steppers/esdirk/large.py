@@ -27,7 +27,7 @@ from solvers.linalg.blocks import one_thread
 from solvers.options import Options, Statistics
 from solvers.outcome import Code
 from solvers.projection.saddle import Accelerations, Saddle, close, rate_of_motion
-from solvers.stepper import Stepper, require_placed, require_resolved, sized
+from solvers.stepper import Stepper, own_rates, require_placed, require_resolved, sized
 from solvers.system import LARGEST_DENSE, Array, TreeSystem, audit_callbacks
 
 from .formulas import (
@@ -50,7 +50,7 @@ from .formulas import (
 )
 
 RATE = 150.0  # a rate counts as known to so many tolerances of its coordinate, in units of the motion's rate
-FIRST = 1e-2  # first step, in units of one over the rate of the motion
+FIRST = 0.1  # first step, in units of one over the rate of the motion, or of the fastest coordinate
 STRICTER = 0.2  # of the tolerance, to which the estimated error of a step is held: that of the motion adds up to more
 # What Newton may leave of a stage, in these tolerances: EXACT, or DRIFT (h rate)^2. It has one sign in many steps, and
 # the rate that it leaves behind, larger by 1 / (h gamma), adds up to a drift.
@@ -142,7 +142,7 @@ class TreeESDIRKStepper(Stepper):
             c["start"] = 0
             c["starts"] += 1
             if not c["h"] > 0.0:
-                c["h"] = FIRST / self._rate
+                c["h"] = FIRST / max(self._rate, own_rates(self.system, M.v, M.A[0]).max())
         return code
 
     def _look(self) -> None:
