@@ -36,7 +36,7 @@ from solvers.linalg.dense import factor_lu, solve_lu
 from solvers.projection.workspace import loop_speed
 from solvers.system import Array
 
-from .driver import BAD, COUNTS, MATRICES, RESIDUALS
+from .loop import BAD, COUNTS, MATRICES, RESIDUALS
 
 LAMBDA, FILTER, MU = 1e-10, 1e-13, 1e-2  # see above
 LENGTH_RATE = 10.0  # k, in units of the motion's rate

@@ -6,30 +6,18 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
 from io import StringIO
-from typing import Any
-
-import sksundae.ida
 
 LOGS = ("SUNLOGGER_ERROR_FILENAME", "SUNLOGGER_WARNING_FILENAME")  # where SUNDIALS writes to; else to the console
 
 
-class IDA(sksundae.ida.IDA):  # type: ignore[misc]
-    """IDA that keeps its logs to itself; its steps are to be taken :func:`silent`."""
-
-    def init_step(self, *start: Any) -> Any:
-        """Begin; the logs that SUNDIALS opens here stay open."""
-        with _nowhere():
-            return super().init_step(*start)
-
-
 def silent() -> redirect_stdout[StringIO]:
-    """Let what is printed go nowhere: the binding prints what the status of a step says."""
+    """Let what is printed go nowhere: scikit-sundae prints what the status of a step says."""
     return redirect_stdout(StringIO())
 
 
 @contextmanager
-def _nowhere() -> Iterator[None]:
-    """Let logs that are opened now go nowhere, unless the environment says where."""
+def nowhere() -> Iterator[None]:
+    """Let logs that are opened now, and stay open, go nowhere, unless the environment says where."""
     given = [name for name in LOGS if name not in os.environ]
     os.environ.update(dict.fromkeys(given, os.devnull))
     try:

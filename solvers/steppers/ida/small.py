@@ -16,7 +16,7 @@ restarts at order one, so it agrees with the saved one to the tolerance, not bit
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,15 +26,16 @@ from solvers.compiled.held import hold
 from solvers.compiled.kernel import kernel
 from solvers.ledger import WORK, Scales, add_step, begin_work, due, look
 from solvers.linalg.dense import ratio
-from solvers.options import Options, Statistics
-from solvers.outcome import Code
+from solvers.options import Options
+from solvers.outcome import BRANCHES, OK, Code
 from solvers.projection.projection import close_report
 from solvers.projection.singular import MISS, SINGULAR, note, passed, step_bound
 from solvers.projection.workspace import factor
 from solvers.steppers.dense import DenseStepper
 from solvers.system import Array, System
 
-from .driver import MATRICES, REFUSED, RESIDUALS, STANDSTILL, STEPS, IDADriver
+from .binding import BoundIDA
+from .driver import IDADriver
 from .ggl import (
     LAMBDA,
     MU,
@@ -49,7 +50,8 @@ from .ggl import (
     velocity,
     weak_residual,
 )
-from .quiet import IDA
+from .loop import FAILURES, MATRICES, REFUSED, RESIDUALS, STANDSTILL, STEPS, TAKEN_BACK
+from .sundials import Callbacks, DirectIDA, array_at, data_of, data_of_matrix, serves
 
 FINEST = 1e-9  # a tighter rtol is run as this one: below it roundoff in J grows faster than the BDF error falls
 # IDA bounds the error of a step and the errors add up. At order 5 a step is as rtol^(1/6) and so the sum as the step's
@@ -88,6 +90,22 @@ def book(eqs: Any, t: float, y: Any, yp: Any, works: bool, u: Any, work: Any, bo
     add_step(books, t, power)
 
 
+class Given(NamedTuple):
+    """What IDA's callbacks and its loop are given."""
+
+    eqs: Any
+    u: Any
+    work: Any
+    rank: int
+    count: int  # N
+    book: NDArray[Any]
+    scales: Any
+    counts: Array
+    course: NDArray[Any]
+    good: Array  # (2, N) IDA's unknowns after its last step, and their derivatives
+    loss: Array  # (1,) what u.lost may be
+
+
 @kernel
 def look_over(eqs: Any, t: float, y: Any, taken: float, rank: int, u: Any, work: Any) -> float:
     """Longest next step after one of IDA's to (t, y), s; negative where the step may have jumped to another branch."""
@@ -116,6 +134,84 @@ def look_over(eqs: Any, t: float, y: Any, taken: float, rank: int, u: Any, work:
     return bound
 
 
+@kernel
+def accept(t: float, y: Any, slopes: Any, g: Any) -> int:
+    """Accept IDA's step to (t, y), or have it begin anew where it began."""
+    c, u = g.course[0], g.u
+    g.counts[STEPS] += 1.0
+    if u.lam.shape[0] > 0:
+        bound = look_over(g.eqs, t, y, c.taken, g.rank, u, g.work)
+        if bound < 0.0:
+            g.counts[REFUSED] += 1.0
+            c.reach = SHORTER * c.taken
+            return TAKEN_BACK
+        c.reach = min(bound, 2.0 * c.reach)
+        if u.lost[0] > g.loss[0]:
+            return BRANCHES
+    c.passed = t
+    for i in range(y.shape[0]):
+        g.good[0, i], g.good[1, i] = y[i], slopes[i]
+    if c.audit == 1:
+        book(g.eqs, t, y, slopes, c.works == 1, u, g.work, g.book, g.scales)
+    return OK
+
+
+def call_accept(t: float, y: Any, slopes: Any, g: Any) -> int:
+    """As the loop calls it."""
+    return accept(t, y, slopes, g)
+
+
+def call_residual(t: float, y: Any, slopes: Any, out: Any, g: Any) -> int:
+    """As IDA calls it, like those that follow."""
+    n = g.count
+    y_, slopes_, out_ = array_at(data_of(y), n), array_at(data_of(slopes), n), array_at(data_of(out), n)
+    residual(g.eqs, t, y_, slopes_, out_, g.u, g.work)
+    return 0
+
+
+def call_set_up(t: float, y: Any, slopes: Any, _res: Any, _cj: float, g: Any) -> int:
+    """Set up the preconditioner."""
+    set_up(g.eqs, t, array_at(data_of(y), g.count), array_at(data_of(slopes), g.count), g.u, g.work)
+    return 0
+
+
+def call_solve(
+    t: float, y: Any, slopes: Any, _res: Any, right: Any, left: Any, cj: float, _delta: float, g: Any
+) -> int:
+    """Apply it."""
+    n = g.count
+    y_, slopes_ = array_at(data_of(y), n), array_at(data_of(slopes), n)
+    solve(g.eqs, t, y_, slopes_, array_at(data_of(right), n), array_at(data_of(left), n), cj, g.u, g.work)
+    return 0
+
+
+def call_multiply(
+    _t: float, _y: Any, _slopes: Any, _res: Any, vector: Any, product: Any, _cj: float, g: Any, _a: Any, _b: Any
+) -> int:
+    """Multiply by the matrix."""
+    multiply(array_at(data_of(vector), g.count), array_at(data_of(product), g.count), g.u)
+    return 0
+
+
+def call_matrix(
+    t: float, cj: float, y: Any, slopes: Any, _res: Any, matrix: Any, g: Any, _a: Any, _b: Any, _c: Any
+) -> int:
+    """Fill the matrix, column by column."""
+    n = g.count
+    set_up(g.eqs, t, array_at(data_of(y), n), array_at(data_of(slopes), n), g.u, g.work)
+    assemble(g.eqs, g.u, g.work, cj)
+    out = array_at(data_of_matrix(matrix), n * n)
+    for i in range(n):
+        for j in range(n):
+            out[j * n + i] = g.u.matrix[i, j]
+    return 0
+
+
+# Old factors serve where nothing is near singular.
+DIRECT = Callbacks(call_residual, call_set_up, call_solve, call_multiply)
+FACTORED = Callbacks(call_residual, matrix=call_matrix)
+
+
 class IDAStepper(IDADriver, DenseStepper):
     """SUNDIALS IDA; see :mod:`solvers.steppers.ida.small`. For stiff models; order at most 5."""
 
@@ -125,13 +221,33 @@ class IDAStepper(IDADriver, DenseStepper):
         self._unknowns = Unknowns.allocate(system.nq, system.n, system.m)
         self._held = hold(self._unknowns)
         self._counts = self._unknowns.counts
-        self._ida, self._works = self._new_ida(), False
-        self._instant = STANDSTILL / self._units.rate[0]
-        self._good = self._slopes = np.zeros(0)  # IDA's unknowns after its last step, and their derivatives
+        self._good = np.zeros((2, len(self._unknowns.y)))
+        self._ida = self._new_ida()
 
-    def _new_ida(self) -> IDA:
-        s, o, u, work, eqs = self.system, self.options, self._held, self._work, self._eqs
+    def _new_ida(self) -> DirectIDA | BoundIDA:
+        s, o, u = self.system, self.options, self._unknowns
         controlled = s.nq + s.n
+        rtol = TIGHTER * self._rtol**POWER
+        u.noise[0], u.near[0] = NOISE / rtol, NEARER * self._rtol
+        tightened = rtol if o.atol is None else o.atol * rtol / self._rtol
+        place, atol = tightened * s.size, UNCONTROLLED * self._scaling()[0]
+        atol[:controlled] = tightened * np.concatenate((self._units.size_q, self._units.pace * s.size))
+        self._c["instant"] = STANDSTILL / self._units.rate[0]
+        self._scales = hold(Scales.of(rtol, place, self._units.pace * place, len(atol)))
+        given = Given(
+            self._eqs, self._held, self._work, self._rank, len(atol), self._book,
+            self._scales,
+            self._counts, self._course, self._good, np.array([LOSS * self._rtol]),
+        )  # fmt: skip
+        options = {"rtol": rtol, "atol": atol, "max_order": 5 if o.max_order is None else min(5, o.max_order)}
+        if serves():
+            callbacks = DIRECT if s.m else FACTORED
+            return DirectIDA(callbacks, call_accept, hold(given), max_step=o.max_step, **options)
+        return self._bound_ida(hold(given), options)
+
+    def _bound_ida(self, given: Any, options: dict[str, Any]) -> BoundIDA:
+        """Return IDA with the same kernels for callbacks, by way of Python."""
+        s, u, work, eqs = self.system, self._held, self._work, self._eqs
 
         def resfn(t: float, y: Array, yp: Array, res: Array) -> None:
             residual(eqs, t, y, yp, res, u, work)
@@ -153,22 +269,11 @@ class IDAStepper(IDADriver, DenseStepper):
             matrix[:] = self._unknowns.matrix
 
         fresh = {"linsolver": "gmres", "precond": IDAPrecond(setup, precondition), "jactimes": IDAJacTimes(None, times)}
-        rtol = TIGHTER * self._rtol**POWER
-        self._unknowns.noise[0], self._unknowns.near[0] = NOISE / rtol, NEARER * self._rtol
-        tightened = rtol if o.atol is None else o.atol * rtol / self._rtol
-        place, atol = tightened * s.size, UNCONTROLLED * self._scaling()[0]
-        atol[:controlled] = tightened * np.concatenate((self._units.size_q, self._units.pace * s.size))
-        self._scales = hold(Scales.of(rtol, place, self._units.pace * place, len(atol)))
-        return IDA(
-            resfn,
-            **(fresh if s.m else {"jacfn": dense}),  # old factors serve where nothing is near singular
-            rtol=rtol,
-            atol=atol,
-            algebraic_idx=np.arange(controlled, len(atol)) if s.m else None,
-            max_step=0.0 if np.isinf(o.max_step) else o.max_step,
-            max_order=5 if o.max_order is None else min(5, o.max_order),
-            max_conv_fails=30,
-        )
+        max_step = 0.0 if np.isinf(self.options.max_step) else self.options.max_step
+        return BoundIDA(
+            resfn, lambda t, y, slopes, _: accept(t, y, slopes, given), self._counts, self._course,
+            **(fresh if s.m else {"jacfn": dense}), max_step=max_step, max_conv_fails=FAILURES, **options,
+        )  # fmt: skip
 
     def _begin(self) -> Code:
         """Initialize IDA at the reported state with consistent derivatives."""
@@ -183,15 +288,14 @@ class IDAStepper(IDADriver, DenseStepper):
         y = np.concatenate((self._q, self._v, lam * w.row, zeros))
         yp = np.concatenate((self._terms.qdot, a, zeros, zeros))
         u.at[:], u.lift[:] = np.nan, 0.0
-        self._ida.init_step(self._t, y, yp)
-        u.asked[0], self._works = 0.0, s.works()
+        u.asked[0] = 0.0
         u.columns[:], u.rows[:] = self._scaling()
-        self._begun_here()
-        self._good, self._slopes = y, yp
+        self._begin_with(y, yp)
+        self._good[:] = y, yp
         w.course["ratio"] = 0.0  # what is known of the branch holds
         if s.m:
             bound = look_over(self._eqs, self._t, y, 0.0, self._rank, self._held, self._work)
-            self._reach = min(self._reach, bound)
+            self._c["reach"] = min(self._c["reach"], bound)
         self._note(self._t, y, yp)
         return Code.OK
 
@@ -214,33 +318,19 @@ class IDAStepper(IDADriver, DenseStepper):
         mobile = np.linalg.solve(M + np.trace(M) / (self.system.n * square) * J.T @ J, J.T)
         return LAMBDA * np.trace(J @ mobile) / w.rate[0], self._unknowns.noise[0] * MU * square / w.rate[0]
 
-    def _look_over(self, t: float, y: Array, yp: Array) -> Code:
-        """Accept IDA's step to (t, y), or begin anew where it began."""
-        s = self.system
-        self._counts[STEPS] += 1.0
-        if s.m:
-            bound = look_over(self._eqs, t, y, self._taken, self._rank, self._held, self._work)
-            if bound < 0.0:
-                self._counts[REFUSED] += 1.0
-                self._reach = SHORTER * self._taken
-                return self._resume()
-            self._reach = min(bound, 2.0 * self._reach)
-            if self._unknowns.lost[0] > LOSS * self._rtol:
-                return Code.BRANCHES
-        self._passed, self._good, self._slopes = t, y, yp
-        self._note(t, y, yp)
-        return Code.OK
-
     def _note(self, t: float, y: Array, yp: Array) -> None:
         if self.options.audit:
-            book(self._eqs, t, y, yp, self._works, self._held, self._work, self._book, self._scales)
+            book(self._eqs, t, y, yp, self._works(), self._held, self._work, self._book, self._scales)
+
+    def _works(self) -> bool:
+        return self.system.works()
 
     def renew(self) -> None:
         """Go on with IDA's history where its last step ends at the reported time; let the next ones end where asked."""
-        keeps = not self._pending and self._passed == self._t and self.status.ok
+        keeps = not self._pending and self._c["passed"] == self._t and self.status.ok
         if not (keeps and self._ramp_is_low(self._t) and self._tied()):
             self.restart()
-        self._stops = STOPS
+        self._c["stops"] = STOPS
 
     def _ramp_is_low(self, t: float) -> bool:
         """Whether IDA's unknowns are of the size of the velocities until t (s): relative tolerances are of them."""
@@ -258,16 +348,17 @@ class IDAStepper(IDADriver, DenseStepper):
         code, a, lam = self._evaluate()
         if code is not Code.OK:
             return False
-        tie(self._t, a, self._slopes, self._held)
-        self._unknowns.at[:], self._works = np.nan, self.system.works()
+        here, slopes = self._good.copy()
+        tie(self._t, a, slopes, self._held)
+        self._unknowns.at[:], self._c["works"] = np.nan, int(self._works())
         begin_work(self._book, self._ledger[WORK])
-        here, first = self._good.copy(), self.system.nq + self.system.n
+        first = self.system.nq + self.system.n
         here[first : first + self.system.m] = lam * self._units.row
-        self._note(self._t, here, self._slopes)
+        self._note(self._t, here, slopes)
         return True
 
     def _resume(self) -> Code:
-        code = self._take(self._passed, self._good)
+        code = self._take(float(self._c["passed"]), self._good[0])
         if code is not Code.OK:
             return code
         self._tell()
@@ -279,7 +370,7 @@ class IDAStepper(IDADriver, DenseStepper):
     def restore(self, data: bytes) -> None:
         """Take over a reported state and the units it was integrated in; the history starts anew."""
         super().restore(data)
-        self._ida, self._instant = self._new_ida(), STANDSTILL / self._units.rate[0]
+        self._ida = self._new_ida()
 
     def _take(self, t: float, y: Array) -> Code:
         u, nq = self._unknowns, self.system.nq
@@ -298,16 +389,6 @@ class IDAStepper(IDADriver, DenseStepper):
             f"'ida' runs a loop at a tolerance of {self._rtol:g}, not {self.options.rtol:g}: rounding allows no finer"
         )
 
-    @property
-    def statistics(self) -> Statistics:
-        """What the run has cost so far."""
-        residuals, matrices = self._counts[RESIDUALS], self._counts[MATRICES]
-        steps, refused = self._counts[STEPS], self._counts[REFUSED]
+    def _evaluations(self) -> int:
         columns = self.system.nq + 2 * self.system.n + 1
-        return Statistics(
-            steps=int(steps),
-            rejected=int(refused),
-            refused=int(refused),
-            rhs_evals=int(residuals + columns * matrices),
-            restarts=max(0, int(self._begun[0]) - 1),
-        )
+        return int(self._counts[RESIDUALS] + columns * self._counts[MATRICES])

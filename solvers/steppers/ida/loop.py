@@ -1,0 +1,84 @@
+"""IDA step by step until a time is passed: the loop between IDA and what looks after its steps.
+
+It is compiled where IDA is called by its C functions, and runs in Python where scikit-sundae is in between.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from solvers.compiled.kernel import inlined, kernel
+from solvers.outcome import BRANCHES, COLLAPSED, MAX_STEPS, NOT_FINITE, OK
+
+STANDSTILL = 1e-10  # relative to t and one over the rate: no step, and in OFTEN steps no progress
+OFTEN = 5000
+STOOD = 10  # returns of IDA without a step, of which one is meant
+ONE_STEP = np.int32(2)  # SUNDIALS' IDA_ONE_STEP
+FAILURES = 30  # of convergence, in one step
+TAKEN_BACK = -1  # besides the codes of solvers.outcome: the step is not to be, IDA must begin anew
+
+COUNTS = 6  # of a stepper: residuals, matrices, residuals not finite, steps, steps taken back, errors too large
+RESIDUALS, MATRICES, BAD, STEPS, REFUSED, FAILED = range(COUNTS)
+COURSE = np.dtype(
+    [
+        ("passed", "f8"), ("begun", "f8"),  # s, where IDA itself stands, and where its history begins
+        ("taken", "f8"), ("reach", "f8"),  # s, its last step, and how long the next one may be
+        ("longest", "f8"), ("instant", "f8"),  # s, of any step; of no account
+        ("stops", "i8"),  # times asked for at which steps are yet to end
+        ("count", "i8"), ("most", "i8"),  # steps in this call, and how many there may be
+        ("works", "i8"), ("audit", "i8"),  # 1: power is to be booked; steps are
+    ],
+    align=True,
+)  # fmt: skip
+
+
+@inlined
+def stop_on_the_way(c: Any, t: float) -> float:
+    """Where IDA must stop on the way to t, s; inf where it will not reach that.
+
+    After a step it keeps the step size, doubles or shortens it; a stop it does not reach shortens it too.
+    """
+    reach = min(c.reach, c.longest)
+    if reach >= 2.0 * c.taken > 0.0 or np.isinf(reach):
+        return t if c.stops > 0 else np.inf
+    return min(t if c.stops > 0 else np.inf, c.passed + (c.taken if reach >= c.taken > 0.0 else reach))
+
+
+@kernel
+def go(ida: Any, accept: Any, given: Any, t: float) -> int:
+    """Step until ``t`` is passed; return a code. IDA must not be trusted to notice that it stands still.
+
+    ``accept(t, y, y', given)`` looks over every step: it notes that it is passed, and returns a code.
+    """
+    c, counts = given.course[0], given.counts
+    stood, bad, since = 0, counts[BAD], c.passed
+    while c.passed < t:
+        if c.count >= c.most:
+            return MAX_STEPS
+        before, stop, instant = c.passed, stop_on_the_way(c, t), max(c.instant, STANDSTILL * abs(c.passed))
+        if c.reach < instant:
+            return BRANCHES
+        if stop < np.inf:
+            ida.stop_at(ida.memory, stop)
+        flag = ida.solve(ida.memory, max(t, stop) if stop < np.inf else t, ida.told, ida.yy, ida.yp, ONE_STEP)
+        ida.stop_nowhere(ida.memory)
+        reached, stopped = ida.reached[0], NOT_FINITE if counts[BAD] > bad else COLLAPSED
+        if flag < 0:
+            return stopped
+        if reached <= before:  # it had interpolated, and tells where it stands first; or nothing moves t
+            stood += 1
+            if stood > STOOD:
+                return stopped
+            continue
+        stood, c.taken = 0, reached - before
+        c.count += 1
+        code = accept(reached, ida.y, ida.slopes, given)
+        if code != OK:
+            return code
+        if c.count % OFTEN == 0:
+            if c.passed - since <= instant:
+                return stopped
+            since = c.passed
+    return OK
