@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from solvers.compiled.held import held_type, hold
 from solvers.compiled.kernel import COMPILED, callback, kernel, types
+from solvers.positions import Positions
 
 Array = NDArray[np.float64]
 
@@ -215,6 +216,9 @@ class Tangent(Protocol):
     """
 
     factored: int  # how often: who keeps factors must see whether they are still his
+    solve_one: Callable[[Array, Any, Array], None]  # compiled, (r, data, dq): as solve, all (n,)
+    inertia_one: Callable[[Array, Any, Array], None]  # (a, data, tau): as inertia
+    data: Any  # held
 
     def factor(self, c1: float, c2: float, weight: Array | None = None) -> bool:
         """Assemble and factor T, or T + J^T weight J, at the last :attr:`TreeSystem.inverse`; False where singular."""
@@ -241,8 +245,7 @@ class TreeSystem(AnySystem):
     mobility: Callable[[Array, Any, Array], None]  # (r, data, x): x = M^-1 r where forward was called for last
     constraints: Callable[[float, Array, Array, Any, Terms], None]  # (t, q, v, data, terms): Phi, J, nu and gamma
     tangent: Tangent
-    plain: tuple[NDArray[np.int64], NDArray[np.int64]]  # where positions are no quaternions: places in q and in v
-    quaternions: tuple[tuple[int, int], ...] = ()  # first place of each in q, of its angular velocity in v
+    positions: Positions
     dense: Callable[[], System] | None = None  # (): the same mechanism with its matrices
 
     def allocate_terms(self) -> Terms:
@@ -261,32 +264,10 @@ class TreeSystem(AnySystem):
         _inverse(self.inverse, t, q, v, a, loaded, self.held_data, qdot, tau)
         return tau
 
-    def as_motion(self, q: Array, rate: Array) -> Array:
-        """Return v (n,) with N v = rate (nq,) as far as there is one."""
-        v = np.zeros(self.n)
-        v[self.plain[1]] = rate[self.plain[0]]
-        for i, j in self.quaternions:
-            v[j : j + 3] = 4.0 * quaternion_map(q[i : i + 4]).T @ rate[i : i + 4]
-        return v
-
-    def as_positions(self, q: Array, v: Array) -> Array:
-        """Return N v (nq,)."""
-        rate = np.zeros(self.nq)
-        rate[self.plain[0]] = v[self.plain[1]]
-        for i, j in self.quaternions:
-            rate[i : i + 4] = quaternion_map(q[i : i + 4]) @ v[j : j + 3]
-        return rate
-
     def position_sizes(self, sizes: Array) -> Array:
         """Return sizes of positions (nq,) from those of motions (n,)."""
-        positions = np.zeros(self.nq)
-        positions[self.plain[0]] = sizes[self.plain[1]]
-        for i, j in self.quaternions:
-            positions[i : i + 4] = 0.5 * sizes[j : j + 3].min()
-        return positions
-
-
-def quaternion_map(e: Array) -> Array:
-    """Return (4, 3) e' = e o (0, w) / 2 as a matrix on w, body axes."""
-    w, x, y, z = e
-    return 0.5 * np.array([[-x, -y, -z], [w, -z, y], [z, w, -x], [-y, x, w]])
+        found, p = np.zeros(self.nq), self.positions
+        found[p.in_q] = sizes[p.in_v]
+        for i, j in p.turning:
+            found[i : i + 4] = 0.5 * sizes[j : j + 3].min()
+        return found

@@ -46,11 +46,36 @@ class Factors(NamedTuple):
 
 
 @inlined
-def subtract(a: float, columns: Any, at: int, begin: int, end: int, y: Any, offset: int) -> None:
-    """y[offset + i] -= a columns[at + i] for i from ``begin`` to before ``end``."""
-    column, out = columns[at : at + end], y[offset : offset + end]
-    for i in range(begin, end):
+def subtract(a: float, columns: Any, at: int, count: int, y: Any, first: int) -> None:
+    """y[first:] -= a times the column that begins at ``at``, ``count`` entries."""
+    column, out = columns[at : at + count], y[first : first + count]
+    for i in range(count):
         out[i] -= a * column[i]
+
+
+@inlined
+def subtract_four(
+    a: float, b: float, c: float, d: float, columns: Any, at: int, apart: int, count: int, y: Any, first: int
+) -> None:
+    """The same with four columns, which begin ``apart``: y is read and written once for all of them."""
+    out = y[first : first + count]
+    A, B = columns[at : at + count], columns[at + apart : at + apart + count]
+    C, D = columns[at + 2 * apart : at + 2 * apart + count], columns[at + 3 * apart : at + 3 * apart + count]
+    for i in range(count):
+        out[i] -= a * A[i] + b * B[i] + c * C[i] + d * D[i]
+
+
+@inlined
+def subtract_product(columns: Any, at: int, rows: int, count: int, x: Any, begin: int, y: Any, first: int) -> None:
+    """y[first:] -= A x[begin:], the columns of A (rows, count) one after the other from ``at`` on."""
+    j = 0
+    while j + 4 <= count:
+        k = begin + j
+        subtract_four(x[k], x[k + 1], x[k + 2], x[k + 3], columns, at + j * rows, rows, rows, y, first)
+        j += 4
+    while j < count:
+        subtract(x[begin + j], columns, at + j * rows, rows, y, first)
+        j += 1
 
 
 @kernel
@@ -60,12 +85,24 @@ def solve_block(B: Any, k: int, x: Any) -> None:
     for i in range(n):
         other = B.pivots[first + i]
         x[first + i], x[first + other] = x[first + other], x[first + i]
-    for j in range(n):
-        subtract(x[first + j], B.lu, at + j * n, j + 1, n, x, first)
-    for back in range(n):
-        j = n - 1 - back
+    whole = n - n % 4
+    for j in range(0, whole, 4):
+        for l in range(j, j + 3):
+            subtract(x[first + l], B.lu, at + l * n + l + 1, j + 3 - l, x, first + l + 1)
+        i = first + j
+        below = at + j * n + j + 4
+        subtract_four(x[i], x[i + 1], x[i + 2], x[i + 3], B.lu, below, n, n - j - 4, x, i + 4)
+    for j in range(whole, n):
+        subtract(x[first + j], B.lu, at + j * n + j + 1, n - j - 1, x, first + j + 1)
+    for j in range(n - 1, whole - 1, -1):
         x[first + j] /= B.lu[at + j * n + j]
-        subtract(x[first + j], B.lu, at + j * n, 0, j, x, first)
+        subtract(x[first + j], B.lu, at + j * n, j, x, first)
+    for j in range(whole - 4, -1, -4):
+        for l in range(j + 3, j - 1, -1):
+            x[first + l] /= B.lu[at + l * n + l]
+            subtract(x[first + l], B.lu, at + l * n + j, l - j, x, first + j)
+        i = first + j
+        subtract_four(x[i], x[i + 1], x[i + 2], x[i + 3], B.lu, at + j * n, n, j, x, first)
 
 
 @kernel
@@ -77,15 +114,13 @@ def solve_blocks(B: Any, x: Any) -> None:
         inner, first = B.inward[k], B.first[k]
         if inner >= 0:
             to, size = B.first[inner], B.first[inner + 1] - B.first[inner]
-            for j in range(B.first[k + 1] - first):
-                subtract(x[first + j], B.left, B.tied[k] + j * size, 0, size, x, to)
+            subtract_product(B.left, B.tied[k], size, B.first[k + 1] - first, x, first, x, to)
     for back in range(blocks):
         k = blocks - 1 - back
         inner, first = B.inward[k], B.first[k]
         if inner >= 0:
             begin, n = B.first[inner], B.first[k + 1] - first
-            for j in range(B.first[inner + 1] - begin):
-                subtract(x[begin + j], B.right, B.tied[k] + j * n, 0, n, x, first)
+            subtract_product(B.right, B.tied[k], n, B.first[inner + 1] - begin, x, begin, x, first)
 
 
 class Blocks(NamedTuple):

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sksundae.ida import IDA
 
-from solvers.steppers.ida.quiet import IDA, LOGS, silent
+from solvers.steppers.ida.quiet import LOGS, nowhere, silent
 
 RATES = np.logspace(0.0, 8.0, 30)
 
@@ -21,7 +22,8 @@ def stiff(t: float, y: Any, yp: Any, res: Any) -> None:
 def test_nothing_reaches_the_console_and_the_environment_stays(capfd: pytest.CaptureFixture[str]) -> None:
     before = {name: os.environ.get(name) for name in LOGS}
     ida = IDA(stiff, rtol=1e-6, atol=1e-8, linsolver="gmres", krylov_dim=1, max_num_steps=500)
-    ida.init_step(0.0, np.zeros(30), np.zeros(30))
+    with nowhere():
+        ida.init_step(0.0, np.zeros(30), np.zeros(30))
     with silent():
         assert ida.step(10.0).status < 0
     assert {name: os.environ.get(name) for name in LOGS} == before

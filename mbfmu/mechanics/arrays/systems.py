@@ -13,6 +13,7 @@ from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.records import Data
 from mbfmu.mechanics.recursions.dynamics import callbacks, tree_callbacks, work_callbacks
 from mbfmu.mechanics.tangent import Groups, Tangent, find_groups
+from solvers.positions import Positions
 from solvers.system import AnySystem, System, TreeSystem
 
 from .assembly import free_bodies
@@ -94,8 +95,7 @@ class Systems:
             constraints=constraints,
             retract=retract,
             tangent=self.tangent(),
-            plain=(in_q, in_v),
-            quaternions=tuple(quaternions),
+            positions=Positions(in_q, in_v, np.array(quaternions, np.int64).reshape(-1, 2)),
             dense=lambda: self.dense(constraint_names, data),
             power=power,
             exposure=exposure,

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.records import Arrays, State, complex_state
-from solvers.compiled.held import hold
-from solvers.compiled.kernel import inlined, kernel
+from solvers.compiled.held import held_type, hold
+from solvers.compiled.kernel import COMPILED, callback, inlined, kernel, types
 from solvers.linalg.blocks import BlockTree, one_thread, solve_blocks
 from solvers.system import Array
 
@@ -131,6 +132,45 @@ def solve(r: Any, L: Any, arrays: Any, state: Any, factors: Any, s: Any, b: Any,
         gather_motion(b, c, s.base, L, arrays, state, s.dual, s.motions, dq)
 
 
+class Solving(NamedTuple):
+    """What one right-hand side is solved with."""
+
+    L: Any
+    arrays: Any
+    state: Any
+    factors: Any
+    unknowns: Any
+    r: Array  # (n, 1)
+    b: Array  # (rows, 1)
+    dq: Array  # (n, 1)
+
+
+def solve_one(r: Any, g: Any, dq: Any) -> None:
+    """dq (n,) with T dq = r."""
+    for i in range(r.shape[0]):
+        g.r[i, 0] = r[i]
+    for i in range(g.b.shape[0]):
+        g.b[i, 0] = 0.0
+    solve(g.r, g.L, g.arrays, g.state, g.factors, g.unknowns, g.b, g.dq)
+    for i in range(r.shape[0]):
+        dq[i] = g.dq[i, 0]
+
+
+def inertia_one(a: Any, g: Any, tau: Any) -> None:
+    """tau (n,) = M a."""
+    inertia_forces(g.arrays, g.state, a, tau)
+
+
+@cache
+def tangent_callbacks(data: Any) -> tuple[Callable[..., None], Callable[..., None]]:
+    """Return these two as a solver's kernels call them with data of this type."""
+    if not COMPILED:
+        return solve_one, inertia_one
+    vector = types.float64[::1]
+    take = callback(types.void(vector, data, vector))
+    return take(solve_one), take(inertia_one)
+
+
 class Tangent:
     """T of one mechanism, factored and solved as often as wanted.
 
@@ -147,6 +187,8 @@ class Tangent:
     ----------
     factored
         How often: who keeps factors must see whether they are still his.
+    solve_one, inertia_one, data
+        :meth:`solve` and :meth:`inertia` of one vector as kernels call them.
     """
 
     factored = 0
@@ -182,6 +224,12 @@ class Tangent:
         self._unknowns = hold(Unknowns(base, rows, z(len(rows)), self._dual, z((len(arrays.bodies), 6))))
         self._state = State(*(array.copy() for array in state))
         self._held = tuple(map(hold, (arrays, self._state, self.layout, self._scratch)))
+        n = len(state.v)
+        arrays_, state_, L, _ = self._held
+        self.data = hold(
+            Solving(L, arrays_, state_, self._tree.factors, self._unknowns, z((n, 1)), z((self._rows, 1)), z((n, 1)))
+        )
+        self.solve_one, self.inertia_one = tangent_callbacks(held_type(self.data) if COMPILED else None)
         own = state._replace(S=state.S[:0], U=state.U[:0], D=state.D[:0])
         if not len(self.layout.steps) and not len(arrays.cuts):
             own = own._replace(bodies=state.bodies[:0])  # no complex step moves any

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from solvers.compiled.kernel import inlined, kernel, records
 from solvers.ledger import FIELDS, SLIP, due, look
+from solvers.positions import angular_velocity, as_motion, as_slope
 from solvers.system import Array, TreeSystem
 
 GAMMA = 1767732205903 / 4055673282236
@@ -111,59 +112,19 @@ class Stage(NamedTuple):
     used: NDArray[np.int64]  # (1,) how many there are
     zero: Array  # (n,)
     none: Array  # (m,)
-    in_q: NDArray[np.int64]  # (k,) where positions are no quaternions, in q and in v
+    in_q: NDArray[np.int64]  # these as in solvers.positions.Positions
     in_v: NDArray[np.int64]
-    turning: NDArray[np.int64]  # (k, 2) first place of each quaternion in q, of its angular velocity in v
+    turning: NDArray[np.int64]
 
     @staticmethod
     def of(system: TreeSystem) -> Stage:
         """Return zeroed scratch for a system."""
         nq, n, m, z = system.nq, system.n, system.m, np.zeros
-        turning = np.array(system.quaternions, np.int64).reshape(-1, 2)
         return Stage(
             z(nq), z(n), z(n), z(m), z(nq), z(nq), z(n), z(n), z(nq), z(n), z(n),
             z(n + m), z(n + m), z((MOST, n)), z((MOST, n + m)), np.zeros(1, np.int64),
-            z(n), z(m), *system.plain, turning,
+            z(n), z(m), *system.positions,
         )  # fmt: skip
-
-
-@inlined
-def quaternion_slope(q: Any, i: int, v: Any, j: int, out: Any) -> None:
-    """out[i:] <- e o (0, w) / 2 of the quaternion e = q[i:] and the angular velocity w = v[j:], body axes."""
-    w, x, y, z = q[i], q[i + 1], q[i + 2], q[i + 3]
-    a, b, c = 0.5 * v[j], 0.5 * v[j + 1], 0.5 * v[j + 2]
-    out[i] = -x * a - y * b - z * c
-    out[i + 1] = w * a - z * b + y * c
-    out[i + 2] = z * a + w * b - x * c
-    out[i + 3] = -y * a + x * b + w * c
-
-
-@inlined
-def angular_velocity(q: Any, i: int, slope: Any, scale: float, v: Any, j: int) -> None:
-    """v[j:] <- scale times the w of :func:`quaternion_slope`, q[i:] of unit length."""
-    w, x, y, z = q[i], q[i + 1], q[i + 2], q[i + 3]
-    a, b, c, d = slope[i], slope[i + 1], slope[i + 2], slope[i + 3]
-    v[j] = 2.0 * scale * (-x * a + w * b + z * c - y * d)
-    v[j + 1] = 2.0 * scale * (-y * a - z * b + w * c + x * d)
-    v[j + 2] = 2.0 * scale * (-z * a + y * b - x * c + w * d)
-
-
-@kernel
-def as_motion(q: Any, slope: Any, s: Any, v: Any) -> None:
-    """v (n,) with N v = slope, as far as there is one."""
-    for k in range(s.in_q.shape[0]):
-        v[s.in_v[k]] = slope[s.in_q[k]]
-    for k in range(s.turning.shape[0]):
-        angular_velocity(q, s.turning[k, 0], slope, 1.0, v, s.turning[k, 1])
-
-
-@kernel
-def as_slope(q: Any, v: Any, s: Any, slope: Any) -> None:
-    """slope (nq,) = N v."""
-    for k in range(s.in_q.shape[0]):
-        slope[s.in_q[k]] = v[s.in_v[k]]
-    for k in range(s.turning.shape[0]):
-        quaternion_slope(q, s.turning[k, 0], v, s.turning[k, 1], slope)
 
 
 @kernel

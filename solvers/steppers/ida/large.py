@@ -30,99 +30,33 @@ closed onto the constraints.
 
 from __future__ import annotations
 
-from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from sksundae.ida import IDAPrecond
 
 from solvers.compiled.held import hold
-from solvers.compiled.kernel import kernel
-from solvers.ledger import Scales, add_step, due, look
+from solvers.ledger import Scales
 from solvers.linalg.blocks import one_thread
-from solvers.options import Options, Statistics
+from solvers.options import Options
 from solvers.outcome import Code
 from solvers.projection.saddle import Accelerations, close, inverse_squares, rate_of_motion
 from solvers.stepper import require_placed, require_resolved
 from solvers.system import LARGEST_DENSE, Array, TreeSystem, audit_callbacks
 
-from .driver import BAD, MATRICES, RESIDUALS, STANDSTILL, STEPS, IDADriver
+from .binding import BoundIDA
+from .driver import IDADriver
 from .ggl import LENGTH_RATE
-from .quiet import IDA
+from .loop import FAILURES, MATRICES, STANDSTILL
+from .sundials import Callbacks, DirectIDA, InPython, serves
+from .tree import Given, Reduced, Scratch, accept, call_accept, call_precondition, call_residual, note, precondition
+from .tree import residual as residual_of_tree
 
 UNCONTROLLED = 1e8  # absolute tolerance of the multipliers
 RATE = 150.0  # absolute tolerance of a rate to that of its coordinate, in units of the motion's rate
 ORDER = 2
 KRYLOV = 5
 TIKHONOV = 1e-6
-
-
-class Scratch(NamedTuple):
-    """Writable copies of what IDA passes, and scratch."""
-
-    q: Array  # (nq,)
-    v: Array  # (n,)
-    a: Array  # (n,)
-    qdot: Array  # (nq,)
-    unit: Array  # (nq,) q with unit quaternions
-    zero: Array  # (n,)
-    tau: Array  # (n,)
-    lam: Array  # (m,)
-
-    @staticmethod
-    def allocate(nq: int, n: int, m: int) -> Scratch:
-        """Return zeroed arrays."""
-        return Scratch(*(np.zeros(k) for k in (nq, n, n, nq, nq, n, n, m)))
-
-
-@kernel
-def residual(
-    inverse: Any, retract: Any, t: float, y: Any, yp: Any, res: Any, length_rate: float, data: Any, s: Any
-) -> bool:
-    """Fill the rows of q and v of ``res`` at mu = 0; False where they are not finite."""
-    nq, n = s.q.shape[0], s.v.shape[0]
-    for i in range(nq):
-        s.q[i] = y[i]
-        s.unit[i] = y[i]
-    for i in range(n):
-        s.v[i] = y[nq + i]
-        s.a[i] = yp[nq + i]
-    for i in range(s.lam.shape[0]):
-        s.lam[i] = y[nq + n + i]
-    inverse(t, s.q, s.v, s.a, s.lam, data, s.qdot, s.tau)
-    retract(s.unit, s.zero, data)
-    finite = True
-    for i in range(nq):
-        res[i] = yp[i] - s.qdot[i] + length_rate * (s.q[i] - s.unit[i])
-    for i in range(n):
-        res[nq + i] = s.tau[i]
-        finite = finite and np.isfinite(s.tau[i])
-    return finite
-
-
-@kernel
-def book(
-    inverse: Any, power: Any, exposure: Any, t: float, y: Any, yp: Any, works: bool, data: Any, s: Any, books: Any,
-    scales: Any,
-) -> None:  # fmt: skip
-    """Book a step of IDA's to (t, y, yp); see :mod:`solvers.ledger`."""
-    c, nq, n, done = books[0], s.q.shape[0], s.v.shape[0], 0.0
-    for i in range(nq):
-        s.q[i] = y[i]
-    for i in range(n):
-        s.v[i] = y[nq + i]
-        s.a[i] = yp[nq + i]
-    if due(c):
-        for i in range(s.lam.shape[0]):
-            s.lam[i] = 0.0
-        inverse(t, s.q, s.v, s.zero, s.lam, data, s.qdot, s.tau)
-        look(exposure, data, c, scales)
-    if works:
-        for i in range(s.lam.shape[0]):
-            s.lam[i] = y[nq + n + i]
-        inverse(t, s.q, s.v, s.a, s.lam, data, s.qdot, s.tau)
-        done = power(t, s.q, s.v, s.a, s.lam, data)
-    add_step(books, t, done)
 
 
 class TreeIDAStepper(IDADriver):
@@ -134,100 +68,73 @@ class TreeIDAStepper(IDADriver):
         super().__init__(system, t0, q0, v0, options)
         self.system = system
         nq, n, m = system.nq, system.n, system.m
-        ends = np.cumsum((nq, n, m, m))
-        self._v_at, self._lam_at, self._mu_at = (slice(*pair) for pair in pairwise(map(int, ends)))
-        self._scratch = Scratch.allocate(nq, n, m)
-        self._held = hold(self._scratch)
-        self._terms, self._motion = system.allocate_terms(), Accelerations(system)
+        self._v_at = slice(nq, nq + n)
+        self._scratch, self._terms = Scratch.allocate(nq, n, m), system.allocate_terms()
+        z = np.zeros
+        self._reduced = Reduced(np.ones(1), z((2, m)), z((m, n)), z((n, m)), z((n, m)), z((2 * m, 2 * m)))
+        self._motion = Accelerations(system)
         self._rate = rate_of_motion(self._motion, self._t, self._q, self._v)
         require_resolved(self._t, self._rate, self.options.rtol)
         require_placed(self._q, system.position_sizes(system.size), self.options.rtol)
-        self._instant, self._length_rate = STANDSTILL / self._rate, LENGTH_RATE * self._rate
-        self._d = np.zeros((2, m))
-        self._cj, self._A, self._reduced = 1.0, np.zeros((n, m)), np.zeros((2 * m, 2 * m))
-        self._power, self._exposure = audit_callbacks(system)
-        self._ida, self._works = self._new_ida(), False
+        self._c["instant"] = STANDSTILL / self._rate
+        self._ida = self._new_ida()
         self.status = self._status(close(system, self._t, self._q, self._v))
 
-    def _new_ida(self) -> IDA:
+    def _new_ida(self) -> DirectIDA | BoundIDA:
         s, o = self.system, self.options
         sizes = o.absolute * s.size
         rates = RATE * self._rate * sizes
         atol = np.concatenate((s.position_sizes(sizes), rates, np.full(2 * s.m, UNCONTROLLED)))
-        self._scales = hold(Scales.of(o.rtol, sizes, rates, len(atol)))
-        return IDA(
-            self._residual,
-            rtol=o.rtol,
-            atol=atol,
-            algebraic_idx=np.arange(s.nq + s.n, s.nq + s.n + 2 * s.m) if s.m else None,
-            linsolver="gmres",
-            krylov_dim=KRYLOV,
-            precond=IDAPrecond(self._set_up, self._precondition),
-            max_step=0.0 if np.isinf(o.max_step) else o.max_step,
-            max_order=ORDER if o.max_order is None else min(5, o.max_order),
-            max_conv_fails=30,
-        )
+        given = self._given = hold(
+            Given(
+                s.inverse, s.retract, s.position, *audit_callbacks(s), s.held_data, self._terms, s.positions,
+                s.tangent.solve_one, s.tangent.inertia_one, s.tangent.data, self._scratch, self._reduced,
+                LENGTH_RATE * self._rate, len(atol), self._book, hold(Scales.of(o.rtol, sizes, rates, len(atol))),
+                self._counts, self._course,
+            )
+        )  # fmt: skip
+        order = ORDER if o.max_order is None else min(5, o.max_order)
+        options: dict[str, Any] = {"rtol": o.rtol, "atol": atol, "max_order": order}
+        if serves():
+            callbacks = Callbacks(call_residual, InPython(self._set_up, len(atol)), call_precondition)
+            return DirectIDA(callbacks, call_accept, given, max_step=o.max_step, krylov=KRYLOV, **options)
 
-    def _residual(self, t: float, y: Array, yp: Array, res: Array) -> None:
-        s = self.system
-        self._counts[RESIDUALS] += 1.0
-        if s.m:
-            s.fill_position(t, np.array(y[: s.nq]), self._terms)
-        if not residual(s.inverse, s.retract, t, y, yp, res, self._length_rate, s.held_data, self._held):
-            self._counts[BAD] += 1.0
-        if s.m:
-            T, lam, mu = self._terms, y[self._lam_at], y[self._mu_at]
-            res[: s.nq] += s.as_positions(y[: s.nq], mu @ T.J)
-            res[self._lam_at] = T.J @ y[self._v_at] - T.nu - self._d[0] * lam
-            res[self._mu_at] = T.Phi - self._d[1] * mu
+        def residual(t: float, y: Array, yp: Array, res: Array) -> None:
+            residual_of_tree(t, y, yp, res, given)
 
-    def _set_up(self, t: float, y: Array, yp: Array, res: Array, cj: float) -> None:
+        def solve(t: float, y: Array, yp: Array, res: Array, r: Array, z: Array, cj: float, delta: float) -> None:
+            precondition(y, r, z, given)
+
+        return BoundIDA(
+            residual, lambda t, y, slopes, _: accept(t, y, slopes, given), self._counts, self._course,
+            linsolver="gmres", krylov_dim=KRYLOV, precond=IDAPrecond(self._set_up, solve),
+            max_step=0.0 if np.isinf(o.max_step) else o.max_step, max_conv_fails=FAILURES, **options,
+        )  # fmt: skip
+
+    def _set_up(self, t: float, y: Array, yp: Array, res: Array, cj: float) -> int:
+        """Factor the tangent and the equations of the constraints; 1: it is singular there."""
         self._counts[MATRICES] += 1.0
-        self._residual(t, y, yp, np.empty_like(res))
-        s, self._cj = self.system, cj
-        if s.tangent.factor(cj, cj * cj) and s.m:
-            self._reduce(cj)
-
-    def _look_over(self, t: float, y: Array, yp: Array) -> Code:
-        self._counts[STEPS] += 1.0
-        self._passed = t
-        self._note(t, y, yp)
-        return Code.OK
-
-    def _note(self, t: float, y: Array, yp: Array) -> None:
-        if self.options.audit:
-            s = self.system
-            callbacks = s.inverse, self._power, self._exposure
-            book(*callbacks, t, y, yp, self._works, s.held_data, self._held, self._book, self._scales)
+        residual_of_tree(t, y, yp, np.empty(len(y)), self._given)
+        self._reduced.c[0] = cj
+        if not self.system.tangent.factor(cj, cj * cj):
+            return 1
+        self._reduce(cj)
+        return 0
 
     def _reduce(self, cj: float) -> None:
-        """Factor the equations of the constraints."""
-        s = self.system
-        J, m = self._terms.J, s.m
+        s, m, (d0, d1) = self.system, self.system.m, map(np.diag, self._reduced.d)
+        if not m:
+            return
+        J = self._reduced.J
+        J[:] = self._terms.J
         inertia = np.array([s.tangent.inertia(row) for row in J])
         both = s.tangent.solve(np.vstack((J, cj * inertia)).T)  # (n, 2 m)
-        self._A, X = both[:, :m], both[:, m:]
-        d0, d1 = np.diag(self._d[0]), np.diag(self._d[1])
-        self._reduced = np.linalg.inv(np.block([[J @ J.T + cj * d1, -d0], [-J @ X - d1, -J @ self._A]]))
-        self._J, self._X = J.copy(), X
+        A, X = self._reduced.A, self._reduced.X
+        A[:], X[:] = both[:, :m], both[:, m:]
+        self._reduced.inverse[:] = np.linalg.inv(np.block([[J @ J.T + cj * d1, -d0], [-J @ X - d1, -J @ A]]))
 
-    def _precondition(
-        self, t: float, y: Array, yp: Array, res: Array, r: Array, z: Array, cj: float, delta: float
-    ) -> None:
-        s, c = self.system, self._cj
-        g = s.as_motion(y[: s.nq], r[: s.nq])
-        turn = s.tangent.solve(r[self._v_at] + c * s.tangent.inertia(g))
-        if s.m:
-            r3, r4 = r[self._lam_at], r[self._mu_at]
-            both = self._reduced @ np.concatenate((r3 + self._J @ g - c * r4, r4 - self._J @ turn))
-            z[self._lam_at], z[self._mu_at] = both[s.m :], both[: s.m]
-            turn -= self._X @ both[: s.m] + self._A @ both[s.m :]
-            g = g - both[: s.m] @ self._J
-        z[: s.nq] = s.as_positions(y[: s.nq], turn)
-        for i, _ in s.quaternions:  # their length
-            e = y[i : i + 4]
-            z[i : i + 4] += e * (e @ r[i : i + 4]) / (c + self._length_rate)
-        z[self._v_at] = c * turn - g
+    def _works(self) -> bool:
+        return self.system.works()
 
     def _advance(self, t: float) -> Code:
         with one_thread():
@@ -238,14 +145,13 @@ class TreeIDAStepper(IDADriver):
         code = motion.solve(self._t, self._q, self._v)
         if code is Code.OK:
             J, zeros = motion.terms.J, np.zeros(m)
-            self._d[0] = TIKHONOV * self.options.rtol / motion.masses
-            self._d[1] = TIKHONOV * self.options.rtol / inverse_squares(np.einsum("ij,ij->i", J, J))
+            self._reduced.d[0] = TIKHONOV * self.options.rtol / motion.masses
+            self._reduced.d[1] = TIKHONOV * self.options.rtol / inverse_squares(np.einsum("ij,ij->i", J, J))
             y = np.concatenate((self._q, self._v, motion.lam, zeros))
             yp = np.concatenate((motion.qdot, motion.a, zeros, zeros))
-            self._ida.init_step(self._t, y, yp)
-            self._works = self.system.works()
-            self._begun_here()
-            self._note(self._t, y, yp)
+            self._begin_with(y, yp)
+            if self.options.audit:
+                note(self._t, y, yp, self._given)
         return code
 
     def _take(self, t: float, y: Array) -> Code:
@@ -258,12 +164,3 @@ class TreeIDAStepper(IDADriver):
     def _evaluate(self) -> tuple[Code, Array, Array]:
         code = self._motion.solve(self._t, self._q, self._v)
         return code, self._motion.a.copy(), self._motion.lam.copy()
-
-    @property
-    def statistics(self) -> Statistics:
-        """What the run has cost so far; IDA's order and step size are not available."""
-        return Statistics(
-            steps=int(self._counts[STEPS]),
-            rhs_evals=int(self._counts[RESIDUALS]),
-            restarts=max(0, int(self._begun[0]) - 1),
-        )

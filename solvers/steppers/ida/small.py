@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sksundae.ida import IDAJacTimes, IDAPrecond
 
+from solvers.compiled.foreign import array_at
 from solvers.compiled.held import hold
 from solvers.compiled.kernel import kernel
 from solvers.ledger import WORK, Scales, add_step, begin_work, due, look
@@ -51,7 +52,7 @@ from .ggl import (
     weak_residual,
 )
 from .loop import FAILURES, MATRICES, REFUSED, RESIDUALS, STANDSTILL, STEPS, TAKEN_BACK
-from .sundials import Callbacks, DirectIDA, array_at, data_of, data_of_matrix, serves
+from .sundials import Callbacks, DirectIDA, data_of, data_of_matrix, serves
 
 FINEST = 1e-9  # a tighter rtol is run as this one: below it roundoff in J grows faster than the BDF error falls
 # IDA bounds the error of a step and the errors add up. At order 5 a step is as rtol^(1/6) and so the sum as the step's
@@ -97,7 +98,7 @@ class Given(NamedTuple):
     u: Any
     work: Any
     rank: int
-    count: int  # N
+    unknowns: int  # N
     book: NDArray[Any]
     scales: Any
     counts: Array
@@ -163,7 +164,7 @@ def call_accept(t: float, y: Any, slopes: Any, g: Any) -> int:
 
 def call_residual(t: float, y: Any, slopes: Any, out: Any, g: Any) -> int:
     """As IDA calls it, like those that follow."""
-    n = g.count
+    n = g.unknowns
     y_, slopes_, out_ = array_at(data_of(y), n), array_at(data_of(slopes), n), array_at(data_of(out), n)
     residual(g.eqs, t, y_, slopes_, out_, g.u, g.work)
     return 0
@@ -171,7 +172,7 @@ def call_residual(t: float, y: Any, slopes: Any, out: Any, g: Any) -> int:
 
 def call_set_up(t: float, y: Any, slopes: Any, _res: Any, _cj: float, g: Any) -> int:
     """Set up the preconditioner."""
-    set_up(g.eqs, t, array_at(data_of(y), g.count), array_at(data_of(slopes), g.count), g.u, g.work)
+    set_up(g.eqs, t, array_at(data_of(y), g.unknowns), array_at(data_of(slopes), g.unknowns), g.u, g.work)
     return 0
 
 
@@ -179,7 +180,7 @@ def call_solve(
     t: float, y: Any, slopes: Any, _res: Any, right: Any, left: Any, cj: float, _delta: float, g: Any
 ) -> int:
     """Apply it."""
-    n = g.count
+    n = g.unknowns
     y_, slopes_ = array_at(data_of(y), n), array_at(data_of(slopes), n)
     solve(g.eqs, t, y_, slopes_, array_at(data_of(right), n), array_at(data_of(left), n), cj, g.u, g.work)
     return 0
@@ -189,7 +190,7 @@ def call_multiply(
     _t: float, _y: Any, _slopes: Any, _res: Any, vector: Any, product: Any, _cj: float, g: Any, _a: Any, _b: Any
 ) -> int:
     """Multiply by the matrix."""
-    multiply(array_at(data_of(vector), g.count), array_at(data_of(product), g.count), g.u)
+    multiply(array_at(data_of(vector), g.unknowns), array_at(data_of(product), g.unknowns), g.u)
     return 0
 
 
@@ -197,7 +198,7 @@ def call_matrix(
     t: float, cj: float, y: Any, slopes: Any, _res: Any, matrix: Any, g: Any, _a: Any, _b: Any, _c: Any
 ) -> int:
     """Fill the matrix, column by column."""
-    n = g.count
+    n = g.unknowns
     set_up(g.eqs, t, array_at(data_of(y), n), array_at(data_of(slopes), n), g.u, g.work)
     assemble(g.eqs, g.u, g.work, cj)
     out = array_at(data_of_matrix(matrix), n * n)

@@ -4,8 +4,9 @@ The library is the one that scikit-sundae brings along and its extension module 
 interface of SUNDIALS 7 as its headers declare it, in double precision. With another one, and where nothing is compiled,
 :mod:`.binding` serves.
 
-A callback of IDA's is a kernel of one signature. It gets vectors as IDA has them, whose entries are :func:`array_at`
-their :func:`data_of`, and as the user's data a named tuple that is held (:mod:`solvers.compiled.held`).
+A callback of IDA's is a kernel of one signature. It gets vectors as IDA has them, whose entries are the
+:func:`~solvers.compiled.foreign.array_at` their :func:`data_of`, and as the user's data a named tuple that is held
+(:mod:`solvers.compiled.held`).
 """
 
 from __future__ import annotations
@@ -17,14 +18,11 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from llvmlite import binding
-from numba import types
-from numba.extending import intrinsic
-from numba.np.arrayobj import populate_array
 from sksundae import _cy_common, _cy_ida
 
+from solvers.compiled.foreign import Library, by_symbol, called_back
 from solvers.compiled.held import hold
-from solvers.compiled.kernel import COMPILED, callback
+from solvers.compiled.kernel import COMPILED, callback, types
 from solvers.options import Statistics
 from solvers.system import Array
 
@@ -34,7 +32,7 @@ from .quiet import nowhere
 SERIAL = 0  # SUN_COMM_NULL
 LEFT = 1  # SUN_PREC_LEFT
 
-FUNCTIONS = {  # what they return and take: a pointer, a whole or a real number
+FUNCTIONS = {  # in the letters of solvers.compiled.foreign
     "SUNContext_Create": "i ip",
     "SUNContext_ClearErrHandlers": "i p",
     "SUNContext_Free": "i p",
@@ -66,79 +64,58 @@ FUNCTIONS = {  # what they return and take: a pointer, a whole or a real number
     "IDAGetIntegratorStats": "i " + "p" * 11,
     "IDAFree": "i p",
 }
-IN_C = {"p": ctypes.c_void_p, "i": ctypes.c_int, "d": ctypes.c_double}
-IN_KERNELS = {"p": types.int64, "i": types.int32, "d": types.float64}
+
+
+@cache
+def library() -> Library:
+    """Return SUNDIALS as the extension module of scikit-sundae has loaded it."""
+    return Library(_cy_ida.__file__, FUNCTIONS, ("N_VGetArrayPointer", "SUNDenseMatrix_Data"))
 
 
 def serves() -> bool:
     """Whether kernels are compiled, and the library is one whose interface is known."""
     config = _cy_common.config
     known = config["SUNDIALS_FLOAT_TYPE"] == "double" and config["SUNDIALS_INT_TYPE"] == "int"
-    return bool(COMPILED and known and config["SUNDIALS_VERSION"].startswith("7.") and _library())
-
-
-@cache
-def _library() -> dict[str, Any]:
-    """Return the functions by name; none where one is missing."""
-    library = ctypes.PyDLL(_cy_ida.__file__)  # its symbols are those of all it is linked to
-    found = {}
-    for name, told in FUNCTIONS.items():
-        function = getattr(library, name, None)
-        if function is None:
-            return {}
-        function.restype, *function.argtypes = (IN_C[letter] for letter in told.replace(" ", ""))
-        found[name] = function
-    binding.add_symbol("N_VGetArrayPointer", _address(found["N_VGetArrayPointer"]))
-    binding.add_symbol("SUNDenseMatrix_Data", _address(found["SUNDenseMatrix_Data"]))
-    return found
-
-
-def _address(function: Any) -> int:
-    return int(ctypes.cast(function, ctypes.c_void_p).value or 0)
+    return bool(COMPILED and known and config["SUNDIALS_VERSION"].startswith("7.") and library().complete)
 
 
 def call(name: str, *arguments: Any) -> Any:
-    """Call a function of the library; raise MemoryError where it has nothing to return."""
-    result = _library()[name](*arguments)
-    if FUNCTIONS[name].startswith("p") and not result:
-        raise MemoryError(f"{name} of SUNDIALS returned nothing")
-    return result
+    """Call a function of SUNDIALS."""
+    return library().call(name, *arguments)
 
 
-class Foreign(types.WrapperAddressProtocol):
-    """A function of the library as kernels call it."""
-
-    def __init__(self, name: str) -> None:
-        self._place = _address(_library()[name])
-        result, *arguments = (IN_KERNELS[letter] for letter in FUNCTIONS[name].replace(" ", ""))
-        self._signature = result(*arguments)
-
-    def __wrapper_address__(self) -> int:
-        """Return where it is."""
-        return self._place
-
-    def signature(self) -> Any:
-        """Return its signature."""
-        return self._signature
+data_of: Any = by_symbol("N_VGetArrayPointer")
+data_of_matrix: Any = by_symbol("SUNDenseMatrix_Data")
 
 
-data_of: Any = types.ExternalFunction("N_VGetArrayPointer", types.voidptr(types.voidptr))
-data_of_matrix: Any = types.ExternalFunction("SUNDenseMatrix_Data", types.voidptr(types.voidptr))
+SET_UP = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, *(ctypes.c_void_p,) * 3, ctypes.c_double, ctypes.c_void_p)
 
 
-def _array_at(_: Any, place: Any, count: Any) -> Any:
-    array = types.Array(types.float64, 1, "C")
+class InPython:
+    """A set-up of the preconditioner that is no kernel, as IDA calls it; what it raises is kept."""
 
-    def generate(context: Any, builder: Any, _: Any, arguments: Any) -> Any:
-        made, eight = context.make_array(array)(context, builder), context.get_constant(types.intp, 8)
-        data = builder.bitcast(arguments[0], made.data.type)
-        populate_array(made, data=data, shape=[arguments[1]], strides=[eight], itemsize=eight, meminfo=None)
-        return made._getvalue()
+    raised: BaseException | None = None
 
-    return array(types.voidptr, types.int64), generate
+    def __init__(self, function: Callable[..., int], count: int) -> None:
+        def set_up(t: float, y: int, slopes: int, res: int, cj: float, _data: int) -> int:
+            arrays = (
+                np.ctypeslib.as_array((ctypes.c_double * count).from_address(call("N_VGetArrayPointer", v)))
+                for v in (y, slopes, res)
+            )
+            try:
+                return function(t, *arrays, cj)
+            except BaseException as error:  # nothing goes through C
+                self.raised = error
+                return -1
 
+        self._function = SET_UP(set_up)
+        self.address = ctypes.cast(self._function, ctypes.c_void_p).value
 
-array_at: Any = intrinsic(_array_at)  # (address, count): real numbers that lie there, (count,)
+    def raise_again(self) -> None:
+        """Raise what the function has raised."""
+        if self.raised is not None:
+            error, self.raised = self.raised, None
+            raise error
 
 
 class Callbacks(NamedTuple):
@@ -148,19 +125,13 @@ class Callbacks(NamedTuple):
     """
 
     residual: Callable[..., int]  # (t, y, y', out, data)
-    set_up: Callable[..., int] | None = None  # (t, y, y', residual, c_j, data)
+    set_up: Callable[..., int] | InPython | None = None  # (t, y, y', residual, c_j, data)
     precondition: Callable[..., int] | None = None  # (t, y, y', residual, right, left, c_j, delta, data)
     times: Callable[..., int] | None = None  # (t, y, y', residual, vector, product, c_j, data, scratch, scratch)
     matrix: Callable[..., int] | None = None  # (t, c_j, y, y', residual, out, data, scratch, scratch, scratch)
 
 
-LETTERS = ("dvvv*", "dvvvd*", "dvvvvvdd*", "dvvvvvd*vv", "ddvvvv*vvv")  # a number, a vector or matrix, the data
-
-
-@cache
-def _compiled(function: Any, letters: str, data: Any) -> Any:
-    known = {"d": types.float64, "v": types.voidptr, "*": data}
-    return callback(types.int32(*(known[letter] for letter in letters)))(function)
+LETTERS = ("dppp*", "dpppd*", "dpppppdd*", "dpppppd*pp", "ddpppp*ppp")  # of these, the data as a star
 
 
 @cache
@@ -208,10 +179,12 @@ class DirectIDA:
         kind = data._numba_type_
         self._data, self._atol = data, atol
         self._accept = _compiled_accept(accept, kind)
-        self._callbacks = Callbacks(
-            *(f and _compiled(f, letters, kind) for f, letters in zip(callbacks, LETTERS, strict=True))
-        )
         count = len(atol)
+        made = (
+            called_back(given, letters, kind) if given and not isinstance(given, InPython) else given
+            for given, letters in zip(callbacks, LETTERS, strict=True)
+        )
+        self._callbacks: Any = Callbacks._make(made)
         self.y, self.slopes, reached = np.zeros(count), np.zeros(count), np.zeros(1)
         handle = ctypes.c_void_p()
         with nowhere():
@@ -228,9 +201,11 @@ class DirectIDA:
             matrix = call("SUNDenseMatrix", count, count, context)
             solver = call("SUNLinSol_Dense", yy, matrix, context)
         self._solver, self._begun = (solver, matrix), False
-        calls = Foreign("IDASolve"), Foreign("IDASetStopTime"), Foreign("IDAClearStopTime")
+        solve, stop_at, stop_nowhere = map(library().value, ("IDASolve", "IDASetStopTime", "IDAClearStopTime"))
         told = int(reached.ctypes.data)
-        self._calls = hold(Calls(*calls, self._memory, yy, yp, told, reached, self.y, self.slopes))
+        self._calls = hold(
+            Calls(solve, stop_at, stop_nowhere, self._memory, yy, yp, told, reached, self.y, self.slopes)
+        )
         self._vectors = yy, yp
         self._free = weakref.finalize(self, _free, self._memory, (yy, yp, tol), solver, matrix, context)
 
@@ -260,7 +235,10 @@ class DirectIDA:
 
     def go(self, t: float) -> int:
         """Step until t (s) is passed; see :func:`.loop.go`."""
-        return int(go(self._calls, self._accept, self._data, t))
+        code = go(self._calls, self._accept, self._data, t)
+        if isinstance(self._callbacks.set_up, InPython):
+            self._callbacks.set_up.raise_again()
+        return int(code)
 
     def interpolate(self, t: float) -> Array:
         """Return the unknowns (N,) at t in the last step."""
@@ -277,7 +255,7 @@ class DirectIDA:
         return Statistics(rejected=whole[3], order=orders[0], step_size=real[1])
 
 
-def _free(memory: int, vectors: Any, solver: int, matrix: int | None, context: int) -> None:
+def _free(memory: int, vectors: Any, solver: int, matrix: int | None, context: Any) -> None:
     handle = ctypes.c_void_p(memory)
     call("IDAFree", ctypes.addressof(handle))
     for made in vectors:

@@ -1,0 +1,57 @@
+"""What of the positions are quaternions, and how their slopes q' = N(q) v and motions v belong together."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solvers.compiled.kernel import inlined, kernel
+
+
+class Positions(NamedTuple):
+    """Where positions and velocities stand."""
+
+    in_q: NDArray[np.int64]  # (k,) where positions are no quaternions, in q and in v
+    in_v: NDArray[np.int64]
+    turning: NDArray[np.int64]  # (k, 2) first place of each quaternion in q, of its angular velocity in v
+
+
+@inlined
+def quaternion_slope(q: Any, i: int, v: Any, j: int, out: Any) -> None:
+    """out[i:] <- e o (0, w) / 2 of the quaternion e = q[i:] and the angular velocity w = v[j:], body axes."""
+    w, x, y, z = q[i], q[i + 1], q[i + 2], q[i + 3]
+    a, b, c = 0.5 * v[j], 0.5 * v[j + 1], 0.5 * v[j + 2]
+    out[i] = -x * a - y * b - z * c
+    out[i + 1] = w * a - z * b + y * c
+    out[i + 2] = z * a + w * b - x * c
+    out[i + 3] = -y * a + x * b + w * c
+
+
+@inlined
+def angular_velocity(q: Any, i: int, slope: Any, scale: float, v: Any, j: int) -> None:
+    """v[j:] <- scale times the w of :func:`quaternion_slope`, q[i:] of unit length."""
+    w, x, y, z = q[i], q[i + 1], q[i + 2], q[i + 3]
+    a, b, c, d = slope[i], slope[i + 1], slope[i + 2], slope[i + 3]
+    v[j] = 2.0 * scale * (-x * a + w * b + z * c - y * d)
+    v[j + 1] = 2.0 * scale * (-y * a - z * b + w * c + x * d)
+    v[j + 2] = 2.0 * scale * (-z * a + y * b - x * c + w * d)
+
+
+@kernel
+def as_motion(q: Any, slope: Any, p: Any, v: Any) -> None:
+    """v (n,) with N v = slope, as far as there is one."""
+    for k in range(p.in_q.shape[0]):
+        v[p.in_v[k]] = slope[p.in_q[k]]
+    for k in range(p.turning.shape[0]):
+        angular_velocity(q, p.turning[k, 0], slope, 1.0, v, p.turning[k, 1])
+
+
+@kernel
+def as_slope(q: Any, v: Any, p: Any, slope: Any) -> None:
+    """slope (nq,) = N v."""
+    for k in range(p.in_q.shape[0]):
+        slope[p.in_q[k]] = v[p.in_v[k]]
+    for k in range(p.turning.shape[0]):
+        quaternion_slope(q, p.turning[k, 0], v, p.turning[k, 1], slope)

@@ -1,0 +1,113 @@
+"""IDA called by its C functions does what it does by way of scikit-sundae."""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fmus.fourbar import FourBar
+from fmus.sheet import Sheet
+from mbfmu.mechanics import Harmonic, Mechanism, Revolute, rod
+from mbfmu.settings import Settings
+from mbfmu.simulation import Simulation
+from solvers.compiled.kernel import COMPILED
+from solvers.steppers.ida import large, small, sundials
+from solvers.steppers.ida.binding import BoundIDA
+from solvers.steppers.ida.sundials import DirectIDA
+
+pytestmark = pytest.mark.skipif(not COMPILED, reason="without a compiler there is one way only")
+
+Ways = Callable[[Any, float, float], list[Simulation]]
+
+
+@pytest.fixture
+def both_ways(monkeypatch: pytest.MonkeyPatch) -> Ways:
+    """Return what runs a model until a time at a tolerance, first directly, then through scikit-sundae."""
+
+    def run(model: Any, tolerance: float, end: float) -> list[Simulation]:
+        runs = []
+        for serves in (True, False):
+            for module in (small, large):
+                monkeypatch.setattr(module, "serves", lambda serves=serves: serves)
+            simulation = Simulation(model, Settings(solver="ida", tolerance=tolerance))
+            assert isinstance(simulation.stepper._ida, DirectIDA if serves else BoundIDA)  # type: ignore[attr-defined]
+            assert simulation.advance(0.4 * end).ok
+            assert simulation.advance(end).ok
+            runs.append(simulation)
+        return runs
+
+    return run
+
+
+def pendulum() -> Mechanism:
+    """Return two links on a driven hub: no loop, and coordinates that work is done on."""
+    m = Mechanism(gravity=(0.0, -9.81, 0.0))
+    hub = m.body("hub", m.ground, Revolute(drive=Harmonic(amplitude=0.4, frequency=0.7)), mass=1.0)
+    first = m.body("first", hub, Revolute(start=0.3), **rod(mass=1.0, length=0.5))
+    m.body("second", first, Revolute(at=(0.5, 0.0, 0.0), start=-0.8), **rod(mass=0.4, length=0.3))
+    return m
+
+
+def test_the_installed_library_serves() -> None:
+    assert sundials.serves()
+
+
+@pytest.mark.parametrize(
+    ("model", "end", "apart"),
+    [(FourBar(), 1.5, 1e-9), (pendulum(), 2.0, 1e-9), (Sheet(nx=9, nz=6), 0.05, 1e-9)],
+    ids=["loop", "pendulum", "sheet"],
+)
+def test_both_ways_take_the_same_steps(both_ways: Ways, model: Any, end: float, apart: float) -> None:
+    direct, bound = both_ways(model, 1e-5, end)
+    assert direct.statistics.steps == bound.statistics.steps > 10
+    assert direct.statistics.rhs_evals == bound.statistics.rhs_evals
+    assert direct.stepper.q == pytest.approx(bound.stepper.q, rel=apart, abs=apart)
+    assert direct.stepper.v == pytest.approx(bound.stepper.v, rel=100 * apart, abs=100 * apart)
+    assert direct.stepper.ledger == pytest.approx(bound.stepper.ledger, rel=1e-6, abs=1e-9)
+
+
+def test_order_and_length_of_the_last_step_are_told() -> None:
+    simulation = Simulation(pendulum(), Settings(solver="ida", tolerance=1e-8))
+    simulation.advance(1.0)
+    told = simulation.statistics
+    assert 3 <= told.order <= 5
+    assert 1e-5 < told.step_size < 0.1
+    before = told.steps, told.rejected
+    simulation.stepper.restart()
+    simulation.advance(1.1)
+    assert (simulation.statistics.steps, simulation.statistics.rejected) > before, "counts go on over a restart"
+    saved = simulation.stepper.save()
+    counted = simulation.statistics.rejected
+    simulation.advance(2.0)
+    simulation.stepper.restore(saved)
+    assert simulation.statistics.rejected == counted
+
+
+def test_what_a_preconditioner_raises_comes_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    simulation = Simulation(Sheet(nx=9, nz=6), Settings(solver="ida", tolerance=1e-4))
+
+    def interrupt(*_: Any) -> bool:
+        raise KeyboardInterrupt
+
+    tangent = simulation.stepper.system.tangent  # type: ignore[attr-defined]
+    monkeypatch.setattr(type(tangent), "factor", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        simulation.stepper.advance(0.1)
+
+
+def test_a_thousand_of_them_leave_nothing_behind() -> None:
+    gc.collect()
+    sizes = []
+    for _ in range(3):
+        for _ in range(300):
+            ida = Simulation(pendulum(), Settings(solver="ida")).stepper._ida  # type: ignore[attr-defined]
+            ida.begin(0.0, np.zeros(4), np.zeros(4))
+            del ida
+        gc.collect()
+        with open("/proc/self/statm") as file:  # noqa: PTH123
+            sizes.append(int(file.read().split()[1]) * 4096)
+    assert sizes[2] - sizes[1] < 3e6
