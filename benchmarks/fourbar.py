@@ -1,9 +1,8 @@
 """Speed of the four-bar, all ratios in one run: ``python benchmarks/fourbar.py``.
 
-Medians of several runs, compile time apart, the two sides of a ratio measured in turn; for ``adams`` alone see
-``explicit.py``. Printed:
+Medians of several runs, compile time apart, the two sides of a ratio measured in turn; for solvers alone see
+``explicit.py`` and ``implicit.py``. Printed:
 
-* ``ida`` at tolerance 1e-6 against ``adams`` at ida's error;
 * one fmi2DoStep and one fmi2GetReal of all outputs at 1 ms, against the native step;
 * ``mbfmu run fourbar`` from an empty compile cache and from a full one, and the warm start of an FMU.
 """
@@ -18,26 +17,11 @@ import tempfile
 import time
 from pathlib import Path
 
-from explicit import Swing, exact_motion, loosest
 from timing import median_times
 
 from fmus.fourbar import FourBar
 from mbfmu.fmi import Fmu, export
 from mbfmu.simulation import Settings, Simulation
-
-
-def implicit_against_explicit() -> None:
-    """Ida at 1e-6 against adams at equal error."""
-    model = FourBar()
-    exact = exact_motion(model)
-    ida = Swing(model, "ida", 1e-6)
-    error = ida.error(exact)
-    adams, own = loosest(model, "adams", error, exact)
-    i, a = median_times(ida.run, adams.run)
-    print(
-        f"ida at rtol 1e-6: error {error:.1e} rad, {1e3 * i:.1f} ms; adams at {own:.1e} rad, {1e3 * a:.2f} ms; "
-        f"ratio {i / a:.1f} (under 40)"
-    )
 
 
 def fmu_against_native(fmu_file: Path) -> None:
@@ -90,7 +74,6 @@ def starts(fmu_file: Path) -> None:
 
 def main() -> None:
     """Print every figure."""
-    implicit_against_explicit()
     with tempfile.TemporaryDirectory() as folder:
         fmu_file = export(FourBar(), Path(folder) / "fourbar.fmu")
         fmu_against_native(fmu_file)
