@@ -142,5 +142,5 @@ def run(
         failure=failure,
         verdict=simulation.verdict,
         coarse=coarse,
-        remarks=tuple(simulation.remarks),
+        remarks=tuple(filter(None, (str(simulation.choice), *simulation.remarks))),
     )

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.audit import VARIABLES, Audit
+from mbfmu.choice import Choice, choose
 from mbfmu.errors import UserError
 from mbfmu.folds import Folds, Sharpest
 from mbfmu.frame import frame, unframe
@@ -20,11 +21,11 @@ from mbfmu.mechanics import Mechanism
 from mbfmu.mechanics.numbers import finite
 from mbfmu.model import Model, of_user
 from mbfmu.result import together
-from mbfmu.settings import Settings
+from mbfmu.settings import AUTO, Settings
 from mbfmu.steady.problem import EquilibriumProblem
 from solvers import SolverError, Statistics, Status, stepper
 from solvers.ledger import EXCHANGED
-from solvers.stepper import Reported, Samples
+from solvers.stepper import Reported, Samples, Stepper
 
 __all__ = ["Settings", "Simulation"]
 
@@ -54,6 +55,8 @@ class Simulation:
 
     Attributes
     ----------
+    choice
+        The solver that goes, and why: that of the settings, or what ``auto`` stands for here.
     work_of_jumps
         What jumps of inputs and of tunable parameters have put into the mechanism, J: the work of the impulses of its
         supports, changes of the potential energy where it is.
@@ -92,10 +95,10 @@ class Simulation:
             q, v = found.q, found.v
         else:
             q, v = self.plant.assemble(t0)
-        try:
-            self.stepper = stepper(settings.solver, self.plant.system, t0, q, v, settings.options())
-        except ValueError as error:
-            raise UserError(f"model {own.name!r}: {error}") from error
+        self.choice = Choice(solver=settings.solver)
+        if settings.solver == AUTO:
+            self.choice = choose(self.plant, t0, q, v, settings.tolerance)
+        self.stepper = self._stepper(t0, q, v)
         self.variables = (*self.plant.outputs, *VARIABLES)
         unique(["time", *(v.name for v in (*self.plant.inputs.variables, *self.variables))])
         self._out = np.zeros(len(self.variables))
@@ -113,6 +116,13 @@ class Simulation:
         self._folds, self._told_undetermined = Folds(self.plant, t0, q), False
         self._compile(t0, q, v)
 
+    def _stepper(self, t: float, q: Array, v: Array) -> Stepper:
+        """Return the solver that was chosen, at a state."""
+        try:
+            return stepper(self.choice.solver, self.plant.system, t, q, v, self.settings.options())
+        except ValueError as error:
+            raise UserError(f"model {self.model.name!r}: {error}") from error
+
     def __reduce_ex__(self, protocol: Any) -> Any:
         """Refuse to be copied or pickled, as its stepper does."""
         raise TypeError("a simulation cannot be copied or pickled: make another of the same model, and restore(save())")
@@ -125,7 +135,7 @@ class Simulation:
         kind = (type(self.stepper), self.plant.system.m > 0)
         if kind in _compiled:
             return
-        trial = stepper(self.settings.solver, self.plant.system, t0, q, v, self.settings.options())
+        trial = self._stepper(t0, q, v)
         times, values = np.array([t0 + 1e-3]), np.zeros((1, len(self._out)))
         samples = trial.sample(times)
         done = len(samples.q)
@@ -385,6 +395,7 @@ class Simulation:
         balance = [self.audit.base, self.audit.verdict] if self.audit else []
         head = {"parameters": changed, "inputs": inputs, "work_of_jumps": work, "balance": balance}
         head["bent"] = self._folds.state()
+        head["choice"] = self.choice
         return frame(self._owner, head, self.stepper.save())
 
     def restore(self, state: bytes) -> None:
@@ -402,6 +413,9 @@ class Simulation:
             self.model = model
         self.plant.inputs.restore(head["inputs"])
         self.work_of_jumps = head["work_of_jumps"]
+        before, self.choice = self.choice, Choice(*head["choice"])
+        if self.choice.solver != before.solver:  # auto takes another one at other parameters
+            self.stepper = self._stepper(self.t, self.stepper.q, self.stepper.v)
         self.stepper.restart()  # the equations may have changed
         self.stepper.restore(body)
         if self.audit:
