@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fmpy import simulate_fmu
 
 import mbfmu as mb
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.sheet import Sheet
-from mbfmu.fmi import Fmu, export
+from mbfmu.fmi import Fmu
 from mbfmu.model import declared, of_user
 from mbfmu.scene import load_scene
 from mbfmu.spectrum import spectrum
@@ -148,14 +149,21 @@ def test_old_numbers_of_solvers_keep_their_meaning() -> None:
     assert solver.default == "ida"
 
 
-def test_an_fmu_takes_auto_and_tells_its_log(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    path = export(FourBar(), tmp_path / "fourbar.fmu")
-    ends = []
+def test_an_fmu_takes_auto_and_tells_its_log(fourbar_fmu: Path) -> None:
+    ends, said = [], []
     for solver in (7, "adams"):
-        with Fmu(path, {"solver": solver}) as fmu:
+        with Fmu(fourbar_fmu, {"solver": solver}) as fmu:
             fmu.step_to(1.0)
             ends.append(fmu["crank.angle"])
     assert ends[0] == ends[1]
+    simulate_fmu(
+        str(fourbar_fmu),
+        stop_time=0.02,
+        start_values={"solver": 7},
+        debug_logging=True,
+        logger=lambda _env, _name, _status, _category, message: said.append(message.decode()),
+    )
+    assert any("auto took 'adams': not stiff" in line for line in said), said
 
 
 def test_the_command_tells_what_was_taken(
