@@ -5,9 +5,10 @@ What a family costs is counted in steps of ``adams`` a second, from the eigenval
 what swings farther than the tolerance and does not decay at once; its steps cost more::
 
     explicit   max(OWN own, SWING followed, fastest / (0.5 ... 1.5)),     from swinging to decaying
-    implicit   COST max(OWN own, LESS followed) (1e-6 / tolerance)^(1/6)
+    implicit   COST max(OWN own, LESS followed) (1e-6 / tolerance)^(1/6, of trees 0.45)
 
-The numbers were measured on the four-bar with an elastic coupler, 3 to 1e5 times as fast as the swing, damped and not.
+The numbers were measured on the four-bar with an elastic coupler, 3 to 1e5 times as fast as the swing, damped and not,
+and on a sheet that is released. A sheet stiffens as it bends: steps on trees are taken for half as long.
 What stiffens later, such as a stop that is not yet met, is not seen: no choice depends on anything but the start.
 """
 
@@ -24,7 +25,9 @@ from solvers.system import LARGEST_DENSE, Array
 
 OWN, SWING, LESS = 8.0, 2.0, 1.2  # steps for every 1/s of a motion's own rate; of a fast swing, explicit and implicit
 SLOW_REACH, FAST_REACH = 0.5, 1.0  # step times eigenvalue at which Adams PECE is stable: of swings, and more of decays
+STIFFENS = 2.0  # of a large tree's fastest motion, later in the run, in units of it at the start
 COST = 8.0  # of a step of radau or esdirk, in those of adams
+GAIN, GAIN_OF_TREES = 1.0 / 6.0, 0.45  # steps of radau, and of esdirk or ida on trees, grow as tolerance to this power
 WIDE = 10  # rows of loops from which LU on the dependent coordinates pays
 COARSE = 1e-6  # tightest tolerance of esdirk
 
@@ -34,6 +37,7 @@ class Choice(NamedTuple):
 
     solver: str
     reason: str = ""  # a clause with the numbers that decided
+    stiff: bool = False  # whether it was taken because an explicit one would take too many steps
 
     def __str__(self) -> str:
         """Return both in a sentence; empty where it was asked for."""
@@ -62,6 +66,7 @@ def suited(plant: Plant, found: Sequence[Spectrum], tolerance: float) -> Choice:
         solver,
         f"{'' if stiff else 'not '}stiff: its fastest motion is of {fastest:.3g} 1/s, and what moves by more than "
         f"{tolerance:g} of {least}{followed:.3g} 1/s; {size}",
+        stiff,
     )
 
 
@@ -79,13 +84,14 @@ def reach(value: complex) -> float:
 
 def explicit_steps(plant: Plant, found: Sequence[Spectrum], tolerance: float) -> float:
     """Return the most steps a second of an explicit solver, 1/s."""
-    return max(max(_forced(plant, f), SWING * f.followed(tolerance), 1.0 / reach(f.fastest)) for f in found)
+    later = 1.0 if plant.system.has_matrices else STIFFENS
+    return max(max(_forced(plant, f), SWING * f.followed(tolerance), later / reach(f.fastest)) for f in found)
 
 
 def implicit_steps(plant: Plant, found: Sequence[Spectrum], tolerance: float) -> float:
     """Return the most steps a second of an implicit solver, in those of an explicit one, 1/s."""
     most = max(max(_forced(plant, f), LESS * f.followed(tolerance)) for f in found)
-    return float(COST * most * (1e-6 / tolerance) ** (1.0 / 6.0))
+    return float(COST * most * (1e-6 / tolerance) ** (GAIN if plant.system.has_matrices else GAIN_OF_TREES))
 
 
 def explicit(plant: Plant) -> tuple[str, str]:

@@ -11,6 +11,7 @@ still: eigenvalues of the size of their rates are not exact.
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,6 +34,7 @@ TURNS = 40  # of Arnoldi's iteration
 STEP = 1e-5  # of differences, in units of the coordinates: truncation and rounding are both some 1e-10 of the largest
 RANK = 1e-6  # singular values below this part of the largest are those of redundant rows
 WEAK = 1e-3  # singular values that may be those of a singular position
+WIDE = 20  # coordinates from which on more threads than one get in each other's way
 GONE = 1e-9  # part of a vector of Arnoldi's: what is left of it is rounding
 
 
@@ -48,7 +50,7 @@ class Spectrum:
         Eigenvalues (k,), 1/s, the largest first; of many freedoms the largest ones only.
     amplitudes
         How far each of these motions swings about the course it would follow by itself (k,), in units of the
-        coordinates; where only the largest eigenvalues are known not a number.
+        coordinates; zero where that is not known.
     own
         Rate of the motion as its velocities, drives and gravity tell it, or where it rests its accelerations, 1/s.
     leading
@@ -160,30 +162,30 @@ def spectrum(plant: Plant, t: float, q: Array, v: Array) -> Spectrum:
     In a singular position, or very near one, they are those of a position beside it. Raises UserError where the
     accelerations there are not determined or not finite.
     """
-    none = np.zeros(0)
-    if not plant.system.n:
-        return Spectrum(t=t, values=none.astype(complex), amplitudes=none, own=plant.system.rate)
     try:
-        beside = _Beside(plant, t, q, v)
-        if beside.weak:
-            beside = _Beside(plant, t, plant.assembly.beside(t, q), v)
-        still = np.zeros(beside.count)
-        a = beside.accelerations(still, still)
-        rate = max(plant.system.rate, float(np.abs(v / plant.system.size).max()))
-        if not rate > 0.0:  # else not from these: what is stiff swings a little in every run, and has large ones
-            rate = float(np.sqrt(np.abs(a).max()))
-        if beside.count <= ALL:
-            values, motions, amplitudes = _all(beside, a)
-        else:
-            with one_thread():
-                values, motions, amplitudes = _largest(beside, rate)
+        with one_thread() if plant.system.n > WIDE else nullcontext():
+            return _about(plant, t, q, v)
     except np.linalg.LinAlgError as error:
         raise UserError("the accelerations beside the motion are not determined") from error
+
+
+def _about(plant: Plant, t: float, q: Array, v: Array) -> Spectrum:
+    """Return what :func:`spectrum` does."""
+    rate = max(plant.system.rate, float(np.abs(v / plant.system.size).max(initial=0.0)))
+    beside = _Beside(plant, t, q, v) if plant.system.n else None
+    if beside and beside.weak:
+        beside = _Beside(plant, t, plant.assembly.beside(t, q), v)
+    if not beside or not beside.count:  # drives leave nothing free
+        return Spectrum(t=t, values=np.zeros(0, complex), amplitudes=np.zeros(0), own=rate)
+    still = np.zeros(beside.count)
+    a = beside.accelerations(still, still)
+    if not rate > 0.0:  # else not from these: what is stiff swings a little in every run, and has large ones
+        rate = float(np.sqrt(np.abs(a).max()))
+    few = beside.count <= ALL
+    values, motions, amplitudes = _all(beside, a) if few else _largest(beside, a, rate)
     order = np.argsort(-np.abs(values), kind="stable")
-    leading = ""
-    if len(values):
-        fastest = np.abs(beside.as_motion(motions[:, order[0]]))
-        leading = plant.system.coordinate_names[int(np.argmax(fastest))]
+    fastest = np.abs(beside.as_motion(motions[:, order[0]]))
+    leading = plant.system.coordinate_names[int(np.argmax(fastest))]
     return Spectrum(t=t, values=values[order], amplitudes=amplitudes[order], own=rate, leading=leading)
 
 
@@ -206,16 +208,33 @@ def _all(beside: _Beside, a: Array) -> Found:
     return values, right[:f], np.where(np.isfinite(swing), swing, 0.0)
 
 
-def _largest(beside: _Beside, rate: float) -> Found:
-    """Return the largest eigenvalues, by Arnoldi's iteration on (x, y / w), w the rate of what a push sets going."""
+def _largest(beside: _Beside, a: Array, rate: float) -> Found:
+    """Return the largest eigenvalues, and of those that the state's rates set going how far they swing.
+
+    By Arnoldi's iteration on (x, y / w), w the rate of what a push sets going: from a random start, which misses no
+    motion, and from the state's own rates, which have a part in each as large as it swings.
+    """
     f, random = beside.count, np.random.default_rng(0)
     x, y = (beside.as_changes(random.normal(size=beside.system.n)) for _ in range(2))
     x /= np.linalg.norm(x)
     w = max(rate, float(np.sqrt(np.linalg.norm(beside.change(x, np.zeros(f)))))) or 1.0
-    turns = min(TURNS, 2 * f)
+    values, motions = _arnoldi(beside, w, np.concatenate((x, y / np.linalg.norm(y))))
+    rates = np.concatenate((beside.as_changes(beside.v / beside.system.size), beside.as_changes(a) / w))
+    if not np.any(rates):
+        return values, motions[:f], np.zeros(len(values))
+    own, along = _arnoldi(beside, w, rates)
+    share = np.linalg.lstsq(along, rates, rcond=None)[0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        swing = np.abs(share / own) * np.abs(along[:f]).max(axis=0)
+    amplitudes = np.concatenate((np.zeros(len(values)), np.where(np.isfinite(swing), swing, 0.0)))
+    return np.concatenate((values, own)), np.hstack((motions[:f], along[:f])), amplitudes
+
+
+def _arnoldi(beside: _Beside, w: float, start: Array) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    """Return eigenvalues (k,) and vectors (2 count, k) in the space of ``start`` and what follows from it."""
+    f, turns = beside.count, min(TURNS, len(start))
     basis, H = np.zeros((turns + 1, 2 * f)), np.zeros((turns + 1, turns))
-    basis[0] = np.concatenate((x, y / np.linalg.norm(y)))
-    basis[0] /= np.linalg.norm(basis[0])
+    basis[0] = start / np.linalg.norm(start)
     for k in range(turns):
         x, y = basis[k, :f], basis[k, f:]
         new = np.concatenate((w * y, beside.change(x, w * y) / w))
@@ -232,4 +251,4 @@ def _largest(beside: _Beside, rate: float) -> Found:
             break
         basis[k + 1] = new / left
     values, shares = linalg.eig(H[:turns, :turns])
-    return values, basis[:turns, :f].T @ shares, np.full(len(values), np.nan)
+    return values, basis[:turns].T @ shares

@@ -149,7 +149,7 @@ def test_forced_time_scales_and_the_largest_step_are_seen_to_set_the_steps() -> 
 
 
 def test_of_a_large_tree_the_fastest_motion_is_found_and_what_is_not_looked_at_said() -> None:
-    found = mb.check(Sheet(nx=7, nz=5), 0.01, solver="esdirk", tolerance=1e-4)
+    found = mb.check(Sheet(nx=7, nz=5, damping=0.01), 0.01, solver="esdirk", tolerance=1e-4)
     assert found.tree
     assert found.stiffness is not None
     assert found.stiffness.ratio > 50.0

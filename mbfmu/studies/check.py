@@ -293,7 +293,7 @@ class _Look:
         if self.plant.inputs.variables:
             self.unseen.append("other values of inputs than those they start with")
         if not s.has_matrices:
-            self.unseen.append("all but the fastest eigenvalues, and how far each motion swings: the tree is large")
+            self.unseen.append("all but the fastest eigenvalues: the tree is large")
             if s.m:
                 self.unseen.append("by how much singular positions are missed: the tree is large")
         return tuple(self.unseen)

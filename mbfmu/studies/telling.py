@@ -14,22 +14,21 @@ if TYPE_CHECKING:
     from mbfmu.studies.loops import Loop
     from mbfmu.studies.nearest import Nearest
 
-STIFF = 50.0  # ratio of rates from which on a scene is told to be stiff
 TOLD = 6  # loops that are told one by one
 MANY = 3  # outputs to a step from which on they cost more than it
 
 
 def reasons(found: Findings) -> tuple[str, ...]:
     """Return what makes a scene hard, in a few words each."""
-    near, stiff = found.nearest, found.stiffness
+    near, stiff = found.nearest, found.suits is not None and found.suits.stiff
     known = {
         "it does not start": found.freedom is None,
         "it stops early": found.failure and found.freedom is not None,
         "its motion is not to be trusted": found.warning,
         "it passes a singular position": near and near.ratio <= NEAR and near.gap == 0.0,
         "it comes near a singular position": near and near.ratio <= NEAR and near.gap != 0.0,
-        "it is stiff": stiff and stiff.ratio >= STIFF,
-        "stability sets its steps": found.limit == "stability" and found.suits and found.suits.solver != found.solver,
+        "it is stiff": stiff,
+        "stability sets its steps": found.limit == "stability" and stiff,
         "its steps are refused beside singular positions": found.limit == "singular positions",
         "rows of its loops are redundant, and forces in them not determined": found.redundant,
     }
