@@ -23,7 +23,11 @@ from mbfmu.mechanics import Plant
 from mbfmu.spectrum import Spectrum, spectrum
 from solvers.system import LARGEST_DENSE, Array
 
-OWN, SWING, LESS = 8.0, 2.0, 1.2  # steps for every 1/s of a motion's own rate; of a fast swing, explicit and implicit
+OWN, SWING, LESS = (
+    16.0,
+    2.0,
+    1.2,
+)  # steps for every 1/s of a motion at its start; of a fast swing, explicit and implicit
 SLOW_REACH, FAST_REACH = 0.5, 1.0  # step times eigenvalue at which Adams PECE is stable: of swings, and more of decays
 STIFFENS = 2.0  # of a large tree's fastest motion, later in the run, in units of it at the start
 COST = 8.0  # of a step of radau or esdirk, in those of adams
@@ -45,7 +49,10 @@ class Choice(NamedTuple):
 
 
 def choose(plant: Plant, t: float, q: Array, v: Array, tolerance: float) -> Choice:
-    """Return the solver of the cheapest family for the motion from (q (nq,), v (n,)) at time t, s."""
+    """Return the solver of the cheapest family for the motion from (q (nq,), v (n,)) at time t, s.
+
+    ``tolerance`` is the absolute one, in units of each coordinate.
+    """
     if not plant.system.n:
         return Choice(solver="adams", reason="drives say where everything is, and nothing is integrated")
     try:

@@ -97,7 +97,7 @@ class Simulation:
             q, v = self.plant.assemble(t0)
         self.choice = Choice(solver=settings.solver)
         if settings.solver == AUTO:
-            self.choice = choose(self.plant, t0, q, v, settings.tolerance)
+            self.choice = choose(self.plant, t0, q, v, settings.options().absolute)
         self.stepper = self._stepper(t0, q, v)
         self.variables = (*self.plant.outputs, *VARIABLES)
         unique(["time", *(v.name for v in (*self.plant.inputs.variables, *self.variables))])

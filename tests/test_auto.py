@@ -115,6 +115,13 @@ def test_arnoldi_finds_the_fastest_of_many(monkeypatch: pytest.MonkeyPatch) -> N
     assert abs(spectrum(plant, 0.0, q, v).fastest) == pytest.approx(abs(whole.fastest), rel=1e-4)
 
 
+def test_the_absolute_tolerance_decides_what_is_followed() -> None:
+    model = stiff_coupler(coupler_damping=0.0)
+    for absolute, solver in ((0.0, "radau"), (1e-9, "adams")):
+        settings = mb.Settings(solver="auto", tolerance=1e-6, absolute_tolerance=absolute)
+        assert mb.Simulation(model, settings).choice.solver == solver
+
+
 def test_a_run_is_that_of_the_solver_it_takes_and_says_so() -> None:
     auto, named = (mb.simulate(FourBar(), 1.0, solver=solver) for solver in ("auto", "adams"))
     np.testing.assert_array_equal(auto.values, named.values)
@@ -176,3 +183,6 @@ def test_the_command_tells_what_was_taken(
     assert code == 0
     assert "note: auto took 'adams': not stiff" in out
     assert "default-auto-1e-6" in out
+    monkeypatch.setattr("mbfmu.cli.run.QUICK", -1.0)  # an FMU that is slow is not repeated natively
+    _, out, _ = command("run", "governor", "--solver", "auto", "--stop-time", "0.1")
+    assert "note: auto took 'adams': not stiff" in out

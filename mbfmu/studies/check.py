@@ -7,7 +7,7 @@ same. Nothing here is exact but what it says so of; the run is that of the scene
 from __future__ import annotations
 
 import time
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from math import isfinite, nan
 from typing import Any
 
@@ -45,6 +45,8 @@ class Stiffness:
         Rate of the motion as its velocities, drives and gravity tell it, at most, 1/s.
     followed
         Rate of what swings by more than the tolerance, at most, 1/s.
+    tolerance
+        The absolute one, in units of each coordinate.
     states
         About how many states eigenvalues were taken.
     """
@@ -54,6 +56,7 @@ class Stiffness:
     coordinate: str
     own: float
     followed: float
+    tolerance: float
     states: int
 
     @property
@@ -64,7 +67,7 @@ class Stiffness:
 
 @dataclass(frozen=True, kw_only=True)
 class Findings:
-    """What :func:`check` found.
+    """What :func:`mbfmu.check` found.
 
     Attributes
     ----------
@@ -78,18 +81,25 @@ class Findings:
     tree
         Whether it is solved by the recursions of a large tree, and not by matrices.
     loops
-        Every loop; see :class:`mbfmu.studies.loops.Loop`.
+        A loop for every cut joint: its ``name``, the ``bodies`` it goes through, its ``size`` (the largest distance
+        between two joints of one of them, m), how many ``rows`` it has, which of them are ``vanishing`` and
+        ``redundant``, and the largest ``gap`` it had, in units of its size or in rad.
     redundant, vanishing
         Names of rows that depend on others, and of those that no motion works against.
     nearest
-        The singular position it came nearest to; None without loops or without a run.
+        The singular position it came nearest to: its time ``t`` (s), the ``ratio`` of the smallest singular value of
+        the constraints to the largest, the ``loops`` it is in, the ``gap`` by which it is missed, in units of the rows
+        (zero: it is passed; not a number: that is not known), and ``passes``: how often it comes near. None without
+        loops.
     stiffness
-        None where no eigenvalue was found.
+        The fastest ``eigenvalue`` (1/s) of the states that were looked at, its time ``t`` (s), the ``coordinate`` that
+        takes most part in it, the motion's ``own`` rate and that of what must be ``followed`` (1/s), as it swings by
+        more than the absolute ``tolerance``, their ``ratio``, and of how many ``states``. None where nothing is free.
     limit
         What set the length of the steps: ``accuracy``, ``stability``, ``singular positions``, ``drives``,
         ``max_step``, or ``nothing`` where no step was taken.
     statistics
-        Of the solver.
+        Of the solver; None where it did not start.
     outputs
         How many the scene asks for in the time that was run.
     failure
@@ -117,7 +127,7 @@ class Findings:
     nearest: Nearest | None = None
     stiffness: Stiffness | None = None
     limit: str = "nothing"
-    statistics: Statistics = field(default_factory=Statistics)
+    statistics: Statistics | None = None
     outputs: int = 0
     failure: str = ""
     warning: str = ""
@@ -221,7 +231,7 @@ class _Look:
         watch = Watch(self.plant, rank, run) if rank else None
         self._go(watch)
         reached, statistics, failure, warning = run.t, run.statistics, run.failure, run.warning
-        spectra = self._spectra()
+        spectra, absolute = self._spectra(), self.scene.settings.options().absolute
         return replace(
             found,
             solver=run.choice.solver,
@@ -230,13 +240,13 @@ class _Look:
             loops=loops(self.plant, redundant, self.gaps),
             redundant=redundant,
             nearest=watch.nearest(run) if watch else None,
-            stiffness=stiffness(spectra, found.tolerance),
+            stiffness=stiffness(spectra, absolute),
             limit=self._limit(statistics, reached),
             statistics=statistics,
             outputs=int(reached / self.scene.output_interval),
             failure=failure,
             warning=warning,
-            suits=suited(self.plant, spectra, found.tolerance) if spectra else None,
+            suits=suited(self.plant, spectra, absolute) if spectra else None,
             unseen=self._unseen(reached, failure),
         )
 
@@ -310,5 +320,6 @@ def stiffness(found: list[Spectrum], tolerance: float) -> Stiffness | None:
         coordinate=fastest.leading,
         own=max(f.own for f in found),
         followed=max(f.followed(tolerance) for f in found),
+        tolerance=tolerance,
         states=len(found),
     )

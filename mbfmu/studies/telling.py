@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from mbfmu.studies.check import Findings, Stiffness
     from mbfmu.studies.loops import Loop
     from mbfmu.studies.nearest import Nearest
+    from solvers import Statistics
 
 TOLD = 6  # loops that are told one by one
 MANY = 3  # outputs to a step from which on they cost more than it
@@ -57,9 +58,9 @@ def lines(found: Findings) -> Iterator[str]:
     if (found.rows or found.vanishing) and found.freedom is not None:
         yield f"redundant rows: {of_rows(found)}"
     if found.stiffness:
-        yield f"stiffness: {of_stiffness(found.stiffness, found.tolerance)}"
-    if found.statistics.steps:
-        yield f"steps: {of_steps(found)}"
+        yield f"stiffness: {of_stiffness(found.stiffness)}"
+    if found.statistics and found.statistics.steps:
+        yield f"steps: {of_steps(found, found.statistics)}"
     yield from (f"loop {of_loop(loop)}" for loop in found.loops[:TOLD])
     if len(found.loops) > TOLD:
         yield f"and {len(found.loops) - TOLD} more loops"
@@ -95,7 +96,7 @@ def of_rows(found: Findings) -> str:
     return "; ".join(parts)
 
 
-def of_stiffness(s: Stiffness, tolerance: float) -> str:
+def of_stiffness(s: Stiffness) -> str:
     """Tell how fast the fastest motion is against what is followed."""
     value = s.eigenvalue
     imaginary = f" ± {abs(value.imag):.4g}i" if value.imag else ""
@@ -103,14 +104,13 @@ def of_stiffness(s: Stiffness, tolerance: float) -> str:
     swing = f" ({abs(value.imag) / (2.0 * pi):.3g} Hz)" if value.imag else ""
     return (
         f"the fastest motion has the eigenvalue {value.real:.4g}{imaginary} 1/s{swing}, mostly in {s.coordinate!r} "
-        f"(t = {s.t:.4g} s), {times} what moves by more than {power(tolerance)} ({s.followed:.3g} 1/s, the motion's "
+        f"(t = {s.t:.4g} s), {times} what moves by more than {power(s.tolerance)} ({s.followed:.3g} 1/s, the motion's "
         f"own rate being {s.own:.3g} 1/s); from {s.states} states"
     )
 
 
-def of_steps(found: Findings) -> str:
+def of_steps(found: Findings, s: Statistics) -> str:
     """Tell what sets the length of the steps."""
-    s = found.statistics
     why = {
         "accuracy": "accuracy sets their length",
         "stability": f"stability sets the length of {s.stability_limited}, not accuracy: no tolerance makes fewer",
