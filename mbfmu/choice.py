@@ -8,8 +8,8 @@ what swings farther than the tolerance and does not decay at once; its steps cos
     implicit   COST max(OWN own, LESS followed) (1e-6 / tolerance)^(1/6, of trees 0.45)
 
 The numbers were measured on the four-bar with an elastic coupler, 3 to 1e5 times as fast as the swing, damped and not,
-and on a sheet that is released. A sheet stiffens as it bends: steps on trees are taken for half as long.
-What stiffens later, such as a stop that is not yet met, is not seen: no choice depends on anything but the start.
+and on a sheet that is released and stiffens as it bends. What else stiffens later, such as a stop that is not yet met,
+is not seen: no choice depends on anything but the start.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ OWN, SWING, LESS = (
     1.2,
 )  # steps for every 1/s of a motion at its start; of a fast swing, explicit and implicit
 SLOW_REACH, FAST_REACH = 0.5, 1.0  # step times eigenvalue at which Adams PECE is stable: of swings, and more of decays
-STIFFENS = 2.0  # of a large tree's fastest motion, later in the run, in units of it at the start
+STIFFENS = 5.0  # the fastest motion of a sheet that has bent, in units of that at the start
 COST = 8.0  # of a step of radau or esdirk, in those of adams
 GAIN, GAIN_OF_TREES = 1.0 / 6.0, 0.45  # steps of radau, and of esdirk or ida on trees, grow as tolerance to this power
 WIDE = 10  # rows of loops from which LU on the dependent coordinates pays
@@ -91,7 +91,7 @@ def reach(value: complex) -> float:
 
 def explicit_steps(plant: Plant, found: Sequence[Spectrum], tolerance: float) -> float:
     """Return the most steps a second of an explicit solver, 1/s."""
-    later = 1.0 if plant.system.has_matrices else STIFFENS
+    later = STIFFENS if plant.mechanism.plates else 1.0
     return max(max(_forced(plant, f), SWING * f.followed(tolerance), later / reach(f.fastest)) for f in found)
 
 

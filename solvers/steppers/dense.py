@@ -13,7 +13,7 @@ from solvers.options import Options
 from solvers.outcome import Code
 from solvers.projection.projection import close, evaluate, unresolved
 from solvers.projection.rank import normal_rank
-from solvers.projection.singular import CROSSING, MISS, judge
+from solvers.projection.singular import CROSSING, MISS, NONE, judge
 from solvers.projection.workspace import Workspace, factor
 from solvers.stepper import Stepper, own_rates, require_placed, require_resolved
 from solvers.system import Array, Equations, System, Terms
@@ -66,6 +66,7 @@ class DenseStepper(Stepper):
         """
         if self._rank == 0:
             return nan
+        self._units.critical["kind"], self._units.critical["in_vain"] = NONE, 0.0
         kind = find_critical(self._eqs, t, q, self._rank, self._work)
         return {CROSSING: 0.0, MISS: float(abs(self._units.critical["gap"][0]))}.get(kind, nan)
 
