@@ -46,6 +46,8 @@ Nothing else may happen.
 A four-bar *+ 1e-5* has a rod that is 10 um too long for its singular position. What is *singular* passes one exactly.
 Where a singular position is missed by 1e-8 and less, rounding decides more than a tolerance of 1e-10 could: `adams` and
 `hybrid` run at a coarser one there and say so, and are judged by that one.
+
+Whether a scene of your own is such a case, `mbfmu check SCENE` tells.
 """
 
 

@@ -108,18 +108,23 @@ def nearest(plant: Plant, before: Place, here: Place) -> str:
     ratio, rows = min((distance(plant, t, q) for t, q in between), key=lambda found: found[0])
     if ratio > NEAR:
         return ""
-    names = [name for name, part in zip(plant.system.constraint_names, rows, strict=True) if part > 0.5 * rows.max()]
-    whole = {handle.name for handle in plant.mechanism.constraints}
-    found = dict.fromkeys(name if name in whole else name.rpartition(".")[0] for name in names)
-    loops = " and ".join(repr(name) for name in found)
+    loops = " and ".join(map(repr, loops_of(plant, rows)))
     return f"; the loop that {loops} closes is near a singular position (singular values {ratio:.1e})"
 
 
-def distance(plant: Plant, t: float, q: Array) -> tuple[float, Array]:
+def loops_of(plant: Plant, rows: Array) -> tuple[str, ...]:
+    """Return the names of the cut joints and couplings whose rows take most part (m,)."""
+    names = [name for name, part in zip(plant.system.constraint_names, rows, strict=True) if part > 0.5 * rows.max()]
+    whole = {handle.name for handle in plant.mechanism.constraints}
+    return tuple(dict.fromkeys(name if name in whole else name.rpartition(".")[0] for name in names))
+
+
+def distance(plant: Plant, t: float, q: Array, rank: int | None = None) -> tuple[float, Array]:
     """Return the smallest singular value of J over the largest, and how much each row takes part in it (m,).
 
-    Rows that depend on others do not count. Singular values are those of J M^-1/2 (of a large tree, where M is not at
-    hand, of J itself), a cut joint's rows in units of the longest of them, lengths and angles apart.
+    Rows that depend on others do not count: all beyond ``rank``, or where that is not known what is zero here. Singular
+    values are those of J M^-1/2 (of a large tree, where M is not at hand, of J itself), a cut joint's rows in units of
+    the longest of them, lengths and angles apart.
     """
     system: Any = plant.system
     terms = system.allocate_terms()
@@ -130,7 +135,7 @@ def distance(plant: Plant, t: float, q: Array) -> tuple[float, Array]:
         J = J @ axes / np.sqrt(np.maximum(inertia, 1e-12 * inertia[-1]))
     J = J / row_sizes(plant, np.linalg.norm(J, axis=1))[:, None]
     U, sigma, _ = np.linalg.svd(J, full_matrices=False)
-    last = int(np.sum(sigma > 1e-12 * sigma[0])) - 1
+    last = (int(np.sum(sigma > 1e-12 * sigma[0])) if rank is None else rank) - 1
     return float(sigma[last] / sigma[0]), np.abs(U[:, last])
 
 

@@ -7,7 +7,8 @@ place in it is its value reference.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from math import inf
@@ -258,3 +259,10 @@ def legible(what: str, text: Any) -> None:
     """Refuse what cannot be written in XML."""
     if not isinstance(text, str) or ILLEGIBLE.search(text):
         raise UserError(f"{what} is {text!r}; allowed: text without control characters")
+
+
+def unique(names: Iterable[str]) -> None:
+    """Refuse a name that two variables have."""
+    name, count = Counter(names).most_common(1)[0]
+    if count > 1:
+        raise UserError(f"{count} variables are named {name!r}: names of parameters, inputs and outputs must differ")

@@ -20,7 +20,7 @@ from mbfmu.simulation import Array, Simulation
 __all__ = ["Result", "communication_points", "run", "simulate"]
 
 MOST = 1e7  # communication points
-ROWS = 100  # outputs recorded between two reports of progress
+ROWS, BRIEF = 100, 0.05  # outputs recorded before progress is reported first; s: twice as many if that took less
 
 
 def communication_points(stop_time: float, interval: float) -> Array:
@@ -111,14 +111,15 @@ def run(
     values[0] = simulation.outputs()
     if watch is not None:
         watch(simulation)
-    begin, done, failure, told = time.perf_counter(), 1, "", ""
+    begin, done, failure, told, many = time.perf_counter(), 1, "", "", ROWS
     with interrupts_held() as interrupt:
         while done < len(times) and not failure:
             interrupt()
             for name, function in varying.items():
                 simulation.set_input(name, function(float(times[done - 1])))
-            rows = slice(done, done + (1 if watch or varying else ROWS))
+            rows, before = slice(done, done + (1 if watch or varying else many)), time.perf_counter()
             done += simulation.record(times[rows], values[rows])
+            many *= 1 if time.perf_counter() - before > BRIEF else 2
             if warn is not None and simulation.verdict != told:
                 told = simulation.verdict
                 warn(told)
@@ -142,5 +143,5 @@ def run(
         failure=failure,
         verdict=simulation.verdict,
         coarse=coarse,
-        remarks=tuple(simulation.remarks),
+        remarks=tuple(filter(None, (str(simulation.choice), *simulation.remarks))),
     )

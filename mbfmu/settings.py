@@ -10,6 +10,7 @@ from mbfmu.model import check, declared, parameter, span, suggest
 from solvers import Options
 from solvers.steppers import NAMES
 
+AUTO = "auto"  # of the solvers: the one that :mod:`mbfmu.choice` takes for the model
 FINEST = 1e-15  # absolute tolerance: numbers of size one are no finer
 
 
@@ -20,7 +21,7 @@ class Settings:
     The relative tolerance is the absolute one too, in units of each coordinate, unless that is given.
     """
 
-    solver: str = parameter("ida", choices=NAMES, doc="method of integration")
+    solver: str = parameter("ida", choices=(*NAMES, AUTO), doc="method of integration")
     tolerance: float = parameter(1e-6, min=1e-12, max=1e-2, doc="relative tolerance of the solver")
     absolute_tolerance: float = parameter(
         0.0, min=0.0, max=1.0, doc="absolute tolerance in units of each coordinate; 0: the relative one"
@@ -36,8 +37,9 @@ class Settings:
 
     def __post_init__(self) -> None:
         """Check the names and numbers; raises UserError."""
-        if not isinstance(self.solver, str) or self.solver not in NAMES:
-            raise UserError(f"solver is {self.solver!r}{suggest(str(self.solver), NAMES)}")
+        known = (*NAMES, AUTO)
+        if not isinstance(self.solver, str) or self.solver not in known:
+            raise UserError(f"solver is {self.solver!r}{suggest(str(self.solver), known)}")
         for p in declared(Settings):
             try:
                 object.__setattr__(self, p.name, check("the settings", p, getattr(self, p.name)))

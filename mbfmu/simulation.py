@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections import Counter
-from collections.abc import Hashable, Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Hashable, Mapping
 from math import isnan, nan
 from typing import Any, NamedTuple
 
@@ -13,18 +11,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.audit import VARIABLES, Audit
+from mbfmu.choice import Choice, choose
 from mbfmu.errors import UserError
 from mbfmu.folds import Folds, Sharpest
 from mbfmu.frame import frame, unframe
+from mbfmu.interface import unique
 from mbfmu.mechanics import Mechanism
 from mbfmu.mechanics.numbers import finite
 from mbfmu.model import Model, of_user
 from mbfmu.result import together
-from mbfmu.settings import Settings
+from mbfmu.settings import AUTO, Settings
 from mbfmu.steady.problem import EquilibriumProblem
+from mbfmu.trial import ran
 from solvers import SolverError, Statistics, Status, stepper
 from solvers.ledger import EXCHANGED
-from solvers.stepper import Reported, Samples
+from solvers.stepper import Reported, Samples, Stepper
 
 __all__ = ["Settings", "Simulation"]
 
@@ -54,6 +55,8 @@ class Simulation:
 
     Attributes
     ----------
+    choice
+        The solver that goes, and why: that of the settings, or what ``auto`` stands for here.
     work_of_jumps
         What jumps of inputs and of tunable parameters have put into the mechanism, J: the work of the impulses of its
         supports, changes of the potential energy where it is.
@@ -92,10 +95,10 @@ class Simulation:
             q, v = found.q, found.v
         else:
             q, v = self.plant.assemble(t0)
-        try:
-            self.stepper = stepper(settings.solver, self.plant.system, t0, q, v, settings.options())
-        except ValueError as error:
-            raise UserError(f"model {own.name!r}: {error}") from error
+        self.choice = Choice(solver=settings.solver)
+        if settings.solver == AUTO:
+            self.choice = choose(self.plant, t0, q, v, settings.options().absolute)
+        self.stepper = self._stepper(t0, q, v)
         self.variables = (*self.plant.outputs, *VARIABLES)
         unique(["time", *(v.name for v in (*self.plant.inputs.variables, *self.variables))])
         self._out = np.zeros(len(self.variables))
@@ -111,35 +114,20 @@ class Simulation:
         audited = settings.audit and self.stepper.freedom > 0
         self.audit = Audit(self.plant, settings.tolerance, self.energy()) if audited else None
         self._folds, self._told_undetermined = Folds(self.plant, t0, q), False
-        self._compile(t0, q, v)
+        kind = (type(self.stepper), self.plant.system.m > 0)
+        if kind not in _compiled and ran(self._stepper(t0, q, v), self.plant, len(self._out)):
+            _compiled.add(kind)
+
+    def _stepper(self, t: float, q: Array, v: Array) -> Stepper:
+        """Return the solver that was chosen, at a state."""
+        try:
+            return stepper(self.choice.solver, self.plant.system, t, q, v, self.settings.options())
+        except ValueError as error:
+            raise UserError(f"model {self.model.name!r}: {error}") from error
 
     def __reduce_ex__(self, protocol: Any) -> Any:
         """Refuse to be copied or pickled, as its stepper does."""
         raise TypeError("a simulation cannot be copied or pickled: make another of the same model, and restore(save())")
-
-    def _compile(self, t0: float, q: Array, v: Array) -> None:
-        """Have every kernel compiled (or loaded) now, by a stepper thrown away, and not in the first step of a run.
-
-        Kernels differ with the solver, with dense or large systems, and with constraints.
-        """
-        kind = (type(self.stepper), self.plant.system.m > 0)
-        if kind in _compiled:
-            return
-        trial = stepper(self.settings.solver, self.plant.system, t0, q, v, self.settings.options())
-        times, values = np.array([t0 + 1e-3]), np.zeros((1, len(self._out)))
-        samples = trial.sample(times)
-        done = len(samples.q)
-        self.plant.observe_all(times[:done], *samples[:4], values[:done])
-        self.plant.observe(t0, q, v, np.zeros(len(v)), np.zeros(self.plant.system.m), self._out)
-        self.energy()
-        ends = [trial.advance(t0 + 2e-3)]
-        for k in (3, 4):  # as where loads change, the second time with what is kept across
-            trial.renew()
-            ends.append(trial.advance(t0 + 1e-3 * k))
-        with suppress(SolverError):
-            trial.accelerations()
-        if done and all(status.ok for status in ends):
-            _compiled.add(kind)
 
     @property
     def t(self) -> float:
@@ -385,6 +373,7 @@ class Simulation:
         balance = [self.audit.base, self.audit.verdict] if self.audit else []
         head = {"parameters": changed, "inputs": inputs, "work_of_jumps": work, "balance": balance}
         head["bent"] = self._folds.state()
+        head["choice"] = self.choice
         return frame(self._owner, head, self.stepper.save())
 
     def restore(self, state: bytes) -> None:
@@ -402,15 +391,11 @@ class Simulation:
             self.model = model
         self.plant.inputs.restore(head["inputs"])
         self.work_of_jumps = head["work_of_jumps"]
+        before, self.choice = self.choice, Choice(*head["choice"])
+        if self.choice.solver != before.solver:  # auto takes another one at other parameters
+            self.stepper = self._stepper(self.t, self.stepper.q, self.stepper.v)
         self.stepper.restart()  # the equations may have changed
         self.stepper.restore(body)
         if self.audit:
             self.audit.base, self.audit.verdict = head["balance"]
         self._folds.restore(head["bent"], self.t, self.stepper.q)
-
-
-def unique(names: Iterable[str]) -> None:
-    """Refuse a name that two variables have."""
-    name, count = Counter(names).most_common(1)[0]
-    if count > 1:
-        raise UserError(f"{count} variables are named {name!r}: names of parameters, inputs and outputs must differ")

@@ -12,6 +12,7 @@ import pytest
 
 import mbfmu as mb
 from mbfmu.mechanics import Variable
+from mbfmu.native import communication_points, run
 from solvers import Statistics
 
 
@@ -115,6 +116,20 @@ def test_what_moves_no_mass_is_not_linearized() -> None:
     for ask in (mb.linearize, mb.modes, lambda m: mb.equilibrium(m).stability):
         with pytest.raises(mb.UserError, match=r"no inertia: coordinate\(s\) 'b.angle'"):
             ask(m)
+
+
+@pytest.mark.parametrize("solver", ["adams", "radau", "ida"])
+def test_outputs_do_not_depend_on_how_many_are_recorded_at_once(solver: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    reported: list[list[float]] = []
+    values = []
+    for rows, brief in ((7, 0.0), (100, np.inf)):
+        monkeypatch.setattr("mbfmu.native.ROWS", rows)
+        monkeypatch.setattr("mbfmu.native.BRIEF", brief)
+        reported.append([])
+        times = communication_points(2.0, 0.005)
+        values.append(run(swing(), mb.Settings(solver=solver), times, progress=reported[-1].append).values)
+    np.testing.assert_array_equal(values[0], values[1])
+    assert [len(told) for told in reported] == [58, 3]  # of 7 each, and of 100, 200 and what is left
 
 
 def test_a_result_shows_itself(result: mb.Result) -> None:

@@ -13,17 +13,18 @@ import argcomplete
 import mbfmu
 from mbfmu.errors import UserError
 
-from . import cache, compare, effects, equilibrium, export, linearize, models, modes, run, scenes, view
+from . import cache, check, compare, effects, equilibrium, export, linearize, models, modes, run, scenes, view
 from .compiling import compilation
 from .completion import HOW
 
-COMMANDS = (run, view, export, equilibrium, linearize, modes, effects, compare, models, scenes, cache)
+COMMANDS = (run, check, view, export, equilibrium, linearize, modes, effects, compare, models, scenes, cache)
 
 EXAMPLES = f"""examples:
   mbfmu run fourbar                        export the FMU, run it through FMPy, write CSV and pictures
   mbfmu run fourbar --solver adams --native
   mbfmu run fourbar/paper                  a scene that ships with a model
   mbfmu run my_scene.toml
+  mbfmu check fourbar                      whether it is hard, and why; which solver suits
   mbfmu view governor/damped               3-D animation of a run, an HTML file for any browser
   mbfmu export fourbar --set crank_length=0.8 -o fourbar.fmu
   mbfmu export my_model.py:MyModel

@@ -7,7 +7,7 @@ import argparse
 from mbfmu.errors import UserError
 from mbfmu.model import models
 from mbfmu.scene import load_scene
-from mbfmu.settings import Settings
+from mbfmu.settings import AUTO, Settings
 from mbfmu.simulation import Simulation
 from mbfmu.steady.problem import EquilibriumProblem
 from solvers.compiled import cache
@@ -53,9 +53,11 @@ def command_cache(options: argparse.Namespace) -> int:
 
 
 def warm(references: list[str], options: argparse.Namespace) -> None:
-    """Start every model under every solver that it can have, look for a steady state, and about it."""
+    """Start every model under every solver that it can have, look for a steady state, and about it; check it."""
+    from mbfmu.studies.check import check
+
     chosen = [load_scene(reference).model for reference in references]
-    runs = [(model, solver) for model in chosen for solver in (*NAMES, "equilibrium")]
+    runs = [(model, solver) for model in chosen for solver in (*NAMES, "equilibrium", "check")]
     for model in chosen:
         model.plant()  # what cannot be built is told of, and not passed over
     with bar(len(runs), "warm", options.quiet, "run") as shown:
@@ -66,6 +68,8 @@ def warm(references: list[str], options: argparse.Namespace) -> None:
             try:
                 if solver == "equilibrium":
                     EquilibriumProblem(model).solve().shapes(1)
+                elif solver == "check":
+                    check(model, 1e-4 * model.stop_time, solver=AUTO)
                 else:
                     Simulation(model, Settings(solver=solver))
             except UserError:

@@ -16,6 +16,8 @@ from mbfmu.audit import VARIABLES
 from mbfmu.curves import matching
 from mbfmu.native import Result, communication_points, run
 from mbfmu.scene import Scene, as_toml
+from mbfmu.settings import AUTO
+from mbfmu.simulation import Simulation
 from mbfmu.viewer import Recorder
 
 from .common import (
@@ -99,6 +101,8 @@ def command_run(options: argparse.Namespace) -> int:
         if not options.native and result.wall_time < QUICK:
             repeat = run(scene.model, scene.settings, result.t, watch=recorder)
             result.remarks = repeat.remarks  # which an FMU has in its log alone
+        elif not options.native and scene.settings.solver == AUTO:
+            result.remarks = (str(Simulation(scene.model, scene.settings).choice),)
         write(place, scene, result, recorder, options.plot)
         tell(options, "\n".join((summary(scene, result, total), *(f"  {line}" for line in loops(scene)))))
         tell_more(options, statistics(result))
@@ -165,7 +169,7 @@ def summary(scene: Scene, result: Result, total: float) -> str:
     if 2 * s.stability_limited > s.steps:
         lines.append(
             f"  stability, not accuracy, set the length of {s.stability_limited} steps: a looser tolerance will not "
-            "help; where the fast motion is damped, ida takes fewer"
+            "help; `mbfmu check` tells which solver takes fewer"
         )
     if scene.settings.audit:
         worst, exchanged = np.abs(outputs["energy_imbalance"]).max(), outputs["energy_exchanged"][-1]

@@ -34,7 +34,7 @@ from .values import Phase, Values, guarded, in_words
 
 Array = NDArray[np.float64]
 
-STATE_FORMAT = 5
+STATE_FORMAT = 6
 TOLD = 5  # mistakes that are told one by one
 AGREED = 1e-9  # s, or part of the time: so much may a host's clock differ from ours
 
@@ -157,9 +157,10 @@ class ModelSlave(Values):
             return Simulation(model, settings, t0, inputs)
 
     def _tell_loops(self) -> None:
-        """Log which rows of the loops vanish or are redundant, unless that was said."""
+        """Log what ``auto`` took, and which rows of the loops vanish or are redundant, unless that was said."""
         assert self.simulation is not None
-        told, self._loops = self._loops, self.simulation.loops()
+        taken = str(self.simulation.choice)
+        told, self._loops = self._loops, [*([taken] if taken else []), *self.simulation.loops()]
         if told != self._loops:
             for line in self._loops:
                 self.log(line, Fmi2Status.ok, "logAll")

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from math import nan
+from typing import Any
+
 import numpy as np
 
 from solvers.compiled.held import hold
-from solvers.compiled.kernel import COMPILED
+from solvers.compiled.kernel import COMPILED, kernel
 from solvers.options import Options
 from solvers.outcome import Code
 from solvers.projection.projection import close, evaluate, unresolved
 from solvers.projection.rank import normal_rank
-from solvers.projection.workspace import Workspace
+from solvers.projection.singular import CROSSING, MISS, NONE, judge
+from solvers.projection.workspace import Workspace, factor
 from solvers.stepper import Stepper, own_rates, require_placed, require_resolved
 from solvers.system import Array, Equations, System, Terms
 
@@ -18,6 +22,14 @@ from solvers.system import Array, Equations, System, Terms
 # amplitude; and the least, of the rate of the motion, for what rests at the start may move later.
 SLOWER, SLOWEST = 0.1, 0.01
 UNDETERMINED = 1e-9  # singular value of J~, relative to the largest, below which a start takes no rate from it
+
+
+@kernel
+def find_critical(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
+    """What the singular position next to q is; see :func:`solvers.projection.singular.judge`."""
+    eqs.position(t, q, eqs.data, eqs.terms)
+    factor(eqs.terms, work)
+    return judge(eqs, t, q, rank, work)
 
 
 class DenseStepper(Stepper):
@@ -45,6 +57,18 @@ class DenseStepper(Stepper):
             return False
         sigma = np.linalg.svd(self._terms.J * self.system.size / self._units.row[:, None], compute_uv=False)
         return bool(sigma[self._rank - 1] <= UNDETERMINED * sigma[0])
+
+    def gap(self, t: float, q: Array) -> float:
+        """Return by how much the loops miss the singular position next to q (nq,) at time t, in units of the rows.
+
+        Zero where they pass it exactly; infinite where motions of more than one freedom pass beside it; not a number
+        where there is none next to it. For a stepper that is not to be advanced: it forgets what it knew of others.
+        """
+        if self._rank == 0:
+            return nan
+        self._units.critical["kind"], self._units.critical["in_vain"] = NONE, 0.0
+        kind = find_critical(self._eqs, t, q, self._rank, self._work)
+        return {CROSSING: 0.0, MISS: float(abs(self._units.critical["gap"][0]))}.get(kind, nan)
 
     @property
     def freedom(self) -> int:

@@ -111,7 +111,7 @@ def test_inputs_and_tunable_parameters_act_between_steps(fourbar_fmu: Path) -> N
     [
         ({"crank_length": -1.0}, "'crank_length' of 'fourbar' is -1.0"),
         ({"ground_length": 50.0}, "loop cannot close"),
-        ({"solver": 7}, r"'solver' was set to 7; allowed: 1 \(ida\), 2 \(adams\)"),
+        ({"solver": 8}, r"'solver' was set to 8; allowed: 1 \(ida\), 2 \(adams\)"),
         ({"crank.torque": float("nan")}, "'crank.torque' was set to nan"),
         ({"coupler_mass": 0.0, "crank_mass": 0.0, "rocker_mass": 0.0}, "no inertia"),
     ],

@@ -1,0 +1,325 @@
+"""Whether a scene is hard, and why: from a run of it, watched, and from the eigenvalues about some of its states.
+
+A scene that cannot start, or fails, is what this is for: why stands in the findings, beside what can be told all the
+same. Nothing here is exact but what it says so of; the run is that of the scene's own solver and tolerance.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict, dataclass, replace
+from math import isfinite, nan
+from typing import Any
+
+import numpy as np
+
+from mbfmu.choice import Choice, suited
+from mbfmu.errors import UserError
+from mbfmu.mechanics import Mechanism, Plant
+from mbfmu.mechanics.numbers import finite
+from mbfmu.model import Model, declared, of_user, suggest
+from mbfmu.scene import Scene, default_scene
+from mbfmu.settings import Settings
+from mbfmu.simulation import Simulation
+from mbfmu.spectrum import Spectrum, spectrum
+from mbfmu.studies.loops import Loop, loops, redundant_rows
+from mbfmu.studies.nearest import Nearest, Watch
+from mbfmu.studies.telling import in_words, reasons
+from solvers.options import Statistics
+from solvers.system import Array
+
+SAMPLES, FEW = 200, 40  # states of a run that are looked at; of a large tree
+STATES = 5  # of them about which eigenvalues are taken
+PATIENCE = 10.0  # s; a run that takes longer is left where it is
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stiffness:
+    """How fast what is fastest could move, against what does.
+
+    Attributes
+    ----------
+    eigenvalue, t, coordinate
+        Fastest eigenvalue over the states looked at, 1/s, when, s, and which coordinate takes most part in it.
+    own
+        Rate of the motion as its velocities, drives and gravity tell it, at most, 1/s.
+    followed
+        Rate of what swings by more than the tolerance, at most, 1/s.
+    tolerance
+        The absolute one, in units of each coordinate.
+    states
+        About how many states eigenvalues were taken.
+    """
+
+    eigenvalue: complex
+    t: float
+    coordinate: str
+    own: float
+    followed: float
+    tolerance: float
+    states: int
+
+    @property
+    def ratio(self) -> float:
+        """The fastest eigenvalue over the rate of what must be followed; not a number where nothing moves."""
+        return abs(self.eigenvalue) / self.followed if self.followed > 0.0 else nan
+
+
+@dataclass(frozen=True, kw_only=True)
+class Findings:
+    """What :func:`mbfmu.check` found.
+
+    Attributes
+    ----------
+    name, solver, tolerance
+        Of the scene, and what ran; of ``auto`` the solver it took.
+    stop_time, reached
+        Until when it was to run, and until when it was looked at, s.
+    coordinates, rows, freedom
+        Free coordinates, rows of the constraints (vanishing ones are dropped before), ways to move; the last is None
+        where it did not start.
+    tree
+        Whether it is solved by the recursions of a large tree, and not by matrices.
+    loops
+        A loop for every cut joint: its ``name``, the ``bodies`` it goes through, its ``size`` (the largest distance
+        between two joints of one of them, m), how many ``rows`` it has, which of them are ``vanishing`` and
+        ``redundant``, and the largest ``gap`` it had, in units of its size or in rad.
+    redundant, vanishing
+        Names of rows that depend on others, and of those that no motion works against.
+    nearest
+        The singular position it came nearest to: its time ``t`` (s), the ``ratio`` of the smallest singular value of
+        the constraints to the largest, the ``loops`` it is in, the ``gap`` by which it is missed, in units of the rows
+        (zero: it is passed; not a number: that is not known), and ``passes``: how often it comes near. None without
+        loops.
+    stiffness
+        The fastest ``eigenvalue`` (1/s) of the states that were looked at, its time ``t`` (s), the ``coordinate`` that
+        takes most part in it, the motion's ``own`` rate and that of what must be ``followed`` (1/s), as it swings by
+        more than the absolute ``tolerance``, their ``ratio``, and of how many ``states``. None where nothing is free.
+    limit
+        What set the length of the steps: ``accuracy``, ``stability``, ``singular positions``, ``drives``,
+        ``max_step``, or ``nothing`` where no step was taken.
+    statistics
+        Of the solver; None where it did not start.
+    outputs
+        How many the scene asks for in the time that was run.
+    failure
+        Why it cannot start or stopped, and what to try; empty: neither.
+    warning
+        Why the motion is not to be trusted though it ran; empty: nothing speaks against it.
+    suits
+        The solver to take, and why.
+    unseen
+        What was not looked at, in sentences.
+    """
+
+    name: str
+    solver: str
+    tolerance: float
+    stop_time: float
+    reached: float = 0.0
+    coordinates: int = 0
+    rows: int = 0
+    freedom: int | None = None
+    tree: bool = False
+    loops: tuple[Loop, ...] = ()
+    redundant: tuple[str, ...] = ()
+    vanishing: tuple[str, ...] = ()
+    nearest: Nearest | None = None
+    stiffness: Stiffness | None = None
+    limit: str = "nothing"
+    statistics: Statistics | None = None
+    outputs: int = 0
+    failure: str = ""
+    warning: str = ""
+    suits: Choice | None = None
+    unseen: tuple[str, ...] = ()
+
+    @property
+    def hard(self) -> tuple[str, ...]:
+        """What makes the scene hard, in a few words each; empty: nothing does."""
+        return reasons(self)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return everything for JSON; what is no number is None."""
+        found = asdict(self) | {"hard": list(self.hard)}
+        found["suits"] = self.suits._asdict() if self.suits else None
+        if self.stiffness is not None:
+            value = self.stiffness.eigenvalue
+            found["stiffness"] |= {"eigenvalue": [value.real, value.imag], "ratio": self.stiffness.ratio}
+        return dict(_for_json(found))
+
+    def as_text(self) -> str:
+        """Return it in sentences for people."""
+        return in_words(self)
+
+
+def _for_json(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _for_json(v) for key, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_for_json(v) for v in value]
+    return None if isinstance(value, float) and not isfinite(value) else value
+
+
+def check(
+    subject: Scene | Model | Mechanism, stop_time: float | None = None, patience: float = PATIENCE, **settings: Any
+) -> Findings:
+    """Find out whether a scene, a model or a mechanism is hard, and why.
+
+    Parameters
+    ----------
+    subject
+        What is to be run.
+    stop_time
+        End of the run, s; the scene's or the model's own where it is not given.
+    patience
+        How long the run may take, s; what it has not come to by then is not looked at.
+    **settings
+        Of :class:`~mbfmu.settings.Settings`, as ``solver``: other than the scene's.
+
+    Raises
+    ------
+    UserError
+        What is wrong with the arguments. A scene that cannot start, or fails, does not raise: ``failure`` says why.
+    """
+    scene = subject if isinstance(subject, Scene) else default_scene(of_user(subject))
+    known = [p.name for p in declared(Settings)]
+    for name in settings:
+        if name not in known:
+            raise UserError(f"there is no setting {name!r}{suggest(name, known)}")
+    scene = scene.changed(**settings, stop_time=stop_time)
+    if not finite("patience", patience) > 0.0:
+        raise UserError(f"patience is {patience!r} s; allowed: greater than zero")
+    found = Findings(
+        name=scene.name, solver=scene.settings.solver, tolerance=scene.settings.tolerance, stop_time=scene.stop_time
+    )
+    try:
+        plant = scene.model.plant()
+    except UserError as error:
+        return replace(found, failure=str(error), unseen=("nothing could be looked at: there is no mechanism",))
+    found = _of_plant(found, plant)
+    try:
+        simulation = Simulation(scene.model, scene.settings)
+    except UserError as error:
+        unseen = "singular positions, stiffness and steps, for want of a start"
+        at_rest = loops(plant, (), np.full(plant.system.m, nan))
+        return replace(found, failure=str(error), loops=at_rest, unseen=(unseen,))
+    return _Look(scene, plant, simulation, patience).findings(found)
+
+
+def _of_plant(found: Findings, plant: Plant) -> Findings:
+    s = plant.system
+    vanishing = tuple(plant.vanishing_rows)
+    return replace(found, coordinates=s.n, rows=s.m, tree=not s.has_matrices, vanishing=vanishing)
+
+
+class _Look:
+    """One run of a scene, looked at."""
+
+    def __init__(self, scene: Scene, plant: Plant, simulation: Simulation, patience: float) -> None:
+        self.scene, self.plant, self.simulation, self.patience = scene, plant, simulation, patience
+        self.unseen: list[str] = []
+        self.gaps = np.zeros(plant.system.m)
+        self.longest = plant.system.resolves(0.0)[0]
+        self.states: list[tuple[float, Array, Array]] = []
+
+    def findings(self, found: Findings) -> Findings:
+        """Return what there is to tell."""
+        s, run = self.plant.system, self.simulation
+        redundant = redundant_rows(self.plant, run.t, run.stepper.q) if s.m else ()
+        rank = s.m - len(redundant)
+        watch = Watch(self.plant, rank, run) if rank else None
+        self._go(watch)
+        reached, statistics, failure, warning = run.t, run.statistics, run.failure, run.warning
+        spectra, absolute = self._spectra(), self.scene.settings.options().absolute
+        return replace(
+            found,
+            solver=run.choice.solver,
+            reached=reached,
+            freedom=run.stepper.freedom if s.has_matrices else s.n - rank,
+            loops=loops(self.plant, redundant, self.gaps),
+            redundant=redundant,
+            nearest=watch.nearest(run) if watch else None,
+            stiffness=stiffness(spectra, absolute),
+            limit=self._limit(statistics, reached),
+            statistics=statistics,
+            outputs=int(reached / self.scene.output_interval),
+            failure=failure,
+            warning=warning,
+            suits=suited(self.plant, spectra, absolute) if spectra else None,
+            unseen=self._unseen(reached, failure),
+        )
+
+    def _go(self, watch: Watch | None) -> None:
+        """Run, and look at what there is to see between steps."""
+        run, begin = self.simulation, time.perf_counter()
+        count = SAMPLES if self.plant.system.has_matrices else FEW
+        for t in np.linspace(run.t, self.scene.stop_time, count + 1):
+            run.advance(float(t))
+            self._look(watch)
+            if run.failure or time.perf_counter() - begin > self.patience:
+                break
+
+    def _look(self, watch: Watch | None) -> None:
+        run = self.simulation
+        q, v = run.stepper.q, run.stepper.v
+        self.states.append((run.t, q, v))
+        self.longest = min(self.longest, self.plant.system.resolves(run.t)[0])
+        if self.plant.system.m:
+            terms = self.plant.system.allocate_terms()
+            self.plant.system.fill_position(run.t, q, terms)
+            self.gaps = np.maximum(self.gaps, np.abs(terms.Phi))
+        if watch is not None:
+            watch.look(run)
+
+    def _spectra(self) -> list[Spectrum]:
+        found, why = [], ""
+        for k in np.unique(np.linspace(0, len(self.states) - 1, STATES).astype(int)):
+            try:
+                found.append(spectrum(self.plant, *self.states[k]))
+            except UserError as error:
+                why = str(error)
+        if why:
+            self.unseen.append(f"eigenvalues at {STATES - len(found)} of {STATES} states: {why}")
+        return found
+
+    def _limit(self, s: Statistics, reached: float) -> str:
+        """Return what set the length of most steps."""
+        if not s.steps:
+            return "nothing"
+        mean = reached / s.steps
+        if 2 * s.stability_limited > s.steps:
+            return "stability"
+        if 5 * s.refused > s.steps or s.coarser > 1.0:
+            return "singular positions"
+        if self.scene.settings.max_step and mean > 0.5 * self.scene.settings.max_step:
+            return "max_step"
+        return "drives" if mean > 0.5 * self.longest else "accuracy"
+
+    def _unseen(self, reached: float, failure: str) -> tuple[str, ...]:
+        s = self.plant.system
+        if reached < self.scene.stop_time and not failure:
+            self.unseen.append(f"what comes after {reached:g} s: the run takes longer than {self.patience:g} s")
+        if self.plant.inputs.variables:
+            self.unseen.append("other values of inputs than those they start with")
+        if not s.has_matrices:
+            self.unseen.append("all but the fastest eigenvalues: the tree is large")
+            if s.m:
+                self.unseen.append("by how much singular positions are missed: the tree is large")
+        return tuple(self.unseen)
+
+
+def stiffness(found: list[Spectrum], tolerance: float) -> Stiffness | None:
+    """Return how fast what is fastest could move over these states; None where nothing is free or known."""
+    if not any(len(f.values) for f in found):
+        return None
+    fastest = max(found, key=lambda f: abs(f.fastest))
+    return Stiffness(
+        eigenvalue=fastest.fastest,
+        t=fastest.t,
+        coordinate=fastest.leading,
+        own=max(f.own for f in found),
+        followed=max(f.followed(tolerance) for f in found),
+        tolerance=tolerance,
+        states=len(found),
+    )

@@ -1,0 +1,111 @@
+"""The closed loops of a mechanism, one for every cut joint: through which bodies, how large, and how well closed."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbfmu.mechanics import Mechanism, Plant
+from mbfmu.mechanics.arrays.rows import dependent_rows, row_names
+from mbfmu.mechanics.builder.bodies import CutHandle
+from solvers.system import Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Loop:
+    """A loop that a cut joint closes.
+
+    Attributes
+    ----------
+    name
+        Of the cut joint.
+    bodies
+        Those it goes through, from body a of the cut joint to body b.
+    size
+        Largest distance between two joints of one of its bodies, m.
+    rows
+        How many the cut joint has.
+    vanishing, redundant
+        Names of its rows that no motion works against, and of those that depend on others wherever it is.
+    gap
+        By how much it was open at most, in units of its size or in rad; not a number where nothing ran.
+    """
+
+    name: str
+    bodies: tuple[str, ...]
+    size: float
+    rows: int
+    vanishing: tuple[str, ...]
+    redundant: tuple[str, ...]
+    gap: float
+
+
+def loops(plant: Plant, redundant: Collection[str], gaps: Array) -> tuple[Loop, ...]:
+    """Return every loop; ``redundant`` are names of rows, ``gaps`` (m,) the largest residuals of all, m or rad."""
+    names = list(plant.system.constraint_names)
+    found = []
+    for handle in plant.mechanism.cuts:
+        rows = row_names([handle])
+        path, size = loop_path(plant.mechanism, handle), loop_size(plant, handle)
+        units = dict(zip(rows, handle.units, strict=True))
+        own = [gaps[names.index(r)] / (size if units[r] == "m" else 1.0) for r in rows if r in names]
+        found.append(
+            Loop(
+                name=handle.name,
+                bodies=tuple(dict.fromkeys(body_name(plant.mechanism, k) for k in path)),
+                size=size,
+                rows=len(rows),
+                vanishing=tuple(r for r in rows if r in plant.vanishing_rows),
+                redundant=tuple(r for r in rows if r in redundant),
+                gap=float(max(own, default=0.0)),
+            )
+        )
+    return tuple(found)
+
+
+def loop_path(mechanism: Mechanism, handle: CutHandle) -> list[int]:
+    """Return the numbers of the bodies from a to b of a cut joint, along the tree."""
+    ways = []
+    for k in (handle.a.index, handle.b.index):
+        way = [k]
+        while way[-1] > 0:
+            way.append(mechanism.bodies[way[-1]].parent)
+        ways.append(way)
+    there, back = ways
+    while len(there) > 1 and len(back) > 1 and there[-2] == back[-2]:
+        there.pop()
+        back.pop()
+    return [*there, *reversed(back[:-1])]
+
+
+def body_name(mechanism: Mechanism, k: int) -> str:
+    """Return the name of a body, of a part of an elastic one that of the whole."""
+    name = mechanism.bodies[k].name
+    for whole in (body.name for body in mechanism.flexible_bodies):
+        if name.startswith((f"{whole}.", f"{whole}[")):
+            return whole
+    return name
+
+
+def loop_size(plant: Plant, handle: CutHandle) -> float:
+    """Return the largest distance between two joints of one body of a loop, m; of a loop in one point the plant's."""
+    mechanism, bodies = plant.mechanism, plant.data.arrays.bodies
+    path = loop_path(mechanism, handle)
+    points: dict[int, list[Array]] = {k: [] for k in path}
+    for k in path:
+        parent = int(bodies[k]["parent"])
+        if k > 0 and parent in points:
+            points[k].append(np.zeros(3))
+            points[parent].append(bodies[k]["s"])
+    for body, at in ((handle.a, handle.cut.at_a), (handle.b, handle.cut.at_b)):
+        points[body.index].append(np.asarray(at, float))
+    spans = [float(np.linalg.norm(p - q)) for own in points.values() for p in own for q in own]
+    return max(spans, default=0.0) or float(plant.length)
+
+
+def redundant_rows(plant: Plant, t: float, q: Array) -> tuple[str, ...]:
+    """Return the names of the rows that depend on others about q (nq,), off singular positions."""
+    found = dependent_rows(plant.system, t, plant.assembly.beside(t, q))
+    return tuple(plant.system.constraint_names[k] for k in found)

@@ -1,0 +1,126 @@
+"""The singular position that a motion comes nearest to: when, how near, which loops, and whether it goes through.
+
+How near is told by singular values of the constraints, as messages tell it (:func:`mbfmu.audit.distance`): the smallest
+over the largest. It is nothing in a singular position and falls to it along a line, so its minimum between two samples
+is found by golden section, on the run itself, taken up again at the sample before.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf, nan
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from mbfmu.audit import NEAR, distance, loops_of
+from mbfmu.mechanics import Plant
+from mbfmu.simulation import Simulation
+from solvers.steppers import stepper
+from solvers.steppers.dense import DenseStepper
+
+CLOSE = 0.3  # ratio between samples from which on its minimum is looked for
+MOST = 20  # minima that are looked for
+NOISE = 1e-4  # part of a ratio by which another one must be less
+EXACT = 1e-7  # of the time between samples, to which a minimum is looked for
+SAME, ZERO = 3.0, 1e-5  # times the smallest ratio another one is as near, and below this they are all nothing
+
+
+@dataclass(frozen=True, kw_only=True)
+class Nearest:
+    """The singular position that a motion comes nearest to.
+
+    Attributes
+    ----------
+    t
+        When, s; where several are as near the first of them.
+    ratio
+        Smallest singular value of the constraints over the largest there, in [0, 1].
+    loops
+        Names of the cut joints and couplings whose rows take most part.
+    gap
+        By how much the loop misses the singular one, in units of its rows: zero where it goes through, infinite where
+        motions of several freedoms pass beside it, not a number where none was found or it was not looked for.
+    passes
+        How often the motion comes near enough for a message to call it so.
+    """
+
+    t: float
+    ratio: float
+    loops: tuple[str, ...]
+    gap: float
+    passes: int
+
+
+class Watch:
+    """Looks, along a run, how near singular positions are.
+
+    Parameters
+    ----------
+    plant
+        One of the same model, that is not the run's.
+    rank
+        Rows of the constraints that do not depend on others.
+    simulation
+        The run, where it starts.
+    """
+
+    def __init__(self, plant: Plant, rank: int, simulation: Simulation) -> None:
+        self._plant, self._rank = plant, rank
+        start = simulation.t, simulation.stepper.q, simulation.stepper.v
+        self._judge = stepper("adams", plant.system, *start) if plant.system.has_matrices else None
+        self._times: list[float] = []
+        self._ratios: list[float] = []
+        self._states: list[bytes] = []
+
+    def look(self, simulation: Simulation) -> None:
+        """Note how near it is where the run stands."""
+        if self._times and not simulation.t > self._times[-1]:
+            return
+        self._times.append(simulation.t)
+        self._ratios.append(self._ratio(simulation))
+        self._states.append(simulation.save())
+
+    def _ratio(self, simulation: Simulation) -> float:
+        return distance(self._plant, simulation.t, simulation.stepper.q, self._rank)[0]
+
+    def nearest(self, simulation: Simulation) -> Nearest | None:
+        """Return where the run came nearest; it is taken back for that. None where nothing was looked at."""
+        if not self._times:
+            return None
+        ratios = np.array([inf, *self._ratios, inf])
+        less = (1.0 - NOISE) * np.minimum(ratios[:-2], ratios[2:])
+        least = np.flatnonzero((ratios[1:-1] < less) | (ratios[1:-1] == ratios.min()))
+        least = least[np.argsort(ratios[1 + least], kind="stable")][:MOST]
+        found = [self._refined(simulation, int(k)) for k in least]
+        smallest = min(ratio for _, ratio in found)
+        level = max(SAME * smallest, ZERO)
+        t, ratio = min((f for f in found if f[1] <= level), key=lambda f: f[0])
+        self._go(simulation, int(np.searchsorted(self._times, t, side="right")) - 1, t)
+        q = simulation.stepper.q
+        return Nearest(
+            t=t,
+            ratio=ratio,
+            loops=loops_of(self._plant, distance(self._plant, t, q, self._rank)[1]),
+            gap=self._judge.gap(t, q) if isinstance(self._judge, DenseStepper) else nan,
+            passes=sum(ratio <= NEAR for _, ratio in found),
+        )
+
+    def _go(self, simulation: Simulation, k: int, t: float) -> bool:
+        """Take the run from sample k to t."""
+        simulation.restore(self._states[k])
+        return t <= simulation.t or simulation.advance(t).ok
+
+    def _refined(self, simulation: Simulation, k: int) -> tuple[float, float]:
+        """Return time and ratio of the minimum beside sample k."""
+        times, here = self._times, (self._times[k], self._ratios[k])
+        if here[1] > CLOSE or len(times) == 1:
+            return here
+        first, last = max(k - 1, 0), min(k + 1, len(times) - 1)
+
+        def ratio(t: float) -> float:
+            return self._ratio(simulation) if self._go(simulation, first, float(t)) else inf
+
+        between, exact = (times[first], times[last]), EXACT * (times[last] - times[first])
+        best = minimize_scalar(ratio, bounds=between, method="bounded", options={"xatol": exact})
+        return (float(best.x), float(best.fun)) if best.fun < (1.0 - NOISE) * here[1] else here

@@ -1,0 +1,32 @@
+"""A run thrown away, so that every kernel is compiled (or loaded) before a run and not in its first step."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+import numpy as np
+
+from mbfmu.mechanics import Plant
+from solvers import SolverError
+from solvers.stepper import Stepper
+
+
+def ran(trial: Stepper, plant: Plant, outputs: int) -> bool:
+    """Whether all went well with everything that a run calls: steps of ``trial``, and ``outputs`` of the plant.
+
+    Kernels differ with the solver, with dense or large systems, and with constraints.
+    """
+    t0, q, v = trial.t, trial.q, trial.v
+    times, values = np.array([t0 + 1e-3]), np.zeros((1, outputs))
+    samples = trial.sample(times)
+    done = len(samples.q)
+    plant.observe_all(times[:done], *samples[:4], values[:done])
+    plant.observe(t0, q, v, np.zeros(len(v)), np.zeros(plant.system.m), values[0])
+    plant.energy(t0, q, v)
+    ends = [trial.advance(t0 + 2e-3)]
+    for k in (3, 4):  # as where loads change, the second time with what is kept across
+        trial.renew()
+        ends.append(trial.advance(t0 + 1e-3 * k))
+    with suppress(SolverError):
+        trial.accelerations()
+    return done > 0 and all(status.ok for status in ends)

@@ -1,0 +1,26 @@
+"""By how much a loop misses a singular position, as a stepper tells it."""
+
+from __future__ import annotations
+
+from math import isnan
+
+import numpy as np
+import pytest
+
+from fmus.fourbar import FourBar
+from solvers.steppers import stepper
+from solvers.steppers.dense import DenseStepper
+
+
+@pytest.mark.parametrize(("longer", "low", "high"), [(0.0, 0.0, 0.0), (1e-5, 1e-6, 1e-5), (1e-3, 1e-4, 1e-3)])
+def test_the_gap_grows_with_what_a_bar_is_too_long_and_is_asked_for_anew(
+    longer: float, low: float, high: float
+) -> None:
+    plant = FourBar(coupler_length=3.0 * (1.0 + longer)).plant()
+    start, v = plant.assemble()
+    own = stepper("adams", plant.system, 0.0, start, v)
+    assert isinstance(own, DenseStepper)
+    for _ in range(2):
+        assert low <= own.gap(0.0, np.array([1e-3, -1e-3, 1e-3])) <= high
+        far = own.gap(0.0, np.array([1.5, -1.5, 1.5]))
+        assert isnan(far) or low <= far <= high

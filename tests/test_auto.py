@@ -1,0 +1,188 @@
+"""The solver that ``auto`` takes: the cheapest family for the model as it starts, once, and kept."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from fmpy import simulate_fmu
+
+import mbfmu as mb
+from fmus.fourbar import FourBar
+from fmus.governor import Governor
+from fmus.sheet import Sheet
+from mbfmu.fmi import Fmu
+from mbfmu.model import declared, of_user
+from mbfmu.scene import load_scene
+from mbfmu.spectrum import spectrum
+from mbfmu.steady.problem import equilibrium
+
+DOWN = {"crank": -1.5, "coupler": 1.5, "rocker": -1.5}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sprung(mb.Model):
+    """A bob of 1 kg on a damped spring, pushed."""
+
+    name = "sprung"
+    stiffness: float = mb.parameter(10.0, min=0.0, unit="N/m", doc="of the spring", tunable=True)
+
+    def build(self) -> mb.Mechanism:
+        m = mb.Mechanism()
+        bob = m.body("bob", m.ground, mb.Translational(axis="x", start=0.0, rate=0.0), mass=1.0)
+        slow = m.body("slow", m.ground, mb.Translational(axis="y", start=1.0), mass=1.0)
+        m.force("spring", mb.JointSpring(stiffness=self.stiffness, damping=0.2 * self.stiffness**0.5), bob)
+        m.force("other", mb.JointSpring(stiffness=4.0), slow)
+        m.output("x", slow.coordinate())
+        return m
+
+
+def ladder(loops: int) -> mb.Mechanism:
+    """Rungs of 2 m on pairs of rods of 1 m, one pair below the other."""
+    m = mb.Mechanism(gravity=(0.0, -9.81, 0.0))
+    on, sides = m.ground, ((-1.0, 0.0, 0.0), (1.0, 0.0, 0.0))
+    for k in range(loops):
+        left, right = (
+            m.body(f"{side}{k}", on, mb.Revolute(at=at, start=start), **mb.rod(mass=1.0, length=1.0))
+            for side, at, start in zip(("left", "right"), sides, (-1.0, -1.0), strict=True)
+        )
+        pin = mb.Revolute(at=(1.0, 0.0, 0.0), start=1.0)
+        rung = m.body(f"rung{k}", left, pin, mass=1.0, com=(1.0, 0.0, 0.0), inertia=(0.1, 0.1, 0.1))
+        m.cut(f"pin{k}", mb.RevoluteCut(at_a=(2.0, 0.0, 0.0), at_b=(1.0, 0.0, 0.0)), rung, right)
+        on, sides = rung, ((0.0, 0.0, 0.0), (2.0, 0.0, 0.0))
+    return m
+
+
+def chain(count: int) -> mb.Mechanism:
+    m = mb.Mechanism(gravity=(0.0, -9.81, 0.0))
+    on = m.ground
+    for k in range(count):
+        at = (0.0, 0.0, 0.0) if k == 0 else (1.0, 0.0, 0.0)
+        on = m.body(f"link{k}", on, mb.Revolute(at=at, start=0.1), **mb.rod(mass=1.0, length=1.0))
+    return m
+
+
+def stiff_coupler(**changed: float) -> FourBar:
+    model = load_scene("fourbar/flexible").model
+    assert isinstance(model, FourBar)
+    return model.with_values({"youngs_modulus": 1e4 * model.youngs_modulus} | changed)
+
+
+CASES: dict[str, tuple[Callable[[], Any], float, str]] = {
+    "four-bar": (FourBar, 1e-6, "adams"),
+    "governor": (Governor, 1e-6, "adams"),
+    "elastic coupler, as it is": (lambda: load_scene("fourbar/flexible").model, 1e-6, "adams"),
+    "elastic coupler, stiff and damped": (stiff_coupler, 1e-6, "radau"),
+    "elastic coupler, stiff, too slight to be followed": (lambda: stiff_coupler(coupler_damping=0.0), 1e-6, "radau"),
+    "elastic coupler, stiff, followed": (lambda: stiff_coupler(coupler_damping=0.0), 1e-8, "adams"),
+    "ladder of large loops": (lambda: ladder(6), 1e-6, "hybrid"),
+    "sheet": (lambda: Sheet(nx=7, nz=5), 1e-4, "esdirk"),
+    "sheet, swings followed": (lambda: Sheet(nx=7, nz=5), 1e-7, "adams"),
+    "sheet, damped": (lambda: Sheet(nx=7, nz=5, damping=0.01), 1e-6, "esdirk"),
+    "sheet, damped, finer than esdirk": (lambda: Sheet(nx=7, nz=5, damping=0.01), 1e-8, "ida"),
+    "chain": (lambda: chain(110), 1e-6, "adams"),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_auto_takes_the_cheapest_family_and_says_why(case: str) -> None:
+    make, tolerance, solver = CASES[case]
+    settings = mb.Settings(solver="auto", tolerance=tolerance)
+    simulation = mb.Simulation(make(), settings)
+    assert simulation.choice.solver == solver
+    assert str(simulation.choice).startswith(f"auto took {solver!r}: ")
+    assert mb.Simulation(make(), settings).choice == simulation.choice  # as it would be on any other day
+
+
+@pytest.mark.parametrize("model", [FourBar(coupler_modes=2), Governor()], ids=["four-bar", "governor"])
+def test_differences_find_the_eigenvalues_of_exact_state_matrices(model: mb.Model) -> None:
+    found = equilibrium(model, DOWN if isinstance(model, FourBar) else None)
+    exact = np.linalg.eigvals(found.state_space.A)
+    values = spectrum(found.plant, 0.0, found.q, found.v).values
+    exact, values = (np.sort_complex(np.round(x, 9)) for x in (exact, values))
+    np.testing.assert_allclose(values, exact, atol=1e-6 * np.abs(exact).max())
+
+
+def test_arnoldi_finds_the_fastest_of_many(monkeypatch: pytest.MonkeyPatch) -> None:
+    plant = of_user(chain(30)).plant()
+    q, v = plant.assemble()
+    whole = spectrum(plant, 0.0, q, v)
+    monkeypatch.setattr("mbfmu.spectrum.ALL", 3)
+    assert abs(spectrum(plant, 0.0, q, v).fastest) == pytest.approx(abs(whole.fastest), rel=1e-4)
+
+
+def test_the_absolute_tolerance_decides_what_is_followed() -> None:
+    model = stiff_coupler(coupler_damping=0.0)
+    for absolute, solver in ((0.0, "radau"), (1e-9, "adams")):
+        settings = mb.Settings(solver="auto", tolerance=1e-6, absolute_tolerance=absolute)
+        assert mb.Simulation(model, settings).choice.solver == solver
+
+
+def test_a_run_is_that_of_the_solver_it_takes_and_says_so() -> None:
+    auto, named = (mb.simulate(FourBar(), 1.0, solver=solver) for solver in ("auto", "adams"))
+    np.testing.assert_array_equal(auto.values, named.values)
+    assert auto.remarks[0].startswith("auto took 'adams': not stiff")
+    assert not named.remarks
+
+
+def test_a_saved_state_is_taken_up_by_the_solver_it_was_saved_from() -> None:
+    settings = mb.Settings(solver="auto")
+    soft = mb.Simulation(Sprung(), settings)
+    assert soft.choice.solver == "adams"
+    soft.advance(0.5)
+    state = soft.save()
+    stiff = mb.Simulation(Sprung(stiffness=1e10), settings)
+    assert stiff.choice.solver == "radau"
+    stiff.restore(state)
+    assert stiff.choice == soft.choice
+    for simulation in (soft, stiff):
+        simulation.advance(2.0)
+    np.testing.assert_array_equal(stiff.stepper.q, soft.stepper.q)
+    assert stiff.statistics == soft.statistics
+
+
+def test_no_change_on_the_way_takes_another_solver() -> None:
+    simulation = mb.Simulation(Sprung(), mb.Settings(solver="auto"))
+    simulation.advance(0.1)
+    simulation.retune(Sprung(stiffness=1e10))
+    assert simulation.choice.solver == "adams"
+
+
+def test_old_numbers_of_solvers_keep_their_meaning() -> None:
+    (solver,) = (p for p in declared(mb.Settings) if p.name == "solver")
+    assert solver.choices == ("ida", "adams", "hybrid", "adams-lu", "radau", "esdirk", "auto")
+    assert solver.default == "ida"
+
+
+def test_an_fmu_takes_auto_and_tells_its_log(fourbar_fmu: Path) -> None:
+    ends, said = [], []
+    for solver in (7, "adams"):
+        with Fmu(fourbar_fmu, {"solver": solver}) as fmu:
+            fmu.step_to(1.0)
+            ends.append(fmu["crank.angle"])
+    assert ends[0] == ends[1]
+    simulate_fmu(
+        str(fourbar_fmu),
+        stop_time=0.02,
+        start_values={"solver": 7},
+        debug_logging=True,
+        logger=lambda _env, _name, _status, _category, message: said.append(message.decode()),
+    )
+    assert any("auto took 'adams': not stiff" in line for line in said), said
+
+
+def test_the_command_tells_what_was_taken(
+    command: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, out, _ = command("run", "governor", "--solver", "auto", "--stop-time", "0.1", "--native")
+    assert code == 0
+    assert "note: auto took 'adams': not stiff" in out
+    assert "default-auto-1e-6" in out
+    monkeypatch.setattr("mbfmu.cli.run.QUICK", -1.0)  # an FMU that is slow is not repeated natively
+    _, out, _ = command("run", "governor", "--solver", "auto", "--stop-time", "0.1")
+    assert "note: auto took 'adams': not stiff" in out

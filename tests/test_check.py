@@ -1,0 +1,208 @@
+"""Whether a scene is hard, and why: judged by mechanisms whose singular positions, eigenvalues and rows are known."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from math import cos, pi, radians, sin, sqrt
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mbfmu as mb
+from fmus.sheet import Sheet
+
+SCALES = (1e-3, 1.0, 1e3)
+START, RATE = radians(40.0), 2.0
+
+
+def parallelogram(scale: float = 1.0, longer: float = 0.0, cranks: int = 2) -> mb.Mechanism:
+    """Cranks of 1 m on a ground of 2.5 m, the first one driven at 2 rad/s, the coupler 2.5 (1 + ``longer``) m."""
+    m = mb.Mechanism(gravity=(0.0, -9.81 * scale, 0.0))
+    l, c, way = scale, 2.5 * scale, 2.5 - complex(cos(START), sin(START))
+    whole = 2.5 * (1.0 + longer)
+    knee = np.arccos((whole**2 + abs(way) ** 2 - 1.0) / (2.0 * whole * abs(way)))
+    along = min((np.angle(way) + s * knee for s in (1.0, -1.0)), key=abs)
+    back = np.angle(whole * np.exp(1j * along) - way)
+    crank = m.body("crank1", m.ground, mb.Revolute(drive=mb.Polynomial((START, RATE))), **mb.rod(mass=1.0, length=l))
+    pin = mb.Revolute(at=(l, 0.0, 0.0), start=float(along) - START)
+    coupler = m.body("coupler", crank, pin, **mb.rod(mass=2.0, length=whole * scale))
+    for k in range(2, cranks + 1):
+        x = c / (cranks - 1) * (k - 1)
+        on = mb.Revolute(at=(x, 0.0, 0.0), start=float(back) if cranks == 2 else START)
+        own = m.body(f"crank{k}", m.ground, on, **mb.rod(mass=1.0, length=l))
+        at = whole * scale if k == cranks else x
+        m.cut(f"pin{k}", mb.RevoluteCut(at_a=(at, 0.0, 0.0), at_b=(l, 0.0, 0.0)), coupler, own)
+    return m
+
+
+@pytest.mark.parametrize("scale", SCALES)
+def test_a_singular_position_is_found_when_the_drive_gets_there(scale: float) -> None:
+    found = mb.check(parallelogram(scale), 2.0, solver="adams")
+    near = found.nearest
+    assert near is not None
+    assert near.t == pytest.approx((pi - START) / RATE, abs=1e-6)
+    assert (near.gap, near.loops, near.passes) == (0.0, ("pin2",), 1)
+    assert near.ratio < 1e-6
+    assert found.hard == ("it passes a singular position",)
+    assert f"passed exactly: branches of the motion cross there; singular values of {near.ratio:.1e}" in found.as_text()
+    assert (found.coordinates, found.rows, found.freedom, found.failure) == (2, 2, 0, "")
+    (loop,) = found.loops
+    assert loop.size == pytest.approx(2.5 * scale)
+    assert set(loop.bodies) == {"ground", "crank1", "coupler", "crank2"}
+    assert 0.0 < loop.gap < 1e-10
+
+
+def test_one_that_is_missed_is_told_from_one_that_is_passed() -> None:
+    near = mb.check(parallelogram(longer=1e-5), 2.0, solver="adams").nearest
+    assert near is not None
+    assert near.t == pytest.approx((pi - START) / RATE, abs=1e-3)
+    assert 1e-6 < near.gap < 1e-4
+    assert 1e-4 < near.ratio < 0.05
+
+
+@pytest.mark.parametrize("cranks", [2, 3, 4])
+def test_redundant_rows_of_planar_loops_in_space_are_counted(cranks: int) -> None:
+    found = mb.check(parallelogram(cranks=cranks), 0.2, solver="adams")
+    assert len(found.redundant) == cranks - 2  # every crank beyond the second says what the others say
+    assert len(found.vanishing) == 3 * (cranks - 1)  # of the five rows of a hinge, three
+    assert sum(len(loop.redundant) for loop in found.loops) == cranks - 2
+    assert f"redundant rows: {cranks - 2} of {2 * (cranks - 1)}" in found.as_text()
+    assert any("redundant" in text for text in found.hard) == (cranks > 2)
+
+
+def pendulum(scale: float, stiffness: float, damping: float, stretch: float = 0.0) -> mb.Mechanism:
+    """A bob of 1 kg on a spring of length 1 in a swinging guide, stretched by its weight, and by ``stretch`` more."""
+    m, g, angle = mb.Mechanism(gravity=(0.0, -9.81 * scale, 0.0)), 9.81 * scale, 0.1
+    down = g * cos(angle) / stiffness + scale * stretch
+    arm = m.body("arm", m.ground, mb.Revolute(start=angle, fixed=True))
+    slide = mb.Translational(axis="y", at=(0.0, -scale, 0.0), start=-down)
+    bob = m.body("bob", arm, slide, mass=1.0)
+    m.force("spring", mb.JointSpring(stiffness=stiffness, damping=damping), bob)
+    return m
+
+
+@pytest.mark.parametrize("scale", SCALES)
+def test_the_eigenvalue_of_a_stiff_spring_is_found_and_the_solver_that_does_not_mind_it(scale: float) -> None:
+    k, c = 1e8, 2e3  # sqrt(k/m) = 1e4, damped by a tenth
+    found = mb.check(pendulum(scale, k, c), 0.1, solver="adams")
+    stiff = found.stiffness
+    assert stiff is not None
+    assert stiff.eigenvalue == pytest.approx(complex(-0.5 * c, sqrt(k - 0.25 * c**2)), rel=1e-5)
+    assert stiff.coordinate == "bob"
+    swing = sqrt(9.81)
+    assert 0.2 * swing < stiff.followed < 2.0 * swing
+    assert stiff.ratio == pytest.approx(abs(stiff.eigenvalue) / stiff.followed)
+    assert found.limit == "stability"
+    assert found.suits is not None
+    assert found.suits.solver == "radau"
+    assert found.hard == ("it is stiff", "stability sets its steps")
+
+
+def test_what_swings_must_be_followed_and_is_not_stiff() -> None:
+    found = mb.check(pendulum(1.0, 1e4, 0.0, stretch=0.2), 1.0, solver="adams")
+    assert found.stiffness is not None
+    assert found.stiffness.followed == pytest.approx(100.0, rel=0.05)
+    assert found.suits is not None
+    assert found.suits.solver == "adams"
+    assert found.hard == ()
+    assert "nothing about it is hard" in found.as_text()
+
+
+def open_loop() -> mb.Mechanism:
+    m = mb.Mechanism()
+    a = m.body("a", m.ground, mb.Revolute(), **mb.rod(mass=1.0, length=1.0))
+    m.cut("pin", mb.RevoluteCut(at_a=(5.0, 0.0, 0.0), at_b=(1.0, 0.0, 0.0)), m.ground, a)
+    return m
+
+
+def test_a_scene_that_cannot_start_is_told_why() -> None:
+    found = mb.check(open_loop(), 1.0)
+    assert found.failure.startswith("loop cannot close: 'pin.x'")
+    assert found.freedom is None
+    assert found.hard == ("it does not start",)
+    assert "no start: loop cannot close: 'pin.x'" in found.as_text()
+    assert [loop.name for loop in found.loops] == ["pin"]
+    assert found.unseen == ("singular positions, stiffness and steps, for want of a start",)
+    assert mb.check(mb.Mechanism(), 1.0).failure.startswith("the mechanism has no bodies")
+
+
+def test_a_run_that_stops_is_told_when_and_why() -> None:
+    found = mb.check(parallelogram(longer=-0.1), 2.0, solver="adams")  # shorter than it needs to stretch out
+    assert 0.1 < found.reached < 2.0
+    assert found.hard[0] == "it stops early"
+    assert f"stopped at {found.reached:.6g} s: " in found.as_text()
+    assert found.nearest is not None
+    assert found.nearest.t == pytest.approx(found.reached, abs=0.02)
+
+
+def test_forced_time_scales_and_the_largest_step_are_seen_to_set_the_steps() -> None:
+    m = mb.Mechanism()
+    drive = mb.Harmonic(amplitude=1e-9, frequency=1e3)
+    wheel = m.body("wheel", m.ground, mb.Revolute(start=0.0), mass=1.0, inertia=(1.0, 1.0, 1.0))
+    m.force("shake", mb.JointForce(magnitude=drive), wheel)
+    assert mb.check(m, 0.1, solver="adams").limit == "drives"
+    assert mb.check(parallelogram(), 0.2, solver="adams", max_step=1e-3).limit == "max_step"
+    assert mb.check(pendulum(1.0, 1e3, 0.0), 0.2, solver="adams").limit == "accuracy"
+
+
+def test_of_a_large_tree_the_fastest_motion_is_found_and_what_is_not_looked_at_said() -> None:
+    found = mb.check(Sheet(nx=7, nz=5, damping=0.01), 0.01, solver="esdirk", tolerance=1e-4)
+    assert found.tree
+    assert found.stiffness is not None
+    assert found.stiffness.ratio > 50.0
+    assert found.suits is not None
+    assert found.suits.solver == "esdirk"
+    assert any("the tree is large" in text for text in found.unseen)
+
+
+def test_a_run_that_takes_too_long_is_left_and_said_so() -> None:
+    found = mb.check(parallelogram(), 2.0, patience=1e-6, solver="adams")
+    assert found.reached < 2.0
+    assert "the run takes longer than 1e-06 s" in found.unseen[0]
+    assert not found.failure
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"solvr": "ida"}, "there is no setting 'solvr'; did you mean 'solver'"),
+        ({"solver": "id"}, "solver is 'id'"),
+        ({"patience": 0.0}, r"patience is 0\.0 s; allowed: greater than zero"),
+        ({"stop_time": -1.0}, r"stop_time is -1\.0; allowed: a number of seconds greater than zero"),
+    ],
+)
+def test_odd_arguments_are_refused(given: dict[str, Any], message: str) -> None:
+    with pytest.raises(mb.UserError, match=message):
+        mb.check(parallelogram(), **given)
+    with pytest.raises(mb.UserError, match="model is 3; allowed"):
+        mb.check(3)  # type: ignore[arg-type]
+
+
+def test_the_command_tells_the_same(command: Callable[..., Any], tmp_path: Path) -> None:
+    given = ("check", "fourbar", "--solver", "adams", "--stop-time", "1")
+    code, out, err = command(*given)
+    assert (code, err) == (0, "")
+    assert out.startswith("fourbar/default: hard: it passes a singular position\n")
+    code, printed, _ = command(*given, "--json")
+    found = json.loads(printed)
+    assert code == 0
+    assert found["nearest"]["t"] == pytest.approx(0.1816187, abs=1e-6)
+    assert found["hard"] == ["it passes a singular position"]
+    assert found["suits"]["solver"] == "adams"
+    assert found["stiffness"]["eigenvalue"][0] == pytest.approx(0.0, abs=2.0)
+    path = tmp_path / "findings.json"
+    code, again, _ = command(*given, "--json", str(path))
+    assert again == out
+    assert json.loads(path.read_text())["nearest"] == found["nearest"]
+    code, _, err = command("check", "fourbar", "--patience", "-1")
+    assert code == 2
+    assert "patience is -1.0 s" in err
+
+
+def test_numbers_that_are_none_are_null_in_json() -> None:
+    found = mb.check(open_loop(), 1.0).as_dict()
+    assert found["loops"][0]["gap"] is None
+    assert json.loads(json.dumps(found, allow_nan=False)) == json.loads(json.dumps(found))
