@@ -143,5 +143,5 @@ def run(
         failure=failure,
         verdict=simulation.verdict,
         coarse=coarse,
-        remarks=tuple(filter(None, (str(simulation.choice), *simulation.remarks))),
+        remarks=tuple(filter(None, (str(simulation.pick), *simulation.remarks))),
     )

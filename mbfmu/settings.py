@@ -10,7 +10,7 @@ from mbfmu.model import check, declared, parameter, span, suggest
 from solvers import Options
 from solvers.steppers import NAMES
 
-AUTO = "auto"  # of the solvers: the one that :mod:`mbfmu.choice` takes for the model
+AUTO = "auto"  # of the solvers: the one that :mod:`mbfmu.auto` takes for the model
 FINEST = 1e-15  # absolute tolerance: numbers of size one are no finer
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.audit import VARIABLES, Audit
-from mbfmu.choice import Choice, choose
+from mbfmu.auto import Pick, pick
 from mbfmu.errors import UserError
 from mbfmu.folds import Folds, Sharpest
 from mbfmu.frame import frame, unframe
@@ -55,7 +55,7 @@ class Simulation:
 
     Attributes
     ----------
-    choice
+    pick
         The solver that goes, and why: that of the settings, or what ``auto`` stands for here.
     work_of_jumps
         What jumps of inputs and of tunable parameters have put into the mechanism, J: the work of the impulses of its
@@ -95,9 +95,8 @@ class Simulation:
             q, v = found.q, found.v
         else:
             q, v = self.plant.assemble(t0)
-        self.choice = Choice(solver=settings.solver)
-        if settings.solver == AUTO:
-            self.choice = choose(self.plant, t0, q, v, settings.options().absolute)
+        own_solver, tolerance = settings.solver != AUTO, settings.options().absolute
+        self.pick = Pick(settings.solver) if own_solver else pick(self.plant, t0, q, v, tolerance)
         self.stepper = self._stepper(t0, q, v)
         self.variables = (*self.plant.outputs, *VARIABLES)
         unique(["time", *(v.name for v in (*self.plant.inputs.variables, *self.variables))])
@@ -121,7 +120,7 @@ class Simulation:
     def _stepper(self, t: float, q: Array, v: Array) -> Stepper:
         """Return the solver that was chosen, at a state."""
         try:
-            return stepper(self.choice.solver, self.plant.system, t, q, v, self.settings.options())
+            return stepper(self.pick.solver, self.plant.system, t, q, v, self.settings.options())
         except ValueError as error:
             raise UserError(f"model {self.model.name!r}: {error}") from error
 
@@ -373,7 +372,7 @@ class Simulation:
         balance = [self.audit.base, self.audit.verdict] if self.audit else []
         head = {"parameters": changed, "inputs": inputs, "work_of_jumps": work, "balance": balance}
         head["bent"] = self._folds.state()
-        head["choice"] = self.choice
+        head["pick"] = self.pick
         return frame(self._owner, head, self.stepper.save())
 
     def restore(self, state: bytes) -> None:
@@ -391,8 +390,8 @@ class Simulation:
             self.model = model
         self.plant.inputs.restore(head["inputs"])
         self.work_of_jumps = head["work_of_jumps"]
-        before, self.choice = self.choice, Choice(*head["choice"])
-        if self.choice.solver != before.solver:  # auto takes another one at other parameters
+        before, self.pick = self.pick, Pick(*head["pick"])
+        if self.pick.solver != before.solver:  # auto takes another one at other parameters
             self.stepper = self._stepper(self.t, self.stepper.q, self.stepper.v)
         self.stepper.restart()  # the equations may have changed
         self.stepper.restore(body)

@@ -93,9 +93,9 @@ def test_auto_takes_the_cheapest_family_and_says_why(case: str) -> None:
     make, tolerance, solver = CASES[case]
     settings = mb.Settings(solver="auto", tolerance=tolerance)
     simulation = mb.Simulation(make(), settings)
-    assert simulation.choice.solver == solver
-    assert str(simulation.choice).startswith(f"auto took {solver!r}: ")
-    assert mb.Simulation(make(), settings).choice == simulation.choice  # as it would be on any other day
+    assert simulation.pick.solver == solver
+    assert str(simulation.pick).startswith(f"auto took {solver!r}: ")
+    assert mb.Simulation(make(), settings).pick == simulation.pick  # as it would be on any other day
 
 
 @pytest.mark.parametrize("model", [FourBar(coupler_modes=2), Governor()], ids=["four-bar", "governor"])
@@ -119,7 +119,7 @@ def test_the_absolute_tolerance_decides_what_is_followed() -> None:
     model = stiff_coupler(coupler_damping=0.0)
     for absolute, solver in ((0.0, "radau"), (1e-9, "adams")):
         settings = mb.Settings(solver="auto", tolerance=1e-6, absolute_tolerance=absolute)
-        assert mb.Simulation(model, settings).choice.solver == solver
+        assert mb.Simulation(model, settings).pick.solver == solver
 
 
 def test_a_run_is_that_of_the_solver_it_takes_and_says_so() -> None:
@@ -132,13 +132,13 @@ def test_a_run_is_that_of_the_solver_it_takes_and_says_so() -> None:
 def test_a_saved_state_is_taken_up_by_the_solver_it_was_saved_from() -> None:
     settings = mb.Settings(solver="auto")
     soft = mb.Simulation(Sprung(), settings)
-    assert soft.choice.solver == "adams"
+    assert soft.pick.solver == "adams"
     soft.advance(0.5)
     state = soft.save()
     stiff = mb.Simulation(Sprung(stiffness=1e10), settings)
-    assert stiff.choice.solver == "radau"
+    assert stiff.pick.solver == "radau"
     stiff.restore(state)
-    assert stiff.choice == soft.choice
+    assert stiff.pick == soft.pick
     for simulation in (soft, stiff):
         simulation.advance(2.0)
     np.testing.assert_array_equal(stiff.stepper.q, soft.stepper.q)
@@ -149,12 +149,12 @@ def test_no_change_on_the_way_takes_another_solver() -> None:
     simulation = mb.Simulation(Sprung(), mb.Settings(solver="auto"))
     simulation.advance(0.1)
     simulation.retune(Sprung(stiffness=1e10))
-    assert simulation.choice.solver == "adams"
+    assert simulation.pick.solver == "adams"
 
 
 def test_old_numbers_of_solvers_keep_their_meaning() -> None:
     (solver,) = (p for p in declared(mb.Settings) if p.name == "solver")
-    assert solver.choices == ("ida", "adams", "hybrid", "adams-lu", "radau", "esdirk", "auto")
+    assert solver.picks == ("ida", "adams", "hybrid", "adams-lu", "radau", "esdirk", "auto")
     assert solver.default == "ida"
 
 

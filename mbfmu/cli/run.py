@@ -102,7 +102,7 @@ def command_run(options: argparse.Namespace) -> int:
             repeat = run(scene.model, scene.settings, result.t, watch=recorder)
             result.remarks = repeat.remarks  # which an FMU has in its log alone
         elif not options.native and scene.settings.solver == AUTO:
-            result.remarks = (str(Simulation(scene.model, scene.settings).choice),)
+            result.remarks = (str(Simulation(scene.model, scene.settings).pick),)
         write(place, scene, result, recorder, options.plot)
         tell(options, "\n".join((summary(scene, result, total), *(f"  {line}" for line in loops(scene)))))
         tell_more(options, statistics(result))

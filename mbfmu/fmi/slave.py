@@ -159,7 +159,7 @@ class ModelSlave(Values):
     def _tell_loops(self) -> None:
         """Log what ``auto`` took, and which rows of the loops vanish or are redundant, unless that was said."""
         assert self.simulation is not None
-        taken = str(self.simulation.choice)
+        taken = str(self.simulation.pick)
         told, self._loops = self._loops, [*([taken] if taken else []), *self.simulation.loops()]
         if told != self._loops:
             for line in self._loops:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.choice import Choice, suited
+from mbfmu.auto import Pick, suited
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Mechanism, Plant
 from mbfmu.mechanics.numbers import finite
@@ -131,7 +131,7 @@ class Findings:
     outputs: int = 0
     failure: str = ""
     warning: str = ""
-    suits: Choice | None = None
+    suits: Pick | None = None
     unseen: tuple[str, ...] = ()
 
     @property
@@ -234,7 +234,7 @@ class _Look:
         spectra, absolute = self._spectra(), self.scene.settings.options().absolute
         return replace(
             found,
-            solver=run.choice.solver,
+            solver=run.pick.solver,
             reached=reached,
             freedom=run.stepper.freedom if s.has_matrices else s.n - rank,
             loops=loops(self.plant, redundant, self.gaps),

@@ -9,7 +9,7 @@ what swings farther than the tolerance and does not decay at once; its steps cos
 
 The numbers were measured on the four-bar with an elastic coupler, 3 to 1e5 times as fast as the swing, damped and not,
 and on a sheet that is released and stiffens as it bends. What else stiffens later, such as a stop that is not yet met,
-is not seen: no choice depends on anything but the start.
+is not seen: nothing here depends on anything but the start.
 """
 
 from __future__ import annotations
@@ -23,11 +23,8 @@ from mbfmu.mechanics import Plant
 from mbfmu.spectrum import Spectrum, spectrum
 from solvers.system import LARGEST_DENSE, Array
 
-OWN, SWING, LESS = (
-    16.0,
-    2.0,
-    1.2,
-)  # steps for every 1/s of a motion at its start; of a fast swing, explicit and implicit
+OWN = 16.0  # steps for every 1/s of a motion at its start
+SWING, LESS = 2.0, 1.2  # of a fast swing, explicit and implicit
 SLOW_REACH, FAST_REACH = 0.5, 1.0  # step times eigenvalue at which Adams PECE is stable: of swings, and more of decays
 STIFFENS = 5.0  # the fastest motion of a sheet that has bent, in units of that at the start
 COST = 8.0  # of a step of radau or esdirk, in those of adams
@@ -36,7 +33,7 @@ WIDE = 10  # rows of loops from which LU on the dependent coordinates pays
 COARSE = 1e-6  # tightest tolerance of esdirk
 
 
-class Choice(NamedTuple):
+class Pick(NamedTuple):
     """A solver, and why ``auto`` took it; without a reason it was asked for."""
 
     solver: str
@@ -48,28 +45,28 @@ class Choice(NamedTuple):
         return f"auto took {self.solver!r}: {self.reason}" if self.reason else ""
 
 
-def choose(plant: Plant, t: float, q: Array, v: Array, tolerance: float) -> Choice:
+def pick(plant: Plant, t: float, q: Array, v: Array, tolerance: float) -> Pick:
     """Return the solver of the cheapest family for the motion from (q (nq,), v (n,)) at time t, s.
 
     ``tolerance`` is the absolute one, in units of each coordinate.
     """
     if not plant.system.n:
-        return Choice(solver="adams", reason="drives say where everything is, and nothing is integrated")
+        return Pick(solver="adams", reason="drives say where everything is, and nothing is integrated")
     try:
         found = spectrum(plant, t, q, v)
     except UserError as error:
         solver, size = explicit(plant)
-        return Choice(solver=solver, reason=f"{error} at the start, so that stiffness is not known; {size}")
+        return Pick(solver=solver, reason=f"{error} at the start, so that stiffness is not known; {size}")
     return suited(plant, [found], tolerance)
 
 
-def suited(plant: Plant, found: Sequence[Spectrum], tolerance: float) -> Choice:
+def suited(plant: Plant, found: Sequence[Spectrum], tolerance: float) -> Pick:
     """Return the solver of the cheapest family where these are the eigenvalues, at one state or at several."""
     stiff = implicit_steps(plant, found, tolerance) < explicit_steps(plant, found, tolerance)
     solver, size = implicit(plant, tolerance) if stiff else explicit(plant)
     fastest, followed = max(abs(f.fastest) for f in found), max(f.followed(tolerance) for f in found)
     least = "only " if stiff else ""
-    return Choice(
+    return Pick(
         solver,
         f"{'' if stiff else 'not '}stiff: its fastest motion is of {fastest:.3g} 1/s, and what moves by more than "
         f"{tolerance:g} of {least}{followed:.3g} 1/s; {size}",
