@@ -8,7 +8,7 @@ from typing import Any
 
 from mbfmu.errors import UserError
 from mbfmu.scene import Scene, as_toml
-from solvers.steppers import NAMES, SOLVERS
+from solvers.steppers import NAMES
 
 from .common import (
     AGAIN,
@@ -128,12 +128,12 @@ def command_compare(options: argparse.Namespace) -> int:
     scene = scene_of_compare(options)
     for path in filter(None, (options.json, options.save)):
         writable(path)
-    return command_target(options, scene) if options.target else command_table(options, scene)
+    return command_table(options, scene) if options.target is None else command_target(options, scene)
 
 
 def scene_of_compare(options: argparse.Namespace) -> Scene:
     """Return the scene; solvers and tolerances are many here, and not the scene's."""
-    if options.save and not options.target:
+    if options.save and options.target is None:
         raise UserError("--save writes what --target finds; give a target, as in --target 1e-4")
     if options.save and options.save.suffix != ".toml":
         raise UserError(f"--save {str(options.save)!r}: a scene must end in .toml")
@@ -160,12 +160,13 @@ def resolutions(texts: list[str] | None) -> list[dict[str, str]] | None:
 
 def command_table(options: argparse.Namespace, scene: Scene) -> int:
     """Compare, print the table and draw the plots."""
-    from mbfmu.studies.compare import TOLERANCES, compare
+    from mbfmu.studies.compare import TOLERANCES, compare, solvers_of
     from mbfmu.studies.settling import Settled, settle
     from mbfmu.studies.settling import as_text as settled_as_text
     from mbfmu.studies.words import as_text
 
-    settling = scene.model.settling if scene.model.plant().system.has_matrices else {}
+    plant = scene.model.plant()
+    settling = scene.model.settling if plant.system.has_matrices else {}
     settled: list[Settled] = []
     with results(options.output, scene, f"{scene_part(scene)}-compare") as place:
         with bar(1.0, "compare", options.quiet) as shown:
@@ -176,7 +177,7 @@ def command_table(options: argparse.Namespace, scene: Scene) -> int:
 
             found = compare(scene, **asked(options), repeats=options.repeats, progress=done)
         if settling:
-            tolerances, solvers = options.tolerance or TOLERANCES, options.solver or list(SOLVERS)
+            tolerances, solvers = options.tolerance or TOLERANCES, options.solver or solvers_of(plant)
             total = options.repeats * (1 + len(tolerances) * len(solvers))
             with bar(total, "settling", options.quiet) as shown:
                 settled = settle(

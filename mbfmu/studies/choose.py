@@ -181,7 +181,8 @@ def narrowed(right: Reference, wanted: Target, asked_for: Sequence[str]) -> Refe
     limits = {name: wanted.of_range(unit, right.motion.scale[name]) for name, unit in suited.items()}
     clear = {name: unit for name, unit in suited.items() if known_to[name] <= CLEAR * limits[name]}
     if not clear or (asked_for and len(clear) < len(suited)):
-        doubt, name = max((known_to[name] / limits[name], name) for name in suited if name not in clear or not clear)
+        worst = max if asked_for else min  # all of them, or any
+        doubt, name = worst((known_to[name] / limits[name], name) for name in suited if name not in clear)
         least = replace(wanted, value=doubt * wanted.value / CLEAR)
         raise UserError(
             f"target {wanted} is finer than the reference is known: {name} is known to {known_to[name]:.1g} of its "

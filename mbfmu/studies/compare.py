@@ -28,7 +28,7 @@ COARSE = (1e-4, 1e-6)  # at several resolutions
 LOOSE = (1e-2, 1e-3, 1e-4)  # of large trees
 BRANCH_TOLERANCE = 0.05  # rad; twice the error that the loosest tolerance leaves on the right branch
 BUDGET = 180.0  # s
-SHARE = 1.0 / 36.0  # of the budget, for one run
+SHARE = 1.0 / 20.0  # of the budget, for one run
 REPEATS = 5
 
 History = tuple[NDArray[np.float64], NDArray[np.float64]]
@@ -189,7 +189,7 @@ def compare(
     repeats
         Timed runs of each row, as far as the budget goes.
     budget
-        CPU time of all runs, s; cheap ones run first. What takes more than a thirty-sixth of it is left out, and said.
+        CPU time of all runs, s; cheap ones run first. What takes more than a twentieth of it is left out, and said.
     progress
         Called with what is done and the share of the whole that it makes.
 

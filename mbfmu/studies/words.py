@@ -66,7 +66,7 @@ def told(found: Comparison) -> list[str]:
         reasons.setdefault(why, []).append(name)
     lines += [f"not judged: {listed(names)} ({why})" for why, names in reasons.items()]
     if doubtful := [row for row in found.rows if row.error is not None and row.error < right.doubt[0]]:
-        lines.append(f"{len(doubtful)} errors are below what the reference may err itself")
+        lines.append(f"errors below what the reference may err itself: {len(doubtful)} of {len(found.rows)}")
     return [*lines, *(f"left out: {text}" for text in found.left_out)]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -18,13 +19,15 @@ MARKERS = "os^DvP*X"  # by resolution, coarse to fine
 LEAST = 1e-16  # error that is drawn
 NEAR = 100.0  # times: what the reference may err is drawn where errors come so near
 BETTER = 0.9  # of the error of a best choice: the next one that gets a name
+WIDTH = 90  # letters of a line below the picture
 HULL = "#b8b8b8"
 
 
 def plot_work_precision(found: Comparison, title: str, path: Path) -> None:
     """Draw error against CPU time, log-log: a line for each solver at each resolution, and the hull of best choices.
 
-    What is inaccurate or off its branch is a faint cross; what did not reach its end has no error, and is named below.
+    Points say their tolerance, at several resolutions those of the best choices alone. What is inaccurate or off its
+    branch is a faint cross; what did not reach its end has no error, and is named below.
     """
     figure, ax = subplots(size=(7.4, 5.8))
     best = found.best()
@@ -55,7 +58,7 @@ def plot_work_precision(found: Comparison, title: str, path: Path) -> None:
     ax.grid(alpha=0.3, which="both")
     if not ended:
         ax.text(0.5, 0.5, "no run reached its end", transform=ax.transAxes, ha="center")
-    figure.legend(loc="outside lower center", ncols=4, fontsize=9, frameon=False)
+    figure.legend(loc="outside lower center", ncols=3 if len(steps) > 1 else 4, fontsize=9, frameon=False)
     finish(figure, path)
 
 
@@ -95,23 +98,25 @@ def _crosses(ax: Any, rows: Sequence[Row]) -> None:
 
 
 def _name(ax: Any, row: Row, *, above: bool) -> None:
-    """Write tolerance and resolution beside a point: off the line, which falls to the right."""
+    """Write the tolerance beside a point: off the line, which falls to the right."""
     side = 1 if above else -1
     place = {"ha": "left" if above else "right", "va": "bottom" if above else "top"}
     at = {"xytext": (5 * side, 4 * side), "textcoords": "offset points"}
-    ax.annotate(label(row), (row.cpu_s, height(row)), fontsize=7, zorder=10.0, **at, **place)
+    ax.annotate(power(row.rtol), (row.cpu_s, height(row)), fontsize=7, zorder=10.0, **at, **place)
 
 
 def _doubt(ax: Any, found: Comparison, ended: Sequence[Row]) -> None:
-    """Draw what the reference may err where errors come near."""
+    """Shade what the reference may err where errors come near."""
     doubt, _ = found.reference.doubt
     if any(height(row) < NEAR * doubt for row in ended):
-        ax.axhline(doubt, color="#808080", lw=1.0, ls=":", label="what the reference may err")
+        least = min(doubt, *(height(row) for row in ended))
+        shade = {"color": "#808080", "alpha": 0.12, "lw": 0.0, "zorder": 0.5}
+        ax.axhspan(0.5 * least, doubt, label="what the reference may err", **shade)
 
 
 def _not_drawn(rows: Sequence[Row]) -> str:
     failed = [f"{row.solver} {label(row)}" for row in rows if row.error is None]
-    return f"\nnot drawn, ended early: {listed(failed)}" if failed else ""
+    return "\n" + fill(f"not drawn, ended early: {listed(failed)}", WIDTH) if failed else ""
 
 
 def _measure(found: Comparison) -> str:
