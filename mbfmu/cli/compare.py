@@ -101,9 +101,9 @@ which error to expect; --save writes that as a scene.""",
     p.add_argument(
         "--budget",
         type=reader(float),
-        default=180.0,
+        default=120.0,
         metavar="S",
-        help="CPU time for all runs, s (180); what does not fit is left out, and named",
+        help="CPU time for all runs, s (120); what does not fit is left out, and named",
     )
     p.add_argument(
         "--target",

@@ -27,7 +27,7 @@ TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10)
 COARSE = (1e-4, 1e-6)  # at several resolutions
 LOOSE = (1e-2, 1e-3, 1e-4)  # of large trees
 BRANCH_TOLERANCE = 0.05  # rad; twice the error that the loosest tolerance leaves on the right branch
-BUDGET = 180.0  # s
+BUDGET = 120.0  # s
 SHARE = 1.0 / 20.0  # of the budget, for one run
 REPEATS = 5
 

@@ -34,14 +34,16 @@ SHARP = 100.0  # nor, where others are left, one that is known worse than so man
 FLAT = 1e-9  # of its size: an output that moves less does not move
 TIGHT: tuple[Runs, ...] = (
     (("adams", 1e-12), ("adams", 1e-11)),
-    (("radau", 1e-11), ("radau", 1e-10)),
+    (("radau", 1e-10), ("radau", 1e-9)),
     (("ida", 1e-9), ("ida", 1e-8)),
+    (("radau", 1e-7), ("radau", 1e-6)),
 )
 EXPLICIT: Runs = (("adams", 1e-9), ("adams", 1e-8))  # of large trees
 TIGHTER = 0.1  # of the finest tolerance: that of the tight runs of large trees, at first
 LOOSEST = 1e-4  # at last
 FINEST = 1e-12
-SHARE = 1.0 / 18.0  # of the budget, for a tight run
+SHARE = 1.0 / 12.0  # of the budget, for a tight run,
+LAST = 1.0 / 4.0  # and for one of the last pair that there is to try
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,8 +130,10 @@ def tight_runs(plant: Plant, finest: float) -> tuple[Runs, ...]:
         return TIGHT
     tolerance = max(FINEST, TIGHTER * finest)
     tolerances = [tolerance * 10.0**k for k in range(1 + max(0, round(log10(LOOSEST / tolerance))))]
-    implicit = tuple(((("esdirk", tol), ("ida", tol))) for tol in tolerances)
-    return implicit if plant.system.m else (EXPLICIT, *implicit)
+    implicit = [
+        pair for tol in tolerances for pair in ((("esdirk", tol), ("ida", tol)), (("ida", tol), ("ida", 10.0 * tol)))
+    ]
+    return (*implicit,) if plant.system.m else (EXPLICIT, *implicit)
 
 
 def tight(
@@ -140,7 +144,8 @@ def tight(
     Why a pair cannot is added to ``hopeless``; what is in there is not tried.
     """
     for pair in (pair for pair in runs if pair not in hopeless):
-        most = (0.5 if pair is EXPLICIT else 1.0) * SHARE * budget.seconds
+        share = 0.5 * SHARE if pair is EXPLICIT else LAST if pair == runs[-1] else SHARE
+        most = share * budget.seconds
         solver, tolerance = pair[0]
         try:
             own, other = (budget.run(scene.model, _tight(scene, *one), times, most)[0] for one in pair)
@@ -213,7 +218,7 @@ def reference(
     for name in sorted(moving_places([list(known.values) for _, known in there])):
         unjudged[name] = "has another place at each resolution"
     doubts = {name: doubt / motion.scale[name] for name, doubt in motion.doubt.items() if name not in unjudged}
-    sharp = SHARP * finest if len(there) == 1 and not asked else KNOWN
+    sharp = min(KNOWN, SHARP * finest) if len(there) == 1 and not asked else KNOWN
     if not any(doubt <= sharp for doubt in doubts.values()):
         sharp = KNOWN
     unjudged |= {name: f"known to {doubt:.0e} of its range only" for name, doubt in doubts.items() if doubt > sharp}
