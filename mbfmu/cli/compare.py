@@ -40,7 +40,7 @@ EXAMPLES = """examples:
   mbfmu compare sheet --output tip.y --resolution nx=7,nz=5 --resolution nx=13,nz=9
   mbfmu compare sheet --resolution own --tolerance 1e-4    the scene's own grid: errors in time alone
   mbfmu compare fourbar --target 1e-6                      which solver and tolerance to take for this error
-  mbfmu compare sheet --target "1 mm" --output tip.y --save quick.toml && mbfmu run quick.toml
+  mbfmu compare sheet --target "1 mm" --output tip.y --save quick.toml
 """
 
 
