@@ -39,7 +39,7 @@ MARGIN = 1.5  # times the cheapest: what has taken more is not followed
 QUICK = 1.0  # s; what takes less is not cut short, and run once more for its time
 FINALISTS = 3
 ROUNDS = 5
-CLEAR = 0.5  # of the target: the reference must not err more
+CLEAR = 0.5  # of the target: the reference must not err more, and what it may err is taken off the target
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -234,8 +234,10 @@ class Search:
 
     def __init__(self, scene: Scene, right: Reference, wanted: Target, times: Array, budget: Budget) -> None:
         self.scene, self.right, self.wanted, self.times, self.budget = scene, right, wanted, times, budget
-        scale = right.motion.scale
-        self.limits = {name: wanted.of_range(unit, scale[name]) for name, unit in right.units.items()}
+        scale, doubt = right.motion.scale, right.motion.doubt  # what is not known may add to an error
+        self.limits = {
+            name: wanted.of_range(unit, scale[name]) - doubt[name] / scale[name] for name, unit in right.units.items()
+        }
         self.rows: list[Row] = []
         self.notes: list[str] = []
         self._tracks: list[Track] = []

@@ -77,6 +77,8 @@ def in_sentence(right: Reference) -> str:
     if orders := sorted(right.orders[name] for name in right.units if name in right.orders):
         extrapolated = f"{orders[0]:.1f} to {orders[-1]:.1f} in {len(orders)} of {len(right.units)} outputs"
         text += f"; extrapolated by the orders observed, {extrapolated}"
+    elif len(right.tight) > 1:
+        text += "; no order of convergence is seen, so in space the finest is judged by itself"
     tight = dict.fromkeys(motion.source for motion in right.tight if motion is not None)
     return f"{text}; error in time against {', '.join(tight)}" if right.motion.source not in tight else text
 

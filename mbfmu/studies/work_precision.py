@@ -20,6 +20,7 @@ LEAST = 1e-16  # error that is drawn
 NEAR = 100.0  # times: what the reference may err is drawn where errors come so near
 BETTER = 0.9  # of the error of a best choice: the next one that gets a name
 WIDTH = 90  # letters of a line below the picture
+OTHER = "#606060"  # of what has no color
 HULL = "#b8b8b8"
 
 
@@ -40,12 +41,12 @@ def plot_work_precision(found: Comparison, title: str, path: Path) -> None:
             own = [row for row in ended if row.solver == solver and in_words(row.resolution) == step]
             _line(ax, [row for row in own if row.trusted], marker, k)
             _crosses(ax, [row for row in own if not row.trusted])
-        ax.plot([], [], "-", color=COLORS[solver], label=solver)
+        ax.plot([], [], "-", color=COLORS.get(solver, OTHER), label=solver)
     if len(steps) > 1:
         for step, marker in zip(steps, MARKERS * len(steps), strict=False):
-            ax.plot([], [], marker, color="#606060", label=step)
+            ax.plot([], [], marker, color=OTHER, label=step)
     if any(not row.trusted for row in ended):
-        ax.plot([], [], "x", color="#606060", label="inaccurate or off the branch")
+        ax.plot([], [], "x", color=OTHER, label="inaccurate or off the branch")
     for row in ended if len(steps) == 1 else apart(best):
         _name(ax, row, above=solvers.index(row.solver) % 2 == 0 or len(steps) > 1)
     _doubt(ax, found, ended)
@@ -88,13 +89,14 @@ def _line(ax: Any, rows: Sequence[Row], marker: str, k: int) -> None:
     """Draw the rows of one solver at one resolution; the k-th solver is thinner than those it may hide."""
     ordered = sorted(rows, key=lambda row: -row.rtol)
     at, errors = [row.cpu_s for row in ordered], [height(row) for row in ordered]
-    style = {"color": COLORS[ordered[0].solver] if ordered else None, "zorder": 3.0 + k}
+    style = {"color": COLORS.get(ordered[0].solver, OTHER) if ordered else OTHER, "zorder": 3.0 + k}
     ax.plot(at, errors, "-", marker=marker, ms=8.0 * 0.85**k, lw=2.2 * 0.8**k, **style)
 
 
 def _crosses(ax: Any, rows: Sequence[Row]) -> None:
     for row in rows:
-        ax.plot(row.cpu_s, height(row), "x", ms=8.0, mew=1.5, alpha=0.5, color=COLORS[row.solver], zorder=9.0)
+        style = {"color": COLORS.get(row.solver, OTHER), "alpha": 0.5, "zorder": 9.0}
+        ax.plot(row.cpu_s, height(row), "x", ms=8.0, mew=1.5, **style)
 
 
 def _name(ax: Any, row: Row, *, above: bool) -> None:
@@ -134,7 +136,7 @@ def plot_energy(found: Comparison, title: str, path: Path) -> None:
     for solver, (times, imbalance) in found.energies.items():
         if np.isfinite(imbalance).any():
             shown = np.maximum(np.abs(imbalance[1:]), 1e-14)
-            ax.semilogy(times[1:], shown, lw=1.0, color=COLORS[solver], label=solver)
+            ax.semilogy(times[1:], shown, lw=1.0, color=COLORS.get(solver, OTHER), label=solver)
     if not ax.lines:
         ax.text(0.5, 0.5, "no energy balance was held", transform=ax.transAxes, ha="center")
     else:
