@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -158,6 +159,19 @@ def resolutions(texts: list[str] | None) -> list[dict[str, str]] | None:
     return [{} if text == OWN else assignments("--resolution", text.replace(",", " ").split()) for text in texts]
 
 
+def counting(options: argparse.Namespace, shown: Any) -> Callable[[str, float], None]:
+    """Return what tells of each run that is done, and moves a bar of 100 by its share of the whole."""
+    reached = 0.0
+
+    def done(what: str, share: float) -> None:
+        nonlocal reached
+        tell_more(options, f"done: {what}")
+        reached += share
+        shown.update(int(100.0 * reached) - shown.n)
+
+    return done
+
+
 def command_table(options: argparse.Namespace, scene: Scene) -> int:
     """Compare, print the table and draw the plots."""
     from mbfmu.studies.compare import TOLERANCES, compare, solvers_of
@@ -169,13 +183,8 @@ def command_table(options: argparse.Namespace, scene: Scene) -> int:
     settling = scene.model.settling if plant.system.has_matrices else {}
     settled: list[Settled] = []
     with results(options.output, scene, f"{scene_part(scene)}-compare") as place:
-        with bar(1.0, "compare", options.quiet) as shown:
-
-            def done(what: str, share: float) -> None:
-                tell_more(options, f"done: {what}")
-                shown.update(share)
-
-            found = compare(scene, **asked(options), repeats=options.repeats, progress=done)
+        with bar(100, "compare", options.quiet, "%") as shown:
+            found = compare(scene, **asked(options), repeats=options.repeats, progress=counting(options, shown))
         if settling:
             tolerances, solvers = options.tolerance or TOLERANCES, options.solver or solvers_of(plant)
             total = options.repeats * (1 + len(tolerances) * len(solvers))
@@ -217,13 +226,8 @@ def command_target(options: argparse.Namespace, scene: Scene) -> int:
     """Say what to take for a target; write it as a scene."""
     from mbfmu.studies.choose import choose
 
-    with bar(1.0, "compare", options.quiet) as shown:
-
-        def done(what: str, share: float) -> None:
-            tell_more(options, f"done: {what}")
-            shown.update(share)
-
-        found = choose(scene, options.target, **asked(options), progress=done)
+    with bar(100, "compare", options.quiet, "%") as shown:
+        found = choose(scene, options.target, **asked(options), progress=counting(options, shown))
     if options.save:
         options.save.write_text(as_toml(found.scene))
     if options.json:
