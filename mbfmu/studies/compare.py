@@ -127,9 +127,14 @@ class Comparison:
     left_out: list[str]
 
     def best(self) -> list[Row]:
-        """Return the best choices: nothing that is cheaper is as accurate. The cheapest comes first."""
+        """Return the best choices: nothing that is cheaper is as accurate. The cheapest comes first.
+
+        A run that is the reference itself, of no error, is none of them.
+        """
         front: list[Row] = []
-        for row in sorted((row for row in self.rows if row.trusted), key=lambda row: (row.cpu_s, row.error)):
+        for row in sorted(
+            (row for row in self.rows if row.trusted and row.error), key=lambda row: (row.cpu_s, row.error)
+        ):
             if not front or known(row.error) < known(front[-1].error):
                 front.append(row)
         return front

@@ -34,6 +34,7 @@ SHARP = 100.0  # nor, where others are left, one that is known worse than so man
 FLAT = 1e-9  # of its size: an output that moves less does not move
 TIGHT: tuple[Runs, ...] = (
     (("adams", 1e-12), ("adams", 1e-11)),
+    (("radau", 1e-12), ("radau", 1e-11)),
     (("radau", 1e-10), ("radau", 1e-9)),
     (("ida", 1e-9), ("ida", 1e-8)),
     (("radau", 1e-7), ("radau", 1e-6)),

@@ -9,14 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.studies.compare import Comparison, Row
+from mbfmu.studies.compare import Comparison, Row, known
 from mbfmu.studies.report import COLORS, finish, subplots
 from mbfmu.studies.resolution import in_words
 from mbfmu.studies.words import label, listed
 from mbfmu.table import power
 
 MARKERS = "os^DvP*X"  # by resolution, coarse to fine
-LEAST = 1e-16  # error that is drawn
 NEAR = 100.0  # times: what the reference may err is drawn where errors come so near
 BETTER = 0.9  # of the error of a best choice: the next one that gets a name
 WIDTH = 90  # letters of a line below the picture
@@ -34,7 +33,7 @@ def plot_work_precision(found: Comparison, title: str, path: Path) -> None:
     best = found.best()
     steps = list(dict.fromkeys(in_words(row.resolution) for row in found.rows))
     solvers = list(dict.fromkeys(row.solver for row in found.rows))
-    ended = [row for row in found.rows if row.error is not None]
+    ended = [row for row in found.rows if row.error]  # one that is the reference itself has none
     _hull(ax, best)
     for k, solver in enumerate(solvers):
         for step, marker in zip(steps, MARKERS * len(steps), strict=False):
@@ -74,7 +73,7 @@ def apart(best: Sequence[Row]) -> list[Row]:
 
 def height(row: Row) -> float:
     """Return the error of a row that reached its end, as it is drawn."""
-    return max(row.error or 0.0, LEAST)
+    return known(row.error)
 
 
 def _hull(ax: Any, best: Sequence[Row]) -> None:
