@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from mbfmu.errors import UserError
+from mbfmu.model import declared
 from mbfmu.scene import Scene, as_toml
-from solvers.steppers import NAMES
+from mbfmu.settings import Settings
 
 from .common import (
     AGAIN,
@@ -71,10 +72,14 @@ which error to expect; --save writes that as a scene.""",
     add_scene(p)
     add_set(p)
     add_times(p, "end of the runs", "time between outputs")
+    names = next(setting.choices for setting in declared(Settings) if setting.name == "solver")
     named = p.add_argument(
-        "--solver", action="append", metavar="NAME", help=f"try this solver; may be repeated: {', '.join(NAMES)} (all)"
+        "--solver",
+        action="append",
+        metavar="NAME",
+        help=f"try this solver; may be repeated: {', '.join(names)} (all that differ on the model)",
     )
-    complete(named, list(NAMES))
+    complete(named, list(names))
     p.add_argument(
         "--tolerance",
         action="append",
