@@ -4,18 +4,18 @@
 * effects that are off, against a build without them;
 * statics from flat at full load;
 * half a second after release from flat by ``ida`` and ``esdirk``, with its error against the shell code's tip
-  (``tests/data/sheet``).
+  (``fmus/sheet/release.csv``).
 """
 
 from __future__ import annotations
 
 import time
-from pathlib import Path
 
 import numpy as np
 import without_effects
 
 from fmus.sheet import Sheet
+from fmus.sheet.model import RELEASE
 from mbfmu.mechanics import Plant
 from mbfmu.simulation import Settings, Simulation
 from mbfmu.steady.problem import equilibrium
@@ -29,7 +29,6 @@ RELEASES = (
     ((7, 5), "ida", 1e-5), ((7, 5), "esdirk", 2e-4), ((15, 11), "ida", 1e-5), ((15, 11), "esdirk", 5e-4),
     ((15, 11), "esdirk", 2e-4), ((51, 35), "ida", 1e-4), ((51, 35), "esdirk", 1e-3),
 )  # fmt: skip
-TIP = Path(__file__).parents[1] / "tests" / "data" / "sheet" / "cantilever_release_tip.csv"
 
 
 def evaluations() -> None:
@@ -74,7 +73,7 @@ def statics() -> None:
 
 def releases() -> None:
     """CPU time of half a second, and the largest error as a part of the swing."""
-    data = np.genfromtxt(TIP, delimiter=",", names=True)
+    data = np.genfromtxt(RELEASE, delimiter=",", names=True)
     lines = []
     for (nx, nz), solver, tolerance in RELEASES:
         model = Sheet(nx=nx, nz=nz)

@@ -30,8 +30,12 @@ class SpinningArm(Model):
     length: float = parameter(10.0, unit="m", min=1e-3, doc="arm, from the axis to the tip")
     mass: float = parameter(12.0, unit="kg", min=1e-6, doc="arm, uniform")
     bending_stiffness: float = parameter(1.4e4, unit="N.m2", min=1e-6, doc="E I")
-    modes: int = parameter(2, min=1, max=MODES, structural=True, doc="modes of bending, clamped at the axis")
-    elements: int = parameter(10, min=1, max=1000, doc="finite elements the modes are computed with")
+    modes: int = parameter(
+        2, min=1, max=MODES, structural=True, resolution=(2, 4, 8), doc="modes of bending, clamped at the axis"
+    )
+    elements: int = parameter(
+        10, min=1, max=1000, resolution=(10, 20, 40), doc="finite elements the modes are computed with"
+    )
     speed: float = parameter(6.0, unit="rad/s", doc="of the hub after the run-up")
     duration: float = parameter(15.0, unit="s", min=1e-3, doc="of the run-up")
     stiffening: bool = parameter(True, structural=True, doc="effect: the centrifugal force resists bending")

@@ -56,6 +56,7 @@ class Parameter:
     optional: bool
     structural: bool
     choices: tuple[str, ...]
+    resolution: tuple[float, ...]
 
     def varies(self, value: Any) -> bool:
         """Whether a run with this value at its start may change it."""
@@ -73,6 +74,7 @@ def parameter(
     optional: bool = False,
     structural: bool = False,
     choices: tuple[str, ...] = (),
+    resolution: tuple[float, ...] = (),
 ) -> Any:
     """Declare a parameter of a model.
 
@@ -94,8 +96,12 @@ def parameter(
         It decides which inputs and outputs there are, so an FMU has it fixed from its export on.
     choices
         Words that are allowed; such a parameter is structural.
+    resolution
+        Of a parameter that is no physics but how finely that is resolved: the values a comparison tries, coarse to
+        fine. Those of a model are refined together, the first value of each with the first of all others. Sizes of
+        cells go as one over the values. While one of them is zero nothing is resolved, and nothing tried.
     """
-    about = {"unit": unit, "min": min, "max": max, "doc": doc, "choices": choices}
+    about = {"unit": unit, "min": min, "max": max, "doc": doc, "choices": choices, "resolution": resolution}
     about |= {"tunable": tunable, "optional": optional}
     about["structural"] = structural or bool(choices)
     return field(default=default, metadata=about)
@@ -114,6 +120,10 @@ def declared(cls: Any) -> tuple[Parameter, ...]:
                 "give it another name"
             )
         check_declaration(cls.__name__, p)
+    lengths = {p.name: len(p.resolution) for p in found if p.resolution}
+    if len(set(lengths.values())) > 1:
+        told = ", ".join(f"{name} has {count}" for name, count in lengths.items())
+        raise UserError(f"model {cls.__name__}: its resolutions go together, so they need as many values each; {told}")
     return found
 
 
@@ -124,6 +134,10 @@ def check_declaration(model: str, p: Parameter) -> None:
         raise UserError(f"{what}: doc is {p.doc!r}; allowed: text")
     if not all(isinstance(c, str) and c for c in p.choices) or len(set(p.choices)) < len(p.choices):
         raise UserError(f"{what}: choices are {p.choices!r}; allowed: words, each once")
+    for value in p.resolution:
+        check(model, p, value)
+    if p.resolution and (p.choices or isinstance(p.default, bool) or list(p.resolution) != sorted(p.resolution)):
+        raise UserError(f"{what}: resolution is {p.resolution!r}; allowed: numbers, each no less than the one before")
     real = isinstance(p.default, float)
     if p.unit != "1" and not real:
         raise UserError(f"{what}: unit is {p.unit!r}, but it is no real number; make its default one, or leave it out")
@@ -190,6 +204,10 @@ class Model:
 
     def exact(self, times: NDArray[np.float64]) -> dict[str, NDArray[np.float64]] | None:
         """Return outputs whose exact motion is known, by name, at ``times`` (s); None: none is."""
+        return None
+
+    def independent(self, times: NDArray[np.float64]) -> dict[str, tuple[NDArray[np.float64], float]] | None:
+        """Return outputs by name as another code or an experiment has them at ``times`` (s), and what each may err."""
         return None
 
     def exact_equilibrium(self) -> dict[str, float] | None:

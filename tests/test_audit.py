@@ -14,15 +14,18 @@ from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
 from mbfmu.cli import main
+from mbfmu.errors import UserError
 from mbfmu.fmi.export import export
 from mbfmu.fmi.harness import Fmu
 from mbfmu.mechanics import Harmonic, Input, JointForce, JointSpring, Mechanism, PointForce, Revolute, rod
 from mbfmu.mechanics.arrays.systems import Systems
 from mbfmu.model import Model, parameter
-from mbfmu.native import Result, run
+from mbfmu.native import Result, communication_points, run
 from mbfmu.scene import Scene
 from mbfmu.simulation import Settings, Simulation
 from mbfmu.studies.compare import compare, outcome
+from mbfmu.studies.reference import reference
+from mbfmu.studies.timing import Budget
 
 SOLVERS = ("adams", "hybrid", "ida", "radau")
 TIMES = np.linspace(0.0, 3.0, 151)
@@ -164,11 +167,17 @@ def test_the_command_ends_with_an_error(tmp_path: Path, monkeypatch: Any, capsys
 
 
 def test_compare_marks_the_row(monkeypatch: Any) -> None:
-    monkeypatch.setattr(Systems, "_works", lambda self: False)
     scene = Scene(name="x", model=Governor(damping=5.0), settings=Settings(), stop_time=0.5, output_interval=0.05)
-    rows, energies = compare(scene, solvers=["adams"], tolerances=[1e-6], repeats=1)
-    assert outcome(rows[0]).startswith("inaccurate")
-    assert rows[0].energy_imbalance == np.abs(energies["adams"][1]).max() > 0.0
+    times = communication_points(scene.stop_time, scene.output_interval)
+    right = reference(scene, [{}], times, 1e-6, Budget(60.0))
+    monkeypatch.setattr(Systems, "_works", lambda self: False)
+    with pytest.raises(UserError, match=r"has no reference \(adams at 1e-12: the energy balance is lost at t = "):
+        compare(scene, solvers=["adams"], tolerances=[1e-6], repeats=1)
+    monkeypatch.setattr("mbfmu.studies.compare.reference", lambda *_: right)
+    found = compare(scene, solvers=["adams"], tolerances=[1e-6], repeats=1)
+    assert outcome(found.rows[0]).startswith("inaccurate")
+    assert found.best() == []
+    assert found.rows[0].energy_imbalance == np.abs(found.energies["adams"][1]).max() > 0.0
 
 
 def test_an_fmu_tells_in_its_message(tmp_path: Path, monkeypatch: Any) -> None:

@@ -201,7 +201,7 @@ def test_compare_writes_rows(command: Command, tmp_path: Path) -> None:
     folder = tmp_path / "fourbar" / "short-compare"
     assert folders(folder) == ["energy.png", "rows.json", "table.txt", "work_precision.png"]
     assert (folder / "rows.json").read_text() == rows_file.read_text()
-    assert {"solver", "rtol", "wall_s", "max_error", "branch_jump", "status", "partition_switches"} <= set(rows[0])
+    assert {"solver", "rtol", "cpu_s", "spread", "error", "worst", "branch_jump", "status"} <= set(rows[0])
     assert all(row["status"] == "ok" for row in rows)
 
 
@@ -218,6 +218,18 @@ def test_compare_writes_rows(command: Command, tmp_path: Path) -> None:
         (("export", "fourbar", "-o", "x.zip"), "must end in .fmu"),
         (("export", "fourbar", "-o", "/proc/x.fmu"), "'/proc/x.fmu' cannot be written"),
         (("compare", "fourbar", "--json", "/nowhere/x.json"), "'/nowhere/x.json' cannot be written"),
+        (("compare", "fourbar", "--solver", "rk4"), "solver is 'rk4'"),
+        (("compare", "fourbar", "--tolerance", "0.1"), "tolerance is 0.1; allowed: 1e-12 to 0.01"),
+        (("compare", "fourbar", "--repeats", "0"), "repeats is 0; allowed: a whole number from 1 on"),
+        (("compare", "fourbar", "--budget", "0"), "budget is 0.0 s; allowed: a number of seconds greater than zero"),
+        (("compare", "fourbar", "--output", "crnk"), "model 'fourbar' has no output 'crnk'"),
+        (("compare", "fourbar", "--resolution", "crank_mass=2"), "'crank_mass' is no resolution of model 'fourbar'"),
+        (("compare", "fourbar", "--resolution", "coupler_modes"), "--resolution 'coupler_modes': write NAME=VALUE"),
+        (("compare", "sheet", "--resolution", "nx=1,nz=5"), "parameter 'nx' of 'sheet' is 1.0; allowed"),
+        (("compare", "fourbar", "--target", "-1"), "target is '-1'; allowed: a number above zero"),
+        (("compare", "fourbar", "--target", "1 mi"), "target is '1 mi': unit is 'mi'; allowed"),
+        (("compare", "fourbar", "--save", "x.toml"), "--save writes what --target finds"),
+        (("compare", "fourbar", "--target", "1e-3", "--save", "x.txt"), "a scene must end in .toml"),
         (("cache", "warm", "nothing"), "unknown model 'nothing'"),
         (
             ("run", "fourbar", "--set", "coupler_mass=0", "--set", "crank_mass=0", "--set", "rocker_mass=0"),

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 
 from fmus.fourbar import FourBar
 from mbfmu.simulation import Settings
-from mbfmu.studies.effects import Entry, as_text, costs
+from mbfmu.studies.effects import Case, Entry, advice, as_text, costs
 
 DOWN = {"crank": -1.5, "coupler": 1.5, "rocker": -1.5}
 
@@ -23,12 +24,37 @@ def test_effects_of_the_fourbar(entries: dict[str, Entry]) -> None:
     assert list(entries) == ["as it is", "without gravity", "without elastic coupler", "with material damping"]
     bare, weightless, rigid, damped = entries.values()
     assert (bare.stability, weightless.stability, damped.stability) == ("undamped", "neutral", "undamped")
-    assert weightless.outputs["energy"] == pytest.approx(0.0, abs=1e-12)
-    assert weightless.outputs["crank.angle"] == pytest.approx(FourBar().start_angle)
-    assert rigid.outputs["energy"] == pytest.approx(bare.outputs["energy"], abs=1e-3)
-    assert damped.outputs["energy"] < bare.outputs["energy"] - 1e-2
-    assert "coupler.deflection" not in rigid.outputs
-    assert rigid.evaluation < bare.evaluation
+    assert weightless.result["crank.angle"] == pytest.approx(FourBar().start_angle)
+    assert rigid.result["energy"][-1] == pytest.approx(bare.result["energy"][-1], abs=1e-3)
+    assert damped.result["energy"][-1] < bare.result["energy"][-1] - 1e-2
+    assert max(bare.changes.values()) < 1e-4  # what the tolerance leaves open
+    assert "coupler.deflection" not in rigid.changes
+    assert rigid.evaluation.median < bare.evaluation.median
+    assert bare.values == "gravity = 9.81 m/s2, coupler_modes = 2"
+    assert (weightless.values, damped.values) == ("gravity = 0 m/s2", "coupler_damping = 0.0005 s")
+
+
+def test_changes_are_those_over_the_whole_run(entries: dict[str, Entry]) -> None:
+    bare, weightless, *_ = entries.values()
+    moved = np.abs(bare.result["crank.rate"] - weightless.result["crank.rate"])
+    assert weightless.changes["crank.rate"] == pytest.approx(moved.max() / np.ptp(bare.result["crank.rate"]))
+    assert bare.scale["crank.rate"] == pytest.approx(np.ptp(bare.result["crank.rate"]))
+
+
+@pytest.mark.parametrize(
+    ("was_on", "change", "noise", "message"),
+    [
+        (False, 4e-4, 0.0, "drag changes nothing above 0.1 %: leave it off"),
+        (True, 4e-4, 0.0, "drag changes nothing above 0.1 %: turn it off"),
+        (False, 0.2, 1e-4, "drag changes tip.y by 20 % of its range: turn it on where it acts"),
+        (True, 0.2, 1e-4, "drag changes tip.y by 20 % of its range: keep it on"),
+        (False, 2e-3, 3e-3, "by more than the tolerance leaves open, 0.3 % of the range of tip.y: tighten it"),
+    ],
+)
+def test_advice(entries: dict[str, Entry], was_on: bool, change: float, noise: float, message: str) -> None:
+    case = Case(name="with drag", effect="drag", was_on=was_on, values="", model=FourBar())
+    found = {"tip.y": change, "energy": 0.5}
+    assert message in advice(case, entries["as it is"].result, found, {"tip.y": noise}, ["tip.y"])
 
 
 def test_first_frequency_is_that_of_an_oscillation(entries: dict[str, Entry]) -> None:
@@ -53,7 +79,7 @@ def test_command_of_an_example(command: Any) -> None:
     code, out, _ = command("effects", "examples/spinning_arm.py:SpinningArm", "--stop-time=0.1")
     assert code == 0
     assert "tip.deflection" in out.splitlines()[0]
-    assert [line.split("  ")[0] for line in out.splitlines()[2:]] == ["as it is", "without stiffening"]
+    assert [line.split("  ")[0] for line in out.splitlines()[2:4]] == ["as it is", "without stiffening"]
     assert "unstable" in out.splitlines()[3]
     assert "unstable" not in out.splitlines()[2]
 

@@ -9,7 +9,6 @@ from scipy.optimize import brentq
 from fmus.fourbar import FourBar
 from mbfmu.native import run
 from mbfmu.simulation import Settings
-from mbfmu.studies.compare import reference_motion
 
 TIMES = np.linspace(0.0, 10.0, 501)
 BOUNDS = {"adams": 100.0, "hybrid": 300.0, "ida": 1000.0}
@@ -81,9 +80,9 @@ def test_lu_fails_at_the_second_singular_position(rtol: float) -> None:
 def test_a_general_four_bar_agrees_between_solvers() -> None:
     model = FourBar(coupler_length=2.5, rocker_length=1.4, ground_length=2.2, start_angle=1.2)
     times = np.linspace(0.0, 2.0, 51)
-    reference = reference_motion(model, times)
+    reference = run(model, Settings(solver="adams", tolerance=1e-12), times)
     for solver in BOUNDS:
         result = run(model, Settings(solver=solver, tolerance=1e-8), times)
         assert not result.failure
-        for name, x in reference.items():
-            np.testing.assert_allclose(result[name], x, rtol=0, atol=1e-5)
+        for name in (v.name for v in reference.variables if v.unit == "rad"):
+            np.testing.assert_allclose(result[name], reference[name], rtol=0, atol=1e-5)

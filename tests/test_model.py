@@ -209,6 +209,15 @@ def declaring(what: str, decorated: bool = True) -> str:
         ("p: int = parameter(2**40)", "default is 1099511627776; allowed for a whole number"),
         ("p: int = parameter(1, min=0.5)", "min is 0.5; allowed for a whole number"),
         ("p: float", "model Pendulum cannot be made without values"),
+        (
+            "p: int = parameter(1, resolution=(4, 2))",
+            "resolution is (4, 2); allowed: numbers, each no less than the one",
+        ),
+        ("p: int = parameter(1, max=3, resolution=(2, 4))", "parameter 'p' of 'Pendulum' is 4; allowed: whole numbers"),
+        (
+            "p: int = parameter(1, resolution=(2, 4)); r: int = parameter(1, resolution=(2,))",
+            "its resolutions go together, so they need as many values each; p has 2, r has 1",
+        ),
         ("name = 7", "name of model Pendulum is 7; allowed: text"),
         ("raise SystemExit(3)", "cannot be imported: SystemExit: 3"),
     ],

@@ -10,6 +10,7 @@ import pytest
 from fmpy.validation import validate_fmu
 
 from fmus.sheet import Sheet
+from fmus.sheet.model import RELEASE
 from mbfmu.errors import EquilibriumError, UserError
 from mbfmu.fmi import Fmu, export
 from mbfmu.mechanics import Mechanism, Plant, Plate, Support, Weld, add_sheet
@@ -102,7 +103,7 @@ def test_frequencies_flat(support: str, expected: list[float], rigid: int) -> No
 
 def release(grid: tuple[int, int], solver: str, tolerance: float) -> tuple[Any, Any]:
     """Return a run of half a second and the tip's errors relative to its swing."""
-    table = np.genfromtxt(DATA / "cantilever_release_tip.csv", delimiter=",", names=True)
+    table = np.genfromtxt(RELEASE, delimiter=",", names=True)
     result = run(Sheet(nx=grid[0], nz=grid[1]), Settings(solver=solver, tolerance=tolerance), table["t_s"])
     assert not result.failure
     return result, (result["tip.y"] - table["y_shell_m"]) / np.ptp(table["y_shell_m"])
@@ -340,24 +341,31 @@ def test_no_nodal_line_is_made_of_rounding() -> None:
     assert np.array_equal(settled[there], twist[there])
 
 
-def test_compare_refuses_a_large_tree_and_says_what_to_do(command: Any, tmp_path: Path) -> None:
-    code, _, err = command("compare", "sheet", "-o", str(tmp_path))
-    assert code == 2
-    assert "'sheet' is a tree of 462 coordinates without loops" in err
-    assert "mbfmu run sheet --native --solver ida --tolerance 1e-4" in err
-
-
 def test_ledger_of_effects(command: Any) -> None:
     code, out, _ = command(
-        "effects", "sheet", "--set", "nx=5", "--set", "nz=4", "--stop-time", "0.05", "--show", "tip.y"
+        "effects", "sheet", "--set", "nx=5", "--set", "nz=4", "--stop-time", "0.01", "--show", "tip.y"
     )
     assert code == 0
-    assert [line.split("  ")[0] for line in out.splitlines()[2:]] == [
+    assert [line.split("  ")[0] for line in out.splitlines()[2:8]] == [
         "as it is", "without gravity", "without membrane", "with damping", "with drag",
         "with pressure",
     ]  # fmt: skip
+    assert "tip.y (range 0.000" in out.splitlines()[0]
+    assert "gravity changes tip.y by 100 % of its range: keep it on" in out
     assert command("effects", "sheet", "--stop-time", "0.01", "--show", "tipp.y")[0] == 2
     assert command("effects", "pendulum")[0] == 2
+
+
+def test_the_shell_code_is_told_of_its_own_sheet_alone() -> None:
+    times = np.arange(0.0, 0.5001, 0.005)
+    told = Sheet(nx=7, nz=5).independent(times)
+    assert told is not None
+    y, doubt = told["tip.y"]
+    assert doubt < 1e-4
+    assert np.ptp(y) == pytest.approx(0.1948, abs=1e-4)
+    assert Sheet(damping=0.01).independent(times) is None
+    assert Sheet().independent(times + 0.5) is None
+    assert Sheet().independent(0.5 * times) is None
 
 
 def test_effects_turned_off_leave_nothing_behind() -> None:

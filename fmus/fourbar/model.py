@@ -52,9 +52,16 @@ class FourBar(Model):
     gravity: float = parameter(9.81, unit="m/s2", doc="acceleration of gravity, downward", tunable=True)
     crank_torque: float = parameter(0.0, unit="N.m", doc="start value of the input crank.torque")
     coupler_modes: int = parameter(
-        0, min=0, max=MODES, structural=True, doc="modes of bending of the coupler, pinned at both ends; 0: rigid"
+        0,
+        min=0,
+        max=MODES,
+        structural=True,
+        resolution=(1, 2, 4),
+        doc="modes of bending of the coupler, pinned at both ends; 0: rigid",
     )
-    coupler_elements: int = parameter(10, min=1, max=1000, doc="finite elements the modes are computed with")
+    coupler_elements: int = parameter(
+        10, min=1, max=1000, resolution=(5, 10, 20), doc="finite elements the modes are computed with"
+    )
     coupler_height: float = parameter(0.03, unit="m", min=1e-6, doc="section of an elastic coupler, in the plane")
     coupler_width: float = parameter(0.03, unit="m", min=1e-6, doc="section of an elastic coupler, out of the plane")
     youngs_modulus: float = parameter(117e9, unit="Pa", min=1.0, doc="Young's modulus of an elastic coupler")

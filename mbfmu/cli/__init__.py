@@ -34,6 +34,7 @@ EXAMPLES = f"""examples:
   mbfmu modes sheet -n 8                   natural frequencies and shapes
   mbfmu effects sheet                      what each effect costs and changes
   mbfmu compare fourbar                    what accuracy costs in time
+  mbfmu compare fourbar --target 1e-6      what to take for this error
   mbfmu models governor                    all variables of a model, and its scenes
   mbfmu cache warm                         compile everything beforehand
 

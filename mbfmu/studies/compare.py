@@ -1,48 +1,65 @@
-"""What accuracy costs in time: every solver at several tolerances against the exact motion."""
+"""What accuracy costs in time: solvers at several tolerances and resolutions against the motion they should give."""
 
 from __future__ import annotations
 
-import statistics
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.errors import UserError
-from mbfmu.mechanics import Mechanism
+from mbfmu.mechanics import Mechanism, Plant
 from mbfmu.model import Model, of_user
-from mbfmu.native import communication_points, run
+from mbfmu.native import communication_points
 from mbfmu.result import Result
 from mbfmu.scene import Scene, default_scene
-from mbfmu.settings import Settings
-from mbfmu.simulation import Simulation
-from mbfmu.table import table
-from solvers import SOLVERS
+from mbfmu.studies.reference import Reference, reference
+from mbfmu.studies.resolution import Resolution, in_words, resolutions_of
+from mbfmu.studies.timing import Budget, Spent, TooLong, check_repeats, in_turn
+from mbfmu.table import power
+from solvers.steppers import LARGE, SOLVERS, UNTIED
+from solvers.system import LARGEST_DENSE
 
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10)
+COARSE = (1e-4, 1e-6)  # at several resolutions
+LOOSE = (1e-2, 1e-3, 1e-4)  # of large trees
 BRANCH_TOLERANCE = 0.05  # rad; twice the error that the loosest tolerance leaves on the right branch
-REFERENCE_TOLERANCE = 1e-12
+BUDGET = 120.0  # s
+SHARE = 1.0 / 20.0  # of the budget, for one run
+REPEATS = 5
+
+History = tuple[NDArray[np.float64], NDArray[np.float64]]
+Progress = Callable[[str, float], None]  # what is done, and the share of the whole that this makes
 
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """One solver at one tolerance.
+    """One solver at one tolerance and resolution.
 
     Attributes
     ----------
     study
         ``motion``; rows of :mod:`mbfmu.studies.settling` say ``settling``.
-    wall_s
-        Median time of the integration alone, without compilation, start and outputs, s.
+    resolution
+        Values of the parameters that were varied, by name.
+    cpu_s, spread, runs
+        Median CPU time of the integration alone, without compilation, start and outputs, s; distance of the quartiles
+        over the median; number of runs.
     steps
-        None where the solver does not tell (SUNDIALS' binding does not).
-    max_error
-        Largest error of an angle against the exact motion up to the last good time, rad; None where none is known.
+        None where the solver does not tell.
+    error, worst
+        Largest difference from the reference of any output that judges, over the whole run and of the output's range,
+        and which output that is. None where the run did not reach its end.
+    time_error, space_error
+        The same against a tight run of the same resolution, and of that run against the reference; the second is None
+        where there is nothing to resolve.
+    errors
+        Of every output that judges, by name, in its unit.
     energy_imbalance
-        Largest difference between the energy and what work has made of it, J.
+        Largest difference between the energy and what work has made of it, J; None where it is not audited.
     position_residual, velocity_residual
         Largest at the outputs, m and m/s.
     branch_jump
@@ -55,11 +72,18 @@ class Row:
 
     solver: str
     rtol: float
-    wall_s: float
+    resolution: dict[str, float]
+    cpu_s: float
+    spread: float
+    runs: int
     steps: int | None
     rhs_evals: int
-    max_error: float | None
-    energy_imbalance: float
+    error: float | None
+    worst: str
+    time_error: float | None
+    space_error: float | None
+    errors: dict[str, float]
+    energy_imbalance: float | None
     position_residual: float
     velocity_residual: float
     partition_switches: int
@@ -69,101 +93,256 @@ class Row:
     warning: str = ""
     study: str = "motion"
 
+    @property
+    def trusted(self) -> bool:
+        """Whether it ran to its end, on its branch and in its energy balance."""
+        return self.error is not None and not self.branch_jump and not self.warning
+
     def as_dict(self) -> dict[str, Any]:
         """Return the row for JSON."""
         return asdict(self)
 
 
-Reference = dict[str, NDArray[np.float64]]
-History = tuple[NDArray[np.float64], NDArray[np.float64]]
+@dataclass(frozen=True, kw_only=True)
+class Comparison:
+    """What was compared.
+
+    Attributes
+    ----------
+    rows
+        Cheap resolutions and loose tolerances first.
+    energies
+        Times and energy imbalance (J) of each solver at ``tolerance``, the one nearest the scene's, at the finest
+        resolution it ran.
+    reference
+        What the rows are judged by.
+    left_out
+        What was not run, or not to its end, and why; sentences.
+    """
+
+    rows: list[Row]
+    energies: dict[str, History]
+    tolerance: float
+    reference: Reference
+    left_out: list[str]
+
+    def best(self) -> list[Row]:
+        """Return the best choices: nothing that is cheaper is as accurate. The cheapest comes first.
+
+        A run that is the reference itself, of no error, is none of them.
+        """
+        front: list[Row] = []
+        for row in sorted(
+            (row for row in self.rows if row.trusted and row.error), key=lambda row: (row.cpu_s, row.error)
+        ):
+            if not front or known(row.error) < known(front[-1].error):
+                front.append(row)
+        return front
 
 
-def reference_motion(model: Model, times: NDArray[np.float64]) -> Reference:
-    """Return the exact motion where the model knows it, else that of ``adams`` at a tight tolerance."""
-    exact = model.exact(times)
-    if exact is not None:
-        return exact
-    result = run(model, Settings(solver="adams", tolerance=REFERENCE_TOLERANCE), times)
-    if result.failure:
-        return {}
-    return {v.name: result[v.name] for v in result.variables if v.unit == "rad"}
+def known(error: float | None) -> float:
+    """Return the error of a run that reached its end."""
+    assert error is not None
+    return error
+
+
+def solvers_of(plant: Plant) -> tuple[str, ...]:
+    """Return the solvers that differ from each other on a mechanism."""
+    system = plant.system
+    same = () if system.m else tuple(UNTIED)[1:]  # where nothing is partitioned
+    if system.has_matrices:
+        return tuple(name for name in SOLVERS if name not in same)
+    if not system.m:
+        return (*LARGE, *(name for name in UNTIED if name not in same))
+    return (*LARGE, *(name for name in SOLVERS if name not in LARGE and system.n <= LARGEST_DENSE))
+
+
+def of_subject(subject: Scene | Model | Mechanism) -> Scene:
+    """Return a scene: itself, or that of a model or a mechanism."""
+    return subject if isinstance(subject, Scene) else default_scene(of_user(subject))
 
 
 def compare(
     subject: Scene | Model | Mechanism,
     *,
-    solvers: Sequence[str] = tuple(SOLVERS),
-    tolerances: Sequence[float] = TOLERANCES,
-    repeats: int = 5,
-    progress: Callable[[str], None] | None = None,
-) -> tuple[list[Row], dict[str, History]]:
-    """Run every solver at every tolerance: a scene, or a model for its own time.
+    solvers: Sequence[str] | None = None,
+    tolerances: Sequence[float] | None = None,
+    resolutions: Sequence[Resolution] | None = None,
+    outputs: Sequence[str] = (),
+    repeats: int = REPEATS,
+    budget: float = BUDGET,
+    progress: Progress | None = None,
+) -> Comparison:
+    """Run solvers at tolerances and resolutions: a scene, or a model for its own time.
 
-    Returns
-    -------
-    rows
-        One a run, in the order of solvers and tolerances.
-    energies
-        Times and energy imbalance of each solver at the tolerance nearest the scene's.
+    Each row is judged by the largest error of an output over the run, as a part of the range of that output. The
+    reference is the exact motion where the model knows it, else that of two tight runs, over several resolutions their
+    limit. All rows are timed in turn, round by round.
+
+    Parameters
+    ----------
+    subject
+        A scene, a model or a mechanism.
+    solvers, tolerances
+        Without them all that differ on this mechanism, and 1e-4 to 1e-10, 1e-4 and 1e-6 at several resolutions, or
+        1e-2 to 1e-4 of large trees.
+    resolutions
+        Values of the model's parameters of resolution by name, such as ``[{"nx": 9, "nz": 7}]``; without them what the
+        model declares, see :func:`mbfmu.parameter`. ``[{}]``: the model as it is.
+    outputs
+        Those that judge; without them all that move freely and that the reference knows.
+    repeats
+        Timed runs of each row, as far as the budget goes.
+    budget
+        CPU time of all runs, s; cheap ones run first. What takes more than a twentieth of it is left out, and said.
+    progress
+        Called with what is done and the share of the whole that it makes.
 
     Raises
     ------
     UserError
-        The model is a large tree.
+        A name or number is not allowed, nothing can run, or there is no reference.
     """
-    scene = subject if isinstance(subject, Scene) else default_scene(of_user(subject))
-    _refuse_large_tree(scene.model)
+    scene = of_subject(subject)
+    steps, chosen = asked(scene, solvers, tolerances, resolutions)
+    check_repeats(repeats)
+    account = Budget(budget)
+    count = len(steps) + sum(map(len, chosen.values())) * (1 + repeats)
+    told: Progress = progress or (lambda _what, _share: None)
     times = communication_points(scene.stop_time, scene.output_interval)
-    reference = reference_motion(scene.model, times)
-    shown = min(tolerances, key=lambda tol: abs(np.log(tol / scene.settings.tolerance)))
-    rows: list[Row] = []
-    energies: dict[str, History] = {}
-    for solver in solvers:
-        for tolerance in tolerances:
-            settings = Settings(solver=solver, tolerance=tolerance, max_step=scene.settings.max_step)
-            result = run(scene.model, settings, times)
-            wall = statistics.median(time_alone(scene, settings) for _ in range(repeats))
-            rows.append(judge(scene.model, solver, tolerance, wall, result, reference))
-            if tolerance == shown:
-                energies[solver] = (result.t, result["energy_imbalance"])
-            if progress is not None:
-                progress(f"{solver} {tolerance:.0e}")
-    return rows, energies
+    finest = min(setting[1] for settings in chosen.values() for setting in settings)
+    right = reference(scene, steps, times, finest, account, outputs, lambda what: told(what, 1.0 / count))
+    cases, left_out = _first_runs(scene, steps, chosen, right, times, account, lambda what: told(what, 1.0 / count))
+    spent = in_turn(
+        [partial(account.time, case.scene) for case in cases],
+        repeats,
+        expected=[case.taken for case in cases],
+        left=lambda: account.left,
+        progress=lambda what: told(what, 1.0 / count),
+    )
+    rows = [judge(case, own, right) for case, own in zip(cases, spent, strict=True)]
+    tolerance = min({row.rtol for row in rows}, key=lambda tol: abs(np.log(tol / scene.settings.tolerance)))
+    shown = [case for case in cases if case.scene.settings.tolerance == tolerance]
+    energies = {case.scene.settings.solver: _history(case.result) for case in sorted(shown, key=lambda c: c.number)}
+    return Comparison(rows=rows, energies=energies, tolerance=tolerance, reference=right, left_out=left_out)
 
 
-def _refuse_large_tree(model: Model) -> None:
-    """Without loops nothing is partitioned, and what is stiff takes explicit steps that no tolerance lengthens."""
-    system = model.plant().system
-    if not system.has_matrices and not system.m:
-        raise UserError(
-            f"model {model.name!r} is a tree of {system.n} coordinates without loops: there hybrid and adams-lu do "
-            "what adams does, whose steps stability bounds at every tolerance; "
-            f"compare runs of yours (mbfmu run {model.name} --native --solver ida --tolerance 1e-4)"
-        )
+Chosen = dict[int, list[tuple[str, float]]]  # solvers and tolerances by the number of a resolution
 
 
-def time_alone(scene: Scene, settings: Settings) -> float:
-    """Return the time of the integration alone, s: no outputs on the way, everything compiled and started before."""
-    simulation = Simulation(scene.model, settings)
-    begin = time.perf_counter()
-    simulation.advance(scene.stop_time)
-    return time.perf_counter() - begin
+def asked(
+    scene: Scene,
+    solvers: Sequence[str] | None,
+    tolerances: Sequence[float] | None,
+    values: Sequence[Resolution] | None,
+) -> tuple[list[Resolution], Chosen]:
+    """Return the resolutions, and what to run at each; what is not asked for is chosen by the mechanism."""
+    steps = resolutions_of(scene.model, values)
+    plants = [scene.model.with_values(step).plant() for step in steps]
+    small = all(plant.system.has_matrices for plant in plants)
+    usual = LOOSE if not small else TOLERANCES if len(steps) == 1 else COARSE
+    tried = dict.fromkeys(usual if tolerances is None else tolerances)
+    if not tried or (solvers is not None and not solvers):
+        raise UserError(f"there is nothing to compare: solvers are {solvers!r} and tolerances {tolerances!r}")
+    for tolerance in tried:
+        scene.changed(tolerance=tolerance)
+    for solver in solvers or ():
+        scene.changed(solver=solver)
+    ordered = sorted(tried, reverse=True)
+    names = [dict.fromkeys(solvers or solvers_of(plant)) for plant in plants]
+    chosen = {k: [(name, tolerance) for tolerance in ordered for name in own] for k, own in enumerate(names)}
+    return steps, chosen
 
 
-def judge(model: Model, solver: str, rtol: float, wall: float, result: Result, reference: Reference) -> Row:
-    """Measure one result."""
-    outputs = result.as_dict()
-    count = len(result.t)
-    errors = [np.abs(outputs[name] - exact[:count]).max() for name, exact in reference.items()]
-    gap = model.branch_gap(outputs)
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """A scene that ran: the number and the values of its resolution, and what its first run took, s."""
+
+    scene: Scene
+    number: int
+    resolution: Resolution
+    result: Result
+    taken: float
+
+    @property
+    def words(self) -> str:
+        """Solver, tolerance and resolution."""
+        return in_full(self.scene, self.resolution)
+
+
+def in_full(scene: Scene, resolution: Resolution) -> str:
+    """Return solver, tolerance and resolution for people."""
+    return f"{scene.settings.solver} {power(scene.settings.tolerance)} {in_words(resolution)}".strip()
+
+
+def _first_runs(
+    scene: Scene,
+    steps: Sequence[Resolution],
+    chosen: Chosen,
+    right: Reference,
+    times: NDArray[np.float64],
+    budget: Budget,
+    progress: Callable[[str], None],
+) -> tuple[list[Case], list[str]]:
+    """Run each once, cheap ones first; return those that ran, and what was left out."""
+    most = SHARE * budget.seconds
+    cases, left_out, slow = [], [], dict[str, tuple[float, int]]()  # tolerance and resolution by solver
+    order = [(k, *what) for k, settings in chosen.items() for what in settings]
+    for k, solver, tolerance in sorted(order, key=lambda what: (-what[2], what[0])):
+        own = scene.changed(model=scene.model.with_values(steps[k]), solver=solver, tolerance=tolerance)
+        named = in_full(own, steps[k])
+        at = slow.get(solver)
+        try:
+            if right.tight[k] is None:
+                left_out.append(f"{named}: there is no reference")
+            elif at and tolerance <= at[0] and k >= at[1]:
+                left_out.append(f"{named}: a looser or coarser one took too long")
+            elif budget.left < 0.5 * budget.seconds:
+                left_out.append(f"{named}: half of the budget of {budget.seconds:g} s was used")
+            else:
+                result, taken = budget.run(own.model, own.settings, times, most)
+                cases.append(Case(scene=own, number=k, resolution=steps[k], result=result, taken=taken))
+        except TooLong:
+            slow[solver] = min(slow.get(solver, (tolerance, k)), (tolerance, k), key=lambda s: s[1])
+            left_out.append(f"{named}: took more than {most:.3g} s")
+        except UserError as error:
+            left_out.append(f"{named}: {error}")
+        progress(named)
+    if not cases:
+        raise UserError(f"nothing could be compared: {'; '.join(left_out)}")
+    return cases, left_out
+
+
+def _history(result: Result) -> History:
+    return result.t, result["energy_imbalance"]
+
+
+def judge(case: Case, spent: Spent, right: Reference) -> Row:
+    """Measure one run."""
+    result, outputs = case.result, case.result.as_dict()
+    own = right.tight[case.number]
+    assert own is not None
+    ended = not result.failure
+    errors = right.errors(outputs) if ended else {}
+    worst = max(errors, key=lambda name: errors[name], default="")
+    resolved = own is not right.motion
+    gap = case.scene.model.branch_gap(outputs)
+    imbalance = float(np.abs(outputs["energy_imbalance"]).max())
     return Row(
-        solver=solver,
-        rtol=rtol,
-        wall_s=wall,
+        solver=case.scene.settings.solver,
+        rtol=case.scene.settings.tolerance,
+        resolution=dict(case.resolution),
+        cpu_s=spent.median,
+        spread=spent.spread,
+        runs=len(spent.times),
         steps=result.statistics.steps or None,
         rhs_evals=result.statistics.rhs_evals,
-        max_error=float(max(errors)) if errors else None,
-        energy_imbalance=float(np.abs(outputs["energy_imbalance"]).max()),
+        error=errors[worst] if ended else None,
+        worst=worst,
+        time_error=max(right.errors(outputs, own).values()) if ended else None,
+        space_error=max(right.errors(own.values).values()) if resolved else None,
+        errors={name: error * right.motion.scale[name] for name, error in errors.items()},
+        energy_imbalance=imbalance if np.isfinite(imbalance) else None,
         position_residual=largest(outputs, "position_residual"),
         velocity_residual=largest(outputs, "velocity_residual"),
         partition_switches=result.statistics.partition_switches,
@@ -177,26 +356,6 @@ def judge(model: Model, solver: str, rtol: float, wall: float, result: Result, r
 def largest(outputs: dict[str, NDArray[np.float64]], name: str) -> float:
     """Return the largest value of an output; zero where the model does not have it."""
     return float(outputs[name].max()) if name in outputs else 0.0
-
-
-def as_text(rows: Sequence[Row]) -> str:
-    """Return the rows as a table for people."""
-    header = ("solver", "rtol", "time [ms]", "steps", "evals", "error [rad]", "imbalance [J]", "switches", "outcome")
-    lines = [
-        (
-            row.solver,
-            f"{row.rtol:.0e}",
-            f"{1e3 * row.wall_s:.2f}",
-            "-" if row.steps is None else str(row.steps),
-            str(row.rhs_evals),
-            "-" if row.max_error is None else f"{row.max_error:.1e}",
-            f"{row.energy_imbalance:.1e}",
-            str(row.partition_switches),
-            outcome(row),
-        )
-        for row in rows
-    ]
-    return table(header, lines)
 
 
 def outcome(row: Row) -> str:

@@ -1,15 +1,15 @@
 """The costs of effects, and what each changes, by which a user decides what a scene needs.
 
 The model runs as it is, and with one effect switched at a time: off where it was on, on where it was off. An effect
-that is off has no entry in any array.
+that is off has no entry in any array. What an effect changes is the largest difference of an output over the whole run;
+what the tolerance leaves open is that of a run at a tenth of it.
 """
 
 from __future__ import annotations
 
-import statistics
-import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,16 +17,26 @@ import numpy as np
 from mbfmu.errors import EquilibriumError, UserError
 from mbfmu.mechanics import Plant
 from mbfmu.model import Model
+from mbfmu.native import communication_points, run
+from mbfmu.result import Result
+from mbfmu.scene import Scene, default_scene
 from mbfmu.settings import Settings
-from mbfmu.simulation import Simulation
 from mbfmu.steady.problem import equilibrium
 from mbfmu.steady.state import GROWTH
+from mbfmu.studies.reference import scales, still
+from mbfmu.studies.timing import Budget, Spent, cpu_time, in_turn
 from mbfmu.table import table
 from solvers.compiled.kernel import kernel
 from solvers.system import Equations
 
 EVALUATIONS = 200
 REPEATS = 7
+ROUNDS = 3
+BUDGET = 60.0  # s; for the timed runs after the first round
+SMALL = 1e-3  # of the largest range in a unit: what moves less is compared with that
+LEAST = 1e-3  # of the range of an output: a change that counts
+TIGHTER = 0.1  # of the tolerance
+TIGHTEST = 1e-12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,22 +47,69 @@ class Entry:
     ----------
     case
         ``as it is``, ``with drag``, ``without gravity``.
+    values
+        Parameters of the effect with their units, as they are in this case; of the model as it is those that are on.
     evaluation, run
-        Time of one evaluation of the equations of motion, and median time of the run, s.
+        CPU times of one evaluation of the equations of motion and of the run.
     frequency
         Lowest natural frequency of an oscillation about the steady state, Hz; None where there is none.
     stability
         Of the steady state, see :class:`mbfmu.steady.state.Equilibrium`; empty where there is none.
-    outputs
-        At the end of the run, by name.
+    result
+        The run.
+    changes
+        By how much outputs differ at most from those of the model as it is, of their ranges, by name; those of that
+        model from a run at a tenth of the tolerance. Empty where the run ended early.
+    scale
+        The ranges, by name, in the units of the outputs: the larger one of both runs, and no less than a thousandth of
+        the largest range in that unit.
+    advice
+        What to do with the effect, in a sentence.
     """
 
     case: str
-    evaluation: float
-    run: float
+    values: str
+    evaluation: Spent
+    run: Spent
     frequency: float | None
     stability: str
-    outputs: dict[str, float]
+    result: Result
+    changes: dict[str, float]
+    scale: dict[str, float]
+    advice: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """A model with an effect turned over (empty: none), and whether that was on before."""
+
+    name: str
+    effect: str
+    was_on: bool
+    values: str
+    model: Model
+
+
+def cases(model: Model) -> list[Case]:
+    """Return the model as it is, and with each effect turned over."""
+    found, on_now = [], []
+    for effect, on in model.effects.items():
+        active = any(getattr(model, name) != 0 for name in on)
+        off = {name: type(getattr(model, name))(0) for name in on}
+        other = model.with_values(off if active else on)
+        on_now += [in_words(model, on)] if active else []
+        name, values = f"{'without' if active else 'with'} {effect}", in_words(other, on)
+        found.append(Case(name=name, effect=effect, was_on=active, values=values, model=other))
+    as_is = Case(name="as it is", effect="", was_on=True, values=", ".join(on_now) or "all off", model=model)
+    return [as_is, *found]
+
+
+def in_words(model: Model, names: Mapping[str, Any]) -> str:
+    """Return parameters of a model with their values and units."""
+    units = {p.name: "" if p.unit == "1" else f" {p.unit}" for p in model.parameters()}
+    values = {name: getattr(model, name) for name in names}
+    told = {name: str(value).lower() if isinstance(value, bool) else f"{value:g}" for name, value in values.items()}
+    return ", ".join(f"{name} = {value}{units[name]}" for name, value in told.items())
 
 
 def costs(
@@ -61,6 +118,7 @@ def costs(
     end: float,
     start: Mapping[str, float] | None = None,
     progress: Callable[[str], None] | None = None,
+    judged: Sequence[str] = (),
 ) -> list[Entry]:
     """Return an entry for the model as it is and one for each of its effects turned over.
 
@@ -71,7 +129,9 @@ def costs(
     start
         Coordinates by name that the steady states are looked for from, instead of the model's own.
     progress
-        Called with every case that is done.
+        Called with every case that is done, and every timed run.
+    judged
+        Outputs by which an effect is worth its cost; without them all.
 
     Raises
     ------
@@ -80,36 +140,88 @@ def costs(
     """
     if not model.effects:
         raise UserError(f"model {model.name!r} has no effects to turn on or off")
-    cases = {"as it is": model}
-    for effect, on in model.effects.items():
-        active = any(getattr(model, name) != 0 for name in on)
-        off = {name: type(getattr(model, name))(0) for name in on}
-        cases[f"{'without' if active else 'with'} {effect}"] = model.with_values(off if active else on)
+    told = progress or (lambda _: None)
+    times = communication_points(end, min(model.output_interval, end))
+    found = cases(model)
+    steady = [oscillation(case.model, start or {}) for case in found]
+    results = []
+    for case in found:
+        results.append(run(case.model, settings, times))
+        told(case.name)
+    plants = [case.model.plant() for case in found]
+    tighter = run(model, replace(settings, tolerance=max(TIGHTEST, TIGHTER * settings.tolerance)), times)
+    others = zip([tighter, *results[1:]], plants, strict=True)
+    differences = [changes(results[0], other, plants[0], own) for other, own in others]
+    single = in_turn([evaluations(plant) for plant in plants], REPEATS)
+    scenes = [replace(default_scene(case.model), settings=settings, stop_time=end) for case in found]
+    whole = timed(scenes, [result.wall_time for result in results], told)
+    noise = {name: change for name, (change, _) in differences[0].items()}
     entries = []
-    for case, changed in cases.items():
-        entries.append(_entry(case, changed, settings, end, start or {}))
-        if progress is not None:
-            progress(case)
+    for case, result, own, evaluation, spent, (frequency, stability) in zip(
+        found, results, differences, single, whole, steady, strict=True
+    ):
+        entries.append(
+            Entry(
+                case=case.name,
+                values=case.values,
+                evaluation=evaluation,
+                run=spent,
+                frequency=frequency,
+                stability=stability,
+                result=result,
+                changes={name: change for name, (change, _) in own.items()},
+                scale={name: scale for name, (_, scale) in own.items()},
+                advice=advice(case, result, {name: change for name, (change, _) in own.items()}, noise, judged),
+            )
+        )
     return entries
 
 
-def _entry(case: str, model: Model, settings: Settings, end: float, start: Mapping[str, float]) -> Entry:
-    frequency, stability = oscillation(model, start)
-    runs = []
-    for _ in range(3):
-        simulation = Simulation(model, settings)
-        begin = time.perf_counter()
-        simulation.advance(end)
-        runs.append(time.perf_counter() - begin)
-    outputs = dict(zip((v.name for v in simulation.variables), map(float, simulation.outputs()), strict=True))
-    return Entry(
-        case=case,
-        evaluation=time_of_evaluation(simulation.plant),
-        run=statistics.median(runs),
-        frequency=frequency,
-        stability=stability,
-        outputs=outputs,
-    )
+def timed(scenes: Sequence[Scene], expected: Sequence[float], told: Callable[[str], None]) -> list[Spent]:
+    """Return the CPU times of the runs of scenes, in turn."""
+    account = Budget(BUDGET)
+    runs = [partial(account.time, scene) for scene in scenes]
+    return in_turn(runs, ROUNDS, expected=expected, left=lambda: account.left, progress=told)
+
+
+def changes(before: Result, after: Result, plant: Plant, other: Plant) -> dict[str, tuple[float, float]]:
+    """Return by name how far outputs differ at most over the run, of their range, and that range.
+
+    What moves in neither run is left out. Empty where a run ended early.
+    """
+    if before.failure or after.failure:
+        return {}
+    first, second = scales(before), scales(after)
+    moved, moves = set(first) - still(before, plant), set(second) - still(after, other)
+    names = [name for name in first if name in second and (name in moved or name in moves)]
+    largest = {unit: max(first[n] for n in names if before.unit(n) == unit) for unit in map(before.unit, names)}
+    ranges = {name: max(first[name], second[name], SMALL * largest[before.unit(name)]) for name in names}
+    return {name: (float(np.abs(after[name] - before[name]).max()) / ranges[name], ranges[name]) for name in names}
+
+
+def advice(
+    case: Case, result: Result, found: Mapping[str, float], noise: Mapping[str, float], judged: Sequence[str]
+) -> str:
+    """Say what to do with an effect: keep it, turn it on or off, or leave it off."""
+    if not case.effect:
+        return ""
+    if not found:
+        return f"{case.effect}: {case.name} the run ends early: {result.failure.partition('. ')[0]}"
+    seen = {name: change for name, change in found.items() if name in (judged or found)}
+    large = {name: change for name, change in seen.items() if change > LEAST}
+    clear = {name: change for name, change in large.items() if change > 2.0 * noise.get(name, 0.0)}
+    if clear:
+        name = max(clear, key=lambda name: clear[name])
+        what = "keep it on" if case.was_on else "turn it on where it acts"
+        return f"{case.effect} changes {name} by {100.0 * clear[name]:.3g} % of its range: {what}"
+    if large:
+        name = max(large, key=lambda name: large[name])
+        return (
+            f"{case.effect} changes nothing by more than the tolerance leaves open, {100.0 * noise[name]:.2g} % of the "
+            f"range of {name}: tighten it to tell"
+        )
+    what = "turn it off" if case.was_on else "leave it off"
+    return f"{case.effect} changes nothing above {100.0 * LEAST:g} %: {what}"
 
 
 def oscillation(model: Model, start: Mapping[str, float]) -> tuple[float | None, str]:
@@ -124,19 +236,14 @@ def oscillation(model: Model, start: Mapping[str, float]) -> tuple[float | None,
 
 
 def time_of_evaluation(plant: Plant) -> float:
-    """Return the time of one evaluation in a compiled loop, s, in a random state near the start."""
+    """Return the CPU time of one evaluation in a compiled loop, s, in a random state near the start."""
     call = evaluations(plant)
-    call()
-    times = []
-    for _ in range(REPEATS):
-        begin = time.perf_counter()
-        call()
-        times.append((time.perf_counter() - begin) / EVALUATIONS)
-    return min(times)  # what disturbs it only adds
+    return min(call() for _ in range(REPEATS))  # what disturbs it only adds
 
 
-def evaluations(plant: Plant) -> Callable[[], None]:
-    """Return a call that evaluates the equations of motion ``EVALUATIONS`` times in a random state near the start.
+def evaluations(plant: Plant) -> Callable[[], float]:
+    """Return a call that evaluates the equations of motion in a random state near the start, and returns the CPU time
+    of one evaluation, s.
 
     At rest numbers of the size of rounding would meet, whose products are slow to compute.
     """
@@ -144,11 +251,14 @@ def evaluations(plant: Plant) -> Callable[[], None]:
     random = np.random.default_rng(0)
     q, v = plant.assembly.start_positions(), 0.1 * random.normal(size=system.n)
     system.apply(q, 0.01 * random.normal(size=system.n) * system.size)
-    if not system.has_matrices:
+    if system.has_matrices:
+        equations = Equations.of(system, system.allocate_terms())
+        loop = partial(_dynamics, equations, q, v, EVALUATIONS)
+    else:
         a, lam, qdot, tau = (np.zeros(size) for size in (system.n, system.m, system.nq, system.n))
-        return lambda: _inverses(system.inverse, q, v, a, lam, system.held_data, qdot, tau, EVALUATIONS)
-    equations = Equations.of(system, system.allocate_terms())
-    return lambda: _dynamics(equations, q, v, EVALUATIONS)
+        loop = partial(_inverses, system.inverse, q, v, a, lam, system.held_data, qdot, tau, EVALUATIONS)
+    loop()  # compiled now
+    return lambda: cpu_time(loop) / EVALUATIONS
 
 
 @kernel
@@ -163,20 +273,38 @@ def _dynamics(eqs: Any, q: Any, v: Any, count: int) -> None:
         eqs.dynamics(0.0, q, v, eqs.data, eqs.terms)
 
 
-def as_text(entries: list[Entry], shown: list[str]) -> str:
-    """Return the entries as a table for people; ``shown`` are outputs at the end of the run."""
+def as_text(entries: Sequence[Entry], shown: Sequence[str]) -> str:
+    """Return the entries as a table for people, and what to do; ``shown`` are outputs whose changes are columns."""
     bare = entries[0]
-    rows = []
-    for e in entries:
-        frequency = "-" if e.frequency is None else f"{e.frequency:.5g}"
-        more = "" if e is bare else f" ({100.0 * (e.evaluation / bare.evaluation - 1.0):+.0f} %)"
-        rows.append(
-            (
-                e.case,
-                f"{1e6 * e.evaluation:.3g}{more}",
-                f"{e.run:.3g}",
-                "unstable" if e.stability == "unstable" else frequency,
-                *(f"{e.outputs[name]:.6g}" for name in shown),
-            )
+    rows = [
+        (
+            e.case,
+            e.values,
+            f"{1e6 * e.evaluation.median:.3g}{more(e.evaluation, bare.evaluation)}",
+            f"{e.run.median:.3g}{more(e.run, bare.run)}",
+            "unstable" if e.stability == "unstable" else "-" if e.frequency is None else f"{e.frequency:.5g}",
+            *(change_in_words(e, name) for name in shown),
         )
-    return table(("case", "evaluation [us]", "run [s]", "first mode [Hz]", *shown), rows)
+        for e in entries
+    ]
+    units = {v.name: v.unit for e in entries for v in e.result.variables}
+    heads = [f"{name} (range {bare.scale[name]:.3g} {units[name]})" if name in bare.scale else name for name in shown]
+    header = ("case", "parameters", "evaluation [us]", "CPU time of the run [s]", "first mode [Hz]", *heads)
+    told = (
+        "changes: the largest difference from the model as it is over the whole run, of the range of the output there; "
+        "in its own line what the tolerance leaves open"
+    )
+    return "\n".join([table(header, rows), "", told, *(e.advice for e in entries if e.advice)])
+
+
+def more(own: Spent, bare: Spent) -> str:
+    """Return by how much a time differs from that of the model as it is, with the spread of both."""
+    if own is bare:
+        return f" (+-{50.0 * own.spread:.0f} %)"
+    spread = 50.0 * (own.spread + bare.spread)
+    return f" ({100.0 * (own.median / bare.median - 1.0):+.0f} +-{spread:.0f} %)"
+
+
+def change_in_words(entry: Entry, name: str) -> str:
+    """Return what an effect changes of an output."""
+    return f"{100.0 * entry.changes[name]:.2g} %" if name in entry.changes else "-"

@@ -15,19 +15,18 @@ from mbfmu.curves import draw, size
 from mbfmu.viewer.motion import amplitudes
 from mbfmu.viewer.picture import PALETTE
 from mbfmu.viewer.picture import draw as picture_of
-from solvers import SOLVERS
+from solvers.steppers import NAMES
 
 if TYPE_CHECKING:
     from mbfmu.mechanics import Plant
     from mbfmu.native import Result
     from mbfmu.steady.modes import ModeShape
     from mbfmu.steady.sweep import Branch
-    from mbfmu.studies.compare import Row
     from mbfmu.viewer.picture import Bar
     from solvers.system import Array
 
 CYCLE = ("#4269d0", "#3ca951", "#efb118", "#ff725c", "#a463f2", "#38b2c4", "#ff8ab7", "#9c6b4e")
-COLORS = dict(zip(SOLVERS, cycle(CYCLE), strict=False))  # by solver
+COLORS = dict(zip(NAMES, cycle(CYCLE), strict=False))  # by solver
 ROUNDING = 1e-4  # of the largest deflection: less is taken for none
 IN_STEP = 0.01  # of the largest displacement: out of step less than this does not show
 
@@ -42,58 +41,6 @@ def plot_result(result: Result, path: Path, names: Sequence[str] = ()) -> None:
     """Draw outputs against time as :meth:`mbfmu.Result.plot` does."""
     figure = Figure(figsize=size(result, names), layout="constrained")
     draw(figure, result, names)
-    finish(figure, path)
-
-
-def plot_work_precision(rows: Sequence[Row], title: str, path: Path) -> None:
-    """Draw error against run time, log-log, one line a solver; a run that failed is a faint cross that says so."""
-    figure, ax = subplots(size=(7.0, 5.4))
-    for k, solver in enumerate(dict.fromkeys(row.solver for row in rows)):
-        own = [row for row in rows if row.solver == solver and row.max_error is not None and row.max_error > 0.0]
-        good = [row for row in own if row.status == "ok" and not row.branch_jump and not row.warning]
-        bad = [row for row in own if row not in good]
-        style = {"color": COLORS.get(solver), "zorder": 3.0 + k}
-        if good:
-            errors = [r.max_error for r in good]
-            ax.loglog([r.wall_s for r in good], errors, "o-", ms=9.0 * 0.8**k, lw=2.5 * 0.75**k, label=solver, **style)
-        if bad:
-            errors, label = [r.max_error for r in bad], f"{solver}: failed, inaccurate or off the branch"
-            ax.loglog([r.wall_s for r in bad], errors, "x", ms=8.0, mew=1.5, alpha=0.5, label=label, **style)
-        for row in own:
-            _label(ax, row, above=k % 2 == 0, failed=row in bad)
-    ax.set_xlabel("time of the integration alone [s]")
-    ax.set_ylabel("largest error of an angle [rad]")
-    ax.set_title(title)
-    ax.margins(x=0.09, y=0.07)
-    ax.grid(alpha=0.3, which="both")
-    figure.legend(loc="outside lower center", ncols=4, fontsize=9, frameon=False)
-    finish(figure, path)
-
-
-def _label(ax: Any, row: Row, *, above: bool, failed: bool) -> None:
-    """Write the tolerance of a run beside its point: off the line, which falls to the right, or below a cross."""
-    side = 1 if above else -1
-    place: dict[str, Any] = {
-        "xytext": (5 * side, 4 * side),
-        "ha": "left" if above else "right",
-        "va": "bottom" if above else "top",
-    }
-    if failed:
-        place = {"xytext": (0, -6), "ha": "center", "va": "top", "color": COLORS.get(row.solver)}
-    text = f"{row.rtol:.0e} failed" if failed else f"{row.rtol:.0e}"
-    ax.annotate(text, (row.wall_s, row.max_error), textcoords="offset points", fontsize=7, zorder=9.0, **place)
-
-
-def plot_energy(histories: dict[str, tuple[Any, Any]], title: str, path: Path) -> None:
-    """Draw the energy's imbalance against time, one line a solver: solver -> (times, imbalance)."""
-    figure, ax = subplots(size=(8.0, 4.5))
-    for solver, (times, imbalance) in histories.items():
-        ax.semilogy(times, np.maximum(np.abs(imbalance), 1e-14), lw=1.0, color=COLORS.get(solver), label=solver)
-    ax.set_xlabel("time [s]")
-    ax.set_ylabel("|energy - energy at the start - work| [J]")
-    ax.set_title(title)
-    ax.grid(alpha=0.3)
-    ax.legend()
     finish(figure, path)
 
 

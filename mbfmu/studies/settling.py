@@ -5,10 +5,9 @@ The paper's claim is that the second replaces the first; this measures what each
 
 from __future__ import annotations
 
-import statistics
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,8 @@ from mbfmu.model import Model
 from mbfmu.settings import Settings
 from mbfmu.simulation import Simulation
 from mbfmu.steady.problem import EquilibriumProblem
-from mbfmu.table import table
+from mbfmu.studies.timing import Spent, cpu_time, in_turn
+from mbfmu.table import power, table
 from solvers import SOLVERS
 
 LEFT = 1e-10  # of the first deviation, when the slowest mode has settled
@@ -32,8 +32,9 @@ class Settled:
     ----------
     solver, rtol
         ``newton`` and None for the solution of the equilibrium equations.
-    wall_s
-        Median time of the method alone, without compilation and start, s.
+    cpu_s, spread
+        Median CPU time of the method alone, without compilation and start, s; distance of the quartiles over it.
+        Newton's is of the wall clock, too short for others to come between.
     settle_time
         Time simulated, s: till the slowest mode has decayed to 1e-10.
     steps
@@ -44,7 +45,8 @@ class Settled:
 
     solver: str
     rtol: float | None
-    wall_s: float
+    cpu_s: float
+    spread: float
     settle_time: float | None
     steps: int | None
     max_error: float | None
@@ -78,57 +80,61 @@ def settle(
         target = exact or found.outputs
         return max(abs(outputs[name] - target[name]) for name in target)
 
-    wall = statistics.median(balance.solve().solve_time for _ in range(10 * repeats))
-    rows = [
-        Settled(
-            solver=NEWTON,
-            rtol=None,
-            wall_s=wall,
-            settle_time=None,
-            steps=found.iterations,
-            max_error=error(found.outputs) if exact else None,
-            status="ok",
-        )
-    ]
-    for solver in solvers:
-        for tolerance in tolerances:
-            rows.append(_run(model, Settings(solver=solver, tolerance=tolerance), end, repeats, error))
-            if progress is not None:
-                progress(f"{solver} {tolerance:.0e}")
-    return rows
-
-
-def _run(
-    model: Model, settings: Settings, end: float, repeats: int, error: Callable[[dict[str, float]], float]
-) -> Settled:
-    """Simulate to the end, several times."""
-    walls = []
-    for _ in range(repeats):
-        simulation = Simulation(model, settings)
-        begin = time.perf_counter()
-        status = simulation.advance(end)
-        walls.append(time.perf_counter() - begin)
-    outputs = dict(zip((v.name for v in simulation.variables), map(float, simulation.outputs()), strict=True))
-    return Settled(
-        solver=settings.solver,
-        rtol=settings.tolerance,
-        wall_s=statistics.median(walls),
-        settle_time=end,
-        steps=simulation.statistics.steps or None,
-        max_error=error(outputs),
-        status="ok" if status.ok else status.message,
+    settings = [Settings(solver=solver, tolerance=tolerance) for solver in solvers for tolerance in tolerances]
+    runs = [_Run(model, own) for own in settings]
+    newtons: list[Callable[[], float]] = [lambda: balance.solve().solve_time]
+    methods = newtons + [partial(run.settle, end) for run in runs]
+    times = in_turn(methods, repeats, progress=progress)
+    newton = Settled(
+        solver=NEWTON,
+        rtol=None,
+        cpu_s=times[0].median,
+        spread=times[0].spread,
+        settle_time=None,
+        steps=found.iterations,
+        max_error=error(found.outputs) if exact else None,
+        status="ok",
     )
+    return [newton, *(run.row(own, end, error) for run, own in zip(runs, times[1:], strict=True))]
+
+
+class _Run:
+    """A damped motion, simulated to its end several times."""
+
+    def __init__(self, model: Model, settings: Settings) -> None:
+        self.model, self.settings = model, settings
+
+    def settle(self, end: float) -> float:
+        """Simulate to the end; return the CPU time, s."""
+        self.simulation = Simulation(self.model, self.settings)
+        return cpu_time(lambda: self.simulation.advance(end))
+
+    def row(self, spent: Spent, end: float, error: Callable[[dict[str, float]], float]) -> Settled:
+        """Measure the last run."""
+        simulation = self.simulation
+        outputs = dict(zip((v.name for v in simulation.variables), map(float, simulation.outputs()), strict=True))
+        return Settled(
+            solver=self.settings.solver,
+            rtol=self.settings.tolerance,
+            cpu_s=spent.median,
+            spread=spent.spread,
+            settle_time=end,
+            steps=simulation.statistics.steps or None,
+            max_error=error(outputs),
+            status=simulation.failure or "ok",
+        )
 
 
 def as_text(rows: Sequence[Settled]) -> str:
     """Return the rows as a table for people, times also in those of Newton."""
-    newton = next(row.wall_s for row in rows if row.solver == NEWTON)
+    newton = next(row.cpu_s for row in rows if row.solver == NEWTON)
     lines = [
         (
             row.solver,
-            "-" if row.rtol is None else f"{row.rtol:.0e}",
-            f"{1e3 * row.wall_s:.3g}",
-            f"{row.wall_s / newton:.0f}",
+            "-" if row.rtol is None else power(row.rtol),
+            f"{1e3 * row.cpu_s:.3g}",
+            f"{100.0 * row.spread:.0f} %",
+            f"{row.cpu_s / newton:.0f}",
             "-" if row.settle_time is None else f"{row.settle_time:.3g}",
             "-" if row.steps is None else str(row.steps),
             "-" if row.max_error is None else f"{row.max_error:.1e}",
@@ -136,5 +142,15 @@ def as_text(rows: Sequence[Settled]) -> str:
         )
         for row in rows
     ]
-    header = ("method", "rtol", "time [ms]", "of Newton", "simulated [s]", "steps", "error [rad, m]", "outcome")
+    header = (
+        "method",
+        "rtol",
+        "CPU [ms]",
+        "spread",
+        "Newtons",
+        "simulated [s]",
+        "steps",
+        "error [rad, m]",
+        "outcome",
+    )
     return table(header, lines)

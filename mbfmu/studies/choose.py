@@ -1,0 +1,371 @@
+"""What to take for an error one can accept: the cheapest solver, tolerance and resolution that keep it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from math import floor, inf, isfinite, log10
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics import Mechanism
+from mbfmu.model import Model
+from mbfmu.native import communication_points
+from mbfmu.scene import Scene
+from mbfmu.studies.compare import BUDGET, SHARE, Case, Progress, Row, asked, in_full, judge, of_subject
+from mbfmu.studies.reference import Reference, reference
+from mbfmu.studies.resolution import Resolution, in_words
+from mbfmu.studies.timing import Budget, Spent, TooLong, in_turn
+from mbfmu.studies.words import in_sentence, label, listed
+from mbfmu.table import power
+from mbfmu.units import read_unit
+
+Array = NDArray[np.float64]
+
+UNIT_FINEST = 1e-4  # tolerance that tight runs of large trees go by where the target is absolute
+TIGHTEST, LOOSEST = 1e-12, 1e-2
+SAFETY = 0.5  # of the target: what the next tolerance aims at, as if errors were proportional to it
+STEP = 0.3  # of a tolerance: the next one is no more than that
+LEAP = 1e-3  # of a tolerance: nor less
+LEEWAY = 0.25  # of the target: what errs less may be run more loosely
+ENOUGH = 0.7  # of the last error: what improves by less is stuck
+FAILED = 30.0  # times the target: what a run that is not to be trusted counts for
+TRIES = 10  # of a solver at a resolution
+MARGIN = 1.5  # times the cheapest: what has taken more is not followed
+QUICK = 1.0  # s; what takes less is not cut short, and run once more for its time
+FINALISTS = 3
+ROUNDS = 5
+CLEAR = 0.5  # of the target: the reference must not err more, and what it may err is taken off the target
+
+
+@dataclass(frozen=True, kw_only=True)
+class Target:
+    """An error: a part of the ranges of outputs (``unit`` is empty), or absolute in a unit."""
+
+    value: float
+    unit: str = ""
+
+    def __str__(self) -> str:
+        """Return it for people."""
+        return f"{self.value:.3g} {self.unit}" if self.unit else f"{power(self.value)} of the range"
+
+    def suits(self, unit: str) -> bool:
+        """Whether outputs of a unit can be held to it."""
+        return not self.unit or read_unit(unit).exponents == read_unit(self.unit).exponents
+
+    def of_range(self, unit: str, scale: float) -> float:
+        """Return it as a part of the range of an output."""
+        return self.value * read_unit(self.unit).factor / (read_unit(unit).factor * scale) if self.unit else self.value
+
+
+@dataclass(frozen=True, kw_only=True)
+class Choice:
+    """What to take.
+
+    Attributes
+    ----------
+    row
+        The run that was chosen: what it took and how far it was off.
+    scene
+        The scene with its solver, tolerance and resolution.
+    sentence
+        All of it in words.
+    rows
+        Every run that was looked at, in the order of the search; each ran once but the last few.
+    notes
+        How the reference is known, and what was left out.
+    """
+
+    row: Row
+    scene: Scene
+    sentence: str
+    rows: list[Row]
+    notes: list[str]
+
+
+def read_target(target: float | str | Target) -> Target:
+    """Return a target from a number (a part of ranges), or from text such as ``1e-4``, ``0.2 mm`` and ``1e-3rad``.
+
+    Raises
+    ------
+    UserError
+        It is no number above zero, or its unit is unknown.
+    """
+    if isinstance(target, Target):
+        return target
+    found = re.fullmatch(r"\s*([-+.\d]+(?:[eE][-+]?\d+)?)\s*(\S*)\s*", str(target))
+    try:
+        value = float(found.group(1)) if found else inf
+    except ValueError:
+        value = inf
+    if not found or not (isfinite(value) and value > 0.0):
+        raise UserError(
+            f"target is {target!r}; allowed: a number above zero, such as 1e-4 of the range, or with a unit: '0.2 mm'"
+        )
+    if found.group(2):
+        try:
+            read_unit(found.group(2))
+        except UserError as error:
+            raise UserError(f"target is {target!r}: {error}") from error
+    return Target(value=value, unit=found.group(2))
+
+
+def choose(
+    subject: Scene | Model | Mechanism,
+    target: float | str | Target,
+    *,
+    solvers: Sequence[str] | None = None,
+    tolerances: Sequence[float] | None = None,
+    resolutions: Sequence[Resolution] | None = None,
+    outputs: Sequence[str] = (),
+    budget: float = BUDGET,
+    progress: Progress | None = None,
+) -> Choice:
+    """Return the cheapest solver, tolerance and resolution whose error is within a target, of those that were tried.
+
+    Cheap runs come first: each solver at each resolution begins loosely and is tightened towards the target, and what
+    costs more than what has reached it already is not followed. The few best are timed in turn.
+
+    Parameters
+    ----------
+    subject
+        A scene, a model or a mechanism.
+    target
+        A part of the range of each output (``1e-4``), or an absolute error with its unit (``"0.2 mm"``), which holds
+        for the outputs of that kind.
+    solvers, resolutions, budget
+        As :func:`mbfmu.compare` takes them.
+    tolerances
+        Those to try; without them whatever the target asks for.
+    outputs
+        Those that are held to the target; without them all that :func:`mbfmu.compare` judges by.
+    progress
+        Called with what is done and the share of the whole that it makes.
+
+    Raises
+    ------
+    UserError
+        The target is none, does not suit the outputs, is finer than the reference is known, or nothing reaches it.
+    """
+    wanted, scene = read_target(target), of_subject(subject)
+    steps, chosen = asked(scene, solvers, tolerances, resolutions)
+    account, told = Budget(budget), progress or (lambda _what, _share: None)
+    times = communication_points(scene.stop_time, scene.output_interval)
+    finest = UNIT_FINEST if wanted.unit else max(TIGHTEST, 0.1 * wanted.value)
+    every = reference(scene, steps, times, finest, account, outputs, lambda what: told(what, 0.4 / len(steps)))
+    right = narrowed(every, wanted, outputs)
+    search = Search(scene, right, wanted, times, account)
+    for k, settings in chosen.items():
+        search.add(k, steps[k], list(dict.fromkeys(solver for solver, _ in settings)), tolerances)
+    search.run(lambda what: told(what, 0.0))
+    return search.choice()
+
+
+def narrowed(right: Reference, wanted: Target, asked_for: Sequence[str]) -> Reference:
+    """Return a reference of the outputs alone that are held to a target.
+
+    Raises
+    ------
+    UserError
+        The target does not suit them, or is finer than they are known.
+    """
+    suited = {name: unit for name, unit in right.units.items() if wanted.suits(unit)}
+    if not suited or (asked_for and len(suited) < len(right.units)):
+        others = [f"{name} [{unit}]" for name, unit in right.units.items() if name not in suited]
+        raise UserError(f"target {wanted} does not suit {listed(others)}; allowed: a unit of theirs, or none")
+    known_to = {name: right.motion.doubt[name] / right.motion.scale[name] for name in suited}
+    limits = {name: wanted.of_range(unit, right.motion.scale[name]) for name, unit in suited.items()}
+    clear = {name: unit for name, unit in suited.items() if known_to[name] <= CLEAR * limits[name]}
+    if not clear or (asked_for and len(clear) < len(suited)):
+        worst = max if asked_for else min  # all of them, or any
+        doubt, name = worst((known_to[name] / limits[name], name) for name in suited if name not in clear)
+        least = replace(wanted, value=doubt * wanted.value / CLEAR)
+        raise UserError(
+            f"target {wanted} is finer than the reference is known: {name} is known to {known_to[name]:.1g} of its "
+            f"range; allowed: from {least} on, or finer resolutions, or a larger budget"
+        )
+    unclear = {n: f"known to {known_to[n]:.0e} of its range only" for n in suited if n not in clear}
+    return replace(right, units=clear, unjudged=right.unjudged | unclear)
+
+
+@dataclass
+class Track:
+    """One solver at one resolution on its way to a target; ``given`` are the tolerances to try, loose ones first."""
+
+    number: int
+    resolution: Resolution
+    solver: str
+    given: list[float] | None
+    tolerance: float
+    taken: float = 0.0  # by the last run, s
+    ratio: float = inf  # error of the last run over the target
+    tries: int = 0
+    loosening: bool = False
+    too_loose: float = 0.0  # the tightest tolerance that was not enough
+
+    def next(self, ratio: float) -> bool:
+        """Set the next tolerance after a run with this error over the target; False: there is none to try."""
+        self.tries += 1
+        stuck = not self.loosening and self.tries > 2 and ratio > ENOUGH * self.ratio
+        within = ratio <= 1.0
+        if self.given is not None:
+            self.tolerance = self.given.pop(0) if self.given else 0.0
+        elif within and self.too_loose:  # between the two, if that is worth a run, and no more
+            between = one_digit((self.tolerance * self.too_loose) ** 0.5)
+            self.loosening = ratio < LEEWAY and not self.loosening
+            self.tolerance = between
+        elif within:
+            self.loosening, self.tolerance = True, one_digit(self.tolerance / STEP)
+        else:
+            self.too_loose = self.tolerance
+            self.tolerance = one_digit(self.tolerance * max(LEAP, min(STEP, SAFETY / ratio)))
+        self.ratio = ratio
+        if within != self.loosening or stuck or self.tries == TRIES:
+            return False
+        return TIGHTEST <= self.tolerance <= LOOSEST
+
+
+class Search:
+    """Runs that are looked at, cheap ones first, till nothing can be cheaper than what reaches the target."""
+
+    def __init__(self, scene: Scene, right: Reference, wanted: Target, times: Array, budget: Budget) -> None:
+        self.scene, self.right, self.wanted, self.times, self.budget = scene, right, wanted, times, budget
+        scale, doubt = right.motion.scale, right.motion.doubt  # what is not known may add to an error
+        self.limits = {
+            name: wanted.of_range(unit, scale[name]) - doubt[name] / scale[name] for name, unit in right.units.items()
+        }
+        self.rows: list[Row] = []
+        self.notes: list[str] = []
+        self._tracks: list[Track] = []
+        self._within: list[tuple[Case, Row]] = []
+
+    def add(self, number: int, resolution: Resolution, solvers: Sequence[str], given: Sequence[float] | None) -> None:
+        """Take solvers at a resolution into the search, unless the resolution alone errs more than the target."""
+        own, words = self.right.tight[number], in_words(resolution) or "the scene"
+        if own is None:
+            self.notes.append(f"{words}: there is no reference in the time given")
+            return
+        ratio = self._ratio(self.right.errors(own.values))
+        if own is not self.right.motion and ratio > 1.0:
+            self.notes.append(f"{words}: at any tolerance {ratio:.2g} times the target")
+            return
+        first = one_digit(min(LOOSEST, max(TIGHTEST, *self.limits.values())))
+        for solver in solvers:
+            ordered = sorted(given, reverse=True) if given else None
+            begin = ordered.pop(0) if ordered else first
+            self._tracks.append(Track(number, resolution, solver, ordered, begin))
+
+    def run(self, progress: Callable[[str], None]) -> None:
+        """Follow what can be the cheapest; runs that did well before are likely to."""
+        cheapest = inf
+        waiting = list(self._tracks)
+        while waiting:
+            track = min(waiting, key=lambda t: (t.taken, t.number))
+            waiting.remove(track)
+            if track.taken > MARGIN * cheapest and not track.loosening:
+                continue
+            found = self._try(track, min(SHARE * self.budget.seconds, MARGIN * max(cheapest, QUICK)))
+            progress(f"{track.solver} {power(track.tolerance)} {in_words(track.resolution)}".strip())
+            if found is None:
+                continue
+            case, row = found
+            ratio = self._ratio(self._errors(row)) if row.trusted else FAILED
+            if ratio <= 1.0:
+                self._within.append(found)
+                cheapest = min(cheapest, case.taken)
+            track.taken = case.taken
+            if track.next(ratio):
+                waiting.append(track)
+
+    def _try(self, track: Track, most: float) -> tuple[Case, Row] | None:
+        """Run a track's next tolerance; None: it cannot, or takes longer than what is there already."""
+        model = self.scene.model.with_values(track.resolution)
+        own = self.scene.changed(model=model, solver=track.solver, tolerance=track.tolerance)
+        try:
+            result, taken = self.budget.run(model, own.settings, self.times, most)
+        except TooLong:
+            why = (
+                f"took more than {most:.3g} s"
+                if self.budget.left
+                else f"the budget of {self.budget.seconds:g} s is used"
+            )
+            self.notes.append(f"{in_full(own, track.resolution)}: {why}")
+            return None
+        except UserError as error:
+            self.notes.append(f"{in_full(own, track.resolution)}: {error}")
+            return None
+        if taken < QUICK:  # most of it may have gone to the outputs
+            taken = self.budget.time(own)
+        case = Case(scene=own, number=track.number, resolution=track.resolution, result=result, taken=taken)
+        self.rows.append(judge(case, Spent((taken,)), self.right))
+        return case, self.rows[-1]
+
+    def _errors(self, row: Row) -> dict[str, float]:
+        return {name: row.errors[name] / self.right.motion.scale[name] for name in self.right.units}
+
+    def _ratio(self, errors: dict[str, float]) -> float:
+        """Return the largest error over what is allowed of it."""
+        return max(errors[name] / limit for name, limit in self.limits.items())
+
+    def choice(self) -> Choice:
+        """Return the cheapest of what is within the target, by times taken in turn."""
+        if not self._within:
+            raise UserError(self._nothing())
+        last = sorted(self._within, key=lambda found: found[0].taken)[:FINALISTS]
+        spent = in_turn(
+            [partial(self.budget.time, case.scene) for case, _ in last],
+            ROUNDS,
+            expected=[case.taken for case, _ in last],
+            left=lambda: self.budget.left,
+        )
+        rows = [judge(case, own, self.right) for (case, _), own in zip(last, spent, strict=True)]
+        k = min(range(len(rows)), key=lambda i: rows[i].cpu_s)
+        notes = [in_sentence(self.right), *self.notes]
+        return Choice(row=rows[k], scene=last[k][0].scene, sentence=self._say(rows[k]), rows=self.rows, notes=notes)
+
+    def _say(self, row: Row) -> str:
+        resolution = f" with {in_words(row.resolution)}" if row.resolution else ""
+        doubt = self.right.motion.doubt[self._worst(row)]
+        known = f"known to {self._amount(self._worst(row), doubt)}" if doubt else "exact"
+        return (
+            f"take {row.solver} at a tolerance of {power(row.rtol)}{resolution}: "
+            f"{time_in_words(row.cpu_s)} of CPU time, error {self._error(row)} to be expected, target {self.wanted}; "
+            f"the reference is {known}, and {len(self.rows)} runs were looked at"
+        )
+
+    def _worst(self, row: Row) -> str:
+        errors = self._errors(row)
+        return max(errors, key=lambda name: errors[name] / self.limits[name])
+
+    def _error(self, row: Row) -> str:
+        name = self._worst(row)
+        return f"{self._amount(name, row.errors[name])} in {name}"
+
+    def _amount(self, name: str, error: float) -> str:
+        """Return an error (in the unit of its output) as the target is told."""
+        if not self.wanted.unit:
+            return f"{error / self.right.motion.scale[name]:.1e} of the range"
+        factor = read_unit(self.right.units[name]).factor / read_unit(self.wanted.unit).factor
+        return f"{error * factor:.2g} {self.wanted.unit}"
+
+    def _nothing(self) -> str:
+        """Say that nothing is within the target, and how near the nearest is."""
+        ended = [row for row in self.rows if row.trusted]
+        near = min(ended, key=lambda row: self._ratio(self._errors(row)), default=None)
+        nearest = f"the nearest is {near.solver} {label(near)}, {self._error(near)}; " if near else ""
+        return f"nothing that was tried keeps the target {self.wanted}; {nearest}{'; '.join(self.notes)}".rstrip("; ")
+
+
+def one_digit(tolerance: float) -> float:
+    """Return a tolerance with one digit, no larger."""
+    power_of_ten = floor(log10(tolerance) + 1e-9)
+    return float(f"{floor(tolerance / 10.0**power_of_ten + 1e-9)}e{power_of_ten}")
+
+
+def time_in_words(seconds: float) -> str:
+    """Return a time for people."""
+    return f"{seconds:.2g} s" if seconds >= 1.0 else f"{1e3 * seconds:.3g} ms"

@@ -1,0 +1,286 @@
+"""What runs are judged by: the motion they should have given, how well that is known, and the outputs that tell.
+
+At each resolution a pair of tight runs gives the motion of the discretized model; their difference is its doubt. Over
+several resolutions these are extrapolated to the motion of the model itself. What the model knows better stands in
+place of either: :meth:`mbfmu.Model.exact`, :meth:`mbfmu.Model.independent`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from math import log10
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.audit import VARIABLES
+from mbfmu.curves import RESIDUALS
+from mbfmu.errors import UserError
+from mbfmu.mechanics import Plant
+from mbfmu.model import Model, suggest
+from mbfmu.result import Result
+from mbfmu.scene import Scene
+from mbfmu.settings import Settings
+from mbfmu.studies.resolution import Resolution, in_words, limit, moving_places, size
+from mbfmu.studies.timing import Budget, TooLong
+from mbfmu.table import power
+
+Array = NDArray[np.float64]
+Runs = tuple[tuple[str, float], tuple[str, float]]  # solver and tolerance of the reference, and of the run beside it
+
+KNOWN = 0.01  # of its range: an output that is known worse judges nobody,
+SHARP = 100.0  # nor, where others are left, one that is known worse than so many times the finest tolerance
+FLAT = 1e-9  # of its size: an output that moves less does not move
+TIGHT: tuple[Runs, ...] = (
+    (("adams", 1e-12), ("adams", 1e-11)),
+    (("radau", 1e-12), ("radau", 1e-11)),
+    (("radau", 1e-10), ("radau", 1e-9)),
+    (("ida", 1e-9), ("ida", 1e-8)),
+    (("radau", 1e-7), ("radau", 1e-6)),
+)
+EXPLICIT: Runs = (("adams", 1e-9), ("adams", 1e-8))  # of large trees
+TIGHTER = 0.1  # of the finest tolerance: that of the tight runs of large trees, at first
+LOOSEST = 1e-4  # at last
+FINEST = 1e-12
+SHARE = 1.0 / 12.0  # of the budget, for a tight run,
+LAST = 1.0 / 4.0  # and for one of the last pair that there is to try
+
+
+@dataclass(frozen=True, kw_only=True)
+class Motion:
+    """Outputs over time by name, what each may err (in its unit), the ranges they are judged by, and their source."""
+
+    values: dict[str, Array]
+    doubt: dict[str, float]
+    scale: dict[str, float]
+    source: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reference:
+    """What runs are judged by.
+
+    Attributes
+    ----------
+    motion
+        That of the model itself.
+    tight
+        That of the model at each resolution; None: no tight run ended in its time.
+    units
+        Of the outputs that are judged, by name.
+    unjudged
+        Why an output judges nobody, by name.
+    orders
+        Orders of convergence that were observed, by output.
+    """
+
+    motion: Motion
+    tight: list[Motion | None]
+    units: dict[str, str]
+    unjudged: dict[str, str]
+    orders: dict[str, float]
+
+    @property
+    def doubt(self) -> tuple[float, str]:
+        """What the reference may err at most, of an output's range, and which output that is."""
+        known = self.motion
+        return max((known.doubt[name] / known.scale[name], name) for name in self.units)
+
+    def errors(self, values: dict[str, Array], other: Motion | None = None) -> dict[str, float]:
+        """Return the largest difference of outputs over the run, of their ranges; ``other`` in place of the motion."""
+        right = (other or self.motion).values
+        scale = self.motion.scale
+        return {name: float(np.abs(values[name] - right[name]).max()) / scale[name] for name in self.units}
+
+
+def scales(result: Result) -> dict[str, float]:
+    """Return the range of every output that is no residual; of an energy at least what was exchanged."""
+    exchanged = float(np.nan_to_num(result["energy_exchanged"][-1]))
+    own = [v for v in result.variables if not v.name.endswith(RESIDUALS) and v not in VARIABLES]
+    ranges = {v.name: float(np.ptp(result[v.name])) for v in own}
+    return {v.name: max(ranges[v.name], exchanged) if v.unit == "J" else ranges[v.name] for v in own}
+
+
+def still(result: Result, plant: Plant) -> set[str]:
+    """Return the outputs that do not move but for rounding."""
+    units = {v.name: v.unit for v in plant.outputs}
+    sizes = {name: float(np.abs(result[name]).max()) + plant.nominal(unit) for name, unit in units.items()}
+    return {name for name, scale in scales(result).items() if not scale > FLAT * sizes[name]}
+
+
+def driven(plant: Plant) -> set[str]:
+    """Return the outputs that nothing free changes at the start."""
+    system, random = plant.system, np.random.default_rng(0)
+    q, v = plant.assemble()
+    seen = []
+    for part in (0.0, 0.1):
+        there = q.copy()
+        system.apply(there, part * random.normal(size=system.n) * system.size)
+        dv, a, lam = (part * random.normal(size=count) for count in (system.n, system.n, system.m))
+        out = np.zeros(len(plant.outputs))
+        plant.observe(0.0, there, v + dv, a, lam, out)
+        seen.append(out)
+    same = seen[0] == seen[1]
+    return {variable.name for variable, alike in zip(plant.outputs, same, strict=True) if alike}
+
+
+def tight_runs(plant: Plant, finest: float) -> tuple[Runs, ...]:
+    """Return what to try for the motion of a mechanism, the best first; ``finest`` is the tolerance of its judges."""
+    if plant.system.has_matrices:
+        return TIGHT
+    tolerance = max(FINEST, TIGHTER * finest)
+    tolerances = [tolerance * 10.0**k for k in range(1 + max(0, round(log10(LOOSEST / tolerance))))]
+    implicit = [
+        pair for tol in tolerances for pair in ((("esdirk", tol), ("ida", tol)), (("ida", tol), ("ida", 10.0 * tol)))
+    ]
+    return (*implicit,) if plant.system.m else (EXPLICIT, *implicit)
+
+
+def tight(
+    scene: Scene, times: Array, runs: Sequence[Runs], budget: Budget, hopeless: dict[Runs, str]
+) -> tuple[Motion, Result] | None:
+    """Return the motion of a scene by the first pair of runs that can be trusted, and its run; None: there is no such.
+
+    Why a pair cannot is added to ``hopeless``; what is in there is not tried.
+    """
+    for pair in (pair for pair in runs if pair not in hopeless):
+        share = 0.5 * SHARE if pair is EXPLICIT else LAST if pair == runs[-1] else SHARE
+        most = share * budget.seconds
+        solver, tolerance = pair[0]
+        try:
+            own, other = (budget.run(scene.model, _tight(scene, *one), times, most)[0] for one in pair)
+        except TooLong:
+            hopeless[pair] = f"{solver} at {power(tolerance)} takes more than {min(most, budget.left):.3g} s"
+            continue
+        wrong = next(filter(None, (own.failure, other.failure, own.verdict, other.verdict)), "")
+        if wrong:
+            hopeless[pair] = f"{solver} at {power(tolerance)}: {wrong.partition('. ')[0]}"
+            continue
+        values = {name: own[name] for name in scales(own)}
+        doubt = {name: float(np.abs(own[name] - other[name]).max()) for name in values}
+        source = f"{solver} at {power(tolerance)}"
+        return Motion(values=values, doubt=doubt, scale=scales(own), source=source), own
+    return None
+
+
+def _tight(scene: Scene, solver: str, tolerance: float) -> Settings:
+    return replace(scene.settings, solver=solver, tolerance=tolerance, absolute_tolerance=0.0, max_order=0, audit=True)
+
+
+def reference(
+    scene: Scene,
+    steps: Sequence[Resolution],
+    times: Array,
+    finest: float,
+    budget: Budget,
+    asked: Sequence[str] = (),
+    progress: Callable[[str], None] | None = None,
+) -> Reference:
+    """Return what runs of a scene at these resolutions are judged by; ``asked`` are outputs, all without them.
+
+    Raises
+    ------
+    UserError
+        No tight run ends in its time, or no output judges, or one that is asked for does not.
+    """
+    units = {v.name: v.unit for v in scene.model.with_values(steps[-1]).plant().outputs}
+    for name in asked:
+        if name not in units:
+            raise UserError(f"model {scene.model.name!r} has no output {name!r}{suggest(name, units)}")
+    found: list[Motion | None] = []
+    unjudged: dict[str, str] = {}
+    hopeless: dict[Runs, str] = {}
+    for step in steps:
+        own = scene.changed(model=scene.model.with_values(step))
+        plant = own.model.plant()
+        ran = tight(own, times, tight_runs(plant, finest), budget, hopeless)
+        if progress is not None:
+            progress(f"reference {in_words(step)}".strip())
+        if ran is None:
+            found.append(None)
+            continue
+        motion, result = ran
+        quiet, held = still(result, plant), driven(plant)
+        for name, doubt in motion.doubt.items():
+            if name in held and doubt <= FLAT * motion.scale[name]:
+                unjudged[name] = "driven"
+            elif name in quiet:
+                unjudged[name] = "does not move"
+        found.append(_with_exact(own.model, times, motion))
+    there = [(step, motion) for step, motion in zip(steps, found, strict=True) if motion]
+    if not there:
+        raise UserError(
+            f"scene {scene.name!r} has no reference ({'; '.join(hopeless.values())}); shorten the run (stop_time), or "
+            "give a larger budget"
+        )
+    motion, orders = converged(there)
+    motion = _with_independent(scene.model.with_values(there[-1][0]), times, motion)
+    for name in sorted(moving_places([list(known.values) for _, known in there])):
+        unjudged[name] = "has another place at each resolution"
+    doubts = {name: doubt / motion.scale[name] for name, doubt in motion.doubt.items() if name not in unjudged}
+    sharp = min(KNOWN, SHARP * finest) if len(there) == 1 and not asked else KNOWN
+    if not any(doubt <= sharp for doubt in doubts.values()):
+        sharp = KNOWN
+    unjudged |= {name: f"known to {doubt:.0e} of its range only" for name, doubt in doubts.items() if doubt > sharp}
+    judges = [name for name in doubts if name not in unjudged]
+    return Reference(
+        motion=motion,
+        tight=found,
+        units={name: units[name] for name in _of_asked(scene.model, judges, unjudged, asked)},
+        unjudged=unjudged,
+        orders={name: order for name, order in orders.items() if name in judges},
+    )
+
+
+def _of_asked(model: Model, judges: list[str], unjudged: dict[str, str], asked: Sequence[str]) -> list[str]:
+    for name in asked:
+        if name not in judges:
+            why = unjudged.get(name, "it is a residual, which should be nothing")
+            raise UserError(f"output {name!r} of model {model.name!r} judges no run: {why}; {_allowed(judges)}")
+    if not judges:
+        told = "; ".join(f"{name}: {why}" for name, why in unjudged.items()) or "it has none"
+        raise UserError(f"no output of model {model.name!r} tells runs apart ({told}); give it one that moves freely")
+    return list(asked) or judges
+
+
+def _allowed(judges: Sequence[str]) -> str:
+    return f"allowed: {', '.join(judges)}" if judges else "nor does any other"
+
+
+def _with_exact(model: Model, times: Array, motion: Motion) -> Motion:
+    """Put the exact motion in place of what is known of it."""
+    exact = model.exact(times)
+    if exact is None:
+        return motion
+    source = f"the exact motion for {', '.join(exact)}, else {motion.source}"
+    values, doubt = motion.values | exact, motion.doubt | dict.fromkeys(exact, 0.0)
+    return replace(motion, values=values, doubt=doubt, source=source)
+
+
+def _with_independent(model: Model, times: Array, motion: Motion) -> Motion:
+    """Put what another code or an experiment says in place of our own."""
+    told = model.independent(times)
+    if told is None:
+        return motion
+    values = motion.values | {name: values for name, (values, _) in told.items()}
+    doubt = motion.doubt | {name: doubt for name, (_, doubt) in told.items()}
+    source = f"independent data for {', '.join(told)}, else {motion.source}"
+    return replace(motion, values=values, doubt=doubt, source=source)
+
+
+def converged(found: Sequence[tuple[Resolution, Motion]]) -> tuple[Motion, dict[str, float]]:
+    """Return the motion that resolutions lead to, coarse to fine, and the orders observed by output."""
+    finest = found[-1][1]
+    if len(found) == 1:
+        return finest, {}
+    values, doubt, orders = {}, {}, {}
+    names = [name for name in finest.values if all(name in motion.values for _, motion in found)]
+    sizes = [size(step) for step, _ in found]
+    for name in names:
+        values[name], own, order = limit([motion.values[name] for _, motion in found], sizes)
+        doubt[name] = own + max(motion.doubt[name] for _, motion in found)
+        if order is not None:
+            orders[name] = order
+    source = f"{'the limit' if orders else 'the finest'} of {len(found)} resolutions"
+    return Motion(values=values, doubt=doubt, scale=finest.scale, source=source), orders

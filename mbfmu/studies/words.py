@@ -1,0 +1,95 @@
+"""A comparison in words: its table, and what is to be known of its reference."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from mbfmu.studies.compare import Comparison, Row, outcome
+from mbfmu.studies.reference import Reference
+from mbfmu.studies.resolution import in_words
+from mbfmu.table import power, table
+
+SHOWN = 6  # names in a list, before the rest is counted
+
+
+def as_text(found: Comparison) -> str:
+    """Return the rows as a table for people, and below it what they are judged by and what was left out."""
+    resolved = any(row.resolution for row in found.rows)
+    split = any(row.space_error is not None for row in found.rows)
+    best = found.best()
+    lines = [
+        (
+            "*" if row in best else "",
+            row.solver,
+            power(row.rtol),
+            *([in_words(row.resolution)] if resolved else []),
+            f"{1e3 * row.cpu_s:.3g}",
+            f"{100.0 * row.spread:.0f} %" if row.runs > 1 else "-",
+            "-" if row.steps is None else str(row.steps),
+            str(row.rhs_evals),
+            _number(row.error),
+            *([_number(row.time_error), _number(row.space_error)] if split else []),
+            row.worst or "-",
+            _number(row.energy_imbalance),
+            str(row.partition_switches),
+            outcome(row),
+        )
+        for row in found.rows
+    ]
+    header = (
+        *("best", "solver", "rtol"),
+        *(["resolution"] if resolved else []),
+        *("CPU [ms]", "spread", "steps", "evals", "error"),
+        *(["in time", "in space"] if split else []),
+        *("worst output", "imbalance [J]", "switches", "outcome"),
+    )
+    return "\n".join([table(header, lines), "", *told(found)])
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.1e}"
+
+
+def told(found: Comparison) -> list[str]:
+    """Return what a table does not say."""
+    right = found.reference
+    runs = {row.runs for row in found.rows}
+    most = f"{min(runs)} to {max(runs)}" if len(runs) > 1 else f"{max(runs)}"
+    lines = [
+        "error: the largest of an output over the run, as a part of the range of that output",
+        f"CPU: median of {most} runs in turn, and the distance of their quartiles over it",
+        f"judged by {listed(right.units)}",
+        in_sentence(right),
+    ]
+    reasons: dict[str, list[str]] = {}
+    for name, why in right.unjudged.items():
+        reasons.setdefault(why, []).append(name)
+    lines += [f"not judged: {listed(names)} ({why})" for why, names in reasons.items()]
+    if doubtful := [row for row in found.rows if row.error is not None and row.error < right.doubt[0]]:
+        lines.append(f"errors below what the reference may err itself: {len(doubtful)} of {len(found.rows)}")
+    return [*lines, *(f"left out: {text}" for text in found.left_out)]
+
+
+def in_sentence(right: Reference) -> str:
+    """Say what the reference is and how well it is known."""
+    doubt, name = right.doubt
+    text = f"reference: {right.motion.source}; known to {doubt:.0e} of the range ({name})"
+    if orders := sorted(right.orders[name] for name in right.units if name in right.orders):
+        extrapolated = f"{orders[0]:.1f} to {orders[-1]:.1f} in {len(orders)} of {len(right.units)} outputs"
+        text += f"; extrapolated by the orders observed, {extrapolated}"
+    elif len(right.tight) > 1:
+        text += "; no order of convergence is seen, so in space the finest is judged by itself"
+    tight = dict.fromkeys(motion.source for motion in right.tight if motion is not None)
+    return f"{text}; error in time against {', '.join(tight)}" if right.motion.source not in tight else text
+
+
+def listed(names: Iterable[str]) -> str:
+    """Return names in a list, of many the first ones."""
+    found = list(names)
+    more = len(found) - SHOWN
+    return ", ".join(found[:SHOWN]) + (f" and {more} more" if more > 0 else "")
+
+
+def label(row: Row) -> str:
+    """Return tolerance and resolution of a row, for its point in a picture."""
+    return f"{power(row.rtol)} {in_words(row.resolution)}".strip()

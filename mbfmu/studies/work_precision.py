@@ -1,0 +1,147 @@
+"""Pictures of a comparison: error against time, and the energy balance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from textwrap import fill
+from typing import Any
+
+import numpy as np
+
+from mbfmu.studies.compare import Comparison, Row, known
+from mbfmu.studies.report import COLORS, finish, subplots
+from mbfmu.studies.resolution import in_words
+from mbfmu.studies.words import label, listed
+from mbfmu.table import power
+
+MARKERS = "os^DvP*X"  # by resolution, coarse to fine
+NEAR = 100.0  # times: what the reference may err is drawn where errors come so near
+BETTER = 0.9  # of the error of a best choice: the next one that gets a name
+WIDTH = 90  # letters of a line below the picture
+OTHER = "#606060"  # of what has no color
+HULL = "#b8b8b8"
+
+
+def plot_work_precision(found: Comparison, title: str, path: Path) -> None:
+    """Draw error against CPU time, log-log: a line for each solver at each resolution, and the hull of best choices.
+
+    Points say their tolerance, at several resolutions those of the best choices alone. What is inaccurate or off its
+    branch is a faint cross; what did not reach its end has no error, and is named below.
+    """
+    figure, ax = subplots(size=(7.4, 5.8))
+    best = found.best()
+    steps = list(dict.fromkeys(in_words(row.resolution) for row in found.rows))
+    solvers = list(dict.fromkeys(row.solver for row in found.rows))
+    ended = [row for row in found.rows if row.error]  # one that is the reference itself has none
+    _hull(ax, best)
+    for k, solver in enumerate(solvers):
+        for step, marker in zip(steps, MARKERS * len(steps), strict=False):
+            own = [row for row in ended if row.solver == solver and in_words(row.resolution) == step]
+            _line(ax, [row for row in own if row.trusted], marker, k)
+            _crosses(ax, [row for row in own if not row.trusted])
+        ax.plot([], [], "-", color=COLORS.get(solver, OTHER), label=solver)
+    if len(steps) > 1:
+        for step, marker in zip(steps, MARKERS * len(steps), strict=False):
+            ax.plot([], [], marker, color=OTHER, label=step)
+    if any(not row.trusted for row in ended):
+        ax.plot([], [], "x", color=OTHER, label="inaccurate or off the branch")
+    for row in ended if len(steps) == 1 else apart(best):
+        _name(ax, row, above=solvers.index(row.solver) % 2 == 0 or len(steps) > 1)
+    _doubt(ax, found, ended)
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    ax.set_xlabel(f"CPU time of the integration alone [s]{_not_drawn(found.rows)}")
+    ax.set_ylabel(_measure(found))
+    ax.set_title(title)
+    ax.margins(x=0.09, y=0.07)
+    ax.grid(alpha=0.3, which="both")
+    if not ended:
+        ax.text(0.5, 0.5, "no run reached its end", transform=ax.transAxes, ha="center")
+    figure.legend(loc="outside lower center", ncols=3 if len(steps) > 1 else 4, fontsize=9, frameon=False)
+    finish(figure, path)
+
+
+def apart(best: Sequence[Row]) -> list[Row]:
+    """Return those of the best choices that are better than the one named before by more than a little."""
+    found: list[Row] = []
+    for row in best:
+        if not found or height(row) < BETTER * height(found[-1]):
+            found.append(row)
+    return found
+
+
+def height(row: Row) -> float:
+    """Return the error of a row that reached its end, as it is drawn."""
+    return known(row.error)
+
+
+def _hull(ax: Any, best: Sequence[Row]) -> None:
+    """Draw what the best choice gives for a time: it stays till the next one is as cheap."""
+    if best:
+        at, errors = [row.cpu_s for row in best], [height(row) for row in best]
+        style = {"color": HULL, "lw": 6.0, "alpha": 0.6, "zorder": 1.0, "solid_joinstyle": "round"}
+        ax.plot(at, errors, drawstyle="steps-post", label="best choices", **style)
+
+
+def _line(ax: Any, rows: Sequence[Row], marker: str, k: int) -> None:
+    """Draw the rows of one solver at one resolution; the k-th solver is thinner than those it may hide."""
+    ordered = sorted(rows, key=lambda row: -row.rtol)
+    at, errors = [row.cpu_s for row in ordered], [height(row) for row in ordered]
+    style = {"color": COLORS.get(ordered[0].solver, OTHER) if ordered else OTHER, "zorder": 3.0 + k}
+    ax.plot(at, errors, "-", marker=marker, ms=8.0 * 0.85**k, lw=2.2 * 0.8**k, **style)
+
+
+def _crosses(ax: Any, rows: Sequence[Row]) -> None:
+    for row in rows:
+        style = {"color": COLORS.get(row.solver, OTHER), "alpha": 0.5, "zorder": 9.0}
+        ax.plot(row.cpu_s, height(row), "x", ms=8.0, mew=1.5, **style)
+
+
+def _name(ax: Any, row: Row, *, above: bool) -> None:
+    """Write the tolerance beside a point: off the line, which falls to the right."""
+    side = 1 if above else -1
+    place = {"ha": "left" if above else "right", "va": "bottom" if above else "top"}
+    at = {"xytext": (5 * side, 4 * side), "textcoords": "offset points"}
+    ax.annotate(power(row.rtol), (row.cpu_s, height(row)), fontsize=7, zorder=10.0, **at, **place)
+
+
+def _doubt(ax: Any, found: Comparison, ended: Sequence[Row]) -> None:
+    """Shade what the reference may err where errors come near."""
+    doubt, _ = found.reference.doubt
+    if any(height(row) < NEAR * doubt for row in ended):
+        least = min(doubt, *(height(row) for row in ended))
+        shade = {"color": "#808080", "alpha": 0.12, "lw": 0.0, "zorder": 0.5}
+        ax.axhspan(0.5 * least, doubt, label="what the reference may err", **shade)
+
+
+def _not_drawn(rows: Sequence[Row]) -> str:
+    failed = [f"{row.solver} {label(row)}" for row in rows if row.error is None]
+    return "\n" + fill(f"not drawn, ended early: {listed(failed)}", WIDTH) if failed else ""
+
+
+def _measure(found: Comparison) -> str:
+    """Return what the error is of."""
+    names = list(found.reference.units)
+    if len(names) > 1:
+        return "largest error of an output, part of its range"
+    scale, unit = found.reference.motion.scale[names[0]], found.reference.units[names[0]]
+    return f"largest error of {names[0]}, part of its range {scale:.3g} {unit}"
+
+
+def plot_energy(found: Comparison, title: str, path: Path) -> None:
+    """Draw the energy's imbalance against time, one line a solver, from the first output after the start on."""
+    figure, ax = subplots(size=(8.0, 4.5))
+    for solver, (times, imbalance) in found.energies.items():
+        if np.isfinite(imbalance).any():
+            shown = np.maximum(np.abs(imbalance[1:]), 1e-14)
+            ax.semilogy(times[1:], shown, lw=1.0, color=COLORS.get(solver, OTHER), label=solver)
+    if not ax.lines:
+        ax.text(0.5, 0.5, "no energy balance was held", transform=ax.transAxes, ha="center")
+    else:
+        ax.legend()
+    ax.set_xlabel("time [s]")
+    ax.set_ylabel("|energy - energy at the start - work| [J]")
+    ax.set_title(f"{title}, tolerance {power(found.tolerance)}")
+    ax.grid(alpha=0.3)
+    finish(figure, path)
