@@ -154,7 +154,7 @@ def test_no_change_on_the_way_takes_another_solver() -> None:
 
 def test_old_numbers_of_solvers_keep_their_meaning() -> None:
     (solver,) = (p for p in declared(mb.Settings) if p.name == "solver")
-    assert solver.picks == ("ida", "adams", "hybrid", "adams-lu", "radau", "esdirk", "auto")
+    assert solver.choices == ("ida", "adams", "hybrid", "adams-lu", "radau", "esdirk", "auto")
     assert solver.default == "ida"
 
 

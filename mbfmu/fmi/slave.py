@@ -128,6 +128,7 @@ class ModelSlave(Values):
                 self._start_anew()
                 assert self.simulation is not None
                 self._buffer[self._outputs] = self.simulation.outputs()
+            self._tell_loops()
         except Exception as error:
             self._phase, self.simulation = Phase.FAILED, None
             self.fail(in_words(error))
@@ -135,7 +136,6 @@ class ModelSlave(Values):
             raise
         self._phase, self._fresh = Phase.RUNNING, True
         self._changed.clear()
-        self._tell_loops()
 
     def _keep_alive(self) -> None:
         """Have references for those that the wrapper drops when an exception leaves, and drops again in the end."""

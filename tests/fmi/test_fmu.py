@@ -17,6 +17,7 @@ from fmpy.validation import validate_fmu
 from fmus.fourbar import FourBar
 from mbfmu.errors import UserError
 from mbfmu.fmi import Fmu, export
+from mbfmu.fmi.slave import ModelSlave
 from mbfmu.simulation import Settings
 
 
@@ -191,3 +192,14 @@ def test_archive_holds_what_a_user_looks_for(fourbar_fmu: Path) -> None:
     }
     assert "resources/requirements.txt" in names
     assert names == sorted(names)
+
+
+def test_a_fault_at_the_very_end_of_the_initialization_is_told(
+    fourbar_fmu: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fault(_: ModelSlave) -> None:
+        raise AttributeError("no such thing")
+
+    monkeypatch.setattr(ModelSlave, "_tell_loops", fault)
+    with pytest.raises(UserError, match="AttributeError: no such thing"):
+        Fmu(fourbar_fmu)
