@@ -37,14 +37,15 @@ class BoundIDA:
         self, residual: Callable[..., None], accept: Callable[..., int], counts: Array, course: NDArray[Any],
         **options: Any,
     ) -> None:  # fmt: skip
-        self._ida = sksundae.ida.IDA(residual, **options)
+        self._residual, self._options = residual, options
         self._accept, self.counts, self.course = accept, counts, course.view(np.recarray)
         count = len(options["atol"])
         self.y, self.slopes, self.reached = np.zeros(count), np.zeros(count), np.zeros(1)
         self._stop: float | None = None
 
     def begin(self, t: float, y: Array, slopes: Array) -> None:
-        """Begin a history at t (s) with unknowns and their derivatives (N,)."""
+        """Begin a history at t (s) with unknowns and their derivatives (N,), tolerances as they are now."""
+        self._ida = sksundae.ida.IDA(self._residual, **self._options)  # which copies them
         with nowhere():
             self._ida.init_step(t, y, slopes)
 

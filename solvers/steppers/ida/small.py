@@ -222,27 +222,34 @@ class IDAStepper(IDADriver, DenseStepper):
         self._unknowns = Unknowns.allocate(system.nq, system.n, system.m)
         self._held = hold(self._unknowns)
         self._counts = self._unknowns.counts
-        self._good = np.zeros((2, len(self._unknowns.y)))
+        self._good, self._atol = np.zeros((2, len(self._unknowns.y))), np.zeros(len(self._unknowns.y))
+        self._place, self._pace = np.zeros(system.n), np.zeros(system.n)  # absolute tolerances, to the books
+        self._tight = TIGHTER * self._rtol**POWER
+        self._set_tolerances()
         self._ida = self._new_ida()
 
+    def _set_tolerances(self) -> None:
+        """Take tolerances in today's units, where IDA and the books have them."""
+        s, u, units, controlled = self.system, self._unknowns, self._units, self.system.nq + self.system.n
+        u.noise[0], u.near[0] = NOISE / self._tight, NEARER * self._rtol
+        tightened = self._tight if self.options.atol is None else self.options.atol * self._tight / self._rtol
+        self._atol[:] = UNCONTROLLED * self._scaling()[0]
+        self._atol[:controlled] = tightened * np.concatenate((units.size_q, units.pace * s.size))
+        self._place[:] = tightened * s.size
+        self._pace[:] = units.pace * self._place
+        self._c["instant"] = STANDSTILL / units.rate[0]
+
     def _new_ida(self) -> DirectIDA | BoundIDA:
-        s, o, u = self.system, self.options, self._unknowns
-        controlled = s.nq + s.n
-        rtol = TIGHTER * self._rtol**POWER
-        u.noise[0], u.near[0] = NOISE / rtol, NEARER * self._rtol
-        tightened = rtol if o.atol is None else o.atol * rtol / self._rtol
-        place, atol = tightened * s.size, UNCONTROLLED * self._scaling()[0]
-        atol[:controlled] = tightened * np.concatenate((self._units.size_q, self._units.pace * s.size))
-        self._c["instant"] = STANDSTILL / self._units.rate[0]
-        self._scales = hold(Scales.of(rtol, place, self._units.pace * place, len(atol)))
+        o, count = self.options, len(self._atol)
+        self._scales = hold(Scales.of(self._tight, self._place, self._pace, count))
         given = Given(
-            self._eqs, self._held, self._work, self._rank, len(atol), self._book,
-            self._scales,
-            self._counts, self._course, self._good, np.array([LOSS * self._rtol]),
+            self._eqs, self._held, self._work, self._rank, count, self._book, self._scales, self._counts, self._course,
+            self._good, np.array([LOSS * self._rtol]),
         )  # fmt: skip
-        options = {"rtol": rtol, "atol": atol, "max_order": 5 if o.max_order is None else min(5, o.max_order)}
+        order = 5 if o.max_order is None else min(5, o.max_order)
+        options: dict[str, Any] = {"rtol": self._tight, "atol": self._atol, "max_order": order}
         if serves():
-            callbacks = DIRECT if s.m else FACTORED
+            callbacks = DIRECT if self.system.m else FACTORED
             return DirectIDA(callbacks, call_accept, hold(given), max_step=o.max_step, **options)
         return self._bound_ida(hold(given), options)
 
@@ -371,7 +378,7 @@ class IDAStepper(IDADriver, DenseStepper):
     def restore(self, data: bytes) -> None:
         """Take over a reported state and the units it was integrated in; the history starts anew."""
         super().restore(data)
-        self._ida = self._new_ida()
+        self._set_tolerances()
 
     def _take(self, t: float, y: Array) -> Code:
         u, nq = self._unknowns, self.system.nq

@@ -165,7 +165,7 @@ class DirectIDA:
     data
         What they are given, held.
     rtol, atol
-        Tolerances, the second (N,).
+        Tolerances; the second, an array (N,), may change before a history begins.
     max_step
         s.
     krylov
@@ -210,10 +210,11 @@ class DirectIDA:
         self._free = weakref.finalize(self, _free, self._memory, (yy, yp, tol), solver, matrix, context)
 
     def begin(self, t: float, y: Array, slopes: Array) -> None:
-        """Begin a history at t (s) with unknowns and their derivatives (N,)."""
+        """Begin a history at t (s) with unknowns and their derivatives (N,), tolerances as they are now."""
         self.y[:], self.slopes[:] = y, slopes
         if self._begun:
             call("IDAReInit", self._memory, t, *self._vectors)
+            call("IDASVtolerances", self._memory, *self._options[:2])
             return
         memory, c = self._memory, self._callbacks
         rtol, tol, max_order, max_step = self._options
