@@ -8,6 +8,7 @@ from textwrap import fill
 from typing import Any
 
 import numpy as np
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from mbfmu.studies.compare import Comparison, Row, known
 from mbfmu.studies.report import COLORS, finish, subplots
@@ -51,7 +52,10 @@ def plot_work_precision(found: Comparison, title: str, path: Path) -> None:
     _doubt(ax, found, ended)
     ax.set_xscale("log")
     ax.set_yscale("log")
-    ax.set_xlabel(f"CPU time of the integration alone [s]{_not_drawn(found.rows)}")
+    ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    ax.xaxis.set_major_formatter(FuncFormatter(lambda seconds, _: f"{1e3 * seconds:g}"))
+    ax.xaxis.set_minor_formatter(NullFormatter())
+    ax.set_xlabel(f"CPU time of the integration alone [ms]{_not_drawn(found.rows)}")
     ax.set_ylabel(_measure(found))
     ax.set_title(title)
     ax.margins(x=0.09, y=0.07)
