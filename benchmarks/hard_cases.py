@@ -25,7 +25,7 @@ import matplotlib.pyplot as plt  # noqa: E402
 from judge import Verdict, judge, truth  # noqa: E402
 from mechanisms import CASES, GAPS, Case, grashof, parallelogram  # noqa: E402
 
-SOLVERS = ("ida", "adams", "hybrid")
+SOLVERS = ("ida", "adams", "hybrid", "radau")
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10)
 POINTS = 81
 PAGE, PICTURE = ROOT / "docs" / "hard_cases.md", ROOT / "docs" / "images" / "near_misses.png"

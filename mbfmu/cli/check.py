@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
-from .common import Commands, add_scene, add_set, add_solver, reader, scene_of, writable, write_json
+from .common import Commands, add_json, add_scene, add_set, add_solver, reader, scene_of, writable, write_json
 
 
 def add(commands: Commands) -> None:
@@ -36,14 +35,7 @@ code is 0 whatever is found, and 2 for a mistake in what you ask for.""",
         metavar="S",
         help="leave the run where it is after so long, s of this machine (default 10)",
     )
-    p.add_argument(
-        "--json",
-        type=Path,
-        nargs="?",
-        const=Path("-"),
-        metavar="FILE",
-        help="write all that is found as JSON; to standard output without FILE",
-    )
+    add_json(p)
     add_solver(p)
     p.set_defaults(command=command_check)
 

@@ -107,6 +107,18 @@ def add_output(p: argparse.ArgumentParser, what: str) -> None:
     )
 
 
+def add_json(p: argparse.ArgumentParser) -> None:
+    """Take a file for all that is found."""
+    p.add_argument(
+        "--json",
+        type=Path,
+        nargs="?",
+        const=Path("-"),
+        metavar="FILE",
+        help="write all that is found as JSON; to standard output without FILE",
+    )
+
+
 def add_steady(p: argparse.ArgumentParser) -> None:
     """Add the model whose steady state is asked for, and where to look for it."""
     add_scene(p)

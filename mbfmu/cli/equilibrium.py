@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import csv
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 
@@ -21,6 +20,7 @@ from mbfmu.table import table
 
 from .common import (
     Commands,
+    add_json,
     add_output,
     add_steady,
     assignments,
@@ -72,14 +72,7 @@ the results are in a folder such as results/governor/default-sweep-spindle_speed
     p.add_argument("--sweep", metavar="PARAMETER=FROM:TO:STEP", help="follow the steady states over a parameter")
     shown = p.add_argument("--plot", metavar="OUTPUT", help="show this output over the sweep (the model's first)")
     complete(shown, output_names)
-    p.add_argument(
-        "--json",
-        type=Path,
-        nargs="?",
-        const=Path("-"),
-        metavar="FILE",
-        help="write all that is known as JSON; to standard output without FILE",
-    )
+    add_json(p)
     add_output(p, "MODEL/SCENE-sweep-PARAMETER")
     p.set_defaults(command=command_equilibrium)
 
