@@ -206,3 +206,16 @@ def test_numbers_that_are_none_are_null_in_json() -> None:
     found = mb.check(open_loop(), 1.0).as_dict()
     assert found["loops"][0]["gap"] is None
     assert json.loads(json.dumps(found, allow_nan=False)) == json.loads(json.dumps(found))
+
+
+def test_where_stability_sets_the_steps_an_implicit_solver_is_tried() -> None:
+    """A rotor at constant speed with something stiff and damped on it: the speed need not be followed."""
+    m = mb.Mechanism()
+    hub = m.body("hub", m.ground, mb.Revolute(rate=314.0, fixed=True), mass=1.0, inertia=(1.0, 1.0, 1.0))
+    disk = m.body("disk", hub, mb.Revolute(start=1e-3, fixed=True), mass=1e-3, inertia=(0.01, 0.01, 0.01))
+    m.force("shaft", mb.JointSpring(stiffness=1e3, damping=100.0), disk)
+    found = mb.check(m, 1.0, solver="adams")
+    assert found.limit == "stability"
+    assert found.suits is not None
+    assert found.suits.solver == "radau"
+    assert "it is stiff" in found.hard

@@ -358,3 +358,12 @@ def test_command_takes_several_solvers_and_tolerances(command: Any, tmp_path: Pa
     ]  # fmt: skip
     assert "judged by " in out
     assert "reference: the exact motion" in out
+
+
+def test_one_number_is_no_list_of_tolerances() -> None:
+    with pytest.raises(UserError, match=r"tolerances are 0\.0001; allowed: a list of them, such as"):
+        compare(FourBar(), tolerances=1e-4)  # type: ignore[arg-type]
+    with pytest.raises(UserError, match="solvers are 'adams'; allowed: a list"):
+        compare(FourBar(), solvers="adams")
+    with pytest.raises(UserError, match="budget is 'x' s; allowed"):
+        compare(FourBar(), budget="x")  # type: ignore[arg-type]

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 
 from fmus.fourbar import FourBar
+from fmus.governor import Governor
+from mbfmu.errors import UserError
 from mbfmu.simulation import Settings
-from mbfmu.studies.effects import Case, Entry, advice, as_text, costs
+from mbfmu.studies.effects import Case, Entry, advice, as_text, cases, costs
 
 DOWN = {"crank": -1.5, "coupler": 1.5, "rocker": -1.5}
 
@@ -88,3 +91,14 @@ def test_unknown_coordinate_is_named(command: Any) -> None:
     code, _, err = command("effects", "fourbar", "--from=crnk=1")
     assert code == 2
     assert "model 'fourbar' has no coordinate 'crnk'" in err
+
+
+def test_an_effect_without_values_is_refused() -> None:
+    @dataclass(frozen=True, kw_only=True)
+    class Odd(Governor):
+        """Effects as a list of names."""
+
+        effects: ClassVar[Any] = {"damper": ("damping",)}
+
+    with pytest.raises(UserError, match=r"'damper' is \('damping',\); allowed: values that turn it on"):
+        cases(Odd())

@@ -19,7 +19,7 @@ def add(commands: Commands) -> None:
         description="Run a model as it is, and with one of its effects switched at a time. Print the parameters, the "
         "CPU time of an evaluation and of the run, the first natural frequency about the steady state next to the "
         "start, and by how much outputs change at most over the run, of their ranges; and what to do with each effect: "
-        "leave it off where it changes nothing above 0.1 %%.",
+        "leave it off where it changes nothing above 0.1 %.",
         epilog="examples:\n  mbfmu effects sheet\n  mbfmu effects sheet --stop-time 0.1 --show tip.y --show energy\n",
     )
     add_steady(p)

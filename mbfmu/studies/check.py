@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.auto import Pick, suited
+from mbfmu.auto import COST, Pick, implicit, suited
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Mechanism, Plant
 from mbfmu.mechanics.numbers import finite
@@ -232,6 +232,7 @@ class _Look:
         self._go(watch)
         reached, statistics, failure, warning = run.t, run.statistics, run.failure, run.warning
         spectra, absolute = self._spectra(), self.scene.settings.options().absolute
+        limit, suits = self._limit(statistics, reached), suited(self.plant, spectra, absolute) if spectra else None
         return replace(
             found,
             solver=run.pick.solver,
@@ -241,12 +242,12 @@ class _Look:
             redundant=redundant,
             nearest=watch.nearest(run) if watch else None,
             stiffness=stiffness(spectra, absolute),
-            limit=self._limit(statistics, reached),
+            limit=limit,
             statistics=statistics,
             outputs=int(reached / self.scene.output_interval),
             failure=failure,
             warning=warning,
-            suits=suited(self.plant, spectra, absolute) if spectra else None,
+            suits=self._tried(suits, absolute) if limit == "stability" else suits,
             unseen=self._unseen(reached, failure),
         )
 
@@ -282,6 +283,23 @@ class _Look:
         if why:
             self.unseen.append(f"eigenvalues at {STATES - len(found)} of {STATES} states: {why}")
         return found
+
+    def _tried(self, suits: Pick | None, tolerance: float) -> Pick | None:
+        """Return what suits where stability sets the steps: eigenvalues do not tell whether an implicit solver needs
+        fewer, such as where something turns at a constant speed, so one is run.
+        """
+        if suits is None or suits.stiff:
+            return suits
+        run, (solver, size) = self.simulation, implicit(self.plant, tolerance)
+        other = Simulation(self.scene.model, replace(self.scene.settings, solver=solver))
+        begin = time.perf_counter()
+        for t in np.linspace(0.0, run.t, FEW + 1)[1:]:
+            if not other.advance(float(t)).ok or time.perf_counter() - begin > self.patience:
+                return suits
+        steps, own = run.statistics.steps, other.statistics.steps
+        if COST * own > steps:
+            return suits
+        return Pick(solver, f"stiff: it took {own} steps where {run.pick.solver!r} took {steps}; {size}", True)
 
     def _limit(self, s: Statistics, reached: float) -> str:
         """Return what set the length of most steps."""

@@ -237,6 +237,9 @@ def asked(
     values: Sequence[Resolution] | None,
 ) -> tuple[list[Resolution], Chosen]:
     """Return the resolutions, and what to run at each; what is not asked for is chosen by the mechanism."""
+    for name, given in (("solvers", solvers), ("tolerances", tolerances)):
+        if given is not None and (isinstance(given, str) or not isinstance(given, Sequence | np.ndarray)):
+            raise UserError(f"{name} are {given!r}; allowed: a list of them, such as [{given!r}]")
     steps = resolutions_of(scene.model, values)
     plants = [scene.model.with_values(step).plant() for step in steps]
     small = all(plant.system.has_matrices for plant in plants)

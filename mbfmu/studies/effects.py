@@ -94,6 +94,11 @@ def cases(model: Model) -> list[Case]:
     """Return the model as it is, and with each effect turned over."""
     found, on_now = [], []
     for effect, on in model.effects.items():
+        if not isinstance(on, Mapping):
+            raise UserError(
+                f"effects of model {model.name!r}: {effect!r} is {on!r}; allowed: values that turn it on, by the "
+                "names of parameters, such as {'damping': 2.0}"
+            )
         active = any(getattr(model, name) != 0 for name in on)
         off = {name: type(getattr(model, name))(0) for name in on}
         other = model.with_values(off if active else on)

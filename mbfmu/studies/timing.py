@@ -56,7 +56,7 @@ class Budget:
     spent: float = field(default=0.0, init=False)
 
     def __post_init__(self) -> None:
-        if not self.seconds > 0.0:
+        if not isinstance(self.seconds, int | float) or not self.seconds > 0.0:
             raise UserError(f"budget is {self.seconds!r} s; allowed: a number of seconds greater than zero")
 
     @property

@@ -56,7 +56,8 @@ def told(found: Comparison) -> list[str]:
     runs = {row.runs for row in found.rows}
     most = f"{min(runs)} to {max(runs)}" if len(runs) > 1 else f"{max(runs)}"
     lines = [
-        "error: the largest of an output over the run, as a part of the range of that output",
+        "error: the largest of an output over the run, as a part of the range of that output (of an energy: of what "
+        "was exchanged, if that is more)",
         f"CPU: median of {most} runs in turn, and the distance of their quartiles over it",
         f"judged by {listed(right.units)}",
         in_sentence(right),
