@@ -74,8 +74,8 @@ def library() -> Library:
 
 def serves() -> bool:
     """Whether kernels are compiled, and the library is one whose interface is known."""
-    config = _cy_common.config
-    known = config["SUNDIALS_FLOAT_TYPE"] == "double" and config["SUNDIALS_INT_TYPE"] == "int"
+    config = getattr(_cy_common, "config", {})
+    known = config.get("SUNDIALS_FLOAT_TYPE") == "double" and config.get("SUNDIALS_INT_TYPE") == "int"
     return bool(COMPILED and known and config["SUNDIALS_VERSION"].startswith("7.") and library().complete)
 
 
