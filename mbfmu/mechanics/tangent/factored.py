@@ -32,7 +32,7 @@ NOTHING = np.zeros((0, 0))
 class Scratch(NamedTuple):
     """Allocated once; W: rows of the largest two neighbors."""
 
-    F: Array  # (W, W)
+    F: Array  # (W + 6, W), the last six rows for folding
     S: Array  # (3..6, 6) dual basis of one joint
     N: Array  # (6, 6) directions a joint locks, rows
     C: Array  # (3, 3)
@@ -47,25 +47,26 @@ class Scratch(NamedTuple):
 
 
 class Panels(NamedTuple):
-    """Rows and columns of one group and of its neighbor inward on their way to blocks; the space is all groups'."""
+    """Columns of one group and of its neighbor inward that are left after their rows are folded, as rows, and six rows
+    for folding; the space is all groups'.
+    """
 
-    top: Array  # (size, size + after) rows of the group
-    left: Array  # (size, size + after) its columns, transposed
-    right: Array  # (after, size) what the neighbor does in the group's rows, transposed
-    lower: Array  # (after, size) what the group does in the neighbor's rows
+    own: Array  # (size + 6, kept) what the group does in its own rows
+    right: Array  # (after + 6, kept) what the neighbor does in the group's rows
+    lower: Array  # (size + 6, kept of the neighbor) what the group does in the neighbor's rows
     kept: NDArray[np.int64]  # rows of the group that stay after folding
     kept_inner: NDArray[np.int64]  # those of its neighbor
 
 
 @kernel
 def assemble(
-    group: int, c1: float, c2: float, L: Any, arrays: Any, state: Any, twin: Any, dual: Any, s: Any,
-    handed: Any, onward: Any, P: Any, B: Any,
+    group: int, size: int, after: int, c1: float, c2: float, L: Any, arrays: Any, state: Any, twin: Any, dual: Any,
+    s: Any, handed: Any, onward: Any, P: Any, B: Any,
 ) -> None:  # fmt: skip
-    """Fill the blocks B of a group. ``handed`` is what outer groups have added to its own rows, to ``onward`` it adds
-    what starts in it and belongs to its neighbor's.
+    """Fill the blocks B of a group of ``size`` rows, and ``after`` of its neighbor inward. ``handed`` is what outer
+    groups have added to its own rows, to ``onward`` it adds what starts in it and belongs to its neighbor's.
     """
-    F, size, after, inner = s.F, P.top.shape[0], P.right.shape[0], L.inward[group]
+    F, inner = s.F, L.inward[group]
     for i in range(size + after):
         for j in range(size + after):
             F[i, j] = 0.0
@@ -76,37 +77,36 @@ def assemble(
     for i in range(after):
         for j in range(after):
             onward[i, j] += F[size + i, size + j]
-    for i in range(size):
-        for j in range(size + after):
-            P.top[i, j] = F[i, j]
-    fold(P.top, 0, group, L, arrays, state)
-    turn_with_parents(group, L, arrays, state, twin, P.top, s)
-    for j in range(size):
-        for i in range(size):
-            P.left[j, i] = P.top[i, j]
-        for i in range(after):
-            P.left[j, size + i] = F[size + i, j]
-    fold(P.left, 0, group, L, arrays, state)
-    turn_themselves(group, L, arrays, state, twin, P.left, s)
-    take(P.left, P.kept, P.kept, B.D)
+    fold(F, 0, 0, size + after, group, L, arrays, state)
+    turn_with_parents(group, L, arrays, state, twin, F, s)
+    transpose(F, 0, P.kept, 0, size, P.own)
+    fold(P.own, 0, 0, P.kept.shape[0], group, L, arrays, state)
+    take(P.own, P.kept, B.D)
+    turn_themselves(group, L, arrays, state, twin, B.D, s)
     if after > 0:
-        for j in range(after):
-            for i in range(size):
-                P.right[j, i], P.lower[j, i] = P.top[i, size + j], P.left[i, size + j]
-        fold(P.right, 0, inner, L, arrays, state)
-        fold(P.lower, 0, inner, L, arrays, state)
-        take(P.right, P.kept_inner, P.kept, B.U)
-        for a in range(P.kept.shape[0]):
-            for b in range(P.kept_inner.shape[0]):
-                B.L[a, b] = P.lower[P.kept_inner[b], P.kept[a]]
+        transpose(F, 0, P.kept, size, after, P.right)
+        fold(P.right, 0, 0, P.kept.shape[0], inner, L, arrays, state)
+        take(P.right, P.kept_inner, B.U)
+        fold(F, size, 0, size, inner, L, arrays, state)
+        transpose(F, size, P.kept_inner, 0, size, P.lower)
+        fold(P.lower, 0, 0, P.kept_inner.shape[0], group, L, arrays, state)
+        take(P.lower, P.kept, B.L)
 
 
 @inlined
-def take(F: Any, rows: Any, columns: Any, out: Any) -> None:
-    """out <- these rows and columns of F."""
+def transpose(F: Any, offset: int, rows: Any, first: int, count: int, out: Any) -> None:
+    """out (count, rows) <- these rows of F from ``offset`` on, columns from ``first`` on."""
     for a in range(rows.shape[0]):
-        for b in range(columns.shape[0]):
-            out[a, b] = F[rows[a], columns[b]]
+        for b in range(count):
+            out[b, a] = F[offset + rows[a], first + b]
+
+
+@inlined
+def take(F: Any, rows: Any, out: Any) -> None:
+    """out <- these rows of F."""
+    for a in range(rows.shape[0]):
+        for b in range(out.shape[1]):
+            out[a, b] = F[rows[a], b]
 
 
 class Unknowns(NamedTuple):
@@ -121,7 +121,7 @@ class Unknowns(NamedTuple):
 
 @kernel
 def solve(r: Any, L: Any, arrays: Any, state: Any, factors: Any, s: Any, b: Any, dq: Any) -> None:
-    """dq (n, columns) with T dq = r; b (rows, columns) is zero, and used up."""
+    """dq (n, columns) with T dq = r; b (rows + 6, columns) is zero, and used up."""
     spread_load(r, s.base, L, arrays, state, s.dual, b)
     for c in range(r.shape[1]):
         for i in range(s.rows.shape[0]):
@@ -141,7 +141,7 @@ class Solving(NamedTuple):
     factors: Any
     unknowns: Any
     r: Array  # (n, 1)
-    b: Array  # (rows, 1)
+    b: Array  # (rows + 6, 1)
     dq: Array  # (n, 1)
 
 
@@ -201,7 +201,7 @@ class Tangent:
         z = np.zeros
         most = 6 * max(4, int(np.diff(self.layout.first_body).max(initial=0)))
         self._scratch = Scratch(
-            F=z((widest, widest)),
+            F=z((widest + 6, widest)),
             S=z((6, 6)),
             N=z((6, 6)),
             C=z((3, 3)),
@@ -227,7 +227,9 @@ class Tangent:
         n = len(state.v)
         arrays_, state_, L, _ = self._held
         self.data = hold(
-            Solving(L, arrays_, state_, self._tree.factors, self._unknowns, z((n, 1)), z((self._rows, 1)), z((n, 1)))
+            Solving(
+                L, arrays_, state_, self._tree.factors, self._unknowns, z((n, 1)), z((self._rows + 6, 1)), z((n, 1))
+            )
         )
         self.solve_one, self.inertia_one = tangent_callbacks(held_type(self.data) if COMPILED else None)
         own = state._replace(S=state.S[:0], U=state.U[:0], D=state.D[:0])
@@ -238,18 +240,20 @@ class Tangent:
 
     def _share_panels(self, kept: list[NDArray[np.int64]]) -> list[Panels]:
         """Return the panels of every group."""
-        none, sizes, inward = np.zeros(0, np.int64), [*self._sizes, 0], self.layout.inward
-        pairs = [(size, sizes[inner]) for size, inner in zip(self._sizes, inward, strict=True)]
-        most = max((a * (a + b) for a, b in pairs), default=0), max((a * b for a, b in pairs), default=0)
-        space = [np.zeros(most[0]), np.zeros(most[0]), np.zeros(most[1]), np.zeros(most[1])]
+        none, inward = np.zeros(0, np.int64), self.layout.inward.tolist()
+        widest = max((len(own) for own in kept), default=0)
+        space = np.zeros((3, (max(self._sizes, default=0) + 6) * widest))
 
         def share(k: int, rows: int, columns: int) -> Array:
-            return space[k][: rows * columns].reshape(rows, columns)
+            return space[k, : (rows + 6) * columns].reshape(rows + 6, columns)
 
-        return [
-            Panels(share(0, a, a + b), share(1, a, a + b), share(2, b, a), share(3, b, a), rows, inner_rows)
-            for (a, b), rows, inner_rows in zip(pairs, kept, [kept[k] if k >= 0 else none for k in inward], strict=True)
-        ]
+        panels = []
+        for size, own, k in zip(self._sizes, kept, inward, strict=True):
+            after, inner = (self._sizes[k], kept[k]) if k >= 0 else (0, none)
+            panels.append(
+                Panels(share(0, size, len(own)), share(1, after, len(own)), share(2, size, len(inner)), own, inner)
+            )
+        return panels
 
     def factor(self, c1: float, c2: float, weight: Array | None = None) -> bool:
         """Assemble and factor T at the state of the last inverse dynamics; False where it is singular.
@@ -277,7 +281,10 @@ class Tangent:
             if inner >= 0 and inner not in handed:
                 onward = handed[inner] = np.zeros((after, after))
             blocks = self._tree.blocks[group]
-            assemble(group, c1, c2, L, arrays, state, twin, self._dual, s, own, onward, panels, blocks)
+            assemble(
+                group, self._sizes[group], after, c1, c2, L, arrays, state, twin, self._dual,
+                s, own, onward, panels, blocks,
+            )  # fmt: skip
             if not self._tree.eliminate(group):
                 return False
         return True
@@ -285,7 +292,7 @@ class Tangent:
     def solve(self, r: Array) -> Array:
         """Return dq with T dq = r, both (n,) or (n, columns), by the last factors."""
         columns = np.ascontiguousarray(r.reshape(len(r), -1))
-        (arrays, state, L, _), b = self._held, np.zeros((self._rows, columns.shape[1]))
+        (arrays, state, L, _), b = self._held, np.zeros((self._rows + 6, columns.shape[1]))
         dq = np.zeros(columns.shape)
         solve(columns, L, arrays, state, self._tree.factors, self._unknowns, b, dq)
         return dq.reshape(r.shape)

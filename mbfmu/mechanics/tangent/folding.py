@@ -7,37 +7,71 @@ from __future__ import annotations
 from typing import Any
 
 from mbfmu.mechanics.spatial import add_wrench, row_dot6, shift_motion
-from solvers.compiled.kernel import kernel
+from solvers.compiled.kernel import inlined, kernel
 
 from .layout import FIXED, INNER, OUTER
 
 
+@inlined
+def add_row(x: Any, y: Any) -> None:
+    """y += x."""
+    for c in range(y.shape[0]):
+        y[c] += x[c]
+
+
+@inlined
+def add_moment(m: Any, y: float, z: float, fy: Any, fz: Any, out: Any) -> None:
+    """out += m + y fz - z fy: one axis of a moment about another point."""
+    for c in range(out.shape[0]):
+        out[c] += m[c] + y * fz[c] - z * fy[c]
+
+
+@inlined
+def combine(s: Any, f: Any, out: Any) -> None:
+    """out <- s . f, of six rows f."""
+    f0, f1, f2, f3, f4, f5 = f
+    s0, s1, s2, s3, s4, s5 = s[0], s[1], s[2], s[3], s[4], s[5]
+    for c in range(out.shape[0]):
+        out[c] = s0 * f0[c] + s1 * f1[c] + s2 * f2[c] + s3 * f3[c] + s4 * f4[c] + s5 * f5[c]
+
+
+@inlined
+def six_rows(F: Any, i: int, begin: int, end: int) -> Any:
+    """Rows i to i + 5 of F, these columns."""
+    return (
+        F[i, begin:end], F[i + 1, begin:end], F[i + 2, begin:end],
+        F[i + 3, begin:end], F[i + 4, begin:end], F[i + 5, begin:end],
+    )  # fmt: skip
+
+
 @kernel
-def shift_rows(F: Any, i: int, j: int, x: float, y: float, z: float) -> None:
+def shift_rows(F: Any, i: int, j: int, begin: int, end: int, x: float, y: float, z: float) -> None:
     """Rows of a wrench at body i's slot, added at body j's: X^T, with (x, y, z) from j to i."""
-    for c in range(F.shape[1]):
-        f0, f1, f2 = F[i, c], F[i + 1, c], F[i + 2, c]
-        F[j, c] += f0
-        F[j + 1, c] += f1
-        F[j + 2, c] += f2
-        F[j + 3, c] += F[i + 3, c] + y * f2 - z * f1
-        F[j + 4, c] += F[i + 4, c] + z * f0 - x * f2
-        F[j + 5, c] += F[i + 5, c] + x * f1 - y * f0
+    f, out = six_rows(F, i, begin, end), six_rows(F, j, begin, end)
+    for k in range(3):
+        add_row(f[k], out[k])
+    add_moment(f[3], y, z, f[1], f[2], out[3])
+    add_moment(f[4], z, x, f[2], f[0], out[4])
+    add_moment(f[5], x, y, f[0], f[1], out[5])
 
 
 @kernel
-def project_rows(F: Any, i: int, S: Any, vi: int, nv: int) -> None:
+def project_rows(F: Any, i: int, begin: int, end: int, S: Any, vi: int, nv: int) -> None:
     """Rows at slot i <- S^T rows: the first nv of the six."""
-    for c in range(F.shape[1]):
-        f0, f1, f2, f3, f4, f5 = F[i, c], F[i + 1, c], F[i + 2, c], F[i + 3, c], F[i + 4, c], F[i + 5, c]
-        for k in range(nv):
-            s = S[vi + k]
-            F[i + k, c] = s[0] * f0 + s[1] * f1 + s[2] * f2 + s[3] * f3 + s[4] * f4 + s[5] * f5
+    f, projected = six_rows(F, i, begin, end), six_rows(F, F.shape[0] - 6, begin, end)
+    for k in range(nv):
+        combine(S[vi + k], f, projected[k])
+    for k in range(nv):
+        for c in range(end - begin):
+            f[k][c] = projected[k][c]
 
 
 @kernel
-def fold(F: Any, offset: int, group: int, L: Any, arrays: Any, state: Any) -> None:
-    """Fold the inner bodies of a group onto their parents: rows of F from ``offset`` on; columns by the transpose."""
+def fold(F: Any, offset: int, begin: int, end: int, group: int, L: Any, arrays: Any, state: Any) -> None:
+    """Fold the inner bodies of a group onto their parents: rows of F from ``offset`` on, columns ``begin`` to ``end``.
+
+    The last six rows of F are scratch. Columns are folded as rows of the transpose.
+    """
     for m in range(L.first[group + 1] - 1, L.first[group] - 1, -1):
         i = L.members[m]
         if L.role[i] != INNER:
@@ -47,13 +81,16 @@ def fold(F: Any, offset: int, group: int, L: Any, arrays: Any, state: Any) -> No
         here, parent = state.bodies[i], state.bodies[j]
         if L.role[j] != FIXED:
             x, y, z = here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2]
-            shift_rows(F, offset + L.slot[i], offset + L.slot[j], x, y, z)
-        project_rows(F, offset + L.slot[i], state.S, body.vi, body.nv if body.vf >= 0 else 0)
+            shift_rows(F, offset + L.slot[i], offset + L.slot[j], begin, end, x, y, z)
+        project_rows(F, offset + L.slot[i], begin, end, state.S, body.vi, body.nv if body.vf >= 0 else 0)
 
 
 @kernel
 def spread_load(r: Any, base: Any, L: Any, arrays: Any, state: Any, dual: Any, b: Any) -> None:
-    """b: joint forces r (n, columns) as wrenches where a joint is outer, folded, then as they are where it is inner."""
+    """b: joint forces r (n, columns) as wrenches where a joint is outer, folded, then as they are where it is inner.
+
+    Its last six rows are scratch.
+    """
     for m in range(L.members.shape[0]):
         i = L.members[m]
         body = arrays.bodies[i]
@@ -73,7 +110,7 @@ def spread_load(r: Any, base: Any, L: Any, arrays: Any, state: Any, dual: Any, b
                 b[atj + 4, c] -= (z * d[0] - x * d[2]) * load
                 b[atj + 5, c] -= (x * d[1] - y * d[0]) * load
     for group in range(L.first.shape[0] - 1):
-        fold(b, base[group], group, L, arrays, state)
+        fold(b, base[group], 0, b.shape[1], group, L, arrays, state)
     for m in range(L.members.shape[0]):
         i = L.members[m]
         body = arrays.bodies[i]

@@ -180,7 +180,7 @@ def turn_with_parents(group: int, L: Any, arrays: Any, state: Any, twin: Any, F:
 
 @kernel
 def turn_themselves(group: int, L: Any, arrays: Any, state: Any, twin: Any, columns: Any, s: Any) -> None:
-    """Add the turning of a group's inner joints by their own positions, after that, to F by ``columns``."""
+    """Add the turning of a group's inner joints by their own positions, after that, to what is kept, by columns."""
     for m in range(L.first[group], L.first[group + 1]):
         i = L.members[m]
         body = arrays.bodies[i]
@@ -188,4 +188,4 @@ def turn_themselves(group: int, L: Any, arrays: Any, state: Any, twin: Any, colu
             turning(i, arrays, state, twin, s)
             for k in range(body.nv):
                 for l in range(body.nv):
-                    columns[L.slot[i] + l, L.slot[i] + k] += s.G[k, l]
+                    columns[L.kept[i] + l, L.kept[i] + k] += s.G[k, l]

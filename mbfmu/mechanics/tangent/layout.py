@@ -26,6 +26,7 @@ class Layout(NamedTuple):
     group: NDArray[np.int64]  # (nb,)
     inward: NDArray[np.int64]  # (groups,) neighbor inward; -1: none
     slot: NDArray[np.int64]  # (nb,) first of the body's six rows
+    kept: NDArray[np.int64]  # (nb,) first of those that stay after folding, among all that stay
     lock: NDArray[np.int64]  # (nb,) first of its joint's multipliers, outer bodies
     first: NDArray[np.int64]  # (groups + 1,) into ``members``
     members: NDArray[np.int64]  # bodies of every group, parents first
@@ -45,7 +46,7 @@ class Layout(NamedTuple):
 def lay_out(arrays: Any, found: Groups, acting: Sequence[Acting]) -> tuple[Layout, list[NDArray[np.int64]], list[int]]:
     """Return where everything goes, and for every group the rows that stay unknown after folding, and its size."""
     nb, groups, inward = len(arrays.bodies), found.of, found.inward
-    role, slot, lock = (np.zeros(nb, np.int64) for _ in range(3))
+    role, slot, place, lock = (np.zeros(nb, np.int64) for _ in range(4))
     members: list[list[int]] = [[] for _ in inward]
     for i in range(1, nb):
         body = arrays.bodies[i]
@@ -63,7 +64,7 @@ def lay_out(arrays: Any, found: Groups, acting: Sequence[Acting]) -> tuple[Layou
     for own in members:
         rows: list[int] = []
         for k, i in enumerate(own):
-            slot[i] = 6 * k
+            slot[i], place[i] = 6 * k, len(rows)
             free = int(arrays.bodies[i]["nv"]) if arrays.bodies[i]["vf"] >= 0 else 0
             rows += range(6 * k, 6 * k + (6 if role[i] == OUTER else free))
         size = 6 * len(own)
@@ -90,6 +91,7 @@ def lay_out(arrays: Any, found: Groups, acting: Sequence[Acting]) -> tuple[Layou
         group=groups,
         inward=inward,
         slot=slot,
+        kept=place,
         lock=lock,
         first=offsets(members),
         members=flat,
