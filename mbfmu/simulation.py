@@ -95,8 +95,8 @@ class Simulation:
             q, v = found.q, found.v
         else:
             q, v = self.plant.assemble(t0)
-        own_solver, tolerance = settings.solver != AUTO, settings.options().absolute
-        self.pick = Pick(settings.solver) if own_solver else pick(self.plant, t0, q, v, tolerance)
+        found_out = settings.solver == AUTO
+        self.pick = pick(self.plant, [(t0, q, v)], settings.options()) if found_out else Pick(settings.solver)
         self.stepper = self._stepper(t0, q, v)
         self.variables = (*self.plant.outputs, *VARIABLES)
         unique(["time", *(v.name for v in (*self.plant.inputs.variables, *self.variables))])
