@@ -28,7 +28,6 @@ from mbfmu.mechanics import Plant
 from mbfmu.spectrum import spectrum
 from solvers import stepper
 from solvers.options import Options
-from solvers.stepper import Stepper
 from solvers.system import LARGEST_DENSE, Array
 
 STEPS, IMPLICIT_STEPS = 300, 60  # of a trial, of the explicit solver and of the implicit one
@@ -60,6 +59,7 @@ class Pick(NamedTuple):
 class _Trial(NamedTuple):
     """What a solver did in a trial."""
 
+    end: State
     took: float  # s
     cost: float  # evaluations for a second of motion, 1/s; infinite where it did not get anywhere
     limited: bool  # whether stability set the length of steps
@@ -76,8 +76,8 @@ def pick(plant: Plant, states: Sequence[State], options: Options) -> Pick:
     if not any(trial.limited for trial in tried):
         return Pick(first, f"not stiff: accuracy sets its steps; {size}")
     other, other_size = implicit(plant, options.absolute)
-    others = [_implicit(plant, other, state, options, trial) for state, trial in zip(states, tried, strict=True)]
-    cost, least = (sum(trial.cost for trial in family) / len(states) for family in (tried, others))
+    costs = [_costs(plant, first, other, *both, options) for both in zip(states, tried, strict=True)]
+    cost, least = (sum(family) / len(states) for family in zip(*costs, strict=True))
     numbers = f"a second costs {cost:.3g} evaluations by {first!r}, and as much as {least:.3g} by {other!r}"
     if least < cost:
         return Pick(other, f"stiff: {numbers}; {other_size}", True)
@@ -85,30 +85,28 @@ def pick(plant: Plant, states: Sequence[State], options: Options) -> Pick:
 
 
 def _explicit(plant: Plant, solver: str, state: State, options: Options) -> _Trial:
-    trial, begin = _start(plant, solver, state, options, STEPS), state[0]
-    if trial is None:
-        return _Trial(0.0, inf, False)
-    trial.advance(begin + LONGEST / (_rate(plant, state) or 1.0))
-    return _trial(trial, begin, 1.0, trial.statistics.stability_limited > 0)
+    return _trial(plant, solver, state, options, [LONGEST / (_rate(plant, state) or 1.0)], STEPS)
 
 
-def _implicit(plant: Plant, solver: str, state: State, options: Options, before: _Trial) -> _Trial:
-    """Return what the implicit solver costs where the explicit one went as ``before`` says; it is tried last, since
-    that takes longest.
+def _costs(plant: Plant, first: str, other: str, state: State, before: _Trial, options: Options) -> tuple[float, float]:
+    """Return what a second from this state on costs the explicit solver and the implicit one, 1/s.
+
+    ``before`` is the trial of the explicit one. The implicit one is tried last, since that takes longest, and gets on:
+    where it ends is the second state, about which the explicit one and the estimate are asked again.
     """
-    whole, weight = FAR * before.took, WEIGHT[solver]
+    weight, whole = WEIGHT[other], FAR * before.took
     least = weight * LEAST * plant.system.rate
-    if not before.cost > least:
-        return _Trial(whole, least, False)
+    if not before.took:
+        return 0.0, 0.0
+    if not least < before.cost:
+        return before.cost, least
     later = max(least, weight * _later(plant, state, options.absolute, whole))
-    trial = _start(plant, solver, state, options, IMPLICIT_STEPS) if before.took and later >= before.cost else None
-    if trial is None:
-        return _Trial(whole, later, False)
-    for rung in range(RUNGS, -1, -1):
-        if not trial.advance(state[0] + whole / 2.0**rung).ok or trial.statistics.steps > IMPLICIT_STEPS:
-            break
-    found = _trial(trial, state[0], weight, False)
-    return found._replace(cost=max(least, min(found.cost, later)))
+    if later < before.cost:
+        return before.cost, later
+    trial = _trial(plant, other, state, options, [whole / 2.0**rung for rung in range(RUNGS, -1, -1)], IMPLICIT_STEPS)
+    again = _explicit(plant, first, trial.end, options)
+    later = weight * _later(plant, trial.end, options.absolute, FAR * again.took)
+    return again.cost if again.took else before.cost, max(least, min(weight * trial.cost, later))
 
 
 def _later(plant: Plant, state: State, tolerance: float, after: float) -> float:
@@ -129,17 +127,22 @@ def _rate(plant: Plant, state: State) -> float:
     return max(float(plant.system.rate), float(np.abs(state[2] / plant.system.size).max()))
 
 
-def _start(plant: Plant, solver: str, state: State, options: Options, steps: int) -> Stepper | None:
-    """Return a solver for a trial; None where it refuses the start, which the run will say."""
+def _trial(plant: Plant, solver: str, state: State, options: Options, times: Sequence[float], steps: int) -> _Trial:
+    """Try a solver for these times (s) one after the other, until it has taken so many steps.
+
+    A start that it refuses gets nowhere here; the run will say why.
+    """
+    begin = state[0]
     try:
-        return stepper(solver, plant.system, *state, replace(options, max_steps=steps, audit=False))
+        trial = stepper(solver, plant.system, *state, replace(options, max_steps=steps, audit=False))
     except ValueError:
-        return None
-
-
-def _trial(trial: Stepper, begin: float, weight: float, limited: bool) -> _Trial:
-    took = trial.t - begin
-    return _Trial(took, weight * trial.statistics.rhs_evals / took if took > 0.0 else inf, limited)
+        return _Trial(state, 0.0, inf, False)
+    for t in times:
+        if not trial.advance(begin + t).ok or trial.statistics.steps > steps:
+            break
+    done, took = trial.statistics, trial.t - begin
+    cost = done.rhs_evals / took if took > 0.0 else inf
+    return _Trial((trial.t, trial.q, trial.v), took, cost, done.stability_limited > 0)
 
 
 def explicit(plant: Plant) -> tuple[str, str]:

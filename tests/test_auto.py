@@ -128,6 +128,7 @@ CASES: dict[str, tuple[Callable[[], Any], float, str]] = {
     "elastic coupler, stiff, followed": (lambda: stiff_coupler(coupler_damping=0.0), 1e-8, "adams"),
     "ladder of large loops": (lambda: ladder(6), 1e-6, "hybrid"),
     "sheet": (lambda: Sheet(nx=7, nz=5), 1e-4, "esdirk"),
+    "sheet that stiffens as it bends": (lambda: load_scene("sheet/default").model, 1e-5, "esdirk"),
     "sheet, swings followed": (lambda: Sheet(nx=7, nz=5), 1e-7, "adams"),
     "sheet, damped": (lambda: Sheet(nx=7, nz=5, damping=0.01), 1e-6, "esdirk"),
     "sheet, damped, finer than esdirk": (lambda: Sheet(nx=7, nz=5, damping=0.01), 1e-8, "ida"),
