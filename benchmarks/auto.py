@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 Point = tuple[float, float]  # error, CPU time (s)
 
 POINTS = 41  # of time at which errors are taken
-LONGEST, LONGEST_OF_REFERENCE = 20.0, 90.0  # s of CPU time, after which a run is given up
+LONGEST, LONGEST_OF_REFERENCE = 3.0, 60.0  # s of CPU time, after which a run is given up
 QUICK = 0.2  # s; longer runs are not repeated
 TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)
 DOWN = (0.0, -9.81, 0.0)

@@ -26,6 +26,7 @@ import numpy as np
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Plant
 from mbfmu.spectrum import spectrum
+from mbfmu.table import counted
 from solvers import stepper
 from solvers.options import Options
 from solvers.system import LARGEST_DENSE, Array
@@ -44,7 +45,7 @@ COARSE = 1e-6  # tightest tolerance of esdirk
 State = tuple[float, Array, Array]  # t (s), q (nq,), v (n,)
 
 
-class Pick(NamedTuple):
+class SolverPick(NamedTuple):
     """A solver, and why ``auto`` took it; without a reason it was asked for."""
 
     solver: str
@@ -65,23 +66,23 @@ class _Trial(NamedTuple):
     limited: bool  # whether stability set the length of steps
 
 
-def pick(plant: Plant, states: Sequence[State], options: Options) -> Pick:
+def pick(plant: Plant, states: Sequence[State], options: Options) -> SolverPick:
     """Return the solver of the cheaper family for motions from these states, which must keep the constraints."""
     if not plant.system.n:
-        return Pick("adams", "drives say where everything is, and nothing is integrated")
+        return SolverPick("adams", "drives say where everything is, and nothing is integrated")
     first, size = explicit(plant)
     if first == "ida":
-        return Pick(first, size)
+        return SolverPick(first, size)
     tried = [_explicit(plant, first, state, options) for state in states]
     if not any(trial.limited for trial in tried):
-        return Pick(first, f"not stiff: accuracy sets its steps; {size}")
+        return SolverPick(first, f"not stiff: accuracy sets its steps; {size}")
     other, other_size = implicit(plant, options.absolute)
     costs = [_costs(plant, first, other, *both, options) for both in zip(states, tried, strict=True)]
     cost, least = (sum(family) / len(states) for family in zip(*costs, strict=True))
     numbers = f"a second costs {cost:.3g} evaluations by {first!r}, and as much as {least:.3g} by {other!r}"
     if least < cost:
-        return Pick(other, f"stiff: {numbers}; {other_size}", True)
-    return Pick(first, f"not stiff: {numbers}; {size}")
+        return SolverPick(other, f"stiff: {numbers}; {other_size}", True)
+    return SolverPick(first, f"not stiff: {numbers}; {size}")
 
 
 def _explicit(plant: Plant, solver: str, state: State, options: Options) -> _Trial:
@@ -147,28 +148,23 @@ def _trial(plant: Plant, solver: str, state: State, options: Options, times: Seq
 
 def explicit(plant: Plant) -> tuple[str, str]:
     """Return the solver to take where nothing is stiff, and what its size has to do with it."""
-    s = plant.system
+    s, size = plant.system, counted(plant.system.n, "coordinate")
     if not s.has_matrices and not s.m:
-        return "adams", f"a tree of {_count(s.n)} without loops, by its recursions"
+        return "adams", f"a tree of {size} without loops, by its recursions"
     if s.n > LARGEST_DENSE:
-        return "ida", f"the only one for {_count(s.n)} with loops"
+        return "ida", f"the only one for {size} with loops"
     if s.m >= WIDE:
-        return "hybrid", f"{_count(s.n)} under {s.m} rows of loops, the dependent ones by LU"
-    rows = f"{s.m} rows" if s.m > 1 else "a row"
-    return "adams", f"{_count(s.n)} under {rows} of loops" if s.m else f"{_count(s.n)} without loops"
+        return "hybrid", f"{size} under {s.m} rows of loops, the dependent ones by LU"
+    return "adams", f"{size} under {counted(s.m, 'row')} of loops" if s.m else f"{size} without loops"
 
 
 def implicit(plant: Plant, tolerance: float) -> tuple[str, str]:
     """Return the solver to take where something is stiff, and what its size has to do with it."""
-    s = plant.system
+    s, size = plant.system, counted(plant.system.n, "coordinate")
     if s.has_matrices:
-        return "radau", f"{_count(s.n)}, by matrices"
+        return "radau", f"{size}, by matrices"
     if s.m:
-        return "ida", f"a tree of {_count(s.n)} with {s.m} rows of loops"
+        return "ida", f"a tree of {size} with {counted(s.m, 'row')} of loops"
     if tolerance < COARSE:
-        return "ida", f"a tree of {_count(s.n)}, and a tolerance below {COARSE:g}, for which esdirk is no good"
-    return "esdirk", f"a tree of {_count(s.n)} without loops, by its recursions"
-
-
-def _count(coordinates: int) -> str:
-    return f"{coordinates} coordinates" if coordinates != 1 else "one coordinate"
+        return "ida", f"a tree of {size}, and a tolerance below {COARSE:g}, for which esdirk is no good"
+    return "esdirk", f"a tree of {size} without loops, by its recursions"

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.auto import Pick, State, pick
+from mbfmu.auto import SolverPick, State, pick
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Mechanism, Plant
 from mbfmu.mechanics.numbers import finite
@@ -29,6 +29,7 @@ from solvers.options import Statistics
 
 SAMPLES, FEW = 200, 40  # states of a run that are looked at; of a large tree
 STATES = 5  # of them about which eigenvalues are taken
+NOISE = 1e-8  # of eigenvalues, and of the squares of those that are zero
 PATIENCE = 10.0  # s; a run that takes longer is left where it is
 
 
@@ -130,7 +131,7 @@ class Findings:
     outputs: int = 0
     failure: str = ""
     warning: str = ""
-    suits: Pick | None = None
+    suits: SolverPick | None = None
     unseen: tuple[str, ...] = ()
 
     @property
@@ -318,7 +319,7 @@ def stiffness(found: list[Spectrum], tolerance: float) -> Stiffness | None:
         return None
     fastest = max(found, key=lambda f: abs(f.fastest))
     return Stiffness(
-        eigenvalue=fastest.fastest,
+        eigenvalue=without_noise(fastest.fastest, fastest.own),
         t=fastest.t,
         coordinate=fastest.leading,
         own=max(f.own for f in found),
@@ -326,3 +327,13 @@ def stiffness(found: list[Spectrum], tolerance: float) -> Stiffness | None:
         tolerance=tolerance,
         states=len(found),
     )
+
+
+def without_noise(value: complex, own: float) -> complex:
+    """Return an eigenvalue with zero in place of what is rounding, beside a motion of its ``own`` rate, 1/s.
+
+    Differences err in squares of rates: a double eigenvalue of zero comes out as the root of that.
+    """
+    if abs(value) ** 2 <= NOISE * own**2:
+        return 0j
+    return complex(*(part if abs(part) > NOISE * abs(value) else 0.0 for part in (value.real, value.imag)))
