@@ -28,8 +28,9 @@ def load_module(path: Path) -> ModuleType:
     module.__dict__["__mbfmu_file__"] = str(path)
     sys.modules[name] = module
     try:
-        with _folder_on_path(path.resolve().parent):
+        with _folder_on_path(path.resolve().parent) as taken:
             spec.loader.exec_module(module)
+        module.__dict__["__mbfmu_beside__"] = tuple(sorted(taken))
     except (Exception, SystemExit) as error:
         del sys.modules[name]
         raise UserError(f"model file {str(path)!r} cannot be imported: {type(error).__name__}: {error}") from error
@@ -37,16 +38,25 @@ def load_module(path: Path) -> ModuleType:
 
 
 @contextmanager
-def _folder_on_path(folder: Path) -> Iterator[None]:
-    """Let what is in a folder be imported, and forget modules from there: others may have others of the same names."""
-    before = set(sys.modules)
+def _folder_on_path(folder: Path) -> Iterator[list[str]]:
+    """Let what is in a folder be imported, and forget modules from there: others may have others of the same names.
+
+    Yields a list, in which the names of what was forgotten are afterwards. Where the folder is on the path anyway they
+    are found without this, and nothing is forgotten.
+    """
+    before: set[str] = set(sys.modules)
+    taken: list[str] = []
+    if any(Path(place).resolve() == folder for place in sys.path):
+        yield taken
+        return
     sys.path.insert(0, str(folder))
     importlib.invalidate_caches()
     try:
-        yield
+        yield taken
     finally:
         sys.path.remove(str(folder))
         for name in set(sys.modules) - before:
             file, own = getattr(sys.modules[name], "__file__", None), hasattr(sys.modules[name], "__mbfmu_file__")
             if file and Path(file).resolve().parent == folder and not own:
                 del sys.modules[name]
+                taken.append(name)

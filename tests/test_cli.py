@@ -22,6 +22,8 @@ from mbfmu import curves, native
 from mbfmu.cli import models, parser
 from mbfmu.cli.common import scene_of
 from mbfmu.cli.results import results
+from mbfmu.errors import UserError
+from mbfmu.fmi.export import own_source
 from mbfmu.interface import Role, interface
 from mbfmu.model import declared, find
 from mbfmu.result import Result
@@ -182,6 +184,8 @@ def test_a_model_may_import_what_is_beside_it(tmp_path: Path) -> None:
     assert [find(f"{tmp_path / folder / 'model.py'}:Arm")().length for folder in ("a", "b")] == [1.0, 2.0]
     assert sys.path == before
     assert "lengths" not in sys.modules
+    with pytest.raises(UserError, match="model 'Arm' imports 'lengths' from beside its file, which an FMU does not"):
+        own_source(find(f"{tmp_path / 'a' / 'model.py'}:Arm"))
 
 
 @pytest.mark.parametrize("way", ["root", "model", "above"])
