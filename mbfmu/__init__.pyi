@@ -69,17 +69,17 @@ from .steady.linear import StateSpace
 from .steady.problem import equilibrium, linearize, modes
 from .steady.state import Equilibrium
 from .studies.check import Findings, check
-from .studies.choose import Choice, choose
+from .studies.choose import TargetChoice, choose
 from .studies.compare import Comparison, compare
 from .viewer.show import view
 
 __all__ = [
-    "AssemblyError", "Beam", "BeamElement", "Box", "Bushing", "Cam", "Choice", "Comparison", "Cylinder",
-    "Cylindrical", "CylindricalCut", "DistanceCut", "DistanceStop", "Equilibrium", "EquilibriumError", "Findings",
-    "Floating", "Function", "Gear", "Geodesic", "Harmonic", "Input", "JointForce", "JointSpring", "JointStop",
-    "Mechanism", "Model", "OutOfPlane", "Planar", "PlanarCut", "PlaneCut", "Plate", "PointForce", "Polynomial",
-    "Product", "Ramp", "Result", "Revolute", "RevoluteCut", "RunUp", "Screw", "Settings", "Simulation",
-    "SpeedInput", "Sphere", "Spherical", "SphericalCut", "Spring", "StateSpace", "Step", "Sum", "Support", "Table",
+    "AssemblyError", "Beam", "BeamElement", "Box", "Bushing", "Cam", "Comparison", "Cylinder", "Cylindrical",
+    "CylindricalCut", "DistanceCut", "DistanceStop", "Equilibrium", "EquilibriumError", "Findings", "Floating",
+    "Function", "Gear", "Geodesic", "Harmonic", "Input", "JointForce", "JointSpring", "JointStop", "Mechanism",
+    "Model", "OutOfPlane", "Planar", "PlanarCut", "PlaneCut", "Plate", "PointForce", "Polynomial", "Product",
+    "Ramp", "Result", "Revolute", "RevoluteCut", "RunUp", "Screw", "Settings", "Simulation", "SpeedInput", "Sphere",
+    "Spherical", "SphericalCut", "Spring", "StateSpace", "Step", "Sum", "Support", "Table", "TargetChoice",
     "Torque", "TorsionSpring", "Translational", "TranslationalCut", "Universal", "UserError", "Weld", "WeldCut",
     "add_chain", "add_sheet", "box", "check", "choose", "compare", "cylinder", "equilibrium", "export", "find",
     "linearize", "models", "modes", "parameter", "rod", "simulate", "sphere", "tube", "view",

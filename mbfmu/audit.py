@@ -136,7 +136,9 @@ def distance(plant: Plant, t: float, q: Array, rank: int | None = None) -> tuple
     J = J / row_sizes(plant, np.linalg.norm(J, axis=1))[:, None]
     U, sigma, _ = np.linalg.svd(J, full_matrices=False)
     last = (int(np.sum(sigma > 1e-12 * sigma[0])) if rank is None else rank) - 1
-    return float(sigma[last] / sigma[0]), np.abs(U[:, last])
+    part, U = np.abs(U[:, last]), U[:, : last + 1]
+    tied = np.abs(np.eye(len(U)) - U @ U.T) @ part  # rows that depend on those that take part do so too
+    return float(sigma[last] / sigma[0]), np.maximum(part, tied)
 
 
 def row_sizes(plant: Plant, lengths: Array) -> Array:

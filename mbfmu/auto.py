@@ -1,39 +1,51 @@
-"""The solver that ``auto`` stands for: chosen once, before the run, from the model as it starts.
+"""The solver that ``auto`` stands for: found before the run by trying, from the model as it starts.
 
-What a family costs is counted in steps of ``adams`` a second, from the eigenvalues about the start
-(:mod:`mbfmu.spectrum`). An explicit solver follows the fastest motion there is, at rest or not. An implicit one follows
-what swings farther than the tolerance and does not decay at once; its steps cost more::
+Eigenvalues do not tell what a solver has to follow: something that turns at a constant speed needs no steps. So both
+families run for a while, at the settings of the run, and what they do is thrown away. The explicit solver goes first.
+Where accuracy sets its steps it is the cheapest there is, and nothing else is tried. Where stability sets them the
+implicit one runs, some times as far, and the cheaper one is taken: by evaluations of the equations for a second of
+motion, which are the same on every machine and every day.
 
-    explicit   max(OWN own, SWING followed, fastest / (0.5 ... 1.5)),     from swinging to decaying
-    implicit   COST max(OWN own, LESS followed) (1e-6 / tolerance)^(1/6, of trees 0.45)
+A trial of an implicit solver is dear while what is fast still dies out. So what it will have to follow when that is
+done is estimated too, from eigenvalues and amplitudes (:mod:`mbfmu.spectrum`), and the lower number counts.
+Either may be too high: eigenvalues take a speed for a rate, a short trial the start for the whole.
 
-The numbers were measured on the four-bar with an elastic coupler, 3 to 1e5 times as fast as the swing, damped and not,
-and on a sheet that is released and stiffens as it bends. What else stiffens later, such as a stop that is not yet met,
-is not seen: nothing here depends on anything but the start.
+What rests at its start needs no evaluations by an implicit solver. It will not rest for ever, so that no fewer are
+counted than gravity and drives will ask for. What stiffens after the trial, such as a stop met later, is not seen.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from math import inf
 from typing import NamedTuple
 
+import numpy as np
+
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Plant
-from mbfmu.spectrum import Spectrum, spectrum
+from mbfmu.spectrum import spectrum
+from mbfmu.table import counted
+from solvers import stepper
+from solvers.options import Options
 from solvers.system import LARGEST_DENSE, Array
 
-OWN = 16.0  # steps for every 1/s of a motion at its start
-SWING, LESS = 2.0, 1.2  # of a fast swing, explicit and implicit
-SLOW_REACH, FAST_REACH = 0.5, 1.0  # step times eigenvalue at which Adams PECE is stable: of swings, and more of decays
-STIFFENS = 5.0  # the fastest motion of a sheet that has bent, in units of that at the start
-COST = 8.0  # of a step of radau or esdirk, in those of adams
-GAIN, GAIN_OF_TREES = 1.0 / 6.0, 0.45  # steps of radau, and of esdirk or ida on trees, grow as tolerance to this power
+STEPS, IMPLICIT_STEPS = 300, 60  # of a trial, of the explicit solver and of the implicit one
+LONGEST = 1e3  # of a trial, in units of one over the rate of the motion
+FAR = 10.0  # times as far as the explicit one the implicit one may go: decays at the start count less
+WEIGHT = {"radau": 1.5, "esdirk": 2.5, "ida": 1.8}  # of an evaluation, in those of an explicit solver
+RUNGS = 10  # of twice the length each, by which it goes there
+LEAST = 50.0  # evaluations of an implicit solver for every 1/s of gravity and drives
+OWN, SWING = 250.0, 15.0  # likewise for every 1/s of the motion's own rate, and of a fast swing that is followed
+GAIN, GAIN_OF_TREES = 1.0 / 6.0, 0.45  # evaluations of radau, and of esdirk or ida on trees, grow as tolerance to this
 WIDE = 10  # rows of loops from which LU on the dependent coordinates pays
 COARSE = 1e-6  # tightest tolerance of esdirk
 
+State = tuple[float, Array, Array]  # t (s), q (nq,), v (n,)
 
-class Pick(NamedTuple):
+
+class SolverPick(NamedTuple):
     """A solver, and why ``auto`` took it; without a reason it was asked for."""
 
     solver: str
@@ -45,78 +57,114 @@ class Pick(NamedTuple):
         return f"auto took {self.solver!r}: {self.reason}" if self.reason else ""
 
 
-def pick(plant: Plant, t: float, q: Array, v: Array, tolerance: float) -> Pick:
-    """Return the solver of the cheapest family for the motion from (q (nq,), v (n,)) at time t, s.
+class _Trial(NamedTuple):
+    """What a solver did in a trial."""
 
-    ``tolerance`` is the absolute one, in units of each coordinate.
-    """
+    end: State
+    took: float  # s
+    cost: float  # evaluations for a second of motion, 1/s; infinite where it did not get anywhere
+    limited: bool  # whether stability set the length of steps
+
+
+def pick(plant: Plant, states: Sequence[State], options: Options) -> SolverPick:
+    """Return the solver of the cheaper family for motions from these states, which must keep the constraints."""
     if not plant.system.n:
-        return Pick(solver="adams", reason="drives say where everything is, and nothing is integrated")
+        return SolverPick("adams", "drives say where everything is, and nothing is integrated")
+    first, size = explicit(plant)
+    if first == "ida":
+        return SolverPick(first, size)
+    tried = [_explicit(plant, first, state, options) for state in states]
+    if not any(trial.limited for trial in tried):
+        return SolverPick(first, f"not stiff: accuracy sets its steps; {size}")
+    other, other_size = implicit(plant, options.absolute)
+    costs = [_costs(plant, first, other, *both, options) for both in zip(states, tried, strict=True)]
+    cost, least = (sum(family) / len(states) for family in zip(*costs, strict=True))
+    numbers = f"a second costs {cost:.3g} evaluations by {first!r}, and as much as {least:.3g} by {other!r}"
+    if least < cost:
+        return SolverPick(other, f"stiff: {numbers}; {other_size}", True)
+    return SolverPick(first, f"not stiff: {numbers}; {size}")
+
+
+def _explicit(plant: Plant, solver: str, state: State, options: Options) -> _Trial:
+    return _trial(plant, solver, state, options, [LONGEST / (_rate(plant, state) or 1.0)], STEPS)
+
+
+def _costs(plant: Plant, first: str, other: str, state: State, before: _Trial, options: Options) -> tuple[float, float]:
+    """Return what a second from this state on costs the explicit solver and the implicit one, 1/s.
+
+    ``before`` is the trial of the explicit one. The implicit one is tried last, since that takes longest, and gets on:
+    where it ends is the second state, about which the explicit one and the estimate are asked again.
+    """
+    weight, whole = WEIGHT[other], FAR * before.took
+    least = weight * LEAST * plant.system.rate
+    if not before.took:
+        return 0.0, 0.0
+    if not least < before.cost:
+        return before.cost, least
+    later = max(least, weight * _later(plant, state, options.absolute, whole))
+    if later < before.cost:
+        return before.cost, later
+    trial = _trial(plant, other, state, options, [whole / 2.0**rung for rung in range(RUNGS, -1, -1)], IMPLICIT_STEPS)
+    again = _explicit(plant, first, trial.end, options)
+    later = weight * _later(plant, trial.end, options.absolute, FAR * again.took)
+    return again.cost if again.took else before.cost, max(least, min(weight * trial.cost, later))
+
+
+def _later(plant: Plant, state: State, tolerance: float, after: float) -> float:
+    """Return the evaluations of an implicit solver for a second of what is left ``after`` so long (s), 1/s.
+
+    They are infinite where they are not known.
+    """
     try:
-        found = spectrum(plant, t, q, v)
-    except UserError as error:
-        solver, size = explicit(plant)
-        return Pick(solver=solver, reason=f"{error} at the start, so that stiffness is not known; {size}")
-    return suited(plant, [found], tolerance)
+        swinging = spectrum(plant, *state).swinging(tolerance, after)
+    except UserError:
+        return inf
+    gain = GAIN if plant.system.has_matrices else GAIN_OF_TREES
+    return float(max(OWN * _rate(plant, state), SWING * swinging) * (1e-6 / tolerance) ** gain)
 
 
-def suited(plant: Plant, found: Sequence[Spectrum], tolerance: float) -> Pick:
-    """Return the solver of the cheapest family where these are the eigenvalues, at one state or at several."""
-    stiff = implicit_steps(plant, found, tolerance) < explicit_steps(plant, found, tolerance)
-    solver, size = implicit(plant, tolerance) if stiff else explicit(plant)
-    fastest, followed = max(abs(f.fastest) for f in found), max(f.followed(tolerance) for f in found)
-    least = "only " if stiff else ""
-    return Pick(
-        solver,
-        f"{'' if stiff else 'not '}stiff: its fastest motion is of {fastest:.3g} 1/s, and what moves by more than "
-        f"{tolerance:g} of {least}{followed:.3g} 1/s; {size}",
-        stiff,
-    )
+def _rate(plant: Plant, state: State) -> float:
+    """Return the rate of the motion as gravity, drives and velocities tell it, 1/s; zero: it rests."""
+    return max(float(plant.system.rate), float(np.abs(state[2] / plant.system.size).max()))
 
 
-def _forced(plant: Plant, found: Spectrum) -> float:
-    """Return the steps a second that a motion's own rate, and what varies by itself, ask of any solver."""
-    longest, _ = plant.system.resolves(found.t)
-    return max(OWN * found.own, 1.0 / longest if longest < inf else 0.0)
+def _trial(plant: Plant, solver: str, state: State, options: Options, times: Sequence[float], steps: int) -> _Trial:
+    """Try a solver for these times (s) one after the other, until it has taken so many steps.
 
-
-def reach(value: complex) -> float:
-    """Return the longest step of an explicit solver that an eigenvalue (1/s) leaves stable, s."""
-    size = abs(value)
-    return (SLOW_REACH + FAST_REACH * abs(value.real) / size) / size if size > 0.0 else inf
-
-
-def explicit_steps(plant: Plant, found: Sequence[Spectrum], tolerance: float) -> float:
-    """Return the most steps a second of an explicit solver, 1/s."""
-    later = STIFFENS if plant.mechanism.plates else 1.0
-    return max(max(_forced(plant, f), SWING * f.followed(tolerance), later / reach(f.fastest)) for f in found)
-
-
-def implicit_steps(plant: Plant, found: Sequence[Spectrum], tolerance: float) -> float:
-    """Return the most steps a second of an implicit solver, in those of an explicit one, 1/s."""
-    most = max(max(_forced(plant, f), LESS * f.followed(tolerance)) for f in found)
-    return float(COST * most * (1e-6 / tolerance) ** (GAIN if plant.system.has_matrices else GAIN_OF_TREES))
+    A start that it refuses gets nowhere here; the run will say why.
+    """
+    begin = state[0]
+    try:
+        trial = stepper(solver, plant.system, *state, replace(options, max_steps=steps, audit=False))
+    except ValueError:
+        return _Trial(state, 0.0, inf, False)
+    for t in times:
+        if not trial.advance(begin + t).ok or trial.statistics.steps > steps:
+            break
+    done, took = trial.statistics, trial.t - begin
+    cost = done.rhs_evals / took if took > 0.0 else inf
+    return _Trial((trial.t, trial.q, trial.v), took, cost, done.stability_limited > 0)
 
 
 def explicit(plant: Plant) -> tuple[str, str]:
     """Return the solver to take where nothing is stiff, and what its size has to do with it."""
-    s = plant.system
+    s, size = plant.system, counted(plant.system.n, "coordinate")
     if not s.has_matrices and not s.m:
-        return "adams", f"a tree of {s.n} coordinates without loops, by its recursions"
+        return "adams", f"a tree of {size} without loops, by its recursions"
     if s.n > LARGEST_DENSE:
-        return "ida", f"the only one for {s.n} coordinates with loops"
+        return "ida", f"the only one for {size} with loops"
     if s.m >= WIDE:
-        return "hybrid", f"{s.n} coordinates under {s.m} rows of loops, the dependent ones by LU"
-    return "adams", f"{s.n} coordinates under {s.m} rows of loops" if s.m else f"{s.n} coordinates without loops"
+        return "hybrid", f"{size} under {s.m} rows of loops, the dependent ones by LU"
+    return "adams", f"{size} under {counted(s.m, 'row')} of loops" if s.m else f"{size} without loops"
 
 
 def implicit(plant: Plant, tolerance: float) -> tuple[str, str]:
     """Return the solver to take where something is stiff, and what its size has to do with it."""
-    s = plant.system
+    s, size = plant.system, counted(plant.system.n, "coordinate")
     if s.has_matrices:
-        return "radau", f"{s.n} coordinates, by their matrices"
+        return "radau", f"{size}, by matrices"
     if s.m:
-        return "ida", f"a tree of {s.n} coordinates with {s.m} rows of loops"
+        return "ida", f"a tree of {size} with {counted(s.m, 'row')} of loops"
     if tolerance < COARSE:
-        return "ida", f"a tree of {s.n} coordinates, and a tolerance below {COARSE:g}, for which esdirk is no good"
-    return "esdirk", f"a tree of {s.n} coordinates without loops, by its recursions"
+        return "ida", f"a tree of {size}, and a tolerance below {COARSE:g}, for which esdirk is no good"
+    return "esdirk", f"a tree of {size} without loops, by its recursions"

@@ -18,17 +18,15 @@
 from __future__ import annotations
 
 import difflib
-import importlib.util
 import sys
 import traceback
 from collections.abc import Mapping
 from dataclasses import Field, dataclass, field, fields, replace
 from functools import cache
-from hashlib import sha256
 from importlib.metadata import entry_points
 from math import inf, isfinite
 from pathlib import Path
-from types import MappingProxyType, ModuleType
+from types import MappingProxyType
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -36,6 +34,7 @@ from numpy.typing import NDArray
 
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Mechanism, Plant
+from mbfmu.modules import load_module
 
 GROUP = "mbfmu.models"
 LARGEST = 2**31 - 1  # of a whole number in an FMU
@@ -372,25 +371,6 @@ def load(path: Path, name: str = "") -> type[Model]:
     if name not in own:
         raise UserError(f"{str(path)!r} has no model {name!r}; it has: {', '.join(own) or 'none'}")
     return own[name]
-
-
-def load_module(path: Path) -> ModuleType:
-    """Import a file under a name made from its content, so that two files of one name never meet."""
-    name = f"{path.stem}_{sha256(path.read_bytes()).hexdigest()[:8]}"
-    if name in sys.modules:
-        return sys.modules[name]
-    spec = importlib.util.spec_from_file_location(name, path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    module.__dict__["__mbfmu_file__"] = str(path)
-    sys.modules[name] = module
-    try:
-        spec.loader.exec_module(module)
-    except (Exception, SystemExit) as error:
-        del sys.modules[name]
-        raise UserError(f"model file {str(path)!r} cannot be imported: {type(error).__name__}: {error}") from error
-    return module
 
 
 def _model_class(found: Any, what: str) -> type[Model]:

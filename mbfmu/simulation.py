@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.audit import VARIABLES, Audit
-from mbfmu.auto import Pick, pick
+from mbfmu.auto import SolverPick, pick
 from mbfmu.errors import UserError
 from mbfmu.folds import Folds, Sharpest
 from mbfmu.frame import frame, unframe
@@ -19,6 +19,7 @@ from mbfmu.interface import unique
 from mbfmu.mechanics import Mechanism
 from mbfmu.mechanics.numbers import finite
 from mbfmu.model import Model, of_user
+from mbfmu.reach import to_choose, why
 from mbfmu.result import together
 from mbfmu.settings import AUTO, Settings
 from mbfmu.steady.problem import EquilibriumProblem
@@ -95,8 +96,8 @@ class Simulation:
             q, v = found.q, found.v
         else:
             q, v = self.plant.assemble(t0)
-        own_solver, tolerance = settings.solver != AUTO, settings.options().absolute
-        self.pick = Pick(settings.solver) if own_solver else pick(self.plant, t0, q, v, tolerance)
+        found_out = settings.solver == AUTO
+        self.pick = pick(self.plant, [(t0, q, v)], settings.options()) if found_out else SolverPick(settings.solver)
         self.stepper = self._stepper(t0, q, v)
         self.variables = (*self.plant.outputs, *VARIABLES)
         unique(["time", *(v.name for v in (*self.plant.inputs.variables, *self.variables))])
@@ -105,14 +106,12 @@ class Simulation:
         self.remarks: list[str] = []
         self._remark(self.stepper.notice)
         if self.stepper.starts_singular:
-            self._remark(
-                "the start is a singular position, in which the loops do not determine all rates; the rates nearest to "
-                "those given are used. Give the rate of every joint to choose the branch"
-            )
+            told = "the start is a singular position, in which the loops do not determine all rates; the rates nearest"
+            self._remark(f"{told} to those given are used. {to_choose(self.plant, t0, q)}".rstrip(". "))
         # where nothing is free nothing is integrated but the work, whose error no tolerance controls
         audited = settings.audit and self.stepper.freedom > 0
         self.audit = Audit(self.plant, settings.tolerance, self.energy()) if audited else None
-        self._folds, self._told_undetermined = Folds(self.plant, t0, q), False
+        self._folds, self._told_undetermined, self._end = Folds(self.plant, t0, q), False, t0
         kind = (type(self.stepper), self.plant.system.m > 0)
         if kind not in _compiled and ran(self._stepper(t0, q, v), self.plant, len(self._out)):
             _compiled.add(kind)
@@ -149,8 +148,8 @@ class Simulation:
     @property
     def failure(self) -> str:
         """Why the last :meth:`advance` or :meth:`record` ended early and what to try; empty: it did not."""
-        status = self.stepper.status
-        return self._folds.folded if status.ok else f"{status.message}. {status.remedy}"
+        s = self.stepper
+        return self._folds.folded if s.status.ok else why(self.plant, s.status, s.q, self._end, s.starts_singular)
 
     @property
     def verdict(self) -> str:
@@ -177,6 +176,7 @@ class Simulation:
             raise UserError(
                 f"the time to advance to is {t!r} s, but it stands at {self.t!r} s; restore a state to go back"
             )
+        self._end = t
         self._set_out(t)
         status = self.stepper.advance(t)
         q = self.stepper.q
@@ -267,7 +267,7 @@ class Simulation:
         if np.shape(values) != (len(times), len(self.variables)):
             wanted = (len(times), len(self.variables))
             raise UserError(f"values have the shape {np.shape(values)}; needed is {wanted}: times, outputs")
-        done = 0
+        done, self._end = 0, float(max(times, default=self._end))
         while done < len(times):
             self._set_out(times[done])
             ahead = times[done:] if self.plant.inputs.settled else times[done : done + 1]
@@ -390,7 +390,7 @@ class Simulation:
             self.model = model
         self.plant.inputs.restore(head["inputs"])
         self.work_of_jumps = head["work_of_jumps"]
-        before, self.pick = self.pick, Pick(*head["pick"])
+        before, self.pick = self.pick, SolverPick(*head["pick"])
         if self.pick.solver != before.solver:  # auto takes another one at other parameters
             self.stepper = self._stepper(self.t, self.stepper.q, self.stepper.v)
         self.stepper.restart()  # the equations may have changed

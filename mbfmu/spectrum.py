@@ -71,16 +71,20 @@ class Spectrum:
         value = complex(self.values[0])
         return value if value.imag >= 0.0 else value.conjugate()
 
-    def followed(self, tolerance: float) -> float:
-        """Return the rate of what a solver has to follow at this tolerance, 1/s.
+    def swinging(self, tolerance: float, after: float) -> float:
+        """Return the largest eigenvalue, 1/s, whose motion still swings farther than the tolerance ``after`` so many s.
 
-        That is the motion's own rate, and every eigenvalue whose motion swings farther than the tolerance and has not
-        decayed to it when the motion itself has gone on by its own unit.
+        It is zero where none does.
         """
         size, decay = np.abs(self.values), -self.values.real
-        swings = self.amplitudes > tolerance
-        left = self.amplitudes * np.exp(-np.clip(decay / (self.own or 1.0), -700.0, 700.0))
-        return float(max(self.own, size[swings & (left > tolerance)].max(initial=0.0)))
+        left = self.amplitudes * np.exp(-np.clip(decay * after, 0.0, 700.0))
+        return float(size[left > tolerance].max(initial=0.0))
+
+    def followed(self, tolerance: float) -> float:
+        """Return the rate of what a solver has to follow at this tolerance, 1/s: the motion's own rate, or what swings
+        and has not decayed when the motion itself has gone on by its own unit.
+        """
+        return max(self.own, self.swinging(tolerance, 1.0 / (self.own or 1.0)))
 
 
 class _Beside:

@@ -18,3 +18,8 @@ def power(number: float) -> str:
     """Return a tolerance as people write it: ``1e-6``."""
     digits, exponent = f"{number:.6e}".split("e")
     return f"{float(digits):g}e{int(exponent)}"
+
+
+def counted(number: int, what: str) -> str:
+    """Return how many there are of a thing: ``1 state``, ``2 states``."""
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"

@@ -219,3 +219,43 @@ def test_where_stability_sets_the_steps_an_implicit_solver_is_tried() -> None:
     assert found.suits is not None
     assert found.suits.solver == "radau"
     assert "it is stiff" in found.hard
+
+
+def test_every_loop_of_a_singular_position_is_named_one_of_redundant_rows_too() -> None:
+    near = mb.check(parallelogram(cranks=4), 2.0, solver="adams").nearest
+    assert near is not None
+    assert near.loops == ("pin2", "pin3", "pin4")
+
+
+@pytest.mark.parametrize("scale", SCALES)
+def test_eigenvalues_that_are_rounding_are_zero(scale: float) -> None:
+    m = mb.Mechanism()
+    m.body("rotor", m.ground, mb.Revolute(rate=3.0), **mb.rod(mass=1.0, length=scale))
+    found = mb.check(m, 1.0, solver="adams")
+    assert found.stiffness is not None
+    assert found.stiffness.eigenvalue == 0.0
+    assert "every eigenvalue is zero, and the motion's own rate is 3 1/s; from 5 states" in found.as_text()
+    assert "size: 1 coordinate under 0 rows of loops" in found.as_text()
+
+
+def door(floating: bool) -> mb.Mechanism:
+    """A door on two hinges in line, the first of which is its joint, or a cut joint too."""
+    m = mb.Mechanism()
+    own = mb.Floating() if floating else mb.Revolute(axis="y")
+    leaf = m.body("leaf", m.ground, own, mass=1.0, com=(0.5, 0.0, 0.0), inertia=(0.1, 0.1, 0.1))
+    if floating:
+        m.cut("lower", mb.RevoluteCut(axis="y"), m.ground, leaf)
+    m.cut("upper", mb.RevoluteCut(axis="y", at_a=(0.0, 1.0, 0.0), at_b=(0.0, 1.0, 0.0)), m.ground, leaf)
+    return m
+
+
+def test_a_second_hinge_is_told_of_in_one_way() -> None:
+    assert "redundant rows: 5 of 10 (" in mb.check(door(floating=True), 0.1).as_text()
+    assert "redundant rows: 5 of 5; the joints alone keep them" in mb.check(door(floating=False), 0.1).as_text()
+
+
+def test_quiet_prints_no_findings(command: Callable[..., Any], tmp_path: Path) -> None:
+    assert command("check", "fourbar", "--stop-time", "0.1", "-q")[:2] == (0, "")
+    path = tmp_path / "findings.json"
+    assert command("check", "fourbar", "--stop-time", "0.1", "-q", "--json", str(path))[:2] == (0, "")
+    assert json.loads(path.read_text())["name"] == "fourbar/default"

@@ -22,8 +22,10 @@ from mbfmu import curves, native
 from mbfmu.cli import models, parser
 from mbfmu.cli.common import scene_of
 from mbfmu.cli.results import results
+from mbfmu.errors import UserError
+from mbfmu.fmi.export import own_source
 from mbfmu.interface import Role, interface
-from mbfmu.model import declared
+from mbfmu.model import declared, find
 from mbfmu.result import Result
 from mbfmu.scene import as_toml, load_scene
 from mbfmu.settings import Settings
@@ -148,7 +150,42 @@ def test_an_interrupted_run_leaves_nothing_behind(tmp_path: Path, extra: tuple[s
     assert (process.returncode, out) == (130, "")
     assert "mbfmu: interrupted" in err
     assert "Traceback" not in err
-    assert folders(tmp_path / "pendulum") == []
+    assert folders(tmp_path) == []
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_folders_made_for_what_was_not_kept_are_removed(tmp_path: Path, there: bool) -> None:
+    root = tmp_path / "deep" / "results"
+    if there:
+        root.mkdir(parents=True)
+    with pytest.raises(KeyboardInterrupt), results(root, load_scene("fourbar"), "x"):
+        raise KeyboardInterrupt
+    assert root.is_dir() == there
+    assert (tmp_path / "deep").is_dir() == there
+    assert not (root / "fourbar").exists()
+
+
+def test_a_name_is_given_one_value(command: Command) -> None:
+    code, _, err = command("compare", "sheet", "--resolution", "nx=7,nx=9")
+    assert (code, err) == (2, "mbfmu: --resolution 'nx=9': nx is 7 already; allowed: one value\n")
+
+
+def test_a_model_may_import_what_is_beside_it(tmp_path: Path) -> None:
+    """Two models, each with a module of the same name beside it, do not meet."""
+    for folder, length in (("a", 1.0), ("b", 2.0)):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "lengths.py").write_text(f"LENGTH = {length}\n")
+        (tmp_path / folder / "model.py").write_text(
+            "import mbfmu as mb\nfrom dataclasses import dataclass\nfrom lengths import LENGTH\n\n\n"
+            "@dataclass(frozen=True, kw_only=True)\nclass Arm(mb.Model):\n    name = 'arm'\n"
+            f"    length: float = mb.parameter(LENGTH, doc='of {folder}', unit='m')\n"
+        )
+    before = list(sys.path)
+    assert [find(f"{tmp_path / folder / 'model.py'}:Arm")().length for folder in ("a", "b")] == [1.0, 2.0]
+    assert sys.path == before
+    assert "lengths" not in sys.modules
+    with pytest.raises(UserError, match="model 'Arm' imports 'lengths' from beside its file, which an FMU does not"):
+        own_source(find(f"{tmp_path / 'a' / 'model.py'}:Arm"))
 
 
 @pytest.mark.parametrize("way", ["root", "model", "above"])

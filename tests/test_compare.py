@@ -179,6 +179,14 @@ def test_what_takes_too_long_is_left_out_and_said() -> None:
     assert "left out: ida 1e-9: took more than 0.1 s" in as_text(found)
 
 
+def test_the_bar_of_a_search_comes_near_its_end() -> None:
+    shares: list[float] = []
+    scene = short(FourBar(), 0.5)
+    choose(scene, 1e-3, solvers=["adams", "radau"], progress=lambda _, share: shares.append(share))
+    assert 0.7 <= sum(shares) <= 1.0 + 1e-12
+    assert sum(share > 0.0 for share in shares[1:]) >= 1
+
+
 # ---- resolutions -----------------------------------------------------------------------------------------------------
 
 

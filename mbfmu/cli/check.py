@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from .common import Commands, add_json, add_scene, add_set, add_solver, reader, scene_of, writable, write_json
+from .common import Commands, add_json, add_scene, add_set, add_solver, reader, scene_of, tell, writable, write_json
 
 
 def add(commands: Commands) -> None:
@@ -50,5 +50,5 @@ def command_check(options: argparse.Namespace) -> int:
     if options.json:
         write_json(found.as_dict(), options.json)
     if not options.json or str(options.json) != "-":
-        print(found.as_text())
+        tell(options, found.as_text())
     return 0

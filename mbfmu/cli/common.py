@@ -139,12 +139,14 @@ def start_of(options: argparse.Namespace) -> dict[str, float]:
 
 
 def assignments(option: str, texts: list[str]) -> dict[str, str]:
-    """Return names and values of repeated ``NAME=VALUE``."""
-    values = {}
+    """Return names and values of repeated ``NAME=VALUE``, each name once."""
+    values: dict[str, str] = {}
     for text in texts:
         name, equals, value = text.partition("=")
         if not equals:
             raise UserError(f"{option} {text!r}: write NAME=VALUE")
+        if name.strip() in values:
+            raise UserError(f"{option} {text!r}: {name.strip()} is {values[name.strip()]} already; allowed: one value")
         values[name.strip()] = value.strip()
     return values
 

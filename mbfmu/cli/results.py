@@ -6,7 +6,7 @@ import os
 import secrets
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
 
@@ -24,6 +24,7 @@ class Results:
 
     def __init__(self, root: Path, scene: Scene, what: str) -> None:
         self.place = root / file_name(scene.model.name) / what
+        self.new = [path for path in self.place.parents if not path.exists()]  # innermost first
         self.hidden = folder(self.place.parent) / f".unfinished-{secrets.token_hex(6)}"
 
     def file(self, name: str) -> Path:
@@ -58,9 +59,12 @@ def results(root: Path, scene: Scene, what: str) -> Iterator[Results]:
     """
     place = Results(root, scene, what)
     with writing(place.place.parent):
-        place.hidden.mkdir()
+        place.hidden.mkdir(parents=True)
     try:
         with writing(place.place):
             yield place
     finally:
         shutil.rmtree(place.hidden, ignore_errors=True)
+        with suppress(OSError):  # they are not empty
+            for path in place.new:
+                path.rmdir()

@@ -160,6 +160,12 @@ def own_source(cls: type[Model]) -> str:
     file = inspect.getsourcefile(cls)
     if file is None:
         raise UserError(f"model {cls.__name__!r} has no source file; put it into a file to export it")
+    beside = getattr(sys.modules.get(cls.__module__), "__mbfmu_beside__", ())
+    if beside:
+        raise UserError(
+            f"model {cls.__name__!r} imports {', '.join(map(repr, beside))} from beside its file, which an FMU does "
+            "not carry; put all of it into one file or into an installed package, or run it with --native"
+        )
     return Path(file).read_text()
 
 

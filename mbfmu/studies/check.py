@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.auto import COST, Pick, implicit, suited
+from mbfmu.auto import SolverPick, State, pick
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Mechanism, Plant
 from mbfmu.mechanics.numbers import finite
@@ -26,10 +26,10 @@ from mbfmu.studies.loops import Loop, loops, redundant_rows
 from mbfmu.studies.nearest import Nearest, Watch
 from mbfmu.studies.telling import in_words, reasons
 from solvers.options import Statistics
-from solvers.system import Array
 
 SAMPLES, FEW = 200, 40  # states of a run that are looked at; of a large tree
 STATES = 5  # of them about which eigenvalues are taken
+NOISE = 1e-8  # of eigenvalues, and of the squares of those that are zero
 PATIENCE = 10.0  # s; a run that takes longer is left where it is
 
 
@@ -131,7 +131,7 @@ class Findings:
     outputs: int = 0
     failure: str = ""
     warning: str = ""
-    suits: Pick | None = None
+    suits: SolverPick | None = None
     unseen: tuple[str, ...] = ()
 
     @property
@@ -221,7 +221,7 @@ class _Look:
         self.unseen: list[str] = []
         self.gaps = np.zeros(plant.system.m)
         self.longest = plant.system.resolves(0.0)[0]
-        self.states: list[tuple[float, Array, Array]] = []
+        self.states: list[State] = []
 
     def findings(self, found: Findings) -> Findings:
         """Return what there is to tell."""
@@ -231,8 +231,7 @@ class _Look:
         watch = Watch(self.plant, rank, run) if rank else None
         self._go(watch)
         reached, statistics, failure, warning = run.t, run.statistics, run.failure, run.warning
-        spectra, absolute = self._spectra(), self.scene.settings.options().absolute
-        limit, suits = self._limit(statistics, reached), suited(self.plant, spectra, absolute) if spectra else None
+        options, some = self.scene.settings.options(), self._some()
         return replace(
             found,
             solver=run.pick.solver,
@@ -241,13 +240,13 @@ class _Look:
             loops=loops(self.plant, redundant, self.gaps),
             redundant=redundant,
             nearest=watch.nearest(run) if watch else None,
-            stiffness=stiffness(spectra, absolute),
-            limit=limit,
+            stiffness=stiffness(self._spectra(some), options.absolute),
+            limit=self._limit(statistics, reached),
             statistics=statistics,
             outputs=int(reached / self.scene.output_interval),
             failure=failure,
             warning=warning,
-            suits=self._tried(suits, absolute) if limit == "stability" else suits,
+            suits=pick(self.plant, some, options),
             unseen=self._unseen(reached, failure),
         )
 
@@ -273,33 +272,20 @@ class _Look:
         if watch is not None:
             watch.look(run)
 
-    def _spectra(self) -> list[Spectrum]:
+    def _some(self) -> list[State]:
+        """Return states from all over the run."""
+        return [self.states[k] for k in np.unique(np.linspace(0, len(self.states) - 1, STATES).astype(int))]
+
+    def _spectra(self, states: list[State]) -> list[Spectrum]:
         found, why = [], ""
-        for k in np.unique(np.linspace(0, len(self.states) - 1, STATES).astype(int)):
+        for state in states:
             try:
-                found.append(spectrum(self.plant, *self.states[k]))
+                found.append(spectrum(self.plant, *state))
             except UserError as error:
                 why = str(error)
         if why:
-            self.unseen.append(f"eigenvalues at {STATES - len(found)} of {STATES} states: {why}")
+            self.unseen.append(f"eigenvalues at {len(states) - len(found)} of {len(states)} states: {why}")
         return found
-
-    def _tried(self, suits: Pick | None, tolerance: float) -> Pick | None:
-        """Return what suits where stability sets the steps: eigenvalues do not tell whether an implicit solver needs
-        fewer, such as where something turns at a constant speed, so one is run.
-        """
-        if suits is None or suits.stiff:
-            return suits
-        run, (solver, size) = self.simulation, implicit(self.plant, tolerance)
-        other = Simulation(self.scene.model, replace(self.scene.settings, solver=solver))
-        begin = time.perf_counter()
-        for t in np.linspace(0.0, run.t, FEW + 1)[1:]:
-            if not other.advance(float(t)).ok or time.perf_counter() - begin > self.patience:
-                return suits
-        steps, own = run.statistics.steps, other.statistics.steps
-        if COST * own > steps:
-            return suits
-        return Pick(solver, f"stiff: it took {own} steps where {run.pick.solver!r} took {steps}; {size}", True)
 
     def _limit(self, s: Statistics, reached: float) -> str:
         """Return what set the length of most steps."""
@@ -333,7 +319,7 @@ def stiffness(found: list[Spectrum], tolerance: float) -> Stiffness | None:
         return None
     fastest = max(found, key=lambda f: abs(f.fastest))
     return Stiffness(
-        eigenvalue=fastest.fastest,
+        eigenvalue=without_noise(fastest.fastest, fastest.own),
         t=fastest.t,
         coordinate=fastest.leading,
         own=max(f.own for f in found),
@@ -341,3 +327,13 @@ def stiffness(found: list[Spectrum], tolerance: float) -> Stiffness | None:
         tolerance=tolerance,
         states=len(found),
     )
+
+
+def without_noise(value: complex, own: float) -> complex:
+    """Return an eigenvalue with zero in place of what is rounding, beside a motion of its ``own`` rate, 1/s.
+
+    Differences err in squares of rates: a double eigenvalue of zero comes out as the root of that.
+    """
+    if abs(value) ** 2 <= NOISE * own**2:
+        return 0j
+    return complex(*(part if abs(part) > NOISE * abs(value) else 0.0 for part in (value.real, value.imag)))

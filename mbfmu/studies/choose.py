@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from math import floor, inf, isfinite, log10
@@ -39,6 +39,7 @@ MARGIN = 1.5  # times the cheapest: what has taken more is not followed
 QUICK = 1.0  # s; what takes less is not cut short, and run once more for its time
 FINALISTS = 3
 ROUNDS = 5
+SEARCHING = 0.6  # of the whole: what the search takes, beside the reference
 CLEAR = 0.5  # of the target: the reference must not err more, and what it may err is taken off the target
 
 
@@ -63,7 +64,7 @@ class Target:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Choice:
+class TargetChoice:
     """What to take.
 
     Attributes
@@ -124,7 +125,7 @@ def choose(
     outputs: Sequence[str] = (),
     budget: float = BUDGET,
     progress: Progress | None = None,
-) -> Choice:
+) -> TargetChoice:
     """Return the cheapest solver, tolerance and resolution whose error is within a target, of those that were tried.
 
     Cheap runs come first: each solver at each resolution begins loosely and is tightened towards the target, and what
@@ -156,12 +157,14 @@ def choose(
     account, told = Budget(budget), progress or (lambda _what, _share: None)
     times = communication_points(scene.stop_time, scene.output_interval)
     finest = UNIT_FINEST if wanted.unit else max(TIGHTEST, 0.1 * wanted.value)
-    every = reference(scene, steps, times, finest, account, outputs, lambda what: told(what, 0.4 / len(steps)))
+    every = reference(
+        scene, steps, times, finest, account, outputs, lambda what: told(what, (1.0 - SEARCHING) / len(steps))
+    )
     right = narrowed(every, wanted, outputs)
     search = Search(scene, right, wanted, times, account)
     for k, settings in chosen.items():
         search.add(k, steps[k], list(dict.fromkeys(solver for solver, _ in settings)), tolerances)
-    search.run(lambda what: told(what, 0.0))
+    search.run(told)
     return search.choice()
 
 
@@ -259,9 +262,9 @@ class Search:
             begin = ordered.pop(0) if ordered else first
             self._tracks.append(Track(number, resolution, solver, ordered, begin))
 
-    def run(self, progress: Callable[[str], None]) -> None:
+    def run(self, progress: Progress) -> None:
         """Follow what can be the cheapest; runs that did well before are likely to."""
-        cheapest = inf
+        cheapest, told = inf, 0
         waiting = list(self._tracks)
         while waiting:
             track = min(waiting, key=lambda t: (t.taken, t.number))
@@ -269,17 +272,19 @@ class Search:
             if track.taken > MARGIN * cheapest and not track.loosening:
                 continue
             found = self._try(track, min(SHARE * self.budget.seconds, MARGIN * max(cheapest, QUICK)))
-            progress(f"{track.solver} {power(track.tolerance)} {in_words(track.resolution)}".strip())
-            if found is None:
-                continue
-            case, row = found
-            ratio = self._ratio(self._errors(row)) if row.trusted else FAILED
-            if ratio <= 1.0:
-                self._within.append(found)
-                cheapest = min(cheapest, case.taken)
-            track.taken = case.taken
-            if track.next(ratio):
-                waiting.append(track)
+            what = f"{track.solver} {power(track.tolerance)} {in_words(track.resolution)}".strip()
+            if found is not None:
+                case, row = found
+                ratio = self._ratio(self._errors(row)) if row.trusted else FAILED
+                if ratio <= 1.0:
+                    self._within.append(found)
+                    cheapest = min(cheapest, case.taken)
+                track.taken = case.taken
+                if track.next(ratio):
+                    waiting.append(track)
+            done = len(self._tracks) - len(waiting)
+            progress(what, SEARCHING * (done - told) / len(self._tracks))
+            told = done
 
     def _try(self, track: Track, most: float) -> tuple[Case, Row] | None:
         """Run a track's next tolerance; None: it cannot, or takes longer than what is there already."""
@@ -311,7 +316,7 @@ class Search:
         """Return the largest error over what is allowed of it."""
         return max(errors[name] / limit for name, limit in self.limits.items())
 
-    def choice(self) -> Choice:
+    def choice(self) -> TargetChoice:
         """Return the cheapest of what is within the target, by times taken in turn."""
         if not self._within:
             raise UserError(self._nothing())
@@ -325,7 +330,8 @@ class Search:
         rows = [judge(case, own, self.right) for (case, _), own in zip(last, spent, strict=True)]
         k = min(range(len(rows)), key=lambda i: rows[i].cpu_s)
         notes = [in_sentence(self.right), *self.notes]
-        return Choice(row=rows[k], scene=last[k][0].scene, sentence=self._say(rows[k]), rows=self.rows, notes=notes)
+        row, scene = rows[k], last[k][0].scene
+        return TargetChoice(row=row, scene=scene, sentence=self._say(row), rows=self.rows, notes=notes)
 
     def _say(self, row: Row) -> str:
         resolution = f" with {in_words(row.resolution)}" if row.resolution else ""

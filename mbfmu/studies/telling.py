@@ -7,7 +7,7 @@ from math import isfinite, isinf, pi
 from typing import TYPE_CHECKING
 
 from mbfmu.audit import NEAR
-from mbfmu.table import power
+from mbfmu.table import counted, power
 
 if TYPE_CHECKING:
     from mbfmu.studies.check import Findings, Stiffness
@@ -48,7 +48,8 @@ def lines(found: Findings) -> Iterator[str]:
     how = "a tree, by its recursions" if found.tree else "by its matrices"
     if found.coordinates:
         free = "" if found.freedom is None else f", {found.freedom} free"
-        yield f"size: {found.coordinates} coordinates under {found.rows} rows of loops{free}; {how}"
+        rows = counted(found.rows, "row")
+        yield f"size: {counted(found.coordinates, 'coordinate')} under {rows} of loops{free}; {how}"
     if found.failure:
         yield f"{'no start' if found.freedom is None else f'stopped at {found.reached:.6g} s'}: {found.failure}"
     if found.warning:
@@ -89,10 +90,12 @@ def of_nearest(near: Nearest) -> str:
 
 def of_rows(found: Findings) -> str:
     """Tell of the rows that are too many."""
+    if not found.rows:
+        return f"{len(found.vanishing)} of {len(found.vanishing)}; the joints alone keep them, and they are dropped"
     which = f" ({some(found.redundant)})" if found.redundant else ""
     parts = [f"{len(found.redundant)} of {found.rows}{which}"]
     if found.vanishing:
-        parts.append(f"{len(found.vanishing)} more vanish and are dropped")
+        parts.append(f"{len(found.vanishing)} more, which the joints alone keep, are dropped")
     return "; ".join(parts)
 
 
@@ -101,11 +104,14 @@ def of_stiffness(s: Stiffness) -> str:
     value = s.eigenvalue
     imaginary = f" ± {abs(value.imag):.4g}i" if value.imag else ""
     times = f"{s.ratio:.3g} times as fast as" if s.ratio > 1.0 else "no faster than"
+    from_states = f"from {counted(s.states, 'state')}"
+    if not value:
+        return f"every eigenvalue is zero, and the motion's own rate is {s.own:.3g} 1/s; {from_states}"
     swing = f" ({abs(value.imag) / (2.0 * pi):.3g} Hz)" if value.imag else ""
     return (
         f"the fastest motion has the eigenvalue {value.real:.4g}{imaginary} 1/s{swing}, mostly in {s.coordinate!r} "
         f"(t = {s.t:.4g} s), {times} what moves by more than {power(s.tolerance)} ({s.followed:.3g} 1/s, the motion's "
-        f"own rate being {s.own:.3g} 1/s); from {s.states} states"
+        f"own rate being {s.own:.3g} 1/s); {from_states}"
     )
 
 

@@ -1,0 +1,87 @@
+"""What loops say to drives and to rates: where a drive is out of their reach, and which rates they leave open."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from mbfmu.errors import AssemblyError
+from mbfmu.mechanics import Plant
+from mbfmu.mechanics.arrays.assembly import free_bodies
+from solvers.outcome import Code, Status
+from solvers.system import Array
+
+MARCH = 100  # pieces of the time asked for, in which loops are closed one after the other
+EXACT = 1e-9  # of that time, to which the last position they reach is found
+BEYOND = (1e-6, 1e-4, 1e-2)  # of that time: where they are tried after it, as a singular position is no end
+OPEN = 1e-10  # singular values below this part of the largest are zero
+PART = 1e-6  # of the largest: what a joint has to do with a motion
+
+
+def why(plant: Plant, status: Status, q: Array, end: float, starts_singular: bool) -> str:
+    """Return why a run stopped at q (nq,) on its way to ``end`` (s), and what to do.
+
+    ``starts_singular`` tells whether loops do not determine all rates where it started.
+    """
+    stuck = status.code in (Code.BRANCHES, Code.COLLAPSED, Code.NOT_CLOSED)
+    advice = to_choose(plant, status.t, q) if starts_singular else ""
+    if advice and status.code in (Code.BRANCHES, Code.UNDECIDABLE):
+        return f"{status.message}. {advice}"
+    drives = [body.name for body in plant.mechanism.bodies if body.joint.drive is not None]
+    until = 2.0 * end - status.t  # beyond what was asked for: it may end right there
+    last = _last(plant, status.t, q, until) if stuck and drives and plant.system.has_matrices else until
+    if last == until:
+        return f"{status.message}. {status.remedy}"
+    whose = f"the drive of {drives[0]!r} asks" if len(drives) == 1 else "the drives ask"
+    return (
+        f"{whose} for a position that the loops cannot reach after t = {last:.6g} s (t = {status.t:.9g} s). Shorten "
+        "the motion of the drive, or give the loops other lengths."
+    )
+
+
+def _last(plant: Plant, begin: float, q: Array, end: float) -> float:
+    """Return until when loops can be closed, s: ``end`` where nothing ends that."""
+    held, whole = np.zeros(plant.system.n, bool), end - begin
+    reached, step = begin, whole / MARCH
+
+    def closed(t: float) -> Array | None:
+        try:
+            return plant.assembly.close(t, q, held)
+        except AssemblyError:
+            return None
+
+    while reached < end and step > EXACT * whole:
+        ahead = min(reached + step, end)
+        there = closed(ahead)
+        if there is None:
+            step *= 0.5
+        else:
+            reached, q = ahead, there
+    opens = reached < end and all(closed(min(reached + part * whole, end)) is None for part in BEYOND)
+    return reached if opens else end
+
+
+def to_choose(plant: Plant, t: float, q: Array) -> str:
+    """Return in a sentence which rates choose the branch in a singular position q (nq,); empty: all were given."""
+    names = [repr(name) for name in open_rates(plant, t, q)]
+    if not names:
+        return ""
+    joints = " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
+    return f"Give the rate{'s' if len(names) > 1 else ''} of {joints} to choose the branch"
+
+
+def open_rates(plant: Plant, t: float, q: Array) -> tuple[str, ...]:
+    """Return the joints whose rates the loops do not determine at q (nq,), and that were not given one."""
+    system: Any = plant.system
+    terms = system.allocate_terms()
+    system.fill_position(t, q, terms)
+    _, sigma, V = np.linalg.svd(terms.J * system.size / system.row_size[:, None])
+    null = V[int(np.sum(sigma > OPEN * sigma[0])) :]
+    moved = np.linalg.norm(null, axis=0) > PART
+    first, names = 0, []
+    for body in free_bodies(plant.mechanism):
+        if body.joint.rate is None and moved[first : first + body.joint.nv].any():
+            names.append(body.name)
+        first += body.joint.nv
+    return tuple(names)
