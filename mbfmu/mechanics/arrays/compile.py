@@ -251,6 +251,11 @@ class Compiled:
         arrays = arrays._replace(memory=memory, kernels=self._tables.kernels(COMPLEX))
         return Data(arrays, state)
 
+    @property
+    def tables(self) -> list[NDArray[Any]]:
+        """The records of every kind, as they lie in the memory."""
+        return self._tables.tables
+
     def table(self, kind: type[Kind]) -> NDArray[Any]:
         """Return the records of a kind in the order they were added."""
         return self._tables.table(kind)

@@ -121,6 +121,11 @@ class Plant:
         return self._compiled.table(kind)
 
     @property
+    def tables(self) -> list[NDArray[Any]]:
+        """The records of every kind that is there, as they lie in ``data.arrays.memory``."""
+        return self._compiled.tables
+
+    @property
     def kernel_data(self) -> Any:
         """Arrays and state as kernels take them; see :mod:`solvers.compiled.held`."""
         return contents(self.system.held_data)

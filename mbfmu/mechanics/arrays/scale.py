@@ -25,6 +25,16 @@ def characteristic_length(mechanism: Mechanism, arrays: Arrays) -> float:
     elastic body count with their length. A mechanism all of whose points coincide is measured by the springs and the
     radii of gyration it has, and one without any by 1 m. Raises UserError for one that is no length of a mechanism.
     """
+    length = float(spans(mechanism, arrays).max() or _length_without_points(mechanism, arrays) or 1.0)
+    if not SHORTEST <= length <= LONGEST:
+        raise UserError(
+            f"the largest length of the mechanism is {length:.3g} m; allowed: {SHORTEST:g} to {LONGEST:g} m"
+        )
+    return length
+
+
+def spans(mechanism: Mechanism, arrays: Arrays) -> Array:
+    """Return the largest distance in every body that something hangs on, and every other length that counts, m."""
     points: defaultdict[int, list[Array]] = defaultdict(list)
     for i, body in enumerate(arrays.bodies[1:], 1):
         points[i] += [np.zeros(3), body["com"]]
@@ -35,14 +45,8 @@ def characteristic_length(mechanism: Mechanism, arrays: Arrays) -> float:
     for acting in mechanism.loads():
         for body, point in zip(acting.bodies, acting.load.points(), strict=False):
             points[body.index].append(np.asarray(point, float))
-    spans = [_span(np.array(own)) for own in points.values()]
     held = [handle.cut.extent() for handle in mechanism.cuts]
-    length = float(max((*spans, *held, *arrays.nodes["x"])) or _length_without_points(mechanism, arrays) or 1.0)
-    if not SHORTEST <= length <= LONGEST:
-        raise UserError(
-            f"the largest length of the mechanism is {length:.3g} m; allowed: {SHORTEST:g} to {LONGEST:g} m"
-        )
-    return length
+    return np.array([*(_span(np.array(own)) for own in points.values()), *held, *arrays.nodes["x"]])
 
 
 def _span(points: Array) -> float:

@@ -60,6 +60,8 @@ class Tables:
     ----------
     kinds, places
         Of every item its row among the kernels and where its record is in ``memory``.
+    tables
+        The records of every kind, as they lie in ``memory``.
     """
 
     def __init__(self, items: Sequence[Kind], filled: Sequence[NDArray[Any]]) -> None:
@@ -69,8 +71,8 @@ class Tables:
         self.kinds = [number[kind] for kind in used]
         counts = np.bincount(np.array(self.kinds, np.int64), minlength=len(self._used))
         empty = [records(n, kind.record) for n, kind in zip(counts, self._used, strict=True)]
-        self.memory, self._tables, starts = side_by_side(empty)
-        self.places = self._laid(self._tables, starts)
+        self.memory, self.tables, starts = side_by_side(empty)
+        self.places = self._laid(self.tables, starts)
         for place, record in zip(self.places, filled, strict=True):
             self.memory[place : place + record.nbytes] = record.view(np.uint8)
 
@@ -85,7 +87,7 @@ class Tables:
     def table(self, kind: type[Kind]) -> NDArray[Any]:
         """Return the records of a kind that has the same kernels wherever it is."""
         found = [k for k, used in enumerate(self._used) if used == used_kind(kind)]
-        return self._tables[found[0]] if found else records(0, record_of(kind))
+        return self.tables[found[0]] if found else records(0, record_of(kind))
 
     def kernels(self, numbers: Numbers = REAL) -> NDArray[np.int64]:
         """Return the addresses of all kernels, KERNELS for each kind, compiled for these numbers."""
@@ -100,7 +102,7 @@ class Tables:
 
     def complex_memory(self) -> tuple[NDArray[np.uint8], list[int]]:
         """Return the records as they are now with complex numbers for real ones, and where each is."""
-        memory, tables, starts = side_by_side([complex_copy(table) for table in self._tables])
+        memory, tables, starts = side_by_side([complex_copy(table) for table in self.tables])
         return memory, self._laid(tables, starts)
 
 

@@ -1,0 +1,1 @@
+"""FMUs that need no Python: a compiled mechanism as data."""

@@ -1,0 +1,70 @@
+"""Units of coordinates that follow parameters up to a bound, or from one on: min(a, b) or max(a, b) of two products."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solvers.system import Array
+
+from .monomials import GOOD, Fit, products
+
+ROOT = 4  # powers are multiples of a quarter
+STEP = 0.99  # of the value of a parameter, for its power about a point
+WHOLE = 1e-8  # off a whole number
+
+Read = Callable[[Mapping[str, float]], Array]
+
+
+class Clipped(NamedTuple):
+    """Numbers that are the largest of two products, to the power 1 / root; the smallest where that is negative."""
+
+    fits: tuple[Fit, ...]
+    root: int
+
+    def values(self, x: Array) -> Array:
+        """Return the numbers (points, k) at x (points, variables)."""
+        largest: Array = np.max([fit.values(x)[0] for fit in self.fits], axis=0)
+        return largest ** (1.0 / self.root)
+
+
+def fit_clipped(
+    read: Read, center: dict[str, float], points: list[dict[str, float]], columns: NDArray[np.int64]
+) -> list[Clipped] | None:
+    """Return what columns are about a center and at the first of the points where that fails; None: no products."""
+    x = np.array([list(point.values()) for point in points])
+    y = np.array([read(point)[columns] for point in points])
+    inner = _products(read, center, columns)
+    if inner is None or np.any(y <= 0.0):
+        return None
+    found = []
+    for exponents in np.unique(inner[0], axis=0):
+        own = np.flatnonzero(np.all(inner[0] == exponents, axis=1))
+        first = Fit(columns[own], exponents[np.newaxis], inner[1][np.newaxis, own])
+        wanted = first.values(x)[0] ** (1.0 / ROOT)
+        off = np.any(np.abs(wanted - y[:, own]) > GOOD * y[:, own], axis=1)
+        k = int(np.argmax(off))
+        outer = _products(read, points[k], columns[own])
+        if outer is None or np.any(outer[0] != outer[0][0]):
+            return None
+        sign = -1 if off[k] and y[k, own[0]] < wanted[k, 0] else 1
+        both = ((exponents, inner[1][own]), (outer[0][0], outer[1]))
+        fits = tuple(Fit(columns[own], sign * e[np.newaxis], c[np.newaxis] ** sign) for e, c in both)
+        found.append(Clipped(fits, sign * ROOT))
+    return found
+
+
+def _products(read: Read, point: dict[str, float], columns: NDArray[np.int64]) -> tuple[Array, Array] | None:
+    """Return powers (k, variables) and coefficients (k,) of the columns, to the power ROOT, about a point."""
+    y = read(point)[columns]
+    moved = np.array([read(point | {n: STEP * x})[columns] for n, x in point.items()])
+    with np.errstate(all="ignore"):
+        powers = ROOT * np.log(moved / y) / np.log(STEP)
+    exponents = np.round(powers)
+    if not np.all(np.abs(powers - exponents) < WHOLE):
+        return None
+    scale = np.array([products(np.array([list(point.values())]), e[np.newaxis])[0, 0] for e in exponents.T])
+    return exponents.T, y**ROOT / scale

@@ -1,0 +1,56 @@
+"""First guesses of positions, which closing the loops corrects: near is enough."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.errors import UserError
+from solvers.system import Array
+
+from .monomials import Fit, products
+
+NEAR = 0.02  # error, of the largest there is
+BOXES = (1.18, 1.1, 1.05)  # by what parts of its value a parameter may change, largest first
+ABOUT_ZERO = 1.5  # ... and in place of it by what, for every one of these parts, where it is zero: 0.27, 0.15, 0.075
+DEGREE = 3
+MOST = 4  # parameters
+
+Box = dict[str, tuple[float, float]]
+
+
+def fit_guesses(
+    read: Callable[[Mapping[str, float]], Array],
+    values: Mapping[str, tuple[float, float, float]],
+    columns: NDArray[np.int64],
+    random: np.random.Generator,
+) -> tuple[Fit, Box] | None:
+    """Return a polynomial for each column in the parameters, and the widest box in which it is near; None: in none.
+
+    ``read`` gives the numbers for some values, ``values`` of every parameter its value and least and largest allowed.
+    """
+    exponents = np.array([e for e in product(range(DEGREE + 1), repeat=len(values)) if sum(e) <= DEGREE], float)
+    for part in BOXES if len(values) <= MOST else ():
+        box = {name: _range(*own, part) for name, own in values.items()}
+        low, high = np.array(list(box.values())).T
+        x = random.uniform(low, high, (2 * len(exponents) + 10, len(box)))
+        try:
+            y = np.array([read(dict(zip(box, map(float, point), strict=True)))[columns] for point in x])
+        except UserError:
+            continue
+        scale = np.prod(np.maximum(np.abs(low), np.abs(high)) ** exponents, axis=1)
+        terms, fitted = products(x, exponents) / scale, 2 * len(exponents)
+        c = np.linalg.lstsq(terms[:fitted], y[:fitted], rcond=None)[0]
+        if np.all(np.abs(terms @ c - y) <= NEAR * np.abs(y).max(axis=0)):
+            return Fit(columns, exponents, c / scale[:, np.newaxis]), box
+    return None
+
+
+def _range(value: float, least: float, most: float, part: float) -> tuple[float, float]:
+    """Return the range about a value, within what is allowed."""
+    about = ABOUT_ZERO * (part - 1.0)
+    low, high = sorted((value / part, value * part)) if value else (-about, about)
+    return max(low, least), min(high, most)

@@ -1,0 +1,170 @@
+"""Every number that a run of a compiled mechanism starts from, as one row, and where each of them is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics import Plant
+from mbfmu.mechanics.arrays.scale import spans
+from mbfmu.model import Model
+from solvers.system import Array
+
+STRUCTURE = "it changes the structure of the mechanism"
+
+
+class Place(NamedTuple):
+    """Where a number is.
+
+    ``array`` is a field of :class:`mbfmu.mechanics.records.Arrays`; or ``q``, ``v``: start positions and velocities
+    before loops are closed; or ``size``, ``row_size``, ``rate``, ``loop_rate`` of the system; or ``length`` of the
+    plant.
+    """
+
+    array: str
+    offset: int  # bytes
+
+
+class Reader:
+    """Reads the numbers of plants that are built like one model with other parameter values.
+
+    Parameters
+    ----------
+    model
+        The one all others are compared with.
+
+    Attributes
+    ----------
+    places
+        Of every number, in their order. Four more names stand for what lengths and rates are made of: ``span``, the
+        squares of what the largest gives the length, m^2; ``weight``, the square of gravity, m^2/s^4; of every drive
+        ``drive size``, the unit of its coordinate, and ``drive rate``, the fourth power of its rate in SI units.
+    inputs
+        Number of the input that owns a place.
+    guesses
+        Which numbers are positions that closing the loops corrects.
+    base
+        The numbers of the model itself.
+    """
+
+    def __init__(self, model: Model) -> None:
+        self._model = model
+        self._known: dict[tuple[tuple[str, float], ...], Array | UserError] = {}
+        plant = model.plant()
+        arrays = plant.data.arrays
+        masks = {name: _real_words(name, array, plant) for name, array in arrays._asdict().items()}
+        self._real = np.concatenate(list(masks.values()))
+        self._whole = _words(plant)[~self._real]
+        self.inputs = _input_places(plant)
+        self._told = {name: len(values) for name, values in _told(plant).items()}
+        self.places = [Place(name, 8 * int(k)) for name, mask in masks.items() for k in np.flatnonzero(mask)]
+        self.places += [Place(name, 8 * k) for name, count in self._told.items() for k in range(count)]
+        self.guesses = np.zeros(len(self.places), bool)
+        if plant.system.m and plant.system.nq == plant.system.n:
+            self.guesses[self.columns("q")] = ~plant.assembly.held()
+        self.base = self._numbers(plant)
+
+    def columns(self, *names: str) -> NDArray[np.int64]:
+        """Return the columns of these arrays."""
+        return np.array([i for i, place in enumerate(self.places) if place.array in names], np.int64)
+
+    def read(self, values: Mapping[str, float]) -> Array:
+        """Return the numbers with other values of some parameters; UserError where there are none.
+
+        Each is built once: building is what a search costs.
+        """
+        key = tuple(sorted(values.items()))
+        if key not in self._known:
+            try:
+                self._known[key] = self._read(values)
+            except UserError as error:
+                self._known[key] = error
+        known = self._known[key]
+        if isinstance(known, UserError):
+            raise known
+        return known
+
+    def _read(self, values: Mapping[str, float]) -> Array:
+        with np.errstate(all="ignore"):
+            plant = self._model.with_values(values).plant()
+            words = _words(plant)
+            if len(words) != len(self._real) or np.any(words[~self._real] != self._whole):
+                raise UserError(STRUCTURE)
+            return self._numbers(plant)
+
+    def _numbers(self, plant: Plant) -> Array:
+        told = _told(plant)
+        if {name: len(values) for name, values in told.items()} != self._told:
+            raise UserError(STRUCTURE)
+        found = np.concatenate([_words(plant)[self._real].view(np.float64), *told.values()])
+        if not np.isfinite(found).all():
+            raise UserError("it leads to numbers that are not finite")
+        return found
+
+
+def _words(plant: Plant) -> NDArray[np.int64]:
+    """Return all arrays in words of eight bytes, one behind the other."""
+    return np.concatenate([np.frombuffer(array.tobytes(), np.int64) for array in plant.data.arrays])
+
+
+def _real_words(name: str, array: NDArray[Any], plant: Plant) -> NDArray[np.bool_]:
+    """Return which words of an array are real numbers."""
+    if name != "memory":
+        return np.tile(_real_fields(array.dtype), array.size)
+    mask = np.zeros(array.nbytes // 8, bool)
+    for table in plant.tables:
+        first = (_address(table) - _address(array)) // 8
+        mask[first : first + table.nbytes // 8] = np.tile(_real_fields(table.dtype), len(table))
+    return mask
+
+
+def _real_fields(dtype: np.dtype[Any]) -> NDArray[np.bool_]:
+    """Return which words of one record, or one number, are real."""
+    if dtype.names is None:
+        return np.array([dtype == np.float64])
+    mask = np.zeros(dtype.itemsize // 8, bool)
+    for name in dtype.names:
+        field, at = dtype.fields[name][:2]  # type: ignore[index]  # it has names
+        mask[at // 8 : (at + field.itemsize) // 8] = field.base == np.float64
+    return mask
+
+
+def _told(plant: Plant) -> dict[str, Array]:
+    """Return what solvers are told beside the arrays, and what lengths and rates are made of."""
+    system, drives = plant.system, plant.drives
+    squares = spans(plant.mechanism, plant.data.arrays) ** 2
+    gravity = plant.data.arrays.world["gravity"][0]
+    paces = [(drives.sizes[k], drives.pace(k)) for k in drives.signals]
+    return {
+        "q": plant.assembly.start_positions(),
+        "v": plant.assembly.start_velocities(),
+        "size": system.size,
+        "row_size": system.row_size,
+        "rate": np.array([system.rate]),
+        "loop_rate": np.array([system.loop_rate] if system.has_matrices else []),
+        "length": np.array([plant.length]),
+        "span": squares if squares.any() else np.array([plant.length**2]),
+        "weight": np.array([gravity @ gravity]),
+        "drive size": np.array([size for size, _ in paces]),
+        "drive rate": np.array([(size / pace) ** 4 if pace else 0.0 for size, pace in paces]),
+    }
+
+
+def _input_places(plant: Plant) -> dict[Place, int]:
+    """Return the number of the input that owns a place."""
+    arrays = plant.data.arrays
+    found = {}
+    for number, (vector, index) in enumerate(plant.inputs.places(arrays, plant.signals(plant.data))):
+        for name, array in (("world", arrays.world), ("memory", arrays.memory)):
+            offset = _address(vector) - _address(array) + 8 * index
+            if 0 <= offset < array.nbytes:
+                found[Place(name, offset)] = number
+    return found
+
+
+def _address(array: NDArray[Any]) -> int:
+    return int(array.__array_interface__["data"][0])

@@ -1,0 +1,353 @@
+"""How the numbers of a compiled mechanism follow the parameters of its model: found by building it, then verified.
+
+``build()`` may do anything, but nearly always it multiplies. One parameter at a time is moved to learn in which powers
+of it every number goes, then all at once to fit the coefficients of the products of these powers. What is found is
+compared with plants that had no part in it, inside the ranges it was fitted in and as far outside as it holds. A
+parameter that does not pass is frozen, with the reason.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.errors import UserError
+from mbfmu.model import Model, Parameter
+from solvers.system import Array
+
+from .clipped import Clipped, fit_clipped
+from .guesses import fit_guesses
+from .monomials import CONSTANT, GOOD, MOST, Fit, Powers, fit_sums, joint_exponents, single, sums
+from .numbers import STRUCTURE, Reader
+from .widening import widen
+
+NEAR = (0.6, 1.7)  # of its value: where a parameter is probed first
+BETWEEN = (0.08, 0.23, 0.41, 0.64, 0.79, 0.93)  # of its range: more points for sums
+SOME = 0.7  # a value for what is zero
+WORDS = {
+    "world": "gravity",
+    "bodies": "a body",
+    "memory": "a joint, a force, a signal or a sensor",
+    "numbers": "a table",
+    "flexibles": "an elastic body",
+    "nodes": "the shape of an elastic body",
+    "q": "a start position",
+    "v": "a start velocity",
+    "size": "the unit of a coordinate",
+    "row_size": "the unit of a constraint",
+    "reach": "the unit of a constraint",
+    "span": "the length of the mechanism",
+    "weight": "the rate of the mechanism",
+    "drive size": "the rate of the mechanism",
+    "drive rate": "the rate of the mechanism",
+}
+
+
+class Search:
+    """The search of one model.
+
+    Attributes
+    ----------
+    reader
+        The numbers of its plants.
+    live
+        Parameters that are not frozen, in their order.
+    frozen
+        Reason in words of every other.
+    fits
+        Sums of products of powers of the live ones; those of ``guessed`` columns are near only.
+    clipped
+        What follows them up to a bound.
+    lengths
+        Which columns are the characteristic length, whatever that is.
+    carried
+        Which of gravity and the drives give the rate of the loops.
+    ends
+        Up to where the fits were verified, lower and upper end.
+    open
+        Whether nothing spoke against values beyond these ends.
+    declared, center
+        Of every live parameter its declaration, and a value near its own, about which it is probed.
+    """
+
+    def __init__(self, model: Model) -> None:
+        self.reader = Reader(model)
+        self.frozen: dict[str, str] = {}
+        self.live: list[str] = []
+        self.fits: list[Fit] = []
+        self.guessed: set[int] = set()
+        self.clipped: list[Clipped] = []
+        self._bounded: set[int] = set()
+        self.ends: dict[str, list[float]] = {}
+        self.open: dict[str, list[bool]] = {}
+        self.center: dict[str, float] = {}
+        self.declared: dict[str, Parameter] = {}
+        self.random = np.random.default_rng(1)
+        self._model = model
+        self._powers: dict[str, dict[int, Powers]] = {}
+        for p in model.parameters():
+            self._take(p, getattr(model, p.name))
+        told = self.reader.columns("size", "row_size", "reach", "drive size")
+        self.lengths = told[self._as_long(self.reader.base)[told]]
+        self.carried = np.ones(1 + len(self.reader.columns("drive rate")), bool)
+        self._settle()
+        for name in list(self.live):
+            self._probe(name)
+        while not (self._fit() and self._guess()):
+            pass
+        widen(self)
+
+    def _take(self, p: Parameter, value: float) -> None:
+        """Let a parameter be live for now, with a value about which it is probed, or freeze it."""
+        if p.structural or not isinstance(p.default, float):
+            self.frozen[p.name] = "it decides what there is" if p.structural else "it is no real number"
+            return
+        center = value * self.random.uniform(0.9, 1.1) or (SOME if p.max > 0.0 else -SOME)
+        if not p.min < center < p.max:
+            bound = p.max if center >= p.max else p.min
+            center = bound - 0.07 * (bound - value) if value != bound else 0.93 * value or 0.5 * (p.min + p.max)
+        if not p.min < center < p.max or center == 0.0:
+            self.frozen[p.name] = "its range leaves no room to try it"
+            return
+        low, high = sorted((NEAR[0] * center, NEAR[1] * center))
+        self.live.append(p.name)
+        self.declared[p.name], self.center[p.name] = p, center
+        self.ends[p.name] = [max(low, p.min), min(high, p.max)]
+        self.open[p.name] = [True, True]
+
+    def _freeze(self, names: Iterable[str], reason: str) -> None:
+        """Leave parameters as they are in the model."""
+        for name in list(names):
+            hint = ""
+            if reason == STRUCTURE and getattr(self._model, name) == 0.0:
+                hint = " where it is not zero; export with another value than zero"
+            self.frozen[name] = reason + hint
+            self.live.remove(name)
+
+    def refused(self, values: dict[str, float]) -> str:
+        """Return why there is no plant with these values of live parameters; empty: there is."""
+        try:
+            self.reader.read(values)
+        except UserError as error:
+            return str(error)
+        return ""
+
+    def _settle(self) -> None:
+        """Freeze what cannot be moved to its center, alone or with all others."""
+        if not self.refused(self.at_center()):
+            return
+        for name in list(self.live):
+            told = self.refused({name: self.center[name]})
+            if told:
+                self._freeze([name], told)
+        told = self.refused(self.at_center())
+        if told:
+            self._freeze(self.live, f"with others: {told}")
+
+    def at_center(self) -> dict[str, float]:
+        """Return the values of all live parameters about which they are probed."""
+        return {name: self.center[name] for name in self.live}
+
+    def _as_long(self, row: Array) -> NDArray[np.bool_]:
+        """Return which numbers of a row are equal to the length."""
+        return np.asarray(row == row[self.reader.columns("length")[0]])
+
+    def _probe(self, name: str) -> None:
+        """Find the powers of a parameter in every number that it moves, or freeze it."""
+        center = self.center[name]
+        points, rows = [center], [self.reader.read(self.at_center())]
+        for side in (0, 1):
+            for _ in range(5):
+                x = self.ends[name][side]
+                try:
+                    rows.append(self.reader.read(self.at_center() | {name: x}))
+                    points.append(x)
+                    break
+                except UserError as error:  # nearer to the center it may do
+                    self.ends[name][side], self.open[name][side] = center + 0.4 * (x - center), False
+                    told = str(error)
+            else:
+                self._freeze([name], told)
+                return
+        for row in rows:
+            self.lengths = self.lengths[self._as_long(row)[self.lengths]]
+        u, y = np.array(points) / center, np.array(rows)
+        moved = self._followed(np.flatnonzero(np.any(y != y[0], axis=0)))
+        found = dict(zip(moved.tolist(), single(u, y[:, moved]), strict=True))
+        odd = np.array([i for i in moved if found[i] is None], np.int64)
+        if len(odd):
+            low, high = self.ends[name]
+            more = low + (high - low) * np.array(BETWEEN)
+            try:
+                between = [self.reader.read(self.at_center() | {name: float(x)}) for x in more]
+            except UserError as error:
+                self._freeze([name], str(error))
+                return
+            found |= dict(
+                zip(odd.tolist(), sums(np.append(u, more / center), np.array([*y, *between])[:, odd]), strict=True)
+            )
+        unknown = {i for i in odd.tolist() if found[i] is None}
+        self._powers[name] = {i: powers or CONSTANT for i, powers in found.items()}
+        self.guessed |= {i for i in unknown if self.reader.guesses[i]}
+        self._bounded |= unknown & set(self.reader.columns("size").tolist())
+        unknown -= self.guessed | self._bounded
+        if unknown:
+            self._freeze([name], self._no_sum(unknown))
+
+    def _followed(self, columns: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return those columns that are not made of others."""
+        made = self.reader.columns("rate", "loop_rate", "length")
+        return np.setdiff1d(columns, np.concatenate([made, self.lengths]))
+
+    def _no_sum(self, columns: Iterable[int]) -> str:
+        words = dict.fromkeys(WORDS.get(self.reader.places[i].array, "the rate of the mechanism") for i in columns)
+        return f"{' and '.join(words)} follows it in another way than by a sum of products of powers"
+
+    def _fit(self) -> bool:
+        """Fit all sums and compare them with fresh plants; false where that froze a parameter."""
+        keys: dict[tuple[Powers, ...], list[int]] = {}
+        for i in sorted(set().union(*(self._powers[n] for n in self.live)) - self.guessed - self._bounded):
+            keys.setdefault(tuple(self._powers[n].get(i, CONSTANT) for n in self.live), []).append(i)
+        for key, columns in keys.items():
+            if np.prod([len(powers) for powers in key]) > MOST:
+                self._freeze(
+                    [n for n, powers in zip(self.live, key, strict=True) if len(powers) > 1], self._no_sum(columns)
+                )
+                return False
+        exponents = {key: joint_exponents(key) for key in keys}
+        count = max(map(len, exponents.values()), default=0) + 4
+        points = self._inside(count + 4)
+        rows = []
+        for point in points[:count]:
+            try:
+                rows.append(self.reader.read(point))
+            except UserError as error:
+                self._freeze(*self.culprits(point, str(error), self.live, self.refused))
+                return False
+        x, center, y = self._vectors(points[:count]), np.array([self.center[n] for n in self.live]), np.array(rows)
+        self.fits = []
+        for key, members in keys.items():
+            own = np.array(members, np.int64)
+            self.fits += fit_sums(own, exponents[key], x, center, y[:, own])
+        self._find_carried(y)
+        if not self._fit_bounded(points):
+            return False
+        return all(map(self._holds, [{}, *points]))
+
+    def _fit_bounded(self, points: list[dict[str, float]]) -> bool:
+        """Fit what follows parameters up to a bound; false where that froze them."""
+        columns = sorted(i for i in self._bounded if any(i in self._powers[n] for n in self.live))
+        self.clipped = []
+        if not columns:
+            return True
+        try:
+            found = fit_clipped(self.reader.read, self.at_center(), points, np.array(columns, np.int64))
+        except UserError:
+            found = None
+        if found is None:
+            self._freeze([n for n in self.live if self._powers[n].keys() & set(columns)], self._no_sum(columns))
+            return False
+        self.clipped = found
+        return True
+
+    def _inside(self, count: int) -> list[dict[str, float]]:
+        """Return points at random within the ends."""
+        return [
+            {n: float(self.random.uniform(self.ends[n][0], self.ends[n][1])) for n in self.live} for _ in range(count)
+        ]
+
+    def _vectors(self, points: list[dict[str, float]]) -> Array:
+        """Return the values of all live parameters (points, live)."""
+        return np.array([[p.get(n, getattr(self._model, n)) for n in self.live] for p in points]).reshape(
+            len(points), -1
+        )
+
+    def _find_carried(self, rows: Array) -> None:
+        """Find what the rate of the loops is the largest of."""
+        told = self.reader.columns("loop_rate")
+        if len(told):
+            rates = np.array([self._rates(row) for row in rows])
+            self.carried = np.all(rates <= rows[:, told] * (1.0 + GOOD), axis=0)
+
+    def _rates(self, row: Array) -> Array:
+        """Return the rates by gravity and by each drive."""
+        size, rate, weight = (row[self.reader.columns(name)] for name in ("drive size", "drive rate", "weight"))
+        return np.asarray(np.append(weight / row[self.reader.columns("length")] ** 2, rate / size**4) ** 0.25)
+
+    def _holds(self, point: dict[str, float]) -> bool:
+        """Return whether the fits agree with a plant; false where they do not, which freezes what is to blame."""
+        told, columns = self.compared(point)
+        if told:
+            self._freeze(*self.culprits(point, told, self.movers(columns), self.differs))
+        return not told
+
+    def compared(self, point: dict[str, float]) -> tuple[str, list[int]]:
+        """Return why the fits do not agree with a plant, and in which columns; empty: they agree."""
+        try:
+            row = self.reader.read(point)
+        except UserError as error:
+            return str(error), []
+        wanted, size = self._predicted(point)
+        with np.errstate(invalid="ignore"):
+            off = ~(np.abs(wanted - row) <= GOOD * size)
+        off[list(self.guessed)] = False
+        wrong = np.flatnonzero(off).tolist()
+        return (self._no_sum(wrong), wrong) if wrong else ("", [])
+
+    def _predicted(self, point: dict[str, float]) -> tuple[Array, Array]:
+        """Return the numbers by the fits, and the sums of their terms without signs."""
+        row, x, column = self.reader.base.copy(), self._vectors([point]), self.reader.columns
+        size = np.abs(row)
+        for fit in self.fits:
+            row[fit.columns], size[fit.columns] = (own[0] for own in fit.values(x))
+        for bound in self.clipped:
+            row[bound.fits[0].columns] = bound.values(x)[0]
+        size[column("size")] = np.abs(row[column("size")])
+        with np.errstate(all="ignore"):
+            row[column("length")] = np.sqrt(row[column("span")].max())
+            row[self.lengths] = row[column("length")[0]]
+            rates = self._rates(row)
+        row[column("rate")], row[column("loop_rate")] = rates.max(), rates[self.carried].max(initial=0.0)
+        made = np.concatenate([column("length", "rate", "loop_rate"), self.lengths])
+        size[made] = np.abs(row[made])
+        return row, size
+
+    def movers(self, columns: list[int]) -> list[str]:
+        """Return the parameters that move some columns; where there are such, those that do so by sums."""
+        moving = [[self._powers[n][i] for i in columns if i in self._powers[n]] for n in self.live]
+        found = [n for n, powers in zip(self.live, moving, strict=True) if powers]
+        by_sums = [n for n, powers in zip(self.live, moving, strict=True) if any(len(p) > 1 for p in powers)]
+        return by_sums or found or self.live
+
+    def differs(self, point: dict[str, float]) -> str:
+        """Return why the fits do not agree with a plant; empty: they agree."""
+        return self.compared(point)[0]
+
+    def culprits(
+        self, point: dict[str, float], told: str, others: list[str], wrong: Callable[[dict[str, float]], str]
+    ) -> tuple[list[str], str]:
+        """Return the parameters that alone lead to what a point leads to, else the ``others``, and the reason."""
+        alone = [n for n in self.live if n in point and wrong(self.at_center() | {n: point[n]})]
+        return (alone, told) if alone else (others, f"with others: {told}")
+
+    def _guess(self) -> bool:
+        """Fit first guesses that are no sums, in a range that is narrow enough; false where that froze parameters."""
+        columns = np.array(sorted(self.guessed), np.int64)
+        names = [n for n in self.live if any(i in self._powers[n] for i in columns)]
+        if not names:
+            return True
+        known = {n: (float(getattr(self._model, n)), self.declared[n].min, self.declared[n].max) for n in names}
+        found = fit_guesses(self.reader.read, known, columns, self.random)
+        if found is None:
+            self._freeze(names, "a start position that closes the loops follows it in no simple way")
+            return False
+        guess, box = found
+        exponents = np.zeros((len(guess.exponents), len(self.live)))
+        exponents[:, [self.live.index(n) for n in names]] = guess.exponents
+        self.fits.append(guess._replace(exponents=exponents))
+        for name, ends in box.items():
+            self.ends[name], self.open[name] = list(ends), [False, False]
+            self.center[name] = float(np.clip(self.center[name], *ends))
+        return True
