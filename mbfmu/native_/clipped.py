@@ -32,12 +32,15 @@ class Clipped(NamedTuple):
 
 
 def fit_clipped(
-    read: Read, center: dict[str, float], points: list[dict[str, float]], columns: NDArray[np.int64]
+    read: Read, center: dict[str, float], points: list[dict[str, float]], names: list[str], columns: NDArray[np.int64]
 ) -> list[Clipped] | None:
-    """Return what columns are about a center and at the first of the points where that fails; None: no products."""
+    """Return what columns are about a center and at the first of the points where that fails; None: no products.
+
+    They follow the parameters ``names`` and no others.
+    """
     x = np.array([list(point.values()) for point in points])
     y = np.array([read(point)[columns] for point in points])
-    inner = _products(read, center, columns)
+    inner = _products(read, center, names, columns)
     if inner is None or np.any(y <= 0.0):
         return None
     found = []
@@ -47,7 +50,7 @@ def fit_clipped(
         wanted = first.values(x)[0] ** (1.0 / ROOT)
         off = np.any(np.abs(wanted - y[:, own]) > GOOD * y[:, own], axis=1)
         k = int(np.argmax(off))
-        outer = _products(read, points[k], columns[own])
+        outer = _products(read, points[k], names, columns[own])
         if outer is None or np.any(outer[0] != outer[0][0]):
             return None
         sign = -1 if off[k] and y[k, own[0]] < wanted[k, 0] else 1
@@ -57,12 +60,16 @@ def fit_clipped(
     return found
 
 
-def _products(read: Read, point: dict[str, float], columns: NDArray[np.int64]) -> tuple[Array, Array] | None:
+def _products(
+    read: Read, point: dict[str, float], names: list[str], columns: NDArray[np.int64]
+) -> tuple[Array, Array] | None:
     """Return powers (k, variables) and coefficients (k,) of the columns, to the power ROOT, about a point."""
     y = read(point)[columns]
-    moved = np.array([read(point | {n: STEP * x})[columns] for n, x in point.items()])
+    powers = np.zeros((len(point), len(columns)))
     with np.errstate(all="ignore"):
-        powers = ROOT * np.log(moved / y) / np.log(STEP)
+        for k, (name, x) in enumerate(point.items()):
+            if name in names:
+                powers[k] = ROOT * np.log(read(point | {name: STEP * x})[columns] / y) / np.log(STEP)
     exponents = np.round(powers)
     if not np.all(np.abs(powers - exponents) < WHOLE):
         return None

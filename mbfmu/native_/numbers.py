@@ -40,11 +40,13 @@ class Reader:
     Attributes
     ----------
     places
-        Of every number, in their order. Four more names stand for what lengths and rates are made of: ``span``, the
-        squares of what the largest gives the length, m^2; ``weight``, the square of gravity, m^2/s^4; of every drive
-        ``drive size``, the unit of its coordinate, and ``drive rate``, the fourth power of its rate in SI units.
+        Of every number, in their order. Three more names stand for what lengths and rates are made of: ``span``, the
+        squares of what the largest gives the length, m^2; of every drive ``drive size``, the unit of its coordinate,
+        and ``drive rate``, the fourth power of its rate in SI units.
     inputs
         Number of the input that owns a place.
+    gravity
+        Columns of its components.
     guesses
         Which numbers are positions that closing the loops corrects.
     base
@@ -63,14 +65,17 @@ class Reader:
         self._told = {name: len(values) for name, values in _told(plant).items()}
         self.places = [Place(name, 8 * int(k)) for name, mask in masks.items() for k in np.flatnonzero(mask)]
         self.places += [Place(name, 8 * k) for name, count in self._told.items() for k in range(count)]
+        arrays_of = np.array([place.array for place in self.places])
+        self._columns = {name: np.flatnonzero(arrays_of == name) for name in np.unique(arrays_of).tolist()}
         self.guesses = np.zeros(len(self.places), bool)
         if plant.system.m and plant.system.nq == plant.system.n:
             self.guesses[self.columns("q")] = ~plant.assembly.held()
+        self.gravity = np.array([self.places.index(Place("world", 8 * k)) for k in range(3)])
         self.base = self._numbers(plant)
 
     def columns(self, *names: str) -> NDArray[np.int64]:
         """Return the columns of these arrays."""
-        return np.array([i for i, place in enumerate(self.places) if place.array in names], np.int64)
+        return np.concatenate([self._columns.get(name, np.zeros(0, np.int64)) for name in names])
 
     def read(self, values: Mapping[str, float]) -> Array:
         """Return the numbers with other values of some parameters; UserError where there are none.
@@ -137,7 +142,6 @@ def _told(plant: Plant) -> dict[str, Array]:
     """Return what solvers are told beside the arrays, and what lengths and rates are made of."""
     system, drives = plant.system, plant.drives
     squares = spans(plant.mechanism, plant.data.arrays) ** 2
-    gravity = plant.data.arrays.world["gravity"][0]
     paces = [(drives.sizes[k], drives.pace(k)) for k in drives.signals]
     return {
         "q": plant.assembly.start_positions(),
@@ -148,7 +152,6 @@ def _told(plant: Plant) -> dict[str, Array]:
         "loop_rate": np.array([system.loop_rate] if system.has_matrices else []),
         "length": np.array([plant.length]),
         "span": squares if squares.any() else np.array([plant.length**2]),
-        "weight": np.array([gravity @ gravity]),
         "drive size": np.array([size for size, _ in paces]),
         "drive rate": np.array([(size / pace) ** 4 if pace else 0.0 for size, pace in paces]),
     }

@@ -24,7 +24,8 @@ from .numbers import STRUCTURE, Reader
 from .widening import widen
 
 NEAR = (0.6, 1.7)  # of its value: where a parameter is probed first
-BETWEEN = (0.08, 0.23, 0.41, 0.64, 0.79, 0.93)  # of its range: more points for sums
+BETWEEN = (0.2, 0.5, 0.8)  # of its range: more points for sums
+SPARE, FRESH = 3, 3  # points more than terms in a fit; points that have no part in it
 SOME = 0.7  # a value for what is zero
 WORDS = {
     "world": "gravity",
@@ -39,7 +40,6 @@ WORDS = {
     "row_size": "the unit of a constraint",
     "reach": "the unit of a constraint",
     "span": "the length of the mechanism",
-    "weight": "the rate of the mechanism",
     "drive size": "the rate of the mechanism",
     "drive rate": "the rate of the mechanism",
 }
@@ -138,8 +138,11 @@ class Search:
         """Freeze what cannot be moved to its center, alone or with all others."""
         if not self.refused(self.at_center()):
             return
+        odd = {n: (0.0, self.declared[n].min, self.declared[n].max) for n in self.live}
+        usual = [n for n in self.live if getattr(self._model, n) not in odd[n]]
+        all_do = not self.refused({n: self.center[n] for n in usual})
         for name in list(self.live):
-            told = self.refused({name: self.center[name]})
+            told = "" if all_do and name in usual else self.refused({name: self.center[name]})
             if told:
                 self._freeze([name], told)
         told = self.refused(self.at_center())
@@ -176,7 +179,9 @@ class Search:
         u, y = np.array(points) / center, np.array(rows)
         moved = self._followed(np.flatnonzero(np.any(y != y[0], axis=0)))
         found = dict(zip(moved.tolist(), single(u, y[:, moved]), strict=True))
-        odd = np.array([i for i in moved if found[i] is None], np.int64)
+        unknown = {i for i in moved.tolist() if found[i] is None}
+        self._bounded |= unknown & set(self.reader.columns("size").tolist())
+        odd = np.array(sorted(unknown - self._bounded), np.int64)
         if len(odd):
             low, high = self.ends[name]
             more = low + (high - low) * np.array(BETWEEN)
@@ -191,10 +196,8 @@ class Search:
         unknown = {i for i in odd.tolist() if found[i] is None}
         self._powers[name] = {i: powers or CONSTANT for i, powers in found.items()}
         self.guessed |= {i for i in unknown if self.reader.guesses[i]}
-        self._bounded |= unknown & set(self.reader.columns("size").tolist())
-        unknown -= self.guessed | self._bounded
-        if unknown:
-            self._freeze([name], self._no_sum(unknown))
+        if unknown - self.guessed:
+            self._freeze([name], self._no_sum(unknown - self.guessed))
 
     def _followed(self, columns: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return those columns that are not made of others."""
@@ -217,8 +220,8 @@ class Search:
                 )
                 return False
         exponents = {key: joint_exponents(key) for key in keys}
-        count = max(map(len, exponents.values()), default=0) + 4
-        points = self._inside(count + 4)
+        count = max(map(len, exponents.values()), default=0) + SPARE
+        points = self._inside(count + FRESH)
         rows = []
         for point in points[:count]:
             try:
@@ -238,16 +241,18 @@ class Search:
 
     def _fit_bounded(self, points: list[dict[str, float]]) -> bool:
         """Fit what follows parameters up to a bound; false where that froze them."""
-        columns = sorted(i for i in self._bounded if any(i in self._powers[n] for n in self.live))
+        columns = np.array(sorted(self._bounded), np.int64)
+        started = set(self.reader.columns("q", "v", "world").tolist())
+        names = [n for n in self.live if self._powers[n].keys() - started]  # a start has no say in a unit
         self.clipped = []
-        if not columns:
+        if not any(self._powers[n].keys() & self._bounded for n in names):
             return True
         try:
-            found = fit_clipped(self.reader.read, self.at_center(), points, np.array(columns, np.int64))
+            found = fit_clipped(self.reader.read, self.at_center(), points, names, columns)
         except UserError:
             found = None
         if found is None:
-            self._freeze([n for n in self.live if self._powers[n].keys() & set(columns)], self._no_sum(columns))
+            self._freeze(names, self._no_sum(columns))
             return False
         self.clipped = found
         return True
@@ -273,8 +278,9 @@ class Search:
 
     def _rates(self, row: Array) -> Array:
         """Return the rates by gravity and by each drive."""
-        size, rate, weight = (row[self.reader.columns(name)] for name in ("drive size", "drive rate", "weight"))
-        return np.asarray(np.append(weight / row[self.reader.columns("length")] ** 2, rate / size**4) ** 0.25)
+        gravity, length = row[self.reader.gravity], row[self.reader.columns("length")[0]]
+        size, rate = row[self.reader.columns("drive size")], row[self.reader.columns("drive rate")]
+        return np.asarray(np.append(gravity @ gravity / length**2, rate / size**4) ** 0.25)
 
     def _holds(self, point: dict[str, float]) -> bool:
         """Return whether the fits agree with a plant; false where they do not, which freezes what is to blame."""

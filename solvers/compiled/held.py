@@ -52,8 +52,18 @@ class Held:
         put(value, self.address)
 
 
+_array_types: dict[tuple[Any, ...], Any] = {}
+
+
 def held_type(example: Any) -> Any:
     """Return numba's type of what :func:`hold` makes of a value of this kind."""
+    if isinstance(example, np.ndarray):
+        flags = example.flags
+        told = (type(example), example.dtype, example.dtype.isalignedstruct, example.ndim)
+        key = (*told, flags.c_contiguous, flags.f_contiguous, flags.writeable)
+        if key not in _array_types:  # numba goes through all fields of a record every time
+            _array_types[key] = typeof(example)  # type: ignore[no-untyped-call]
+        return _array_types[key]
     if not isinstance(example, tuple):
         return typeof(example)  # type: ignore[no-untyped-call]
     fields = [held_type(field) for field in example]

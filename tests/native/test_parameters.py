@@ -1,0 +1,238 @@
+"""Parameters that stay settable without build(): what they move is what plants built with them have."""
+
+from dataclasses import dataclass
+from functools import cache
+from math import inf, sqrt
+
+import numpy as np
+import pytest
+
+from fmus.fourbar import FourBar
+from fmus.governor import Governor
+from fmus.pendulum import SwingPendulum
+from fmus.sheet import Sheet
+from mbfmu.errors import UserError
+from mbfmu.mechanics import Input, JointForce, JointSpring, Mechanism, Revolute, Translational, rod
+from mbfmu.model import Model, parameter
+from mbfmu.native_.numbers import STRUCTURE, Place, Reader
+from mbfmu.native_.parameters import Live, find_live
+
+SHIPPED = {
+    "four-bar": FourBar(),
+    "elastic four-bar": FourBar(coupler_modes=2),
+    "governor": Governor(),
+    "free governor": Governor(driven=False),
+    "pendulum": SwingPendulum(),
+    "small sheet": Sheet(nx=5, nz=4),
+    "damped sheet": Sheet(nx=5, nz=4, damping=0.002, drag=1.4),
+    "free sheet": Sheet(nx=5, nz=4, support="free"),
+    "sheet": Sheet(),
+}
+STRUCTURAL = {
+    FourBar: {"coupler_modes", "coupler_elements"},
+    Governor: {"driven"},
+    SwingPendulum: set(),
+    Sheet: {"nx", "nz", "tree", "support", "membrane", "grid_outputs", "length", "width", "poisson", "pressure"},
+}
+MORE = {
+    "elastic four-bar": {"coupler_length", "coupler_mass", "coupler_height", "coupler_width", "youngs_modulus"},
+    "small sheet": {"held_part", "damping", "drag"},
+    "damped sheet": {"held_part"},
+    "free sheet": {"damping", "drag"},
+    "sheet": {"held_part", "damping", "drag"},
+}
+
+
+@cache
+def searched(model: Model) -> Live:
+    return find_live(model)
+
+
+def drawn(live: Live, random: np.random.Generator) -> dict[str, float]:
+    """Return values at random within the ranges: where these have no end, within a decade."""
+    values = {}
+    for name in live.parameters:
+        low, high = live.ranges[name]
+        size = abs(live.start[name]) or 1.0
+        values[name] = float(random.uniform(max(low, -10.0 * size), min(high, 10.0 * size)))
+    return values
+
+
+def check_entries(model: Model, live: Live, values: dict[str, float], near: float = 0.02) -> None:
+    """Hold what follows parameters, and what does not, against a plant built with them; rates to the fourth power."""
+    reader = Reader(model)
+    built = dict(zip(reader.places, reader.read(values), strict=True))
+    found = live.apply(values)
+    guesses = {entry.place for entry in live.entries if entry.guess}
+    terms = {entry.place: largest_term(live, entry, values) for entry in live.entries}
+    for place, value, base in zip(reader.places, built.values(), reader.base, strict=True):
+        if place.array in ("span", "drive size", "drive rate"):
+            continue
+        wanted = found.get(place, base)
+        allowed = near * max(1.0, abs(value)) if place in guesses else 1e-12 * max(abs(value), terms.get(place, 0.0))
+        assert abs(wanted - value) <= allowed, (place, wanted, value)
+
+
+def largest_term(live: Live, entry, values: dict[str, float]) -> float:
+    """Return by how much rounding of a sum is judged: its largest term; of one term or a root its value."""
+    if entry.root != 1 or len(entry.sums[0]) == 1:
+        return 0.0
+    return max(abs(term.value({**live.start, **values})) for term in entry.sums[0])
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_entries_are_the_arrays_of_plants_built_with_other_values(name):
+    model = SHIPPED[name]
+    live = searched(model)
+    check_entries(model, live, {})
+    random = np.random.default_rng(7)
+    for _ in range(20):
+        check_entries(model, live, drawn(live, random))
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_which_parameters_of_shipped_models_stay_settable(name):
+    model = SHIPPED[name]
+    live = searched(model)
+    assert set(live.frozen) == STRUCTURAL[type(model)] | MORE.get(name, set())
+    assert set(live.parameters) | set(live.frozen) == {p.name for p in model.parameters()}
+    for p in model.parameters():
+        if p.name in live.ranges:
+            low, high = live.ranges[p.name]
+            assert p.min <= low <= getattr(model, p.name) <= high <= p.max
+
+
+def test_a_parameter_at_zero_that_turns_something_on_is_frozen_with_a_hint():
+    live = searched(SHIPPED["small sheet"])
+    assert live.frozen["damping"].startswith(STRUCTURE)
+    assert "export with another value than zero" in live.frozen["damping"]
+    on = searched(SHIPPED["damped sheet"])
+    assert 0.0 < on.ranges["damping"][0] < 0.002
+    assert on.ranges["damping"][1] == inf
+
+
+def test_products_are_found_as_they_are_written():
+    live = searched(SHIPPED["four-bar"])
+    told = {entry.place: entry for entry in live.entries}
+    bodies = {term for place, entry in told.items() if place.array == "bodies" for term in entry.sums[0]}
+    assert {(1 / 12, (("crank_length", 2.0), ("crank_mass", 1.0)))} <= {(t.coefficient, t.powers) for t in bodies}
+    assert all(entry.root == 1 and len(entry.sums) == 1 for place, entry in told.items() if place.array == "bodies")
+    assert all(live.ranges[n] == (-inf, inf) for n in ("gravity", "start_angle", "start_rate", "crank_torque"))
+
+
+def test_what_an_input_owns_follows_its_parameter_as_a_start():
+    assert {e.input for e in searched(SHIPPED["four-bar"]).entries} == {None, 0}
+    live, plant = searched(SHIPPED["small sheet"]), SHIPPED["small sheet"].plant()
+    owned = {e.place: plant.inputs.variables[e.input].name for e in live.entries if e.input is not None}
+    assert owned == {Place("world", 8 * k): f"gravity.{axis}" for k, axis in enumerate("xyz")}
+
+
+def test_length_and_rate_follow_the_largest():
+    model = FourBar()
+    live = searched(model)
+    for values in ({"ground_length": 7.0}, {"coupler_length": 5.0, "gravity": -1.62}, {"crank_length": 9.0}):
+        plant = model.with_values(values).plant()
+        found = live.apply(values)
+        assert found[Place("length", 0)] == pytest.approx(plant.length, rel=1e-14)
+        assert found[Place("rate", 0)] == pytest.approx(plant.system.rate, rel=1e-14)
+        assert found[Place("loop_rate", 0)] == pytest.approx(plant.system.loop_rate, rel=1e-14)
+
+
+def test_a_unit_with_a_bound_follows_on_both_sides_of_it():
+    model = SHIPPED["small sheet"]
+    live = searched(model)
+    entry = next(e for e in live.entries if e.place == Place("size", 8))
+    assert entry.root < 0
+    stiff, soft = ({"youngs_modulus": 1e10 * k} for k in (5.0, 0.5))
+    for values in (stiff, soft):
+        wanted = model.with_values(values).plant().system.size[1]
+        assert live.apply(values)[entry.place] == pytest.approx(wanted, rel=1e-13)
+    assert live.apply(stiff)[entry.place] < live.apply(soft)[entry.place]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Odd(Model):
+    """A pendulum whose build() does what no product does."""
+
+    length: float = parameter(1.0, unit="m", min=1e-3)
+    mass: float = parameter(2.0, unit="kg", min=1e-3)
+    bent: float = parameter(1.0, min=0.0)  # max() with a kink a little above its value
+    far: float = parameter(1.0, min=0.0)  # ... and far away
+    side: float = parameter(1.0)
+    rooted: float = parameter(3.0, min=0.0)
+    curved: float = parameter(2.0, min=0.0)
+    whole: float = parameter(3.0, min=1.0, max=50.0)
+    count: int = parameter(2, min=1, max=5)
+    summed: float = parameter(0.5)
+    refused: float = parameter(1.5, min=0.0)
+    damping: float = parameter(0.0, min=0.0)
+    never: float = parameter(0.0)
+
+    def build(self) -> Mechanism:
+        """Return the mechanism."""
+        if self.refused > 2.0:
+            raise UserError(f"refused is {self.refused!r}; allowed: at most 2")
+        m = Mechanism(gravity=(0.0, -9.81, 0.0))
+        bar = m.body("bar", m.ground, Revolute(start=self.summed - 0.25), **rod(mass=self.mass, length=self.length))
+        slider = m.body("slider", bar, Translational(axis="x", start=2.0), mass=sqrt(self.rooted) * self.mass)
+        for k in range(int(self.whole)):
+            m.force(f"part {k}", JointForce(magnitude=0.1), bar)
+        for k in range(self.count):
+            m.force(f"more {k}", JointForce(magnitude=0.1), bar)
+        m.force("bent", JointSpring(stiffness=max(self.bent, 1.1)), bar)
+        m.force("far", JointSpring(stiffness=min(self.far, 5.0)), bar)
+        m.force("side", JointSpring(stiffness=2.0 if self.side > 0.0 else 3.0, damping=abs(self.side)), bar)
+        m.force("curved", JointSpring(stiffness=1.0 / (1.0 + self.curved)), slider)
+        m.force("refused", JointSpring(stiffness=self.refused * (1.0 + self.mass)), slider)
+        if self.damping > 0.0:
+            m.force("damper", JointSpring(stiffness=0.0, damping=self.damping), slider)
+        torque = Input(name="torque", unit="N.m", start=2.0 * self.never)
+        m.force("motor", JointForce(magnitude=torque), bar)
+        m.output("angle", bar.angle(), "angle")
+        return m
+
+
+def test_what_is_no_product_is_frozen_or_ranged():
+    model = Odd()
+    live = find_live(model)
+    assert set(live.frozen) == {"bent", "curved", "whole", "count", "damping"}
+    assert live.frozen["whole"] == STRUCTURE
+    assert "another value than zero" in live.frozen["damping"]
+    assert "no real number" in live.frozen["count"]
+    assert "sum of products" in live.frozen["curved"]
+    assert 1.0 < live.ranges["far"][1] <= 5.0
+    assert live.ranges["side"][0] > 0.0
+    assert 1.5 <= live.ranges["refused"][1] <= 2.0
+    assert live.ranges["rooted"] == (0.0, inf)
+    assert live.ranges["never"] == (-inf, inf)
+    random = np.random.default_rng(3)
+    for _ in range(20):
+        check_entries(model, live, drawn(live, random))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ordered(Model):
+    """One whose parameters must be in an order."""
+
+    short: float = parameter(1.0, unit="m", min=0.1)
+    long: float = parameter(1.2, unit="m", min=0.1)
+
+    def build(self) -> Mechanism:
+        """Return the mechanism."""
+        if self.short > self.long:
+            raise UserError(f"short is {self.short!r} m; allowed: at most long, {self.long!r} m")
+        m = Mechanism(gravity=(0.0, -9.81, 0.0))
+        m.body("bar", m.ground, Revolute(), **rod(mass=self.long - self.short + 1.0, length=self.long))
+        return m
+
+
+def test_ranges_of_parameters_that_are_refused_together_are_of_points_that_do():
+    live = find_live(Ordered())
+    random = np.random.default_rng(3)
+    for _ in range(20):
+        check_entries(Ordered(), live, drawn(live, random))
+
+
+def test_a_model_that_cannot_be_built_is_refused():
+    with pytest.raises(UserError, match=r"refused is 3\.0"):
+        find_live(Odd(refused=3.0))
