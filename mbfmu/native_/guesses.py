@@ -17,6 +17,7 @@ NEAR = 0.02  # error, of the largest there is
 BOXES = (1.18, 1.1, 1.05)  # by what parts of its value a parameter may change, largest first
 ABOUT_ZERO = 1.5  # ... and in place of it by what, for every one of these parts, where it is zero: 0.27, 0.15, 0.075
 DEGREE = 3
+FRESH = 10  # points at random that have no part in a fit, beside all corners
 MOST = 4  # parameters
 
 Box = dict[str, tuple[float, float]]
@@ -36,13 +37,14 @@ def fit_guesses(
     for part in BOXES if len(values) <= MOST else ():
         box = {name: _range(*own, part) for name, own in values.items()}
         low, high = np.array(list(box.values())).T
-        x = random.uniform(low, high, (2 * len(exponents) + 10, len(box)))
+        fitted = 2 * len(exponents)
+        x = np.vstack((random.uniform(low, high, (fitted + FRESH, len(box))), list(product(*box.values()))))
         try:
             y = np.array([read(dict(zip(box, map(float, point), strict=True)))[columns] for point in x])
         except UserError:
             continue
         scale = np.prod(np.maximum(np.abs(low), np.abs(high)) ** exponents, axis=1)
-        terms, fitted = products(x, exponents) / scale, 2 * len(exponents)
+        terms = products(x, exponents) / scale
         c = np.linalg.lstsq(terms[:fitted], y[:fitted], rcond=None)[0]
         if np.all(np.abs(terms @ c - y) <= NEAR * np.abs(y).max(axis=0)):
             return Fit(columns, exponents, c / scale[:, np.newaxis]), box

@@ -78,13 +78,13 @@ def find_live(model: Model) -> Live:
 def _range(search: Search, name: str, value: float) -> tuple[float, float]:
     """Return from where to where a parameter is settable.
 
-    Of one in products only it is all that the model allows, but for a side on which they failed. Lengths and rates
-    are sums by their nature, and no reason to narrow it.
+    Of one that is a factor of whatever it moves it is all that the model allows, but for a side on which that failed.
+    Lengths and rates are sums by their nature, and no reason to narrow it.
     """
     column, declared = search.live.index(name), search.declared[name]
     parts = search.reader.columns("span", "drive rate")
-    own = [fit for fit in search.fits if np.any(fit.exponents[:, column])]
-    single = all(len(fit.exponents) == 1 or np.isin(fit.columns, parts).all() for fit in own)
+    own = [fit.exponents[:, column] for fit in search.fits if not np.isin(fit.columns, parts).all()]
+    single = not any(np.ptp(powers) for powers in own if len(powers))
     limits = (declared.min, declared.max)
     low, high = (
         limit if single and free else end

@@ -1,4 +1,4 @@
-"""How far fits hold outside of where they were made: up to the limits of parameters, or decades away."""
+"""How far fits hold outside of where they were made: up to the limits of parameters, or a decade away."""
 
 from __future__ import annotations
 
@@ -10,23 +10,27 @@ from mbfmu.model import Parameter
 if TYPE_CHECKING:
     from .search import Search
 
+HALVINGS = 6  # of the way from the center to an end, where a corner fails
+
+Goals = dict[tuple[str, int], float]  # by parameter and side
+
 
 def widen(search: Search) -> None:
     """Move the ends of a search outward as far as its fits hold, all parameters at once."""
-    names = search.live
-    steps = {n: outward(search.declared[n], search.center[n], search.ends[n]) for n in names}
+    _hold_corners(search)
+    steps = {n: outward(search.declared[n], search.center[n], search.ends[n]) for n in search.live}
     for level in range(max((len(side) for both in steps.values() for side in both), default=0)):
-        goals = {
-            (n, side): steps[n][side][level]
-            for n in names
-            for side in (0, 1)
-            if search.open[n][side] and level < len(steps[n][side])
+        goals: Goals = {
+            (n, side): own[level]
+            for n, both in steps.items()
+            for side, own in enumerate(both)
+            if search.open[n][side] and level < len(own)
         }
-        mixture = search.random.integers(2, size=len(names))
-        for sides in (mixture, 1 - mixture) if goals else ():
-            _try(search, dict(zip(names, sides.tolist(), strict=True)), goals)
+        for sides in _mixtures(search):
+            _reach(search, sides, goals)
         for (n, side), goal in goals.items():
             search.ends[n][side] = goal
+    _hold_corners(search)
 
 
 def outward(p: Parameter, center: float, ends: list[float]) -> tuple[list[float], list[float]]:
@@ -38,12 +42,17 @@ def outward(p: Parameter, center: float, ends: list[float]) -> tuple[list[float]
     return below, above
 
 
-def _try(search: Search, sides: dict[str, int], goals: dict[tuple[str, int], float]) -> None:
+def _mixtures(search: Search) -> list[dict[str, int]]:
+    """Return a side for every parameter at random, and the other sides."""
+    drawn = search.random.integers(2, size=len(search.live))
+    return [dict(zip(search.live, sides.tolist(), strict=True)) for sides in (drawn, 1 - drawn)]
+
+
+def _reach(search: Search, sides: dict[str, int], goals: Goals) -> None:
     """Compare the fits with a plant at the goals on these sides; drop the goals of parameters to blame."""
     while True:
         there = {n: goals[n, side] for n, side in sides.items() if (n, side) in goals}
-        point = {n: there.get(n, search.ends[n][side]) for n, side in sides.items()}
-        told, columns = search.compared(point)
+        told, columns = search.compared({n: there.get(n, search.ends[n][side]) for n, side in sides.items()})
         if not told or not there:
             return
         alone, _ = search.culprits(there, told, [], search.differs)
@@ -51,3 +60,17 @@ def _try(search: Search, sides: dict[str, int], goals: dict[tuple[str, int], flo
         for n in alone or together or there:
             del goals[n, sides[n]]
             search.open[n][sides[n]] = False
+
+
+def _hold_corners(search: Search) -> None:
+    """Compare the fits with plants where all parameters are at an end; move ends inward where they do not agree."""
+    for sides in _mixtures(search):
+        for _ in range(HALVINGS):
+            corner = {n: search.ends[n][side] for n, side in sides.items()}
+            told, columns = search.compared(corner)
+            if not told:
+                break
+            names, _ = search.culprits(corner, told, search.movers(columns), search.differs)
+            for n in names:
+                search.ends[n][sides[n]] = 0.5 * (search.ends[n][sides[n]] + search.center[n])
+                search.open[n][sides[n]] = False

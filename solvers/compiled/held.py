@@ -7,6 +7,7 @@ tuple's fields as attributes all the same.
 
 from __future__ import annotations
 
+from functools import cache
 from hashlib import sha256
 from typing import Any
 
@@ -118,6 +119,7 @@ def _put(_: Any, value: Any, address: Any) -> Any:
 _store: Any = intrinsic(_put)
 
 
+@cache
 def size(held: Any) -> int:
     """Bytes of a tuple as kernels have it, from its type."""
     context: Any = cpu_target.target_context

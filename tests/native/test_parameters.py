@@ -42,6 +42,8 @@ MORE = {
     "sheet": {"held_part", "damping", "drag"},
 }
 
+NEAR = 0.04  # of first guesses: 2 % of the largest, which is at most twice that of the model
+
 
 @cache
 def searched(model: Model) -> Live:
@@ -58,8 +60,8 @@ def drawn(live: Live, random: np.random.Generator) -> dict[str, float]:
     return values
 
 
-def check_entries(model: Model, live: Live, values: dict[str, float], near: float = 0.02) -> None:
-    """Hold what follows parameters, and what does not, against a plant built with them; rates to the fourth power."""
+def check_entries(model: Model, live: Live, values: dict[str, float]) -> None:
+    """Hold what follows parameters, and what does not, against a plant built with them."""
     reader = Reader(model)
     built = dict(zip(reader.places, reader.read(values), strict=True))
     found = live.apply(values)
@@ -69,7 +71,7 @@ def check_entries(model: Model, live: Live, values: dict[str, float], near: floa
         if place.array in ("span", "drive size", "drive rate"):
             continue
         wanted = found.get(place, base)
-        allowed = near * max(1.0, abs(value)) if place in guesses else 1e-12 * max(abs(value), terms.get(place, 0.0))
+        allowed = NEAR * abs(base) if place in guesses else 1e-12 * max(abs(value), terms.get(place, 0.0))
         assert abs(wanted - value) <= allowed, (place, wanted, value)
 
 
