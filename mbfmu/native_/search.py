@@ -26,6 +26,7 @@ from .widening import widen
 NEAR = (0.6, 1.7)  # of its value: where a parameter is probed first
 BETWEEN = (0.2, 0.5, 0.8)  # of its range: more points for sums
 SPARE, FRESH = 3, 3  # points more than terms in a fit; points that have no part in it
+TRIES = 5  # to find an end where the build does not refuse, nearer to the center each time
 SOME = 0.7  # a value for what is zero
 WORDS = {
     "world": "gravity",
@@ -104,11 +105,10 @@ class Search:
         if p.structural or not isinstance(p.default, float):
             self.frozen[p.name] = "it decides what there is" if p.structural else "it is no real number"
             return
-        center = value * self.random.uniform(0.9, 1.1) or (SOME if p.max > 0.0 else -SOME)
-        if not p.min < center < p.max:
-            bound = p.max if center >= p.max else p.min
-            center = bound - 0.07 * (bound - value) if value != bound else 0.93 * value or 0.5 * (p.min + p.max)
-        if not p.min < center < p.max or center == 0.0:
+        apart = self.random.uniform(0.9, 1.1)  # from values that happen to be equal
+        tries = (apart * value, 0.93 * value, 1.07 * value, SOME, -SOME, 0.5 * (p.min + p.max))
+        center = next((x for x in tries if x != 0.0 and p.min < x < p.max), 0.0)
+        if center == 0.0:
             self.frozen[p.name] = "its range leaves no room to try it"
             return
         low, high = sorted((NEAR[0] * center, NEAR[1] * center))
@@ -159,45 +159,53 @@ class Search:
 
     def _probe(self, name: str) -> None:
         """Find the powers of a parameter in every number that it moves, or freeze it."""
-        center = self.center[name]
-        points, rows = [center], [self.reader.read(self.at_center())]
-        for side in (0, 1):
-            for _ in range(5):
-                x = self.ends[name][side]
-                try:
-                    rows.append(self.reader.read(self.at_center() | {name: x}))
-                    points.append(x)
-                    break
-                except UserError as error:  # nearer to the center it may do
-                    self.ends[name][side], self.open[name][side] = center + 0.4 * (x - center), False
-                    told = str(error)
-            else:
-                self._freeze([name], told)
-                return
-        for row in rows:
-            self.lengths = self.lengths[self._as_long(row)[self.lengths]]
-        u, y = np.array(points) / center, np.array(rows)
-        moved = self._followed(np.flatnonzero(np.any(y != y[0], axis=0)))
-        found = dict(zip(moved.tolist(), single(u, y[:, moved]), strict=True))
-        unknown = {i for i in moved.tolist() if found[i] is None}
-        self._bounded |= unknown & set(self.reader.columns("size").tolist())
-        odd = np.array(sorted(unknown - self._bounded), np.int64)
-        if len(odd):
-            low, high = self.ends[name]
-            more = low + (high - low) * np.array(BETWEEN)
-            try:
-                between = [self.reader.read(self.at_center() | {name: float(x)}) for x in more]
-            except UserError as error:
-                self._freeze([name], str(error))
-                return
-            found |= dict(
-                zip(odd.tolist(), sums(np.append(u, more / center), np.array([*y, *between])[:, odd]), strict=True)
-            )
+        try:
+            points, rows = self._reached(name)
+            u, y = np.array(points) / self.center[name], np.array(rows)
+            moved = self._followed(np.flatnonzero(np.any(y != y[0], axis=0)))
+            found = dict(zip(moved.tolist(), single(u, y[:, moved]), strict=True))
+            unknown = {i for i in moved.tolist() if found[i] is None}
+            self._bounded |= unknown & set(self.reader.columns("size").tolist())
+            odd = np.array(sorted(unknown - self._bounded), np.int64)
+            if len(odd):
+                found |= dict(zip(odd.tolist(), self._sums(name, u, y, odd), strict=True))
+        except UserError as error:
+            self._freeze([name], str(error))
+            return
         unknown = {i for i in odd.tolist() if found[i] is None}
         self._powers[name] = {i: powers or CONSTANT for i, powers in found.items()}
         self.guessed |= {i for i in unknown if self.reader.guesses[i]}
         if unknown - self.guessed:
             self._freeze([name], self._no_sum(unknown - self.guessed))
+
+    def _reached(self, name: str) -> tuple[list[float], list[Array]]:
+        """Return values of a parameter, its center and both ends, and the numbers there.
+
+        Ends at which the build refuses are moved inward. Raises UserError where the parameter cannot be moved from its center.
+        """
+        points, rows = [self.center[name]], [self.reader.read(self.at_center())]
+        for side in (0, 1):
+            for left in reversed(range(TRIES)):
+                x = self.ends[name][side]
+                try:
+                    rows.append(self.reader.read(self.at_center() | {name: x}))
+                    points.append(x)
+                    break
+                except UserError:
+                    if not left:
+                        raise
+                    self.ends[name][side] = self.center[name] + 0.4 * (x - self.center[name])
+                    self.open[name][side] = False
+        for row in rows:
+            self.lengths = self.lengths[self._as_long(row)[self.lengths]]
+        return points, rows
+
+    def _sums(self, name: str, u: Array, y: Array, columns: NDArray[np.int64]) -> list[Powers | None]:
+        """Return the powers of a parameter whose sums these columns are, from more points between its ends."""
+        low, high = self.ends[name]
+        more = low + (high - low) * np.array(BETWEEN)
+        between = [self.reader.read(self.at_center() | {name: float(x)}) for x in more]
+        return sums(np.append(u, more / self.center[name]), np.array([*y, *between])[:, columns])
 
     def _followed(self, columns: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return those columns that are not made of others."""
@@ -206,7 +214,8 @@ class Search:
 
     def _no_sum(self, columns: Iterable[int]) -> str:
         words = dict.fromkeys(WORDS.get(self.reader.places[i].array, "the rate of the mechanism") for i in columns)
-        return f"{' and '.join(words)} follows it in another way than by a sum of products of powers"
+        follow = "follows" if len(words) == 1 else "follow"
+        return f"{' and '.join(words)} {follow} it in another way than by sums of products of powers"
 
     def _fit(self) -> bool:
         """Fit all sums and compare them with fresh plants; false where that froze a parameter."""
@@ -215,9 +224,8 @@ class Search:
             keys.setdefault(tuple(self._powers[n].get(i, CONSTANT) for n in self.live), []).append(i)
         for key, columns in keys.items():
             if np.prod([len(powers) for powers in key]) > MOST:
-                self._freeze(
-                    [n for n, powers in zip(self.live, key, strict=True) if len(powers) > 1], self._no_sum(columns)
-                )
+                several = [n for n, powers in zip(self.live, key, strict=True) if len(powers) > 1]
+                self._freeze(several, self._no_sum(columns))
                 return False
         exponents = {key: joint_exponents(key) for key in keys}
         count = max(map(len, exponents.values()), default=0) + SPARE
@@ -252,22 +260,20 @@ class Search:
         except UserError:
             found = None
         if found is None:
-            self._freeze(names, self._no_sum(columns))
+            self._freeze([n for n in names if self._powers[n].keys() & self._bounded], self._no_sum(columns))
             return False
         self.clipped = found
         return True
 
     def _inside(self, count: int) -> list[dict[str, float]]:
         """Return points at random within the ends."""
-        return [
-            {n: float(self.random.uniform(self.ends[n][0], self.ends[n][1])) for n in self.live} for _ in range(count)
-        ]
+        drawn = self.random.uniform
+        return [{n: float(drawn(self.ends[n][0], self.ends[n][1])) for n in self.live} for _ in range(count)]
 
     def _vectors(self, points: list[dict[str, float]]) -> Array:
         """Return the values of all live parameters (points, live)."""
-        return np.array([[p.get(n, getattr(self._model, n)) for n in self.live] for p in points]).reshape(
-            len(points), -1
-        )
+        values = [[p.get(n, getattr(self._model, n)) for n in self.live] for p in points]
+        return np.array(values, float).reshape(len(points), len(self.live))
 
     def _find_carried(self, rows: Array) -> None:
         """Find what the rate of the loops is the largest of."""

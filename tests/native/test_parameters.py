@@ -201,7 +201,7 @@ def test_what_is_no_product_is_frozen_or_ranged():
     assert live.frozen["whole"] == STRUCTURE
     assert "another value than zero" in live.frozen["damping"]
     assert "no real number" in live.frozen["count"]
-    assert "sum of products" in live.frozen["curved"]
+    assert "sums of products" in live.frozen["curved"]
     assert 1.0 < live.ranges["far"][1] <= 5.0
     assert live.ranges["side"][0] > 0.0
     assert 1.5 <= live.ranges["refused"][1] <= 2.0
