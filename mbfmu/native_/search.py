@@ -181,7 +181,7 @@ class Search:
     def _reached(self, name: str) -> tuple[list[float], list[Array]]:
         """Return values of a parameter, its center and both ends, and the numbers there.
 
-        Ends at which the build refuses are moved inward. Raises UserError where the parameter cannot be moved from its center.
+        Ends at which the build refuses are moved inward. Raises UserError where the parameter cannot be moved at all.
         """
         points, rows = [self.center[name]], [self.reader.read(self.at_center())]
         for side in (0, 1):
@@ -340,9 +340,16 @@ class Search:
     def culprits(
         self, point: dict[str, float], told: str, others: list[str], wrong: Callable[[dict[str, float]], str]
     ) -> tuple[list[str], str]:
-        """Return the parameters that alone lead to what a point leads to, else the ``others``, and the reason."""
-        alone = [n for n in self.live if n in point and wrong(self.at_center() | {n: point[n]})]
-        return (alone, told) if alone else (others, f"with others: {told}")
+        """Return the parameters that alone lead to what a point leads to, and the reason.
+
+        Where none does, those without which it would not be so; where there are none either, the ``others``.
+        """
+        center = self.at_center()
+        alone = [n for n in self.live if n in point and wrong(center | {n: point[n]})]
+        if alone:
+            return alone, told
+        needed = [n for n in self.live if n in point and not wrong(center | point | {n: center[n]})]
+        return needed or others, f"with others: {told}"
 
     def _guess(self) -> bool:
         """Fit first guesses that are no sums, in a range that is narrow enough; false where that froze parameters."""

@@ -52,12 +52,12 @@ def _reach(search: Search, sides: dict[str, int], goals: Goals) -> None:
     """Compare the fits with a plant at the goals on these sides; drop the goals of parameters to blame."""
     while True:
         there = {n: goals[n, side] for n, side in sides.items() if (n, side) in goals}
-        told, columns = search.compared({n: there.get(n, search.ends[n][side]) for n, side in sides.items()})
+        point = {n: there.get(n, search.ends[n][side]) for n, side in sides.items()}
+        told, columns = search.compared(point)
         if not told or not there:
             return
-        alone, _ = search.culprits(there, told, [], search.differs)
-        together = [n for n in search.movers(columns) if n in there]
-        for n in alone or together or there:
+        names, _ = search.culprits(point, told, search.movers(columns), search.differs)
+        for n in [n for n in names if n in there] or list(there):
             del goals[n, sides[n]]
             search.open[n][sides[n]] = False
 
