@@ -17,9 +17,9 @@ import numpy as np
 
 from mbfmu.model import Model
 
-from .entries import LENGTH, Entry, find_entries
 from .numbers import Place
 from .search import Search
+from .table import LENGTH, Entry, find_entries
 
 
 @dataclass(frozen=True)
