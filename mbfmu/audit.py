@@ -56,9 +56,14 @@ class Audit:
         self._tolerance = tolerance
         self._last: Place | None = None
 
+    def imbalance(self, energy: float, ledger: Array) -> float:
+        """Return the imbalance of one state, J."""
+        return float(energy - self.base - ledger[WORK])
+
     def holds(self, t: float, q: Array, energy: float, ledger: Array) -> bool:
         """Whether one state is well within the first bound: a quick :meth:`check` that has nothing to tell."""
-        if not abs(energy - self.base - ledger[WORK]) <= min(EXPLAINED * ledger[STRAY], PART * ledger[MOST]):
+        work, stray, _, most, _ = ledger.tolist()
+        if not abs(energy - self.base - work) <= min(EXPLAINED * stray, PART * most):
             return False
         self._last = t, q
         return True

@@ -90,9 +90,11 @@ def due(c: Any) -> bool:
     return c.looks < AT_FIRST or c.steps % EVERY == 0
 
 
+@kernel
 def look_anew(books: Any) -> None:
     """Let the next steps be looked at one by one: loads have changed. books (1,) of FIELDS."""
-    books["looks"] = np.minimum(books["looks"], AT_FIRST - ANEW)
+    c = books[0]
+    c.looks = min(c.looks, AT_FIRST - ANEW)
 
 
 @kernel

@@ -11,8 +11,9 @@ from solvers.compiled.held import hold
 from solvers.compiled.kernel import COMPILED, kernel
 from solvers.options import Options
 from solvers.outcome import Code
-from solvers.projection.projection import close, evaluate, unresolved
+from solvers.projection.projection import close
 from solvers.projection.rank import normal_rank
+from solvers.projection.reported import evaluate, unresolved
 from solvers.projection.singular import CROSSING, MISS, NONE, judge
 from solvers.projection.workspace import Workspace, factor
 from solvers.stepper import Stepper, own_rates, require_placed, require_resolved

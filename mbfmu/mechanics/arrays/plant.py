@@ -13,7 +13,7 @@ from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.elements import Plate
 from mbfmu.mechanics.kind import Kind
 from mbfmu.mechanics.records import Data
-from mbfmu.mechanics.recursions.dynamics import energy, observe, observe_all
+from mbfmu.mechanics.recursions.dynamics import energy, observe
 from mbfmu.mechanics.sensors import Follows, largest_residual
 from mbfmu.mechanics.signals import InUse
 from mbfmu.mechanics.tangent import Groups, Tangent
@@ -193,7 +193,7 @@ class Plant:
 
     def observe_all(self, times: Array, q: Array, v: Array, a: Array, lam: Array, out: Array) -> None:
         """Fill ``out`` (k, len(outputs)), or two columns more, from the solution at k times as :meth:`observe` does."""
-        observe_all(times, q, v, a, lam, self.system.held_data, out)
+        self.system.observe_all(times, q, v, a, lam, out)
 
     def energy(self, t: float, q: Array, v: Array) -> float:
         """Kinetic and potential energy, J."""

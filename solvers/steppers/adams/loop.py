@@ -39,8 +39,8 @@ from solvers.projection.projection import (
     close_to_crossing,
     multipliers,
     settle,
-    unresolved,
 )
+from solvers.projection.reported import tell
 from solvers.projection.singular import CLOSED, MISS, SINGULAR, note, passed, step_bound
 from solvers.projection.workspace import factor
 
@@ -371,21 +371,23 @@ def advance(eqs: Any, settings: Any, H: Any, work: Any, scales: Any, target: flo
 
 
 @kernel
-def sample(
-    eqs: Any, settings: Any, H: Any, work: Any, scales: Any, times: Any, q: Any, v: Any, a: Any, lam: Any, ledger: Any
-) -> tuple[int, int]:
-    """:func:`advance` to each of ``times`` in turn, state, accelerations and multipliers in a row each.
+def advance_reported(g: Any, target: float) -> int:
+    """:func:`advance` for the reported state."""
+    return advance(g.eqs, g.settings, g.memory, g.work, g.scales, target, g.q, g.v, g.ledger)
+
+
+@kernel
+def sample(g: Any, times: Any, q: Any, v: Any, a: Any, lam: Any, ledger: Any, told: Any) -> tuple[int, int]:
+    """:func:`advance` to each of ``times`` in turn; state, accelerations, multipliers, what is booked and what the
+    system tells in a row each.
 
     Returns the code and the number of complete rows; where ``advance`` failed the next row holds the last good state.
     """
-    rank = H.control[0].rank
+    eqs, H, work, o = g.eqs, g.memory, g.work, g.settings[0]
     for i in range(times.shape[0]):
-        code = advance(eqs, settings, H, work, scales, times[i], q[i], v[i], ledger[i])
+        code = advance(eqs, g.settings, H, work, g.scales, times[i], q[i], v[i], ledger[i])
         if code == OK:
-            code = acceleration(eqs, times[i], q[i], v[i], rank, work, a[i])
+            code = tell(eqs, times[i], q[i], v[i], o.rtol, H.control[0], work, a[i], lam[i], told[i])
         if code != OK:
             return code, i
-        multipliers(eqs.terms, rank, work, a[i], lam[i])
-        if unresolved(settings[0].rtol, rank, work):
-            H.control[0].undetermined, H.control[0].undetermined_at = 1, times[i]
     return OK, times.shape[0]

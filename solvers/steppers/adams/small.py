@@ -7,7 +7,6 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from solvers.compiled.held import hold
 from solvers.compiled.kernel import records
 from solvers.ledger import Scales
 from solvers.options import Options, Statistics
@@ -30,10 +29,9 @@ class AdamsStepper(ExplicitStepper, ClosedStepper):
     def __init__(self, system: System, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
         super().__init__(system, t0, q0, v0, options)
         self._history = History.allocate(system.nq, system.n, system.m)
-        self._settings = self._encode(self.options)
-        self._held = hold(self._history)
+        self._control, self._settings = self._history.control[0], self._encode(self.options)
         place = self.options.absolute * system.size
-        self._scales = hold(Scales.of(self.options.rtol, place, self._units.pace * place))
+        self._give(self._history, Scales.of(self.options.rtol, place, self._units.pace * place))
         self._control["rank"], self._control["changed_at"] = self._rank, -self._settings["flicker_steps"][0]
         self._history.unit[:] = np.concatenate((self._units.size_q, self._units.pace * system.size, [1.0]))
         chosen = self._settings["partition"][0]
@@ -64,7 +62,7 @@ class AdamsStepper(ExplicitStepper, ClosedStepper):
     @property
     def statistics(self) -> Statistics:
         """What the run has cost so far."""
-        c = self._control[0]
+        c = self._control
         left = int(c["by_turn"] + c["by_flicker"] + c["by_energy"] + c["by_collapse"])
         return Statistics(
             **counts(c),

@@ -93,7 +93,7 @@ class IDADriver(Stepper):
         c = self._c
         c["count"] = 0
         while True:
-            told = self._ida.go(t)
+            told = self._ida.go(t) if c["passed"] < t else Code.OK
             if not (told == TAKEN_BACK or (told == Code.COLLAPSED and c["passed"] > c["begun"])):
                 code = Code(told)
                 break
