@@ -1,4 +1,4 @@
-"""A model at work: one object behind the native run and inside the FMU."""
+"""A model at work: one object behind the direct run and inside the FMU."""
 
 from __future__ import annotations
 
