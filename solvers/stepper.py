@@ -99,6 +99,8 @@ class Stepper(ABC):
         When forces were asked for last in a position so near a singular one that they are not resolved, s; else nan.
     starts_singular
         Whether it was constructed in a singular position: rates may not be what the loops would make them beside it.
+    clock
+        The reported time in an array (1,), s, as it was saved last.
     """
 
     others: tuple[str, ...]
@@ -110,7 +112,7 @@ class Stepper(ABC):
         self._t = float(t0)
         self._q = sized("q0", q0, system.nq)
         self._v = sized("v0", v0, system.n)
-        self._reported = np.zeros(1)  # t in an array, to be saved with q and v
+        self.clock = np.array([self._t])
         self._ledger = np.zeros(ROW)
         self._sizes = (system.nq, system.n, system.n, system.m, ROW)
         self._resolves, self._observe = system.resolves, system.observe_all
@@ -273,18 +275,18 @@ class Stepper(ABC):
         self.restart()
 
     @abstractmethod
-    def _arrays(self) -> list[NDArray[Any]]:
-        """Return the arrays that hold all there is to go on from here; ``_reported`` is one of them."""
+    def arrays(self) -> list[NDArray[Any]]:
+        """Return the arrays that hold all there is to go on from here; ``clock`` is one of them."""
 
     def save(self) -> bytes:
         """Return all that is needed to go on from here."""
-        self._reported[0] = self._t
-        return pack(self._arrays())
+        self.clock[0] = self._t
+        return pack(self.arrays())
 
     def restore(self, data: bytes) -> None:
         """Go back to where ``data`` was saved: bit for bit where the arrays hold the solver's history."""
-        unpack(data, self._arrays())
-        self._t, self.undetermined_at = float(self._reported[0]), math.nan
+        unpack(data, self.arrays())
+        self._t, self.undetermined_at = float(self.clock[0]), math.nan
         self.status = self._status(Code.OK)
 
     @property

@@ -30,7 +30,13 @@ class Given(NamedTuple):
 
 
 class ClosedStepper(DenseStepper):
-    """A stepper whose ``loop`` has the kernels ``advance_reported`` and ``sample``, its control record and settings."""
+    """A stepper whose ``loop`` has the kernels ``advance_reported`` and ``sample``, its control record and settings.
+
+    Attributes
+    ----------
+    given
+        What they take, held.
+    """
 
     loop: ClassVar[ModuleType]
 
@@ -41,16 +47,16 @@ class ClosedStepper(DenseStepper):
         """Let the loop have what it remembers, a tuple of arrays, and what the energy's error is measured by."""
         self._held = hold(memory)
         own = self._eqs, self._settings, self._held, self._work, hold(scales)
-        self._given = hold(Given(*own, self._q, self._v, self._ledger))
+        self.given = hold(Given(*own, self._q, self._v, self._ledger))
 
     def _advance(self, t: float) -> Code:
-        code = CODES[self.loop.advance_reported(self._given, t)]
+        code = CODES[self.loop.advance_reported(self.given, t)]
         self._t = t if code is Code.OK else float(self._control["t"])
         return code
 
     def _sample(self, times: Array, out: Samples, told: Array) -> int:
         self._control["undetermined"] = 0
-        code, done = self.loop.sample(self._given, times, *out, told)
+        code, done = self.loop.sample(self.given, times, *out, told)
         last = min(done, len(times) - 1)
         self._t = min(float(times[last]), float(self._control["t"]))
         self._q[:], self._v[:], self._ledger[:] = out.q[last], out.v[last], out.ledger[last]

@@ -28,6 +28,7 @@ from .inputs import Drives, Inputs
 from .rows import find_vanishing_rows, row_names
 from .scale import characteristic_length
 from .systems import Systems
+from .tables import Called
 
 
 class Plant:
@@ -124,6 +125,10 @@ class Plant:
     def kernel_data(self) -> Any:
         """Arrays and state as kernels take them; see :mod:`solvers.compiled.held`."""
         return contents(self.system.held_data)
+
+    def called(self) -> list[Called | None]:
+        """Return which kernels of joints, loads and the like the arrays of this plant have the addresses of."""
+        return self._compiled.called()
 
     def signals(self, data: Data) -> list[InUse]:
         """Return every signal as it is in data of this plant: its own, or those of a complex system."""

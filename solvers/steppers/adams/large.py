@@ -280,8 +280,9 @@ class TreeAdamsStepper(ExplicitStepper):
     def _watched(self) -> bool:
         return self.options.audit
 
-    def _arrays(self) -> list[NDArray[Any]]:
-        return [self._reported, self._q, self._v, self._ledger, *self._history]
+    def arrays(self) -> list[NDArray[Any]]:
+        """As :meth:`solvers.stepper.Stepper.arrays`."""
+        return [self.clock, self._q, self._v, self._ledger, *self._history]
 
     @property
     def statistics(self) -> Statistics:

@@ -56,8 +56,9 @@ class AdamsStepper(ExplicitStepper, ClosedStepper):
     def _watched(self) -> bool:
         return self.options.audit or self.partition == HYBRID  # which asks whether the energy jumps
 
-    def _arrays(self) -> list[NDArray[Any]]:
-        return [*self._history, self._reported, self._q, self._v, self._ledger, *self._units.memory()]
+    def arrays(self) -> list[NDArray[Any]]:
+        """As :meth:`solvers.stepper.Stepper.arrays`."""
+        return [*self._history, self.clock, self._q, self._v, self._ledger, *self._units.memory()]
 
     @property
     def statistics(self) -> Statistics:

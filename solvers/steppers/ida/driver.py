@@ -114,9 +114,10 @@ class IDADriver(Stepper):
         """Initialize IDA anew at the reported state before the next step."""
         self._pending, self._c["reach"] = True, np.inf
 
-    def _arrays(self) -> list[NDArray[Any]]:
+    def arrays(self) -> list[NDArray[Any]]:
+        """As :meth:`solvers.stepper.Stepper.arrays`."""
         self._count_failures()
-        return [self._reported, self._q, self._v, self._counts, self._begun, self._ledger, self._book]
+        return [self.clock, self._q, self._v, self._counts, self._begun, self._ledger, self._book]
 
     def restore(self, data: bytes) -> None:
         """Take over a reported state; the history starts anew."""

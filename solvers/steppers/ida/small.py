@@ -220,8 +220,9 @@ class IDAStepper(IDADriver, DenseStepper):
         self._tell()
         return self._begin()
 
-    def _arrays(self) -> list[NDArray[Any]]:
-        return [*super()._arrays(), *self._units.memory()]
+    def arrays(self) -> list[NDArray[Any]]:
+        """As :meth:`solvers.stepper.Stepper.arrays`."""
+        return [*super().arrays(), *self._units.memory()]
 
     def restore(self, data: bytes) -> None:
         """Take over a reported state and the units it was integrated in; the history starts anew."""

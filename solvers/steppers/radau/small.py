@@ -66,8 +66,9 @@ class RadauStepper(ClosedStepper):
         self._v += sized("dv", dv, self.system.n)
         self.renew()
 
-    def _arrays(self) -> list[NDArray[Any]]:
-        return [*self._memory, self._reported, self._q, self._v, self._ledger, *self._units.memory()]
+    def arrays(self) -> list[NDArray[Any]]:
+        """As :meth:`solvers.stepper.Stepper.arrays`."""
+        return [*self._memory, self.clock, self._q, self._v, self._ledger, *self._units.memory()]
 
     @property
     def statistics(self) -> Statistics:
