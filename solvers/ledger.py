@@ -73,6 +73,14 @@ class Scales(NamedTuple):
 
 
 @kernel
+def set_scales(s: Any, absolute: float, size: Any, pace: Any) -> None:
+    """Take the absolute tolerance, in units ``size`` of the coordinates, whose own rates are ``pace`` (n,), 1/s."""
+    for k in range(size.shape[0]):
+        s.place[k] = absolute * size[k]
+        s.rate[k] = pace[k] * s.place[k]
+
+
+@kernel
 def look(exposure: Any, data: Any, c: Any, s: Any) -> None:
     """Note exposure and kinetic energy; a system's ``exposure`` can be called."""
     exposure(s.rtol[0], s.place, s.rate, data, s.found)

@@ -22,16 +22,22 @@ from mbfmu.mechanics.recursions import dynamics as recursions
 from mbfmu.mechanics.recursions.dynamics import observe
 from mbfmu.simulation import Simulation
 from solvers.compiled.held import contents, hold
-from solvers.compiled.kernel import by_name, records, types
-from solvers.ledger import ROW, Scales
+from solvers.compiled.kernel import by_name, kernel, records, types
+from solvers.ledger import ROW, WORK, Scales
 from solvers.outcome import OK
+from solvers.projection.projection import close
+from solvers.projection.rank import normal_rank
 from solvers.projection.reported import evaluate
 from solvers.projection.workspace import Workspace
 from solvers.steppers.adams import loop as adams
-from solvers.steppers.adams.formulas import History
+from solvers.steppers.adams.explicit import SINGLES
+from solvers.steppers.adams.formulas import History, begin_anew
+from solvers.steppers.adams.hybrid import HYBRID
 from solvers.steppers.closed import ClosedStepper, Given
+from solvers.steppers.dense import find_position_sizes, measure_pace
 from solvers.steppers.radau import loop as radau
 from solvers.steppers.radau.formulas import Memory
+from solvers.steppers.radau.small import STOPS
 from solvers.system import Array, Equations, Terms
 
 from .image import Image
@@ -53,6 +59,7 @@ class Instance(NamedTuple):
     lam: Array  # (m,) multipliers
     out: Array  # outputs
     clock: Array  # (1,) s, the reported time
+    known: Array  # (3,) what a system says of its rate and of its loops', 1/s, and the absolute tolerance
 
 
 class Entry(NamedTuple):
@@ -68,17 +75,28 @@ def family_of(simulation: Simulation) -> str:
     return next((name for name, own in FAMILIES.items() if own is loop), "")
 
 
-def _instance_of(simulation: Simulation) -> Instance:
-    """Return a simulation as an instance, with zeros for the functions."""
+def instance_of(simulation: Simulation) -> Instance:
+    """Return an instance that is yet to begin, where a simulation began; with zeros for the functions."""
     stepper: ClosedStepper = simulation.stepper  # type: ignore[assignment]
-    given, system = contents(stepper.given), simulation.plant.system
-    own = contents(given.eqs)._replace(**dict.fromkeys(CALLBACKS, 0))
+    plant, system = simulation.plant, simulation.plant.system
+    given, (q, v) = contents(stepper.given), plant.assemble(simulation.t)
+    sizes = system.nq, system.n, system.m
+    eqs = Equations(**dict.fromkeys(CALLBACKS, 0), data=system.held_data, terms=Terms.allocate(*sizes))
+    work = Workspace.allocate(*sizes)
+    work.size[:] = system.size
+    scales = Scales.of(simulation.settings.tolerance, np.zeros(system.n), np.zeros(system.n))
+    own = Given(eqs, given.settings, _memory(family_of(simulation), *sizes), work, scales, q, v, np.zeros(ROW))
+    known = np.array([system.rate, system.loop_rate, stepper.options.absolute])
     rooms = np.zeros(system.n), np.zeros(system.m), np.zeros(len(simulation.variables))
-    return Instance(given._replace(eqs=own), *rooms, stepper.clock)
+    return Instance(own, *rooms, np.array([simulation.t]), known)
+
+
+def _memory(family: str, nq: int, n: int, m: int) -> Any:
+    return History.allocate(nq, n, m) if family == "adams" else Memory.allocate(nq, n)
 
 
 def image_of(simulation: Simulation) -> tuple[Instance, Image]:
-    """Return a simulation as an instance, and its block where it stands.
+    """Return the instance of a simulation that has just been made, and its block.
 
     Raises
     ------
@@ -93,8 +111,10 @@ def image_of(simulation: Simulation) -> tuple[Instance, Image]:
             what = f"{own.function.__module__}.{own.function.__qualname__}"
             raise UserError(f"kernel {what} is the model's own, and machine code has those of mbfmu; run it as an FMU")
         numbers.append(-1 if own is None else known[own])
-    instance, arrays = _instance_of(simulation), simulation.plant.data.arrays
-    state = [*simulation.stepper.arrays(), *(array for array in arrays if array is not arrays.kernels)]
+    instance, arrays = instance_of(simulation), simulation.plant.data.arrays
+    own = instance.given
+    state = [*own.memory, instance.clock, own.q, own.v, own.ledger, own.settings, *own.work.memory(), *own.scales]
+    state += [instance.known, *(array for array in arrays if array is not arrays.kernels)]
     return instance, Image(instance, state, arrays.kernels, numbers)
 
 
@@ -103,15 +123,50 @@ def example(family: str) -> Any:
     z, data = np.zeros, hold(empty_data())
     callbacks = {name: by_name(getattr(recursions, name)) for name in CALLBACKS}
     eqs = Equations(**callbacks, data=data, terms=hold(Terms.allocate(1, 1, 1)))
-    memory = {"adams": History.allocate(1, 1, 1), "radau": Memory.allocate(1, 1)}[family]
-    own = hold(memory), hold(Workspace.allocate(1, 1, 1)), hold(Scales.of(1e-6, z(1), z(1)))
+    own = hold(_memory(family, 1, 1, 1)), hold(Workspace.allocate(1, 1, 1)), hold(Scales.of(1e-6, z(1), z(1)))
     given = Given(hold(eqs), records(1, FAMILIES[family].SETTINGS), *own, z(1), z(1), z(ROW))
-    return hold(Instance(hold(given), z(1), z(1), z(1), z(1)))
+    return hold(Instance(hold(given), z(1), z(1), z(1), z(1), z(3)))
+
+
+@kernel
+def renew_adams(g: Any, t: float, fresh: bool) -> None:
+    """As ``AdamsStepper.renew`` does; ``fresh``: as its ``restart``."""
+    o, singles = g.settings[0], 0 if fresh else SINGLES
+    o.works = 1 if (o.audit == 1 or o.partition == HYBRID) and g.eqs.data.arrays.world[0].works == 1 else 0
+    begin_anew(g.memory, t, g.q, g.v, g.ledger[WORK], singles, 0 if fresh else 1, not fresh)
+
+
+@kernel
+def renew_radau(g: Any, t: float, fresh: bool) -> None:
+    """As ``RadauStepper.renew`` does; ``fresh``: as its ``restart``."""
+    o = g.settings[0]
+    o.works = 1 if o.audit == 1 and g.eqs.data.arrays.world[0].works == 1 else 0
+    radau.begin_anew(g.memory, t, g.q, g.v, g.ledger[WORK], 0 if fresh else STOPS, not fresh)
+    if fresh:
+        g.memory.control[0].known = 0
 
 
 def entries(family: str) -> dict[str, Entry]:
     """Return the entry points of a family by their names."""
-    advance_reported = FAMILIES[family].advance_reported
+    loop, renewed = FAMILIES[family], {"adams": renew_adams, "radau": renew_radau}[family]
+    advance_reported, set_up = loop.advance_reported, loop.set_up
+
+    def begin(s: Any, t: float) -> int:
+        """Begin at t (s) and the reported state, as a stepper that is constructed there."""
+        g = s.given
+        s.clock[0] = t
+        find_position_sizes(g.eqs, t, g.q, g.work)
+        rank = normal_rank(g.eqs, t, g.q, g.v, g.work)
+        code: int = close(g.eqs, t, g.q, g.v, rank, g.work)
+        measure_pace(g.eqs, t, g.q, g.v, rank, s.known[0], s.known[1], g.work)
+        set_up(g, rank, s.known[2])
+        renewed(g, t, True)
+        return code
+
+    def renew(s: Any) -> int:
+        """Go on where loads have changed."""
+        renewed(s.given, s.clock[0], False)
+        return OK
 
     def advance(s: Any, t: float) -> int:
         """Go to t, s; on failure the last good state stays."""
@@ -127,7 +182,13 @@ def entries(family: str) -> dict[str, Entry]:
             observe(t, g.q, g.v, s.a, s.lam, g.eqs.data, s.out)
         return code
 
-    return {"advance": Entry(advance, (types.float64,)), "read": Entry(read, ())}
+    timed = (types.float64,)
+    return {
+        "begin": Entry(begin, timed),
+        "advance": Entry(advance, timed),
+        "renew": Entry(renew, ()),
+        "read": Entry(read, ()),
+    }
 
 
 def kinds() -> tuple[Called, ...]:

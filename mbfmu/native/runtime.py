@@ -13,6 +13,8 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
+from functools import cache
+from hashlib import sha256
 from pathlib import Path
 
 from mbfmu.errors import UserError
@@ -21,6 +23,15 @@ from solvers.compiled.cache import folder
 from .targets import TARGETS, host
 
 COMPILERS = ("cc", "gcc", "clang")
+
+
+@cache
+def place() -> Path:
+    """Return the folder of what is built of these sources."""
+    told = sha256()
+    for source in sorted(Path(__file__).parent.glob("*.py")):
+        told.update(source.read_bytes())
+    return folder() / f"native-{told.hexdigest()[:16]}"
 
 
 def objects(names: Sequence[str]) -> dict[str, Path]:
@@ -34,26 +45,26 @@ def objects(names: Sequence[str]) -> dict[str, Path]:
     for name in names:
         if name not in TARGETS:
             raise UserError(f"target {name!r} is not known; allowed: {', '.join(TARGETS)}")
-    found = {name: folder() / "native" / f"{name}.o" for name in names}
+    found = {name: place() / f"{name}.o" for name in names}
     missing = [name for name, path in found.items() if not path.is_file()]
     if missing:
-        with tempfile.TemporaryDirectory(prefix="mbfmu_") as place:
+        with tempfile.TemporaryDirectory(prefix="mbfmu_") as work:
             _run(
-                [sys.executable, "-m", "mbfmu.native.kernels", place, *missing],
-                {"NUMBA_CPU_NAME": "generic", "NUMBA_CACHE_DIR": f"{place}/cache"},
+                [sys.executable, "-m", "mbfmu.native.kernels", work, *missing],
+                {"NUMBA_CPU_NAME": "generic", "NUMBA_CACHE_DIR": f"{work}/cache"},
             )
             for name in missing:
-                _keep(Path(place) / found[name].name, found[name])
+                _keep(Path(work) / found[name].name, found[name])
     return found
 
 
 def library(name: str) -> Path:
     """Return the runtime of a target as a shared library; see :func:`objects`."""
-    path = folder() / "native" / f"{name}{TARGETS[name].suffix}" if name in TARGETS else Path()
+    path = place() / f"{name}{TARGETS[name].suffix}" if name in TARGETS else Path()
     if not path.is_file():
         code = objects([name])[name]
-        with tempfile.TemporaryDirectory(prefix="mbfmu_") as place:
-            made = Path(place) / path.name
+        with tempfile.TemporaryDirectory(prefix="mbfmu_") as work:
+            made = Path(work) / path.name
             _run([*linker(name), "-shared", "-fPIC", str(code), "-o", str(made), "-lm", "-Wl,-Bsymbolic"], {})
             _keep(made, path)
     return path

@@ -5,6 +5,7 @@ from __future__ import annotations
 from types import ModuleType
 from typing import Any, ClassVar, NamedTuple
 
+import numpy as np
 from numpy.typing import NDArray
 
 from solvers.compiled.held import hold
@@ -43,11 +44,14 @@ class ClosedStepper(DenseStepper):
     _control: Any  # the loop's record
     _settings: NDArray[Any]
 
-    def _give(self, memory: Any, scales: Scales) -> None:
-        """Let the loop have what it remembers, a tuple of arrays, and what the energy's error is measured by."""
-        self._held = hold(memory)
+    def _set_up(self, memory: Any) -> None:
+        """Let the loop have what it remembers, a tuple of arrays, and begin."""
+        self._held, n = hold(memory), self.system.n
+        scales = Scales.of(self.options.rtol, np.zeros(n), np.zeros(n))
         own = self._eqs, self._settings, self._held, self._work, hold(scales)
         self.given = hold(Given(*own, self._q, self._v, self._ledger))
+        self.loop.set_up(self.given, self._rank, self.options.absolute)
+        self.restart()
 
     def _advance(self, t: float) -> Code:
         code = CODES[self.loop.advance_reported(self.given, t)]

@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
@@ -47,8 +48,12 @@ class Running:
         for at, number in image.kernels:
             words[at // 8] = table[number]
         self._root, self._family, self._runtime = here + image.root, family_of(simulation), runtime
-        at = image.at(instance.out)
-        self.out = self.block[at : at + instance.out.nbytes].view(np.float64)
+        self.instance, self.out = instance, self.view(instance.out)
+
+    def view(self, array: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the numbers of the block that an array of :func:`image_of` stands for."""
+        at = self.image.at(array)
+        return self.block[at : at + array.nbytes].view(np.float64)
 
     def call(self, name: str, *more: float) -> int:
         """Call an entry point; return its code."""
@@ -87,6 +92,7 @@ def test_outputs_are_those_of_a_simulation(name: str, running: Callable[[Simulat
     model, solver = MODELS[name]
     simulation = Simulation(model, Settings(solver=solver))
     native = running(simulation)
+    assert native.call("begin", 0.0) == 0
     for t in TIMES:
         assert native.call("advance", t) == int(simulation.stepper.advance(t).code)
         assert native.call("read") == 0
@@ -98,6 +104,7 @@ def test_outputs_are_those_of_a_simulation(name: str, running: Callable[[Simulat
 @needs_linker
 def test_a_state_goes_to_another_instance(running: Callable[[Simulation], Running]):
     first, second = (running(Simulation(FourBar(), Settings(solver="adams"))) for _ in range(2))
+    assert first.call("begin", 0.0) == 0
     for t in TIMES[:50]:
         assert first.call("advance", t) == 0
     second.block[: second.image.saved] = first.block[: first.image.saved]
@@ -121,6 +128,40 @@ def test_no_address_is_left_in_an_image():
     assert not words & {int(address) for address in simulation.plant.data.arrays.kernels if address}
     relocated = [at for at, _ in (*image.places, *image.kernels)]
     assert not [at for at in relocated if at % 8 or at < image.saved]  # what is saved has none, and may go anywhere
+
+
+@needs_linker
+@pytest.mark.parametrize("solver", ["adams", "hybrid", "radau"])
+def test_another_start_is_begun_as_a_simulation_begins(solver: str, running: Callable[[Simulation], Running]):
+    simulation = Simulation(FourBar(start_angle=0.7, start_rate=2.0), Settings(solver=solver))
+    native = running(Simulation(FourBar(), Settings(solver=solver)))
+    start = simulation.plant.assemble()
+    for array, given in zip((native.instance.given.q, native.instance.given.v), start, strict=True):
+        native.view(array)[:] = given
+    assert native.call("begin", 0.0) == 0
+    for t in TIMES[:50]:
+        assert native.call("advance", t) == 0
+        assert simulation.advance(t).ok
+        assert native.call("read") == 0
+        np.testing.assert_array_equal(native.out[:-2], simulation.outputs()[:-2])
+
+
+@needs_linker
+@pytest.mark.parametrize("solver", ["adams", "hybrid", "radau"])
+def test_a_torque_that_changes_is_followed_as_by_a_simulation(solver: str, running: Callable[[Simulation], Running]):
+    simulation, other = (Simulation(FourBar(), Settings(solver=solver)) for _ in range(2))
+    native = running(other)
+    assert native.call("begin", 0.0) == 0
+    memory = native.view(other.plant.data.arrays.memory)
+    for k, t in enumerate(TIMES[:50]):
+        torque = np.sin(0.3 * k)
+        simulation.set_input("crank.torque", torque)
+        memory[:] = simulation.plant.data.arrays.memory.view(np.float64)
+        assert native.call("renew") == 0
+        assert native.call("advance", t) == 0
+        assert simulation.advance(t).ok
+        assert native.call("read") == 0
+        np.testing.assert_array_equal(native.out[:-2], simulation.outputs()[:-2])
 
 
 @needs_linker

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
-import numpy as np
 from numpy.typing import NDArray
 
 from solvers.compiled.kernel import records
-from solvers.ledger import Scales
 from solvers.options import Options, Statistics
 from solvers.steppers.closed import ClosedStepper
 from solvers.system import Array, System
@@ -30,13 +28,7 @@ class AdamsStepper(ExplicitStepper, ClosedStepper):
         super().__init__(system, t0, q0, v0, options)
         self._history = History.allocate(system.nq, system.n, system.m)
         self._control, self._settings = self._history.control[0], self._encode(self.options)
-        place = self.options.absolute * system.size
-        self._give(self._history, Scales.of(self.options.rtol, place, self._units.pace * place))
-        self._control["rank"], self._control["changed_at"] = self._rank, -self._settings["flicker_steps"][0]
-        self._history.unit[:] = np.concatenate((self._units.size_q, self._units.pace * system.size, [1.0]))
-        chosen = self._settings["partition"][0]
-        self._control["regime"] = PROJECTION if chosen == PROJECTION else LU
-        self.restart()
+        self._set_up(self._history)
 
     def _encode(self, options: Options) -> NDArray[Any]:
         """Return the record the kernels read."""

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
-from solvers.ledger import SLIP, due, look, look_anew, report
+from solvers.ledger import SLIP, due, look, look_anew, report, set_scales
 from solvers.outcome import BRANCHES, COLLAPSED, MAX_STEPS, OK
 from solvers.projection.projection import acceleration, close
 from solvers.projection.reported import tell
@@ -249,6 +249,13 @@ def advance(eqs: Any, settings: Any, H: Any, work: Any, scales: Any, target: flo
             done = H.work[0]
     report(c, done, ledger)
     return code
+
+
+@kernel
+def set_up(g: Any, rank: int, absolute: float) -> None:
+    """Take rank, units and paces as they were found at the start; ``absolute`` is the tolerance in those units."""
+    g.memory.control[0].rank = rank
+    set_scales(g.scales, absolute, g.work.size, g.work.pace)
 
 
 @kernel

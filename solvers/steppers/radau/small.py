@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 from numpy.typing import NDArray
 
 from solvers.compiled.kernel import records
-from solvers.ledger import WORK, Scales
+from solvers.ledger import WORK
 from solvers.options import Options, Statistics
 from solvers.stepper import sized
 from solvers.steppers.closed import ClosedStepper
@@ -40,10 +40,7 @@ class RadauStepper(ClosedStepper):
         self._settings["exact"] = EXACT * o.rtol / looser
         self._settings["max_step"], self._settings["max_steps"] = o.max_step, o.max_steps
         self._settings["audit"] = o.audit
-        place = o.absolute * system.size
-        self._give(self._memory, Scales.of(o.rtol, place, self._units.pace * place))
-        self._control["rank"] = self._rank
-        self.restart()
+        self._set_up(self._memory)
 
     def _limit(self, longest: float) -> None:
         self._settings["max_step"] = longest
