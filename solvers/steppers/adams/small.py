@@ -20,7 +20,7 @@ from .hybrid import HYBRID, LU, PROJECTION
 class AdamsStepper(ExplicitStepper, ClosedStepper):
     """Adams PECE with the projection partition; see :mod:`.loop`."""
 
-    others: tuple[str, ...] = ("ida", "hybrid")
+    others: tuple[str, ...] = ("radau", "ida", "hybrid")
     partition = PROJECTION
     loop: ClassVar = loop
 
@@ -78,12 +78,12 @@ class AdamsLUStepper(AdamsStepper):
     See :mod:`solvers.projection.lu_partition`.
     """
 
-    others = ("ida", "adams", "hybrid")
+    others = ("radau", "adams", "hybrid")
     partition = LU
 
 
 class HybridStepper(AdamsStepper):
     """Adams PECE with LU partition away from singular positions and projection near them."""
 
-    others = ("ida", "adams")
+    others = ("radau", "ida", "adams")
     partition = HYBRID

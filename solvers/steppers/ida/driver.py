@@ -27,7 +27,7 @@ class IDADriver(Stepper):
     finite in ``_counts``; what looks over IDA's steps notes in ``_course`` that they are passed, and books them.
     """
 
-    others: tuple[str, ...] = ("adams", "hybrid")
+    others: tuple[str, ...] = ("radau", "adams", "hybrid")
 
     _ida: DirectIDA | BoundIDA
 
