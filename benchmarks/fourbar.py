@@ -3,7 +3,7 @@
 Medians of several runs, compile time apart, the two sides of a ratio measured in turn; for solvers alone see
 ``explicit.py`` and ``implicit.py``. Printed:
 
-* one fmi2DoStep and one fmi2GetReal of all outputs at 1 ms, against the native step;
+* one fmi2DoStep and one fmi2GetReal of all outputs at 1 ms, against the direct step;
 * ``mbfmu run fourbar`` from an empty compile cache and from a full one, and the warm start of an FMU.
 """
 
@@ -24,11 +24,11 @@ from mbfmu.fmi import Fmu, export
 from mbfmu.simulation import Settings, Simulation
 
 
-def fmu_against_native(fmu_file: Path) -> None:
+def fmu_against_direct(fmu_file: Path) -> None:
     """Cost of the FMI layer per communication step of 1 ms."""
     steps = 2000
 
-    def native() -> None:
+    def direct() -> None:
         simulation = Simulation(FourBar(), Settings(solver="adams"))
         for k in range(1, steps + 1):
             simulation.advance(k * 1e-3)
@@ -45,9 +45,9 @@ def fmu_against_native(fmu_file: Path) -> None:
                 fmu.slave.doStep(currentCommunicationPoint=k * 1e-3, communicationStepSize=1e-3)
                 fmu.slave.getReal(references)
 
-        n, h = median_times(native, hosted)
+        n, h = median_times(direct, hosted)
     print(
-        f"native step and outputs {1e6 * n / steps:.1f} us, fmi2DoStep and fmi2GetReal {1e6 * h / steps:.1f} us; "
+        f"direct step and outputs {1e6 * n / steps:.1f} us, fmi2DoStep and fmi2GetReal {1e6 * h / steps:.1f} us; "
         f"difference {1e6 * (h - n) / steps:.1f} us (at most 20)"
     )
 
@@ -76,7 +76,7 @@ def main() -> None:
     """Print every figure."""
     with tempfile.TemporaryDirectory() as folder:
         fmu_file = export(FourBar(), Path(folder) / "fourbar.fmu")
-        fmu_against_native(fmu_file)
+        fmu_against_direct(fmu_file)
         starts(fmu_file)
 
 

@@ -9,7 +9,7 @@ import statistics
 import time
 from pathlib import Path
 
-from mbfmu.native import Result, communication_points, run
+from mbfmu.direct import Result, communication_points, run
 from mbfmu.scene import load_scene
 from mbfmu.simulation import Simulation
 from mbfmu.studies.report import COLORS, finish, subplots

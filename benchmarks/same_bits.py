@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from mbfmu.direct import simulate
 from mbfmu.mechanics import (
     Beam,
     BeamElement,
@@ -47,7 +48,6 @@ from mbfmu.mechanics import (
     add_sheet,
     rod,
 )
-from mbfmu.native import simulate
 from mbfmu.scene import load_scene
 from mbfmu.settings import Settings
 from mbfmu.simulation import Simulation

@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from fmus.sheet import Sheet
-from mbfmu.native import communication_points, run
+from mbfmu.direct import communication_points, run
 from mbfmu.simulation import Settings
 from mbfmu.steady.problem import equilibrium
 from mbfmu.studies.report import finish, subplots

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
+from mbfmu.direct import communication_points, run
 from mbfmu.model import Model
-from mbfmu.native import communication_points, run
 from mbfmu.simulation import Settings
 from mbfmu.steady.problem import equilibrium
 from mbfmu.studies.report import finish, subplots

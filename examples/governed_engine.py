@@ -32,8 +32,8 @@ from scipy.optimize import brentq
 from throttled_engine import ThrottledEngine
 
 from fmus.governor import Governor
+from mbfmu.direct import communication_points
 from mbfmu.fmi import Fmu, export
-from mbfmu.native import communication_points
 from mbfmu.simulation import Settings
 from mbfmu.studies.report import finish
 from mbfmu.table import table

@@ -1,5 +1,6 @@
 # What a first session needs; `mbfmu/__init__.py` loads each name when it is first used.
 
+from .direct import simulate
 from .errors import AssemblyError, EquilibriumError, UserError
 from .fmi import export
 from .mechanics import (
@@ -61,7 +62,6 @@ from .mechanics import (
     tube,
 )
 from .model import Model, find, models, parameter
-from .native import simulate
 from .result import Result
 from .settings import Settings
 from .simulation import Simulation

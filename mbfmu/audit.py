@@ -6,7 +6,7 @@ E is kinetic and potential energy, W the work of drives, dampers, given forces a
 beside the motion, a jump the change of E at one state where an input or a parameter changes. Along the exact motion the
 imbalance is zero. What the tolerance makes of it is bounded by :mod:`solvers.ledger`; a run is *inaccurate* from where
 
-    |imbalance| > min(EXPLAINED stray, max(PART at work, exposure)) + rounding.
+    |imbalance| > min(EXPLAINED stray, max(PART at work, exposure)) + rounding + energy of the slowest motion.
 
 ``stray`` takes the local errors of all steps at their largest and all of one sign; of healthy runs the imbalance was at
 most 0.08 of it, and mostly 0.01. The second bound is for runs of so many steps that the first would let all energy go:
@@ -31,7 +31,7 @@ Place = tuple[float, Array]  # t, q
 EXPLAINED = 0.25  # of what the steps could add up to
 FEW = 6.0  # times what the last step could add: errors of a few steps need not cancel each other
 PART = 0.02  # of the energy at work
-ROUNDING = 1e-13  # of every energy that was added up
+ROUNDING = 1e-13  # of every energy that was added up; besides, what moves as slowly as the tolerance has none
 NEAR = 0.05  # ratio of singular values of J, scaled by the bodies' inertia, that a message calls near
 
 VARIABLES = (
@@ -54,11 +54,18 @@ class Audit:
     def __init__(self, plant: Plant, tolerance: float, base: float) -> None:
         self.plant, self.base, self.verdict = plant, base, ""
         self._tolerance = tolerance
+        mass, rate = float(plant.data.arrays.bodies["mass"].sum()), plant.system.rate or 1.0
+        self._unseen = mass * (tolerance * plant.length * rate) ** 2  # J
         self._last: Place | None = None
+
+    def imbalance(self, energy: float, ledger: Array) -> float:
+        """Return the imbalance of one state, J."""
+        return float(energy - self.base - ledger[WORK])
 
     def holds(self, t: float, q: Array, energy: float, ledger: Array) -> bool:
         """Whether one state is well within the first bound: a quick :meth:`check` that has nothing to tell."""
-        if not abs(energy - self.base - ledger[WORK]) <= min(EXPLAINED * ledger[STRAY], PART * ledger[MOST]):
+        work, stray, _, most, _ = ledger.tolist()
+        if not abs(energy - self.base - work) <= min(EXPLAINED * stray, PART * most):
             return False
         self._last = t, q
         return True
@@ -83,7 +90,7 @@ class Audit:
         rounding = ROUNDING * (np.abs(energies) + abs(self.base) + at_work + stray / self._tolerance)
         most = np.maximum(PART * at_work, ledgers[:, EXPOSURE])
         steps = np.maximum(EXPLAINED * stray, np.minimum(stray, FEW * ledgers[:, EXPOSURE]))
-        explained: Array = np.minimum(steps, most) + rounding
+        explained: Array = np.minimum(steps, most) + rounding + self._unseen
         return explained
 
     def _tell(self, imbalance: float, ledger: Array, before: Place, here: Place) -> str:

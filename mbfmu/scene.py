@@ -30,9 +30,9 @@ from math import inf
 from pathlib import Path
 from typing import Any
 
+from mbfmu.direct import MOST
 from mbfmu.errors import UserError
 from mbfmu.model import Model, at_defaults, declared, find, suggest
-from mbfmu.native import MOST
 from mbfmu.settings import Settings
 
 SETTINGS = tuple(p.name for p in declared(Settings))

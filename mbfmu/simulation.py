@@ -1,4 +1,4 @@
-"""A model at work: one object behind the native run and inside the FMU."""
+"""A model at work: one object behind the direct run and inside the FMU."""
 
 from __future__ import annotations
 
@@ -172,27 +172,26 @@ class Simulation:
         :attr:`failure` also tells of a folded sheet.
         """
         t = finite("the time to advance to", t)
-        if t < self.t:
+        if t < self.stepper.t:
             raise UserError(
                 f"the time to advance to is {t!r} s, but it stands at {self.t!r} s; restore a state to go back"
             )
         self._end = t
         self._set_out(t)
-        status = self.stepper.advance(t)
-        q = self.stepper.q
+        stepper = self.stepper
+        status = stepper.advance(t)
+        t, q = stepper.t, stepper.q
         if self.audit:
-            energy, ledger = self.energy(), self.stepper.ledger
-            if not self.audit.holds(self.t, q, energy, ledger):
-                self._check(np.array([self.t]), q[None], np.array([energy]), ledger[None])
-        self._folds.look(self.t, q)
-        self._remark(self.stepper.notice)
+            self._balance(t, q, self.plant.energy(t, q, stepper.v), stepper.ledger)
+        self._folds.look(t, q)
+        self._remark(stepper.notice)
         return status
 
     def _set_out(self, end: float) -> None:
         """Let the supports that inputs move set out for where they are at ``end``; all jumps of their rates are one
         impulse.
         """
-        if not end > self.t:
+        if not (self.plant.inputs.remember and end > self.t):
             return
         if self.plant.inputs.load(self.t, float(end)):
             self.stepper.renew()
@@ -231,25 +230,32 @@ class Simulation:
             a, lam = stepper.accelerations()  # the limit along the motion in a singular position
         except SolverError as error:
             raise UserError(f"model {self.model.name!r}: {error}") from error
-        self.plant.observe(stepper.t, stepper.q, stepper.v, a, lam, self._out)
+        t, q, out = stepper.t, stepper.q, self._out
+        self.plant.observe(t, q, stepper.v, a, lam, out)
         self._tell_undetermined()
-        self._finish(np.array([stepper.t]), stepper.q[None], stepper.ledger[None], self._out[None])
-        return self._out
+        out[-2:] = self._balance(t, q, float(out[-2]), stepper.ledger)
+        return out
 
     @property
     def last_outputs(self) -> Array:
         """What :meth:`outputs` or :meth:`record` has read last, in the order of ``variables``."""
         return self._out.copy()
 
+    def _balance(self, t: float, q: Array, energy: float, ledger: Array) -> tuple[float, float]:
+        """Return imbalance and exchanged energy of one state, J; not numbers where there is no audit."""
+        if self.audit is None:
+            return nan, nan
+        if not self.audit.holds(t, q, energy, ledger):
+            self.audit.check(np.array([t]), q[None], np.array([energy]), ledger[None])
+        return self.audit.imbalance(energy, ledger), float(ledger[EXCHANGED])
+
     def _finish(self, times: Array, q: Array, ledgers: Array, values: Array) -> None:
         """Put what the audit finds in place of the energies that ``values`` (k, outputs) end in."""
-        values[:, -2:] = np.column_stack(self._check(times, q, values[:, -2], ledgers))
-
-    def _check(self, times: Array, q: Array, energies: Array, ledgers: Array) -> tuple[Array, Array]:
-        """Return imbalance and exchanged energy (k,), J."""
         if self.audit is None:
-            return np.full(len(times), nan), np.full(len(times), nan)
-        return self.audit.check(times, q, energies, ledgers), ledgers[:, EXCHANGED]
+            values[:, -2:] = nan
+            return
+        values[:, -2] = self.audit.check(times, q, values[:, -2], ledgers)
+        values[:, -1] = ledgers[:, EXCHANGED]
 
     def _book_jump(self, before: float) -> None:
         """Book what a change at one state has made of the energy ``before``, J; it is no imbalance."""
@@ -271,13 +277,12 @@ class Simulation:
         while done < len(times):
             self._set_out(times[done])
             ahead = times[done:] if self.plant.inputs.settled else times[done : done + 1]
-            samples = self.stepper.sample(ahead)
+            samples = self.stepper.sample(ahead, values[done : done + len(ahead)])
             count = self._folds.unfolded(ahead, samples.q)
             rows, samples = slice(done, done + count), Samples(*(part[:count] for part in samples))
             if count > 1:
                 self.plant.inputs.pass_by(float(ahead[count - 2]))
             if count:
-                self.plant.observe_all(times[rows], *samples[:4], values[rows])
                 self._finish(times[rows], samples.q, samples.ledger, values[rows])
             done = rows.stop
             if self.failure:
@@ -312,13 +317,12 @@ class Simulation:
         What loads the mechanism holds from now on, or goes on, as the settings say. What moves a support is where the
         support should be now, or how fast: the next step moves it, see :mod:`mbfmu.mechanics.arrays.motion`.
         """
-        index = self._input(key)
-        value = finite(f"input {self.plant.inputs.variables[index].name!r}", value)
-        if self.plant.inputs.moves_support(index):
-            self.plant.inputs.set(index, value)
+        index, inputs = self._input(key), self.plant.inputs
+        if inputs.moves_support(index):
+            inputs.set(index, value)
             return
-        before = self.energy() if self.plant.inputs.weighs(index) else None
-        self.plant.inputs.set(index, value, self.t)
+        before = self.energy() if inputs.weighs(index) else None
+        inputs.set(index, value, self.stepper.t)
         if before is not None:
             self._book_jump(before)
         self.stepper.renew()

@@ -18,9 +18,7 @@ def ran(trial: Stepper, plant: Plant, outputs: int) -> bool:
     """
     t0, q, v = trial.t, trial.q, trial.v
     times, values = np.array([t0 + 1e-3]), np.zeros((1, outputs))
-    samples = trial.sample(times)
-    done = len(samples.q)
-    plant.observe_all(times[:done], *samples[:4], values[:done])
+    done = len(trial.sample(times, values).q)
     plant.observe(t0, q, v, np.zeros(len(v)), np.zeros(plant.system.m), values[0])
     plant.energy(t0, q, v)
     ends = [trial.advance(t0 + 2e-3)]

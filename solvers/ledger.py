@@ -73,6 +73,14 @@ class Scales(NamedTuple):
 
 
 @kernel
+def set_scales(s: Any, absolute: float, size: Any, pace: Any) -> None:
+    """Take the absolute tolerance, in units ``size`` of the coordinates, whose own rates are ``pace`` (n,), 1/s."""
+    for k in range(size.shape[0]):
+        s.place[k] = absolute * size[k]
+        s.rate[k] = pace[k] * s.place[k]
+
+
+@kernel
 def look(exposure: Any, data: Any, c: Any, s: Any) -> None:
     """Note exposure and kinetic energy; a system's ``exposure`` can be called."""
     exposure(s.rtol[0], s.place, s.rate, data, s.found)
@@ -90,9 +98,11 @@ def due(c: Any) -> bool:
     return c.looks < AT_FIRST or c.steps % EVERY == 0
 
 
+@kernel
 def look_anew(books: Any) -> None:
     """Let the next steps be looked at one by one: loads have changed. books (1,) of FIELDS."""
-    books["looks"] = np.minimum(books["looks"], AT_FIRST - ANEW)
+    c = books[0]
+    c.looks = min(c.looks, AT_FIRST - ANEW)
 
 
 @kernel

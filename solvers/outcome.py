@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import IntEnum
+from typing import NamedTuple
 
 
 class Code(IntEnum):
@@ -19,6 +19,7 @@ class Code(IntEnum):
     BRANCHES = 7
 
 
+CODES = tuple(Code)  # by number
 OK, NOT_CLOSED, NO_MASS, UNDECIDABLE, NOT_FINITE, MAX_STEPS, COLLAPSED, BRANCHES = map(int, Code)  # for kernels
 
 MESSAGES: dict[Code, tuple[str, str]] = {
@@ -59,8 +60,7 @@ MESSAGES: dict[Code, tuple[str, str]] = {
 }
 
 
-@dataclass(frozen=True)
-class Status:
+class Status(NamedTuple):
     """Result of :meth:`Stepper.advance`."""
 
     code: Code

@@ -84,6 +84,7 @@ class Stepper(ABC):
        multipliers; in a singular position their limit along the motion. Raises :class:`SolverError` where
        there is none.
     7. ``sample(times)`` is 3 and 6 at each of the times; a state without accelerations ends it, and ``status`` tells.
+       Given an array it puts what the system tells of each state into a row of it.
     8. ``ledger`` has, of the reported state, the work W that drives, dampers and given forces have done since
        construction, how far the tolerance lets the energy stray from it, what energy was exchanged, the largest
        kinetic energy, and what one step may add (see :mod:`solvers.ledger`). No meaning where ``options.audit`` is
@@ -98,6 +99,8 @@ class Stepper(ABC):
         When forces were asked for last in a position so near a singular one that they are not resolved, s; else nan.
     starts_singular
         Whether it was constructed in a singular position: rates may not be what the loops would make them beside it.
+    clock
+        The reported time in an array (1,), s, as it was saved last.
     """
 
     others: tuple[str, ...]
@@ -109,10 +112,10 @@ class Stepper(ABC):
         self._t = float(t0)
         self._q = sized("q0", q0, system.nq)
         self._v = sized("v0", v0, system.n)
-        self._reported = np.zeros(1)  # t in an array, to be saved with q and v
+        self.clock = np.array([self._t])
         self._ledger = np.zeros(ROW)
         self._sizes = (system.nq, system.n, system.n, system.m, ROW)
-        self._resolves = system.resolves
+        self._resolves, self._observe = system.resolves, system.observe_all
         self.status = self._status(Code.OK)
 
     def __reduce_ex__(self, protocol: Any) -> Any:
@@ -208,8 +211,10 @@ class Stepper(ABC):
     def _evaluate(self) -> tuple[Code, Array, Array]:
         """Return code, v' and lambda of the reported state."""
 
-    def sample(self, times: Array) -> Samples:
+    def sample(self, times: Array, told: Array | None = None) -> Samples:
         """:meth:`advance` to each of ``times`` (k,), ascending, and take state and accelerations there.
+
+        What the system tells of each state is put into a row of ``told`` (k, outputs).
 
         Ends early where one of the two fails; ``status`` says why.
         """
@@ -217,20 +222,33 @@ class Stepper(ABC):
         if not np.all(np.diff(times, prepend=-np.inf) > 0.0) or np.any(times < self._t):
             raise ValueError(f"times must ascend from {self._t}, where the stepper stands; use restore() to go back")
         out = Samples(*(np.zeros((len(times), size)) for size in self._sizes))
+        given = np.zeros((len(times), 0)) if told is None else told
+        told = np.ascontiguousarray(given)
         done, goes_on = 0, True
         while goes_on and done < len(times):
             until = self._limit_steps()
             count = int(np.searchsorted(times[done:], until, side="right"))
             if count:
                 rows = slice(done, done + count)
-                found = self._sample(times[rows], Samples(*(part[rows] for part in out)))
+                found = self._sample(times[rows], Samples(*(part[rows] for part in out)), told[rows])
                 done, goes_on = done + found, found == count
             else:
                 goes_on = self.advance(until).ok
+        if told is not given:
+            given[:] = told
         return Samples(*(rows[:done] for rows in out))
 
-    def _sample(self, times: Array, out: Samples) -> int:
-        """Fill the rows of ``out``, set the reported state and ``status``; return the number of complete rows."""
+    def _sample(self, times: Array, out: Samples, told: Array) -> int:
+        """Fill the rows of ``out`` and ``told``, set the reported state and ``status``; return the number of complete
+        rows.
+        """
+        done = self._sample_states(times, out)
+        if done and told.shape[1]:
+            self._observe(times[:done], out.q[:done], out.v[:done], out.a[:done], out.lam[:done], told[:done])
+        return done
+
+    def _sample_states(self, times: Array, out: Samples) -> int:
+        """As :meth:`_sample`, one state after the other, and nothing told."""
         for i, t in enumerate(times):
             if not self.advance(float(t)).ok:
                 return i
@@ -257,18 +275,18 @@ class Stepper(ABC):
         self.restart()
 
     @abstractmethod
-    def _arrays(self) -> list[NDArray[Any]]:
-        """Return the arrays that hold all there is to go on from here; ``_reported`` is one of them."""
+    def arrays(self) -> list[NDArray[Any]]:
+        """Return the arrays that hold all there is to go on from here; ``clock`` is one of them."""
 
     def save(self) -> bytes:
         """Return all that is needed to go on from here."""
-        self._reported[0] = self._t
-        return pack(self._arrays())
+        self.clock[0] = self._t
+        return pack(self.arrays())
 
     def restore(self, data: bytes) -> None:
         """Go back to where ``data`` was saved: bit for bit where the arrays hold the solver's history."""
-        unpack(data, self._arrays())
-        self._t, self.undetermined_at = float(self._reported[0]), math.nan
+        unpack(data, self.arrays())
+        self._t, self.undetermined_at = float(self.clock[0]), math.nan
         self.status = self._status(Code.OK)
 
     @property

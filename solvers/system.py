@@ -62,11 +62,28 @@ def no_exposure(rtol: float, place: Any, rate: Any, data: Any, out: Any) -> None
     out[0], out[1] = 0.0, 0.0
 
 
+def no_telling(a: Any, lam: Any, data: Any, out: Any) -> None:
+    """Of a system that tells nothing."""
+
+
 def audit_callbacks(system: AnySystem) -> tuple[Callable[..., Any], Callable[..., Any]]:
     """Return power and exposure of a system as kernels take them."""
     if system.power is not None and system.exposure is not None:
         return system.power, system.exposure
     return _nothing(held_type(system.data))
+
+
+def telling_callback(system: System) -> Callable[..., Any]:
+    """Return what a system tells as kernels take it."""
+    return system.tell if system.tell is not None else _no_telling(held_type(system.data))
+
+
+@cache
+def _no_telling(data: Any) -> Callable[..., Any]:
+    if not COMPILED:
+        return no_telling
+    vector = types.float64[::1]
+    return callback(types.void(vector, vector, data, vector))(no_telling)
 
 
 @cache
@@ -132,6 +149,7 @@ class AnySystem(ABC):
     retract: Callable[[Array, Array, Any], None]  # (q, dq, data): q <- q (+) N dq in place, dq (n,)
     power: Callable[..., float] | None = None  # (t, q, v, a, lam, data): dE/dt, W
     exposure: Callable[..., None] | None = None  # (rtol, place, rate, data, out): see solvers.ledger
+    observe: Callable[..., None] | None = None  # (times, q, v, a, lam, data, out): tells of solutions, a row each
     works: Callable[[], bool] = nothing_works  # (): whether power can differ from zero, as things are now
     resolves: Callable[[float], tuple[float, float]] = nothing_varies  # (t): longest step that sees all that varies by
     # itself from t on, and until when it does, s
@@ -148,6 +166,11 @@ class AnySystem(ABC):
     @abstractmethod
     def fill(self, t: float, q: Array, v: Array, terms: Terms) -> None:
         """Fill the terms at (t, q, v), as many as the system has."""
+
+    def observe_all(self, times: Array, q: Array, v: Array, a: Array, lam: Array, out: Array) -> None:
+        """Fill ``out`` (k, outputs) with what is told of the solutions at k times, if anything is."""
+        if self.observe is not None:
+            self.observe(times, q, v, a, lam, self.held_data, out)
 
     @cached_property
     def held_data(self) -> Any:
@@ -169,7 +192,7 @@ class System(AnySystem):
 
     ``motion`` may rely on ``position`` having been called last of all, for the same t and q. Where there is nothing to
     gain from that it is ``dynamics``. ``power`` may rely on ``dynamics`` or ``motion`` having been called last for the
-    same (t, q, v), and ``exposure`` too, which leaves nothing ``power`` needs undone.
+    same (t, q, v), ``tell`` and ``exposure`` too, which leaves nothing ``power`` needs undone.
     """
 
     has_matrices: ClassVar[bool] = True
@@ -177,6 +200,7 @@ class System(AnySystem):
     dynamics: Callable[[float, Array, Array, Any, Terms], None]  # (t, q, v, data, terms): fills all terms
     motion: Callable[[float, Array, Array, Any, Terms], None]  # (t, q, v, data, terms): those that position leaves out
     energy: Callable[[float, Array, Array, Any], float]  # (t, q, v, data): kinetic and potential energy, J
+    tell: Callable[[Array, Array, Any, Array], None] | None = None  # (a, lam, data, out): as observe, of one solution
     loop_rate: float = 0.0  # 1/s, as ``rate``, of what constraints know: by gravity and the drives that move it
 
     def allocate_terms(self, scalar: type = float) -> Terms:
@@ -198,6 +222,7 @@ class Equations(NamedTuple):
     energy: Any
     power: Any
     exposure: Any
+    tell: Any
     data: Any
     terms: Any
 
@@ -205,7 +230,7 @@ class Equations(NamedTuple):
     def of(system: System, terms: Terms) -> Any:
         """Return the equations of a system and the terms they are to fill, held."""
         s = system
-        callbacks = s.dynamics, s.position, s.motion, s.retract, s.energy, *audit_callbacks(s)
+        callbacks = s.dynamics, s.position, s.motion, s.retract, s.energy, *audit_callbacks(s), telling_callback(s)
         return hold(Equations(*callbacks, s.held_data, hold(terms)))
 
 

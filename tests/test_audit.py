@@ -14,13 +14,13 @@ from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
 from mbfmu.cli import main
+from mbfmu.direct import Result, communication_points, run
 from mbfmu.errors import UserError
 from mbfmu.fmi.export import export
 from mbfmu.fmi.harness import Fmu
 from mbfmu.mechanics import Harmonic, Input, JointForce, JointSpring, Mechanism, PointForce, Revolute, rod
 from mbfmu.mechanics.arrays.systems import Systems
 from mbfmu.model import Model, parameter
-from mbfmu.native import Result, communication_points, run
 from mbfmu.scene import Scene
 from mbfmu.simulation import Settings, Simulation
 from mbfmu.studies.compare import compare, outcome
@@ -157,13 +157,13 @@ def test_the_audit_leaves_the_motion_as_it_is_and_can_be_left_out(solver: str) -
 def test_the_command_ends_with_an_error(tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
     monkeypatch.setattr(Systems, "_works", lambda self: False)
     end = ["--stop-time", "1", "-o", str(tmp_path)]
-    for native in ([], ["--native"]):
-        assert main(["run", "governor/damped", *end, *native]) == 1
+    for direct in ([], ["--direct"]):
+        assert main(["run", "governor/damped", *end, *direct]) == 1
         out, err = capsys.readouterr()
         assert "energy imbalance" in out
         assert "LOST" in out
         assert "the energy balance is lost at t = " in err
-    assert main(["run", "governor/damped", "--native", "--no-audit", *end]) == 0
+    assert main(["run", "governor/damped", "--direct", "--no-audit", *end]) == 0
 
 
 def test_compare_marks_the_row(monkeypatch: Any) -> None:

@@ -235,10 +235,10 @@ def test_the_command_tells_what_was_taken(
     command: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    code, out, _ = command("run", "governor", "--solver", "auto", "--stop-time", "0.1", "--native")
+    code, out, _ = command("run", "governor", "--solver", "auto", "--stop-time", "0.1", "--direct")
     assert code == 0
     assert "note: auto took 'adams': not stiff" in out
     assert "default-auto-1e-6" in out
-    monkeypatch.setattr("mbfmu.cli.run.QUICK", -1.0)  # an FMU that is slow is not repeated natively
+    monkeypatch.setattr("mbfmu.cli.run.QUICK", -1.0)  # an FMU that is slow is not repeated directly
     _, out, _ = command("run", "governor", "--solver", "auto", "--stop-time", "0.1")
     assert "note: auto took 'adams': not stiff" in out

@@ -18,7 +18,7 @@ from typing import Any
 
 import pytest
 
-from mbfmu import curves, native
+from mbfmu import curves, direct
 from mbfmu.cli import models, parser
 from mbfmu.cli.common import scene_of
 from mbfmu.cli.results import results
@@ -55,8 +55,8 @@ def test_run_through_the_fmu_writes_csv_and_png(command: Command, tmp_path: Path
     assert len(saved.t) == 51
 
 
-def test_fmu_and_native_write_the_same_numbers(command: Command, tmp_path: Path) -> None:
-    for extra in ("--native", "--solver=adams"):
+def test_fmu_and_direct_write_the_same_numbers(command: Command, tmp_path: Path) -> None:
+    for extra in ("--direct", "--solver=adams"):
         command(
             "run",
             "fourbar",
@@ -67,11 +67,11 @@ def test_fmu_and_native_write_the_same_numbers(command: Command, tmp_path: Path)
             str(tmp_path / extra.strip("-")),
             extra,
         )
-    native, through_fmu = (
+    direct, through_fmu = (
         (tmp_path / way / "fourbar" / "default-adams-1e-6" / "outputs.csv").read_text()
-        for way in ("native", "solver=adams")
+        for way in ("direct", "solver=adams")
     )
-    for a, b in zip(native.splitlines()[1:], through_fmu.splitlines()[1:], strict=True):
+    for a, b in zip(direct.splitlines()[1:], through_fmu.splitlines()[1:], strict=True):
         for x, y in zip(a.split(","), b.split(","), strict=True):
             assert float(x) == pytest.approx(float(y), rel=0, abs=1e-12)
 
@@ -80,11 +80,11 @@ def test_fmu_and_native_write_the_same_numbers(command: Command, tmp_path: Path)
 def test_a_run_that_is_not_to_be_trusted_says_so_everywhere(
     command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, field: str, word: str
 ) -> None:
-    told = ("run", "fourbar/paper", "--native", "--stop-time=0.1", "--plot=energy", "-o", str(tmp_path))
+    told = ("run", "fourbar/paper", "--direct", "--stop-time=0.1", "--plot=energy", "-o", str(tmp_path))
     assert command(*told)[0] == 0
     drawn: list[str] = []
     monkeypatch.setattr("mbfmu.curves.entitle", lambda figure, result: drawn.append(curves.trouble(result)))
-    monkeypatch.setattr("mbfmu.cli.run.run", lambda *a, **k: replace(native.run(*a, **k), **{field: "it stopped"}))
+    monkeypatch.setattr("mbfmu.cli.run.run", lambda *a, **k: replace(direct.run(*a, **k), **{field: "it stopped"}))
     code, out, _ = command(*told)
     assert code == 1
     assert out.endswith(f"paper-hybrid-1e-4-{word}\n")
@@ -98,7 +98,7 @@ def folders(place: Path) -> list[str]:
 
 
 def test_a_run_again_leaves_the_first_alone(command: Command, tmp_path: Path) -> None:
-    told = ("run", "fourbar/paper", "--native", "--stop-time=0.1", "--plot=energy", "-o", str(tmp_path))
+    told = ("run", "fourbar/paper", "--direct", "--stop-time=0.1", "--plot=energy", "-o", str(tmp_path))
     first = tmp_path / "fourbar" / "paper-hybrid-1e-4"
     assert command(*told)[0] == 0
     before = {path.name: path.read_bytes() for path in first.iterdir()}
@@ -108,7 +108,7 @@ def test_a_run_again_leaves_the_first_alone(command: Command, tmp_path: Path) ->
 
 
 def test_the_scene_in_a_folder_runs_the_same_again(command: Command, tmp_path: Path) -> None:
-    told = ("--native", "--stop-time=0.1", "--plot=energy", "-q", "-o", str(tmp_path))
+    told = ("--direct", "--stop-time=0.1", "--plot=energy", "-q", "-o", str(tmp_path))
     _, first, _ = command("run", "fourbar/paper", "--set=crank_mass=2", "--max-order=3", *told)
     again = load_scene(str(Path(first.strip()) / "paper.toml"))
     assert again.settings == replace(load_scene("fourbar/paper").settings, max_order=3)
@@ -132,7 +132,15 @@ def test_processes_that_end_at_once_do_not_meet(tmp_path: Path) -> None:
     assert folders(tmp_path / "fourbar") == ["x", *(f"x-{number}" for number in range(2, 9))]
 
 
-@pytest.mark.parametrize("extra", [(), ("--native",)])
+def test_the_former_word_for_direct_is_taken_with_a_notice(command: Command, tmp_path: Path) -> None:
+    told = ("run", "fourbar", "--native", "--stop-time=0.01", "--plot=energy", "-o", str(tmp_path))
+    code, out, err = command(*told)
+    assert code == 0
+    assert "--native is called --direct" in err
+    assert "FMU" not in out
+
+
+@pytest.mark.parametrize("extra", [(), ("--direct",)])
 def test_an_interrupted_run_leaves_nothing_behind(tmp_path: Path, extra: tuple[str, ...]) -> None:
     """Ctrl-C after a second of a run that would take long."""
     told = ("run", "pendulum", "--stop-time=1e5", "--interval=1", "--max-steps=1000000000", "-o", str(tmp_path))
@@ -212,7 +220,7 @@ def test_names_with_spaces_and_slashes_are_folders(command: Command, tmp_path: P
     (place / "a scene.toml").write_text('model = "my model.py:Mine"\nstop_time = 0.02\n')
     root = tmp_path / "my results"
     for told in ((f"{source}:Mine", "--stop-time=0.02"), (str(place / "a scene.toml"),)):
-        assert command("run", *told, "--native", "--plot=energy", "-o", str(root))[0] == 0
+        assert command("run", *told, "--direct", "--plot=energy", "-o", str(root))[0] == 0
     assert folders(root) == ["crank _ rocker"]
     assert folders(root / "crank _ rocker") == ["a scene-ida-1e-6", "default-ida-1e-6"]
     saved = root / "crank _ rocker" / "a scene-ida-1e-6" / "a scene.toml"
@@ -272,7 +280,7 @@ def test_compare_writes_rows(command: Command, tmp_path: Path) -> None:
             ("run", "fourbar", "--set", "coupler_mass=0", "--set", "crank_mass=0", "--set", "rocker_mass=0"),
             "no inertia",
         ),
-        (("run", "fourbar", "--set", "start_angle=0", "--native"), "branches of the motion cross"),
+        (("run", "fourbar", "--set", "start_angle=0", "--direct"), "branches of the motion cross"),
     ],
 )
 def test_mistakes_get_a_message_and_exit_code_2(command: Command, arguments: tuple[str, ...], message: str) -> None:
@@ -283,13 +291,13 @@ def test_mistakes_get_a_message_and_exit_code_2(command: Command, arguments: tup
 
 
 def test_a_tolerance_that_is_not_run_is_told(command: Command, tmp_path: Path) -> None:
-    fine = ("run", "fourbar", "--native", "--stop-time=0.1", "--plot=energy", "-o", str(tmp_path))
+    fine = ("run", "fourbar", "--direct", "--stop-time=0.1", "--plot=energy", "-o", str(tmp_path))
     assert "note: 'ida' runs a loop at a tolerance of 1e-09, not 1e-12" in command(*fine, "--tolerance=1e-12")[1]
     assert "note:" not in command(*fine)[1]
 
 
 def test_a_huge_number_is_refused_in_words(command: Command, tmp_path: Path) -> None:
-    code, _, err = command("run", "fourbar", "--native", "--set", "crank_length=1e200", "-o", str(tmp_path))
+    code, _, err = command("run", "fourbar", "--direct", "--set", "crank_length=1e200", "-o", str(tmp_path))
     assert code == 2
     assert err.startswith("mbfmu: ")
 
@@ -338,7 +346,7 @@ def test_two_models_of_one_file_and_two_solvers_keep_their_results(command: Comm
     model = "class {}(FourBar):\n    pass\n"
     source.write_text("from fmus.fourbar import FourBar\n" + model.format("First") + model.format("Second"))
     for name, solver in (("First", "adams"), ("Second", "adams"), ("Second", "ida")):
-        told = (f"{source}:{name}", f"--solver={solver}", "--native", "--stop-time=0.02", "--plot=energy")
+        told = (f"{source}:{name}", f"--solver={solver}", "--direct", "--stop-time=0.02", "--plot=energy")
         assert command("run", *told, "-o", str(tmp_path))[0] == 0
     assert folders(tmp_path / "first") == ["default-adams-1e-6"]
     assert folders(tmp_path / "second") == ["default-adams-1e-6", "default-ida-1e-6"]
@@ -391,13 +399,13 @@ def test_every_setting_is_a_variable_of_the_fmu() -> None:
 
 def test_quiet_prints_the_path_and_nothing_else(command: Command, tmp_path: Path) -> None:
     for before, after in ((["-q"], []), ([], ["-q"])):
-        code, out, err = command(*before, "run", "fourbar", "--native", "--stop-time=0.1", "-o", str(tmp_path), *after)
+        code, out, err = command(*before, "run", "fourbar", "--direct", "--stop-time=0.1", "-o", str(tmp_path), *after)
         assert (code, err) == (0, "")
         assert (Path(out.removesuffix("\n")) / "outputs.csv").is_file()
 
 
 def test_verbose_prints_statistics_and_settings(command: Command, tmp_path: Path) -> None:
-    told = ("run", "fourbar", "--native", "--stop-time=0.1", "--plot=energy", "-o", str(tmp_path))
+    told = ("run", "fourbar", "--direct", "--stop-time=0.1", "--plot=energy", "-o", str(tmp_path))
     assert "absolute_tolerance = 0" not in command(*told)[1]
     out = command("-v", *told)[1]
     assert "absolute_tolerance = 0" in out
@@ -429,7 +437,7 @@ def test_every_help_has_an_example_that_parses() -> None:
 
 
 def test_outputs_to_draw_are_chosen_by_pattern(command: Command, tmp_path: Path) -> None:
-    told = ("run", "fourbar", "--native", "--stop-time=0.1", "-o", str(tmp_path))
+    told = ("run", "fourbar", "--direct", "--stop-time=0.1", "-o", str(tmp_path))
     code, _, err = command(*told, "--plot", "pivot.*", "--plot", "crnk.angle")
     assert (code, err) == (2, "mbfmu: no output 'crnk.angle'; did you mean 'crank.angle'?\n")
     assert command(*told, "--plot", "pivot.*")[0] == 0

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from fmus.sheet import Sheet
+from mbfmu.direct import run
 from mbfmu.fmi import export
-from mbfmu.native import run
 from mbfmu.simulation import Settings, Simulation
 from mbfmu.steady.problem import equilibrium
 

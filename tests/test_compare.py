@@ -15,9 +15,9 @@ from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
 from fmus.sheet import Sheet
+from mbfmu.direct import run
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Mechanism, Revolute, RunUp, rod
-from mbfmu.native import run
 from mbfmu.scene import Scene, default_scene, load_scene
 from mbfmu.settings import Settings
 from mbfmu.studies import work_precision

@@ -8,9 +8,9 @@ from math import acos, atan2, cos, radians, sin
 import numpy as np
 import pytest
 
+from mbfmu.direct import run
 from mbfmu.mechanics import Mechanism, Polynomial, Revolute, RevoluteCut, Translational, rod
 from mbfmu.model import Model
-from mbfmu.native import run
 from mbfmu.simulation import Settings
 
 

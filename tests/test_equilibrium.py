@@ -19,10 +19,10 @@ from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
 from mbfmu.cli.equilibrium import branches_as_text
+from mbfmu.direct import run
 from mbfmu.errors import EquilibriumError, UserError
 from mbfmu.mechanics import DistanceCut, Input, JointSpring, Mechanism, Revolute, RevoluteCut, Translational, rod
 from mbfmu.model import Model, parameter
-from mbfmu.native import run
 from mbfmu.simulation import Settings, Simulation
 from mbfmu.steady.problem import EquilibriumProblem, equilibrium
 from mbfmu.steady.sweep import Branch, sweep

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from fmus.fourbar import FourBar
+from mbfmu.direct import Result, run
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Mechanism, Plant, Revolute, RevoluteCut, add_chain, rod
 from mbfmu.model import Model
-from mbfmu.native import Result, run
 from mbfmu.simulation import Settings, Simulation
 
 DATA = Path(__file__).parent / "data" / "fourbar"

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from mbfmu.direct import run
 from mbfmu.mechanics import Mechanism, Polynomial, Revolute, RevoluteCut, rod
 from mbfmu.model import Model
-from mbfmu.native import run
 from mbfmu.simulation import Settings
 
 WEIGHT = (0.5 * 1.0 + 2.0 + 0.5 * 1.5) * 9.81  # N m at the crank, of coupler and half of both cranks

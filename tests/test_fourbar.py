@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import brentq
 
 from fmus.fourbar import FourBar
-from mbfmu.native import run
+from mbfmu.direct import run
 from mbfmu.simulation import Settings
 
 TIMES = np.linspace(0.0, 10.0, 501)

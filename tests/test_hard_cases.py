@@ -9,8 +9,8 @@ from scipy.integrate import simpson
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
+from mbfmu.direct import Result, run
 from mbfmu.model import Model
-from mbfmu.native import Result, run
 from mbfmu.simulation import Settings
 
 

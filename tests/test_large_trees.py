@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from mbfmu.direct import run
 from mbfmu.errors import EquilibriumError, UserError
 from mbfmu.mechanics import Body, Mechanism, Plant, Polynomial, Revolute, Spring, Support, add_sheet, rod
 from mbfmu.mechanics.arrays import systems
 from mbfmu.mechanics.tangent import find_groups
 from mbfmu.mechanics.tangent.groups import BLOCK
 from mbfmu.model import Model, parameter
-from mbfmu.native import run
 from mbfmu.simulation import Settings, Simulation
 from mbfmu.steady.problem import EquilibriumProblem
 

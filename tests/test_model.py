@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from fmus.fourbar import FourBar
+from mbfmu.direct import communication_points, run, simulate
 from mbfmu.errors import UserError
 from mbfmu.model import find, models
-from mbfmu.native import communication_points, run, simulate
 from mbfmu.scene import load_scene
 from mbfmu.simulation import Settings, Simulation
 

@@ -12,6 +12,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from fmus.sheet import Sheet
+from mbfmu.direct import run
 from mbfmu.errors import UserError
 from mbfmu.mechanics import (
     Body,
@@ -29,7 +30,6 @@ from mbfmu.mechanics import (
     rod,
 )
 from mbfmu.model import Model
-from mbfmu.native import run
 from mbfmu.simulation import Settings, Simulation
 from solvers.system import TreeSystem
 

@@ -11,6 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from fmus.fourbar import FourBar
+from mbfmu.direct import communication_points, run
 from mbfmu.errors import UserError
 from mbfmu.mechanics import (
     Box,
@@ -30,7 +31,6 @@ from mbfmu.mechanics import (
     rod,
 )
 from mbfmu.model import Model
-from mbfmu.native import communication_points, run
 from mbfmu.simulation import Settings, Simulation
 
 TIMES = np.linspace(0.0, 0.1, 3)

@@ -10,9 +10,9 @@ import pytest
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
+from mbfmu.direct import run
 from mbfmu.errors import UserError
 from mbfmu.model import Model
-from mbfmu.native import run
 from mbfmu.simulation import Settings
 
 MODELS = (FourBar(), Governor(), SwingPendulum())

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import mbfmu as mb
+from mbfmu.direct import communication_points, run
 from mbfmu.mechanics import Variable
-from mbfmu.native import communication_points, run
 from solvers import Statistics
 
 
@@ -123,8 +123,8 @@ def test_outputs_do_not_depend_on_how_many_are_recorded_at_once(solver: str, mon
     reported: list[list[float]] = []
     values = []
     for rows, brief in ((7, 0.0), (100, np.inf)):
-        monkeypatch.setattr("mbfmu.native.ROWS", rows)
-        monkeypatch.setattr("mbfmu.native.BRIEF", brief)
+        monkeypatch.setattr("mbfmu.direct.ROWS", rows)
+        monkeypatch.setattr("mbfmu.direct.BRIEF", brief)
         reported.append([])
         times = communication_points(2.0, 0.005)
         values.append(run(swing(), mb.Settings(solver=solver), times, progress=reported[-1].append).values)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from mbfmu.direct import run
 from mbfmu.mechanics import Mechanism, Revolute, RevoluteCut
 from mbfmu.model import Model
-from mbfmu.native import run
 from mbfmu.settings import Settings
 
 G, INERTIA = 9.81, 0.1  # m/s2; moment of inertia of a bar of length 1 and mass 1

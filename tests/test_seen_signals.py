@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from mbfmu.direct import run
 from mbfmu.mechanics import (
     Harmonic,
     JointForce,
@@ -23,7 +24,6 @@ from mbfmu.mechanics import (
 )
 from mbfmu.mechanics.signals import InUse
 from mbfmu.model import Model
-from mbfmu.native import run
 from mbfmu.simulation import Settings
 
 SOLVERS = ["adams", "hybrid", "ida"]

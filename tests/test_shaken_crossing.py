@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from mbfmu.direct import run
 from mbfmu.mechanics import (
     Body,
     Harmonic,
@@ -21,7 +22,6 @@ from mbfmu.mechanics import (
     rod,
 )
 from mbfmu.model import Model
-from mbfmu.native import run
 from mbfmu.simulation import Settings
 
 START, RATE = -0.4, 0.8  # rad, rad/s

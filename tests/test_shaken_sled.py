@@ -9,9 +9,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from mbfmu.direct import run
 from mbfmu.mechanics import Harmonic, Mechanism, Revolute, RevoluteCut, Translational, rod
 from mbfmu.model import Model
-from mbfmu.native import run
 from mbfmu.simulation import Settings
 
 TILT = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))[0]

@@ -11,12 +11,12 @@ from fmpy.validation import validate_fmu
 
 from fmus.sheet import Sheet
 from fmus.sheet.model import RELEASE
+from mbfmu.direct import run
 from mbfmu.errors import EquilibriumError, UserError
 from mbfmu.fmi import Fmu, export
 from mbfmu.mechanics import Mechanism, Plant, Plate, Support, Weld, add_sheet
 from mbfmu.mechanics.loads import Drag
 from mbfmu.mechanics.recursions.rnea import momentum
-from mbfmu.native import run
 from mbfmu.simulation import Settings, Simulation
 from mbfmu.steady.problem import EquilibriumProblem, equilibrium
 from mbfmu.studies.report import without_rounding
@@ -241,25 +241,25 @@ def inputs_of(simulation: Simulation) -> dict[str, int]:
 
 
 def test_fmu(tmp_path: Path) -> None:
-    """Held, then moved, then gravity turns: as the native run; a saved state goes on with what was set."""
+    """Held, then moved, then gravity turns: as the direct run; a saved state goes on with what was set."""
     model = Sheet(nx=7, nz=5, support="moved")
     path = export(model, tmp_path / "sheet.fmu")
     assert validate_fmu(str(path)) == []
-    native = Simulation(model, Settings(tolerance=1e-5))
-    inputs = inputs_of(native)
+    direct = Simulation(model, Settings(tolerance=1e-5))
+    inputs = inputs_of(direct)
     with Fmu(path) as fmu:
         assert {name for name, v in fmu.variables.items() if v.causality == "input"} == set(inputs)
         assert "node[0,0].x" not in fmu.variables
         assert fmu.variables["gravity.y"].start == "-9.81"
         for settings in ({}, {"edge.vy": 1.0}, {"edge.vy": 0.0, "gravity.x": 5.0, "gravity.y": 2.0}):
-            before = native.outputs().copy()
+            before = direct.outputs().copy()
             for name, value in settings.items():
                 fmu[name] = value
-                native.set_input(inputs[name], value)
+                direct.set_input(inputs[name], value)
             fmu.step(0.05)
-            assert native.advance(fmu.t).ok
-            np.testing.assert_allclose(fmu.reals(), native.outputs(), rtol=1e-9, atol=1e-9)
-            assert np.abs(native.outputs() - before).max() > 1e-2
+            assert direct.advance(fmu.t).ok
+            np.testing.assert_allclose(fmu.reals(), direct.outputs(), rtol=1e-9, atol=1e-9)
+            assert np.abs(direct.outputs() - before).max() > 1e-2
         saved, t = fmu.save(), fmu.t
         fmu.step(0.02)
         once = fmu["tip.x"], fmu["tip.y"]

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mbfmu.native import run
+from mbfmu.direct import run
 from mbfmu.simulation import Settings
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))

@@ -14,6 +14,7 @@ from scipy.integrate import solve_bvp
 
 import solvers
 from fmus.sheet import Sheet
+from mbfmu.direct import run
 from mbfmu.errors import UserError
 from mbfmu.fmi import Fmu, export
 from mbfmu.mechanics import (
@@ -31,7 +32,6 @@ from mbfmu.mechanics import (
 from mbfmu.mechanics.arrays import systems
 from mbfmu.mechanics.assemblies.supports import UPRIGHT
 from mbfmu.model import Model, parameter
-from mbfmu.native import run
 from mbfmu.simulation import Settings, Simulation
 from mbfmu.steady.modes import shapes
 from mbfmu.steady.problem import EquilibriumProblem

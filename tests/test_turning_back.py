@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from mbfmu.direct import run
 from mbfmu.mechanics import Harmonic, JointSpring, Mechanism, Polynomial, Revolute, RevoluteCut, rod
 from mbfmu.model import Model
-from mbfmu.native import run
 from mbfmu.simulation import Settings
 
 START, GRAVITY = 0.6, 9.81  # rad, m/s2

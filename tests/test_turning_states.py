@@ -11,6 +11,7 @@ import pytest
 from scipy.optimize import brentq
 
 from fmus.governor import Governor
+from mbfmu.direct import run
 from mbfmu.errors import EquilibriumError
 from mbfmu.mechanics import (
     DistanceCut,
@@ -28,7 +29,6 @@ from mbfmu.mechanics import (
     rod,
 )
 from mbfmu.model import Model
-from mbfmu.native import run
 from mbfmu.simulation import Settings
 from mbfmu.steady.problem import EquilibriumProblem, equilibrium
 

@@ -21,7 +21,7 @@ COMMANDS = (run, check, view, export, equilibrium, linearize, modes, effects, co
 
 EXAMPLES = f"""examples:
   mbfmu run fourbar                        export the FMU, run it through FMPy, write CSV and pictures
-  mbfmu run fourbar --solver adams --native
+  mbfmu run fourbar --solver adams --direct
   mbfmu run fourbar/paper                  a scene that ships with a model
   mbfmu run my_scene.toml
   mbfmu check fourbar                      whether it is hard, and why; which solver suits

@@ -7,7 +7,7 @@ import argparse
 from mbfmu.errors import UserError
 from mbfmu.model import suggest
 
-from .common import Commands, add_solver, add_steady, bar, reader, scene_of, start_of
+from .common import Commands, add_solver, add_steady, bar, reader, scene_of, start_of, tell
 from .completion import complete, output_names
 
 
@@ -52,5 +52,5 @@ def command_effects(options: argparse.Namespace) -> int:
         entries = costs(
             scene.model, scene.settings, scene.stop_time, start_of(options), lambda _: seen.update(), options.show
         )
-    print(as_text(entries, shown))
+    tell(options, as_text(entries, shown))
     return 0

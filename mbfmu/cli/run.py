@@ -8,13 +8,14 @@ import tempfile
 import time
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
 from mbfmu.audit import VARIABLES
 from mbfmu.curves import matching
-from mbfmu.native import Result, communication_points, run
+from mbfmu.direct import Result, communication_points, run
 from mbfmu.scene import Scene, as_toml
 from mbfmu.settings import AUTO
 from mbfmu.simulation import Simulation
@@ -43,11 +44,20 @@ CSV, PICTURE, SAVED, POSES = "outputs.csv", "outputs.png", "result.npz", "motion
 
 EXAMPLES = """examples:
   mbfmu run fourbar                                                      the model as it is
-  mbfmu run fourbar/paper --native                                       a scene that ships with it, without the FMU
+  mbfmu run fourbar/paper --direct                                       a scene that ships with it, without the FMU
   mbfmu run fourbar --solver adams --tolerance 1e-8 --set crank_mass=2   other settings, and another parameter
   mbfmu run governor --plot 'rod*.force' --plot energy                   a picture of these outputs only
   cat "$(mbfmu -q run fourbar)/outputs.csv"                              the path of the results in a script
 """
+
+
+class CalledDirect(argparse.Action):
+    """What was called ``--native`` until 0.2."""
+
+    def __call__(self, _: Any, options: argparse.Namespace, *__: Any) -> None:
+        """Do as ``--direct`` does, and say so."""
+        options.direct = True
+        print("mbfmu: --native is called --direct: native is machine code without Python", file=sys.stderr)
 
 
 def add(commands: Commands) -> None:
@@ -67,12 +77,13 @@ The results are in a folder such as results/fourbar/paper-hybrid-1e-4:
 The folder of a run that ended early ends in -failed. That of a run that lost its energy balance ends in -inaccurate.
 The exit code of both is 1. A mistake in what you ask for gives 2, and an interrupted run 130; these write nothing.
 
-An FMU does not tell poses. They come from a native repeat of the run, which is left out where the FMU took more than
+An FMU does not tell poses. They come from a direct repeat of the run, which is left out where the FMU took more than
 {QUICK:g} s.""",
         epilog=EXAMPLES,
     )
     add_scene(p)
-    p.add_argument("--native", action="store_true", help="run without the FMU: faster, with the same numbers")
+    p.add_argument("--direct", action="store_true", help="run without the FMU: faster, with the same numbers")
+    p.add_argument("--native", action=CalledDirect, dest="direct", nargs=0, help=argparse.SUPPRESS)
     shown = p.add_argument(
         "--plot",
         action="append",
@@ -98,27 +109,27 @@ def command_run(options: argparse.Namespace) -> int:
         recorder = Recorder()
         result = ran(scene, options, recorder)
         total = time.perf_counter() - begin
-        if not options.native and result.wall_time < QUICK:
+        if not options.direct and result.wall_time < QUICK:
             repeat = run(scene.model, scene.settings, result.t, watch=recorder)
             result.remarks = repeat.remarks  # which an FMU has in its log alone
-        elif not options.native and scene.settings.solver == AUTO:
+        elif not options.direct and scene.settings.solver == AUTO:
             result.remarks = (str(Simulation(scene.model, scene.settings).pick),)
         write(place, scene, result, recorder, options.plot)
         tell(options, "\n".join((summary(scene, result, total), *(f"  {line}" for line in loops(scene)))))
         tell_more(options, statistics(result))
         wrote(options, place.keep(mark(result)))
     if not recorder.used:
-        tell(options, f"see the motion with `mbfmu view {options.scene}`, or after a run with --native")
+        tell(options, f"see the motion with `mbfmu view {options.scene}`, or after a run with --direct")
     for text in filter(None, (result.coarse and f"warning: {result.coarse}", result.failure)):
         print(f"mbfmu: {text}", file=sys.stderr)
     return 1 if mark(result) else 0
 
 
 def ran(scene: Scene, options: argparse.Namespace, recorder: Recorder) -> Result:
-    """Return the result of a scene, through its FMU or natively."""
+    """Return the result of a scene, through its FMU or directly."""
     times = communication_points(scene.stop_time, scene.output_interval)
     with progress(scene, options.quiet) as bar:
-        if options.native:
+        if options.direct:
             result = run(scene.model, scene.settings, times, bar, recorder, warn)
         else:
             from mbfmu.fmi.run import run_fmu

@@ -11,10 +11,10 @@ from pathlib import Path
 
 from tqdm import tqdm
 
+from mbfmu.direct import Result, communication_points, run
 from mbfmu.errors import UserError
 from mbfmu.mechanics.numbers import positive
 from mbfmu.model import declared
-from mbfmu.native import Result, communication_points, run
 from mbfmu.scene import Scene
 from mbfmu.settings import Settings
 from mbfmu.viewer import Motion, Recorder
@@ -41,7 +41,7 @@ def add(commands: Commands) -> None:
         "view",
         help="3-D animation of a run: an HTML file for any browser, glTF, PNG, GIF or MP4",
         description="Write an animation of a run as one HTML file that needs no network. Give the pose file "
-        "motion.npz that `mbfmu run` wrote, or what `mbfmu run` takes, which is then run natively.",
+        "motion.npz that `mbfmu run` wrote, or what `mbfmu run` takes, which is then run directly.",
         epilog=EXAMPLES,
     )
     p.add_argument(
@@ -151,7 +151,7 @@ def against_of(scene: Scene, text: str) -> Scene:
 
 
 def recorded_run(scene: Scene) -> tuple[Motion, Result]:
-    """Run a scene natively; return its motion and its result."""
+    """Run a scene directly; return its motion and its result."""
     recorder = Recorder()
     with progress(scene) as bar:
         times = communication_points(scene.stop_time, scene.output_interval)

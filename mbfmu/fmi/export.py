@@ -19,11 +19,11 @@ from pathlib import Path
 from pythonfmu import FmuBuilder
 
 import mbfmu
+from mbfmu.direct import communication_points
 from mbfmu.errors import UserError, writing
 from mbfmu.interface import interface, legible
 from mbfmu.mechanics import Mechanism
 from mbfmu.model import Model, of_user
-from mbfmu.native import communication_points
 from mbfmu.settings import Settings
 
 from .description import Experiment
@@ -164,7 +164,7 @@ def own_source(cls: type[Model]) -> str:
     if beside:
         raise UserError(
             f"model {cls.__name__!r} imports {', '.join(map(repr, beside))} from beside its file, which an FMU does "
-            "not carry; put all of it into one file or into an installed package, or run it with --native"
+            "not carry; put all of it into one file or into an installed package, or run it with --direct"
         )
     return Path(file).read_text()
 

@@ -1,4 +1,4 @@
-"""Run a model as an FMU through FMPy and record what the native run records."""
+"""Run a model as an FMU through FMPy and record what the direct run records."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mbfmu.direct import Result
 from mbfmu.errors import UserError
 from mbfmu.interface import COUNTERS
 from mbfmu.interrupts import interrupts_held
 from mbfmu.mechanics import Variable
 from mbfmu.model import Model
-from mbfmu.native import Result
 from mbfmu.settings import Settings
 from solvers.options import Statistics
 

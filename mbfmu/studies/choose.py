@@ -11,10 +11,10 @@ from math import floor, inf, isfinite, log10
 import numpy as np
 from numpy.typing import NDArray
 
+from mbfmu.direct import communication_points
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Mechanism
 from mbfmu.model import Model
-from mbfmu.native import communication_points
 from mbfmu.scene import Scene
 from mbfmu.studies.compare import BUDGET, SHARE, Case, Progress, Row, asked, in_full, judge, of_subject
 from mbfmu.studies.reference import Reference, reference

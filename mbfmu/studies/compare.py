@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mbfmu.direct import communication_points
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Mechanism, Plant
 from mbfmu.model import Model, of_user
-from mbfmu.native import communication_points
 from mbfmu.result import Result
 from mbfmu.scene import Scene, default_scene
 from mbfmu.studies.reference import Reference, reference

@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
+from mbfmu.direct import communication_points, run
 from mbfmu.errors import EquilibriumError, UserError
 from mbfmu.mechanics import Plant
 from mbfmu.model import Model
-from mbfmu.native import communication_points, run
 from mbfmu.result import Result
 from mbfmu.scene import Scene, default_scene
 from mbfmu.settings import Settings

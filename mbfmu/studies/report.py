@@ -18,8 +18,8 @@ from mbfmu.viewer.picture import draw as picture_of
 from solvers.steppers import NAMES
 
 if TYPE_CHECKING:
+    from mbfmu.direct import Result
     from mbfmu.mechanics import Plant
-    from mbfmu.native import Result
     from mbfmu.steady.modes import ModeShape
     from mbfmu.steady.sweep import Branch
     from mbfmu.viewer.picture import Bar

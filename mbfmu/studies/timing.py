@@ -15,10 +15,10 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
+from mbfmu.direct import run
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Mechanism
 from mbfmu.model import LARGEST, Model
-from mbfmu.native import run
 from mbfmu.result import Result
 from mbfmu.scene import Scene
 from mbfmu.settings import Settings

@@ -138,7 +138,7 @@ class Motion:
 
 
 class Recorder:
-    """Notes the pose of every body, outputs and forces; give it to :func:`mbfmu.native.run` as ``watch``."""
+    """Notes the pose of every body, outputs and forces; give it to :func:`mbfmu.direct.run` as ``watch``."""
 
     def __init__(self) -> None:
         self._mechanism: Mechanism | None = None

@@ -6,10 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from mbfmu.direct import simulate
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Mechanism
 from mbfmu.model import Model, of_user
-from mbfmu.native import simulate
 from mbfmu.result import Result
 
 from .gltf import write_glb

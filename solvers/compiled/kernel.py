@@ -76,6 +76,11 @@ def kept_nowhere(function: F) -> F:
     return cast(F, Kernel(function, targetoptions={"nopython": True, "no_cfunc_wrapper": True, **_OPTIONS}))
 
 
+def by_name(function: Any) -> Any:
+    """Return a kernel that others call by its name, of one or of a function that is handed on by its address else."""
+    return function if is_kernel(function) or not COMPILED else kept_nowhere(function)
+
+
 def is_kernel(function: Any) -> bool:
     """Whether a function is compiled, so that kernels can call it."""
     return isinstance(function, Inlined)

@@ -34,6 +34,12 @@ _kernels: dict[tuple[str, str], Kernel] = {}  # by module and name
 _symbols: dict[str, tuple[tuple[str, str], Any]] = {}  # whose they are, and for which arguments
 
 
+def kernel_named(symbol: str) -> Any:
+    """Return what numba has compiled under a symbol."""
+    key, arguments = _symbols[symbol]
+    return _kernels[key].overloads[arguments]
+
+
 class Entry(CompileResultCacheImpl):
     """How a compiled function is written: with a checksum, and with what it calls."""
 

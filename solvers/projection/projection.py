@@ -344,27 +344,6 @@ def lagrange(node: int, x: float) -> float:
 
 
 @kernel
-def close_report(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any) -> int:
-    """As :func:`close`; at a crossing what lies across the branch is removed too: of the position as far as it is
-    resolved, of the velocity by the same limit.
-
-    For states from a solver that does not control these well (IDA's regularization leaves them free).
-    """
-    code = close(eqs, t, q, v, rank, work)
-    if code != OK or rank_at(work.pivot, rank, SINGULAR) == rank:
-        return code
-    if judge(eqs, t, q, rank, work) != CROSSING or not loop_speed(v, work) > AT_REST * work.rate[1]:
-        return code
-    if rank_at(work.pivot, rank, UNRESOLVED) == rank and position_off(eqs.terms, rank, work) < ratio(work.pivot, rank):
-        correct_position(eqs, t, q, rank, work)
-    code = limit(eqs, t, q, v, True, rank, work, work.a)
-    if code == OK:
-        for i in range(v.shape[0]):
-            v[i] = work.a[i]
-    return code
-
-
-@kernel
 def multipliers(terms: Any, rank: int, work: Any, a: Any, lam: Any) -> None:
     """Shortest lambda, in units of the rows, with J^T lambda = -(M a + h) in the directions of ``rank`` pivot rows, as
     far as there are digits; ``terms`` and factors belong together.
@@ -388,24 +367,8 @@ def multipliers(terms: Any, rank: int, work: Any, a: Any, lam: Any) -> None:
 
 
 @kernel
-def unresolved(rtol: float, rank: int, work: Any) -> bool:
-    """Whether so little is left of a pivot that forces are not known: positions are no better than the tolerance."""
-    return rank > 0 and rank_at(work.pivot, rank, max(UNRESOLVED, rtol)) < rank
-
-
-@kernel
 def shortest_transposed(m: int, n: int, rank: int, work: Any, y: Any) -> None:
     """Shortest y (m,) with J~^T y = work.f, where rows depend on each other: L^T y = Q^T f by factors of L^T."""
     turn_in(work.A, work.tau, rank, n, work.f)
     factor_transposed(m, rank, work)
     least_norm(work.f, m, rank, work.B, work.tau_B, work.pivots_B, y)
-
-
-@kernel
-def evaluate(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any, a: Any, lam: Any) -> int:
-    """Accelerations and shortest multipliers at a closed state; leaves ``terms`` there."""
-    factor_here(eqs, t, q, v, work)
-    code = acceleration(eqs, t, q, v, rank, work, a)
-    if code == OK:
-        multipliers(eqs.terms, rank, work, a, lam)
-    return code

@@ -2,55 +2,77 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from types import ModuleType
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
+import numpy as np
 from numpy.typing import NDArray
 
-from solvers.outcome import Code
+from solvers.compiled.held import hold
+from solvers.ledger import Scales
+from solvers.outcome import CODES, Code
 from solvers.stepper import Samples
 from solvers.system import Array
 
 from .dense import DenseStepper
 
 
+class Given(NamedTuple):
+    """What a loop is given: all by one address, since Python hands every array over anew."""
+
+    eqs: Any
+    settings: NDArray[Any]
+    memory: Any
+    work: Any
+    scales: Any
+    q: Array  # the reported state
+    v: Array
+    ledger: Array
+
+
 class ClosedStepper(DenseStepper):
-    """A stepper whose ``loop`` has the kernels ``advance`` and ``sample``, its control record and its settings."""
+    """A stepper whose ``loop`` has the kernels ``advance_reported`` and ``sample``, its control record and settings.
+
+    Attributes
+    ----------
+    given
+        What they take, held.
+    """
 
     loop: ClassVar[ModuleType]
 
+    _control: Any  # the loop's record
     _settings: NDArray[Any]
-    _held: Any  # what the loop remembers
-    _scales: Any
 
-    @property
-    @abstractmethod
-    def _control(self) -> NDArray[Any]:
-        """The loop's record (1,)."""
+    def _set_up(self, memory: Any) -> None:
+        """Let the loop have what it remembers, a tuple of arrays, and begin."""
+        self._held, n = hold(memory), self.system.n
+        scales = Scales.of(self.options.rtol, np.zeros(n), np.zeros(n))
+        own = self._eqs, self._settings, self._held, self._work, hold(scales)
+        self.given = hold(Given(*own, self._q, self._v, self._ledger))
+        self.loop.set_up(self.given, self._rank, self.options.absolute)
+        self.restart()
 
     def _advance(self, t: float) -> Code:
-        own = self._eqs, self._settings, self._held, self._work, self._scales
-        code = Code(self.loop.advance(*own, t, self._q, self._v, self._ledger))
-        self._t = t if code is Code.OK else float(self._control["t"][0])
+        code = CODES[self.loop.advance_reported(self.given, t)]
+        self._t = t if code is Code.OK else float(self._control["t"])
         return code
 
-    def _sample(self, times: Array, out: Samples) -> int:
-        own = self._eqs, self._settings, self._held, self._work, self._scales
+    def _sample(self, times: Array, out: Samples, told: Array) -> int:
         self._control["undetermined"] = 0
-        code, done = self.loop.sample(*own, times, *out)
+        code, done = self.loop.sample(self.given, times, *out, told)
         last = min(done, len(times) - 1)
-        self._t = min(float(times[last]), float(self._control["t"][0]))
+        self._t = min(float(times[last]), float(self._control["t"]))
         self._q[:], self._v[:], self._ledger[:] = out.q[last], out.v[last], out.ledger[last]
-        self.status = self._status(Code(code))
-        if self._control["undetermined"][0]:
-            self.undetermined_at = float(self._control["undetermined_at"][0])
+        self.status = self._status(CODES[code])
+        if self._control["undetermined"]:
+            self.undetermined_at = float(self._control["undetermined_at"])
         return int(done)
 
     @property
     def notice(self) -> str:
         """Whether the tolerance was coarser than asked for beside a near miss."""
-        c = self._control[0]
+        c = self._control
         if not c["coarsest"] > 1.0:
             return ""
         return (

@@ -10,12 +10,13 @@ import numpy as np
 from solvers.compiled.held import hold
 from solvers.compiled.kernel import COMPILED, kernel
 from solvers.options import Options
-from solvers.outcome import Code
-from solvers.projection.projection import close, evaluate, unresolved
+from solvers.outcome import OK, Code
+from solvers.projection.projection import close
 from solvers.projection.rank import normal_rank
+from solvers.projection.reported import evaluate, unresolved
 from solvers.projection.singular import CROSSING, MISS, NONE, judge
 from solvers.projection.workspace import Workspace, factor
-from solvers.stepper import Stepper, own_rates, require_placed, require_resolved
+from solvers.stepper import Stepper, require_placed, require_resolved
 from solvers.system import Array, Equations, System, Terms
 
 # The pace of a coordinate: of its rate at the start, which is above that of a small oscillation by the root of its
@@ -32,6 +33,41 @@ def find_critical(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
     return judge(eqs, t, q, rank, work)
 
 
+@kernel
+def find_position_sizes(eqs: Any, t: float, q: Any, work: Any) -> None:
+    """Note the unit of every position: that of its coordinate, 1 of a quaternion's entries."""
+    n, v = work.size.shape[0], work.v_near
+    for i in range(q.shape[0]):
+        work.size_q[i] = work.size[i] if q.shape[0] == n else 0.0
+    if q.shape[0] == n:
+        return
+    for k in range(n):
+        for i in range(n):
+            v[i] = 1.0 if i == k else 0.0
+        eqs.dynamics(t, q, v, eqs.data, eqs.terms)
+        for i in range(q.shape[0]):
+            work.size_q[i] = max(work.size_q[i], abs(eqs.terms.qdot[i]) * work.size[k])
+    for i in range(q.shape[0]):
+        if not work.size_q[i] > 0.0:
+            work.size_q[i] = 1.0
+
+
+@kernel
+def measure_pace(eqs: Any, t: float, q: Any, v: Any, rank: int, rate: float, loop_rate: float, work: Any) -> None:
+    """Note the rate of the motion (1/s), what is known beforehand or that of its velocity or acceleration, and of every
+    coordinate's own part in it: a stiff spring at one of them is not to make the others' tolerances coarse.
+    """
+    resting = evaluate(eqs, t, q, v, rank, work, work.slope, work.lam) != OK
+    for k in range(v.shape[0]):
+        a = 0.0 if resting else work.slope[k]
+        own = max(abs(v[k] / work.size[k]), np.sqrt(abs(a / work.size[k])))
+        work.pace[k], rate, loop_rate = own, max(rate, own), max(loop_rate, own * work.looped[k])
+    rate = rate if rate != 0.0 else 1.0
+    work.rate[0], work.rate[1] = rate, loop_rate if loop_rate != 0.0 else rate
+    for k in range(v.shape[0]):
+        work.pace[k] = max(SLOWER * work.pace[k], SLOWEST * rate)
+
+
 class DenseStepper(Stepper):
     """A stepper on the terms of the equations of motion: small mechanisms, with or without constraints."""
 
@@ -43,13 +79,14 @@ class DenseStepper(Stepper):
         self._eqs = Equations.of(system, self._terms)
         self._units = self._work.value if COMPILED else self._work
         self._units.size[:] = system.size
-        self._units.size_q[:] = self._position_sizes()
+        find_position_sizes(self._eqs, self._t, self._q, self._work)
         require_placed(self._q, self._units.size_q, self.options.rtol)
         self._rank = normal_rank(self._eqs, self._t, self._q, self._v, self._work)
         code = close(self._eqs, self._t, self._q, self._v, self._rank, self._work)
         self.starts_singular = self._loses_rank()
         self.status = self._status(Code(code))
-        self._measure_pace()
+        measure_pace(self._eqs, self._t, self._q, self._v, self._rank, system.rate, system.loop_rate, self._work)
+        require_resolved(self._t, float(self._units.rate[0]), self.options.rtol)
 
     def _loses_rank(self) -> bool:
         """Whether rates there are that constraints determine elsewhere, and not at the reported position."""
@@ -74,26 +111,6 @@ class DenseStepper(Stepper):
     def freedom(self) -> int:
         """In how many ways the constraints let the mechanism move."""
         return int(self.system.n - self._rank)
-
-    def _position_sizes(self) -> Array:
-        """Return the unit of every position (nq,): that of its coordinate, 1 of a quaternion's entries."""
-        s, sizes = self.system, np.zeros(self.system.nq)
-        for k in range(s.n):
-            s.fill(self._t, self._q, np.eye(s.n)[k], self._terms)
-            sizes = np.maximum(sizes, np.abs(self._terms.qdot) * s.size[k])
-        return np.where(sizes > 0.0, sizes, 1.0) if s.nq != s.n else s.size
-
-    def _measure_pace(self) -> None:
-        """Note the rate of the motion (1/s), what is known beforehand or that of its velocity or acceleration, and of
-        every coordinate's own part in it: a stiff spring at one of them is not to make the others' tolerances coarse.
-        """
-        code, a, _ = self._evaluate()
-        own = own_rates(self.system, self._v, a if code is Code.OK else np.zeros(self.system.n))
-        rate = max(self.system.rate, own.max(initial=0.0)) or 1.0
-        require_resolved(self._t, rate, self.options.rtol)
-        loops = max(self.system.loop_rate, (own * self._units.looped).max(initial=0.0)) or rate
-        self._units.rate[:] = rate, loops
-        self._units.pace[:] = np.maximum(SLOWER * own, SLOWEST * rate)
 
     def _evaluate(self) -> tuple[Code, Array, Array]:
         a, lam = np.zeros(self.system.n), np.zeros(self.system.m)

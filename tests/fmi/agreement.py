@@ -7,18 +7,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mbfmu.direct import run
 from mbfmu.fmi import Fmu
 from mbfmu.model import Model
-from mbfmu.native import run
 from mbfmu.simulation import Settings
 
 STEP = 0.013  # s, in no proportion to the solvers' own steps
 
 
-def check_against_native(path: Path, model: Model, solver: str, times: NDArray[np.float64]) -> None:
-    native = run(model, Settings(solver=solver, tolerance=1e-8), times)
+def check_against_direct(path: Path, model: Model, solver: str, times: NDArray[np.float64]) -> None:
+    direct = run(model, Settings(solver=solver, tolerance=1e-8), times)
     with Fmu(path, {"solver": solver, "tolerance": 1e-8}) as fmu:
-        for t, expected in zip(times[1:], native.values[1:], strict=True):
+        for t, expected in zip(times[1:], direct.values[1:], strict=True):
             fmu.step_to(float(t))
             np.testing.assert_allclose(fmu.reals(), expected, rtol=1e-12, atol=1e-12)
 

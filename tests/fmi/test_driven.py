@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from agreement import check_against_native
+from agreement import check_against_direct
 from fmpy.validation import validate_fmu
 
 from fmus.governor import Governor
@@ -36,8 +36,8 @@ def test_validates(fmus: dict[str, Path], name: str) -> None:
 
 @pytest.mark.parametrize("name", MODELS)
 @pytest.mark.parametrize("solver", ["adams", "hybrid", "ida"])
-def test_equals_the_native_run(fmus: dict[str, Path], name: str, solver: str) -> None:
-    check_against_native(fmus[name], MODELS[name], solver, np.linspace(0.0, 0.5, 26))
+def test_equals_the_direct_run(fmus: dict[str, Path], name: str, solver: str) -> None:
+    check_against_direct(fmus[name], MODELS[name], solver, np.linspace(0.0, 0.5, 26))
 
 
 def test_the_free_governor_takes_a_torque_and_the_driven_one_a_speed(fmus: dict[str, Path]) -> None:
@@ -113,5 +113,5 @@ def test_no_balance_to_start_in_is_an_error_that_says_so(
 
 @pytest.mark.parametrize("scene", ["governor/damped", "governor/free", "pendulum/damped"])
 def test_scenes_run(command: Callable[..., tuple[int, str, str]], tmp_path: Path, scene: str) -> None:
-    code, out, _ = command("run", scene, "--native", "-o", str(tmp_path))
+    code, out, _ = command("run", scene, "--direct", "-o", str(tmp_path))
     assert code == 0, out

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from agreement import check_against_native, check_continuation
+from agreement import check_against_direct, check_continuation
 
 from fmus.fourbar import FourBar
+from mbfmu.direct import run
 from mbfmu.fmi import Fmu, export
-from mbfmu.native import run
 from mbfmu.simulation import Settings
 
 TIMES = np.linspace(0.0, 0.5, 26)
@@ -24,8 +24,8 @@ def flexible_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("solver", ["ida", "adams", "hybrid"])
-def test_equals_the_native_run(flexible_fmu: Path, solver: str) -> None:
-    check_against_native(flexible_fmu, MODEL, solver, TIMES)
+def test_equals_the_direct_run(flexible_fmu: Path, solver: str) -> None:
+    check_against_direct(flexible_fmu, MODEL, solver, TIMES)
 
 
 def test_a_second_instance_continues_bit_for_bit(flexible_fmu: Path) -> None:
@@ -45,7 +45,7 @@ def test_its_variables_have_units_and_meaning(flexible_fmu: Path) -> None:
 
 def test_parameters_of_the_beam_act_at_the_end_of_initialization(flexible_fmu: Path) -> None:
     stiff = FourBar(coupler_modes=2, coupler_damping=5.8115e-4, youngs_modulus=4 * 117e9)
-    native = run(stiff, Settings(solver="adams", tolerance=1e-8), TIMES)
+    direct = run(stiff, Settings(solver="adams", tolerance=1e-8), TIMES)
     with Fmu(flexible_fmu, {"youngs_modulus": 4 * 117e9, "tolerance": 1e-8}) as fmu:
         fmu.step_to(0.5)
-        assert fmu["coupler.deflection"] == pytest.approx(native["coupler.deflection"][-1], abs=1e-7)
+        assert fmu["coupler.deflection"] == pytest.approx(direct["coupler.deflection"][-1], abs=1e-7)

@@ -44,24 +44,24 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Model, Path]:
 
 
 def test_a_shaken_base_is_that_of_the_closed_form(made: tuple[Model, Path]) -> None:
-    """20 mm sin(30 t) from rest; step by step as the native simulation, saved and restored on the way."""
+    """20 mm sin(30 t) from rest; step by step as the direct simulation, saved and restored on the way."""
     model, path = made
-    native = Simulation(model, Settings(solver="adams", tolerance=1e-9))
+    direct = Simulation(model, Settings(solver="adams", tolerance=1e-9))
     times = np.linspace(0.0, 0.2, 41)
     with Fmu(path) as fmu:
         for t, after in pairwise(times):
             values = (0.02 * np.sin(30.0 * t), 0.6 * np.cos(30.0 * t))
             for k, (name, value) in enumerate(zip(("base", "base_rate"), values, strict=True)):
                 fmu[name] = value
-                native.set_input(k, value)
+                direct.set_input(k, value)
             saved, reached = fmu.save(), fmu.t
             fmu.step_to(float(after))
-            assert native.advance(float(after)).ok
-            np.testing.assert_allclose(fmu.reals(), native.outputs(), rtol=1e-12, atol=1e-12)
+            assert direct.advance(float(after)).ok
+            np.testing.assert_allclose(fmu.reals(), direct.outputs(), rtol=1e-12, atol=1e-12)
             fmu.restore(saved)  # with what has been set for this step
             fmu.t = reached
             fmu.step_to(float(after))
-            np.testing.assert_allclose(fmu.reals(), native.outputs(), rtol=1e-12, atol=1e-12)
+            np.testing.assert_allclose(fmu.reals(), direct.outputs(), rtol=1e-12, atol=1e-12)
         exact = 0.02 * (100.0 * np.sin(6.0) - 300.0 * np.sin(2.0)) / (100.0 - 900.0)
         assert fmu["mass.x"] == pytest.approx(exact, abs=5e-6)
         assert exact == pytest.approx(7.518e-3, abs=1e-6)

@@ -12,10 +12,10 @@ import pytest
 from fmpy.fmi1 import FMICallException
 
 from fmus.fourbar import FourBar
+from mbfmu.direct import run
 from mbfmu.errors import UserError
 from mbfmu.fmi import Fmu, export
 from mbfmu.frame import frame, unframe
-from mbfmu.native import run
 from mbfmu.simulation import Settings, Simulation
 from solvers.compiled import cache
 

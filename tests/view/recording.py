@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from mbfmu.direct import Result, communication_points, run
 from mbfmu.model import Model
-from mbfmu.native import Result, communication_points, run
 from mbfmu.simulation import Settings
 from mbfmu.viewer import Motion, Recorder
 

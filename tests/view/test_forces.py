@@ -8,6 +8,7 @@ from recording import recorded
 
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
+from mbfmu.direct import communication_points, run
 from mbfmu.mechanics import (
     JointForce,
     Mechanism,
@@ -20,7 +21,6 @@ from mbfmu.mechanics import (
     rod,
 )
 from mbfmu.model import Model
-from mbfmu.native import communication_points, run
 from mbfmu.simulation import Settings
 from mbfmu.viewer import Motion, Recorder
 from mbfmu.viewer.forces import rounded, scales

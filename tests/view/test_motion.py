@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
+from mbfmu.direct import communication_points, run
 from mbfmu.errors import UserError
 from mbfmu.mechanics import (
     Beam,
@@ -36,7 +37,6 @@ from mbfmu.mechanics import (
     rod,
 )
 from mbfmu.model import Model
-from mbfmu.native import communication_points, run
 from mbfmu.simulation import Settings
 from mbfmu.viewer import Motion, Recorder
 from mbfmu.viewer.camera import Camera, Stage

@@ -23,10 +23,10 @@ from recording import recorded
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from mbfmu.cli import parser
+from mbfmu.direct import simulate
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Floating, Mechanism, PointForce, Revolute, Support, add_sheet, rod
 from mbfmu.model import Model
-from mbfmu.native import simulate
 from mbfmu.viewer import Motion, Recorder, html, images
 from mbfmu.viewer.picture import draw
 from mbfmu.viewer.show import view
@@ -96,15 +96,15 @@ def test_bent_bar_is_closed_and_faces_outward() -> None:
 
 
 def test_run_then_view(command: Command, tmp_path: Path) -> None:
-    for kind in ("fmu", "native"):
-        extra = ["--native"] * (kind == "native")
+    for kind in ("fmu", "direct"):
+        extra = ["--direct"] * (kind == "direct")
         code, out, _ = command(
             "run", "pendulum", "--solver=adams", "--stop-time=0.2", "-o", str(tmp_path / kind), *extra
         )
         assert code == 0
-    folders = {kind: tmp_path / kind / "pendulum" / "default-adams-1e-6" for kind in ("fmu", "native")}
-    through_fmu, native = (Motion.load(folders[kind] / "motion.npz") for kind in ("fmu", "native"))
-    assert np.array_equal(through_fmu.r, native.r)
+    folders = {kind: tmp_path / kind / "pendulum" / "default-adams-1e-6" for kind in ("fmu", "direct")}
+    through_fmu, direct = (Motion.load(folders[kind] / "motion.npz") for kind in ("fmu", "direct"))
+    assert np.array_equal(through_fmu.r, direct.r)
     code, out, _ = command("view", str(folders["fmu"] / "motion.npz"))
     assert code == 0
     assert (folders["fmu"] / "motion.html").stat().st_size > 30_000

@@ -36,7 +36,7 @@ from mbfmu.mechanics.sensors import CouplingEffort, Energy, KineticEnergy, RowFo
 from mbfmu.mechanics.signals import InUse, Signal
 from solvers.compiled.kernel import records
 
-from .tables import COMPLEX, TANGENT, Tables
+from .tables import COMPLEX, TANGENT, Called, Tables
 
 
 @dataclass(frozen=True)
@@ -229,6 +229,10 @@ class Compiled:
     def tangent_arrays(self) -> Arrays:
         """Return the same arrays with the kernels that give derivatives by the state."""
         return self.data.arrays._replace(kernels=self._tables.kernels(TANGENT))
+
+    def called(self) -> list[Called | None]:
+        """Return what the addresses in ``Arrays.kernels`` are of."""
+        return self._tables.called()
 
     def signals_in(self, data: Data) -> list[InUse]:
         """Return every signal with its record in the data, or in those of a :meth:`twin`."""

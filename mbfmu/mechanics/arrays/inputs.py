@@ -89,6 +89,9 @@ class Inputs:
         self._slots, self._arrays = tuple(numbering.slots), arrays
         self._records = [signal.record for signal in signals]
         self.variables = tuple(slot.variable for slot in self._slots)
+        self._names = [f"input {variable.name!r}" for variable in self.variables]
+        inner = [slot for slot in self._slots if slot.signal != GRAVITY]
+        self._courses = {slot.signal: self._records[slot.signal]["c"] for slot in inner}  # coefficients, in place
         self.signals = {slot.signal for slot in self._slots}
         self._motions: dict[int, InputMotion] = {}  # of every drive that is an input, by the number of its signal
         for slot in self._slots:
@@ -138,32 +141,29 @@ class Inputs:
             self._extrapolated[index].start(value)
 
     def set(self, index: int, value: float, t: float = 0.0) -> None:
-        """Take the value (finite) of an input at time t.
+        """Take the value of an input at time t; raises UserError where that is not finite.
 
         What loads the mechanism holds from t on, or goes on; one with a rate goes on from what it has reached. What
         moves a support is noted, for :meth:`depart`.
         """
         if self.moves_support(index):
             slot = self._slots[index]
-            self._motions[slot.signal].give(slot.coefficient, self._finite(index, value))
+            self._motions[slot.signal].give(slot.coefficient, finite(self._names[index], value))
         elif index in self._extrapolated:
-            self._extrapolated[index].give(t, self._finite(index, value))
+            self._extrapolated[index].give(t, finite(self._names[index], value))
         else:
             self._hold(index, value, t)
 
     def _hold(self, index: int, value: float, t: float) -> None:
         slot = self._slots[index]
-        value = self._finite(index, value)
+        value = finite(self._names[index], value)
         if slot.signal == GRAVITY:
             self._arrays.world["gravity"][0, slot.coefficient] = value
             return
-        signal = self._records[slot.signal]
-        signal["c"][0] += (t - signal["t0"]) * signal["c"][1]
+        signal, c = self._records[slot.signal], self._courses[slot.signal]
+        c[0] += (t - signal["t0"]) * c[1]
         signal["t0"] = t
-        signal["c"][slot.coefficient] = value
-
-    def _finite(self, index: int, value: float) -> float:
-        return finite(f"input {self.variables[index].name!r}", value)
+        c[slot.coefficient] = value
 
     @property
     def remember(self) -> bool:

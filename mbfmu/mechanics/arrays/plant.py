@@ -13,7 +13,7 @@ from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.elements import Plate
 from mbfmu.mechanics.kind import Kind
 from mbfmu.mechanics.records import Data
-from mbfmu.mechanics.recursions.dynamics import energy, observe, observe_all
+from mbfmu.mechanics.recursions.dynamics import energy, observe
 from mbfmu.mechanics.sensors import Follows, largest_residual
 from mbfmu.mechanics.signals import InUse
 from mbfmu.mechanics.tangent import Groups, Tangent
@@ -28,6 +28,7 @@ from .inputs import Drives, Inputs
 from .rows import find_vanishing_rows, row_names
 from .scale import characteristic_length
 from .systems import Systems
+from .tables import Called
 
 
 class Plant:
@@ -130,6 +131,10 @@ class Plant:
         """Arrays and state as kernels take them; see :mod:`solvers.compiled.held`."""
         return contents(self.system.held_data)
 
+    def called(self) -> list[Called | None]:
+        """Return which kernels of joints, loads and the like the arrays of this plant have the addresses of."""
+        return self._compiled.called()
+
     def signals(self, data: Data) -> list[InUse]:
         """Return every signal as it is in data of this plant: its own, or those of a complex system."""
         return self._compiled.signals_in(data)
@@ -198,7 +203,7 @@ class Plant:
 
     def observe_all(self, times: Array, q: Array, v: Array, a: Array, lam: Array, out: Array) -> None:
         """Fill ``out`` (k, len(outputs)), or two columns more, from the solution at k times as :meth:`observe` does."""
-        observe_all(times, q, v, a, lam, self.system.held_data, out)
+        self.system.observe_all(times, q, v, a, lam, out)
 
     def energy(self, t: float, q: Array, v: Array) -> float:
         """Kinetic and potential energy, J."""

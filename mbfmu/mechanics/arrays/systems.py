@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import cached_property
 from math import inf
 from typing import Any
 
@@ -11,7 +12,14 @@ import numpy as np
 from mbfmu.errors import UserError
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.records import Data
-from mbfmu.mechanics.recursions.dynamics import callbacks, tree_callbacks, work_callbacks
+from mbfmu.mechanics.recursions.dynamics import (
+    callbacks,
+    observe_all,
+    telling_callback,
+    tree_callbacks,
+    work_callbacks,
+)
+from mbfmu.mechanics.signals import InUse, Signal
 from mbfmu.mechanics.tangent import Groups, Tangent, find_groups
 from solvers.positions import Positions
 from solvers.system import AnySystem, System, TreeSystem
@@ -69,6 +77,7 @@ class Systems:
             loop_rate=self._loop_rate(),
             power=power,
             exposure=exposure,
+            tell=telling_callback() if scalar is float else None,
         )
 
     def _tree(self, constraint_names: list[str]) -> TreeSystem:
@@ -112,6 +121,7 @@ class Systems:
             "size": self._size,
             "row_size": self.row_size[kept >= 0] if constraint_names else np.zeros(0),
             "rate": self._rate(),
+            "observe": observe_all,
             "works": self._works,
             "resolves": self._resolves,
             "coordinate_names": tuple(self._numbering.coordinate_names),
@@ -138,12 +148,20 @@ class Systems:
         return groups
 
     def _works(self) -> bool:
-        return bool(self._arrays.world["works"][0])
+        return bool(self._arrays.world[0]["works"])
 
     def _resolves(self, t: float) -> tuple[float, float]:
         """Return the longest step from t on that misses no signal, and until when it does not, s."""
-        found = [signal.longest_step(t) for signal in self._compiled.signals]
-        return min((step for step, _ in found), default=inf), min((until for _, until in found), default=inf)
+        longest, until = inf, inf
+        for own in self._varying:
+            step, end = own.longest_step(t)
+            longest, until = min(longest, step), min(until, end)
+        return longest, until
+
+    @cached_property
+    def _varying(self) -> list[InUse]:
+        """The signals that vary by themselves."""
+        return [own for own in self._compiled.signals if type(own.signal).longest_step is not Signal.longest_step]
 
     def _rate(self, bodies: Iterable[int] | None = None) -> float:
         """Return how fast gravity and drives, or the drives of these bodies, move them, 1/s; zero: neither does."""

@@ -46,6 +46,14 @@ class UsedKind(NamedTuple):
     kernels: tuple[tuple[str, str, Any], ...]
 
 
+class Called(NamedTuple):
+    """A kernel that is called by its address."""
+
+    function: Any
+    record: np.dtype[Any]
+    signature: str  # the words of what it is called with after the record, and what it returns
+
+
 class Tables:
     """Records of everything that has a kind, those of one kind side by side.
 
@@ -100,6 +108,15 @@ class Tables:
                     own[k] = compiled(function, kind.record, signature, name, numbers)
         return table.ravel()
 
+    def called(self) -> list[Called | None]:
+        """Return what the addresses of :meth:`kernels` are of, in real numbers; None where there is none."""
+        found: list[Called | None] = [None] * (max(1, len(self._used)) * KERNELS)
+        for i, kind in enumerate(self._used):
+            for k, own in enumerate(kind.kernels):
+                if own[2] is not None and own[0] in REAL.names:
+                    found[KERNELS * i + k] = Called(own[2], kind.record, own[1])
+        return found
+
     def complex_memory(self) -> tuple[NDArray[np.uint8], list[int]]:
         """Return the records as they are now with complex numbers for real ones, and where each is."""
         memory, tables, starts = side_by_side([complex_copy(table) for table in self.tables])
@@ -116,22 +133,26 @@ def used_kind(item: Kind | type[Kind]) -> UsedKind:
 def compiled(function: Any, record: np.dtype[Any], signature: str, name: str, numbers: Numbers) -> int:
     """Return the address of a kernel, compiled for the words of a signature."""
     state = float if name == "tangent" else numbers.state
-    words, _, result = signature.partition(" -> ")
-    known = word_types(numbers.arrays, state) if COMPILED else {}
-    of_state = "state" in words.split(", ")
-    number = types.complex128 if (state if of_state else numbers.arrays) is complex else types.float64
-    triple = types.UniTuple(number, 3)  # type: ignore[no-untyped-call]
-    results = {"": types.void, "number": number, "three": triple}
-    arguments = [known.get(word) for word in words.split(", ")]
     own = record if numbers.arrays is float else complex_dtype(record)
+    arguments, returned = types_of(signature, numbers.arrays, state)
     try:
-        return address_of(function, own, arguments, results[result])
+        return address_of(function, own, arguments, returned)
     except Exception as error:  # of numba's many, whatever a user's kernel meets
         where = f"{function.__module__}.{function.__qualname__}"
+        words, _, result = signature.partition(" -> ")
         wanted = f"it is called with its record, {words}, and returns {result or 'nothing'}"
         lines = [line.strip() for line in str(error).splitlines() if line.strip() and "nopython mode" not in line]
         reason = f"{type(error).__name__}: {lines[0] if lines else ''}"
         raise UserError(f"kernel {name!r} ({where}) cannot be compiled: {reason}; {wanted}") from error
+
+
+def types_of(signature: str, arrays: type = float, state: type = float) -> tuple[list[Any], Any]:
+    """Return numba's types of what a signature's words stand for: arguments after the record, and what is returned."""
+    words, _, result = signature.partition(" -> ")
+    known = word_types(arrays, state) if COMPILED else {}
+    number = types.complex128 if (state if "state" in words.split(", ") else arrays) is complex else types.float64
+    triple = types.UniTuple(number, 3)  # type: ignore[no-untyped-call]
+    return [known.get(word) for word in words.split(", ")], {"": types.void, "number": number, "three": triple}[result]
 
 
 @cache

@@ -175,10 +175,7 @@ def power(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any) -> float:
     if arrays.world[0].works == 0:
         return 0.0
     if arrays.world[0].drives == 1:
-        gather_free(a, arrays, state)
-        accelerations(arrays, state)
-        load_constraints(lam, arrays, state)
-        inverse_dynamics(arrays, state)
+        solve_moving(a, lam, arrays, state)
     return power_of(t, arrays, state)
 
 
@@ -206,8 +203,13 @@ def gather_free(a: Any, arrays: Any, state: Any) -> None:
 @kernel
 def solved(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any) -> None:
     """Put the solution (q, v, a, lam) into the state: motion of all bodies, joint wrenches, drive efforts."""
-    arrays, state = data.arrays, data.state
-    move(t, q, v, arrays, state)
+    move(t, q, v, data.arrays, data.state)
+    solve_moving(a, lam, data.arrays, data.state)
+
+
+@inlined
+def solve_moving(a: Any, lam: Any, arrays: Any, state: Any) -> None:
+    """Accelerations, joint wrenches and drive efforts of the solution, bodies moving and loaded as they do there."""
     gather_free(a, arrays, state)
     accelerations(arrays, state)
     load_constraints(lam, arrays, state)
@@ -217,8 +219,15 @@ def solved(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any) -> None:
 @kernel
 def observe(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any, out: Any) -> None:
     """The first outputs, as many as there is room for, at the solution (q, v, a, lam)."""
-    solved(t, q, v, a, lam, data)
+    move(t, q, v, data.arrays, data.state)
+    tell(a, lam, data, out)
+
+
+@kernel
+def tell(a: Any, lam: Any, data: Any, out: Any) -> None:
+    """:func:`observe` where the bodies move as at that solution."""
     arrays, state = data.arrays, data.state
+    solve_moving(a, lam, arrays, state)
     for i in range(out.shape[0]):
         if arrays.sensors[i].energy == 1:
             state.energy[0], state.energy[1] = kinetic_energy(arrays, state), potential_energy(arrays, state)
@@ -273,6 +282,15 @@ def callbacks(scalar: type = float) -> tuple[Callable[..., Any], ...]:
         callback(types.void(vector, vector, data))(retract),
         callback(number(real, vector, vector, data))(cast("Any", energy).py_func),
     )
+
+
+@cache
+def telling_callback() -> Callable[..., Any]:
+    """Return :func:`tell` as a solver takes it; compiled on first use."""
+    if not COMPILED:
+        return tell
+    vector = types.float64[::1]
+    return callback(types.void(vector, vector, held_type(empty_data()), vector))(cast("Any", tell).py_func)
 
 
 @cache

@@ -58,6 +58,8 @@ class Signal(Kind):
     def longest_step(self, own: InUse, t: float) -> tuple[float, float]:
         """Return the longest step from t on that cannot miss how it varies, and until when it is the longest, s.
 
+        A step that begins before that time may end so much later than it.
+
         A solver that looks at a sine once a period, or passes a run-up in one step, sees nothing to be wrong about.
         """
         return inf, inf

@@ -16,6 +16,7 @@ from solvers.compiled.kernel import kernel
 from .base import InUse, Signal
 
 SEEN = 0.3  # longest step, in durations of the rise
+AT_ONCE = 1e-9  # part of the time of a jump: what comes so soon after it may be missed
 
 
 @kernel
@@ -90,14 +91,12 @@ class Step(Signal):
         return 0.0, not own.record["height"]
 
     def longest_step(self, own: InUse, t: float) -> tuple[float, float]:
-        """Return part of the rise, and before it what leads there."""
+        """Return part of the rise, and before it half the way there."""
         begin, duration = float(own.record["begin"]), float(own.record["duration"])
         if not own.record["height"] or t >= begin + duration:
             return inf, inf
-        if t < begin:
-            ahead = begin - t
-            return max(ahead if duration == 0.0 else 0.5 * ahead, SEEN * duration, 1e-12 * abs(begin)), begin
-        return SEEN * duration, begin + duration
+        ahead, shortest = begin - t, max(SEEN * duration, AT_ONCE * (abs(begin) or 1.0))
+        return (0.5 * ahead, t + 0.5 * ahead) if 0.5 * ahead > shortest else (shortest, begin + max(duration, shortest))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -94,7 +94,7 @@ class Table(Signal):
         return size / slope if slope else 0.0
 
     def longest_step(self, own: InUse, t: float) -> tuple[float, float]:
-        """Return the shortest interval between points, until the last."""
+        """Return the shortest interval between points, until the last, and before the first half the way there."""
         begin, end = np.min(self.x), np.max(self.x)
         shortest = float(own.record["interval"])
         if not float(own.record["slope"]):
@@ -103,4 +103,5 @@ class Table(Signal):
             return shortest, inf
         if t >= end:
             return inf, inf
-        return (max(0.5 * (begin - t), shortest), float(begin)) if t < begin else (shortest, float(end))
+        ahead = float(begin - t)
+        return (0.5 * ahead, t + 0.5 * ahead) if 0.5 * ahead > shortest else (shortest, float(end))

@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solvers.compiled.kernel import inlined, records
-from solvers.ledger import FIELDS, SLIP
+from solvers.compiled.kernel import inlined, kernel, records
+from solvers.ledger import FIELDS, SLIP, look_anew
 from solvers.system import Array
 
 HIGHEST = 12  # order
@@ -115,6 +115,17 @@ def join(q: Any, v: Any, y: Any) -> None:
         y[i] = q[i]
     for i in range(v.shape[0]):
         y[nq + i] = v[i]
+
+
+@kernel
+def begin_anew(H: Any, t: float, q: Any, v: Any, work: float, singles: int, renew: int, kept: bool) -> None:
+    """Let the next step begin at a reported state, see CONTROL; ``kept``: what is known of it holds."""
+    c = H.control[0]
+    c.placed = c.placed if kept and c.t == t else 0
+    c.t, c.start, c.singles, c.renew = t, 1, singles, renew
+    look_anew(H.control)
+    join(q, v, H.y)
+    H.y[H.y.shape[0] - 1] = work
 
 
 @inlined

@@ -248,6 +248,7 @@ class TreeAdamsStepper(ExplicitStepper):
         rate = rate_of_motion(self._motion, self._t, self._q, self._v)
         require_resolved(self._t, rate, o.rtol)
         self._history = History.allocate(system.nq, system.n, 0)
+        self._control = self._history.control[0]
         self._scratch = Scratch.allocate(system.nq, system.n)
         sizes = o.absolute * system.size
         rates = RATE * rate * sizes
@@ -262,14 +263,13 @@ class TreeAdamsStepper(ExplicitStepper):
         callbacks = system.forward, system.inverse, system.retract, *audit_callbacks(system)
         self._eqs = hold(TreeEquations(*callbacks, system.held_data))
         self._scales = hold(Scales.of(o.rtol, sizes, rates, len(self._atol)))
-        self._held = hold(self._history), hold(self._scratch)
+        self._held, self._stage = hold(self._history), hold(self._scratch)
         self.restart()
 
     def _advance(self, t: float) -> Code:
-        H, s = self._held
-        own = self._eqs, self._settings, H, self._atol, s, self._scales
+        own = self._eqs, self._settings, self._held, self._atol, self._stage, self._scales
         code = Code(advance(*own, t, self._q, self._v, self._ledger))
-        self._t = t if code is Code.OK else float(self._control["t"][0])
+        self._t = t if code is Code.OK else float(self._control["t"])
         return code
 
     def _evaluate(self) -> tuple[Code, Array, Array]:
@@ -280,10 +280,11 @@ class TreeAdamsStepper(ExplicitStepper):
     def _watched(self) -> bool:
         return self.options.audit
 
-    def _arrays(self) -> list[NDArray[Any]]:
-        return [self._reported, self._q, self._v, self._ledger, *self._history]
+    def arrays(self) -> list[NDArray[Any]]:
+        """As :meth:`solvers.stepper.Stepper.arrays`."""
+        return [self.clock, self._q, self._v, self._ledger, *self._history]
 
     @property
     def statistics(self) -> Statistics:
         """What the run has cost so far."""
-        return Statistics(**counts(self._control[0]))
+        return Statistics(**counts(self._control))

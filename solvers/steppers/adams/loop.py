@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
-from solvers.ledger import due, look, report
+from solvers.ledger import due, look, report, set_scales
 from solvers.outcome import BRANCHES, COLLAPSED, MAX_STEPS, NOT_CLOSED, OK
 from solvers.projection.lu_partition import (
     choose,
@@ -39,8 +39,8 @@ from solvers.projection.projection import (
     close_to_crossing,
     multipliers,
     settle,
-    unresolved,
 )
+from solvers.projection.reported import tell
 from solvers.projection.singular import CLOSED, MISS, SINGULAR, note, passed, step_bound
 from solvers.projection.workspace import factor
 
@@ -371,21 +371,38 @@ def advance(eqs: Any, settings: Any, H: Any, work: Any, scales: Any, target: flo
 
 
 @kernel
-def sample(
-    eqs: Any, settings: Any, H: Any, work: Any, scales: Any, times: Any, q: Any, v: Any, a: Any, lam: Any, ledger: Any
-) -> tuple[int, int]:
-    """:func:`advance` to each of ``times`` in turn, state, accelerations and multipliers in a row each.
+def set_up(g: Any, rank: int, absolute: float) -> None:
+    """Take rank, units and paces as they were found at the start; ``absolute`` is the tolerance in those units."""
+    c, H, work = g.memory.control[0], g.memory, g.work
+    nq, n = work.size_q.shape[0], work.size.shape[0]
+    c.rank, c.changed_at = rank, -g.settings[0].flicker_steps
+    c.regime = PROJECTION if g.settings[0].partition == PROJECTION else LU
+    for i in range(nq):
+        H.unit[i] = work.size_q[i]
+    for i in range(n):
+        H.unit[nq + i] = work.pace[i] * work.size[i]
+    H.unit[nq + n] = 1.0
+    set_scales(g.scales, absolute, work.size, work.pace)
+
+
+@kernel
+def advance_reported(g: Any, target: float) -> int:
+    """:func:`advance` for the reported state."""
+    return advance(g.eqs, g.settings, g.memory, g.work, g.scales, target, g.q, g.v, g.ledger)
+
+
+@kernel
+def sample(g: Any, times: Any, q: Any, v: Any, a: Any, lam: Any, ledger: Any, told: Any) -> tuple[int, int]:
+    """:func:`advance` to each of ``times`` in turn; state, accelerations, multipliers, what is booked and what the
+    system tells in a row each.
 
     Returns the code and the number of complete rows; where ``advance`` failed the next row holds the last good state.
     """
-    rank = H.control[0].rank
+    eqs, H, work, o = g.eqs, g.memory, g.work, g.settings[0]
     for i in range(times.shape[0]):
-        code = advance(eqs, settings, H, work, scales, times[i], q[i], v[i], ledger[i])
+        code = advance(eqs, g.settings, H, work, g.scales, times[i], q[i], v[i], ledger[i])
         if code == OK:
-            code = acceleration(eqs, times[i], q[i], v[i], rank, work, a[i])
+            code = tell(eqs, times[i], q[i], v[i], o.rtol, H.control[0], work, a[i], lam[i], told[i])
         if code != OK:
             return code, i
-        multipliers(eqs.terms, rank, work, a[i], lam[i])
-        if unresolved(settings[0].rtol, rank, work):
-            H.control[0].undetermined, H.control[0].undetermined_at = 1, times[i]
     return OK, times.shape[0]

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
-import numpy as np
 from numpy.typing import NDArray
 
-from solvers.compiled.held import hold
 from solvers.compiled.kernel import records
-from solvers.ledger import Scales
 from solvers.options import Options, Statistics
 from solvers.steppers.closed import ClosedStepper
 from solvers.system import Array, System
@@ -23,22 +20,15 @@ from .hybrid import HYBRID, LU, PROJECTION
 class AdamsStepper(ExplicitStepper, ClosedStepper):
     """Adams PECE with the projection partition; see :mod:`.loop`."""
 
-    others: tuple[str, ...] = ("ida", "hybrid")
+    others: tuple[str, ...] = ("radau", "ida", "hybrid")
     partition = PROJECTION
     loop: ClassVar = loop
 
     def __init__(self, system: System, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
         super().__init__(system, t0, q0, v0, options)
         self._history = History.allocate(system.nq, system.n, system.m)
-        self._settings = self._encode(self.options)
-        self._held = hold(self._history)
-        place = self.options.absolute * system.size
-        self._scales = hold(Scales.of(self.options.rtol, place, self._units.pace * place))
-        self._control["rank"], self._control["changed_at"] = self._rank, -self._settings["flicker_steps"][0]
-        self._history.unit[:] = np.concatenate((self._units.size_q, self._units.pace * system.size, [1.0]))
-        chosen = self._settings["partition"][0]
-        self._control["regime"] = PROJECTION if chosen == PROJECTION else LU
-        self.restart()
+        self._control, self._settings = self._history.control[0], self._encode(self.options)
+        self._set_up(self._history)
 
     def _encode(self, options: Options) -> NDArray[Any]:
         """Return the record the kernels read."""
@@ -58,13 +48,14 @@ class AdamsStepper(ExplicitStepper, ClosedStepper):
     def _watched(self) -> bool:
         return self.options.audit or self.partition == HYBRID  # which asks whether the energy jumps
 
-    def _arrays(self) -> list[NDArray[Any]]:
-        return [*self._history, self._reported, self._q, self._v, self._ledger, *self._units.memory()]
+    def arrays(self) -> list[NDArray[Any]]:
+        """As :meth:`solvers.stepper.Stepper.arrays`."""
+        return [*self._history, self.clock, self._q, self._v, self._ledger, *self._units.memory()]
 
     @property
     def statistics(self) -> Statistics:
         """What the run has cost so far."""
-        c = self._control[0]
+        c = self._control
         left = int(c["by_turn"] + c["by_flicker"] + c["by_energy"] + c["by_collapse"])
         return Statistics(
             **counts(c),
@@ -87,12 +78,12 @@ class AdamsLUStepper(AdamsStepper):
     See :mod:`solvers.projection.lu_partition`.
     """
 
-    others = ("ida", "adams", "hybrid")
+    others = ("radau", "adams", "hybrid")
     partition = LU
 
 
 class HybridStepper(AdamsStepper):
     """Adams PECE with LU partition away from singular positions and projection near them."""
 
-    others = ("ida", "adams")
+    others = ("radau", "ida", "adams")
     partition = HYBRID

@@ -320,8 +320,9 @@ class TreeESDIRKStepper(Stepper):
         self._v += sized("dv", dv, self.system.n)
         self.renew()
 
-    def _arrays(self) -> list[NDArray[Any]]:
-        return [*self._memory, self._reported, self._q, self._v, self._ledger]
+    def arrays(self) -> list[NDArray[Any]]:
+        """As :meth:`solvers.stepper.Stepper.arrays`."""
+        return [*self._memory, self.clock, self._q, self._v, self._ledger]
 
     def restore(self, data: bytes) -> None:
         """Go back to where ``data`` was saved; factors are made anew from what they were made of."""

@@ -38,7 +38,7 @@ class BoundIDA:
         **options: Any,
     ) -> None:  # fmt: skip
         self._residual, self._options = residual, options
-        self._accept, self.counts, self.course = accept, counts, course.view(np.recarray)
+        self.accept, self.counts, self.course = accept, counts, course.view(np.recarray)
         count = len(options["atol"])
         self.y, self.slopes, self.reached = np.zeros(count), np.zeros(count), np.zeros(1)
         self._stop: float | None = None
@@ -52,7 +52,7 @@ class BoundIDA:
     def go(self, t: float) -> int:
         """Step until t (s) is passed; see :func:`.loop.go`."""
         with silent():
-            return int(getattr(go, "py_func", go)(self, self._accept, self, t))
+            return int(getattr(go, "py_func", go)(self, self, t))
 
     def stop_at(self, _memory: int, t: float) -> None:
         """Let the next step end at t (s) if it gets so far."""

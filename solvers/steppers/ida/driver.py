@@ -27,7 +27,7 @@ class IDADriver(Stepper):
     finite in ``_counts``; what looks over IDA's steps notes in ``_course`` that they are passed, and books them.
     """
 
-    others: tuple[str, ...] = ("adams", "hybrid")
+    others: tuple[str, ...] = ("radau", "adams", "hybrid")
 
     _ida: DirectIDA | BoundIDA
 
@@ -93,7 +93,7 @@ class IDADriver(Stepper):
         c = self._c
         c["count"] = 0
         while True:
-            told = self._ida.go(t)
+            told = self._ida.go(t) if c["passed"] < t else Code.OK
             if not (told == TAKEN_BACK or (told == Code.COLLAPSED and c["passed"] > c["begun"])):
                 code = Code(told)
                 break
@@ -114,9 +114,10 @@ class IDADriver(Stepper):
         """Initialize IDA anew at the reported state before the next step."""
         self._pending, self._c["reach"] = True, np.inf
 
-    def _arrays(self) -> list[NDArray[Any]]:
+    def arrays(self) -> list[NDArray[Any]]:
+        """As :meth:`solvers.stepper.Stepper.arrays`."""
         self._count_failures()
-        return [self._reported, self._q, self._v, self._counts, self._begun, self._ledger, self._book]
+        return [self.clock, self._q, self._v, self._counts, self._begun, self._ledger, self._book]
 
     def restore(self, data: bytes) -> None:
         """Take over a reported state; the history starts anew."""

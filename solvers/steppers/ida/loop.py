@@ -47,10 +47,10 @@ def stop_on_the_way(c: Any, t: float) -> float:
 
 
 @kernel
-def go(ida: Any, accept: Any, given: Any, t: float) -> int:
+def go(ida: Any, given: Any, t: float) -> int:
     """Step until ``t`` is passed; return a code. IDA must not be trusted to notice that it stands still.
 
-    ``accept(t, y, y', given)`` looks over every step: it notes that it is passed, and returns a code.
+    ``ida.accept(t, y, y', given)`` looks over every step: it notes that it is passed, and returns a code.
     """
     c, counts = given.course[0], given.counts
     stood, bad, since = 0, counts[BAD], c.passed
@@ -74,7 +74,7 @@ def go(ida: Any, accept: Any, given: Any, t: float) -> int:
             continue
         stood, c.taken = 0, reached - before
         c.count += 1
-        code = accept(reached, ida.y, ida.slopes, given)
+        code = ida.accept(reached, ida.y, ida.slopes, given)
         if code != OK:
             return code
         if c.count % OFTEN == 0:

@@ -146,6 +146,7 @@ class Calls(NamedTuple):
     solve: Any  # IDASolve
     stop_at: Any  # IDASetStopTime
     stop_nowhere: Any  # IDAClearStopTime
+    accept: Any  # what looks over its steps
     memory: int  # address of IDA's
     yy: int  # of the vectors it writes
     yp: int
@@ -178,7 +179,6 @@ class DirectIDA:
     ) -> None:  # fmt: skip
         kind = data._numba_type_
         self._data, self._atol = data, atol
-        self._accept = _compiled_accept(accept, kind)
         count = len(atol)
         made = (
             called_back(given, letters, kind) if given and not isinstance(given, InPython) else given
@@ -203,9 +203,8 @@ class DirectIDA:
         self._solver, self._begun = (solver, matrix), False
         solve, stop_at, stop_nowhere = map(library().value, ("IDASolve", "IDASetStopTime", "IDAClearStopTime"))
         told = int(reached.ctypes.data)
-        self._calls = hold(
-            Calls(solve, stop_at, stop_nowhere, self._memory, yy, yp, told, reached, self.y, self.slopes)
-        )
+        called = solve, stop_at, stop_nowhere, _compiled_accept(accept, kind)
+        self._calls = hold(Calls(*called, self._memory, yy, yp, told, reached, self.y, self.slopes))
         self._vectors = yy, yp
         self._free = weakref.finalize(self, _free, self._memory, (yy, yp, tol), solver, matrix, context)
 
@@ -236,7 +235,7 @@ class DirectIDA:
 
     def go(self, t: float) -> int:
         """Step until t (s) is passed; see :func:`.loop.go`."""
-        code = go(self._calls, self._accept, self._data, t)
+        code = go(self._calls, self._data, t)
         if isinstance(self._callbacks.set_up, InPython):
             self._callbacks.set_up.raise_again()
         return int(code)

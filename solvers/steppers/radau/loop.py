@@ -17,9 +17,10 @@ from typing import Any
 import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
-from solvers.ledger import SLIP, due, look, report
+from solvers.ledger import SLIP, due, look, look_anew, report, set_scales
 from solvers.outcome import BRANCHES, COLLAPSED, MAX_STEPS, OK
-from solvers.projection.projection import acceleration, close, multipliers, unresolved
+from solvers.projection.projection import acceleration, close
+from solvers.projection.reported import tell
 from solvers.projection.singular import CLOSED, MISS, note, passed, step_bound
 
 from .formulas import STAGES, A, error_of_step, error_of_work, factor_newton, interpolate
@@ -75,6 +76,23 @@ def arrive(eqs: Any, t: float, c: Any, o: Any, H: Any, work: Any, scales: Any) -
             c.exposure *= max(1.0, c.coarser)
         H.power[0] = power(eqs, t, c, o, work, work.slope)
     return code
+
+
+@kernel
+def begin_anew(H: Any, t: float, q: Any, v: Any, done: float, ends: int, kept: bool) -> None:
+    """Let the next step begin at a reported state, the work done J, and ``ends`` steps end where they are asked to.
+
+    ``kept``: what is known of the state holds.
+    """
+    c = H.control[0]
+    c.placed = c.placed if kept and c.t == t else 0
+    c.t, c.start, c.ends, c.before = t, 1, ends, 0.0
+    look_anew(H.control)
+    for i in range(H.q.shape[0]):
+        H.q[i] = q[i]
+    for i in range(H.v.shape[0]):
+        H.v[i] = v[i]
+    H.work[0] = done
 
 
 @kernel
@@ -234,21 +252,30 @@ def advance(eqs: Any, settings: Any, H: Any, work: Any, scales: Any, target: flo
 
 
 @kernel
-def sample(
-    eqs: Any, settings: Any, H: Any, work: Any, scales: Any, times: Any, q: Any, v: Any, a: Any, lam: Any, ledger: Any
-) -> tuple[int, int]:
-    """:func:`advance` to each of ``times`` in turn, state, accelerations and multipliers in a row each.
+def set_up(g: Any, rank: int, absolute: float) -> None:
+    """Take rank, units and paces as they were found at the start; ``absolute`` is the tolerance in those units."""
+    g.memory.control[0].rank = rank
+    set_scales(g.scales, absolute, g.work.size, g.work.pace)
+
+
+@kernel
+def advance_reported(g: Any, target: float) -> int:
+    """:func:`advance` for the reported state."""
+    return advance(g.eqs, g.settings, g.memory, g.work, g.scales, target, g.q, g.v, g.ledger)
+
+
+@kernel
+def sample(g: Any, times: Any, q: Any, v: Any, a: Any, lam: Any, ledger: Any, told: Any) -> tuple[int, int]:
+    """:func:`advance` to each of ``times`` in turn; state, accelerations, multipliers, what is booked and what the
+    system tells in a row each.
 
     Returns the code and the number of complete rows; where ``advance`` failed the next row holds the last good state.
     """
-    rank = H.control[0].rank
+    eqs, H, work, o = g.eqs, g.memory, g.work, g.settings[0]
     for i in range(times.shape[0]):
-        code = advance(eqs, settings, H, work, scales, times[i], q[i], v[i], ledger[i])
+        code = advance(eqs, g.settings, H, work, g.scales, times[i], q[i], v[i], ledger[i])
         if code == OK:
-            code = acceleration(eqs, times[i], q[i], v[i], rank, work, a[i])
+            code = tell(eqs, times[i], q[i], v[i], o.asked, H.control[0], work, a[i], lam[i], told[i])
         if code != OK:
             return code, i
-        multipliers(eqs.terms, rank, work, a[i], lam[i])
-        if unresolved(settings[0].asked, rank, work):
-            H.control[0].undetermined, H.control[0].undetermined_at = 1, times[i]
     return OK, times.shape[0]

@@ -6,9 +6,8 @@ from typing import Any, ClassVar
 
 from numpy.typing import NDArray
 
-from solvers.compiled.held import hold
 from solvers.compiled.kernel import records
-from solvers.ledger import WORK, Scales, look_anew
+from solvers.ledger import WORK
 from solvers.options import Options, Statistics
 from solvers.stepper import sized
 from solvers.steppers.closed import ClosedStepper
@@ -33,7 +32,7 @@ class RadauStepper(ClosedStepper):
     def __init__(self, system: System, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
         super().__init__(system, t0, q0, v0, options)
         self._memory = Memory.allocate(system.nq, system.n)
-        self._held = hold(self._memory)
+        self._control = self._memory.control[0]
         o, self._settings = self.options, records(1, loop.SETTINGS)
         looser = LOOSER * o.rtol**POWER
         self._settings["rtol"], self._settings["atol"] = looser, o.absolute * looser / o.rtol
@@ -41,47 +40,37 @@ class RadauStepper(ClosedStepper):
         self._settings["exact"] = EXACT * o.rtol / looser
         self._settings["max_step"], self._settings["max_steps"] = o.max_step, o.max_steps
         self._settings["audit"] = o.audit
-        place = o.absolute * system.size
-        self._scales = hold(Scales.of(o.rtol, place, self._units.pace * place))
-        self._control["rank"] = self._rank
-        self.restart()
-
-    @property
-    def _control(self) -> NDArray[Any]:
-        return self._memory.control
+        self._set_up(self._memory)
 
     def _limit(self, longest: float) -> None:
         self._settings["max_step"] = longest
 
     def restart(self) -> None:
         """Begin anew at the reported state, with nothing of what was known of it."""
-        self._begin(0, 0)
+        self._begin(0, False)
         self._control["known"] = 0
 
     def renew(self) -> None:
         """Go on in steps that end at the time asked for: the next change may come there."""
-        c = self._control
-        self._begin(STOPS, c["placed"][0] if c["t"][0] == self._t and self.status.ok else 0)
+        self._begin(STOPS, self.status.ok)
 
-    def _begin(self, ends: int, placed: int) -> None:
-        c, memory = self._control, self._memory
-        c["t"], c["start"], c["ends"], c["placed"], c["before"] = self._t, 1, ends, placed, 0.0
+    def _begin(self, ends: int, kept: bool) -> None:
         self._settings["works"] = self.options.audit and self.system.works()
-        look_anew(c)
-        memory.q[:], memory.v[:], memory.work[:] = self._q, self._v, self._ledger[WORK]
+        loop.begin_anew(self._held, self._t, self._q, self._v, float(self._ledger[WORK]), ends, kept)
 
     def jump(self, dv: Array) -> None:
         """Add dv (n,) to the reported velocities, and go on as after :meth:`renew`."""
         self._v += sized("dv", dv, self.system.n)
         self.renew()
 
-    def _arrays(self) -> list[NDArray[Any]]:
-        return [*self._memory, self._reported, self._q, self._v, self._ledger, *self._units.memory()]
+    def arrays(self) -> list[NDArray[Any]]:
+        """As :meth:`solvers.stepper.Stepper.arrays`."""
+        return [*self._memory, self.clock, self._q, self._v, self._ledger, *self._units.memory()]
 
     @property
     def statistics(self) -> Statistics:
         """What the run has cost so far."""
-        c = self._control[0]
+        c = self._control
         return Statistics(
             steps=int(c["steps"]),
             rejected=int(c["rejected"]),

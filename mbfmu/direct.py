@@ -1,4 +1,4 @@
-"""A native run, without an FMU: a model's outputs over time."""
+"""A direct run, without an FMU: a model's outputs over time."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def run(
     warn: Callable[[str], None] | None = None,
     inputs: Mapping[str, float | Callable[[float], float]] | None = None,
 ) -> Result:
-    """Run a model natively, without an FMU, and record its outputs at ``times``; stops at a failure.
+    """Run a model directly, without an FMU, and record its outputs at ``times``; stops at a failure.
 
     ``inputs`` are numbers or functions of time by name; a function is asked at each of ``times``. ``watch`` is shown
     the simulation whenever its outputs have been read: its bodies are in place then. ``warn`` is told at once when the

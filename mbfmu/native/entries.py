@@ -1,0 +1,204 @@
+"""What the runtime offers to a host: entry points over one instance, and the kernels that recursions call by address.
+
+Kernels know types of arrays and no sizes, so what is compiled for an example serves every model of its family: all that
+one stepper integrates. Callbacks of the equations are called by their names here, where a simulation in Python hands
+them on by their addresses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from types import ModuleType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics import couplings, cuts, elements, joints, loads, sensors, signals
+from mbfmu.mechanics.arrays.tables import REAL, Called
+from mbfmu.mechanics.kind import Kind, kernel_of, kinds_of, record_of
+from mbfmu.mechanics.records import empty_data
+from mbfmu.mechanics.recursions import dynamics as recursions
+from mbfmu.mechanics.recursions.dynamics import observe
+from mbfmu.simulation import Simulation
+from solvers.compiled.held import contents, hold
+from solvers.compiled.kernel import by_name, kernel, records, types
+from solvers.ledger import ROW, WORK, Scales
+from solvers.outcome import OK
+from solvers.projection.projection import close
+from solvers.projection.rank import normal_rank
+from solvers.projection.reported import evaluate
+from solvers.projection.workspace import Workspace
+from solvers.steppers.adams import loop as adams
+from solvers.steppers.adams.explicit import SINGLES
+from solvers.steppers.adams.formulas import History, begin_anew
+from solvers.steppers.adams.hybrid import HYBRID
+from solvers.steppers.closed import ClosedStepper, Given
+from solvers.steppers.dense import find_position_sizes, measure_pace
+from solvers.steppers.radau import loop as radau
+from solvers.steppers.radau.formulas import Memory
+from solvers.steppers.radau.small import STOPS
+from solvers.system import Array, Equations, Terms
+
+from .image import Image
+
+FAMILIES = {"adams": adams, "radau": radau}  # loops by the prefix of their entry points
+ROLES: dict[ModuleType, type[Kind]] = {
+    joints: joints.Joint, cuts: cuts.Cut, couplings: couplings.Coupling, loads: loads.Load, elements: loads.Load,
+    signals: signals.Signal, sensors: sensors.Sensor,
+}  # fmt: skip
+CALLBACKS = Equations._fields[:-2]  # of the equations, by the names of the functions
+KINDS = "mb_kinds"  # symbol of the addresses of all kernels of kinds
+
+
+class Instance(NamedTuple):
+    """One instance of a model, as the entry points take it."""
+
+    given: Any  # solvers.steppers.closed.Given
+    a: Array  # (n,) accelerations
+    lam: Array  # (m,) multipliers
+    out: Array  # outputs
+    clock: Array  # (1,) s, the reported time
+    known: Array  # (3,) what a system says of its rate and of its loops', 1/s, and the absolute tolerance
+
+
+class Entry(NamedTuple):
+    """An entry point: a function over an instance, and types of what it is called with after that."""
+
+    function: Callable[..., int]
+    more: tuple[Any, ...]
+
+
+def family_of(simulation: Simulation) -> str:
+    """Return the family of a simulation; empty: the runtime has none for its solver."""
+    loop = getattr(simulation.stepper, "loop", None)
+    return next((name for name, own in FAMILIES.items() if own is loop), "")
+
+
+def instance_of(simulation: Simulation) -> Instance:
+    """Return an instance that is yet to begin, where a simulation began; with zeros for the functions."""
+    stepper: ClosedStepper = simulation.stepper  # type: ignore[assignment]
+    plant, system = simulation.plant, simulation.plant.system
+    given, (q, v) = contents(stepper.given), plant.assemble(simulation.t)
+    sizes = system.nq, system.n, system.m
+    eqs = Equations(**dict.fromkeys(CALLBACKS, 0), data=system.held_data, terms=Terms.allocate(*sizes))
+    work = Workspace.allocate(*sizes)
+    work.size[:] = system.size
+    scales = Scales.of(simulation.settings.tolerance, np.zeros(system.n), np.zeros(system.n))
+    own = Given(eqs, given.settings, _memory(family_of(simulation), *sizes), work, scales, q, v, np.zeros(ROW))
+    known = np.array([system.rate, system.loop_rate, stepper.options.absolute])
+    rooms = np.zeros(system.n), np.zeros(system.m), np.zeros(len(simulation.variables))
+    return Instance(own, *rooms, np.array([simulation.t]), known)
+
+
+def _memory(family: str, nq: int, n: int, m: int) -> Any:
+    return History.allocate(nq, n, m) if family == "adams" else Memory.allocate(nq, n)
+
+
+def image_of(simulation: Simulation) -> tuple[Instance, Image]:
+    """Return the instance of a simulation that has just been made, and its block.
+
+    Raises
+    ------
+    UserError
+        Its solver, or a kernel of it, is not in the runtime.
+    """
+    if not family_of(simulation):
+        raise UserError(f"machine code has no solver {simulation.pick.solver!r}; it has {', '.join(FAMILIES)}")
+    known, numbers = {own: k for k, own in enumerate(kinds())}, []
+    for own in simulation.plant.called():
+        if own is not None and own not in known:
+            what = f"{own.function.__module__}.{own.function.__qualname__}"
+            raise UserError(f"kernel {what} is the model's own, and machine code has those of mbfmu; run it as an FMU")
+        numbers.append(-1 if own is None else known[own])
+    instance, arrays = instance_of(simulation), simulation.plant.data.arrays
+    own = instance.given
+    state = [*own.memory, instance.clock, own.q, own.v, own.ledger, own.settings, *own.work.memory(), *own.scales]
+    state += [instance.known, *(array for array in arrays if array is not arrays.kernels)]
+    return instance, Image(instance, state, arrays.kernels, numbers)
+
+
+def example(family: str) -> Any:
+    """Return an instance of the types that all of a family have, held."""
+    z, data = np.zeros, hold(empty_data())
+    callbacks = {name: by_name(getattr(recursions, name)) for name in CALLBACKS}
+    eqs = Equations(**callbacks, data=data, terms=hold(Terms.allocate(1, 1, 1)))
+    own = hold(_memory(family, 1, 1, 1)), hold(Workspace.allocate(1, 1, 1)), hold(Scales.of(1e-6, z(1), z(1)))
+    given = Given(hold(eqs), records(1, FAMILIES[family].SETTINGS), *own, z(1), z(1), z(ROW))
+    return hold(Instance(hold(given), z(1), z(1), z(1), z(1), z(3)))
+
+
+@kernel
+def renew_adams(g: Any, t: float, fresh: bool) -> None:
+    """As ``AdamsStepper.renew`` does; ``fresh``: as its ``restart``."""
+    o, singles = g.settings[0], 0 if fresh else SINGLES
+    o.works = 1 if (o.audit == 1 or o.partition == HYBRID) and g.eqs.data.arrays.world[0].works == 1 else 0
+    begin_anew(g.memory, t, g.q, g.v, g.ledger[WORK], singles, 0 if fresh else 1, not fresh)
+
+
+@kernel
+def renew_radau(g: Any, t: float, fresh: bool) -> None:
+    """As ``RadauStepper.renew`` does; ``fresh``: as its ``restart``."""
+    o = g.settings[0]
+    o.works = 1 if o.audit == 1 and g.eqs.data.arrays.world[0].works == 1 else 0
+    radau.begin_anew(g.memory, t, g.q, g.v, g.ledger[WORK], 0 if fresh else STOPS, not fresh)
+    if fresh:
+        g.memory.control[0].known = 0
+
+
+def entries(family: str) -> dict[str, Entry]:
+    """Return the entry points of a family by their names."""
+    loop, renewed = FAMILIES[family], {"adams": renew_adams, "radau": renew_radau}[family]
+    advance_reported, set_up = loop.advance_reported, loop.set_up
+
+    def begin(s: Any, t: float) -> int:
+        """Begin at t (s) and the reported state, as a stepper that is constructed there."""
+        g = s.given
+        s.clock[0] = t
+        find_position_sizes(g.eqs, t, g.q, g.work)
+        rank = normal_rank(g.eqs, t, g.q, g.v, g.work)
+        code: int = close(g.eqs, t, g.q, g.v, rank, g.work)
+        measure_pace(g.eqs, t, g.q, g.v, rank, s.known[0], s.known[1], g.work)
+        set_up(g, rank, s.known[2])
+        renewed(g, t, True)
+        return code
+
+    def renew(s: Any) -> int:
+        """Go on where loads have changed."""
+        renewed(s.given, s.clock[0], False)
+        return OK
+
+    def advance(s: Any, t: float) -> int:
+        """Go to t, s; on failure the last good state stays."""
+        code: int = advance_reported(s.given, t)
+        s.clock[0] = t if code == OK else s.given.memory.control[0].t
+        return code
+
+    def read(s: Any) -> int:
+        """Read all outputs at the reported state."""
+        g, t = s.given, s.clock[0]
+        code: int = evaluate(g.eqs, t, g.q, g.v, g.memory.control[0].rank, g.work, s.a, s.lam)
+        if code == OK:
+            observe(t, g.q, g.v, s.a, s.lam, g.eqs.data, s.out)
+        return code
+
+    timed = (types.float64,)
+    return {
+        "begin": Entry(begin, timed),
+        "advance": Entry(advance, timed),
+        "renew": Entry(renew, ()),
+        "read": Entry(read, ()),
+    }
+
+
+def kinds() -> tuple[Called, ...]:
+    """Return the kernels of all kinds that ship, in the order of their addresses in the runtime."""
+    return tuple(dict.fromkeys(called for room, role in ROLES.items() for called in _kernels(room, role)))
+
+
+def _kernels(room: ModuleType, role: type[Kind]) -> Iterator[Called]:
+    for kind in kinds_of(room, role):
+        for name, signature in kind.kernels.items():
+            function = kernel_of(kind, name)
+            if function is not None and name in REAL.names:
+                yield Called(function, record_of(kind), signature)

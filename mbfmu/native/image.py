@@ -1,0 +1,136 @@
+"""All that one started model needs, in one block of memory: arrays, and the tuples by whose address kernels find them.
+
+Machine code knows types of arrays and no sizes, so the same code serves every model; a model is such a block. An
+instance is a copy of it in which the addresses are put right: of arrays and tuples within the block, and of the
+kernels of joints, loads and the like in the code. What a motion is saved and restored by comes first, and has no
+addresses.
+
+Numba lays a tuple out as words, one field after the other: of an array {0, 0, entries, bytes of one, address, shape,
+strides}, of a held tuple its address, of a function that is called by its name one word that nobody reads.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solvers.compiled.held import contents
+
+ALIGNED = 64  # bytes
+DATA = 4  # word of an array that holds its address
+
+
+class Relocation(NamedTuple):
+    """A word that holds an address."""
+
+    at: int  # bytes from the beginning of the block
+    target: int  # likewise; or the number of a kernel
+
+
+class Image:
+    """The block of a tuple, of arrays, whole numbers, functions (zero) and other tuples that are held.
+
+    Parameters
+    ----------
+    root
+        Holds everything.
+    state
+        Arrays that are saved and restored.
+    addresses
+        An array of addresses of kernels, which are other ones in the runtime.
+    numbers
+        Of those kernels in the runtime; -1: there is none.
+
+    Attributes
+    ----------
+    size, saved
+        Bytes of the block, and of its part that is saved.
+    root
+        Where the tuple is.
+    places, kernels
+        What is to be put right: addresses within the block, and of kernels.
+    """
+
+    def __init__(
+        self,
+        root: tuple[Any, ...],
+        state: Sequence[NDArray[Any]],
+        addresses: NDArray[np.int64],
+        numbers: Sequence[int],
+    ) -> None:
+        self.size = 0
+        self._arrays: dict[int, tuple[int, NDArray[Any]]] = {}  # place and array, by address in this process
+        self._tuples: dict[int, tuple[int, Any]] = {}  # likewise
+        self._words: list[tuple[int, bytes]] = []
+        self.places: list[Relocation] = []
+        for array in state:
+            self._place(array)
+        self.saved = self.size
+        self.root = self._lay(root)
+        begin = self.at(addresses)
+        self.kernels = [Relocation(begin + 8 * k, number) for k, number in enumerate(numbers) if number >= 0]
+
+    def at(self, array: NDArray[Any], field: str | None = None) -> int:
+        """Return where an array is, or a field of its first record."""
+        within = array.dtype.fields[field][1] if field and array.dtype.fields else 0
+        return self._arrays[array.ctypes.data][0] + within
+
+    def block(self) -> bytes:
+        """Return the block, zero where addresses are to be."""
+        block = bytearray(self.size)
+        for at, array in self._arrays.values():
+            block[at : at + array.nbytes] = array.tobytes()
+        for at, words in self._words:
+            block[at : at + len(words)] = words
+        for relocation in self.kernels:
+            block[relocation.at : relocation.at + 8] = bytes(8)
+        return bytes(block)
+
+    def _place(self, array: NDArray[Any]) -> int:
+        if not array.flags.c_contiguous:
+            raise ValueError("kernels take arrays without gaps")
+        if not array.nbytes:
+            return 0
+        key = array.ctypes.data
+        if key not in self._arrays:
+            self._arrays[key] = self._grow(array.nbytes), array
+        elif self._arrays[key][1].nbytes != array.nbytes:
+            raise ValueError("two arrays of different sizes begin at one address")
+        return self._arrays[key][0]
+
+    def _grow(self, count: int) -> int:
+        at = self.size
+        self.size += -(-count // ALIGNED) * ALIGNED
+        return at
+
+    def _lay(self, held: tuple[Any, ...]) -> int:
+        """Lay a tuple and all it holds; return where it is."""
+        if id(held) not in self._tuples:
+            at = self._grow(8 * sum(words_of(field) for field in held))
+            self._tuples[id(held)] = at, held
+            words: list[bytes] = []
+            for field in held:
+                here = at + sum(map(len, words))
+                words.append(self._field(here, field))
+            self._words.append((at, b"".join(words)))
+        return self._tuples[id(held)][0]
+
+    def _field(self, at: int, field: Any) -> bytes:
+        """Return the words of a field, and note its address."""
+        own = contents(field)
+        if isinstance(own, tuple):
+            self.places.append(Relocation(at, self._lay(own)))
+            return bytes(8)
+        if isinstance(own, np.ndarray):
+            self.places.append(Relocation(at + 8 * DATA, self._place(own)))
+            return struct.pack(f"={words_of(own)}q", 0, 0, own.size, own.itemsize, 0, *own.shape, *own.strides)
+        return struct.pack("=q", own or 0)
+
+
+def words_of(field: Any) -> int:
+    """Return how many words a field of a tuple takes."""
+    return DATA + 1 + 2 * field.ndim if isinstance(field, np.ndarray) else 1

@@ -1,0 +1,52 @@
+"""``python -m mbfmu.native.kernels FOLDER TARGET ...``: the runtime's kernels as object files, one for each target.
+
+It is run in a process of its own, see :mod:`.runtime`: for another processor than this one everything is compiled anew.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+from mbfmu.mechanics.arrays.tables import types_of
+from solvers.compiled.by_address import record_type
+from solvers.compiled.emit import closed, machine_code
+from solvers.compiled.held import held_type
+from solvers.compiled.kernel import kept_nowhere, types
+
+from .entries import FAMILIES, KINDS, entries, example, kinds
+from .targets import TARGETS
+
+
+def compiled() -> tuple[dict[str, tuple[Any, Any]], list[str]]:
+    """Return kernel and argument types of every entry point by its symbol, and the symbols of the kinds in order."""
+    found: dict[str, tuple[Any, Any]] = {}
+    for family in FAMILIES:
+        instance = held_type(example(family))
+        for name, entry in entries(family).items():
+            kernel: Any = kept_nowhere(entry.function)
+            arguments = instance, *entry.more
+            kernel.compile(types.int64(*arguments))
+            found[f"mb_{family}_{name}"] = kernel, arguments
+    numbered = []
+    for i, kind in enumerate(kinds()):
+        words, returned = types_of(kind.signature)
+        arguments = record_type(kind.record), *words
+        kind.function.compile(returned(*arguments))
+        numbered.append(f"mb_kind_{i}")
+        found[numbered[-1]] = kind.function, arguments
+    return found, numbered
+
+
+def main(folder: Path, targets: list[str]) -> None:
+    """Write the object files."""
+    found, numbered = compiled()
+    module = closed(found, {KINDS: numbered})
+    for name in targets:
+        target = TARGETS[name]
+        (folder / f"{name}.o").write_bytes(machine_code(module, target.triple, target.processor))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), sys.argv[2:])

@@ -1,0 +1,80 @@
+"""Kernels as machine code that needs no Python, for this machine or another: one closed module.
+
+Numba's own functions can be called from C, ``int32 f(result *, void **, arguments ...)``; what it wraps around them for
+Python is left out, and so is what no entry point reaches. Kernels are linked as they were compiled, so that the module
+does what they do in Python, bit for bit, where it was compiled for the same processor and the same C library serves
+``sin`` and its like. For other processors compile in a process of its own with ``NUMBA_CPU_NAME=generic``, and without
+a cache of its results (``NUMBA_CACHE_DIR`` at an empty folder): types of entry points are those of one process.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from llvmlite import binding as llvm
+
+from .linking import PREFIX, code_of, kernel_named
+
+SPEED = 3  # level of optimization of what is emitted
+
+Module = Any  # of llvmlite
+
+
+def closed(entries: Mapping[str, tuple[Any, Any]], tables: Mapping[str, Iterable[str]]) -> Module:
+    """Return a module of kernels and all they call.
+
+    Parameters
+    ----------
+    entries
+        Kernel and types of arguments of every entry point, by its symbol.
+    tables
+        Symbols of entry points by the symbol of an array of their addresses.
+    """
+    whole = _tables(tables)
+    wanted, done = {name: kernel.overloads[arguments] for name, (kernel, arguments) in entries.items()}, set()
+    while wanted:
+        symbol, compiled = wanted.popitem()
+        done.add(symbol)
+        part = llvm.parse_bitcode(code_of(compiled)._get_module_for_linking().as_bitcode())
+        own = part.get_function(compiled.fndesc.llvm_func_name)
+        own.name, own.linkage = symbol, "external"  # what nothing calls yet would not be linked in
+        for function in part.functions:
+            name = function.name
+            if function.is_declaration and name.startswith(PREFIX) and name not in done and name not in wanted:
+                wanted[name] = kernel_named(name)
+        whole.link_in(part)
+    kept = {*entries, *tables}
+    for symbols in (whole.functions, whole.global_variables):
+        for symbol in symbols:
+            if not symbol.is_declaration:
+                symbol.linkage = "external" if symbol.name in kept else "internal"
+    whole.verify()
+    return whole
+
+
+def _tables(tables: Mapping[str, Iterable[str]]) -> Module:
+    """Return a module of arrays of addresses."""
+    lines = []
+    for name, symbols in tables.items():
+        known = list(symbols)
+        lines += [f"declare void @{symbol}()" for symbol in known]
+        places = ", ".join(f"ptr @{symbol}" for symbol in known)
+        lines.append(f"@{name} = constant [{len(known)} x ptr] [{places}]")
+    return llvm.parse_assembly("\n".join(lines))
+
+
+def machine_code(module: Module, triple: str, cpu: str) -> bytes:
+    """Return an object file of a module for a machine, in LLVM's words."""
+    llvm.initialize_all_targets()
+    llvm.initialize_all_asmprinters()
+    machine = llvm.Target.from_triple(triple).create_target_machine(
+        cpu=cpu, features="", opt=SPEED, reloc="pic", codemodel="default"
+    )
+    own = llvm.parse_bitcode(module.as_bitcode())
+    own.triple, own.data_layout = machine.triple, str(machine.target_data)
+    passes = llvm.create_new_module_pass_manager()
+    passes.add_global_dead_code_eliminate_pass()
+    passes.run(own, llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=0)))
+    own.verify()
+    return bytes(machine.emit_object(own))

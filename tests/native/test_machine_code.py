@@ -1,0 +1,194 @@
+"""Machine code without Python does what a simulation does, bit for bit."""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import subprocess
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from fmus.fourbar import FourBar
+from fmus.governor import Governor
+from fmus.pendulum import SwingPendulum
+from mbfmu.errors import UserError
+from mbfmu.mechanics import Mechanism, Revolute, Spring, rod
+from mbfmu.native.entries import family_of, image_of, kinds
+from mbfmu.native.image import Image
+from mbfmu.native.runtime import COMPILERS, library, objects
+from mbfmu.native.targets import host
+from mbfmu.simulation import Settings, Simulation
+
+TIMES = 0.01 * np.arange(1, 201)
+LIBM = {"acos", "asin", "atan", "atan2", "cos", "exp", "floor", "hypot", "log", "pow", "sin", "sincos", "sqrt", "tan"}
+MEMORY = {"memcpy", "memmove", "memset"}
+
+needs_linker = pytest.mark.skipif(
+    not host() or not any(map(shutil.which, COMPILERS)), reason="needs a C compiler, and a machine that is known"
+)
+
+
+class Running:
+    """An instance at work in this process, by C's calls alone."""
+
+    def __init__(self, runtime: ctypes.CDLL, simulation: Simulation) -> None:
+        instance, image = image_of(simulation)
+        self.image = image
+        room = np.zeros(image.size + 64, np.uint8)
+        begin = -room.ctypes.data % 64
+        self.block = room[begin : begin + image.size]
+        self.block[:] = np.frombuffer(image.block(), np.uint8)
+        words, here = self.block.view(np.uint64), self.block.ctypes.data
+        table = (ctypes.c_void_p * len(kinds())).in_dll(runtime, "mb_kinds")
+        for at, target in image.places:
+            words[at // 8] = here + target
+        for at, number in image.kernels:
+            words[at // 8] = table[number]
+        self._root, self._family, self._runtime = here + image.root, family_of(simulation), runtime
+        self.instance, self.out = instance, self.view(instance.out)
+
+    def view(self, array: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the numbers of the block that an array of :func:`image_of` stands for."""
+        at = self.image.at(array)
+        return self.block[at : at + array.nbytes].view(np.float64)
+
+    def call(self, name: str, *more: float) -> int:
+        """Call an entry point; return its code."""
+        function = getattr(self._runtime, f"mb_{self._family}_{name}")
+        function.argtypes = [ctypes.c_void_p] * 3 + [ctypes.c_double] * len(more)
+        code, error = ctypes.c_int64(), ctypes.c_void_p()
+        assert function(ctypes.byref(code), ctypes.byref(error), self._root, *more) == 0
+        return code.value
+
+
+@pytest.fixture(scope="module")
+def runtime() -> ctypes.CDLL:
+    return ctypes.CDLL(str(library(host())))
+
+
+@pytest.fixture
+def running(runtime: ctypes.CDLL) -> Callable[[Simulation], Running]:
+    return lambda simulation: Running(runtime, simulation)
+
+
+MODELS = {
+    "four-bar": (FourBar(), "adams"),
+    "four-bar, hybrid": (FourBar(), "hybrid"),
+    "four-bar, LU": (FourBar(start_angle=1.0), "adams-lu"),
+    "four-bar, radau": (FourBar(), "radau"),
+    "elastic coupler": (FourBar(coupler_modes=2), "adams"),
+    "governor": (Governor(), "adams"),
+    "pendulum": (SwingPendulum(), "adams"),
+    "pendulum, radau": (SwingPendulum(), "radau"),
+}
+
+
+@needs_linker
+@pytest.mark.parametrize("name", MODELS)
+def test_outputs_are_those_of_a_simulation(name: str, running: Callable[[Simulation], Running]):
+    model, solver = MODELS[name]
+    simulation = Simulation(model, Settings(solver=solver))
+    native = running(simulation)
+    assert native.call("begin", 0.0) == 0
+    for t in TIMES:
+        assert native.call("advance", t) == int(simulation.stepper.advance(t).code)
+        assert native.call("read") == 0
+        np.testing.assert_array_equal(native.out[:-2], simulation.outputs()[:-2])
+        if not simulation.stepper.status.ok:
+            break
+
+
+@needs_linker
+def test_a_state_goes_to_another_instance(running: Callable[[Simulation], Running]):
+    first, second = (running(Simulation(FourBar(), Settings(solver="adams"))) for _ in range(2))
+    assert first.call("begin", 0.0) == 0
+    for t in TIMES[:50]:
+        assert first.call("advance", t) == 0
+    second.block[: second.image.saved] = first.block[: first.image.saved]
+    for t in TIMES[50:100]:
+        assert first.call("advance", t) == second.call("advance", t) == 0
+        assert first.call("read") == second.call("read") == 0
+        np.testing.assert_array_equal(first.out, second.out)
+
+
+def test_equal_models_make_equal_images():
+    blocks = [image_of(Simulation(FourBar(), Settings(solver="adams")))[1].block() for _ in range(2)]
+    assert blocks[0] == blocks[1]
+
+
+def test_no_address_is_left_in_an_image():
+    simulation = Simulation(FourBar(), Settings(solver="adams"))
+    image = image_of(simulation)[1]
+    words = set(np.frombuffer(image.block(), np.uint64).tolist())
+    arrays = [*simulation.stepper.arrays(), *simulation.plant.data.arrays]
+    assert not words & {array.ctypes.data for array in arrays if array.nbytes}
+    assert not words & {int(address) for address in simulation.plant.data.arrays.kernels if address}
+    relocated = [at for at, _ in (*image.places, *image.kernels)]
+    assert not [at for at in relocated if at % 8 or at < image.saved]  # what is saved has none, and may go anywhere
+
+
+@needs_linker
+@pytest.mark.parametrize("solver", ["adams", "hybrid", "radau"])
+def test_another_start_is_begun_as_a_simulation_begins(solver: str, running: Callable[[Simulation], Running]):
+    simulation = Simulation(FourBar(start_angle=0.7, start_rate=2.0), Settings(solver=solver))
+    native = running(Simulation(FourBar(), Settings(solver=solver)))
+    start = simulation.plant.assemble()
+    for array, given in zip((native.instance.given.q, native.instance.given.v), start, strict=True):
+        native.view(array)[:] = given
+    assert native.call("begin", 0.0) == 0
+    for t in TIMES[:50]:
+        assert native.call("advance", t) == 0
+        assert simulation.advance(t).ok
+        assert native.call("read") == 0
+        np.testing.assert_array_equal(native.out[:-2], simulation.outputs()[:-2])
+
+
+@needs_linker
+@pytest.mark.parametrize("solver", ["adams", "hybrid", "radau"])
+def test_a_torque_that_changes_is_followed_as_by_a_simulation(solver: str, running: Callable[[Simulation], Running]):
+    simulation, other = (Simulation(FourBar(), Settings(solver=solver)) for _ in range(2))
+    native = running(other)
+    assert native.call("begin", 0.0) == 0
+    memory = native.view(other.plant.data.arrays.memory)
+    for k, t in enumerate(TIMES[:50]):
+        torque = np.sin(0.3 * k)
+        simulation.set_input("crank.torque", torque)
+        memory[:] = simulation.plant.data.arrays.memory.view(np.float64)
+        assert native.call("renew") == 0
+        assert native.call("advance", t) == 0
+        assert simulation.advance(t).ok
+        assert native.call("read") == 0
+        np.testing.assert_array_equal(native.out[:-2], simulation.outputs()[:-2])
+
+
+@needs_linker
+def test_the_kernels_need_no_more_than_the_c_library():
+    told = subprocess.run(("nm", "-u", str(objects([host()])[host()])), capture_output=True, text=True, check=True)
+    needed = {line.split()[-1] for line in told.stdout.splitlines()}
+    assert needed <= LIBM | MEMORY
+
+
+def test_a_solver_that_is_not_there_is_refused():
+    with pytest.raises(UserError, match="has no solver 'ida'; it has adams, radau"):
+        image_of(Simulation(FourBar(), Settings(solver="ida")))
+
+
+def test_a_kernel_of_the_model_s_own_is_refused():
+    m = Mechanism()
+    body = m.body("bob", m.ground, Revolute(axis="z"), **rod(mass=1.0, length=1.0))
+    m.force("spring", Spring(stiffness=lambda x: 3.0 * x**3, free=1.0, at_a=(1.0, 0.0, 0.0)), body, m.ground)
+    with pytest.raises(UserError, match="is the model's own"):
+        image_of(Simulation(m, Settings(solver="adams")))
+
+
+def test_tuples_are_laid_once_and_arrays_must_not_have_gaps():
+    shared = np.arange(4.0)
+    addresses = np.zeros(1, np.int64)
+    image = Image(((shared, 7), shared, addresses), [shared], addresses, [-1])
+    assert image.saved == 64
+    assert len({target for _, target in image.places}) == 3
+    with pytest.raises(ValueError, match="without gaps"):
+        Image((np.zeros((4, 4))[:, 1], addresses), [], addresses, [-1])
