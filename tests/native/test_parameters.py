@@ -14,8 +14,8 @@ from fmus.sheet import Sheet
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Input, JointForce, JointSpring, Mechanism, Revolute, Translational, rod
 from mbfmu.model import Model, parameter
-from mbfmu.native_.numbers import STRUCTURE, Place, Reader
-from mbfmu.native_.parameters import Live, find_live
+from mbfmu.native.numbers import STRUCTURE, Place, Reader
+from mbfmu.native.parameters import Live, find_live
 
 SHIPPED = {
     "four-bar": FourBar(),

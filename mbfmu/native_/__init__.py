@@ -1,1 +1,0 @@
-"""FMUs that need no Python: a compiled mechanism as data."""
