@@ -19,6 +19,7 @@ from typing import Any
 import pytest
 
 from mbfmu import curves, direct
+from mbfmu.__main__ import main as run_module
 from mbfmu.cli import models, parser
 from mbfmu.cli.common import scene_of
 from mbfmu.cli.results import results
@@ -130,6 +131,21 @@ def test_processes_that_end_at_once_do_not_meet(tmp_path: Path) -> None:
     with ThreadPoolExecutor(8) as pool:
         assert list(pool.map(write, range(8))) == [str(number) for number in range(8)]
     assert folders(tmp_path / "fourbar") == ["x", *(f"x-{number}" for number in range(2, 9))]
+
+
+def test_ctrl_c_while_modules_are_loaded_is_told(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class Interrupted:
+        def find_spec(self, name: str, *_: object) -> None:
+            if name == "mbfmu.cli":
+                raise KeyboardInterrupt
+
+    monkeypatch.delitem(sys.modules, "mbfmu.cli")
+    monkeypatch.delattr("mbfmu.cli", raising=False)
+    monkeypatch.setattr(sys, "meta_path", [Interrupted(), *sys.meta_path])
+    assert run_module() == 130
+    assert capsys.readouterr().err == "mbfmu: interrupted; nothing was begun\n"
 
 
 def test_the_former_word_for_direct_is_taken_with_a_notice(command: Command, tmp_path: Path) -> None:
