@@ -284,7 +284,7 @@ class Host(RuleBasedStateMachine):
 
 
 SMALL: dict[str, dict[str, Any]] = {"sheet": {"nx": 3, "nz": 3}}
-EXAMPLES = 120 if os.environ.get("CI") else 20
+EXAMPLES = 80 if os.environ.get("CI") else 20
 
 
 @pytest.mark.parametrize("name", sorted(models()))
