@@ -54,7 +54,8 @@ class Audit:
     def __init__(self, plant: Plant, tolerance: float, base: float) -> None:
         self.plant, self.base, self.verdict = plant, base, ""
         self._tolerance = tolerance
-        mass, rate = float(plant.data.arrays.bodies["mass"].sum()), plant.system.rate or 1.0
+        mass = float(plant.data.arrays.bodies["mass"].sum())
+        rate = min(plant.system.rate or 1.0, 1.0)  # 1/s; that of a drive may be of one short jerk
         self._unseen = mass * (tolerance * plant.length * rate) ** 2  # J
         self._last: Place | None = None
 

@@ -114,6 +114,15 @@ def test_what_has_hardly_moved_is_not_called_inaccurate(solver: str):
     assert np.ptp(run["load"]) > 0.1
 
 
+def test_a_drive_of_one_short_jerk_does_not_blind_the_audit():
+    m = Mechanism()
+    m.body("sled", m.ground, Translational(axis="x", drive=Step(height=1.0, begin=1.0, duration=1e-6)), mass=1.0)
+    m.body("load", m.ground, Translational(axis="x"), mass=1.0)
+    audit = Simulation(m, Settings(solver="adams", tolerance=TOLERANCE)).audit
+    assert audit is not None
+    assert audit.bound(np.zeros(1), np.zeros((1, 5)))[0] < 1e-11  # J
+
+
 def test_steps_are_halved_on_the_way_to_what_begins():
     found = Simulation(pushed(Step(height=1.0, begin=8.0, duration=0.5)), Settings()).plant
     t, ends = 0.0, []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 
 from .common import Commands, add_json, add_scene, add_set, add_solver, reader, scene_of, tell, writable, write_json
 
@@ -51,4 +52,6 @@ def command_check(options: argparse.Namespace) -> int:
         write_json(found.as_dict(), options.json)
     if not options.json or str(options.json) != "-":
         tell(options, found.as_text())
+    if options.quiet and found.failure:
+        print(f"mbfmu: {found.failure}", file=sys.stderr)
     return 0
