@@ -4,6 +4,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solvers.compiled.kernel import records
+
+OPTIONS = np.dtype(
+    [
+        ("rtol", "f8"), ("absolute", "f8"), ("max_step", "f8"), ("max_order", "i8"), ("max_steps", "i8"),
+        ("audit", "i8"),
+    ],
+    align=True,
+)  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,6 +63,14 @@ class Options:
     def absolute(self) -> float:
         """The absolute tolerance in force."""
         return self.rtol if self.atol is None else self.atol
+
+    def record(self) -> NDArray[Any]:
+        """Return them as kernels read them; an order of 0 is the highest that a solver has."""
+        found = records(1, OPTIONS)
+        found["rtol"], found["absolute"], found["audit"] = self.rtol, self.absolute, self.audit
+        found["max_step"], found["max_steps"] = self.max_step, self.max_steps
+        found["max_order"] = self.max_order or 0
+        return found
 
 
 @dataclass(frozen=True, kw_only=True)

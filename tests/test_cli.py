@@ -24,7 +24,7 @@ from mbfmu.cli import models, parser
 from mbfmu.cli.common import scene_of
 from mbfmu.cli.results import results
 from mbfmu.errors import UserError
-from mbfmu.fmi.export import own_source
+from mbfmu.fmi.coupled import own_source
 from mbfmu.interface import Role, interface
 from mbfmu.model import declared, find
 from mbfmu.result import Result

@@ -14,13 +14,19 @@ from mbfmu.units import read_unit
 EPOCH = "2000-01-01T00:00:00+00:00"  # the date of every build: equal content gives equal bytes
 
 CAPABILITIES = {
-    "needsExecutionTool": "true",
     "canHandleVariableCommunicationStepSize": "true",
     "canInterpolateInputs": "false",
     "canBeInstantiatedOnlyOncePerProcess": "false",
     "canNotUseMemoryManagementFunctions": "true",
     "canGetAndSetFMUstate": "true",
     "canSerializeFMUstate": "true",
+}
+
+
+LOG_CATEGORIES = {
+    "logStatusWarning": "something unusual that does not stop the run",
+    "logStatusError": "a failure: what happened, where, and what to try",
+    "logAll": "everything",
 }
 
 
@@ -35,12 +41,21 @@ class Experiment:
 
 @dataclass(frozen=True, kw_only=True)
 class Identity:
-    """Who an FMU is: names for people and for files, what it does, and the number that tells it from all others."""
+    """Who an FMU is: names for people and for files, what it does, and the number that tells it from all others.
+
+    ``tool`` is what its binaries are made of beside mbfmu, and needs Python; empty: machine code.
+    """
 
     name: str
     identifier: str
     description: str
     guid: str
+    tool: str = ""
+
+    @property
+    def made_by(self) -> str:
+        """What wrote the FMU."""
+        return " with ".join(filter(None, (f"mbfmu {mbfmu.__version__}", self.tool)))
 
 
 def model_description(
@@ -56,23 +71,14 @@ def model_description(
         author="mbfmu",
         version=mbfmu.__version__,
         license="see documentation/licenses",
-        generationTool=f"mbfmu {mbfmu.__version__} with PythonFMU",
+        generationTool=identity.made_by,
         generationDateAndTime=EPOCH,
         variableNamingConvention="structured",
     )
-    SubElement(root, "CoSimulation", {"modelIdentifier": identity.identifier, **CAPABILITIES})
-    root.extend([*_units(variables), *_enumerations(variables)])
-    categories = SubElement(root, "LogCategories")
-    for name, text in log_categories.items():
-        SubElement(categories, "Category", name=name, description=text)
-    SubElement(
-        root,
-        "DefaultExperiment",
-        startTime="0.0",
-        stopTime=number(experiment.stop_time),
-        stepSize=number(experiment.step_size),
-        tolerance=number(experiment.tolerance),
-    )
+    needs = "true" if identity.tool else "false"
+    told = {"modelIdentifier": identity.identifier, "needsExecutionTool": needs, **CAPABILITIES}
+    SubElement(root, "CoSimulation", told)
+    root.extend([*units(variables), *_enumerations(variables), *default_run(experiment, log_categories)])
     described = SubElement(root, "ModelVariables")
     for reference, v in enumerate(variables):
         _variable(described, reference, v)
@@ -85,7 +91,18 @@ def number(value: float) -> str:
     return repr(float(value))
 
 
-def _units(variables: Iterable[ScalarVariable]) -> Iterable[Element]:
+def default_run(experiment: Experiment, log_categories: Mapping[str, str]) -> Iterable[Element]:
+    """Yield the categories of the log and the default experiment."""
+    categories = Element("LogCategories")
+    for name, text in log_categories.items():
+        SubElement(categories, "Category", name=name, description=text)
+    yield categories
+    times = {"startTime": 0.0, "stopTime": experiment.stop_time, "stepSize": experiment.step_size}
+    told = {**times, "tolerance": experiment.tolerance}
+    yield Element("DefaultExperiment", {key: number(value) for key, value in told.items()})
+
+
+def units(variables: Iterable[ScalarVariable]) -> Iterable[Element]:
     """Yield the definitions of all units, with what people read them in."""
     shown = {v.unit: v.display_unit for v in variables if v.unit != "1"}
     if not shown:
@@ -109,14 +126,15 @@ def _enumerations(variables: Iterable[ScalarVariable]) -> Iterable[Element]:
         return
     definitions = Element("TypeDefinitions")
     for v in chosen:
-        simple = SubElement(definitions, "SimpleType", name=_type_name(v), description=v.description)
+        simple = SubElement(definitions, "SimpleType", name=type_name(v), description=v.description)
         kind = SubElement(simple, "Enumeration")
         for i, word in enumerate(v.choices, 1):
             SubElement(kind, "Item", name=word, value=str(i))
     yield definitions
 
 
-def _type_name(v: ScalarVariable) -> str:
+def type_name(v: ScalarVariable) -> str:
+    """Return the name of the type of a choice."""
     return f"choice of {v.name}"  # no variable has a blank in its name
 
 
@@ -135,7 +153,7 @@ def _variable(parent: Element, reference: int, v: ScalarVariable) -> None:
         scalar.set("initial", "calculated" if v.start is None else "exact")
     kind = SubElement(scalar, v.type.value)
     if v.choices:
-        kind.set("declaredType", _type_name(v))
+        kind.set("declaredType", type_name(v))
         kind.set("min", "1")
         kind.set("max", str(len(v.choices)))
     if v.unit != "1":

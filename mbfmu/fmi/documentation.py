@@ -18,13 +18,14 @@ STYLE = (
 )
 
 
-def page(model: Model, variables: Sequence[ScalarVariable]) -> str:
+def page(model: Model, variables: Sequence[ScalarVariable], *, needs_python: bool) -> str:
     """Return a page that says what the model is and lists every variable."""
+    needs = ", which must be installed in the host's Python" if needs_python else "; it needs nothing else to run"
     tables = "".join(_table(role, [v for v in variables if v.role is role]) for role in Role)
     return (
         f"<!DOCTYPE html><html lang='en'><head><meta charset='utf-8'><title>{escape(model.name)}</title>"
         f"<style>{STYLE}</style></head><body><h1>{escape(model.name)}</h1><p>{escape(model.title())}</p>{tables}"
-        f"<p>Made by mbfmu {mbfmu.__version__}, which must be installed in the host's Python.</p></body></html>"
+        f"<p>Made by mbfmu {mbfmu.__version__}{needs}.</p></body></html>"
     )
 
 
@@ -40,9 +41,9 @@ def _table(role: Role, variables: Sequence[ScalarVariable]) -> str:
     return f"<h2>{role.plural}</h2><table><tr>{head}</tr>{rows}</table>"
 
 
-def licenses() -> dict[str, str]:
+def licenses(*, native: bool) -> dict[str, bytes]:
     """Return the texts of the licenses of what an FMU contains, by the name of a file."""
-    return {f"{name}.txt": _license(name) for name in ("mbfmu", "pythonfmu")}
+    return {f"{name}.txt": _license(name).encode() for name in ("mbfmu", *(() if native else ("pythonfmu",)))}
 
 
 def _license(package: str) -> str:

@@ -28,7 +28,7 @@ from mbfmu.settings import Settings
 from mbfmu.simulation import Simulation
 from solvers.compiled.cache import when_compiling
 
-from .description import Experiment, Identity, model_description
+from .description import LOG_CATEGORIES, Experiment, Identity, model_description
 from .guards import finalize_at_exit, import_once
 from .values import Phase, Values, guarded, in_words
 
@@ -45,11 +45,7 @@ class ModelSlave(Values):
     fmu_guid: ClassVar[str] = ""
     experiment: ClassVar[Experiment]
 
-    log_categories: ClassVar[dict[str, str]] = {
-        "logStatusWarning": "something unusual that does not stop the run",
-        "logStatusError": "a failure: what happened, where, and what to try",
-        "logAll": "everything",
-    }
+    log_categories: ClassVar[dict[str, str]] = LOG_CATEGORIES
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)
@@ -71,7 +67,8 @@ class ModelSlave(Values):
     def to_xml(self, _options: dict[str, str] | None = None) -> Any:
         """Return the model description."""
         model = self.model
-        identity = Identity(name=model.name, identifier=self.identifier, description=model.title(), guid=self.fmu_guid)
+        who = {"name": model.name, "identifier": self.identifier, "guid": self.fmu_guid}
+        identity = Identity(**who, description=model.title(), tool="PythonFMU")
         return model_description(identity, self.experiment, self.variables, self.log_categories)
 
     # ---- life of an instance ------------------------------------------------------------------------------------

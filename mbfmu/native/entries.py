@@ -12,8 +12,10 @@ from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mbfmu.errors import UserError
+from mbfmu.interface import COUNTERS
 from mbfmu.mechanics import couplings, cuts, elements, joints, loads, sensors, signals
 from mbfmu.mechanics.arrays.tables import REAL, Called
 from mbfmu.mechanics.kind import Kind, kernel_of, kinds_of, record_of
@@ -24,6 +26,7 @@ from mbfmu.simulation import Simulation
 from solvers.compiled.held import contents, hold
 from solvers.compiled.kernel import by_name, kernel, records, types
 from solvers.ledger import ROW, WORK, Scales
+from solvers.options import OPTIONS
 from solvers.outcome import OK
 from solvers.projection.projection import close
 from solvers.projection.rank import normal_rank
@@ -43,6 +46,7 @@ from solvers.system import Array, Equations, Terms
 from .image import Image
 
 FAMILIES = {"adams": adams, "radau": radau}  # loops by the prefix of their entry points
+SOLVERS = ("adams", "hybrid", "adams-lu", "radau")  # that they serve
 ROLES: dict[ModuleType, type[Kind]] = {
     joints: joints.Joint, cuts: cuts.Cut, couplings: couplings.Coupling, loads: loads.Load, elements: loads.Load,
     signals: signals.Signal, sensors: sensors.Sensor,
@@ -59,7 +63,9 @@ class Instance(NamedTuple):
     lam: Array  # (m,) multipliers
     out: Array  # outputs
     clock: Array  # (1,) s, the reported time
-    known: Array  # (3,) what a system says of its rate and of its loops', 1/s, and the absolute tolerance
+    known: Array  # (3,) what a system says of its rate and of its loops', 1/s; the characteristic length, m
+    options: NDArray[Any]  # (1,) solvers.options.OPTIONS
+    counts: NDArray[np.int64]  # of the solver, by COUNTERS
 
 
 class Entry(NamedTuple):
@@ -86,9 +92,10 @@ def instance_of(simulation: Simulation) -> Instance:
     work.size[:] = system.size
     scales = Scales.of(simulation.settings.tolerance, np.zeros(system.n), np.zeros(system.n))
     own = Given(eqs, given.settings, _memory(family_of(simulation), *sizes), work, scales, q, v, np.zeros(ROW))
-    known = np.array([system.rate, system.loop_rate, stepper.options.absolute])
+    known = np.array([system.rate, system.loop_rate, plant.length])
     rooms = np.zeros(system.n), np.zeros(system.m), np.zeros(len(simulation.variables))
-    return Instance(own, *rooms, np.array([simulation.t]), known)
+    counts = np.zeros(len(COUNTERS), np.int64)
+    return Instance(own, *rooms, np.array([simulation.t]), known, stepper.options.record(), counts)
 
 
 def _memory(family: str, nq: int, n: int, m: int) -> Any:
@@ -114,7 +121,7 @@ def image_of(simulation: Simulation) -> tuple[Instance, Image]:
     instance, arrays = instance_of(simulation), simulation.plant.data.arrays
     own = instance.given
     state = [*own.memory, instance.clock, own.q, own.v, own.ledger, own.settings, *own.work.memory(), *own.scales]
-    state += [instance.known, *(array for array in arrays if array is not arrays.kernels)]
+    state += [instance.known, instance.options, *(array for array in arrays if array is not arrays.kernels)]
     return instance, Image(instance, state, arrays.kernels, numbers)
 
 
@@ -125,7 +132,7 @@ def example(family: str) -> Any:
     eqs = Equations(**callbacks, data=data, terms=hold(Terms.allocate(1, 1, 1)))
     own = hold(_memory(family, 1, 1, 1)), hold(Workspace.allocate(1, 1, 1)), hold(Scales.of(1e-6, z(1), z(1)))
     given = Given(hold(eqs), records(1, FAMILIES[family].SETTINGS), *own, z(1), z(1), z(ROW))
-    return hold(Instance(hold(given), z(1), z(1), z(1), z(1), z(3)))
+    return hold(Instance(hold(given), z(1), z(1), z(1), z(1), z(3), records(1, OPTIONS), np.zeros(1, np.int64)))
 
 
 @kernel
@@ -146,20 +153,39 @@ def renew_radau(g: Any, t: float, fresh: bool) -> None:
         g.memory.control[0].known = 0
 
 
+@kernel
+def count_adams(g: Any, counts: Any) -> None:
+    """Tell what ``AdamsStepper.statistics`` does, in the order of COUNTERS."""
+    c = g.memory.control[0]
+    left = c.by_turn + c.by_flicker + c.by_energy + c.by_collapse
+    counts[0], counts[1], counts[2], counts[3] = c.steps, c.rejected, c.evaluations, left + c.returns
+    counts[4], counts[5] = max(0, c.starts - 1), c.limited
+
+
+@kernel
+def count_radau(g: Any, counts: Any) -> None:
+    """Tell what ``RadauStepper.statistics`` does, in the order of COUNTERS."""
+    c = g.memory.control[0]
+    counts[0], counts[1], counts[2] = c.steps, c.rejected, c.evaluations
+    counts[4] = max(0, c.starts - 1)
+
+
 def entries(family: str) -> dict[str, Entry]:
     """Return the entry points of a family by their names."""
     loop, renewed = FAMILIES[family], {"adams": renew_adams, "radau": renew_radau}[family]
-    advance_reported, set_up = loop.advance_reported, loop.set_up
+    advance_reported, set_up, take_options = loop.advance_reported, loop.set_up, loop.take_options
+    counted = {"adams": count_adams, "radau": count_radau}[family]
 
     def begin(s: Any, t: float) -> int:
         """Begin at t (s) and the reported state, as a stepper that is constructed there."""
         g = s.given
-        s.clock[0] = t
+        s.clock[0], g.scales.rtol[0] = t, s.options[0].rtol
+        take_options(s.options, g.settings)
         find_position_sizes(g.eqs, t, g.q, g.work)
         rank = normal_rank(g.eqs, t, g.q, g.v, g.work)
         code: int = close(g.eqs, t, g.q, g.v, rank, g.work)
         measure_pace(g.eqs, t, g.q, g.v, rank, s.known[0], s.known[1], g.work)
-        set_up(g, rank, s.known[2])
+        set_up(g, rank, s.options[0].absolute)
         renewed(g, t, True)
         return code
 
@@ -182,12 +208,18 @@ def entries(family: str) -> dict[str, Entry]:
             observe(t, g.q, g.v, s.a, s.lam, g.eqs.data, s.out)
         return code
 
+    def count(s: Any) -> int:
+        """Tell what the run has cost so far."""
+        counted(s.given, s.counts)
+        return OK
+
     timed = (types.float64,)
     return {
         "begin": Entry(begin, timed),
         "advance": Entry(advance, timed),
         "renew": Entry(renew, ()),
         "read": Entry(read, ()),
+        "count": Entry(count, ()),
     }
 
 

@@ -1,7 +1,7 @@
-"""The runtime: kernels as machine code, built once for these sources and a machine, kept beside what Python compiles.
+"""The runtime: kernels as machine code and FMI around them, built once for these sources and a machine.
 
-Kernels are compiled anew in a process of its own, for the oldest processor of a kind and without a cache. Zig links for
-every machine; for this one any C compiler does.
+Kernels are compiled anew in a process of its own, for the oldest processor of a kind and without a cache. What is built
+is kept beside what Python compiles. Zig compiles C for every machine; for this one any C compiler does.
 """
 
 from __future__ import annotations
@@ -17,21 +17,39 @@ from functools import cache
 from hashlib import sha256
 from pathlib import Path
 
+import fmpy
+
 from mbfmu.errors import UserError
 from solvers.compiled.cache import folder
 
+from .entries import FAMILIES, entries
+from .layout import declarations
 from .targets import TARGETS, host
 
 COMPILERS = ("cc", "gcc", "clang")
+HERE = Path(__file__).parent
+KERNELS = (
+    "entries.py",
+    "kernels.py",
+    "targets.py",
+)  # beside the kernels themselves: what their machine code is made of
+STRICT = ("-std=c2x", "-O2", "-Wall", "-Wextra", "-Werror", "-fvisibility=hidden", "-fPIC")
+EXPORTED = "{ global: fmi2*; fmi3*; local: *; };"  # for linkers of Linux; runtimes of two FMUs must not meet
 
 
 @cache
-def place() -> Path:
-    """Return the folder of what is built of these sources."""
+def place(*sources: str) -> Path:
+    """Return the folder of what is built of these sources, and of all kernels."""
     told = sha256()
-    for source in sorted(Path(__file__).parent.glob("*.py")):
-        told.update(source.read_bytes())
+    for source in sources:
+        told.update((HERE / source).read_bytes())
     return folder() / f"native-{told.hexdigest()[:16]}"
+
+
+def _of_c() -> tuple[str, ...]:
+    """Return all sources of a runtime."""
+    found = sorted([*HERE.glob("*.py"), *HERE.glob("c/*")])
+    return tuple(path.relative_to(HERE).as_posix() for path in found)
 
 
 def objects(names: Sequence[str]) -> dict[str, Path]:
@@ -45,7 +63,7 @@ def objects(names: Sequence[str]) -> dict[str, Path]:
     for name in names:
         if name not in TARGETS:
             raise UserError(f"target {name!r} is not known; allowed: {', '.join(TARGETS)}")
-    found = {name: place() / f"{name}.o" for name in names}
+    found = {name: place(*KERNELS) / f"{name}.o" for name in names}
     missing = [name for name, path in found.items() if not path.is_file()]
     if missing:
         with tempfile.TemporaryDirectory(prefix="mbfmu_") as work:
@@ -60,23 +78,28 @@ def objects(names: Sequence[str]) -> dict[str, Path]:
 
 def library(name: str) -> Path:
     """Return the runtime of a target as a shared library; see :func:`objects`."""
-    path = place() / f"{name}{TARGETS[name].suffix}" if name in TARGETS else Path()
+    path = place(*_of_c()) / f"{name}{TARGETS[name].suffix}" if name in TARGETS else Path()
     if not path.is_file():
-        code = objects([name])[name]
+        code, command = objects([name])[name], compiler(name)
         with tempfile.TemporaryDirectory(prefix="mbfmu_") as work:
             made = Path(work) / path.name
-            _run([*linker(name), "-shared", "-fPIC", str(code), "-o", str(made), "-lm", "-Wl,-Bsymbolic"], {})
+            Path(work, "layout.h").write_text(declarations(FAMILIES, entries(next(iter(FAMILIES))).items()))
+            Path(work, "exported").write_text(EXPORTED)
+            sources = [str(source) for source in sorted(HERE.glob("c/*.c"))]
+            linked = ["-shared", "-s", *([f"-Wl,--version-script={work}/exported"] if path.suffix == ".so" else [])]
+            looked_at = [f"-I{folder}" for folder in (work, HERE / "c", Path(fmpy.__file__).parent / "c-code")]
+            _run([*command, *STRICT, *looked_at, *sources, str(code), *linked, "-o", str(made), "-lm"], {})
             _keep(made, path)
     return path
 
 
-def linker(name: str) -> list[str]:
-    """Return the command that links for a target; UserError where there is none."""
+def compiler(name: str) -> list[str]:
+    """Return the command that compiles C for a target; UserError where there is none."""
     if importlib.util.find_spec("ziglang") is not None:
         return [sys.executable, "-m", "ziglang", "cc", "-target", TARGETS[name].zig]
     own = next(filter(None, map(shutil.which, COMPILERS)), None)
     if own is None or name != host():
-        raise UserError(f"nothing here links for {name}: pip install ziglang")
+        raise UserError(f"nothing here compiles C for {name}: pip install ziglang")
     return [own]
 
 

@@ -45,6 +45,7 @@ from solvers.projection.singular import CLOSED, MISS, SINGULAR, note, passed, st
 from solvers.projection.workspace import factor
 
 from .formulas import (
+    HIGHEST,
     accept,
     begin,
     coefficients,
@@ -368,6 +369,15 @@ def advance(eqs: Any, settings: Any, H: Any, work: Any, scales: Any, target: flo
         code = close(eqs, target, q, v, c.rank, work)
     report(c, done, ledger)
     return code
+
+
+@kernel
+def take_options(options: Any, settings: Any) -> None:
+    """Take what a run is asked for (``solvers.options.OPTIONS``)."""
+    asked, o = options[0], settings[0]
+    o.rtol, o.atol = asked.rtol, asked.absolute
+    o.max_step, o.max_steps, o.audit = asked.max_step, asked.max_steps, asked.audit
+    o.max_order = asked.max_order if asked.max_order > 0 else HIGHEST
 
 
 @kernel

@@ -13,7 +13,7 @@ from solvers.system import Array, System
 
 from . import loop
 from .explicit import ExplicitStepper
-from .formulas import HIGHEST, History, counts
+from .formulas import History, counts
 from .hybrid import HYBRID, LU, PROJECTION
 
 
@@ -33,10 +33,7 @@ class AdamsStepper(ExplicitStepper, ClosedStepper):
     def _encode(self, options: Options) -> NDArray[Any]:
         """Return the record the kernels read."""
         settings = records(1, loop.SETTINGS)
-        settings["rtol"], settings["atol"] = options.rtol, options.absolute
-        settings["max_step"], settings["max_steps"] = options.max_step, options.max_steps
-        settings["max_order"] = HIGHEST if options.max_order is None else options.max_order
-        settings["audit"] = options.audit
+        loop.take_options(options.record(), settings)
         settings["partition"] = self.partition if self._rank else PROJECTION  # nothing to partition: all the same
         for name in (
             "flicker_steps", "flicker_count", "energy_jump", "collapse_cuts", "calm_steps"

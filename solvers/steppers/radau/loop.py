@@ -44,6 +44,10 @@ TINY = 1e-8  # an error, in tolerances, that lets it be as long as any
 SAME = 1e-9  # part of a step: nearer to its end is there
 RESOLVED = 3e-18  # see solvers.steppers.adams.loop
 SMALLEST_STEP = 1e-11  # times the larger of t and one over the rate of the motion
+# The error that is estimated is that of a formula of order 3: its step is as tolerance^(1/4), and the motion's error,
+# of order 5, as that step^5. For an error in proportion to rtol the estimate is held to LOOSER rtol^POWER.
+LOOSER, POWER = 2.0, 0.8
+EXACT = 0.1  # rtol: what Newton leaves of every step has one sign in many, and adds up
 
 
 @inlined
@@ -249,6 +253,16 @@ def advance(eqs: Any, settings: Any, H: Any, work: Any, scales: Any, target: flo
             done = H.work[0]
     report(c, done, ledger)
     return code
+
+
+@kernel
+def take_options(options: Any, settings: Any) -> None:
+    """Take what a run is asked for (``solvers.options.OPTIONS``)."""
+    asked, o = options[0], settings[0]
+    looser = LOOSER * asked.rtol**POWER
+    o.rtol, o.atol = looser, asked.absolute * looser / asked.rtol
+    o.asked, o.exact = asked.rtol, EXACT * asked.rtol / looser
+    o.max_step, o.max_steps, o.audit = asked.max_step, asked.max_steps, asked.audit
 
 
 @kernel

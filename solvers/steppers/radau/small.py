@@ -17,10 +17,6 @@ from . import loop
 from .formulas import Memory
 
 STOPS = 12  # steps after a change of the loads that end where they are asked to: another change is likely
-# The error that is estimated is that of a formula of order 3: its step is as tolerance^(1/4), and the motion's error,
-# of order 5, as that step^5. For an error in proportion to rtol the estimate is held to LOOSER rtol^POWER.
-LOOSER, POWER = 2.0, 0.8
-EXACT = 0.1  # rtol: what Newton leaves of every step has one sign in many, and adds up
 
 
 class RadauStepper(ClosedStepper):
@@ -33,13 +29,8 @@ class RadauStepper(ClosedStepper):
         super().__init__(system, t0, q0, v0, options)
         self._memory = Memory.allocate(system.nq, system.n)
         self._control = self._memory.control[0]
-        o, self._settings = self.options, records(1, loop.SETTINGS)
-        looser = LOOSER * o.rtol**POWER
-        self._settings["rtol"], self._settings["atol"] = looser, o.absolute * looser / o.rtol
-        self._settings["asked"] = o.rtol
-        self._settings["exact"] = EXACT * o.rtol / looser
-        self._settings["max_step"], self._settings["max_steps"] = o.max_step, o.max_steps
-        self._settings["audit"] = o.audit
+        self._settings = records(1, loop.SETTINGS)
+        loop.take_options(self.options.record(), self._settings)
         self._set_up(self._memory)
 
     def _limit(self, longest: float) -> None:

@@ -1,0 +1,111 @@
+"""The model description of FMI 3.0 for co-simulation, written from the list of variables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from math import isfinite
+from xml.etree.ElementTree import Element, SubElement
+
+import mbfmu
+from mbfmu.interface import ScalarVariable, Type
+
+from .description import EPOCH, Experiment, Identity, default_run, number, type_name, units
+
+TYPES = {
+    Type.REAL: "Float64",
+    Type.INTEGER: "Int64",
+    Type.BOOLEAN: "Boolean",
+    Type.STRING: "String",
+    Type.ENUMERATION: "Enumeration",
+}
+CAPABILITIES = {
+    "needsExecutionTool": "false",
+    "canBeInstantiatedOnlyOncePerProcess": "false",
+    "canGetAndSetFMUState": "true",
+    "canSerializeFMUState": "true",
+    "canHandleVariableCommunicationStepSize": "true",
+}
+TIME = "time"  # the independent variable, whose value reference comes after all others
+
+
+def model_description(
+    identity: Identity, experiment: Experiment, variables: Sequence[ScalarVariable], log_categories: Mapping[str, str]
+) -> Element:
+    """Return the root of modelDescription.xml; elements keep the order of the FMI schema."""
+    root = Element(
+        "fmiModelDescription",
+        fmiVersion="3.0",
+        modelName=identity.name,
+        instantiationToken=identity.guid,
+        description=identity.description,
+        author="mbfmu",
+        version=mbfmu.__version__,
+        license="see documentation/licenses",
+        generationTool=identity.made_by,
+        generationDateAndTime=EPOCH,
+        variableNamingConvention="structured",
+    )
+    SubElement(root, "CoSimulation", {"modelIdentifier": identity.identifier, **CAPABILITIES})
+    root.extend([*units(variables), *_enumerations(variables), *default_run(experiment, log_categories)])
+    described = SubElement(root, "ModelVariables")
+    for reference, v in enumerate(variables):
+        _variable(described, reference, v)
+    SubElement(
+        described,
+        "Float64",
+        name=TIME,
+        valueReference=str(len(variables)),
+        causality="independent",
+        variability="continuous",
+        description="time",
+        unit="s",
+    )
+    root.append(_structure(variables))
+    return root
+
+
+def _enumerations(variables: Iterable[ScalarVariable]) -> Iterable[Element]:
+    """Yield the types of variables that are one of several words."""
+    chosen = [v for v in variables if v.choices]
+    if not chosen:
+        return
+    definitions = Element("TypeDefinitions")
+    for v in chosen:
+        kind = SubElement(definitions, "EnumerationType", name=type_name(v), description=v.description)
+        for i, word in enumerate(v.choices, 1):
+            SubElement(kind, "Item", name=word, value=str(i))
+    yield definitions
+
+
+def _variable(parent: Element, reference: int, v: ScalarVariable) -> None:
+    """Add a variable."""
+    told = {"name": v.name, "valueReference": str(reference), "causality": v.causality, "variability": v.variability}
+    told |= {"description": v.description}
+    if v.causality != "input":
+        told["initial"] = "calculated" if v.start is None else "exact"
+    if v.choices:
+        told |= {"declaredType": type_name(v), "min": "1", "max": str(len(v.choices))}
+    if v.unit != "1":
+        told["unit"] = v.unit
+    if v.display_unit:
+        told["displayUnit"] = v.display_unit
+    as_text = number if v.type is Type.REAL else lambda x: str(int(x))
+    told |= {key: as_text(bound) for key, bound in (("min", v.min), ("max", v.max)) if isfinite(bound)}
+    if v.nominal is not None:
+        told["nominal"] = number(v.nominal)
+    if v.start is not None:
+        told["start"] = str(v.start).lower() if isinstance(v.start, bool) else as_text(v.start)
+    SubElement(parent, TYPES[v.type], told)
+
+
+def _structure(variables: Sequence[ScalarVariable]) -> Element:
+    """Return what depends on what: outputs on the inputs that change them at once, at the start on everything."""
+    structure = Element("ModelStructure")
+    reference = {v.name: str(k) for k, v in enumerate(variables)}
+    made = [v for v in variables if v.causality == "output"]
+    for v in made:
+        needs = " ".join(reference[name] for name in v.depends_on)
+        SubElement(structure, "Output", valueReference=reference[v.name], dependencies=needs)
+    for v in made:
+        SubElement(structure, "InitialUnknown", valueReference=reference[v.name])
+    return structure

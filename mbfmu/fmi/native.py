@@ -1,0 +1,94 @@
+"""FMUs that need nothing where they run: machine code, and the model as data."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from hashlib import sha256
+from xml.etree.ElementTree import indent, tostring
+
+from mbfmu.auto import pick
+from mbfmu.errors import UserError
+from mbfmu.model import Model
+from mbfmu.native.data import native_model
+from mbfmu.native.entries import SOLVERS
+from mbfmu.native.runtime import library
+from mbfmu.native.targets import TARGETS, host
+from mbfmu.settings import AUTO, Settings
+
+from . import description, description3
+from .description import LOG_CATEGORIES, Experiment, Identity
+from .documentation import page
+from .identity import identify
+
+DESCRIBED = {2: description.model_description, 3: description3.model_description}
+
+
+def native(
+    model: Model,
+    settings: Settings,
+    experiment: Experiment,
+    *,
+    fmi: int,
+    platforms: Sequence[str],
+    tell: Callable[[str], None],
+) -> dict[str, bytes]:
+    """Return the files of an FMU that runs by itself, by their names; see :func:`mbfmu.fmi.export`."""
+    names = _targets(fmi, platforms)
+    settings = _with_solver(model, settings, tell)
+    token = identify(model, settings, experiment, "native", str(fmi))
+    made = native_model(model, settings, token.guid)
+    for name, why in made.frozen.items():
+        tell(f"parameter {name!r} is fixed by the export: {why}")
+    owner = identify(model, settings, experiment, "native", str(fmi), sha256(made.data).hexdigest())
+    identity = Identity(name=model.name, identifier=owner.identifier, description=model.title(), guid=token.guid)
+    root = DESCRIBED[fmi](identity, experiment, made.variables, LOG_CATEGORIES)
+    indent(root)
+    content = {
+        "modelDescription.xml": tostring(root, encoding="utf-8", xml_declaration=True),
+        "resources/model.bin": made.data,
+        "documentation/index.html": page(model, made.variables, needs_python=False).encode(),
+    }
+    for name in names:
+        target = TARGETS[name]
+        folder = target.folder if fmi == 2 else name
+        content[f"binaries/{folder}/{owner.identifier}{target.suffix}"] = library(name).read_bytes()
+    return content
+
+
+def _targets(fmi: int, platforms: Sequence[str]) -> list[str]:
+    """Return the names of the targets asked for; this machine where none are."""
+    if fmi not in DESCRIBED:
+        raise UserError(f"fmi is {fmi!r}; allowed: 2 or 3")
+    names = list(dict.fromkeys(platforms)) or [host()]
+    if names == [""]:
+        raise UserError(f"this machine is none of those that machine code is made for; give platforms: {_known()}")
+    for name in names:
+        if name not in TARGETS:
+            raise UserError(f"platform {name!r} is not known; allowed: {_known()}")
+        if fmi == 2 and not TARGETS[name].folder:
+            raise UserError(f"FMI 2 has no name for platform {name!r}; export for FMI 3")
+    return names
+
+
+def _known() -> str:
+    return ", ".join(TARGETS)
+
+
+def _with_solver(model: Model, settings: Settings, tell: Callable[[str], None]) -> Settings:
+    """Return settings whose solver machine code has: the cheaper of them where another was asked for."""
+    if settings.solver in SOLVERS:
+        return settings
+    plant = model.plant()
+    found = pick(plant, [(0.0, *plant.assemble())], settings.options())
+    solver = found.solver if found.solver in SOLVERS else "radau"
+    why = found.reason if found.solver in SOLVERS else f"{found.solver!r} would serve it best, and is not there"
+    if settings.solver == AUTO:
+        tell(f"the solver is {solver!r}: {why}")
+    else:
+        tell(f"the solver is {solver!r} ({why}): {settings.solver!r} is not in machine code, which has {_solvers()}")
+    return replace(settings, solver=solver)
+
+
+def _solvers() -> str:
+    return ", ".join(SOLVERS)

@@ -1,0 +1,52 @@
+/* One instance of a model, as both versions of FMI serve it.
+
+   Values live in one array by value reference, in doubles, whole numbers and truth values too. What a host sets is
+   noted and reaches the block of the model with the next step, or when outputs are asked for. */
+
+#ifndef MBFMU_CORE_H
+#define MBFMU_CORE_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "layout.h"
+
+#define SAYS 1024 /* bytes of a message */
+
+typedef enum { OK, WARNING, DISCARD, ERROR, FATAL } Outcome; /* the numbers of both versions of FMI */
+
+typedef enum { INSTANTIATED, INITIALIZING, RUNNING, FAILED, TERMINATED } Phase;
+
+/* Give a message to the host. */
+typedef void Log(void *host, Outcome outcome, const char *category, const char *text);
+
+typedef struct Instance Instance;
+typedef struct State State;
+
+/* Life. Without an instance the text says why. */
+Instance *create(const char *token, const char *folder, Log *log, void *host, char text[SAYS]);
+void destroy(Instance *own);
+void *host_of(Instance *own);
+Outcome set_up(Instance *own, double start, bool ends, double stop, bool tolerant, double tolerance);
+Outcome enter_initialization(Instance *own);
+Outcome exit_initialization(Instance *own);
+Outcome step(Instance *own, double t, double length, double *reached);
+Outcome terminate(Instance *own);
+Outcome reset(Instance *own);
+Outcome refuse(Instance *own, const char *call);
+
+/* Values of variables by value reference; types are a set of 1 << TYPE_... */
+Outcome get(Instance *own, uint32_t reference, unsigned types, double *value);
+Outcome set(Instance *own, uint32_t reference, unsigned types, double value);
+Outcome get_text(Instance *own, uint32_t reference, const char **text);
+double last_successful_time(const Instance *own);
+
+/* States. */
+Outcome save(Instance *own, State **state);
+Outcome restore(Instance *own, const State *state);
+size_t bytes_of(const Instance *own);
+Outcome write_state(Instance *own, const State *state, void *bytes, size_t count);
+Outcome read_state(Instance *own, const void *bytes, size_t count, State **state);
+
+#endif

@@ -1,0 +1,135 @@
+/* The model as data: a file that stands in the resources of the FMU. */
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "instance.h"
+
+#ifdef _WIN32
+#include <windows.h>
+#endif
+
+#define ALIGNED 64 /* bytes */
+#define FILE_NAME "/model.bin"
+
+static FILE *open_file(const char *path)
+{
+#ifdef _WIN32
+    wchar_t wide[4096];
+    if (!MultiByteToWideChar(CP_UTF8, 0, path, -1, wide, (int)(sizeof wide / sizeof wide[0])))
+        return NULL;
+    return _wfopen(wide, L"rb");
+#else
+    return fopen(path, "rb");
+#endif
+}
+
+const void *section(const Instance *own, int64_t at)
+{
+    return own->tables + at;
+}
+
+const char *text_at(const Instance *own, int64_t at)
+{
+    return own->tables + own->header->text + at;
+}
+
+size_t count_of(const Instance *own)
+{
+    return (size_t)own->header->variables_count;
+}
+
+unsigned char *root_of(const Instance *own)
+{
+    return own->block + own->header->root;
+}
+
+/* Read the header and the tables; say what is wrong with the file. */
+static bool read_tables(Instance *own, FILE *file, const char *token, char text[SAYS])
+{
+    Header header;
+    if (fread(&header, sizeof header, 1, file) != 1 || header.magic != MAGIC) {
+        SAY(text, "file '", own->path, "' is no model of this version; export the FMU anew");
+        return false;
+    }
+    if (strncmp(header.token, token, sizeof header.token) != 0) {
+        SAY(text, "the FMU was given the identity '", token, "', but its model is another one; unzip it anew");
+        return false;
+    }
+    own->tables = malloc((size_t)header.block);
+    if (!own->tables || fseek(file, 0, SEEK_SET) || fread(own->tables, (size_t)header.block, 1, file) != 1) {
+        SAY(text, "file '", own->path, "' ends too early; unzip the FMU anew");
+        return false;
+    }
+    own->header = (const Header *)own->tables;
+    own->variables = section(own, own->header->variables);
+    own->family = &families[own->header->family];
+    return true;
+}
+
+static void put_address(Instance *own, int64_t at, const void *address)
+{
+    memcpy(own->block + at, &address, sizeof address);
+}
+
+static bool read_block(Instance *own, FILE *file)
+{
+    const Header *h = own->header;
+    if (fseek(file, (long)h->block, SEEK_SET) || fread(own->block, (size_t)h->size, 1, file) != 1)
+        return false;
+    const Relocation *places = section(own, h->places), *kernels = section(own, h->kernels);
+    for (int64_t k = 0; k < h->places_count; k++)
+        put_address(own, places[k].at, own->block + places[k].target);
+    for (int64_t k = 0; k < h->kernels_count; k++)
+        put_address(own, kernels[k].at, mb_kinds[kernels[k].target]);
+    own->untouched = true;
+    return true;
+}
+
+/* Let the block be that of the file, with the addresses of this process. */
+bool load_block(Instance *own)
+{
+    FILE *file = open_file(own->path);
+    bool well = file && read_block(own, file);
+    if (file)
+        fclose(file);
+    return well;
+}
+
+/* Read a model from its folder, and have room for it. */
+bool open_model(Instance *own, const char *folder, const char *token, char text[SAYS])
+{
+    size_t length = strlen(folder);
+    while (length && (folder[length - 1] == '/' || folder[length - 1] == '\\'))
+        length--;
+    own->path = malloc(length + sizeof FILE_NAME);
+    if (!own->path) {
+        SAY(text, "there is no memory for the instance");
+        return false;
+    }
+    memcpy(own->path, folder, length);
+    memcpy(own->path + length, FILE_NAME, sizeof FILE_NAME);
+    FILE *file = open_file(own->path);
+    if (!file) {
+        SAY(text, "file '", own->path, "' cannot be read: the FMU needs the folder of its resources");
+        return false;
+    }
+    bool well = read_tables(own, file, token, text);
+    if (well) {
+        size_t size = (size_t)own->header->size;
+        own->room = malloc(size + ALIGNED);
+        own->kept = malloc((size_t)own->header->saved);
+        own->values = malloc(count_of(own) * sizeof *own->values);
+        own->flags = malloc(count_of(own));
+        well = own->room && own->kept && own->values && own->flags;
+        if (well)
+            own->block = own->room + (ALIGNED - (uintptr_t)own->room % ALIGNED) % ALIGNED;
+        if (!well)
+            SAY(text, "there is no memory for the instance");
+        else if (!(well = read_block(own, file)))
+            SAY(text, "file '", own->path, "' ends too early; unzip the FMU anew");
+    }
+    fclose(file);
+    return well;
+}

@@ -1,0 +1,374 @@
+/* FMI 2.0 for co-simulation. */
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "core.h"
+#include "fmi2Functions.h"
+
+typedef struct {
+    Instance *own;
+    const fmi2CallbackFunctions *callbacks;
+    bool logging;
+    char name[]; /* of the instance */
+} Host;
+
+static Instance *instance(fmi2Component c)
+{
+    return ((Host *)c)->own;
+}
+
+static void tell(void *host, Outcome outcome, const char *category, const char *text)
+{
+    const Host *h = host;
+    if (h->logging && h->callbacks && h->callbacks->logger)
+        h->callbacks->logger(h->callbacks->componentEnvironment, h->name, (fmi2Status)outcome, category, "%s", text);
+}
+
+static Host *host_named(const char *name, const fmi2CallbackFunctions *callbacks, bool logging)
+{
+    const char *known = name ? name : "";
+    Host *host = calloc(1, sizeof *host + strlen(known) + 1);
+    if (host) {
+        host->callbacks = callbacks;
+        host->logging = logging;
+        memcpy(host->name, known, strlen(known) + 1);
+    }
+    return host;
+}
+
+const char *fmi2GetTypesPlatform(void)
+{
+    return fmi2TypesPlatform;
+}
+
+const char *fmi2GetVersion(void)
+{
+    return fmi2Version;
+}
+
+fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t, const fmi2String[])
+{
+    if (!c)
+        return fmi2Error;
+    ((Host *)c)->logging = on;
+    return fmi2OK;
+}
+
+/* ---- life -------------------------------------------------------------------------------------------------------- */
+
+static int hexadecimal(char c)
+{
+    if (c >= '0' && c <= '9')
+        return c - '0';
+    c = (char)(c | 0x20);
+    return c >= 'a' && c <= 'f' ? c - 'a' + 10 : -1;
+}
+
+/* Turn the location of a folder, file:/ or file:/// and percent signs, into its path. */
+static void read_location(const char *location, char *path)
+{
+    const char *at = location;
+    if (strncmp(at, "file:", 5) == 0) {
+        at += 5;
+        if (at[0] == '/' && at[1] == '/')
+            at = strchr(at + 2, '/') ? strchr(at + 2, '/') : at + 2; /* leave out the machine */
+        if (at[0] == '/' && at[1] && at[2] == ':')
+            at++; /* the drive of a Windows path */
+    }
+    while (*at) {
+        int high = at[0] == '%' ? hexadecimal(at[1]) : -1, low = high >= 0 ? hexadecimal(at[2]) : -1;
+        *path++ = low >= 0 ? (char)(16 * high + low) : *at;
+        at += low >= 0 ? 3 : 1;
+    }
+    *path = '\0';
+}
+
+fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String location,
+                              const fmi2CallbackFunctions *callbacks, fmi2Boolean, fmi2Boolean logging)
+{
+    char text[SAYS] = "there is no memory for the instance";
+    Host *host = host_named(name, callbacks, logging);
+    char *folder = malloc(strlen(location ? location : "") + 1);
+    if (host && folder) {
+        read_location(location ? location : "", folder);
+        if (type == fmi2CoSimulation)
+            host->own = create(guid ? guid : "", folder, tell, host, text);
+        else
+            strcpy(text, "this FMU is for co-simulation alone");
+    }
+    free(folder);
+    if (!host || host->own)
+        return host;
+    host->logging = true; /* else nobody would ever know */
+    tell(host, ERROR, "logStatusError", text);
+    free(host);
+    return NULL;
+}
+
+void fmi2FreeInstance(fmi2Component c)
+{
+    if (!c)
+        return;
+    destroy(instance(c));
+    free(c);
+}
+
+fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean tolerant, fmi2Real tolerance, fmi2Real start,
+                               fmi2Boolean ends, fmi2Real stop)
+{
+    return c ? (fmi2Status)set_up(instance(c), start, ends, stop, tolerant, tolerance) : fmi2Error;
+}
+
+fmi2Status fmi2EnterInitializationMode(fmi2Component c)
+{
+    return c ? (fmi2Status)enter_initialization(instance(c)) : fmi2Error;
+}
+
+fmi2Status fmi2ExitInitializationMode(fmi2Component c)
+{
+    return c ? (fmi2Status)exit_initialization(instance(c)) : fmi2Error;
+}
+
+fmi2Status fmi2Terminate(fmi2Component c)
+{
+    return c ? (fmi2Status)terminate(instance(c)) : fmi2Error;
+}
+
+fmi2Status fmi2Reset(fmi2Component c)
+{
+    return c ? (fmi2Status)reset(instance(c)) : fmi2Error;
+}
+
+fmi2Status fmi2DoStep(fmi2Component c, fmi2Real t, fmi2Real length, fmi2Boolean)
+{
+    double reached;
+    return c ? (fmi2Status)step(instance(c), t, length, &reached) : fmi2Error;
+}
+
+fmi2Status fmi2CancelStep(fmi2Component c)
+{
+    return c ? (fmi2Status)refuse(instance(c), "canceling a step") : fmi2Error;
+}
+
+/* ---- values ------------------------------------------------------------------------------------------------------ */
+
+#define WHOLE (1u << TYPE_INTEGER | 1u << TYPE_ENUMERATION)
+
+/* Read values one by one; the worst outcome counts. */
+#define GET(values, types, kind)                                                   \
+    Outcome worst = c && (n == 0 || (references && (values))) ? OK : ERROR;        \
+    for (size_t k = 0; c && worst != ERROR && k < n; k++) {                        \
+        double value = 0.0;                                                        \
+        Outcome outcome = get(instance(c), references[k], types, &value);          \
+        (values)[k] = (kind)value;                                                 \
+        worst = outcome > worst ? outcome : worst;                                 \
+    }                                                                              \
+    return (fmi2Status)worst
+
+/* Set values one by one, all that can be. */
+#define SET(values, types)                                                         \
+    Outcome worst = c && (n == 0 || (references && (values))) ? OK : ERROR;        \
+    for (size_t k = 0; c && references && (values) && k < n; k++) {                \
+        Outcome outcome = set(instance(c), references[k], types, (values)[k]);     \
+        worst = outcome > worst ? outcome : worst;                                 \
+    }                                                                              \
+    return (fmi2Status)worst
+
+fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference references[], size_t n, fmi2Real values[])
+{
+    GET(values, 1u << TYPE_REAL, fmi2Real);
+}
+
+fmi2Status fmi2GetInteger(fmi2Component c, const fmi2ValueReference references[], size_t n, fmi2Integer values[])
+{
+    GET(values, WHOLE, fmi2Integer);
+}
+
+fmi2Status fmi2GetBoolean(fmi2Component c, const fmi2ValueReference references[], size_t n, fmi2Boolean values[])
+{
+    GET(values, 1u << TYPE_BOOLEAN, fmi2Boolean);
+}
+
+fmi2Status fmi2GetString(fmi2Component c, const fmi2ValueReference references[], size_t n, fmi2String values[])
+{
+    Outcome worst = c && (n == 0 || (references && values)) ? OK : ERROR;
+    for (size_t k = 0; worst == OK && k < n; k++)
+        worst = get_text(instance(c), references[k], &values[k]);
+    return (fmi2Status)worst;
+}
+
+fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference references[], size_t n, const fmi2Real values[])
+{
+    SET(values, 1u << TYPE_REAL);
+}
+
+fmi2Status fmi2SetInteger(fmi2Component c, const fmi2ValueReference references[], size_t n, const fmi2Integer values[])
+{
+    SET(values, WHOLE);
+}
+
+fmi2Status fmi2SetBoolean(fmi2Component c, const fmi2ValueReference references[], size_t n, const fmi2Boolean values[])
+{
+    SET(values, 1u << TYPE_BOOLEAN);
+}
+
+fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference[], size_t n, const fmi2String[])
+{
+    if (!c)
+        return fmi2Error;
+    return n ? (fmi2Status)refuse(instance(c), "setting a text") : fmi2OK;
+}
+
+fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference[], size_t n, const fmi2Integer[],
+                                       const fmi2Real[])
+{
+    if (!c)
+        return fmi2Error;
+    return n ? (fmi2Status)refuse(instance(c), "setting the derivative of an input") : fmi2OK;
+}
+
+fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference[], size_t n, const fmi2Integer[],
+                                        fmi2Real[])
+{
+    if (!c)
+        return fmi2Error;
+    return n ? (fmi2Status)refuse(instance(c), "reading the derivative of an output") : fmi2OK;
+}
+
+fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference[], size_t,
+                                        const fmi2ValueReference[], size_t, const fmi2Real[], fmi2Real[])
+{
+    return c ? (fmi2Status)refuse(instance(c), "reading a directional derivative") : fmi2Error;
+}
+
+/* ---- states and status ------------------------------------------------------------------------------------------- */
+
+fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state)
+{
+    return c && state ? (fmi2Status)save(instance(c), (State **)state) : fmi2Error;
+}
+
+fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state)
+{
+    return c ? (fmi2Status)restore(instance(c), state) : fmi2Error;
+}
+
+fmi2Status fmi2FreeFMUstate(fmi2Component, fmi2FMUstate *state)
+{
+    if (state) {
+        free(*state);
+        *state = NULL;
+    }
+    return fmi2OK;
+}
+
+fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate, size_t *size)
+{
+    if (!c || !size)
+        return fmi2Error;
+    *size = bytes_of(instance(c));
+    return fmi2OK;
+}
+
+fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size)
+{
+    return c ? (fmi2Status)write_state(instance(c), state, bytes, size) : fmi2Error;
+}
+
+fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state)
+{
+    return c && state ? (fmi2Status)read_state(instance(c), bytes, size, (State **)state) : fmi2Error;
+}
+
+fmi2Status fmi2GetStatus(fmi2Component c, const fmi2StatusKind, fmi2Status *)
+{
+    return c ? fmi2Discard : fmi2Error; /* no step is ever pending */
+}
+
+fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Real *value)
+{
+    if (!c || !value)
+        return fmi2Error;
+    if (kind != fmi2LastSuccessfulTime)
+        return fmi2Discard;
+    *value = last_successful_time(instance(c));
+    return fmi2OK;
+}
+
+fmi2Status fmi2GetIntegerStatus(fmi2Component c, const fmi2StatusKind, fmi2Integer *)
+{
+    return c ? fmi2Discard : fmi2Error;
+}
+
+fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Boolean *value)
+{
+    if (!c || !value)
+        return fmi2Error;
+    if (kind != fmi2Terminated)
+        return fmi2Discard;
+    *value = fmi2False; /* a step that was discarded may be tried again, shorter */
+    return fmi2OK;
+}
+
+fmi2Status fmi2GetStringStatus(fmi2Component c, const fmi2StatusKind, fmi2String *)
+{
+    return c ? fmi2Discard : fmi2Error;
+}
+
+/* ---- model exchange, which is not offered ------------------------------------------------------------------------ */
+
+static fmi2Status not_offered(fmi2Component c)
+{
+    return c ? (fmi2Status)refuse(instance(c), "a call of model exchange") : fmi2Error;
+}
+
+fmi2Status fmi2EnterEventMode(fmi2Component c)
+{
+    return not_offered(c);
+}
+
+fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *)
+{
+    return not_offered(c);
+}
+
+fmi2Status fmi2EnterContinuousTimeMode(fmi2Component c)
+{
+    return not_offered(c);
+}
+
+fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean, fmi2Boolean *, fmi2Boolean *)
+{
+    return not_offered(c);
+}
+
+fmi2Status fmi2SetTime(fmi2Component c, fmi2Real)
+{
+    return not_offered(c);
+}
+
+fmi2Status fmi2SetContinuousStates(fmi2Component c, const fmi2Real[], size_t)
+{
+    return not_offered(c);
+}
+
+fmi2Status fmi2GetDerivatives(fmi2Component c, fmi2Real[], size_t)
+{
+    return not_offered(c);
+}
+
+fmi2Status fmi2GetEventIndicators(fmi2Component c, fmi2Real[], size_t)
+{
+    return not_offered(c);
+}
+
+fmi2Status fmi2GetContinuousStates(fmi2Component c, fmi2Real[], size_t)
+{
+    return not_offered(c);
+}
+
+fmi2Status fmi2GetNominalsOfContinuousStates(fmi2Component c, fmi2Real[], size_t)
+{
+    return not_offered(c);
+}

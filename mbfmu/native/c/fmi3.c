@@ -1,0 +1,307 @@
+/* FMI 3.0 for co-simulation. */
+
+#include <stdlib.h>
+
+#include "core.h"
+#include "fmi3Functions.h"
+
+typedef struct {
+    Instance *own;
+    fmi3LogMessageCallback log;
+    fmi3InstanceEnvironment environment;
+    bool logging;
+} Host;
+
+static Instance *instance(fmi3Instance c)
+{
+    return ((Host *)c)->own;
+}
+
+static void tell(void *host, Outcome outcome, const char *category, const char *text)
+{
+    const Host *h = host;
+    if (h->logging && h->log)
+        h->log(h->environment, (fmi3Status)outcome, category, text);
+}
+
+const char *fmi3GetVersion(void)
+{
+    return fmi3Version;
+}
+
+fmi3Status fmi3SetDebugLogging(fmi3Instance c, fmi3Boolean on, size_t, const fmi3String[])
+{
+    if (!c)
+        return fmi3Error;
+    ((Host *)c)->logging = on;
+    return fmi3OK;
+}
+
+/* ---- life -------------------------------------------------------------------------------------------------------- */
+
+fmi3Instance fmi3InstantiateCoSimulation(fmi3String, fmi3String token, fmi3String folder, fmi3Boolean,
+                                         fmi3Boolean logging, fmi3Boolean, fmi3Boolean, const fmi3ValueReference[],
+                                         size_t, fmi3InstanceEnvironment environment, fmi3LogMessageCallback log,
+                                         fmi3IntermediateUpdateCallback)
+{
+    char text[SAYS] = "there is no memory for the instance";
+    Host *host = calloc(1, sizeof *host);
+    if (!host)
+        return NULL;
+    host->log = log;
+    host->environment = environment;
+    host->logging = logging;
+    host->own = create(token ? token : "", folder ? folder : "", tell, host, text);
+    if (host->own)
+        return host;
+    host->logging = true; /* else nobody would ever know */
+    tell(host, ERROR, "logStatusError", text);
+    free(host);
+    return NULL;
+}
+
+fmi3Instance fmi3InstantiateModelExchange(fmi3String, fmi3String, fmi3String, fmi3Boolean, fmi3Boolean,
+                                          fmi3InstanceEnvironment, fmi3LogMessageCallback)
+{
+    return NULL;
+}
+
+fmi3Instance fmi3InstantiateScheduledExecution(fmi3String, fmi3String, fmi3String, fmi3Boolean, fmi3Boolean,
+                                               fmi3InstanceEnvironment, fmi3LogMessageCallback,
+                                               fmi3ClockUpdateCallback, fmi3LockPreemptionCallback,
+                                               fmi3UnlockPreemptionCallback)
+{
+    return NULL;
+}
+
+void fmi3FreeInstance(fmi3Instance c)
+{
+    if (!c)
+        return;
+    destroy(instance(c));
+    free(c);
+}
+
+fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean tolerant, fmi3Float64 tolerance, fmi3Float64 start,
+                                       fmi3Boolean ends, fmi3Float64 stop)
+{
+    if (!c)
+        return fmi3Error;
+    Outcome outcome = set_up(instance(c), start, ends, stop, tolerant, tolerance);
+    return (fmi3Status)(outcome == OK ? enter_initialization(instance(c)) : outcome);
+}
+
+fmi3Status fmi3ExitInitializationMode(fmi3Instance c)
+{
+    return c ? (fmi3Status)exit_initialization(instance(c)) : fmi3Error;
+}
+
+fmi3Status fmi3Terminate(fmi3Instance c)
+{
+    return c ? (fmi3Status)terminate(instance(c)) : fmi3Error;
+}
+
+fmi3Status fmi3Reset(fmi3Instance c)
+{
+    return c ? (fmi3Status)reset(instance(c)) : fmi3Error;
+}
+
+fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 t, fmi3Float64 length, fmi3Boolean, fmi3Boolean *event,
+                      fmi3Boolean *ends, fmi3Boolean *early, fmi3Float64 *reached)
+{
+    if (!c)
+        return fmi3Error;
+    double last;
+    Outcome outcome = step(instance(c), t, length, &last);
+    if (event)
+        *event = false;
+    if (ends)
+        *ends = false;
+    if (early)
+        *early = false;
+    if (reached)
+        *reached = last;
+    return (fmi3Status)outcome;
+}
+
+/* ---- values ------------------------------------------------------------------------------------------------------ */
+
+#define WHOLE (1u << TYPE_INTEGER | 1u << TYPE_ENUMERATION)
+
+static fmi3Status wrong_count(fmi3Instance c)
+{
+    return c ? (fmi3Status)refuse(instance(c), "a call with another number of values than of references") : fmi3Error;
+}
+
+/* Read values one by one; the worst outcome counts. */
+#define GET(values, types, kind)                                                   \
+    if (!c || n != count || (n && (!references || !(values))))                     \
+        return wrong_count(c);                                                     \
+    Outcome worst = OK;                                                            \
+    for (size_t k = 0; worst != ERROR && k < n; k++) {                             \
+        double value = 0.0;                                                        \
+        Outcome outcome = get(instance(c), references[k], types, &value);          \
+        (values)[k] = (kind)value;                                                 \
+        worst = outcome > worst ? outcome : worst;                                 \
+    }                                                                              \
+    return (fmi3Status)worst
+
+/* Set values one by one, all that can be. */
+#define SET(values, types)                                                         \
+    if (!c || n != count || (n && (!references || !(values))))                     \
+        return wrong_count(c);                                                     \
+    Outcome worst = OK;                                                            \
+    for (size_t k = 0; k < n; k++) {                                               \
+        Outcome outcome = set(instance(c), references[k], types, (double)(values)[k]); \
+        worst = outcome > worst ? outcome : worst;                                 \
+    }                                                                              \
+    return (fmi3Status)worst
+
+fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference references[], size_t n, fmi3Float64 values[],
+                          size_t count)
+{
+    GET(values, 1u << TYPE_REAL, fmi3Float64);
+}
+
+fmi3Status fmi3GetInt64(fmi3Instance c, const fmi3ValueReference references[], size_t n, fmi3Int64 values[],
+                        size_t count)
+{
+    GET(values, WHOLE, fmi3Int64);
+}
+
+fmi3Status fmi3GetBoolean(fmi3Instance c, const fmi3ValueReference references[], size_t n, fmi3Boolean values[],
+                          size_t count)
+{
+    GET(values, 1u << TYPE_BOOLEAN, fmi3Boolean);
+}
+
+fmi3Status fmi3GetString(fmi3Instance c, const fmi3ValueReference references[], size_t n, fmi3String values[],
+                         size_t count)
+{
+    if (!c || n != count || (n && (!references || !values)))
+        return wrong_count(c);
+    Outcome worst = OK;
+    for (size_t k = 0; worst == OK && k < n; k++)
+        worst = get_text(instance(c), references[k], &values[k]);
+    return (fmi3Status)worst;
+}
+
+fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference references[], size_t n, const fmi3Float64 values[],
+                          size_t count)
+{
+    SET(values, 1u << TYPE_REAL);
+}
+
+fmi3Status fmi3SetInt64(fmi3Instance c, const fmi3ValueReference references[], size_t n, const fmi3Int64 values[],
+                        size_t count)
+{
+    SET(values, WHOLE);
+}
+
+fmi3Status fmi3SetBoolean(fmi3Instance c, const fmi3ValueReference references[], size_t n, const fmi3Boolean values[],
+                          size_t count)
+{
+    SET(values, 1u << TYPE_BOOLEAN);
+}
+
+/* ---- states ------------------------------------------------------------------------------------------------------ */
+
+fmi3Status fmi3GetFMUState(fmi3Instance c, fmi3FMUState *state)
+{
+    return c && state ? (fmi3Status)save(instance(c), (State **)state) : fmi3Error;
+}
+
+fmi3Status fmi3SetFMUState(fmi3Instance c, fmi3FMUState state)
+{
+    return c ? (fmi3Status)restore(instance(c), state) : fmi3Error;
+}
+
+fmi3Status fmi3FreeFMUState(fmi3Instance, fmi3FMUState *state)
+{
+    if (state) {
+        free(*state);
+        *state = NULL;
+    }
+    return fmi3OK;
+}
+
+fmi3Status fmi3SerializedFMUStateSize(fmi3Instance c, fmi3FMUState, size_t *size)
+{
+    if (!c || !size)
+        return fmi3Error;
+    *size = bytes_of(instance(c));
+    return fmi3OK;
+}
+
+fmi3Status fmi3SerializeFMUState(fmi3Instance c, fmi3FMUState state, fmi3Byte bytes[], size_t size)
+{
+    return c ? (fmi3Status)write_state(instance(c), state, bytes, size) : fmi3Error;
+}
+
+fmi3Status fmi3DeserializeFMUState(fmi3Instance c, const fmi3Byte bytes[], size_t size, fmi3FMUState *state)
+{
+    return c && state ? (fmi3Status)read_state(instance(c), bytes, size, (State **)state) : fmi3Error;
+}
+
+/* ---- what hosts look for, and this FMU does not offer ------------------------------------------------------------ */
+
+static fmi3Status not_offered(fmi3Instance c, const char *call)
+{
+    return c ? (fmi3Status)refuse(instance(c), call) : fmi3Error;
+}
+
+#define NOT_OFFERED(name, parameters)                                              \
+    fmi3Status name parameters                                                     \
+    {                                                                              \
+        return not_offered(c, #name);                                              \
+    }
+#define NO_TYPE(kind)                                                              \
+    NOT_OFFERED(fmi3Get##kind, (fmi3Instance c, const fmi3ValueReference[], size_t, fmi3##kind[], size_t)) \
+    NOT_OFFERED(fmi3Set##kind, (fmi3Instance c, const fmi3ValueReference[], size_t, const fmi3##kind[], size_t))
+#define REFERENCES const fmi3ValueReference[], size_t
+
+NO_TYPE(Float32)
+NO_TYPE(Int8)
+NO_TYPE(UInt8)
+NO_TYPE(Int16)
+NO_TYPE(UInt16)
+NO_TYPE(Int32)
+NO_TYPE(UInt32)
+NO_TYPE(UInt64)
+NOT_OFFERED(fmi3SetString, (fmi3Instance c, REFERENCES, const fmi3String[], size_t))
+NOT_OFFERED(fmi3GetBinary, (fmi3Instance c, REFERENCES, size_t[], fmi3Binary[], size_t))
+NOT_OFFERED(fmi3SetBinary, (fmi3Instance c, REFERENCES, const size_t[], const fmi3Binary[], size_t))
+NOT_OFFERED(fmi3GetClock, (fmi3Instance c, REFERENCES, fmi3Clock[]))
+NOT_OFFERED(fmi3SetClock, (fmi3Instance c, REFERENCES, const fmi3Clock[]))
+NOT_OFFERED(fmi3GetNumberOfVariableDependencies, (fmi3Instance c, fmi3ValueReference, size_t *))
+NOT_OFFERED(fmi3GetVariableDependencies, (fmi3Instance c, fmi3ValueReference, size_t[], fmi3ValueReference[], size_t[],
+            fmi3DependencyKind[], size_t))
+NOT_OFFERED(fmi3GetDirectionalDerivative, (fmi3Instance c, REFERENCES, REFERENCES, const fmi3Float64[], size_t, fmi3Float64[], size_t))
+NOT_OFFERED(fmi3GetAdjointDerivative, (fmi3Instance c, REFERENCES, REFERENCES, const fmi3Float64[], size_t, fmi3Float64[], size_t))
+NOT_OFFERED(fmi3EnterConfigurationMode, (fmi3Instance c))
+NOT_OFFERED(fmi3ExitConfigurationMode, (fmi3Instance c))
+NOT_OFFERED(fmi3GetIntervalDecimal, (fmi3Instance c, REFERENCES, fmi3Float64[], fmi3IntervalQualifier[]))
+NOT_OFFERED(fmi3GetIntervalFraction, (fmi3Instance c, REFERENCES, fmi3UInt64[], fmi3UInt64[], fmi3IntervalQualifier[]))
+NOT_OFFERED(fmi3GetShiftDecimal, (fmi3Instance c, REFERENCES, fmi3Float64[]))
+NOT_OFFERED(fmi3GetShiftFraction, (fmi3Instance c, REFERENCES, fmi3UInt64[], fmi3UInt64[]))
+NOT_OFFERED(fmi3SetIntervalDecimal, (fmi3Instance c, REFERENCES, const fmi3Float64[]))
+NOT_OFFERED(fmi3SetIntervalFraction, (fmi3Instance c, REFERENCES, const fmi3UInt64[], const fmi3UInt64[]))
+NOT_OFFERED(fmi3SetShiftDecimal, (fmi3Instance c, REFERENCES, const fmi3Float64[]))
+NOT_OFFERED(fmi3SetShiftFraction, (fmi3Instance c, REFERENCES, const fmi3UInt64[], const fmi3UInt64[]))
+NOT_OFFERED(fmi3EvaluateDiscreteStates, (fmi3Instance c))
+NOT_OFFERED(fmi3UpdateDiscreteStates, (fmi3Instance c, fmi3Boolean *, fmi3Boolean *, fmi3Boolean *, fmi3Boolean *, fmi3Boolean *,
+            fmi3Float64 *))
+NOT_OFFERED(fmi3EnterEventMode, (fmi3Instance c))
+NOT_OFFERED(fmi3EnterContinuousTimeMode, (fmi3Instance c))
+NOT_OFFERED(fmi3CompletedIntegratorStep, (fmi3Instance c, fmi3Boolean, fmi3Boolean *, fmi3Boolean *))
+NOT_OFFERED(fmi3SetTime, (fmi3Instance c, fmi3Float64))
+NOT_OFFERED(fmi3SetContinuousStates, (fmi3Instance c, const fmi3Float64[], size_t))
+NOT_OFFERED(fmi3GetContinuousStateDerivatives, (fmi3Instance c, fmi3Float64[], size_t))
+NOT_OFFERED(fmi3GetEventIndicators, (fmi3Instance c, fmi3Float64[], size_t))
+NOT_OFFERED(fmi3GetContinuousStates, (fmi3Instance c, fmi3Float64[], size_t))
+NOT_OFFERED(fmi3GetNominalsOfContinuousStates, (fmi3Instance c, fmi3Float64[], size_t))
+NOT_OFFERED(fmi3GetNumberOfEventIndicators, (fmi3Instance c, size_t *))
+NOT_OFFERED(fmi3GetNumberOfContinuousStates, (fmi3Instance c, size_t *))
+NOT_OFFERED(fmi3EnterStepMode, (fmi3Instance c))
+NOT_OFFERED(fmi3GetOutputDerivatives, (fmi3Instance c, REFERENCES, const fmi3Int32[], fmi3Float64[], size_t))
+NOT_OFFERED(fmi3ActivateModelPartition, (fmi3Instance c, fmi3ValueReference, fmi3Float64))

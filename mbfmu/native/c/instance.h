@@ -1,0 +1,58 @@
+/* What an instance is made of; for the files that are its inside. */
+
+#ifndef MBFMU_INSTANCE_H
+#define MBFMU_INSTANCE_H
+
+#include "core.h"
+
+enum { GIVEN = 1, REFUSED = 2 }; /* flags of a variable: set since the last step; set to what is not allowed */
+
+struct Instance {
+    Log *log;
+    void *host;
+    char *path;   /* of the file of the model */
+    char *tables; /* that file up to the block */
+    const Header *header;
+    const Variable *variables;
+    const Family *family;
+    unsigned char *room;  /* what the block lies in */
+    unsigned char *block; /* the model at work */
+    unsigned char *kept;  /* its state as the step found it */
+    double *values;
+    unsigned char *flags;
+    double start;   /* s */
+    double reached; /* s */
+    Phase phase;
+    bool untouched; /* the block is that of the file */
+    bool fresh;     /* outputs are those of the present state */
+    char message[SAYS];
+};
+
+/* file.c */
+bool open_model(Instance *own, const char *folder, const char *token, char text[SAYS]);
+bool load_block(Instance *own);
+const void *section(const Instance *own, int64_t at);
+const char *text_at(const Instance *own, int64_t at);
+size_t count_of(const Instance *own);
+unsigned char *root_of(const Instance *own);
+
+/* formulas.c */
+bool put_parameters(Instance *own);
+void put_options(Instance *own);
+
+/* words.c */
+const char *in_digits(char digits[32], double value);
+void add(char text[SAYS], const char *more);
+void add_all(char text[SAYS], const char *const parts[], size_t count);
+Outcome mistake(Instance *own, const char *text);
+Outcome fail(Instance *own, Outcome outcome, const char *text);
+void tell_stop(Instance *own, int64_t code, char text[SAYS]);
+
+#define SAY(text, ...)                                                             \
+    do {                                                                           \
+        const char *const parts[] = {__VA_ARGS__};                                 \
+        (text)[0] = '\0';                                                          \
+        add_all(text, parts, sizeof parts / sizeof parts[0]);                      \
+    } while (0)
+
+#endif

@@ -1,0 +1,118 @@
+/* States of an instance: what is set, and the first part of the block, which has no addresses. */
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "instance.h"
+
+struct State {
+    int64_t magic;
+    uint64_t bytes; /* of all of it */
+    uint64_t checked; /* checksum of what comes after it, where it is written for others */
+    char token[sizeof((Header *)0)->token];
+    int64_t phase;
+    double start;
+    double reached;
+    char message[SAYS];
+    double values[]; /* then the block's state, then the flags */
+};
+
+#define BEFORE offsetof(State, token)
+
+size_t bytes_of(const Instance *own)
+{
+    return sizeof(State) + count_of(own) * (sizeof(double) + 1) + (size_t)own->header->saved;
+}
+
+/* FNV-1a. */
+static uint64_t checksum(const void *bytes, size_t count)
+{
+    const unsigned char *at = bytes;
+    uint64_t sum = UINT64_C(14695981039346656037);
+    for (size_t k = 0; k < count; k++)
+        sum = (sum ^ at[k]) * UINT64_C(1099511628211);
+    return sum;
+}
+
+static unsigned char *block_of(const Instance *own, const State *state)
+{
+    return (unsigned char *)(state->values + count_of(own));
+}
+
+static bool ours(const Instance *own, const State *state)
+{
+    return state && state->magic == MAGIC && state->bytes == bytes_of(own) &&
+           strncmp(state->token, own->header->token, sizeof state->token) == 0;
+}
+
+static Outcome refuse_state(Instance *own)
+{
+    return mistake(own, "an FMU state was given that is damaged, or none of this FMU; allowed: one that it saved");
+}
+
+/* Take a state; one that is given is used again. */
+Outcome save(Instance *own, State **state)
+{
+    if (!*state && !(*state = malloc(bytes_of(own))))
+        return mistake(own, "there is no memory for a state");
+    State *s = *state;
+    size_t count = count_of(own), saved = (size_t)own->header->saved;
+    s->magic = MAGIC;
+    s->bytes = bytes_of(own);
+    s->checked = 0;
+    memcpy(s->token, own->header->token, sizeof s->token);
+    s->phase = own->phase;
+    s->start = own->start;
+    s->reached = own->reached;
+    memset(s->message, 0, sizeof s->message);
+    add(s->message, own->message);
+    memcpy(s->values, own->values, count * sizeof *s->values);
+    memcpy(block_of(own, s), own->block, saved);
+    memcpy(block_of(own, s) + saved, own->flags, count);
+    return OK;
+}
+
+Outcome restore(Instance *own, const State *state)
+{
+    if (!ours(own, state))
+        return refuse_state(own);
+    size_t count = count_of(own), saved = (size_t)own->header->saved;
+    own->phase = (Phase)state->phase;
+    own->start = state->start;
+    own->reached = state->reached;
+    memcpy(own->message, state->message, sizeof own->message);
+    memcpy(own->values, state->values, count * sizeof *state->values);
+    memcpy(own->block, block_of(own, state), saved);
+    memcpy(own->flags, block_of(own, state) + saved, count);
+    own->untouched = own->fresh = false;
+    return OK;
+}
+
+Outcome write_state(Instance *own, const State *state, void *bytes, size_t count)
+{
+    if (!ours(own, state))
+        return refuse_state(own);
+    if (!bytes || count < state->bytes)
+        return mistake(own, "there is less room than an FMU state needs; ask for its size");
+    memcpy(bytes, state, (size_t)state->bytes);
+    uint64_t sum = checksum((const char *)bytes + BEFORE, (size_t)state->bytes - BEFORE);
+    memcpy((char *)bytes + offsetof(State, checked), &sum, sizeof sum);
+    return OK;
+}
+
+Outcome read_state(Instance *own, const void *bytes, size_t count, State **state)
+{
+    uint64_t sum;
+    State *read = bytes && count == bytes_of(own) ? malloc(count) : NULL;
+    if (!read)
+        return refuse_state(own);
+    memcpy(read, bytes, count);
+    memcpy(&sum, &read->checked, sizeof sum);
+    if (!ours(own, read) || sum != checksum((const char *)bytes + BEFORE, count - BEFORE)) {
+        free(read);
+        return refuse_state(own);
+    }
+    read->checked = 0;
+    *state = read;
+    return OK;
+}

@@ -1,0 +1,178 @@
+"""A model as data for the runtime: the file that stands in the resources of a native FMU."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.interface import Role, ScalarVariable, Type, interface
+from mbfmu.model import Model, declared, span
+from mbfmu.settings import Settings
+from mbfmu.simulation import Simulation
+from solvers.outcome import CODES, MESSAGES, Status
+
+from . import layout
+from .entries import FAMILIES, Instance, family_of, image_of
+from .image import Image
+from .numbers import Place
+from .parameters import Live, find_live
+from .table import LENGTH, Entry, Term
+
+BAKED = {  # settings that are decided by the export, and why
+    "solver": "it decides which machine code runs",
+    "inputs": "it decides what there is",
+    "start_at_equilibrium": "the steady state is found by the export",
+}
+
+
+class NativeModel(NamedTuple):
+    """A model for the runtime.
+
+    Attributes
+    ----------
+    variables
+        As a host sees them; a place among them is the value reference.
+    frozen
+        Parameters that are constant, though a model that is built could change them, and why.
+    """
+
+    variables: tuple[ScalarVariable, ...]
+    frozen: dict[str, str]
+    data: bytes
+
+
+def native_model(model: Model, settings: Settings, token: str) -> NativeModel:
+    """Return a model for the runtime; ``token`` is the identity of its FMU.
+
+    Raises
+    ------
+    UserError
+        The model cannot be built, or the runtime cannot run it.
+    """
+    simulation = Simulation(model, settings)
+    instance, image = image_of(simulation)
+    live = find_live(model)
+    frozen = {name: why for name, why in live.frozen.items() if not _structural(model, name)}
+    variables = tuple(_native(v, model, live) for v in interface(model, settings, simulation.plant))
+    return NativeModel(variables, frozen, _File(simulation, instance, image, live, variables).write(token))
+
+
+def _structural(model: Model, name: str) -> bool:
+    return next(p.structural for p in model.parameters() if p.name == name)
+
+
+def _native(v: ScalarVariable, model: Model, live: Live) -> ScalarVariable:
+    """Return a variable as it is without Python: what is baked is a constant, and ranges may be narrower."""
+    baked = v.name in BAKED if v.role is Role.SETTING else v.role is Role.PARAMETER and v.name in live.frozen
+    if baked:
+        return replace(v, causality="local", variability="constant", allowed="")
+    if v.role is not Role.PARAMETER or v.name not in live.ranges:
+        return v
+    low, high = live.ranges[v.name]
+    own = next(p for p in model.parameters() if p.name == v.name)
+    return replace(v, min=low, max=high, allowed=span(replace(own, min=low, max=high)))
+
+
+class _File:
+    """What is to be written, section by section."""
+
+    def __init__(
+        self, simulation: Simulation, instance: Instance, image: Image, live: Live, variables: Sequence[ScalarVariable]
+    ) -> None:
+        self._simulation, self._instance, self._image, self._live = simulation, instance, image, live
+        self._variables, self._text = variables, bytearray()
+        self._block = image.block()
+        self._references = {v.name: k for k, v in enumerate(variables)}
+        self._places = {
+            "clock": image.at(instance.clock), "out": image.at(instance.out), "options": image.at(instance.options),
+            "counts": image.at(instance.counts), "length": image.at(instance.known) + 16,
+        }  # fmt: skip
+
+    def write(self, token: str) -> bytes:
+        """Return the bytes of the file."""
+        rows: dict[str, list[tuple[Any, ...]]] = {name: [] for name in ("sums", "terms", "factors")}
+        rows["variables"] = [self._variable(v) for v in self._variables]
+        rows["entries"] = [self._entry(entry, rows) for entry in self._live.entries]
+        rows["places"], rows["kernels"] = list(self._image.places), list(self._image.kernels)
+        rows["sentences"] = [self._sentence(code) for code in CODES]
+        rows["text"] = [(byte,) for byte in self._text]
+        header = np.zeros(1, layout.HEADER)
+        at, parts = layout.HEADER.itemsize, []
+        for name, record in layout.SECTIONS.items():
+            section = _records(rows[name], record)
+            header[name], header[f"{name}_count"] = at, len(section)
+            parts.append(_padded(section.tobytes()))
+            at += len(parts[-1])
+        header["magic"], header["token"], header["block"] = layout.MAGIC, token.encode(), at
+        header["family"] = list(FAMILIES).index(family_of(self._simulation))
+        header["size"], header["saved"], header["root"] = self._image.size, self._image.saved, self._image.root
+        for name, place in self._places.items():
+            header[f"{name}_at"] = place
+        return b"".join((header.tobytes(), *parts, self._block))
+
+    def _say(self, text: str) -> int:
+        """Return the place of a text."""
+        at = len(self._text)
+        self._text += text.encode() + b"\0"
+        return at
+
+    def _variable(self, v: ScalarVariable) -> tuple[Any, ...]:
+        alike = [other.name for other in self._variables if other.role is v.role]
+        number = alike.index(v.name)
+        if v.role is Role.SETTING:
+            number = [p.name for p in declared(Settings)].index(v.name)
+        between = v.role is Role.INPUT or v.variability == "tunable"
+        when = "never" if not v.settable else "between" if between else "before"
+        low, high = (1.0, float(len(v.choices))) if v.choices else (v.min, v.max)
+        if v.type is Type.BOOLEAN:
+            low, high = 0.0, 1.0
+        start = float("nan") if v.start is None else float(v.start)
+        kinds, roles = list(Type).index(v.type), list(Role).index(v.role)
+        told = self._say(v.name), self._say(v.allowed)
+        return (*told, kinds, roles, number, layout.SETTABLE.index(when), start, low, high)
+
+    def _entry(self, entry: Entry, rows: dict[str, list[tuple[Any, ...]]]) -> tuple[Any, ...]:
+        first = len(rows["sums"])
+        for own in entry.sums:
+            begin = len(rows["terms"])
+            for term in own:
+                rows["terms"].append((len(rows["factors"]), len(term.powers), term.coefficient))
+                rows["factors"] += self._factors(term)
+            rows["sums"].append((begin, len(own)))
+        at = self._place(entry.place)
+        inputs = [k for k, v in enumerate(self._variables) if v.role is Role.INPUT]
+        owner = -1 if entry.input is None else inputs[entry.input]
+        base = float(np.frombuffer(self._block, np.float64, 1, at)[0])
+        return at, owner, entry.root, first, len(entry.sums), base
+
+    def _factors(self, term: Term) -> list[tuple[int, float]]:
+        return [(layout.LENGTH if n == LENGTH else self._references[n], power) for n, power in term.powers]
+
+    def _place(self, place: Place) -> int:
+        """Return where a number is in the block."""
+        own = self._instance.given
+        known = {"rate": 0, "loop_rate": 8, "length": 16}
+        if place.array in known:
+            return self._image.at(self._instance.known) + known[place.array]
+        told: dict[str, NDArray[Any]] = {"q": own.q, "v": own.v, "size": own.work.size}
+        arrays = self._simulation.plant.data.arrays._asdict()
+        array = told[place.array] if place.array in told else arrays[place.array]
+        return self._image.at(array) + place.offset
+
+    def _sentence(self, code: Any) -> tuple[int, int]:
+        others = [name for name in self._simulation.stepper.others if name != "ida"]
+        return self._say(MESSAGES[code][0]), self._say(Status(code, 0.0, tuple(others)).remedy)
+
+
+def _records(rows: list[tuple[Any, ...]], record: np.dtype[Any]) -> NDArray[Any]:
+    if record.names is None:
+        return np.array([row[0] for row in rows], record)
+    return np.array([tuple(row) for row in rows], record)
+
+
+def _padded(data: bytes) -> bytes:
+    return data + bytes(-len(data) % 8)

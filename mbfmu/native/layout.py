@@ -1,0 +1,128 @@
+"""How a model is written for the runtime: records that Python fills and C reads.
+
+The C declarations are made of these types, so that both have one list. A file has the header first, then a section of
+each kind of record, then the block of :mod:`.image`. All numbers take eight bytes, the low one first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from mbfmu.interface import Role, Type
+from mbfmu.model import declared
+from mbfmu.settings import Settings
+from solvers.compiled.kernel import types
+from solvers.options import OPTIONS
+from solvers.outcome import Code
+
+from .entries import Entry
+
+WORDS = {types.float64: "double", types.int64: "int64_t"}  # what entry points are called with
+MAGIC = int.from_bytes(b"mbfmu15b", "little")
+TOKEN = 40  # bytes of the identity of an FMU
+
+RELOCATION = np.dtype([("at", "i8"), ("target", "i8")])  # see image.Relocation
+VARIABLE = np.dtype(
+    [
+        ("name", "i8"),  # place in the text, in bytes
+        ("allowed", "i8"),  # likewise, in words
+        ("type", "i8"),  # place in interface.Type
+        ("role", "i8"),  # place in interface.Role
+        ("number", "i8"),  # among those of its role
+        ("settable", "i8"),  # when: see SETTABLE
+        ("start", "f8"),
+        ("low", "f8"),
+        ("high", "f8"),
+    ]
+)
+SETTABLE = ("never", "before", "between")  # never; until the initialization ends; between steps too
+ENTRY = np.dtype(  # a number that follows parameters, see table.Entry
+    [
+        ("at", "i8"),  # place in the block; -1: it is the characteristic length alone
+        ("input", "i8"),  # the variable that owns it; -1: none
+        ("root", "i8"),
+        ("sums", "i8"),  # first of its sums, and how many
+        ("count", "i8"),
+        ("base", "f8"),  # what it is while the parameters are those of the export
+    ]
+)
+SUM = np.dtype([("terms", "i8"), ("count", "i8")])
+TERM = np.dtype([("factors", "i8"), ("count", "i8"), ("coefficient", "f8")])
+FACTOR = np.dtype([("variable", "i8"), ("power", "f8")])  # of variable LENGTH the characteristic length
+LENGTH = -1
+SENTENCE = np.dtype([("what", "i8"), ("remedy", "i8")])  # places in the text, by solvers.outcome.Code
+
+SECTIONS = {
+    "variables": VARIABLE,
+    "entries": ENTRY,
+    "sums": SUM,
+    "terms": TERM,
+    "factors": FACTOR,
+    "places": RELOCATION,
+    "kernels": RELOCATION,
+    "sentences": SENTENCE,
+    "text": np.dtype("u1"),
+}
+PLACES = ("clock", "out", "options", "counts", "length")  # of arrays that C looks at, in the block
+HEADER = np.dtype(
+    [
+        ("magic", "i8"),
+        ("token", f"S{TOKEN}"),
+        ("family", "i8"),  # place in entries.FAMILIES
+        ("block", "i8"),  # where it begins in the file, and its bytes
+        ("size", "i8"),
+        ("saved", "i8"),  # of it, what is saved and restored
+        ("root", "i8"),
+        *((f"{name}_at", "i8") for name in PLACES),
+        *(field for name in SECTIONS for field in ((name, "i8"), (f"{name}_count", "i8"))),
+    ]
+)
+STRUCTS = {
+    "Header": HEADER, "Variable": VARIABLE, "Entry": ENTRY, "Sum": SUM, "Term": TERM, "Factor": FACTOR,
+    "Relocation": RELOCATION, "Sentence": SENTENCE, "Options": OPTIONS,
+}  # fmt: skip
+
+
+def declarations(families: Iterable[str], entries: Iterable[tuple[str, Entry]]) -> str:
+    """Return the C header of these records, and of the entry points that all families have, by their names."""
+    known = [(name, [WORDS[word] for word in entry.more]) for name, entry in entries]
+    lines = ["/* Made of mbfmu/native/layout.py. */", "#include <stdint.h>", ""]
+    lines += [f"#define MAGIC INT64_C({MAGIC})", f"#define LENGTH ({LENGTH})", ""]
+    lines += [_struct(name, record) for name, record in STRUCTS.items()]
+    lines += [
+        _enum("TYPE", (t.name for t in Type)),
+        _enum("ROLE", (r.name for r in Role)),
+        _enum("SETTABLE", SETTABLE),
+        _enum("SETTING", (p.name for p in declared(Settings))),
+        _enum("CODE", (code.name for code in Code)),
+    ]
+    for name, more in known:
+        lines.append(f"typedef int32_t {_kind(name)}({', '.join(('int64_t *', 'void **', 'void *', *more))});")
+    lines += ["typedef struct {", *(f"    {_kind(name)} *{name};" for name, _ in known), "} Family;"]
+    names = list(families)
+    for family in names:
+        lines += [f"{_kind(name)} mb_{family}_{name};" for name, _ in known]
+    rows = (f"    {{{', '.join(f'mb_{family}_{name}' for name, _ in known)}}}," for family in names)
+    lines += ["static const Family families[] = {", *rows, "};", "extern void *const mb_kinds[];", ""]
+    return "\n".join(lines)
+
+
+def _kind(name: str) -> str:
+    return f"{name.capitalize()}Entry"
+
+
+def _enum(kind: str, words: Iterable[str]) -> str:
+    return f"enum {{{', '.join(f'{kind}_{word.upper()}' for word in words)}}};"
+
+
+def _struct(name: str, record: np.dtype[np.void]) -> str:
+    lines = ["typedef struct {"]
+    for field in record.names or ():
+        kind = record[field]
+        if kind.kind == "S":
+            lines.append(f"    char {field}[{kind.itemsize}];")
+        else:
+            lines.append(f"    {'int64_t' if kind.kind == 'i' else 'double'} {field};")
+    return "\n".join([*lines, f"}} {name};"])
