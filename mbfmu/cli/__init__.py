@@ -13,11 +13,11 @@ import argcomplete
 import mbfmu
 from mbfmu.errors import UserError
 
-from . import cache, check, compare, effects, equilibrium, export, linearize, models, modes, run, scenes, view
+from . import cache, check, compare, effects, equilibrium, export, linearize, models, modes, run, runtime, scenes, view
 from .compiling import compilation
 from .completion import HOW
 
-COMMANDS = (run, check, view, export, equilibrium, linearize, modes, effects, compare, models, scenes, cache)
+COMMANDS = (run, check, view, export, equilibrium, linearize, modes, effects, compare, models, scenes, runtime, cache)
 
 EXAMPLES = f"""examples:
   mbfmu run fourbar                        export the FMU, run it through FMPy, write CSV and pictures
@@ -27,6 +27,7 @@ EXAMPLES = f"""examples:
   mbfmu check fourbar                      whether it is hard, and why; which solver suits
   mbfmu view governor/damped               3-D animation of a run, an HTML file for any browser
   mbfmu export fourbar --set crank_length=0.8 -o fourbar.fmu
+  mbfmu export fourbar --native            machine code: no Python where it runs
   mbfmu export my_model.py:MyModel
   mbfmu equilibrium governor               steady state at constant speed, and whether it is stable
   mbfmu equilibrium governor --sweep spindle_speed=5:20:0.5

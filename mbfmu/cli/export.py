@@ -16,19 +16,24 @@ from .common import (
     file_name,
     scene_of,
     scene_part,
+    tell,
     tell_more,
     wrote,
 )
+from .runtime import add_platforms
 
 
 def add(commands: Commands) -> None:
     """Describe ``mbfmu export``."""
     p = commands.add_parser(
         "export",
-        help="write a model as an FMU (FMI 2.0 co-simulation)",
-        description="Write a model as an FMU for co-simulation, FMI 2.0. What you give here are the values it starts "
-        "with; a host may set them before a run. `mbfmu models NAME` lists its variables.",
-        epilog="examples:\n  mbfmu export fourbar\n  mbfmu export fourbar --set crank_mass=2 -o heavy.fmu\n"
+        help="write a model as an FMU for co-simulation",
+        description="Write a model as an FMU for co-simulation. What you give here are the values it starts with; a "
+        "host may set them before a run. `mbfmu models NAME` lists its variables. With --native the FMU is machine "
+        "code that runs by itself; without it the host needs Python and this version of mbfmu.",
+        epilog="examples:\n  mbfmu export fourbar\n  mbfmu export fourbar --native\n"
+        "  mbfmu export fourbar --native --fmi 3 --platforms x86_64-linux x86_64-windows\n"
+        "  mbfmu export fourbar --set crank_mass=2 -o heavy.fmu\n"
         "  mbfmu export my_model.py:MyModel --solver adams\n",
     )
     add_scene(p)
@@ -42,6 +47,9 @@ def add(commands: Commands) -> None:
         help="write this file; MODEL.fmu without it, or MODEL_SCENE.fmu. A file that is there is replaced",
     )
     add_solver(p)
+    p.add_argument("--native", action="store_true", help="as machine code, which needs no Python where it runs")
+    p.add_argument("--fmi", type=int, choices=(2, 3), default=2, help="version of FMI; 3 with --native alone")
+    add_platforms(p, "of --native: machines it is for; this one without it")
     p.set_defaults(command=command_export)
 
 
@@ -57,6 +65,10 @@ def command_export(options: argparse.Namespace) -> int:
         scene.settings,
         stop_time=scene.stop_time,
         output_interval=scene.output_interval,
+        native=options.native,
+        fmi=options.fmi,
+        platforms=options.platforms,
+        tell=lambda text: tell(options, text),
     )
     wrote(options, path)
     tell_more(options, f"{path.stat().st_size / 1e3:.0f} kB; `mbfmu models {options.scene}` lists its variables")

@@ -96,7 +96,7 @@ class _File:
         """Return the bytes of the file."""
         rows: dict[str, list[tuple[Any, ...]]] = {name: [] for name in ("sums", "terms", "factors")}
         rows["variables"] = [self._variable(v) for v in self._variables]
-        rows["entries"] = [self._entry(entry, rows) for entry in self._live.entries]
+        rows["entries"] = [self._entry(entry, rows) for entry in self._live.entries if entry.place.array != "row_size"]
         rows["places"], rows["kernels"] = list(self._image.places), list(self._image.kernels)
         rows["sentences"] = [self._sentence(code) for code in CODES]
         rows["text"] = [(byte,) for byte in self._text]

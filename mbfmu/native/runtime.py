@@ -20,7 +20,7 @@ from pathlib import Path
 import fmpy
 
 from mbfmu.errors import UserError
-from solvers.compiled.cache import folder
+from solvers.compiled.cache import folder, tell_listeners
 
 from .entries import FAMILIES, entries
 from .layout import declarations
@@ -28,6 +28,7 @@ from .targets import TARGETS, host
 
 COMPILERS = ("cc", "gcc", "clang")
 HERE = Path(__file__).parent
+PACKED = HERE / "runtimes"  # that a wheel brings along
 KERNELS = (
     "entries.py",
     "kernels.py",
@@ -66,6 +67,7 @@ def objects(names: Sequence[str]) -> dict[str, Path]:
     found = {name: place(*KERNELS) / f"{name}.o" for name in names}
     missing = [name for name, path in found.items() if not path.is_file()]
     if missing:
+        tell_listeners()
         with tempfile.TemporaryDirectory(prefix="mbfmu_") as work:
             _run(
                 [sys.executable, "-m", "mbfmu.native.kernels", work, *missing],
@@ -78,18 +80,39 @@ def objects(names: Sequence[str]) -> dict[str, Path]:
 
 def library(name: str) -> Path:
     """Return the runtime of a target as a shared library; see :func:`objects`."""
-    path = place(*_of_c()) / f"{name}{TARGETS[name].suffix}" if name in TARGETS else Path()
+    return there(name) or _linked(name)
+
+
+def there(name: str) -> Path | None:
+    """Return the runtime of a target if it has been built for these sources."""
+    built = place(*_of_c())
+    paths = (PACKED / f"{folder().name}-{built.name}" / _file(name), built / _file(name))
+    return next((path for path in paths if path.is_file()), None)
+
+
+def pack(name: str) -> Path:
+    """Put the runtime of a target into the package, and return its place there."""
+    path = PACKED / f"{folder().name}-{place(*_of_c()).name}" / _file(name)
     if not path.is_file():
-        code, command = objects([name])[name], compiler(name)
-        with tempfile.TemporaryDirectory(prefix="mbfmu_") as work:
-            made = Path(work) / path.name
-            Path(work, "layout.h").write_text(declarations(FAMILIES, entries(next(iter(FAMILIES))).items()))
-            Path(work, "exported").write_text(EXPORTED)
-            sources = [str(source) for source in sorted(HERE.glob("c/*.c"))]
-            linked = ["-shared", "-s", *([f"-Wl,--version-script={work}/exported"] if path.suffix == ".so" else [])]
-            looked_at = [f"-I{folder}" for folder in (work, HERE / "c", Path(fmpy.__file__).parent / "c-code")]
-            _run([*command, *STRICT, *looked_at, *sources, str(code), *linked, "-o", str(made), "-lm"], {})
-            _keep(made, path)
+        _keep(library(name), path)
+    return path
+
+
+def _file(name: str) -> str:
+    return f"{name}{TARGETS[name].suffix}"
+
+
+def _linked(name: str) -> Path:
+    code, command, path = objects([name])[name], compiler(name), place(*_of_c()) / _file(name)
+    with tempfile.TemporaryDirectory(prefix="mbfmu_") as work:
+        made = Path(work) / path.name
+        Path(work, "layout.h").write_text(declarations(FAMILIES, entries(next(iter(FAMILIES))).items()))
+        Path(work, "exported").write_text(EXPORTED)
+        sources = [str(source) for source in sorted(HERE.glob("c/*.c"))]
+        linked = ["-shared", "-s", *([f"-Wl,--version-script={work}/exported"] if path.suffix == ".so" else [])]
+        looked_at = [f"-I{folder}" for folder in (work, HERE / "c", Path(fmpy.__file__).parent / "c-code")]
+        _run([*command, *STRICT, *looked_at, *sources, str(code), *linked, "-o", str(made), "-lm"], {})
+        _keep(made, path)
     return path
 
 
