@@ -1,0 +1,150 @@
+"""What an FMU costs its host, as machine code and by way of Python: ``python benchmarks/native.py``.
+
+Every model runs 10 s in steps of 1 ms, and all its real outputs are read at every point, by the functions of FMI as a C
+host calls them: the native FMU, the FMU that calls Python, and a :class:`Simulation` without an FMU, in turn. Then what
+a call costs, a state, an instance, and its memory.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from timing import median_times
+
+from fmus.fourbar import FourBar
+from fmus.governor import Governor
+from fmus.pendulum import SwingPendulum
+from mbfmu.fmi import Fmu, export
+from mbfmu.model import Model
+from mbfmu.simulation import Settings, Simulation
+from mbfmu.table import table
+
+STEPS, LENGTH = 10_000, 1e-3  # the second in s
+INSTANCES = 1000
+CALLS = 100_000
+
+
+class Raw:
+    """The functions of an FMU's instance, called with arrays that are made once."""
+
+    def __init__(self, fmu: Fmu) -> None:
+        self._dll, self._component = fmu.slave.dll, ctypes.c_void_p(fmu.slave.component)
+        references = [fmu.variables[name].valueReference for name in fmu.real_outputs]
+        self._count = len(references)
+        self._references = (ctypes.c_uint * self._count)(*references)
+        self._values = (ctypes.c_double * self._count)()
+        self._step, self._get = self._dll["fmi2DoStep"], self._dll["fmi2GetReal"]  # without the types FMPy declares
+        self._step.argtypes = [ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_int]
+
+    def step(self, t: float, length: float) -> int:
+        """fmi2DoStep."""
+        return int(self._step(self._component, t, length, 1))
+
+    def read(self) -> int:
+        """fmi2GetReal of all outputs."""
+        return int(self._get(self._component, self._references, ctypes.c_size_t(self._count), self._values))
+
+
+def driven(path: Path) -> Callable[[], None]:
+    """Return a run of an FMU."""
+
+    def run() -> None:
+        with Fmu(path) as fmu:
+            raw = Raw(fmu)
+            for k in range(STEPS):
+                assert raw.step(k * LENGTH, LENGTH) == 0
+                raw.read()
+
+    return run
+
+
+def simulated(model: Model, settings: Settings) -> Callable[[], None]:
+    """Return a run without an FMU."""
+
+    def run() -> None:
+        simulation = Simulation(model, settings)
+        for k in range(STEPS):
+            simulation.advance((k + 1) * LENGTH)
+            simulation.outputs()
+
+    return run
+
+
+def microseconds(function: Callable[[], Any], count: int = CALLS) -> float:
+    """Return what one call takes, us of CPU."""
+    begin = time.process_time()
+    for _ in range(count):
+        function()
+    return 1e6 * (time.process_time() - begin) / count
+
+
+def memory() -> int:
+    """Return the resident memory of this process, bytes."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * 4096
+
+
+def calls(path: Path) -> None:
+    """Print what calls, states and instances cost."""
+    with Fmu(path) as fmu:
+        raw = Raw(fmu)
+        nothing = microseconds(lambda: None)
+        empty = microseconds(raw._dll.fmi2GetTypesPlatform)
+        print(f"ctypes, a call that does nothing: {empty - nothing:.2f} us (to be taken from what follows)")
+        print(f"fmi2DoStep of length zero: {microseconds(lambda: raw.step(0.0, 0.0)) - nothing:.2f} us")
+        raw.read()
+        print(f"fmi2GetReal of {raw._count} outputs that are known: {microseconds(raw.read) - nothing:.2f} us")
+        state = ctypes.c_void_p()
+        get, put = raw._dll["fmi2GetFMUstate"], raw._dll["fmi2SetFMUstate"]
+        got = microseconds(lambda: get(raw._component, ctypes.byref(state))) - nothing
+        print(
+            f"state: taken {got:.2f} us, given back {microseconds(lambda: put(raw._component, state)) - nothing:.2f} us"
+        )
+        slave, components = fmu.slave, []
+        location = (Path(fmu._folder) / "resources").as_uri().encode()
+        told = b"one", 1, slave.guid.encode(), location, ctypes.byref(slave.callbacks), 0, 0
+        before, begin = memory(), time.process_time()
+        for _ in range(INSTANCES):
+            components.append(slave.dll.fmi2Instantiate(*told))
+        made = time.process_time() - begin
+        used = (memory() - before) / INSTANCES
+        for component in components:
+            slave.fmi2SetupExperiment(component, 0, 0.0, 0.0, 0, 0.0)
+            slave.fmi2EnterInitializationMode(component)
+            slave.fmi2ExitInitializationMode(component)
+        started = time.process_time() - begin
+        print(f"{INSTANCES} instances: made in {1e3 * made:.0f} ms, made and started in {1e3 * started:.0f} ms")
+        print(f"memory of an instance: {used / 1e3:.0f} kB")
+        for component in components:
+            slave.fmi2FreeInstance(component)
+
+
+def main() -> None:
+    """Run everything."""
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        for model in (FourBar(), Governor(), SwingPendulum()):
+            settings = Settings(solver="adams")
+            own = export(model, Path(folder, "native.fmu"), settings, native=True)
+            other = export(model, Path(folder, "python.fmu"), settings)
+            repeats = 5
+            times = median_times(driven(own), driven(other), simulated(model, settings), repeats=repeats)
+            each = [f"{1e6 * t / STEPS:.2f}" for t in times]
+            rows.append([model.name, *each, f"{times[1] / times[0]:.1f}"])
+            if model.name == "fourbar":
+                kept = Path(folder, "kept.fmu")
+                own.rename(kept)
+        print(f"us of CPU a step of {1e3 * LENGTH:g} ms with all outputs read, adams at 1e-6, medians of {repeats}")
+        print(table(["model", "native FMU", "Python FMU", "Simulation", "Python / native"], rows))
+        calls(kept)
+
+
+if __name__ == "__main__":
+    np.seterr(all="raise")
+    main()
