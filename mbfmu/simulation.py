@@ -247,9 +247,7 @@ class Simulation:
         """Return imbalance and exchanged energy of one state, J; not numbers where there is no audit."""
         if self.audit is None:
             return nan, nan
-        if not self.audit.holds(t, q, energy, ledger):
-            self.audit.check(np.array([t]), q[None], np.array([energy]), ledger[None])
-        return self.audit.imbalance(energy, ledger), float(ledger[EXCHANGED])
+        return self.audit.look(t, q, energy, ledger), float(ledger[EXCHANGED])
 
     def _finish(self, times: Array, q: Array, ledgers: Array, values: Array) -> None:
         """Put what the audit finds in place of the energies that ``values`` (k, outputs) end in."""
