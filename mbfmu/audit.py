@@ -4,15 +4,8 @@
 
 E is kinetic and potential energy, W the work of drives, dampers, given forces and pressures that the solver adds up
 beside the motion, a jump the change of E at one state where an input or a parameter changes. Along the exact motion the
-imbalance is zero. What the tolerance makes of it is bounded by :mod:`solvers.ledger`; a run is *inaccurate* from where
-
-    |imbalance| > min(EXPLAINED stray, max(PART at work, exposure)) + rounding + energy of the slowest motion.
-
-``stray`` takes the local errors of all steps at their largest and all of one sign; of healthy runs the imbalance was at
-most 0.08 of it, and mostly 0.01. The second bound is for runs of so many steps that the first would let all energy go:
-a part of the energy at work, which is the kinetic energy at its largest and what was exchanged, or of one step, where
-next to nothing moves yet.
-What has left the bound stays reported: the motion from there on is another one.
+imbalance is zero; what the tolerance explains is told by :mod:`solvers.balance`. What has left that bound stays
+reported: the motion from there on is another one.
 """
 
 from __future__ import annotations
@@ -23,15 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics import Plant, Variable
-from solvers.ledger import EXCHANGED, EXPOSURE, MOST, STRAY, WORK
+from solvers.balance import BALANCE, find_lost, judge, slowest
+from solvers.compiled.kernel import records
+from solvers.ledger import EXCHANGED
 
 Array = NDArray[np.float64]
 Place = tuple[float, Array]  # t, q
 
-EXPLAINED = 0.25  # of what the steps could add up to
-FEW = 6.0  # times what the last step could add: errors of a few steps need not cancel each other
-PART = 0.02  # of the energy at work
-ROUNDING = 1e-13  # of every energy that was added up; besides, what moves as slowly as the tolerance has none
 NEAR = 0.05  # ratio of singular values of J, scaled by the bodies' inertia, that a message calls near
 
 VARIABLES = (
@@ -47,52 +38,49 @@ class Audit:
     ----------
     verdict
         When, by how much and near what the balance was lost; empty while it holds.
-    base
-        Energy at the start and every jump since, J.
+    balance
+        What kernels know of it: records (1,) of ``solvers.balance.BALANCE``.
     """
 
     def __init__(self, plant: Plant, tolerance: float, base: float) -> None:
-        self.plant, self.base, self.verdict = plant, base, ""
-        self._tolerance = tolerance
+        self.plant, self.verdict, self.balance = plant, "", records(1, BALANCE)
         mass = float(plant.data.arrays.bodies["mass"].sum())
-        rate = min(plant.system.rate or 1.0, 1.0)  # 1/s; that of a drive may be of one short jerk
-        self._unseen = mass * (tolerance * plant.length * rate) ** 2  # J
+        self.balance["kept"], self.balance["level"], self.balance["tolerance"] = 1, base, tolerance
+        self.balance["unseen"] = slowest(mass, plant.length, plant.system.rate, tolerance)
         self._last: Place | None = None
 
-    def imbalance(self, energy: float, ledger: Array) -> float:
-        """Return the imbalance of one state, J."""
-        return float(energy - self.base - ledger[WORK])
+    @property
+    def base(self) -> float:
+        """Energy at the start and every jump since, J."""
+        return float(self.balance["level"][0])
 
-    def holds(self, t: float, q: Array, energy: float, ledger: Array) -> bool:
-        """Whether one state is well within the first bound: a quick :meth:`check` that has nothing to tell."""
-        work, stray, _, most, _ = ledger.tolist()
-        if not abs(energy - self.base - work) <= min(EXPLAINED * stray, PART * most):
-            return False
+    @base.setter
+    def base(self, base: float) -> None:
+        self.balance["level"] = base
+
+    def look(self, t: float, q: Array, energy: float, ledger: Array) -> float:
+        """Return the imbalance of one state, J; q (nq,), and a ledger (5,)."""
+        imbalance, lost = judge(self.balance, energy, ledger)
+        if lost:
+            self._note((t, q), imbalance, ledger, self._last)
         self._last = t, q
-        return True
+        return float(imbalance)
 
     def check(self, times: Array, q: Array, energies: Array, ledgers: Array) -> Array:
         """Return the imbalance (k,) at ``times`` (k,) with positions q (k, nq), energies (k,) and ledgers (k, 5), J."""
-        imbalance: Array = energies - self.base - ledgers[:, WORK]
-        lost = np.flatnonzero(~(np.abs(imbalance) <= self.bound(energies, ledgers)))
-        if not self.verdict and lost.size:
-            i = int(lost[0])
-            here = float(times[i]), q[i]
-            before = (float(times[i - 1]), q[i - 1]) if i else self._last or here
-            self.verdict = self._tell(float(imbalance[i]), ledgers[i], before, here)
+        found = np.zeros(len(times))
+        i = find_lost(self.balance, np.ascontiguousarray(energies), ledgers, found)
+        if i < len(times):
+            before = (float(times[i - 1]), q[i - 1]) if i else self._last
+            self._note((float(times[i]), q[i]), float(found[i]), ledgers[i], before)
         if len(times):
             self._last = float(times[-1]), q[-1].copy()
-        return imbalance
+        return found
 
-    def bound(self, energies: Array, ledgers: Array) -> Array:
-        """Return what the tolerance and rounding explain (k,), J."""
-        stray = ledgers[:, STRAY]
-        at_work = ledgers[:, MOST] + ledgers[:, EXCHANGED]
-        rounding = ROUNDING * (np.abs(energies) + abs(self.base) + at_work + stray / self._tolerance)
-        most = np.maximum(PART * at_work, ledgers[:, EXPOSURE])
-        steps = np.maximum(EXPLAINED * stray, np.minimum(stray, FEW * ledgers[:, EXPOSURE]))
-        explained: Array = np.minimum(steps, most) + rounding + self._unseen
-        return explained
+    def _note(self, here: Place, imbalance: float, ledger: Array, before: Place | None) -> None:
+        """Say, once, that the balance is lost here; ``before`` it was not."""
+        if not self.verdict:
+            self.verdict = self._tell(imbalance, ledger, before or here, here)
 
     def _tell(self, imbalance: float, ledger: Array, before: Place, here: Place) -> str:
         exchanged = ledger[EXCHANGED]

@@ -17,6 +17,7 @@ from mbfmu.folds import Folds, Sharpest
 from mbfmu.frame import frame, unframe
 from mbfmu.interface import unique
 from mbfmu.mechanics import Mechanism
+from mbfmu.mechanics.arrays.points import CHANGED, DEPARTS, JUMPS
 from mbfmu.mechanics.numbers import finite
 from mbfmu.model import Model, of_user
 from mbfmu.reach import to_choose, why
@@ -191,30 +192,31 @@ class Simulation:
         """Let the supports that inputs move set out for where they are at ``end``; all jumps of their rates are one
         impulse.
         """
-        if not (self.plant.inputs.remember and end > self.t):
+        inputs, t = self.plant.inputs, self.t
+        if not (inputs.remember and end > t):
             return
-        if self.plant.inputs.load(self.t, float(end)):
+        found = inputs.set_out(t, float(end))
+        if found & CHANGED:
             self.stepper.renew()
-        departures = self.plant.inputs.depart(self.t, float(end))
-        if not departures:
+        if not found & DEPARTS:
             return
         before = self.energy()
         try:
-            dv = self.plant.inputs.set_out(self.t, departures, lambda: self.stepper.accelerations()[0])
+            dv = inputs.impulse(t, lambda: self.stepper.accelerations()[0]) if found & JUMPS else None
         except SolverError as error:
-            names = ", ".join(repr(d.motion.name) for d in departures if d.jump != 0.0)
+            names = ", ".join(map(repr, inputs.jumping()))
             raise UserError(f"the rate of input {names} jumps where its impulse is not known: {error}") from error
+        jumped = inputs.depart()
         if dv is None:
             self.stepper.renew()
         else:
             self.stepper.jump(dv)
         self._book_jump(before)
-        for motion, segment, _ in departures:
-            if segment.jumps:
-                self._remark(
-                    f"input {motion.name!r} jumps in position, farther than its rate explains; "
-                    "the support moves there within a communication step"
-                )
+        for name in jumped:
+            self._remark(
+                f"input {name!r} jumps in position, farther than its rate explains; "
+                "the support moves there within a communication step"
+            )
 
     def _remark(self, text: str) -> None:
         if text and text not in self.remarks:
@@ -245,9 +247,7 @@ class Simulation:
         """Return imbalance and exchanged energy of one state, J; not numbers where there is no audit."""
         if self.audit is None:
             return nan, nan
-        if not self.audit.holds(t, q, energy, ledger):
-            self.audit.check(np.array([t]), q[None], np.array([energy]), ledger[None])
-        return self.audit.imbalance(energy, ledger), float(ledger[EXCHANGED])
+        return self.audit.look(t, q, energy, ledger), float(ledger[EXCHANGED])
 
     def _finish(self, times: Array, q: Array, ledgers: Array, values: Array) -> None:
         """Put what the audit finds in place of the energies that ``values`` (k, outputs) end in."""

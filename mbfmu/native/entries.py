@@ -17,17 +17,19 @@ from numpy.typing import NDArray
 from mbfmu.errors import UserError
 from mbfmu.interface import COUNTERS
 from mbfmu.mechanics import couplings, cuts, elements, joints, loads, sensors, signals
+from mbfmu.mechanics.arrays.points import CHANGED, DEPARTS, JUMPS, MOVES, InputRecords, set_out, start_input
 from mbfmu.mechanics.arrays.tables import REAL, Called
 from mbfmu.mechanics.kind import Kind, kernel_of, kinds_of, record_of
 from mbfmu.mechanics.records import empty_data
 from mbfmu.mechanics.recursions import dynamics as recursions
 from mbfmu.mechanics.recursions.dynamics import observe
 from mbfmu.simulation import Simulation
+from solvers.balance import BALANCE
 from solvers.compiled.held import contents, hold
 from solvers.compiled.kernel import by_name, kernel, records, types
 from solvers.ledger import ROW, WORK, Scales
 from solvers.options import OPTIONS
-from solvers.outcome import OK
+from solvers.outcome import NOT_FINITE, OK
 from solvers.projection.projection import close
 from solvers.projection.rank import normal_rank
 from solvers.projection.reported import evaluate
@@ -44,6 +46,7 @@ from solvers.steppers.radau.small import STOPS
 from solvers.system import Array, Equations, Terms
 
 from .image import Image
+from .points import TOLD, arrive, begin_points, energy_at, leave, look, take, tell_balance
 
 FAMILIES = {"adams": adams, "radau": radau}  # loops by the prefix of their entry points
 SOLVERS = ("adams", "hybrid", "adams-lu", "radau")  # that they serve
@@ -66,6 +69,10 @@ class Instance(NamedTuple):
     known: Array  # (3,) what a system says of its rate and of its loops', 1/s; the characteristic length, m
     options: NDArray[Any]  # (1,) solvers.options.OPTIONS
     counts: NDArray[np.int64]  # of the solver, by COUNTERS
+    inputs: Any  # mbfmu.mechanics.arrays.points.InputRecords
+    balance: NDArray[Any]  # (1,) solvers.balance.BALANCE
+    told: NDArray[Any]  # (1,) TOLD
+    dv: Array  # (n,) jump of the velocities
 
 
 class Entry(NamedTuple):
@@ -94,8 +101,10 @@ def instance_of(simulation: Simulation) -> Instance:
     own = Given(eqs, given.settings, _memory(family_of(simulation), *sizes), work, scales, q, v, np.zeros(ROW))
     known = np.array([system.rate, system.loop_rate, plant.length])
     rooms = np.zeros(system.n), np.zeros(system.m), np.zeros(len(simulation.variables))
-    counts = np.zeros(len(COUNTERS), np.int64)
-    return Instance(own, *rooms, np.array([simulation.t]), known, stepper.options.record(), counts)
+    settings = stepper.options.record(), np.zeros(len(COUNTERS), np.int64)
+    balance = simulation.audit.balance.copy() if simulation.audit else records(1, BALANCE)
+    books = plant.inputs.own, balance, records(1, TOLD), np.zeros(system.n)
+    return Instance(own, *rooms, np.array([simulation.t]), known, *settings, *books)
 
 
 def _memory(family: str, nq: int, n: int, m: int) -> Any:
@@ -121,7 +130,8 @@ def image_of(simulation: Simulation) -> tuple[Instance, Image]:
     instance, arrays = instance_of(simulation), simulation.plant.data.arrays
     own = instance.given
     state = [*own.memory, instance.clock, own.q, own.v, own.ledger, own.settings, *own.work.memory(), *own.scales]
-    state += [instance.known, instance.options, *(array for array in arrays if array is not arrays.kernels)]
+    state += [instance.known, instance.options, *instance.inputs.memory(), instance.balance, instance.told]
+    state += [array for array in arrays if array is not arrays.kernels]
     return instance, Image(instance, state, arrays.kernels, numbers)
 
 
@@ -132,23 +142,27 @@ def example(family: str) -> Any:
     eqs = Equations(**callbacks, data=data, terms=hold(Terms.allocate(1, 1, 1)))
     own = hold(_memory(family, 1, 1, 1)), hold(Workspace.allocate(1, 1, 1)), hold(Scales.of(1e-6, z(1), z(1)))
     given = Given(hold(eqs), records(1, FAMILIES[family].SETTINGS), *own, z(1), z(1), z(ROW))
-    return hold(Instance(hold(given), z(1), z(1), z(1), z(1), z(3), records(1, OPTIONS), np.zeros(1, np.int64)))
+    settings = records(1, OPTIONS), np.zeros(1, np.int64)
+    books = hold(InputRecords.example()), records(1, BALANCE), records(1, TOLD), z(1)
+    return hold(Instance(hold(given), z(1), z(1), z(1), z(1), z(3), *settings, *books))
 
 
 @kernel
-def renew_adams(g: Any, t: float, fresh: bool) -> None:
+def renew_adams(s: Any, fresh: bool) -> None:
     """As ``AdamsStepper.renew`` does; ``fresh``: as its ``restart``."""
+    g, kept = s.given, not fresh and s.told[0].code == OK
     o, singles = g.settings[0], 0 if fresh else SINGLES
     o.works = 1 if (o.audit == 1 or o.partition == HYBRID) and g.eqs.data.arrays.world[0].works == 1 else 0
-    begin_anew(g.memory, t, g.q, g.v, g.ledger[WORK], singles, 0 if fresh else 1, not fresh)
+    begin_anew(g.memory, s.clock[0], g.q, g.v, g.ledger[WORK], singles, 0 if fresh else 1, kept)
 
 
 @kernel
-def renew_radau(g: Any, t: float, fresh: bool) -> None:
+def renew_radau(s: Any, fresh: bool) -> None:
     """As ``RadauStepper.renew`` does; ``fresh``: as its ``restart``."""
+    g, kept = s.given, not fresh and s.told[0].code == OK
     o = g.settings[0]
     o.works = 1 if o.audit == 1 and g.eqs.data.arrays.world[0].works == 1 else 0
-    radau.begin_anew(g.memory, t, g.q, g.v, g.ledger[WORK], 0 if fresh else STOPS, not fresh)
+    radau.begin_anew(g.memory, s.clock[0], g.q, g.v, g.ledger[WORK], 0 if fresh else STOPS, kept)
     if fresh:
         g.memory.control[0].known = 0
 
@@ -176,6 +190,13 @@ def entries(family: str) -> dict[str, Entry]:
     advance_reported, set_up, take_options = loop.advance_reported, loop.set_up, loop.take_options
     counted = {"adams": count_adams, "radau": count_radau}[family]
 
+    def start(s: Any, index: int, value: float) -> int:
+        """Let an input have another value at the start, before :func:`begin`."""
+        if not abs(value) < np.inf:
+            return NOT_FINITE
+        start_input(s.inputs, index, value, s.clock[0])
+        return OK
+
     def begin(s: Any, t: float) -> int:
         """Begin at t (s) and the reported state, as a stepper that is constructed there."""
         g = s.given
@@ -186,19 +207,47 @@ def entries(family: str) -> dict[str, Entry]:
         code: int = close(g.eqs, t, g.q, g.v, rank, g.work)
         measure_pace(g.eqs, t, g.q, g.v, rank, s.known[0], s.known[1], g.work)
         set_up(g, rank, s.options[0].absolute)
-        renewed(g, t, True)
+        renewed(s, True)
+        s.balance[0].kept = 1 if s.options[0].audit == 1 and g.v.shape[0] > rank else 0
+        s.balance[0].tolerance = s.options[0].rtol
+        begin_points(s, code)
         return code
 
     def renew(s: Any) -> int:
         """Go on where loads have changed."""
-        renewed(s.given, s.clock[0], False)
+        renewed(s, False)
+        return OK
+
+    def take_input(s: Any, index: int, value: float) -> int:
+        """Take the value of an input at the time reached, as ``Simulation.set_input`` does."""
+        if not abs(value) < np.inf:
+            return NOT_FINITE
+        if take(s, index, value) != MOVES:
+            renewed(s, False)
         return OK
 
     def advance(s: Any, t: float) -> int:
         """Go to t, s; on failure the last good state stays."""
-        code: int = advance_reported(s.given, t)
-        s.clock[0] = t if code == OK else s.given.memory.control[0].t
-        return code
+        arrive(s, t, advance_reported(s.given, t))
+        return int(s.told[0].code)
+
+    def step(s: Any, end: float) -> int:
+        """Go to a communication point, s, as ``Simulation.advance`` does; on failure the last good state stays."""
+        t = s.clock[0]
+        if end > t:
+            found = set_out(s.inputs, t, end)
+            if found & CHANGED:
+                renewed(s, False)
+            if found & DEPARTS:
+                code: int = leave(s, found & JUMPS != 0)
+                if code != OK:
+                    return code
+                renewed(s, False)
+        if end > t or s.told[0].code != OK:
+            arrive(s, end, advance_reported(s.given, end))
+        if s.balance[0].kept == 1:
+            look(s, energy_at(s))
+        return int(s.told[0].code)
 
     def read(s: Any) -> int:
         """Read all outputs at the reported state."""
@@ -206,6 +255,7 @@ def entries(family: str) -> dict[str, Entry]:
         code: int = evaluate(g.eqs, t, g.q, g.v, g.memory.control[0].rank, g.work, s.a, s.lam)
         if code == OK:
             observe(t, g.q, g.v, s.a, s.lam, g.eqs.data, s.out)
+            tell_balance(s)
         return code
 
     def count(s: Any) -> int:
@@ -213,9 +263,12 @@ def entries(family: str) -> dict[str, Entry]:
         counted(s.given, s.counts)
         return OK
 
-    timed = (types.float64,)
+    timed, given = (types.float64,), (types.int64, types.float64)
     return {
+        "start": Entry(start, given),
         "begin": Entry(begin, timed),
+        "set": Entry(take_input, given),
+        "step": Entry(step, timed),
         "advance": Entry(advance, timed),
         "renew": Entry(renew, ()),
         "read": Entry(read, ()),

@@ -5,6 +5,8 @@ instance is a copy of it in which the addresses are put right: of arrays and tup
 kernels of joints, loads and the like in the code. What a motion is saved and restored by comes first, and has no
 addresses.
 
+An array that is part of another one is so in the block too, where the larger one comes first.
+
 Numba lays a tuple out as words, one field after the other: of an array {0, 0, entries, bytes of one, address, shape,
 strides}, of a held tuple its address, of a function that is called by its name one word that nobody reads.
 """
@@ -95,12 +97,16 @@ class Image:
             raise ValueError("kernels take arrays without gaps")
         if not array.nbytes:
             return 0
-        key = array.ctypes.data
-        if key not in self._arrays:
-            self._arrays[key] = self._grow(array.nbytes), array
-        elif self._arrays[key][1].nbytes != array.nbytes:
-            raise ValueError("two arrays of different sizes begin at one address")
-        return self._arrays[key][0]
+        first, last = array.ctypes.data, array.ctypes.data + array.nbytes
+        for known, (at, other) in self._arrays.items():
+            if known <= first and last <= known + other.nbytes:
+                return at + first - known
+            if first < known + other.nbytes and known < last:
+                raise ValueError(
+                    "two arrays share some of their memory, and neither is part of the other that was first"
+                )
+        self._arrays[first] = self._grow(array.nbytes), array
+        return self._arrays[first][0]
 
     def _grow(self, count: int) -> int:
         at = self.size

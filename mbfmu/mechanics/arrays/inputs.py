@@ -2,20 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.numbers import finite
 from mbfmu.mechanics.sensors import Follows
 from mbfmu.mechanics.signals import InUse, SpeedInput
+from solvers.compiled.held import hold
 from solvers.system import Array
 
 from .compile import GRAVITY, Numbering
-from .extrapolated import Extrapolated
-from .motion import Departure, InputMotion, impulse
+from .points import (
+    GOES_ON,
+    HOLDS,
+    MOVES,
+    WEIGHS,
+    InputRecords,
+    all_settled,
+    begin_inputs,
+    depart,
+    pass_by,
+    perturb,
+    recall,
+    set_input,
+    set_out,
+    start_input,
+)
 from .scale import joint_sizes
 
 
@@ -75,7 +91,7 @@ class Drives:
 
 
 class Inputs:
-    """The inputs of a plant, by number.
+    """The inputs of a plant, by number; what communication points do with them is in :mod:`.points`.
 
     Attributes
     ----------
@@ -83,30 +99,59 @@ class Inputs:
         Name, unit, meaning and start of each.
     signals
         Numbers of the signals they are kept in.
+    own
+        Their records.
     """
 
-    def __init__(self, numbering: Numbering, arrays: Any, signals: list[InUse], drives: Drives) -> None:
+    def __init__(
+        self, numbering: Numbering, arrays: Any, signals: list[InUse], courses: NDArray[Any], drives: Drives
+    ) -> None:
         self._slots, self._arrays = tuple(numbering.slots), arrays
         self._records = [signal.record for signal in signals]
         self.variables = tuple(slot.variable for slot in self._slots)
         self._names = [f"input {variable.name!r}" for variable in self.variables]
-        inner = [slot for slot in self._slots if slot.signal != GRAVITY]
-        self._courses = {slot.signal: self._records[slot.signal]["c"] for slot in inner}  # coefficients, in place
         self.signals = {slot.signal for slot in self._slots}
-        self._motions: dict[int, InputMotion] = {}  # of every drive that is an input, by the number of its signal
+        self._supports: dict[int, str] = {}  # of drives that are inputs: signal, name of the first input
         for slot in self._slots:
-            k = slot.signal
-            if k in drives.signals and k not in self._motions:
-                speed = isinstance(numbering.signals[k], SpeedInput)
-                self._motions[k] = InputMotion(slot.variable.name, self._records[k], speed=speed)
-        self._extrapolated: dict[int, Extrapolated] = {}  # loads that change between points, by number of the input
+            if slot.signal in drives.signals:
+                self._supports.setdefault(slot.signal, slot.variable.name)
+        self._roles = [self._role(slot.signal) for slot in self._slots]
+        begin = courses.ctypes.data - arrays.memory.ctypes.data
+        places = (arrays.signals["at"] - begin) // courses.itemsize  # of signals, where they are polynomials
+        self._courses = [0 if slot.signal == GRAVITY else int(places[slot.signal]) for slot in self._slots]
+        own = InputRecords.allocate(len(self._slots), 0, len(self._supports), courses, arrays.world)
+        for support, signal in zip(own.supports, self._supports, strict=True):
+            support["course"] = places[signal]
+            support["speed"] = isinstance(numbering.signals[signal], SpeedInput)
+        self._begin(own)
+
+    def _role(self, signal: int) -> int:
+        if signal == GRAVITY:
+            return WEIGHS
+        return MOVES if signal in self._supports else HOLDS
+
+    def _begin(self, own: InputRecords) -> None:
+        """Take up records whose inputs are zero, and begin."""
+        loads = 0
+        for record, slot, role, course in zip(own.inputs, self._slots, self._roles, self._courses, strict=True):
+            record["role"], record["number"], record["coefficient"] = role, course, slot.coefficient
+            if role == MOVES:
+                record["number"] = list(self._supports).index(slot.signal)
+            elif role == GOES_ON:
+                record["number"], own.loads[loads]["course"] = loads, course
+                loads += 1
+        self.own, self._held = own, hold(own)
+        begin_inputs(self._held)
 
     def extrapolate(self) -> None:
         """Extrapolate loads between points, see :mod:`.extrapolated`; not gravity, nor where the host gives a rate."""
         rated = {slot.signal for slot in self._slots if slot.coefficient}
         for index, slot in enumerate(self._slots):
-            if slot.signal != GRAVITY and slot.signal not in rated and not self.moves_support(index):
-                self._extrapolated[index] = Extrapolated(self._records[slot.signal])
+            if self._roles[index] == HOLDS and slot.signal not in rated:
+                self._roles[index] = GOES_ON
+        sizes = len(self._slots), self._roles.count(GOES_ON), len(self._supports)
+        own = InputRecords.allocate(*sizes, self.own.courses, self.own.world)
+        self._begin(own._replace(supports=self.own.supports))
 
     def __len__(self) -> int:
         """Return how many there are."""
@@ -119,7 +164,7 @@ class Inputs:
 
     def moves_support(self, index: int) -> bool:
         """Whether an input is the position or the rate of a driven coordinate."""
-        return self._slots[index].signal in self._motions
+        return self._roles[index] == MOVES
 
     def changes(self, index: int, follows: Follows) -> bool:
         """Whether an input changes, at the moment it is set, what follows so: a support and a rate take a step."""
@@ -130,86 +175,63 @@ class Inputs:
 
     def weighs(self, index: int) -> bool:
         """Whether an input is gravity, which changes the potential energy where it is set."""
-        return self._slots[index].signal == GRAVITY
+        return self._roles[index] == WEIGHS
 
     def start(self, index: int, value: float, t: float = 0.0) -> None:
-        """Let an input (finite) have another value at the start, t."""
-        self._hold(index, value, t)
-        if self.moves_support(index):
-            self._motions[self._slots[index].signal].start()
-        elif index in self._extrapolated:
-            self._extrapolated[index].start(value)
+        """Let an input have another value at the start, t; raises UserError where that is not finite."""
+        start_input(self._held, index, finite(self._names[index], value), t)
 
     def set(self, index: int, value: float, t: float = 0.0) -> None:
-        """Take the value of an input at time t; raises UserError where that is not finite.
-
-        What loads the mechanism holds from t on, or goes on; one with a rate goes on from what it has reached. What
-        moves a support is noted, for :meth:`depart`.
-        """
-        if self.moves_support(index):
-            slot = self._slots[index]
-            self._motions[slot.signal].give(slot.coefficient, finite(self._names[index], value))
-        elif index in self._extrapolated:
-            self._extrapolated[index].give(t, finite(self._names[index], value))
-        else:
-            self._hold(index, value, t)
-
-    def _hold(self, index: int, value: float, t: float) -> None:
-        slot = self._slots[index]
-        value = finite(self._names[index], value)
-        if slot.signal == GRAVITY:
-            self._arrays.world["gravity"][0, slot.coefficient] = value
-            return
-        signal, c = self._records[slot.signal], self._courses[slot.signal]
-        c[0] += (t - signal["t0"]) * c[1]
-        signal["t0"] = t
-        c[slot.coefficient] = value
+        """Take the value of an input at time t; raises UserError where that is not finite."""
+        set_input(self._held, index, finite(self._names[index], value), t)
 
     @property
     def remember(self) -> bool:
         """Whether any of them remembers what it was at points before."""
-        return bool(self._motions or self._extrapolated)
+        return bool(len(self.own.supports) or len(self.own.loads))
 
     @property
     def settled(self) -> bool:
         """Whether every support and every load goes on as it does until an input is set."""
-        supports = all(motion.settled for motion in self._motions.values())
-        return supports and all(load.settled for load in self._extrapolated.values())
-
-    def load(self, t: float, end: float) -> bool:
-        """Begin a step from t to ``end``; whether a load goes on otherwise than it did."""
-        changed = [load.depart(t, end) for load in self._extrapolated.values()]
-        return any(changed)
+        return bool(all_settled(self._held))
 
     def pass_by(self, t: float) -> None:
         """Note a communication point at which nothing changed."""
-        for load in self._extrapolated.values():
-            load.pass_by(t)
+        pass_by(self._held, t)
 
-    def depart(self, t: float, end: float) -> list[Departure]:
-        """Return the supports whose motion changes at t for a step until ``end`` (s), see :mod:`.motion`."""
-        found = (motion.depart(t, end) for motion in self._motions.values())
-        return [departure for departure in found if departure is not None]
+    def set_out(self, t: float, end: float) -> int:
+        """Begin a step from t to ``end``, s; return the sum of what applies of ``points.CHANGED``, DEPARTS, JUMPS."""
+        return int(set_out(self._held, t, end))
 
-    def set_out(self, t: float, departures: Sequence[Departure], accelerations: Callable[[], Array]) -> Array | None:
-        """Let supports depart at t; return the jump of the free velocities (n,), or None where no rate jumps.
+    def impulse(self, t: float, accelerations: Callable[[], Array]) -> Array:
+        """Return the jump of the free velocities (n,) where rates of supports that depart do, all at once.
 
         ``accelerations`` returns v' (n,) at t; what it raises leaves the supports on their way.
         """
-        dv = None
-        if any(d.jump != 0.0 for d in departures):
-            before = [d.motion.course() for d in departures]
-            try:
-                dv = impulse(t, departures, accelerations)
-            finally:
-                for departure, (begin, path) in zip(departures, before, strict=True):
-                    departure.motion.follow(begin, path)
-        for motion, segment, _ in departures:
-            motion.set_out(segment)
+        found = []
+        try:
+            for part in (0.0, 1.0):
+                perturb(self._held, t, part)
+                found.append(accelerations())
+        finally:
+            recall(self._held)
+        dv: Array = found[1] - found[0]
         return dv
 
+    def jumping(self) -> list[str]:
+        """Return the names of the supports that depart with a jump of their rate."""
+        both = zip(self._supports.values(), self.own.supports, strict=True)
+        return [name for name, support in both if support["departs"] and support["jump"] != 0.0]
+
+    def depart(self) -> list[str]:
+        """Let supports depart; return the names of those whose position jumps, farther than its rate explains."""
+        if not depart(self._held):
+            return []
+        all_three = zip(self._supports.values(), self.own.supports, self.own.ahead, strict=True)
+        return [name for name, support, ahead in all_three if support["departs"] and ahead["jumps"]]
+
     def state(self) -> dict[str, list[Any]]:
-        """Return what the inputs hold, to be given to :meth:`restore`."""
+        """Return what the inputs hold and remember, to be given to :meth:`restore`."""
         held: list[Any] = []
         for slot in self._slots:
             if slot.signal == GRAVITY:
@@ -217,18 +239,15 @@ class Inputs:
             else:
                 signal = self._records[slot.signal]
                 held.append((float(signal["t0"]), [float(x) for x in signal["c"]]))
-        motions = [motion.state() for motion in self._motions.values()]
-        return {"held": held, "motions": motions, "loads": [load.state() for load in self._extrapolated.values()]}
+        return {"held": held, "remembered": [array.tobytes().hex() for array in self.own.memory()]}
 
     def restore(self, state: dict[str, list[Any]]) -> None:
-        """Let the inputs hold what they held when ``state`` was taken."""
+        """Let the inputs hold and remember what they did when ``state`` was taken."""
         for slot, (t0, c) in zip(self._slots, state["held"], strict=True):
             if slot.signal == GRAVITY:
                 self._arrays.world["gravity"][0, slot.coefficient] = c[0]
             else:
                 signal = self._records[slot.signal]
                 signal["t0"], signal["c"] = t0, c
-        for motion, remembered in zip(self._motions.values(), state["motions"], strict=True):
-            motion.restore(remembered)
-        for load, known in zip(self._extrapolated.values(), state["loads"], strict=True):
-            load.restore(known)
+        for array, remembered in zip(self.own.memory(), state["remembered"], strict=True):
+            array[:] = np.frombuffer(bytes.fromhex(remembered), array.dtype)

@@ -18,171 +18,164 @@ Without a rate that of the step is what two differences of u agree in, and what 
 
     x = x_n + (r + (u_n - x_n) / h) s,     r = minmod((u_n - u_(n-1)) / H, the same a step before)
 
-Where the rate jumps between two steps the mechanism gets an impulse, :func:`impulse`.
+Kernels take a support, the segment it is on, and the polynomial of its drive, which is where the support is and how
+fast it goes. Where the rate jumps between two segments the mechanism gets an impulse, see :mod:`.points`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from math import inf, nan
-from typing import Any, NamedTuple
+from typing import Any
 
-from solvers.system import Array
+import numpy as np
+
+from solvers.compiled.kernel import inlined, kernel
+
+SUPPORT = np.dtype(
+    [
+        ("course", np.int64),  # number of the drive's polynomial
+        ("speed", np.int64),  # 1: the host sets the speed alone, see mbfmu.mechanics.signals.SpeedInput
+        ("position", np.float64),  # u, as the host has given it last, m or rad
+        ("rate", np.float64),  # v, likewise
+        ("given", np.int64),  # 1: a position was given since the last point
+        ("rated", np.int64),  # 1: the host gives rates
+        ("departs", np.int64),  # 1: another segment is about to begin,
+        ("jump", np.float64),  # ... where the rate jumps by so much, m/s or rad/s
+    ],
+    align=True,
+)
+
+SEGMENT = np.dtype(
+    [
+        ("begin", np.float64),  # s
+        ("end", np.float64),  # s
+        ("path", np.float64, (4,)),  # coefficients of x in time since the beginning
+        ("goal", np.float64),  # x at the end
+        ("position", np.float64),  # u at the beginning
+        ("rate", np.float64),  # v at the beginning, as the host gave it
+        ("average", np.float64),  # rate of u over the segment before
+        ("jumps", np.int64),  # 1: u is farther off than the rates given explain
+    ],
+    align=True,
+)
 
 
-def minmod(*numbers: float) -> float:
+@inlined
+def minmod(a: float, b: float, c: float) -> float:
     """Return the smallest of numbers of one sign; zero where their signs differ."""
-    return max(0.0, min(numbers)) + min(0.0, max(numbers))
+    return max(0.0, min(a, b, c)) + min(0.0, max(a, b, c))
 
 
-class Segment(NamedTuple):
-    """A motion from one communication point to the next; positions in m or rad."""
-
-    begin: float  # s
-    end: float  # s
-    path: tuple[float, ...]  # (4,) coefficients of x in time since the beginning
-    goal: float  # x at the end
-    position: float  # u at the beginning
-    rate: float  # v at the beginning, as the host gave it
-    mean: float  # rate of u over the segment before
-    jumps: bool  # u is farther off than the rates given explain
-
-
-class Departure(NamedTuple):
-    """A support that changes its motion: its segment and the jump of its rate, m/s or rad/s."""
-
-    motion: InputMotion
-    segment: Segment
-    jump: float
+@kernel
+def start_motion(support: Any, segment: Any, course: Any) -> None:
+    """Begin as the polynomial says; nothing is known of the time before."""
+    x, v = course.c[0], course.c[1]
+    support.position, support.rate, support.given, support.departs = x, v, 0, 0
+    support.rated = 1 if v != 0.0 else 0
+    segment.begin, segment.end, segment.goal = -np.inf, np.nan, x
+    segment.position, segment.rate, segment.average, segment.jumps = x, v, 0.0, 0
+    path = segment.path
+    path[0], path[1], path[2], path[3] = x, v, 0.0, 0.0
 
 
-class InputMotion:
-    """One driven coordinate and what a host has said of its motion.
+@kernel
+def give_motion(coefficient: int, value: float, support: Any) -> None:
+    """Take a position (coefficient 0) or a rate (1) for the point the host stands at."""
+    if coefficient == 0:
+        support.position, support.given = value, 1
+    else:
+        support.rate = value
+        if value != 0.0:
+            support.rated = 1
 
-    Parameters
-    ----------
-    name
-        Of the input.
-    signal
-        Record of the drive's signal, a polynomial; its start is where the support is and how fast it goes.
-    speed
-        Whether the host sets the speed alone, see :class:`mbfmu.mechanics.signals.SpeedInput`.
+
+@inlined
+def position_and_rate(t: float, segment: Any, course: Any) -> tuple[float, float]:
+    """Return both at t, before any jump."""
+    s, c = t - course.t0, course.c
+    x = segment.goal if t == segment.end else c[0] + s * (c[1] + s * (c[2] + s * c[3]))
+    return x, c[1] + s * (2.0 * c[2] + s * 3.0 * c[3])
+
+
+@kernel
+def plan_motion(t: float, end: float, support: Any, segment: Any, course: Any, ahead: Any) -> None:
+    """Find the segment ``ahead`` from t to ``end`` (s), and whether the support departs for it.
+
+    It does not in the middle of a segment, nor where it goes on as it is, which is noted.
     """
-
-    def __init__(self, name: str, signal: Any, *, speed: bool) -> None:
-        self.name = name
-        self._signal = signal
-        self._speed = speed
-        self.start()
-
-    def start(self) -> None:
-        """Begin as the signal says; nothing is known of the time before."""
-        x, v = (float(c) for c in self._signal["c"][:2])
-        self._position, self._rate = x, v
-        self._set = False  # a position was given since the last point
-        self._rated = v != 0.0  # the host gives rates
-        self._segment = Segment(-inf, nan, (x, v, 0.0, 0.0), x, x, v, 0.0, False)
-
-    def give(self, coefficient: int, value: float) -> None:
-        """Take a position (coefficient 0) or a rate (1) for the point the host stands at."""
-        if coefficient == 0:
-            self._position, self._set = value, True
-        else:
-            self._rate, self._rated = value, self._rated or value != 0.0
-
-    def depart(self, t: float, end: float) -> Departure | None:
-        """Return how the motion changes at t for a step until ``end`` (s); None where it goes on as it is."""
-        if not self._set and self._rate == self._segment.rate and t < self._segment.end and end <= self._segment.end:
-            return None  # in the middle of a segment
-        segment, (x, v) = self._next(t, end), self._now(t)
-        if segment.path != (x, v, 0.0, 0.0) or self._signal["c"][2:].any():
-            return Departure(self, segment, segment.path[1] - v)
-        self._note(segment)
-        return None
-
-    def set_out(self, segment: Segment) -> None:
-        """Take up a motion that :meth:`depart` returned."""
-        self.follow(segment.begin, segment.path)
-        self._note(segment)
-
-    def _note(self, segment: Segment) -> None:
-        self._segment, self._position, self._set = segment, segment.position, False
-
-    @property
-    def settled(self) -> bool:
-        """Whether the motion goes on as it does until the host sets another."""
-        _, v, *higher = self._segment.path
-        arrived = self._speed or self._rated or (v == 0.0 and self._segment.goal == self._position)
-        return arrived and not any(higher) and not self._set and self._rate == self._segment.rate
-
-    def course(self) -> tuple[float, Array]:
-        """Return the polynomial that the signal is, to be given to :meth:`follow`."""
-        return float(self._signal["t0"]), self._signal["c"].copy()
-
-    def follow(self, t: float, path: Sequence[float] | Array) -> None:
-        """Let the signal be a polynomial (4,) about t."""
-        self._signal["t0"], self._signal["c"] = t, path
-
-    def perturb(self, t: float, acceleration: float) -> None:
-        """Let the signal have an acceleration at t, and the position and rate it has there."""
-        self.follow(t, (*self._now(t), 0.5 * acceleration, 0.0))
-
-    def _now(self, t: float) -> tuple[float, float]:
-        """Return position and rate at t, before any jump."""
-        s, (c0, c1, c2, c3) = t - float(self._signal["t0"]), map(float, self._signal["c"])
-        x = self._segment.goal if t == self._segment.end else c0 + s * (c1 + s * (c2 + s * c3))
-        return x, c1 + s * (2.0 * c2 + s * 3.0 * c3)
-
-    def _next(self, t: float, end: float) -> Segment:
-        """Return the motion from t to ``end``, see the module's docstring."""
-        last, h, x = self._segment, end - t, self._now(t)[0]
-        v, before = self._rate, t - last.begin
-        u = self._position if self._set or not self._rated else x
-        if self._speed:
-            return Segment(t, end, (x, v, 0.0, 0.0), x + v * h, x, v, 0.0, False)
-        mean = (u - last.position) / before if before > 0.0 else last.mean
-        if not self._rated:
-            r = minmod(mean, last.mean)
-            return Segment(t, end, (x, r + (u - x) / h, 0.0, 0.0), u + r * h, u, v, mean, False)
-        a = 0.0
-        if before > 0.0:
-            a1, a2 = (v - last.rate) / before, 2.0 * (mean - last.rate) / before
-            a = minmod(4.0 * a1 - 3.0 * a2, 2.0 * a1, 2.0 * a2)
-        e = u - x
-        path = (x, v, 0.5 * a + 3.0 * e / h**2, -2.0 * e / h**3)
-        longest = max(h, before) if before < inf else h
-        jumps = abs(e) > longest * (abs(v) + abs(last.rate))
-        return Segment(t, end, path, u + h * (v + 0.5 * a * h), u, v, mean, jumps)
-
-    def state(self) -> list[Any]:
-        """Return what is remembered, beside the signal, to be given to :meth:`restore`."""
-        return [self._position, self._rate, self._set, self._rated, list(self._segment)]
-
-    def restore(self, state: list[Any]) -> None:
-        """Remember what was remembered when ``state`` was taken."""
-        self._position, self._rate, self._set, self._rated, (begin, end, path, *rest) = state
-        self._segment = Segment(begin, end, tuple(path), *rest)
+    support.departs, support.jump = 0, 0.0
+    if support.given == 0 and support.rate == segment.rate and t < segment.end and end <= segment.end:
+        return
+    x, v = position_and_rate(t, segment, course)
+    lead_on(t, end, x, support, segment, ahead)
+    path, c = ahead.path, course.c
+    straight = path[0] == x and path[2] == 0.0 and path[3] == 0.0 and c[2] == 0.0 and c[3] == 0.0
+    if straight and path[1] == v:
+        take_up(ahead, support, segment)
+    else:
+        support.departs, support.jump = 1, path[1] - v
 
 
-def impulse(t: float, departures: Sequence[Departure], accelerations: Callable[[], Array]) -> Array:
-    """Return how the free velocities (n,) jump where the rates of supports do, all at once.
+@kernel
+def lead_on(t: float, end: float, x: float, support: Any, last: Any, ahead: Any) -> None:
+    """Find the segment ``ahead`` from x at t to ``end``, see the module's docstring; ``last`` is the one before."""
+    h, v, before = end - t, support.rate, t - last.begin
+    u = support.position if support.given == 1 or support.rated == 0 else x
+    path = ahead.path
+    path[0], path[1], path[2], path[3] = x, v, 0.0, 0.0
+    ahead.begin, ahead.end, ahead.rate, ahead.jumps = t, end, v, 0
+    if support.speed == 1:
+        ahead.goal, ahead.position, ahead.average = x + v * h, x, 0.0
+        return
+    average = (u - last.position) / before if before > 0.0 else last.average
+    ahead.position, ahead.average = u, average
+    if support.rated == 0:
+        r = minmod(average, last.average, last.average)
+        path[1] = r + (u - x) / h
+        ahead.goal = u + r * h
+        return
+    a = 0.0
+    if before > 0.0:
+        a1, a2 = (v - last.rate) / before, 2.0 * (average - last.rate) / before
+        a = minmod(4.0 * a1 - 3.0 * a2, 2.0 * a1, 2.0 * a2)
+    e = u - x
+    path[2], path[3] = 0.5 * a + 3.0 * e / (h * h), -2.0 * e / (h * h * h)
+    ahead.goal = u + h * (v + 0.5 * a * h)
+    longest = max(h, before) if before < np.inf else h
+    ahead.jumps = 1 if abs(e) > longest * (abs(v) + abs(last.rate)) else 0
 
-    Over an instant only what is unbounded counts: M dv + J^T dlambda = -m du, J dv = dnu, where m du is the part of h
-    that the drives' accelerations make. The same equations give v' by accelerations of du, less that by none.
 
-    Parameters
-    ----------
-    t
-        s
-    departures
-        What changes; their signals are left perturbed.
-    accelerations
-        Returns v' (n,) at t for the drives' signals as they are.
-    """
-    found = []
-    for part in (0.0, 1.0):
-        for motion, _, jump in departures:
-            motion.perturb(t, part * jump)
-        found.append(accelerations())
-    dv: Array = found[1] - found[0]
-    return dv
+@inlined
+def take_up(ahead: Any, support: Any, segment: Any) -> None:
+    """Note that a segment has begun."""
+    segment.begin, segment.end, segment.goal = ahead.begin, ahead.end, ahead.goal
+    segment.position, segment.rate, segment.average = ahead.position, ahead.rate, ahead.average
+    segment.jumps = ahead.jumps
+    for k in range(4):
+        segment.path[k] = ahead.path[k]
+    support.position, support.given = ahead.position, 0
+
+
+@inlined
+def follow(t: float, path: Any, course: Any) -> None:
+    """Let the polynomial be that of ``path`` (4,) about t."""
+    course.t0 = t
+    for k in range(4):
+        course.c[k] = path[k]
+
+
+@kernel
+def perturb_motion(t: float, acceleration: float, segment: Any, course: Any) -> None:
+    """Let the polynomial have an acceleration at t, and the position and rate it has there."""
+    x, v = position_and_rate(t, segment, course)
+    c = course.c
+    course.t0, c[0], c[1], c[2], c[3] = t, x, v, 0.5 * acceleration, 0.0
+
+
+@kernel
+def motion_settled(support: Any, segment: Any) -> bool:
+    """Whether the motion goes on as it does until the host sets another."""
+    path = segment.path
+    arrived = path[1] == 0.0 and segment.goal == support.position
+    if not arrived and support.speed == 0 and support.rated == 0:
+        return False
+    return path[2] == 0.0 and path[3] == 0.0 and support.given == 0 and support.rate == segment.rate

@@ -15,7 +15,7 @@ from mbfmu.mechanics.kind import Kind
 from mbfmu.mechanics.records import Data
 from mbfmu.mechanics.recursions.dynamics import energy, observe
 from mbfmu.mechanics.sensors import Follows, largest_residual
-from mbfmu.mechanics.signals import InUse
+from mbfmu.mechanics.signals import Input, InUse
 from mbfmu.mechanics.tangent import Groups, Tangent
 from mbfmu.units import read_unit
 from solvers.compiled.held import contents
@@ -64,7 +64,8 @@ class Plant:
         self.data = compiled.data
         self.length = characteristic_length(mechanism, self.data.arrays)
         self.drives = Drives(mechanism, numbering, compiled.signals, self.length)
-        self.inputs = Inputs(numbering, self.data.arrays, compiled.signals, self.drives)
+        courses = compiled.table(Input)
+        self.inputs = Inputs(numbering, self.data.arrays, compiled.signals, courses, self.drives)
         self._systems = Systems(mechanism, numbering, compiled, self.drives, self.length)
         self.data.arrays.reach[:] = self.length / self._systems.row_size
         names = row_names(mechanism.constraints)

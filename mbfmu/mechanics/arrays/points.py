@@ -1,0 +1,202 @@
+"""What communication points do with the inputs of a mechanism: kernels over the records of all its inputs.
+
+A host sets inputs at a point (:func:`set_input`), and lets the mechanism :func:`set_out` for the next one. Loads that
+go on as they came do so from there. Supports are told where to go, and :func:`depart` once it is known what that does.
+
+Where rates of supports jump, the free velocities do so all at once. Over an instant only what is unbounded counts:
+M dv + J^T dlambda = -m du, J dv = dnu, where m du is the part of h that the drives' accelerations make. The same
+equations give v' by accelerations of du, less that by none: :func:`perturb` makes the drives have a part of them.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.mechanics.kind import record_of
+from mbfmu.mechanics.records import WORLD
+from mbfmu.mechanics.signals import Input
+from solvers.compiled.kernel import kernel, records
+
+from .extrapolated import LOAD, give_load, load_departs, load_settled, pass_by_load, start_load
+from .motion import (
+    SEGMENT,
+    SUPPORT,
+    follow,
+    give_motion,
+    motion_settled,
+    perturb_motion,
+    plan_motion,
+    start_motion,
+    take_up,
+)
+
+HOLDS, WEIGHS, GOES_ON, MOVES = 0, 1, 2, 3  # roles: a load that is held, gravity, a load that goes on, a support
+CHANGED, DEPARTS, JUMPS = 1, 2, 4  # at a point: loads go on otherwise; supports depart; rates of them jump
+
+INPUT = np.dtype(
+    [
+        ("role", np.int64),
+        ("number", np.int64),  # of its polynomial, its load or its support
+        ("coefficient", np.int64),  # of the polynomial, or component of gravity
+    ],
+    align=True,
+)
+
+
+class InputRecords(NamedTuple):
+    """The inputs of a mechanism as kernels take them."""
+
+    inputs: NDArray[Any]  # (inputs,) INPUT
+    loads: NDArray[Any]  # LOAD, those that go on between points
+    supports: NDArray[Any]  # SUPPORT
+    segments: NDArray[Any]  # (supports,) SEGMENT, those they are on
+    ahead: NDArray[Any]  # (supports,) SEGMENT, those they depart for
+    courses: NDArray[Any]  # every polynomial of the mechanism, where it lies in Arrays.memory
+    before: NDArray[Any]  # (supports,) polynomials that were perturbed
+    world: NDArray[Any]  # (1,) WORLD, of Arrays
+
+    @staticmethod
+    def allocate(inputs: int, loads: int, supports: int, courses: NDArray[Any], world: NDArray[Any]) -> InputRecords:
+        """Return zeroed records of so many, over the polynomials and the world there are."""
+        segments, ahead = records(supports, SEGMENT), records(supports, SEGMENT)
+        before = records(supports, courses.dtype)
+        moved = records(supports, SUPPORT), segments, ahead, courses, before
+        return InputRecords(records(inputs, INPUT), records(loads, LOAD), *moved, world)
+
+    @staticmethod
+    def example() -> InputRecords:
+        """Return records of the types that every mechanism has."""
+        return InputRecords.allocate(1, 1, 1, records(1, record_of(Input)), records(1, WORLD))
+
+    def memory(self) -> list[NDArray[Any]]:
+        """Return what they remember, beside the polynomials and gravity."""
+        return [self.loads, self.supports, self.segments]
+
+
+@kernel
+def begin_inputs(i: Any) -> None:
+    """Let all begin as the polynomials say; nothing is known of the time before."""
+    for k in range(i.loads.shape[0]):
+        start_load(i.loads[k], i.courses[i.loads[k].course])
+    for k in range(i.supports.shape[0]):
+        start_motion(i.supports[k], i.segments[k], i.courses[i.supports[k].course])
+
+
+@kernel
+def hold(coefficient: int, value: float, t: float, course: Any) -> None:
+    """Let a coefficient have a value from t on; a polynomial with a rate goes on from what it has reached."""
+    course.c[0] += (t - course.t0) * course.c[1]
+    course.t0 = t
+    course.c[coefficient] = value
+
+
+@kernel
+def start_input(i: Any, index: int, value: float, t: float) -> None:
+    """Let an input have another value at the start, t."""
+    own = i.inputs[index]
+    if own.role == WEIGHS:
+        i.world[0].gravity[own.coefficient] = value
+    elif own.role == MOVES:
+        support = i.supports[own.number]
+        hold(own.coefficient, value, t, i.courses[support.course])
+        start_motion(support, i.segments[own.number], i.courses[support.course])
+    elif own.role == GOES_ON:
+        load = i.loads[own.number]
+        hold(own.coefficient, value, t, i.courses[load.course])
+        start_load(load, i.courses[load.course])
+    else:
+        hold(own.coefficient, value, t, i.courses[own.number])
+
+
+@kernel
+def set_input(i: Any, index: int, value: float, t: float) -> None:
+    """Take the value of an input at time t.
+
+    What loads the mechanism holds from t on, or goes on; one with a rate goes on from what it has reached. What moves a
+    support is noted, for :func:`set_out`.
+    """
+    own = i.inputs[index]
+    if own.role == WEIGHS:
+        i.world[0].gravity[own.coefficient] = value
+    elif own.role == MOVES:
+        give_motion(own.coefficient, value, i.supports[own.number])
+    elif own.role == GOES_ON:
+        load = i.loads[own.number]
+        give_load(t, value, load, i.courses[load.course])
+    else:
+        hold(own.coefficient, value, t, i.courses[own.number])
+
+
+@kernel
+def set_out(i: Any, t: float, end: float) -> int:
+    """Begin a step from t to ``end``, s; return the sum of what applies of CHANGED, DEPARTS and JUMPS."""
+    found = 0
+    for k in range(i.loads.shape[0]):
+        load = i.loads[k]
+        if load_departs(t, end, load, i.courses[load.course]):
+            found |= CHANGED
+    for k in range(i.supports.shape[0]):
+        support = i.supports[k]
+        plan_motion(t, end, support, i.segments[k], i.courses[support.course], i.ahead[k])
+        if support.departs == 1:
+            found |= DEPARTS
+            if support.jump != 0.0:
+                found |= JUMPS
+    return found
+
+
+@kernel
+def perturb(i: Any, t: float, part: float) -> None:
+    """Let supports that depart have, at t, an acceleration of a part of the jump of their rate.
+
+    The first part is zero; :func:`recall` takes all back.
+    """
+    for k in range(i.supports.shape[0]):
+        support = i.supports[k]
+        if support.departs == 1:
+            course = i.courses[support.course]
+            if part == 0.0:
+                follow(course.t0, course.c, i.before[k])
+            perturb_motion(t, part * support.jump, i.segments[k], course)
+
+
+@kernel
+def recall(i: Any) -> None:
+    """Let supports that depart be on their way still."""
+    for k in range(i.supports.shape[0]):
+        if i.supports[k].departs == 1:
+            follow(i.before[k].t0, i.before[k].c, i.courses[i.supports[k].course])
+
+
+@kernel
+def depart(i: Any) -> bool:
+    """Let supports depart; whether the position of one jumps, farther than its rate explains."""
+    jumps = False
+    for k in range(i.supports.shape[0]):
+        support, ahead = i.supports[k], i.ahead[k]
+        if support.departs == 1:
+            follow(ahead.begin, ahead.path, i.courses[support.course])
+            take_up(ahead, support, i.segments[k])
+            jumps = jumps or ahead.jumps == 1
+    return jumps
+
+
+@kernel
+def pass_by(i: Any, t: float) -> None:
+    """Note a communication point at which nothing changed."""
+    for k in range(i.loads.shape[0]):
+        pass_by_load(t, i.loads[k], i.courses[i.loads[k].course])
+
+
+@kernel
+def all_settled(i: Any) -> bool:
+    """Whether every support and every load goes on as it does until an input is set."""
+    settled = True
+    for k in range(i.supports.shape[0]):
+        settled = settled and motion_settled(i.supports[k], i.segments[k])
+    for k in range(i.loads.shape[0]):
+        settled = settled and load_settled(i.courses[i.loads[k].course])
+    return settled

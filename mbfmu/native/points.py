@@ -1,0 +1,114 @@
+"""What communication points do in machine code, as in :class:`mbfmu.simulation.Simulation`: kernels over instances."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from mbfmu.mechanics.arrays.points import WEIGHS, begin_inputs, depart, perturb, recall, set_input
+from mbfmu.mechanics.recursions.dynamics import energy
+from solvers.balance import judge, slowest
+from solvers.compiled.kernel import kernel
+from solvers.ledger import EXCHANGED
+from solvers.outcome import OK
+from solvers.projection.reported import evaluate
+
+TOLD = np.dtype(
+    [
+        ("code", np.int64),  # how the last advance ended
+        ("unknown", np.int64),  # 1: the rate of a support that departs jumps where its impulse is not known
+        ("jumps", np.int64),  # 1: a support has jumped in position, farther than its rate explains
+        ("lost", np.int64),  # 1: the balance of energy and work was lost
+    ],
+    align=True,
+)
+
+
+@kernel
+def energy_at(s: Any) -> float:
+    """Kinetic and potential energy at the reported state, J."""
+    done: float = energy(s.clock[0], s.given.q, s.given.v, s.given.eqs.data)
+    return done
+
+
+@kernel
+def begin_points(s: Any, code: int) -> None:
+    """Begin at the reported state; a ``code`` says how it was closed."""
+    told, b, bodies, mass = s.told[0], s.balance[0], s.given.eqs.data.arrays.bodies, 0.0
+    begin_inputs(s.inputs)
+    told.code, told.unknown, told.jumps, told.lost = code, 0, 0, 0
+    for k in range(bodies.shape[0]):
+        mass += bodies[k].mass
+    b.level, b.unseen = energy_at(s), slowest(mass, s.known[2], s.known[0], b.tolerance)
+
+
+@kernel
+def take(s: Any, index: int, value: float) -> int:
+    """Take the value of an input at the reported time; return its role."""
+    role: int = s.inputs.inputs[index].role
+    before = energy_at(s) if role == WEIGHS else 0.0
+    set_input(s.inputs, index, value, s.clock[0])
+    if role == WEIGHS:
+        s.balance[0].level += energy_at(s) - before
+    return role
+
+
+@kernel
+def impulse(s: Any) -> int:
+    """Put the jump of the velocities into ``s.dv``, see :mod:`mbfmu.mechanics.arrays.points`."""
+    g, t = s.given, s.clock[0]
+    code = OK
+    for k in range(2):
+        if code == OK:
+            perturb(s.inputs, t, float(k))
+            code = evaluate(g.eqs, t, g.q, g.v, g.memory.control[0].rank, g.work, s.a, s.lam)
+            for i in range(s.dv.shape[0]):
+                s.dv[i] = s.a[i] - (s.dv[i] if k == 1 else 0.0)
+    recall(s.inputs)
+    return code
+
+
+@kernel
+def leave(s: Any, jumps: bool) -> int:
+    """Let supports depart, with an impulse where rates of them jump; the work of that is no imbalance."""
+    told, before = s.told[0], energy_at(s)
+    code: int = impulse(s) if jumps else OK
+    told.unknown = 1 if code != OK else 0
+    if code != OK:
+        return code
+    if depart(s.inputs):
+        told.jumps = 1
+    if jumps:
+        for i in range(s.dv.shape[0]):
+            s.given.v[i] += s.dv[i]
+    s.balance[0].level += energy_at(s) - before
+    return code
+
+
+@kernel
+def arrive(s: Any, t: float, code: int) -> None:
+    """Note how an advance to t (s) has ended."""
+    s.clock[0] = t if code == OK else s.given.memory.control[0].t
+    s.told[0].code = code
+
+
+@kernel
+def look(s: Any, now: float) -> float:
+    """Hold the reported state, of energy ``now``, to its balance; return the imbalance, J."""
+    imbalance, lost = judge(s.balance, now, s.given.ledger)
+    if lost:
+        s.told[0].lost = 1
+    return imbalance
+
+
+@kernel
+def tell_balance(s: Any) -> None:
+    """Put imbalance and exchanged energy in place of the energies that the outputs end in; not numbers where there is
+    no audit.
+    """
+    out, last = s.out, s.out.shape[0] - 1
+    if s.balance[0].kept == 1:
+        out[last - 1], out[last] = look(s, out[last - 1]), s.given.ledger[EXCHANGED]
+    else:
+        out[last - 1], out[last] = np.nan, np.nan

@@ -1,0 +1,53 @@
+"""A model at work in machine code, without Python but for the calls."""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from mbfmu.native.entries import family_of, image_of, kinds
+from mbfmu.native.runtime import COMPILERS
+from mbfmu.native.targets import host
+from mbfmu.simulation import Simulation
+
+needs_linker = pytest.mark.skipif(
+    not host() or not any(map(shutil.which, COMPILERS)), reason="needs a C compiler, and a machine that is known"
+)
+
+
+class Running:
+    """An instance at work in this process, by C's calls alone."""
+
+    def __init__(self, runtime: ctypes.CDLL, simulation: Simulation) -> None:
+        instance, image = image_of(simulation)
+        self.image = image
+        room = np.zeros(image.size + 64, np.uint8)
+        begin = -room.ctypes.data % 64
+        self.block = room[begin : begin + image.size]
+        self.block[:] = np.frombuffer(image.block(), np.uint8)
+        words, here = self.block.view(np.uint64), self.block.ctypes.data
+        table = (ctypes.c_void_p * len(kinds())).in_dll(runtime, "mb_kinds")
+        for at, target in image.places:
+            words[at // 8] = here + target
+        for at, number in image.kernels:
+            words[at // 8] = table[number]
+        self._root, self._family, self._runtime = here + image.root, family_of(simulation), runtime
+        self.instance, self.out, self.told = instance, self.view(instance.out), self.view(instance.told)[0]
+
+    def view(self, array: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what the block has of an array of :func:`image_of`."""
+        at = self.image.at(array)
+        return self.block[at : at + array.nbytes].view(array.dtype)
+
+    def call(self, name: str, *more: float) -> int:
+        """Call an entry point, with whole numbers as such; return its code."""
+        function = getattr(self._runtime, f"mb_{self._family}_{name}")
+        types = [ctypes.c_int64 if isinstance(x, int) else ctypes.c_double for x in more]
+        function.argtypes = [ctypes.c_void_p] * 3 + types
+        code, error = ctypes.c_int64(), ctypes.c_void_p()
+        assert function(ctypes.byref(code), ctypes.byref(error), self._root, *more) == 0
+        return code.value

@@ -1,0 +1,241 @@
+"""Inputs, supports and the audit: machine code does at communication points what a simulation does, bit for bit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from running import Running, needs_linker
+
+from fmus.fourbar import FourBar
+from mbfmu.errors import UserError
+from mbfmu.mechanics import (
+    Input,
+    JointSpring,
+    Mechanism,
+    PointForce,
+    Revolute,
+    RevoluteCut,
+    SpeedInput,
+    SphericalCut,
+    Translational,
+    rod,
+)
+from mbfmu.simulation import Settings, Simulation
+from solvers.compiled.held import contents
+from solvers.outcome import NOT_FINITE, OK, Code
+
+STEPS, H = 60, 0.01  # s
+SOLVERS = ("adams", "hybrid", "radau")
+Given = Callable[[int], list[tuple[int, float]]]  # inputs and their values at the beginning of a step
+
+
+def pair(make: Callable[[], Any], settings: Settings, running: Callable[[Simulation], Running], **more: Any) -> Any:
+    """A simulation and machine code of one like it, both begun."""
+    native = running(Simulation(make(), settings, **more))
+    assert native.call("begin", 0.0) == OK
+    return Simulation(make(), settings, **more), native
+
+
+def follow(simulation: Simulation, native: Running, given: Given, first: int = 0, last: int = STEPS) -> None:
+    """Steps with the same inputs, and equal rows of outputs."""
+    for k in range(first, last):
+        for index, value in given(k):
+            simulation.set_input(index, value)
+            assert native.call("set", index, float(value)) == OK
+        status = simulation.advance((k + 1) * H)
+        assert native.call("step", (k + 1) * H) == int(status.code) == OK
+        assert native.call("read") == OK
+        np.testing.assert_array_equal(native.out, simulation.outputs())
+    assert simulation.audit is None or native.view(native.instance.balance)["level"] == simulation.audit.base
+    assert native.told["lost"] == bool(simulation.verdict)
+
+
+def torque(k: int) -> list[tuple[int, float]]:
+    """Changes smoothly, jumps, and is left alone now and then."""
+    return [] if k % 7 == 3 else [(0, float(np.sin(0.3 * k) + 5.0 * (k > 30)))]
+
+
+@needs_linker
+@pytest.mark.parametrize("inputs", ["hold", "linear"])
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_a_torque_that_a_host_sets(solver: str, inputs: str, running: Callable[[Simulation], Running]):
+    follow(*pair(FourBar, Settings(solver=solver, inputs=inputs), running), torque)
+
+
+@needs_linker
+def test_without_an_audit_its_outputs_are_no_numbers(running: Callable[[Simulation], Running]):
+    simulation, native = pair(FourBar, Settings(solver="adams", audit=False), running)
+    follow(simulation, native, torque, last=5)
+    assert np.isnan(native.out[-2:]).all()
+
+
+def weighed() -> Mechanism:
+    """A pendulum of two rods whose weight is an input, pulled and damped."""
+    m = Mechanism(gravity=(0.0, Input(name="weight", unit="m/s2", start=-9.81), 0.0))
+    upper = m.body("upper", m.ground, Revolute(start=0.3), **rod(mass=1.0, length=1.0))
+    lower = m.body("lower", upper, Revolute(at=(1, 0, 0), start=-0.5), **rod(mass=1.0, length=1.0))
+    m.force("friction", JointSpring(damping=0.05), lower)
+    pull = Input(name="pull", unit="N", rate_name="pull_rate")
+    m.force("pull", PointForce(magnitude=pull, axis="x", at_a=(1, 0, 0)), lower)
+    m.output("angle", lower.angle())
+    m.output("energy", m.energy)
+    return m
+
+
+@needs_linker
+@pytest.mark.parametrize("inputs", ["hold", "linear"])
+@pytest.mark.parametrize("solver", ["adams", "radau"])
+def test_gravity_and_a_force_with_its_rate(solver: str, inputs: str, running: Callable[[Simulation], Running]):
+    def given(k: int) -> list[tuple[int, float]]:
+        return [(0, -9.81 - 0.3 * k), (1, 0.1 * k), (2, 10.0)] if k % 5 == 2 else [(1, 0.1 * k)]
+
+    names = [v.name for v in Simulation(weighed(), Settings(solver=solver)).plant.inputs.variables]
+    assert sorted(names[:3]) == ["pull", "pull_rate", "weight"]
+    order = [names.index(name) for name in ("weight", "pull", "pull_rate")]
+    sorted_given = lambda k: [(order[i], value) for i, value in given(k)]  # noqa: E731
+    follow(*pair(weighed, Settings(solver=solver, inputs=inputs), running), sorted_given)
+
+
+def hub() -> Mechanism:
+    """A hub whose angle and rate are inputs, with a loop on it and a rod that swings."""
+    m = Mechanism(gravity=(0.0, -9.81, 0.0))
+    turned = m.body("hub", m.ground, Revolute(drive=Input(name="u", unit="rad", rate_name="du")), mass=1.0,
+                    inertia=(0.1, 0.1, 0.1))  # fmt: skip
+    left = m.body("left", turned, Revolute(start=1.0, fixed=True), **rod(mass=1.0, length=0.5))
+    right = m.body("right", turned, Revolute(at=(1.0, 0, 0), start=1.2), **rod(mass=1.0, length=0.6))
+    bar = m.body("bar", left, Revolute(at=(0.5, 0, 0), start=-1.0), **rod(mass=2.0, length=1.0))
+    m.cut("pin", RevoluteCut(at_a=(1.0, 0, 0), at_b=(0.6, 0, 0)), bar, right)
+    m.output("left", left.angle())
+    m.output("effort", turned.effort())
+    m.output("hub", turned.angle())
+    return m
+
+
+def smooth(k: int) -> list[tuple[int, float]]:
+    return [(0, 0.2 * np.sin(5.0 * k * H)), (1, np.cos(5.0 * k * H))]
+
+
+MOTIONS: dict[str, Given] = {
+    "position and rate": smooth,
+    "position": lambda k: [(0, 0.2 * np.sin(5.0 * k * H))],
+    "rate": lambda k: [(1, 0.5 if k < 20 else -0.3)],
+    "jumps of both": lambda k: [(0, 0.01 * k + 0.2 * (k > 25)), (1, 1.0 + 0.5 * (k > 40))],
+    "now and then": lambda k: smooth(k) if k % 4 == 0 else [],
+}
+
+
+@needs_linker
+@pytest.mark.parametrize("name", MOTIONS)
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_a_hub_that_a_host_turns(solver: str, name: str, running: Callable[[Simulation], Running]):
+    simulation, native = pair(hub, Settings(solver=solver), running)
+    follow(simulation, native, MOTIONS[name])
+    assert simulation.work_of_jumps != 0.0
+    assert native.told["jumps"] == any("jumps in position" in text for text in simulation.remarks)
+    assert native.told["jumps"] == (name in ("jumps of both", "now and then"))
+
+
+@needs_linker
+def test_a_hub_that_starts_as_a_host_says(running: Callable[[Simulation], Running]):
+    settings = Settings(solver="adams")
+    simulation, native = Simulation(hub(), settings, inputs={0: 0.1, 1: 2.0}), running(Simulation(hub(), settings))
+    for index, value in ((0, 0.1), (1, 2.0)):
+        assert native.call("start", index, value) == OK
+    for array, found in zip(
+        (native.instance.given.q, native.instance.given.v), simulation.plant.assemble(), strict=True
+    ):
+        native.view(array)[:] = found
+    assert native.call("begin", 0.0) == OK
+    follow(simulation, native, lambda k: [(0, 0.1 + 2.0 * k * H)], last=20)
+
+
+def table() -> Mechanism:
+    """A rod on a table whose two speeds are inputs."""
+    m = Mechanism()
+    along = Translational(axis="x", drive=SpeedInput(name="x", unit="m/s", start=0.1))
+    base = m.body("base_x", m.ground, along, mass=1.0)
+    across = Translational(axis="y", drive=SpeedInput(name="y", unit="m/s"))
+    base = m.body("base", base, across, mass=1.0)
+    m.body("rod", base, Revolute(start=0.7), **rod(mass=1.0, length=0.6))
+    m.output("base", base.position("x"))
+    m.output("spin", m.bodies[-1].rate())
+    return m
+
+
+@needs_linker
+@pytest.mark.parametrize("solver", ["adams", "radau"])
+def test_speeds_that_a_host_sets(solver: str, running: Callable[[Simulation], Running]):
+    follow(
+        *pair(table, Settings(solver=solver), running),
+        lambda k: [(0, float(np.sin(0.2 * k))), (1, 1.0 - 0.1 * (k // 10))],
+    )
+
+
+@needs_linker
+def test_a_state_has_what_inputs_remember(running: Callable[[Simulation], Running]):
+    """Saved in the middle of a motion, with values given for the next step."""
+    simulation, first = pair(hub, Settings(solver="adams"), running)
+    second = running(Simulation(hub(), Settings(solver="adams")))
+    follow(simulation, first, smooth, last=20)
+    for index, value in smooth(20):
+        simulation.set_input(index, value)
+        assert first.call("set", index, float(value)) == OK
+    second.block[: second.image.saved] = first.block[: first.image.saved]
+    follow(simulation, second, lambda k: smooth(k) if k > 20 else [], 20, 40)
+
+
+def parallelogram() -> Mechanism:
+    """Two cranks under a coupler, flat and at rest: branches of the motion cross."""
+    m = Mechanism()
+    base = m.body("base", m.ground, Translational(axis="x", drive=Input(name="u", unit="m", rate_name="du")))
+    left = m.body("left", base, Revolute(fixed=True), **rod(mass=1.0, length=0.5))
+    right = m.body("right", base, Revolute(at=(1.0, 0, 0)), **rod(mass=1.0, length=0.5))
+    bar = m.body("bar", left, Revolute(at=(0.5, 0, 0)), **rod(mass=2.0, length=1.0))
+    m.cut("pin", SphericalCut(at_a=(1.0, 0, 0), at_b=(0.5, 0, 0)), bar, right)
+    m.output("angle", left.angle())
+    return m
+
+
+@needs_linker
+def test_an_impulse_that_is_not_known_is_told(running: Callable[[Simulation], Running]):
+    simulation, native = pair(parallelogram, Settings(solver="adams"), running)
+    simulation.set_input(1, 1.0)
+    assert native.call("set", 1, 1.0) == OK
+    before = native.block.copy()
+    with pytest.raises(UserError, match="jumps where its impulse is not known"):
+        simulation.advance(0.1)
+    assert native.call("step", 0.1) == Code.UNDECIDABLE
+    assert native.told["unknown"] == 1
+    memory = simulation_memory(native)
+    at = native.image.at(memory)
+    np.testing.assert_array_equal(native.block[at : at + memory.nbytes], before[at : at + memory.nbytes])
+
+
+def simulation_memory(native: Running) -> NDArray[np.uint8]:
+    """Return the records of signals and the like that an instance was made of."""
+    data = contents(native.instance.given.eqs.data)
+    memory: NDArray[np.uint8] = contents(data.arrays).memory
+    return memory
+
+
+@needs_linker
+def test_balance_that_is_lost_is_told(running: Callable[[Simulation], Running]):
+    simulation, native = pair(FourBar, Settings(solver="adams"), running)
+    follow(simulation, native, torque, last=10)
+    native.view(native.instance.balance)["level"] += 1.0
+    assert native.call("step", 11 * H) == OK
+    assert native.told["lost"] == 1
+
+
+@needs_linker
+def test_a_value_that_is_no_number_is_refused(running: Callable[[Simulation], Running]):
+    _, native = pair(FourBar, Settings(solver="adams"), running)
+    before = native.block.copy()
+    for value in (np.nan, np.inf):
+        assert native.call("set", 0, value) == NOT_FINITE
+        assert native.call("start", 0, value) == NOT_FINITE
+    np.testing.assert_array_equal(native.block, before)
