@@ -21,6 +21,7 @@ from mbfmu.mechanics.records import empty_data
 from mbfmu.mechanics.recursions import dynamics as recursions
 from mbfmu.mechanics.recursions.dynamics import observe
 from mbfmu.simulation import Simulation
+from solvers.assembly import ASSEMBLED, Scratch, close_positions, close_velocities, move_mass
 from solvers.compiled.held import contents, hold
 from solvers.compiled.kernel import by_name, kernel, records, types
 from solvers.ledger import ROW, WORK, Scales
@@ -51,10 +52,19 @@ CALLBACKS = Equations._fields[:-2]  # of the equations, by the names of the func
 KINDS = "mb_kinds"  # symbol of the addresses of all kernels of kinds
 
 
+class Start(NamedTuple):
+    """What a mechanism is assembled from."""
+
+    q: Array  # (nq,) first positions, as given to the builder
+    v: Array  # (n,) first velocities, likewise
+    scratch: Any  # solvers.assembly.Scratch: units, what is held, and which rows or coordinates are wrong
+
+
 class Instance(NamedTuple):
     """One instance of a model, as the entry points take it."""
 
     given: Any  # solvers.steppers.closed.Given
+    start: Any  # Start
     a: Array  # (n,) accelerations
     lam: Array  # (m,) multipliers
     out: Array  # outputs
@@ -76,7 +86,7 @@ def family_of(simulation: Simulation) -> str:
 
 
 def instance_of(simulation: Simulation) -> Instance:
-    """Return an instance that is yet to begin, where a simulation began; with zeros for the functions."""
+    """Return an instance that is assembled and yet to begin, where a simulation began; with zeros for the functions."""
     stepper: ClosedStepper = simulation.stepper  # type: ignore[assignment]
     plant, system = simulation.plant, simulation.plant.system
     given, (q, v) = contents(stepper.given), plant.assemble(simulation.t)
@@ -84,11 +94,14 @@ def instance_of(simulation: Simulation) -> Instance:
     eqs = Equations(**dict.fromkeys(CALLBACKS, 0), data=system.held_data, terms=Terms.allocate(*sizes))
     work = Workspace.allocate(*sizes)
     work.size[:] = system.size
+    assembly = plant.assembly
+    scratch = Scratch.of(system, assembly.held())._replace(size=work.size)
+    start = Start(assembly.start_positions(), assembly.start_velocities(), scratch)
     scales = Scales.of(simulation.settings.tolerance, np.zeros(system.n), np.zeros(system.n))
     own = Given(eqs, given.settings, _memory(family_of(simulation), *sizes), work, scales, q, v, np.zeros(ROW))
     known = np.array([system.rate, system.loop_rate, stepper.options.absolute])
     rooms = np.zeros(system.n), np.zeros(system.m), np.zeros(len(simulation.variables))
-    return Instance(own, *rooms, np.array([simulation.t]), known)
+    return Instance(own, start, *rooms, np.array([simulation.t]), known)
 
 
 def _memory(family: str, nq: int, n: int, m: int) -> Any:
@@ -112,9 +125,10 @@ def image_of(simulation: Simulation) -> tuple[Instance, Image]:
             raise UserError(f"kernel {what} is the model's own, and machine code has those of mbfmu; run it as an FMU")
         numbers.append(-1 if own is None else known[own])
     instance, arrays = instance_of(simulation), simulation.plant.data.arrays
-    own = instance.given
+    own, start = instance.given, instance.start
     state = [*own.memory, instance.clock, own.q, own.v, own.ledger, own.settings, *own.work.memory(), *own.scales]
-    state += [instance.known, *(array for array in arrays if array is not arrays.kernels)]
+    state += [start.q, start.v, own.work.size, own.work.size_q, start.scratch.row, instance.known]
+    state += [array for array in arrays if array is not arrays.kernels]
     return instance, Image(instance, state, arrays.kernels, numbers)
 
 
@@ -125,7 +139,8 @@ def example(family: str) -> Any:
     eqs = Equations(**callbacks, data=data, terms=hold(Terms.allocate(1, 1, 1)))
     own = hold(_memory(family, 1, 1, 1)), hold(Workspace.allocate(1, 1, 1)), hold(Scales.of(1e-6, z(1), z(1)))
     given = Given(hold(eqs), records(1, FAMILIES[family].SETTINGS), *own, z(1), z(1), z(ROW))
-    return hold(Instance(hold(given), z(1), z(1), z(1), z(1), z(3)))
+    start = hold(Start(z(1), z(1), hold(Scratch.allocate(1, 1))))
+    return hold(Instance(hold(given), start, z(1), z(1), z(1), z(1), z(3)))
 
 
 @kernel
@@ -150,6 +165,20 @@ def entries(family: str) -> dict[str, Entry]:
     """Return the entry points of a family by their names."""
     loop, renewed = FAMILIES[family], {"adams": renew_adams, "radau": renew_radau}[family]
     advance_reported, set_up = loop.advance_reported, loop.set_up
+
+    def assemble(s: Any, t: float) -> int:
+        """Let the reported state be the start with its loops closed at t (s); return a code of solvers.assembly.
+
+        Where it is not ASSEMBLED, ``worst`` or ``massless`` of the scratch says what is wrong, and there is no state.
+        """
+        g, start, work = s.given, s.start, s.start.scratch
+        code: int = close_positions(g.eqs, t, start.q, g.q, work)
+        if code == ASSEMBLED:
+            code = close_velocities(g.eqs, t, g.q, start.v, s.known[0], g.v, work)
+        if code == ASSEMBLED:
+            g.eqs.dynamics(t, g.q, g.v, g.eqs.data, g.eqs.terms)
+            code = move_mass(g.eqs.terms, g.work.mass, work)
+        return code
 
     def begin(s: Any, t: float) -> int:
         """Begin at t (s) and the reported state, as a stepper that is constructed there."""
@@ -184,6 +213,7 @@ def entries(family: str) -> dict[str, Entry]:
 
     timed = (types.float64,)
     return {
+        "assemble": Entry(assemble, timed),
         "begin": Entry(begin, timed),
         "advance": Entry(advance, timed),
         "renew": Entry(renew, ()),
