@@ -2,77 +2,26 @@
 
 from __future__ import annotations
 
-import ctypes
-import shutil
 import subprocess
-from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from running import Running, needs_linker
 
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Mechanism, Revolute, Spring, rod
-from mbfmu.native.entries import family_of, image_of, kinds
+from mbfmu.native.entries import image_of
 from mbfmu.native.image import Image
-from mbfmu.native.runtime import COMPILERS, library, objects
+from mbfmu.native.runtime import objects
 from mbfmu.native.targets import host
 from mbfmu.simulation import Settings, Simulation
 
 TIMES = 0.01 * np.arange(1, 201)
 LIBM = {"acos", "asin", "atan", "atan2", "cos", "exp", "floor", "hypot", "log", "pow", "sin", "sincos", "sqrt", "tan"}
 MEMORY = {"memcpy", "memmove", "memset"}
-
-needs_linker = pytest.mark.skipif(
-    not host() or not any(map(shutil.which, COMPILERS)), reason="needs a C compiler, and a machine that is known"
-)
-
-
-class Running:
-    """An instance at work in this process, by C's calls alone."""
-
-    def __init__(self, runtime: ctypes.CDLL, simulation: Simulation) -> None:
-        instance, image = image_of(simulation)
-        self.image = image
-        room = np.zeros(image.size + 64, np.uint8)
-        begin = -room.ctypes.data % 64
-        self.block = room[begin : begin + image.size]
-        self.block[:] = np.frombuffer(image.block(), np.uint8)
-        words, here = self.block.view(np.uint64), self.block.ctypes.data
-        table = (ctypes.c_void_p * len(kinds())).in_dll(runtime, "mb_kinds")
-        for at, target in image.places:
-            words[at // 8] = here + target
-        for at, number in image.kernels:
-            words[at // 8] = table[number]
-        self._root, self._family, self._runtime = here + image.root, family_of(simulation), runtime
-        self.instance, self.out = instance, self.view(instance.out)
-
-    def view(self, array: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the numbers of the block that an array of :func:`image_of` stands for."""
-        at = self.image.at(array)
-        return self.block[at : at + array.nbytes].view(np.float64)
-
-    def call(self, name: str, *more: float) -> int:
-        """Call an entry point; return its code."""
-        function = getattr(self._runtime, f"mb_{self._family}_{name}")
-        function.argtypes = [ctypes.c_void_p] * 3 + [ctypes.c_double] * len(more)
-        code, error = ctypes.c_int64(), ctypes.c_void_p()
-        assert function(ctypes.byref(code), ctypes.byref(error), self._root, *more) == 0
-        return code.value
-
-
-@pytest.fixture(scope="module")
-def runtime() -> ctypes.CDLL:
-    return ctypes.CDLL(str(library(host())))
-
-
-@pytest.fixture
-def running(runtime: ctypes.CDLL) -> Callable[[Simulation], Running]:
-    return lambda simulation: Running(runtime, simulation)
-
 
 MODELS = {
     "four-bar": (FourBar(), "adams"),
@@ -88,10 +37,10 @@ MODELS = {
 
 @needs_linker
 @pytest.mark.parametrize("name", MODELS)
-def test_outputs_are_those_of_a_simulation(name: str, running: Callable[[Simulation], Running]):
+def test_outputs_are_those_of_a_simulation(name: str):
     model, solver = MODELS[name]
     simulation = Simulation(model, Settings(solver=solver))
-    native = running(simulation)
+    native = Running(simulation)
     assert native.call("begin", 0.0) == 0
     for t in TIMES:
         assert native.call("advance", t) == int(simulation.stepper.advance(t).code)
@@ -102,8 +51,8 @@ def test_outputs_are_those_of_a_simulation(name: str, running: Callable[[Simulat
 
 
 @needs_linker
-def test_a_state_goes_to_another_instance(running: Callable[[Simulation], Running]):
-    first, second = (running(Simulation(FourBar(), Settings(solver="adams"))) for _ in range(2))
+def test_a_state_goes_to_another_instance():
+    first, second = (Running(Simulation(FourBar(), Settings(solver="adams"))) for _ in range(2))
     assert first.call("begin", 0.0) == 0
     for t in TIMES[:50]:
         assert first.call("advance", t) == 0
@@ -132,9 +81,9 @@ def test_no_address_is_left_in_an_image():
 
 @needs_linker
 @pytest.mark.parametrize("solver", ["adams", "hybrid", "radau"])
-def test_another_start_is_begun_as_a_simulation_begins(solver: str, running: Callable[[Simulation], Running]):
+def test_another_start_is_begun_as_a_simulation_begins(solver: str):
     simulation = Simulation(FourBar(start_angle=0.7, start_rate=2.0), Settings(solver=solver))
-    native = running(Simulation(FourBar(), Settings(solver=solver)))
+    native = Running(Simulation(FourBar(), Settings(solver=solver)))
     start = simulation.plant.assemble()
     for array, given in zip((native.instance.given.q, native.instance.given.v), start, strict=True):
         native.view(array)[:] = given
@@ -148,15 +97,15 @@ def test_another_start_is_begun_as_a_simulation_begins(solver: str, running: Cal
 
 @needs_linker
 @pytest.mark.parametrize("solver", ["adams", "hybrid", "radau"])
-def test_a_torque_that_changes_is_followed_as_by_a_simulation(solver: str, running: Callable[[Simulation], Running]):
+def test_a_torque_that_changes_is_followed_as_by_a_simulation(solver: str):
     simulation, other = (Simulation(FourBar(), Settings(solver=solver)) for _ in range(2))
-    native = running(other)
+    native = Running(other)
     assert native.call("begin", 0.0) == 0
     memory = native.view(other.plant.data.arrays.memory)
     for k, t in enumerate(TIMES[:50]):
         torque = np.sin(0.3 * k)
         simulation.set_input("crank.torque", torque)
-        memory[:] = simulation.plant.data.arrays.memory.view(np.float64)
+        memory[:] = simulation.plant.data.arrays.memory
         assert native.call("renew") == 0
         assert native.call("advance", t) == 0
         assert simulation.advance(t).ok

@@ -1,0 +1,60 @@
+"""A runtime at work in this process."""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from mbfmu.native.entries import family_of, image_of, kinds
+from mbfmu.native.runtime import COMPILERS, library
+from mbfmu.native.targets import host
+from mbfmu.simulation import Simulation
+
+needs_linker = pytest.mark.skipif(
+    not host() or not any(map(shutil.which, COMPILERS)), reason="needs a C compiler, and a machine that is known"
+)
+
+
+@cache
+def runtime() -> ctypes.CDLL:
+    """The runtime for this machine; built where it is not there, in minutes."""
+    return ctypes.CDLL(str(library(host())))
+
+
+class Running:
+    """An instance at work in this process, by C's calls alone."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        self.instance, self.image = instance, image = image_of(simulation)
+        room = np.zeros(image.size + 64, np.uint8)
+        begin = -room.ctypes.data % 64
+        self.block = room[begin : begin + image.size]
+        self.block[:] = np.frombuffer(image.block(), np.uint8)
+        words, here = self.block.view(np.uint64), self.block.ctypes.data
+        table = (ctypes.c_void_p * len(kinds())).in_dll(runtime(), "mb_kinds")
+        for at, target in image.places:
+            words[at // 8] = here + target
+        for at, number in image.kernels:
+            words[at // 8] = table[number]
+        self._root, self._family = here + image.root, family_of(simulation)
+        self.out = self.view(instance.out)
+
+    def view(self, array: NDArray[Any]) -> NDArray[Any]:
+        """Return the numbers or records of the block that an array of :func:`image_of` stands for."""
+        at = self.image.at(array)
+        plain = array.dtype if array.dtype.names is None else np.dtype(array.dtype.descr)
+        return self.block[at : at + array.nbytes].view(plain)
+
+    def call(self, name: str, *more: float) -> int:
+        """Call an entry point; return its code."""
+        function = getattr(runtime(), f"mb_{self._family}_{name}")
+        function.argtypes = [ctypes.c_void_p] * 3 + [ctypes.c_double] * len(more)
+        code, error = ctypes.c_int64(), ctypes.c_void_p()
+        assert function(ctypes.byref(code), ctypes.byref(error), self._root, *more) == 0
+        return code.value
