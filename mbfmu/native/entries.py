@@ -24,6 +24,7 @@ from mbfmu.mechanics.records import empty_data
 from mbfmu.mechanics.recursions import dynamics as recursions
 from mbfmu.mechanics.recursions.dynamics import observe
 from mbfmu.simulation import Simulation
+from solvers.assembly import ASSEMBLED, Scratch, close_positions, close_velocities, move_mass
 from solvers.balance import BALANCE
 from solvers.compiled.held import contents, hold
 from solvers.compiled.kernel import by_name, kernel, records, types
@@ -58,10 +59,19 @@ CALLBACKS = Equations._fields[:-2]  # of the equations, by the names of the func
 KINDS = "mb_kinds"  # symbol of the addresses of all kernels of kinds
 
 
+class Start(NamedTuple):
+    """What a mechanism is assembled from."""
+
+    q: Array  # (nq,) first positions, as given to the builder
+    v: Array  # (n,) first velocities, likewise
+    scratch: Any  # solvers.assembly.Scratch: units, what is held, and which rows or coordinates are wrong
+
+
 class Instance(NamedTuple):
     """One instance of a model, as the entry points take it."""
 
     given: Any  # solvers.steppers.closed.Given
+    start: Any  # Start
     a: Array  # (n,) accelerations
     lam: Array  # (m,) multipliers
     out: Array  # outputs
@@ -89,7 +99,7 @@ def family_of(simulation: Simulation) -> str:
 
 
 def instance_of(simulation: Simulation) -> Instance:
-    """Return an instance that is yet to begin, where a simulation began; with zeros for the functions."""
+    """Return an instance that is assembled and yet to begin, where a simulation began; with zeros for the functions."""
     stepper: ClosedStepper = simulation.stepper  # type: ignore[assignment]
     plant, system = simulation.plant, simulation.plant.system
     given, (q, v) = contents(stepper.given), plant.assemble(simulation.t)
@@ -97,6 +107,9 @@ def instance_of(simulation: Simulation) -> Instance:
     eqs = Equations(**dict.fromkeys(CALLBACKS, 0), data=system.held_data, terms=Terms.allocate(*sizes))
     work = Workspace.allocate(*sizes)
     work.size[:] = system.size
+    assembly = plant.assembly
+    scratch = Scratch.of(system, assembly.held())._replace(size=work.size)
+    start = Start(assembly.start_positions(), assembly.start_velocities(), scratch)
     scales = Scales.of(simulation.settings.tolerance, np.zeros(system.n), np.zeros(system.n))
     own = Given(eqs, given.settings, _memory(family_of(simulation), *sizes), work, scales, q, v, np.zeros(ROW))
     known = np.array([system.rate, system.loop_rate, plant.length])
@@ -104,7 +117,7 @@ def instance_of(simulation: Simulation) -> Instance:
     settings = stepper.options.record(), np.zeros(len(COUNTERS), np.int64)
     balance = simulation.audit.balance.copy() if simulation.audit else records(1, BALANCE)
     books = plant.inputs.own, balance, records(1, TOLD), np.zeros(system.n)
-    return Instance(own, *rooms, np.array([simulation.t]), known, *settings, *books)
+    return Instance(own, start, *rooms, np.array([simulation.t]), known, *settings, *books)  # type: ignore[arg-type]
 
 
 def _memory(family: str, nq: int, n: int, m: int) -> Any:
@@ -128,9 +141,10 @@ def image_of(simulation: Simulation) -> tuple[Instance, Image]:
             raise UserError(f"kernel {what} is the model's own, and machine code has those of mbfmu; run it as an FMU")
         numbers.append(-1 if own is None else known[own])
     instance, arrays = instance_of(simulation), simulation.plant.data.arrays
-    own = instance.given
+    own, start = instance.given, instance.start
     state = [*own.memory, instance.clock, own.q, own.v, own.ledger, own.settings, *own.work.memory(), *own.scales]
-    state += [instance.known, instance.options, *instance.inputs.memory(), instance.balance, instance.told]
+    state += [start.q, start.v, own.work.size, own.work.size_q, start.scratch.row, instance.known, instance.options]
+    state += [*instance.inputs.memory(), instance.balance, instance.told]
     state += [array for array in arrays if array is not arrays.kernels]
     return instance, Image(instance, state, arrays.kernels, numbers)
 
@@ -144,7 +158,8 @@ def example(family: str) -> Any:
     given = Given(hold(eqs), records(1, FAMILIES[family].SETTINGS), *own, z(1), z(1), z(ROW))
     settings = records(1, OPTIONS), np.zeros(1, np.int64)
     books = hold(InputRecords.example()), records(1, BALANCE), records(1, TOLD), z(1)
-    return hold(Instance(hold(given), z(1), z(1), z(1), z(1), z(3), *settings, *books))
+    start = hold(Start(z(1), z(1), hold(Scratch.allocate(1, 1))))
+    return hold(Instance(hold(given), start, z(1), z(1), z(1), z(1), z(3), *settings, *books))
 
 
 @kernel
@@ -196,6 +211,20 @@ def entries(family: str) -> dict[str, Entry]:
             return NOT_FINITE
         start_input(s.inputs, index, value, s.clock[0])
         return OK
+
+    def assemble(s: Any, t: float) -> int:
+        """Let the reported state be the start with its loops closed at t (s); return a code of solvers.assembly.
+
+        Where it is not ASSEMBLED, ``worst`` or ``massless`` of the scratch says what is wrong, and there is no state.
+        """
+        g, start, work = s.given, s.start, s.start.scratch
+        code: int = close_positions(g.eqs, t, start.q, g.q, work)
+        if code == ASSEMBLED:
+            code = close_velocities(g.eqs, t, g.q, start.v, s.known[0], g.v, work)
+        if code == ASSEMBLED:
+            g.eqs.dynamics(t, g.q, g.v, g.eqs.data, g.eqs.terms)
+            code = move_mass(g.eqs.terms, g.work.mass, work)
+        return code
 
     def begin(s: Any, t: float) -> int:
         """Begin at t (s) and the reported state, as a stepper that is constructed there."""
@@ -266,6 +295,7 @@ def entries(family: str) -> dict[str, Entry]:
     timed, given = (types.float64,), (types.int64, types.float64)
     return {
         "start": Entry(start, given),
+        "assemble": Entry(assemble, timed),
         "begin": Entry(begin, timed),
         "set": Entry(take_input, given),
         "step": Entry(step, timed),

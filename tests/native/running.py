@@ -1,16 +1,20 @@
-"""A model at work in machine code, without Python but for the calls."""
+"""A runtime at work in this process."""
 
 from __future__ import annotations
 
 import ctypes
 import shutil
+import subprocess
+import tempfile
+from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from mbfmu.native.entries import family_of, image_of, kinds
-from mbfmu.native.runtime import COMPILERS
+from mbfmu.native.runtime import COMPILERS, objects
 from mbfmu.native.targets import host
 from mbfmu.simulation import Simulation
 
@@ -19,33 +23,45 @@ needs_linker = pytest.mark.skipif(
 )
 
 
+@cache
+def runtime() -> ctypes.CDLL:
+    """The kernels for this machine, with nothing around them; built where they are not there, in minutes."""
+    compiler = next(filter(None, map(shutil.which, COMPILERS)), None)
+    assert compiler is not None
+    code = objects([host()])[host()]
+    with tempfile.TemporaryDirectory() as folder:
+        path = f"{folder}/kernels.so"
+        subprocess.run([compiler, "-shared", str(code), "-o", path, "-lm", "-Wl,-Bsymbolic"], check=True)
+        return ctypes.CDLL(path)
+
+
 class Running:
     """An instance at work in this process, by C's calls alone."""
 
-    def __init__(self, runtime: ctypes.CDLL, simulation: Simulation) -> None:
-        instance, image = image_of(simulation)
-        self.image = image
+    def __init__(self, simulation: Simulation) -> None:
+        self.instance, self.image = instance, image = image_of(simulation)
         room = np.zeros(image.size + 64, np.uint8)
         begin = -room.ctypes.data % 64
         self.block = room[begin : begin + image.size]
         self.block[:] = np.frombuffer(image.block(), np.uint8)
         words, here = self.block.view(np.uint64), self.block.ctypes.data
-        table = (ctypes.c_void_p * len(kinds())).in_dll(runtime, "mb_kinds")
+        table = (ctypes.c_void_p * len(kinds())).in_dll(runtime(), "mb_kinds")
         for at, target in image.places:
             words[at // 8] = here + target
         for at, number in image.kernels:
             words[at // 8] = table[number]
-        self._root, self._family, self._runtime = here + image.root, family_of(simulation), runtime
-        self.instance, self.out, self.told = instance, self.view(instance.out), self.view(instance.told)[0]
+        self._root, self._family = here + image.root, family_of(simulation)
+        self.out, self.told = self.view(instance.out), self.view(instance.told)[0]
 
-    def view(self, array: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return what the block has of an array of :func:`image_of`."""
+    def view(self, array: NDArray[Any]) -> NDArray[Any]:
+        """Return the numbers or records of the block that an array of :func:`image_of` stands for."""
         at = self.image.at(array)
-        return self.block[at : at + array.nbytes].view(array.dtype)
+        plain = array.dtype if array.dtype.names is None else np.dtype(array.dtype.descr)
+        return self.block[at : at + array.nbytes].view(plain)
 
     def call(self, name: str, *more: float) -> int:
         """Call an entry point, with whole numbers as such; return its code."""
-        function = getattr(self._runtime, f"mb_{self._family}_{name}")
+        function = getattr(runtime(), f"mb_{self._family}_{name}")
         types = [ctypes.c_int64 if isinstance(x, int) else ctypes.c_double for x in more]
         function.argtypes = [ctypes.c_void_p] * 3 + types
         code, error = ctypes.c_int64(), ctypes.c_void_p()

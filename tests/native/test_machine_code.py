@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import subprocess
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -38,10 +37,10 @@ MODELS = {
 
 @needs_linker
 @pytest.mark.parametrize("name", MODELS)
-def test_outputs_are_those_of_a_simulation(name: str, running: Callable[[Simulation], Running]):
+def test_outputs_are_those_of_a_simulation(name: str):
     model, solver = MODELS[name]
     simulation = Simulation(model, Settings(solver=solver))
-    native = running(simulation)
+    native = Running(simulation)
     assert native.call("begin", 0.0) == 0
     for t in TIMES:
         assert native.call("advance", t) == int(simulation.stepper.advance(t).code)
@@ -52,8 +51,8 @@ def test_outputs_are_those_of_a_simulation(name: str, running: Callable[[Simulat
 
 
 @needs_linker
-def test_a_state_goes_to_another_instance(running: Callable[[Simulation], Running]):
-    first, second = (running(Simulation(FourBar(), Settings(solver="adams"))) for _ in range(2))
+def test_a_state_goes_to_another_instance():
+    first, second = (Running(Simulation(FourBar(), Settings(solver="adams"))) for _ in range(2))
     assert first.call("begin", 0.0) == 0
     for t in TIMES[:50]:
         assert first.call("advance", t) == 0
@@ -82,9 +81,9 @@ def test_no_address_is_left_in_an_image():
 
 @needs_linker
 @pytest.mark.parametrize("solver", ["adams", "hybrid", "radau"])
-def test_another_start_is_begun_as_a_simulation_begins(solver: str, running: Callable[[Simulation], Running]):
+def test_another_start_is_begun_as_a_simulation_begins(solver: str):
     simulation = Simulation(FourBar(start_angle=0.7, start_rate=2.0), Settings(solver=solver))
-    native = running(Simulation(FourBar(), Settings(solver=solver)))
+    native = Running(Simulation(FourBar(), Settings(solver=solver)))
     start = simulation.plant.assemble()
     for array, given in zip((native.instance.given.q, native.instance.given.v), start, strict=True):
         native.view(array)[:] = given

@@ -33,9 +33,9 @@ SOLVERS = ("adams", "hybrid", "radau")
 Given = Callable[[int], list[tuple[int, float]]]  # inputs and their values at the beginning of a step
 
 
-def pair(make: Callable[[], Any], settings: Settings, running: Callable[[Simulation], Running], **more: Any) -> Any:
+def pair(make: Callable[[], Any], settings: Settings, **more: Any) -> Any:
     """A simulation and machine code of one like it, both begun."""
-    native = running(Simulation(make(), settings, **more))
+    native = Running(Simulation(make(), settings, **more))
     assert native.call("begin", 0.0) == OK
     return Simulation(make(), settings, **more), native
 
@@ -62,13 +62,13 @@ def torque(k: int) -> list[tuple[int, float]]:
 @needs_linker
 @pytest.mark.parametrize("inputs", ["hold", "linear"])
 @pytest.mark.parametrize("solver", SOLVERS)
-def test_a_torque_that_a_host_sets(solver: str, inputs: str, running: Callable[[Simulation], Running]):
-    follow(*pair(FourBar, Settings(solver=solver, inputs=inputs), running), torque)
+def test_a_torque_that_a_host_sets(solver: str, inputs: str):
+    follow(*pair(FourBar, Settings(solver=solver, inputs=inputs)), torque)
 
 
 @needs_linker
-def test_without_an_audit_its_outputs_are_no_numbers(running: Callable[[Simulation], Running]):
-    simulation, native = pair(FourBar, Settings(solver="adams", audit=False), running)
+def test_without_an_audit_its_outputs_are_no_numbers():
+    simulation, native = pair(FourBar, Settings(solver="adams", audit=False))
     follow(simulation, native, torque, last=5)
     assert np.isnan(native.out[-2:]).all()
 
@@ -89,7 +89,7 @@ def weighed() -> Mechanism:
 @needs_linker
 @pytest.mark.parametrize("inputs", ["hold", "linear"])
 @pytest.mark.parametrize("solver", ["adams", "radau"])
-def test_gravity_and_a_force_with_its_rate(solver: str, inputs: str, running: Callable[[Simulation], Running]):
+def test_gravity_and_a_force_with_its_rate(solver: str, inputs: str):
     def given(k: int) -> list[tuple[int, float]]:
         return [(0, -9.81 - 0.3 * k), (1, 0.1 * k), (2, 10.0)] if k % 5 == 2 else [(1, 0.1 * k)]
 
@@ -97,7 +97,7 @@ def test_gravity_and_a_force_with_its_rate(solver: str, inputs: str, running: Ca
     assert sorted(names[:3]) == ["pull", "pull_rate", "weight"]
     order = [names.index(name) for name in ("weight", "pull", "pull_rate")]
     sorted_given = lambda k: [(order[i], value) for i, value in given(k)]  # noqa: E731
-    follow(*pair(weighed, Settings(solver=solver, inputs=inputs), running), sorted_given)
+    follow(*pair(weighed, Settings(solver=solver, inputs=inputs)), sorted_given)
 
 
 def hub() -> Mechanism:
@@ -131,8 +131,8 @@ MOTIONS: dict[str, Given] = {
 @needs_linker
 @pytest.mark.parametrize("name", MOTIONS)
 @pytest.mark.parametrize("solver", SOLVERS)
-def test_a_hub_that_a_host_turns(solver: str, name: str, running: Callable[[Simulation], Running]):
-    simulation, native = pair(hub, Settings(solver=solver), running)
+def test_a_hub_that_a_host_turns(solver: str, name: str):
+    simulation, native = pair(hub, Settings(solver=solver))
     follow(simulation, native, MOTIONS[name])
     assert simulation.work_of_jumps != 0.0
     assert native.told["jumps"] == any("jumps in position" in text for text in simulation.remarks)
@@ -140,9 +140,9 @@ def test_a_hub_that_a_host_turns(solver: str, name: str, running: Callable[[Simu
 
 
 @needs_linker
-def test_a_hub_that_starts_as_a_host_says(running: Callable[[Simulation], Running]):
+def test_a_hub_that_starts_as_a_host_says():
     settings = Settings(solver="adams")
-    simulation, native = Simulation(hub(), settings, inputs={0: 0.1, 1: 2.0}), running(Simulation(hub(), settings))
+    simulation, native = Simulation(hub(), settings, inputs={0: 0.1, 1: 2.0}), Running(Simulation(hub(), settings))
     for index, value in ((0, 0.1), (1, 2.0)):
         assert native.call("start", index, value) == OK
     for array, found in zip(
@@ -168,18 +168,18 @@ def table() -> Mechanism:
 
 @needs_linker
 @pytest.mark.parametrize("solver", ["adams", "radau"])
-def test_speeds_that_a_host_sets(solver: str, running: Callable[[Simulation], Running]):
+def test_speeds_that_a_host_sets(solver: str):
     follow(
-        *pair(table, Settings(solver=solver), running),
+        *pair(table, Settings(solver=solver)),
         lambda k: [(0, float(np.sin(0.2 * k))), (1, 1.0 - 0.1 * (k // 10))],
     )
 
 
 @needs_linker
-def test_a_state_has_what_inputs_remember(running: Callable[[Simulation], Running]):
+def test_a_state_has_what_inputs_remember():
     """Saved in the middle of a motion, with values given for the next step."""
-    simulation, first = pair(hub, Settings(solver="adams"), running)
-    second = running(Simulation(hub(), Settings(solver="adams")))
+    simulation, first = pair(hub, Settings(solver="adams"))
+    second = Running(Simulation(hub(), Settings(solver="adams")))
     follow(simulation, first, smooth, last=20)
     for index, value in smooth(20):
         simulation.set_input(index, value)
@@ -201,8 +201,8 @@ def parallelogram() -> Mechanism:
 
 
 @needs_linker
-def test_an_impulse_that_is_not_known_is_told(running: Callable[[Simulation], Running]):
-    simulation, native = pair(parallelogram, Settings(solver="adams"), running)
+def test_an_impulse_that_is_not_known_is_told():
+    simulation, native = pair(parallelogram, Settings(solver="adams"))
     simulation.set_input(1, 1.0)
     assert native.call("set", 1, 1.0) == OK
     before = native.block.copy()
@@ -223,8 +223,8 @@ def simulation_memory(native: Running) -> NDArray[np.uint8]:
 
 
 @needs_linker
-def test_balance_that_is_lost_is_told(running: Callable[[Simulation], Running]):
-    simulation, native = pair(FourBar, Settings(solver="adams"), running)
+def test_balance_that_is_lost_is_told():
+    simulation, native = pair(FourBar, Settings(solver="adams"))
     follow(simulation, native, torque, last=10)
     native.view(native.instance.balance)["level"] += 1.0
     assert native.call("step", 11 * H) == OK
@@ -232,8 +232,8 @@ def test_balance_that_is_lost_is_told(running: Callable[[Simulation], Running]):
 
 
 @needs_linker
-def test_a_value_that_is_no_number_is_refused(running: Callable[[Simulation], Running]):
-    _, native = pair(FourBar, Settings(solver="adams"), running)
+def test_a_value_that_is_no_number_is_refused():
+    _, native = pair(FourBar, Settings(solver="adams"))
     before = native.block.copy()
     for value in (np.nan, np.inf):
         assert native.call("set", 0, value) == NOT_FINITE

@@ -1,8 +1,6 @@
-"""Consistent positions and velocities from approximate ones, or the loop that cannot close.
+"""Consistent positions and velocities from approximate ones, or a sentence on the loop that cannot close.
 
-Gauss-Newton with the least change of the free coordinates that are not held (minimum norm), the step limited so that
-the loops close on the branch the user meant. Coordinates and rows are measured in their units (``System.size`` and
-``row_size``), so that a mechanism closes alike at every size. Run once per start, so plain linear algebra serves.
+How is in :mod:`solvers.assembly`.
 """
 
 from __future__ import annotations
@@ -15,83 +13,57 @@ from numpy.typing import NDArray
 from mbfmu.errors import AssemblyError
 from mbfmu.mechanics.builder.bodies import CutHandle
 from mbfmu.mechanics.records import State
+from solvers.assembly import ASSEMBLED, NOT_FINITE, Loops, Scratch, close_positions, close_velocities, move_mass
+from solvers.assembly import least_change as find_least_change
+from solvers.compiled.held import hold
 from solvers.system import AnySystem, Array
-
-CLOSED = 1e-11  # in units of the row; a loop is closed
-LARGEST_STEP = 0.5  # in units of the coordinate, of one coordinate in one iteration
-OPENING = 1e-8  # of a row's rate relative to the velocities: the loop opens
-ROUNDING = 1e-12  # ... or of the pace of the drives, whose motion may cancel in a row
-RANK = 1e-9  # singular values below this part of the largest count as zero
-MASSLESS = 1e-12  # ... the same for the mass matrix
-ROUNDED = 1e-28  # square of rounding: what moves by so little of the largest mass moves none
 
 
 def assemble_positions(system: AnySystem, t: float, start: Array, held: NDArray[np.bool_]) -> Array:
-    """Return positions (nq,) with Phi = 0 near ``start``; ``held`` (n,) coordinates stay.
-
-    First by damped steps (Levenberg and Marquardt, the damping falling as the square of the gap), which stay near where
-    redundant rows contradict each other in an open loop; then without damping, which gets on beside singular positions.
-    """
+    """Return positions (nq,) with Phi = 0 near ``start``; ``held`` (n,) coordinates stay."""
+    q = start.copy()
     if system.m == 0:
-        return start.copy()
-    terms = system.allocate_terms()
-    for damping in (1.0, 0.0):
-        q, best, since = start.copy(), np.inf, 0
-        for _ in range(200):
-            system.fill_position(t, q, terms)
-            gaps = terms.Phi / system.row_size
-            error = float(np.abs(gaps).max(initial=0.0))
-            if not np.isfinite(gaps).all() or not np.isfinite(terms.J).all():
-                odd = ~np.isfinite(terms.Phi) | ~np.isfinite(terms.J).all(axis=1)
-                name = system.constraint_names[int(np.argmax(odd))]
-                raise AssemblyError(
-                    f"{name!r} or its slope is not finite on the way to a closed position; start elsewhere"
-                )
-            if error < CLOSED:
-                return q
-            since = 0 if error < 0.5 * best else since + 1
-            best = min(best, error)
-            if since > 30:
-                break
-            step = least_change(system, terms.J, gaps, held, damping * error**2)
-            step *= min(1.0, LARGEST_STEP / max(float(np.abs(step).max(initial=0.0)), 1e-300))
-            system.apply(q, -system.size * step)
-    worst = int(np.argmax(np.abs(gaps)))
+        return q
+    scratch = Scratch.of(system, held)
+    code = close_positions(Loops.of(system), t, start, q, hold(scratch))
+    if code == ASSEMBLED:
+        return q
+    name, gap = _worst(system, scratch)
+    if code == NOT_FINITE:
+        raise AssemblyError(f"{name!r} or its slope is not finite on the way to a closed position; start elsewhere")
     raise AssemblyError(
-        f"loop cannot close: {system.constraint_names[worst]!r} stays off by {abs(terms.Phi[worst]):.3g} "
+        f"loop cannot close: {name!r} stays off by {gap:.3g} "
         "in the nearest position that was found; check lengths and start positions, or hold fewer joints fixed"
     )
 
 
-def least_change(system: AnySystem, J: Array, gaps: Array, held: NDArray[np.bool_], damping: float = 0.0) -> Array:
-    """Return the step (n,) of least |J step - gaps|^2 + damping |step|^2, all in their units; ``held`` ones stay.
-
-    Without damping it is the shortest of those that close the gaps (m,) best.
-    """
-    step = np.zeros(system.n)
-    U, sigma, V = np.linalg.svd(J[:, ~held] * system.size[~held] / system.row_size[:, np.newaxis], full_matrices=False)
-    count = int(np.sum(sigma > RANK * sigma.max(initial=0.0)))
-    U, sigma, V = U[:, :count], sigma[:count], V[:count]
-    step[~held] = (gaps @ U * sigma / (sigma**2 + damping)) @ V
-    return step
+def least_change(system: AnySystem, J: Array, gaps: Array, held: NDArray[np.bool_]) -> Array:
+    """Return the shortest step (n,) of those that close the gaps (m,) best, all in their units; ``held`` ones stay."""
+    scratch = Scratch.of(system, held)
+    scratch.gaps[:] = gaps
+    find_least_change(J, 0.0, hold(scratch))
+    return scratch.step
 
 
 def assemble_velocities(system: AnySystem, t: float, q: Array, start: Array, held: NDArray[np.bool_]) -> Array:
     """Return velocities (n,) with J v = nu, the least change from ``start``; ``held`` coordinates stay."""
+    v = start.copy()
     if system.m == 0:
-        return start.copy()
-    terms = system.allocate_terms()
-    system.fill(t, q, start, terms)
-    v = start - system.size * least_change(system, terms.J, (terms.J @ start - terms.nu) / system.row_size, held)
-    off = np.abs(terms.J @ v - terms.nu)
-    fast = max(float(np.abs(v / system.size).max(initial=0.0)), float(np.abs(terms.nu / system.row_size).max()))
-    worst = int(np.argmax(off / system.row_size))
-    if off[worst] > (OPENING * fast + ROUNDING * system.rate) * system.row_size[worst]:
+        return v
+    scratch = Scratch.of(system, held)
+    if close_velocities(Loops.of(system), t, q, start, system.rate, v, hold(scratch)) != ASSEMBLED:
+        name, gap = _worst(system, scratch)
         raise AssemblyError(
-            f"start velocities are not consistent: {system.constraint_names[worst]!r} opens at {off[worst]:.3g} "
+            f"start velocities are not consistent: {name!r} opens at {gap:.3g} "
             "per second; hold fewer joints fixed or give consistent rates"
         )
     return v
+
+
+def _worst(system: AnySystem, scratch: Scratch) -> tuple[str, float]:
+    """Return the name of the row that does not close, and by what."""
+    row, gap = scratch.worst[0]
+    return system.constraint_names[row], float(gap)
 
 
 def frame_angles(cuts: Sequence[CutHandle], state: State) -> Array:
@@ -134,23 +106,10 @@ def check_inertia(system: AnySystem, t: float, q: Array, v: Array) -> None:
     """
     if not system.has_matrices:
         return
-    terms = system.allocate_terms()
+    terms, scratch = system.allocate_terms(), Scratch.of(system)
     system.fill(t, q, v, terms)
-    basis = np.diag(system.size)
-    if system.m and system.n:
-        _, sigma, Vt = np.linalg.svd(terms.J * system.size / system.row_size[:, np.newaxis])
-        rank = int(np.sum(sigma > RANK * max(float(sigma[0]), 1e-300)))
-        basis = system.size[:, np.newaxis] * Vt[rank:].T
-    if basis.shape[1] == 0:
-        return
-    M = basis.T @ terms.M @ basis
-    mass = np.diag(M)  # every motion by its own measure: a light body may move beside a heavy one
-    most = max(0.0, float(mass.max())) or 1.0  # below zero is rounding
-    own = np.sqrt(np.where(mass > ROUNDED * most, mass, most))
-    values, vectors = np.linalg.eigh(M / np.outer(own, own))
-    if values[0] <= MASSLESS * max(float(values[-1]), 1e-300):
-        mode = np.abs(basis @ (vectors[:, 0] / own)) / system.size
-        names = [system.coordinate_names[i] for i in np.flatnonzero(mode > 0.1 * mode.max())]
+    if move_mass(hold(terms), np.zeros((system.n, system.n)), hold(scratch)) != ASSEMBLED:
+        names = [system.coordinate_names[i] for i in np.flatnonzero(scratch.massless)]
         raise AssemblyError(
             f"no inertia: coordinate(s) {', '.join(map(repr, names))} can move without moving mass; "
             "give a body mass or inertia there, or drive or weld the joint"

@@ -1,0 +1,305 @@
+"""Consistent positions and velocities from approximate ones: loops are closed, or are known to be open.
+
+Gauss-Newton with the least change of the coordinates that are free (minimum norm), the step limited so that the loops
+close on the branch that was meant. Coordinates and rows are measured in their units (``System.size`` and ``row_size``),
+so that a mechanism closes alike at every size::
+
+    J~ = R^-1 J S = L Q^T     s of least |J~ s - gaps|^2 + damping^2 |s|^2:    s = Q z,   [L; damping I] z = [gaps; 0]
+
+with :func:`solvers.linalg.dense.lq` once for Q and once, of the transposed, for z. Rows that depend on others are no
+trouble: z has as many entries as there are independent ones, and all rows take part in it.
+
+The inertia of what is allowed is checked likewise: Q_2, the last columns of Q, spans these motions.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solvers.compiled.held import hold
+from solvers.compiled.kernel import inlined, kernel, records
+from solvers.linalg.dense import basic_transposed, lq, rank_at, turn_in, turn_out
+from solvers.system import AnySystem, Array
+
+CLOSED = 1e-11  # in units of the row; a loop is closed
+LARGEST_STEP = 0.5  # in units of the coordinate, of one coordinate in one iteration
+ITERATIONS, PATIENCE = 200, 30  # in all, and without half of the gap
+OPENING = 1e-8  # of a row's rate relative to the velocities: the loop opens
+ROUNDING = 1e-12  # ... or of the pace of the drives, whose motion may cancel in a row
+RANK = 1e-9  # pivots below this part of the largest count as zero
+MASSLESS = 1e-12  # ... the same for the mass matrix
+ROUNDED = 1e-28  # square of rounding: what moves by so little of the largest mass moves none
+MOVED = 0.1  # part of the largest change that names a coordinate
+
+
+class Outcome(IntEnum):
+    """How an assembly ended; the numbers are those the kernels return."""
+
+    ASSEMBLED = 0
+    OPEN = 1  # no closed position is near: row, and its gap
+    NOT_FINITE = 2  # a row or its slope is not finite on the way: row
+    OPENS = 3  # no velocities are consistent: row, and how fast it opens
+    NO_MASS = 4  # what is allowed moves no mass: coordinates
+
+
+ASSEMBLED, OPEN, NOT_FINITE, OPENS, NO_MASS = map(int, Outcome)  # for kernels
+
+WORST = np.dtype([("row", "i8"), ("gap", "f8")], align=True)
+
+
+class Loops(NamedTuple):
+    """What closing needs of a system of any size; kernels take :class:`solvers.system.Equations` as well."""
+
+    position: Any
+    retract: Any
+    data: Any
+    terms: Any
+
+    @staticmethod
+    def of(system: AnySystem) -> Any:
+        """Return the loops of a system with terms of their own, held."""
+        return hold(Loops(system.position, system.retract, system.held_data, hold(system.allocate_terms())))
+
+
+class Scratch(NamedTuple):
+    """Units, scratch, and what is wrong; allocated once. k = min(m, n)."""
+
+    size: Array  # (n,) units of the coordinates
+    row: Array  # (m,) units of the constraints
+    free: Array  # (n,) 1 for coordinates that may be changed, 0 for those that are held
+    gaps: Array  # (m,) what is to be closed, in units of the rows
+    step: Array  # (n,) the change that closes it, in units of the coordinates
+    A: Array  # (m, n) L, and the reflectors of Q, of J~[pivots] = L Q^T
+    tau: Array  # (m,) of the reflectors
+    pivots: NDArray[np.int64]  # (m,) order of the rows, int64
+    pivot: Array  # (m,) |L_ii|
+    B: Array  # (k, m + k) factors of [L^T, damping I]
+    b: Array  # (m + k,) its right side
+    tau_B: Array  # (n,) of B or of a mass matrix
+    pivots_B: NDArray[np.int64]  # (n,) int64
+    left_B: Array  # (n,)
+    own: Array  # (n,) measure of every allowed motion, root of its mass
+    worst: NDArray[Any]  # (1,) record of WORST: the row that does not close, and by what, in SI units
+    massless: Array  # (n,) 1 for coordinates of a motion that moves no mass, 0 for others
+
+    @staticmethod
+    def allocate(n: int, m: int) -> Scratch:
+        """Return scratch for ``n`` velocities, all free, and ``m`` constraints, units of one."""
+        k, z, one = min(m, n), np.zeros, np.ones
+        return Scratch(
+            one(n), one(m), one(n), z(m), z(n), z((m, n)), z(m), z(m, np.int64), z(m), z((k, m + k)), z(m + k), z(n),
+            z(n, np.int64), z(n), z(n), records(1, WORST), z(n),
+        )  # fmt: skip
+
+    @staticmethod
+    def of(system: AnySystem, held: NDArray[np.bool_] | None = None) -> Scratch:
+        """Return scratch with the units of a system; ``held`` (n,) coordinates are to stay, none by default."""
+        scratch = Scratch.allocate(system.n, system.m)
+        scratch.size[:], scratch.row[:] = system.size, system.row_size
+        if held is not None:
+            scratch.free[held] = 0.0
+        return scratch
+
+
+@kernel
+def close_positions(eqs: Any, t: float, start: Any, q: Any, work: Any) -> int:
+    """q (nq,) = closed positions near ``start`` (nq,). Where there are none: the last that was tried.
+
+    First by damped steps (Levenberg and Marquardt, the damping falling as the square of the gap), which stay near where
+    redundant rows contradict each other in an open loop; then without damping, which gets on beside singular positions.
+    """
+    code = approach(eqs, t, start, True, q, work)
+    return approach(eqs, t, start, False, q, work) if code == OPEN else code
+
+
+@kernel
+def approach(eqs: Any, t: float, start: Any, damped: bool, q: Any, work: Any) -> int:
+    """One of the two ways of :func:`close_positions`."""
+    for i in range(q.shape[0]):
+        q[i] = start[i]
+    best, since = np.inf, 0
+    for _ in range(ITERATIONS):
+        eqs.position(t, q, eqs.data, eqs.terms)
+        if is_odd(eqs.terms, work):
+            return NOT_FINITE
+        error = find_gaps(eqs.terms, work)
+        if error < CLOSED:
+            return ASSEMBLED
+        since = 0 if error < 0.5 * best else since + 1
+        best = min(best, error)
+        if since > PATIENCE:
+            break
+        least_change(eqs.terms.J, error if damped else 0.0, work)
+        take_step(eqs, q, work)
+    return OPEN
+
+
+@inlined
+def is_odd(terms: Any, work: Any) -> bool:
+    """Whether some row or its slope is not finite; the first that is not is the worst."""
+    for i in range(terms.Phi.shape[0]):
+        total = terms.Phi[i]
+        for j in range(terms.J.shape[1]):
+            total += 0.0 * terms.J[i, j]
+        if not np.isfinite(total):
+            worst = work.worst[0]
+            worst.row, worst.gap = i, terms.Phi[i]
+            return True
+    return False
+
+
+@inlined
+def find_gaps(terms: Any, work: Any) -> float:
+    """work.gaps = Phi in units of the rows; return the largest."""
+    worst, largest = work.worst[0], 0.0
+    for i in range(terms.Phi.shape[0]):
+        work.gaps[i] = terms.Phi[i] / work.row[i]
+        if abs(work.gaps[i]) > largest:
+            largest = abs(work.gaps[i])
+            worst.row, worst.gap = i, abs(terms.Phi[i])
+    return largest
+
+
+@inlined
+def take_step(eqs: Any, q: Any, work: Any) -> None:
+    """q <- q (+) -S step, as much of it as no coordinate moves too far by; ``work.step`` becomes that."""
+    largest = 0.0
+    for j in range(work.step.shape[0]):
+        largest = max(largest, abs(work.step[j]))
+    part = min(1.0, LARGEST_STEP / max(largest, 1e-300))
+    for j in range(work.step.shape[0]):
+        work.step[j] *= -work.size[j] * part
+    eqs.retract(q, work.step, eqs.data)
+
+
+@kernel
+def factor(J: Any, whole: bool, work: Any) -> int:
+    """Factor J (m, n) in units of rows and coordinates, the ``whole`` or its free columns; return its rank."""
+    m, n = J.shape
+    for i in range(m):
+        for j in range(n):
+            part = 1.0 if whole else work.free[j]
+            work.A[i, j] = part * J[i, j] * (work.size[j] / work.row[i])
+    lq(work.A, m, n, work.tau, work.pivots, work.pivot)
+    for i in range(min(m, n)):
+        work.pivot[i] = abs(work.A[i, i])
+    return rank_at(work.pivot, min(m, n), RANK)
+
+
+@kernel
+def least_change(J: Any, damping: float, work: Any) -> None:
+    """work.step = the shortest s of least |J~ s - work.gaps|^2 + damping^2 |s|^2; held coordinates stay."""
+    m, n = J.shape
+    rank = factor(J, False, work)
+    width = m + rank if damping > 0.0 else m
+    for k in range(rank):
+        for i in range(width):
+            work.B[k, i] = damping if i == m + k else 0.0
+        for i in range(k, m):
+            work.B[k, work.pivots[i]] = work.A[i, k]
+    for i in range(width):
+        work.b[i] = work.gaps[i] if i < m else 0.0
+    for j in range(n):
+        work.step[j] = 0.0
+    lq(work.B, rank, width, work.tau_B, work.pivots_B, work.left_B)
+    basic_transposed(work.b, rank, width, rank, work.B, work.tau_B, work.pivots_B, work.step)
+    turn_out(work.A, work.tau, rank, n, work.step)
+    for j in range(n):
+        work.step[j] *= work.free[j]
+
+
+@kernel
+def close_velocities(eqs: Any, t: float, q: Any, start: Any, rate: float, v: Any, work: Any) -> int:
+    """v (n,) = velocities with J v = nu, the least change from ``start`` (n,); ``rate`` (1/s) as that of the system."""
+    m, n = eqs.terms.J.shape
+    eqs.position(t, q, eqs.data, eqs.terms)
+    opening(eqs.terms, start, work)
+    least_change(eqs.terms.J, 0.0, work)
+    fast = 0.0
+    for j in range(n):
+        v[j] = start[j] - work.size[j] * work.step[j]
+        fast = max(fast, abs(v[j] / work.size[j]))
+    for i in range(m):
+        fast = max(fast, abs(eqs.terms.nu[i] / work.row[i]))
+    opening(eqs.terms, v, work)
+    worst, largest = work.worst[0], 0.0
+    for i in range(m):
+        if abs(work.gaps[i]) > largest:
+            largest = abs(work.gaps[i])
+            worst.row, worst.gap = i, largest * work.row[i]
+    return OPENS if largest > OPENING * fast + ROUNDING * rate else ASSEMBLED
+
+
+@inlined
+def opening(terms: Any, v: Any, work: Any) -> None:
+    """work.gaps = J v - nu, in units of the rows."""
+    for i in range(work.gaps.shape[0]):
+        total = -terms.nu[i]
+        for j in range(v.shape[0]):
+            total += terms.J[i, j] * v[j]
+        work.gaps[i] = total / work.row[i]
+
+
+@kernel
+def move_mass(terms: Any, mass: Any, work: Any) -> int:
+    """Whether all that the constraints allow moves mass, held or not; ``mass`` (n, n) is scratch.
+
+    Every motion is taken by its own measure: a light body may move beside a heavy one.
+    """
+    n = terms.M.shape[0]
+    rank = factor(terms.J, True, work)
+    reduce(terms.M, rank, mass, work)
+    freedom, most = n - rank, 0.0
+    for k in range(freedom):
+        most = max(most, mass[k, k])
+    most = most if most > 0.0 else 1.0
+    for k in range(freedom):
+        work.own[k] = np.sqrt(mass[k, k] if mass[k, k] > ROUNDED * most else most)
+    for k in range(freedom):
+        for i in range(freedom):
+            mass[k, i] /= work.own[k] * work.own[i]
+    lq(mass, freedom, freedom, work.tau_B, work.pivots_B, work.left_B)
+    if freedom == 0 or not abs(mass[freedom - 1, freedom - 1]) <= MASSLESS * max(abs(mass[0, 0]), 1e-300):
+        return ASSEMBLED
+    find_massless(freedom, rank, mass, work)
+    return NO_MASS
+
+
+@inlined
+def reduce(M: Any, rank: int, mass: Any, work: Any) -> None:
+    """First n - rank rows and columns of ``mass`` = Q_2^T S M S Q_2."""
+    n = M.shape[0]
+    for i in range(n):
+        for j in range(n):
+            mass[i, j] = work.size[i] * M[i, j] * work.size[j]
+        turn_in(work.A, work.tau, rank, n, mass[i])
+    for i in range(n):
+        for j in range(i):
+            mass[i, j], mass[j, i] = mass[j, i], mass[i, j]
+    for i in range(rank, n):
+        turn_in(work.A, work.tau, rank, n, mass[i])
+        for j in range(rank, n):
+            mass[i - rank, j - rank] = mass[i, j]
+
+
+@inlined
+def find_massless(freedom: int, rank: int, mass: Any, work: Any) -> None:
+    """work.massless from the factors of a singular ``mass``: coordinates of one motion that it has nothing for."""
+    n, x, y, solid = work.step.shape[0], work.left_B, work.step, freedom
+    while solid > 0 and not abs(mass[solid - 1, solid - 1]) > MASSLESS * abs(mass[0, 0]):
+        solid -= 1
+    for k in range(freedom):
+        x[k] = 1.0 if k == freedom - 1 else 0.0
+    turn_out(mass, work.tau_B, solid, freedom, x)
+    for j in range(n):
+        y[j] = x[j - rank] / work.own[j - rank] if j >= rank else 0.0
+    turn_out(work.A, work.tau, rank, n, y)
+    most = 0.0
+    for j in range(n):
+        most = max(most, abs(y[j]))
+    for j in range(n):
+        work.massless[j] = 1.0 if abs(y[j]) > MOVED * most else 0.0

@@ -1,0 +1,170 @@
+"""Machine code puts a mechanism together as Python does, bit for bit, and says where it cannot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from mechanisms import Scale, bricard, grashof, three_cranks
+from running import Running, needs_linker
+
+from fmus.fourbar import FourBar
+from fmus.governor import Governor
+from mbfmu.errors import AssemblyError
+from mbfmu.mechanics import Mechanism, Plant, Revolute, RevoluteCut, rod
+from mbfmu.mechanics.arrays.closing import assemble_positions, assemble_velocities
+from mbfmu.settings import Settings
+from mbfmu.simulation import Simulation
+from solvers.assembly import ASSEMBLED, NO_MASS, OPEN, OPENS
+
+pytestmark = needs_linker
+
+SMALL, LARGE = Scale(lengths=1e-3), Scale(lengths=1e3)
+
+
+class Change(NamedTuple):
+    """A model, and what is to be made of it: one of the same structure with other numbers."""
+
+    model: Any
+    other: Any
+    off: float = 0.0  # what is added to guesses that are not held, in units of the coordinates
+
+
+CHANGES = {
+    "another angle": Change(FourBar(), FourBar(start_angle=0.7, start_rate=2.0), 0.1),
+    "other lengths": Change(FourBar(), FourBar(ground_length=3.4, coupler_length=2.7, crank_length=1.2)),
+    "a bad guess": Change(FourBar(), FourBar(start_angle=0.5), 0.3),
+    "elastic": Change(FourBar(coupler_modes=2), FourBar(coupler_modes=2, ground_length=3.05)),
+    "governor": Change(Governor(), Governor(arm_length=0.3, rod_length=0.15, start_angle=0.4), 0.1),
+    "free governor": Change(Governor(driven=False), Governor(driven=False, rod_position=0.06, spindle_speed=3.0), 0.1),
+    "redundant rows": Change(three_cranks().mechanism, three_cranks(start=50.0, rate=2.0, eps=0.2).mechanism, 0.01),
+    "spatial": Change(bricard().mechanism, bricard(scale=Scale(lengths=1.7)).mechanism, 0.01),
+    "sliver": Change(grashof(1e-3).mechanism, grashof(1e-7).mechanism, 0.02),
+    "a thousandth": Change(grashof(1e-2).mechanism, grashof(1e-4, scale=SMALL).mechanism, 0.02),
+    "a thousand times": Change(bricard().mechanism, bricard(scale=LARGE).mechanism, 0.01),
+}
+
+
+def adopt(native: Running, plant: Plant, running: Simulation) -> None:
+    """Give an instance the numbers of another plant, as a host does that sets parameters."""
+    instance, system = native.instance, plant.system
+    mine, theirs = running.plant.data.arrays, plant.data.arrays
+    pairs = [(a, b) for a, b in zip(mine, theirs, strict=True) if a is not mine.kernels]
+    pairs += [(instance.given.work.size, system.size), (instance.start.scratch.row, system.row_size)]
+    for array, numbers in pairs:
+        if array.nbytes:
+            native.view(array).view(np.uint8)[:] = np.frombuffer(numbers.tobytes(), np.uint8)
+    native.view(instance.known)[:2] = system.rate, system.loop_rate
+
+
+def guess(plant: Plant, off: float) -> tuple[Any, Any, Any]:
+    """First positions and velocities, positions off by a part of their units where they are not held; what is held."""
+    q, held, n = plant.assembly.start_positions(), plant.assembly.held(), plant.system.n
+    if off and not held.any():
+        held[0] = True
+    plant.system.apply(q, np.where(held, 0.0, off * plant.system.size * np.cos(1.0 + np.arange(n))))
+    return q, plant.assembly.start_velocities(), held
+
+
+def assembled(native: Running, q: Any, v: Any, held: Any) -> int:
+    """Assemble an instance from these guesses; return the code."""
+    start = native.instance.start
+    native.view(start.q)[:], native.view(start.v)[:], native.view(start.scratch.free)[:] = q, v, ~held
+    return native.call("assemble", 0.0)
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_what_is_assembled_has_the_bits_of_python(name: str):
+    model, other, off = CHANGES[name]
+    begun = Simulation(model, Settings(solver="adams"))
+    native, plant = Running(begun), Simulation(other, Settings(solver="adams")).plant
+    adopt(native, plant, begun)
+    q, v, held = guess(plant, off)
+    wanted = assemble_positions(plant.system, 0.0, q, held)
+    wanted = wanted, assemble_velocities(plant.system, 0.0, wanted, v, held)
+    assert assembled(native, q, v, held) == ASSEMBLED
+    for array, numbers in zip((native.instance.given.q, native.instance.given.v), wanted, strict=True):
+        np.testing.assert_array_equal(native.view(array), numbers)
+    assert not np.array_equal(wanted[0], q)
+
+
+@pytest.mark.parametrize("name", ["another angle", "other lengths", "redundant rows"])
+def test_a_changed_mechanism_runs_as_one_that_was_built(name: str):
+    model, other, _ = CHANGES[name]
+    begun, simulation = Simulation(model, Settings(solver="adams")), Simulation(other, Settings(solver="adams"))
+    native = Running(begun)
+    adopt(native, simulation.plant, begun)
+    assert assembled(native, *guess(simulation.plant, 0.0)) == ASSEMBLED
+    assert native.call("begin", 0.0) == 0
+    for t in 0.02 * np.arange(1, 26):
+        assert native.call("advance", t) == int(simulation.stepper.advance(t).code) == 0
+        assert native.call("read") == 0
+        np.testing.assert_array_equal(native.out[:-2], simulation.outputs()[:-2])
+
+
+def refused(plant: Plant) -> str:
+    """What Python says of a plant that cannot be assembled."""
+    with pytest.raises(AssemblyError) as error:
+        plant.assemble()
+    return str(error.value)
+
+
+def test_a_start_that_python_assembled_is_assembled_by_machine_code_again():
+    for model in (FourBar(), Governor()):
+        simulation = Simulation(model, Settings(solver="adams"))
+        native = Running(simulation)
+        before = native.view(native.instance.given.q).copy()
+        assert native.call("assemble", 0.0) == ASSEMBLED
+        np.testing.assert_array_equal(native.view(native.instance.given.q), before)
+
+
+def test_a_loop_that_cannot_close_is_told_by_row_and_gap():
+    begun = Simulation(FourBar(), Settings(solver="adams"))
+    native, plant = Running(begun), FourBar(ground_length=12.0).plant()
+    adopt(native, plant, begun)
+    assert assembled(native, *guess(plant, 0.0)) == OPEN
+    row, gap = native.view(native.instance.start.scratch.worst)[0]
+    assert f"{plant.system.constraint_names[row]!r} stays off by {gap:.3g} in" in refused(plant)
+
+
+def test_rates_that_open_a_loop_are_told_by_row_and_rate():
+    def cranks(rate: float) -> Mechanism:
+        return pair(lambda k: {"fixed": True, "rate": 1.0 if k == 0 else rate})
+
+    begun = Simulation(cranks(1.0), Settings(solver="adams"))
+    native, plant = Running(begun), Plant(cranks(1.5))
+    assert assembled(native, *guess(plant, 0.0)) == OPENS
+    row, gap = native.view(native.instance.start.scratch.worst)[0]
+    assert f"{plant.system.constraint_names[row]!r} opens at {gap:.3g} per second" in refused(plant)
+
+
+def test_a_motion_without_inertia_is_told_by_its_coordinates():
+    def arms(mass: float) -> Mechanism:
+        m = Mechanism(gravity=(0.0, -9.81, 0.0))
+        arm = m.body("arm", m.ground, Revolute(start=0.2), **rod(mass=1.0, length=1.0))
+        m.body("tip", arm, Revolute(at=(1.0, 0.0, 0.0)), **rod(mass=mass, length=0.5))
+        m.output("energy", m.energy)
+        return m
+
+    begun = Simulation(arms(1.0), Settings(solver="adams"))
+    native, plant = Running(begun), Plant(arms(0.0))
+    adopt(native, plant, begun)
+    assert assembled(native, *guess(plant, 0.0)) == NO_MASS
+    told = np.flatnonzero(native.view(native.instance.start.scratch.massless))
+    assert [plant.system.coordinate_names[k] for k in told] == ["tip"]
+    assert "coordinate(s) 'tip' can move" in refused(plant)
+
+
+def pair(options: Callable[[int], dict[str, Any]]) -> Mechanism:
+    """Two parallel cranks with a coupler; ``options`` of the joint of each crank."""
+    m = Mechanism(gravity=(0.0, -9.81, 0.0))
+    cranks = [
+        m.body(f"crank{k}", m.ground, Revolute(at=(2.0 * k, 0, 0), start=0.5, **options(k)), **rod(mass=1, length=1))
+        for k in range(2)
+    ]
+    coupler = m.body("coupler", cranks[0], Revolute(at=(1, 0, 0), start=-0.5), **rod(mass=2, length=2))
+    m.cut("pin", RevoluteCut(at_a=(1, 0, 0), at_b=(2, 0, 0)), cranks[1], coupler)
+    m.output("energy", m.energy)
+    return m
