@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -10,9 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.interface import Role, ScalarVariable, Type, interface
+from mbfmu.mechanics.arrays.closing import SENTENCES
 from mbfmu.model import Model, declared, span
 from mbfmu.settings import Settings
 from mbfmu.simulation import Simulation
+from solvers.assembly import Outcome
 from solvers.outcome import CODES, MESSAGES, Status
 
 from . import layout
@@ -90,15 +93,21 @@ class _File:
         self._places = {
             "clock": image.at(instance.clock), "out": image.at(instance.out), "options": image.at(instance.options),
             "counts": image.at(instance.counts), "length": image.at(instance.known) + 16,
+            "told": image.at(instance.told), "worst": image.at(instance.start.scratch.worst),
+            "massless": image.at(instance.start.scratch.massless),
         }  # fmt: skip
 
     def write(self, token: str) -> bytes:
         """Return the bytes of the file."""
         rows: dict[str, list[tuple[Any, ...]]] = {name: [] for name in ("sums", "terms", "factors")}
         rows["variables"] = [self._variable(v) for v in self._variables]
-        rows["entries"] = [self._entry(entry, rows) for entry in self._live.entries if entry.place.array != "row_size"]
+        rows["entries"] = [self._entry(entry, rows) for entry in self._live.entries]
         rows["places"], rows["kernels"] = list(self._image.places), list(self._image.kernels)
         rows["sentences"] = [self._sentence(code) for code in CODES]
+        system = self._simulation.plant.system
+        rows["failures"] = [self._failure(SENTENCES.get(outcome, "")) for outcome in Outcome]
+        rows["rows"] = [(self._say(name),) for name in system.constraint_names]
+        rows["coordinates"] = [(self._say(name),) for name in system.coordinate_names]
         rows["text"] = [(byte,) for byte in self._text]
         header = np.zeros(1, layout.HEADER)
         at, parts = layout.HEADER.itemsize, []
@@ -131,9 +140,10 @@ class _File:
         if v.type is Type.BOOLEAN:
             low, high = 0.0, 1.0
         start = float("nan") if v.start is None else float(v.start)
+        moves = v.role is Role.INPUT and self._simulation.plant.inputs.moves_support(number)
         kinds, roles = list(Type).index(v.type), list(Role).index(v.role)
         told = self._say(v.name), self._say(v.allowed)
-        return (*told, kinds, roles, number, layout.SETTABLE.index(when), start, low, high)
+        return (*told, kinds, roles, number, layout.SETTABLE.index(when), moves, start, low, high)
 
     def _entry(self, entry: Entry, rows: dict[str, list[tuple[Any, ...]]]) -> tuple[Any, ...]:
         first = len(rows["sums"])
@@ -147,18 +157,20 @@ class _File:
         inputs = [k for k, v in enumerate(self._variables) if v.role is Role.INPUT]
         owner = -1 if entry.input is None else inputs[entry.input]
         base = float(np.frombuffer(self._block, np.float64, 1, at)[0])
-        return at, owner, entry.root, first, len(entry.sums), base
+        once = entry.place.array == "size"  # as Plant.adopt has it: solvers keep their units
+        return at, owner, once, entry.root, first, len(entry.sums), base
 
     def _factors(self, term: Term) -> list[tuple[int, float]]:
         return [(layout.LENGTH if n == LENGTH else self._references[n], power) for n, power in term.powers]
 
     def _place(self, place: Place) -> int:
         """Return where a number is in the block."""
-        own = self._instance.given
+        start = self._instance.start
         known = {"rate": 0, "loop_rate": 8, "length": 16}
         if place.array in known:
             return self._image.at(self._instance.known) + known[place.array]
-        told: dict[str, NDArray[Any]] = {"q": own.q, "v": own.v, "size": own.work.size}
+        told: dict[str, NDArray[Any]] = {"q": start.q, "v": start.v}
+        told |= {"size": start.scratch.size, "row_size": start.scratch.row}
         arrays = self._simulation.plant.data.arrays._asdict()
         array = told[place.array] if place.array in told else arrays[place.array]
         return self._image.at(array) + place.offset
@@ -166,6 +178,12 @@ class _File:
     def _sentence(self, code: Any) -> tuple[int, int]:
         others = [name for name in self._simulation.stepper.others if name != "ida"]
         return self._say(MESSAGES[code][0]), self._say(Status(code, 0.0, tuple(others)).remedy)
+
+    def _failure(self, template: str) -> tuple[int, int, int]:
+        """Return the parts of a sentence around a name and a number."""
+        parts = re.split(r"\{[^}]*\}", template)
+        before, between, after = (self._say(part) for part in (*parts, "", "")[:3])
+        return before, between, after
 
 
 def _records(rows: list[tuple[Any, ...]], record: np.dtype[Any]) -> NDArray[Any]:

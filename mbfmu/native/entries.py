@@ -247,6 +247,17 @@ def entries(family: str) -> dict[str, Entry]:
         renewed(s, False)
         return OK
 
+    def weigh(s: Any) -> int:
+        """Note the energy, before parameters change; :func:`retune` comes after that."""
+        s.told[0].before = energy_at(s)
+        return OK
+
+    def retune(s: Any) -> int:
+        """Go on anew with other parameters, as ``Simulation.retune`` does."""
+        s.balance[0].level += energy_at(s) - s.told[0].before
+        renewed(s, True)
+        return OK
+
     def take_input(s: Any, index: int, value: float) -> int:
         """Take the value of an input at the time reached, as ``Simulation.set_input`` does."""
         if not abs(value) < np.inf:
@@ -301,6 +312,8 @@ def entries(family: str) -> dict[str, Entry]:
         "step": Entry(step, timed),
         "advance": Entry(advance, timed),
         "renew": Entry(renew, ()),
+        "weigh": Entry(weigh, ()),
+        "retune": Entry(retune, ()),
         "read": Entry(read, ()),
         "count": Entry(count, ()),
     }

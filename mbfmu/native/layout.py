@@ -13,11 +13,13 @@ import numpy as np
 from mbfmu.interface import Role, Type
 from mbfmu.model import declared
 from mbfmu.settings import Settings
+from solvers.assembly import WORST, Outcome
 from solvers.compiled.kernel import types
 from solvers.options import OPTIONS
 from solvers.outcome import Code
 
 from .entries import Entry
+from .points import TOLD
 
 WORDS = {types.float64: "double", types.int64: "int64_t"}  # what entry points are called with
 MAGIC = int.from_bytes(b"mbfmu15b", "little")
@@ -32,6 +34,7 @@ VARIABLE = np.dtype(
         ("role", "i8"),  # place in interface.Role
         ("number", "i8"),  # among those of its role
         ("settable", "i8"),  # when: see SETTABLE
+        ("moves", "i8"),  # 1: a support, which may have moved since it was set
         ("start", "f8"),
         ("low", "f8"),
         ("high", "f8"),
@@ -40,8 +43,9 @@ VARIABLE = np.dtype(
 SETTABLE = ("never", "before", "between")  # never; until the initialization ends; between steps too
 ENTRY = np.dtype(  # a number that follows parameters, see table.Entry
     [
-        ("at", "i8"),  # place in the block; -1: it is the characteristic length alone
+        ("at", "i8"),  # place in the block
         ("input", "i8"),  # the variable that owns it; -1: none
+        ("once", "i8"),  # 1: it is written at the start alone
         ("root", "i8"),
         ("sums", "i8"),  # first of its sums, and how many
         ("count", "i8"),
@@ -53,6 +57,8 @@ TERM = np.dtype([("factors", "i8"), ("count", "i8"), ("coefficient", "f8")])
 FACTOR = np.dtype([("variable", "i8"), ("power", "f8")])  # of variable LENGTH the characteristic length
 LENGTH = -1
 SENTENCE = np.dtype([("what", "i8"), ("remedy", "i8")])  # places in the text, by solvers.outcome.Code
+FAILURE = np.dtype([("before", "i8"), ("between", "i8"), ("after", "i8")])  # likewise, by solvers.assembly.Outcome
+NAME = np.dtype([("name", "i8")])  # place in the text
 
 SECTIONS = {
     "variables": VARIABLE,
@@ -63,9 +69,21 @@ SECTIONS = {
     "places": RELOCATION,
     "kernels": RELOCATION,
     "sentences": SENTENCE,
+    "failures": FAILURE,
+    "rows": NAME,
+    "coordinates": NAME,
     "text": np.dtype("u1"),
 }
-PLACES = ("clock", "out", "options", "counts", "length")  # of arrays that C looks at, in the block
+PLACES = (
+    "clock",
+    "out",
+    "options",
+    "counts",
+    "length",
+    "told",
+    "worst",
+    "massless",
+)  # of arrays that C looks at, in the block
 HEADER = np.dtype(
     [
         ("magic", "i8"),
@@ -81,7 +99,8 @@ HEADER = np.dtype(
 )
 STRUCTS = {
     "Header": HEADER, "Variable": VARIABLE, "Entry": ENTRY, "Sum": SUM, "Term": TERM, "Factor": FACTOR,
-    "Relocation": RELOCATION, "Sentence": SENTENCE, "Options": OPTIONS,
+    "Relocation": RELOCATION, "Sentence": SENTENCE, "Failure": FAILURE, "Name": NAME, "Options": OPTIONS,
+    "Told": TOLD, "Worst": WORST,
 }  # fmt: skip
 
 
@@ -97,6 +116,7 @@ def declarations(families: Iterable[str], entries: Iterable[tuple[str, Entry]]) 
         _enum("SETTABLE", SETTABLE),
         _enum("SETTING", (p.name for p in declared(Settings))),
         _enum("CODE", (code.name for code in Code)),
+        _enum("ASSEMBLY", (outcome.name for outcome in Outcome)),
     ]
     for name, more in known:
         lines.append(f"typedef int32_t {_kind(name)}({', '.join(('int64_t *', 'void **', 'void *', *more))});")

@@ -20,6 +20,7 @@ TOLD = np.dtype(
         ("unknown", np.int64),  # 1: the rate of a support that departs jumps where its impulse is not known
         ("jumps", np.int64),  # 1: a support has jumped in position, farther than its rate explains
         ("lost", np.int64),  # 1: the balance of energy and work was lost
+        ("before", np.float64),  # J, energy before parameters change
     ],
     align=True,
 )

@@ -13,10 +13,20 @@ from numpy.typing import NDArray
 from mbfmu.errors import AssemblyError
 from mbfmu.mechanics.builder.bodies import CutHandle
 from mbfmu.mechanics.records import State
-from solvers.assembly import ASSEMBLED, NOT_FINITE, Loops, Scratch, close_positions, close_velocities, move_mass
+from solvers.assembly import ASSEMBLED, Loops, Outcome, Scratch, close_positions, close_velocities, move_mass
 from solvers.assembly import least_change as find_least_change
 from solvers.compiled.held import hold
 from solvers.system import AnySystem, Array
+
+SENTENCES = {  # with the name of a row and its gap in SI units, or the names of coordinates
+    Outcome.OPEN: "loop cannot close: {name!r} stays off by {gap:.3g} in the nearest position that was found; check "
+    "lengths and start positions, or hold fewer joints fixed",
+    Outcome.NOT_FINITE: "{name!r} or its slope is not finite on the way to a closed position; start elsewhere",
+    Outcome.OPENS: "start velocities are not consistent: {name!r} opens at {gap:.3g} per second; hold fewer joints "
+    "fixed or give consistent rates",
+    Outcome.NO_MASS: "no inertia: coordinate(s) {names} can move without moving mass; give a body mass or inertia "
+    "there, or drive or weld the joint",
+}
 
 
 def assemble_positions(system: AnySystem, t: float, start: Array, held: NDArray[np.bool_]) -> Array:
@@ -28,13 +38,7 @@ def assemble_positions(system: AnySystem, t: float, start: Array, held: NDArray[
     code = close_positions(Loops.of(system), t, start, q, hold(scratch))
     if code == ASSEMBLED:
         return q
-    name, gap = _worst(system, scratch)
-    if code == NOT_FINITE:
-        raise AssemblyError(f"{name!r} or its slope is not finite on the way to a closed position; start elsewhere")
-    raise AssemblyError(
-        f"loop cannot close: {name!r} stays off by {gap:.3g} "
-        "in the nearest position that was found; check lengths and start positions, or hold fewer joints fixed"
-    )
+    raise AssemblyError(_said(system, scratch, code))
 
 
 def least_change(system: AnySystem, J: Array, gaps: Array, held: NDArray[np.bool_]) -> Array:
@@ -51,19 +55,16 @@ def assemble_velocities(system: AnySystem, t: float, q: Array, start: Array, hel
     if system.m == 0:
         return v
     scratch = Scratch.of(system, held)
-    if close_velocities(Loops.of(system), t, q, start, system.rate, v, hold(scratch)) != ASSEMBLED:
-        name, gap = _worst(system, scratch)
-        raise AssemblyError(
-            f"start velocities are not consistent: {name!r} opens at {gap:.3g} "
-            "per second; hold fewer joints fixed or give consistent rates"
-        )
+    code = close_velocities(Loops.of(system), t, q, start, system.rate, v, hold(scratch))
+    if code != ASSEMBLED:
+        raise AssemblyError(_said(system, scratch, code))
     return v
 
 
-def _worst(system: AnySystem, scratch: Scratch) -> tuple[str, float]:
-    """Return the name of the row that does not close, and by what."""
+def _said(system: AnySystem, scratch: Scratch, code: int) -> str:
+    """Return which row does not close, and by what."""
     row, gap = scratch.worst[0]
-    return system.constraint_names[row], float(gap)
+    return SENTENCES[Outcome(code)].format(name=system.constraint_names[row], gap=float(gap))
 
 
 def frame_angles(cuts: Sequence[CutHandle], state: State) -> Array:
@@ -109,8 +110,5 @@ def check_inertia(system: AnySystem, t: float, q: Array, v: Array) -> None:
     terms, scratch = system.allocate_terms(), Scratch.of(system)
     system.fill(t, q, v, terms)
     if move_mass(hold(terms), np.zeros((system.n, system.n)), hold(scratch)) != ASSEMBLED:
-        names = [system.coordinate_names[i] for i in np.flatnonzero(scratch.massless)]
-        raise AssemblyError(
-            f"no inertia: coordinate(s) {', '.join(map(repr, names))} can move without moving mass; "
-            "give a body mass or inertia there, or drive or weld the joint"
-        )
+        names = ", ".join(repr(system.coordinate_names[i]) for i in np.flatnonzero(scratch.massless))
+        raise AssemblyError(SENTENCES[Outcome.NO_MASS].format(names=names))

@@ -16,30 +16,21 @@
 static const char *const phases[] = {"instantiated", "initializing", "running", "failed", "terminated"};
 static const char *const types[] = {"Real", "Integer", "Boolean", "String", "Enumeration"};
 
-/* Call an entry point of the family: its code. */
-#define CALL(own, name, ...) call_##name(own, ##__VA_ARGS__)
+/* Calls of entry points, which return their code. */
 
-static int64_t call_begin(Instance *own, double t)
-{
-    int64_t code;
-    void *error;
-    own->family->begin(&code, &error, root_of(own), t);
-    return code;
-}
-
-static int64_t call_advance(Instance *own, double t)
-{
-    int64_t code;
-    void *error;
-    own->family->advance(&code, &error, root_of(own), t);
-    return code;
-}
-
-static int64_t call_plain(Instance *own, int32_t (*entry)(int64_t *, void **, void *))
+static int64_t call(Instance *own, int32_t (*entry)(int64_t *, void **, void *))
 {
     int64_t code;
     void *error;
     entry(&code, &error, root_of(own));
+    return code;
+}
+
+static int64_t call_at(Instance *own, int32_t (*entry)(int64_t *, void **, void *, double), double t)
+{
+    int64_t code;
+    void *error;
+    entry(&code, &error, root_of(own), t);
     return code;
 }
 
@@ -162,7 +153,7 @@ static void read_outputs(Instance *own)
 {
     const double *out = numbers(own, own->header->out_at);
     const int64_t *counts = (const int64_t *)(own->block + own->header->counts_at);
-    call_plain(own, own->family->count);
+    call(own, own->family->count);
     for (size_t k = 0; k < count_of(own); k++) {
         const Variable *v = &own->variables[k];
         if (v->role == ROLE_OUTPUT)
@@ -176,7 +167,7 @@ static void read_outputs(Instance *own)
 static Outcome evaluate(Instance *own)
 {
     char text[SAYS];
-    int64_t code = call_plain(own, own->family->read);
+    int64_t code = call(own, own->family->read);
     if (code != CODE_OK) {
         tell_stop(own, code, text);
         return fail(own, DISCARD, text);
@@ -186,11 +177,12 @@ static Outcome evaluate(Instance *own)
     return OK;
 }
 
-/* Give the model an input. */
-static void give(Instance *own, size_t k)
+/* Give the model an input: its entry point says from when. */
+static void give(Instance *own, int32_t (*entry)(int64_t *, void **, void *, int64_t, double), size_t k)
 {
-    (void)own;
-    (void)k;
+    int64_t code;
+    void *error;
+    entry(&code, &error, root_of(own), own->variables[k].number, own->values[k]);
 }
 
 /* Start the model from the values as they are. */
@@ -205,12 +197,21 @@ static Outcome start_anew(Instance *own)
         return fail(own, ERROR, text);
     }
     own->untouched = false;
+    own->warned_jump = own->warned_balance = false;
     put_options(own);
-    put_parameters(own);
+    bool other = put_parameters(own, false) || own->start != 0.0;
+    *numbers(own, own->header->clock_at) = own->start;
     for (size_t k = 0; k < count_of(own); k++)
-        if (own->variables[k].role == ROLE_INPUT && own->flags[k] & GIVEN)
-            give(own, k);
-    int64_t code = call_begin(own, own->start);
+        if (own->variables[k].role == ROLE_INPUT && own->flags[k] & GIVEN) {
+            give(own, own->family->start, k);
+            other = true;
+        }
+    int64_t code = other ? call_at(own, own->family->assemble, own->start) : ASSEMBLY_ASSEMBLED;
+    if (code != ASSEMBLY_ASSEMBLED) {
+        tell_assembly(own, code, text);
+        return fail(own, ERROR, text);
+    }
+    code = call_at(own, own->family->begin, own->start);
     if (code != CODE_OK) {
         tell_stop(own, code, text);
         return fail(own, ERROR, text);
@@ -245,11 +246,19 @@ Outcome exit_initialization(Instance *own)
 /* Let what was set since the last step reach the model. */
 static void apply_changes(Instance *own)
 {
+    bool tuned = false;
+    for (size_t k = 0; k < count_of(own); k++)
+        tuned = tuned || (own->variables[k].role == ROLE_PARAMETER && own->flags[k] & GIVEN);
+    if (tuned) {
+        call(own, own->family->weigh);
+        put_parameters(own, true);
+        call(own, own->family->retune);
+    }
     for (size_t k = 0; k < count_of(own); k++) {
         if (!(own->flags[k] & GIVEN))
             continue;
         if (own->variables[k].role == ROLE_INPUT)
-            give(own, k);
+            give(own, own->family->set, k);
         own->flags[k] &= (unsigned char)~GIVEN;
         own->fresh = false;
     }
@@ -287,6 +296,24 @@ static bool may_step(Instance *own, double t, double length)
     return true;
 }
 
+/* Tell what is unusual about a step that was made; a lost balance is the message of every one since. */
+static void look_around(Instance *own, const Told *told)
+{
+    if (told->jumps && !own->warned_jump) {
+        own->warned_jump = true;
+        warn(own, "an input jumps in position, farther than its rate explains; the support moves there within a "
+                  "communication step");
+    }
+    if (told->lost) {
+        SAY(own->message, "the energy balance is lost: the energy has changed otherwise than by the work done on it, "
+                          "by more than the tolerance explains. The motion is not to be trusted: tighten the tolerance "
+                          "or take another solver, and compare");
+        if (!own->warned_balance)
+            warn(own, own->message);
+        own->warned_balance = true;
+    }
+}
+
 /* Go from t by a length, both s; ``reached`` is where the FMU stands afterwards. */
 Outcome step(Instance *own, double t, double length, double *reached)
 {
@@ -300,15 +327,22 @@ Outcome step(Instance *own, double t, double length, double *reached)
     size_t saved = (size_t)own->header->saved;
     memcpy(own->kept, own->block, saved);
     double end = fmax(clock_of(own), t + length); /* the host's clock may be a little slow */
-    int64_t code = call_advance(own, end);
+    int64_t code = call_at(own, own->family->step, end);
+    const Told *told = (const Told *)(own->block + own->header->told_at);
     if (code != CODE_OK) {
         tell_stop(own, code, text);
+        if (told->unknown) {
+            char what[SAYS];
+            SAY(what, "the rate of an input jumps where its impulse is not known: ", text);
+            memcpy(text, what, sizeof text);
+        }
         memcpy(own->block, own->kept, saved);
         return fail(own, DISCARD, text);
     }
     own->fresh = false;
     own->message[0] = '\0';
     *reached = own->reached = end;
+    look_around(own, told);
     return OK;
 }
 
@@ -410,7 +444,7 @@ Outcome set(Instance *own, uint32_t reference, unsigned wanted, double value)
         return mistake(own, text);
     }
     own->flags[reference] &= (unsigned char)~REFUSED;
-    if (own->phase == RUNNING && own->values[reference] == value)
+    if (own->phase == RUNNING && own->values[reference] == value && !v->moves)
         return OK;
     own->values[reference] = value;
     own->flags[reference] |= GIVEN;

@@ -66,8 +66,9 @@ static bool follows(const Instance *own, const Entry *entry, bool longer)
     return false;
 }
 
-/* Write all that parameters move; whether anything moved. What an input owns is left to it once it was given. */
-bool put_parameters(Instance *own)
+/* Write all that parameters move; whether anything moved. What an input owns is left to it once it was given, and at
+   work to what it is. */
+bool put_parameters(Instance *own, bool at_work)
 {
     const Entry *entries = section(own, own->header->entries);
     bool any = false, longer = false;
@@ -77,13 +78,15 @@ bool put_parameters(Instance *own)
         double value = off ? formula(own, entry) : entry->base;
         if (entry->at == own->header->length_at)
             longer = off;
+        any = any || off;
+        if (at_work && (entry->once || entry->input >= 0))
+            continue;
         if (entry->input >= 0) {
             if (own->flags[entry->input] & GIVEN)
                 continue;
             own->values[entry->input] = value;
         }
         *number_at(own, entry->at) = value;
-        any = any || off;
     }
     return any;
 }

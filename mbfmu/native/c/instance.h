@@ -25,6 +25,7 @@ struct Instance {
     Phase phase;
     bool untouched; /* the block is that of the file */
     bool fresh;     /* outputs are those of the present state */
+    bool warned_jump, warned_balance;
     char message[SAYS];
 };
 
@@ -37,7 +38,7 @@ size_t count_of(const Instance *own);
 unsigned char *root_of(const Instance *own);
 
 /* formulas.c */
-bool put_parameters(Instance *own);
+bool put_parameters(Instance *own, bool at_work);
 void put_options(Instance *own);
 
 /* words.c */
@@ -47,7 +48,10 @@ void add_all(char text[SAYS], const char *const parts[], size_t count);
 Outcome mistake(Instance *own, const char *text);
 Outcome fail(Instance *own, Outcome outcome, const char *text);
 void tell_stop(Instance *own, int64_t code, char text[SAYS]);
+void tell_assembly(Instance *own, int64_t code, char text[SAYS]);
+void warn(Instance *own, const char *text);
 
+/* Make a text of parts. */
 #define SAY(text, ...)                                                             \
     do {                                                                           \
         const char *const parts[] = {__VA_ARGS__};                                 \

@@ -56,3 +56,34 @@ void tell_stop(Instance *own, int64_t code, char text[SAYS])
     SAY(text, text_at(own, sentence->what), " (t = ", in_digits(digits, *clock), " s). ",
         text_at(own, sentence->remedy));
 }
+
+/* Say which row does not close and by what, or which coordinates move no mass. */
+void tell_assembly(Instance *own, int64_t code, char text[SAYS])
+{
+    const Header *h = own->header;
+    const Failure *f = (const Failure *)section(own, h->failures) + code;
+    const Worst *worst = (const Worst *)(own->block + h->worst_at);
+    const double *massless = (const double *)(own->block + h->massless_at);
+    const Name *rows = section(own, h->rows), *coordinates = section(own, h->coordinates);
+    char digits[32];
+    SAY(text, text_at(own, f->before));
+    if (code != ASSEMBLY_NO_MASS) {
+        const char *gap = code == ASSEMBLY_NOT_FINITE ? "" : in_digits(digits, worst->gap);
+        const char *const parts[] = {"'", text_at(own, rows[worst->row].name), "'", text_at(own, f->between), gap,
+                                     text_at(own, f->after)};
+        add_all(text, parts, sizeof parts / sizeof parts[0]);
+        return;
+    }
+    for (int64_t k = 0, told = 0; k < h->coordinates_count; k++)
+        if (massless[k] != 0.0) {
+            const char *const parts[] = {told++ ? ", '" : "'", text_at(own, coordinates[k].name), "'"};
+            add_all(text, parts, sizeof parts / sizeof parts[0]);
+        }
+    add(text, text_at(own, f->between));
+}
+
+/* Tell what is unusual and stops nothing. */
+void warn(Instance *own, const char *text)
+{
+    own->log(own->host, WARNING, "logStatusWarning", text);
+}
