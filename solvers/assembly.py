@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solvers.compiled.held import hold
-from solvers.compiled.kernel import inlined, kernel, records
+from solvers.compiled.kernel import kernel, records
 from solvers.linalg.dense import basic_transposed, lq, rank_at, turn_in, turn_out
 from solvers.system import AnySystem, Array
 
@@ -138,7 +138,7 @@ def approach(eqs: Any, t: float, start: Any, damped: bool, q: Any, work: Any) ->
     return OPEN
 
 
-@inlined
+@kernel
 def is_odd(terms: Any, work: Any) -> bool:
     """Whether some row or its slope is not finite; the first that is not is the worst."""
     for i in range(terms.Phi.shape[0]):
@@ -152,7 +152,7 @@ def is_odd(terms: Any, work: Any) -> bool:
     return False
 
 
-@inlined
+@kernel
 def find_gaps(terms: Any, work: Any) -> float:
     """work.gaps = Phi in units of the rows; return the largest."""
     worst, largest = work.worst[0], 0.0
@@ -164,7 +164,7 @@ def find_gaps(terms: Any, work: Any) -> float:
     return largest
 
 
-@inlined
+@kernel
 def take_step(eqs: Any, q: Any, work: Any) -> None:
     """q <- q (+) -S step, as much of it as no coordinate moves too far by; ``work.step`` becomes that."""
     largest = 0.0
@@ -234,7 +234,7 @@ def close_velocities(eqs: Any, t: float, q: Any, start: Any, rate: float, v: Any
     return OPENS if largest > OPENING * fast + ROUNDING * rate else ASSEMBLED
 
 
-@inlined
+@kernel
 def opening(terms: Any, v: Any, work: Any) -> None:
     """work.gaps = J v - nu, in units of the rows."""
     for i in range(work.gaps.shape[0]):
@@ -269,7 +269,7 @@ def move_mass(terms: Any, mass: Any, work: Any) -> int:
     return NO_MASS
 
 
-@inlined
+@kernel
 def reduce(M: Any, rank: int, mass: Any, work: Any) -> None:
     """First n - rank rows and columns of ``mass`` = Q_2^T S M S Q_2."""
     n = M.shape[0]
@@ -286,7 +286,7 @@ def reduce(M: Any, rank: int, mass: Any, work: Any) -> None:
             mass[i - rank, j - rank] = mass[i, j]
 
 
-@inlined
+@kernel
 def find_massless(freedom: int, rank: int, mass: Any, work: Any) -> None:
     """work.massless from the factors of a singular ``mass``: coordinates of one motion that it has nothing for."""
     n, x, y, solid = work.step.shape[0], work.left_B, work.step, freedom
