@@ -59,6 +59,8 @@ class Simulation:
     ----------
     pick
         The solver that goes, and why: that of the settings, or what ``auto`` stands for here.
+    start
+        Positions (nq,) and velocities (n,) that it began with, loops closed.
     work_of_jumps
         What jumps of inputs and of tunable parameters have put into the mechanism, J: the work of the impulses of its
         supports, changes of the potential energy where it is.
@@ -97,7 +99,7 @@ class Simulation:
             q, v = found.q, found.v
         else:
             q, v = self.plant.assemble(t0)
-        found_out = settings.solver == AUTO
+        self.start, found_out = (q, v), settings.solver == AUTO
         self.pick = pick(self.plant, [(t0, q, v)], settings.options()) if found_out else SolverPick(settings.solver)
         self.stepper = self._stepper(t0, q, v)
         self.variables = (*self.plant.outputs, *VARIABLES)

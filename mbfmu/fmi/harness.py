@@ -63,7 +63,7 @@ class Fmu:
             instanceName=self.description.modelName,
         )
         self.slave.instantiate()
-        self.t = start_time
+        self.t, self._begun = start_time, False
         try:
             self.start(values or {}, tolerance)
         except BaseException:
@@ -72,14 +72,15 @@ class Fmu:
 
     def start(self, values: Mapping[str, Any], tolerance: float | None = None) -> None:
         """Initialize with these start values; raises UserError with the FMU's reason where it cannot."""
-        self.slave.setupExperiment(startTime=self.t, tolerance=tolerance)
-        self.slave.enterInitializationMode()
-        for name, value in values.items():
-            self[name] = value
         try:
+            self.slave.setupExperiment(startTime=self.t, tolerance=tolerance)
+            self.slave.enterInitializationMode()
+            for name, value in values.items():
+                self[name] = value
             self.slave.exitInitializationMode()
         except FMICallException as error:
             raise UserError(self.message() or str(error)) from error
+        self._begun = True
 
     def step(self, dt: float) -> None:
         """Advance by dt (s); raises UserError with the FMU's reason if it discards the step."""
@@ -144,7 +145,8 @@ class Fmu:
 
     def close(self) -> None:
         """Terminate, free the instance and remove its folder."""
-        self.slave.terminate()
+        if self._begun:
+            self.slave.terminate()
         self.slave.freeInstance()
         shutil.rmtree(self._folder, ignore_errors=True)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from math import nan
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -58,10 +59,15 @@ def native_model(model: Model, settings: Settings, token: str) -> NativeModel:
     """
     simulation = Simulation(model, settings)
     instance, image = image_of(simulation)
-    live = find_live(model)
+    live = _steady(model) if settings.start_at_equilibrium else find_live(model)
     frozen = {name: why for name, why in live.frozen.items() if not _structural(model, name)}
     variables = tuple(_native(v, model, live) for v in interface(model, settings, simulation.plant))
     return NativeModel(variables, frozen, _File(simulation, instance, image, live, variables).write(token))
+
+
+def _steady(model: Model) -> Live:
+    """Return that no parameter of a model stays settable whose start is a steady state."""
+    return Live((), {p.name: "the steady state that it starts in follows it" for p in model.parameters()}, {}, (), {})
 
 
 def _structural(model: Model, name: str) -> bool:
@@ -139,7 +145,8 @@ class _File:
         low, high = (1.0, float(len(v.choices))) if v.choices else (v.min, v.max)
         if v.type is Type.BOOLEAN:
             low, high = 0.0, 1.0
-        start = float("nan") if v.start is None else float(v.start)
+        unknown = nan if v.type is Type.REAL else 0.0
+        start = unknown if v.start is None else float(v.start)
         moves = v.role is Role.INPUT and self._simulation.plant.inputs.moves_support(number)
         kinds, roles = list(Type).index(v.type), list(Role).index(v.role)
         told = self._say(v.name), self._say(v.allowed)

@@ -102,14 +102,17 @@ def instance_of(simulation: Simulation) -> Instance:
     """Return an instance that is assembled and yet to begin, where a simulation began; with zeros for the functions."""
     stepper: ClosedStepper = simulation.stepper  # type: ignore[assignment]
     plant, system = simulation.plant, simulation.plant.system
-    given, (q, v) = contents(stepper.given), plant.assemble(simulation.t)
+    given, (q, v) = contents(stepper.given), (array.copy() for array in simulation.start)
     sizes = system.nq, system.n, system.m
     eqs = Equations(**dict.fromkeys(CALLBACKS, 0), data=system.held_data, terms=Terms.allocate(*sizes))
     work = Workspace.allocate(*sizes)
     work.size[:] = system.size
     assembly = plant.assembly
     scratch = Scratch.of(system, assembly.held())._replace(size=work.size)
-    start = Start(assembly.start_positions(), assembly.start_velocities(), scratch)
+    if simulation.settings.start_at_equilibrium:
+        start = Start(q.copy(), v.copy(), scratch)
+    else:
+        start = Start(assembly.start_positions(), assembly.start_velocities(), scratch)
     scales = Scales.of(simulation.settings.tolerance, np.zeros(system.n), np.zeros(system.n))
     own = Given(eqs, given.settings, _memory(family_of(simulation), *sizes), work, scales, q, v, np.zeros(ROW))
     known = np.array([system.rate, system.loop_rate, plant.length])

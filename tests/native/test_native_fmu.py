@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import fmpy
 import numpy as np
 import pytest
+from binding import DISCARD, ERROR, OK, Binary, Instance
 from fmpy import read_model_description
 from fmpy.validation import validate_fmu
 from numpy.typing import NDArray
@@ -19,6 +21,7 @@ from numpy.typing import NDArray
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
+from mbfmu.errors import UserError
 from mbfmu.fmi import export
 from mbfmu.model import Model
 from mbfmu.native.runtime import COMPILERS
@@ -127,3 +130,251 @@ def test_a_host_without_python_gets_the_bits_of_a_simulation(
 def test_descriptions_are_valid(fmi: int, unpacked: Callable[[Model, str, int], Unpacked]):
     for model, solver in MODELS.values():
         assert validate_fmu(str(unpacked(model, solver, fmi).path)) == []
+
+
+@pytest.fixture(scope="module")
+def binary(tmp_path_factory: pytest.TempPathFactory, unpacked: Callable[[Model, str, int], Unpacked]) -> Binary:
+    """The four-bar's FMU of FMI 2, by its C functions."""
+    return Binary(unpacked(FourBar(), "adams", 2).path, tmp_path_factory.mktemp("binary"))
+
+
+@pytest.fixture
+def fmu(binary: Binary) -> Iterator[Instance]:
+    binary.logged.clear()
+    instance = binary.instantiate()
+    yield instance
+    instance.free()
+
+
+def references(binary: Binary) -> dict[str, int]:
+    return {v.name: v.valueReference for v in binary.description.modelVariables}
+
+
+def begin(fmu: Instance, **values: float) -> None:
+    known = references(fmu.binary)
+    assert fmu.set("Real", [known[name] for name in values], list(values.values())) == OK
+    assert fmu.set_up() == OK
+    assert fmu.call("EnterInitializationMode") == OK
+    assert fmu.call("ExitInitializationMode") == OK, fmu.binary.logged
+
+
+def outputs(fmu: Instance) -> NDArray[np.float64]:
+    described = fmu.binary.description.modelVariables
+    status, values = fmu.get(
+        "Real", [v.valueReference for v in described if v.causality == "output" and v.type == "Real"]
+    )
+    assert status == OK
+    return np.array(values)
+
+
+CHANGES: list[dict[str, float]] = [
+    {"gravity": 1.62},
+    {"crank_mass": 2.5, "start_angle": 0.7},
+    {"start_angle": -0.4, "start_rate": 3.0},
+    {"crank_length": 0.8, "rocker_length": 0.8, "coupler_length": 2.5, "ground_length": 2.5},
+    {"tolerance": 1e-9},
+    {"tolerance": 1e-4, "max_step": 1e-3},
+]
+
+
+@pytest.mark.parametrize("values", CHANGES, ids=lambda values: ",".join(values))
+def test_changed_parameters_do_what_they_do_in_python(values: dict[str, float], fmu: Instance):
+    settings = {name: value for name, value in values.items() if name in ("tolerance", "max_step")}
+    model = FourBar(**{name: value for name, value in values.items() if name not in settings})  # type: ignore[arg-type]
+    simulation = Simulation(model, Settings(solver="adams", **settings))  # type: ignore[arg-type]
+    begin(fmu, **values)
+    np.testing.assert_allclose(outputs(fmu)[:-2], simulation.outputs()[:-2], rtol=1e-11, atol=1e-11)
+    for k in range(100):
+        assert fmu.step(0.01 * k, 0.01) == OK
+        assert simulation.advance(0.01 * k + 0.01).ok
+    expected = simulation.outputs()
+    loose = 100.0 * settings.get("tolerance", 1e-6)
+    np.testing.assert_allclose(outputs(fmu)[:-2], expected[:-2], rtol=loose, atol=loose * np.abs(expected[:-2]).max())
+
+
+def test_a_torque_and_gravity_that_change_on_the_way_give_the_bits_of_a_simulation(fmu: Instance):
+    known = references(fmu.binary)
+    simulation = Simulation(FourBar(), Settings(solver="adams"))
+    begin(fmu)
+    for k in range(100):
+        torque = np.sin(0.2 * k)
+        assert fmu.set("Real", [known["crank.torque"]], [torque]) == OK
+        simulation.set_input("crank.torque", torque)
+        if k == 50:
+            assert fmu.set("Real", [known["gravity"]], [3.7]) == OK
+            simulation.retune(FourBar(gravity=3.7))
+        assert fmu.step(0.01 * k, 0.01) == OK
+        assert simulation.advance(0.01 * k + 0.01).ok
+        np.testing.assert_array_equal(outputs(fmu), simulation.outputs())
+
+
+def test_a_state_goes_on_in_another_instance_to_the_bit(fmu: Instance):
+    begin(fmu)
+    for k in range(50):
+        assert fmu.step(0.01 * k, 0.01) == OK
+    status, state = fmu.save()
+    assert status == OK
+    other = fmu.binary.instantiate()
+    status, taken = other.from_bytes(fmu.to_bytes(state))
+    assert status == OK
+    assert other.restore(taken) == OK
+    for k in range(50, 100):
+        assert fmu.step(0.01 * k, 0.01) == other.step(0.01 * k, 0.01) == OK
+        np.testing.assert_array_equal(outputs(fmu), outputs(other))
+    assert fmu.restore(state) == OK  # and back
+    assert fmu.step(0.5, 0.01) == OK
+    for own in (state, taken):
+        fmu.release(own)
+    other.free()
+
+
+def test_a_damaged_state_or_another_model_s_is_refused(fmu: Instance):
+    begin(fmu)
+    _, state = fmu.save()
+    data = fmu.to_bytes(state)
+    for bad in (data[:-1], data[:100], data[:2000] + bytes([data[2000] ^ 1]) + data[2001:], b""):
+        assert fmu.from_bytes(bad)[0] == ERROR
+    assert "none of this FMU" in fmu.binary.logged[-1][1]
+    assert fmu.step(0.0, 0.01) == OK
+    fmu.release(state)
+
+
+def test_a_reset_makes_the_first_run_again(fmu: Instance):
+    runs = []
+    for _ in range(2):
+        begin(fmu, start_angle=0.3)
+        for k in range(20):
+            assert fmu.step(0.01 * k, 0.01) == OK
+        runs.append(outputs(fmu))
+        assert fmu.call("Reset") == OK
+    np.testing.assert_array_equal(*runs)
+
+
+def test_mistakes_of_a_host_are_errors_that_change_nothing(fmu: Instance):
+    known = references(fmu.binary)
+    assert fmu.step(0.0, 0.1) == ERROR
+    assert "a step is not allowed while the FMU is instantiated" in fmu.binary.logged[-1][1]
+    assert fmu.set("Real", [known["crank.angle"]], [1.0]) == ERROR
+    assert "'crank.angle' was set to 1, but it is an output" in fmu.binary.logged[-1][1]
+    assert fmu.get("Real", [9999])[0] == ERROR
+    assert fmu.get("Integer", [known["gravity"]])[0] == ERROR
+    assert "of type Real" in fmu.binary.logged[-1][1]
+    begin(fmu)
+    assert fmu.call("EnterInitializationMode") == ERROR
+    assert fmu.set("Real", [known["crank_length"]], [2.0]) == ERROR
+    assert "it is fixed since the initialization" in fmu.binary.logged[-1][1]
+    before = outputs(fmu)
+    for t, length in ((0.5, 0.1), (0.0, -0.1), (0.0, float("nan")), (float("nan"), 0.1)):
+        assert fmu.step(t, length) == DISCARD
+    np.testing.assert_array_equal(outputs(fmu), before)
+    assert fmu.step(0.0, 0.0) == OK
+    assert fmu.step(0.0, 0.01) == OK
+
+
+def test_a_refused_value_stops_steps_until_it_is_given_right(fmu: Instance):
+    known = references(fmu.binary)
+    begin(fmu)
+    assert fmu.set("Real", [known["crank.torque"]], [float("nan")]) == ERROR
+    assert fmu.step(0.0, 0.01) == DISCARD
+    assert "'crank.torque' was given a value that is not allowed" in fmu.binary.logged[-1][1]
+    assert fmu.set("Real", [known["crank.torque"]], [0.0]) == OK
+    assert fmu.step(0.0, 0.01) == OK
+
+
+def test_a_loop_that_cannot_close_says_which_row_and_by_how_much(fmu: Instance):
+    known = references(fmu.binary)
+    assert fmu.set("Real", [known["ground_length"]], [9.0]) == OK
+    assert fmu.call("EnterInitializationMode") == OK
+    assert fmu.call("ExitInitializationMode") == ERROR
+    with pytest.raises(UserError) as error:
+        Simulation(FourBar(ground_length=9.0), Settings(solver="adams"))
+    told, said = fmu.binary.logged[-1][1], str(error.value)
+    assert told.startswith("loop cannot close: 'pivot.x' stays off by")
+    assert told.partition("off by ")[2].partition(" ")[2] == said.partition("off by ")[2].partition(" ")[2]
+    assert fmu.step(0.0, 0.1) == ERROR
+    assert fmu.call("Reset") == OK
+    begin(fmu)
+
+
+def test_a_step_that_fails_leaves_all_as_it_was(fmu: Instance):
+    known = references(fmu.binary)
+    assert fmu.set("Integer", [known["max_steps"]], [5]) == OK
+    begin(fmu)
+    assert fmu.step(0.0, 1e-3) == OK
+    before = outputs(fmu)
+    assert fmu.step(1e-3, 5.0) == DISCARD
+    assert "the largest number of steps" in fmu.binary.logged[-1][1]
+    np.testing.assert_array_equal(outputs(fmu), before)
+    assert fmu.step(1e-3, 1e-3) == OK
+
+
+def test_variables_are_those_of_the_fmu_that_calls_python(binary: Binary, tmp_path: Path):
+    other = read_model_description(str(export(FourBar(), tmp_path / "model.fmu", Settings(solver="adams"))))
+    native = {v.name: v for v in binary.description.modelVariables}
+    assert list(native) == [v.name for v in other.modelVariables]
+    constant = {"solver", "inputs", "start_at_equilibrium"}
+    for v in other.modelVariables:
+        mine = native[v.name]
+        assert (mine.valueReference, mine.type, mine.unit, mine.start) == (v.valueReference, v.type, v.unit, v.start)
+        assert mine.causality == ("local" if v.name in constant else v.causality), v.name
+
+
+def test_nothing_is_called_but_the_c_library_and_nothing_else_is_offered(
+    unpacked: Callable[[Model, str, int], Unpacked],
+):
+    library = unpacked(FourBar(), "adams", 3).library
+    told = subprocess.run(("nm", "-D", str(library)), capture_output=True, text=True, check=True).stdout.splitlines()
+    offered = {line.split()[-1] for line in told if line.split()[-2] == "T"}
+    headers = Path(fmpy.__file__).parent / "c-code"
+    wanted = {
+        name
+        for version in (2, 3)
+        for name in re.findall(
+            rf"FMI{version}_Export\s+\w+\s+(fmi{version}\w+);", (headers / f"fmi{version}Functions.h").read_text()
+        )
+    }
+    assert len(wanted) > 110
+    assert offered == wanted
+    needed = {line.split()[-1].partition("@")[0] for line in told if line.split()[-2] == "U"}
+    assert not [name for name in needed if name.startswith(("Py", "NRT_", "numba"))]
+    linked = subprocess.run(("ldd", str(library)), capture_output=True, text=True, check=True).stdout
+    names = {line.split()[0].rpartition("/")[2].partition(".")[0] for line in linked.splitlines()}
+    assert names <= {"linux-vdso", "libc", "libm", "ld-linux-x86-64", "ld-linux-aarch64"}
+
+
+def test_equal_models_make_equal_files(tmp_path: Path):
+    files = [export(FourBar(), tmp_path / f"{k}.fmu", Settings(solver="adams"), native=True) for k in range(2)]
+    assert files[0].read_bytes() == files[1].read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("more", "told"),
+    [
+        ({"fmi": 1}, "fmi is 1; allowed: 2 or 3"),
+        ({"platforms": ["amiga"]}, "platform 'amiga' is not known; allowed: x86_64-linux"),
+        ({"platforms": ["aarch64-linux"]}, "FMI 2 has no name for platform 'aarch64-linux'"),
+    ],
+)
+def test_what_cannot_be_exported_is_refused(more: dict[str, Any], told: str, tmp_path: Path):
+    with pytest.raises(UserError, match=told):
+        export(FourBar(), tmp_path / "model.fmu", native=True, **more)
+
+
+def test_another_solver_than_was_asked_for_is_told(tmp_path: Path):
+    told: list[str] = []
+    export(FourBar(), tmp_path / "model.fmu", Settings(solver="ida"), native=True, tell=told.append)
+    assert any("the solver is 'adams'" in line and "'ida' is not in machine code" in line for line in told)
+    assert any("'coupler_elements' is fixed by the export" in line for line in told)
+
+
+def test_a_start_in_a_steady_state_is_that_of_a_simulation(tmp_path: Path, tmp_path_factory: pytest.TempPathFactory):
+    settings = Settings(solver="adams", start_at_equilibrium=True)
+    path = export(Governor(), tmp_path / "model.fmu", settings, native=True)
+    fmu = Binary(path, tmp_path_factory.mktemp("steady")).instantiate()
+    simulation = Simulation(Governor(), settings)
+    begin(fmu)
+    for k in range(20):
+        np.testing.assert_array_equal(outputs(fmu), simulation.outputs())
+        assert fmu.step(0.01 * k, 0.01) == OK
+        assert simulation.advance(0.01 * k + 0.01).ok
+    fmu.free()

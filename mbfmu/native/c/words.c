@@ -31,18 +31,25 @@ void add_all(char text[SAYS], const char *const parts[], size_t count)
         add(text, parts[k]);
 }
 
+/* Keep a text where a host can read it. */
+static void keep(Instance *own, const char *text)
+{
+    if (text != own->message)
+        SAY(own->message, text);
+}
+
 /* Tell what the host did wrong; nothing has changed. */
 Outcome mistake(Instance *own, const char *text)
 {
+    keep(own, text);
     own->log(own->host, ERROR, "logStatusError", text);
     return ERROR;
 }
 
-/* Tell what went wrong, and keep it where a host can read it. */
+/* Tell what went wrong. */
 Outcome fail(Instance *own, Outcome outcome, const char *text)
 {
-    own->message[0] = '\0';
-    add(own->message, text);
+    keep(own, text);
     own->log(own->host, outcome, "logStatusError", text);
     return outcome;
 }
