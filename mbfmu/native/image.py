@@ -102,9 +102,7 @@ class Image:
             if known <= first and last <= known + other.nbytes:
                 return at + first - known
             if first < known + other.nbytes and known < last:
-                raise ValueError(
-                    "two arrays share some of their memory, and neither is part of the other that was first"
-                )
+                raise ValueError("an array shares memory with one that came first, and is no part of it")
         self._arrays[first] = self._grow(array.nbytes), array
         return self._arrays[first][0]
 
