@@ -33,25 +33,29 @@ SOLVERS = ("adams", "hybrid", "radau")
 Given = Callable[[int], list[tuple[int, float]]]  # inputs and their values at the beginning of a step
 
 
-def pair(make: Callable[[], Any], settings: Settings, **more: Any) -> Any:
+def pair(make: Callable[[], Any], settings: Settings) -> Any:
     """A simulation and machine code of one like it, both begun."""
-    native = Running(Simulation(make(), settings, **more))
+    native = Running(Simulation(make(), settings))
     assert native.call("begin", 0.0) == OK
-    return Simulation(make(), settings, **more), native
+    return Simulation(make(), settings), native
 
 
-def follow(simulation: Simulation, native: Running, given: Given, first: int = 0, last: int = STEPS) -> None:
-    """Steps with the same inputs, and equal rows of outputs."""
+def follow(
+    simulation: Simulation, native: Running, given: Given, first: int = 0, last: int = STEPS, ends: Any = (OK,)
+) -> None:
+    """Take steps with the same inputs, which end so, and compare rows of outputs."""
+    codes = []
     for k in range(first, last):
         for index, value in given(k):
             simulation.set_input(index, value)
             assert native.call("set", index, float(value)) == OK
-        status = simulation.advance((k + 1) * H)
-        assert native.call("step", (k + 1) * H) == int(status.code) == OK
+        codes.append(int(simulation.advance((k + 1) * H).code))
+        assert native.call("step", (k + 1) * H) == codes[-1]
         assert native.call("read") == OK
         np.testing.assert_array_equal(native.out, simulation.outputs())
     assert simulation.audit is None or native.view(native.instance.balance)["level"] == simulation.audit.base
     assert native.told["lost"] == bool(simulation.verdict)
+    assert set(codes) == set(ends)
 
 
 def torque(k: int) -> list[tuple[int, float]]:
@@ -93,11 +97,10 @@ def test_gravity_and_a_force_with_its_rate(solver: str, inputs: str):
     def given(k: int) -> list[tuple[int, float]]:
         return [(0, -9.81 - 0.3 * k), (1, 0.1 * k), (2, 10.0)] if k % 5 == 2 else [(1, 0.1 * k)]
 
-    names = [v.name for v in Simulation(weighed(), Settings(solver=solver)).plant.inputs.variables]
-    assert sorted(names[:3]) == ["pull", "pull_rate", "weight"]
-    order = [names.index(name) for name in ("weight", "pull", "pull_rate")]
-    sorted_given = lambda k: [(order[i], value) for i, value in given(k)]  # noqa: E731
-    follow(*pair(weighed, Settings(solver=solver, inputs=inputs)), sorted_given)
+    simulation, native = pair(weighed, Settings(solver=solver, inputs=inputs))
+    assert [v.name for v in simulation.plant.inputs.variables] == ["weight", "pull", "pull_rate"]
+    follow(simulation, native, given)
+    assert simulation.work_of_jumps != 0.0
 
 
 def hub() -> Mechanism:
@@ -226,9 +229,18 @@ def simulation_memory(native: Running) -> NDArray[np.uint8]:
 def test_balance_that_is_lost_is_told():
     simulation, native = pair(FourBar, Settings(solver="adams"))
     follow(simulation, native, torque, last=10)
+    assert not native.told["lost"]
     native.view(native.instance.balance)["level"] += 1.0
-    assert native.call("step", 11 * H) == OK
-    assert native.told["lost"] == 1
+    simulation.audit.base += 1.0
+    follow(simulation, native, torque, first=10, last=12)
+    assert native.told["lost"]
+
+
+@needs_linker
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_inputs_after_a_step_that_failed(solver: str):
+    settings = Settings(solver=solver, max_steps=2)
+    follow(*pair(FourBar, settings), torque, last=30, ends=(OK, Code.MAX_STEPS))
 
 
 @needs_linker
