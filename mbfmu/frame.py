@@ -12,7 +12,7 @@ from zlib import crc32
 
 from mbfmu.errors import UserError
 
-MAGIC = b"mbfmu2nd"
+MAGIC = b"mbfmu3rd"
 CHECKSUM, OWNER, LENGTH = 4, 16, 8  # bytes
 DESCRIBED = len(MAGIC) + CHECKSUM  # where what is checked begins
 FRONT = DESCRIBED + OWNER + LENGTH  # what stands before the content

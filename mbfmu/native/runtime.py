@@ -12,12 +12,18 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
 
 import fmpy
+
+try:
+    import fcntl
+except ImportError:  # on Windows: two processes may build at once
+    fcntl = None  # type: ignore[assignment]
 
 from mbfmu.errors import UserError
 from solvers.compiled.cache import folder, tell_listeners
@@ -29,11 +35,7 @@ from .targets import TARGETS, host
 COMPILERS = ("cc", "gcc", "clang")
 HERE = Path(__file__).parent
 PACKED = HERE / "runtimes"  # that a wheel brings along
-KERNELS = (
-    "entries.py",
-    "kernels.py",
-    "targets.py",
-)  # beside the kernels themselves: what their machine code is made of
+KERNELS = ("entries.py", "kernels.py", "points.py", "targets.py")  # what machine code is made of, beside all kernels
 STRICT = ("-std=c2x", "-O2", "-Wall", "-Wextra", "-Werror", "-fvisibility=hidden", "-fPIC")
 EXPORTED = "{ global: fmi2*; fmi3*; local: *; };"  # for linkers of Linux; runtimes of two FMUs must not meet
 
@@ -65,17 +67,32 @@ def objects(names: Sequence[str]) -> dict[str, Path]:
         if name not in TARGETS:
             raise UserError(f"target {name!r} is not known; allowed: {', '.join(TARGETS)}")
     found = {name: place(*KERNELS) / f"{name}.o" for name in names}
-    missing = [name for name, path in found.items() if not path.is_file()]
-    if missing:
+    if not all(path.is_file() for path in found.values()):
         tell_listeners()
-        with tempfile.TemporaryDirectory(prefix="mbfmu_") as work:
-            _run(
-                [sys.executable, "-m", "mbfmu.native.kernels", work, *missing],
-                {"NUMBA_CPU_NAME": "generic", "NUMBA_CACHE_DIR": f"{work}/cache"},
-            )
-            for name in missing:
-                _keep(Path(work) / found[name].name, found[name])
+        with _alone(place(*KERNELS)):
+            _build([path for path in found.values() if not path.is_file()])
     return found
+
+
+def _build(paths: Sequence[Path]) -> None:
+    """Compile the kernels for targets by the names of their object files."""
+    if not paths:
+        return  # another process has
+    with tempfile.TemporaryDirectory(prefix="mbfmu_") as work:
+        own = {"NUMBA_CPU_NAME": "generic", "NUMBA_CACHE_DIR": f"{work}/cache"}
+        _run([sys.executable, "-m", "mbfmu.native.kernels", work, *(path.stem for path in paths)], own)
+        for path in paths:
+            _keep(Path(work) / path.name, path)
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Let one process at a time build what goes into a folder: it takes minutes of every processor."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with open(folder / "lock", "w") as lock:  # noqa: PTH123  # it is locked as a file
+        if fcntl is not None:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
 
 
 def library(name: str) -> Path:
