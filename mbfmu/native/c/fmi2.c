@@ -18,11 +18,20 @@ static Instance *instance(fmi2Component c)
     return ((Host *)c)->own;
 }
 
+/* The text is its own format, percent signs doubled: there are hosts that do not fill in what would follow. */
 static void tell(void *host, Outcome outcome, const char *category, const char *text)
 {
     const Host *h = host;
-    if (h->logging && h->callbacks && h->callbacks->logger)
-        h->callbacks->logger(h->callbacks->componentEnvironment, h->name, (fmi2Status)outcome, category, "%s", text);
+    char format[2 * SAYS], *out = format;
+    if (!h->logging || !h->callbacks || !h->callbacks->logger)
+        return;
+    for (const char *c = text; *c; c++) {
+        *out++ = *c;
+        if (*c == '%')
+            *out++ = '%';
+    }
+    *out = '\0';
+    h->callbacks->logger(h->callbacks->componentEnvironment, h->name, (fmi2Status)outcome, category, format);
 }
 
 static Host *host_named(const char *name, const fmi2CallbackFunctions *callbacks, bool logging)
