@@ -119,16 +119,23 @@ def _file(name: str) -> str:
     return f"{name}{TARGETS[name].suffix}"
 
 
+def ingredients(name: str, work: Path) -> list[str]:
+    """Return what a C compiler is told of a runtime's sources; headers that are made of Python go into ``work``."""
+    code = objects([name])[name]
+    (work / "layout.h").write_text(declarations(FAMILIES, entries(next(iter(FAMILIES))).items()))
+    looked_at = (work, HERE / "c", Path(fmpy.__file__).parent / "c-code")
+    sources = sorted(HERE.glob("c/*.c"))
+    return [*STRICT, *(f"-I{place}" for place in looked_at), *map(str, (*sources, code))]
+
+
 def _linked(name: str) -> Path:
-    code, command, path = objects([name])[name], compiler(name), place(*_of_c()) / _file(name)
-    with tempfile.TemporaryDirectory(prefix="mbfmu_") as work:
-        made = Path(work) / path.name
-        Path(work, "layout.h").write_text(declarations(FAMILIES, entries(next(iter(FAMILIES))).items()))
-        Path(work, "exported").write_text(EXPORTED)
-        sources = [str(source) for source in sorted(HERE.glob("c/*.c"))]
+    command, path = compiler(name), place(*_of_c()) / _file(name)
+    with tempfile.TemporaryDirectory(prefix="mbfmu_") as folder:
+        work = Path(folder)
+        made = work / path.name
+        (work / "exported").write_text(EXPORTED)
         linked = ["-shared", "-s", *([f"-Wl,--version-script={work}/exported"] if path.suffix == ".so" else [])]
-        looked_at = [f"-I{folder}" for folder in (work, HERE / "c", Path(fmpy.__file__).parent / "c-code")]
-        _run([*command, *STRICT, *looked_at, *sources, str(code), *linked, "-o", str(made), "-lm"], {})
+        _run([*command, *ingredients(name, work), *linked, "-o", str(made), "-lm"], {})
         _keep(made, path)
     return path
 

@@ -1,0 +1,67 @@
+"""The C of native FMUs under sanitizers and valgrind."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import zipfile
+from pathlib import Path
+
+import pytest
+from fmpy import read_model_description
+
+from fmus.fourbar import FourBar
+from mbfmu.fmi import export
+from mbfmu.native.runtime import COMPILERS, compiler, ingredients
+from mbfmu.native.targets import host
+from mbfmu.simulation import Settings
+
+CALLS = 20_000
+SANITIZED = ("-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+
+pytestmark = pytest.mark.skipif(
+    not host() or not any(map(shutil.which, COMPILERS)), reason="needs a C compiler, and a machine that is known"
+)
+
+
+@pytest.fixture(scope="module")
+def told(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """Resources, token and number of variables of the four-bar's FMU."""
+    folder = tmp_path_factory.mktemp("fmu")
+    path = export(FourBar(), folder / "model.fmu", Settings(solver="adams"), native=True)
+    zipfile.ZipFile(path).extractall(folder)
+    described = read_model_description(str(path))
+    return [str(folder / "resources"), described.guid, str(len(described.modelVariables))]
+
+
+def build(folder: Path, *flags: str) -> Path:
+    """The host that does anything, with the runtime in it."""
+    program, source = folder / "fuzz", Path(__file__).with_name("fuzz.c")
+    made = [*compiler(host()), *ingredients(host(), folder), *flags, str(source), "-o", str(program), "-lm"]
+    done = subprocess.run(made, capture_output=True, text=True, check=False)
+    if done.returncode and flags:
+        pytest.skip(f"the compiler has no sanitizers: {done.stderr.splitlines()[-1]}")
+    assert done.returncode == 0, done.stderr
+    return program
+
+
+def test_any_calls_leave_memory_and_numbers_whole(told: list[str], tmp_path: Path):
+    program = build(tmp_path, *SANITIZED)
+    resources, token, count = told
+    steps = 0
+    for seed in range(1, 5):
+        call = [str(program), resources, token, str(seed), str(CALLS), count]
+        done = subprocess.run(call, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        steps += int(done.stdout)
+    assert steps > CALLS / 20  # it gets somewhere
+
+
+@pytest.mark.skipif(shutil.which("valgrind") is None, reason="needs valgrind")
+def test_valgrind_finds_nothing(told: list[str], tmp_path: Path):
+    program = build(tmp_path)
+    resources, token, count = told
+    watched = ["valgrind", "-q", "--error-exitcode=9", "--leak-check=full", "--exit-on-first-error=yes"]
+    call = [*watched, str(program), resources, token, "7", "500", count]
+    done = subprocess.run(call, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
