@@ -8,12 +8,13 @@ a call costs, a state, an instance, and its memory.
 from __future__ import annotations
 
 import ctypes
+import subprocess
 import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
+import fmpy
 import numpy as np
 from timing import median_times
 
@@ -22,12 +23,14 @@ from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
 from mbfmu.fmi import Fmu, export
 from mbfmu.model import Model
+from mbfmu.native.runtime import compiler
+from mbfmu.native.targets import host
 from mbfmu.simulation import Settings, Simulation
 from mbfmu.table import table
 
 STEPS, LENGTH = 10_000, 1e-3  # the second in s
 INSTANCES = 1000
-CALLS = 100_000
+CALLS = 1_000_000
 
 
 class Raw:
@@ -76,12 +79,17 @@ def simulated(model: Model, settings: Settings) -> Callable[[], None]:
     return run
 
 
-def microseconds(function: Callable[[], Any], count: int = CALLS) -> float:
-    """Return what one call takes, us of CPU."""
-    begin = time.process_time()
-    for _ in range(count):
-        function()
-    return 1e6 * (time.process_time() - begin) / count
+def in_c(fmu: Fmu) -> list[float]:
+    """Return what calls cost a host in C, ns; see native.c."""
+    source, headers = Path(__file__).with_suffix(".c"), Path(fmpy.__file__).parent / "c-code"
+    with tempfile.TemporaryDirectory() as folder:
+        program = Path(folder, "native")
+        subprocess.run([*compiler(host()), "-O2", f"-I{headers}", source, "-o", program, "-ldl"], check=True)
+        (library,) = (fmu._folder / "binaries").glob("*/*.so")
+        told = [library, (fmu._folder / "resources").as_uri(), fmu.description.guid, str(CALLS)]
+        references = [str(fmu.variables[name].valueReference) for name in fmu.real_outputs]
+        said = subprocess.run([program, *told, *references], check=True, capture_output=True, text=True)
+    return [float(line) for line in said.stdout.splitlines()]
 
 
 def memory() -> int:
@@ -93,19 +101,9 @@ def memory() -> int:
 def calls(path: Path) -> None:
     """Print what calls, states and instances cost."""
     with Fmu(path) as fmu:
-        raw = Raw(fmu)
-        nothing = microseconds(lambda: None)
-        empty = microseconds(raw._dll.fmi2GetTypesPlatform)
-        print(f"ctypes, a call that does nothing: {empty - nothing:.2f} us (to be taken from what follows)")
-        print(f"fmi2DoStep of length zero: {microseconds(lambda: raw.step(0.0, 0.0)) - nothing:.2f} us")
-        raw.read()
-        print(f"fmi2GetReal of {raw._count} outputs that are known: {microseconds(raw.read) - nothing:.2f} us")
-        state = ctypes.c_void_p()
-        get, put = raw._dll["fmi2GetFMUstate"], raw._dll["fmi2SetFMUstate"]
-        got = microseconds(lambda: get(raw._component, ctypes.byref(state))) - nothing
-        print(
-            f"state: taken {got:.2f} us, given back {microseconds(lambda: put(raw._component, state)) - nothing:.2f} us"
-        )
+        steps, reads, taken, given = in_c(fmu)
+        print(f"called from C: a step of no length {steps:.0f} ns, {len(fmu.real_outputs)} outputs read {reads:.0f} ns")
+        print(f"a state taken {taken:.0f} ns, given back {given:.0f} ns")
         slave, components = fmu.slave, []
         location = (Path(fmu._folder) / "resources").as_uri().encode()
         told = b"one", 1, slave.guid.encode(), location, ctypes.byref(slave.callbacks), 0, 0
