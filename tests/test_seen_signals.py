@@ -55,7 +55,8 @@ def test_a_sine_that_is_zero_wherever_one_looks(frequency: float, tolerance: flo
     omega, times = 2.0 * pi * frequency, np.array([0.0, 0.3, 1.0, 2.0])
     result = run(Made(make=lambda: shaken_slider(frequency)), Settings(solver=solver, tolerance=tolerance), times)
     exact = 100.0 * (times / omega - np.sin(omega * times) / omega**2)
-    np.testing.assert_allclose(result["x"], exact, atol=100.0 * tolerance * (1.0 + exact.max()))
+    apart = 150.0 if solver == "ida" else 100.0  # of up to 800 periods, added up
+    np.testing.assert_allclose(result["x"], exact, atol=apart * tolerance * (1.0 + exact.max()))
     assert result.warning == ""
 
 

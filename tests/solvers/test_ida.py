@@ -28,9 +28,9 @@ Ways = Callable[[Any, float, float], list[Simulation]]
 def both_ways(monkeypatch: pytest.MonkeyPatch) -> Ways:
     """Return what runs a model until a time at a tolerance, first directly, then through scikit-sundae.
 
-    That binding cannot say how much Newton may leave, so IDA's own part serves both.
+    That binding cannot say when a matrix is old, so IDA's own rule serves both.
     """
-    monkeypatch.setattr(sundials, "LEFT_OVER", 0.33)
+    monkeypatch.setattr(sundials, "STALE", 0.25)
 
     def run(model: Any, tolerance: float, end: float) -> list[Simulation]:
         runs = []
