@@ -22,7 +22,8 @@ import fmpy
 from mbfmu.errors import UserError
 from solvers.compiled.cache import folder, tell_listeners
 
-from .entries import FAMILIES, entries
+from .entries import entries
+from .families import FAMILIES
 from .layout import declarations
 from .targets import TARGETS, host
 
@@ -31,9 +32,11 @@ HERE = Path(__file__).parent
 PACKED = HERE / "runtimes"  # that a wheel brings along
 KERNELS = (
     "entries.py",
+    "families.py",
     "kernels.py",
+    "points.py",
     "targets.py",
-)  # beside the kernels themselves: what their machine code is made of
+)  # beside the kernels of other rooms: what their machine code is made of
 STRICT = ("-std=c2x", "-O2", "-Wall", "-Wextra", "-Werror", "-fvisibility=hidden", "-fPIC")
 EXPORTED = "{ global: fmi2*; fmi3*; local: *; };"  # for linkers of Linux; runtimes of two FMUs must not meet
 
