@@ -148,11 +148,11 @@ def example(name: str) -> Any:
     positions = Positions(z(1, np.int64), z(1, np.int64), z((1, 2), np.int64))
     eqs = family.equations(callbacks, hold(empty_data()), 1, 1, 1)
     own = family.memory(1, 1, 1), family.work(1, 1, 1, positions), Scales.of(1e-6, z(1), z(1))
-    given = Given(eqs, records(1, family.loop.SETTINGS), *own, z(1), z(1), z(ROW))  # type: ignore[attr-defined]
-    settings = records(1, OPTIONS), np.zeros(1, np.int64)
-    books = InputRecords.example(), records(1, BALANCE), records(1, TOLD), z(1), records(1, record_of(Plate))
+    given = Given(eqs, records(1, family.loop.SETTINGS), *own, z(1), z(1), z(ROW))
     start = Start(z(1), z(1), Scratch.allocate(1, 1))
-    return hold(Instance(given, start, z(1), z(1), z(1), z(1), z(3), *settings, *books))
+    settings = records(1, OPTIONS), np.zeros(1, np.int64), InputRecords.example()
+    more: tuple[Any, ...] = *settings, records(1, BALANCE), records(1, TOLD), z(1), records(1, record_of(Plate))
+    return hold(Instance(given, start, z(1), z(1), z(1), z(1), z(3), *more))
 
 
 _named = cache(by_name)  # what two families call is compiled once

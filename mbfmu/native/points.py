@@ -39,7 +39,7 @@ def begin_points(s: Any, code: int) -> None:
     """Begin at the reported state; a ``code`` says how it was closed."""
     told, b, bodies, mass = s.told[0], s.balance[0], s.given.eqs.data.arrays.bodies, 0.0
     begin_inputs(s.inputs)
-    told.code, told.unknown, told.jumps, told.lost = code, 0, 0, 0
+    told.code, told.unknown, told.jumps, told.lost, told.bent = code, 0, 0, 0, 0.0
     for k in range(bodies.shape[0]):
         mass += bodies[k].mass
     b.level, b.unseen = energy_at(s), slowest(mass, s.known[2], s.known[0], b.tolerance)

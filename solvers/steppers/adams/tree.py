@@ -65,6 +65,7 @@ class TreeEquations(NamedTuple):
 class Scratch(NamedTuple):
     """Units, a state, its rates, and what inverse dynamics takes besides; but for units nothing outlives a call."""
 
+    positions: Any  # solvers.positions.Positions
     size: Array  # (n,)   units of the coordinates
     size_q: Array  # (nq,)  units of the positions
     pace: Array  # (n,)   1/s, that of the motion, as the tolerances of rates take it
@@ -74,12 +75,11 @@ class Scratch(NamedTuple):
     qdot: Array  # (nq,)
     zero: Array  # (n,)
     lam: Array  # (0,)
-    positions: Any  # solvers.positions.Positions
 
     @staticmethod
     def allocate(nq: int, n: int, positions: Positions) -> Scratch:
         """Return zeroed arrays."""
-        return Scratch(*(np.zeros(k) for k in (n, nq, n, nq, n, n, nq, n, 0)), positions)
+        return Scratch(positions, *(np.zeros(k) for k in (n, nq, n, nq, n, n, nq, n, 0)))
 
     def memory(self) -> list[NDArray[Any]]:
         """Return what goes on from step to step: nothing."""
