@@ -55,3 +55,14 @@ def as_slope(q: Any, v: Any, p: Any, slope: Any) -> None:
         slope[p.in_q[k]] = v[p.in_v[k]]
     for k in range(p.turning.shape[0]):
         quaternion_slope(q, p.turning[k, 0], v, p.turning[k, 1], slope)
+
+
+@kernel
+def position_sizes(p: Any, sizes: Any, out: Any) -> None:
+    """out (nq,) = sizes of positions, from those of motions (n,)."""
+    for k in range(p.in_q.shape[0]):
+        out[p.in_q[k]] = sizes[p.in_v[k]]
+    for k in range(p.turning.shape[0]):
+        i, j = p.turning[k, 0], p.turning[k, 1]
+        for part in range(4):
+            out[i + part] = 0.5 * min(sizes[j], sizes[j + 1], sizes[j + 2])

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .compiled.kernel import inlined, kernel
 from .ledger import ROW
 from .options import Options, Statistics
 from .outcome import Code, SolverError, Status
@@ -38,9 +39,19 @@ def require_placed(q: Array, size: Array, rtol: float) -> None:
         )
 
 
-def own_rates(system: AnySystem, v: Array, a: Array) -> Array:
-    """Return how fast every coordinate moves at rates v and accelerations a (n,), in units of its size, 1/s."""
-    return np.maximum(np.abs(v / system.size), np.sqrt(np.abs(a / system.size)))
+@inlined
+def own_rate(size: float, v: float, a: float) -> float:
+    """How fast a coordinate of this size moves at rate v and acceleration a, 1/s."""
+    return max(abs(v / size), np.sqrt(abs(a / size)))
+
+
+@kernel
+def swiftest(size: Array, v: Array, a: Array) -> float:
+    """How fast the swiftest of all coordinates moves at rates v and accelerations a (n,), in units ``size``, 1/s."""
+    rate = 0.0
+    for k in range(v.shape[0]):
+        rate = max(rate, own_rate(size[k], v[k], a[k]))
+    return rate
 
 
 class Samples(NamedTuple):

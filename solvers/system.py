@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from solvers.compiled.held import held_type, hold
 from solvers.compiled.kernel import COMPILED, callback, kernel, types
-from solvers.positions import Positions
+from solvers.positions import Positions, position_sizes
 
 Array = NDArray[np.float64]
 
@@ -291,8 +291,6 @@ class TreeSystem(AnySystem):
 
     def position_sizes(self, sizes: Array) -> Array:
         """Return sizes of positions (nq,) from those of motions (n,)."""
-        found, p = np.zeros(self.nq), self.positions
-        found[p.in_q] = sizes[p.in_v]
-        for i, j in p.turning:
-            found[i : i + 4] = 0.5 * sizes[j : j + 3].min()
+        found = np.zeros(self.nq)
+        position_sizes(hold(self.positions), sizes, found)
         return found

@@ -11,7 +11,7 @@ from mbfmu.auto import pick
 from mbfmu.errors import UserError
 from mbfmu.model import Model
 from mbfmu.native.data import native_model
-from mbfmu.native.entries import SOLVERS
+from mbfmu.native.families import SOLVERS
 from mbfmu.native.runtime import library
 from mbfmu.native.targets import TARGETS, host
 from mbfmu.settings import AUTO, Settings
@@ -81,7 +81,8 @@ def _with_solver(model: Model, settings: Settings, tell: Callable[[str], None]) 
         return settings
     plant = model.plant()
     found = pick(plant, [(0.0, *plant.assemble())], settings.options())
-    solver = found.solver if found.solver in SOLVERS else "radau"
+    implicit = "radau" if plant.system.has_matrices else "adams"  # which is all that large trees have
+    solver = found.solver if found.solver in SOLVERS else implicit
     why = found.reason if found.solver in SOLVERS else f"{found.solver!r} would serve it best, and is not there"
     if settings.solver == AUTO:
         tell(f"the solver is {solver!r}: {why}")

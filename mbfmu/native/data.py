@@ -20,7 +20,8 @@ from solvers.assembly import Outcome
 from solvers.outcome import CODES, MESSAGES, Status
 
 from . import layout
-from .entries import FAMILIES, Instance, family_of, image_of
+from .entries import Instance, family_of, image_of
+from .families import FAMILIES
 from .image import Image
 from .numbers import Place
 from .parameters import Live, find_live

@@ -8,6 +8,7 @@ them on by their addresses.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import cache
 from types import ModuleType
 from typing import Any, NamedTuple
 
@@ -19,43 +20,30 @@ from mbfmu.interface import COUNTERS
 from mbfmu.mechanics import couplings, cuts, elements, joints, loads, sensors, signals
 from mbfmu.mechanics.arrays.points import CHANGED, DEPARTS, JUMPS, MOVES, InputRecords, set_out, start_input
 from mbfmu.mechanics.arrays.tables import REAL, Called
+from mbfmu.mechanics.elements import Plate
 from mbfmu.mechanics.kind import Kind, kernel_of, kinds_of, record_of
 from mbfmu.mechanics.records import empty_data
-from mbfmu.mechanics.recursions import dynamics as recursions
 from mbfmu.mechanics.recursions.dynamics import observe
 from mbfmu.simulation import Simulation
-from solvers.assembly import ASSEMBLED, Scratch, close_positions, close_velocities, move_mass
+from solvers.assembly import Scratch
 from solvers.balance import BALANCE
 from solvers.compiled.held import contents, hold
-from solvers.compiled.kernel import by_name, kernel, records, types
-from solvers.ledger import ROW, WORK, Scales
+from solvers.compiled.kernel import by_name, records, types
+from solvers.ledger import ROW, Scales
 from solvers.options import OPTIONS
 from solvers.outcome import NOT_FINITE, OK
-from solvers.projection.projection import close
-from solvers.projection.rank import normal_rank
-from solvers.projection.reported import evaluate
-from solvers.projection.workspace import Workspace
-from solvers.steppers.adams import loop as adams
-from solvers.steppers.adams.explicit import SINGLES
-from solvers.steppers.adams.formulas import History, begin_anew
-from solvers.steppers.adams.hybrid import HYBRID
-from solvers.steppers.closed import ClosedStepper, Given
-from solvers.steppers.dense import find_position_sizes, measure_pace
-from solvers.steppers.radau import loop as radau
-from solvers.steppers.radau.formulas import Memory
-from solvers.steppers.radau.small import STOPS
-from solvers.system import Array, Equations, Terms
+from solvers.positions import Positions
+from solvers.steppers.closed import Given
+from solvers.system import Array
 
+from .families import FAMILIES, SOLVERS
 from .image import Image
-from .points import TOLD, arrive, begin_points, energy_at, leave, look, take, tell_balance
+from .points import TOLD, arrive, begin_points, energy_at, leave, look, look_at_plates, take, tell_balance
 
-FAMILIES = {"adams": adams, "radau": radau}  # loops by the prefix of their entry points
-SOLVERS = ("adams", "hybrid", "adams-lu", "radau")  # that they serve
 ROLES: dict[ModuleType, type[Kind]] = {
     joints: joints.Joint, cuts: cuts.Cut, couplings: couplings.Coupling, loads: loads.Load, elements: loads.Load,
     signals: signals.Signal, sensors: sensors.Sensor,
 }  # fmt: skip
-CALLBACKS = Equations._fields[:-2]  # of the equations, by the names of the functions
 KINDS = "mb_kinds"  # symbol of the addresses of all kernels of kinds
 
 
@@ -83,6 +71,7 @@ class Instance(NamedTuple):
     balance: NDArray[Any]  # (1,) solvers.balance.BALANCE
     told: NDArray[Any]  # (1,) TOLD
     dv: Array  # (n,) jump of the velocities
+    plates: NDArray[Any]  # (P,) records of all plates
 
 
 class Entry(NamedTuple):
@@ -95,17 +84,17 @@ class Entry(NamedTuple):
 def family_of(simulation: Simulation) -> str:
     """Return the family of a simulation; empty: the runtime has none for its solver."""
     loop = getattr(simulation.stepper, "loop", None)
-    return next((name for name, own in FAMILIES.items() if own is loop), "")
+    return next((name for name, own in FAMILIES.items() if own.loop is loop), "")
 
 
 def instance_of(simulation: Simulation) -> Instance:
     """Return an instance that is assembled and yet to begin, where a simulation began; with zeros for the functions."""
-    stepper: ClosedStepper = simulation.stepper  # type: ignore[assignment]
-    plant, system = simulation.plant, simulation.plant.system
+    stepper: Any = simulation.stepper
+    plant, system, family = simulation.plant, simulation.plant.system, FAMILIES[family_of(simulation)]
     given, (q, v) = contents(stepper.given), (array.copy() for array in simulation.start)
     sizes = system.nq, system.n, system.m
-    eqs = Equations(**dict.fromkeys(CALLBACKS, 0), data=system.held_data, terms=Terms.allocate(*sizes))
-    work = Workspace.allocate(*sizes)
+    eqs = family.equations(dict.fromkeys(family.callbacks, 0), system.held_data, *sizes)
+    work = family.work(*sizes, None if system.has_matrices else system.positions)
     work.size[:] = system.size
     assembly = plant.assembly
     scratch = Scratch.of(system, assembly.held())._replace(size=work.size)
@@ -114,17 +103,13 @@ def instance_of(simulation: Simulation) -> Instance:
     else:
         start = Start(assembly.start_positions(), assembly.start_velocities(), scratch)
     scales = Scales.of(simulation.settings.tolerance, np.zeros(system.n), np.zeros(system.n))
-    own = Given(eqs, given.settings, _memory(family_of(simulation), *sizes), work, scales, q, v, np.zeros(ROW))
-    known = np.array([system.rate, system.loop_rate, plant.length])
+    own = Given(eqs, given.settings, family.memory(*sizes), work, scales, q, v, np.zeros(ROW))
+    known = np.array([system.rate, system.loop_rate if system.has_matrices else 0.0, plant.length])
     rooms = np.zeros(system.n), np.zeros(system.m), np.zeros(len(simulation.variables))
     settings = stepper.options.record(), np.zeros(len(COUNTERS), np.int64)
     balance = simulation.audit.balance.copy() if simulation.audit else records(1, BALANCE)
-    books = plant.inputs.own, balance, records(1, TOLD), np.zeros(system.n)
+    books = plant.inputs.own, balance, records(1, TOLD), np.zeros(system.n), plant.records(Plate)
     return Instance(own, start, *rooms, np.array([simulation.t]), known, *settings, *books)  # type: ignore[arg-type]
-
-
-def _memory(family: str, nq: int, n: int, m: int) -> Any:
-    return History.allocate(nq, n, m) if family == "adams" else Memory.allocate(nq, n)
 
 
 def image_of(simulation: Simulation) -> tuple[Instance, Image]:
@@ -135,8 +120,15 @@ def image_of(simulation: Simulation) -> tuple[Instance, Image]:
     UserError
         Its solver, or a kernel of it, is not in the runtime.
     """
-    if not family_of(simulation):
-        raise UserError(f"machine code has no solver {simulation.pick.solver!r}; it has {', '.join(FAMILIES)}")
+    family, system = family_of(simulation), simulation.plant.system
+    if not family:
+        raise UserError(f"machine code has no solver {simulation.pick.solver!r}; it has {', '.join(SOLVERS)}")
+    if family != "tree" and not system.has_matrices:
+        what = f"{simulation.pick.solver!r}" if not system.m else f"{system.m} constraints"
+        raise UserError(
+            f"a large tree, here of {system.n} coordinates, runs in machine code by 'adams' and without constraints; "
+            f"this one has {what}; run it as an FMU that calls Python"
+        )
     known, numbers = {own: k for k, own in enumerate(kinds())}, []
     for own in simulation.plant.called():
         if own is not None and own not in known:
@@ -152,61 +144,29 @@ def image_of(simulation: Simulation) -> tuple[Instance, Image]:
     return instance, Image(instance, state, arrays.kernels, numbers)
 
 
-def example(family: str) -> Any:
+def example(name: str) -> Any:
     """Return an instance of the types that all of a family have, held."""
-    z, data = np.zeros, hold(empty_data())
-    callbacks = {name: by_name(getattr(recursions, name)) for name in CALLBACKS}
-    eqs = Equations(**callbacks, data=data, terms=hold(Terms.allocate(1, 1, 1)))
-    own = hold(_memory(family, 1, 1, 1)), hold(Workspace.allocate(1, 1, 1)), hold(Scales.of(1e-6, z(1), z(1)))
-    given = Given(hold(eqs), records(1, FAMILIES[family].SETTINGS), *own, z(1), z(1), z(ROW))
-    settings = records(1, OPTIONS), np.zeros(1, np.int64)
-    books = hold(InputRecords.example()), records(1, BALANCE), records(1, TOLD), z(1)
-    start = hold(Start(z(1), z(1), hold(Scratch.allocate(1, 1))))
-    return hold(Instance(hold(given), start, z(1), z(1), z(1), z(1), z(3), *settings, *books))
+    family, z = FAMILIES[name], np.zeros
+    callbacks = {own: _named(function) for own, function in family.callbacks.items()}
+    positions = Positions(z(1, np.int64), z(1, np.int64), z((1, 2), np.int64))
+    eqs = family.equations(callbacks, hold(empty_data()), 1, 1, 1)
+    own = family.memory(1, 1, 1), family.work(1, 1, 1, positions), Scales.of(1e-6, z(1), z(1))
+    given = Given(eqs, records(1, family.loop.SETTINGS), *own, z(1), z(1), z(ROW))
+    start = Start(z(1), z(1), Scratch.allocate(1, 1))
+    settings = records(1, OPTIONS), np.zeros(1, np.int64), InputRecords.example()
+    more: tuple[Any, ...] = *settings, records(1, BALANCE), records(1, TOLD), z(1), records(1, record_of(Plate))
+    return hold(Instance(given, start, z(1), z(1), z(1), z(1), z(3), *more))
 
 
-@kernel
-def renew_adams(s: Any, fresh: bool) -> None:
-    """As ``AdamsStepper.renew`` does; ``fresh``: as its ``restart``."""
-    g, kept = s.given, not fresh and s.told[0].code == OK
-    o, singles = g.settings[0], 0 if fresh else SINGLES
-    o.works = 1 if (o.audit == 1 or o.partition == HYBRID) and g.eqs.data.arrays.world[0].works == 1 else 0
-    begin_anew(g.memory, s.clock[0], g.q, g.v, g.ledger[WORK], singles, 0 if fresh else 1, kept)
+_named = cache(by_name)  # what two families call is compiled once
 
 
-@kernel
-def renew_radau(s: Any, fresh: bool) -> None:
-    """As ``RadauStepper.renew`` does; ``fresh``: as its ``restart``."""
-    g, kept = s.given, not fresh and s.told[0].code == OK
-    o = g.settings[0]
-    o.works = 1 if o.audit == 1 and g.eqs.data.arrays.world[0].works == 1 else 0
-    radau.begin_anew(g.memory, s.clock[0], g.q, g.v, g.ledger[WORK], 0 if fresh else STOPS, kept)
-    if fresh:
-        g.memory.control[0].known = 0
-
-
-@kernel
-def count_adams(g: Any, counts: Any) -> None:
-    """Tell what ``AdamsStepper.statistics`` does, in the order of COUNTERS."""
-    c = g.memory.control[0]
-    left = c.by_turn + c.by_flicker + c.by_energy + c.by_collapse
-    counts[0], counts[1], counts[2], counts[3] = c.steps, c.rejected, c.evaluations, left + c.returns
-    counts[4], counts[5] = max(0, c.starts - 1), c.limited
-
-
-@kernel
-def count_radau(g: Any, counts: Any) -> None:
-    """Tell what ``RadauStepper.statistics`` does, in the order of COUNTERS."""
-    c = g.memory.control[0]
-    counts[0], counts[1], counts[2] = c.steps, c.rejected, c.evaluations
-    counts[4] = max(0, c.starts - 1)
-
-
-def entries(family: str) -> dict[str, Entry]:
+def entries(name: str) -> dict[str, Entry]:
     """Return the entry points of a family by their names."""
-    loop, renewed = FAMILIES[family], {"adams": renew_adams, "radau": renew_radau}[family]
-    advance_reported, set_up, take_options = loop.advance_reported, loop.set_up, loop.take_options
-    counted = {"adams": count_adams, "radau": count_radau}[family]
+    family = FAMILIES[name]
+    advance_reported = family.loop.advance_reported
+    assembled, begun, evaluated = family.assemble, family.begin, family.evaluate
+    renewed, counted = family.renew, family.count
 
     def start(s: Any, index: int, value: float) -> int:
         """Let an input have another value at the start, before :func:`begin`."""
@@ -220,27 +180,16 @@ def entries(family: str) -> dict[str, Entry]:
 
         Where it is not ASSEMBLED, ``worst`` or ``massless`` of the scratch says what is wrong, and there is no state.
         """
-        g, start, work = s.given, s.start, s.start.scratch
-        code: int = close_positions(g.eqs, t, start.q, g.q, work)
-        if code == ASSEMBLED:
-            code = close_velocities(g.eqs, t, g.q, start.v, s.known[0], g.v, work)
-        if code == ASSEMBLED:
-            g.eqs.dynamics(t, g.q, g.v, g.eqs.data, g.eqs.terms)
-            code = move_mass(g.eqs.terms, g.work.mass, work)
+        code: int = assembled(s, t)
         return code
 
     def begin(s: Any, t: float) -> int:
         """Begin at t (s) and the reported state, as a stepper that is constructed there."""
         g = s.given
         s.clock[0], g.scales.rtol[0] = t, s.options[0].rtol
-        take_options(s.options, g.settings)
-        find_position_sizes(g.eqs, t, g.q, g.work)
-        rank = normal_rank(g.eqs, t, g.q, g.v, g.work)
-        code: int = close(g.eqs, t, g.q, g.v, rank, g.work)
-        measure_pace(g.eqs, t, g.q, g.v, rank, s.known[0], s.known[1], g.work)
-        set_up(g, rank, s.options[0].absolute)
+        code: int = begun(s, t)
         renewed(s, True)
-        s.balance[0].kept = 1 if s.options[0].audit == 1 and g.v.shape[0] > rank else 0
+        s.balance[0].kept = 1 if s.options[0].audit == 1 and g.v.shape[0] > g.memory.control[0].rank else 0
         s.balance[0].tolerance = s.options[0].rtol
         begin_points(s, code)
         return code
@@ -282,7 +231,7 @@ def entries(family: str) -> dict[str, Entry]:
             if found & CHANGED:
                 renewed(s, False)
             if found & DEPARTS:
-                code: int = leave(s, found & JUMPS != 0)
+                code: int = leave(s, found & JUMPS != 0, evaluated)
                 if code != OK:
                     return code
                 renewed(s, False)
@@ -290,12 +239,13 @@ def entries(family: str) -> dict[str, Entry]:
             arrive(s, end, advance_reported(s.given, end))
         if s.balance[0].kept == 1:
             look(s, energy_at(s))
+        look_at_plates(s)
         return int(s.told[0].code)
 
     def read(s: Any) -> int:
         """Read all outputs at the reported state."""
         g, t = s.given, s.clock[0]
-        code: int = evaluate(g.eqs, t, g.q, g.v, g.memory.control[0].rank, g.work, s.a, s.lam)
+        code: int = evaluated(s)
         if code == OK:
             observe(t, g.q, g.v, s.a, s.lam, g.eqs.data, s.out)
             tell_balance(s)

@@ -15,7 +15,8 @@ from solvers.compiled.emit import closed, machine_code
 from solvers.compiled.held import held_type
 from solvers.compiled.kernel import kept_nowhere, types
 
-from .entries import FAMILIES, KINDS, entries, example, kinds
+from .entries import KINDS, entries, example, kinds
+from .families import FAMILIES
 from .targets import TARGETS
 
 

@@ -6,11 +6,14 @@ each kind of record, then the block of :mod:`.image`. All numbers take eight byt
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
 
 import numpy as np
 
+from mbfmu.folds import UNFOLD
 from mbfmu.interface import Role, Type
+from mbfmu.mechanics.arrays.bending import COARSE, FOLDED
 from mbfmu.model import declared
 from mbfmu.settings import Settings
 from solvers.assembly import WORST, Outcome
@@ -22,7 +25,7 @@ from .entries import Entry
 from .points import TOLD
 
 WORDS = {types.float64: "double", types.int64: "int64_t"}  # what entry points are called with
-MAGIC = int.from_bytes(b"mbfmu15b", "little")
+MAGIC = int.from_bytes(b"mbfmu15c", "little")
 TOKEN = 40  # bytes of the identity of an FMU
 
 RELOCATION = np.dtype([("at", "i8"), ("target", "i8")])  # see image.Relocation
@@ -108,7 +111,9 @@ def declarations(families: Iterable[str], entries: Iterable[tuple[str, Entry]]) 
     """Return the C header of these records, and of the entry points that all families have, by their names."""
     known = [(name, [WORDS[word] for word in entry.more]) for name, entry in entries]
     lines = ["/* Made of mbfmu/native/layout.py. */", "#include <stdint.h>", ""]
-    lines += [f"#define MAGIC INT64_C({MAGIC})", f"#define LENGTH ({LENGTH})", ""]
+    lines += [f"#define MAGIC INT64_C({MAGIC})", f"#define LENGTH ({LENGTH})"]
+    lines += [f"#define COARSE {float(COARSE)!r} /* rad */", f"#define FOLDED {float(FOLDED)!r}"]
+    lines += [f"#define UNFOLD {json.dumps(UNFOLD)}", ""]
     lines += [_struct(name, record) for name, record in STRUCTS.items()]
     lines += [
         _enum("TYPE", (t.name for t in Type)),

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from mbfmu.mechanics.arrays.bending import sharpest
 from mbfmu.mechanics.arrays.points import WEIGHS, begin_inputs, depart, perturb, recall, set_input
 from mbfmu.mechanics.recursions.dynamics import energy
 from solvers.balance import judge, slowest
 from solvers.compiled.kernel import kernel
 from solvers.ledger import EXCHANGED
 from solvers.outcome import OK
-from solvers.projection.reported import evaluate
 
 TOLD = np.dtype(
     [
@@ -21,6 +21,7 @@ TOLD = np.dtype(
         ("jumps", np.int64),  # 1: a support has jumped in position, farther than its rate explains
         ("lost", np.int64),  # 1: the balance of energy and work was lost
         ("before", np.float64),  # J, energy before parameters change
+        ("bent", np.float64),  # rad, the sharpest angle of a plate's edge at the last communication point
     ],
     align=True,
 )
@@ -38,7 +39,7 @@ def begin_points(s: Any, code: int) -> None:
     """Begin at the reported state; a ``code`` says how it was closed."""
     told, b, bodies, mass = s.told[0], s.balance[0], s.given.eqs.data.arrays.bodies, 0.0
     begin_inputs(s.inputs)
-    told.code, told.unknown, told.jumps, told.lost = code, 0, 0, 0
+    told.code, told.unknown, told.jumps, told.lost, told.bent = code, 0, 0, 0, 0.0
     for k in range(bodies.shape[0]):
         mass += bodies[k].mass
     b.level, b.unseen = energy_at(s), slowest(mass, s.known[2], s.known[0], b.tolerance)
@@ -56,14 +57,13 @@ def take(s: Any, index: int, value: float) -> int:
 
 
 @kernel
-def impulse(s: Any) -> int:
+def impulse(s: Any, evaluate: Any) -> int:
     """Put the jump of the velocities into ``s.dv``, see :mod:`mbfmu.mechanics.arrays.points`."""
-    g, t = s.given, s.clock[0]
     code = OK
     for k in range(2):
         if code == OK:
-            perturb(s.inputs, t, float(k))
-            code = evaluate(g.eqs, t, g.q, g.v, g.memory.control[0].rank, g.work, s.a, s.lam)
+            perturb(s.inputs, s.clock[0], float(k))
+            code = evaluate(s)
             for i in range(s.dv.shape[0]):
                 s.dv[i] = s.a[i] - (s.dv[i] if k == 1 else 0.0)
     recall(s.inputs)
@@ -71,10 +71,13 @@ def impulse(s: Any) -> int:
 
 
 @kernel
-def leave(s: Any, jumps: bool) -> int:
-    """Let supports depart, with an impulse where rates of them jump; the work of that is no imbalance."""
+def leave(s: Any, jumps: bool, evaluate: Any) -> int:
+    """Let supports depart, with an impulse where rates of them jump; the work of that is no imbalance.
+
+    ``evaluate`` is that of the family.
+    """
     told, before = s.told[0], energy_at(s)
-    code: int = impulse(s) if jumps else OK
+    code: int = impulse(s, evaluate) if jumps else OK
     told.unknown = 1 if code != OK else 0
     if code != OK:
         return code
@@ -101,6 +104,14 @@ def look(s: Any, now: float) -> float:
     if lost:
         s.told[0].lost = 1
     return imbalance
+
+
+@kernel
+def look_at_plates(s: Any) -> None:
+    """Note how sharply plates bend at the reported state."""
+    if s.plates.shape[0] > 0:
+        energy_at(s)  # places the bodies
+        s.told[0].bent = sharpest(s.plates, s.given.eqs.data.state.bodies)
 
 
 @kernel

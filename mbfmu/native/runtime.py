@@ -28,14 +28,16 @@ except ImportError:  # on Windows: two processes may build at once
 from mbfmu.errors import UserError
 from solvers.compiled.cache import folder, tell_listeners
 
-from .entries import FAMILIES, entries
+from .entries import entries
+from .families import FAMILIES
 from .layout import declarations
 from .targets import TARGETS, host
 
 COMPILERS = ("cc", "gcc", "clang")
 HERE = Path(__file__).parent
 PACKED = HERE / "runtimes"  # that a wheel brings along
-KERNELS = ("entries.py", "kernels.py", "points.py", "targets.py")  # what machine code is made of, beside all kernels
+# what machine code is made of, beside the kernels of other rooms
+KERNELS = ("entries.py", "families.py", "kernels.py", "points.py", "targets.py")
 STRICT = ("-std=c2x", "-O2", "-Wall", "-Wextra", "-Werror", "-fvisibility=hidden", "-fPIC")
 EXPORTED = "{ global: fmi2*; fmi3*; local: *; };"  # for linkers of Linux; runtimes of two FMUs must not meet
 

@@ -20,7 +20,7 @@ import numpy as np
 from solvers.compiled.kernel import kernel
 from solvers.linalg.blocks import one_thread
 from solvers.outcome import Code
-from solvers.stepper import own_rates
+from solvers.stepper import swiftest
 from solvers.system import Array, TreeSystem
 
 SPRING = 1e4  # (rad/s)^2, stiffness to effective mass of the springs alpha
@@ -99,7 +99,7 @@ def rate_of_motion(motion: Accelerations, t: float, q: Array, v: Array) -> float
     if s.rate > 0.0:
         return s.rate
     a = motion.a if motion.solve(t, q, v) is Code.OK else np.zeros(s.n)
-    return float(own_rates(s, v, a).max(initial=0.0)) or 1.0
+    return float(swiftest(s.size, v, a)) or 1.0
 
 
 class Saddle:

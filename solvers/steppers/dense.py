@@ -16,7 +16,7 @@ from solvers.projection.rank import normal_rank
 from solvers.projection.reported import evaluate, unresolved
 from solvers.projection.singular import CROSSING, MISS, NONE, judge
 from solvers.projection.workspace import Workspace, factor
-from solvers.stepper import Stepper, require_placed, require_resolved
+from solvers.stepper import Stepper, own_rate, require_placed, require_resolved
 from solvers.system import Array, Equations, System, Terms
 
 # The pace of a coordinate: of its rate at the start, which is above that of a small oscillation by the root of its
@@ -60,7 +60,7 @@ def measure_pace(eqs: Any, t: float, q: Any, v: Any, rank: int, rate: float, loo
     resting = evaluate(eqs, t, q, v, rank, work, work.slope, work.lam) != OK
     for k in range(v.shape[0]):
         a = 0.0 if resting else work.slope[k]
-        own = max(abs(v[k] / work.size[k]), np.sqrt(abs(a / work.size[k])))
+        own = own_rate(work.size[k], v[k], a)
         work.pace[k], rate, loop_rate = own, max(rate, own), max(loop_rate, own * work.looped[k])
     rate = rate if rate != 0.0 else 1.0
     work.rate[0], work.rate[1] = rate, loop_rate if loop_rate != 0.0 else rate

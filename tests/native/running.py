@@ -13,10 +13,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from mbfmu.mechanics import Plant
 from mbfmu.native.entries import family_of, image_of, kinds
 from mbfmu.native.runtime import COMPILERS, objects
 from mbfmu.native.targets import host
 from mbfmu.simulation import Simulation
+from solvers.compiled.held import contents
 
 needs_linker = pytest.mark.skipif(
     not host() or not any(map(shutil.which, COMPILERS)), reason="needs a C compiler, and a machine that is known"
@@ -67,3 +69,16 @@ class Running:
         code, error = ctypes.c_int64(), ctypes.c_void_p()
         assert function(ctypes.byref(code), ctypes.byref(error), self._root, *more) == 0
         return code.value
+
+
+def adopt(native: Running, plant: Plant, at_work: bool = False) -> None:
+    """Give an instance the numbers of another plant, as a host does that sets parameters."""
+    instance, system = native.instance, plant.system
+    mine, theirs = contents(contents(instance.given.eqs.data).arrays), plant.data.arrays
+    pairs = [(a, b) for a, b in zip(mine, theirs, strict=True) if a is not mine.kernels]
+    if not at_work:  # where solvers keep their units
+        pairs += [(instance.given.work.size, system.size), (instance.start.scratch.row, system.row_size)]
+        native.view(instance.known)[:2] = system.rate, getattr(system, "loop_rate", 0.0)
+    for array, numbers in pairs:
+        if array.nbytes:
+            native.view(array).view(np.uint8)[:] = np.frombuffer(numbers.tobytes(), np.uint8)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from mechanisms import Scale, bricard, grashof, three_cranks
-from running import Running, needs_linker
+from running import Running, adopt, needs_linker
 
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
@@ -47,18 +47,6 @@ CHANGES = {
 }
 
 
-def adopt(native: Running, plant: Plant, running: Simulation) -> None:
-    """Give an instance the numbers of another plant, as a host does that sets parameters."""
-    instance, system = native.instance, plant.system
-    mine, theirs = running.plant.data.arrays, plant.data.arrays
-    pairs = [(a, b) for a, b in zip(mine, theirs, strict=True) if a is not mine.kernels]
-    pairs += [(instance.given.work.size, system.size), (instance.start.scratch.row, system.row_size)]
-    for array, numbers in pairs:
-        if array.nbytes:
-            native.view(array).view(np.uint8)[:] = np.frombuffer(numbers.tobytes(), np.uint8)
-    native.view(instance.known)[:2] = system.rate, system.loop_rate
-
-
 def guess(plant: Plant, off: float) -> tuple[Any, Any, Any]:
     """First positions and velocities, positions off by a part of their units where they are not held; what is held."""
     q, held, n = plant.assembly.start_positions(), plant.assembly.held(), plant.system.n
@@ -78,9 +66,9 @@ def assembled(native: Running, q: Any, v: Any, held: Any) -> int:
 @pytest.mark.parametrize("name", CHANGES)
 def test_what_is_assembled_has_the_bits_of_python(name: str):
     model, other, off = CHANGES[name]
-    begun = Simulation(model, Settings(solver="adams"))
-    native, plant = Running(begun), Simulation(other, Settings(solver="adams")).plant
-    adopt(native, plant, begun)
+    native = Running(Simulation(model, Settings(solver="adams")))
+    plant = Simulation(other, Settings(solver="adams")).plant
+    adopt(native, plant)
     q, v, held = guess(plant, off)
     wanted = assemble_positions(plant.system, 0.0, q, held)
     wanted = wanted, assemble_velocities(plant.system, 0.0, wanted, v, held)
@@ -93,9 +81,11 @@ def test_what_is_assembled_has_the_bits_of_python(name: str):
 @pytest.mark.parametrize("name", ["another angle", "other lengths", "redundant rows"])
 def test_a_changed_mechanism_runs_as_one_that_was_built(name: str):
     model, other, _ = CHANGES[name]
-    begun, simulation = Simulation(model, Settings(solver="adams")), Simulation(other, Settings(solver="adams"))
-    native = Running(begun)
-    adopt(native, simulation.plant, begun)
+    native, simulation = (
+        Running(Simulation(model, Settings(solver="adams"))),
+        Simulation(other, Settings(solver="adams")),
+    )
+    adopt(native, simulation.plant)
     assert assembled(native, *guess(simulation.plant, 0.0)) == ASSEMBLED
     assert native.call("begin", 0.0) == 0
     for t in 0.02 * np.arange(1, 26):
@@ -121,9 +111,8 @@ def test_a_start_that_python_assembled_is_assembled_by_machine_code_again():
 
 
 def test_a_loop_that_cannot_close_is_told_by_row_and_gap():
-    begun = Simulation(FourBar(), Settings(solver="adams"))
-    native, plant = Running(begun), FourBar(ground_length=12.0).plant()
-    adopt(native, plant, begun)
+    native, plant = Running(Simulation(FourBar(), Settings(solver="adams"))), FourBar(ground_length=12.0).plant()
+    adopt(native, plant)
     assert assembled(native, *guess(plant, 0.0)) == OPEN
     row, gap = native.view(native.instance.start.scratch.worst)[0]
     assert f"{plant.system.constraint_names[row]!r} stays off by {gap:.3g} in" in refused(plant)
@@ -133,8 +122,7 @@ def test_rates_that_open_a_loop_are_told_by_row_and_rate():
     def cranks(rate: float) -> Mechanism:
         return pair(lambda k: {"fixed": True, "rate": 1.0 if k == 0 else rate})
 
-    begun = Simulation(cranks(1.0), Settings(solver="adams"))
-    native, plant = Running(begun), Plant(cranks(1.5))
+    native, plant = Running(Simulation(cranks(1.0), Settings(solver="adams"))), Plant(cranks(1.5))
     assert assembled(native, *guess(plant, 0.0)) == OPENS
     row, gap = native.view(native.instance.start.scratch.worst)[0]
     assert f"{plant.system.constraint_names[row]!r} opens at {gap:.3g} per second" in refused(plant)
@@ -148,9 +136,8 @@ def test_a_motion_without_inertia_is_told_by_its_coordinates():
         m.output("energy", m.energy)
         return m
 
-    begun = Simulation(arms(1.0), Settings(solver="adams"))
-    native, plant = Running(begun), Plant(arms(0.0))
-    adopt(native, plant, begun)
+    native, plant = Running(Simulation(arms(1.0), Settings(solver="adams"))), Plant(arms(0.0))
+    adopt(native, plant)
     assert assembled(native, *guess(plant, 0.0)) == NO_MASS
     told = np.flatnonzero(native.view(native.instance.start.scratch.massless))
     assert [plant.system.coordinate_names[k] for k in told] == ["tip"]

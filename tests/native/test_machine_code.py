@@ -103,7 +103,7 @@ def test_the_kernels_need_no_more_than_the_c_library():
 
 
 def test_a_solver_that_is_not_there_is_refused():
-    with pytest.raises(UserError, match="has no solver 'ida'; it has adams, radau"):
+    with pytest.raises(UserError, match="has no solver 'ida'; it has adams, hybrid, adams-lu, radau"):
         image_of(Simulation(FourBar(), Settings(solver="ida")))
 
 

@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import zipfile
 from collections.abc import Callable, Iterator
+from itertools import takewhile
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,13 +15,14 @@ import fmpy
 import numpy as np
 import pytest
 from binding import DISCARD, ERROR, OK, Binary, Instance
-from fmpy import read_model_description
+from fmpy import read_model_description, simulate_fmu
 from fmpy.validation import validate_fmu
 from numpy.typing import NDArray
 
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
+from fmus.sheet import Sheet
 from mbfmu.errors import UserError
 from mbfmu.fmi import export
 from mbfmu.model import Model
@@ -28,19 +30,21 @@ from mbfmu.native.runtime import COMPILERS
 from mbfmu.native.targets import TARGETS, host
 from mbfmu.simulation import Settings, Simulation
 
-STEPS, LENGTH = 200, 0.01  # of runs; the second in s
+STEPS = 200  # of runs
+GRID = {"nx": 9, "nz": 7}
 
 pytestmark = pytest.mark.skipif(
     not host() or not any(map(shutil.which, COMPILERS)), reason="needs a C compiler, and a machine that is known"
 )
 
-MODELS: dict[str, tuple[Model, str]] = {
-    "four-bar": (FourBar(), "adams"),
-    "four-bar, hybrid": (FourBar(), "hybrid"),
-    "four-bar, radau": (FourBar(), "radau"),
-    "elastic coupler": (FourBar(coupler_modes=2), "adams"),
-    "governor": (Governor(), "adams"),
-    "pendulum": (SwingPendulum(), "radau"),
+MODELS: dict[str, tuple[Model, str, float]] = {  # with their solver, and the length of a step, s
+    "four-bar": (FourBar(), "adams", 0.01),
+    "four-bar, hybrid": (FourBar(), "hybrid", 0.01),
+    "four-bar, radau": (FourBar(), "radau", 0.01),
+    "elastic coupler": (FourBar(coupler_modes=2), "adams", 0.01),
+    "governor": (Governor(), "adams", 0.01),
+    "pendulum": (SwingPendulum(), "radau", 0.01),
+    "sheet": (Sheet(**GRID), "adams", 2e-4),
 }
 
 
@@ -78,7 +82,7 @@ def unpacked(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Model, str, 
 
 
 @pytest.fixture(scope="module")
-def lone_host(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Unpacked, int], NDArray[np.float64]]:
+def lone_host(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Unpacked, int, float], NDArray[np.float64]]:
     """What runs an FMU by a C program in an empty environment, and returns its outputs."""
     folder = tmp_path_factory.mktemp("host")
     program, headers = folder / "host", Path(fmpy.__file__).parent / "c-code"
@@ -89,11 +93,11 @@ def lone_host(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Unpacked, i
         [compiler, "-std=c2x", "-O1", "-Wall", "-Werror", f"-I{headers}", "-o", program, source, "-ldl"], check=True
     )
 
-    def run(fmu: Unpacked, fmi: int) -> NDArray[np.float64]:
+    def run(fmu: Unpacked, fmi: int, length: float) -> NDArray[np.float64]:
         out = folder / "out.bin"
         resources = fmu.resources.as_uri() if fmi == 2 else str(fmu.resources)
         references = list(fmu.references.values())
-        told = [str(fmi), str(fmu.library), resources, fmu.token, str(out), str(STEPS), str(LENGTH)]
+        told = [str(fmi), str(fmu.library), resources, fmu.token, str(out), str(STEPS), str(length)]
         done = subprocess.run(
             [str(program), *told, *map(str, references)], env={}, cwd="/", capture_output=True, text=True, check=False
         )
@@ -104,12 +108,12 @@ def lone_host(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Unpacked, i
     return run
 
 
-def rows_of(model: Model, solver: str) -> NDArray[np.float64]:
+def rows_of(model: Model, solver: str, length: float) -> NDArray[np.float64]:
     """What a simulation tells at the same points."""
     simulation = Simulation(model, Settings(solver=solver))
     rows = [simulation.outputs().copy()]
     for k in range(1, STEPS + 1):
-        assert simulation.advance((k - 1) * LENGTH + (k * LENGTH - (k - 1) * LENGTH)).ok
+        assert simulation.advance((k - 1) * length + (k * length - (k - 1) * length)).ok
         rows.append(simulation.outputs().copy())
     return np.array(rows)
 
@@ -120,15 +124,16 @@ def test_a_host_without_python_gets_the_bits_of_a_simulation(
     name: str,
     fmi: int,
     unpacked: Callable[[Model, str, int], Unpacked],
-    lone_host: Callable[[Unpacked, int], NDArray[np.float64]],
+    lone_host: Callable[[Unpacked, int, float], NDArray[np.float64]],
 ):
-    model, solver = MODELS[name]
-    np.testing.assert_array_equal(lone_host(unpacked(model, solver, fmi), fmi), rows_of(model, solver))
+    model, solver, length = MODELS[name]
+    found = lone_host(unpacked(model, solver, fmi), fmi, length)
+    np.testing.assert_array_equal(found, rows_of(model, solver, length))
 
 
 @pytest.mark.parametrize("fmi", [2, 3])
 def test_descriptions_are_valid(fmi: int, unpacked: Callable[[Model, str, int], Unpacked]):
-    for model, solver in MODELS.values():
+    for model, solver, _ in MODELS.values():
         assert validate_fmu(str(unpacked(model, solver, fmi).path)) == []
 
 
@@ -375,3 +380,35 @@ def test_a_start_in_a_steady_state_is_that_of_a_simulation(tmp_path: Path, tmp_p
         assert fmu.step(0.01 * k, 0.01) == OK
         assert simulation.advance(0.01 * k + 0.01).ok
     fmu.free()
+
+
+def test_a_host_reads_that_a_sheet_is_too_coarse_and_then_that_it_folds(tmp_path: Path):
+    model = Sheet(nx=4, nz=3, support="free", start_spin=600.0)
+    path = export(model, tmp_path / "sheet.fmu", Settings(solver="adams"), native=True)
+    told: list[str] = []
+    rows = simulate_fmu(
+        str(path), stop_time=0.05, output_interval=1e-3,
+        logger=lambda _, name, status, category, text: told.append(text.decode()),
+    )  # fmt: skip
+    simulation = Simulation(model, Settings(solver="adams"))
+    times = takewhile(lambda t: not simulation.advance(t).ok or not simulation.failure, 1e-3 * np.arange(1, 51))
+    assert rows["time"][-1] == pytest.approx(list(times)[-1])
+    coarse, folded = told
+    assert re.fullmatch(r"cells bend by up to \d\d degrees, and are good to about 15: refine .*", coarse)
+    assert re.fullmatch(r"a cell is folded: cells bend by .* \(t = 0.01\d* s\)\. Move it .*", folded)
+
+
+def test_parameters_and_gravity_of_a_sheet_are_those_of_one_that_is_built(
+    unpacked: Callable[[Model, str, int], Unpacked],
+):
+    given = {"thickness": 0.4e-3, "density": 1300.0}
+    rows = simulate_fmu(
+        str(unpacked(Sheet(**GRID), "adams", 2).path), stop_time=0.02, output_interval=2e-3,
+        start_values={**given, "gravity.x": 2.0},
+    )  # fmt: skip
+    simulation = Simulation(Sheet(**GRID, **given), Settings(solver="adams"), inputs={"gravity.x": 2.0})
+    names = [v.name for v in simulation.plant.outputs]
+    for k, row in enumerate(rows):
+        assert simulation.advance(2e-3 * k).ok
+        wanted = simulation.outputs()[: len(names)]
+        np.testing.assert_allclose([row[name] for name in names], wanted, rtol=1e-5, atol=1e-7)

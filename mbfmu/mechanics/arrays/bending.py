@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.records import State
+from solvers.compiled.kernel import inlined, kernel
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.builder.mechanism import Mechanism
@@ -67,7 +68,32 @@ class Bend:
 
 def bend(mechanism: Mechanism, plates: NDArray[Any], state: State) -> Bend:
     """Return how plates (records) bend as the bodies of ``state`` are placed."""
-    nodes = plates["node"][:, EDGES]
-    normals = state.bodies["A"][nodes][..., 1]
-    cosines = (normals[:, :, 0] * normals[:, :, 1]).sum(axis=-1)
-    return Bend(mechanism=mechanism, nodes=nodes, angles=np.arccos(np.clip(cosines, -1.0, 1.0)))
+    angles = np.zeros((len(plates), len(EDGES)))
+    bend_edges(plates, state.bodies, angles)
+    return Bend(mechanism=mechanism, nodes=plates["node"][:, EDGES], angles=angles)
+
+
+@kernel
+def bend_edges(plates: Any, bodies: Any, angles: Any) -> None:
+    """angles (P, 4) at the edges of all plates, rad, as the bodies are placed."""
+    for i in range(plates.shape[0]):
+        for k in range(EDGES.shape[0]):
+            angles[i, k] = edge_angle(plates[i], k, bodies)
+
+
+@kernel
+def sharpest(plates: Any, bodies: Any) -> float:
+    """The largest of these angles, rad; zero: there are no plates."""
+    largest = 0.0
+    for i in range(plates.shape[0]):
+        for k in range(EDGES.shape[0]):
+            largest = max(largest, edge_angle(plates[i], k, bodies))
+    return largest
+
+
+@inlined
+def edge_angle(plate: Any, k: int, bodies: Any) -> float:
+    """Angle between the normals at the ends of an edge, rad."""
+    a, b = bodies[plate.node[EDGES[k, 0]]].A, bodies[plate.node[EDGES[k, 1]]].A
+    cosine = a[0, 1] * b[0, 1] + a[1, 1] * b[1, 1] + a[2, 1] * b[2, 1]
+    return np.arccos(min(1.0, max(-1.0, cosine)))

@@ -94,7 +94,7 @@ class Systems:
             places += [(int(record["qf"]) + k, int(record["vf"]) + k) for k in range(plain)]
             if record["quaternion"]:
                 quaternions.append((int(record["qf"]) + plain, int(record["vf"]) + plain))
-        in_q, in_v = np.array(places, np.int64).reshape(-1, 2).T
+        in_q, in_v = np.ascontiguousarray(np.array(places, np.int64).reshape(-1, 2).T)
         return TreeSystem(
             **self._common(constraint_names, data),
             inverse=inverse,

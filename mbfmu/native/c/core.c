@@ -197,7 +197,7 @@ static Outcome start_anew(Instance *own)
         return fail(own, ERROR, text);
     }
     own->untouched = false;
-    own->warned_jump = own->warned_balance = false;
+    own->warned_jump = own->warned_balance = own->warned_coarse = false;
     put_options(own);
     bool other = put_parameters(own, false) || own->start != 0.0;
     *numbers(own, own->header->clock_at) = own->start;
@@ -312,6 +312,12 @@ static void look_around(Instance *own, const Told *told)
             warn(own, own->message);
         own->warned_balance = true;
     }
+    if (told->bent > COARSE && !own->warned_coarse) {
+        char text[SAYS];
+        tell_bend(own, "", "", text);
+        warn(own, text);
+        own->warned_coarse = true;
+    }
 }
 
 /* Go from t by a length, both s; ``reached`` is where the FMU stands afterwards. */
@@ -336,6 +342,11 @@ Outcome step(Instance *own, double t, double length, double *reached)
             SAY(what, "the rate of an input jumps where its impulse is not known: ", text);
             memcpy(text, what, sizeof text);
         }
+        memcpy(own->block, own->kept, saved);
+        return fail(own, DISCARD, text);
+    }
+    if (told->bent > FOLDED) {
+        tell_bend(own, "a cell is folded: ", ". " UNFOLD, text);
         memcpy(own->block, own->kept, saved);
         return fail(own, DISCARD, text);
     }

@@ -25,7 +25,7 @@ struct Instance {
     Phase phase;
     bool untouched; /* the block is that of the file */
     bool fresh;     /* outputs are those of the present state */
-    bool warned_jump, warned_balance;
+    bool warned_jump, warned_balance, warned_coarse;
     char message[SAYS];
 };
 
@@ -49,6 +49,7 @@ Outcome mistake(Instance *own, const char *text);
 Outcome fail(Instance *own, Outcome outcome, const char *text);
 void tell_stop(Instance *own, int64_t code, char text[SAYS]);
 void tell_assembly(Instance *own, int64_t code, char text[SAYS]);
+void tell_bend(Instance *own, const char *before, const char *after, char text[SAYS]);
 void warn(Instance *own, const char *text);
 
 /* Make a text of parts. */

@@ -1,9 +1,12 @@
 /* Messages. */
 
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 
 #include "instance.h"
+
+#define DEGREES 57.29577951308232 /* in a radian */
 
 /* Return a number in digits, with a point wherever the host is. */
 const char *in_digits(char digits[32], double value)
@@ -87,6 +90,17 @@ void tell_assembly(Instance *own, int64_t code, char text[SAYS])
             add_all(text, parts, sizeof parts / sizeof parts[0]);
         }
     add(text, text_at(own, f->between));
+}
+
+/* Say how far cells of a sheet bend where the model stands, too far for their grid. */
+void tell_bend(Instance *own, const char *before, const char *after, char text[SAYS])
+{
+    const Told *told = (const Told *)(own->block + own->header->told_at);
+    const double *clock = (const double *)(own->block + own->header->clock_at);
+    char most[32], good[32], digits[32];
+    SAY(text, before, "cells bend by up to ", in_digits(most, round(told->bent * DEGREES)),
+        " degrees, and are good to about ", in_digits(good, round(COARSE * DEGREES)), ": refine the grid (t = ",
+        in_digits(digits, *clock), " s)", after);
 }
 
 /* Tell what is unusual and stops nothing. */

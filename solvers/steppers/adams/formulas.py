@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solvers.compiled.kernel import inlined, kernel, records
-from solvers.ledger import FIELDS, SLIP, look_anew
+from solvers.ledger import FIELDS, SLIP, look_anew, set_scales
 from solvers.system import Array
 
 HIGHEST = 12  # order
@@ -75,7 +75,7 @@ class History(NamedTuple):
     yp_p: Array  # (size,)       y' at the predicted state
     rows: NDArray[np.int64]  # (m,)          chosen constraints, int64
     columns: NDArray[np.int64]  # (n,)          chosen dependents, then independents, int64
-    tangents: Array  # (n, n)        allowed motions at y with the chosen independents
+    tangents: Array  # (n, n)        allowed motions at y with the chosen independents; (0, 0) where m is zero
 
     @staticmethod
     def allocate(nq: int, n: int, m: int) -> History:
@@ -85,7 +85,7 @@ class History(NamedTuple):
         phi, unit = np.zeros((size, ROWS)), np.ones(size)
         choice = np.arange(m), np.arange(n)
         control = records(1, CONTROL)
-        return History(control, y, phi, unit, weight, p, yp, trial, yp_p, *choice, np.zeros((n, n)))
+        return History(control, y, phi, unit, weight, p, yp, trial, yp_p, *choice, np.zeros((n, n) if m else (0, 0)))
 
 
 @inlined
@@ -126,6 +126,18 @@ def begin_anew(H: Any, t: float, q: Any, v: Any, work: float, singles: int, rene
     look_anew(H.control)
     join(q, v, H.y)
     H.y[H.y.shape[0] - 1] = work
+
+
+@kernel
+def set_units(H: Any, absolute: float, work: Any, scales: Any) -> None:
+    """Take what the absolute tolerance is measured in, by the units and paces in ``work``."""
+    nq, n = work.size_q.shape[0], work.size.shape[0]
+    for i in range(nq):
+        H.unit[i] = work.size_q[i]
+    for i in range(n):
+        H.unit[nq + i] = work.pace[i] * work.size[i]
+    H.unit[nq + n] = 1.0
+    set_scales(scales, absolute, work.size, work.pace)
 
 
 @inlined

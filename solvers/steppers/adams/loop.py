@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
-from solvers.ledger import due, look, report, set_scales
+from solvers.ledger import due, look, report
 from solvers.outcome import BRANCHES, COLLAPSED, MAX_STEPS, NOT_CLOSED, OK
 from solvers.projection.lu_partition import (
     choose,
@@ -55,6 +55,7 @@ from .formulas import (
     interpolate,
     join,
     predict,
+    set_units,
     split,
     unwind,
 )
@@ -384,15 +385,9 @@ def take_options(options: Any, settings: Any) -> None:
 def set_up(g: Any, rank: int, absolute: float) -> None:
     """Take rank, units and paces as they were found at the start; ``absolute`` is the tolerance in those units."""
     c, H, work = g.memory.control[0], g.memory, g.work
-    nq, n = work.size_q.shape[0], work.size.shape[0]
     c.rank, c.changed_at = rank, -g.settings[0].flicker_steps
     c.regime = PROJECTION if g.settings[0].partition == PROJECTION else LU
-    for i in range(nq):
-        H.unit[i] = work.size_q[i]
-    for i in range(n):
-        H.unit[nq + i] = work.pace[i] * work.size[i]
-    H.unit[nq + n] = 1.0
-    set_scales(g.scales, absolute, work.size, work.pace)
+    set_units(H, absolute, work, g.scales)
 
 
 @kernel

@@ -27,7 +27,7 @@ from solvers.linalg.blocks import one_thread
 from solvers.options import Options, Statistics
 from solvers.outcome import Code
 from solvers.projection.saddle import Accelerations, Saddle, close, rate_of_motion
-from solvers.stepper import Stepper, own_rates, require_placed, require_resolved, sized
+from solvers.stepper import Stepper, require_placed, require_resolved, sized, swiftest
 from solvers.system import LARGEST_DENSE, Array, TreeSystem, audit_callbacks
 
 from .formulas import (
@@ -142,7 +142,7 @@ class TreeESDIRKStepper(Stepper):
             c["start"] = 0
             c["starts"] += 1
             if not c["h"] > 0.0:
-                c["h"] = FIRST / max(self._rate, own_rates(self.system, M.v, M.A[0]).max())
+                c["h"] = FIRST / max(self._rate, float(swiftest(self.system.size, M.v, M.A[0])))
         return code
 
     def _look(self) -> None:

@@ -1,0 +1,204 @@
+"""What machine code does otherwise for one family of steppers than for another: kernels over instances.
+
+Small mechanisms are integrated by their matrices, large trees by their recursions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any, NamedTuple
+
+from mbfmu.mechanics.recursions import dynamics as recursions
+from solvers.assembly import ASSEMBLED, close_positions, close_velocities, move_mass
+from solvers.compiled.kernel import kernel
+from solvers.ledger import WORK
+from solvers.outcome import OK
+from solvers.projection.projection import close
+from solvers.projection.rank import normal_rank
+from solvers.projection.reported import evaluate
+from solvers.projection.workspace import Workspace
+from solvers.steppers.adams import loop as adams
+from solvers.steppers.adams import tree
+from solvers.steppers.adams.explicit import SINGLES
+from solvers.steppers.adams.formulas import History
+from solvers.steppers.adams.formulas import begin_anew as begin_history
+from solvers.steppers.adams.hybrid import HYBRID
+from solvers.steppers.dense import find_position_sizes, measure_pace
+from solvers.steppers.radau import loop as radau
+from solvers.steppers.radau.formulas import Memory
+from solvers.steppers.radau.small import STOPS
+from solvers.system import Equations, Terms
+
+SMALL = {name: getattr(recursions, name) for name in Equations._fields[:-2]}
+LARGE = {name: getattr(recursions, name) for name in tree.TreeEquations._fields[:-1]}
+LARGE["power"] = recursions.solved_power
+
+
+class Family(NamedTuple):
+    """What is a family's own. All kernels but ``count`` take an instance first."""
+
+    loop: ModuleType  # with its kernels ``advance_reported``, and SETTINGS
+    callbacks: dict[str, Callable[..., Any]]  # of its equations
+    equations: Callable[..., Any]  # (callbacks, data, nq, n, m)
+    memory: Callable[..., Any]  # (nq, n, m): what is remembered from step to step
+    work: Callable[..., Any]  # (nq, n, m, positions): scratch, with units ``size``
+    assemble: Any  # (s, t) -> code of solvers.assembly: the reported state is the start with its loops closed
+    begin: Any  # (s, t) -> code: options, units and paces as a stepper's constructor takes them
+    evaluate: Any  # (s) -> code: accelerations and multipliers at the reported state
+    renew: Any  # (s, fresh): go on at the reported state; fresh: nothing is kept of what was known
+    count: Any  # (g, counts): what the run has cost, in the order of COUNTERS
+
+
+@kernel
+def assemble_small(s: Any, t: float) -> int:
+    """Where it is not ASSEMBLED, ``worst`` or ``massless`` of the scratch says what is wrong, and there is no state."""
+    g, start, work = s.given, s.start, s.start.scratch
+    code: int = close_positions(g.eqs, t, start.q, g.q, work)
+    if code == ASSEMBLED:
+        code = close_velocities(g.eqs, t, g.q, start.v, s.known[0], g.v, work)
+    if code == ASSEMBLED:
+        g.eqs.dynamics(t, g.q, g.v, g.eqs.data, g.eqs.terms)
+        code = move_mass(g.eqs.terms, g.work.mass, work)
+    return code
+
+
+@kernel
+def assemble_tree(s: Any, t: float) -> int:
+    """Nothing is to be closed; whether all that moves has inertia the solver finds out."""
+    g, start = s.given, s.start
+    for i in range(g.q.shape[0]):
+        g.q[i] = start.q[i]
+    for i in range(g.v.shape[0]):
+        g.v[i] = start.v[i]
+    return ASSEMBLED
+
+
+@kernel
+def find_out(s: Any, t: float) -> tuple[int, int]:
+    """Close the reported state, and find units and paces there; return how it was closed, and the rank."""
+    g = s.given
+    find_position_sizes(g.eqs, t, g.q, g.work)
+    rank = normal_rank(g.eqs, t, g.q, g.v, g.work)
+    code = close(g.eqs, t, g.q, g.v, rank, g.work)
+    measure_pace(g.eqs, t, g.q, g.v, rank, s.known[0], s.known[1], g.work)
+    return code, rank
+
+
+@kernel
+def begin_adams(s: Any, t: float) -> int:
+    """As ``AdamsStepper`` is made."""
+    adams.take_options(s.options, s.given.settings)
+    code, rank = find_out(s, t)
+    adams.set_up(s.given, rank, s.options[0].absolute)
+    return code
+
+
+@kernel
+def begin_radau(s: Any, t: float) -> int:
+    """As ``RadauStepper`` is made."""
+    radau.take_options(s.options, s.given.settings)
+    code, rank = find_out(s, t)
+    radau.set_up(s.given, rank, s.options[0].absolute)
+    return code
+
+
+@kernel
+def begin_tree(s: Any, t: float) -> int:
+    """As ``TreeAdamsStepper`` is made."""
+    adams.take_options(s.options, s.given.settings)
+    tree.set_up(s.given, t, s.known[0])
+    return OK
+
+
+@kernel
+def evaluate_small(s: Any) -> int:
+    """Fill ``s.a`` and ``s.lam``."""
+    g = s.given
+    code: int = evaluate(g.eqs, s.clock[0], g.q, g.v, g.memory.control[0].rank, g.work, s.a, s.lam)
+    return code
+
+
+@kernel
+def evaluate_tree(s: Any) -> int:
+    """Fill ``s.a``."""
+    code: int = tree.evaluate(s.given, s.clock[0], s.a)
+    return code
+
+
+@kernel
+def renew_history(s: Any, fresh: bool, watched: bool) -> None:
+    """As ``ExplicitStepper.renew`` does; ``fresh``: as its ``restart``; ``watched``: work is to be booked."""
+    g, kept, singles = s.given, not fresh and s.told[0].code == OK, 0 if fresh else SINGLES
+    g.settings[0].works = 1 if watched and g.eqs.data.arrays.world[0].works == 1 else 0
+    begin_history(g.memory, s.clock[0], g.q, g.v, g.ledger[WORK], singles, 0 if fresh else 1, kept)
+
+
+@kernel
+def renew_adams(s: Any, fresh: bool) -> None:
+    """See :func:`renew_history`."""
+    o = s.given.settings[0]
+    renew_history(s, fresh, o.audit == 1 or o.partition == HYBRID)
+
+
+@kernel
+def renew_tree(s: Any, fresh: bool) -> None:
+    """See :func:`renew_history`."""
+    renew_history(s, fresh, s.given.settings[0].audit == 1)
+
+
+@kernel
+def renew_radau(s: Any, fresh: bool) -> None:
+    """As ``RadauStepper.renew`` does; ``fresh``: as its ``restart``."""
+    g, kept = s.given, not fresh and s.told[0].code == OK
+    o = g.settings[0]
+    o.works = 1 if o.audit == 1 and g.eqs.data.arrays.world[0].works == 1 else 0
+    radau.begin_anew(g.memory, s.clock[0], g.q, g.v, g.ledger[WORK], 0 if fresh else STOPS, kept)
+    if fresh:
+        g.memory.control[0].known = 0
+
+
+@kernel
+def count_adams(g: Any, counts: Any) -> None:
+    """As ``statistics`` of steppers on Adams formulas."""
+    c = g.memory.control[0]
+    left = c.by_turn + c.by_flicker + c.by_energy + c.by_collapse
+    counts[0], counts[1], counts[2], counts[3] = c.steps, c.rejected, c.evaluations, left + c.returns
+    counts[4], counts[5] = max(0, c.starts - 1), c.limited
+
+
+@kernel
+def count_radau(g: Any, counts: Any) -> None:
+    """As ``RadauStepper.statistics``."""
+    c = g.memory.control[0]
+    counts[0], counts[1], counts[2] = c.steps, c.rejected, c.evaluations
+    counts[4] = max(0, c.starts - 1)
+
+
+def _by_matrices(callbacks: dict[str, Any], data: Any, nq: int, n: int, m: int) -> Equations:
+    return Equations(**callbacks, data=data, terms=Terms.allocate(nq, n, m))
+
+
+def _by_recursions(callbacks: dict[str, Any], data: Any, nq: int, n: int, m: int) -> tree.TreeEquations:
+    return tree.TreeEquations(**callbacks, data=data)
+
+
+def _workspace(nq: int, n: int, m: int, positions: Any) -> Workspace:
+    return Workspace.allocate(nq, n, m)
+
+
+FAMILIES = {  # by the prefix of their entry points
+    "adams": Family(
+        adams, SMALL, _by_matrices, History.allocate, _workspace,
+        assemble_small, begin_adams, evaluate_small, renew_adams, count_adams,
+    ),
+    "radau": Family(
+        radau, SMALL, _by_matrices, lambda nq, n, m: Memory.allocate(nq, n), _workspace,
+        assemble_small, begin_radau, evaluate_small, renew_radau, count_radau,
+    ),
+    "tree": Family(
+        tree, LARGE, _by_recursions, History.allocate, lambda nq, n, m, p: tree.Scratch.allocate(nq, n, p),
+        assemble_tree, begin_tree, evaluate_tree, renew_tree, count_adams,
+    ),
+}  # fmt: skip
+SOLVERS = ("adams", "hybrid", "adams-lu", "radau")  # that they serve

@@ -1,0 +1,178 @@
+"""Large trees in machine code: sheets and chains do what simulations of them do, bit for bit."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from running import Running, adopt, needs_linker
+
+from fmus.sheet import Sheet
+from mbfmu.errors import UserError
+from mbfmu.mechanics import Mechanism, Revolute, SphericalCut
+from mbfmu.mechanics.joints import Spherical
+from mbfmu.native.entries import image_of
+from mbfmu.simulation import Settings, Simulation
+from solvers.assembly import ASSEMBLED
+from solvers.outcome import OK
+
+ADAMS = Settings(solver="adams", tolerance=1e-5)
+GRID = {"nx": 9, "nz": 7}
+LINK = {"mass": 0.1, "com": (0.05, 0.0, 0.0), "inertia": (1e-5, 1e-4, 1e-4)}
+
+
+def chain(links: int, joint: Any = Revolute, gravity: float = -9.81) -> Mechanism:
+    """Rods that hang on each other; the first is bent aside, or turns where nothing weighs."""
+    m = Mechanism(gravity=(0.0, gravity, 0.0))
+    on = m.ground
+    for k in range(links):
+        own = {"start": 0.3} if joint is Revolute and not k else {}
+        turning = {} if gravity or k else {"rate": 2.0 if joint is Revolute else (0.5, -1.0, 2.0)}
+        at = (0.1 if k else 0.0, 0.0, 0.0)
+        on = m.body(f"link {k}", on, joint(at=at, **own, **turning), **LINK)
+    m.output("tip", on.position("y"))
+    m.output("turned", m.bodies[1].joint_force("y"))
+    m.output("energy", m.energy)
+    return m
+
+
+MODELS = {
+    "sheet": (lambda: Sheet(**GRID), 2e-3),
+    "sheet that flies": (lambda: Sheet(**GRID, support="free", start_spin=20.0, gravity_y=0.0), 1e-3),
+    "sheet in air": (lambda: Sheet(**GRID, damping=1e-5, drag=1.4, pressure=0.5), 1e-3),
+    "chain": (lambda: chain(200), 1e-2),
+    "chain of balls": (lambda: chain(30, Spherical), 1e-2),
+    "chain that nothing pulls": (lambda: chain(70, gravity=0.0), 1e-2),
+}
+
+
+def pair(make: Any, settings: Settings = ADAMS) -> tuple[Simulation, Running]:
+    """A simulation and machine code of one like it, both begun."""
+    native = Running(Simulation(make(), settings))
+    assert native.call("begin", 0.0) == OK
+    return Simulation(make(), settings), native
+
+
+def follow(simulation: Simulation, native: Running, length: float, first: int = 0, last: int = 10) -> None:
+    """Steps with equal rows of outputs."""
+    for k in range(first, last):
+        status = simulation.advance((k + 1) * length)
+        assert native.call("step", (k + 1) * length) == int(status.code) == OK
+        assert native.call("read") == OK
+        np.testing.assert_array_equal(native.out, simulation.outputs())
+    assert native.told["lost"] == bool(simulation.verdict)
+
+
+@needs_linker
+@pytest.mark.parametrize("name", MODELS)
+def test_outputs_are_those_of_a_simulation(name: str):
+    make, length = MODELS[name]
+    simulation, native = pair(make)
+    assert not simulation.plant.system.has_matrices
+    start = simulation.outputs().copy()
+    assert native.call("read") == OK
+    np.testing.assert_array_equal(native.out, start)
+    follow(simulation, native, length)
+    assert not np.array_equal(native.out, start)
+    assert native.call("count") == OK
+    counts, told = native.view(native.instance.counts), simulation.statistics
+    assert list(counts[:3]) == [told.steps, told.rejected, told.rhs_evals]
+
+
+@needs_linker
+@pytest.mark.parametrize("audit", [False, True])
+@pytest.mark.parametrize("inputs", ["hold", "linear"])
+def test_gravity_and_an_edge_that_a_host_moves(inputs: str, audit: bool):
+    settings = Settings(solver="adams", tolerance=1e-5, inputs=inputs, audit=audit)
+    simulation, native = pair(lambda: Sheet(**GRID, support="moved"), settings)
+    numbers = {v.name: k for k, v in enumerate(simulation.plant.inputs.variables)}
+    for k in range(12):
+        t, given = 1e-3 * k, {}
+        if k % 3 != 2:
+            given |= {"edge.y": 1e-3 * np.sin(100.0 * t), "edge.vy": 0.1 * np.cos(100.0 * t) + 0.2 * (k > 6)}
+        if k == 5:
+            given["gravity.x"] = 3.0
+        for name, value in given.items():
+            simulation.set_input(name, value)
+            assert native.call("set", numbers[name], float(value)) == OK
+        follow(simulation, native, 1e-3, k, k + 1)
+    assert simulation.work_of_jumps != 0.0
+
+
+@needs_linker
+@pytest.mark.parametrize("model", [Sheet(**GRID, thickness=0.5e-3, gravity_y=-3.0), Sheet(**GRID, density=3000.0)])
+def test_a_changed_sheet_runs_as_one_that_was_built(model: Sheet):
+    native, simulation = Running(Simulation(Sheet(**GRID), ADAMS)), Simulation(model, ADAMS)
+    adopt(native, simulation.plant)
+    start = native.instance.start
+    native.view(start.q)[:], native.view(start.v)[:] = simulation.stepper.q, simulation.stepper.v
+    assert native.call("assemble", 0.0) == ASSEMBLED
+    assert native.call("begin", 0.0) == OK
+    for k in range(10):
+        assert native.call("step", 1e-3 * (k + 1)) == int(simulation.advance(1e-3 * (k + 1)).code) == OK
+        assert native.call("read") == OK
+        np.testing.assert_array_equal(native.out[:-2], simulation.outputs()[:-2])
+
+
+@needs_linker
+def test_a_pressure_that_is_tuned():
+    simulation, native = pair(lambda: Sheet(**GRID, pressure=0.5))
+    follow(simulation, native, 1e-3, last=4)
+    other = Sheet(**GRID, pressure=2.0)
+    assert native.call("weigh") == OK
+    adopt(native, other.plant(), at_work=True)
+    assert native.call("retune") == OK
+    simulation.retune(other)
+    follow(simulation, native, 1e-3, 4, 10)
+
+
+@needs_linker
+def test_a_state_goes_to_another_instance():
+    simulation, first = pair(lambda: Sheet(**GRID))
+    second = Running(Simulation(Sheet(**GRID), ADAMS))
+    follow(simulation, first, 1e-3, last=4)
+    second.block[: second.image.saved] = first.block[: first.image.saved]
+    follow(simulation, second, 1e-3, 4, 10)
+
+
+@needs_linker
+@pytest.mark.parametrize("grid", [(4, 3), (9, 7)])  # a small mechanism, and a large tree
+def test_how_sharply_plates_bend_is_told(grid: tuple[int, int]):
+    make = lambda: Sheet(nx=grid[0], nz=grid[1], support="free", start_spin=300.0)  # noqa: E731
+    simulation, native = pair(make)
+    for k in range(6):
+        t = 2e-3 * (k + 1)
+        assert native.call("step", t) == int(simulation.advance(t).code) == OK
+        bend = simulation.plant.bend(t, simulation.stepper.q)
+        assert bend is not None
+        assert native.told["bent"] == bend.largest > 0.0
+
+
+@needs_linker
+def test_an_inertia_that_is_missing_ends_a_step():
+    def make() -> Mechanism:
+        m = chain(70)
+        m.body("nothing", m.bodies[-1], Revolute(at=(0.1, 0.0, 0.0)))
+        return m
+
+    simulation, native = pair(make)
+    code = int(simulation.advance(1e-3).code)
+    assert code != OK
+    assert native.call("step", 1e-3) == code
+
+
+def test_large_trees_that_machine_code_has_no_way_for_are_refused():
+    looped = chain(120)
+    looped.cut("pin", SphericalCut(at_a=(0.1, 0.0, 0.0), at_b=(1.0, -5.0, 0.0)), looped.bodies[-1], looped.ground)
+    with pytest.raises(UserError, match=r"a large tree, here of 120 coordinates, .* without constraints; this one has"):
+        image_of(Simulation(looped, ADAMS))
+    with pytest.raises(UserError, match="by 'adams' and without constraints; this one has 'radau'"):
+        image_of(Simulation(chain(70), Settings(solver="radau")))
+
+
+def test_an_image_has_no_matrices():
+    """So that it is copied in no time at every step."""
+    simulation = Simulation(Sheet(**GRID), ADAMS)
+    n = simulation.plant.system.n
+    assert image_of(simulation)[1].saved < 8 * n * n
