@@ -22,12 +22,12 @@ from mbfmu.mechanics.arrays.tables import REAL, Called
 from mbfmu.mechanics.kind import Kind, kernel_of, kinds_of, record_of
 from mbfmu.mechanics.records import empty_data
 from mbfmu.mechanics.recursions import dynamics as recursions
-from mbfmu.mechanics.recursions.dynamics import observe
+from mbfmu.mechanics.recursions.dynamics import observe, resolves
 from mbfmu.simulation import Simulation
 from solvers.assembly import ASSEMBLED, Scratch, close_positions, close_velocities, move_mass
 from solvers.balance import BALANCE
 from solvers.compiled.held import contents, hold
-from solvers.compiled.kernel import by_name, kernel, records, types
+from solvers.compiled.kernel import by_name, kept_nowhere, kernel, records, types
 from solvers.ledger import ROW, WORK, Scales
 from solvers.options import OPTIONS
 from solvers.outcome import NOT_FINITE, OK
@@ -183,6 +183,20 @@ def renew_radau(s: Any, fresh: bool) -> None:
 
 
 @kernel
+def limit_adams(g: Any, longest: float) -> None:
+    """As ``ExplicitStepper._limit`` does."""
+    if longest != g.settings[0].max_step:
+        g.settings[0].max_step = longest
+        g.memory.control[0].h = min(g.memory.control[0].h, longest)
+
+
+@kernel
+def limit_radau(g: Any, longest: float) -> None:
+    """As ``RadauStepper._limit`` does."""
+    g.settings[0].max_step = longest
+
+
+@kernel
 def count_adams(g: Any, counts: Any) -> None:
     """Tell what ``AdamsStepper.statistics`` does, in the order of COUNTERS."""
     c = g.memory.control[0]
@@ -204,6 +218,20 @@ def entries(family: str) -> dict[str, Entry]:
     loop, renewed = FAMILIES[family], {"adams": renew_adams, "radau": renew_radau}[family]
     advance_reported, set_up, take_options = loop.advance_reported, loop.set_up, loop.take_options
     counted = {"adams": count_adams, "radau": count_radau}[family]
+    limit = {"adams": limit_adams, "radau": limit_radau}[family]
+
+    @kept_nowhere
+    def go(s: Any, t: float) -> int:
+        """Go to t, s, in pieces in each of which no step may miss a signal, as ``Stepper.advance`` does."""
+        g, reached, code = s.given, s.clock[0], OK
+        while code == OK:
+            longest, until = resolves(reached, g.eqs.data)
+            limit(g, min(longest, s.options[0].max_step))
+            reached = min(t, until)
+            code = advance_reported(g, reached)
+            if not until < t:
+                break
+        return code
 
     def start(s: Any, index: int, value: float) -> int:
         """Let an input have another value at the start, before :func:`begin`."""
@@ -268,7 +296,7 @@ def entries(family: str) -> dict[str, Entry]:
 
     def advance(s: Any, t: float) -> int:
         """Go to t, s; on failure the last good state stays."""
-        arrive(s, t, advance_reported(s.given, t))
+        arrive(s, t, go(s, t))
         return int(s.told[0].code)
 
     def step(s: Any, end: float) -> int:
@@ -284,7 +312,7 @@ def entries(family: str) -> dict[str, Entry]:
                     return code
                 renewed(s, False)
         if end > t or s.told[0].code != OK:
-            arrive(s, end, advance_reported(s.given, end))
+            arrive(s, end, go(s, end))
         if s.balance[0].kept == 1:
             look(s, energy_at(s))
         return int(s.told[0].code)
