@@ -181,10 +181,8 @@ def chirp_in_python(self: Any, own: Any, t: float) -> tuple[float, float]:
 
 def own_signal(**said: Any) -> Signal:
     """Return a signal of a kind of a user's own."""
-    fill = {"fill": lambda self, record, site: record.__setitem__("rate", 5.0)}
-    made: Signal = dataclass(frozen=True)(
-        type("Chirp", (Signal,), {"record": RATE, "evaluate": chirp, **fill, **said})
-    )()
+    said |= {"record": RATE, "evaluate": chirp, "fill": lambda self, record, site: record.__setitem__("rate", 5.0)}
+    made: Signal = dataclass(frozen=True)(type("Chirp", (Signal,), said))()
     return made
 
 
