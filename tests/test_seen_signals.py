@@ -5,26 +5,37 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import pi
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 from mbfmu.direct import run
+from mbfmu.errors import UserError
 from mbfmu.mechanics import (
+    Function,
     Harmonic,
+    Input,
     JointForce,
     JointSpring,
     Mechanism,
+    Plant,
+    Product,
     Revolute,
     RevoluteCut,
     RunUp,
+    Signal,
+    Step,
+    Sum,
+    Table,
     Translational,
+    kernel,
     rod,
 )
-from mbfmu.mechanics.signals import InUse
 from mbfmu.model import Model
 from mbfmu.simulation import Settings
+from solvers.compiled.kernel import COMPILED
 
 SOLVERS = ["adams", "hybrid", "ida"]
 
@@ -37,6 +48,13 @@ class Made(Model):
 
     def build(self) -> Mechanism:
         return self.make()
+
+
+def pushed_by(signal: Any) -> Mechanism:
+    """A wheel with a torque on it."""
+    m = Mechanism()
+    m.force("push", JointForce(signal), m.body("wheel", m.ground, Revolute(), mass=1.0, inertia=(1.0, 1.0, 1.0)))
+    return m
 
 
 def shaken_slider(frequency: float) -> Mechanism:
@@ -108,18 +126,82 @@ def test_a_short_run_up_sets_a_hanging_mass_swinging(duration: float, solver: st
 def test_the_longest_step_sees_every_signal() -> None:
     plant = Made(make=lambda: shaken_slider(5.0)).plant()
     assert plant.system.resolves(0.7) == (pytest.approx(0.06), np.inf)
-    run_up = RunUp(speed=2.0, duration=0.5)
-    own = InUse(run_up, {"speed": 2.0, "duration": 0.5, "over": 0}, [])
-    assert own.longest_step(-1.0) == (0.5, -0.5)
-    assert own.longest_step(-0.1) == (pytest.approx(0.15), 0.5)
-    assert own.longest_step(0.2) == (pytest.approx(0.15), 0.5)
-    assert own.longest_step(0.5) == (np.inf, np.inf)
+    plant = Plant(pushed_by(RunUp(speed=2.0, duration=0.5)))
+    assert plant.system.resolves(-1.0) == (0.5, -0.5)
+    assert plant.system.resolves(-0.1) == (pytest.approx(0.15), 0.5)
+    assert plant.system.resolves(0.2) == (pytest.approx(0.15), 0.5)
+    assert plant.system.resolves(0.5) == (np.inf, np.inf)
+
+
+POINTS = (2.0, 2.4, 2.5)
+LATER = {
+    "step": (Step(height=1.0, begin=2.0, duration=0.5), (1.0, 1.0), (0.15, 2.5), (0.15, 2.5), (np.inf, np.inf)),
+    "no step": (Step(height=0.0, begin=2.0, duration=0.5), *4 * [(np.inf, np.inf)]),
+    "table": (Table(POINTS, (0.0, 1.0, 0.0)), (1.0, 1.0), (0.1, 2.5), (0.1, 2.5), (np.inf, np.inf)),
+    "held": (Table(POINTS, (0.0, 1.0, 0.0), beyond="hold"), (1.0, 1.0), (0.1, 2.5), (0.1, 2.5), (np.inf, np.inf)),
+    "periodic": (Table(POINTS, (0.0, 1.0, 0.0), beyond="periodic"), *4 * [(0.1, np.inf)]),
+    "flat": (Table(POINTS, (1.0, 1.0, 1.0)), *4 * [(np.inf, np.inf)]),
+    "law": (Function("sin(t)", time=0.6), *4 * [(0.2, np.inf)]),
+    "sum": (
+        Sum(Harmonic(amplitude=1.0, frequency=1.0), Product(2.0, Step(height=1.0, begin=2.0, duration=0.5))),
+        (0.3, 1.0), (0.15, 2.5), (0.15, 2.5), (0.3, np.inf),
+    ),
+    "input": (Input(name="u", unit="N.m"), *4 * [(np.inf, np.inf)]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", LATER)
+def test_steps_are_short_from_where_a_signal_varies(name: str) -> None:
+    """Two seconds before, close before, in the middle, and after it."""
+    signal, *expected = LATER[name]
+    system = Plant(pushed_by(signal)).system
+    assert [system.resolves(t) for t in (0.0, 1.9, 2.2, 3.0)] == [pytest.approx(one) for one in expected]
+
+
+RATE = np.dtype([("rate", np.float64)])
+
+
+@kernel
+def chirp(signal: Any, t: float, arrays: Any) -> tuple[float, float, float]:
+    """A sine whose frequency grows."""
+    phase = signal.rate * t * t
+    return np.sin(phase), 2.0 * signal.rate * t * np.cos(phase), 0.0
+
+
+@kernel
+def chirp_seen(signal: Any, t: float, arrays: Any) -> tuple[float, float]:
+    """Shorter from second to second."""
+    until = np.floor(t) + 1.0
+    return 1.0 / (signal.rate * until), until
+
+
+def chirp_in_python(self: Any, own: Any, t: float) -> tuple[float, float]:
+    """No kernel."""
+    return 0.1, np.inf
+
+
+def own_signal(**said: Any) -> Signal:
+    """Return a signal of a kind of a user's own."""
+    said |= {"record": RATE, "evaluate": chirp, "fill": lambda self, record, site: record.__setitem__("rate", 5.0)}
+    made: Signal = dataclass(frozen=True)(type("Chirp", (Signal,), said))()
+    return made
+
+
+def test_a_signal_of_a_user_s_own_may_say_how_short_steps_must_be() -> None:
+    assert Plant(pushed_by(own_signal())).system.resolves(2.5) == (np.inf, np.inf)
+    told = own_signal(longest_step=chirp_seen)
+    assert Plant(pushed_by(told)).system.resolves(2.5) == (pytest.approx(1.0 / 15.0), 3.0)
+    assert Plant(pushed_by(Sum(told, 1.0))).system.resolves(2.5) == (pytest.approx(1.0 / 15.0), 3.0)
+
+
+@pytest.mark.skipif(not COMPILED, reason="plain Python is a kernel where nothing is compiled")
+def test_a_longest_step_that_is_no_kernel_is_refused() -> None:
+    with pytest.raises(UserError, match="of class Chirp, whose 'longest_step' is no kernel; decorate it"):
+        Plant(pushed_by(own_signal(longest_step=chirp_in_python)))
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_a_start_so_far_out_that_angles_are_too_coarse(solver: str) -> None:
-    from mbfmu.errors import UserError
-
     def build() -> Mechanism:
         m = Mechanism(gravity=(0.0, -9.81, 0.0))
         m.output("a", m.body("bar", m.ground, Revolute(start=1e11), **rod(mass=1.0, length=1.0)).angle())

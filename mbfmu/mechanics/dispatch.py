@@ -8,11 +8,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from solvers.compiled.by_address import call, number, three
+import numpy as np
+
+from solvers.compiled.by_address import call, number, three, two
 from solvers.compiled.kernel import inlined
 
 PLACE, BIAS = 0, 1  # of a joint
 EVALUATE = 0  # of a cut joint, of a coupling, of a signal
+LONGEST_STEP = 1  # of a signal
 APPLY, POTENTIAL, POWER, TANGENT = 0, 1, 2, 3  # of a load
 READ = 0  # of a sensor
 
@@ -90,6 +93,16 @@ def signal(k: int, t: float, arrays: Any) -> tuple[float, float, float]:
 def signal_value(k: int, t: float, arrays: Any) -> float:
     """Value of signal k at time t."""
     return signal(k, t, arrays)[0]
+
+
+@inlined
+def longest_step(k: int, t: float, arrays: Any) -> tuple[float, float]:
+    """The longest step from time t (s) on that signal k allows, and until when, s."""
+    item = arrays.signals[k]
+    address = arrays.kernels[item.kind + LONGEST_STEP]
+    if address == 0:
+        return np.inf, np.inf
+    return two(address, arrays.memory, item.at, arrays.world[0].gravity, (t, arrays))
 
 
 @inlined

@@ -23,12 +23,12 @@ from mbfmu.mechanics.arrays.tables import REAL, Called
 from mbfmu.mechanics.elements import Plate
 from mbfmu.mechanics.kind import Kind, kernel_of, kinds_of, record_of
 from mbfmu.mechanics.records import empty_data
-from mbfmu.mechanics.recursions.dynamics import observe
+from mbfmu.mechanics.recursions.dynamics import observe, resolves
 from mbfmu.simulation import Simulation
 from solvers.assembly import Scratch
 from solvers.balance import BALANCE
 from solvers.compiled.held import contents, hold
-from solvers.compiled.kernel import by_name, records, types
+from solvers.compiled.kernel import by_name, kept_nowhere, records, types
 from solvers.ledger import ROW, Scales
 from solvers.options import OPTIONS
 from solvers.outcome import NOT_FINITE, OK
@@ -164,9 +164,22 @@ _named = cache(by_name)  # what two families call is compiled once
 def entries(name: str) -> dict[str, Entry]:
     """Return the entry points of a family by their names."""
     family = FAMILIES[name]
-    advance_reported = family.loop.advance_reported
+    advance_reported, limit = family.loop.advance_reported, family.limit
     assembled, begun, evaluated = family.assemble, family.begin, family.evaluate
     renewed, counted = family.renew, family.count
+
+    @kept_nowhere
+    def go(s: Any, t: float) -> int:
+        """Go to t, s, in pieces in each of which no step may miss a signal, as ``Stepper.advance`` does."""
+        g, reached, code = s.given, s.clock[0], OK
+        while code == OK:
+            longest, until = resolves(reached, g.eqs.data)
+            limit(g, min(longest, s.options[0].max_step))
+            reached = min(t, until)
+            code = advance_reported(g, reached)
+            if not until < t:
+                break
+        return code
 
     def start(s: Any, index: int, value: float) -> int:
         """Let an input have another value at the start, before :func:`begin`."""
@@ -220,7 +233,7 @@ def entries(name: str) -> dict[str, Entry]:
 
     def advance(s: Any, t: float) -> int:
         """Go to t, s; on failure the last good state stays."""
-        arrive(s, t, advance_reported(s.given, t))
+        arrive(s, t, go(s, t))
         return int(s.told[0].code)
 
     def step(s: Any, end: float) -> int:
@@ -236,7 +249,7 @@ def entries(name: str) -> dict[str, Entry]:
                     return code
                 renewed(s, False)
         if end > t or s.told[0].code != OK:
-            arrive(s, end, advance_reported(s.given, end))
+            arrive(s, end, go(s, end))
         if s.balance[0].kept == 1:
             look(s, energy_at(s))
         look_at_plates(s)

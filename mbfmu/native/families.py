@@ -36,7 +36,7 @@ LARGE["power"] = recursions.solved_power
 
 
 class Family(NamedTuple):
-    """What is a family's own. All kernels but ``count`` take an instance first."""
+    """What is a family's own. All kernels but the last two take an instance first."""
 
     loop: ModuleType  # with its kernels ``advance_reported``, and SETTINGS
     callbacks: dict[str, Callable[..., Any]]  # of its equations
@@ -47,6 +47,7 @@ class Family(NamedTuple):
     begin: Any  # (s, t) -> code: options, units and paces as a stepper's constructor takes them
     evaluate: Any  # (s) -> code: accelerations and multipliers at the reported state
     renew: Any  # (s, fresh): go on at the reported state; fresh: nothing is kept of what was known
+    limit: Any  # (g, longest): no step from here on is longer, s
     count: Any  # (g, counts): what the run has cost, in the order of COUNTERS
 
 
@@ -159,6 +160,20 @@ def renew_radau(s: Any, fresh: bool) -> None:
 
 
 @kernel
+def limit_history(g: Any, longest: float) -> None:
+    """As ``ExplicitStepper._limit`` does."""
+    if longest != g.settings[0].max_step:
+        g.settings[0].max_step = longest
+        g.memory.control[0].h = min(g.memory.control[0].h, longest)
+
+
+@kernel
+def limit_radau(g: Any, longest: float) -> None:
+    """As ``RadauStepper._limit`` does."""
+    g.settings[0].max_step = longest
+
+
+@kernel
 def count_adams(g: Any, counts: Any) -> None:
     """As ``statistics`` of steppers on Adams formulas."""
     c = g.memory.control[0]
@@ -190,15 +205,15 @@ def _workspace(nq: int, n: int, m: int, positions: Any) -> Workspace:
 FAMILIES = {  # by the prefix of their entry points
     "adams": Family(
         adams, SMALL, _by_matrices, History.allocate, _workspace,
-        assemble_small, begin_adams, evaluate_small, renew_adams, count_adams,
+        assemble_small, begin_adams, evaluate_small, renew_adams, limit_history, count_adams,
     ),
     "radau": Family(
         radau, SMALL, _by_matrices, lambda nq, n, m: Memory.allocate(nq, n), _workspace,
-        assemble_small, begin_radau, evaluate_small, renew_radau, count_radau,
+        assemble_small, begin_radau, evaluate_small, renew_radau, limit_radau, count_radau,
     ),
     "tree": Family(
         tree, LARGE, _by_recursions, History.allocate, lambda nq, n, m, p: tree.Scratch.allocate(nq, n, p),
-        assemble_tree, begin_tree, evaluate_tree, renew_tree, count_adams,
+        assemble_tree, begin_tree, evaluate_tree, renew_tree, limit_history, count_adams,
     ),
 }  # fmt: skip
 SOLVERS = ("adams", "hybrid", "adams-lu", "radau")  # that they serve

@@ -5,8 +5,8 @@ caller is compiled once whatever kinds there are; a kind is compiled when someth
 
     call(address, memory, place, (argument, ...))
 
-calls a kernel ``f(record, argument, ...)`` that returns nothing; ``number`` and ``three`` call one that returns a
-number, or three of them, of the kind of those in the array ``like``: real, or complex where derivatives are taken. With
+calls a kernel ``f(record, argument, ...)`` that returns nothing; ``number``, ``two`` and ``three`` call one that
+returns as many numbers, of the kind of those in the array ``like``: real, or complex where derivatives are taken. With
 ``NUMBA_DISABLE_JIT=1`` an address is a number in a list.
 """
 
@@ -102,6 +102,11 @@ def _number(_: Any, address: Any, memory: Any, place: Any, like: Any, arguments:
     return result(types.int64, memory, types.int64, like, arguments), _called(result, memory, arguments)
 
 
+def _two(_: Any, address: Any, memory: Any, place: Any, like: Any, arguments: Any) -> Any:
+    result: Any = types.UniTuple(like.dtype, 2)  # type: ignore[no-untyped-call]
+    return result(types.int64, memory, types.int64, like, arguments), _called(result, memory, arguments)
+
+
 def _three(_: Any, address: Any, memory: Any, place: Any, like: Any, arguments: Any) -> Any:
     result: Any = types.UniTuple(like.dtype, 3)  # type: ignore[no-untyped-call]
     return result(types.int64, memory, types.int64, like, arguments), _called(result, memory, arguments)
@@ -113,4 +118,5 @@ def _number_interpreted(address: int, memory: Any, place: int, like: Any, argume
 
 call: Any = intrinsic(_call) if COMPILED else _interpreted
 number: Any = intrinsic(_number) if COMPILED else _number_interpreted
+two: Any = intrinsic(_two) if COMPILED else _number_interpreted
 three: Any = intrinsic(_three) if COMPILED else _number_interpreted

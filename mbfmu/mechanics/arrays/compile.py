@@ -14,7 +14,7 @@ from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.checks import rotation, signal_of, vector
 from mbfmu.mechanics.flexible.modal import FLEXIBLE, NODE
 from mbfmu.mechanics.joints import Section
-from mbfmu.mechanics.kind import Kind, record_of
+from mbfmu.mechanics.kind import Kind, check_kind, record_of
 from mbfmu.mechanics.records import (
     BODY,
     COUPLING,
@@ -119,6 +119,7 @@ class Numbering:
     def signal(self, value: Any, what: str) -> int:
         """Number a signal and, if it is an input, its slots."""
         signal = signal_of(value, what)
+        check_kind(what, signal, Signal)
         index = len(self.signals)
         self.signals.append(signal)
         for coefficient, (name, unit, description, start) in enumerate(signal.variables()):

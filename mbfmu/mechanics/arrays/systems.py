@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import cached_property
-from math import inf
 from typing import Any
 
 import numpy as np
@@ -15,12 +14,13 @@ from mbfmu.mechanics.records import Data
 from mbfmu.mechanics.recursions.dynamics import (
     callbacks,
     observe_all,
+    resolves,
     telling_callback,
     tree_callbacks,
     work_callbacks,
 )
-from mbfmu.mechanics.signals import InUse, Signal
 from mbfmu.mechanics.tangent import Groups, Tangent, find_groups
+from solvers.compiled.held import hold
 from solvers.positions import Positions
 from solvers.system import AnySystem, System, TreeSystem
 
@@ -152,16 +152,12 @@ class Systems:
 
     def _resolves(self, t: float) -> tuple[float, float]:
         """Return the longest step from t on that misses no signal, and until when it does not, s."""
-        longest, until = inf, inf
-        for own in self._varying:
-            step, end = own.longest_step(t)
-            longest, until = min(longest, step), min(until, end)
-        return longest, until
+        return resolves(t, self._held)
 
     @cached_property
-    def _varying(self) -> list[InUse]:
-        """The signals that vary by themselves."""
-        return [own for own in self._compiled.signals if type(own.signal).longest_step is not Signal.longest_step]
+    def _held(self) -> Any:
+        """The data as kernels take them."""
+        return hold(self._compiled.data)
 
     def _rate(self, bodies: Iterable[int] | None = None) -> float:
         """Return how fast gravity and drives, or the drives of these bodies, move them, 1/s; zero: neither does."""

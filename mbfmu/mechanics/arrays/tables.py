@@ -33,9 +33,9 @@ class Numbers(NamedTuple):
     names: frozenset[str]
 
 
-MOVING = frozenset(("place", "bias", "evaluate", "apply", "potential", "power", "read"))
+MOVING = frozenset(("place", "bias", "evaluate", "longest_step", "apply", "potential", "power", "read"))
 REAL = Numbers(float, float, MOVING)
-COMPLEX = Numbers(complex, complex, MOVING - {"power"})  # derivatives by whatever is in the arrays or the state
+COMPLEX = Numbers(complex, complex, MOVING - {"power", "longest_step"})  # derivatives by all that is in both
 TANGENT = Numbers(float, complex, frozenset(("place", "evaluate", "apply", "tangent")))  # ... by the state alone
 
 
@@ -151,8 +151,9 @@ def types_of(signature: str, arrays: type = float, state: type = float) -> tuple
     words, _, result = signature.partition(" -> ")
     known = word_types(arrays, state) if COMPILED else {}
     number = types.complex128 if (state if "state" in words.split(", ") else arrays) is complex else types.float64
-    triple = types.UniTuple(number, 3)  # type: ignore[no-untyped-call]
-    return [known.get(word) for word in words.split(", ")], {"": types.void, "number": number, "three": triple}[result]
+    pair, triple = (types.UniTuple(number, count) for count in (2, 3))  # type: ignore[no-untyped-call]
+    returned = {"": types.void, "number": number, "two": pair, "three": triple}
+    return [known.get(word) for word in words.split(", ")], returned[result]
 
 
 @cache

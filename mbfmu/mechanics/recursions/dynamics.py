@@ -9,7 +9,9 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any, cast
 
-from mbfmu.mechanics.dispatch import read_sensor, signal
+import numpy as np
+
+from mbfmu.mechanics.dispatch import longest_step, read_sensor, signal
 from mbfmu.mechanics.records import complex_twin, empty_data
 from mbfmu.mechanics.spatial import quaternion_rate
 from solvers.compiled.held import held_type
@@ -241,6 +243,16 @@ def observe_all(times: Any, q: Any, v: Any, a: Any, lam: Any, data: Any, out: An
     """:func:`observe` at each of ``times``, in a row of ``out`` each."""
     for i in range(times.shape[0]):
         observe(times[i], q[i], v[i], a[i], lam[i], data, out[i])
+
+
+@kernel
+def resolves(t: float, data: Any) -> tuple[float, float]:
+    """The longest step from t on that misses no signal, and until when it does not, s."""
+    longest, until = np.inf, np.inf
+    for k in range(data.arrays.signals.shape[0]):
+        step, end = longest_step(k, t, data.arrays)
+        longest, until = min(longest, step), min(until, end)
+    return longest, until
 
 
 @kernel

@@ -1,7 +1,16 @@
 """What every signal says of itself: a known function of time that drives a joint or scales a load.
 
-Its kernel ``evaluate(signal, t, arrays)`` returns the value at time t (s) and its first two derivatives; t is always
-real. A signal of others evaluates them by their numbers, :func:`mbfmu.mechanics.dispatch.signal`.
+Its kernels:
+
+    evaluate(signal, t, arrays)       returns the value at time t (s) and its first two derivatives; t is always real
+    longest_step(signal, t, arrays)   returns the longest step from t on that cannot miss how it varies, and until when
+                                      it is the longest, s: a step that begins before that time may end so much later
+                                      than it; None: it varies with nothing but what a host sets, or any step sees it
+
+A solver that looks at a sine once a period, or passes a run-up in one step, sees nothing to be wrong about.
+
+A signal of others evaluates them by their numbers, :func:`mbfmu.mechanics.dispatch.signal`. They are signals of the
+mechanism too, and speak of steps for themselves.
 
 Solvers and steady states ask a signal about itself as it is in use, see :class:`InUse`.
 """
@@ -9,7 +18,6 @@ Solvers and steady states ask a signal about itself as it is in use, see :class:
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf
 from typing import Any, ClassVar, NamedTuple
 
 from mbfmu.mechanics.kind import Kind
@@ -34,17 +42,18 @@ class InUse(NamedTuple):
         """See :meth:`Signal.steady`."""
         return self.signal.steady(self)
 
-    def longest_step(self, t: float) -> tuple[float, float]:
-        """See :meth:`Signal.longest_step`."""
-        return self.signal.longest_step(self, t)
-
 
 @dataclass(frozen=True)
 class Signal(Kind):
-    """A function of time; the base gives what holds for one of which no more is known."""
+    """A function of time; the base gives what holds for one of which no more is known.
 
-    kernels: ClassVar = {"evaluate": "time, arrays -> three"}
+    One that varies by itself has a kernel ``longest_step(signal, t, arrays)`` beside ``evaluate``: it returns the
+    longest step from t on that cannot miss how it varies, and until when it is the longest, s.
+    """
+
+    kernels: ClassVar = {"evaluate": "time, arrays -> three", "longest_step": "time, arrays -> two"}
     evaluate: ClassVar[Any]
+    longest_step: ClassVar[Any] = None
     drives: ClassVar[bool] = True  # it has no jumps, nor has its rate: a joint can follow it
 
     def pace(self, own: InUse, size: float) -> float:
@@ -54,15 +63,6 @@ class Signal(Kind):
     def steady(self, own: InUse) -> tuple[float, bool]:
         """Return the constant speed it has from its start on, and whether it has one."""
         return 0.0, False
-
-    def longest_step(self, own: InUse, t: float) -> tuple[float, float]:
-        """Return the longest step from t on that cannot miss how it varies, and until when it is the longest, s.
-
-        A step that begins before that time may end so much later than it.
-
-        A solver that looks at a sine once a period, or passes a run-up in one step, sees nothing to be wrong about.
-        """
-        return inf, inf
 
     def run_on(self, own: InUse) -> None:
         """Let it be from now on what it becomes in the end, if it becomes anything."""

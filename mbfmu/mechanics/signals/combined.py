@@ -62,11 +62,6 @@ class Combined(Signal):
         """Return that of the faster part."""
         return min(filter(None, (own.part(k).pace(size) for k in "ab")), default=0.0)
 
-    def longest_step(self, own: InUse, t: float) -> tuple[float, float]:
-        """Return the shortest of the parts."""
-        (step, until), (other, end) = (own.part(k).longest_step(t) for k in "ab")
-        return min(step, other), min(until, end)
-
     def run_on(self, own: InUse) -> None:
         """Let the parts do so."""
         for part in (own.part(k) for k in "ab"):

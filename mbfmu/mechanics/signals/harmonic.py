@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf, pi
+from math import pi
 from typing import Any
 
 import numpy as np
@@ -29,6 +29,13 @@ def evaluate(signal: Any, t: float, arrays: Any) -> tuple[float, float, float]:
     )
 
 
+@kernel
+def longest_step(signal: Any, t: float, arrays: Any) -> tuple[float, float]:
+    """See :mod:`.base`. Part of a period."""
+    w = abs(signal.frequency)
+    return (SEEN * (2.0 * pi / w) if abs(signal.amplitude) * w > 0.0 else np.inf), np.inf
+
+
 @dataclass(frozen=True, kw_only=True)
 class Harmonic(Signal):
     """mean + amplitude sin(2 pi frequency t + phase); frequency in Hz, phase in rad."""
@@ -42,7 +49,7 @@ class Harmonic(Signal):
         ],
         align=True,
     )
-    evaluate = evaluate
+    evaluate, longest_step = evaluate, longest_step
 
     amplitude: float
     frequency: float
@@ -60,8 +67,3 @@ class Harmonic(Signal):
         """Return the time of a radian."""
         w = abs(float(own.record["frequency"]))
         return 1.0 / w if abs(float(own.record["amplitude"])) * w else 0.0
-
-    def longest_step(self, own: InUse, t: float) -> tuple[float, float]:
-        """Return part of a period."""
-        w = abs(float(own.record["frequency"]))
-        return (SEEN * (2.0 * pi / w) if abs(float(own.record["amplitude"])) * w > 0.0 else inf), inf

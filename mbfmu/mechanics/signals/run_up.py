@@ -6,7 +6,6 @@ The speed is speed (x - sin(2 pi x) / (2 pi)), x = t / duration, and then stays.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf
 from typing import Any
 
 import numpy as np
@@ -38,6 +37,18 @@ def evaluate(signal: Any, t: float, arrays: Any) -> tuple[float, float, float]:
     )
 
 
+@kernel
+def longest_step(signal: Any, t: float, arrays: Any) -> tuple[float, float]:
+    """See :mod:`.base`. Part of the run-up, and before it half the way there."""
+    end = signal.duration
+    if signal.over == 1 or not abs(signal.speed) * end > 0.0:
+        return np.inf, np.inf
+    shortest = SEEN * end
+    if t < -shortest:
+        return -0.5 * t, 0.5 * t
+    return (shortest, end) if t < end else (np.inf, np.inf)
+
+
 @dataclass(frozen=True, kw_only=True)
 class RunUp(Signal):
     """Runs up from rest to ``speed`` (rad/s or m/s) within ``duration`` (s); the coordinate starts at ``start``."""
@@ -51,7 +62,7 @@ class RunUp(Signal):
         ],
         align=True,
     )
-    evaluate = evaluate
+    evaluate, longest_step = evaluate, longest_step
 
     speed: float
     duration: float
@@ -73,16 +84,6 @@ class RunUp(Signal):
     def steady(self, own: InUse) -> tuple[float, bool]:
         """Return the full speed, once it is reached."""
         return (float(own.record["speed"]), True) if own.record["over"] else (0.0, not own.record["speed"])
-
-    def longest_step(self, own: InUse, t: float) -> tuple[float, float]:
-        """Return part of the run-up, and before it half the way there."""
-        end = float(own.record["duration"])
-        if own.record["over"] or not abs(float(own.record["speed"])) * end > 0.0:
-            return inf, inf
-        shortest = SEEN * end
-        if t < -shortest:
-            return -0.5 * t, 0.5 * t
-        return (shortest, end) if t < end else (inf, inf)
 
     def run_on(self, own: InUse) -> None:
         """Let it have its full speed."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf
 from typing import Any
 
 import numpy as np
@@ -46,6 +45,16 @@ def straight(signal: Any, t: float, arrays: Any) -> tuple[float, float, float]:
     return signal.offset + h * s / duration, h / duration, 0.0 * h
 
 
+@kernel
+def longest_step(signal: Any, t: float, arrays: Any) -> tuple[float, float]:
+    """See :mod:`.base`. Part of the rise, and before it half the way there."""
+    begin, duration = signal.begin, signal.duration
+    if signal.height == 0.0 or t >= begin + duration:
+        return np.inf, np.inf
+    half, shortest = 0.5 * (begin - t), max(SEEN * duration, AT_ONCE * (abs(begin) if begin != 0.0 else 1.0))
+    return (half, t + half) if half > shortest else (shortest, begin + max(duration, shortest))
+
+
 @dataclass(frozen=True, kw_only=True)
 class Step(Signal):
     """Rises from ``offset`` by ``height`` at ``begin`` (s), within ``duration`` (s); at once where that is zero.
@@ -62,7 +71,7 @@ class Step(Signal):
         ],
         align=True,
     )
-    evaluate = smooth
+    evaluate, longest_step = smooth, longest_step
 
     height: float
     begin: float = 0.0
@@ -89,14 +98,6 @@ class Step(Signal):
     def steady(self, own: InUse) -> tuple[float, bool]:
         """Return that it is at rest, if it has no height."""
         return 0.0, not own.record["height"]
-
-    def longest_step(self, own: InUse, t: float) -> tuple[float, float]:
-        """Return part of the rise, and before it half the way there."""
-        begin, duration = float(own.record["begin"]), float(own.record["duration"])
-        if not own.record["height"] or t >= begin + duration:
-            return inf, inf
-        ahead, shortest = begin - t, max(SEEN * duration, AT_ONCE * (abs(begin) or 1.0))
-        return (0.5 * ahead, t + 0.5 * ahead) if 0.5 * ahead > shortest else (shortest, begin + max(duration, shortest))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf
 from typing import Any
 
 import numpy as np
@@ -20,6 +19,17 @@ def evaluate(signal: Any, t: float, arrays: Any) -> tuple[float, float, float]:
     """See :mod:`.base`."""
     x, dx, ddx, _ = curve(arrays.numbers, signal.first, signal.count, t)
     return x, dx, ddx
+
+
+@kernel
+def longest_step(signal: Any, t: float, arrays: Any) -> tuple[float, float]:
+    """See :mod:`.base`. The shortest interval between points until the last; before the first half the way there."""
+    if signal.slope == 0.0 or (signal.count > 0 and t >= signal.end):
+        return np.inf, np.inf
+    if signal.count < 0:
+        return signal.interval, np.inf
+    half = 0.5 * (signal.begin - t)
+    return (half, t + half) if half > signal.interval else (signal.interval, signal.end)
 
 
 @dataclass(frozen=True)
@@ -56,15 +66,18 @@ class Table(Signal):
             ("count", np.int64),  # of rows, negative: periodic
             ("slope", np.float64),  # the steepest, 1/s
             ("interval", np.float64),  # the shortest, s
+            ("begin", np.float64),  # the first point, s
+            ("end", np.float64),  # the last, s
         ],
         align=True,
     )
-    evaluate = evaluate
+    evaluate, longest_step = evaluate, longest_step
 
     def fill(self, record: Any, site: Site) -> None:
         """Write the points."""
         table = self.write("a table", record, site)
         record["slope"], record["interval"] = np.abs(table[:, 2]).max(), np.diff(table[:, 0]).min()
+        record["begin"], record["end"] = np.min(self.x), np.max(self.x)
 
     def rows(self, what: str) -> Any:
         """Return the rows of the curve, see :mod:`mbfmu.mechanics.curve`; UserError for what is none."""
@@ -92,16 +105,3 @@ class Table(Signal):
         """Return ``size`` by the steepest slope."""
         slope = float(own.record["slope"])
         return size / slope if slope else 0.0
-
-    def longest_step(self, own: InUse, t: float) -> tuple[float, float]:
-        """Return the shortest interval between points, until the last, and before the first half the way there."""
-        begin, end = np.min(self.x), np.max(self.x)
-        shortest = float(own.record["interval"])
-        if not float(own.record["slope"]):
-            return inf, inf
-        if self.beyond == "periodic":
-            return shortest, inf
-        if t >= end:
-            return inf, inf
-        ahead = float(begin - t)
-        return (0.5 * ahead, t + 0.5 * ahead) if 0.5 * ahead > shortest else (shortest, float(end))
