@@ -202,7 +202,7 @@ def test_a_torque_and_gravity_that_change_on_the_way_give_the_bits_of_a_simulati
     simulation = Simulation(FourBar(), Settings(solver="adams"))
     begin(fmu)
     for k in range(100):
-        torque = np.sin(0.2 * k)
+        torque = np.sin(0.2 * (k + 1))  # one that is set to what it is changes nothing
         if k == 50:
             assert fmu.set("Real", [known["gravity"]], [3.7]) == OK
             simulation.retune(FourBar(gravity=3.7))
