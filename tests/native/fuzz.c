@@ -102,7 +102,7 @@ static void call2(fmi2Component c, double *t, fmi2FMUstate states[STATES])
         break;
     case 11:
         if (fmi2SerializedFMUstateSize(c, *state, &size) == fmi2OK && *state) {
-            char *bytes = malloc(size);
+            char *bytes = calloc(size, 1);
             check(fmi2SerializeFMUstate(c, *state, bytes, next(4) ? size : size / 2));
             if (!next(3))
                 bytes[next(size)] ^= 1;

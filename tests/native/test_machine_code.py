@@ -130,5 +130,5 @@ def test_a_part_of_an_array_is_a_part_of_it_in_the_block():
     image = Image((whole, whole[2:5], addresses), [whole], addresses, [-1])
     targets = [target for _, target in image.places]
     assert targets[1] - targets[0] == 16
-    with pytest.raises(ValueError, match="share some of their memory"):
+    with pytest.raises(ValueError, match="shares memory with one that came first"):
         Image((whole[2:5], whole, addresses), [], addresses, [-1])
