@@ -411,5 +411,5 @@ def test_parameters_and_gravity_of_a_sheet_are_those_of_one_that_is_built(
     for k, row in enumerate(rows):
         assert simulation.advance(2e-3 * k).ok
         wanted = simulation.outputs()[: len(names)]
-        # explicit steps at the limit of stability carry noise of the tolerance, such as a reaction that symmetry makes zero
+        # explicit steps at the limit of stability carry noise of the tolerance, also where symmetry makes zero
         np.testing.assert_allclose([row[name] for name in names], wanted, rtol=1e-5, atol=1e-5)
