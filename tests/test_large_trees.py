@@ -61,7 +61,7 @@ def test_accelerations_are_those_of_lagranges_equations(solver: str) -> None:
     rng = np.random.default_rng(0)
     q, v = np.array([-0.3, *0.05 * rng.normal(size=299)]), rng.normal(size=300)
     stepper: Any = simulation.stepper
-    stepper._q, stepper._v = q, v
+    stepper._q[:], stepper._v[:] = q, v
     expected = absolute(np.cumsum(q), np.cumsum(v))
     np.testing.assert_allclose(np.cumsum(stepper.accelerations()[0]), expected, atol=1e-9 * np.abs(expected).max())
 

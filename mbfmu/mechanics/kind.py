@@ -91,7 +91,7 @@ def check_kind(what: str, given: Any, role: type[Kind]) -> None:
                 f"{said}, whose kernel {name!r} raises; a kernel has nobody to tell: let it write nan, which ends a run"
             )
     for name, meant in vars(role).get("__annotations__", {}).items():
-        if "ClassVar" in str(meant) and not hasattr(given, name):
+        if "ClassVar" in str(meant) and not hasattr(type(given), name):
             raise UserError(f"{said}, which does not say its {name!r}; see its base {role.__name__}")
     drawings, drawn = getattr(role, "drawings", ()), getattr(given, "drawn", None)
     if drawings and drawn not in drawings:

@@ -164,4 +164,5 @@ def _keep(made: Path, path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
         file.write(made.read_bytes())
+    Path(file.name).chmod(0o644)  # it may go into a package
     Path(file.name).replace(path)
