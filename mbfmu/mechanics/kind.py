@@ -91,7 +91,8 @@ def check_kind(what: str, given: Any, role: type[Kind]) -> None:
                 f"{said}, whose kernel {name!r} raises; a kernel has nobody to tell: let it write nan, which ends a run"
             )
     for name, meant in vars(role).get("__annotations__", {}).items():
-        if "ClassVar" in str(meant) and not hasattr(type(given), name):
+        said_there = hasattr(type(given), name) or name in vars(given)  # a property is not to be asked yet
+        if "ClassVar" in str(meant) and not said_there:
             raise UserError(f"{said}, which does not say its {name!r}; see its base {role.__name__}")
     drawings, drawn = getattr(role, "drawings", ()), getattr(given, "drawn", None)
     if drawings and drawn not in drawings:
