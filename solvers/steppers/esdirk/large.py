@@ -286,7 +286,7 @@ class TreeESDIRKStepper(Stepper):
         q, v, a, lam = np.split(M.factors, np.cumsum((len(M.q), len(M.v), len(M.v))))
         saddle.weigh(float(c["at"]), q)
         saddle.residual(float(c["at"]), q, v, a, lam)
-        good = saddle.factor(float(c["c"]), float(c["c"]) ** 2)
+        good = saddle.factor(float(c["c"]), float(c["c"]) ** 2, symmetric=True)
         self._mine = self.system.tangent.factored
         if not good:
             c["c"] = 0.0
