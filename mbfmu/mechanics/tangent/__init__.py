@@ -22,6 +22,9 @@ of joints whose parent is in the same group or fixed (inner), and of every other
 multipliers of the directions N its joint locks, N^T (y_i - X y_j) = 0. Inner bodies are folded onto their parents by
 the recursion itself, rows and columns alike, as in the composite-body algorithm. What is left has a block for every
 group and for every two neighbors (:mod:`solvers.linalg.blocks`).
+
+T is symmetric where no joint force is left over, as between the steps of a motion, but for follower loads. Who corrects
+what it is off may have it taken as symmetric throughout: from one triangle, at half the memory of a solve.
 """
 
 from __future__ import annotations

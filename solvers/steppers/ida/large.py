@@ -116,7 +116,7 @@ class TreeIDAStepper(IDADriver):
         self._counts[MATRICES] += 1.0
         residual_of_tree(t, y, yp, np.empty(len(y)), self._given)
         self._reduced.c[0] = cj
-        if not self.system.tangent.factor(cj, cj * cj, symmetric=True):
+        if not self.system.tangent.factor(cj, cj * cj):
             return 1
         self._reduce(cj)
         return 0
