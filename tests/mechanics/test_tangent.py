@@ -15,8 +15,6 @@ from mbfmu.mechanics.recursions import dynamics as dy
 from mbfmu.mechanics.recursions.kinematics import accelerations
 from mbfmu.mechanics.recursions.rnea import inverse_dynamics
 from mbfmu.mechanics.tangent import Groups, find_groups, groups
-from solvers.outcome import Code
-from solvers.projection.saddle import Accelerations
 from solvers.system import TreeSystem
 
 from .random_mechanisms import Case, cases
@@ -112,16 +110,13 @@ def test_reactions_of_constraints_and_their_springs(case: Case, how: int | None)
     np.testing.assert_allclose(T @ x, case.a, atol=1e-6 * (1.0 + np.abs(T).max() * np.abs(x).max()))
 
 
-def test_it_is_symmetric_where_the_joint_forces_vanish() -> None:
-    """A sheet that is bent and let go."""
-    plant = Plant(Sheet(nx=7, nz=5).build())
+def test_it_is_symmetric_at_rest() -> None:
+    """A flat sheet without weight."""
+    plant = Plant(Sheet(nx=7, nz=5, gravity_y=0.0).build())
     system, rng = plant.system, np.random.default_rng(0)
     assert isinstance(system, TreeSystem)
     q, still = plant.assembly.start_positions(), np.zeros(system.n)
-    system.apply(q, 0.02 * rng.normal(size=system.n) * system.size)
-    motion = Accelerations(system)
-    assert motion.solve(0.0, q, still) is Code.OK
-    system.residual(0.0, q, still, motion.a, motion.lam)
+    system.residual(0.0, q, still, still)
     b, tangent = rng.normal(size=system.n), system.tangent
     assert tangent.factor(0.0, 1e4)
     x = tangent.solve(b)

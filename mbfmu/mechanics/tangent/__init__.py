@@ -23,8 +23,8 @@ multipliers of the directions N its joint locks, N^T (y_i - X y_j) = 0. Inner bo
 the recursion itself, rows and columns alike, as in the composite-body algorithm. What is left has a block for every
 group and for every two neighbors (:mod:`solvers.linalg.blocks`).
 
-T is symmetric where no joint force is left over, as between the steps of a motion, but for follower loads. Who corrects
-what it is off may have it taken as symmetric throughout: from one triangle, at half the memory of a solve.
+T is symmetric at rest without follower loads; in motion the change of the inertia forces with the positions, small
+beside c2 M, is not. Who corrects what it is off may have it taken as symmetric: by one triangle, at half the memory.
 """
 
 from __future__ import annotations

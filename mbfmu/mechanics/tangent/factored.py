@@ -248,8 +248,8 @@ class Tangent:
     def factor(self, c1: float, c2: float, weight: Array | None = None, symmetric: bool = False) -> bool:
         """Assemble and factor T at the state of the last inverse dynamics; False where it is singular.
 
-        ``weight`` (m,): T + J^T alpha J instead. ``symmetric``: as if it were, which costs less. It is where the joint
-        forces vanish, but for what loads that follow the bodies add.
+        ``weight`` (m,): T + J^T alpha J instead. ``symmetric``: as if it were, which costs less; see the package
+        for where it is.
         """
         self._scratch.weight[:] = 0.0 if weight is None else weight
         with one_thread():

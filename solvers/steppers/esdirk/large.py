@@ -3,7 +3,7 @@
 For meshes of plates and beams, whose fastest modes an explicit method must follow and this one damps. Newton's matrix
 is the structured tangent, factored where the steps change or where corrections fall slowly, and kept over steps, times
 asked for and jumps of the loads. It is taken as symmetric, which halves what a correction reads; loads that follow the
-bodies are not, and cost some more of them. Corrections are accelerated, which makes up for most of what has changed since: a
+bodies cost some more of them. Corrections are accelerated, which makes up for most of what has changed since: a
 factorization costs as much as twenty of them. Cut joints are held by the accelerations of every stage, with the
 tree's saddle system; where a step ends it is brought onto them.
 
