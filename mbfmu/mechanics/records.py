@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.mechanics.elements.plate_energy import CHANGE, CHANGES, ELEMENT
+from mbfmu.mechanics.elements.plate_energy import ELEMENT
 from mbfmu.mechanics.flexible.modal import FLEXIBLE, MODES, NODE
 from solvers.compiled.kernel import records
 
@@ -159,8 +159,6 @@ class State(NamedTuple):
     rows: NDArray[Any]  # (rows of cut joints,) ROW
     coupled: NDArray[Any]  # (couplings,) COUPLED
     element: NDArray[Any]  # (1,) ELEMENT, a plate element at work
-    change: NDArray[Any]  # (1,) CHANGE, how it changes along its motion
-    changes: NDArray[Any]  # (1,) CHANGES, and along the unit motions of its bodies
     S: NDArray[np.float64]  # (subspaces, 6) joint motion subspaces, columns of B2
     q: NDArray[np.float64]  # (nq,) every joint position, driven ones included
     v: NDArray[np.float64]  # (nv,)
@@ -194,8 +192,6 @@ def allocate_state(nb: int, rows: int, couplings: int, nq: int, nv: int, subspac
         rows=records(rows, ROW),
         coupled=records(couplings, COUPLED),
         element=records(1, ELEMENT),
-        change=records(1, CHANGE),
-        changes=records(1, CHANGES),
         S=z((subspaces, 6)),
         q=z(nq),
         v=z(nv),

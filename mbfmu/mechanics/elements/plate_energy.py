@@ -53,7 +53,7 @@ from typing import Any
 
 import numpy as np
 
-from solvers.compiled.kernel import inlined, kernel
+from solvers.compiled.kernel import kernel
 
 PLATE = np.dtype(
     [
@@ -89,19 +89,19 @@ ELEMENT = np.dtype(  # an element at work, everything in element axes
         ("m", np.float64, (4, 3)),  # ... by the rotations of the bodies
         ("n", np.float64, (3, 3)),  # ... by g1, g2, t
         ("turn", np.float64, (3,)),  # ... by the spin of the element axes
+        ("dg", np.float64, (3, 3)),  # differentials along one motion: of g1, g2, t
+        ("phi", np.float64, (4, 3)),  # ... rotations of the bodies
+        ("omega", np.float64, (3,)),  # ... rotation of the element axes
+        ("dd", np.float64, (4, 3)),
+        ("dw", np.float64, (4, 2)),
+        ("dstrain", np.float64, (12,)),
+        ("dstress", np.float64, (12,)),
+        ("df", np.float64, (4, 2)),
+        ("dm", np.float64, (4, 3)),
+        ("dn", np.float64, (3, 3)),
     ],
     align=True,
 )
-
-
-def changes_along(count: int) -> np.dtype[Any]:
-    """Return the record of an element's differentials along so many motions, side by side."""
-    sizes = {"g": (3, 3), "phi": (4, 3), "omega": (3,), "d": (4, 3), "w": (4, 2)}  # phi, omega: as in the module
-    sizes |= {"strain": (12,), "stress": (12,), "f": (4, 2), "m": (4, 3), "n": (3, 3)}
-    return np.dtype([(name, np.float64, (*size, count)) for name, size in sizes.items()], align=True)
-
-
-CHANGE, CHANGES = changes_along(1), changes_along(24)  # along the motion; along the unit motions of its bodies
 
 RATIO = tuple(n / (2.0 * n + 1.0) for n in range(13))  # of successive coefficients of F in powers of 1 - cos theta
 FEW, MANY = 0.004, 0.1  # 1 - cos theta up to which 6 and 12 terms are exact to rounding
@@ -162,7 +162,7 @@ def shape(plate: Any, bodies: Any, here: Any) -> None:
         here.w[i, 0], here.w[i, 1] = -here.F[i] * d[i, 0], -here.F[i] * d[i, 2]
 
 
-@inlined
+@kernel
 def bending_strain(plate: Any, w: Any, tau: Any, e: Any) -> None:
     """e[0:9] from slopes w (4, 2) and tau, or their rates from rates: the map is linear."""
     e[0] = 0.25 * (w[1, 0] + w[2, 0] - w[0, 0] - w[3, 0])
@@ -187,7 +187,7 @@ def membrane_strain(plate: Any, here: Any, e: Any) -> None:
     e[11] = x * g
 
 
-@inlined
+@kernel
 def add_arcs(plate: Any, s: Any, e: Any, out: Any) -> None:
     """out[0:9] += what the membrane stresses s[9:11] pull on the arcs and chords of edges with strains e, by e[0:9]."""
     x, z = s[9] / 3.0, s[10] / 3.0
@@ -211,7 +211,7 @@ def strain(plate: Any, here: Any) -> None:
         membrane_strain(plate, here, here.strain)
 
 
-@inlined
+@kernel
 def stress(plate: Any, e: Any, part: Any, out: Any) -> None:
     """out (12,) += part K e; what the element does not have stays."""
     k, c = plate.bending, part * plate.coupling
@@ -233,7 +233,7 @@ def clear_stress(here: Any) -> None:
         here.stress[i] = 0.0
 
 
-@inlined
+@kernel
 def by_slopes(s: Any, f: Any) -> None:
     """f (4, 2): gradient of the bending energy by the slopes, from the stresses; the transpose of bending_strain."""
     s0, s1, s2, s3 = 0.25 * s[0], 0.25 * s[1], 0.25 * s[2], 0.25 * s[3]
@@ -299,73 +299,69 @@ def load(plate: Any, here: Any, bodies: Any) -> None:
 
 
 @kernel
-def follow(plate: Any, bodies: Any, here: Any, change: Any) -> None:
-    """Differentials of g1, g2, t (rows of change.g) and rotations of the bodies, element axes, from the velocities."""
-    E, g, phi = here.E, change.g, change.phi
+def follow(plate: Any, bodies: Any, here: Any) -> None:
+    """Differentials of g1, g2, t (rows of dg) and rotations of the bodies, element axes, from the velocities."""
+    E, dg, phi = here.E, here.dg, here.phi
     Y1, Y2 = bodies[plate.node[0]].Y, bodies[plate.node[1]].Y
     Y3, Y4 = bodies[plate.node[2]].Y, bodies[plate.node[3]].Y
     for k in range(3):
-        g[0, k, 0], g[1, k, 0], g[2, k, 0] = 0.0, 0.0, 0.0
+        dg[0, k], dg[1, k], dg[2, k] = 0.0, 0.0, 0.0
         for i in range(4):
-            phi[i, k, 0] = 0.0
+            phi[i, k] = 0.0
     for j in range(3):
         x = 0.5 * (Y2[j] - Y1[j] + Y3[j] - Y4[j])
         z = 0.5 * (Y4[j] - Y1[j] + Y3[j] - Y2[j])
         twist = 0.25 * (Y1[j] - Y2[j] + Y3[j] - Y4[j])
         for k in range(3):
-            g[0, k, 0] += E[k, j] * x
-            g[1, k, 0] += E[k, j] * z
-            g[2, k, 0] += E[k, j] * twist
-            phi[0, k, 0] += E[k, j] * Y1[3 + j]
-            phi[1, k, 0] += E[k, j] * Y2[3 + j]
-            phi[2, k, 0] += E[k, j] * Y3[3 + j]
-            phi[3, k, 0] += E[k, j] * Y4[3 + j]
+            dg[0, k] += E[k, j] * x
+            dg[1, k] += E[k, j] * z
+            dg[2, k] += E[k, j] * twist
+            phi[0, k] += E[k, j] * Y1[3 + j]
+            phi[1, k] += E[k, j] * Y2[3 + j]
+            phi[2, k] += E[k, j] * Y3[3 + j]
+            phi[3, k] += E[k, j] * Y4[3 + j]
 
 
 @kernel
-def differentiate(plate: Any, here: Any, change: Any) -> None:
-    """Spin omega, differentials of normals, slopes and strains from those of g1, g2, t and phi, for every motion."""
-    g, phi, omega, w, de = change.g, change.phi, change.omega, change.w, change.strain
-    g1, gx, gz, tx, tz = here.g1x, here.g2x, here.g2z, here.t[0], here.t[2]
-    for c in range(omega.shape[1]):
-        omega[1, c], omega[2, c] = -g[0, 2, c] / g1, g[0, 1, c] / g1
-        omega[0, c] = (gx * omega[2, c] - g[1, 1, c]) / gz
+def differentiate(plate: Any, here: Any) -> None:
+    """Spin omega, differentials of normals, slopes and strains (dd, dw, dstrain) from dg and phi."""
+    dg, phi, d, dd, dw, omega, t, de = (
+        here.dg, here.phi, here.d, here.dd, here.dw, here.omega, here.t, here.dstrain,
+    )  # fmt: skip
+    omega[1], omega[2] = -dg[0, 2] / here.g1x, dg[0, 1] / here.g1x
+    omega[0] = (here.g2x * omega[2] - dg[1, 1]) / here.g2z
     for i in range(4):
-        dx, dy, dz, F, slope, d = here.d[i, 0], here.d[i, 1], here.d[i, 2], here.F[i], here.dF[i], change.d[i]
-        for c in range(omega.shape[1]):
-            x, y, z = phi[i, 0, c] - omega[0, c], phi[i, 1, c] - omega[1, c], phi[i, 2, c] - omega[2, c]
-            d[0, c] = y * dz - z * dy
-            d[1, c] = z * dx - x * dz
-            d[2, c] = x * dy - y * dx
-            w[i, 0, c] = -F * d[0, c] - slope * d[1, c] * dx
-            w[i, 1, c] = -F * d[2, c] - slope * d[1, c] * dz
-    for c in range(omega.shape[1]):
-        bending_strain(plate, w[:, :, c], g[2, 1, c] + omega[0, c] * tz - omega[2, c] * tx, de[:, c])
+        x, y, z = phi[i, 0] - omega[0], phi[i, 1] - omega[1], phi[i, 2] - omega[2]
+        dd[i, 0] = y * d[i, 2] - z * d[i, 1]
+        dd[i, 1] = z * d[i, 0] - x * d[i, 2]
+        dd[i, 2] = x * d[i, 1] - y * d[i, 0]
+        change = here.dF[i] * dd[i, 1]
+        dw[i, 0] = -here.F[i] * dd[i, 0] - change * d[i, 0]
+        dw[i, 1] = -here.F[i] * dd[i, 2] - change * d[i, 2]
+    bending_strain(plate, dw, dg[2, 1] + omega[0] * t[2] - omega[2] * t[0], de)
     if plate.membrane == 1:
         e, aa, bb, ab = here.strain, plate.a * plate.a, plate.b * plate.b, plate.a * plate.b
-        e0, e1, e2, e3, e4, e5, e6, e7, tau = e[0], e[1], e[2], e[3], e[4], e[5], e[6], e[7], 4.0 * e[8]
-        for c in range(omega.shape[1]):
-            de[9, c] = (g1 * g[0, 0, c] + tau * de[8, c]) / aa + (e0 * de[0, c] + e5 * de[5, c]) / 3.0
-            de[9, c] += (e2 * de[2, c] + e6 * de[6, c]) / 5.0
-            de[10, c] = (gx * g[1, 0, c] + gz * g[1, 2, c] + tau * de[8, c]) / bb
-            de[10, c] += (e1 * de[1, c] + e3 * de[3, c]) / 3.0 + (e4 * de[4, c] + e7 * de[7, c]) / 5.0
-            de[11, c] = (g[0, 0, c] * gx + g[0, 2, c] * gz + g1 * g[1, 0, c]) / ab
+        de[9] = (here.g1x * dg[0, 0] + 4.0 * e[8] * de[8]) / aa
+        de[9] += (e[0] * de[0] + e[5] * de[5]) / 3.0 + (e[2] * de[2] + e[6] * de[6]) / 5.0
+        de[10] = (here.g2x * dg[1, 0] + here.g2z * dg[1, 2] + 4.0 * e[8] * de[8]) / bb
+        de[10] += (e[1] * de[1] + e[3] * de[3]) / 3.0 + (e[4] * de[4] + e[7] * de[7]) / 5.0
+        de[11] = (dg[0, 0] * here.g2x + dg[0, 2] * here.g2z + here.g1x * dg[1, 0]) / ab
 
 
 @kernel
 def apply(plate: Any, t: float, arrays: Any, state: Any) -> None:
     """See :mod:`mbfmu.mechanics.loads.base`. The power of the damping, -beta e'^T K e', is told in passing."""
-    bodies, here, change = state.bodies, state.element[0], state.change[0]
+    bodies, here = state.bodies, state.element[0]
     shape(plate, bodies, here)
     strain(plate, here)
     clear_stress(here)
     power = 0.0 * here.t[0]
     if plate.damped == 1:
-        follow(plate, bodies, here, change)
-        differentiate(plate, here, change)
-        stress(plate, change.strain[:, 0], plate.damping, here.stress)
+        follow(plate, bodies, here)
+        differentiate(plate, here)
+        stress(plate, here.dstrain, plate.damping, here.stress)
         for i in range(12 if plate.membrane == 1 else 9):
-            power -= here.stress[i] * change.strain[i, 0]
+            power -= here.stress[i] * here.dstrain[i]
     stress(plate, here.strain, 1.0, here.stress)
     gradient(plate, here)
     load(plate, here, bodies)

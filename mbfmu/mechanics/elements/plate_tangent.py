@@ -18,159 +18,130 @@ from .plate_energy import add_arcs, by_slopes, clear_stress, differentiate, grad
 @kernel
 def tangent(plate: Any, c1: float, arrays: Any, state: Any, K: Any) -> None:
     """See :mod:`mbfmu.mechanics.loads.base`."""
-    here, change = state.element[0], state.changes[0]
-    shape(plate, state.bodies, here)
-    strain(plate, here)
-    unit_motions(here, change)
-    differentiate(plate, here, change)
-    stiffness(plate, here, change, K)
+    stiffness(plate, state.bodies, state.element[0], K)
     if plate.damped == 1 and c1 != 0.0:
-        damping(plate, c1, here, change, K)
+        damping(plate, c1, state.bodies, state.element[0], K)
 
 
 @kernel
-def stiffness(plate: Any, here: Any, change: Any, K: Any) -> None:
-    """K (24, 24) += - d(elastic wrenches) / d(motions), after :func:`.plate_energy.differentiate`."""
+def stiffness(plate: Any, bodies: Any, here: Any, K: Any) -> None:
+    """K (24, 24) += - d(elastic wrenches) / d(motions) at the present positions; ``here`` is scratch."""
+    shape(plate, bodies, here)
+    strain(plate, here)
     clear_stress(here)
     stress(plate, here.strain, 1.0, here.stress)
     gradient(plate, here)
-    change_of_gradient(plate, here, change)
-    for j in range(4):
-        turned(here.m[j], change.omega, change.m[j])
-    for j in range(3):
-        turned(here.n[j], change.omega, change.n[j])
-    spread(here.E, change, 1.0, K)
-
-
-@kernel
-def damping(plate: Any, c1: float, here: Any, change: Any, K: Any) -> None:
-    """K (24, 24) += - c1 d(damping wrenches) / d(velocities), likewise."""
+    E, m, n, dm, dn, omega = here.E, here.m, here.n, here.dm, here.dn, here.omega
     for column in range(24):
+        direction(here, column // 6, column % 6)
+        differentiate(plate, here)
+        change_of_gradient(plate, here)
+        for j in range(4):
+            turned(m, omega, j, dm)
+        for j in range(3):
+            turned(n, omega, j, dn)
+        spread(E, dm, dn, 1.0, column, K)
+
+
+@kernel
+def damping(plate: Any, c1: float, bodies: Any, here: Any, K: Any) -> None:
+    """K (24, 24) += - c1 d(damping wrenches) / d(velocities) at the present positions; ``here`` is scratch."""
+    shape(plate, bodies, here)
+    strain(plate, here)
+    for column in range(24):
+        direction(here, column // 6, column % 6)
+        differentiate(plate, here)
         clear_stress(here)
-        stress(plate, change.strain[:, column], plate.damping, here.stress)
+        stress(plate, here.dstrain, plate.damping, here.stress)
         gradient(plate, here)
-        for k in range(3):
-            for i in range(4):
-                change.m[i, k, column] = here.m[i, k]
-            for i in range(3):
-                change.n[i, k, column] = here.n[i, k]
-    spread(here.E, change, c1, K)
+        spread(here.E, here.m, here.n, c1, column, K)
 
 
 @kernel
-def unit_motions(here: Any, change: Any) -> None:
-    """Differentials of g1, g2, t and phi for the unit motions of the bodies, six each: along the global axes, and about
-    them.
-    """
-    E, g, phi = here.E, change.g, change.phi
+def direction(here: Any, i: int, k: int) -> None:
+    """dg and phi for a unit motion of body i: k = 0, 1, 2 along the global axes, 3, 4, 5 about them."""
+    E, dg, phi = here.E, here.dg, here.phi
     for j in range(3):
-        for c in range(24):
-            for i in range(3):
-                g[i, j, c] = 0.0
-            for i in range(4):
-                phi[i, j, c] = 0.0
-        for i in range(4):
-            for k in range(3):
-                g[0, j, 6 * i + k] = 0.5 * E[j, k] if 1 <= i <= 2 else -0.5 * E[j, k]
-                g[1, j, 6 * i + k] = 0.5 * E[j, k] if i >= 2 else -0.5 * E[j, k]
-                g[2, j, 6 * i + k] = 0.25 * E[j, k] if i % 2 == 0 else -0.25 * E[j, k]
-                phi[i, j, 6 * i + 3 + k] = E[j, k]
+        dg[0, j], dg[1, j], dg[2, j] = 0.0, 0.0, 0.0
+        for other in range(4):
+            phi[other, j] = 0.0
+        if k < 3:
+            dg[0, j] = 0.5 * E[j, k] if 1 <= i <= 2 else -0.5 * E[j, k]
+            dg[1, j] = 0.5 * E[j, k] if i >= 2 else -0.5 * E[j, k]
+            dg[2, j] = 0.25 * E[j, k] if i % 2 == 0 else -0.25 * E[j, k]
+        else:
+            phi[i, j] = E[j, k - 3]
 
 
 @kernel
-def change_of_gradient(plate: Any, here: Any, change: Any) -> None:
-    """Differentials of the gradient's components in element axes, after :func:`.plate_energy.differentiate`."""
-    for c in range(24):
-        ds = change.stress[:, c]
-        for i in range(12):
-            ds[i] = 0.0
-        stress(plate, change.strain[:, c], 1.0, ds)
-        if plate.membrane == 1:
-            add_arcs(plate, here.stress, change.strain[:, c], ds)
-            add_arcs(plate, ds, here.strain, ds)
-        by_slopes(ds, change.f[:, :, c])
-    for i in range(4):
-        change_of_moment(i, here, change)
-    change_of_levers(plate, here, change)
+def change_of_gradient(plate: Any, here: Any) -> None:
+    """Differentials dm, dn of the gradient's components in element axes, after :func:`.plate_energy.differentiate`."""
+    a, b, s, ds, df = plate.a, plate.b, here.stress, here.dstress, here.df
+    t, turn, omega, dg, dn = here.t, here.turn, here.omega, here.dg, here.dn
+    g1, gx, gz = here.g1x, here.g2x, here.g2z
+    for i in range(12):
+        ds[i] = 0.0
+    stress(plate, here.dstrain, 1.0, ds)
     if plate.membrane == 1:
-        change_of_pull(plate, here, change)
+        add_arcs(plate, s, here.dstrain, ds)
+        add_arcs(plate, ds, here.strain, ds)
+    by_slopes(ds, df)
+    # components of g1, g2, t change by d() - omega x ()
+    dg1, dgx, dgz = dg[0, 0], dg[1, 0] - omega[1] * gz, dg[1, 2] + omega[1] * gx
+    dtx = dg[2, 0] - omega[1] * t[2] + omega[2] * t[1]
+    dtz = dg[2, 2] - omega[0] * t[1] + omega[1] * t[0]
+    by_tau = s[8] - 2.0 * s[6] / a - 2.0 * s[7] / b
+    change = ds[8] - 2.0 * ds[6] / a - 2.0 * ds[7] / b
+    ox, oy, oz = change * t[2] + by_tau * dtz, 0.0 * change, -change * t[0] - by_tau * dtx
+    for i in range(4):
+        change_of_moment(here, i)
+        ox, oy, oz = ox - here.dm[i, 0], oy - here.dm[i, 1], oz - here.dm[i, 2]
+    lever = turn[2] + turn[0] * gx / gz
+    dlever = oz + (ox * gx + turn[0] * (dgx - gx * dgz / gz)) / gz
+    dn[0, 0], dn[0, 1], dn[0, 2] = 0.0, (dlever - lever * dg1 / g1) / g1, -(oy - turn[1] * dg1 / g1) / g1
+    dn[1, 0], dn[1, 1], dn[1, 2] = 0.0, -(ox - turn[0] * dgz / gz) / gz, 0.0
+    dn[2, 0], dn[2, 1], dn[2, 2] = 0.0, change, 0.0
+    if plate.membrane == 1:
+        aa, bb, ab = a * a, b * b, a * b
+        dn[0, 0] += (ds[9] * g1 + s[9] * dg1) / aa + (ds[11] * gx + s[11] * dgx) / ab
+        dn[0, 2] += (ds[11] * gz + s[11] * dgz) / ab
+        dn[1, 0] += (ds[10] * gx + s[10] * dgx) / bb + (ds[11] * g1 + s[11] * dg1) / ab
+        dn[1, 2] += (ds[10] * gz + s[10] * dgz) / bb
 
 
 @kernel
-def change_of_moment(i: int, here: Any, change: Any) -> None:
-    """change.m[i] of m = d x p, p = (-F f_x, -F' (d_x f_x + d_z f_z), -F f_z) the gradient by the normal d."""
-    x, y, z, fx, fz = here.d[i, 0], here.d[i, 1], here.d[i, 2], here.f[i, 0], here.f[i, 1]
-    F, F1, F2, product = here.F[i], here.dF[i], here.ddF[i], x * fx + z * fz
-    px, py, pz = -F * fx, -F1 * product, -F * fz
-    dd, df, dm = change.d[i], change.f[i], change.m[i]
-    for c in range(24):
-        dx, dy, dz, dfx, dfz = dd[0, c], dd[1, c], dd[2, c], df[0, c], df[1, c]
-        dpx, dpz = -F1 * dy * fx - F * dfx, -F1 * dy * fz - F * dfz
-        dpy = -F2 * dy * product - F1 * (dx * fx + x * dfx + dz * fz + z * dfz)
-        dm[0, c] = dy * pz - dz * py + y * dpz - z * dpy
-        dm[1, c] = dz * px - dx * pz + z * dpx - x * dpz
-        dm[2, c] = dx * py - dy * px + x * dpy - y * dpx
+def change_of_moment(here: Any, i: int) -> None:
+    """dm[i] of m = d x p, p = (-F f_x, -F' (d_x f_x + d_z f_z), -F f_z) the gradient by the normal d of body i."""
+    d, dd, f, df, dm = here.d, here.dd, here.f, here.df, here.dm
+    F, F1 = here.F[i], here.dF[i]
+    dF, dF1 = F1 * dd[i, 1], here.ddF[i] * dd[i, 1]
+    product = d[i, 0] * f[i, 0] + d[i, 2] * f[i, 1]
+    px, py, pz = -F * f[i, 0], -F1 * product, -F * f[i, 1]
+    dpx, dpz = -dF * f[i, 0] - F * df[i, 0], -dF * f[i, 1] - F * df[i, 1]
+    dpy = -dF1 * product - F1 * (dd[i, 0] * f[i, 0] + d[i, 0] * df[i, 0] + dd[i, 2] * f[i, 1] + d[i, 2] * df[i, 1])
+    dm[i, 0] = dd[i, 1] * pz - dd[i, 2] * py + d[i, 1] * dpz - d[i, 2] * dpy
+    dm[i, 1] = dd[i, 2] * px - dd[i, 0] * pz + d[i, 2] * dpx - d[i, 0] * dpz
+    dm[i, 2] = dd[i, 0] * py - dd[i, 1] * px + d[i, 0] * dpy - d[i, 1] * dpx
 
 
 @kernel
-def change_of_levers(plate: Any, here: Any, change: Any) -> None:
-    """change.n of what turns the element axes and of tau; the components of g1, g2, t change by d() - omega x ()."""
-    a, b, s, ds, dn, dm = plate.a, plate.b, here.stress, change.stress, change.n, change.m
-    g1, gx, gz, tx, ty, tz = here.g1x, here.g2x, here.g2z, here.t[0], here.t[1], here.t[2]
-    turnx, turny, lever = here.turn[0], here.turn[1], here.turn[2] + here.turn[0] * here.g2x / here.g2z
-    by_tau, g, omega = s[8] - 2.0 * s[6] / a - 2.0 * s[7] / b, change.g, change.omega
-    for c in range(24):
-        dg1, dgx, dgz = g[0, 0, c], g[1, 0, c] - omega[1, c] * gz, g[1, 2, c] + omega[1, c] * gx
-        dtx = g[2, 0, c] - omega[1, c] * tz + omega[2, c] * ty
-        dtz = g[2, 2, c] - omega[0, c] * ty + omega[1, c] * tx
-        twist = ds[8, c] - 2.0 * ds[6, c] / a - 2.0 * ds[7, c] / b
-        ox = twist * tz + by_tau * dtz - dm[0, 0, c] - dm[1, 0, c] - dm[2, 0, c] - dm[3, 0, c]
-        oy = -dm[0, 1, c] - dm[1, 1, c] - dm[2, 1, c] - dm[3, 1, c]
-        oz = -twist * tx - by_tau * dtx - dm[0, 2, c] - dm[1, 2, c] - dm[2, 2, c] - dm[3, 2, c]
-        dlever = oz + (ox * gx + turnx * (dgx - gx * dgz / gz)) / gz
-        dn[0, 0, c], dn[0, 1, c], dn[0, 2, c] = 0.0, (dlever - lever * dg1 / g1) / g1, -(oy - turny * dg1 / g1) / g1
-        dn[1, 0, c], dn[1, 1, c], dn[1, 2, c] = 0.0, -(ox - turnx * dgz / gz) / gz, 0.0
-        dn[2, 0, c], dn[2, 1, c], dn[2, 2, c] = 0.0, twist, 0.0
+def turned(x: Any, omega: Any, j: int, dx: Any) -> None:
+    """dx[j] += omega x x[j]: from the change of components to the change of the vector."""
+    dx[j, 0] += omega[1] * x[j, 2] - omega[2] * x[j, 1]
+    dx[j, 1] += omega[2] * x[j, 0] - omega[0] * x[j, 2]
+    dx[j, 2] += omega[0] * x[j, 1] - omega[1] * x[j, 0]
 
 
 @kernel
-def change_of_pull(plate: Any, here: Any, change: Any) -> None:
-    """Add to change.n what the membrane stresses pull along g1 and g2."""
-    aa, bb, ab = plate.a * plate.a, plate.b * plate.b, plate.a * plate.b
-    s9, s10, s11, g1, gx, gz = here.stress[9], here.stress[10], here.stress[11], here.g1x, here.g2x, here.g2z
-    g, omega, ds, dn = change.g, change.omega, change.stress, change.n
-    for c in range(24):
-        dg1, dgx, dgz = g[0, 0, c], g[1, 0, c] - omega[1, c] * gz, g[1, 2, c] + omega[1, c] * gx
-        dn[0, 0, c] += (ds[9, c] * g1 + s9 * dg1) / aa + (ds[11, c] * gx + s11 * dgx) / ab
-        dn[0, 2, c] += (ds[11, c] * gz + s11 * dgz) / ab
-        dn[1, 0, c] += (ds[10, c] * gx + s10 * dgx) / bb + (ds[11, c] * g1 + s11 * dg1) / ab
-        dn[1, 2, c] += (ds[10, c] * gz + s10 * dgz) / bb
-
-
-@kernel
-def turned(x: Any, omega: Any, dx: Any) -> None:
-    """dx += omega x x: from the change of components to the change of the vector."""
-    x0, x1, x2 = x[0], x[1], x[2]
-    for c in range(24):
-        dx[0, c] += omega[1, c] * x2 - omega[2, c] * x1
-        dx[1, c] += omega[2, c] * x0 - omega[0, c] * x2
-        dx[2, c] += omega[0, c] * x1 - omega[1, c] * x0
-
-
-@kernel
-def spread(E: Any, change: Any, part: float, K: Any) -> None:
-    """K += ``part`` of the changes of the gradient, by rotations and by g1, g2, t, handed to the bodies."""
-    m, n = change.m, change.n
+def spread(E: Any, m: Any, n: Any, part: float, column: int, K: Any) -> None:
+    """Add ``part`` of a column of a tangent: the gradient by rotations m and by g1, g2, t, handed to the bodies."""
     for k in range(3):
-        e0, e1, e2 = part * E[0, k], part * E[1, k], part * E[2, k]
-        for c in range(24):
-            x = 0.5 * (e0 * n[0, 0, c] + e1 * n[0, 1, c] + e2 * n[0, 2, c])
-            z = 0.5 * (e0 * n[1, 0, c] + e1 * n[1, 1, c] + e2 * n[1, 2, c])
-            twist = 0.25 * (e0 * n[2, 0, c] + e1 * n[2, 1, c] + e2 * n[2, 2, c])
-            K[k, c] += twist - x - z
-            K[6 + k, c] += x - z - twist
-            K[12 + k, c] += x + z + twist
-            K[18 + k, c] += z - x - twist
+        x = 0.5 * (E[0, k] * n[0, 0] + E[1, k] * n[0, 1] + E[2, k] * n[0, 2])
+        z = 0.5 * (E[0, k] * n[1, 0] + E[1, k] * n[1, 1] + E[2, k] * n[1, 2])
+        twist = 0.25 * (E[0, k] * n[2, 0] + E[1, k] * n[2, 1] + E[2, k] * n[2, 2])
+        K[k, column] += part * (twist - x - z)
+        K[6 + k, column] += part * (x - z - twist)
+        K[12 + k, column] += part * (x + z + twist)
+        K[18 + k, column] += part * (z - x - twist)
         for i in range(4):
-            for c in range(24):
-                K[6 * i + 3 + k, c] += e0 * m[i, 0, c] + e1 * m[i, 1, c] + e2 * m[i, 2, c]
+            K[6 * i + 3 + k, column] += part * (E[0, k] * m[i, 0] + E[1, k] * m[i, 1] + E[2, k] * m[i, 2])
