@@ -245,8 +245,11 @@ class Tangent(Protocol):
     inertia_one: Callable[[Array, Any, Array], None]  # (a, data, tau): as inertia
     data: Any  # held
 
-    def factor(self, c1: float, c2: float, weight: Array | None = None) -> bool:
-        """Assemble and factor T, or T + J^T weight J, at the last :attr:`TreeSystem.inverse`; False where singular."""
+    def factor(self, c1: float, c2: float, weight: Array | None = None, symmetric: bool = False) -> bool:
+        """Assemble and factor T, or T + J^T weight J, at the last :attr:`TreeSystem.inverse`; False where singular.
+
+        ``symmetric``: as if it were, which costs less and is enough for who corrects what it is off.
+        """
 
     def solve(self, r: Array) -> Array:
         """Return dq with T dq = r, both (n,) or (n, columns)."""

@@ -115,14 +115,17 @@ class Saddle:
             self.system.fill_position(t, q, self.terms)
         return self.system.residual(t, q, v, a, lam), self.terms.Phi.copy()
 
-    def factor(self, c1: float, c2: float) -> bool:
-        """Factor at the last :meth:`residual`; False where T is singular even with the springs."""
+    def factor(self, c1: float, c2: float, symmetric: bool = False) -> bool:
+        """Factor at the last :meth:`residual`; False where T is singular even with the springs.
+
+        ``symmetric``: as if T were.
+        """
         tangent, J = self.system.tangent, self.terms.J
         if self.system.m == 0:
-            return tangent.factor(c1, c2)
+            return tangent.factor(c1, c2, symmetric=symmetric)
         if not self._alpha.size:
             raise RuntimeError("Saddle.weigh comes first")
-        if not tangent.factor(c1, c2, self._alpha):
+        if not tangent.factor(c1, c2, self._alpha, symmetric):
             return False
         root = np.sqrt(self._alpha)
         self._J = J.copy()

@@ -9,11 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fmus.sheet import Sheet
 from mbfmu.mechanics import Plant
 from mbfmu.mechanics.recursions import dynamics as dy
 from mbfmu.mechanics.recursions.kinematics import accelerations
 from mbfmu.mechanics.recursions.rnea import inverse_dynamics
 from mbfmu.mechanics.tangent import Groups, find_groups, groups
+from solvers.system import TreeSystem
 
 from .random_mechanisms import Case, cases
 
@@ -106,3 +108,19 @@ def test_reactions_of_constraints_and_their_springs(case: Case, how: int | None)
     assert tangent.factor(0.0, 50.0, alpha)
     x = tangent.solve(case.a)
     np.testing.assert_allclose(T @ x, case.a, atol=1e-6 * (1.0 + np.abs(T).max() * np.abs(x).max()))
+
+
+def test_it_is_symmetric_at_rest() -> None:
+    """A flat sheet without weight."""
+    plant = Plant(Sheet(nx=7, nz=5, gravity_y=0.0).build())
+    system, rng = plant.system, np.random.default_rng(0)
+    assert isinstance(system, TreeSystem)
+    q, still = plant.assembly.start_positions(), np.zeros(system.n)
+    system.residual(0.0, q, still, still)
+    b, tangent = rng.normal(size=system.n), system.tangent
+    assert tangent.factor(0.0, 1e4)
+    x = tangent.solve(b)
+    assert tangent.factor(0.0, 1e4, symmetric=True)
+    y = tangent.solve(b)
+    assert not np.array_equal(x, y)
+    np.testing.assert_allclose(x, y, atol=1e-6 * np.abs(x).max())

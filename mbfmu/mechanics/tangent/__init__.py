@@ -22,6 +22,9 @@ of joints whose parent is in the same group or fixed (inner), and of every other
 multipliers of the directions N its joint locks, N^T (y_i - X y_j) = 0. Inner bodies are folded onto their parents by
 the recursion itself, rows and columns alike, as in the composite-body algorithm. What is left has a block for every
 group and for every two neighbors (:mod:`solvers.linalg.blocks`).
+
+T is symmetric at rest without follower loads; in motion the change of the inertia forces with the positions, small
+beside c2 M, is not. Who corrects what it is off may have it taken as symmetric: by one triangle, at half the memory.
 """
 
 from __future__ import annotations

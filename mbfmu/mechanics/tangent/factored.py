@@ -61,10 +61,11 @@ class Panels(NamedTuple):
 @kernel
 def assemble(
     group: int, size: int, after: int, c1: float, c2: float, L: Any, arrays: Any, state: Any, twin: Any, dual: Any,
-    s: Any, handed: Any, onward: Any, P: Any, B: Any,
+    s: Any, symmetric: bool, handed: Any, onward: Any, P: Any, B: Any,
 ) -> None:  # fmt: skip
     """Fill the blocks B of a group of ``size`` rows, and ``after`` of its neighbor inward. ``handed`` is what outer
     groups have added to its own rows, to ``onward`` it adds what starts in it and belongs to its neighbor's.
+    B.L is left as it is where T is to be ``symmetric``.
     """
     F, inner = s.F, L.inward[group]
     for i in range(size + after):
@@ -87,6 +88,7 @@ def assemble(
         transpose(F, 0, P.kept, size, after, P.right)
         fold(P.right, 0, 0, P.kept.shape[0], inner, L, arrays, state)
         take(P.right, P.kept_inner, B.U)
+    if after > 0 and not symmetric:
         fold(F, size, 0, size, inner, L, arrays, state)
         transpose(F, size, P.kept_inner, 0, size, P.lower)
         fold(P.lower, 0, 0, P.kept_inner.shape[0], group, L, arrays, state)
@@ -115,21 +117,9 @@ class Unknowns(NamedTuple):
     base: NDArray[np.int64]  # (groups + 1,) first row of each
     rows: NDArray[np.int64]  # (unknowns,) those that stay after folding
     x: Array  # (unknowns,)
+    b: Array  # (rows + 6,)
     dual: Array  # (nv, 6) dual bases of all joints
     motions: Array  # (nb, 6)
-
-
-@kernel
-def solve(r: Any, L: Any, arrays: Any, state: Any, factors: Any, s: Any, b: Any, dq: Any) -> None:
-    """dq (n, columns) with T dq = r; b (rows + 6, columns) is zero, and used up."""
-    spread_load(r, s.base, L, arrays, state, s.dual, b)
-    for c in range(r.shape[1]):
-        for i in range(s.rows.shape[0]):
-            s.x[i] = b[s.rows[i], c]
-        solve_blocks(factors, s.x)
-        for i in range(s.rows.shape[0]):
-            b[s.rows[i], c] = s.x[i]
-        gather_motion(b, c, s.base, L, arrays, state, s.dual, s.motions, dq)
 
 
 class Solving(NamedTuple):
@@ -140,20 +130,24 @@ class Solving(NamedTuple):
     state: Any
     factors: Any
     unknowns: Any
-    r: Array  # (n, 1)
-    b: Array  # (rows + 6, 1)
-    dq: Array  # (n, 1)
+
+
+@kernel
+def solve(r: Any, g: Any, dq: Any) -> None:
+    """dq (n,) with T dq = r."""
+    s = g.unknowns
+    spread_load(r, s.base, g.L, g.arrays, g.state, s.dual, s.b)
+    for i in range(s.rows.shape[0]):
+        s.x[i] = s.b[s.rows[i]]
+    solve_blocks(g.factors, s.x)
+    for i in range(s.rows.shape[0]):
+        s.b[s.rows[i]] = s.x[i]
+    gather_motion(s.b, s.base, g.L, g.arrays, g.state, s.dual, s.motions, dq)
 
 
 def solve_one(r: Any, g: Any, dq: Any) -> None:
-    """dq (n,) with T dq = r."""
-    for i in range(r.shape[0]):
-        g.r[i, 0] = r[i]
-    for i in range(g.b.shape[0]):
-        g.b[i, 0] = 0.0
-    solve(g.r, g.L, g.arrays, g.state, g.factors, g.unknowns, g.b, g.dq)
-    for i in range(r.shape[0]):
-        dq[i] = g.dq[i, 0]
+    """As a solver's kernels call it."""
+    solve(r, g, dq)
 
 
 def inertia_one(a: Any, g: Any, tau: Any) -> None:
@@ -218,19 +212,15 @@ class Tangent:
         rows = np.concatenate([np.zeros(0, np.int64), *(at + own for at, own in zip(base, kept, strict=False))])
         nv = int((arrays.bodies["nv"]).sum())
         self._dual = z((nv, 6))
-        self._rows = int(base[-1])
         self._tree = BlockTree([len(own) for own in kept], inward.tolist())
         self._panels = [hold(panels) for panels in self._share_panels(kept)]
-        self._unknowns = hold(Unknowns(base, rows, z(len(rows)), self._dual, z((len(arrays.bodies), 6))))
+        self._unknowns = hold(
+            Unknowns(base, rows, z(len(rows)), z(base[-1] + 6), self._dual, z((len(arrays.bodies), 6)))
+        )
         self._state = State(*(array.copy() for array in state))
         self._held = tuple(map(hold, (arrays, self._state, self.layout, self._scratch)))
-        n = len(state.v)
         arrays_, state_, L, _ = self._held
-        self.data = hold(
-            Solving(
-                L, arrays_, state_, self._tree.factors, self._unknowns, z((n, 1)), z((self._rows + 6, 1)), z((n, 1))
-            )
-        )
+        self.data = hold(Solving(L, arrays_, state_, self._tree.factors, self._unknowns))
         self.solve_one, self.inertia_one = tangent_callbacks(held_type(self.data) if COMPILED else None)
         own = state._replace(S=state.S[:0], U=state.U[:0], D=state.D[:0])
         if not len(self.layout.steps) and not len(arrays.cuts):
@@ -255,23 +245,24 @@ class Tangent:
             )
         return panels
 
-    def factor(self, c1: float, c2: float, weight: Array | None = None) -> bool:
+    def factor(self, c1: float, c2: float, weight: Array | None = None, symmetric: bool = False) -> bool:
         """Assemble and factor T at the state of the last inverse dynamics; False where it is singular.
 
-        ``weight`` (m,): T + J^T alpha J instead.
+        ``weight`` (m,): T + J^T alpha J instead. ``symmetric``: as if it were, which costs less; see the package
+        for where it is.
         """
         self._scratch.weight[:] = 0.0 if weight is None else weight
         with one_thread():
-            return self._factor(c1, c2)
+            return self._factor(c1, c2, symmetric)
 
-    def _factor(self, c1: float, c2: float) -> bool:
+    def _factor(self, c1: float, c2: float, symmetric: bool) -> bool:
         arrays, state, L, s = self._held
         scratch, twin = self._scratch, self._twin
         for own, given in zip(self._state, self._moving, strict=True):
             own[...] = given
         self._steps.q[:], self._steps.v[:] = self._state.q, self._state.v
         along_joints(c1, L, arrays, state, twin, scratch.along)
-        self._tree.begin()
+        self._tree.begin(symmetric)
         self.factored += 1
         handed: dict[int, Array] = {}  # what groups have added to their neighbor's own rows
         for group, panels in enumerate(self._panels):
@@ -283,7 +274,7 @@ class Tangent:
             blocks = self._tree.blocks[group]
             assemble(
                 group, self._sizes[group], after, c1, c2, L, arrays, state, twin, self._dual,
-                s, own, onward, panels, blocks,
+                s, symmetric, own, onward, panels, blocks,
             )  # fmt: skip
             if not self._tree.eliminate(group):
                 return False
@@ -291,11 +282,10 @@ class Tangent:
 
     def solve(self, r: Array) -> Array:
         """Return dq with T dq = r, both (n,) or (n, columns), by the last factors."""
-        columns = np.ascontiguousarray(r.reshape(len(r), -1))
-        (arrays, state, L, _), b = self._held, np.zeros((self._rows + 6, columns.shape[1]))
-        dq = np.zeros(columns.shape)
-        solve(columns, L, arrays, state, self._tree.factors, self._unknowns, b, dq)
-        return dq.reshape(r.shape)
+        dq = np.empty((r.size // len(r), len(r)))
+        for load, motion in zip(np.ascontiguousarray(r.reshape(len(r), -1).T), dq, strict=True):
+            solve(load, self.data, motion)
+        return dq.T.reshape(r.shape)
 
     def inertia(self, a: Array) -> Array:
         """Return M a (n,) at the state of the last factors."""

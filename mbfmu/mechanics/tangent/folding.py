@@ -87,10 +87,12 @@ def fold(F: Any, offset: int, begin: int, end: int, group: int, L: Any, arrays: 
 
 @kernel
 def spread_load(r: Any, base: Any, L: Any, arrays: Any, state: Any, dual: Any, b: Any) -> None:
-    """b: joint forces r (n, columns) as wrenches where a joint is outer, folded, then as they are where it is inner.
+    """b: joint forces r (n,) as wrenches where a joint is outer, folded, then as they are where it is inner.
 
     Its last six rows are scratch.
     """
+    for i in range(b.shape[0]):
+        b[i] = 0.0
     for m in range(L.members.shape[0]):
         i = L.members[m]
         body = arrays.bodies[i]
@@ -100,52 +102,64 @@ def spread_load(r: Any, base: Any, L: Any, arrays: Any, state: Any, dual: Any, b
         x, y, z = here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2]
         ati, atj = base[L.group[i]] + L.slot[i], base[L.group[body.parent]] + L.slot[body.parent]
         for k in range(body.nv):
-            d = dual[body.vi + k]
-            for c in range(r.shape[1]):
-                load = r[body.vf + k, c]
-                for a in range(6):
-                    b[ati + a, c] += d[a] * load
-                    b[atj + a, c] -= d[a] * load
-                b[atj + 3, c] -= (y * d[2] - z * d[1]) * load
-                b[atj + 4, c] -= (z * d[0] - x * d[2]) * load
-                b[atj + 5, c] -= (x * d[1] - y * d[0]) * load
+            d, load = dual[body.vi + k], r[body.vf + k]
+            for a in range(6):
+                b[ati + a] += d[a] * load
+                b[atj + a] -= d[a] * load
+            b[atj + 3] -= (y * d[2] - z * d[1]) * load
+            b[atj + 4] -= (z * d[0] - x * d[2]) * load
+            b[atj + 5] -= (x * d[1] - y * d[0]) * load
     for group in range(L.first.shape[0] - 1):
-        fold(b, base[group], 0, b.shape[1], group, L, arrays, state)
-    for m in range(L.members.shape[0]):
-        i = L.members[m]
-        body = arrays.bodies[i]
-        if L.role[i] == INNER and body.vf >= 0:
-            for k in range(body.nv):
-                for c in range(r.shape[1]):
-                    b[base[L.group[i]] + L.slot[i] + k, c] += r[body.vf + k, c]
+        fold_load(r, base[group], group, L, arrays, state, b)
 
 
 @kernel
-def gather_motion(x: Any, c: int, base: Any, L: Any, arrays: Any, state: Any, dual: Any, Y: Any, dq: Any) -> None:
-    """dq[:, c] from the solution x[:, c], by an outward pass through the motions Y (nb, 6) of all bodies."""
-    for i in range(1, arrays.bodies.shape[0]):
+def fold_load(r: Any, base: int, group: int, L: Any, arrays: Any, state: Any, b: Any) -> None:
+    """Fold the wrenches on the inner bodies of a group, and add the forces of their joints."""
+    scratch = b.shape[0] - 6
+    for m in range(L.first[group + 1] - 1, L.first[group] - 1, -1):
+        i = L.members[m]
+        if L.role[i] != INNER:
+            continue
         body = arrays.bodies[i]
-        here, parent = state.bodies[i], state.bodies[body.parent]
-        Yj = Y[body.parent]
-        for a in range(6):
-            Y[i, a] = Yj[a]
-        shift_motion(here, parent, Yj, Y[i])
+        at, here, parent = base + L.slot[i], state.bodies[i], state.bodies[body.parent]
+        f = b[at : at + 6]
+        if L.role[body.parent] != FIXED:
+            to = base + L.slot[body.parent]
+            x, y, z = here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2]
+            add_wrench(b[to : to + 6], x, y, z, f)
+        if body.vf >= 0:
+            for k in range(body.nv):
+                b[scratch + k] = r[body.vf + k] + row_dot6(state.S, body.vi + k, f)
+            for k in range(body.nv):
+                f[k] = b[scratch + k]
+
+
+@kernel
+def gather_motion(x: Any, base: Any, L: Any, arrays: Any, state: Any, dual: Any, Y: Any, dq: Any) -> None:
+    """dq (n,) from the solution x, by an outward pass through the motions Y (nb, 6) of all bodies."""
+    for i in range(1, arrays.bodies.shape[0]):
         if L.role[i] == FIXED:
             continue
+        body = arrays.bodies[i]
+        here, parent, Yi, Yj = state.bodies[i], state.bodies[body.parent], Y[i], Y[body.parent]
         at = base[L.group[i]] + L.slot[i]
+        for a in range(6):
+            Yi[a] = Yj[a]
+        shift_motion(here, parent, Yj, Yi)
         if L.role[i] == OUTER:
             if body.vf >= 0:
                 for k in range(body.nv):
-                    dq[body.vf + k, c] = 0.0
+                    dq[body.vf + k] = 0.0
                     for a in range(6):
-                        dq[body.vf + k, c] += dual[body.vi + k, a] * (x[at + a, c] - Y[i, a])
+                        dq[body.vf + k] += dual[body.vi + k, a] * (x[at + a] - Yi[a])
             for a in range(6):
-                Y[i, a] = x[at + a, c]
+                Yi[a] = x[at + a]
         elif body.vf >= 0:
             for k in range(body.nv):
-                dq[body.vf + k, c] = x[at + k, c]
+                dq[body.vf + k] = x[at + k]
                 for a in range(6):
-                    Y[i, a] += state.S[body.vi + k, a] * x[at + k, c]
+                    Yi[a] += state.S[body.vi + k, a] * x[at + k]
 
 
 @kernel

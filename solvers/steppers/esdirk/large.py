@@ -2,7 +2,8 @@
 
 For meshes of plates and beams, whose fastest modes an explicit method must follow and this one damps. Newton's matrix
 is the structured tangent, factored where the steps change or where corrections fall slowly, and kept over steps, times
-asked for and jumps of the loads. Corrections are accelerated, which makes up for most of what has changed since: a
+asked for and jumps of the loads. It is taken as symmetric, which halves what a correction reads; loads that follow the
+bodies cost some more of them. Corrections are accelerated, which makes up for most of what has changed since: a
 factorization costs as much as twenty of them. Cut joints are held by the accelerations of every stage, with the
 tree's saddle system; where a step ends it is brought onto them.
 
@@ -286,7 +287,7 @@ class TreeESDIRKStepper(Stepper):
         q, v, a, lam = np.split(M.factors, np.cumsum((len(M.q), len(M.v), len(M.v))))
         saddle.weigh(float(c["at"]), q)
         saddle.residual(float(c["at"]), q, v, a, lam)
-        good = saddle.factor(float(c["c"]), float(c["c"]) ** 2)
+        good = saddle.factor(float(c["c"]), float(c["c"]) ** 2, symmetric=True)
         self._mine = self.system.tangent.factored
         if not good:
             c["c"] = 0.0

@@ -1,0 +1,73 @@
+"""Block elimination along a tree against dense solutions."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from solvers.linalg.blocks import BlockTree, one_thread, solve_blocks
+
+TREES: list[tuple[list[int], list[int]]] = [
+    ([5], [-1]),
+    ([1, 2, 3, 4], [1, 2, 3, -1]),
+    ([40, 17, 33, 9], [1, 2, 3, -1]),
+    ([7, 0, 12, 8, 21], [2, 2, 4, 4, -1]),
+    ([6, 30, 4, 16], [1, -1, 3, -1]),
+]
+
+
+def matrix(sizes: list[int], inward: list[int], symmetric: bool) -> Any:
+    """A random indefinite matrix with such blocks; of couplings a part is zero."""
+    rng = np.random.default_rng(len(sizes))
+    at = np.concatenate(([0], np.cumsum(sizes)))
+    A = np.zeros((at[-1], at[-1]))
+    for k, inner in enumerate(inward):
+        own = slice(at[k], at[k + 1])
+        A[own, own] = rng.normal(size=(sizes[k], sizes[k])) + np.diag(8.0 * (-1.0) ** np.arange(sizes[k]))
+        if inner >= 0:
+            other = slice(at[inner], at[inner + 1])
+            for rows, columns in ((own, other), (other, own)):
+                coupling = rng.normal(size=A[rows, columns].shape)
+                coupling[10:20, : coupling.shape[1] // 2] = 0.0
+                coupling[-8:-3, 3:] = 0.0
+                A[rows, columns] = coupling
+    return 0.5 * (A + A.T) if symmetric else A
+
+
+def eliminated(sizes: list[int], inward: list[int], A: Any, symmetric: bool) -> tuple[BlockTree, bool]:
+    """The tree filled with A, of a symmetric one with what is said to be read alone, and whether it is regular."""
+    tree, at = BlockTree(sizes, inward), np.concatenate(([0], np.cumsum(sizes)))
+    tree.begin(symmetric)
+    with one_thread():
+        for k, inner in enumerate(inward):
+            own, (D, U, L) = slice(at[k], at[k + 1]), tree._blocks[k]
+            D[:] = A[own, own].T
+            if symmetric:
+                D[np.tril_indices(sizes[k], -1)] = np.nan
+            if inner >= 0:
+                other = slice(at[inner], at[inner + 1])
+                U[:], L[:] = A[own, other].T, np.nan if symmetric else A[other, own].T
+            if not tree.eliminate(k):
+                return tree, False
+    return tree, True
+
+
+@pytest.mark.parametrize("symmetric", [True, False])
+@pytest.mark.parametrize(("sizes", "inward"), TREES)
+def test_solutions_are_those_of_the_whole_matrix(sizes: list[int], inward: list[int], symmetric: bool) -> None:
+    A = matrix(sizes, inward, symmetric)
+    tree, regular = eliminated(sizes, inward, A, symmetric)
+    assert regular
+    for b in np.random.default_rng(7).normal(size=(2, len(A))):
+        x = b.copy()
+        solve_blocks(tree.factors, x)
+        np.testing.assert_allclose(A @ x, b, atol=1e-9)
+
+
+@pytest.mark.parametrize("symmetric", [True, False])
+def test_a_singular_block_is_told(symmetric: bool) -> None:
+    A = matrix([3, 4], [1, -1], symmetric)
+    A[:3, :3] = 0.0
+    assert not eliminated([3, 4], [1, -1], A, symmetric)[1]
