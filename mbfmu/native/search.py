@@ -295,15 +295,15 @@ class Search:
             self._freeze(*self.culprits(point, told, self.movers(columns), self.differs))
         return not told
 
-    def compared(self, point: dict[str, float]) -> tuple[str, list[int]]:
-        """Return why the fits do not agree with a plant, and in which columns; empty: they agree."""
+    def compared(self, point: dict[str, float], good: float = GOOD) -> tuple[str, list[int]]:
+        """Return why the fits do not agree with a plant to within an error, and in which columns; empty: they agree."""
         try:
             row = self.reader.read(point)
         except UserError as error:
             return str(error), []
         wanted, size = self._predicted(point)
         with np.errstate(invalid="ignore"):
-            off = ~(np.abs(wanted - row) <= GOOD * size)
+            off = ~(np.abs(wanted - row) <= good * size)
         off[list(self.guessed)] = False
         wrong = np.flatnonzero(off).tolist()
         return (self._no_sum(wrong), wrong) if wrong else ("", [])

@@ -1,4 +1,8 @@
-"""How far fits hold outside of where they were made: up to the limits of parameters, or a decade away."""
+"""How far fits hold outside of where they were made: up to the limits of parameters, or a decade away.
+
+A build may branch farther out, such as on a stiffness that it limits: each parameter is tried alone up to six decades
+away.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +14,8 @@ from mbfmu.model import Parameter
 if TYPE_CHECKING:
     from .search import Search
 
+FAR = (1e3, 1e6)  # times the center
+CLOSE = 1e-6  # error of a fit so far out, where sines of large angles and sums are of few digits
 HALVINGS = 6  # of the way from the center to an end, where a corner fails
 
 Goals = dict[tuple[str, int], float]  # by parameter and side
@@ -31,6 +37,10 @@ def widen(search: Search) -> None:
         for (n, side), goal in goals.items():
             search.ends[n][side] = goal
     _hold_corners(search)
+    for n in search.live:
+        for side in (0, 1):
+            if search.open[n][side]:
+                search.open[n][side] = _holds_far(search, n, side)
 
 
 def outward(p: Parameter, center: float, ends: list[float]) -> tuple[list[float], list[float]]:
@@ -60,6 +70,14 @@ def _reach(search: Search, sides: dict[str, int], goals: Goals) -> None:
         for n in [n for n in names if n in there] or list(there):
             del goals[n, sides[n]]
             search.open[n][sides[n]] = False
+
+
+def _holds_far(search: Search, name: str, side: int) -> bool:
+    """Return whether the fits hold far out on one side, where one parameter is there alone."""
+    p, center, end = search.declared[name], search.center[name], search.ends[name][side]
+    points = (c * k for c in (-center, center) for k in FAR)
+    out = [x for x in points if p.min <= x <= p.max and (x > end if side else x < end)]
+    return not any(search.compared({**search.at_center(), name: x}, CLOSE)[0] for x in out)
 
 
 def _hold_corners(search: Search) -> None:

@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import zipfile
 from collections.abc import Callable, Iterator
+from itertools import takewhile
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -379,6 +380,22 @@ def test_a_start_in_a_steady_state_is_that_of_a_simulation(tmp_path: Path, tmp_p
         assert fmu.step(0.01 * k, 0.01) == OK
         assert simulation.advance(0.01 * k + 0.01).ok
     fmu.free()
+
+
+def test_a_host_reads_that_a_sheet_is_too_coarse_and_then_that_it_folds(tmp_path: Path):
+    model = Sheet(nx=4, nz=3, support="free", start_spin=600.0)
+    path = export(model, tmp_path / "sheet.fmu", Settings(solver="adams"), native=True)
+    told: list[str] = []
+    rows = simulate_fmu(
+        str(path), stop_time=0.05, output_interval=1e-3,
+        logger=lambda _, name, status, category, text: told.append(text.decode()),
+    )  # fmt: skip
+    simulation = Simulation(model, Settings(solver="adams"))
+    times = takewhile(lambda t: simulation.advance(t).ok and not simulation.failure, 1e-3 * np.arange(1, 51))
+    assert rows["time"][-1] == pytest.approx(list(times)[-1])  # the host ends there
+    coarse, folded = told
+    assert re.fullmatch(r"cells bend by up to \d\d degrees, and are good to about 15: refine .*", coarse)
+    assert re.fullmatch(r"a cell is folded: cells bend by .* \(t = 0.01\d* s\)\. Move it .*", folded)
 
 
 def test_parameters_and_gravity_of_a_sheet_are_those_of_one_that_is_built(

@@ -160,6 +160,7 @@ class Odd(Model):
     mass: float = parameter(2.0, unit="kg", min=1e-3)
     bent: float = parameter(1.0, min=0.0)  # max() with a kink a little above its value
     far: float = parameter(1.0, min=0.0)  # ... and far away
+    farther: float = parameter(1.0, min=0.0)  # ... and farther
     side: float = parameter(1.0)
     rooted: float = parameter(3.0, min=0.0)
     curved: float = parameter(2.0, min=0.0)
@@ -183,6 +184,7 @@ class Odd(Model):
             m.force(f"more {k}", JointForce(magnitude=0.1), bar)
         m.force("bent", JointSpring(stiffness=max(self.bent, 1.1)), bar)
         m.force("far", JointSpring(stiffness=min(self.far, 5.0)), bar)
+        m.force("farther", JointSpring(stiffness=min(self.farther, 1e5)), bar)
         m.force("side", JointSpring(stiffness=2.0 if self.side > 0.0 else 3.0, damping=abs(self.side)), bar)
         m.force("curved", JointSpring(stiffness=1.0 / (1.0 + self.curved)), slider)
         m.force("refused", JointSpring(stiffness=self.refused * (1.0 + self.mass)), slider)
@@ -203,6 +205,7 @@ def test_what_is_no_product_is_frozen_or_ranged():
     assert "no real number" in live.frozen["count"]
     assert "sums of products" in live.frozen["curved"]
     assert 1.0 < live.ranges["far"][1] <= 5.0
+    assert 5.0 < live.ranges["farther"][1] <= 1e5
     assert live.ranges["side"][0] > 0.0
     assert 1.5 <= live.ranges["refused"][1] <= 2.0
     assert live.ranges["rooted"] == (0.0, inf)

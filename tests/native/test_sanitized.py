@@ -16,7 +16,7 @@ from mbfmu.native.runtime import COMPILERS, compiler, ingredients
 from mbfmu.native.targets import host
 from mbfmu.simulation import Settings
 
-CALLS = 20_000
+CALLS = 8_000
 SANITIZED = ("-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 
 pytestmark = pytest.mark.skipif(

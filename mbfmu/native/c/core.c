@@ -62,6 +62,7 @@ static void begin_life(Instance *own)
         own->values[k] = own->variables[k].start;
     memset(own->flags, 0, count_of(own));
     own->start = own->reached = 0.0;
+    own->stopped = false;
     own->phase = INSTANTIATED;
     own->fresh = false;
     own->message[0] = '\0';
@@ -320,11 +321,9 @@ static void look_around(Instance *own, const Told *told)
     }
 }
 
-/* Go from t by a length, both s; ``reached`` is where the FMU stands afterwards. */
-Outcome step(Instance *own, double t, double length, double *reached)
+static Outcome go(Instance *own, double t, double length)
 {
     char text[SAYS];
-    *reached = own->reached;
     if (!may_step(own, t, length))
         return own->phase == RUNNING ? DISCARD : ERROR;
     apply_changes(own);
@@ -352,9 +351,25 @@ Outcome step(Instance *own, double t, double length, double *reached)
     }
     own->fresh = false;
     own->message[0] = '\0';
-    *reached = own->reached = end;
+    own->reached = end;
     look_around(own, told);
     return OK;
+}
+
+/* Go from t by a length, both s; ``reached`` is where the FMU stands afterwards. */
+Outcome step(Instance *own, double t, double length, double *reached)
+{
+    Outcome outcome = go(own, t, length);
+    own->stopped = outcome != OK;
+    *reached = own->reached;
+    return outcome;
+}
+
+/* Whether the FMU would end here, as the last step failed; a host that can try a shorter one need not follow. Some
+ * hosts know nothing but to try the same step again, for ever, where this is not said. */
+bool stopped(const Instance *own)
+{
+    return own->stopped;
 }
 
 Outcome terminate(Instance *own)

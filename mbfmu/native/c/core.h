@@ -32,6 +32,7 @@ Outcome set_up(Instance *own, double start, bool ends, double stop, bool toleran
 Outcome enter_initialization(Instance *own);
 Outcome exit_initialization(Instance *own);
 Outcome step(Instance *own, double t, double length, double *reached);
+bool stopped(const Instance *own);
 Outcome terminate(Instance *own);
 Outcome reset(Instance *own);
 Outcome refuse(Instance *own, const char *call);

@@ -9,7 +9,6 @@
 typedef struct {
     Instance *own;
     const fmi2CallbackFunctions *callbacks;
-    bool logging;
     char name[]; /* of the instance */
 } Host;
 
@@ -18,12 +17,16 @@ static Instance *instance(fmi2Component c)
     return ((Host *)c)->own;
 }
 
-/* The text is its own format, percent signs doubled: there are hosts that do not fill in what would follow. */
+/*
+ * Tell the host, whether it asked for the logging of what is usual or not: all there is are errors and warnings.
+ *
+ * The text is its own format, percent signs doubled: there are hosts that do not fill in what would follow.
+ */
 static void tell(void *host, Outcome outcome, const char *category, const char *text)
 {
     const Host *h = host;
     char format[2 * SAYS], *out = format;
-    if (!h->logging || !h->callbacks || !h->callbacks->logger)
+    if (!h->callbacks || !h->callbacks->logger)
         return;
     for (const char *c = text; *c; c++) {
         *out++ = *c;
@@ -34,13 +37,12 @@ static void tell(void *host, Outcome outcome, const char *category, const char *
     h->callbacks->logger(h->callbacks->componentEnvironment, h->name, (fmi2Status)outcome, category, format);
 }
 
-static Host *host_named(const char *name, const fmi2CallbackFunctions *callbacks, bool logging)
+static Host *host_named(const char *name, const fmi2CallbackFunctions *callbacks)
 {
     const char *known = name ? name : "";
     Host *host = calloc(1, sizeof *host + strlen(known) + 1);
     if (host) {
         host->callbacks = callbacks;
-        host->logging = logging;
         memcpy(host->name, known, strlen(known) + 1);
     }
     return host;
@@ -56,12 +58,9 @@ const char *fmi2GetVersion(void)
     return fmi2Version;
 }
 
-fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t, const fmi2String[])
+fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean, size_t, const fmi2String[])
 {
-    if (!c)
-        return fmi2Error;
-    ((Host *)c)->logging = on;
-    return fmi2OK;
+    return c ? fmi2OK : fmi2Error;
 }
 
 /* ---- life -------------------------------------------------------------------------------------------------------- */
@@ -94,10 +93,10 @@ static void read_location(const char *location, char *path)
 }
 
 fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String location,
-                              const fmi2CallbackFunctions *callbacks, fmi2Boolean, fmi2Boolean logging)
+                              const fmi2CallbackFunctions *callbacks, fmi2Boolean, fmi2Boolean)
 {
     char text[SAYS] = "there is no memory for the instance";
-    Host *host = host_named(name, callbacks, logging);
+    Host *host = host_named(name, callbacks);
     char *folder = malloc(strlen(location ? location : "") + 1);
     if (host && folder) {
         read_location(location ? location : "", folder);
@@ -109,7 +108,6 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
     free(folder);
     if (!host || host->own)
         return host;
-    host->logging = true; /* else nobody would ever know */
     tell(host, ERROR, "logStatusError", text);
     free(host);
     return NULL;
@@ -316,7 +314,7 @@ fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind, fmi2
         return fmi2Error;
     if (kind != fmi2Terminated)
         return fmi2Discard;
-    *value = fmi2False; /* a step that was discarded may be tried again, shorter */
+    *value = stopped(instance(c));
     return fmi2OK;
 }
 

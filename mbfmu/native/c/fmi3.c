@@ -9,7 +9,6 @@ typedef struct {
     Instance *own;
     fmi3LogMessageCallback log;
     fmi3InstanceEnvironment environment;
-    bool logging;
 } Host;
 
 static Instance *instance(fmi3Instance c)
@@ -17,10 +16,11 @@ static Instance *instance(fmi3Instance c)
     return ((Host *)c)->own;
 }
 
+/* Tell the host, whether it asked for the logging of what is usual or not: all there is are errors and warnings. */
 static void tell(void *host, Outcome outcome, const char *category, const char *text)
 {
     const Host *h = host;
-    if (h->logging && h->log)
+    if (h->log)
         h->log(h->environment, (fmi3Status)outcome, category, text);
 }
 
@@ -29,18 +29,15 @@ const char *fmi3GetVersion(void)
     return fmi3Version;
 }
 
-fmi3Status fmi3SetDebugLogging(fmi3Instance c, fmi3Boolean on, size_t, const fmi3String[])
+fmi3Status fmi3SetDebugLogging(fmi3Instance c, fmi3Boolean, size_t, const fmi3String[])
 {
-    if (!c)
-        return fmi3Error;
-    ((Host *)c)->logging = on;
-    return fmi3OK;
+    return c ? fmi3OK : fmi3Error;
 }
 
 /* ---- life -------------------------------------------------------------------------------------------------------- */
 
 fmi3Instance fmi3InstantiateCoSimulation(fmi3String, fmi3String token, fmi3String folder, fmi3Boolean,
-                                         fmi3Boolean logging, fmi3Boolean, fmi3Boolean, const fmi3ValueReference[],
+                                         fmi3Boolean, fmi3Boolean, fmi3Boolean, const fmi3ValueReference[],
                                          size_t, fmi3InstanceEnvironment environment, fmi3LogMessageCallback log,
                                          fmi3IntermediateUpdateCallback)
 {
@@ -50,11 +47,9 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String, fmi3String token, fmi3Strin
         return NULL;
     host->log = log;
     host->environment = environment;
-    host->logging = logging;
     host->own = create(token ? token : "", folder ? folder : "", tell, host, text);
     if (host->own)
         return host;
-    host->logging = true; /* else nobody would ever know */
     tell(host, ERROR, "logStatusError", text);
     free(host);
     return NULL;
@@ -116,7 +111,7 @@ fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 t, fmi3Float64 length, fmi3Boo
     if (event)
         *event = false;
     if (ends)
-        *ends = false;
+        *ends = stopped(instance(c));
     if (early)
         *early = false;
     if (reached)

@@ -23,6 +23,7 @@ struct Instance {
     double start;   /* s */
     double reached; /* s */
     Phase phase;
+    bool stopped;   /* the last step failed */
     bool untouched; /* the block is that of the file */
     bool fresh;     /* outputs are those of the present state */
     bool warned_jump, warned_balance, warned_coarse;

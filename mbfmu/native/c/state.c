@@ -80,6 +80,7 @@ Outcome restore(Instance *own, const State *state)
     own->phase = (Phase)state->phase;
     own->start = state->start;
     own->reached = state->reached;
+    own->stopped = false;
     memcpy(own->message, state->message, sizeof own->message);
     memcpy(own->values, state->values, count * sizeof *state->values);
     memcpy(own->block, block_of(own, state), saved);
