@@ -1,6 +1,7 @@
 # What a first session needs; `mbfmu/__init__.py` loads each name when it is first used.
 
 from .direct import simulate
+from .ensemble.study import Study, load_study, study
 from .errors import AssemblyError, EquilibriumError, UserError
 from .fmi import export
 from .mechanics import (
@@ -79,10 +80,10 @@ __all__ = [
     "Function", "Gear", "Geodesic", "Harmonic", "Input", "JointForce", "JointSpring", "JointStop", "Mechanism",
     "Model", "OutOfPlane", "Planar", "PlanarCut", "PlaneCut", "Plate", "PointForce", "Polynomial", "Product",
     "Ramp", "Result", "Revolute", "RevoluteCut", "RunUp", "Screw", "Settings", "Simulation", "SpeedInput", "Sphere",
-    "Spherical", "SphericalCut", "Spring", "StateSpace", "Step", "Sum", "Support", "Table", "TargetChoice",
+    "Spherical", "SphericalCut", "Spring", "StateSpace", "Step", "Study", "Sum", "Support", "Table", "TargetChoice",
     "Torque", "TorsionSpring", "Translational", "TranslationalCut", "Universal", "UserError", "Weld", "WeldCut",
     "add_chain", "add_sheet", "box", "check", "choose", "compare", "cylinder", "equilibrium", "export", "find",
-    "linearize", "models", "modes", "parameter", "rod", "simulate", "sphere", "tube", "view",
+    "linearize", "load_study", "models", "modes", "parameter", "rod", "simulate", "sphere", "study", "tube", "view",
 ]  # fmt: skip
 
 __version__: str

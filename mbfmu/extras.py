@@ -8,9 +8,10 @@ from typing import Any
 from mbfmu.errors import UserError
 
 
-def optional(name: str) -> Any:
-    """Import a package that only this needs; raises UserError where it is not installed."""
+def optional(name: str, extra: str = "") -> Any:
+    """Import a package that only this needs, one of an extra of mbfmu's; raises UserError where it is not installed."""
     try:
         return import_module(name)
     except ImportError as error:
-        raise UserError(f"this needs the package {name!r}: pip install {name}") from error
+        what = f"'mbfmu[{extra}]'" if extra else name
+        raise UserError(f"this needs the package {name!r}: pip install {what}") from error

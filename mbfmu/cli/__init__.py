@@ -13,11 +13,41 @@ import argcomplete
 import mbfmu
 from mbfmu.errors import UserError
 
-from . import cache, check, compare, effects, equilibrium, export, linearize, models, modes, run, runtime, scenes, view
+from . import (
+    cache,
+    check,
+    compare,
+    effects,
+    equilibrium,
+    export,
+    linearize,
+    models,
+    modes,
+    run,
+    runtime,
+    scenes,
+    study,
+    view,
+)
 from .compiling import compilation
 from .completion import HOW
 
-COMMANDS = (run, check, view, export, equilibrium, linearize, modes, effects, compare, models, scenes, runtime, cache)
+COMMANDS = (
+    run,
+    check,
+    view,
+    export,
+    equilibrium,
+    linearize,
+    modes,
+    effects,
+    compare,
+    study,
+    models,
+    scenes,
+    runtime,
+    cache,
+)
 
 EXAMPLES = f"""examples:
   mbfmu run fourbar                        export the FMU, run it through FMPy, write CSV and pictures
@@ -36,6 +66,7 @@ EXAMPLES = f"""examples:
   mbfmu effects sheet                      what each effect costs and changes
   mbfmu compare fourbar                    what accuracy costs in time
   mbfmu compare fourbar --target 1e-6      what to take for this error
+  mbfmu study tolerances.toml              many runs at once, on this machine or on a cluster
   mbfmu models governor                    all variables of a model, and its scenes
   mbfmu cache warm                         compile everything beforehand
 

@@ -45,8 +45,8 @@ class Held:
     """A named tuple whose arrays stay where they are; ``value`` is the tuple, with those in it held too."""
 
     def __init__(self, value: Any) -> None:
-        self._numba_type_ = held_type(value)
         value = type(value)._make(hold(field) for field in value)
+        self._numba_type_ = held_type(value)
         self.value = value  # keeps the arrays alive
         self._place = np.zeros(size(self._numba_type_), np.uint8)
         self.address = self._place.ctypes.data
@@ -54,6 +54,7 @@ class Held:
 
 
 _array_types: dict[tuple[Any, ...], Any] = {}
+_tuple_types: dict[tuple[Any, ...], HeldType] = {}  # each keeps the types of its fields, so their identities stay
 
 
 def held_type(example: Any) -> Any:
@@ -65,10 +66,15 @@ def held_type(example: Any) -> Any:
         if key not in _array_types:  # numba goes through all fields of a record every time
             _array_types[key] = typeof(example)  # type: ignore[no-untyped-call]
         return _array_types[key]
+    if isinstance(example, Held):
+        return example._numba_type_
     if not isinstance(example, tuple):
         return typeof(example)  # type: ignore[no-untyped-call]
     fields = [held_type(field) for field in example]
-    return HeldType(types.BaseTuple.from_types(fields, type(example)))  # type: ignore[no-untyped-call]
+    same = (type(example), *map(id, fields))
+    if same not in _tuple_types:
+        _tuple_types[same] = HeldType(types.BaseTuple.from_types(fields, type(example)))  # type: ignore[no-untyped-call]
+    return _tuple_types[same]
 
 
 def hold(value: Any) -> Any:

@@ -1,0 +1,153 @@
+"""``mbfmu study``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from mbfmu.errors import UserError
+
+from .common import RESULTS, Commands, file_name, tell, tell_more, wrote
+
+EXAMPLE = """scene = "fourbar"
+count = 200
+
+[vary]
+crank_length = "1 m +- 5 mm"
+gravity = [1.62, 9.81]
+
+[measure]
+fastest = "largest crank.rate"
+"""
+
+
+def add(commands: Commands) -> None:
+    """Describe ``mbfmu study``."""
+    p = commands.add_parser(
+        "study",
+        help="many runs: what varies, what is measured, what matters",
+        description=f"""Make many runs of a scene or of an FMU, on all processors of this machine or on a Dask cluster,
+and measure each. What varies and what is measured is in a TOML file such as
+
+{EXAMPLE}
+Lists make all combinations, tolerances and distributions are sampled `count` times. Measures are end, largest, least,
+range, mean, rms, crossing and settling of an output, equilibrium, frequency and damping of the steady state, or
+"file.py:function". All of it is told in the documentation, page "Studies".
+
+The results are in a folder, written as they come:
+  runs.parquet   a row a run: what varied, measures, status, energy imbalance, CPU time
+  study.json     the study
+  *.png          measures over what varies, their distributions, what matters
+A run that fails is a row with the reason, and never the end of the study. Ctrl-C leaves what is done, and --resume goes
+on.""",
+        epilog="examples:\n  mbfmu study tolerances.toml\n  mbfmu study tolerances.toml --resume\n"
+        "  mbfmu study tolerances.toml --with native --workers 8\n"
+        "  mbfmu study tolerances.toml --scheduler tcp://cluster:8786\n",
+    )
+    p.add_argument("study", type=Path, help="study file, .toml")
+    p.add_argument("--resume", action="store_true", help="go on with the folder of this study; no run is made twice")
+    p.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="folder of the results (results/STUDY)")
+    p.add_argument("--workers", type=int, default=0, metavar="N", help="processes (one a processor)")
+    p.add_argument("--scheduler", default="", metavar="ADDRESS", help="of a Dask cluster that is there")
+    p.add_argument("--count", type=int, metavar="N", help="samples, in place of those the file says")
+    p.add_argument("--with", dest="runs", metavar="KIND", help="make runs with simulation, fmu or native")
+    p.set_defaults(command=command_study)
+
+
+def command_study(options: argparse.Namespace) -> int:
+    """Make the runs; write what they give, and pictures; print a summary."""
+    from mbfmu.ensemble.definition import define, read_study
+    from mbfmu.ensemble.pictures import draw
+    from mbfmu.ensemble.study import run_study
+
+    content = read_study(options.study)
+    content |= {k: v for k, v in (("count", options.count), ("with", options.runs)) if v is not None}
+    definition = define(content)
+    folder = place(options)
+    try:
+        with Bar(str(options.study), options.quiet) as bar:
+            study = run_study(
+                definition, folder, resume=options.resume, scheduler=options.scheduler, workers=options.workers,
+                progress=bar.show,
+            )  # fmt: skip
+    except KeyboardInterrupt:
+        again = f"mbfmu study {options.study} --resume -o {folder}"
+        print(f"mbfmu: interrupted; what is done is in {folder}. Go on with: {again}", file=sys.stderr)
+        return 130
+    draw(study, definition, folder)
+    tell(options, summary(study))
+    tell_more(options, failures(study))
+    wrote(options, folder)
+    return 1 if study.count("failed") == len(study.rows) else 0
+
+
+def place(options: argparse.Namespace) -> Path:
+    """Return the folder for the results: the one given, or a new one of the study's name, or the last to go on with."""
+    if options.output:
+        return Path(options.output)
+    root = RESULTS / file_name(options.study.stem)
+    named = (root if n == 1 else root.with_name(f"{root.name}-{n}") for n in count(1))
+    taken = []
+    for folder in named:
+        if not folder.exists():
+            break
+        taken.append(folder)
+    if not options.resume:
+        return folder
+    if not taken:
+        raise UserError(f"there is nothing to go on with: folder {str(root)!r} does not exist")
+    return taken[-1]
+
+
+class Bar:
+    """A bar of runs on a terminal, with those that failed."""
+
+    def __init__(self, name: str, quiet: bool) -> None:
+        self._bar = tqdm(unit="run", desc=name, leave=False, disable=quiet or not sys.stderr.isatty())
+
+    def show(self, done: int, total: int, failed: int) -> None:
+        """Show how far it is."""
+        self._bar.total = total
+        self._bar.set_postfix({"failed": failed} if failed else {}, refresh=False)
+        self._bar.update(done - self._bar.n)
+
+    def __enter__(self) -> Bar:
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        self._bar.close()
+
+
+def summary(study: Any) -> str:
+    """Return how the runs went, and their measures."""
+    import numpy as np
+
+    lines = [f"{study.name}: {len(study.rows)} runs in {study.wall_time:.1f} s; {study.summed_time:.1f} s of CPU time"]
+    for status, meaning in (("failed", "failed"), ("suspect", "ran, and are not to be trusted")):
+        if study.count(status):
+            first = next(row for row in study.rows if row["status"] == status)
+            lines.append(f"  {study.count(status)} {meaning}; run {first['run']}: {first['message']}")
+    for name in study.measures:
+        values = study.column(name).astype(float)
+        values = values[np.isfinite(values)]
+        if not len(values):
+            lines.append(f"  {name}: in no run")
+        else:
+            low, middle, high = np.quantile(values, (0.05, 0.5, 0.95))
+            told = f"  {name}: {middle:.6g} {study.units.get(name, '')}, 5 to 95 % {low:.6g} to {high:.6g}"
+            lines.append(f"{told}, least {values.min():.6g}, largest {values.max():.6g}")
+    if study.found:
+        point = ", ".join(f"{name} = {value:.6g}" for name, value in study.found.point.items())
+        lines.append(f"  best: {point} ({study.found.ended})")
+    return "\n".join(lines)
+
+
+def failures(study: Any) -> str:
+    """Return every run that is not well, with its reason."""
+    odd = [row for row in study.rows if row["status"] != "ok"]
+    return "\n".join(f"  run {row['run']} {row['status']}: {row['message']}" for row in odd)

@@ -1,0 +1,1 @@
+"""Many runs: what varies from one to the next, what is measured of each, and who makes them."""

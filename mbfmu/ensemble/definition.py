@@ -1,0 +1,238 @@
+"""A study as it is written: what runs, what varies, what is measured, and what is aimed at.
+
+scene = "fourbar/paper"        # as `mbfmu run` takes it; or fmu = "thing.fmu", of any tool
+with = "simulation"            # or fmu, native: through an FMU of the scene
+count = 1000                   # samples of what has a distribution
+sampling = "random"            # latin, sobol, sensitivity, tornado
+seed = 1
+together = false               # lists go together, in place of all combinations
+correlated = [["crank_length", "rocker_length", 0.8]]
+keep = ["crank.angle"]         # outputs whose whole history is kept
+stop_time = 10.0               # s; the scene's where it is not given, as output_interval
+
+[vary]
+crank_length = "1 m +- 0.01 mm"
+gravity = [1.62, 3.71, 9.81]
+coupler_mass = {distribution = "norm", loc = 1.0, scale = 0.1}
+
+[measure]
+reach = "largest coupler.tip.x"
+turned = {take = "crossing", output = "crank.angle", threshold = 3.14}
+
+[aim]                          # instead of sampling: minimize, maximize, or targets of measures
+minimize = "reach"
+"""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import cloudpickle
+
+from mbfmu.errors import UserError
+from mbfmu.model import suggest
+from mbfmu.modules import load_module
+
+from .aim import Aim, read_aim
+from .design import Point, Sampling, correlations, points
+from .measures import Measure, Own, read_measure
+from .subject import Subject, check_point, digest, files_of, subject_of, unknown
+from .variation import Listed, Variation, read_variation
+from .work import Files, FmuJob, ModelJob
+
+SAMPLING = ("count", "sampling", "seed", "together", "correlated")
+KEYS = ("scene", "fmu", "with", "stop_time", "output_interval", *SAMPLING, "keep", "vary", "measure", "aim")
+COLUMNS = ("run", "key", "status", "message", "imbalance", "seconds")  # of a table of runs, beside the study's own
+
+
+@dataclass(frozen=True, kw_only=True)
+class Definition:
+    """A study that has been checked.
+
+    Attributes
+    ----------
+    vary
+        What varies, by name.
+    measures
+        What is measured of each run, in order.
+    keep
+        Outputs whose history is kept.
+    content
+        What was written, for people and for the results.
+    """
+
+    subject: Subject
+    vary: dict[str, Variation]
+    sampling: Sampling
+    measures: tuple[Measure, ...]
+    measure_files: tuple[Files, ...]
+    keep: tuple[str, ...]
+    aim: Aim | None
+    content: dict[str, Any]
+
+    def job(self) -> ModelJob | FmuJob:
+        """Return what all its runs share."""
+        return self.subject.job(
+            measures=cloudpickle.dumps(self.measures), measure_files=self.measure_files, keep=self.keep
+        )
+
+    def identity(self) -> str:
+        """Return what tells its runs from those of another study, whatever is varied."""
+        told = [(m.name, getattr(m, "told", None) or repr(m)) for m in self.measures]
+        bare = self.subject.job(measures=b"", measure_files=(), keep=self.keep)
+        return digest(bare.identity, bare.version, told)
+
+    def points(self) -> list[Point]:
+        """Return the points of its runs, in order."""
+        return points(self.vary, self.sampling)
+
+    def units(self) -> dict[str, str]:
+        """Return the units of what varies and of what is measured."""
+        varied = {name: self.subject.units[name] for name in self.vary}
+        return varied | {m.name: m.unit(self.subject.outputs) for m in self.measures}
+
+
+def key_of(identity: str, point: Point) -> str:
+    """Return the key of a run: of the study's identity and of the point."""
+    return sha256(f"{identity}{json.dumps(point, sort_keys=True)}".encode()).hexdigest()[:20]
+
+
+def read_study(path: Path) -> dict[str, Any]:
+    """Return what a study file says, with paths as they are found from here.
+
+    Raises
+    ------
+    UserError
+        The file cannot be read, or it is no TOML.
+    """
+    try:
+        content = tomllib.loads(path.read_text())
+    except OSError as error:
+        raise UserError(f"study file {str(path)!r} cannot be read: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise UserError(f"study file {str(path)!r} is not valid TOML: {error}") from error
+    for key in ("scene", "fmu"):
+        value = content.get(key)
+        if isinstance(value, str) and (key == "fmu" or value.endswith(".toml") or ".py" in value):
+            content[key] = str(path.parent / value)
+    measures = content.get("measure")
+    if isinstance(measures, dict):
+        content["measure"] = {
+            name: str(path.parent / value) if isinstance(value, str) and ".py:" in value else value
+            for name, value in measures.items()
+        }
+    return content
+
+
+def define(content: Mapping[str, Any]) -> Definition:
+    """Return a study, checked against what it is of.
+
+    Parameters
+    ----------
+    content
+        By the keys of a study file; ``scene`` may be a scene, a model or a mechanism, a variation a frozen distribution
+        of ``scipy.stats``, and a measure a function.
+
+    Raises
+    ------
+    UserError
+        A key, a name, a range, a measure or a distribution is wrong: which, its value, and what is allowed.
+    """
+    for key in content:
+        if key not in KEYS:
+            raise UserError(f"a study has no key {key!r}{suggest(str(key), KEYS)}")
+    given = content.get("fmu") or content.get("scene")
+    if given is None or ("fmu" in content and "scene" in content):
+        raise UserError("a study needs a scene or an fmu, one of the two")
+    subject = subject_of(
+        given, content.get("with", "simulation"), content.get("stop_time"), content.get("output_interval")
+    )
+    vary = _vary(subject, content.get("vary"))
+    aim = read_aim(content.get("aim"), vary, content.get("measure") or {})
+    measures, files = _measures(subject, content.get("measure") or {}, vary)
+    given_sampling = {("method" if k == "sampling" else k): content[k] for k in SAMPLING if k in content}
+    if "correlated" in given_sampling:
+        given_sampling["correlated"] = correlations(given_sampling["correlated"], vary)
+    return Definition(
+        subject=subject,
+        vary=vary,
+        sampling=Sampling(**given_sampling),
+        measures=measures,
+        measure_files=files,
+        keep=_kept(subject, content.get("keep", ())),
+        aim=aim,
+        content={k: v if k not in ("scene", "vary", "measure") else _legible(v) for k, v in content.items()},
+    )
+
+
+def _legible(value: Any) -> Any:
+    """Return a part of a study as JSON can say it."""
+    if isinstance(value, Mapping):
+        return {name: _legible(own) for name, own in value.items()}
+    if isinstance(value, list | tuple):
+        return [_legible(own) for own in value]
+    return value if isinstance(value, str | int | float | bool) else repr(value)
+
+
+def _vary(subject: Subject, given: Any) -> dict[str, Variation]:
+    if not isinstance(given, Mapping) or not given:
+        raise UserError(f"vary is {given!r}; allowed: a table with at least one name of what varies")
+    found: dict[str, Variation] = {}
+    for name, value in given.items():
+        if name not in subject.units:
+            raise unknown(subject, str(name))
+        own = read_variation(name, value, subject.units[name])
+        if isinstance(own, Listed):
+            own = Listed(tuple(check_point(subject, {name: x})[name] for x in own.values))
+        found[name] = own
+    return found
+
+
+def _measures(
+    subject: Subject, given: Any, vary: Mapping[str, Variation]
+) -> tuple[tuple[Measure, ...], tuple[Files, ...]]:
+    if not isinstance(given, Mapping):
+        raise UserError(f"measure is {given!r}; allowed: a table of measures by their names")
+    found: list[Measure] = []
+    files: dict[str, Files] = {}
+    for name, value in given.items():
+        if name in vary or name in COLUMNS:
+            what = "varies" if name in vary else "is a column that every study has"
+            raise UserError(f"measure {name!r} has the name of what {what}; give it another")
+        if callable(value):
+            found.append(Own(name, value, digest(cloudpickle.dumps(value))))
+        elif isinstance(value, str) and ".py:" in value:
+            path, _, function = value.rpartition(":")
+            files[path] = files.get(path) or _loaded(name, Path(path))
+            own = getattr(load_module(Path(path)), function, None)
+            if not callable(own):
+                raise UserError(f"measure {name!r}: {path!r} has no function {function!r}")
+            found.append(Own(name, own, digest(value.rpartition("/")[2], files[path].contents)))
+        else:
+            found.append(read_measure(name, value, tuple(subject.outputs), subject.steady))
+    return tuple(found), tuple(files.values())
+
+
+def _loaded(name: str, path: Path) -> Files:
+    try:
+        load_module(path)
+    except OSError as error:
+        raise UserError(f"measure {name!r}: {str(path)!r} cannot be read: {error.strerror}") from error
+    return files_of(path)
+
+
+def _kept(subject: Subject, given: Any) -> tuple[str, ...]:
+    if isinstance(given, str) or not all(isinstance(name, str) for name in given):
+        raise UserError(f"keep is {given!r}; allowed: a list of outputs, or ['*'] for all")
+    if tuple(given) == ("*",):
+        return tuple(subject.outputs)
+    for name in given:
+        if name not in subject.outputs:
+            raise UserError(f"keep: there is no output {name!r}{suggest(name, subject.outputs)}")
+    return tuple(given)

@@ -1,0 +1,177 @@
+"""Who makes the runs: the workers of a Dask cluster, one on this machine or one that is there.
+
+Runs travel in batches of about half a second, so that small ones are not drowned in messages, and no more batches are
+under way than keep all workers busy, so that memory does not grow with a study.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
+from itertools import islice
+from math import nan
+from multiprocessing import current_process
+from types import TracebackType
+from typing import Any, Self
+
+import mbfmu
+from mbfmu.errors import UserError
+from mbfmu.extras import optional
+
+from .design import Point
+from .work import FAILED, FmuJob, ModelJob, Outcome, batch
+
+BATCH = 0.5  # s of work
+LARGEST = 1000  # runs of a batch
+BRIEF = 2.0  # s: a first run that took longer is not made again to know what it takes when all is compiled
+AHEAD = 3  # batches under way for each worker
+ANSWER = 15.0  # s to wait for a scheduler, and for a first worker
+EXTRA = "study"
+
+
+class Workers:
+    """Workers, as long as they are needed: a pool of processes on this machine, or those of a scheduler.
+
+    Parameters
+    ----------
+    scheduler
+        Address of a scheduler, such as ``tcp://host:8786``; empty: a pool of this study's own.
+    count
+        Processes of the pool; 0: as many as this process may use processors.
+
+    Raises
+    ------
+    UserError
+        Dask is not installed, the scheduler does not answer or has no worker, or a worker lacks this mbfmu.
+    """
+
+    def __init__(self, scheduler: str = "", count: int = 0) -> None:
+        distributed = optional("distributed", EXTRA)
+        if isinstance(count, bool) or not isinstance(count, int) or count < 0:
+            raise UserError(f"workers is {count!r}; allowed: a number of processes, or 0 for one a processor")
+        if getattr(current_process(), "_inheriting", False):  # a process of the pool imports the script that made it
+            raise UserError('put what starts a study under `if __name__ == "__main__":`: its workers import the script')
+        self._cluster: Any = None
+        try:
+            if scheduler:
+                self._client = distributed.Client(scheduler, timeout=ANSWER, set_as_default=False)
+            else:
+                count = count or processors()
+                self._cluster = distributed.LocalCluster(
+                    n_workers=count, threads_per_worker=1, processes=True, dashboard_address=None, memory_limit=0
+                )
+                self._client = distributed.Client(self._cluster, set_as_default=False)
+            self._client.wait_for_workers(1, timeout=ANSWER)
+        except (OSError, TimeoutError, ValueError) as error:
+            self.close()
+            where = f"scheduler {scheduler!r}" if scheduler else "the pool of workers"
+            raise UserError(f"{where} does not answer within {ANSWER:g} s, or has no worker: {error}") from error
+        self._check_versions()
+
+    def _check_versions(self) -> None:
+        def version() -> str:  # has no module, so that it travels where there is no mbfmu
+            try:
+                import mbfmu as there
+            except ImportError as error:
+                return f"none ({error})"
+            return there.__version__
+
+        told = self._client.run(version)
+        wrong = [f"{worker} has {found}" for worker, found in told.items() if found != mbfmu.__version__]
+        if wrong:
+            self.close()
+            raise UserError(f"workers lack mbfmu {mbfmu.__version__}: {'; '.join(wrong)}; install it there")
+
+    def run(
+        self, job: ModelJob | FmuJob, points: Iterable[tuple[int, Point]], seconds: float
+    ) -> Iterator[list[Outcome]]:
+        """Make the runs of these numbers and points, and yield outcomes of batches as they come.
+
+        ``seconds`` is about what a run takes. What a worker leaves undone when it dies, others do; a run at which
+        workers die again and again has failed.
+
+        Raises
+        ------
+        UserError
+            A worker cannot make such runs at all.
+        """
+        distributed = optional("distributed", EXTRA)
+        waiting, under_way = iter(points), distributed.as_completed(loop=self._client.loop)
+        batches: dict[str, list[tuple[int, Point]]] = {}
+        shared = self._client.submit(_given, job, key=f"study-{job.identity}")
+
+        def send(runs: list[tuple[int, Point]]) -> None:
+            future = self._client.submit(batch, shared, runs, pure=False)
+            batches[future.key] = runs
+            under_way.add(future)
+
+        def send_more() -> None:
+            size = min(max(round(BATCH / seconds), 1), LARGEST)
+            while len(batches) < AHEAD * self.count() and (runs := list(islice(waiting, size))):
+                send(runs)
+
+        send_more()
+        for future in under_way:
+            runs = batches.pop(future.key)
+            try:
+                outcomes = future.result()
+            except distributed.KilledWorker as error:
+                if len(runs) > 1:  # which of them it is
+                    for run in runs:
+                        send([run])
+                    continue
+                outcomes = [_killed(runs[0], error)]
+            finally:
+                future.release()
+            spent = sum(outcome.seconds for outcome in outcomes) / len(outcomes)
+            seconds = 0.5 * (seconds + max(spent, 1e-6))
+            send_more()
+            yield outcomes
+
+    def count(self) -> int:
+        """Return how many workers there are now, one at least."""
+        return max(1, len(self._client.scheduler_info(n_workers=-1)["workers"]))
+
+    def close(self) -> None:
+        """Let the pool go, or leave the scheduler as it was."""
+        for own in (getattr(self, "_client", None), self._cluster):
+            if own is not None:
+                with suppress(Exception):  # they may have gone before
+                    own.close(timeout=5)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def processors() -> int:
+    """Return how many processors this process may use."""
+    if hasattr(os, "sched_getaffinity"):  # not on every system
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def _given(job: ModelJob | FmuJob) -> ModelJob | FmuJob:
+    """Return a job: a task of its own, so that it travels to a worker once, and again where it was lost."""
+    return job
+
+
+def _killed(run: tuple[int, Point], error: Exception) -> Outcome:
+    what = f"workers died in this run again and again: {error}"
+    return Outcome(run[0], (), FAILED, what.splitlines()[0], nan, 0.0, None)
+
+
+def here(job: ModelJob | FmuJob, run: tuple[int, Point]) -> Outcome:
+    """Make one run in this process: it compiles what all of them need, and tells how long one takes."""
+    first = batch(job, [run])[0]
+    return first._replace(seconds=batch(job, [run])[0].seconds) if first.seconds < BRIEF else first
+
+
+def merged(outcomes: Sequence[Outcome], measures: int) -> list[Outcome]:
+    """Return outcomes with as many measures each."""
+    return [o if len(o.measures) == measures else o._replace(measures=(nan,) * measures) for o in outcomes]

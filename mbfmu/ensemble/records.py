@@ -1,0 +1,206 @@
+"""Where the runs of a study are kept: a folder of Parquet files, a row a run, written as they come.
+
+While it goes on, rows lie in parts, each of which appears whole or not at all; where it has ended they are one table in
+the order of the runs. So a study that is killed at any time goes on from where it was.
+"""
+
+from __future__ import annotations
+
+import json
+import secrets
+import shutil
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import mbfmu
+from mbfmu.errors import UserError, writing
+from mbfmu.extras import optional
+
+from .definition import COLUMNS, Definition, key_of
+from .design import Point
+from .engine import EXTRA
+from .work import FAILED, Outcome
+
+FORMAT = 1
+TOLD, TABLE, PARTS, KEPT = "study.json", "runs.parquet", "parts", "trajectories"
+OFTEN, MANY = 5.0, 5000  # s between two parts, and rows of one
+Row = dict[str, Any]
+
+
+class Records:
+    """The folder of a study.
+
+    Attributes
+    ----------
+    done
+        Measures by the keys of runs.
+    """
+
+    def __init__(self, folder: Path, definition: Definition) -> None:
+        self.folder, self.definition = folder, definition
+        self.identity = definition.identity()
+        self.done: dict[str, tuple[float, ...]] = {}
+        self.failed = 0
+        self._names = [m.name for m in definition.measures]
+        self._new: list[Row] = []
+        self._kept: list[tuple[int, Any]] = []
+        self._last = time.monotonic()
+
+    # ---- beginning ---------------------------------------------------------------------------------------------------
+
+    def begin(self, resume: bool) -> None:
+        """Make the folder, or go on with what is in it.
+
+        Raises
+        ------
+        UserError
+            There is something else in it, or it cannot be written.
+        """
+        optional("pyarrow", EXTRA)
+        told = self.folder / TOLD
+        with writing(self.folder):
+            if resume:
+                self._compare()
+                self._take_up()
+            elif self.folder.exists() and any(self.folder.iterdir()):
+                more = "it holds a study: go on with it by --resume, or name" if told.exists() else "name"
+                raise UserError(f"folder {str(self.folder)!r} is not empty; {more} another")
+            self.folder.mkdir(parents=True, exist_ok=True)
+            content = {"format": FORMAT, "mbfmu": mbfmu.__version__, "identity": self.identity}
+            content |= {"name": self.definition.subject.name, "units": self.definition.units()}
+            content |= {"study": self.definition.content}
+            whole(told, lambda path: path.write_text(json.dumps(content, indent=1, ensure_ascii=False, default=repr)))
+
+    def _take_up(self) -> None:
+        if not files_of(self.folder):
+            return
+        before = read_table(self.folder)
+        columns = [before.column(name).to_pylist() for name in self._names]
+        measures = zip(*columns, strict=True) if columns else [()] * len(before)
+        self.done = dict(zip(before.column("key").to_pylist(), measures, strict=True))
+        self.failed = before.column("status").to_pylist().count(FAILED)
+
+    def _compare(self) -> None:
+        before = read_told(self.folder)
+        if before["identity"] != self.identity:
+            raise UserError(
+                f"folder {str(self.folder)!r} holds another study, of {before['name']!r} by mbfmu {before['mbfmu']}: "
+                "what runs or what is measured differs; name another folder"
+            )
+
+    # ---- rows --------------------------------------------------------------------------------------------------------
+
+    def key(self, point: Point) -> str:
+        """Return the key of the run at a point."""
+        return key_of(self.identity, point)
+
+    def add(self, outcomes: Sequence[Outcome], points: Sequence[Point]) -> None:
+        """Take outcomes of runs at these points; they are written every few seconds."""
+        for outcome, point in zip(outcomes, points, strict=True):
+            row = {"run": outcome.number, "key": self.key(point), **point}
+            row |= dict(zip(self._names, outcome.measures, strict=True))
+            row |= {"status": outcome.status, "message": outcome.message}
+            row |= {"imbalance": outcome.imbalance, "seconds": outcome.seconds}
+            self._new.append(row)
+            self.done[row["key"]] = outcome.measures
+            self.failed += outcome.status == FAILED
+            if outcome.kept is not None:
+                self._kept.append((outcome.number, outcome.kept))
+        if time.monotonic() - self._last > OFTEN or len(self._new) >= MANY:
+            self.write()
+
+    def write(self) -> None:
+        """Write what is new as a part."""
+        self._last = time.monotonic()
+        if not self._new:
+            return
+        name = f"{self._new[0]['run']:08d}-{secrets.token_hex(4)}.parquet"
+        with writing(self.folder):
+            if self._kept:
+                write_table(self._histories(), self.folder / KEPT / name)
+            write_table(self._columns(self._new), self.folder / PARTS / name)
+        self._new, self._kept = [], []
+
+    def _columns(self, rows: Sequence[Row]) -> dict[str, list[Any]]:
+        varied = list(self.definition.vary)
+        names = ("run", "key", *varied, *self._names, *COLUMNS[2:])
+        return {name: [row.get(name) for row in rows] for name in names}
+
+    def _histories(self) -> dict[str, Any]:
+        lengths = [len(t) for _, (t, _) in self._kept]
+        runs = np.repeat([number for number, _ in self._kept], lengths)
+        times, values = (np.concatenate([own[k] for _, own in self._kept]) for k in (0, 1))
+        columns = {name: values[:, i] for i, name in enumerate(self.definition.keep)}
+        return {"run": runs, "time": times, **columns}
+
+    def finish(self, keys: Sequence[str]) -> None:
+        """Write all rows of these keys as one table, in this order, in place of the parts."""
+        self.write()
+        table = read_table(self.folder)
+        at = {key: place for place, key in enumerate(table.column("key").to_pylist())}
+        rows = table.take([at[key] for key in keys])
+        rows = rows.set_column(0, "run", [list(range(len(keys)))])
+        with writing(self.folder):
+            write_table(rows, self.folder / TABLE)
+            shutil.rmtree(self.folder / PARTS, ignore_errors=True)
+
+
+def whole(path: Path, write: Any) -> None:
+    """Write a file so that it appears whole or not at all."""
+    path.parent.mkdir(exist_ok=True)
+    unfinished = path.with_name(f".{path.name}-{secrets.token_hex(4)}")
+    try:
+        write(unfinished)
+        unfinished.replace(path)
+    finally:
+        unfinished.unlink(missing_ok=True)
+
+
+def write_table(columns: Any, path: Path) -> None:
+    """Write a table, or columns by their names, as a Parquet file."""
+    arrow, parquet = optional("pyarrow", EXTRA), optional("pyarrow.parquet", EXTRA)
+    table = arrow.table(columns) if isinstance(columns, dict) else columns
+    whole(path, lambda unfinished: parquet.write_table(table, unfinished))
+
+
+def read_told(folder: Path) -> dict[str, Any]:
+    """Return what a folder says of its study; raises UserError where it holds none."""
+    try:
+        told = json.loads((folder / TOLD).read_text())
+    except OSError as error:
+        raise UserError(f"folder {str(folder)!r} holds no study: {error.strerror}") from error
+    except ValueError as error:
+        raise UserError(f"{str(folder / TOLD)!r} is damaged: {error}") from error
+    if not isinstance(told, dict) or told.get("format") != FORMAT:
+        raise UserError(f"folder {str(folder)!r} holds a study that this mbfmu cannot read")
+    return told
+
+
+def files_of(folder: Path) -> list[Path]:
+    """Return the files that rows are in."""
+    return [*filter(Path.exists, [folder / TABLE]), *sorted((folder / PARTS).glob("*.parquet"))]
+
+
+def read_table(folder: Path) -> Any:
+    """Return all rows of a folder in the order of the runs, as a table of pyarrow's.
+
+    Raises
+    ------
+    UserError
+        A file is none of ours, or nothing is there yet.
+    """
+    arrow, parquet = optional("pyarrow", EXTRA), optional("pyarrow.parquet", EXTRA)
+    tables = []
+    for file in files_of(folder):
+        try:
+            tables.append(parquet.read_table(file))
+            tables[-1].column("key")
+        except Exception as error:  # a file of another kind fails in many ways
+            raise UserError(f"{str(file)!r} is no table of runs: {error}") from error
+    if not tables:
+        raise UserError(f"folder {str(folder)!r} holds no runs yet")
+    return arrow.concat_tables(tables, promote_options="permissive").sort_by("run")

@@ -1,0 +1,257 @@
+"""A study from its definition to its table: many runs, made by workers, kept as they come."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mbfmu.errors import UserError
+from mbfmu.extras import optional
+
+from .aim import Found, look
+from .definition import Definition, define, read_study
+from .design import Point
+from .engine import EXTRA, Workers, here, merged
+from .records import KEPT, Records, Row, read_table, read_told
+from .work import FAILED, OK, SUSPECT, FmuJob, ModelJob, Outcome, forget
+
+Progress = Callable[[int, int, int], None]  # told runs that are done, of how many, and how many failed
+
+
+@dataclass(frozen=True)
+class Study:
+    """The runs of a study, in order.
+
+    Attributes
+    ----------
+    rows
+        A run each: what varied, what was measured, ``status`` ("ok", "suspect" or "failed") with the reason in
+        ``message``, the largest energy ``imbalance`` in J, and its CPU time in ``seconds``.
+    units
+        Of what varied and of what was measured, by name.
+    folder
+        Where it is kept.
+    found
+        What was aimed at, and its point; None: nothing was.
+    wall_time, summed_time
+        s: of the study as a whole, and of its runs together.
+    """
+
+    name: str
+    rows: tuple[Row, ...]
+    units: Mapping[str, str]
+    varied: tuple[str, ...]
+    measures: tuple[str, ...]
+    folder: Path
+    found: Found | None = None
+    wall_time: float = 0.0
+
+    @property
+    def summed_time(self) -> float:
+        """CPU time of all runs, s."""
+        return float(sum(row["seconds"] for row in self.rows))
+
+    def count(self, status: str) -> int:
+        """Return how many runs are "ok", "suspect" or "failed"."""
+        return sum(row["status"] == status for row in self.rows)
+
+    def column(self, name: str) -> Any:
+        """Return what varied or was measured, over the runs."""
+        return np.array([row[name] for row in self.rows])
+
+    def to_dataframe(self) -> Any:
+        """Return a pandas DataFrame: a row a run, by its number; units in ``attrs["units"]``."""
+        pandas = optional("pandas", EXTRA)
+        frame = pandas.DataFrame(list(self.rows)).set_index("run")
+        frame.attrs["units"] = dict(self.units)
+        return frame
+
+    def to_xarray(self) -> Any:
+        """Return an xarray Dataset: a variable for each column over ``run``, with its unit."""
+        dataset = self.to_dataframe().to_xarray()
+        for name, unit in self.units.items():
+            dataset[name].attrs["units"] = unit
+        return dataset
+
+    def trajectories(self) -> Any:
+        """Return a pandas DataFrame of the outputs that were kept, by run and time in s."""
+        pandas = optional("pandas", EXTRA)
+        if not (self.folder / KEPT).exists():
+            raise UserError("the study keeps no trajectories; name outputs in its keep")
+        frame = pandas.read_parquet(self.folder / KEPT).set_index(["run", "time"]).sort_index()
+        return frame[~frame.index.duplicated()]  # a study that was killed may have written a part twice
+
+    def __repr__(self) -> str:
+        """Return it in one line."""
+        told = ", ".join(f"{self.count(s)} {s}" for s in (OK, SUSPECT, FAILED) if self.count(s))
+        return f"<Study of {self.name}: {len(self.rows)} runs, {told}>"
+
+
+def study(
+    given: Any,
+    vary: Mapping[str, Any] | None = None,
+    measure: Mapping[str, Any] | None = None,
+    *,
+    folder: Path | str,
+    resume: bool = False,
+    scheduler: str = "",
+    workers: int = 0,
+    progress: Progress | None = None,
+    **more: Any,
+) -> Study:
+    """Make many runs of a scene, a model or an FMU, and measure each.
+
+    Parameters
+    ----------
+    given
+        A scene or its name, a model, a mechanism, the path of an FMU, or that of a study file (``.toml`` with a table
+        ``[vary]``), which says the rest.
+    vary
+        What varies, by name: parameters, inputs, settings and ``stop_time``; see :mod:`mbfmu.ensemble.variation`.
+    measure
+        What is measured, by name; see :mod:`mbfmu.ensemble.measures`.
+    folder
+        For the results.
+    resume
+        Whether the folder is that of the same study, whose runs are not made again; else it is new or empty.
+    scheduler
+        Address of a Dask scheduler; empty: processes of this machine.
+    workers
+        How many processes; 0: one a processor.
+    progress
+        Told the number of runs that are done, of all, and of those that failed.
+    **more
+        The other keys of a study file, see :mod:`mbfmu.ensemble.definition`; ``runs`` stands for ``with``.
+
+    Raises
+    ------
+    UserError
+        What is wrong with the study, the folder or the workers. A run that fails is a row with its reason.
+    """
+    return run_study(
+        define(content_of(given, vary, measure, more)), Path(folder), resume=resume, scheduler=scheduler,
+        workers=workers, progress=progress,
+    )  # fmt: skip
+
+
+def content_of(
+    given: Any, vary: Mapping[str, Any] | None, measure: Mapping[str, Any] | None, more: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return a study as its file would say it."""
+    own = {("with" if k == "runs" else k): v for k, v in more.items()}
+    if vary is not None:
+        kind = "fmu" if str(given).endswith(".fmu") else "scene"
+        return {kind: given, "vary": vary} | ({"measure": measure} if measure is not None else {}) | own
+    if not str(given).endswith(".toml"):
+        raise UserError(f"vary is not given for {given!r}; allowed: a table of what varies, or a study file")
+    return read_study(Path(given)) | own
+
+
+def run_study(
+    definition: Definition,
+    folder: Path,
+    *,
+    resume: bool = False,
+    scheduler: str = "",
+    workers: int = 0,
+    progress: Progress | None = None,
+) -> Study:
+    """Make the runs of a definition; see :func:`study`."""
+    begin = time.perf_counter()
+    job, records = definition.job(), Records(folder, definition)
+    wanted = [] if definition.aim else definition.points()
+    records.begin(resume)
+    campaign = Campaign(job, records, scheduler, workers, progress)
+    found = None
+    try:
+        if definition.aim:
+            found = look(definition.aim, definition.vary, campaign.measured, definition.sampling.seed)
+        else:
+            campaign.evaluate(wanted)
+        records.finish(campaign.keys)
+    finally:
+        campaign.close()
+        records.write()
+        forget(job)
+    return replace(load_study(folder), found=found, wall_time=time.perf_counter() - begin)
+
+
+class Campaign:
+    """Runs that are asked for, made by workers where no record of them is there yet; workers come when they are needed.
+
+    Attributes
+    ----------
+    keys
+        Of all runs that were asked for, in order.
+    """
+
+    def __init__(
+        self, job: ModelJob | FmuJob, records: Records, scheduler: str, count: int, progress: Progress | None
+    ) -> None:
+        self.keys: list[str] = []
+        self._job, self._records, self._progress = job, records, progress
+        self._where, self._seconds, self._done = (scheduler, count), 0.0, 0
+        self._workers: Workers | None = None
+
+    def evaluate(self, points: Sequence[Point]) -> None:
+        """Let there be a record of the run at each of these points."""
+        keys = [self._records.key(point) for point in points]
+        first = len(self.keys)
+        self.keys += keys
+        missing: dict[str, tuple[int, Point]] = {}
+        for k, (key, point) in enumerate(zip(keys, points, strict=True), first):
+            if key not in self._records.done:
+                missing.setdefault(key, (k, point))
+        waiting = list(missing.values())
+        self._done += len(keys) - len(waiting)
+        self._tell()
+        if waiting and not self._seconds:
+            outcome = here(self._job, waiting[0])
+            self._take([outcome], dict(waiting))
+            self._seconds, waiting = outcome.seconds, waiting[1:]
+        if waiting:
+            self._workers = self._workers or Workers(*self._where)
+            asked = dict(waiting)
+            for outcomes in self._workers.run(self._job, waiting, self._seconds):
+                self._take(outcomes, asked)
+
+    def _take(self, outcomes: Sequence[Outcome], asked: Mapping[int, Point]) -> None:
+        whole = merged(outcomes, len(self._records.definition.measures))
+        self._records.add(whole, [asked[outcome.number] for outcome in whole])
+        self._done += len(whole)
+        self._tell()
+
+    def _tell(self) -> None:
+        if self._progress is not None:
+            self._progress(self._done, len(self.keys), self._records.failed)
+
+    def measured(self, points: Sequence[Point]) -> list[dict[str, float]]:
+        """Return the measures at each of these points; NaN where a run failed."""
+        self.evaluate(points)
+        names, asked = [m.name for m in self._records.definition.measures], self.keys[len(self.keys) - len(points) :]
+        return [dict(zip(names, self._records.done[key], strict=True)) for key in asked]
+
+    def close(self) -> None:
+        """Let the workers go."""
+        if self._workers is not None:
+            self._workers.close()
+
+
+def load_study(folder: Path | str) -> Study:
+    """Return the study that is kept in a folder, as far as it has come.
+
+    Raises
+    ------
+    UserError
+        The folder holds none.
+    """
+    folder = Path(folder)
+    told = read_told(folder)
+    written = told["study"]
+    varied, measures = tuple(written["vary"]), tuple(written.get("measure", {}))
+    return Study(told["name"], tuple(read_table(folder).to_pylist()), told["units"], varied, measures, folder)

@@ -1,0 +1,212 @@
+"""What a study runs: a scene of a model, directly or as an FMU, or any FMU for co-simulation."""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import cloudpickle
+
+import mbfmu
+from mbfmu.audit import VARIABLES
+from mbfmu.errors import UserError
+from mbfmu.mechanics import Mechanism
+from mbfmu.model import Model, check, declared, of_user, suggest
+from mbfmu.scene import Scene, default_scene, load_scene
+from mbfmu.settings import Settings
+
+from .design import Point
+from .work import STOP, Files, FmuJob, Job, ModelJob
+
+RUNS = ("simulation", "fmu", "native")
+NUMBERS = ("Real", "Integer", "Boolean", "Float64", "Float32", "Int8", "Int16", "Int32", "Int64", "UInt8", "UInt16",
+           "UInt32", "UInt64")  # fmt: skip
+
+
+def files_of(path: Path) -> Files:
+    """Return a loaded user's file with those that it imported from its folder."""
+    folder = path.resolve().parent
+    loaded = {Path(file).resolve() for m in list(sys.modules.values()) if (file := getattr(m, "__file__", None))}
+    own = next((m for m in list(sys.modules.values()) if getattr(m, "__mbfmu_file__", "") == str(path)), None)
+    beside = {folder / f"{name}.py" for name in getattr(own, "__mbfmu_beside__", ())}
+    more = {file for file in loaded if file.parent == folder and file.suffix == ".py" and own} | beside
+    found = [path.resolve(), *sorted(file for file in more if file != path.resolve() and file.exists())]
+    return Files(path.name, tuple((file.name, file.read_bytes()) for file in found))
+
+
+def digest(*content: Any) -> str:
+    """Return what tells contents apart: hexadecimal digits."""
+    told = json.dumps(content, sort_keys=True, default=lambda x: x.hex() if isinstance(x, bytes) else repr(x))
+    return sha256(told.encode()).hexdigest()[:24]
+
+
+@dataclass(frozen=True)
+class ModelSubject:
+    """A scene of a model, run without an FMU.
+
+    Attributes
+    ----------
+    units
+        By name of what may vary: parameters of the model, its inputs, settings, and ``stop_time``.
+    outputs
+        By name, their units.
+    """
+
+    scene: Scene
+    units: dict[str, str] = field(init=False)
+    outputs: dict[str, str] = field(init=False)
+    steady = True
+
+    def __post_init__(self) -> None:
+        """Build the model once; raises UserError where it cannot be built."""
+        plant, model = self.scene.model.plant(), self.scene.model
+        units = {p.name: p.unit for p in declared(Settings)} | {STOP: "s"}
+        units |= {v.name: v.unit for v in plant.inputs.variables} | {p.name: p.unit for p in model.parameters()}
+        object.__setattr__(self, "units", units)
+        audited = VARIABLES if self.scene.settings.audit else ()
+        object.__setattr__(self, "outputs", {v.name: v.unit for v in (*plant.outputs, *audited)})
+
+    @property
+    def name(self) -> str:
+        """What it is called."""
+        return self.scene.name
+
+    def check(self, name: str, value: Any) -> Any:
+        """Return a value as what varies takes it; raises UserError where it does not."""
+        model = self.scene.model
+        parameter = next((p for p in model.parameters() if p.name == name), None)
+        if parameter is not None:
+            return check(model.name, parameter, value)
+        if name == STOP:
+            return self.scene.changed(stop_time=value).stop_time
+        if name in asdict(self.scene.settings):
+            return getattr(self.scene.changed(**{name: value}).settings, name)
+        if isinstance(value, bool | str):
+            raise UserError(f"input {name!r} is {value!r}; allowed: a finite number")
+        return float(value)
+
+    def job(self, **shared: Any) -> ModelJob:
+        """Return what workers are given."""
+        scene, model = self.scene, self.scene.model
+        values = {p.name: getattr(model, p.name) for p in model.parameters()}
+        file = getattr(sys.modules.get(type(model).__module__), "__mbfmu_file__", "")
+        source: dict[str, Any] = {}
+        if file:
+            source = {"files": files_of(Path(file)), "class_name": type(model).__name__}
+        elif scene.reference and "." not in scene.reference:
+            source = {"reference": scene.reference}
+        else:
+            source = {"pickled": cloudpickle.dumps(model)}
+        about: dict[str, Any] = {"values": values, "settings": scene.settings, "stop_time": scene.stop_time}
+        about |= source | {"interval": scene.output_interval}
+        told = {k: asdict(v) if isinstance(v, Settings) else v for k, v in about.items()}
+        return ModelJob(identity=digest(model.name, told, shared), version=mbfmu.__version__, **about, **shared)
+
+
+@dataclass(frozen=True)
+class FmuSubject:
+    """An FMU for co-simulation."""
+
+    name: str
+    content: bytes
+    units: dict[str, str]
+    outputs: dict[str, str]
+    values: Mapping[str, Any]
+    stop_time: float
+    interval: float
+    steady = False
+
+    def check(self, name: str, value: Any) -> Any:
+        """Return a value as what varies takes it; raises UserError where it does not."""
+        if isinstance(value, str):
+            raise UserError(f"variable {name!r} of {self.name!r} is {value!r}; allowed: numbers, true and false")
+        return value
+
+    def job(self, **shared: Any) -> FmuJob:
+        """Return what workers are given."""
+        about: dict[str, Any] = {"values": dict(self.values), "stop_time": self.stop_time, "interval": self.interval}
+        about |= {"outputs": tuple(self.outputs.items())}
+        identity = digest(sha256(self.content).hexdigest(), about, shared)
+        return FmuJob(identity=identity, version=mbfmu.__version__, content=self.content, **about, **shared)
+
+
+Subject = ModelSubject | FmuSubject
+
+
+def subject_of(given: Any, runs: str, stop_time: float | None, interval: float | None) -> Subject:
+    """Return what is to be run: a scene or its name, a model, a mechanism, or the path of an FMU.
+
+    Raises
+    ------
+    UserError
+        It is none of these, or it cannot be built or read.
+    """
+    if runs not in RUNS:
+        raise UserError(f"runs are made with {runs!r}{suggest(str(runs), RUNS)}")
+    if isinstance(given, str | Path) and str(given).endswith(".fmu"):
+        return read_fmu(Path(given), stop_time, interval)
+    if isinstance(given, Model | Mechanism):
+        given = default_scene(of_user(given))
+    scene = load_scene(str(given)) if isinstance(given, str | Path) else given
+    if not isinstance(scene, Scene):
+        raise UserError(f"scene is {given!r}; allowed: a scene or its name, a model, a mechanism, or an FMU's path")
+    scene = scene.changed(stop_time=stop_time, output_interval=interval)
+    return ModelSubject(scene) if runs == "simulation" else exported(scene, runs == "native")
+
+
+def exported(scene: Scene, native: bool) -> FmuSubject:
+    """Return the FMU of a scene."""
+    from mbfmu.fmi import export
+
+    with tempfile.TemporaryDirectory(prefix="mbfmu_") as place:
+        path = export(
+            scene.model, Path(place) / "model.fmu", scene.settings, native=native,
+            stop_time=scene.stop_time, output_interval=scene.output_interval,
+        )  # fmt: skip
+        found = read_fmu(path, scene.stop_time, scene.output_interval)
+    return FmuSubject(**{**vars(found), "name": scene.name})
+
+
+def read_fmu(path: Path, stop_time: float | None, interval: float | None) -> FmuSubject:
+    """Return an FMU; raises UserError where the file is none for co-simulation."""
+    from fmpy import read_model_description
+
+    try:
+        content, described = path.read_bytes(), read_model_description(str(path))
+    except OSError as error:
+        raise UserError(f"FMU {str(path)!r} cannot be read: {error.strerror or error}") from error
+    except Exception as error:
+        raise UserError(f"{str(path)!r} is no FMU: {error}") from error
+    if described.coSimulation is None:
+        raise UserError(f"{str(path)!r} is no FMU for co-simulation")
+    single = [v for v in described.modelVariables if v.type in NUMBERS and not getattr(v, "dimensions", None)]
+    settable = [v for v in single if v.causality in ("parameter", "input") and v.variability != "constant"]
+    outputs = {v.name: v.unit or "1" for v in single if v.causality == "output"}
+    if not outputs:
+        raise UserError(f"FMU {str(path)!r} has no output that is a number")
+    usual = described.defaultExperiment
+    stop = stop_time or float(getattr(usual, "stopTime", None) or 0.0)
+    if not stop > 0.0:
+        raise UserError(f"FMU {str(path)!r} says no stop time; give stop_time")
+    step = interval or float(getattr(usual, "stepSize", None) or stop / 500.0)
+    units = {v.name: v.unit or "1" for v in settable} | {STOP: "s"}
+    return FmuSubject(path.stem, content, units, outputs, {}, stop, step)
+
+
+def check_point(subject: Subject, point: Point) -> Point:
+    """Return a point as the subject takes it."""
+    return {name: subject.check(name, value) for name, value in point.items()}
+
+
+def unknown(subject: Subject, name: str) -> UserError:
+    """Return the complaint that nothing of this name may vary."""
+    return UserError(f"{subject.name!r} has nothing called {name!r} that may vary{suggest(name, subject.units)}")
+
+
+__all__ = ["FmuSubject", "Job", "ModelSubject", "Subject", "subject_of"]

@@ -1,0 +1,300 @@
+"""What a worker does: it makes runs, a batch of them at a time, and measures them.
+
+A job is what all runs of a study share, small enough to travel with every batch. A worker makes it ready once.
+"""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import nan
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
+
+import cloudpickle
+import numpy as np
+
+import mbfmu
+from mbfmu.direct import communication_points, run
+from mbfmu.errors import UserError
+from mbfmu.mechanics import Variable
+from mbfmu.model import Model, find
+from mbfmu.modules import load_module
+from mbfmu.result import Result
+from mbfmu.settings import Settings
+from mbfmu.steady.problem import equilibrium
+from mbfmu.steady.state import Equilibrium
+from solvers import Statistics
+from solvers.system import Array
+
+from .design import Point
+from .measures import Measure, Steady
+
+OK, SUSPECT, FAILED = "ok", "suspect", "failed"
+STOP = "stop_time"
+
+
+class Outcome(NamedTuple):
+    """What became of one run."""
+
+    number: int
+    measures: tuple[float, ...]
+    status: str
+    message: str  # why it failed, or is not to be trusted
+    imbalance: float  # J, the largest of the run
+    seconds: float  # CPU time
+    kept: tuple[Array, Array] | None  # times, and the outputs that are kept (times, outputs)
+
+
+class Files(NamedTuple):
+    """A user's file that travels, with those that it imports from beside it."""
+
+    name: str
+    contents: tuple[tuple[str, bytes], ...]
+
+    def unpacked(self, folder: Path) -> Path:
+        """Write them into a folder; return the path of the first."""
+        for name, content in self.contents:
+            (folder / name).write_bytes(content)
+        return folder / self.name
+
+
+class Runner(Protocol):
+    """A job that is ready."""
+
+    def result(self, point: Point) -> Result:
+        """Return a run."""
+        ...
+
+    def steady(self, point: Point) -> Equilibrium:
+        """Return the steady state."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """What all runs of a study share."""
+
+    identity: str  # of the subject and of what is measured
+    version: str
+    measures: bytes  # pickled, as functions are in it
+    measure_files: tuple[Files, ...]
+    keep: tuple[str, ...]  # outputs whose history is kept
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelJob(Job):
+    """Runs of a model without an FMU.
+
+    Attributes
+    ----------
+    reference
+        Name of a registered model; empty: it travels.
+    files, class_name
+        Where the class of the model is.
+    pickled
+        A model that is in no file.
+    """
+
+    reference: str = ""
+    files: Files | None = None
+    class_name: str = ""
+    pickled: bytes = b""
+    values: Mapping[str, Any]
+    settings: Settings
+    stop_time: float
+    interval: float
+
+    def ready(self, folder: Path) -> Runner:
+        """Return it ready."""
+        if self.pickled:
+            return ModelRunner(self, cloudpickle.loads(self.pickled))
+        if self.files:
+            cls: type[Model] = getattr(load_module(self.files.unpacked(folder)), self.class_name)
+        else:
+            cls = find(self.reference)
+        return ModelRunner(self, cls(**self.values))
+
+
+class ModelRunner:
+    """Runs of a model in this process."""
+
+    def __init__(self, job: ModelJob, model: Model) -> None:
+        self.job, self._model = job, model
+        self._parameters = {p.name for p in model.parameters()}
+        self._settings = set(vars(job.settings))
+
+    def _model_at(self, point: Point) -> Model:
+        return self._model.with_values({k: v for k, v in point.items() if k in self._parameters})
+
+    def result(self, point: Point) -> Result:
+        """Return a run."""
+        settings = replace(self.job.settings, **{k: v for k, v in point.items() if k in self._settings})
+        inputs = {k: v for k, v in point.items() if k not in self._parameters | self._settings | {STOP}}
+        times = communication_points(point.get(STOP, self.job.stop_time), self.job.interval)
+        return run(self._model_at(point), settings, times, inputs=inputs)
+
+    def steady(self, point: Point) -> Equilibrium:
+        """Return the steady state."""
+        return equilibrium(self._model_at(point))
+
+
+@dataclass(frozen=True, kw_only=True)
+class FmuJob(Job):
+    """Runs of an FMU for co-simulation, of FMI 1, 2 or 3, through FMPy."""
+
+    content: bytes
+    values: Mapping[str, Any]
+    outputs: tuple[tuple[str, str], ...]  # names and units
+    stop_time: float
+    interval: float
+
+    def ready(self, folder: Path) -> Runner:
+        """Return it ready."""
+        return FmuRunner(self, folder)
+
+
+class FmuRunner:
+    """Runs of an FMU in this process; each is an instance of its own."""
+
+    def __init__(self, job: FmuJob, folder: Path) -> None:
+        from fmpy import extract, read_model_description
+
+        self.job, self._folder = job, folder / "fmu"
+        file = folder / "model.fmu"
+        file.write_bytes(job.content)
+        extract(str(file), str(self._folder))
+        self._description = read_model_description(str(self._folder))
+
+    def result(self, point: Point) -> Result:
+        """Return a run; what the FMU warns of is its verdict."""
+        from fmpy import simulate_fmu
+
+        job, told = self.job, []
+        stop = float(point.get(STOP, job.stop_time))
+        names = [name for name, _ in job.outputs]
+        failure, rows = "", None
+        try:
+            rows = simulate_fmu(
+                str(self._folder), stop_time=stop, output_interval=job.interval, output=names,
+                start_values={**job.values, **{k: v for k, v in point.items() if k != STOP}},
+                model_description=self._description, logger=lambda *given: told.append((given[2], _text(given[-1]))),
+            )  # fmt: skip
+        except Exception as error:  # FMPy raises what it likes
+            failure = _last(told) or f"{type(error).__name__}: {error}"
+        if rows is None:
+            raise UserError(failure)
+        if rows["time"][-1] < stop * (1.0 - 1e-9):
+            failure = _last(told) or f"the FMU ended at {rows['time'][-1]:g} s"
+        return Result(
+            t=rows["time"],
+            values=np.column_stack([rows[name] for name in names]).astype(float),
+            variables=tuple(Variable(name, unit, "") for name, unit in job.outputs),
+            statistics=Statistics(),
+            wall_time=0.0,
+            failure=failure,
+            verdict=next((text for status, text in told if status == 1), ""),
+        )
+
+    def steady(self, point: Point) -> Equilibrium:
+        """Refuse."""
+        raise UserError("an FMU tells no steady state")
+
+
+def _text(given: Any) -> str:
+    return given.decode(errors="replace") if isinstance(given, bytes) else str(given)
+
+
+def _last(told: Sequence[tuple[int, str]]) -> str:
+    return told[-1][1] if told else ""
+
+
+class Ready(NamedTuple):
+    """A job on this worker."""
+
+    runner: Runner
+    measures: tuple[Measure, ...]
+    keep: tuple[str, ...]
+
+
+_ready: dict[str, Ready] = {}  # by identity: as long as this process lasts
+
+
+def ready(job: ModelJob | FmuJob) -> Ready:
+    """Return a job that is ready, made so where this process has not seen it.
+
+    Raises
+    ------
+    UserError
+        This mbfmu is another version, or the model that travels cannot be loaded here.
+    """
+    if mbfmu.__version__ != job.version:
+        there = mbfmu.__version__
+        raise UserError(f"a worker has mbfmu {there}, and the study is of {job.version}; install that there")
+    if job.identity not in _ready:
+        folder = Path(tempfile.mkdtemp(prefix="study-", dir=_room()))
+        for k, files in enumerate(job.measure_files):
+            (folder / f"measures{k}").mkdir()
+            load_module(files.unpacked(folder / f"measures{k}"))
+        _ready[job.identity] = Ready(job.ready(folder), cloudpickle.loads(job.measures), job.keep)
+    return _ready[job.identity]
+
+
+def _room() -> str | None:
+    """Return the folder of this worker, which goes when it ends; None: the system's for temporary files."""
+    from distributed import get_worker
+
+    try:
+        return str(get_worker().local_directory)
+    except ValueError:  # none
+        return None
+
+
+def forget(job: ModelJob | FmuJob) -> None:
+    """Forget a job in this process, with its folder."""
+    known = _ready.pop(job.identity, None)
+    if known is not None and isinstance(known.runner, FmuRunner):
+        shutil.rmtree(known.runner._folder.parent, ignore_errors=True)
+
+
+def batch(job: ModelJob | FmuJob, points: Sequence[tuple[int, Point]]) -> list[Outcome]:
+    """Make runs and measure them; what is wrong with a run is told in its outcome."""
+    known = ready(job)
+    return [_one(known, number, point) for number, point in points]
+
+
+def _one(known: Ready, number: int, point: Point) -> Outcome:
+    begin = time.thread_time()
+    nothing = (nan,) * len(known.measures)
+    try:
+        outcome = _measured(known, number, point)
+    except UserError as error:
+        outcome = Outcome(number, nothing, FAILED, str(error), nan, 0.0, None)
+    except Exception as error:  # what a model of the user's does
+        outcome = Outcome(number, nothing, FAILED, f"{type(error).__name__}: {error}", nan, 0.0, None)
+    return outcome._replace(seconds=time.thread_time() - begin)
+
+
+def _measured(known: Ready, number: int, point: Point) -> Outcome:
+    found, of_runs = [nan] * len(known.measures), [not isinstance(m, Steady) for m in known.measures]
+    status, message, imbalance, kept = OK, "", nan, None
+    if any(of_runs) or known.keep or not of_runs:
+        result = known.runner.result(point)
+        status = FAILED if result.failure else SUSPECT if result.warning else OK
+        message = result.failure or result.warning
+        if "energy_imbalance" in result.names:
+            imbalance = float(np.abs(result["energy_imbalance"]).max())
+        if known.keep:
+            kept = result.t, np.column_stack([result[name] for name in known.keep])
+        for k, measure in enumerate(known.measures):
+            if not isinstance(measure, Steady) and status != FAILED:
+                found[k] = measure.of(result)
+    if not all(of_runs) and status != FAILED:
+        state = known.runner.steady(point)
+        for k, measure in enumerate(known.measures):
+            if isinstance(measure, Steady):
+                found[k] = measure.of(state)
+    return Outcome(number, tuple(found), status, message, imbalance, 0.0, kept)
