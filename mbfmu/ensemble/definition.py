@@ -33,8 +33,6 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-import cloudpickle
-
 from mbfmu.errors import UserError
 from mbfmu.model import suggest
 from mbfmu.modules import load_module
@@ -44,7 +42,7 @@ from .design import Point, Sampling, correlations, points
 from .measures import Measure, Own, read_measure
 from .subject import Subject, check_point, digest, files_of, subject_of, unknown
 from .variation import Listed, Variation, read_variation
-from .work import Files, FmuJob, ModelJob
+from .work import Files, FmuJob, ModelJob, pickled
 
 SAMPLING = ("count", "sampling", "seed", "together", "correlated")
 KEYS = ("scene", "fmu", "with", "stop_time", "output_interval", *SAMPLING, "keep", "vary", "measure", "aim")
@@ -78,9 +76,7 @@ class Definition:
 
     def job(self) -> ModelJob | FmuJob:
         """Return what all its runs share."""
-        return self.subject.job(
-            measures=cloudpickle.dumps(self.measures), measure_files=self.measure_files, keep=self.keep
-        )
+        return self.subject.job(measures=pickled(self.measures), measure_files=self.measure_files, keep=self.keep)
 
     def identity(self) -> str:
         """Return what tells its runs from those of another study, whatever is varied."""
@@ -206,7 +202,7 @@ def _measures(
             what = "varies" if name in vary else "is a column that every study has"
             raise UserError(f"measure {name!r} has the name of what {what}; give it another")
         if callable(value):
-            found.append(Own(name, value, digest(cloudpickle.dumps(value))))
+            found.append(Own(name, value, digest(pickled(value))))
         elif isinstance(value, str) and ".py:" in value:
             path, _, function = value.rpartition(":")
             files[path] = files.get(path) or _loaded(name, Path(path))

@@ -20,14 +20,13 @@ from mbfmu.errors import UserError
 from mbfmu.extras import optional
 
 from .design import Point
-from .work import FAILED, FmuJob, ModelJob, Outcome, batch
+from .work import EXTRA, FAILED, FmuJob, ModelJob, Outcome, batch
 
 BATCH = 0.5  # s of work
 LARGEST = 1000  # runs of a batch
 BRIEF = 2.0  # s: a first run that took longer is not made again to know what it takes when all is compiled
 AHEAD = 3  # batches under way for each worker
 ANSWER = 15.0  # s to wait for a scheduler, and for a first worker
-EXTRA = "study"
 
 
 class Workers:

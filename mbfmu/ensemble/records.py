@@ -22,8 +22,7 @@ from mbfmu.extras import optional
 
 from .definition import COLUMNS, Definition, key_of
 from .design import Point
-from .engine import EXTRA
-from .work import FAILED, Outcome
+from .work import EXTRA, FAILED, Outcome
 
 FORMAT = 1
 TOLD, TABLE, PARTS, KEPT = "study.json", "runs.parquet", "parts", "trajectories"

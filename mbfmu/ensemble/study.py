@@ -16,9 +16,9 @@ from mbfmu.extras import optional
 from .aim import Found, look
 from .definition import Definition, define, read_study
 from .design import Point
-from .engine import EXTRA, Workers, here, merged
+from .engine import Workers, here, merged
 from .records import KEPT, Records, Row, read_table, read_told
-from .work import FAILED, OK, SUSPECT, FmuJob, ModelJob, Outcome, forget
+from .work import EXTRA, FAILED, OK, SUSPECT, FmuJob, ModelJob, Outcome, forget
 
 Progress = Callable[[int, int, int], None]  # told runs that are done, of how many, and how many failed
 

@@ -11,8 +11,6 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-import cloudpickle
-
 import mbfmu
 from mbfmu.audit import VARIABLES
 from mbfmu.errors import UserError
@@ -22,7 +20,7 @@ from mbfmu.scene import Scene, default_scene, load_scene
 from mbfmu.settings import Settings
 
 from .design import Point
-from .work import STOP, Files, FmuJob, Job, ModelJob
+from .work import STOP, Files, FmuJob, Job, ModelJob, pickled
 
 RUNS = ("simulation", "fmu", "native")
 NUMBERS = ("Real", "Integer", "Boolean", "Float64", "Float32", "Int8", "Int16", "Int32", "Int64", "UInt8", "UInt16",
@@ -102,7 +100,7 @@ class ModelSubject:
         elif scene.reference and "." not in scene.reference:
             source = {"reference": scene.reference}
         else:
-            source = {"pickled": cloudpickle.dumps(model)}
+            source = {"pickled": pickled(model)}
         about: dict[str, Any] = {"values": values, "settings": scene.settings, "stop_time": scene.stop_time}
         about |= source | {"interval": scene.output_interval}
         told = {k: asdict(v) if isinstance(v, Settings) else v for k, v in about.items()}

@@ -99,7 +99,10 @@ def _factor(what: str, given: str, unit: str) -> float:
     """Return by what numbers in one unit are multiplied to be in another; nothing given is the same unit."""
     if not given or given == unit:
         return 1.0
-    one, other = read_unit(given), read_unit(unit)
+    try:
+        one, other = read_unit(given), read_unit(unit)
+    except UserError as error:
+        raise UserError(f"{what}: {error}") from error
     if one.exponents != other.exponents:
         raise UserError(f"{what} is in {given!r}; allowed: what is measured in {unit!r}")
     return one.factor / other.factor

@@ -14,12 +14,12 @@ from math import nan
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
-import cloudpickle
 import numpy as np
 
 import mbfmu
 from mbfmu.direct import communication_points, run
 from mbfmu.errors import UserError
+from mbfmu.extras import optional
 from mbfmu.mechanics import Variable
 from mbfmu.model import Model, find
 from mbfmu.modules import load_module
@@ -35,6 +35,17 @@ from .measures import Measure, Steady
 
 OK, SUSPECT, FAILED = "ok", "suspect", "failed"
 STOP = "stop_time"
+EXTRA = "study"  # of mbfmu: the packages that studies need
+
+
+def pickled(content: Any) -> bytes:
+    """Return as bytes what workers are to have, functions and classes that they cannot import included."""
+    return bytes(optional("cloudpickle", EXTRA).dumps(content))
+
+
+def loaded(content: bytes) -> Any:
+    """Return what was pickled."""
+    return optional("cloudpickle", EXTRA).loads(content)
 
 
 class Outcome(NamedTuple):
@@ -111,7 +122,7 @@ class ModelJob(Job):
     def ready(self, folder: Path) -> Runner:
         """Return it ready."""
         if self.pickled:
-            return ModelRunner(self, cloudpickle.loads(self.pickled))
+            return ModelRunner(self, loaded(self.pickled))
         if self.files:
             cls: type[Model] = getattr(load_module(self.files.unpacked(folder)), self.class_name)
         else:
@@ -239,16 +250,14 @@ def ready(job: ModelJob | FmuJob) -> Ready:
         for k, files in enumerate(job.measure_files):
             (folder / f"measures{k}").mkdir()
             load_module(files.unpacked(folder / f"measures{k}"))
-        _ready[job.identity] = Ready(job.ready(folder), cloudpickle.loads(job.measures), job.keep)
+        _ready[job.identity] = Ready(job.ready(folder), loaded(job.measures), job.keep)
     return _ready[job.identity]
 
 
 def _room() -> str | None:
     """Return the folder of this worker, which goes when it ends; None: the system's for temporary files."""
-    from distributed import get_worker
-
     try:
-        return str(get_worker().local_directory)
+        return str(optional("distributed", EXTRA).get_worker().local_directory)
     except ValueError:  # none
         return None
 
