@@ -138,9 +138,10 @@ def summary(study: Any) -> str:
         if not len(values):
             lines.append(f"  {name}: in no run")
         else:
-            low, middle, high = np.quantile(values, (0.05, 0.5, 0.95))
-            told = f"  {name}: {middle:.6g} {study.units.get(name, '')}, 5 to 95 % {low:.6g} to {high:.6g}"
-            lines.append(f"{told}, least {values.min():.6g}, largest {values.max():.6g}")
+            unit = study.units[name] if study.units[name] != "1" else ""
+            low, middle, high = np.quantile(values, (0.05, 0.5, 0.95)) + 0.0
+            told = f"  {name}: {middle:.6g} {unit}".rstrip() + f", 5 to 95 % {low:.6g} to {high:.6g}"
+            lines.append(f"{told}, least {values.min() + 0.0:.6g}, largest {values.max() + 0.0:.6g}")
     if study.found:
         point = ", ".join(f"{name} = {value:.6g}" for name, value in study.found.point.items())
         lines.append(f"  best: {point} ({study.found.ended})")

@@ -10,6 +10,9 @@ correlated = [["crank_length", "rocker_length", 0.8]]
 keep = ["crank.angle"]         # outputs whose whole history is kept
 stop_time = 10.0               # s; the scene's where it is not given, as output_interval
 
+[fixed]                        # what differs from the scene in every run
+solver = "adams"
+
 [vary]
 crank_length = "1 m +- 0.01 mm"
 gravity = [1.62, 3.71, 9.81]
@@ -45,7 +48,7 @@ from .variation import Listed, Variation, read_variation
 from .work import Files, FmuJob, ModelJob, pickled
 
 SAMPLING = ("count", "sampling", "seed", "together", "correlated")
-KEYS = ("scene", "fmu", "with", "stop_time", "output_interval", *SAMPLING, "keep", "vary", "measure", "aim")
+KEYS = ("scene", "fmu", "with", "stop_time", "output_interval", *SAMPLING, "keep", "fixed", "vary", "measure", "aim")
 COLUMNS = ("run", "key", "status", "message", "imbalance", "seconds")  # of a table of runs, beside the study's own
 
 
@@ -55,8 +58,8 @@ class Definition:
 
     Attributes
     ----------
-    vary
-        What varies, by name.
+    fixed, vary
+        Values that every run has, and what varies, by name.
     measures
         What is measured of each run, in order.
     keep
@@ -66,6 +69,7 @@ class Definition:
     """
 
     subject: Subject
+    fixed: dict[str, Any]
     vary: dict[str, Variation]
     sampling: Sampling
     measures: tuple[Measure, ...]
@@ -76,12 +80,14 @@ class Definition:
 
     def job(self) -> ModelJob | FmuJob:
         """Return what all its runs share."""
-        return self.subject.job(measures=pickled(self.measures), measure_files=self.measure_files, keep=self.keep)
+        return self.subject.job(
+            measures=pickled(self.measures), measure_files=self.measure_files, keep=self.keep, fixed=self.fixed
+        )
 
     def identity(self) -> str:
         """Return what tells its runs from those of another study, whatever is varied."""
         told = [(m.name, getattr(m, "told", None) or repr(m)) for m in self.measures]
-        bare = self.subject.job(measures=b"", measure_files=(), keep=self.keep)
+        bare = self.subject.job(measures=b"", measure_files=(), keep=self.keep, fixed=self.fixed)
         return digest(bare.identity, bare.version, told)
 
     def points(self) -> list[Point]:
@@ -150,6 +156,7 @@ def define(content: Mapping[str, Any]) -> Definition:
         given, content.get("with", "simulation"), content.get("stop_time"), content.get("output_interval")
     )
     vary = _vary(subject, content.get("vary"))
+    fixed = _fixed(subject, content.get("fixed", {}), vary)
     aim = read_aim(content.get("aim"), vary, content.get("measure") or {})
     measures, files = _measures(subject, content.get("measure") or {}, vary)
     given_sampling = {("method" if k == "sampling" else k): content[k] for k in SAMPLING if k in content}
@@ -157,6 +164,7 @@ def define(content: Mapping[str, Any]) -> Definition:
         given_sampling["correlated"] = correlations(given_sampling["correlated"], vary)
     return Definition(
         subject=subject,
+        fixed=fixed,
         vary=vary,
         sampling=Sampling(**given_sampling),
         measures=measures,
@@ -188,6 +196,17 @@ def _vary(subject: Subject, given: Any) -> dict[str, Variation]:
             own = Listed(tuple(check_point(subject, {name: x})[name] for x in own.values))
         found[name] = own
     return found
+
+
+def _fixed(subject: Subject, given: Any, vary: Mapping[str, Variation]) -> dict[str, Any]:
+    if not isinstance(given, Mapping):
+        raise UserError(f"fixed is {given!r}; allowed: a table of values by their names")
+    for name in given:
+        if name not in subject.units:
+            raise unknown(subject, str(name))
+        if name in vary:
+            raise UserError(f"{name!r} is fixed and varies; allowed: one of the two")
+    return check_point(subject, dict(given))
 
 
 def _measures(

@@ -28,12 +28,12 @@ NUMBERS = ("Real", "Integer", "Boolean", "Float64", "Float32", "Int8", "Int16", 
 
 
 def files_of(path: Path) -> Files:
-    """Return a loaded user's file with those that it imported from its folder."""
-    folder = path.resolve().parent
-    loaded = {Path(file).resolve() for m in list(sys.modules.values()) if (file := getattr(m, "__file__", None))}
-    own = next((m for m in list(sys.modules.values()) if getattr(m, "__mbfmu_file__", "") == str(path)), None)
+    """Return a loaded user's file with those that it imported from its folder; not the script that is run."""
+    folder, known = path.resolve().parent, [m for name, m in list(sys.modules.items()) if name != "__main__"]
+    own = next((m for m in known if getattr(m, "__mbfmu_file__", "") == str(path)), None)
+    loaded = {Path(file).resolve() for m in known if (file := getattr(m, "__file__", None))}
     beside = {folder / f"{name}.py" for name in getattr(own, "__mbfmu_beside__", ())}
-    more = {file for file in loaded if file.parent == folder and file.suffix == ".py" and own} | beside
+    more = {file for file in loaded if file.parent == folder and file.suffix == ".py"} | beside
     found = [path.resolve(), *sorted(file for file in more if file != path.resolve() and file.exists())]
     return Files(path.name, tuple((file.name, file.read_bytes()) for file in found))
 

@@ -94,6 +94,7 @@ class Job:
     measures: bytes  # pickled, as functions are in it
     measure_files: tuple[Files, ...]
     keep: tuple[str, ...]  # outputs whose history is kept
+    fixed: Mapping[str, Any]  # values that every run has
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -229,6 +230,7 @@ class Ready(NamedTuple):
     runner: Runner
     measures: tuple[Measure, ...]
     keep: tuple[str, ...]
+    fixed: Mapping[str, Any]
 
 
 _ready: dict[str, Ready] = {}  # by identity: as long as this process lasts
@@ -250,7 +252,7 @@ def ready(job: ModelJob | FmuJob) -> Ready:
         for k, files in enumerate(job.measure_files):
             (folder / f"measures{k}").mkdir()
             load_module(files.unpacked(folder / f"measures{k}"))
-        _ready[job.identity] = Ready(job.ready(folder), loaded(job.measures), job.keep)
+        _ready[job.identity] = Ready(job.ready(folder), loaded(job.measures), job.keep, job.fixed)
     return _ready[job.identity]
 
 
@@ -279,7 +281,7 @@ def _one(known: Ready, number: int, point: Point) -> Outcome:
     begin = time.thread_time()
     nothing = (nan,) * len(known.measures)
     try:
-        outcome = _measured(known, number, point)
+        outcome = _measured(known, number, {**known.fixed, **point})
     except UserError as error:
         outcome = Outcome(number, nothing, FAILED, str(error), nan, 0.0, None)
     except Exception as error:  # what a model of the user's does

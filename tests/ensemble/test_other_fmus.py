@@ -1,0 +1,97 @@
+"""Studies of FMUs of other tools: one in C that is built here."""
+
+from __future__ import annotations
+
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+
+from mbfmu.ensemble.definition import define
+from mbfmu.ensemble.work import FAILED, batch, forget
+from mbfmu.errors import UserError
+
+pytestmark = pytest.mark.skipif(
+    not shutil.which("cc") or sys.platform != "linux" or platform.machine() != "x86_64",
+    reason="needs a C compiler, and linux on x86_64",
+)
+
+DESCRIBED = """<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="2.0" modelName="oscillator" guid="{1}">
+ <CoSimulation modelIdentifier="oscillator" canHandleVariableCommunicationStepSize="true"/>
+ <DefaultExperiment startTime="0" stopTime="1" stepSize="0.01"/>
+ <ModelVariables>
+  <ScalarVariable name="x" valueReference="0" causality="output"><Real/></ScalarVariable>
+  <ScalarVariable name="v" valueReference="1" causality="output"><Real/></ScalarVariable>
+  <ScalarVariable name="k" valueReference="2" causality="parameter" variability="fixed">
+   <Real start="1"/>
+  </ScalarVariable>
+ </ModelVariables>
+ <ModelStructure><Outputs><Unknown index="1"/><Unknown index="2"/></Outputs></ModelStructure>
+</fmiModelDescription>
+"""
+
+
+@pytest.fixture(scope="module")
+def oscillator(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("oscillator")
+    library = folder / "oscillator.so"
+    source = Path(__file__).with_name("oscillator.c")
+    subprocess.run(["cc", "-O2", "-shared", "-fPIC", str(source), "-o", str(library), "-lm"], check=True)
+    path = folder / "oscillator.fmu"
+    with zipfile.ZipFile(path, "w") as file:
+        file.writestr("modelDescription.xml", DESCRIBED)
+        file.write(library, "binaries/linux64/oscillator.so")
+    return path
+
+
+def test_a_thousand_runs_leave_nothing_behind(oscillator: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    study = define({
+        "fmu": str(oscillator), "vary": {"k": {"from": 1.0, "to": 4.0}}, "count": 1000,
+        "measure": {"end": "end x", "fastest": "largest v"},
+    })  # fmt: skip
+    job, points = study.job(), list(enumerate(study.points()))
+    process, found, sizes = psutil.Process(), [], []
+    for k in range(0, 1000, 100):
+        found += batch(job, points[k : k + 100])
+        sizes.append((process.memory_info().rss, process.num_fds(), len(list(tmp_path.iterdir()))))
+    k = np.array([point["k"] for _, point in points])
+    assert np.array([o.measures[0] for o in found]) == pytest.approx(np.cos(np.sqrt(k)), abs=1e-6)
+    memory, handles, files = (np.array(column) for column in zip(*sizes, strict=True))
+    assert memory[-1] - memory[2] < 4e6
+    assert handles[-1] == handles[1]
+    assert files[-1] == 1
+    forget(job)
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_fails_is_told(oscillator: Path):
+    study = define({"fmu": str(oscillator), "vary": {"k": [1.0, -1.0]}, "measure": {"end": "end x"}})
+    job = study.job()
+    good, bad = batch(job, list(enumerate(study.points())))
+    assert good.measures == pytest.approx((np.cos(1.0),), abs=1e-6)
+    assert bad.status == FAILED
+    assert "fmi2ExitInitializationMode" in bad.message
+    forget(job)
+
+
+def test_what_is_asked_wrongly_is_told(oscillator: Path, tmp_path: Path):
+    told = {"fmu": str(oscillator), "vary": {"k": [1.0]}, "measure": {"end": "end x"}}
+    for change, text in (
+        ({"vary": {"q": [1.0]}}, "nothing called 'q'"), ({"measure": {"end": "end y"}}, "no output 'y'"),
+        ({"measure": {"f": "frequency 1"}}, "no steady states"), ({"vary": {"k": ["soft"]}}, "'soft'"),
+        ({"fmu": str(tmp_path / "none.fmu")}, "cannot be read"),
+    ):  # fmt: skip
+        with pytest.raises(UserError, match=text):
+            define({**told, **change})
+    (tmp_path / "odd.fmu").write_text("no zip")
+    with pytest.raises(UserError, match="is no FMU"):
+        define({**told, "fmu": str(tmp_path / "odd.fmu")})
