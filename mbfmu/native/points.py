@@ -19,7 +19,11 @@ TOLD = np.dtype(
         ("code", np.int64),  # how the last advance ended
         ("unknown", np.int64),  # 1: the rate of a support that departs jumps where its impulse is not known
         ("jumps", np.int64),  # 1: a support has jumped in position, farther than its rate explains
+        ("flaw", np.int64),  # what is wrong with the start, see starting.Flaw; zero: nothing
         ("lost", np.int64),  # 1: the balance of energy and work was lost
+        ("lost_at", np.float64),  # s, where that was seen first; by how much, and what was exchanged until then, J
+        ("imbalance", np.float64),
+        ("exchanged", np.float64),
         ("before", np.float64),  # J, energy before parameters change
         ("bent", np.float64),  # rad, the sharpest angle of a plate's edge at the last communication point
     ],
@@ -101,8 +105,10 @@ def arrive(s: Any, t: float, code: int) -> None:
 def look(s: Any, now: float) -> float:
     """Hold the reported state, of energy ``now``, to its balance; return the imbalance, J."""
     imbalance, lost = judge(s.balance, now, s.given.ledger)
-    if lost:
-        s.told[0].lost = 1
+    told = s.told[0]
+    if lost and told.lost == 0:
+        told.lost, told.lost_at = 1, s.clock[0]
+        told.imbalance, told.exchanged = imbalance, s.given.ledger[EXCHANGED]
     return imbalance
 
 

@@ -217,6 +217,11 @@ static Outcome start_anew(Instance *own)
         tell_stop(own, code, text);
         return fail(own, ERROR, text);
     }
+    const Told *told = (const Told *)(own->block + own->header->told_at);
+    if (told->flaw) {
+        tell_assembly(own, told->flaw, text);
+        return fail(own, ERROR, text);
+    }
     own->reached = own->start;
     return evaluate(own);
 }
@@ -306,9 +311,7 @@ static void look_around(Instance *own, const Told *told)
                   "communication step");
     }
     if (told->lost) {
-        SAY(own->message, "the energy balance is lost: the energy has changed otherwise than by the work done on it, "
-                          "by more than the tolerance explains. The motion is not to be trusted: tighten the tolerance "
-                          "or take another solver, and compare");
+        tell_loss(own, own->message);
         if (!own->warned_balance)
             warn(own, own->message);
         own->warned_balance = true;
