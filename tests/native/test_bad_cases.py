@@ -187,6 +187,21 @@ def test_states_of_other_formats_and_lengths_are_refused(fmu: Instance):
     fmu.release(state)
 
 
+def test_a_balance_that_is_lost_is_told_in_the_numbers_of_a_simulation(tmp_path: Path):
+    """Partitioning by LU does not survive the singular position, and at a loose tolerance it does not stop there."""
+    settings = Settings(solver="adams-lu", tolerance=1e-2)
+    four_bar = Binary(export(FourBar(), tmp_path / "model.fmu", settings, native=True), tmp_path).instantiate()
+    simulation = Simulation(FourBar(), settings)
+    assert begin(four_bar) == OK
+    for k in range(20):
+        assert four_bar.step(0.1 * k, 0.1) == OK
+        assert simulation.advance(0.1 * k + 0.1).ok
+        assert four_bar.get("String", [references(four_bar)["solver.message"]])[1] == [simulation.verdict.encode()]
+    assert simulation.verdict.startswith("the energy balance is lost at t = ")
+    assert [text for _, text in four_bar.binary.logged] == [simulation.verdict]  # once
+    four_bar.free()
+
+
 LATER = {  # what else is a constant in native FMUs
     "governor": set(), "pendulum": set(),
     "sheet": {"length", "width", "poisson", "held_part", "damping", "drag", "pressure"},
