@@ -18,7 +18,17 @@ from numpy.typing import NDArray
 from mbfmu.errors import UserError
 from mbfmu.interface import COUNTERS
 from mbfmu.mechanics import couplings, cuts, elements, joints, loads, sensors, signals
-from mbfmu.mechanics.arrays.points import CHANGED, DEPARTS, JUMPS, MOVES, InputRecords, set_out, start_input
+from mbfmu.mechanics.arrays.points import (
+    CHANGED,
+    DEPARTS,
+    JUMPS,
+    MOVES,
+    InputRecords,
+    perturb,
+    recall,
+    set_out,
+    start_input,
+)
 from mbfmu.mechanics.arrays.tables import REAL, Called
 from mbfmu.mechanics.elements import Plate
 from mbfmu.mechanics.kind import Kind, kernel_of, kinds_of, record_of
@@ -38,7 +48,7 @@ from solvers.system import Array
 
 from .families import FAMILIES, SOLVERS
 from .image import Image
-from .points import TOLD, arrive, begin_points, energy_at, leave, look, look_at_plates, take, tell_balance
+from .points import TOLD, arrive, begin_points, energy_at, leave, look, look_at_plates, note_rates, take, tell_balance
 from .starting import Frames, judge_start
 
 ROLES: dict[ModuleType, type[Kind]] = {
@@ -184,6 +194,18 @@ def entries(name: str) -> dict[str, Entry]:
                 break
         return code
 
+    @kept_nowhere
+    def impulse(s: Any) -> int:
+        """Put the jump of the velocities into ``s.dv``, see :mod:`mbfmu.mechanics.arrays.points`."""
+        code: int = OK
+        for k in range(2):
+            if code == OK:
+                perturb(s.inputs, s.clock[0], float(k))
+                code = evaluated(s)
+                note_rates(s, k)
+        recall(s.inputs)
+        return code
+
     def start(s: Any, index: int, value: float) -> int:
         """Let an input have another value at the start, before :func:`begin`."""
         if not abs(value) < np.inf:
@@ -249,9 +271,12 @@ def entries(name: str) -> dict[str, Entry]:
             if found & CHANGED:
                 renewed(s, False)
             if found & DEPARTS:
-                code: int = leave(s, found & JUMPS != 0, evaluated)
+                jumps, before = found & JUMPS != 0, energy_at(s)
+                code: int = impulse(s) if jumps else OK
+                s.told[0].unknown = 1 if code != OK else 0
                 if code != OK:
                     return code
+                leave(s, before, jumps)
                 renewed(s, False)
         if end > t or s.told[0].code != OK:
             arrive(s, end, go(s, end))
