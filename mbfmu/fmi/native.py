@@ -12,6 +12,7 @@ from mbfmu.errors import UserError
 from mbfmu.model import Model
 from mbfmu.native.data import native_model
 from mbfmu.native.families import SOLVERS
+from mbfmu.native.layout import signed
 from mbfmu.native.runtime import library
 from mbfmu.native.targets import TARGETS, host
 from mbfmu.settings import AUTO, Settings
@@ -36,17 +37,16 @@ def native(
     """Return the files of an FMU that runs by itself, by their names; see :func:`mbfmu.fmi.export`."""
     names = _targets(fmi, platforms)
     settings = _with_solver(model, settings, tell)
-    token = identify(model, settings, experiment, "native", str(fmi))
-    made = native_model(model, settings, token.guid)
+    made = native_model(model, settings)
     for name, why in made.frozen.items():
         tell(f"parameter {name!r} is fixed by the export: {why}")
     owner = identify(model, settings, experiment, "native", str(fmi), sha256(made.data).hexdigest())
-    identity = Identity(name=model.name, identifier=owner.identifier, description=model.title(), guid=token.guid)
+    identity = Identity(name=model.name, identifier=owner.identifier, description=model.title(), guid=owner.guid)
     root = DESCRIBED[fmi](identity, experiment, made.variables, LOG_CATEGORIES)
     indent(root)
     content = {
         "modelDescription.xml": tostring(root, encoding="utf-8", xml_declaration=True),
-        "resources/model.bin": made.data,
+        "resources/model.bin": signed(made.data, owner.guid),
         "documentation/index.html": page(model, made.variables, needs_python=False).encode(),
     }
     for name in names:

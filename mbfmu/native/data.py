@@ -19,7 +19,7 @@ from mbfmu.simulation import Simulation
 from solvers.assembly import Outcome
 from solvers.outcome import CODES, MESSAGES, Status
 
-from . import layout
+from . import layout, starting
 from .entries import Instance, family_of, image_of
 from .families import FAMILIES
 from .image import Image
@@ -50,8 +50,8 @@ class NativeModel(NamedTuple):
     data: bytes
 
 
-def native_model(model: Model, settings: Settings, token: str) -> NativeModel:
-    """Return a model for the runtime; ``token`` is the identity of its FMU.
+def native_model(model: Model, settings: Settings) -> NativeModel:
+    """Return a model for the runtime, which is of no FMU yet: see :func:`.layout.signed`.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def native_model(model: Model, settings: Settings, token: str) -> NativeModel:
     live = _steady(model) if settings.start_at_equilibrium else find_live(model)
     frozen = {name: why for name, why in live.frozen.items() if not _structural(model, name)}
     variables = tuple(_native(v, model, live) for v in interface(model, settings, simulation.plant))
-    return NativeModel(variables, frozen, _File(simulation, instance, image, live, variables).write(token))
+    return NativeModel(variables, frozen, _File(simulation, instance, image, live, variables).write())
 
 
 def _steady(model: Model) -> Live:
@@ -104,7 +104,7 @@ class _File:
             "massless": image.at(instance.start.scratch.massless),
         }  # fmt: skip
 
-    def write(self, token: str) -> bytes:
+    def write(self) -> bytes:
         """Return the bytes of the file."""
         rows: dict[str, list[tuple[Any, ...]]] = {name: [] for name in ("sums", "terms", "factors")}
         rows["variables"] = [self._variable(v) for v in self._variables]
@@ -112,9 +112,11 @@ class _File:
         rows["places"], rows["kernels"] = list(self._image.places), list(self._image.kernels)
         rows["sentences"] = [self._sentence(code) for code in CODES]
         system = self._simulation.plant.system
-        rows["failures"] = [self._failure(SENTENCES.get(outcome, "")) for outcome in Outcome]
+        said = SENTENCES | starting.SENTENCES
+        rows["failures"] = [self._failure(said.get(outcome, "")) for outcome in (*Outcome, *starting.Flaw)]
         rows["rows"] = [(self._say(name),) for name in system.constraint_names]
         rows["coordinates"] = [(self._say(name),) for name in system.coordinate_names]
+        rows["cuts"] = [(self._say(handle.name),) for handle in self._simulation.plant.mechanism.cuts]
         rows["text"] = [(byte,) for byte in self._text]
         header = np.zeros(1, layout.HEADER)
         at, parts = layout.HEADER.itemsize, []
@@ -123,7 +125,7 @@ class _File:
             header[name], header[f"{name}_count"] = at, len(section)
             parts.append(_padded(section.tobytes()))
             at += len(parts[-1])
-        header["magic"], header["token"], header["block"] = layout.MAGIC, token.encode(), at
+        header["magic"], header["block"] = layout.MAGIC, at
         header["family"] = list(FAMILIES).index(family_of(self._simulation))
         header["size"], header["saved"], header["root"] = self._image.size, self._image.saved, self._image.root
         for name, place in self._places.items():

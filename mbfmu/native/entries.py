@@ -18,7 +18,17 @@ from numpy.typing import NDArray
 from mbfmu.errors import UserError
 from mbfmu.interface import COUNTERS
 from mbfmu.mechanics import couplings, cuts, elements, joints, loads, sensors, signals
-from mbfmu.mechanics.arrays.points import CHANGED, DEPARTS, JUMPS, MOVES, InputRecords, set_out, start_input
+from mbfmu.mechanics.arrays.points import (
+    CHANGED,
+    DEPARTS,
+    JUMPS,
+    MOVES,
+    InputRecords,
+    perturb,
+    recall,
+    set_out,
+    start_input,
+)
 from mbfmu.mechanics.arrays.tables import REAL, Called
 from mbfmu.mechanics.elements import Plate
 from mbfmu.mechanics.kind import Kind, kernel_of, kinds_of, record_of
@@ -38,7 +48,8 @@ from solvers.system import Array
 
 from .families import FAMILIES, SOLVERS
 from .image import Image
-from .points import TOLD, arrive, begin_points, energy_at, leave, look, look_at_plates, take, tell_balance
+from .points import TOLD, arrive, begin_points, energy_at, leave, look, look_at_plates, note_rates, take, tell_balance
+from .starting import Frames, judge_start
 
 ROLES: dict[ModuleType, type[Kind]] = {
     joints: joints.Joint, cuts: cuts.Cut, couplings: couplings.Coupling, loads: loads.Load, elements: loads.Load,
@@ -72,6 +83,7 @@ class Instance(NamedTuple):
     told: NDArray[Any]  # (1,) TOLD
     dv: Array  # (n,) jump of the velocities
     plates: NDArray[Any]  # (P,) records of all plates
+    frames: Any  # mbfmu.native.starting.Frames
 
 
 class Entry(NamedTuple):
@@ -108,7 +120,7 @@ def instance_of(simulation: Simulation) -> Instance:
     rooms = np.zeros(system.n), np.zeros(system.m), np.zeros(len(simulation.variables))
     settings = stepper.options.record(), np.zeros(len(COUNTERS), np.int64)
     balance = simulation.audit.balance.copy() if simulation.audit else records(1, BALANCE)
-    books = plant.inputs.own, balance, records(1, TOLD), np.zeros(system.n), plant.records(Plate)
+    books = plant.inputs.own, balance, records(1, TOLD), np.zeros(system.n), plant.records(Plate), Frames.of(plant)
     return Instance(own, start, *rooms, np.array([simulation.t]), known, *settings, *books)  # type: ignore[arg-type]
 
 
@@ -154,8 +166,9 @@ def example(name: str) -> Any:
     given = Given(eqs, records(1, family.loop.SETTINGS), *own, z(1), z(1), z(ROW))
     start = Start(z(1), z(1), Scratch.allocate(1, 1))
     settings = records(1, OPTIONS), np.zeros(1, np.int64), InputRecords.example()
-    more: tuple[Any, ...] = *settings, records(1, BALANCE), records(1, TOLD), z(1), records(1, record_of(Plate))
-    return hold(Instance(given, start, z(1), z(1), z(1), z(1), z(3), *more))
+    frames = Frames(z(1, np.int64), z(1))
+    books: tuple[Any, ...] = records(1, BALANCE), records(1, TOLD), z(1), records(1, record_of(Plate)), frames
+    return hold(Instance(given, start, z(1), z(1), z(1), z(1), z(3), *settings, *books))
 
 
 _named = cache(by_name)  # what two families call is compiled once
@@ -181,6 +194,18 @@ def entries(name: str) -> dict[str, Entry]:
                 break
         return code
 
+    @kept_nowhere
+    def impulse(s: Any) -> int:
+        """Put the jump of the velocities into ``s.dv``, see :mod:`mbfmu.mechanics.arrays.points`."""
+        code: int = OK
+        for k in range(2):
+            if code == OK:
+                perturb(s.inputs, s.clock[0], float(k))
+                code = evaluated(s)
+                note_rates(s, k)
+        recall(s.inputs)
+        return code
+
     def start(s: Any, index: int, value: float) -> int:
         """Let an input have another value at the start, before :func:`begin`."""
         if not abs(value) < np.inf:
@@ -192,6 +217,7 @@ def entries(name: str) -> dict[str, Entry]:
         """Let the reported state be the start with its loops closed at t (s); return a code of solvers.assembly.
 
         Where it is not ASSEMBLED, ``worst`` or ``massless`` of the scratch says what is wrong, and there is no state.
+        It may be TURNED too.
         """
         code: int = assembled(s, t)
         return code
@@ -200,12 +226,13 @@ def entries(name: str) -> dict[str, Entry]:
         """Begin at t (s) and the reported state, as a stepper that is constructed there."""
         g = s.given
         s.clock[0], g.scales.rtol[0] = t, s.options[0].rtol
-        code: int = begun(s, t)
+        code, rate = begun(s, t)
         renewed(s, True)
         s.balance[0].kept = 1 if s.options[0].audit == 1 and g.v.shape[0] > g.memory.control[0].rank else 0
         s.balance[0].tolerance = s.options[0].rtol
         begin_points(s, code)
-        return code
+        s.told[0].flaw = judge_start(t, rate, g.q, g.work.size_q, g.scales.rtol[0], s.start.scratch.worst[0])
+        return int(code)
 
     def renew(s: Any) -> int:
         """Go on where loads have changed."""
@@ -244,9 +271,12 @@ def entries(name: str) -> dict[str, Entry]:
             if found & CHANGED:
                 renewed(s, False)
             if found & DEPARTS:
-                code: int = leave(s, found & JUMPS != 0, evaluated)
+                jumps, before = found & JUMPS != 0, energy_at(s)
+                code: int = impulse(s) if jumps else OK
+                s.told[0].unknown = 1 if code != OK else 0
                 if code != OK:
                     return code
+                leave(s, before, jumps)
                 renewed(s, False)
         if end > t or s.told[0].code != OK:
             arrive(s, end, go(s, end))

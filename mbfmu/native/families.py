@@ -30,6 +30,8 @@ from solvers.steppers.radau.formulas import Memory
 from solvers.steppers.radau.small import STOPS
 from solvers.system import Equations, Terms
 
+from .starting import find_turned
+
 SMALL = {name: getattr(recursions, name) for name in Equations._fields[:-2]}
 LARGE = {name: getattr(recursions, name) for name in tree.TreeEquations._fields[:-1]}
 LARGE["power"] = recursions.solved_power
@@ -44,7 +46,7 @@ class Family(NamedTuple):
     memory: Callable[..., Any]  # (nq, n, m): what is remembered from step to step
     work: Callable[..., Any]  # (nq, n, m, positions): scratch, with units ``size``
     assemble: Any  # (s, t) -> code of solvers.assembly: the reported state is the start with its loops closed
-    begin: Any  # (s, t) -> code: options, units and paces as a stepper's constructor takes them
+    begin: Any  # (s, t) -> code and rate (1/s): options, units and paces as a stepper's constructor takes them
     evaluate: Any  # (s) -> code: accelerations and multipliers at the reported state
     renew: Any  # (s, fresh): go on at the reported state; fresh: nothing is kept of what was known
     limit: Any  # (g, longest): no step from here on is longer, s
@@ -56,6 +58,8 @@ def assemble_small(s: Any, t: float) -> int:
     """Where it is not ASSEMBLED, ``worst`` or ``massless`` of the scratch says what is wrong, and there is no state."""
     g, start, work = s.given, s.start, s.start.scratch
     code: int = close_positions(g.eqs, t, start.q, g.q, work)
+    if code == ASSEMBLED:
+        code = find_turned(s.frames, g.eqs.data, work.worst[0])
     if code == ASSEMBLED:
         code = close_velocities(g.eqs, t, g.q, start.v, s.known[0], g.v, work)
     if code == ASSEMBLED:
@@ -87,29 +91,29 @@ def find_out(s: Any, t: float) -> tuple[int, int]:
 
 
 @kernel
-def begin_adams(s: Any, t: float) -> int:
+def begin_adams(s: Any, t: float) -> tuple[int, float]:
     """As ``AdamsStepper`` is made."""
     adams.take_options(s.options, s.given.settings)
     code, rank = find_out(s, t)
     adams.set_up(s.given, rank, s.options[0].absolute)
-    return code
+    return code, s.given.work.rate[0]
 
 
 @kernel
-def begin_radau(s: Any, t: float) -> int:
+def begin_radau(s: Any, t: float) -> tuple[int, float]:
     """As ``RadauStepper`` is made."""
     radau.take_options(s.options, s.given.settings)
     code, rank = find_out(s, t)
     radau.set_up(s.given, rank, s.options[0].absolute)
-    return code
+    return code, s.given.work.rate[0]
 
 
 @kernel
-def begin_tree(s: Any, t: float) -> int:
+def begin_tree(s: Any, t: float) -> tuple[int, float]:
     """As ``TreeAdamsStepper`` is made."""
     adams.take_options(s.options, s.given.settings)
     tree.set_up(s.given, t, s.known[0])
-    return OK
+    return OK, s.given.settings[0].rate
 
 
 @kernel

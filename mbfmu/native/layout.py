@@ -23,9 +23,10 @@ from solvers.outcome import Code
 
 from .entries import Entry
 from .points import TOLD
+from .starting import Flaw
 
 WORDS = {types.float64: "double", types.int64: "int64_t"}  # what entry points are called with
-MAGIC = int.from_bytes(b"mbfmu15c", "little")
+MAGIC = int.from_bytes(b"mbfmu15d", "little")
 TOKEN = 40  # bytes of the identity of an FMU
 
 RELOCATION = np.dtype([("at", "i8"), ("target", "i8")])  # see image.Relocation
@@ -60,7 +61,7 @@ TERM = np.dtype([("factors", "i8"), ("count", "i8"), ("coefficient", "f8")])
 FACTOR = np.dtype([("variable", "i8"), ("power", "f8")])  # of variable LENGTH the characteristic length
 LENGTH = -1
 SENTENCE = np.dtype([("what", "i8"), ("remedy", "i8")])  # places in the text, by solvers.outcome.Code
-FAILURE = np.dtype([("before", "i8"), ("between", "i8"), ("after", "i8")])  # likewise, by solvers.assembly.Outcome
+FAILURE = np.dtype([("before", "i8"), ("between", "i8"), ("after", "i8")])  # by Outcome, then starting.Flaw
 NAME = np.dtype([("name", "i8")])  # place in the text
 
 SECTIONS = {
@@ -75,6 +76,7 @@ SECTIONS = {
     "failures": FAILURE,
     "rows": NAME,
     "coordinates": NAME,
+    "cuts": NAME,
     "text": np.dtype("u1"),
 }
 PLACES = (
@@ -107,6 +109,12 @@ STRUCTS = {
 }  # fmt: skip
 
 
+def signed(data: bytes, token: str) -> bytes:
+    """Return a file with the identity of the FMU that it is of."""
+    at, own = HEADER.fields["token"][1], token.encode().ljust(TOKEN, b"\0")  # type: ignore[index]  # it has names
+    return data[:at] + own + data[at + TOKEN :]
+
+
 def declarations(families: Iterable[str], entries: Iterable[tuple[str, Entry]]) -> str:
     """Return the C header of these records, and of the entry points that all families have, by their names."""
     known = [(name, [WORDS[word] for word in entry.more]) for name, entry in entries]
@@ -121,7 +129,7 @@ def declarations(families: Iterable[str], entries: Iterable[tuple[str, Entry]]) 
         _enum("SETTABLE", SETTABLE),
         _enum("SETTING", (p.name for p in declared(Settings))),
         _enum("CODE", (code.name for code in Code)),
-        _enum("ASSEMBLY", (outcome.name for outcome in Outcome)),
+        _enum("ASSEMBLY", (outcome.name for outcome in (*Outcome, *Flaw))),
     ]
     for name, more in known:
         lines.append(f"typedef int32_t {_kind(name)}({', '.join(('int64_t *', 'void **', 'void *', *more))});")

@@ -117,7 +117,11 @@ def _words(plant: Plant) -> NDArray[np.int64]:
 
 
 def _real_words(name: str, array: NDArray[Any], plant: Plant) -> NDArray[np.bool_]:
-    """Return which words of an array are real numbers."""
+    """Return which words of an array are real numbers that may follow parameters: a bound that is infinite stays so."""
+    return _real_or_infinite(name, array, plant) & np.isfinite(np.frombuffer(array.tobytes(), np.float64))
+
+
+def _real_or_infinite(name: str, array: NDArray[Any], plant: Plant) -> NDArray[np.bool_]:
     if name != "memory":
         return np.tile(_real_fields(array.dtype), array.size)
     mask = np.zeros(array.nbytes // 8, bool)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from mbfmu.mechanics.arrays.bending import sharpest
-from mbfmu.mechanics.arrays.points import WEIGHS, begin_inputs, depart, perturb, recall, set_input
+from mbfmu.mechanics.arrays.points import WEIGHS, begin_inputs, depart, set_input
 from mbfmu.mechanics.recursions.dynamics import energy
 from solvers.balance import judge, slowest
 from solvers.compiled.kernel import kernel
@@ -19,7 +19,11 @@ TOLD = np.dtype(
         ("code", np.int64),  # how the last advance ended
         ("unknown", np.int64),  # 1: the rate of a support that departs jumps where its impulse is not known
         ("jumps", np.int64),  # 1: a support has jumped in position, farther than its rate explains
+        ("flaw", np.int64),  # what is wrong with the start, see starting.Flaw; zero: nothing
         ("lost", np.int64),  # 1: the balance of energy and work was lost
+        ("lost_at", np.float64),  # s, where that was seen first; by how much, and what was exchanged until then, J
+        ("imbalance", np.float64),
+        ("exchanged", np.float64),
         ("before", np.float64),  # J, energy before parameters change
         ("bent", np.float64),  # rad, the sharpest angle of a plate's edge at the last communication point
     ],
@@ -57,37 +61,24 @@ def take(s: Any, index: int, value: float) -> int:
 
 
 @kernel
-def impulse(s: Any, evaluate: Any) -> int:
-    """Put the jump of the velocities into ``s.dv``, see :mod:`mbfmu.mechanics.arrays.points`."""
-    code = OK
-    for k in range(2):
-        if code == OK:
-            perturb(s.inputs, s.clock[0], float(k))
-            code = evaluate(s)
-            for i in range(s.dv.shape[0]):
-                s.dv[i] = s.a[i] - (s.dv[i] if k == 1 else 0.0)
-    recall(s.inputs)
-    return code
+def note_rates(s: Any, k: int) -> None:
+    """Put into ``s.dv`` by how much the accelerations are others at the second of two motions of the supports."""
+    for i in range(s.dv.shape[0]):
+        s.dv[i] = s.a[i] - (s.dv[i] if k == 1 else 0.0)
 
 
 @kernel
-def leave(s: Any, jumps: bool, evaluate: Any) -> int:
-    """Let supports depart, with an impulse where rates of them jump; the work of that is no imbalance.
+def leave(s: Any, before: float, jumps: bool) -> None:
+    """Let supports depart, with the impulse ``s.dv`` where rates of them jump; its work is no imbalance.
 
-    ``evaluate`` is that of the family.
+    ``before`` is the energy until then, J.
     """
-    told, before = s.told[0], energy_at(s)
-    code: int = impulse(s, evaluate) if jumps else OK
-    told.unknown = 1 if code != OK else 0
-    if code != OK:
-        return code
     if depart(s.inputs):
-        told.jumps = 1
+        s.told[0].jumps = 1
     if jumps:
         for i in range(s.dv.shape[0]):
             s.given.v[i] += s.dv[i]
     s.balance[0].level += energy_at(s) - before
-    return code
 
 
 @kernel
@@ -101,8 +92,10 @@ def arrive(s: Any, t: float, code: int) -> None:
 def look(s: Any, now: float) -> float:
     """Hold the reported state, of energy ``now``, to its balance; return the imbalance, J."""
     imbalance, lost = judge(s.balance, now, s.given.ledger)
-    if lost:
-        s.told[0].lost = 1
+    told = s.told[0]
+    if lost and told.lost == 0:
+        told.lost, told.lost_at = 1, s.clock[0]
+        told.imbalance, told.exchanged = imbalance, s.given.ledger[EXCHANGED]
     return imbalance
 
 

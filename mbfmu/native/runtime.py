@@ -37,7 +37,7 @@ COMPILERS = ("cc", "gcc", "clang")
 HERE = Path(__file__).parent
 PACKED = HERE / "runtimes"  # that a wheel brings along
 # what machine code is made of, beside the kernels of other rooms
-KERNELS = ("entries.py", "families.py", "kernels.py", "points.py", "targets.py")
+KERNELS = ("entries.py", "families.py", "kernels.py", "points.py", "starting.py", "targets.py")
 STRICT = ("-std=c2x", "-O2", "-Wall", "-Wextra", "-Werror", "-fvisibility=hidden", "-fPIC")
 EXPORTED = "{ global: fmi2*; fmi3*; local: *; };"  # for linkers of Linux; runtimes of two FMUs must not meet
 

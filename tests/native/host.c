@@ -3,7 +3,15 @@
  * Runs one instance of an FMU of FMI 2 or 3 by STEPS steps of LENGTH s, and writes its real variables of these value
  * references at every point, as doubles, to the file OUT. Ends with 0, or says which call failed.
  */
+#ifdef _WIN32
+#include <windows.h>
+#define dlopen(path, how) ((void *)LoadLibraryA(path))
+#define dlsym(library, name) ((void *)GetProcAddress(library, name))
+#define dlclose(library) FreeLibrary(library)
+#define dlerror() "the library is not what it should be"
+#else
 #include <dlfcn.h>
+#endif
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>

@@ -13,8 +13,19 @@ from running import Running, adopt, needs_linker
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from mbfmu.errors import AssemblyError
-from mbfmu.mechanics import Mechanism, Plant, Revolute, RevoluteCut, rod
+from mbfmu.mechanics import (
+    Floating,
+    Mechanism,
+    Plant,
+    Revolute,
+    RevoluteCut,
+    Translational,
+    TranslationalCut,
+    WeldCut,
+    rod,
+)
 from mbfmu.mechanics.arrays.closing import assemble_positions, assemble_velocities
+from mbfmu.native.starting import Flaw
 from mbfmu.settings import Settings
 from mbfmu.simulation import Simulation
 from solvers.assembly import ASSEMBLED, NO_MASS, OPEN, OPENS
@@ -142,6 +153,27 @@ def test_a_motion_without_inertia_is_told_by_its_coordinates():
     told = np.flatnonzero(native.view(native.instance.start.scratch.massless))
     assert [plant.system.coordinate_names[k] for k in told] == ["tip"]
     assert "coordinate(s) 'tip' can move" in refused(plant)
+
+
+@pytest.mark.parametrize(("turn", "axis"), [(120.0, (1, 1, 1)), (180.0, (1, 0, 0)), (180.0, (0, 0, 1))])
+def test_a_weld_that_closes_turned_is_told_by_cut_joint_and_angle(turn: float, axis: tuple[float, ...]):
+    def glued(angle: float) -> Mechanism:
+        half, along = np.radians(0.5 * angle), np.array(axis) / np.linalg.norm(axis)
+        m = Mechanism(gravity=(0.0, -9.81, 0.0))
+        lift = m.body("lift", m.ground, Translational(axis="y", start=0.1), mass=1.0)
+        start = 0.0, 0.0, 0.0, np.cos(half), *(np.sin(half) * along)
+        box = m.body("box", lift, Floating(start=start), mass=1.0, inertia=(1.0, 2.0, 3.0))
+        m.cut("sleeve", TranslationalCut(axis="y"), m.ground, lift)
+        m.cut("glue", WeldCut(), lift, box)
+        m.output("energy", m.energy)
+        return m
+
+    native, plant = Running(Simulation(glued(0.0), Settings(solver="adams"))), Plant(glued(turn))
+    adopt(native, plant)
+    assert assembled(native, *guess(plant, 0.0)) == Flaw.TURNED
+    cut, angle = native.view(native.instance.start.scratch.worst)[0]
+    assert (cut, angle) == (1, turn)
+    assert f"loop 'glue' closes the wrong way round: the frames of its cut joint are {turn:.0f} deg" in refused(plant)
 
 
 def pair(options: Callable[[int], dict[str, Any]]) -> Mechanism:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -100,6 +103,15 @@ def test_the_kernels_need_no_more_than_the_c_library():
     told = subprocess.run(("nm", "-u", str(objects([host()])[host()])), capture_output=True, text=True, check=True)
     needed = {line.split()[-1] for line in told.stdout.splitlines()}
     assert needed <= LIBM | MEMORY
+
+
+@needs_linker
+@pytest.mark.campaign
+def test_two_builds_of_the_kernels_give_equal_bytes(tmp_path: Path):
+    own = {"NUMBA_CPU_NAME": "generic", "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    build = [sys.executable, "-m", "mbfmu.native.kernels", str(tmp_path), host()]
+    subprocess.run(build, env={**os.environ, **own}, check=True)
+    assert (tmp_path / f"{host()}.o").read_bytes() == objects([host()])[host()].read_bytes()
 
 
 def test_a_solver_that_is_not_there_is_refused():

@@ -12,7 +12,17 @@ from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
 from fmus.sheet import Sheet
 from mbfmu.errors import UserError
-from mbfmu.mechanics import Input, JointForce, JointSpring, Mechanism, Revolute, Translational, rod
+from mbfmu.mechanics import (
+    DistanceStop,
+    Input,
+    JointForce,
+    JointSpring,
+    JointStop,
+    Mechanism,
+    Revolute,
+    Translational,
+    rod,
+)
 from mbfmu.model import Model, parameter
 from mbfmu.native.numbers import STRUCTURE, Place, Reader
 from mbfmu.native.parameters import Live, find_live
@@ -241,3 +251,25 @@ def test_ranges_of_parameters_that_are_refused_together_are_of_points_that_do():
 def test_a_model_that_cannot_be_built_is_refused():
     with pytest.raises(UserError, match=r"refused is 3\.0"):
         find_live(Odd(refused=3.0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stopped(Model):
+    """A mass that falls onto a floor, or hangs on a rope: stops with one end, the other at infinity."""
+
+    depth: float = parameter(0.5, unit="m", min=0.0)
+    rope: float = parameter(2.0, unit="m", min=0.0)
+
+    def build(self) -> Mechanism:
+        m = Mechanism(gravity=(0.0, -9.81, 0.0))
+        body = m.body("mass", m.ground, Translational(axis="y"), mass=1.0)
+        m.force("floor", JointStop(lower=-self.depth, stiffness=1e4), body)
+        m.force("rope", DistanceStop(upper=self.rope, stiffness=1e4), body, m.ground)
+        m.output("height", body.coordinate())
+        return m
+
+
+def test_a_stop_at_infinity_stays_there_and_the_other_one_follows_its_parameter():
+    live = searched(Stopped())
+    assert set(live.parameters) >= {"depth", "rope"}
+    check_entries(Stopped(), live, {"depth": 0.9, "rope": 1.2})

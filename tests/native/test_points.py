@@ -233,7 +233,11 @@ def test_balance_that_is_lost_is_told():
     native.view(native.instance.balance)["level"] += 1.0
     simulation.audit.base += 1.0
     follow(simulation, native, torque, first=10, last=12)
-    assert native.told["lost"]
+    told = native.told
+    assert told["lost"]
+    words = f"at t = {told['lost_at']:.6g} s: the energy has changed by {-told['imbalance']:.3g} J less than"
+    assert words in simulation.verdict
+    assert f"of the {told['exchanged']:.3g} J exchanged so far" in simulation.verdict
 
 
 @needs_linker

@@ -133,9 +133,21 @@ Outcome set_up(Instance *own, double start, bool ends, double stop, bool toleran
     return OK;
 }
 
+/* Whether a flag of some variable is set; every step asks. */
+static bool marked(const Instance *own, unsigned flag)
+{
+    const unsigned char *flags = own->flags;
+    unsigned all = 0;
+    for (size_t k = 0, count = count_of(own); k < count; k++)
+        all |= flags[k];
+    return all & flag;
+}
+
 /* Return what was refused and not given right since; NULL: nothing. */
 static const Variable *refused(const Instance *own)
 {
+    if (!marked(own, REFUSED))
+        return NULL;
     for (size_t k = 0; k < count_of(own); k++)
         if (own->flags[k] & REFUSED)
             return &own->variables[k];
@@ -217,6 +229,11 @@ static Outcome start_anew(Instance *own)
         tell_stop(own, code, text);
         return fail(own, ERROR, text);
     }
+    const Told *told = (const Told *)(own->block + own->header->told_at);
+    if (told->flaw) {
+        tell_assembly(own, told->flaw, text);
+        return fail(own, ERROR, text);
+    }
     own->reached = own->start;
     return evaluate(own);
 }
@@ -248,8 +265,10 @@ Outcome exit_initialization(Instance *own)
 static void apply_changes(Instance *own)
 {
     bool tuned = false;
+    if (!marked(own, GIVEN))
+        return;
     for (size_t k = 0; k < count_of(own); k++)
-        tuned = tuned || (own->variables[k].role == ROLE_PARAMETER && own->flags[k] & GIVEN);
+        tuned = tuned || (own->flags[k] & GIVEN && own->variables[k].role == ROLE_PARAMETER);
     if (tuned) {
         call(own, own->family->weigh);
         put_parameters(own, true);
@@ -306,9 +325,7 @@ static void look_around(Instance *own, const Told *told)
                   "communication step");
     }
     if (told->lost) {
-        SAY(own->message, "the energy balance is lost: the energy has changed otherwise than by the work done on it, "
-                          "by more than the tolerance explains. The motion is not to be trusted: tighten the tolerance "
-                          "or take another solver, and compare");
+        tell_loss(own, own->message);
         if (!own->warned_balance)
             warn(own, own->message);
         own->warned_balance = true;

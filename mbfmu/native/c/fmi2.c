@@ -73,11 +73,12 @@ static int hexadecimal(char c)
     return c >= 'a' && c <= 'f' ? c - 'a' + 10 : -1;
 }
 
-/* Turn the location of a folder, file:/ or file:/// and percent signs, into its path. */
+/* Turn the location of a folder, file:/ or file:/// and percent signs, into its path; a path that a host gives is one. */
 static void read_location(const char *location, char *path)
 {
     const char *at = location;
-    if (strncmp(at, "file:", 5) == 0) {
+    bool coded = strncmp(at, "file:", 5) == 0;
+    if (coded) {
         at += 5;
         if (at[0] == '/' && at[1] == '/')
             at = strchr(at + 2, '/') ? strchr(at + 2, '/') : at + 2; /* leave out the machine */
@@ -85,7 +86,7 @@ static void read_location(const char *location, char *path)
             at++; /* the drive of a Windows path */
     }
     while (*at) {
-        int high = at[0] == '%' ? hexadecimal(at[1]) : -1, low = high >= 0 ? hexadecimal(at[2]) : -1;
+        int high = coded && at[0] == '%' ? hexadecimal(at[1]) : -1, low = high >= 0 ? hexadecimal(at[2]) : -1;
         *path++ = low >= 0 ? (char)(16 * high + low) : *at;
         at += low >= 0 ? 3 : 1;
     }

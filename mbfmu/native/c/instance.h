@@ -50,6 +50,7 @@ Outcome mistake(Instance *own, const char *text);
 Outcome fail(Instance *own, Outcome outcome, const char *text);
 void tell_stop(Instance *own, int64_t code, char text[SAYS]);
 void tell_assembly(Instance *own, int64_t code, char text[SAYS]);
+void tell_loss(const Instance *own, char text[SAYS]);
 void tell_bend(Instance *own, const char *before, const char *after, char text[SAYS]);
 void warn(Instance *own, const char *text);
 

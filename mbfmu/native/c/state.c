@@ -53,6 +53,8 @@ static Outcome refuse_state(Instance *own)
 /* Take a state; one that is given is used again. */
 Outcome save(Instance *own, State **state)
 {
+    if (*state && !ours(own, *state))
+        return refuse_state(own);
     if (!*state && !(*state = malloc(bytes_of(own))))
         return mistake(own, "there is no memory for a state");
     State *s = *state;

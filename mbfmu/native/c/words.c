@@ -8,14 +8,19 @@
 
 #define DEGREES 57.29577951308232 /* in a radian */
 
-/* Return a number in digits, with a point wherever the host is. */
-const char *in_digits(char digits[32], double value)
+/* Return a number in so many digits, with a point wherever the host is. */
+static const char *in_so_many(char digits[32], int count, double value)
 {
-    snprintf(digits, 32, "%.9g", value);
+    snprintf(digits, 32, "%.*g", count, value);
     for (char *c = digits; *c; c++)
         if (*c == ',')
             *c = '.';
     return digits;
+}
+
+const char *in_digits(char digits[32], double value)
+{
+    return in_so_many(digits, 9, value);
 }
 
 /* Append to a text as much as there is room for. */
@@ -67,19 +72,26 @@ void tell_stop(Instance *own, int64_t code, char text[SAYS])
         text_at(own, sentence->remedy));
 }
 
-/* Say which row does not close and by what, or which coordinates move no mass. */
+/* Say what is wrong with a start: which row does not close and by what, which coordinates move no mass, which loop is
+ * closed the wrong way round, or what numbers are too coarse for. */
 void tell_assembly(Instance *own, int64_t code, char text[SAYS])
 {
     const Header *h = own->header;
     const Failure *f = (const Failure *)section(own, h->failures) + code;
     const Worst *worst = (const Worst *)(own->block + h->worst_at);
     const double *massless = (const double *)(own->block + h->massless_at);
-    const Name *rows = section(own, h->rows), *coordinates = section(own, h->coordinates);
+    const Name *coordinates = section(own, h->coordinates);
+    const Name *names = section(own, code == ASSEMBLY_TURNED ? h->cuts : h->rows);
     char digits[32];
     SAY(text, text_at(own, f->before));
+    if (code == ASSEMBLY_UNRESOLVED || code == ASSEMBLY_UNPLACED) {
+        add(text, in_digits(digits, worst->gap));
+        add(text, text_at(own, f->between));
+        return;
+    }
     if (code != ASSEMBLY_NO_MASS) {
         const char *gap = code == ASSEMBLY_NOT_FINITE ? "" : in_digits(digits, worst->gap);
-        const char *const parts[] = {"'", text_at(own, rows[worst->row].name), "'", text_at(own, f->between), gap,
+        const char *const parts[] = {"'", text_at(own, names[worst->row].name), "'", text_at(own, f->between), gap,
                                      text_at(own, f->after)};
         add_all(text, parts, sizeof parts / sizeof parts[0]);
         return;
@@ -90,6 +102,23 @@ void tell_assembly(Instance *own, int64_t code, char text[SAYS])
             add_all(text, parts, sizeof parts / sizeof parts[0]);
         }
     add(text, text_at(own, f->between));
+}
+
+/* Say when and by how much the balance of energy and work was lost. */
+void tell_loss(const Instance *own, char text[SAYS])
+{
+    const Told *told = (const Told *)(own->block + own->header->told_at);
+    double most = fabs(told->imbalance);
+    char at[32], lost[32], part[32], all[32];
+    SAY(text, "the energy balance is lost at t = ", in_so_many(at, 6, told->lost_at), " s: the energy has changed by ",
+        in_so_many(lost, 3, most), " J ", told->imbalance > 0.0 ? "more" : "less", " than the work done on it");
+    if (told->exchanged != 0.0) {
+        const char *const parts[] = {", ", in_so_many(part, 2, most / told->exchanged), " of the ",
+                                     in_so_many(all, 3, told->exchanged), " J exchanged so far"};
+        add_all(text, parts, sizeof parts / sizeof parts[0]);
+    }
+    add(text, ", which the tolerance does not explain. The motion from here on is not to be trusted: tighten the "
+              "tolerance or take another solver, and compare");
 }
 
 /* Say how far cells of a sheet bend where the model stands, too far for their grid. */
