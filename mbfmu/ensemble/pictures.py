@@ -79,6 +79,8 @@ def _scatter(study: Study, measure: str, names: list[str]) -> Figure:
         ax.plot(x[failed], np.full(failed.sum(), 0.02), "|", color=RED, transform=ax.get_xaxis_transform(),
                 label=f"{failed.sum()} failed")  # fmt: skip
         ax.set_xlabel(_label(study, name))
+        ax.locator_params(axis="x", nbins=5)
+        ax.ticklabel_format(axis="x", scilimits=(-3, 4))
     for ax in panels.flat[len(names) :]:
         ax.set_axis_off()
     for ax in panels[:, 0]:
