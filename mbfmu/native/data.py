@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.interface import Role, ScalarVariable, Type, interface
+from mbfmu.interface import ArrayVariable, Role, ScalarVariable, Type, arrays, interface
 from mbfmu.mechanics.arrays.closing import SENTENCES
 from mbfmu.model import Model, declared, span
 from mbfmu.settings import Settings
@@ -41,11 +41,15 @@ class NativeModel(NamedTuple):
     ----------
     variables
         As a host sees them; a place among them is the value reference.
+    arrays
+        Outputs that are one variable in FMI 3; their value references come after that of the time, which comes after
+        those of the variables.
     frozen
         Parameters that are constant, though a model that is built could change them, and why.
     """
 
     variables: tuple[ScalarVariable, ...]
+    arrays: tuple[ArrayVariable, ...]
     frozen: dict[str, str]
     data: bytes
 
@@ -63,7 +67,9 @@ def native_model(model: Model, settings: Settings, token: str) -> NativeModel:
     live = _steady(model) if settings.start_at_equilibrium else find_live(model)
     frozen = {name: why for name, why in live.frozen.items() if not _structural(model, name)}
     variables = tuple(_native(v, model, live) for v in interface(model, settings, simulation.plant))
-    return NativeModel(variables, frozen, _File(simulation, instance, image, live, variables).write(token))
+    several = arrays(model, variables)
+    file = _File(simulation, instance, image, live, variables, several)
+    return NativeModel(variables, several, frozen, file.write(token))
 
 
 def _steady(model: Model) -> Live:
@@ -91,10 +97,16 @@ class _File:
     """What is to be written, section by section."""
 
     def __init__(
-        self, simulation: Simulation, instance: Instance, image: Image, live: Live, variables: Sequence[ScalarVariable]
+        self,
+        simulation: Simulation,
+        instance: Instance,
+        image: Image,
+        live: Live,
+        variables: Sequence[ScalarVariable],
+        several: Sequence[ArrayVariable],
     ) -> None:
         self._simulation, self._instance, self._image, self._live = simulation, instance, image, live
-        self._variables, self._text = variables, bytearray()
+        self._variables, self._arrays, self._text = variables, several, bytearray()
         self._block = image.block()
         self._references = {v.name: k for k, v in enumerate(variables)}
         self._places = {
@@ -106,8 +118,9 @@ class _File:
 
     def write(self, token: str) -> bytes:
         """Return the bytes of the file."""
-        rows: dict[str, list[tuple[Any, ...]]] = {name: [] for name in ("sums", "terms", "factors")}
+        rows: dict[str, list[tuple[Any, ...]]] = {name: [] for name in ("members", "sums", "terms", "factors")}
         rows["variables"] = [self._variable(v) for v in self._variables]
+        rows["arrays"] = [self._array(a, rows["members"]) for a in self._arrays]
         rows["entries"] = [self._entry(entry, rows) for entry in self._live.entries]
         rows["places"], rows["kernels"] = list(self._image.places), list(self._image.kernels)
         rows["sentences"] = [self._sentence(code) for code in CODES]
@@ -152,6 +165,11 @@ class _File:
         kinds, roles = list(Type).index(v.type), list(Role).index(v.role)
         told = self._say(v.name), self._say(v.allowed)
         return (*told, kinds, roles, number, layout.SETTABLE.index(when), moves, start, low, high)
+
+    def _array(self, array: ArrayVariable, members: list[tuple[Any, ...]]) -> tuple[int, int]:
+        first = len(members)
+        members += [(self._references[name],) for name in array.elements]
+        return first, len(array.elements)
 
     def _entry(self, entry: Entry, rows: dict[str, list[tuple[Any, ...]]]) -> tuple[Any, ...]:
         first = len(rows["sums"])
