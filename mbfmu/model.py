@@ -179,8 +179,8 @@ class Model:
         """Return the mechanism for these parameters."""
         raise UserError(f"model {self.name!r} does not say how it is built; write its build()")
 
-    def plant(self) -> Plant:
-        """Return the mechanism as arrays, ready to be moved.
+    def built(self) -> Mechanism:
+        """Return the mechanism that ``build`` returns.
 
         Raises
         ------
@@ -199,7 +199,11 @@ class Model:
             ) from error
         if not isinstance(mechanism, Mechanism):
             raise UserError(f"model {self.name!r}: build() returns {mechanism!r}; it must return a Mechanism")
-        return Plant(mechanism)
+        return mechanism
+
+    def plant(self) -> Plant:
+        """Return the mechanism as arrays, ready to be moved; raises what :meth:`built` does."""
+        return Plant(self.built())
 
     def arrays(self) -> Mapping[str, Sequence[Any]]:
         """Return which outputs are one array in FMI 3: nested lists of their names, by the name of the array."""

@@ -32,13 +32,17 @@ def native(
     *,
     fmi: int,
     platforms: Sequence[str],
-    tell: Callable[[str], None],
+    tell: Callable[[str], None] = lambda _: None,
+    for_one_run: bool = False,
 ) -> dict[str, bytes]:
-    """Return the files of an FMU that runs by itself, by their names; see :func:`mbfmu.fmi.export`."""
+    """Return the files of an FMU that runs by itself, by their names; see :func:`mbfmu.fmi.export`.
+
+    ``for_one_run``: its parameters are constant, which saves the search for what follows them.
+    """
     names = _targets(fmi, platforms)
     settings = _with_solver(model, settings, tell)
     token = identify(model, settings, experiment, "native", str(fmi))
-    made = native_model(model, settings, token.guid)
+    made = native_model(model, settings, token.guid, for_one_run)
     for name, why in made.frozen.items():
         tell(f"parameter {name!r} is fixed by the export: {why}")
     owner = identify(model, settings, experiment, "native", str(fmi), sha256(made.data).hexdigest())

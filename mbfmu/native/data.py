@@ -54,17 +54,20 @@ class NativeModel(NamedTuple):
     data: bytes
 
 
-def native_model(model: Model, settings: Settings, token: str) -> NativeModel:
-    """Return a model for the runtime; ``token`` is the identity of its FMU.
+def native_model(model: Model, settings: Settings, token: str, for_one_run: bool = False) -> NativeModel:
+    """Return a model for the runtime; ``token`` is the identity of its FMU, ``for_one_run``: no parameter is settable.
 
     Raises
     ------
     UserError
         The model cannot be built, or the runtime cannot run it.
     """
-    simulation = Simulation(model, settings)
+    simulation = _Resting(model, settings)
     instance, image = image_of(simulation)
-    live = _steady(model) if settings.start_at_equilibrium else find_live(model)
+    why = "it is made for one run" if for_one_run else ""
+    if settings.start_at_equilibrium:
+        why = "the steady state that it starts in follows it"
+    live = _nothing_live(model, why) if why else find_live(model)
     frozen = {name: why for name, why in live.frozen.items() if not _structural(model, name)}
     variables = tuple(_native(v, model, live) for v in interface(model, settings, simulation.plant))
     several = arrays(model, variables)
@@ -72,9 +75,16 @@ def native_model(model: Model, settings: Settings, token: str) -> NativeModel:
     return NativeModel(variables, several, frozen, file.write(token))
 
 
-def _steady(model: Model) -> Live:
-    """Return that no parameter of a model stays settable whose start is a steady state."""
-    return Live((), {p.name: "the steady state that it starts in follows it" for p in model.parameters()}, {}, (), {})
+class _Resting(Simulation):
+    """A simulation that is not to run: nothing is compiled for that, and its arrays are as they are at the start."""
+
+    def _rehearse(self, *_: Any) -> None:
+        """Rest."""
+
+
+def _nothing_live(model: Model, why: str) -> Live:
+    """Return that no parameter of a model stays settable."""
+    return Live((), {p.name: why for p in model.parameters()}, {}, (), {})
 
 
 def _structural(model: Model, name: str) -> bool:

@@ -1,0 +1,121 @@
+"""``mbfmu run`` takes the native FMU where the runtime is there and the scene goes into it, and compiles nothing."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from fmus.fourbar import FourBar
+from mbfmu.fmi import apart
+from mbfmu.fmi.description import Experiment
+from mbfmu.fmi.native import native
+from mbfmu.native.runtime import COMPILERS, library
+from mbfmu.native.targets import host
+from mbfmu.scene import load_scene
+from solvers.compiled.cache import home
+
+Command = Callable[..., tuple[int, str, str]]
+
+NATIVE, COUPLED = "run as a native FMU in", "run as an FMU that calls Python in"
+OWN = '''
+from dataclasses import dataclass
+from mbfmu.mechanics import Function, Mechanism, Revolute, rod
+from mbfmu.model import Model
+
+@dataclass(frozen=True, kw_only=True)
+class Waved(Model):
+    """A bar that is waved as a function of time says."""
+
+    def build(self):
+        m = Mechanism()
+        bar = m.body("bar", m.ground, Revolute(drive=Function("sin(t)")))
+        m.body("tip", bar, Revolute(at=(1.0, 0.0, 0.0)), **rod(mass=1.0, length=1.0))
+        m.output("bar.angle", bar.angle())
+        return m
+'''
+
+pytestmark = pytest.mark.skipif(
+    not host() or not any(map(shutil.which, COMPILERS)), reason="needs a C compiler, and a machine that is known"
+)
+
+
+@pytest.fixture(scope="module")
+def runtime() -> Path:
+    return library(host())
+
+
+@pytest.mark.parametrize("scene", ["fourbar/paper", "governor", "pendulum"])
+def test_a_scene_runs_as_a_native_fmu_to_the_bits_of_a_direct_run(
+    scene: str, runtime: Path, command: Command, tmp_path: Path
+):
+    solver = [] if "paper" in scene else ["--solver=radau"]
+    found = {}
+    for way in ("fmu", "direct"):
+        more = ["--direct"] if way == "direct" else []
+        told = ("run", scene, *solver, "--stop-time=0.5", "-o", str(tmp_path / way), *more)
+        code, out, _ = command(*told)
+        assert code == 0
+        assert (NATIVE in out) == (way == "fmu")
+        (folder,) = (tmp_path / way).glob("*/*")
+        found[way] = (folder / "outputs.csv").read_text()
+        assert (folder / "motion.npz").is_file()  # what a repeat needs is compiled here
+    assert found["fmu"] == found["direct"]
+    loops = [line for line in out.splitlines() if line.startswith("  loop")]
+    assert bool(loops) == ("fourbar" in scene)
+
+
+def test_loops_are_told_of_a_native_run_too(runtime: Path, command: Command, tmp_path: Path):
+    _, out, _ = command("run", "fourbar", "--solver=adams", "--stop-time=0.1", "-o", str(tmp_path))
+    assert NATIVE in out
+    assert "  loop 'pivot': 3 of 5 rows vanish (z, zx, zy)\n" in out
+
+
+def test_without_a_runtime_the_fmu_calls_python(command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(apart, "there", lambda _: None)
+    _, out, _ = command("run", "fourbar", "--solver=adams", "--stop-time=0.1", "-o", str(tmp_path))
+    assert COUPLED in out
+
+
+def test_a_solver_and_a_model_that_machine_code_has_not_call_python(runtime: Path, command: Command, tmp_path: Path):
+    _, out, _ = command("run", "fourbar", "--solver=ida", "--stop-time=0.1", "-o", str(tmp_path))
+    assert COUPLED in out
+    (tmp_path / "waved.py").write_text(OWN)
+    told = ("run", str(tmp_path / "waved.py"), "--solver=adams", "--stop-time=0.1", "-o", str(tmp_path))
+    code, out, err = command(*told)
+    assert code == 0, err
+    assert COUPLED in out
+
+
+def test_nothing_is_compiled_for_a_native_run(runtime: Path, tmp_path: Path):
+    cache = tmp_path / "cache"
+    kept = cache / "mbfmu" / runtime.relative_to(home()).parent
+    kept.mkdir(parents=True)
+    shutil.copy(runtime, kept)
+    told = [sys.executable, "-m", "mbfmu", "-v", "run", "fourbar", "--solver=adams", "--plot=energy", "-o", "results"]
+    own = {**os.environ, "NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    done = subprocess.run(told, env=own, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert NATIVE in done.stdout
+    assert "compil" not in done.stderr
+    assert not list(cache.rglob("*.nb?"))
+    assert not list(tmp_path.glob("results/**/motion.npz"))
+    assert "see the motion with `mbfmu view fourbar`" in done.stdout
+
+
+def test_interpreted_kernels_make_the_bytes_of_compiled_ones(runtime: Path, tmp_path: Path):
+    scene = load_scene("fourbar/paper").changed(model=FourBar(coupler_modes=2, start_angle=0.3))
+    path = tmp_path / "model.fmu"
+    assert apart.made_apart(scene, path) is not None
+    experiment = Experiment(
+        stop_time=scene.stop_time, step_size=scene.output_interval, tolerance=scene.settings.tolerance
+    )
+    made = native(scene.model, scene.settings, experiment, fmi=2, platforms=(), for_one_run=True)
+    with zipfile.ZipFile(path) as archive:
+        assert {name: archive.read(name) for name in archive.namelist()} == made
