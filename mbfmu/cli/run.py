@@ -21,8 +21,8 @@ from mbfmu.direct import Result, communication_points, loops, run
 from mbfmu.scene import Scene, as_toml
 from mbfmu.settings import AUTO
 from mbfmu.simulation import Simulation
+from mbfmu.uncompiled import NotCompiled, compiling_nothing
 from mbfmu.viewer import Recorder
-from solvers.compiled.cache import when_compiling
 
 from .common import (
     Commands,
@@ -147,12 +147,12 @@ def ran(scene: Scene, options: argparse.Namespace, recorder: Recorder) -> tuple[
             result, way, notes = run(scene.model, scene.settings, times, bar, recorder, warn), Way.DIRECT, None
         else:
             from mbfmu.fmi import export
-            from mbfmu.fmi.apart import made_apart
+            from mbfmu.fmi.apart import make_for_a_run
             from mbfmu.fmi.run import run_fmu
 
             with tempfile.TemporaryDirectory(prefix="mbfmu_") as place:
                 path = Path(place) / "model.fmu"
-                notes = made_apart(scene, path)
+                notes = make_for_a_run(scene, path)
                 way = Way.COUPLED if notes is None else Way.NATIVE
                 if way is Way.COUPLED:
                     export(scene.model, path, scene.settings)
@@ -161,22 +161,14 @@ def ran(scene: Scene, options: argparse.Namespace, recorder: Recorder) -> tuple[
     return result, way, loops(scene.model) if notes is None else notes
 
 
-class NotCompiled(BaseException):
-    """Something is needed that was not compiled before; no error, so that nobody on the way takes it for one."""
-
-
 def repeated(scene: Scene, result: Result, *, compiles: bool) -> Recorder:
     """Repeat a run directly for its poses and remarks, which an FMU does not tell; return what has recorded them.
 
     Where it may compile nothing and would have to, it is left out.
     """
-
-    def refuse() -> None:
-        raise NotCompiled
-
     recorder = Recorder()
     try:
-        with nullcontext() if compiles else when_compiling(refuse):
+        with nullcontext() if compiles else compiling_nothing():
             result.remarks = run(scene.model, scene.settings, result.t, watch=recorder).remarks
     except NotCompiled:
         return Recorder()

@@ -6,20 +6,20 @@ import os
 import shutil
 import subprocess
 import sys
-import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
 from fmus.fourbar import FourBar
+from mbfmu.errors import UserError
 from mbfmu.fmi import apart
-from mbfmu.fmi.description import Experiment
-from mbfmu.fmi.native import native
 from mbfmu.native.runtime import COMPILERS, library
 from mbfmu.native.targets import host
 from mbfmu.scene import load_scene
-from solvers.compiled.cache import home
+from mbfmu.uncompiled import NotCompiled, compiling_nothing
+from solvers.compiled.cache import home, tell_listeners, when_compiling
 
 Command = Callable[..., tuple[int, str, str]]
 
@@ -44,6 +44,20 @@ class Waved(Model):
 pytestmark = pytest.mark.skipif(
     not host() or not any(map(shutil.which, COMPILERS)), reason="needs a C compiler, and a machine that is known"
 )
+
+
+@contextmanager
+def refused() -> Iterator[None]:
+    """As where nothing has been compiled yet."""
+
+    @contextmanager
+    def refuse() -> Iterator[None]:
+        raise NotCompiled
+        yield
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(apart, "compiling_nothing", refuse)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -109,13 +123,41 @@ def test_nothing_is_compiled_for_a_native_run(runtime: Path, tmp_path: Path):
     assert "see the motion with `mbfmu view fourbar`" in done.stdout
 
 
+def test_who_waits_for_the_compiler_is_told_after_work_was_given_up():
+    told: list[str] = []
+    with when_compiling(lambda: told.append("compiling")):
+        for _ in range(2):
+            with pytest.raises(NotCompiled), compiling_nothing():
+                tell_listeners()
+        assert not told
+        tell_listeners()
+        tell_listeners()
+    assert told == ["compiling"]
+
+
 def test_interpreted_kernels_make_the_bytes_of_compiled_ones(runtime: Path, tmp_path: Path):
     scene = load_scene("fourbar/paper").changed(model=FourBar(coupler_modes=2, start_angle=0.3))
-    path = tmp_path / "model.fmu"
-    assert apart.made_apart(scene, path) is not None
-    experiment = Experiment(
-        stop_time=scene.stop_time, step_size=scene.output_interval, tolerance=scene.settings.tolerance
-    )
-    made = native(scene.model, scene.settings, experiment, fmi=2, platforms=(), for_one_run=True)
-    with zipfile.ZipFile(path) as archive:
-        assert {name: archive.read(name) for name in archive.namelist()} == made
+    paths = tmp_path / "compiled.fmu", tmp_path / "interpreted.fmu"
+    loops = [apart.make_for_a_run(scene, paths[0])]
+    with refused():
+        loops.append(apart.make_for_a_run(scene, paths[1]))
+    assert loops[0] == loops[1] == ["loop 'pivot': 3 of 5 rows vanish (z, zx, zy)"]
+    assert paths[0].read_bytes() == paths[1].read_bytes()
+
+
+def test_an_export_without_a_compiler_has_the_bytes_and_the_sentences_of_another_one(runtime: Path, tmp_path: Path):
+    scene, told = load_scene("fourbar").changed(solver="radau"), ([], [])
+    paths = tmp_path / "compiled.fmu", tmp_path / "interpreted.fmu"
+    apart.export_scene(scene, paths[0], fmi=3, platforms=[], tell=told[0].append)
+    with refused():
+        apart.export_scene(scene, paths[1], fmi=3, platforms=[], tell=told[1].append)
+    assert told[0] == told[1] == ["parameter 'coupler_elements' is fixed by the export: it is no real number"]
+    assert paths[0].read_bytes() == paths[1].read_bytes()
+
+
+def test_what_is_wrong_with_a_model_is_told_without_a_compiler_too(runtime: Path, tmp_path: Path):
+    scene = load_scene("fourbar").changed(solver="radau", model=FourBar(ground_length=9.0))
+    with refused(), pytest.raises(UserError, match=r"^loop cannot close: 'pivot.x' stays off by [^\n]*$"):
+        apart.export_scene(scene, tmp_path / "model.fmu", fmi=2, platforms=[], tell=print)
+    with refused():
+        assert apart.make_for_a_run(scene, tmp_path / "model.fmu") is None
