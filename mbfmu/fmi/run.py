@@ -67,4 +67,5 @@ def run_fmu(
             settings=settings,
             failure=failure,
             verdict=warning,
+            remarks=tuple(text for text in dict.fromkeys(fmu.warnings) if text != warning),
         )

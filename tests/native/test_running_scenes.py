@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -89,6 +90,18 @@ def test_loops_are_told_of_a_native_run_too(runtime: Path, command: Command, tmp
     _, out, _ = command("run", "fourbar", "--solver=adams", "--stop-time=0.1", "-o", str(tmp_path))
     assert NATIVE in out
     assert "  loop 'pivot': 3 of 5 rows vanish (z, zx, zy)\n" in out
+
+
+def test_what_a_native_fmu_logs_is_a_note_and_not_among_the_paths(runtime: Path, command: Command, tmp_path: Path):
+    free = ("--set=nx=4", "--set=nz=3", "--set=support=free", "--set=start_spin=600", "--solver=adams")
+    told = ("run", "sheet", *free, "--stop-time=0.01", "--interval=1e-3", "-o", str(tmp_path))
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("mbfmu.cli.run.QUICK", 0.0)  # a repeat has notes of its own
+        _, out, _ = command(*told)
+        _, quiet, _ = command("-q", *told)
+    assert NATIVE in out
+    assert re.search(r"^  note: cells bend by up to \d\d degrees", out, re.MULTILINE)
+    assert quiet == f"{tmp_path / 'sheet' / 'default-adams-1e-5-2'}\n"
 
 
 def test_without_a_runtime_the_fmu_calls_python(command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
