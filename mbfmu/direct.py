@@ -35,6 +35,12 @@ def communication_points(stop_time: float, interval: float) -> Array:
     return times
 
 
+def loops(model: Model) -> list[str]:
+    """Return in sentences which rows of the constraints of a model vanish or are redundant at its start."""
+    plant = model.plant()
+    return plant.assembly.notes(0.0, plant.assemble()[0]) if plant.mechanism.constraints else []
+
+
 def simulate(
     model: Model | Mechanism,
     stop_time: float | None = None,

@@ -97,6 +97,11 @@ class ScalarVariable:
         return "deg" if self.unit == "rad" else ""
 
     @property
+    def size(self) -> str:
+        """How many numbers it has, in words; empty: one."""
+        return ""
+
+    @property
     def settable(self) -> bool:
         """Whether a host may ever set it."""
         return self.causality in ("parameter", "input")
@@ -117,6 +122,27 @@ class ScalarVariable:
         return {Type.BOOLEAN: bool, Type.INTEGER: int}.get(self.type, float)(number)
 
 
+@dataclass(frozen=True, kw_only=True)
+class ArrayVariable(ScalarVariable):
+    """Outputs that are one variable in FMI 3.
+
+    Attributes
+    ----------
+    shape
+        How many there are in every direction.
+    elements
+        Their names; the last index runs first.
+    """
+
+    shape: tuple[int, ...]
+    elements: tuple[str, ...]
+
+    @property
+    def size(self) -> str:
+        """How many numbers it has, in words."""
+        return " x ".join(map(str, self.shape))
+
+
 CHANGES = {"tunable": "between steps", "constant": "not after export"}
 
 
@@ -124,6 +150,7 @@ def columns(variables: Sequence[ScalarVariable]) -> dict[str, list[str]]:
     """Return what is told of variables, by the titles of a table's columns; empty columns are left out."""
     found = {
         "name": [v.name for v in variables],
+        "size": [v.size for v in variables],
         "start": [v.start_in_words for v in variables],
         "unit": ["" if v.unit == "1" else v.unit for v in variables],
         "allowed": [v.allowed for v in variables],
@@ -148,6 +175,53 @@ def interface(model: Model, settings: Settings, plant: Plant | None = None) -> t
     return tuple(
         replace(v, nominal=v.nominal or plant.nominal(v.unit)) if v.role in (Role.INPUT, Role.OUTPUT) else v
         for v in found
+    )
+
+
+def arrays(model: Model, variables: Sequence[ScalarVariable]) -> tuple[ArrayVariable, ...]:
+    """Return the arrays that a model makes of its outputs, which are among its variables.
+
+    Raises
+    ------
+    UserError
+        What is declared is no array of outputs of one unit, or shares one with another array, or its name is taken.
+    """
+    known = {v.name: v for v in variables if v.role is Role.OUTPUT}
+    found = [_array(name, nested, known) for name, nested in model.arrays().items()]
+    check((*variables, *found))
+    return tuple(found)
+
+
+def _array(name: str, nested: Any, known: dict[str, ScalarVariable]) -> ArrayVariable:
+    """Return an array of outputs, by their names in nested lists; they are known no more."""
+    table = np.array(nested, object)
+    names: list[str] = table.ravel().tolist()
+    if not names or not table.ndim or not all(isinstance(own, str) for own in names):
+        raise UserError(f"array {name!r} is {nested!r}; allowed: names of outputs, in lists of equal lengths")
+    elements = []
+    for own in names:
+        if own not in known:
+            raise UserError(f"array {name!r} has {own!r}, which is no output of the model, or in an array already")
+        elements.append(known.pop(own))
+    first = elements[0]
+    for element in elements:
+        if element.unit != first.unit:
+            raise UserError(
+                f"array {name!r} has {first.name!r} in {first.unit} and {element.name!r} in {element.unit}; "
+                "allowed: one unit"
+            )
+    return ArrayVariable(
+        name=name,
+        role=Role.OUTPUT,
+        type=Type.REAL,
+        causality="output",
+        variability="continuous",
+        description=f"{names[0]} to {names[-1]}",
+        unit=first.unit,
+        nominal=first.nominal,
+        depends_on=tuple(dict.fromkeys(n for own in elements for n in own.depends_on)),
+        shape=table.shape,
+        elements=tuple(names),
     )
 
 
@@ -232,7 +306,7 @@ def solver_outputs() -> Iterator[ScalarVariable]:
         )
 
 
-def check(variables: tuple[ScalarVariable, ...]) -> None:
+def check(variables: Iterable[ScalarVariable]) -> None:
     """Refuse names that a host cannot read or that are taken, and units that nobody knows."""
     seen: dict[str, ScalarVariable] = {}
     for v in variables:

@@ -20,7 +20,7 @@ from __future__ import annotations
 import difflib
 import sys
 import traceback
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import Field, dataclass, field, fields, replace
 from functools import cache
 from importlib.metadata import entry_points
@@ -38,7 +38,7 @@ from mbfmu.modules import load_module
 
 GROUP = "mbfmu.models"
 LARGEST = 2**31 - 1  # of a whole number in an FMU
-OWN = ("name", "stop_time", "output_interval", "settling", "effects")  # attributes of a model
+OWN = ("name", "stop_time", "output_interval", "settling", "effects", "arrays", "terminals")  # attributes of a model
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -179,8 +179,8 @@ class Model:
         """Return the mechanism for these parameters."""
         raise UserError(f"model {self.name!r} does not say how it is built; write its build()")
 
-    def plant(self) -> Plant:
-        """Return the mechanism as arrays, ready to be moved.
+    def built(self) -> Mechanism:
+        """Return the mechanism that ``build`` returns.
 
         Raises
         ------
@@ -199,7 +199,21 @@ class Model:
             ) from error
         if not isinstance(mechanism, Mechanism):
             raise UserError(f"model {self.name!r}: build() returns {mechanism!r}; it must return a Mechanism")
-        return Plant(mechanism)
+        return mechanism
+
+    def plant(self) -> Plant:
+        """Return the mechanism as arrays, ready to be moved; raises what :meth:`built` does."""
+        return Plant(self.built())
+
+    def arrays(self) -> Mapping[str, Sequence[Any]]:
+        """Return which outputs are one array in FMI 3: nested lists of their names, by the name of the array."""
+        return {}
+
+    def terminals(self) -> Mapping[str, Sequence[str]]:
+        """Return where others hold on to a joint, in FMI 3: names of inputs and outputs along one coordinate, by a name
+        for all. Their units say what they are: position (rad, m), rate (rad/s, m/s), torque (N.m) or force (N) on it.
+        """
+        return {}
 
     def exact(self, times: NDArray[np.float64]) -> dict[str, NDArray[np.float64]] | None:
         """Return outputs whose exact motion is known, by name, at ``times`` (s); None: none is."""

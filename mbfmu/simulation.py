@@ -115,9 +115,7 @@ class Simulation:
         audited = settings.audit and self.stepper.freedom > 0
         self.audit = Audit(self.plant, settings.tolerance, self.energy()) if audited else None
         self._folds, self._told_undetermined, self._end = Folds(self.plant, t0, q), False, t0
-        kind = (type(self.stepper), self.plant.system.m > 0)
-        if kind not in _compiled and ran(self._stepper(t0, q, v), self.plant, len(self._out)):
-            _compiled.add(kind)
+        self._rehearse(t0, q, v)
 
     def _stepper(self, t: float, q: Array, v: Array) -> Stepper:
         """Return the solver that was chosen, at a state."""
@@ -125,6 +123,12 @@ class Simulation:
             return stepper(self.pick.solver, self.plant.system, t, q, v, self.settings.options())
         except ValueError as error:
             raise UserError(f"model {self.model.name!r}: {error}") from error
+
+    def _rehearse(self, t0: float, q: Array, v: Array) -> None:
+        """Have everything compiled that a run calls, once in a process for each kind of run."""
+        kind = (type(self.stepper), self.plant.system.m > 0)
+        if kind not in _compiled and ran(self._stepper(t0, q, v), self.plant, len(self._out)):
+            _compiled.add(kind)
 
     def __reduce_ex__(self, protocol: Any) -> Any:
         """Refuse to be copied or pickled, as its stepper does."""

@@ -155,6 +155,16 @@ class FourBar(Model):
             damping=self.coupler_damping,
         )
 
+    def arrays(self) -> dict[str, Sequence[Any]]:
+        """Return the modal coordinates of an elastic coupler, their rates and accelerations."""
+        modes = range(1, self.coupler_modes + 1)
+        told = ("amplitude", "rate", "acceleration")
+        return {f"coupler.mode.{what}": [f"coupler.mode[{k}].{what}" for k in modes] for what in told if modes}
+
+    def terminals(self) -> dict[str, Sequence[str]]:
+        """Return the shaft of the crank."""
+        return {"crank": ("crank.angle", "crank.rate", "crank.torque")}
+
     @property
     def is_parallelogram(self) -> bool:
         """Whether the linkage swings as a pendulum."""

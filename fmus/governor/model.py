@@ -16,7 +16,7 @@ position, where a branch on which the arms move unequally crosses.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import cos, pi, sin, sqrt
 from types import MappingProxyType
@@ -122,6 +122,11 @@ class Governor(Model):
         m.output("position_residual", m.position_residual, "largest error of a rod's length")
         m.output("velocity_residual", m.velocity_residual, "largest rate of it")
         return m
+
+    def terminals(self) -> dict[str, Sequence[str]]:
+        """Return the spindle."""
+        driven = ("spindle.drive", "spindle.effort")
+        return {"spindle": driven if self.driven else ("spindle.angle", "spindle.speed", "spindle.torque")}
 
     def below_pivot(self, angle: float) -> float:
         """Return the collar's distance below the pivot, m, with both arms at ``angle`` (rad)."""

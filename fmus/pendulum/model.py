@@ -11,6 +11,7 @@ state is theta = 0, d = (k_t d0 + m w^2 l) / (k_t - m w^2).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import cos, sin
 from types import MappingProxyType
@@ -77,6 +78,10 @@ class SwingPendulum(Model):
         m.output("energy", m.energy, "kinetic and potential energy")
         m.output("jacobi_integral", m.jacobi_integral, "energy less crank speed times angular momentum")
         return m
+
+    def terminals(self) -> dict[str, Sequence[str]]:
+        """Return the shaft of the crank."""
+        return {"crank": ("crank.drive", "crank.effort")}
 
     def exact(self, times: NDArray[np.float64]) -> dict[str, NDArray[np.float64]] | None:
         """Return the undamped motion without gravity at ``times`` (s); None with damping or gravity."""

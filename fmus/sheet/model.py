@@ -7,9 +7,11 @@ x = 0.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,6 +113,14 @@ class Sheet(Model):
         m.surface("sheet", sheet.nodes)
         self._outputs(m, sheet, edge)
         return m
+
+    def arrays(self) -> dict[str, Sequence[Any]]:
+        """Return the heights of the free edge, and the positions of all nodes where they are told."""
+        rows, columns = range(self.nx), range(self.nz)
+        found: dict[str, Sequence[Any]] = {"free_edge.y": [f"free_edge[{k}].y" for k in columns]}
+        if self.grid_outputs:
+            found["node.position"] = [[[f"node[{i},{k}].{axis}" for axis in "xyz"] for k in columns] for i in rows]
+        return found
 
     def independent(self, times: NDArray[np.float64]) -> dict[str, tuple[NDArray[np.float64], float]] | None:
         """Return the tip as a shell code has it; None but for the default sheet at ``times`` that the code tells."""

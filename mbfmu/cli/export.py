@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 from mbfmu.scene import DEFAULT
 
@@ -56,20 +57,17 @@ def add(commands: Commands) -> None:
 def command_export(options: argparse.Namespace) -> int:
     """Write an FMU."""
     from mbfmu.fmi import export
+    from mbfmu.fmi.apart import export_scene
 
     scene = scene_of(options)
     name, part = file_name(scene.model.name), scene_part(scene)
-    path = export(
-        scene.model,
-        options.output or Path(f"{name}.fmu" if part == DEFAULT else f"{name}_{part}.fmu"),
-        scene.settings,
-        stop_time=scene.stop_time,
-        output_interval=scene.output_interval,
-        native=options.native,
-        fmi=options.fmi,
-        platforms=options.platforms,
-        tell=lambda text: tell(options, text),
-    )
+    path = options.output or Path(f"{name}.fmu" if part == DEFAULT else f"{name}_{part}.fmu")
+    asked: dict[str, Any] = {"fmi": options.fmi, "platforms": options.platforms}
+    if options.native:
+        export_scene(scene, path, tell=lambda text: tell(options, text), **asked)
+    else:
+        asked |= {"stop_time": scene.stop_time, "output_interval": scene.output_interval}
+        export(scene.model, path, scene.settings, **asked)
     wrote(options, path)
     tell_more(options, f"{path.stat().st_size / 1e3:.0f} kB; `mbfmu models {options.scene}` lists its variables")
     return 0

@@ -6,7 +6,9 @@ import argparse
 import sys
 import tempfile
 import time
+from contextlib import nullcontext
 from dataclasses import asdict
+from enum import Enum
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +17,11 @@ from tqdm import tqdm
 
 from mbfmu.audit import VARIABLES
 from mbfmu.curves import matching
-from mbfmu.direct import Result, communication_points, run
+from mbfmu.direct import Result, communication_points, loops, run
 from mbfmu.scene import Scene, as_toml
 from mbfmu.settings import AUTO
 from mbfmu.simulation import Simulation
+from mbfmu.uncompiled import NotCompiled, compiling_nothing
 from mbfmu.viewer import Recorder
 
 from .common import (
@@ -67,6 +70,9 @@ def add(commands: Commands) -> None:
         help="run a scene or a model; write its outputs, a picture and the motion",
         description=f"""Run a scene or a model: export it as an FMU, and drive that through FMPy.
 
+The FMU is machine code where the runtime is there (`mbfmu runtime`) and solver and model go into it; else it calls
+Python. The summary says which it was.
+
 The results are in a folder such as results/fourbar/paper-hybrid-1e-4:
   {CSV}  every output over time
   {PICTURE}  the outputs as curves
@@ -78,7 +84,7 @@ The folder of a run that ended early ends in -failed. That of a run that lost it
 The exit code of both is 1. A mistake in what you ask for gives 2, and an interrupted run 130; these write nothing.
 
 An FMU does not tell poses. They come from a direct repeat of the run, which is left out where the FMU took more than
-{QUICK:g} s.""",
+{QUICK:g} s, and where all went without compiling and the repeat would not.""",
         epilog=EXAMPLES,
     )
     add_scene(p)
@@ -104,18 +110,18 @@ def command_run(options: argparse.Namespace) -> int:
     """Run a scene; write what it gives into a folder; print a summary."""
     begin = time.perf_counter()
     scene = scene_of(options)
-    matching([v.name for v in (*scene.model.plant().outputs, *VARIABLES)], options.plot)  # complains before the run
+    outputs = [name for name, *_ in scene.model.built().outputs]
+    matching([*outputs, *(v.name for v in VARIABLES)], options.plot)  # complains before the run
     with results(options.output, scene, run_part(scene)) as place:
         recorder = Recorder()
-        result = ran(scene, options, recorder)
+        result, way, notes = ran(scene, options, recorder)
         total = time.perf_counter() - begin
-        if not options.direct and result.wall_time < QUICK:
-            repeat = run(scene.model, scene.settings, result.t, watch=recorder)
-            result.remarks = repeat.remarks  # which an FMU has in its log alone
-        elif not options.direct and scene.settings.solver == AUTO:
+        if way is not Way.DIRECT and result.wall_time < QUICK:
+            recorder = repeated(scene, result, compiles=way is not Way.NATIVE)
+        elif way is not Way.DIRECT and scene.settings.solver == AUTO:
             result.remarks = (str(Simulation(scene.model, scene.settings).pick),)
         write(place, scene, result, recorder, options.plot)
-        tell(options, "\n".join((summary(scene, result, total), *(f"  {line}" for line in loops(scene)))))
+        tell(options, "\n".join((summary(scene, result, way, total), *(f"  {line}" for line in notes))))
         tell_more(options, statistics(result))
         wrote(options, place.keep(mark(result)))
     if not recorder.used:
@@ -125,19 +131,48 @@ def command_run(options: argparse.Namespace) -> int:
     return 1 if mark(result) else 0
 
 
-def ran(scene: Scene, options: argparse.Namespace, recorder: Recorder) -> Result:
-    """Return the result of a scene, through its FMU or directly."""
+class Way(Enum):
+    """How a scene was run, in words."""
+
+    DIRECT = "directly"
+    NATIVE = "as a native FMU"
+    COUPLED = "as an FMU that calls Python"
+
+
+def ran(scene: Scene, options: argparse.Namespace, recorder: Recorder) -> tuple[Result, Way, list[str]]:
+    """Return the result of a scene, through its FMU or directly, and what is to be said of its loops."""
     times = communication_points(scene.stop_time, scene.output_interval)
     with progress(scene, options.quiet) as bar:
         if options.direct:
-            result = run(scene.model, scene.settings, times, bar, recorder, warn)
+            result, way, notes = run(scene.model, scene.settings, times, bar, recorder, warn), Way.DIRECT, None
         else:
+            from mbfmu.fmi import export
+            from mbfmu.fmi.apart import make_for_a_run
             from mbfmu.fmi.run import run_fmu
 
             with tempfile.TemporaryDirectory(prefix="mbfmu_") as place:
-                result = run_fmu(scene.model, scene.settings, times, Path(place) / "model.fmu", bar, warn)
+                path = Path(place) / "model.fmu"
+                notes = make_for_a_run(scene, path)
+                way = Way.COUPLED if notes is None else Way.NATIVE
+                if way is Way.COUPLED:
+                    export(scene.model, path, scene.settings)
+                result = run_fmu(path, scene.model, scene.settings, times, bar, warn)
     result.name = scene.name
-    return result
+    return result, way, loops(scene.model) if notes is None else notes
+
+
+def repeated(scene: Scene, result: Result, *, compiles: bool) -> Recorder:
+    """Repeat a run directly for its poses and remarks, which an FMU does not tell; return what has recorded them.
+
+    Where it may compile nothing and would have to, it is left out.
+    """
+    recorder = Recorder()
+    try:
+        with nullcontext() if compiles else compiling_nothing():
+            result.remarks = run(scene.model, scene.settings, result.t, watch=recorder).remarks
+    except NotCompiled:
+        return Recorder()
+    return recorder
 
 
 def mark(result: Result) -> str:
@@ -162,18 +197,12 @@ def warn(text: str) -> None:
     tqdm.write(f"mbfmu: {text}", file=sys.stderr)
 
 
-def loops(scene: Scene) -> list[str]:
-    """Return which rows vanish or are redundant in the loops of a scene at its start."""
-    plant = scene.model.plant()
-    return plant.assembly.notes(0.0, plant.assemble()[0]) if plant.mechanism.constraints else []
-
-
-def summary(scene: Scene, result: Result, total: float) -> str:
-    """Return what a run cost and how well it kept its invariants."""
+def summary(scene: Scene, result: Result, way: Way, total: float) -> str:
+    """Return how a scene was run, what that cost, and how well it kept its invariants."""
     outputs, s = result.as_dict(), result.statistics
     lines = [
         f"{result.title}: {result.t[-1]:g} s simulated",
-        f"  run {result.wall_time:.3f} s; in all {total:.2f} s with start, compilation and export",
+        f"  run {way.value} in {result.wall_time:.3f} s; in all {total:.2f} s with start, compilation and export",
         f"  {s.steps} steps ({s.rejected} rejected), {s.rhs_evals} evaluations, "
         f"{s.partition_switches} partition switches",
     ]

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import isfinite
 from xml.etree.ElementTree import Element, SubElement
 
 import mbfmu
-from mbfmu.interface import ScalarVariable, Type
+from mbfmu.interface import ArrayVariable, ScalarVariable, Type
 
 from .description import EPOCH, Experiment, Identity, default_run, number, type_name, units
 
@@ -28,10 +28,31 @@ CAPABILITIES = {
 TIME = "time"  # the independent variable, whose value reference comes after all others
 
 
+def listed(
+    variables: Sequence[ScalarVariable], arrays: Sequence[ArrayVariable]
+) -> Iterator[tuple[int, ScalarVariable]]:
+    """Yield what FMI 3 has with its value references: an array in place of its elements, where the first is."""
+    references = {a.name: len(variables) + 1 + k for k, a in enumerate(arrays)}
+    within = {name: a for a in arrays for name in a.elements}
+    for reference, v in enumerate(variables):
+        array = within.get(v.name)
+        if array is None:
+            yield reference, v
+        elif array.elements[0] == v.name:
+            yield references[array.name], array
+
+
 def model_description(
-    identity: Identity, experiment: Experiment, variables: Sequence[ScalarVariable], log_categories: Mapping[str, str]
+    identity: Identity,
+    experiment: Experiment,
+    variables: Sequence[ScalarVariable],
+    log_categories: Mapping[str, str],
+    arrays: Sequence[ArrayVariable],
 ) -> Element:
-    """Return the root of modelDescription.xml; elements keep the order of the FMI schema."""
+    """Return the root of modelDescription.xml; elements keep the order of the FMI schema.
+
+    ``arrays`` are declared in place of those of the variables that are in them.
+    """
     root = Element(
         "fmiModelDescription",
         fmiVersion="3.0",
@@ -48,7 +69,8 @@ def model_description(
     SubElement(root, "CoSimulation", {"modelIdentifier": identity.identifier, **CAPABILITIES})
     root.extend([*units(variables), *_enumerations(variables), *default_run(experiment, log_categories)])
     described = SubElement(root, "ModelVariables")
-    for reference, v in enumerate(variables):
+    told = list(listed(variables, arrays))
+    for reference, v in told:
         _variable(described, reference, v)
     SubElement(
         described,
@@ -60,7 +82,7 @@ def model_description(
         description="time",
         unit="s",
     )
-    root.append(_structure(variables))
+    root.append(_structure(told))
     return root
 
 
@@ -95,14 +117,16 @@ def _variable(parent: Element, reference: int, v: ScalarVariable) -> None:
         told["nominal"] = number(v.nominal)
     if v.start is not None:
         told["start"] = str(v.start).lower() if isinstance(v.start, bool) else as_text(v.start)
-    SubElement(parent, TYPES[v.type], told)
+    element = SubElement(parent, TYPES[v.type], told)
+    for count in v.shape if isinstance(v, ArrayVariable) else ():
+        SubElement(element, "Dimension", start=str(count))
 
 
-def _structure(variables: Sequence[ScalarVariable]) -> Element:
+def _structure(variables: Sequence[tuple[int, ScalarVariable]]) -> Element:
     """Return what depends on what: outputs on the inputs that change them at once, at the start on everything."""
     structure = Element("ModelStructure")
-    reference = {v.name: str(k) for k, v in enumerate(variables)}
-    made = [v for v in variables if v.causality == "output"]
+    reference = {v.name: str(k) for k, v in variables}
+    made = [v for _, v in variables if v.causality == "output"]
     for v in made:
         needs = " ".join(reference[name] for name in v.depends_on)
         SubElement(structure, "Output", valueReference=reference[v.name], dependencies=needs)

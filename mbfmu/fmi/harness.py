@@ -4,14 +4,23 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from ctypes import byref
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
-from fmpy import extract, read_model_description
+from fmpy import calloc, extract, free, read_model_description
 from fmpy.fmi1 import FMICallException
-from fmpy.fmi2 import FMU2Slave
+from fmpy.fmi2 import (
+    FMU2Slave,
+    fmi2CallbackAllocateMemoryTYPE,
+    fmi2CallbackFreeMemoryTYPE,
+    fmi2CallbackFunctions,
+    fmi2CallbackLoggerTYPE,
+    fmi2Warning,
+)
 from numpy.typing import NDArray
 
 from mbfmu.errors import UserError
@@ -24,7 +33,7 @@ def called(variable: Any) -> str:
 
 
 class Fmu:
-    """An FMU (FMI 2.0 for co-simulation, ours or another's) unzipped and instantiated.
+    """An FMU (FMI 2.0 for co-simulation, ours or another's) unzipped and instantiated; ``warnings`` are those it logs.
 
     >>> with Fmu(path, {"gravity": 1.62}) as fmu:                                   # doctest: +SKIP
     ...     fmu.step(0.01)
@@ -62,13 +71,30 @@ class Fmu:
             modelIdentifier=self.description.coSimulation.modelIdentifier,
             instanceName=self.description.modelName,
         )
-        self.slave.instantiate()
+        self.warnings: list[str] = []
+        self.slave.instantiate(callbacks=self._callbacks())
         self.t, self._begun = start_time, False
         try:
             self.start(values or {}, tolerance)
         except BaseException:
             self.close()
             raise
+
+    def _callbacks(self) -> Any:
+        """Return what the FMU calls; FMPy's own would print what it logs among the results."""
+        callbacks = fmi2CallbackFunctions()
+        callbacks.logger = fmi2CallbackLoggerTYPE(self._note)
+        callbacks.allocateMemory = fmi2CallbackAllocateMemoryTYPE(calloc)
+        callbacks.freeMemory = fmi2CallbackFreeMemoryTYPE(free)
+        with suppress(Exception):  # FMPy cannot fill in numbers on every machine; texts of ours have none to fill in
+            from fmpy.logging import addLoggerProxy
+
+            addLoggerProxy(byref(callbacks))
+        return callbacks
+
+    def _note(self, _environment: Any, _name: bytes, status: int, _category: bytes, text: bytes) -> None:
+        if status == fmi2Warning:
+            self.warnings.append(text.decode(errors="replace"))
 
     def start(self, values: Mapping[str, Any], tolerance: float | None = None) -> None:
         """Initialize with these start values; raises UserError with the FMU's reason where it cannot."""

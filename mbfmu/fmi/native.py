@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from hashlib import sha256
-from xml.etree.ElementTree import indent, tostring
+from xml.etree.ElementTree import Element, indent, tostring
 
 from mbfmu.auto import pick
 from mbfmu.errors import UserError
@@ -21,8 +21,9 @@ from . import description, description3
 from .description import LOG_CATEGORIES, Experiment, Identity
 from .documentation import page
 from .identity import identify
+from .terminals import terminals_and_icons
 
-DESCRIBED = {2: description.model_description, 3: description3.model_description}
+VERSIONS = (2, 3)
 
 
 def native(
@@ -32,23 +33,34 @@ def native(
     *,
     fmi: int,
     platforms: Sequence[str],
-    tell: Callable[[str], None],
+    tell: Callable[[str], None] = lambda _: None,
+    for_one_run: bool = False,
 ) -> dict[str, bytes]:
-    """Return the files of an FMU that runs by itself, by their names; see :func:`mbfmu.fmi.export`."""
+    """Return the files of an FMU that runs by itself, by their names; see :func:`mbfmu.fmi.export`.
+
+    ``for_one_run``: its parameters are constant, which saves the search for what follows them.
+    """
     names = _targets(fmi, platforms)
     settings = _with_solver(model, settings, tell)
-    made = native_model(model, settings)
+    made = native_model(model, settings, for_one_run)
     for name, why in made.frozen.items():
         tell(f"parameter {name!r} is fixed by the export: {why}")
     owner = identify(model, settings, experiment, "native", str(fmi), sha256(made.data).hexdigest())
     identity = Identity(name=model.name, identifier=owner.identifier, description=model.title(), guid=owner.guid)
-    root = DESCRIBED[fmi](identity, experiment, made.variables, LOG_CATEGORIES)
-    indent(root)
+    shown, terminals = list(made.variables), None
+    if fmi == 2:
+        root = description.model_description(identity, experiment, shown, LOG_CATEGORIES)
+    else:
+        root = description3.model_description(identity, experiment, shown, LOG_CATEGORIES, made.arrays)
+        shown = [v for _, v in description3.listed(made.variables, made.arrays)]
+        terminals = terminals_and_icons(model, shown)
     content = {
-        "modelDescription.xml": tostring(root, encoding="utf-8", xml_declaration=True),
+        "modelDescription.xml": _text(root),
         "resources/model.bin": signed(made.data, owner.guid),
-        "documentation/index.html": page(model, made.variables, needs_python=False).encode(),
+        "documentation/index.html": page(model, shown, needs_python=False).encode(),
     }
+    if terminals is not None:
+        content["terminalsAndIcons/terminalsAndIcons.xml"] = _text(terminals)
     for name in names:
         target = TARGETS[name]
         folder = target.folder if fmi == 2 else name
@@ -56,9 +68,15 @@ def native(
     return content
 
 
+def _text(root: Element) -> bytes:
+    indent(root)
+    text: bytes = tostring(root, encoding="utf-8", xml_declaration=True)
+    return text
+
+
 def _targets(fmi: int, platforms: Sequence[str]) -> list[str]:
     """Return the names of the targets asked for; this machine where none are."""
-    if fmi not in DESCRIBED:
+    if fmi not in VERSIONS:
         raise UserError(f"fmi is {fmi!r}; allowed: 2 or 3")
     names = list(dict.fromkeys(platforms)) or [host()]
     if names == [""]:

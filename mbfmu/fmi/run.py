@@ -1,4 +1,4 @@
-"""Run a model as an FMU through FMPy and record what the direct run records."""
+"""Run the FMU of a model through FMPy and record what the direct run records."""
 
 from __future__ import annotations
 
@@ -18,23 +18,21 @@ from mbfmu.model import Model
 from mbfmu.settings import Settings
 from solvers.options import Statistics
 
-from .export import export
 from .harness import Fmu
 
 
 def run_fmu(
+    path: Path,
     model: Model,
     settings: Settings,
     times: NDArray[np.float64],
-    path: Path,
     progress: Callable[[float], None] | None = None,
     warn: Callable[[str], None] | None = None,
 ) -> Result:
-    """Export ``model`` to ``path`` and drive the FMU over ``times`` (s); stops where the FMU discards a step.
+    """Drive the FMU of a model over ``times`` (s); stops where the FMU discards a step.
 
     ``warn`` is told at once when the energy balance is lost; the run goes on. Ctrl-C ends it between two steps.
     """
-    export(model, path, settings)
     with (
         interrupts_held(fatal=True) as interrupt,
         Fmu(path, start_time=float(times[0]), tolerance=settings.tolerance) as fmu,
@@ -69,4 +67,5 @@ def run_fmu(
             settings=settings,
             failure=failure,
             verdict=warning,
+            remarks=tuple(text for text in dict.fromkeys(fmu.warnings) if text != warning),
         )

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.interface import Role, ScalarVariable, Type, interface
+from mbfmu.interface import ArrayVariable, Role, ScalarVariable, Type, arrays, interface
 from mbfmu.mechanics.arrays.closing import SENTENCES
 from mbfmu.model import Model, declared, span
 from mbfmu.settings import Settings
@@ -41,34 +41,52 @@ class NativeModel(NamedTuple):
     ----------
     variables
         As a host sees them; a place among them is the value reference.
+    arrays
+        Outputs that are one variable in FMI 3; their value references come after that of the time, which comes after
+        those of the variables.
     frozen
         Parameters that are constant, though a model that is built could change them, and why.
     """
 
     variables: tuple[ScalarVariable, ...]
+    arrays: tuple[ArrayVariable, ...]
     frozen: dict[str, str]
     data: bytes
 
 
-def native_model(model: Model, settings: Settings) -> NativeModel:
+def native_model(model: Model, settings: Settings, for_one_run: bool = False) -> NativeModel:
     """Return a model for the runtime, which is of no FMU yet: see :func:`.layout.signed`.
+
+    ``for_one_run``: no parameter is settable.
 
     Raises
     ------
     UserError
         The model cannot be built, or the runtime cannot run it.
     """
-    simulation = Simulation(model, settings)
+    simulation = _Resting(model, settings)
     instance, image = image_of(simulation)
-    live = _steady(model) if settings.start_at_equilibrium else find_live(model)
+    why = "it is made for one run" if for_one_run else ""
+    if settings.start_at_equilibrium:
+        why = "the steady state that it starts in follows it"
+    live = _nothing_live(model, why) if why else find_live(model)
     frozen = {name: why for name, why in live.frozen.items() if not _structural(model, name)}
     variables = tuple(_native(v, model, live) for v in interface(model, settings, simulation.plant))
-    return NativeModel(variables, frozen, _File(simulation, instance, image, live, variables).write())
+    several = arrays(model, variables)
+    file = _File(simulation, instance, image, live, variables, several)
+    return NativeModel(variables, several, frozen, file.write())
 
 
-def _steady(model: Model) -> Live:
-    """Return that no parameter of a model stays settable whose start is a steady state."""
-    return Live((), {p.name: "the steady state that it starts in follows it" for p in model.parameters()}, {}, (), {})
+class _Resting(Simulation):
+    """A simulation that is not to run: nothing is compiled for that, and its arrays are as they are at the start."""
+
+    def _rehearse(self, *_: Any) -> None:
+        """Rest."""
+
+
+def _nothing_live(model: Model, why: str) -> Live:
+    """Return that no parameter of a model stays settable."""
+    return Live((), {p.name: why for p in model.parameters()}, {}, (), {})
 
 
 def _structural(model: Model, name: str) -> bool:
@@ -91,10 +109,16 @@ class _File:
     """What is to be written, section by section."""
 
     def __init__(
-        self, simulation: Simulation, instance: Instance, image: Image, live: Live, variables: Sequence[ScalarVariable]
+        self,
+        simulation: Simulation,
+        instance: Instance,
+        image: Image,
+        live: Live,
+        variables: Sequence[ScalarVariable],
+        several: Sequence[ArrayVariable],
     ) -> None:
         self._simulation, self._instance, self._image, self._live = simulation, instance, image, live
-        self._variables, self._text = variables, bytearray()
+        self._variables, self._arrays, self._text = variables, several, bytearray()
         self._block = image.block()
         self._references = {v.name: k for k, v in enumerate(variables)}
         self._places = {
@@ -106,8 +130,9 @@ class _File:
 
     def write(self) -> bytes:
         """Return the bytes of the file."""
-        rows: dict[str, list[tuple[Any, ...]]] = {name: [] for name in ("sums", "terms", "factors")}
+        rows: dict[str, list[tuple[Any, ...]]] = {name: [] for name in ("members", "sums", "terms", "factors")}
         rows["variables"] = [self._variable(v) for v in self._variables]
+        rows["arrays"] = [self._array(a, rows["members"]) for a in self._arrays]
         rows["entries"] = [self._entry(entry, rows) for entry in self._live.entries]
         rows["places"], rows["kernels"] = list(self._image.places), list(self._image.kernels)
         rows["sentences"] = [self._sentence(code) for code in CODES]
@@ -154,6 +179,11 @@ class _File:
         kinds, roles = list(Type).index(v.type), list(Role).index(v.role)
         told = self._say(v.name), self._say(v.allowed)
         return (*told, kinds, roles, number, layout.SETTABLE.index(when), moves, start, low, high)
+
+    def _array(self, array: ArrayVariable, members: list[tuple[Any, ...]]) -> tuple[int, int]:
+        first = len(members)
+        members += [(self._references[name],) for name in array.elements]
+        return first, len(array.elements)
 
     def _entry(self, entry: Entry, rows: dict[str, list[tuple[Any, ...]]]) -> tuple[Any, ...]:
         first = len(rows["sums"])

@@ -26,7 +26,7 @@ from .points import TOLD
 from .starting import Flaw
 
 WORDS = {types.float64: "double", types.int64: "int64_t"}  # what entry points are called with
-MAGIC = int.from_bytes(b"mbfmu15d", "little")
+MAGIC = int.from_bytes(b"mbfmu17e", "little")
 TOKEN = 40  # bytes of the identity of an FMU
 
 RELOCATION = np.dtype([("at", "i8"), ("target", "i8")])  # see image.Relocation
@@ -44,6 +44,8 @@ VARIABLE = np.dtype(
         ("high", "f8"),
     ]
 )
+ARRAY = np.dtype([("members", "i8"), ("count", "i8")])  # of FMI 3: first of its members, and how many
+MEMBER = np.dtype([("variable", "i8")])
 SETTABLE = ("never", "before", "between")  # never; until the initialization ends; between steps too
 ENTRY = np.dtype(  # a number that follows parameters, see table.Entry
     [
@@ -66,6 +68,8 @@ NAME = np.dtype([("name", "i8")])  # place in the text
 
 SECTIONS = {
     "variables": VARIABLE,
+    "arrays": ARRAY,
+    "members": MEMBER,
     "entries": ENTRY,
     "sums": SUM,
     "terms": TERM,
@@ -103,9 +107,9 @@ HEADER = np.dtype(
     ]
 )
 STRUCTS = {
-    "Header": HEADER, "Variable": VARIABLE, "Entry": ENTRY, "Sum": SUM, "Term": TERM, "Factor": FACTOR,
-    "Relocation": RELOCATION, "Sentence": SENTENCE, "Failure": FAILURE, "Name": NAME, "Options": OPTIONS,
-    "Told": TOLD, "Worst": WORST,
+    "Header": HEADER, "Variable": VARIABLE, "Array": ARRAY, "Member": MEMBER, "Entry": ENTRY, "Sum": SUM, "Term": TERM,
+    "Factor": FACTOR, "Relocation": RELOCATION, "Sentence": SENTENCE, "Failure": FAILURE, "Name": NAME,
+    "Options": OPTIONS, "Told": TOLD, "Worst": WORST,
 }  # fmt: skip
 
 

@@ -1,7 +1,7 @@
-/* A host without Python: host FMI LIBRARY RESOURCES TOKEN OUT STEPS LENGTH REFERENCE...
+/* A host without Python: host FMI LIBRARY RESOURCES TOKEN OUT STEPS LENGTH VALUES REFERENCE...
  *
  * Runs one instance of an FMU of FMI 2 or 3 by STEPS steps of LENGTH s, and writes its real variables of these value
- * references at every point, as doubles, to the file OUT. Ends with 0, or says which call failed.
+ * references at every point, as doubles, to the file OUT. In FMI 3 they stand for VALUES numbers in all. Ends with 0, or says which call failed.
  */
 #ifdef _WIN32
 #include <windows.h>
@@ -58,7 +58,7 @@ static void tell3(fmi3InstanceEnvironment, fmi3Status status, fmi3String, fmi3St
     fprintf(stderr, "%d: %s\n", (int)status, text);
 }
 
-static void run2(char **told, FILE *out, int steps, double length, const unsigned *references, size_t n)
+static void run2(char **told, FILE *out, int steps, double length, const unsigned *references, size_t n, size_t)
 {
     fmi2CallbackFunctions callbacks = {tell2, calloc, free, NULL, NULL};
     double values[MOST];
@@ -79,7 +79,8 @@ static void run2(char **told, FILE *out, int steps, double length, const unsigne
     ((fmi2FreeInstanceTYPE *)function("fmi2FreeInstance"))(c);
 }
 
-static void run3(char **told, FILE *out, int steps, double length, const unsigned *references, size_t n)
+static void run3(char **told, FILE *out, int steps, double length, const unsigned *references, size_t n,
+                 size_t many)
 {
     double values[MOST], reached;
     fmi3Boolean event, ends, early;
@@ -93,8 +94,8 @@ static void run3(char **told, FILE *out, int steps, double length, const unsigne
         if (k)
             CALL(fmi3DoStep, c, (k - 1) * length, k * length - (k - 1) * length, true, &event, &ends, &early,
                  &reached);
-        CALL(fmi3GetFloat64, c, references, n, values, n);
-        fwrite(values, sizeof *values, n, out);
+        CALL(fmi3GetFloat64, c, references, n, values, many);
+        fwrite(values, sizeof *values, many, out);
     }
     CALL(fmi3Terminate, c);
     ((fmi3FreeInstanceTYPE *)function("fmi3FreeInstance"))(c);
@@ -103,18 +104,18 @@ static void run3(char **told, FILE *out, int steps, double length, const unsigne
 int main(int count, char **told)
 {
     unsigned references[MOST];
-    if (count < 8 || count - 8 > MOST)
-        fail("host FMI LIBRARY RESOURCES TOKEN OUT STEPS LENGTH REFERENCE...");
+    if (count < 9 || count - 9 > MOST || atoi(told[8]) > MOST)
+        fail("host FMI LIBRARY RESOURCES TOKEN OUT STEPS LENGTH VALUES REFERENCE...");
     library = dlopen(told[2], RTLD_NOW | RTLD_LOCAL);
     if (!library)
         fail(dlerror());
-    for (int k = 8; k < count; k++)
-        references[k - 8] = (unsigned)strtoul(told[k], NULL, 10);
+    for (int k = 9; k < count; k++)
+        references[k - 9] = (unsigned)strtoul(told[k], NULL, 10);
     FILE *out = fopen(told[5], "wb");
     if (!out)
         fail(told[5]);
     (atoi(told[1]) == 2 ? run2 : run3)(told + 2, out, atoi(told[6]), strtod(told[7], NULL), references,
-                                       (size_t)(count - 8));
+                                       (size_t)(count - 9), (size_t)atoi(told[8]));
     fclose(out);
     dlclose(library);
     return 0;

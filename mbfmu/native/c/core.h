@@ -43,6 +43,11 @@ Outcome set(Instance *own, uint32_t reference, unsigned types, double value);
 Outcome get_text(Instance *own, uint32_t reference, const char **text);
 double last_successful_time(const Instance *own);
 
+/* Value references of FMI 3: of variables, then of the time, then of arrays. */
+uint32_t time_reference(const Instance *own);
+size_t width(const Instance *own, uint32_t reference);
+uint32_t element(const Instance *own, uint32_t reference, size_t k);
+
 /* States. */
 Outcome save(Instance *own, State **state);
 Outcome restore(Instance *own, const State *state);

@@ -125,31 +125,56 @@ fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 t, fmi3Float64 length, fmi3Boo
 
 static fmi3Status wrong_count(fmi3Instance c)
 {
-    return c ? (fmi3Status)refuse(instance(c), "a call with another number of values than of references") : fmi3Error;
+    return c ? (fmi3Status)refuse(instance(c), "a call with another number of values than its variables have") : fmi3Error;
+}
+
+/* Whether there are as many values as the references stand for. */
+static bool fit(fmi3Instance c, const fmi3ValueReference references[], size_t n, const void *values, size_t count)
+{
+    size_t needed = 0;
+    if (!c || (n && (!references || !values)))
+        return false;
+    for (size_t k = 0; k < n; k++)
+        needed += width(instance(c), references[k]);
+    return needed == count;
+}
+
+static Outcome read(Instance *own, fmi3ValueReference reference, unsigned types, double *value)
+{
+    if (reference != time_reference(own) || !(types & 1u << TYPE_REAL))
+        return get(own, reference, types, value);
+    *value = last_successful_time(own);
+    return OK;
 }
 
 /* Read values one by one; the worst outcome counts. */
 #define GET(values, types, kind)                                                   \
-    if (!c || n != count || (n && (!references || !(values))))                     \
+    if (!fit(c, references, n, values, count))                                     \
         return wrong_count(c);                                                     \
+    Instance *own = instance(c);                                                   \
     Outcome worst = OK;                                                            \
-    for (size_t k = 0; worst != ERROR && k < n; k++) {                             \
-        double value = 0.0;                                                        \
-        Outcome outcome = get(instance(c), references[k], types, &value);          \
-        (values)[k] = (kind)value;                                                 \
-        worst = outcome > worst ? outcome : worst;                                 \
-    }                                                                              \
+    size_t at = 0;                                                                 \
+    for (size_t k = 0; k < n; k++)                                                 \
+        for (size_t i = 0; worst != ERROR && i < width(own, references[k]); i++) { \
+            double value = 0.0;                                                    \
+            Outcome outcome = read(own, element(own, references[k], i), types, &value); \
+            (values)[at++] = (kind)value;                                          \
+            worst = outcome > worst ? outcome : worst;                             \
+        }                                                                          \
     return (fmi3Status)worst
 
 /* Set values one by one, all that can be. */
 #define SET(values, types)                                                         \
-    if (!c || n != count || (n && (!references || !(values))))                     \
+    if (!fit(c, references, n, values, count))                                     \
         return wrong_count(c);                                                     \
+    Instance *own = instance(c);                                                   \
     Outcome worst = OK;                                                            \
-    for (size_t k = 0; k < n; k++) {                                               \
-        Outcome outcome = set(instance(c), references[k], types, (double)(values)[k]); \
-        worst = outcome > worst ? outcome : worst;                                 \
-    }                                                                              \
+    size_t at = 0;                                                                 \
+    for (size_t k = 0; k < n; k++)                                                 \
+        for (size_t i = 0; i < width(own, references[k]); i++) {                   \
+            Outcome outcome = set(own, element(own, references[k], i), types, (double)(values)[at++]); \
+            worst = outcome > worst ? outcome : worst;                             \
+        }                                                                          \
     return (fmi3Status)worst
 
 fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference references[], size_t n, fmi3Float64 values[],
@@ -173,7 +198,7 @@ fmi3Status fmi3GetBoolean(fmi3Instance c, const fmi3ValueReference references[],
 fmi3Status fmi3GetString(fmi3Instance c, const fmi3ValueReference references[], size_t n, fmi3String values[],
                          size_t count)
 {
-    if (!c || n != count || (n && (!references || !values)))
+    if (!fit(c, references, n, values, count) || n != count)
         return wrong_count(c);
     Outcome worst = OK;
     for (size_t k = 0; worst == OK && k < n; k++)

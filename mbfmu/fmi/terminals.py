@@ -1,0 +1,53 @@
+"""Terminals of FMI 3: what others hold on to, as variables that belong together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from xml.etree.ElementTree import Element, SubElement
+
+from mbfmu.errors import UserError
+from mbfmu.interface import Role, ScalarVariable
+from mbfmu.model import Model
+
+FLANGES = (  # name and kind of a member by its unit: turning, and sliding. Torques and forces flow into the mechanism
+    {"rad": ("phi", "signal"), "rad/s": ("w", "signal"), "N.m": ("tau", "inflow")},
+    {"m": ("s", "signal"), "m/s": ("v", "signal"), "N": ("f", "inflow")},
+)
+
+
+def terminals_and_icons(model: Model, variables: Iterable[ScalarVariable]) -> Element | None:
+    """Return the root of terminalsAndIcons.xml, for the variables of the FMU; None where a model has no terminals.
+
+    Raises
+    ------
+    UserError
+        Members of a terminal are no variables of one joint coordinate.
+    """
+    known = {v.name: v for v in variables if v.role in (Role.INPUT, Role.OUTPUT)}
+    declared = model.terminals()
+    if not declared:
+        return None
+    root = Element("fmiTerminalsAndIcons", fmiVersion="3.0")
+    parent = SubElement(root, "Terminals")
+    for name, members in declared.items():
+        # what one side alone has is left open where two are connected
+        terminal = SubElement(parent, "Terminal", name=name, matchingRule="bus")
+        for variable, (member, kind) in zip(members, _flange(name, members, known), strict=True):
+            told = {"variableName": variable, "memberName": member, "variableKind": kind}
+            SubElement(terminal, "TerminalMemberVariable", told)
+    return root
+
+
+def _flange(name: str, members: Iterable[str], known: dict[str, ScalarVariable]) -> list[tuple[str, str]]:
+    """Return name and kind of each member, which its unit tells."""
+    for member in members:
+        if member not in known:
+            raise UserError(f"terminal {name!r} has {member!r}, which is no input and no output of its own in the FMU")
+    units = [known[member].unit for member in members]
+    for flange in FLANGES:
+        if len(set(units)) == len(units) > 0 and set(units) <= set(flange):
+            return [flange[unit] for unit in units]
+    raise UserError(
+        f"terminal {name!r} has variables in {', '.join(units) or 'no unit'}; allowed: one each in rad, rad/s and N.m, "
+        "or in m, m/s and N"
+    )

@@ -1,0 +1,176 @@
+"""``mbfmu run`` takes the native FMU where the runtime is there and the scene goes into it, and compiles nothing."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from fmus.fourbar import FourBar
+from mbfmu.errors import UserError
+from mbfmu.fmi import apart
+from mbfmu.native.runtime import COMPILERS, library
+from mbfmu.native.targets import host
+from mbfmu.scene import load_scene
+from mbfmu.uncompiled import NotCompiled, compiling_nothing
+from solvers.compiled.cache import home, tell_listeners, when_compiling
+
+Command = Callable[..., tuple[int, str, str]]
+
+NATIVE, COUPLED = "run as a native FMU in", "run as an FMU that calls Python in"
+OWN = '''
+from dataclasses import dataclass
+from mbfmu.mechanics import Function, Mechanism, Revolute, rod
+from mbfmu.model import Model
+
+@dataclass(frozen=True, kw_only=True)
+class Waved(Model):
+    """A bar that is waved as a function of time says."""
+
+    def build(self):
+        m = Mechanism()
+        bar = m.body("bar", m.ground, Revolute(drive=Function("sin(t)")))
+        m.body("tip", bar, Revolute(at=(1.0, 0.0, 0.0)), **rod(mass=1.0, length=1.0))
+        m.output("bar.angle", bar.angle())
+        return m
+'''
+
+pytestmark = pytest.mark.skipif(
+    not host() or not any(map(shutil.which, COMPILERS)), reason="needs a C compiler, and a machine that is known"
+)
+
+
+@contextmanager
+def refused() -> Iterator[None]:
+    """As where nothing has been compiled yet."""
+
+    @contextmanager
+    def refuse() -> Iterator[None]:
+        raise NotCompiled
+        yield
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(apart, "compiling_nothing", refuse)
+        yield
+
+
+@pytest.fixture(scope="module")
+def runtime() -> Path:
+    return library(host())
+
+
+@pytest.mark.parametrize("scene", ["fourbar/paper", "governor", "pendulum"])
+def test_a_scene_runs_as_a_native_fmu_to_the_bits_of_a_direct_run(
+    scene: str, runtime: Path, command: Command, tmp_path: Path
+):
+    solver = [] if "paper" in scene else ["--solver=radau"]
+    found = {}
+    for way in ("fmu", "direct"):
+        more = ["--direct"] if way == "direct" else []
+        told = ("run", scene, *solver, "--stop-time=0.5", "-o", str(tmp_path / way), *more)
+        code, out, _ = command(*told)
+        assert code == 0
+        assert (NATIVE in out) == (way == "fmu")
+        (folder,) = (tmp_path / way).glob("*/*")
+        found[way] = (folder / "outputs.csv").read_text()
+        assert (folder / "motion.npz").is_file()  # what a repeat needs is compiled here
+    assert found["fmu"] == found["direct"]
+    loops = [line for line in out.splitlines() if line.startswith("  loop")]
+    assert bool(loops) == ("fourbar" in scene)
+
+
+def test_loops_are_told_of_a_native_run_too(runtime: Path, command: Command, tmp_path: Path):
+    _, out, _ = command("run", "fourbar", "--solver=adams", "--stop-time=0.1", "-o", str(tmp_path))
+    assert NATIVE in out
+    assert "  loop 'pivot': 3 of 5 rows vanish (z, zx, zy)\n" in out
+
+
+def test_what_a_native_fmu_logs_is_a_note_and_not_among_the_paths(runtime: Path, command: Command, tmp_path: Path):
+    free = ("--set=nx=4", "--set=nz=3", "--set=support=free", "--set=start_spin=600", "--solver=adams")
+    told = ("run", "sheet", *free, "--stop-time=0.01", "--interval=1e-3", "-o", str(tmp_path))
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("mbfmu.cli.run.QUICK", 0.0)  # a repeat has notes of its own
+        _, out, _ = command(*told)
+        _, quiet, _ = command("-q", *told)
+    assert NATIVE in out
+    assert re.search(r"^  note: cells bend by up to \d\d degrees", out, re.MULTILINE)
+    assert quiet == f"{tmp_path / 'sheet' / 'default-adams-1e-5-2'}\n"
+
+
+def test_without_a_runtime_the_fmu_calls_python(command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(apart, "there", lambda _: None)
+    _, out, _ = command("run", "fourbar", "--solver=adams", "--stop-time=0.1", "-o", str(tmp_path))
+    assert COUPLED in out
+
+
+def test_a_solver_and_a_model_that_machine_code_has_not_call_python(runtime: Path, command: Command, tmp_path: Path):
+    _, out, _ = command("run", "fourbar", "--solver=ida", "--stop-time=0.1", "-o", str(tmp_path))
+    assert COUPLED in out
+    (tmp_path / "waved.py").write_text(OWN)
+    told = ("run", str(tmp_path / "waved.py"), "--solver=adams", "--stop-time=0.1", "-o", str(tmp_path))
+    code, out, err = command(*told)
+    assert code == 0, err
+    assert COUPLED in out
+
+
+def test_nothing_is_compiled_for_a_native_run(runtime: Path, tmp_path: Path):
+    cache = tmp_path / "cache"
+    kept = cache / "mbfmu" / runtime.relative_to(home()).parent
+    kept.mkdir(parents=True)
+    shutil.copy(runtime, kept)
+    told = [sys.executable, "-m", "mbfmu", "-v", "run", "fourbar", "--solver=adams", "--plot=energy", "-o", "results"]
+    own = {**os.environ, "NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    done = subprocess.run(told, env=own, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert NATIVE in done.stdout
+    assert "compil" not in done.stderr
+    assert not list(cache.rglob("*.nb?"))
+    assert not list(tmp_path.glob("results/**/motion.npz"))
+    assert "see the motion with `mbfmu view fourbar`" in done.stdout
+
+
+def test_who_waits_for_the_compiler_is_told_after_work_was_given_up():
+    told: list[str] = []
+    with when_compiling(lambda: told.append("compiling")):
+        for _ in range(2):
+            with pytest.raises(NotCompiled), compiling_nothing():
+                tell_listeners()
+        assert not told
+        tell_listeners()
+        tell_listeners()
+    assert told == ["compiling"]
+
+
+def test_interpreted_kernels_make_the_bytes_of_compiled_ones(runtime: Path, tmp_path: Path):
+    scene = load_scene("fourbar/paper").changed(model=FourBar(coupler_modes=2, start_angle=0.3))
+    paths = tmp_path / "compiled.fmu", tmp_path / "interpreted.fmu"
+    loops = [apart.make_for_a_run(scene, paths[0])]
+    with refused():
+        loops.append(apart.make_for_a_run(scene, paths[1]))
+    assert loops[0] == loops[1] == ["loop 'pivot': 3 of 5 rows vanish (z, zx, zy)"]
+    assert paths[0].read_bytes() == paths[1].read_bytes()
+
+
+def test_an_export_without_a_compiler_has_the_bytes_and_the_sentences_of_another_one(runtime: Path, tmp_path: Path):
+    scene, told = load_scene("fourbar").changed(solver="radau"), ([], [])
+    paths = tmp_path / "compiled.fmu", tmp_path / "interpreted.fmu"
+    apart.export_scene(scene, paths[0], fmi=3, platforms=[], tell=told[0].append)
+    with refused():
+        apart.export_scene(scene, paths[1], fmi=3, platforms=[], tell=told[1].append)
+    assert told[0] == told[1] == ["parameter 'coupler_elements' is fixed by the export: it is no real number"]
+    assert paths[0].read_bytes() == paths[1].read_bytes()
+
+
+def test_what_is_wrong_with_a_model_is_told_without_a_compiler_too(runtime: Path, tmp_path: Path):
+    scene = load_scene("fourbar").changed(solver="radau", model=FourBar(ground_length=9.0))
+    with refused(), pytest.raises(UserError, match=r"^loop cannot close: 'pivot.x' stays off by [^\n]*$"):
+        apart.export_scene(scene, tmp_path / "model.fmu", fmi=2, platforms=[], tell=print)
+    with refused():
+        assert apart.make_for_a_run(scene, tmp_path / "model.fmu") is None
