@@ -21,8 +21,8 @@ from mbfmu.direct import Result, communication_points, loops, run
 from mbfmu.scene import Scene, as_toml
 from mbfmu.settings import AUTO
 from mbfmu.simulation import Simulation
-from mbfmu.uncompiled import NotCompiled, compiling_nothing
 from mbfmu.viewer import Recorder
+from solvers.compiled.cache import NotCompiled, compiling_nothing
 
 from .common import (
     Commands,

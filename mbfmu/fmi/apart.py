@@ -22,7 +22,7 @@ from mbfmu.native.runtime import there
 from mbfmu.native.targets import TARGETS, host
 from mbfmu.scene import Scene, as_toml, read_scene
 from mbfmu.settings import Settings
-from mbfmu.uncompiled import NotCompiled, compiling_nothing
+from solvers.compiled.cache import NotCompiled, compiling_nothing
 
 from .description import Experiment
 from .export import export, pack

@@ -40,18 +40,10 @@ def compiled() -> tuple[dict[str, tuple[Any, Any]], list[str]]:
     return found, numbered
 
 
-def numbered_inside(module: Any) -> Any:
-    """Return a module whose own symbols have numbers for names: numba's tell addresses of this process."""
-    inside = (s for s in (*module.functions, *module.global_variables) if s.linkage.name == "internal")
-    for k, symbol in enumerate(inside):
-        symbol.name = f"inside_{k}"
-    return module
-
-
 def main(folder: Path, targets: list[str]) -> None:
     """Write the object files."""
     found, numbered = compiled()
-    module = numbered_inside(closed(found, {KINDS: numbered}))
+    module = closed(found, {KINDS: numbered})
     for name in targets:
         target = TARGETS[name]
         (folder / f"{name}.o").write_bytes(machine_code(module, target.triple, target.processor))

@@ -65,6 +65,27 @@ def when_compiling(tell: Callable[[], None]) -> Iterator[None]:
         _listeners[:] = around if _listeners else []
 
 
+class NotCompiled(BaseException):
+    """Something is needed that was not compiled before; no error, so that nobody on the way takes it for one."""
+
+
+@contextmanager
+def compiling_nothing() -> Iterator[None]:
+    """Have :class:`NotCompiled` raised in this block before anything is compiled. Who listens around it hears nothing
+    of that, and is told when something is compiled after all.
+    """
+
+    def refuse() -> None:
+        raise NotCompiled
+
+    around = _listeners.copy()
+    _listeners[:] = [refuse]
+    try:
+        yield
+    finally:
+        _listeners[:] = around
+
+
 @contextmanager
 def time_of_compiling() -> Iterator[Callable[[], float]]:
     """Yield what tells for how long this block has compiled so far, s."""

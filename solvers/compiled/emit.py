@@ -45,10 +45,11 @@ def closed(entries: Mapping[str, tuple[Any, Any]], tables: Mapping[str, Iterable
                 wanted[name] = kernel_named(name)
         whole.link_in(part)
     kept = {*entries, *tables}
-    for symbols in (whole.functions, whole.global_variables):
-        for symbol in symbols:
-            if not symbol.is_declaration:
-                symbol.linkage = "external" if symbol.name in kept else "internal"
+    known = [s for symbols in (whole.functions, whole.global_variables) for s in symbols if not s.is_declaration]
+    for number, symbol in enumerate(known):
+        symbol.linkage = "external" if symbol.name in kept else "internal"
+        if symbol.name not in kept:
+            symbol.name = f"inside_{number}"  # numba's names tell addresses of this process
     whole.verify()
     return whole
 

@@ -19,8 +19,7 @@ from mbfmu.fmi import apart
 from mbfmu.native.runtime import COMPILERS, library
 from mbfmu.native.targets import host
 from mbfmu.scene import load_scene
-from mbfmu.uncompiled import NotCompiled, compiling_nothing
-from solvers.compiled.cache import home, tell_listeners, when_compiling
+from solvers.compiled.cache import NotCompiled, compiling_nothing, home, tell_listeners, when_compiling
 
 Command = Callable[..., tuple[int, str, str]]
 
