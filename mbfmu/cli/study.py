@@ -80,7 +80,7 @@ def command_study(options: argparse.Namespace) -> int:
         print(f"mbfmu: interrupted; what is done is in {folder}. Go on with: {again}", file=sys.stderr)
         return 130
     draw(study, definition, folder)
-    tell(options, summary(study))
+    tell(options, summary(study, definition.aim))
     tell_more(options, failures(study))
     wrote(options, folder)
     return 1 if study.count("failed") == len(study.rows) else 0
@@ -123,7 +123,7 @@ class Bar:
         self._bar.close()
 
 
-def summary(study: Any) -> str:
+def summary(study: Any, aim: Any = None) -> str:
     """Return how the runs went, and their measures."""
     import numpy as np
 
@@ -145,6 +145,7 @@ def summary(study: Any) -> str:
     if study.found:
         point = ", ".join(f"{name} = {value:.6g}" for name, value in study.found.point.items())
         lines.append(f"  best: {point} ({study.found.ended})")
+        lines += [f"  but {doubt}" for doubt in study.found.doubts(aim)]
     return "\n".join(lines)
 
 

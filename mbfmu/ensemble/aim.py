@@ -20,6 +20,8 @@ from .variation import Drawn, Variation
 METHODS = ("differential_evolution", "L-BFGS-B", "least_squares")
 KEYS = ("minimize", "maximize", "target", "method", "most")
 DIFFERENCE = 1e-3  # of the range: steps of finite differences, well above the noise of a tolerance
+AT_END = 1e-4  # of a range, within which a point is at its end
+MISSED = 1e-3  # of targets, relative to their size
 WORST = 1e30  # a failed run, for optimizers that cannot take infinity
 ENDS = (1e-3, 1.0 - 1e-3)  # probabilities between which a number with an endless distribution is looked for
 
@@ -66,6 +68,14 @@ class Found:
     point: Point
     cost: float
     ended: str  # why it ended, in SciPy's words
+    at_ends: tuple[str, ...]  # what is at an end of its range: beyond it may be better
+
+    def doubts(self, aim: Aim) -> list[str]:
+        """Return in sentences why this may not be what was wanted."""
+        missed = self.cost**0.5 if aim.targets else 0.0
+        found = [f"the targets are missed by {100.0 * missed:.3g} % of their size"] if missed > MISSED else []
+        ends = " and ".join(map(repr, self.at_ends))
+        return found + ([f"it is at the end of the range of {ends}, beyond which it may be better"] if ends else [])
 
 
 def read_aim(given: Any, vary: Mapping[str, Variation], measures: Mapping[str, Any]) -> Aim | None:
@@ -139,7 +149,8 @@ def look(aim: Aim, vary: Mapping[str, Variation], evaluate: Evaluate, seed: int)
 
     search = _evolved if aim.method == METHODS[0] else _descended
     u, cost, ended = search(aim, (middle - low) / size, measured, seed)
-    return Found(point(u), cost, ended)
+    at_ends = [name for name, x in zip(names, u, strict=True) if not AT_END < x < 1.0 - AT_END]
+    return Found(point(u), cost, ended, tuple(at_ends))
 
 
 def _evolved(aim: Aim, start: Array, measured: Measured, seed: int) -> tuple[Array, float, str]:

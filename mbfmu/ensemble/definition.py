@@ -29,12 +29,15 @@ minimize = "reach"
 from __future__ import annotations
 
 import json
+import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from mbfmu.errors import UserError
 from mbfmu.model import suggest
@@ -44,11 +47,13 @@ from .aim import Aim, read_aim
 from .design import Point, Sampling, correlations, points
 from .measures import Measure, Own, read_measure
 from .subject import Subject, check_point, digest, files_of, subject_of, unknown
-from .variation import Listed, Variation, read_variation
+from .variation import Drawn, Listed, Variation, read_variation
 from .work import Files, FmuJob, ModelJob, pickled
 
 SAMPLING = ("count", "sampling", "seed", "together", "correlated")
 KEYS = ("scene", "fmu", "with", "stop_time", "output_interval", *SAMPLING, "keep", "fixed", "vary", "measure", "aim")
+SOME = np.array([0.313, 0.5017, 0.7729])  # probabilities at which a distribution is tried
+NAME = re.compile(r"\w[\w .+-]*")  # of a measure, and so of files
 COLUMNS = ("run", "key", "status", "message", "imbalance", "seconds")  # of a table of runs, beside the study's own
 
 
@@ -194,8 +199,22 @@ def _vary(subject: Subject, given: Any) -> dict[str, Variation]:
         own = read_variation(name, value, subject.units[name])
         if isinstance(own, Listed):
             own = Listed(tuple(check_point(subject, {name: x})[name] for x in own.values))
+        else:
+            _check_some(subject, name, own)
         found[name] = own
     return found
+
+
+def _check_some(subject: Subject, name: str, own: Drawn) -> None:
+    """Refuse what draws nothing that may be; some of what it draws may be beyond the limits of a parameter."""
+    errors = []
+    for value in (some := own.values(SOME)):
+        try:
+            check_point(subject, {name: value})
+        except UserError as error:
+            errors.append(error)
+    if len(errors) == len(some):
+        raise errors[0]
 
 
 def _fixed(subject: Subject, given: Any, vary: Mapping[str, Variation]) -> dict[str, Any]:
@@ -220,6 +239,8 @@ def _measures(
         if name in vary or name in COLUMNS:
             what = "varies" if name in vary else "is a column that every study has"
             raise UserError(f"measure {name!r} has the name of what {what}; give it another")
+        if not NAME.fullmatch(str(name)):
+            raise UserError(f"measure {name!r} has a name that files cannot have; allowed: letters, digits, . + - _")
         if callable(value):
             found.append(Own(name, value, digest(pickled(value))))
         elif isinstance(value, str) and ".py:" in value:

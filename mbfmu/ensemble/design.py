@@ -107,8 +107,8 @@ def _samples(drawn: Mapping[str, Drawn], sampling: Sampling) -> list[list[float]
     if not drawn:
         return [[]]
     u = np.clip(_probabilities(list(drawn), sampling), INSIDE, 1.0 - INSIDE)
-    values = np.column_stack([own.at(u[:, i]) for i, own in enumerate(drawn.values())])
-    return [[float(x) for x in row] for row in values]
+    columns = [own.values(u[:, i]) for i, own in enumerate(drawn.values())]
+    return [list(row) for row in zip(*columns, strict=True)]
 
 
 def _probabilities(names: Sequence[str], sampling: Sampling) -> Array:

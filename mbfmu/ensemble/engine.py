@@ -6,6 +6,7 @@ under way than keep all workers busy, so that memory does not grow with a study.
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
@@ -49,17 +50,17 @@ class Workers:
         distributed = optional("distributed", EXTRA)
         if isinstance(count, bool) or not isinstance(count, int) or count < 0:
             raise UserError(f"workers is {count!r}; allowed: a number of processes, or 0 for one a processor")
-        if getattr(current_process(), "_inheriting", False):  # a process of the pool imports the script that made it
-            raise UserError('put what starts a study under `if __name__ == "__main__":`: its workers import the script')
         self._cluster: Any = None
         try:
             if scheduler:
                 self._client = distributed.Client(scheduler, timeout=ANSWER, set_as_default=False)
             else:
                 count = count or processors()
-                self._cluster = distributed.LocalCluster(
-                    n_workers=count, threads_per_worker=1, processes=True, dashboard_address=None, memory_limit=0
-                )
+                with optional("dask", EXTRA).config.set({"distributed.scheduler.allowed-failures": 1}):
+                    self._cluster = distributed.LocalCluster(
+                        n_workers=count, threads_per_worker=1, processes=True, dashboard_address=":0", memory_limit=0,
+                        silence_logs=logging.CRITICAL,
+                    )  # fmt: skip
                 self._client = distributed.Client(self._cluster, set_as_default=False)
             self._client.wait_for_workers(1, timeout=ANSWER)
         except (OSError, TimeoutError, ValueError) as error:
@@ -98,6 +99,8 @@ class Workers:
         distributed = optional("distributed", EXTRA)
         waiting, under_way = iter(points), distributed.as_completed(loop=self._client.loop)
         batches: dict[str, list[tuple[int, Point]]] = {}
+        suspects: list[tuple[int, Point]] = []  # runs that were with a worker that died: each is tried alone in the end
+        alone: set[int] = set()
         shared = self._client.submit(_given, job, key=f"study-{job.identity}")
 
         def send(runs: list[tuple[int, Point]]) -> None:
@@ -109,6 +112,9 @@ class Workers:
             size = min(max(round(BATCH / seconds), 1), LARGEST)
             while len(batches) < AHEAD * self.count() and (runs := list(islice(waiting, size))):
                 send(runs)
+            if not batches and suspects:
+                alone.add(suspects[0][0])
+                send([suspects.pop(0)])
 
         send_more()
         for future in under_way:
@@ -116,9 +122,9 @@ class Workers:
             try:
                 outcomes = future.result()
             except distributed.KilledWorker as error:
-                if len(runs) > 1:  # which of them it is
-                    for run in runs:
-                        send([run])
+                if runs[0][0] not in alone:
+                    suspects += runs
+                    send_more()
                     continue
                 outcomes = [_killed(runs[0], error)]
             finally:
@@ -146,6 +152,12 @@ class Workers:
         self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
     ) -> None:
         self.close()
+
+
+def check_place() -> None:
+    """Refuse a study in a process of a pool, which imports the script that made it."""
+    if getattr(current_process(), "_inheriting", False):
+        raise UserError('put what starts a study under `if __name__ == "__main__":`: its workers import the script')
 
 
 def processors() -> int:

@@ -146,7 +146,7 @@ class Own:
         """
         try:
             value = self.function(result)
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise UserError(f"measure {self.name!r} fails with {type(error).__name__}: {error}") from error
         if isinstance(value, np.ndarray) and value.shape == ():
             value = value.item()
@@ -207,9 +207,14 @@ def _options(what: str, take: str, given: dict[str, Any]) -> tuple[tuple[str, An
         if key not in known:
             raise UserError(f"{what}: {take!r} has no {key!r}{suggest(key, known) if known else ''}")
         number = isinstance(value, int | float) and not isinstance(value, bool) and not isnan(value)
+        number = number and not (key == "within" and value < 0.0)
         whole = isinstance(value, int) and not isinstance(value, bool) and value >= 1
         if {float: not number, int: not whole, str: value not in DIRECTIONS}[known[key]]:
-            allowed = {float: "a number", int: "a whole number from one up", str: ", ".join(DIRECTIONS)}[known[key]]
+            allowed = {
+                float: "a number" + (", zero or more" if key == "within" else ""),
+                int: "a whole number from one up",
+                str: ", ".join(DIRECTIONS),
+            }[known[key]]
             raise UserError(f"{what}: {key} is {value!r}; allowed: {allowed}")
     if take == "crossing" and "threshold" not in given:
         raise UserError(f"{what}: crossing needs a threshold")

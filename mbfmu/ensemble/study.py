@@ -16,7 +16,7 @@ from mbfmu.extras import optional
 from .aim import Found, look
 from .definition import Definition, define, read_study
 from .design import Point
-from .engine import Workers, here, merged
+from .engine import Workers, check_place, here, merged
 from .records import KEPT, Records, Row, read_table, read_told
 from .work import EXTRA, FAILED, OK, SUSPECT, FmuJob, ModelJob, Outcome, forget
 
@@ -163,6 +163,7 @@ def run_study(
 ) -> Study:
     """Make the runs of a definition; see :func:`study`."""
     begin = time.perf_counter()
+    check_place()
     job, records = definition.job(), Records(folder, definition)
     wanted = [] if definition.aim else definition.points()
     records.begin(resume)

@@ -55,6 +55,11 @@ class Drawn:
         """Return values for probabilities u between 0 and 1."""
         return np.asarray(self.distribution.ppf(u), float)
 
+    def values(self, u: Array) -> list[float] | list[int]:
+        """Return the same in a list, whole numbers of a discrete distribution."""
+        whole = isinstance(getattr(self.distribution, "dist", None), stats.rv_discrete)
+        return [int(x) for x in self.at(u)] if whole else [float(x) for x in self.at(u)]
+
 
 Variation = Listed | Drawn
 
@@ -119,6 +124,8 @@ def _of_table(what: str, given: dict[str, Any]) -> Variation:
         told = f" has {odd[0]!r}{suggest(odd[0], known)}" if odd else f" is {given!r}; allowed: {OTHERWISE}"
         raise UserError(f"{what}{told}")
     low, high, by_ratio = (given["from"], given["to"], given.get("log", False))
+    if not isinstance(by_ratio, bool):
+        raise UserError(f"{what}: log is {by_ratio!r}; allowed: true or false")
     for end in (low, high):
         if isinstance(end, bool) or not isinstance(end, int | float) or not isfinite(end):
             raise UserError(f"{what}: {end!r} is no end of a range; allowed: finite numbers")
@@ -148,7 +155,7 @@ def _listed(what: str, values: Any) -> Listed:
 
 def _distributed(what: str, given: dict[str, Any]) -> Drawn:
     name = given.pop("distribution")
-    known = [n for n in dir(stats) if hasattr(getattr(stats, n), "ppf") and hasattr(getattr(stats, n), "freeze")]
+    known = [n for n in dir(stats) if isinstance(getattr(stats, n), stats.rv_continuous | stats.rv_discrete)]
     if name not in known:
         raise UserError(f"{what}: there is no distribution {name!r} in scipy.stats{suggest(str(name), known)}")
     try:

@@ -284,7 +284,7 @@ def _one(known: Ready, number: int, point: Point) -> Outcome:
         outcome = _measured(known, number, {**known.fixed, **point})
     except UserError as error:
         outcome = Outcome(number, nothing, FAILED, str(error), nan, 0.0, None)
-    except Exception as error:  # what a model of the user's does
+    except (Exception, SystemExit) as error:  # what a model of the user's does
         outcome = Outcome(number, nothing, FAILED, f"{type(error).__name__}: {error}", nan, 0.0, None)
     return outcome._replace(seconds=time.thread_time() - begin)
 

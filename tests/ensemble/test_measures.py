@@ -77,6 +77,7 @@ def test_functions_of_the_user_give_numbers():
         ({"take": "crossing", "output": "y", "threshold": 0.0, "direction": "left"}, "any, up, down"),
         ({"take": "crossing", "output": "y", "threshold": 0.0, "number": 0}, "from one up"),
         ({"take": "largest", "output": "y", "threshold": 0.0}, "'threshold'"),
+        ({"take": "settling", "output": "y", "within": -1.0}, "zero or more"),
         ("frequency 0", "from one up"), ("frequency x", "'x'"),
     ],
 )  # fmt: skip

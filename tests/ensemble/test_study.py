@@ -157,6 +157,25 @@ def test_a_run_that_fails_is_a_row_with_its_reason(cluster: Cluster, tmp_path: P
     assert np.isnan(study.column("fastest")).all()
 
 
+def test_what_ends_its_process_ends_its_run_alone(tmp_path: Path):
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import os, sys\nimport mbfmu as mb\n"
+        "def odd(result):\n    end = result['crank.angle'][-1]\n"
+        "    if end > 0.19:\n        sys.exit(4)\n    if end > 0.185:\n        os.abort()\n    return end\n"
+        "if __name__ == '__main__':\n"
+        "    vary = {'start_angle': [0.1, 0.15, 0.16, 0.188, 0.17, 0.2]}\n"
+        "    study = mb.study('fourbar', vary, {'a': odd}, stop_time=0.01, fixed={'gravity': 0.0}, "
+        f"folder={str(tmp_path / 'out')!r}, workers=2)\n"
+        "    print([row['status'] for row in study.rows], study.rows[3]['message'], study.rows[5]['message'])\n"
+    )
+    told = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=True, timeout=300.0)
+    assert told.stdout.startswith(
+        "['ok', 'ok', 'ok', 'failed', 'ok', 'failed'] workers died in this run again and again"
+    )
+    assert "SystemExit: 4" in told.stdout
+
+
 def test_an_fmu_is_run_as_the_model_is(cluster: Cluster, tmp_path: Path):
     vary = {"crank_mass": [1.0, 2.0], "gravity": [9.81]}
     fast = {"fastest": "largest crank.rate", "end": "end crank.angle"}
@@ -178,6 +197,7 @@ def test_what_is_aimed_at_is_found(cluster: Cluster, tmp_path: Path):
     )
     assert near.found is not None
     assert near.found.point["spindle_speed"] == pytest.approx(11.0, rel=1e-6)
+    assert near.found.at_ends == ()
     most = mb.study("governor", vary, height, aim={"maximize": "height", "most": 60}, folder=tmp_path / "b", **told)
     assert most.found is not None
     assert -most.found.cost == pytest.approx(max(most.column("height")))
@@ -312,6 +332,9 @@ def test_a_pool_of_its_own(tmp_path: Path):
         ({"aim": {"minimize": "slowest"}}, "'slowest'"),
         ({"aim": {"minimize": "fastest"}}, "is a list"),
         ({"aim": {}}, "nothing to aim at"),
+        ({"vary": {"coupler_modes": {"from": 0.0, "to": 2.0}}}, "a whole number"),
+        ({"vary": {"solver": {"from": 0.0, "to": 2.0}}}, "solver"),
+        ({"measure": {"a/b": "largest crank.rate"}}, "that files cannot have"),
         ({"aim": {"target": {"fastest": "high"}}}, "finite"),
     ],
 )

@@ -76,6 +76,8 @@ def test_distributions_are_those_of_scipy():
         ({"distribution": "norm", "mean": 0.0}, "does not take"),
         ({"distribution": "norm", "scale": -1.0}, "not defined"),
         ({"distribution": 3}, "no distribution 3"),
+        ({"distribution": "rv_continuous"}, "no distribution 'rv_continuous'"),
+        ({"from": 1.0, "to": 2.0, "log": "yes"}, "log is 'yes'"),
     ],
 )
 def test_what_is_no_variation_is_told(given: object, told: str):
@@ -122,6 +124,11 @@ def test_pairs_are_correlated(entry: object):
     found = points(NORMAL, Sampling(count=4000, correlated=told))
     matrix = np.corrcoef([[p[name] for p in found] for name in "xyz"])
     assert matrix == pytest.approx(np.array([[1.0, 0.8, 0.0], [0.8, 1.0, 0.0], [0.0, 0.0, 1.0]]), abs=0.05)
+
+
+def test_discrete_distributions_give_whole_numbers():
+    found = points({"n": drawn({"distribution": "poisson", "mu": 3.0}, "1")}, Sampling(count=50))
+    assert {type(p["n"]) for p in found} == {int}
 
 
 def test_odd_correlations_are_told():

@@ -71,7 +71,7 @@ def test_a_scene_runs_as_a_native_fmu_to_the_bits_of_a_direct_run(
 ):
     solver = [] if "paper" in scene else ["--solver=radau"]
     found = {}
-    for way in ("fmu", "direct"):
+    for way in ("direct", "fmu"):
         more = ["--direct"] if way == "direct" else []
         told = ("run", scene, *solver, "--stop-time=0.5", "-o", str(tmp_path / way), *more)
         code, out, _ = command(*told)
