@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import CancelledError
 from contextlib import suppress
 from itertools import islice
 from math import nan
@@ -94,7 +95,7 @@ class Workers:
         Raises
         ------
         UserError
-            A worker cannot make such runs at all.
+            A worker cannot make such runs at all, or the scheduler has gone.
         """
         distributed = optional("distributed", EXTRA)
         waiting, under_way = iter(points), distributed.as_completed(loop=self._client.loop)
@@ -127,6 +128,8 @@ class Workers:
                     send_more()
                     continue
                 outcomes = [_killed(runs[0], error)]
+            except (CancelledError, OSError) as error:
+                raise UserError(f"the scheduler has gone: {error}; go on with --resume where there is one") from error
             finally:
                 future.release()
             spent = sum(outcome.seconds for outcome in outcomes) / len(outcomes)

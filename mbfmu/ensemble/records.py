@@ -26,6 +26,7 @@ from .work import EXTRA, FAILED, Outcome
 
 FORMAT = 1
 TOLD, TABLE, PARTS, KEPT = "study.json", "runs.parquet", "parts", "trajectories"
+OTHERS = "others.parquet"  # runs that were made, and that the study does not ask for now
 OFTEN, MANY = 5.0, 5000  # s between two parts, and rows of one
 Row = dict[str, Any]
 
@@ -46,7 +47,7 @@ class Records:
         self.failed = 0
         self._names = [m.name for m in definition.measures]
         self._new: list[Row] = []
-        self._kept: list[tuple[int, Any]] = []
+        self._kept: list[tuple[str, Any]] = []
         self._last = time.monotonic()
 
     # ---- beginning ---------------------------------------------------------------------------------------------------
@@ -75,9 +76,9 @@ class Records:
             whole(told, lambda path: path.write_text(json.dumps(content, indent=1, ensure_ascii=False, default=repr)))
 
     def _take_up(self) -> None:
-        if not files_of(self.folder):
+        if not files_of(self.folder, others=True):
             return
-        before = read_table(self.folder)
+        before = read_table(self.folder, others=True)
         columns = [before.column(name).to_pylist() for name in self._names]
         measures = zip(*columns, strict=True) if columns else [()] * len(before)
         self.done = dict(zip(before.column("key").to_pylist(), measures, strict=True))
@@ -108,7 +109,7 @@ class Records:
             self.done[row["key"]] = outcome.measures
             self.failed += outcome.status == FAILED
             if outcome.kept is not None:
-                self._kept.append((outcome.number, outcome.kept))
+                self._kept.append((row["key"], outcome.kept))
         if time.monotonic() - self._last > OFTEN or len(self._new) >= MANY:
             self.write()
 
@@ -131,20 +132,25 @@ class Records:
 
     def _histories(self) -> dict[str, Any]:
         lengths = [len(t) for _, (t, _) in self._kept]
-        runs = np.repeat([number for number, _ in self._kept], lengths)
+        keys = np.repeat([key for key, _ in self._kept], lengths)
         times, values = (np.concatenate([own[k] for _, own in self._kept]) for k in (0, 1))
         columns = {name: values[:, i] for i, name in enumerate(self.definition.keep)}
-        return {"run": runs, "time": times, **columns}
+        return {"key": keys, "time": times, **columns}
 
     def finish(self, keys: Sequence[str]) -> None:
-        """Write all rows of these keys as one table, in this order, in place of the parts."""
+        """Write all rows of these keys as one table, in this order, in place of the parts; other rows apart."""
         self.write()
-        table = read_table(self.folder)
+        table = read_table(self.folder, others=True)
         at = {key: place for place, key in enumerate(table.column("key").to_pylist())}
         rows = table.take([at[key] for key in keys])
         rows = rows.set_column(0, "run", [list(range(len(keys)))])
+        others = sorted(at[key] for key in at.keys() - set(keys))
         with writing(self.folder):
+            if others:
+                write_table(table.take(others), self.folder / OTHERS)
             write_table(rows, self.folder / TABLE)
+            if not others:
+                (self.folder / OTHERS).unlink(missing_ok=True)
             shutil.rmtree(self.folder / PARTS, ignore_errors=True)
 
 
@@ -179,12 +185,13 @@ def read_told(folder: Path) -> dict[str, Any]:
     return told
 
 
-def files_of(folder: Path) -> list[Path]:
-    """Return the files that rows are in."""
-    return [*filter(Path.exists, [folder / TABLE]), *sorted((folder / PARTS).glob("*.parquet"))]
+def files_of(folder: Path, *, others: bool = False) -> list[Path]:
+    """Return the files that rows are in; those that the study does not ask for too."""
+    more = [folder / OTHERS] if others else []
+    return [*filter(Path.exists, [folder / TABLE, *more]), *sorted((folder / PARTS).glob("*.parquet"))]
 
 
-def read_table(folder: Path) -> Any:
+def read_table(folder: Path, *, others: bool = False) -> Any:
     """Return all rows of a folder in the order of the runs, as a table of pyarrow's.
 
     Raises
@@ -194,7 +201,7 @@ def read_table(folder: Path) -> Any:
     """
     arrow, parquet = optional("pyarrow", EXTRA), optional("pyarrow.parquet", EXTRA)
     tables = []
-    for file in files_of(folder):
+    for file in files_of(folder, others=others):
         try:
             tables.append(parquet.read_table(file))
             tables[-1].column("key")

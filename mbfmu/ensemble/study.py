@@ -83,7 +83,11 @@ class Study:
         pandas = optional("pandas", EXTRA)
         if not (self.folder / KEPT).exists():
             raise UserError("the study keeps no trajectories; name outputs in its keep")
-        frame = pandas.read_parquet(self.folder / KEPT).set_index(["run", "time"]).sort_index()
+        frame = pandas.read_parquet(self.folder / KEPT)
+        runs = {row["key"]: row["run"] for row in self.rows}
+        frame = frame[frame["key"].isin(runs)]
+        frame.insert(0, "run", frame.pop("key").map(runs).astype(int))
+        frame = frame.set_index(["run", "time"]).sort_index()
         return frame[~frame.index.duplicated()]  # a study that was killed may have written a part twice
 
     def __repr__(self) -> str:
