@@ -38,6 +38,7 @@ from .mechanics import (
     RevoluteCut,
     RunUp,
     Screw,
+    Shell,
     SpeedInput,
     Sphere,
     Spherical,
@@ -79,11 +80,12 @@ __all__ = [
     "CylindricalCut", "DistanceCut", "DistanceStop", "Equilibrium", "EquilibriumError", "Findings", "Floating",
     "Function", "Gear", "Geodesic", "Harmonic", "Input", "JointForce", "JointSpring", "JointStop", "Mechanism",
     "Model", "OutOfPlane", "Planar", "PlanarCut", "PlaneCut", "Plate", "PointForce", "Polynomial", "Product",
-    "Ramp", "Result", "Revolute", "RevoluteCut", "RunUp", "Screw", "Settings", "Simulation", "SpeedInput", "Sphere",
-    "Spherical", "SphericalCut", "Spring", "StateSpace", "Step", "Study", "Sum", "Support", "Table", "TargetChoice",
-    "Torque", "TorsionSpring", "Translational", "TranslationalCut", "Universal", "UserError", "Weld", "WeldCut",
-    "add_chain", "add_sheet", "box", "check", "choose", "compare", "cylinder", "equilibrium", "export", "find",
-    "linearize", "load_study", "models", "modes", "parameter", "rod", "simulate", "sphere", "study", "tube", "view",
+    "Ramp", "Result", "Revolute", "RevoluteCut", "RunUp", "Screw", "Settings", "Shell", "Simulation", "SpeedInput",
+    "Sphere", "Spherical", "SphericalCut", "Spring", "StateSpace", "Step", "Study", "Sum", "Support", "Table",
+    "TargetChoice", "Torque", "TorsionSpring", "Translational", "TranslationalCut", "Universal", "UserError", "Weld",
+    "WeldCut", "add_chain", "add_sheet", "box", "check", "choose", "compare", "cylinder", "equilibrium", "export",
+    "find", "linearize", "load_study", "models", "modes", "parameter", "rod", "simulate", "sphere", "study", "tube",
+    "view",
 ]  # fmt: skip
 
 __version__: str

@@ -70,6 +70,9 @@ def pick(plant: Plant, states: Sequence[State], options: Options) -> SolverPick:
     """Return the solver of the cheaper family for motions from these states, which must keep the constraints."""
     if not plant.system.n:
         return SolverPick("adams", "drives say where everything is, and nothing is integrated")
+    if plant.system.stiff:
+        solver, size = implicit(plant, options.absolute)
+        return SolverPick(solver, f"stiff: {plant.system.stiff}; {size}", True)
     first, size = explicit(plant)
     if first == "ida":
         return SolverPick(first, size)

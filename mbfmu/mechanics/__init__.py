@@ -24,7 +24,7 @@ from .cuts import (
     WeldCut,
 )
 from .dispatch import signal_value
-from .elements import BeamElement, Plate
+from .elements import BeamElement, Plate, Shell
 from .flexible import MODES, Beam
 from .joints import (
     Cylindrical,
@@ -106,6 +106,7 @@ __all__ = [
     "Screw",
     "Sensor",
     "Sheet",
+    "Shell",
     "Signal",
     "SpeedInput",
     "Sphere",

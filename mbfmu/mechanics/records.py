@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.elements.plate_energy import ELEMENT
+from mbfmu.mechanics.elements.shell_energy import WORK
 from mbfmu.mechanics.flexible.modal import FLEXIBLE, MODES, NODE
 from solvers.compiled.kernel import records
 
@@ -159,6 +160,7 @@ class State(NamedTuple):
     rows: NDArray[Any]  # (rows of cut joints,) ROW
     coupled: NDArray[Any]  # (couplings,) COUPLED
     element: NDArray[Any]  # (1,) ELEMENT, a plate element at work
+    shell: NDArray[Any]  # (1,) WORK, a shell element at work
     S: NDArray[np.float64]  # (subspaces, 6) joint motion subspaces, columns of B2
     q: NDArray[np.float64]  # (nq,) every joint position, driven ones included
     v: NDArray[np.float64]  # (nv,)
@@ -192,6 +194,7 @@ def allocate_state(nb: int, rows: int, couplings: int, nq: int, nv: int, subspac
         rows=records(rows, ROW),
         coupled=records(couplings, COUPLED),
         element=records(1, ELEMENT),
+        shell=records(1, WORK),
         S=z((subspaces, 6)),
         q=z(nq),
         v=z(nv),

@@ -30,7 +30,6 @@ from mbfmu.mechanics.arrays.points import (
     start_input,
 )
 from mbfmu.mechanics.arrays.tables import REAL, Called
-from mbfmu.mechanics.elements import Plate
 from mbfmu.mechanics.kind import Kind, kernel_of, kinds_of, record_of
 from mbfmu.mechanics.records import empty_data
 from mbfmu.mechanics.recursions.dynamics import observe, resolves
@@ -82,7 +81,7 @@ class Instance(NamedTuple):
     balance: NDArray[Any]  # (1,) solvers.balance.BALANCE
     told: NDArray[Any]  # (1,) TOLD
     dv: Array  # (n,) jump of the velocities
-    plates: NDArray[Any]  # (P,) records of all plates
+    cells: NDArray[np.int64]  # (P, 4) bodies at the corners of all plates
     frames: Any  # mbfmu.native.starting.Frames
 
 
@@ -120,7 +119,7 @@ def instance_of(simulation: Simulation) -> Instance:
     rooms = np.zeros(system.n), np.zeros(system.m), np.zeros(len(simulation.variables))
     settings = stepper.options.record(), np.zeros(len(COUNTERS), np.int64)
     balance = simulation.audit.balance.copy() if simulation.audit else records(1, BALANCE)
-    books = plant.inputs.own, balance, records(1, TOLD), np.zeros(system.n), plant.records(Plate), Frames.of(plant)
+    books = plant.inputs.own, balance, records(1, TOLD), np.zeros(system.n), plant.mechanism.cells, Frames.of(plant)
     return Instance(own, start, *rooms, np.array([simulation.t]), known, *settings, *books)  # type: ignore[arg-type]
 
 
@@ -167,7 +166,7 @@ def example(name: str) -> Any:
     start = Start(z(1), z(1), Scratch.allocate(1, 1))
     settings = records(1, OPTIONS), np.zeros(1, np.int64), InputRecords.example()
     frames = Frames(z(1, np.int64), z(1))
-    books: tuple[Any, ...] = records(1, BALANCE), records(1, TOLD), z(1), records(1, record_of(Plate)), frames
+    books: tuple[Any, ...] = records(1, BALANCE), records(1, TOLD), z(1), z((1, 4), np.int64), frames
     return hold(Instance(given, start, z(1), z(1), z(1), z(1), z(3), *settings, *books))
 
 

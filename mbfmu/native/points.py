@@ -102,9 +102,9 @@ def look(s: Any, now: float) -> float:
 @kernel
 def look_at_plates(s: Any) -> None:
     """Note how sharply plates bend at the reported state."""
-    if s.plates.shape[0] > 0:
+    if s.cells.shape[0] > 0:
         energy_at(s)  # places the bodies
-        s.told[0].bent = sharpest(s.plates, s.given.eqs.data.state.bodies)
+        s.told[0].bent = sharpest(s.cells, s.given.eqs.data.state.bodies)
 
 
 @kernel

@@ -53,6 +53,9 @@ def stepper(name: str, system: AnySystem, t0: float, q0: Array, v0: Array, optio
     """
     if name not in NAMES:
         raise ValueError(f"there is no solver {name!r}; allowed: {', '.join(map(repr, NAMES))}")
+    if system.stiff and name in UNTIED:
+        implicit = "'ida' or 'esdirk'" if isinstance(system, TreeSystem) else "'radau' or 'ida'"
+        raise ValueError(f"solver {name!r} is explicit, and {system.stiff}; take {implicit}")
     given: tuple[Any, ...] = t0, q0, v0, options
     if not isinstance(system, TreeSystem):
         if not system.n:

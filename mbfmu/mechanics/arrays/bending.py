@@ -66,34 +66,34 @@ class Bend:
         return "refine the mesh"
 
 
-def bend(mechanism: Mechanism, plates: NDArray[Any], state: State) -> Bend:
-    """Return how plates (records) bend as the bodies of ``state`` are placed."""
-    angles = np.zeros((len(plates), len(EDGES)))
-    bend_edges(plates, state.bodies, angles)
-    return Bend(mechanism=mechanism, nodes=plates["node"][:, EDGES], angles=angles)
+def bend(mechanism: Mechanism, cells: NDArray[np.int64], state: State) -> Bend:
+    """Return how plates between bodies ``cells`` (P, 4) bend as the bodies of ``state`` are placed."""
+    angles = np.zeros((len(cells), len(EDGES)))
+    bend_edges(cells, state.bodies, angles)
+    return Bend(mechanism=mechanism, nodes=cells[:, EDGES], angles=angles)
 
 
 @kernel
-def bend_edges(plates: Any, bodies: Any, angles: Any) -> None:
-    """angles (P, 4) at the edges of all plates, rad, as the bodies are placed."""
-    for i in range(plates.shape[0]):
+def bend_edges(cells: Any, bodies: Any, angles: Any) -> None:
+    """angles (P, 4) at the edges of plates between bodies ``cells`` (P, 4), rad, as the bodies are placed."""
+    for i in range(cells.shape[0]):
         for k in range(EDGES.shape[0]):
-            angles[i, k] = edge_angle(plates[i], k, bodies)
+            angles[i, k] = edge_angle(cells[i], k, bodies)
 
 
 @kernel
-def sharpest(plates: Any, bodies: Any) -> float:
+def sharpest(cells: Any, bodies: Any) -> float:
     """The largest of these angles, rad; zero: there are no plates."""
     largest = 0.0
-    for i in range(plates.shape[0]):
+    for i in range(cells.shape[0]):
         for k in range(EDGES.shape[0]):
-            largest = max(largest, edge_angle(plates[i], k, bodies))
+            largest = max(largest, edge_angle(cells[i], k, bodies))
     return largest
 
 
 @inlined
-def edge_angle(plate: Any, k: int, bodies: Any) -> float:
+def edge_angle(cell: Any, k: int, bodies: Any) -> float:
     """Angle between the normals at the ends of an edge, rad."""
-    a, b = bodies[plate.node[EDGES[k, 0]]].A, bodies[plate.node[EDGES[k, 1]]].A
+    a, b = bodies[cell[EDGES[k, 0]]].A, bodies[cell[EDGES[k, 1]]].A
     cosine = a[0, 1] * b[0, 1] + a[1, 1] * b[1, 1] + a[2, 1] * b[2, 1]
     return np.arccos(min(1.0, max(-1.0, cosine)))

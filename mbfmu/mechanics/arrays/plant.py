@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from mbfmu.errors import UserError
 from mbfmu.mechanics.builder.mechanism import Mechanism
-from mbfmu.mechanics.elements import Plate
 from mbfmu.mechanics.kind import Kind
 from mbfmu.mechanics.records import Data
 from mbfmu.mechanics.recursions.dynamics import energy, observe
@@ -54,7 +53,7 @@ class Plant:
         if len(mechanism.bodies) == 1:
             raise UserError("the mechanism has no bodies; add at least one with Mechanism.body")
         mechanism.compiled = True
-        self.mechanism = mechanism
+        self.mechanism, self._cells = mechanism, mechanism.cells
         numbering = Numbering(mechanism)
         try:
             self._compiled = compiled = Compiled(mechanism, numbering)
@@ -212,10 +211,10 @@ class Plant:
 
     def bend(self, t: float, q: Array) -> Bend | None:
         """Return how plates bend at free positions q (nq,); None where there are none."""
-        if not self.mechanism.plates:
+        if not len(self._cells):
             return None
         self.energy(t, q, np.zeros(self.system.n))  # places them
-        return bend(self.mechanism, self.records(Plate), self.data.state)
+        return bend(self.mechanism, self._cells, self.data.state)
 
     def residuals(self, t: float, q: Array, v: Array) -> tuple[float, float]:
         """Largest constraint residual in position, m, and in velocity, m/s: what the residual outputs tell."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from mbfmu.errors import UserError
 from mbfmu.mechanics.builder.mechanism import Mechanism
+from mbfmu.mechanics.elements import Shell
 from mbfmu.mechanics.records import Data
 from mbfmu.mechanics.recursions.dynamics import (
     callbacks,
@@ -121,12 +122,19 @@ class Systems:
             "size": self._size,
             "row_size": self.row_size[kept >= 0] if constraint_names else np.zeros(0),
             "rate": self._rate(),
+            "stiff": self._stiff(),
             "observe": observe_all,
             "works": self._works,
             "resolves": self._resolves,
             "coordinate_names": tuple(self._numbering.coordinate_names),
             "constraint_names": tuple(constraint_names),
         }
+
+    def _stiff(self) -> str:
+        """Say what gives way in its plane, whose waves no explicit step may outrun; empty: nothing does."""
+        if any(isinstance(plate, Shell) for plate, _ in self._mechanism.plates):
+            return "shell elements vibrate in their plane hundreds of times faster than they bend"
+        return ""
 
     def tangent(self, groups: Groups | None = None) -> Tangent:
         """Return the structured tangent over these groups of bodies, or those that joints and loads tie."""

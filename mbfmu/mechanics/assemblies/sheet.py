@@ -24,6 +24,13 @@ across the chains; membrane does, and leaves out the strain along rows or ribs, 
 strain along a chain only with joints that keep the length of the sheet (:mod:`.joints.geodesic`): those of projected
 length would lock.
 
+**Stretch.** Along its chains the sheet cannot stretch, which is right where it bends one way, and wrong where it is
+held twice or curved both ways. With ``stretch`` a node has all six motions against its neighbor in the tree, of which
+bending moves three and hardly the others, and elements are shells (:class:`.Shell`). Supports hold their nodes by
+joints of their own, and edges may be held against each other. Waves in the plane are hundreds of times faster than
+bending, so it takes an implicit solver. (Nodes on the ground, each by itself, would be as many unknowns; but a sheet
+that hardly stretches moves along curves in those, and Newton takes five times as many steps to its rest.)
+
 **Rows of cells.** An element measures stretching by means over its edges. One row of cells across the chains has one
 mean for the whole width: the sheet folds along its chain, is then stiff as an angle bar, and stays so though it would
 hang lower and with less energy unfolded. With membrane two rows of cells are the least.
@@ -42,8 +49,9 @@ from mbfmu.mechanics.builder.bodies import Body, CutHandle
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.checks import Matrix, Vector, one_of, rotation, vector
 from mbfmu.mechanics.cuts import Cut, PlaneCut
-from mbfmu.mechanics.elements import Plate
-from mbfmu.mechanics.joints import Floating, Geodesic, Joint, OutOfPlane, Revolute, Weld
+from mbfmu.mechanics.elements import Plate, Shell
+from mbfmu.mechanics.elements.shell_stiffness import plane_stress
+from mbfmu.mechanics.joints import Floating, Geodesic, Joint, OutOfPlane, Planar, Revolute, Weld
 from mbfmu.mechanics.numbers import is_finite, positive
 
 from .grid import Link, Node, around, from_edge, on_edge
@@ -68,7 +76,7 @@ class Sheet:
     a, b
         Sides of a cell, m.
     plate
-        The element in every cell.
+        What every cell is of; with stretch its element is a shell of that.
     cuts
         Cut joints of supports that the tree does not grow from.
     along
@@ -117,6 +125,7 @@ def add_sheet(
     rate: Vector | None = None,
     joint: str = "geodesic",
     membrane: bool | str = False,
+    stretch: bool = False,
     damping: float = 0.0,
     drag: float = 0.0,
     pressure: Any = 0.0,
@@ -152,6 +161,9 @@ def add_sheet(
     membrane
         Resist shear and stretching across rows or ribs; or the strains you name, out of ``x``, ``z``, ``s`` (shear), as
         in :class:`.Plate`.
+    stretch
+        Give way in the plane too: nodes of six motions and elements of a shell. The tree is then ``spine``, or
+        ``master`` where there is a ``master`` or no support; ``membrane`` and ``joint`` mean nothing.
     damping, drag
         Material damping time, s, and density times drag coefficient of the air, kg/m^3.
     pressure
@@ -178,8 +190,10 @@ def add_sheet(
         drag=drag,
     )
     plate.check(what)
+    builder = _Builder(mechanism, name, plate, density, shape, (at, rotation), Floating if stretch else JOINTS[joint])
+    if stretch:
+        return builder.build_free(list(supports), master, rate, pressure)
     _refuse_one_row(what, shape, plate, tree, supports)
-    builder = _Builder(mechanism, name, plate, density, shape, (at, rotation), JOINTS[joint])
     return builder.build(tree, list(supports), master, rate, pressure)
 
 
@@ -239,6 +253,50 @@ class _Builder:
                 axes,
                 **({"axis": "z" if root.edge[0] == "x" else "x"} if root.kind == "pinned" else {}),
             )
+        return self._span(self.plate, supports, pressure, along)
+
+    def build_free(self, supports: list[Support], master: Body | None, rate: Vector | None, pressure: Any) -> Sheet:
+        """Give every node all six motions against its neighbor, or those its support leaves; span shells."""
+        if rate is not None and (supports or master is not None):
+            raise UserError(f"rate of {self.what} is {rate!r}, but it is held and does not float")
+        joints: dict[str, tuple[type[Joint], dict[str, Any]]] = {
+            "clamped": (Weld, {}),
+            "pinned": (Revolute, {}),
+            "guided": (Planar, {"axis": "y"}),
+        }
+        for support in supports:
+            if support.kind not in joints:
+                continue
+            kind, options = joints[support.kind]
+            if kind is Revolute:
+                options = {"axis": "z" if support.edge[0] == "x" else "x"}
+            held = [on_edge(self.shape, support.edge, n) for n in self._held(support)]
+            own: list[Link] = [(node, None) for node in held if node not in self.taken]
+            self.taken |= {node for node, _ in own}
+            self._hang(own, kind, support.body, *self._frame(support), **options)
+        if supports and master is None:
+            root = supports[0]
+            links = from_edge(self.shape, root.edge, self._held(root), spine=True)
+            carrier, (at, axes), along = root.body, self._frame(root), 0 if root.edge[0] == "x" else 1
+        else:
+            links, carrier, at, axes, along = around(self.shape), master, self.at, self.rotation, 0
+        loose = [link for link in links if link[0] not in self.bodies]
+        first = Floating if master is None else Weld
+        self._hang(loose, first, carrier, at, axes, **({} if rate is None else {"rate": rate}))
+        p = self.plate
+        stretching = plane_stress(p.youngs_modulus, p.poisson) * p.thickness
+        cell = [self._flat(node) for node in ((0, 0), (1, 0), (1, 1), (0, 1))]
+        shell = Shell(
+            corners=cell,
+            stretching=stretching,
+            bending=stretching * p.thickness**2 / 12.0,
+            damping=p.damping,
+            drag=p.drag,
+        )
+        return self._span(shell, [support for support in supports if support.kind not in joints], pressure, along)
+
+    def _span(self, plate: Plate | Shell, supports: list[Support], pressure: Any, along: int) -> Sheet:
+        """Span an element in every cell, load it, and close these supports by cut joints."""
         nx, nz = self.shape
         node = self.bodies
         cells = [
@@ -247,7 +305,7 @@ class _Builder:
             for k in range(nz - 1)
         ]
         for corners in cells:
-            self.mechanism.plate(self.plate, *corners)
+            self.mechanism.plate(plate, *corners)
         if pressure != 0.0:
             self.mechanism.pressure(self.name, pressure, cells)
         cuts = [cut for support in supports for cut in self._close(support)]
@@ -298,7 +356,8 @@ class _Builder:
                 body = self.bodies[parent]
                 cells = self.shape[0 if node[1] == parent[1] else 1] - 1
                 angle = self.share / cells**2
-                size = (angle * self.side, angle, angle)  # a node that is off takes along as many as one that is turned
+                way = angle * self.side  # a node that is off takes along as many as one that is turned
+                size = (way, angle, angle) if self.joint.nv == 3 else (way, way, way, angle, angle, angle)
                 joint = self.joint(at=tuple(self._flat(node) - self._flat(parent)), nominal=size)
             self.bodies[node] = self.mechanism.body(f"{self.name}.{node[0]}.{node[1]}", body, joint, **self._cell(node))
 

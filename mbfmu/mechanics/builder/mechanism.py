@@ -15,13 +15,14 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mbfmu.errors import UserError
 from mbfmu.mechanics.axes import unit_axis
 from mbfmu.mechanics.checks import Vector, inertia_matrix, rotation, vector
 from mbfmu.mechanics.couplings import Coupling
 from mbfmu.mechanics.cuts import Cut
-from mbfmu.mechanics.elements import Plate
+from mbfmu.mechanics.elements import Plate, Shell
 from mbfmu.mechanics.flexible import Beam
 from mbfmu.mechanics.joints import Joint, Revolute, Section
 from mbfmu.mechanics.kind import check_kind
@@ -90,7 +91,7 @@ class Mechanism(Appearance):
         self.cuts: list[CutHandle] = []
         self.couplings: list[CouplingHandle] = []
         self.forces: list[tuple[str, Load, Body, Body]] = []
-        self.plates: list[tuple[Plate, tuple[Body, Body, Body, Body]]] = []
+        self.plates: list[tuple[Plate | Shell, tuple[Body, Body, Body, Body]]] = []
         self.pressures: list[tuple[str, Pressure, list[tuple[Body, ...]]]] = []
         self.others: list[Acting] = []  # loads, by their name
         self.outputs: list[tuple[str, Sensor, str, float | None]] = []
@@ -245,10 +246,10 @@ class Mechanism(Appearance):
         self.forces.append((name, force, a, other))
         return ForceHandle(name, len(self.forces) - 1, force, a, other)
 
-    def plate(self, plate: Plate, a: Body, b: Body, c: Body, d: Body) -> None:
-        """Span a plate element between bodies at its corners (0, 0), (a, 0), (a, b), (0, b) of their x-z plane."""
-        if not isinstance(plate, Plate):
-            raise UserError(f"plate is {plate!r}; it must be a Plate")
+    def plate(self, plate: Plate | Shell, a: Body, b: Body, c: Body, d: Body) -> None:
+        """Span an element between bodies at its corners (0, 0), (a, 0), (a, b), (0, b) of their x-z plane."""
+        if not isinstance(plate, Plate | Shell):
+            raise UserError(f"plate is {plate!r}; it must be a Plate or a Shell")
         plate.check("a plate")
         nodes = (a, b, c, d)
         self._corners("a plate", nodes)
@@ -304,12 +305,17 @@ class Mechanism(Appearance):
             yield Acting("a plate", plate, corners)
         for plate, corners in self.plates:
             if plate.drag > 0.0:
-                yield Acting("drag on a plate", Drag(density=plate.drag, a=plate.a, b=plate.b), corners)
+                yield Acting("drag on a plate", Drag(density=plate.drag, area=plate.area), corners)
         for name, pressure, faces in self.pressures:
             for face in faces:
                 yield Acting(f"pressure {name!r}", pressure, face)
         for name, load, bodies in self.others:
             yield Acting(f"load {name!r}", load, bodies)
+
+    @property
+    def cells(self) -> NDArray[np.int64]:
+        """(P, 4), bodies at the corners of the plates."""
+        return np.array([[body.index for body in corners] for _, corners in self.plates], np.int64).reshape(-1, 4)
 
     def _corners(self, what: str, nodes: tuple[Body, ...]) -> None:
         """Refuse what does not span a surface."""

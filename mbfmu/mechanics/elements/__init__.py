@@ -4,5 +4,6 @@ from __future__ import annotations
 
 from .beam import BeamElement
 from .plate import Plate
+from .shell import Shell
 
-__all__ = ["BeamElement", "Plate"]
+__all__ = ["BeamElement", "Plate", "Shell"]

@@ -61,6 +61,11 @@ class Plate(Load):
             raise UserError(f"membrane of {what} is {self.membrane!r}; allowed: True, False or letters of 'xzs'")
 
     @property
+    def area(self) -> float:
+        """Area, m^2."""
+        return self.a * self.b
+
+    @property
     def strains(self) -> str:
         """The membrane strains that the element resists."""
         return self.membrane if isinstance(self.membrane, str) else "xzs" * self.membrane

@@ -59,12 +59,12 @@ def power(drag: Any, t: float, arrays: Any, state: Any) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Drag(Load):
-    """Drag on a rectangle of sides a and b (m); ``density`` is that of the air times the drag coefficient, kg/m^3."""
+    """Drag on a cell of some area (m^2); ``density`` is that of the air times the drag coefficient, kg/m^3."""
 
     record = np.dtype(
         [
             ("node", np.int64, (4,)),  # bodies at the corners, as those of a plate
-            ("coefficient", np.float64),  # rho c a b / 2, kg/m
+            ("coefficient", np.float64),  # rho c area / 2, kg/m
         ],
         align=True,
     )
@@ -73,9 +73,8 @@ class Drag(Load):
     tangent = LEFT_OUT
 
     density: float
-    a: float
-    b: float
+    area: float
 
     def fill(self, record: Any, site: Site) -> None:
         """Write its corners, and how much."""
-        record["node"], record["coefficient"] = site.bodies, 0.5 * self.density * self.a * self.b
+        record["node"], record["coefficient"] = site.bodies, 0.5 * self.density * self.area

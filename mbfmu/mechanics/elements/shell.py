@@ -1,0 +1,100 @@
+"""Thin shell: a quadrilateral between four bodies that resists bending and stretching in its plane alike."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.loads.base import Load
+from mbfmu.mechanics.numbers import array_of, not_negative
+
+from .shell_energy import SHELL, apply, potential
+from .shell_stiffness import bending, flat_axes, membrane
+
+SLIM = 1e-3  # sine of the least angle at a corner
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shell(Load):
+    """An element of a thin shell, flat or nearly so; the builder is given the bodies at its corners, all six motions of
+    which are free.
+
+    Parameters
+    ----------
+    corners
+        (4, 3), m, where the bodies are when it is not strained, in any axes; counter to its normal, like a plate's.
+    attitudes
+        (4, 3, 3), how their axes (columns) then lie in the same axes; None: parallel to them.
+    stretching, bending
+        (3, 3), N/m and N m, symmetric: of strains (e_xx, e_zz, gamma) the forces per length, and of curvatures
+        (k_xx, k_zz, 2 k_xz) the moments. x is along the mean of the first and the third edge.
+    damping
+        Time beta of the material damping, stress = K (e + beta e'), s; zero: none.
+    drag
+        Density of the air times drag coefficient, kg/m^3; zero: none.
+    """
+
+    record = SHELL
+    apply = apply
+    potential = potential
+
+    corners: Any
+    stretching: Any
+    bending: Any
+    attitudes: Any = None
+    damping: float = 0.0
+    drag: float = 0.0
+
+    def check(self, what: str = "a shell element") -> None:
+        """Raise UserError for what no shell is; ``what`` says whose it is."""
+        X = _matrix(f"corners of {what}", self.corners, (4, 3))
+        attitudes = np.eye(3) if self.attitudes is None else _matrix(f"attitudes of {what}", self.attitudes, (4, 3, 3))
+        normals = np.broadcast_to(attitudes, (4, 3, 3))[:, :, 1]
+        after, before = np.roll(X, -1, 0) - X, np.roll(X, 1, 0) - X
+        sides = np.linalg.norm(after, axis=1) * np.linalg.norm(before, axis=1)
+        if not np.all(np.sum(np.cross(before, after) * normals, 1) > SLIM * sides):
+            raise UserError(
+                f"corners of {what} are {X.tolist()}; allowed: a convex quadrilateral whose normals are the y axes of "
+                "its bodies: from the first corner along x, then along z"
+            )
+        for key in ("stretching", "bending"):
+            K = _matrix(f"{key} of {what}", getattr(self, key), (3, 3))
+            if not np.allclose(K, K.T, rtol=1e-9) or np.linalg.eigvalsh(K).min() <= 0.0:
+                raise UserError(f"{key} of {what} is {K.tolist()}; allowed: symmetric and positive definite")
+        for key in ("damping", "drag"):
+            not_negative(f"{key} of {what}", getattr(self, key))
+
+    def fill(self, record: Any, site: Site) -> None:
+        """Write corners, attitudes and stiffness; see :mod:`.shell_stiffness`."""
+        E, X = flat_axes(self.corners)
+        attitudes = np.broadcast_to(np.eye(3), (4, 3, 3)) if self.attitudes is None else np.asarray(self.attitudes)
+        record["node"], record["X"] = site.bodies, X
+        record["B"] = [(E @ A).T for A in attitudes]
+        record["plane"] = membrane(X[:, [0, 2]], np.asarray(self.stretching, float))
+        record["bent"] = bending(X[:, [0, 2]], np.asarray(self.bending, float))
+        record["damped"], record["damping"] = self.damping > 0.0, self.damping
+
+    @property
+    def area(self) -> float:
+        """Area, m^2."""
+        X = flat_axes(self.corners)[1]
+        p, q = X[2] - X[0], X[3] - X[1]
+        return 0.5 * float(p[0] * q[2] - p[2] * q[0])
+
+    @property
+    def works(self) -> bool:
+        """Whether its material is damped."""
+        return self.damping > 0.0
+
+
+def _matrix(what: str, value: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Return finite numbers of a shape."""
+    found = array_of(what, value)
+    if found.shape != shape or not np.all(np.isfinite(found)):
+        raise UserError(f"{what} is {value!r}; allowed: {' x '.join(map(str, shape))} finite numbers")
+    return found

@@ -1,0 +1,243 @@
+"""A flat quadrilateral of a thin shell between four bodies that are free in all six motions: its energy and forces.
+
+Element axes E (rows) go with the corners (corotational: Rankin and Nour-Omid 1988; Felippa and Haugen 2005): e_y is
+normal to both diagonals, and in the plane E turns the natural corners X_i onto the present ones as well as it can. What
+is left is small where cells are: displacements and turns of the corners,
+
+    u_i = E (r_i - mean r) - X_i,    theta_i = axis and angle of R_i = E A_i B_i,
+
+B_i the natural attitude, inverse. The energy d^T K d / 2 of d = (u, theta) with the stiffness K of a flat shell is the
+same however the element moves as a rigid body. With the spin omega of E, in its axes, phi_i the rotations of the bodies
+and s_i = phi_i - omega,
+
+    du_i = E (dr_i - mean dr) - omega x x_i,    x_i = u_i + X_i
+    dtheta_i = H_i s_i,    H = F (tr R 1 - R) / 2 - F' a a^T,
+
+a = sin(theta) times the axis, c = cos(theta), F = theta / sin(theta) and F' its derivative by c; dR = [s x] R gives
+da = (tr R 1 - R) s / 2 and dc = -a . s. omega follows from what defines E: the diagonals p, q keep no component along
+y, and sum X_i x x_i none about it. Forces are the exact gradient; damping is stress = K (d + beta d').
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from mbfmu.mechanics.elements.plate_energy import lean
+from solvers.compiled.kernel import kernel
+
+SHELL = np.dtype(
+    [
+        ("node", np.int64, (4,)),  # bodies at the corners
+        ("damped", np.int64),  # 1: has material damping
+        ("damping", np.float64),  # beta, s
+        ("X", np.float64, (4, 3)),  # natural corners in natural element axes, m
+        ("B", np.float64, (4, 3, 3)),  # natural element axes in the bodies' axes
+        ("plane", np.float64, (12, 12)),  # stiffness over (x, z, turn about y) of every corner
+        ("bent", np.float64, (12, 12)),  # ... over (y, turn about x, about z)
+    ],
+    align=True,
+)
+
+WORK = np.dtype(  # an element at work, everything in element axes
+    [
+        ("E", np.float64, (3, 3)),  # rows: element axes in global axes
+        ("x", np.float64, (4, 3)),  # corners about their mean, m
+        ("spread", np.float64),  # sum of X_i . x_i in the plane
+        ("H", np.float64, (4, 3, 3)),  # of turns by spins
+        ("d", np.float64, (4, 6)),  # displacements and turns
+        ("rate", np.float64, (4, 6)),  # ... their rates
+        ("f", np.float64, (4, 6)),  # K d
+        ("m", np.float64, (4, 3)),  # gradient by the rotations of the bodies
+        ("R", np.float64, (3, 3)),  # turn of one corner
+    ],
+    align=True,
+)
+
+
+@kernel
+def deform(shell: Any, bodies: Any, here: Any) -> None:
+    """Element axes E, corners x, deformations d and what turns do to spins, H, from positions and orientations."""
+    E, x, X, d, R = here.E, here.x, shell.X, here.d, here.R
+    n1, n2, n3, n4 = bodies[shell.node[0]], bodies[shell.node[1]], bodies[shell.node[2]], bodies[shell.node[3]]
+    r1, r2, r3, r4 = n1.r, n2.r, n3.r, n4.r
+    px, py, pz = r3[0] - r1[0], r3[1] - r1[1], r3[2] - r1[2]
+    qx, qy, qz = r4[0] - r2[0], r4[1] - r2[1], r4[2] - r2[2]
+    nx, ny, nz = qy * pz - qz * py, qz * px - qx * pz, qx * py - qy * px
+    length = np.sqrt(nx * nx + ny * ny + nz * nz)
+    nx, ny, nz = nx / length, ny / length, nz / length
+    ux, uy, uz = px - qx, py - qy, pz - qz  # twice the mean edge along x, normal to n as p and q are
+    length = np.sqrt(ux * ux + uy * uy + uz * uz)
+    ux, uy, uz = ux / length, uy / length, uz / length
+    wx, wy, wz = uy * nz - uz * ny, uz * nx - ux * nz, ux * ny - uy * nx
+    cx = 0.25 * (r1[0] + r2[0] + r3[0] + r4[0])
+    cy = 0.25 * (r1[1] + r2[1] + r3[1] + r4[1])
+    cz = 0.25 * (r1[2] + r2[2] + r3[2] + r4[2])
+    cosine, sine = 0.0 * cx, 0.0 * cx
+    for i in range(4):
+        r = bodies[shell.node[i]].r
+        a = (r[0] - cx) * ux + (r[1] - cy) * uy + (r[2] - cz) * uz
+        b = (r[0] - cx) * wx + (r[1] - cy) * wy + (r[2] - cz) * wz
+        cosine += X[i, 0] * a + X[i, 2] * b
+        sine += X[i, 0] * b - X[i, 2] * a
+    here.spread = np.sqrt(cosine * cosine + sine * sine)
+    cosine, sine = cosine / here.spread, sine / here.spread
+    E[0, 0], E[0, 1], E[0, 2] = cosine * ux + sine * wx, cosine * uy + sine * wy, cosine * uz + sine * wz
+    E[1, 0], E[1, 1], E[1, 2] = nx, ny, nz
+    E[2, 0], E[2, 1], E[2, 2] = cosine * wx - sine * ux, cosine * wy - sine * uy, cosine * wz - sine * uz
+    for i in range(4):
+        body = bodies[shell.node[i]]
+        r, A, B = body.r, body.A, shell.B[i]
+        for k in range(3):
+            x[i, k] = E[k, 0] * (r[0] - cx) + E[k, 1] * (r[1] - cy) + E[k, 2] * (r[2] - cz)
+            d[i, k] = x[i, k] - X[i, k]
+            a0 = E[k, 0] * A[0, 0] + E[k, 1] * A[1, 0] + E[k, 2] * A[2, 0]
+            a1 = E[k, 0] * A[0, 1] + E[k, 1] * A[1, 1] + E[k, 2] * A[2, 1]
+            a2 = E[k, 0] * A[0, 2] + E[k, 1] * A[1, 2] + E[k, 2] * A[2, 2]
+            for j in range(3):
+                R[k, j] = a0 * B[0, j] + a1 * B[1, j] + a2 * B[2, j]
+        turn(R, d[i], here.H[i])
+
+
+@kernel
+def turn(R: Any, d: Any, H: Any) -> None:
+    """d[3:6] = axis and angle of R, and H (3, 3) of its change by a spin."""
+    trace = R[0, 0] + R[1, 1] + R[2, 2]
+    F, slope, _ = lean(0.5 * (trace - 1.0))
+    a0, a1, a2 = 0.5 * (R[2, 1] - R[1, 2]), 0.5 * (R[0, 2] - R[2, 0]), 0.5 * (R[1, 0] - R[0, 1])
+    d[3], d[4], d[5] = F * a0, F * a1, F * a2
+    for k in range(3):
+        b = slope * (a0 if k == 0 else a1 if k == 1 else a2)
+        for j in range(3):
+            H[k, j] = -0.5 * F * R[k, j]
+        H[k, k] += 0.5 * F * trace
+        H[k, 0] -= b * a0
+        H[k, 1] -= b * a1
+        H[k, 2] -= b * a2
+
+
+@kernel
+def differentiate(shell: Any, bodies: Any, here: Any) -> None:
+    """rate = d' from the velocities."""
+    E, x, X, rate, H = here.E, here.x, shell.X, here.rate, here.H
+    Y1, Y2 = bodies[shell.node[0]].Y, bodies[shell.node[1]].Y
+    Y3, Y4 = bodies[shell.node[2]].Y, bodies[shell.node[3]].Y
+    for k in range(3):
+        mean = 0.0 * x[0, 0]
+        for i in range(4):
+            Y = bodies[shell.node[i]].Y
+            rate[i, k] = E[k, 0] * Y[0] + E[k, 1] * Y[1] + E[k, 2] * Y[2]
+            mean += 0.25 * rate[i, k]
+        for i in range(4):
+            rate[i, k] -= mean
+    p = E[1, 0] * (Y3[0] - Y1[0]) + E[1, 1] * (Y3[1] - Y1[1]) + E[1, 2] * (Y3[2] - Y1[2])
+    q = E[1, 0] * (Y4[0] - Y2[0]) + E[1, 1] * (Y4[1] - Y2[1]) + E[1, 2] * (Y4[2] - Y2[2])
+    px, pz, qx, qz = x[2, 0] - x[0, 0], x[2, 2] - x[0, 2], x[3, 0] - x[1, 0], x[3, 2] - x[1, 2]
+    cross = pz * qx - px * qz
+    oz, ox = (pz * q - qz * p) / cross, (px * q - qx * p) / cross
+    oy = 0.0 * ox
+    for i in range(4):
+        oy += X[i, 2] * (rate[i, 0] + oz * x[i, 1]) - X[i, 0] * (rate[i, 2] - ox * x[i, 1])
+    oy /= here.spread
+    for i in range(4):
+        rate[i, 0] -= oy * x[i, 2] - oz * x[i, 1]
+        rate[i, 1] -= oz * x[i, 0] - ox * x[i, 2]
+        rate[i, 2] -= ox * x[i, 1] - oy * x[i, 0]
+        Y = bodies[shell.node[i]].Y
+        s0 = E[0, 0] * Y[3] + E[0, 1] * Y[4] + E[0, 2] * Y[5] - ox
+        s1 = E[1, 0] * Y[3] + E[1, 1] * Y[4] + E[1, 2] * Y[5] - oy
+        s2 = E[2, 0] * Y[3] + E[2, 1] * Y[4] + E[2, 2] * Y[5] - oz
+        for k in range(3):
+            rate[i, 3 + k] = H[i, k, 0] * s0 + H[i, k, 1] * s1 + H[i, k, 2] * s2
+
+
+@kernel
+def resist(shell: Any, d: Any, part: float, f: Any) -> None:
+    """f (4, 6) += part K d."""
+    for i in range(4):
+        for k in range(3):
+            plane, bent = shell.plane[3 * i + k], shell.bent[3 * i + k]
+            in_plane, out = 0.0 * d[0, 0], 0.0 * d[0, 0]
+            for j in range(4):
+                in_plane += plane[3 * j] * d[j, 0] + plane[3 * j + 1] * d[j, 2] + plane[3 * j + 2] * d[j, 4]
+                out += bent[3 * j] * d[j, 1] + bent[3 * j + 1] * d[j, 3] + bent[3 * j + 2] * d[j, 5]
+            f[i, 2 * k] += part * in_plane
+            f[i, 2 * k + 1] += part * out
+
+
+@kernel
+def load(shell: Any, here: Any, bodies: Any) -> None:
+    """Add minus the gradient, from f, to the applied wrenches F of the four bodies."""
+    E, x, X, f, m, H = here.E, here.x, shell.X, here.f, here.m, here.H
+    ox, oy, oz = 0.0 * here.spread, 0.0 * here.spread, 0.0 * here.spread  # gradient by the spin of the element axes
+    for i in range(4):
+        for k in range(3):
+            m[i, k] = H[i, 0, k] * f[i, 3] + H[i, 1, k] * f[i, 4] + H[i, 2, k] * f[i, 5]
+        ox -= x[i, 1] * f[i, 2] - x[i, 2] * f[i, 1] + m[i, 0]
+        oy -= x[i, 2] * f[i, 0] - x[i, 0] * f[i, 2] + m[i, 1]
+        oz -= x[i, 0] * f[i, 1] - x[i, 1] * f[i, 0] + m[i, 2]
+    oy /= here.spread
+    for i in range(4):
+        ox += oy * X[i, 0] * x[i, 1]
+        oz += oy * X[i, 2] * x[i, 1]
+    px, pz, qx, qz = x[2, 0] - x[0, 0], x[2, 2] - x[0, 2], x[3, 0] - x[1, 0], x[3, 2] - x[1, 2]
+    cross = pz * qx - px * qz
+    p, q = -(qz * oz + qx * ox) / cross, (pz * oz + px * ox) / cross
+    for k in range(3):
+        mean = 0.25 * (f[0, k] + f[1, k] + f[2, k] + f[3, k])
+        for i in range(4):
+            f[i, k] -= mean
+    f[0, 1] -= p
+    f[1, 1] -= q
+    f[2, 1] += p
+    f[3, 1] += q
+    for i in range(4):
+        f[i, 0] += oy * X[i, 2]
+        f[i, 2] -= oy * X[i, 0]
+        F = bodies[shell.node[i]].F
+        for k in range(3):
+            F[k] -= E[0, k] * f[i, 0] + E[1, k] * f[i, 1] + E[2, k] * f[i, 2]
+            F[3 + k] -= E[0, k] * m[i, 0] + E[1, k] * m[i, 1] + E[2, k] * m[i, 2]
+
+
+@kernel
+def work(f: Any, d: Any) -> Any:
+    """f . d."""
+    total = 0.0 * d[0, 0]
+    for i in range(4):
+        for k in range(6):
+            total += f[i, k] * d[i, k]
+    return total
+
+
+@kernel
+def clear(f: Any) -> None:
+    """f = 0."""
+    for i in range(4):
+        for k in range(6):
+            f[i, k] = 0.0
+
+
+@kernel
+def apply(shell: Any, t: float, arrays: Any, state: Any) -> None:
+    """See :mod:`mbfmu.mechanics.loads.base`. The power of the damping, -beta d'^T K d', is told in passing."""
+    bodies, here = state.bodies, state.shell[0]
+    deform(shell, bodies, here)
+    clear(here.f)
+    if shell.damped == 1:
+        differentiate(shell, bodies, here)
+        resist(shell, here.rate, shell.damping, here.f)
+        state.damped[0] -= work(here.f, here.rate)
+    resist(shell, here.d, 1.0, here.f)
+    load(shell, here, bodies)
+
+
+@kernel
+def potential(shell: Any, arrays: Any, state: Any) -> float:
+    """Elastic energy, J."""
+    here = state.shell[0]
+    deform(shell, state.bodies, here)
+    clear(here.f)
+    resist(shell, here.d, 1.0, here.f)
+    return 0.5 * work(here.f, here.d)
