@@ -182,6 +182,11 @@ class DirectIDA:
         self, callbacks: Callbacks, accept: Callable[..., int], data: Any, *, rtol: float, atol: Array,
         max_order: int, max_step: float, krylov: int = 5,
     ) -> None:  # fmt: skip
+        handle = ctypes.c_void_p()
+        with nowhere():  # before any kernel is loaded: those name symbols of the library, which this call loads
+            call("SUNContext_Create", SERIAL, ctypes.addressof(handle))
+        context = handle.value
+        call("SUNContext_ClearErrHandlers", context)
         kind = data._numba_type_
         self._data, self._atol = data, atol
         count = len(atol)
@@ -191,11 +196,6 @@ class DirectIDA:
         )
         self._callbacks: Any = Callbacks._make(made)
         self.y, self.slopes, reached = np.zeros(count), np.zeros(count), np.zeros(1)
-        handle = ctypes.c_void_p()
-        with nowhere():
-            call("SUNContext_Create", SERIAL, ctypes.addressof(handle))
-        context = handle.value
-        call("SUNContext_ClearErrHandlers", context)
         yy, yp, tol = (call("N_VMake_Serial", count, a.ctypes.data, context) for a in (self.y, self.slopes, atol))
         self._memory = call("IDACreate", context)
         self._options = rtol, tol, max_order, max_step
