@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from random_mechanisms import random_rotation
-from test_plate import complex_columns, complex_energy, complex_wrenches, joint_axes, posed, wrenches
+from test_plate import complex_columns, complex_energy, complex_wrenches, joint_axes, posed, tangent_of, wrenches
 
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Floating, Mechanism, Plant, Shell
@@ -103,6 +103,29 @@ def test_forces_are_the_gradient_of_the_energy(material: str, size: float) -> No
     spread = np.abs(expected).max()
     # the velocities of a floating joint are those of its coordinates, so columns along T are motions in global axes
     assert np.abs(gradient + F.reshape(-1)).max() < 1e-12 * spread
+
+
+@pytest.mark.parametrize("size", [1e-4, 0.05, 0.3, 1.0])
+@pytest.mark.parametrize("material", MATERIALS)
+def test_stiffness_is_the_derivative_of_the_forces(material: str, size: float) -> None:
+    plant = element(material)
+    q, K = moved(plant, size), np.zeros((24, 24))
+    wrenches(plant, q)
+    tangent_of(plant, 0.0, K)
+    np.testing.assert_allclose(K, -complex_columns(plant, q, complex_wrenches), rtol=0, atol=1e-12 * np.abs(K).max())
+
+
+def test_damping_is_the_derivative_of_the_forces_by_velocities() -> None:
+    plant = element("askew", damping=0.2)
+    q, K, C = moved(plant, 0.3), np.zeros((24, 24)), np.zeros((24, 24))
+    rest, Y = wrenches(plant, q), np.random.default_rng(3).normal(size=24)
+    tangent_of(plant, 0.0, K)
+    tangent_of(plant, 1.0, C)
+    C -= K
+    v = np.concatenate([T @ Y[6 * i : 6 * i + 6] for i, T in enumerate(joint_axes(plant))])
+    np.testing.assert_allclose((rest - wrenches(plant, q, v)).reshape(-1), C @ Y, atol=1e-13 * np.abs(C).max())
+    np.testing.assert_allclose(C, C.T, atol=1e-13 * np.abs(C).max())
+    assert np.linalg.eigvalsh(C).min() > -1e-13 * np.abs(C).max()
 
 
 def test_forces_and_moments_balance() -> None:

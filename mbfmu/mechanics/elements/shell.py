@@ -15,6 +15,7 @@ from mbfmu.mechanics.numbers import array_of, not_negative
 
 from .shell_energy import SHELL, apply, potential
 from .shell_stiffness import bending, flat_axes, membrane
+from .shell_tangent import tangent
 
 SLIM = 1e-3  # sine of the least angle at a corner
 
@@ -42,6 +43,7 @@ class Shell(Load):
     record = SHELL
     apply = apply
     potential = potential
+    tangent = tangent
 
     corners: Any
     stretching: Any

@@ -45,12 +45,23 @@ WORK = np.dtype(  # an element at work, everything in element axes
         ("E", np.float64, (3, 3)),  # rows: element axes in global axes
         ("x", np.float64, (4, 3)),  # corners about their mean, m
         ("spread", np.float64),  # sum of X_i . x_i in the plane
+        ("R", np.float64, (4, 3, 3)),  # turns of the corners
+        ("sine", np.float64, (4, 3)),  # a = sin(theta) times the axis of each
+        ("F", np.float64, (4, 3)),  # F = theta / sin(theta) and its first two derivatives by cos(theta)
         ("H", np.float64, (4, 3, 3)),  # of turns by spins
         ("d", np.float64, (4, 6)),  # displacements and turns
-        ("rate", np.float64, (4, 6)),  # ... their rates
+        ("dr", np.float64, (4, 3)),  # motions of the corners
+        ("phi", np.float64, (4, 3)),  # ... rotations of their bodies
+        ("omega", np.float64, (3,)),  # ... spin of the element axes
+        ("rate", np.float64, (4, 6)),  # ... what d changes by
         ("f", np.float64, (4, 6)),  # K d
-        ("m", np.float64, (4, 3)),  # gradient by the rotations of the bodies
-        ("R", np.float64, (3, 3)),  # turn of one corner
+        ("n", np.float64, (4, 3)),  # gradient by the motions of the corners
+        ("m", np.float64, (4, 3)),  # ... by the rotations of the bodies
+        ("o", np.float64, (3,)),  # ... by omega; the second by the turn in the plane
+        ("lift", np.float64, (2,)),  # ... by what the diagonals lose along y
+        ("df", np.float64, (4, 6)),  # changes of f, n, m
+        ("dn", np.float64, (4, 3)),
+        ("dm", np.float64, (4, 3)),
     ],
     align=True,
 )
@@ -59,7 +70,7 @@ WORK = np.dtype(  # an element at work, everything in element axes
 @kernel
 def deform(shell: Any, bodies: Any, here: Any) -> None:
     """Element axes E, corners x, deformations d and what turns do to spins, H, from positions and orientations."""
-    E, x, X, d, R = here.E, here.x, shell.X, here.d, here.R
+    E, x, X, d = here.E, here.x, shell.X, here.d
     n1, n2, n3, n4 = bodies[shell.node[0]], bodies[shell.node[1]], bodies[shell.node[2]], bodies[shell.node[3]]
     r1, r2, r3, r4 = n1.r, n2.r, n3.r, n4.r
     px, py, pz = r3[0] - r1[0], r3[1] - r1[1], r3[2] - r1[2]
@@ -88,7 +99,7 @@ def deform(shell: Any, bodies: Any, here: Any) -> None:
     E[2, 0], E[2, 1], E[2, 2] = cosine * wx - sine * ux, cosine * wy - sine * uy, cosine * wz - sine * uz
     for i in range(4):
         body = bodies[shell.node[i]]
-        r, A, B = body.r, body.A, shell.B[i]
+        r, A, B, R = body.r, body.A, shell.B[i], here.R[i]
         for k in range(3):
             x[i, k] = E[k, 0] * (r[0] - cx) + E[k, 1] * (r[1] - cy) + E[k, 2] * (r[2] - cz)
             d[i, k] = x[i, k] - X[i, k]
@@ -97,59 +108,58 @@ def deform(shell: Any, bodies: Any, here: Any) -> None:
             a2 = E[k, 0] * A[0, 2] + E[k, 1] * A[1, 2] + E[k, 2] * A[2, 2]
             for j in range(3):
                 R[k, j] = a0 * B[0, j] + a1 * B[1, j] + a2 * B[2, j]
-        turn(R, d[i], here.H[i])
+        turn(here, i)
 
 
 @kernel
-def turn(R: Any, d: Any, H: Any) -> None:
-    """d[3:6] = axis and angle of R, and H (3, 3) of its change by a spin."""
+def turn(here: Any, i: int) -> None:
+    """d[i, 3:6] = axis and angle of R[i], and H[i] of its change by a spin."""
+    R, d, H, a, F = here.R[i], here.d[i], here.H[i], here.sine[i], here.F[i]
     trace = R[0, 0] + R[1, 1] + R[2, 2]
-    F, slope, _ = lean(0.5 * (trace - 1.0))
-    a0, a1, a2 = 0.5 * (R[2, 1] - R[1, 2]), 0.5 * (R[0, 2] - R[2, 0]), 0.5 * (R[1, 0] - R[0, 1])
-    d[3], d[4], d[5] = F * a0, F * a1, F * a2
+    F[0], F[1], F[2] = lean(0.5 * (trace - 1.0))
+    a[0], a[1], a[2] = 0.5 * (R[2, 1] - R[1, 2]), 0.5 * (R[0, 2] - R[2, 0]), 0.5 * (R[1, 0] - R[0, 1])
     for k in range(3):
-        b = slope * (a0 if k == 0 else a1 if k == 1 else a2)
+        d[3 + k] = F[0] * a[k]
         for j in range(3):
-            H[k, j] = -0.5 * F * R[k, j]
-        H[k, k] += 0.5 * F * trace
-        H[k, 0] -= b * a0
-        H[k, 1] -= b * a1
-        H[k, 2] -= b * a2
+            H[k, j] = -0.5 * F[0] * R[k, j] - F[1] * a[k] * a[j]
+        H[k, k] += 0.5 * F[0] * trace
 
 
 @kernel
-def differentiate(shell: Any, bodies: Any, here: Any) -> None:
-    """rate = d' from the velocities."""
-    E, x, X, rate, H = here.E, here.x, shell.X, here.rate, here.H
-    Y1, Y2 = bodies[shell.node[0]].Y, bodies[shell.node[1]].Y
-    Y3, Y4 = bodies[shell.node[2]].Y, bodies[shell.node[3]].Y
-    for k in range(3):
-        mean = 0.0 * x[0, 0]
-        for i in range(4):
-            Y = bodies[shell.node[i]].Y
-            rate[i, k] = E[k, 0] * Y[0] + E[k, 1] * Y[1] + E[k, 2] * Y[2]
-            mean += 0.25 * rate[i, k]
-        for i in range(4):
-            rate[i, k] -= mean
-    p = E[1, 0] * (Y3[0] - Y1[0]) + E[1, 1] * (Y3[1] - Y1[1]) + E[1, 2] * (Y3[2] - Y1[2])
-    q = E[1, 0] * (Y4[0] - Y2[0]) + E[1, 1] * (Y4[1] - Y2[1]) + E[1, 2] * (Y4[2] - Y2[2])
+def move(shell: Any, bodies: Any, here: Any) -> None:
+    """Motions dr of the corners and rotations phi of the bodies, as they are from the velocities."""
+    E = here.E
+    for i in range(4):
+        Y = bodies[shell.node[i]].Y
+        for k in range(3):
+            here.dr[i, k] = E[k, 0] * Y[0] + E[k, 1] * Y[1] + E[k, 2] * Y[2]
+            here.phi[i, k] = E[k, 0] * Y[3] + E[k, 1] * Y[4] + E[k, 2] * Y[5]
+
+
+@kernel
+def differentiate(shell: Any, here: Any) -> None:
+    """Spin omega and differentials of the deformations, rate, from dr and phi."""
+    x, X, dr, rate, H = here.x, shell.X, here.dr, here.rate, here.H
+    p, q = dr[2, 1] - dr[0, 1], dr[3, 1] - dr[1, 1]
     px, pz, qx, qz = x[2, 0] - x[0, 0], x[2, 2] - x[0, 2], x[3, 0] - x[1, 0], x[3, 2] - x[1, 2]
     cross = pz * qx - px * qz
     oz, ox = (pz * q - qz * p) / cross, (px * q - qx * p) / cross
     oy = 0.0 * ox
+    for k in range(3):
+        mean = 0.25 * (dr[0, k] + dr[1, k] + dr[2, k] + dr[3, k])
+        for i in range(4):
+            rate[i, k] = dr[i, k] - mean
     for i in range(4):
         oy += X[i, 2] * (rate[i, 0] + oz * x[i, 1]) - X[i, 0] * (rate[i, 2] - ox * x[i, 1])
     oy /= here.spread
+    here.omega[0], here.omega[1], here.omega[2] = ox, oy, oz
     for i in range(4):
         rate[i, 0] -= oy * x[i, 2] - oz * x[i, 1]
         rate[i, 1] -= oz * x[i, 0] - ox * x[i, 2]
         rate[i, 2] -= ox * x[i, 1] - oy * x[i, 0]
-        Y = bodies[shell.node[i]].Y
-        s0 = E[0, 0] * Y[3] + E[0, 1] * Y[4] + E[0, 2] * Y[5] - ox
-        s1 = E[1, 0] * Y[3] + E[1, 1] * Y[4] + E[1, 2] * Y[5] - oy
-        s2 = E[2, 0] * Y[3] + E[2, 1] * Y[4] + E[2, 2] * Y[5] - oz
+        sx, sy, sz = here.phi[i, 0] - ox, here.phi[i, 1] - oy, here.phi[i, 2] - oz
         for k in range(3):
-            rate[i, 3 + k] = H[i, k, 0] * s0 + H[i, k, 1] * s1 + H[i, k, 2] * s2
+            rate[i, 3 + k] = H[i, k, 0] * sx + H[i, k, 1] * sy + H[i, k, 2] * sz
 
 
 @kernel
@@ -167,10 +177,10 @@ def resist(shell: Any, d: Any, part: float, f: Any) -> None:
 
 
 @kernel
-def load(shell: Any, here: Any, bodies: Any) -> None:
-    """Add minus the gradient, from f, to the applied wrenches F of the four bodies."""
-    E, x, X, f, m, H = here.E, here.x, shell.X, here.f, here.m, here.H
-    ox, oy, oz = 0.0 * here.spread, 0.0 * here.spread, 0.0 * here.spread  # gradient by the spin of the element axes
+def gradient(shell: Any, here: Any) -> None:
+    """n by the motions of the corners and m by the rotations of the bodies, from f."""
+    x, X, f, n, m, H, o, lift = here.x, shell.X, here.f, here.n, here.m, here.H, here.o, here.lift
+    ox, oy, oz = 0.0 * here.spread, 0.0 * here.spread, 0.0 * here.spread
     for i in range(4):
         for k in range(3):
             m[i, k] = H[i, 0, k] * f[i, 3] + H[i, 1, k] * f[i, 4] + H[i, 2, k] * f[i, 5]
@@ -181,23 +191,37 @@ def load(shell: Any, here: Any, bodies: Any) -> None:
     for i in range(4):
         ox += oy * X[i, 0] * x[i, 1]
         oz += oy * X[i, 2] * x[i, 1]
+    o[0], o[1], o[2] = ox, oy, oz
     px, pz, qx, qz = x[2, 0] - x[0, 0], x[2, 2] - x[0, 2], x[3, 0] - x[1, 0], x[3, 2] - x[1, 2]
     cross = pz * qx - px * qz
-    p, q = -(qz * oz + qx * ox) / cross, (pz * oz + px * ox) / cross
+    lift[0], lift[1] = -(qz * oz + qx * ox) / cross, (pz * oz + px * ox) / cross
+    assemble(X, f, o, lift, n)
+
+
+@kernel
+def assemble(X: Any, f: Any, o: Any, lift: Any, n: Any) -> None:
+    """n by the motions of the corners from f by those about their mean, o by turns in the plane, lift by diagonals."""
     for k in range(3):
         mean = 0.25 * (f[0, k] + f[1, k] + f[2, k] + f[3, k])
         for i in range(4):
-            f[i, k] -= mean
-    f[0, 1] -= p
-    f[1, 1] -= q
-    f[2, 1] += p
-    f[3, 1] += q
+            n[i, k] = f[i, k] - mean
     for i in range(4):
-        f[i, 0] += oy * X[i, 2]
-        f[i, 2] -= oy * X[i, 0]
+        n[i, 0] += o[1] * X[i, 2]
+        n[i, 2] -= o[1] * X[i, 0]
+    n[0, 1] -= lift[0]
+    n[1, 1] -= lift[1]
+    n[2, 1] += lift[0]
+    n[3, 1] += lift[1]
+
+
+@kernel
+def load(shell: Any, here: Any, bodies: Any) -> None:
+    """Add minus the gradient to the applied wrenches F of the four bodies."""
+    E, n, m = here.E, here.n, here.m
+    for i in range(4):
         F = bodies[shell.node[i]].F
         for k in range(3):
-            F[k] -= E[0, k] * f[i, 0] + E[1, k] * f[i, 1] + E[2, k] * f[i, 2]
+            F[k] -= E[0, k] * n[i, 0] + E[1, k] * n[i, 1] + E[2, k] * n[i, 2]
             F[3 + k] -= E[0, k] * m[i, 0] + E[1, k] * m[i, 1] + E[2, k] * m[i, 2]
 
 
@@ -226,10 +250,12 @@ def apply(shell: Any, t: float, arrays: Any, state: Any) -> None:
     deform(shell, bodies, here)
     clear(here.f)
     if shell.damped == 1:
-        differentiate(shell, bodies, here)
+        move(shell, bodies, here)
+        differentiate(shell, here)
         resist(shell, here.rate, shell.damping, here.f)
         state.damped[0] -= work(here.f, here.rate)
     resist(shell, here.d, 1.0, here.f)
+    gradient(shell, here)
     load(shell, here, bodies)
 
 
