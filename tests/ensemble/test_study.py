@@ -204,10 +204,11 @@ def test_what_is_aimed_at_is_found(cluster: Cluster, tmp_path: Path):
 
 
 SCRIPT = """
-import sys
+import signal, sys
 import mbfmu.ensemble.engine as engine, mbfmu.ensemble.records as records
 from mbfmu.cli import main
 records.OFTEN, engine.BATCH = 0.1, 0.1
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell has it ignored by what it runs in the background
 if __name__ == "__main__":
     sys.exit(main(sys.argv[1:]))
 """

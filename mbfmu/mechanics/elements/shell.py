@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from mbfmu.mechanics.loads.base import Load
 from mbfmu.mechanics.numbers import array_of, not_negative
 
 from .shell_energy import SHELL, apply, potential
-from .shell_stiffness import bending, flat_axes, membrane
+from .shell_stiffness import Matrix, assumed, bending, curvature, flat_axes, membrane, stresses
 from .shell_tangent import tangent
 
 SLIM = 1e-3  # sine of the least angle at a corner
@@ -73,18 +74,46 @@ class Shell(Load):
 
     def fill(self, record: Any, site: Site) -> None:
         """Write corners, attitudes and stiffness; see :mod:`.shell_stiffness`."""
-        E, X = flat_axes(self.corners)
         attitudes = np.broadcast_to(np.eye(3), (4, 3, 3)) if self.attitudes is None else np.asarray(self.attitudes)
-        record["node"], record["X"] = site.bodies, X
-        record["B"] = [(E @ A).T for A in attitudes]
-        record["plane"] = membrane(X[:, [0, 2]], np.asarray(self.stretching, float))
-        record["bent"] = bending(X[:, [0, 2]], np.asarray(self.bending, float))
+        record["node"], record["X"] = site.bodies, self._flat[1]
+        record["B"] = [(self._flat[0] @ A).T for A in attitudes]
+        record["plane"], record["bent"] = self._stiffness
         record["damped"], record["damping"] = self.damping > 0.0, self.damping
+
+    def felt(self, x: float, z: float) -> dict[str, Matrix]:
+        """Return what a corner's displacements and turns make of strains and curvatures at a point.
+
+        Parameters
+        ----------
+        x, z
+            Parts of the cell, from 0 at the first corner to 1 along the first and the last edge.
+
+        Returns
+        -------
+        dict
+            ``strain`` (e_xx, e_zz, gamma) and ``curvature`` (w,xx, w,zz, 2 w,xz), each (3, 4, 6), element axes.
+        """
+        X, A = self._flat[1][:, [0, 2]], np.asarray(self.stretching, float)
+        xi, eta = 2.0 * x - 1.0, 2.0 * z - 1.0
+        found = {key: np.zeros((3, 4, 6)) for key in ("strain", "curvature")}
+        found["strain"][:, :, 0::2] = np.linalg.solve(A, assumed(X, xi, eta) @ stresses(X, A)[0]).reshape(3, 4, 3)
+        found["curvature"][:, :, 1::2] = curvature(X, xi, eta).reshape(3, 4, 3)
+        return found
+
+    @cached_property
+    def _flat(self) -> tuple[Matrix, Matrix]:
+        return flat_axes(self.corners)
+
+    @cached_property
+    def _stiffness(self) -> tuple[Matrix, Matrix]:
+        """In the plane and out of it; cells of one sheet are one object."""
+        X = self._flat[1][:, [0, 2]]
+        return membrane(X, np.asarray(self.stretching, float)), bending(X, np.asarray(self.bending, float))
 
     @property
     def area(self) -> float:
         """Area, m^2."""
-        X = flat_axes(self.corners)[1]
+        X = self._flat[1]
         p, q = X[2] - X[0], X[3] - X[1]
         return 0.5 * float(p[0] * q[2] - p[2] * q[0])
 

@@ -56,12 +56,9 @@ def jacobian(X: Matrix, dN: Matrix) -> tuple[Matrix, float]:
     return np.asarray(np.linalg.inv(J), np.float64), float(np.linalg.det(J))
 
 
-def bending(X: Matrix, D: Matrix) -> Matrix:
-    """Return the stiffness (12, 12) over (w, theta_x, theta_z) of every corner.
-
-    X (4, 2) are the corners, m; D (3, 3) in N m takes (w,xx, w,zz, 2 w,xz) to the moments.
-    """
-    slopes = np.zeros((8, 2, 12))  # of corners, of middles of edges
+def middle_slopes(X: Matrix) -> Matrix:
+    """Return the slopes (8, 2, 12) at corners and middles of edges by (w, theta_x, theta_z) of every corner."""
+    slopes = np.zeros((8, 2, 12))
     for i in range(4):
         slopes[i, 0, 3 * i + 2], slopes[i, 1, 3 * i + 1] = 1.0, -1.0
     for i in range(4):
@@ -74,13 +71,52 @@ def bending(X: Matrix, D: Matrix) -> Matrix:
         cubic[3 * j] += 1.5 / length
         cubic[3 * i] -= 1.5 / length
         slopes[4 + i] = mean + np.outer(along, cubic - along @ mean)
+    return slopes
+
+
+def curvature(X: Matrix, xi: float, eta: float) -> Matrix:
+    """Return (w,xx, w,zz, 2 w,xz) at a point, (3, 12), by (w, theta_x, theta_z) of every corner X (4, 2)."""
+    inverse, _ = jacobian(X, bilinear(xi, eta)[1])
+    by = np.einsum("an,nck->ack", inverse @ serendipity(xi, eta), middle_slopes(X))  # d(slope c) / d(direction a)
+    return np.array([by[0, 0], by[1, 1], by[1, 0] + by[0, 1]])
+
+
+def bending(X: Matrix, D: Matrix) -> Matrix:
+    """Return the stiffness (12, 12) over (w, theta_x, theta_z) of every corner.
+
+    X (4, 2) are the corners, m; D (3, 3) in N m takes (w,xx, w,zz, 2 w,xz) to the moments.
+    """
     K = np.zeros((12, 12))
     for xi, eta in GAUSS:
-        inverse, area = jacobian(X, bilinear(xi, eta)[1])
-        by = np.einsum("an,nck->ack", inverse @ serendipity(xi, eta), slopes)  # d(slope c) / d(direction a)
-        B = np.array([by[0, 0], by[1, 1], by[1, 0] + by[0, 1]])
-        K += area * B.T @ D @ B
+        B = curvature(X, xi, eta)
+        K += jacobian(X, bilinear(xi, eta)[1])[1] * B.T @ D @ B
     return K
+
+
+def assumed(X: Matrix, xi: float, eta: float) -> Matrix:
+    """Return the five assumed stresses at a point, (3, 5)."""
+    a1, a3 = 0.25 * XI @ X, 0.25 * ETA @ X  # derivatives of (x, z) by xi and by eta in the middle
+    P = np.zeros((3, 5))
+    P[:, :3] = np.eye(3)
+    P[:, 3] = eta * a1[0] ** 2, eta * a1[1] ** 2, eta * a1[0] * a1[1]
+    P[:, 4] = xi * a3[0] ** 2, xi * a3[1] ** 2, xi * a3[0] * a3[1]
+    return P
+
+
+def stresses(X: Matrix, A: Matrix) -> tuple[Matrix, Matrix]:
+    """Return by how much each of these (5, 12) is there by (u, v, theta_y) of every corner, and its work (5, 12)."""
+    S = np.linalg.inv(A)
+    H, G = np.zeros((5, 5)), np.zeros((5, 12))
+    for xi, eta in GAUSS:
+        dN = bilinear(xi, eta)[1]
+        inverse, area = jacobian(X, dN)
+        by = inverse @ dN
+        B = np.zeros((3, 12))
+        B[0, 0::3], B[1, 1::3], B[2, 0::3], B[2, 1::3] = by[0], by[1], by[1], by[0]
+        P = assumed(X, xi, eta)
+        H += area * P.T @ S @ P
+        G += area * P.T @ B
+    return np.asarray(np.linalg.solve(H, G), np.float64), G
 
 
 def membrane(X: Matrix, A: Matrix) -> Matrix:
@@ -88,24 +124,15 @@ def membrane(X: Matrix, A: Matrix) -> Matrix:
 
     X (4, 2) are the corners, m; A (3, 3) in N/m takes (u,x, v,z, u,z + v,x) to the forces per length.
     """
-    S = np.linalg.inv(A)
-    a1, a3 = 0.25 * XI @ X, 0.25 * ETA @ X  # derivatives of (x, z) by xi and by eta in the middle
-    H, G, K = np.zeros((5, 5)), np.zeros((5, 12)), np.zeros((12, 12))
+    shares, G = stresses(X, A)
+    K = G.T @ shares
     for xi, eta in GAUSS:
         N, dN = bilinear(xi, eta)
         inverse, area = jacobian(X, dN)
-        by = inverse @ dN
-        B, turn = np.zeros((3, 12)), np.zeros(12)
-        B[0, 0::3], B[1, 1::3], B[2, 0::3], B[2, 1::3] = by[0], by[1], by[1], by[0]
-        P = np.zeros((3, 5))
-        P[:, :3] = np.eye(3)
-        P[:, 3] = eta * a1[0] ** 2, eta * a1[1] ** 2, eta * a1[0] * a1[1]
-        P[:, 4] = xi * a3[0] ** 2, xi * a3[1] ** 2, xi * a3[0] * a3[1]
-        H += area * P.T @ S @ P
-        G += area * P.T @ B
+        by, turn = inverse @ dN, np.zeros(12)
         turn[0::3], turn[1::3], turn[2::3] = -0.5 * by[1], 0.5 * by[0], N
         K += DRILLING * A[2, 2] * area * np.outer(turn, turn)
-    return K + G.T @ np.linalg.solve(H, G)
+    return K
 
 
 def plane_stress(youngs_modulus: float, poisson: float) -> Matrix:

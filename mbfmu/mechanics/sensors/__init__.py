@@ -9,6 +9,7 @@ from .energies import Energy, JacobiIntegral, KineticEnergy, PotentialEnergy, Re
 from .forces import CouplingEffort, CutForce, JointForce, RowForce
 from .loads import LoadEffort, LoadWrench
 from .pairs import AngleBetween, Distance, DistanceRate, RelativePosition, RelativeVelocity
+from .plates import InPlate, InShell
 from .points import PointAcceleration, PointPosition, PointVelocity
 from .sections import BendingMoment, Deflection
 
@@ -27,6 +28,8 @@ __all__ = [
     "Effort",
     "Energy",
     "Follows",
+    "InPlate",
+    "InShell",
     "JacobiIntegral",
     "JointForce",
     "KineticEnergy",

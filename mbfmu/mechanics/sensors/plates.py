@@ -1,0 +1,86 @@
+"""What a plate or a shell element feels at a point: its curvature and strain, moments and forces per length, stress.
+
+An element is a polynomial over its cell, so each of these is a sum over its own strains, with weights that depend on
+the point: found once, when the sensor is made.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mbfmu.mechanics.elements.plate_energy import PLATE, shape, strain
+from mbfmu.mechanics.elements.shell_energy import SHELL, deform
+from mbfmu.mechanics.kind import Site
+from solvers.compiled.kernel import kernel
+
+from .base import Sensor
+
+
+@kernel
+def in_plate(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+    """See :mod:`.base`. Weights times the generalized strains."""
+    here = state.element[0]
+    shape(sensor, state.bodies, here)
+    strain(sensor, here)
+    total = 0.0 * here.strain[0]
+    for k in range(9 + 3 * sensor.membrane):
+        total += sensor.weight[k] * here.strain[k]
+    return total
+
+
+@kernel
+def in_shell(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+    """See :mod:`.base`. Weights times the displacements and turns of the corners."""
+    here = state.shell[0]
+    deform(sensor, state.bodies, here)
+    total = 0.0 * here.d[0, 0]
+    for i in range(4):
+        for k in range(6):
+            total += sensor.weight[i, k] * here.d[i, k]
+    return total
+
+
+def _record(element: np.dtype[Any], weights: tuple[int, ...]) -> np.dtype[Any]:
+    """Return the record of an element with weights of this shape."""
+    fields: list[Any] = [(name, element[name]) for name in element.names or ()]
+    return np.dtype([*fields, ("weight", np.float64, weights)], align=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _InElement(Sensor):
+    """A sum over the strains of an element; ``bodies`` are those at its corners.
+
+    Parameters
+    ----------
+    element
+        The :class:`.Plate` or :class:`.Shell`.
+    weights
+        Of its strains, of the shape that the record says.
+    """
+
+    element: Any
+    weights: Any
+
+    def fill(self, record: Any, site: Site) -> None:
+        """Write the element and the weights."""
+        self.element.fill(record, site)
+        record["weight"] = self.weights
+
+
+@dataclass(frozen=True, kw_only=True)
+class InPlate(_InElement):
+    """... over the twelve generalized strains of a plate."""
+
+    record = _record(PLATE, (12,))
+    read = in_plate
+
+
+@dataclass(frozen=True, kw_only=True)
+class InShell(_InElement):
+    """... over the displacements and turns of the four corners of a shell."""
+
+    record = _record(SHELL, (4, 6))
+    read = in_shell
