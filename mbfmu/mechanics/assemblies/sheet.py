@@ -38,7 +38,7 @@ hang lower and with less energy unfolded. With membrane two rows of cells are th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -50,12 +50,16 @@ from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.checks import Vector, one_of
 from mbfmu.mechanics.elements import Plate
 from mbfmu.mechanics.joints import Floating, Geodesic, Joint, OutOfPlane
-from mbfmu.mechanics.numbers import positive
+from mbfmu.mechanics.numbers import is_finite, positive
+from mbfmu.mechanics.sensors import InPlate, InShell, Sensor
 
+from .grid import Node
 from .supports import Support, check_support
-from .weaver import Weaver
+from .weaver import Cell, Weaver
 
 TREES = ("spine", "rows", "master")
+COMPONENTS = {"xx": 0, "zz": 1, "xz": 2}
+FACES = {"top": 1.0, "middle": 0.0, "bottom": -1.0}
 JOINTS: dict[str, type[Joint]] = {"geodesic": Geodesic, "paper": OutOfPlane}
 
 
@@ -71,6 +75,8 @@ class Sheet:
         Sides of a cell, m.
     plate
         What every cell is of; with stretch its element is a shell of that.
+    cells
+        Elements and the four bodies at their corners, by grid index of the first.
     cuts
         Cut joints of supports that the tree does not grow from.
     along
@@ -82,6 +88,7 @@ class Sheet:
     a: float
     b: float
     plate: Plate
+    cells: Mapping[Node, Cell]
     cuts: tuple[CutHandle, ...]
     along: int
 
@@ -98,6 +105,52 @@ class Sheet:
             min(range(len(self.nodes)), key=lambda i: abs(i * self.a - x)),
             min(range(len(self.nodes[0])), key=lambda k: abs(k * self.b - z)),
         )
+
+    def curvature(self, component: str, x: float, z: float) -> Sensor:
+        """Curvature ``xx``, ``zz`` or the twist ``xz`` at (x, z) of the flat sheet, 1/m: w,xx and so on, w along its y.
+
+        This and the following are those of the element there, best in its middle; on a line between two of the one
+        beyond it.
+        """
+        return self._felt("1/m", component, x, z, curvature=1.0)
+
+    def moment(self, component: str, x: float, z: float) -> Sensor:
+        """Moment per length, N m/m, that goes with that curvature; of the elastic material, without its damping."""
+        return self._felt("N.m/m", component, x, z, moment=1.0)
+
+    def strain(self, component: str, x: float, z: float) -> Sensor:
+        """Strain of the mid-plane; ``xz`` is half the shear angle. It needs stretch."""
+        return self._felt("1", component, x, z, strain=1.0)
+
+    def force_per_length(self, component: str, x: float, z: float) -> Sensor:
+        """Force per length in the plane, N/m, positive where it pulls; elastic, as all of these."""
+        return self._felt("N/m", component, x, z, force=1.0)
+
+    def stress(self, component: str, x: float, z: float, face: str = "top") -> Sensor:
+        """Stress, Pa, on the face ``top`` (along y), in the ``middle``, or on the ``bottom``."""
+        one_of(f"face of sheet {self.name!r}", face, FACES)
+        t = self.plate.thickness
+        return self._felt("Pa", component, x, z, force=1.0 / t, moment=-6.0 * FACES[face] / t**2)
+
+    def _felt(self, unit: str, component: str, x: float, z: float, **parts: float) -> Sensor:
+        """Return a sensor of these parts of what the element at (x, z) feels."""
+        one_of(f"component of what sheet {self.name!r} feels", component, COMPONENTS)
+        (i, x), (k, z) = self._cell("x", x, self.a, len(self.nodes)), self._cell("z", z, self.b, len(self.nodes[0]))
+        element, corners = self.cells[i, k]
+        felt = element.felt(x, z)
+        if not parts.keys() <= felt.keys():
+            raise UserError(f"sheet {self.name!r} does not feel all strains in its plane; it does with stretch=True")
+        weights = sum(part * felt[key][COMPONENTS[component]] for key, part in parts.items())
+        kind = InPlate if isinstance(element, Plate) else InShell
+        return kind(unit=unit, bodies=corners, element=element, weights=weights)
+
+    def _cell(self, key: str, value: float, step: float, count: int) -> tuple[int, float]:
+        """Return the number of the cell at a place along x or z, and how far in it that is, from 0 to 1."""
+        last, place = count - 1, value / step if is_finite(value) else -1.0
+        if not -1e-9 * last <= place <= (1.0 + 1e-9) * last:
+            raise UserError(f"{key} on sheet {self.name!r} is {value!r} m; allowed: 0 to {last * step:g}")
+        cell = min(max(int(place), 0), last - 1)
+        return cell, min(max(place - cell, 0.0), 1.0)
 
 
 def add_sheet(
@@ -191,7 +244,7 @@ def add_sheet(
         _refuse_one_row(what, shape, plate, tree, supports)
         weaver.weave(tree, list(supports), master, rate, pressure)
     nodes = tuple(tuple(weaver.bodies[i, k] for k in range(shape[1])) for i in range(shape[0]))
-    sheet = Sheet(name, nodes, plate.a, plate.b, plate, tuple(weaver.cuts), weaver.along)
+    sheet = Sheet(name, nodes, plate.a, plate.b, plate, weaver.cells, tuple(weaver.cuts), weaver.along)
     mechanism.sheets.append(sheet)
     return sheet
 

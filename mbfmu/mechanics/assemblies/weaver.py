@@ -13,7 +13,6 @@ from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.checks import Matrix, Vector, rotation, vector
 from mbfmu.mechanics.cuts import Cut, PlaneCut
 from mbfmu.mechanics.elements import Plate, Shell
-from mbfmu.mechanics.elements.shell_stiffness import plane_stress
 from mbfmu.mechanics.joints import Floating, Joint, Planar, Revolute, Weld
 from mbfmu.mechanics.numbers import is_finite
 
@@ -24,6 +23,7 @@ GRAVITY = 9.81  # m/s^2: what bends a sheet is of the order of its weight
 # Size of a joint's angles times the square of the cells in its chain: curvature times cell, and the errors of a chain
 # add up; measured on releases of a sheet with 14 to 50 cells. Less where a sheet bends less: _pliancy
 SHARE = 25.0
+Cell = tuple[Plate | Shell, tuple[Body, Body, Body, Body]]
 
 
 class Weaver:
@@ -40,8 +40,8 @@ class Weaver:
 
     Attributes
     ----------
-    bodies
-        The nodes so far.
+    bodies, cells
+        The nodes so far, and the elements with the bodies at their corners.
     cuts
         Cut joints of supports so far.
     along
@@ -67,6 +67,7 @@ class Weaver:
         self.share = SHARE * _pliancy(plate, density, self.side)
         self.bodies: dict[Node, Body] = {}
         self.taken: set[Node] = set()  # held by a support
+        self.cells: dict[Node, Cell] = {}
         self.cuts: list[CutHandle] = []
         self.along = 0
 
@@ -134,29 +135,20 @@ class Weaver:
         first = Floating if master is None else Weld
         self._hang(loose, first, carrier, at, axes, **({} if rate is None else {"rate": rate}))
         p = self.plate
-        stretching = plane_stress(p.youngs_modulus, p.poisson) * p.thickness
         cell = [self._flat(node) for node in ((0, 0), (1, 0), (1, 1), (0, 1))]
-        shell = Shell(
-            corners=cell,
-            stretching=stretching,
-            bending=stretching * p.thickness**2 / 12.0,
-            damping=p.damping,
-            drag=p.drag,
-        )
+        shell = Shell(corners=cell, stretching=p.stretching, bending=p.bending, damping=p.damping, drag=p.drag)
         self._span(shell, [support for support in supports if support.kind not in joints], pressure)
 
     def _span(self, element: Plate | Shell, supports: list[Support], pressure: Any) -> None:
         """Span an element in every cell, load it, and close these supports by cut joints."""
         node = self.bodies
-        cells = [
-            (node[i, k], node[i + 1, k], node[i + 1, k + 1], node[i, k + 1])
-            for i in range(self.shape[0] - 1)
-            for k in range(self.shape[1] - 1)
-        ]
-        for corners in cells:
-            self.mechanism.plate(element, *corners)
+        for i in range(self.shape[0] - 1):
+            for k in range(self.shape[1] - 1):
+                corners = node[i, k], node[i + 1, k], node[i + 1, k + 1], node[i, k + 1]
+                self.cells[i, k] = element, corners
+                self.mechanism.plate(element, *corners)
         if pressure != 0.0:
-            self.mechanism.pressure(self.name, pressure, cells)
+            self.mechanism.pressure(self.name, pressure, [corners for _, corners in self.cells.values()])
         self.cuts += [cut for support in supports for cut in self._close(support)]
 
     def _refuse_taut(self, supports: list[Support], master: Body | None) -> None:

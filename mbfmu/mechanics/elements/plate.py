@@ -5,13 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from mbfmu.errors import UserError
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.loads.base import Load
 from mbfmu.mechanics.numbers import not_negative, positive
 
+from .feeling import components
+from .plate_curvature import Matrix, curvature
 from .plate_energy import PLATE, apply, potential
 from .plate_tangent import tangent
+from .shell_stiffness import plane_stress
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,6 +97,35 @@ class Plate(Load):
         record["stretching"] = (normal * x, normal * z, nu * normal * (x and z), 0.5 * Et * a * b / (1.0 + nu) * s)
         record["membrane"], record["damped"] = bool(self.strains), self.damping > 0.0
         record["damping"] = self.damping
+
+    @property
+    def stretching(self) -> Matrix:
+        """(3, 3), N/m: of strains (E_xx, E_zz, gamma) the forces per length."""
+        return plane_stress(self.youngs_modulus, self.poisson) * self.thickness
+
+    @property
+    def bending(self) -> Matrix:
+        """(3, 3), N m: of curvatures (w,xx, w,zz, 2 w,xz) the moments per length."""
+        return self.stretching * self.thickness**2 / 12.0
+
+    def felt(self, x: float, z: float) -> dict[str, Matrix]:
+        """Return what is felt at a point, by the generalized strains.
+
+        Parameters
+        ----------
+        x, z
+            Parts of a and b, from 0 to 1.
+
+        Returns
+        -------
+        dict
+            See :func:`.feeling.components`, each (3, 12); strains are means over the element, and there where it
+            resists them all.
+        """
+        bent = np.zeros((3, 12))
+        bent[:, :9] = curvature(self.a, self.b, x * self.a, z * self.b)
+        stretched = np.eye(12)[9:] if set(self.strains) == set("xzs") else None
+        return components(stretched, bent, self.stretching, self.bending)
 
     @property
     def works(self) -> bool:

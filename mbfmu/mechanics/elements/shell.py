@@ -14,6 +14,7 @@ from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.loads.base import Load
 from mbfmu.mechanics.numbers import array_of, not_negative
 
+from .feeling import components
 from .shell_energy import SHELL, apply, potential
 from .shell_stiffness import Matrix, assumed, bending, curvature, flat_axes, membrane, stresses
 from .shell_tangent import tangent
@@ -81,7 +82,7 @@ class Shell(Load):
         record["damped"], record["damping"] = self.damping > 0.0, self.damping
 
     def felt(self, x: float, z: float) -> dict[str, Matrix]:
-        """Return what a corner's displacements and turns make of strains and curvatures at a point.
+        """Return what is felt at a point, by displacements and turns of the corners.
 
         Parameters
         ----------
@@ -91,14 +92,14 @@ class Shell(Load):
         Returns
         -------
         dict
-            ``strain`` (e_xx, e_zz, gamma) and ``curvature`` (w,xx, w,zz, 2 w,xz), each (3, 4, 6), element axes.
+            See :func:`.feeling.components`, each (3, 4, 6), in element axes.
         """
         X, A = self._flat[1][:, [0, 2]], np.asarray(self.stretching, float)
         xi, eta = 2.0 * x - 1.0, 2.0 * z - 1.0
-        found = {key: np.zeros((3, 4, 6)) for key in ("strain", "curvature")}
-        found["strain"][:, :, 0::2] = np.linalg.solve(A, assumed(X, xi, eta) @ stresses(X, A)[0]).reshape(3, 4, 3)
-        found["curvature"][:, :, 1::2] = curvature(X, xi, eta).reshape(3, 4, 3)
-        return found
+        stretched, bent = np.zeros((3, 4, 6)), np.zeros((3, 4, 6))
+        stretched[:, :, 0::2] = np.linalg.solve(A, assumed(X, xi, eta) @ stresses(X, A)[0]).reshape(3, 4, 3)
+        bent[:, :, 1::2] = curvature(X, xi, eta).reshape(3, 4, 3)
+        return components(stretched, bent, A, np.asarray(self.bending, float))
 
     @cached_property
     def _flat(self) -> tuple[Matrix, Matrix]:

@@ -43,10 +43,10 @@ def in_shell(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
     return total
 
 
-def _record(element: np.dtype[Any], weights: tuple[int, ...]) -> np.dtype[Any]:
-    """Return the record of an element with weights of this shape."""
+def _record(weights: tuple[int, ...], element: np.dtype[Any]) -> np.dtype[Any]:
+    """Return the record of an element, behind weights: a record that begins as another is taken for that by numba."""
     fields: list[Any] = [(name, element[name]) for name in element.names or ()]
-    return np.dtype([*fields, ("weight", np.float64, weights)], align=True)
+    return np.dtype([("weight", np.float64, weights), *fields], align=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +74,7 @@ class _InElement(Sensor):
 class InPlate(_InElement):
     """... over the twelve generalized strains of a plate."""
 
-    record = _record(PLATE, (12,))
+    record = _record((12,), PLATE)
     read = in_plate
 
 
@@ -82,5 +82,5 @@ class InPlate(_InElement):
 class InShell(_InElement):
     """... over the displacements and turns of the four corners of a shell."""
 
-    record = _record(SHELL, (4, 6))
+    record = _record((4, 6), SHELL)
     read = in_shell
