@@ -45,6 +45,7 @@ from .mechanics import (
     SphericalCut,
     Spring,
     Step,
+    Stretching,
     Sum,
     Support,
     Table,
@@ -81,11 +82,11 @@ __all__ = [
     "Function", "Gear", "Geodesic", "Harmonic", "Input", "JointForce", "JointSpring", "JointStop", "Mechanism",
     "Model", "OutOfPlane", "Planar", "PlanarCut", "PlaneCut", "Plate", "PointForce", "Polynomial", "Product",
     "Ramp", "Result", "Revolute", "RevoluteCut", "RunUp", "Screw", "Settings", "Shell", "Simulation", "SpeedInput",
-    "Sphere", "Spherical", "SphericalCut", "Spring", "StateSpace", "Step", "Study", "Sum", "Support", "Table",
-    "TargetChoice", "Torque", "TorsionSpring", "Translational", "TranslationalCut", "Universal", "UserError", "Weld",
-    "WeldCut", "add_chain", "add_sheet", "box", "check", "choose", "compare", "cylinder", "equilibrium", "export",
-    "find", "linearize", "load_study", "models", "modes", "parameter", "rod", "simulate", "sphere", "study", "tube",
-    "view",
+    "Sphere", "Spherical", "SphericalCut", "Spring", "StateSpace", "Step", "Stretching", "Study", "Sum", "Support",
+    "Table", "TargetChoice", "Torque", "TorsionSpring", "Translational", "TranslationalCut", "Universal", "UserError",
+    "Weld", "WeldCut", "add_chain", "add_sheet", "box", "check", "choose", "compare", "cylinder", "equilibrium",
+    "export", "find", "linearize", "load_study", "models", "modes", "parameter", "rod", "simulate", "sphere", "study",
+    "tube", "view",
 ]  # fmt: skip
 
 __version__: str

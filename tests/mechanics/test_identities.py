@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from random_mechanisms import COUPLINGS, CUTS, JOINTS, MOVING, Case, build, cases, distance
 
-from mbfmu.mechanics import Geodesic, Mechanism, Plant, Screw
+from mbfmu.mechanics import Geodesic, Mechanism, Plant, Screw, Stretching
 from mbfmu.mechanics.recursions.aba import forward_dynamics
 from mbfmu.mechanics.recursions.dynamics import move, solved
 from mbfmu.mechanics.recursions.kinematics import positions as place_joints
@@ -61,7 +61,8 @@ def observed(case: Case, t: float, q: Any, v: Any, a: Any, lam: Any) -> dict[str
 @pytest.mark.parametrize("joint", JOINTS)
 def test_a_joint_has_as_many_motions_as_it_says_and_places_by_a_rotation(joint: Any) -> None:
     m = Mechanism()
-    needed: dict[Any, dict[str, Any]] = {Geodesic: {"at": (1.0, 0.0, 0.0)}, Screw: {"lead": 0.1}}
+    needed: dict[Any, dict[str, Any]] = {kind: {"at": (1.0, 0.0, 0.0)} for kind in (Geodesic, Stretching)}
+    needed[Screw] = {"lead": 0.1}
     m.body("b", m.ground, joint(**needed.get(joint, {})), mass=1.0)
     plant = Plant(m)
     arrays, state = plant.kernel_data

@@ -25,11 +25,11 @@ strain along a chain only with joints that keep the length of the sheet (:mod:`.
 length would lock.
 
 **Stretch.** Along its chains the sheet cannot stretch, which is right where it bends one way, and wrong where it is
-held twice or curved both ways. With ``stretch`` a node has all six motions against its neighbor in the tree, of which
-bending moves three and hardly the others, and elements are shells (:class:`.Shell`). Supports hold their nodes by
-joints of their own, and edges may be held against each other. Waves in the plane are hundreds of times faster than
-bending, so it takes an implicit solver. (Nodes on the ground, each by itself, would be as many unknowns; but a sheet
-that hardly stretches moves along curves in those, and Newton takes five times as many steps to its rest.)
+held twice or curved both ways. With ``stretch`` a node has all six motions against its neighbor in the tree
+(:mod:`.joints.stretching`), and elements are shells (:class:`.Shell`). Supports hold their nodes by joints of their
+own, and edges may be held against each other. Waves in the plane are hundreds of times faster than bending, so it takes
+an implicit solver. (Nodes on the ground, each by itself, would be as many unknowns; but a sheet that hardly stretches
+moves along curves in those, and Newton takes five times as many steps to its rest.)
 
 **Rows of cells.** An element measures stretching by means over its edges. One row of cells across the chains has one
 mean for the whole width: the sheet folds along its chain, is then stiff as an angle bar, and stays so though it would
@@ -49,7 +49,7 @@ from mbfmu.mechanics.builder.bodies import Body, CutHandle
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.checks import Vector, one_of
 from mbfmu.mechanics.elements import Plate
-from mbfmu.mechanics.joints import Floating, Geodesic, Joint, OutOfPlane
+from mbfmu.mechanics.joints import Geodesic, Joint, OutOfPlane, Stretching
 from mbfmu.mechanics.numbers import is_finite, positive
 from mbfmu.mechanics.sensors import InPlate, InShell, Sensor
 
@@ -237,7 +237,7 @@ def add_sheet(
         drag=drag,
     )
     plate.check(what)
-    weaver = Weaver(mechanism, name, plate, density, shape, (at, rotation), Floating if stretch else JOINTS[joint])
+    weaver = Weaver(mechanism, name, plate, density, shape, (at, rotation), Stretching if stretch else JOINTS[joint])
     if stretch:
         weaver.weave_free(list(supports), master, rate, pressure)
     else:

@@ -194,7 +194,7 @@ class Weaver:
                 cells = self.shape[0 if node[1] == parent[1] else 1] - 1
                 angle = self.share / cells**2
                 way = angle * self.side  # a node that is off takes along as many as one that is turned
-                size = (way, angle, angle) if self.joint.nv == 3 else (way, way, way, angle, angle, angle)
+                size = (way, angle, angle, way, way, angle)[: self.joint.nv]
                 joint = self.joint(at=tuple(self._flat(node) - self._flat(parent)), nominal=size)
             self.bodies[node] = self.mechanism.body(f"{self.name}.{node[0]}.{node[1]}", body, joint, **self._cell(node))
 

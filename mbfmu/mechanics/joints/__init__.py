@@ -12,6 +12,7 @@ from .revolute import Revolute
 from .screw import Screw
 from .section import Section
 from .spherical import Spherical
+from .stretching import Stretching
 from .translational import Translational
 from .universal import Universal
 from .weld import Weld
@@ -27,6 +28,7 @@ __all__ = [
     "Screw",
     "Section",
     "Spherical",
+    "Stretching",
     "Translational",
     "Universal",
     "Weld",
