@@ -346,8 +346,8 @@ def test_ledger_of_effects(command: Any) -> None:
         "effects", "sheet", "--set", "nx=5", "--set", "nz=4", "--stop-time", "0.01", "--show", "tip.y"
     )
     assert code == 0
-    assert [line.split("  ")[0] for line in out.splitlines()[2:8]] == [
-        "as it is", "without gravity", "without membrane", "with damping", "with drag",
+    assert [line.split("  ")[0] for line in out.splitlines()[2:9]] == [
+        "as it is", "without gravity", "without membrane", "with stretch", "with damping", "with drag",
         "with pressure",
     ]  # fmt: skip
     assert "tip.y (range 0.000" in out.splitlines()[0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from scipy.optimize import root
 
 import mbfmu as mb
+from fmus.sheet import Sheet
 from mbfmu.mechanics import Mechanism, Support, Translational, add_sheet
 
 PAPER = {"length": 0.3, "width": 0.21, "thickness": 0.3e-3, "youngs_modulus": 1e10, "density": 1000.0}
@@ -134,6 +136,16 @@ def test_explicit_solvers_are_refused() -> None:
     with pytest.raises(mb.UserError, match=r"'adams' is explicit, .* take 'ida' or 'esdirk'"):
         mb.simulate(hanging((7, 5)), 0.01, solver="adams")
     assert mb.simulate(hanging((7, 5)), 0.01, solver="auto")["tip"][-1] < 0.0
+
+
+def test_the_model_stretches_on_request() -> None:
+    model = Sheet(nx=7, nz=5, stretch=True)
+    assert mb.equilibrium(model).outputs["tip.y"] == pytest.approx(mb.equilibrium(hanging((7, 5))).outputs["tip"])
+    held = replace(model, support="two_edges", gravity_y=0.0, pressure=0.01)
+    slides, held_fast = (mb.equilibrium(replace(held, slide=slide)).outputs["middle.y"] for slide in (True, False))
+    assert 0.0 < held_fast < slides
+    with pytest.raises(mb.UserError, match="slide is False, which a sheet that cannot stretch does not bear"):
+        mb.equilibrium(replace(held, slide=False, stretch=False))
 
 
 def test_what_holds_a_sheet_does_not_float() -> None:

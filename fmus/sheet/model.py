@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mbfmu.errors import UserError
 from mbfmu.mechanics import Body, Box, Input, Mechanism, Support, Translational, Weld, add_sheet
 from mbfmu.mechanics.assemblies.sheet import Sheet as SheetHandle
 from mbfmu.model import Model, parameter
@@ -38,6 +39,7 @@ class Sheet(Model):
         {
             "gravity": {"gravity_y": -9.81},
             "membrane": {"membrane": True},
+            "stretch": {"stretch": True},
             "damping": {"damping": 0.002},
             "drag": {"drag": 1.4},
             "pressure": {"pressure": 0.5},
@@ -57,8 +59,9 @@ class Sheet(Model):
         "clamped",
         choices=("clamped", "pinned", "moved", "two_edges", "all_edges", "free"),
         doc="of the edge x = length; moved: clamped to an edge that inputs move; two_edges: it and x = 0 are hinged; "
-        "all_edges: so are all four; hinged edges may slide in the plane",
+        "all_edges: so are all four",
     )
+    slide: bool = parameter(True, structural=True, doc="hinged edges may slide in the plane; if not, it takes stretch")
     held_part: float = parameter(1.0, min=0.0, max=1.0, doc="part of the edge that is held, about its middle")
     start_velocity: float = parameter(0.0, unit="m/s", doc="of a free sheet at the start, along y")
     start_spin: float = parameter(0.0, unit="rad/s", doc="of a free sheet at the start, about x and half of it about z")
@@ -66,6 +69,9 @@ class Sheet(Model):
     gravity_y: float = parameter(-9.81, unit="m/s2", doc="acceleration of gravity until the input gravity.y is set")
     gravity_z: float = parameter(0.0, unit="m/s2", doc="acceleration of gravity until the input gravity.z is set")
     membrane: bool = parameter(True, structural=True, doc="effect: stretching and shear resist")
+    stretch: bool = parameter(
+        False, structural=True, doc="effect: gives way in its plane, for implicit solvers; membrane means nothing then"
+    )
     damping: float = parameter(0.0, unit="s", min=0.0, doc="effect: material damping time, stress = K (e + damping e')")
     drag: float = parameter(0.0, unit="kg/m3", min=0.0, doc="effect: air density times drag coefficient")
     pressure: float = parameter(
@@ -78,18 +84,22 @@ class Sheet(Model):
         m = Mechanism(gravity=[self._gravity(axis) for axis in "xyz"])
         edge = None if self.support in ("all_edges", "free") else self._edge(m)
         supports, tree, master = [], self.tree, None
+        hinged = "supported" if self.slide else "pinned"
+        if not self.slide and not self.stretch:
+            raise UserError("slide is False, which a sheet that cannot stretch does not bear; allowed: with stretch")
         if edge is None:
             tree = "master"
             if self.support == "all_edges":
-                master = m.body("lift", m.ground, Translational(axis="y"))  # the middle may not drift in the plane
-                supports = [Support(name, "supported") for name in ("x0", "x1", "z0", "z1")]
+                supports = [Support(name, hinged) for name in ("x0", "x1", "z0", "z1")]
+                if self.slide:
+                    master = m.body("lift", m.ground, Translational(axis="y"))  # the middle may not drift in the plane
         else:
             half = 0.5 * self.held_part * self.width
             span = (0.5 * self.width - half, 0.5 * self.width + half)
             at = (-self.length, 0.0, -0.5 * self.width)
             supports = [Support("x1", HELD[self.support], span=span, body=edge, at=at)]
             if self.support == "two_edges":
-                supports.append(Support("x0", "supported"))
+                supports.append(Support("x0", hinged))
             m.shape(edge, Box(size=(0.02 * self.length, 0.01 * self.length, self.held_part * self.width)))
         sheet = add_sheet(
             m,
@@ -105,6 +115,7 @@ class Sheet(Model):
             supports=supports,
             master=master,
             membrane=self.membrane,
+            stretch=self.stretch,
             damping=self.damping,
             drag=self.drag,
             pressure=self.pressure,
