@@ -13,7 +13,7 @@ see :mod:`.geodesic`, which does neither.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -60,5 +60,5 @@ class OutOfPlane(Joint):
     nv = 3
     place = place
     bias = bias
-    coordinates = ("alpha", "theta_z", "theta_x")
-    units = ("m", "rad", "rad")
+    coordinates: ClassVar[tuple[str, ...]] = ("alpha", "theta_z", "theta_x")
+    units: ClassVar[tuple[str, ...]] = ("m", "rad", "rad")
