@@ -58,6 +58,7 @@ CONTROL = np.dtype(
         *FIELDS,
         ("t", "f8"), ("h", "f8"), ("hold", "f8"),  # s: where it stands, the next step, the last one
         ("error", "f8"), ("before", "f8"),  # of the last step, and its length, s; 0: there is none
+        ("hard", "f8"), ("wait", "i8"),  # a length, s, at which Newton failed, and steps until it may be tried again
         ("start", "i8"),  # 1: the slopes are to be taken anew
         ("ends", "i8"),  # so many steps are yet to end at the time asked for
         ("c", "f8"), ("at", "f8"),  # 1/s, s: of which T, taken when, the factors are; c = 0: there are none

@@ -59,7 +59,8 @@ EXACT, DRIFT = 0.05, 6.0
 FINEST = 1e-12  # sizes: what rounding leaves of a correction
 CLOSINGS = 2  # on the way back onto the constraints by the factors of the stages
 SLOW = 0.7  # rate of the corrections that calls for new factors
-RENEWALS = 2  # of the factors within a stage
+RENEWALS = 3  # of the factors within a stage
+WAIT, TAMER = 8, 0.6  # steps after Newton has failed at a length that are not longer than this part of it
 UNSEEN, FASTEST = 0.5, 0.1  # rate of a first correction; the least that is counted on
 ROUNDING = 0.02  # of what Newton may leave: a correction that need not fall
 NEAR = 1e-3  # part by which 1 / (h gamma) may be off that of the factors
@@ -167,7 +168,7 @@ class TreeESDIRKStepper(Stepper):
             if code is Code.OK:
                 c["h"] = h * max(SHORTEST, SAFETY * error ** (-1.0 / 3.0))
             else:
-                c["h"] = 0.5 * h
+                c["h"], c["hard"], c["wait"] = 0.5 * h, h, WAIT
             if not c["h"] > SMALLEST_STEP * max(1.0 / self._rate, abs(c["t"])):
                 return Code.COLLAPSED if code is Code.OK else code
         whole, longer = h >= c["h"], self._longer(h, max(error, TINY))
@@ -182,6 +183,9 @@ class TreeESDIRKStepper(Stepper):
         """Return the length of the step after one of h, with a look at how the error has changed (Gustafsson)."""
         c = self._c
         factor = SAFETY * error ** (-1.0 / 3.0)
+        if c["wait"] > 0:
+            c["wait"] -= 1
+            factor = min(factor, max(1.0, TAMER * c["hard"] / h))
         if c["before"] > 0.0:
             factor = min(factor, SAFETY * h / c["before"] * (c["error"] / error**2) ** (1.0 / 3.0))
         return h if 1.0 <= factor < LONGER else h * float(min(LONGEST, max(SHORTEST, factor)))
@@ -232,15 +236,19 @@ class TreeESDIRKStepper(Stepper):
     def _solve_stage(self, t: float, rate: float, exact: float) -> Code:
         """Solve the stage that has been begun, to ``exact`` tolerances.
 
-        Where corrections fall slowly, factors are made anew on the way.
+        Where corrections fall slowly, factors are made anew on the way; where they grow, at the first guess.
         """
         s, held, slow, before, begun, renewed = self._stage, self._held[1], UNSEEN, 0.0, 0, 0
+        guess, reactions = s.q.copy(), s.lam.copy()
         for k in range(MOST):
+            anew = k - begun > 1 and slow > SLOW
+            if anew and not renewed and slow > 1.0:
+                s.q[:], s.lam[:] = guess, reactions
             self._c["evaluations"] += 1
             if not residual(self._eqs, t, rate, held):
                 return Code.NOT_FINITE
             gap = self._gap(t, rate)
-            if k - begun > 1 and slow > SLOW:
+            if anew:
                 if renewed == RENEWALS:
                     break
                 renewed, begun = renewed + 1, k
@@ -312,6 +320,7 @@ class TreeESDIRKStepper(Stepper):
     def _begin(self, ends: int) -> None:
         c, M = self._c, self._memory
         c["t"], c["start"], c["ends"], c["before"], c["work"] = self._t, 1, ends, 0.0, self._ledger[WORK]
+        c["wait"] = 0
         self._works = int(self.options.audit and self.system.works())
         look_anew(M.control)
         M.q[:], M.v[:] = self._q, self._v
