@@ -15,8 +15,16 @@ CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 POWERS = [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3), (3, 1), (1, 3)]
 
 
-def acm_stiffness(a: float, b: float, D: float, nu: float) -> Any:
-    """The 12 x 12 stiffness of Adini, Clough and Melosh for (w, w_x, w_z) at the corners, by polynomials and Gauss."""
+def isotropic(D: float, nu: float) -> Any:
+    """Moments (3, 3) by (w,xx, w,zz, 2 w,xz)."""
+    return D * np.array([[1.0, nu, 0.0], [nu, 1.0, 0.0], [0.0, 0.0, 0.5 * (1.0 - nu)]])
+
+
+def acm_stiffness(a: float, b: float, moduli: Any) -> Any:
+    """The 12 x 12 stiffness of Adini, Clough and Melosh for (w, w_x, w_z) at the corners, by polynomials and Gauss.
+
+    ``moduli`` (3, 3) take (w,xx, w,zz, 2 w,xz) to the moments.
+    """
 
     def terms(x: float, z: float, dx: int, dz: int) -> Any:
         def one(p: int, n: int, s: float) -> float:
@@ -25,7 +33,6 @@ def acm_stiffness(a: float, b: float, D: float, nu: float) -> Any:
         return np.array([one(p, dx, x) * one(r, dz, z) for p, r in POWERS])
 
     C = np.array([terms(x * a / 2, z * b / 2, *d) for x, z in CORNERS for d in ((0, 0), (1, 0), (0, 1))])
-    moduli = D * np.array([[1.0, nu, 0.0], [nu, 1.0, 0.0], [0.0, 0.0, 0.5 * (1.0 - nu)]])
     K, (points, weights) = np.zeros((12, 12)), np.polynomial.legendre.leggauss(3)
     for x, by_x in zip(points * a / 2, weights * a / 2, strict=True):
         for z, by_z in zip(points * b / 2, weights * b / 2, strict=True):

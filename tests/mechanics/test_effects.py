@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from plate_oracles import acm_stiffness
+from plate_oracles import acm_stiffness, isotropic
 from random_mechanisms import Case
 from test_identities import close, derivative, observed
 
@@ -19,7 +19,7 @@ GRAVITY = np.array([0.4, -0.9, 0.6])
 LENGTH, WIDTH, THICKNESS, MODULUS, NU = 3.0, 2.0, 0.3, 10.0, 0.3
 A, B = LENGTH / 3, WIDTH / 2
 SOFT = {"length": LENGTH, "width": WIDTH, "thickness": THICKNESS, "youngs_modulus": MODULUS, "poisson": NU}
-BENDING = acm_stiffness(A, B, MODULUS * THICKNESS**3 / (12.0 * (1.0 - NU**2)), NU)
+BENDING = acm_stiffness(A, B, isotropic(MODULUS * THICKNESS**3 / (12.0 * (1.0 - NU**2)), NU))
 ON: dict[str, dict[str, Any]] = {
     "bending": {},
     "gravity": {"gravity": GRAVITY},

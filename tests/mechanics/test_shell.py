@@ -11,11 +11,12 @@ from test_plate import complex_columns, complex_energy, complex_wrenches, joint_
 
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Floating, Mechanism, Plant, Shell
-from mbfmu.mechanics.elements.shell_stiffness import bending, flat_axes, membrane, plane_stress
+from mbfmu.mechanics.elements.material import PlaneStress
+from mbfmu.mechanics.elements.shell_stiffness import bending, flat_axes, membrane
 
 E, NU, T = 10.0, 0.3, 0.3
 CORNERS = np.array([[0.0, 0.0, 0.0], [2.0, 0.05, 0.1], [2.2, -0.03, 1.6], [0.1, 0.04, 1.4]])  # nearly flat
-STRETCHING = plane_stress(E, NU) * T
+STRETCHING = PlaneStress(E, NU).Q * T
 BENDING = STRETCHING * T**2 / 12.0
 GRAIN = np.array([[8.0, 1.0, 0.7], [1.0, 3.0, -0.4], [0.7, -0.4, 2.0]])  # of a material whose grain is askew
 MATERIALS = {"isotropic": (STRETCHING, BENDING), "askew": (GRAIN, 0.01 * GRAIN)}
@@ -201,7 +202,7 @@ def cook(n: int) -> float:
     s = np.linspace(0.0, 1.0, n + 1)
     low, high = 44.0 * s, 44.0 + 16.0 * s
     P = np.stack((np.broadcast_to(48.0 * s[:, None], (n + 1, n + 1)), low[:, None] + np.outer(high - low, s)), -1)
-    K, F = assembled(P, lambda X: membrane(X, plane_stress(1.0, 1.0 / 3.0))), np.zeros((n + 1, n + 1, 3))
+    K, F = assembled(P, lambda X: membrane(X, PlaneStress(1.0, 1.0 / 3.0).Q)), np.zeros((n + 1, n + 1, 3))
     F[-1, :, 1] = 1.0 / n
     F[-1, [0, -1], 1] *= 0.5
     free = np.arange(3 * (n + 1), K.shape[0])

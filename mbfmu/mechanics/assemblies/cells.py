@@ -1,0 +1,143 @@
+"""What a sheet is of, cell by cell: thickness, curl and creases may differ from place to place.
+
+A crease is a line across which the sheet bends like a hinge with a spring: a moment M per length along the line turns
+it by M / k. The angle is spread over the width of the cell the line runs through, a, in series with the sheet there: the
+compliance of its bending (its inverse) across the line grows by 1 / (k a). A line between two cells gives half of its angle to each.
+Where the line lies is then known to the middle of a cell, and what follows is as good as the grid: lines on nodes or in
+the middle of cells converge with the square of the cell, others with the cell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics.checks import one_of
+from mbfmu.mechanics.elements import Plate
+from mbfmu.mechanics.numbers import array_of, finite, positive
+
+from .grid import Node
+
+AXES = ("x", "z")
+NEAR = 1e-9  # part of a cell within which a line lies on nodes
+STEEP = 1.0  # rad; a cell that is bent more by its curl is no small part of the sheet
+Thickness = float | Callable[[float, float], float]
+Curl = Sequence[float] | Callable[[float, float], Sequence[float]]
+
+
+@dataclass(frozen=True)
+class Crease:
+    """A straight crease across a sheet, from edge to edge: less stiff in bending, and nothing else.
+
+    Parameters
+    ----------
+    axis
+        What it lies across: ``x``, the line x = ``at``, or ``z``, the line z = ``at``.
+    at
+        Where, m.
+    stiffness
+        Of its angle: moment per length along the line, N m/m per rad.
+    """
+
+    axis: str
+    at: float
+    stiffness: float
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """The cells of a sheet.
+
+    Parameters
+    ----------
+    what
+        Whose they are, for messages.
+    plate
+        What is the same everywhere; its thickness, curl and creases are told here.
+    shape
+        Nodes along x and z.
+    thickness
+        m, or a function of x and z.
+    curl
+        Natural curvatures (w,xx, w,zz) or (w,xx, w,zz, w,xz), 1/m, or a function of x and z that returns them.
+    creases
+        The lines.
+    """
+
+    what: str
+    plate: Plate
+    shape: tuple[int, int]
+    thickness: Thickness
+    curl: Curl
+    creases: Sequence[Crease]
+
+    def check(self) -> None:
+        """Raise UserError for what no sheet is."""
+        if isinstance(self.creases, Crease):
+            raise UserError(f"creases of {self.what} are {self.creases!r}; allowed: a list of them")
+        for crease in self.creases:
+            if not isinstance(crease, Crease):
+                raise UserError(f"crease of {self.what} is {crease!r}; it must be a Crease")
+            one_of(f"axis of a crease of {self.what}", crease.axis, AXES)
+            role = f"of the crease across {crease.axis} of {self.what}"
+            positive(f"stiffness {role}", crease.stiffness)
+            n = AXES.index(crease.axis)
+            side = (self.shape[n] - 1) * (self.plate.a, self.plate.b)[n]
+            if not 0.0 < finite(f"place {role}", crease.at) < side:
+                raise UserError(f"place {role} is {crease.at!r} m; allowed: within the sheet, between 0 and {side:g} m")
+
+    @cached_property
+    def middle(self) -> Plate:
+        """What the sheet is of in its middle, without creases."""
+        (nx, nz), p = self.shape, self.plate
+        return self._plain(0.5 * (nx - 1) * p.a, 0.5 * (nz - 1) * p.b)
+
+    def at(self, cell: Node) -> Plate:
+        """Return what cell (i, k) is of; one with nothing of its own is the sheet's."""
+        (i, k), p = cell, self.plate
+        varies = callable(self.thickness) or callable(self.curl)
+        plain = self._plain((i + 0.5) * p.a, (k + 0.5) * p.b) if varies else self.middle
+        creases = self._angles(0, i), self._angles(1, k)
+        return replace(plain, creases=creases) if any(creases) else plain
+
+    def thickness_at(self, x: float, z: float) -> float:
+        """Return the thickness there, m."""
+        if not callable(self.thickness):
+            return positive(f"thickness of {self.what}", self.thickness)
+        return positive(f"thickness of {self.what} at x = {x:g} m, z = {z:g} m", self.thickness(x, z))
+
+    def _plain(self, x: float, z: float) -> Plate:
+        """Return what the sheet is of there, without creases."""
+        return replace(self.plate, thickness=self.thickness_at(x, z), curl=self._curl_at(x, z))
+
+    def _curl_at(self, x: float, z: float) -> tuple[float, float, float]:
+        """Return the natural curvatures there, 1/m."""
+        role = f"curl of {self.what}" + (f" at x = {x:g} m, z = {z:g} m" if callable(self.curl) else "")
+        value = self.curl(x, z) if callable(self.curl) else self.curl
+        k = array_of(role, value)
+        if k.shape not in ((2,), (3,)) or not np.all(np.isfinite(k)):
+            raise UserError(f"{role} is {value!r}; allowed: two or three finite curvatures, 1/m")
+        kx, kz, kxz = float(k[0]), float(k[1]), float(k[2]) if len(k) == 3 else 0.0
+        a, b = self.plate.a, self.plate.b
+        bent = max(abs(kx) * a, abs(kz) * b, abs(kxz) * max(a, b))
+        if bent > STEEP:
+            raise UserError(
+                f"{role} is {value!r} 1/m, which bends its cells by {bent:.3g} rad; allowed: {STEEP:g} at most; refine "
+                "the grid"
+            )
+        return kx, kz, kxz
+
+    def _angles(self, axis: int, n: int) -> float:
+        """Return by how much the creases across an axis turn in column n of cells, rad per moment, rad/N."""
+        side, total = (self.plate.a, self.plate.b)[axis], 0.0
+        for crease in self.creases:
+            if crease.axis == AXES[axis]:
+                place = crease.at / side - n
+                part = 0.5 if min(abs(place), abs(place - 1.0)) < NEAR else float(0.0 < place < 1.0)
+                total += part / crease.stiffness
+        return total
