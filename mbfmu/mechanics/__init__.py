@@ -5,6 +5,7 @@ from solvers.compiled.kernel import kernel
 
 from .arrays.compile import Variable
 from .arrays.plant import Plant
+from .assemblies.cells import Crease
 from .assemblies.chain import add_chain
 from .assemblies.sheet import Sheet, add_sheet
 from .assemblies.supports import Support
@@ -68,6 +69,7 @@ __all__ = [
     "Cam",
     "Coupling",
     "CouplingHandle",
+    "Crease",
     "Cut",
     "CutHandle",
     "Cylinder",

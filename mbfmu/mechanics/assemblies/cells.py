@@ -1,10 +1,10 @@
 """What a sheet is of, cell by cell: thickness, curl and creases may differ from place to place.
 
 A crease is a line across which the sheet bends like a hinge with a spring: a moment M per length along the line turns
-it by M / k. The angle is spread over the width of the cell the line runs through, a, in series with the sheet there: the
-compliance of its bending (its inverse) across the line grows by 1 / (k a). A line between two cells gives half of its angle to each.
-Where the line lies is then known to the middle of a cell, and what follows is as good as the grid: lines on nodes or in
-the middle of cells converge with the square of the cell, others with the cell.
+it by M / k. The angle is spread over the width a of the cell that the line runs through, in series with the sheet
+there: the compliance of its bending across the line grows by 1 / (k a). Of a line on nodes the cells on both sides take
+half the angle each. So lines on nodes, or in the middle of cells, are as good as the square of the cell; others as good
+as the cell.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from mbfmu.errors import UserError
 from mbfmu.mechanics.checks import one_of
-from mbfmu.mechanics.elements import Plate
+from mbfmu.mechanics.elements import Plate, Shell
 from mbfmu.mechanics.numbers import array_of, finite, positive
 
 from .grid import Node
@@ -141,3 +141,28 @@ class Cells:
                 part = 0.5 if min(abs(place), abs(place - 1.0)) < NEAR else float(0.0 < place < 1.0)
                 total += part / crease.stiffness
         return total
+
+
+def shell_of(plate: Plate) -> Shell:
+    """Return a plate that is free in its plane: a shell, whose natural shape is that of its curl.
+
+    Its corners stay as far from each other in the plane as those of the flat cell, and are lifted by the twist alone;
+    its attitudes lean by the slopes of w = (kx x^2 + kz z^2) / 2 + kxz x z. The bending element then has exactly the
+    curvatures less the natural ones, as it must for the patch test, and the membrane does not see them: corners drawn
+    onto the arc would press the flat sheet together by (k a)^2 / 24, which is as much energy as it takes to bend it.
+    """
+    a, b, (kx, kz, kxz) = plate.a, plate.b, plate.curl
+    corners, attitudes = np.array([(0.0, 0.0, 0.0), (a, 0.0, 0.0), (a, 0.0, b), (0.0, 0.0, b)]), None
+    if any(plate.curl):
+        x, z = corners[:, 0] - 0.5 * a, corners[:, 2] - 0.5 * b
+        corners[:, 1] = kxz * x * z
+        turns = np.column_stack((-kz * z - kxz * x, 0.0 * x, kx * x + kxz * z))  # (-w,z, 0, w,x)
+        attitudes = Rotation.from_rotvec(turns).as_matrix()
+    return Shell(
+        corners=corners,
+        attitudes=attitudes,
+        stretching=plate.stretching,
+        bending=plate.bending,
+        damping=plate.damping,
+        drag=plate.drag,
+    )

@@ -31,6 +31,12 @@ joints of their own, and edges may be held against each other. Waves in the plan
 bending, so it takes an implicit solver. (Nodes on the ground, each by itself, would be as many unknowns; but a sheet
 that hardly stretches moves along curves in those, and Newton takes five times as many steps to its rest.)
 
+**Paper.** Of a material with a grain, stiffness differs along and across it, and a grain askew couples bending with
+twist (:mod:`.elements.material`). A curled sheet is not flat where nothing bends it; it starts flat all the same, under
+stress, or at rest where an equilibrium is asked for. Thickness and curl may be functions of the place: a cell takes
+them in its middle, and so does the mass of a node in the middle of its own. Creases are lines that bend more easily
+(:mod:`.assemblies.cells`).
+
 **Rows of cells.** An element measures stretching by means over its edges. One row of cells across the chains has one
 mean for the whole width: the sheet folds along its chain, is then stiff as an angle bar, and stays so though it would
 hang lower and with less energy unfolded. With membrane two rows of cells are the least.
@@ -50,8 +56,9 @@ from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.checks import Vector, one_of
 from mbfmu.mechanics.elements import Plate
 from mbfmu.mechanics.joints import Floating, Geodesic, Joint, OutOfPlane
-from mbfmu.mechanics.numbers import positive
+from mbfmu.mechanics.numbers import array_of, positive
 
+from .cells import Cells, Crease, Curl, Thickness
 from .supports import Support, check_support
 from .weaver import Weaver
 
@@ -70,7 +77,7 @@ class Sheet:
     a, b
         Sides of a cell, m.
     plate
-        What every cell is of; with stretch its element is a shell of that.
+        What every cell is of, or the one in the middle where they differ; with stretch elements are shells of that.
     cuts
         Cut joints of supports that the tree does not grow from.
     along
@@ -106,10 +113,12 @@ def add_sheet(
     *,
     length: float,
     width: float,
-    thickness: float,
-    youngs_modulus: float,
+    thickness: Thickness,
+    youngs_modulus: float | tuple[float, float],
     density: float,
     poisson: float = 0.3,
+    shear_modulus: float | None = None,
+    angle: float = 0.0,
     grid: tuple[int, int],
     tree: str = "spine",
     supports: Sequence[Support] = (),
@@ -120,6 +129,8 @@ def add_sheet(
     joint: str = "geodesic",
     membrane: bool | str = False,
     stretch: bool = False,
+    curl: Curl = (0.0, 0.0),
+    creases: Sequence[Crease] = (),
     damping: float = 0.0,
     drag: float = 0.0,
     pressure: Any = 0.0,
@@ -133,9 +144,14 @@ def add_sheet(
     name
         Nodes are the bodies ``name.i.k``.
     length, width, thickness
-        Along x, z and y, m.
+        Along x, z and y, m; the thickness may be a function of x and z.
     youngs_modulus, poisson, density
-        Pa, 1, kg/m^3.
+        Pa, 1, kg/m^3; moduli (E1, E2) along and across the grain, and poisson nu12: how much the sheet contracts across
+        for a pull along the grain.
+    shear_modulus
+        In the plane, Pa; None: that of an isotropic material, or of paper (:mod:`.elements.material`).
+    angle
+        Of the grain (the machine direction) from x towards z, rad.
     grid
         Nodes along x and z, at least 2 each; with membrane at least 3 across the chains (in both directions where the
         tree is ``master``).
@@ -158,6 +174,11 @@ def add_sheet(
     stretch
         Give way in the plane too: nodes of six motions and elements of a shell. The tree is then ``spine``, or
         ``master`` where there is a ``master`` or no support; ``membrane`` and ``joint`` mean nothing.
+    curl
+        Curvatures (w,xx, w,zz) or (w,xx, w,zz, w,xz) of the sheet that nothing bends, 1/m, or a function of x and z
+        that returns them; positive ones bend its edges up, along y.
+    creases
+        Lines along which it bends more easily; see :class:`Crease`.
     damping, drag
         Material damping time, s, and density times drag coefficient of the air, kg/m^3.
     pressure
@@ -176,24 +197,34 @@ def add_sheet(
     plate = Plate(
         a=length / (shape[0] - 1),
         b=width / (shape[1] - 1),
-        thickness=thickness,
-        youngs_modulus=youngs_modulus,
+        thickness=1.0,
+        youngs_modulus=_moduli(what, youngs_modulus),
         poisson=poisson,
+        shear_modulus=shear_modulus,
+        angle=angle,
         membrane=_resisted(what, membrane, tree, joint, supports),
         damping=damping,
         drag=drag,
     )
+    cells = Cells(what, plate, shape, thickness, curl, creases)
     plate.check(what)
-    weaver = Weaver(mechanism, name, plate, density, shape, (at, rotation), Floating if stretch else JOINTS[joint])
+    cells.check()
+    weaver = Weaver(mechanism, name, cells, density, (at, rotation), Floating if stretch else JOINTS[joint])
     if stretch:
         weaver.weave_free(list(supports), master, rate, pressure)
     else:
         _refuse_one_row(what, shape, plate, tree, supports)
         weaver.weave(tree, list(supports), master, rate, pressure)
     nodes = tuple(tuple(weaver.bodies[i, k] for k in range(shape[1])) for i in range(shape[0]))
-    sheet = Sheet(name, nodes, plate.a, plate.b, plate, tuple(weaver.cuts), weaver.along)
+    sheet = Sheet(name, nodes, plate.a, plate.b, cells.middle, tuple(weaver.cuts), weaver.along)
     mechanism.sheets.append(sheet)
     return sheet
+
+
+def _moduli(what: str, value: Any) -> float | tuple[float, float]:
+    """Return one modulus, or two as a tuple."""
+    moduli = array_of(f"youngs_modulus of {what}", value)
+    return (float(moduli[0]), float(moduli[1])) if moduli.shape == (2,) else value
 
 
 def _resisted(what: str, membrane: bool | str, tree: str, joint: str, supports: Sequence[Support]) -> str:
