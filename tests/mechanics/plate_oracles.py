@@ -117,6 +117,53 @@ def frequencies(plant: Plant) -> Any:
     return np.sign(values) * np.sqrt(np.abs(values)) / (2.0 * np.pi)
 
 
+def grain(
+    youngs_modulus: tuple[float, float], poisson: float, shear_modulus: float | None = None, angle: float = 0.0
+) -> Any:
+    """Q (3, 3), Pa, of a material whose grain lies at an angle from x towards z: its tensor of fourth order, turned.
+
+    Without a shear modulus that of Baum, Brennan and Habeger's papers.
+    """
+    (E1, E2), n = youngs_modulus, np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    mean = poisson * np.sqrt(E2 / E1)
+    G = 0.5 * np.sqrt(E1 * E2) / (1.0 + mean) if shear_modulus is None else shear_modulus
+    Q = np.linalg.inv([[1.0 / E1, -poisson / E1, 0.0], [-poisson / E1, 1.0 / E2, 0.0], [0.0, 0.0, 1.0 / G]])
+    own, pairs = np.zeros((2, 2, 2, 2)), [(0, 0), (1, 1), (0, 1)]
+    for i, (p, q) in enumerate(pairs):
+        for j, (r, s) in enumerate(pairs):
+            own[p, q, r, s] = own[q, p, r, s] = own[p, q, s, r] = own[q, p, s, r] = Q[i, j]
+    turned = np.einsum("ai,bj,ck,dl,abcd->ijkl", n, n, n, n, own)
+    return np.array([[turned[p, q, r, s] for r, s in pairs] for p, q in pairs])
+
+
+def ritz(sides: tuple[float, float], D: Any, mass: float, *, clamped: bool, terms: int = 12) -> Any:
+    """Natural frequencies of a thin rectangular plate, Hz, lowest first, rigid motions among them.
+
+    Products of Legendre polynomials, times (L - x)^2 where the edge x = L is clamped. ``D`` (3, 3), N m, takes (w,xx,
+    w,zz, 2 w,xz) to the moments; ``mass`` is per area, kg/m^2.
+    """
+    s, weight = np.polynomial.legendre.leggauss(2 * terms)
+    held = np.polynomial.Polynomial([1.0, -2.0, 1.0] if clamped else [1.0])
+    shapes = [np.polynomial.Legendre.basis(n).convert(kind=np.polynomial.Polynomial) for n in range(terms)]
+
+    def basis(side: float, factor: Any) -> list[Any]:
+        return [np.array([(factor * p).deriv(d)(s) * (2.0 / side) ** d for p in shapes]) for d in range(3)]
+
+    X, Z = basis(sides[0], held), basis(sides[1], np.polynomial.Polynomial([1.0]))
+
+    def gram(a: int, b: int, c: int, d: int) -> Any:
+        """Integral of the products of derivatives (a, b) by x and z with derivatives (c, d)."""
+        return np.kron(X[a] * weight @ X[c].T, Z[b] * weight @ Z[d].T) * 0.25 * sides[0] * sides[1]
+
+    orders = [(2, 0), (0, 2), (1, 1)]
+    K = sum(
+        D[i, j] * (1.0 + (i == 2)) * (1.0 + (j == 2)) * gram(*orders[i], *orders[j]) for i in range(3) for j in range(3)
+    )
+    L = np.linalg.inv(np.linalg.cholesky(mass * gram(0, 0, 0, 0)))
+    values = np.linalg.eigvalsh(L @ K @ L.T)
+    return np.sqrt(np.maximum(values, 0.0)) / (2.0 * np.pi)
+
+
 def karman(load: float, nu: float = 0.3, count: int = 5) -> float:
     """Central deflection over thickness of a square plate on four hinged edges, which are free in the plane.
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from plate_oracles import CORNERS, E, acm_stiffness, isotropic
+from plate_oracles import CORNERS, E, acm_stiffness, grain, isotropic
 from random_mechanisms import random_rotation
 
 from mbfmu.errors import UserError
@@ -40,19 +40,6 @@ def element(**options: Any) -> Plant:
     nodes = [m.body(f"n{i}", m.ground, Floating(), mass=1.0, inertia=(1.0, 1.0, 1.0)) for i in range(4)]
     m.plate(Plate(**(BENDING | options)), *nodes)
     return Plant(m)
-
-
-def askew_moduli(youngs_modulus: tuple[float, float], poisson: float, shear_modulus: float, angle: float = 0.0) -> Any:
-    """Q (3, 3) of a grain at an angle from x towards z, as a tensor of the fourth order that is turned."""
-    (E1, E2), n = youngs_modulus, np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-    S = np.array([[1.0 / E1, -poisson / E1, 0.0], [-poisson / E1, 1.0 / E2, 0.0], [0.0, 0.0, 1.0 / shear_modulus]])
-    Q, own = np.linalg.inv(S), np.zeros((2, 2, 2, 2))
-    pairs = [(0, 0), (1, 1), (0, 1)]
-    for i, (p, q) in enumerate(pairs):
-        for j, (r, s) in enumerate(pairs):
-            own[p, q, r, s] = own[q, p, r, s] = own[p, q, s, r] = own[q, p, s, r] = Q[i, j]
-    turned = np.einsum("ai,bj,ck,dl,abcd->ijkl", n, n, n, n, own)
-    return np.array([[turned[p, q, r, s] for r, s in pairs] for p, q in pairs])
 
 
 def pressed(p: Any) -> Plant:
@@ -149,7 +136,7 @@ def test_bending_is_the_rectangle_of_adini_clough_and_melosh(b: float, material:
     """Half u.K u for any u: the element sees u less the tilt of the mean plane, which costs nothing."""
     u = np.random.default_rng(0).normal(size=(4, 3))
     plant = element(b=b, **material)
-    moduli = askew_moduli(**material) * 0.3**3 / 12.0 if material else isotropic(D, NU)
+    moduli = grain(**material) * 0.3**3 / 12.0 if material else isotropic(D, NU)
     K = acm_stiffness(A, b, moduli)
     w = u[:, 0]
     tilt = (w[1] - w[0] + w[2] - w[3]) / (2 * A), (w[3] - w[0] + w[2] - w[1]) / (2 * b)
@@ -206,7 +193,7 @@ def test_constant_curvature_patch(curvature: Any, energy_density: float) -> None
 @pytest.mark.parametrize("angle", [0.0, 0.3, 0.5 * np.pi, 2.0])
 def test_membrane_is_plane_stress_of_the_strains_that_are_resisted(angle: float, b: float) -> None:
     """The others go with no stress: the inverse of their part of the compliance."""
-    S = np.linalg.inv(askew_moduli(**GRAIN, angle=angle))
+    S = np.linalg.inv(grain(**GRAIN, angle=angle))
     for strains in ("x", "z", "s", "xz", "xs", "zs", "xzs"):
         plate = element(b=b, membrane=strains, angle=angle, **GRAIN).records(Plate)[0]
         at = ["xzs".index(strain) for strain in strains]
@@ -257,7 +244,7 @@ def test_a_plate_curled_to_a_cylinder_rests_there_at_any_angle(kind: dict[str, A
 def test_energy_of_a_curled_plate_is_that_of_the_curvatures_that_are_left(kind: dict[str, Any], curl: Any) -> None:
     """w = (kx x^2 + kz z^2) / 2 + kxz x z, small: energy (k - curl) D (k - curl) a b / 2."""
     own, k = 1e-4 * np.array(curl), 1e-4 * np.array([0.5, 0.2, -0.7])
-    moduli = askew_moduli(**kind) * 0.3**3 / 12.0 if kind else isotropic(D, NU)
+    moduli = grain(**kind) * 0.3**3 / 12.0 if kind else isotropic(D, NU)
     plant = element(curl=tuple(own), **kind)
     left = (k - own) * (1.0, 1.0, 2.0)
     assert plant.energy(0.0, curved(k), np.zeros(24)) == pytest.approx(0.5 * left @ moduli @ left * A * B, rel=1e-6)
@@ -267,7 +254,7 @@ def test_energy_of_a_curled_plate_is_that_of_the_curvatures_that_are_left(kind: 
 def test_a_crease_is_a_hinge_in_series_with_the_plate() -> None:
     """Of the moment on a strip that is free at its sides: a / EI + 1 / k; and the twist does not feel it."""
     k = 3.0
-    for kind, moduli in (({}, isotropic(D, NU)), (ASKEW, askew_moduli(**ASKEW) * 0.3**3 / 12.0)):
+    for kind, moduli in (({}, isotropic(D, NU)), (ASKEW, grain(**ASKEW) * 0.3**3 / 12.0)):
         softer = np.linalg.inv(np.linalg.inv(moduli) + np.diag((1.0 / (k * A), 0.0, 0.0)))
         EI = 1.0 / np.linalg.inv(moduli)[0, 0]
         assert A * np.linalg.inv(softer)[0, 0] == pytest.approx(A / EI + 1.0 / k, rel=1e-12)
