@@ -22,7 +22,7 @@ from test_plate import (
 
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Floating, Mechanism, Plant, Plate, Shell
-from mbfmu.mechanics.assemblies.cells import shell_of
+from mbfmu.mechanics.assemblies.fabric import shell_of
 from mbfmu.mechanics.elements.material import PlaneStress
 from mbfmu.mechanics.elements.shell_stiffness import bending, flat_axes, membrane
 

@@ -35,7 +35,7 @@ that hardly stretches moves along curves in those, and Newton takes five times a
 twist (:mod:`.elements.material`). A curled sheet is not flat where nothing bends it; it starts flat all the same, under
 stress, or at rest where an equilibrium is asked for. Thickness and curl may be functions of the place: a cell takes
 them in its middle, and so does the mass of a node in the middle of its own. Creases are lines that bend more easily
-(:mod:`.assemblies.cells`).
+(:mod:`.assemblies.fabric`).
 
 **Rows of cells.** An element measures stretching by means over its edges. One row of cells across the chains has one
 mean for the whole width: the sheet folds along its chain, is then stiff as an angle bar, and stays so though it would
@@ -58,7 +58,7 @@ from mbfmu.mechanics.elements import Plate
 from mbfmu.mechanics.joints import Floating, Geodesic, Joint, OutOfPlane
 from mbfmu.mechanics.numbers import array_of, positive
 
-from .cells import Cells, Crease, Curl, Thickness
+from .fabric import Crease, Curl, Fabric, Thickness
 from .supports import Support, check_support
 from .weaver import Weaver
 
@@ -206,17 +206,17 @@ def add_sheet(
         damping=damping,
         drag=drag,
     )
-    cells = Cells(what, plate, shape, thickness, curl, creases)
+    fabric = Fabric(what, plate, shape, thickness, curl, creases)
     plate.check(what)
-    cells.check()
-    weaver = Weaver(mechanism, name, cells, density, (at, rotation), Floating if stretch else JOINTS[joint])
+    fabric.check()
+    weaver = Weaver(mechanism, name, fabric, density, (at, rotation), Floating if stretch else JOINTS[joint])
     if stretch:
         weaver.weave_free(list(supports), master, rate, pressure)
     else:
         _refuse_one_row(what, shape, plate, tree, supports)
         weaver.weave(tree, list(supports), master, rate, pressure)
     nodes = tuple(tuple(weaver.bodies[i, k] for k in range(shape[1])) for i in range(shape[0]))
-    sheet = Sheet(name, nodes, plate.a, plate.b, cells.middle, tuple(weaver.cuts), weaver.along)
+    sheet = Sheet(name, nodes, plate.a, plate.b, fabric.middle, tuple(weaver.cuts), weaver.along)
     mechanism.sheets.append(sheet)
     return sheet
 

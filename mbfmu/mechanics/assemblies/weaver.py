@@ -17,7 +17,7 @@ from mbfmu.mechanics.elements import Plate, Shell
 from mbfmu.mechanics.joints import Floating, Joint, Planar, Revolute, Weld
 from mbfmu.mechanics.numbers import is_finite
 
-from .cells import Cells, shell_of
+from .fabric import Fabric, shell_of
 from .grid import Link, Node, around, from_edge, on_edge
 from .supports import Support, cut_of
 
@@ -32,8 +32,8 @@ class Weaver:
 
     Parameters
     ----------
-    mechanism, name, cells, density
-        Where it goes, what its cells are of, and kg/m^3.
+    mechanism, name, fabric, density
+        Where it goes, what it is of, and kg/m^3.
     placement
         Frame of the flat sheet in that of what holds it: position, m, and axes.
     joint
@@ -53,13 +53,13 @@ class Weaver:
         self,
         mechanism: Mechanism,
         name: str,
-        cells: Cells,
+        fabric: Fabric,
         density: float,
         placement: tuple[Vector, Any],
         joint: type[Joint],
     ) -> None:
-        self.mechanism, self.name, self.cells, self.shape, self.joint = mechanism, name, cells, cells.shape, joint
-        self.plate = plate = cells.middle
+        self.mechanism, self.name, self.fabric, self.shape, self.joint = mechanism, name, fabric, fabric.shape, joint
+        self.plate = plate = fabric.middle
         self.what = f"sheet {name!r}"
         self.at = vector(f"placement of {self.what}", placement[0])
         self.rotation = rotation(f"rotation of {self.what}", placement[1])
@@ -103,7 +103,7 @@ class Weaver:
                 axes,
                 **({"axis": "z" if root.edge[0] == "x" else "x"} if root.kind == "pinned" else {}),
             )
-        self._span(self.cells.at, supports, pressure)
+        self._span(self.fabric.at, supports, pressure)
 
     def weave_free(self, supports: list[Support], master: Body | None, rate: Vector | None, pressure: Any) -> None:
         """Give every node all six motions against its neighbor, or those its support leaves; span shells."""
@@ -136,7 +136,7 @@ class Weaver:
         self._hang(loose, first, carrier, at, axes, **({} if rate is None else {"rate": rate}))
         shell = cache(shell_of)
         left = [support for support in supports if support.kind not in joints]
-        self._span(lambda cell: shell(self.cells.at(cell)), left, pressure)
+        self._span(lambda cell: shell(self.fabric.at(cell)), left, pressure)
 
     def _span(self, element: Callable[[Node], Plate | Shell], supports: list[Support], pressure: Any) -> None:
         """Span an element in every cell, load it, and close these supports by cut joints."""
@@ -201,7 +201,7 @@ class Weaver:
         i, k = node
         a, x = _lump(i, self.shape[0], self.plate.a)
         b, z = _lump(k, self.shape[1], self.plate.b)
-        t = self.cells.thickness_at(i * self.plate.a + x, k * self.plate.b + z)
+        t = self.fabric.thickness_at(i * self.plate.a + x, k * self.plate.b + z)
         m = self.density * t * a * b
         return {
             "mass": m,

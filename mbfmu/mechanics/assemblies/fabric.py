@@ -50,7 +50,7 @@ class Crease:
 
 
 @dataclass(frozen=True, eq=False)
-class Cells:
+class Fabric:
     """The cells of a sheet.
 
     Parameters
