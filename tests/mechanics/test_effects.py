@@ -10,7 +10,7 @@ from plate_oracles import acm_stiffness, isotropic
 from random_mechanisms import Case
 from test_identities import close, derivative, observed
 
-from mbfmu.mechanics import Harmonic, Mechanism, Plant, Sheet, Support, Translational, add_sheet
+from mbfmu.mechanics import Crease, Harmonic, Mechanism, Plant, Sheet, Support, Translational, add_sheet
 from mbfmu.mechanics.recursions.aba import forward_dynamics
 from mbfmu.mechanics.recursions.dynamics import move
 
@@ -29,6 +29,9 @@ ON: dict[str, dict[str, Any]] = {
     "damped membrane": {"membrane": True, "damping": 0.2},
     "drag": {"drag": 0.6},
     "edge": {"moved": True},
+    "grain": {"youngs_modulus": (10.0, 6.0), "angle": 0.5, "membrane": True},
+    "curl": {"curl": (0.3, -0.2, 0.1), "membrane": True, "damping": 0.2},
+    "crease": {"creases": [Crease("x", 1.2, 0.1)]},
 }
 EVERYTHING: dict[str, Any] = {"gravity": GRAVITY, "membrane": "xzs", "damping": 0.2, "drag": 0.6, "moved": True}
 
@@ -49,7 +52,7 @@ def shaken(tree: str, *, gravity: Any = (0.0, 0.0, 0.0), moved: bool = False, **
     held: dict[str, Any] = {"supports": [Support("x1", body=stand)]}
     if tree == "master":
         held = {"master": stand if moved else None}
-    sheet = add_sheet(m, "sheet", density=1.0, grid=(4, 3), tree=tree, **held, **SOFT, **effects)
+    sheet = add_sheet(m, "sheet", density=1.0, grid=(4, 3), tree=tree, **held, **(SOFT | effects))
     plant, rng = Plant(m), np.random.default_rng(2)
     q, n = plant.assembly.start_positions(), plant.system.n
     plant.system.apply(q, 0.2 * rng.normal(size=n))

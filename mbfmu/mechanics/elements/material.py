@@ -111,9 +111,9 @@ class PlaneStress:
         return T.T @ C @ T
 
     @property
-    def askew(self) -> bool:
-        """Whether normal strains and shear are coupled in the plate's axes."""
-        return bool(self.ratios[:2, 2].any())
+    def grain(self) -> int:
+        """0: none; 1: along x or z; 2: askew, so that normal strains and shear are coupled in the plate's axes."""
+        return 0 if self.isotropic else 1 + int(self.ratios[:2, 2].any())
 
     @property
     def Q(self) -> Matrix:

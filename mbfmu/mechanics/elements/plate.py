@@ -122,7 +122,7 @@ class Plate(Load):
         ]
         record["coupling"] = 4.0 * C12 * D
         A16, A26 = self._fill_membrane(record, Et * a * b)
-        record["askew"] = material.askew
+        record["grain"] = material.grain
         record["oblique"] = [
             16.0 * D * C16 / a,
             16.0 * D * C26 / b,

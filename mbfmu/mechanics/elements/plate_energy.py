@@ -69,7 +69,7 @@ PLATE = np.dtype(
         ("node", np.int64, (4,)),  # bodies at the corners 1 (0, 0), 2 (a, 0), 3 (a, b), 4 (0, b)
         ("membrane", np.int64),  # 1: resists stretching in its plane
         ("damped", np.int64),  # 1: has material damping
-        ("askew", np.int64),  # 1: its grain couples normal strains with shear
+        ("grain", np.int64),  # 0: has none, 1: along a side, 2: askew, which couples normal strains with shear
         ("curled", np.int64),  # 1: is not flat where nothing bends it
         ("a", np.float64),  # sides along x and z of the element, m
         ("b", np.float64),
@@ -237,7 +237,7 @@ def stress(plate: Any, e: Any, part: Any, out: Any) -> None:
         out[9] += part * (s[0] * e[9] + s[2] * e[10])
         out[10] += part * (s[1] * e[10] + s[2] * e[9])
         out[11] += part * s[3] * e[11]
-    if plate.askew == 1:
+    if plate.grain == 2:
         add_oblique(plate, e, part, out)
 
 
