@@ -1,10 +1,10 @@
 """What a sheet is of, cell by cell: thickness, curl and creases may differ from place to place.
 
 A crease is a line across which the sheet bends like a hinge with a spring: a moment M per length along the line turns
-it by M / k. The angle is spread over the width a of the cell that the line runs through, in series with the sheet
-there: the compliance of its bending across the line grows by 1 / (k a). Of a line on nodes the cells on both sides take
-half the angle each. So lines on nodes, or in the middle of cells, are as good as the square of the cell; others as good
-as the cell.
+it by M / k. A cell takes a part of this angle, spread over its width a, in series with the sheet there: the compliance
+of its bending across the line grows by part / (k a). The parts are those of a linear interpolation between the middles
+of cells: all of a line in the middle of a cell, half of one on nodes. So the angle sees the moment where the line is,
+and the error goes with the square of the cell. A line within half a cell of an edge acts in the middle of the last one.
 """
 
 from __future__ import annotations
@@ -24,7 +24,6 @@ from mbfmu.mechanics.numbers import array_of, finite, positive
 from .grid import Node
 
 AXES = ("x", "z")
-NEAR = 1e-9  # part of a cell within which a line lies on nodes
 STEEP = 1.0  # rad; a cell that is bent more by its curl is no small part of the sheet
 Thickness = float | Callable[[float, float], float]
 Curl = Sequence[float] | Callable[[float, float], Sequence[float]]
@@ -134,12 +133,11 @@ class Fabric:
 
     def _angles(self, axis: int, n: int) -> float:
         """Return by how much the creases across an axis turn in column n of cells, rad per moment, rad/N."""
-        side, total = (self.plate.a, self.plate.b)[axis], 0.0
+        side, count, total = (self.plate.a, self.plate.b)[axis], self.shape[axis] - 1, 0.0
         for crease in self.creases:
             if crease.axis == AXES[axis]:
-                place = crease.at / side - n
-                part = 0.5 if min(abs(place), abs(place - 1.0)) < NEAR else float(0.0 < place < 1.0)
-                total += part / crease.stiffness
+                place = min(max(crease.at / side - 0.5, 0.0), count - 1.0)  # in columns, from the middle of the first
+                total += max(0.0, 1.0 - abs(place - n)) / crease.stiffness
         return total
 
 
