@@ -12,8 +12,10 @@ from scipy.integrate import quad, solve_bvp
 from scipy.special import fresnel
 
 import mbfmu as mb
-from mbfmu.mechanics import Crease, Mechanism, Plant, Support, add_sheet
+from fmus.sheet import Sheet
+from mbfmu.mechanics import Crease, Mechanism, Plant, Plate, Support, add_sheet
 from mbfmu.steady.modes import shapes
+from mbfmu.steady.problem import equilibrium
 
 LENGTH, WIDTH, THICKNESS, DENSITY = 0.3, 0.21, 0.3e-3, 1000.0
 PAPER: dict[str, Any] = {"youngs_modulus": (6e9, 2.5e9), "poisson": 0.35}
@@ -214,3 +216,18 @@ def test_mistakes_are_named(options: dict[str, Any], message: str) -> None:
     given = {"length": 0.3, "width": 0.2, "thickness": 1e-4, "youngs_modulus": 1e9, "density": 1e3, "grid": (4, 4)}
     with pytest.raises(mb.UserError, match=message):
         add_sheet(Mechanism(), "s", supports=[Support("x0")], **(given | options))
+
+
+def test_the_model_takes_grain_and_curl_and_leaves_out_what_is_zero() -> None:
+    plain = Sheet(nx=7, nz=5)
+    record = Plant(plain.build()).records(Plate)
+    assert not record["grain"].any()
+    assert not record["curled"].any()
+    grained = plain.with_values({"youngs_modulus_cross": 4e9, "angle": 0.5, "shear_modulus": 3e9})
+    (plate, *_), _ = zip(*grained.build().plates, strict=True)
+    assert (plate.youngs_modulus, plate.shear_modulus, plate.angle) == ((1e10, 4e9), 3e9, 0.5)
+    right, left = (equilibrium(grained.with_values({"angle": angle})).outputs for angle in (0.5, -0.5))
+    assert right["corner1.y"] == pytest.approx(left["corner2.y"], abs=1e-9)
+    assert abs(right["corner1.y"] - right["corner2.y"]) > 2e-3
+    curled = equilibrium(plain.with_values({"curl_x": -2.0, "gravity_y": 0.0})).outputs
+    assert curled["tip.y"] == pytest.approx(-0.5 * (1.0 - np.cos(2.0 * 0.3)), rel=1e-3)
