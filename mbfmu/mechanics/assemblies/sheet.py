@@ -149,7 +149,7 @@ def add_sheet(
         Pa, 1, kg/m^3; moduli (E1, E2) along and across the grain, and poisson nu12: how much the sheet contracts across
         for a pull along the grain.
     shear_modulus
-        In the plane, Pa; None: that of an isotropic material, or of paper (:mod:`.elements.material`).
+        In the plane, Pa; None: that of an isotropic material, or of papers, sqrt(E1 E2) / (2 (1 + sqrt(nu12 nu21))).
     angle
         Of the grain (the machine direction) from x towards z, rad.
     grid

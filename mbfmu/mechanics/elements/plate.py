@@ -29,7 +29,7 @@ class Plate(Load):
     thickness
         m.
     youngs_modulus, poisson, shear_modulus, angle
-        Pa, 1, Pa and rad, as in :class:`.PlaneStress`: one modulus, or (E1, E2) of a grain that lies at ``angle``.
+        Pa, 1, Pa and rad: one modulus, or (E1, E2) along and across a grain that lies at ``angle`` from x towards z.
     membrane
         Resist stretching in the plane. A string picks strains: any of ``x``, ``z`` and ``s`` (shear); a single normal
         strain has the stiffness of a plate whose edges across are free, as in general no stress goes with the rest.
