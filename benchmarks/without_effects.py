@@ -1,7 +1,7 @@
 """What effects cost that are off: ``python benchmarks/without_effects.py``.
 
 The sheet with every optional effect off, against a build whose sources never had them: a copy less every branch and
-loop that serves membrane, damping or drag. Two processes, one a build, evaluate in turn.
+loop that serves membrane, damping, drag, a grain or curl. Two processes, one a build, evaluate in turn.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ PACKAGES = ("mbfmu", "solvers", "fmus")
 EFFECTS = (
     "plate.membrane == 1",
     "plate.damped == 1",
+    "plate.grain == 2",
+    "plate.curled == 1",
 )
 SOURCES = ("mbfmu/mechanics/elements/plate_energy.py",)
 REPEATS = 201

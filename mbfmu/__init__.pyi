@@ -10,6 +10,7 @@ from .mechanics import (
     Box,
     Bushing,
     Cam,
+    Crease,
     Cylinder,
     Cylindrical,
     CylindricalCut,
@@ -77,16 +78,15 @@ from .studies.compare import Comparison, compare
 from .viewer.show import view
 
 __all__ = [
-    "AssemblyError", "Beam", "BeamElement", "Box", "Bushing", "Cam", "Comparison", "Cylinder", "Cylindrical",
+    "AssemblyError", "Beam", "BeamElement", "Box", "Bushing", "Cam", "Comparison", "Crease", "Cylinder", "Cylindrical",
     "CylindricalCut", "DistanceCut", "DistanceStop", "Equilibrium", "EquilibriumError", "Findings", "Floating",
-    "Function", "Gear", "Geodesic", "Harmonic", "Input", "JointForce", "JointSpring", "JointStop", "Mechanism",
-    "Model", "OutOfPlane", "Planar", "PlanarCut", "PlaneCut", "Plate", "PointForce", "Polynomial", "Product",
-    "Ramp", "Result", "Revolute", "RevoluteCut", "RunUp", "Screw", "Settings", "Shell", "Simulation", "SpeedInput",
-    "Sphere", "Spherical", "SphericalCut", "Spring", "StateSpace", "Step", "Stretching", "Study", "Sum", "Support",
-    "Table", "TargetChoice", "Torque", "TorsionSpring", "Translational", "TranslationalCut", "Universal", "UserError",
-    "Weld", "WeldCut", "add_chain", "add_sheet", "box", "check", "choose", "compare", "cylinder", "equilibrium",
-    "export", "find", "linearize", "load_study", "models", "modes", "parameter", "rod", "simulate", "sphere", "study",
-    "tube", "view",
+    "Function", "Gear", "Geodesic", "Harmonic", "Input", "JointForce", "JointSpring", "JointStop", "Mechanism", "Model",
+    "OutOfPlane", "Planar", "PlanarCut", "PlaneCut", "Plate", "PointForce", "Polynomial", "Product", "Ramp", "Result",
+    "Revolute", "RevoluteCut", "RunUp", "Screw", "Settings", "Shell", "Simulation", "SpeedInput", "Sphere", "Spherical",
+    "SphericalCut", "Spring", "StateSpace", "Step", "Stretching", "Study", "Sum", "Support", "Table", "TargetChoice",
+    "Torque", "TorsionSpring", "Translational", "TranslationalCut", "Universal", "UserError", "Weld", "WeldCut",
+    "add_chain", "add_sheet", "box", "check", "choose", "compare", "cylinder", "equilibrium", "export", "find",
+    "linearize", "load_study", "models", "modes", "parameter", "rod", "simulate", "sphere", "study", "tube", "view",
 ]  # fmt: skip
 
 __version__: str

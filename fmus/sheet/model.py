@@ -49,8 +49,11 @@ class Sheet(Model):
     length: float = parameter(0.3, unit="m", min=1e-4, doc="along x, from the free edge to the held one")
     width: float = parameter(0.21, unit="m", min=1e-4, doc="along z")
     thickness: float = parameter(0.3e-3, unit="m", min=1e-7, doc="thickness")
-    youngs_modulus: float = parameter(1e10, unit="Pa", min=1.0, doc="Young's modulus")
-    poisson: float = parameter(0.3, min=-0.99, max=0.5, doc="Poisson's ratio")
+    youngs_modulus: float = parameter(1e10, unit="Pa", min=1.0, doc="Young's modulus; along the grain where it has one")
+    poisson: float = parameter(0.3, min=-0.99, max=0.5, doc="Poisson's ratio; across the grain for a pull along it")
+    youngs_modulus_cross: float = parameter(0.0, unit="Pa", min=0.0, doc="effect: across the grain; zero: no grain")
+    shear_modulus: float = parameter(0.0, unit="Pa", min=0.0, doc="effect: in the plane; zero: what the others make it")
+    angle: float = parameter(0.0, unit="rad", doc="of the grain from x towards z")
     density: float = parameter(1000.0, unit="kg/m3", min=1e-3, doc="density")
     nx: int = parameter(15, min=2, max=400, structural=True, resolution=(7, 10, 15), doc="nodes along x")
     nz: int = parameter(11, min=2, max=400, structural=True, resolution=(5, 7, 11), doc="nodes along z")
@@ -72,6 +75,8 @@ class Sheet(Model):
     stretch: bool = parameter(
         False, structural=True, doc="effect: gives way in its plane, for implicit solvers; membrane means nothing then"
     )
+    curl_x: float = parameter(0.0, unit="1/m", doc="effect: natural curvature along x, positive towards y")
+    curl_z: float = parameter(0.0, unit="1/m", doc="effect: natural curvature along z, positive towards y")
     damping: float = parameter(0.0, unit="s", min=0.0, doc="effect: material damping time, stress = K (e + damping e')")
     drag: float = parameter(0.0, unit="kg/m3", min=0.0, doc="effect: air density times drag coefficient")
     pressure: float = parameter(
@@ -107,8 +112,13 @@ class Sheet(Model):
             length=self.length,
             width=self.width,
             thickness=self.thickness,
-            youngs_modulus=self.youngs_modulus,
+            youngs_modulus=(self.youngs_modulus, cross)
+            if (cross := self.youngs_modulus_cross)
+            else self.youngs_modulus,
             poisson=self.poisson,
+            shear_modulus=self.shear_modulus or None,
+            angle=self.angle,
+            curl=(self.curl_x, self.curl_z),
             density=self.density,
             grid=(self.nx, self.nz),
             tree=tree,
@@ -147,6 +157,11 @@ class Sheet(Model):
         """Return the input that sets one component of gravity."""
         start = getattr(self, f"gravity_{axis}")
         return Input(name=f"gravity.{axis}", unit="m/s2", description="acceleration of gravity", start=start)
+
+    def _moduli(self) -> float | tuple[float, float]:
+        """Return Young's modulus, or those along and across the grain."""
+        cross = self.youngs_modulus_cross
+        return (self.youngs_modulus, cross) if cross else self.youngs_modulus
 
     def _rate(self) -> tuple[float, ...]:
         """Return the velocity of the master node of a free sheet."""

@@ -6,6 +6,7 @@ from solvers.compiled.kernel import kernel
 from .arrays.compile import Variable
 from .arrays.plant import Plant
 from .assemblies.chain import add_chain
+from .assemblies.fabric import Crease
 from .assemblies.sheet import Sheet, add_sheet
 from .assemblies.supports import Support
 from .builder.bodies import Body, CouplingHandle, CutHandle, FlexibleBody, ForceHandle
@@ -69,6 +70,7 @@ __all__ = [
     "Cam",
     "Coupling",
     "CouplingHandle",
+    "Crease",
     "Cut",
     "CutHandle",
     "Cylinder",

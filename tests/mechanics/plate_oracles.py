@@ -15,8 +15,16 @@ CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 POWERS = [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3), (3, 1), (1, 3)]
 
 
-def acm_stiffness(a: float, b: float, D: float, nu: float) -> Any:
-    """The 12 x 12 stiffness of Adini, Clough and Melosh for (w, w_x, w_z) at the corners, by polynomials and Gauss."""
+def isotropic(D: float, nu: float) -> Any:
+    """Moments (3, 3) by (w,xx, w,zz, 2 w,xz)."""
+    return D * np.array([[1.0, nu, 0.0], [nu, 1.0, 0.0], [0.0, 0.0, 0.5 * (1.0 - nu)]])
+
+
+def acm_stiffness(a: float, b: float, moduli: Any) -> Any:
+    """The 12 x 12 stiffness of Adini, Clough and Melosh for (w, w_x, w_z) at the corners, by polynomials and Gauss.
+
+    ``moduli`` (3, 3) take (w,xx, w,zz, 2 w,xz) to the moments.
+    """
 
     def terms(x: float, z: float, dx: int, dz: int) -> Any:
         def one(p: int, n: int, s: float) -> float:
@@ -25,7 +33,6 @@ def acm_stiffness(a: float, b: float, D: float, nu: float) -> Any:
         return np.array([one(p, dx, x) * one(r, dz, z) for p, r in POWERS])
 
     C = np.array([terms(x * a / 2, z * b / 2, *d) for x, z in CORNERS for d in ((0, 0), (1, 0), (0, 1))])
-    moduli = D * np.array([[1.0, nu, 0.0], [nu, 1.0, 0.0], [0.0, 0.0, 0.5 * (1.0 - nu)]])
     K, (points, weights) = np.zeros((12, 12)), np.polynomial.legendre.leggauss(3)
     for x, by_x in zip(points * a / 2, weights * a / 2, strict=True):
         for z, by_z in zip(points * b / 2, weights * b / 2, strict=True):
@@ -108,6 +115,53 @@ def frequencies(plant: Plant) -> Any:
     L = np.linalg.inv(np.linalg.cholesky(free.T @ M @ free))
     values = np.linalg.eigvalsh(L @ free.T @ (0.5 * (K + K.T)) @ free @ L.T)
     return np.sign(values) * np.sqrt(np.abs(values)) / (2.0 * np.pi)
+
+
+def grain(
+    youngs_modulus: tuple[float, float], poisson: float, shear_modulus: float | None = None, angle: float = 0.0
+) -> Any:
+    """Q (3, 3), Pa, of a material whose grain lies at an angle from x towards z: its tensor of fourth order, turned.
+
+    Without a shear modulus that of Baum, Brennan and Habeger's papers.
+    """
+    (E1, E2), n = youngs_modulus, np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    mean = poisson * np.sqrt(E2 / E1)
+    G = 0.5 * np.sqrt(E1 * E2) / (1.0 + mean) if shear_modulus is None else shear_modulus
+    Q = np.linalg.inv([[1.0 / E1, -poisson / E1, 0.0], [-poisson / E1, 1.0 / E2, 0.0], [0.0, 0.0, 1.0 / G]])
+    own, pairs = np.zeros((2, 2, 2, 2)), [(0, 0), (1, 1), (0, 1)]
+    for i, (p, q) in enumerate(pairs):
+        for j, (r, s) in enumerate(pairs):
+            own[p, q, r, s] = own[q, p, r, s] = own[p, q, s, r] = own[q, p, s, r] = Q[i, j]
+    turned = np.einsum("ai,bj,ck,dl,abcd->ijkl", n, n, n, n, own)
+    return np.array([[turned[p, q, r, s] for r, s in pairs] for p, q in pairs])
+
+
+def ritz(sides: tuple[float, float], D: Any, mass: float, *, clamped: bool, terms: int = 12) -> Any:
+    """Natural frequencies of a thin rectangular plate, Hz, lowest first, rigid motions among them.
+
+    Products of Legendre polynomials, times (L - x)^2 where the edge x = L is clamped. ``D`` (3, 3), N m, takes (w,xx,
+    w,zz, 2 w,xz) to the moments; ``mass`` is per area, kg/m^2.
+    """
+    s, weight = np.polynomial.legendre.leggauss(2 * terms)
+    held = np.polynomial.Polynomial([1.0, -2.0, 1.0] if clamped else [1.0])
+    shapes = [np.polynomial.Legendre.basis(n).convert(kind=np.polynomial.Polynomial) for n in range(terms)]
+
+    def basis(side: float, factor: Any) -> list[Any]:
+        return [np.array([(factor * p).deriv(d)(s) * (2.0 / side) ** d for p in shapes]) for d in range(3)]
+
+    X, Z = basis(sides[0], held), basis(sides[1], np.polynomial.Polynomial([1.0]))
+
+    def gram(a: int, b: int, c: int, d: int) -> Any:
+        """Integral of the products of derivatives (a, b) by x and z with derivatives (c, d)."""
+        return np.kron(X[a] * weight @ X[c].T, Z[b] * weight @ Z[d].T) * 0.25 * sides[0] * sides[1]
+
+    orders = [(2, 0), (0, 2), (1, 1)]
+    K = sum(
+        D[i, j] * (1.0 + (i == 2)) * (1.0 + (j == 2)) * gram(*orders[i], *orders[j]) for i in range(3) for j in range(3)
+    )
+    L = np.linalg.inv(np.linalg.cholesky(mass * gram(0, 0, 0, 0)))
+    values = np.linalg.eigvalsh(L @ K @ L.T)
+    return np.sqrt(np.maximum(values, 0.0)) / (2.0 * np.pi)
 
 
 def karman(load: float, nu: float = 0.3, count: int = 5) -> float:

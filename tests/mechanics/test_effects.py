@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from plate_oracles import acm_stiffness
+from plate_oracles import acm_stiffness, isotropic
 from random_mechanisms import Case
 from test_identities import close, derivative, observed
 
-from mbfmu.mechanics import Harmonic, Mechanism, Plant, Sheet, Support, Translational, add_sheet
+from mbfmu.mechanics import Crease, Harmonic, Mechanism, Plant, Sheet, Support, Translational, add_sheet
 from mbfmu.mechanics.recursions.aba import forward_dynamics
 from mbfmu.mechanics.recursions.dynamics import move
 
@@ -19,7 +19,7 @@ GRAVITY = np.array([0.4, -0.9, 0.6])
 LENGTH, WIDTH, THICKNESS, MODULUS, NU = 3.0, 2.0, 0.3, 10.0, 0.3
 A, B = LENGTH / 3, WIDTH / 2
 SOFT = {"length": LENGTH, "width": WIDTH, "thickness": THICKNESS, "youngs_modulus": MODULUS, "poisson": NU}
-BENDING = acm_stiffness(A, B, MODULUS * THICKNESS**3 / (12.0 * (1.0 - NU**2)), NU)
+BENDING = acm_stiffness(A, B, isotropic(MODULUS * THICKNESS**3 / (12.0 * (1.0 - NU**2)), NU))
 ON: dict[str, dict[str, Any]] = {
     "bending": {},
     "gravity": {"gravity": GRAVITY},
@@ -29,6 +29,9 @@ ON: dict[str, dict[str, Any]] = {
     "damped membrane": {"membrane": True, "damping": 0.2},
     "drag": {"drag": 0.6},
     "edge": {"moved": True},
+    "grain": {"youngs_modulus": (10.0, 6.0), "angle": 0.5, "membrane": True},
+    "curl": {"curl": (0.3, -0.2, 0.1), "membrane": True, "damping": 0.2},
+    "crease": {"creases": [Crease("x", 1.2, 0.1)]},
 }
 EVERYTHING: dict[str, Any] = {"gravity": GRAVITY, "membrane": "xzs", "damping": 0.2, "drag": 0.6, "moved": True}
 
@@ -49,7 +52,7 @@ def shaken(tree: str, *, gravity: Any = (0.0, 0.0, 0.0), moved: bool = False, **
     held: dict[str, Any] = {"supports": [Support("x1", body=stand)]}
     if tree == "master":
         held = {"master": stand if moved else None}
-    sheet = add_sheet(m, "sheet", density=1.0, grid=(4, 3), tree=tree, **held, **SOFT, **effects)
+    sheet = add_sheet(m, "sheet", density=1.0, grid=(4, 3), tree=tree, **held, **(SOFT | effects))
     plant, rng = Plant(m), np.random.default_rng(2)
     q, n = plant.assembly.start_positions(), plant.system.n
     plant.system.apply(q, 0.2 * rng.normal(size=n))

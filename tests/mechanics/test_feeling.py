@@ -9,11 +9,12 @@ import pytest
 
 import mbfmu as mb
 from mbfmu.mechanics import Mechanism, Plate, PointForce, Shell, Support, Weld, add_sheet
+from mbfmu.mechanics.elements.material import PlaneStress
 from mbfmu.mechanics.elements.plate_curvature import curvature
-from mbfmu.mechanics.elements.shell_stiffness import GAUSS, plane_stress
+from mbfmu.mechanics.elements.shell_stiffness import GAUSS
 
 L, W, T, E, NU, RHO = 0.3, 0.2, 0.5e-3, 1e10, 0.3, 1000.0
-A = plane_stress(E, NU) * T
+A = PlaneStress(E, NU).Q * T
 D = A * T**2 / 12.0
 POINTS, WEIGHTS = np.polynomial.legendre.leggauss(4)
 MODELS: dict[str, dict[str, Any]] = {"plate": {"membrane": True}, "shell": {"stretch": True}}
@@ -58,7 +59,7 @@ def test_what_a_shell_feels_stores_its_energy() -> None:
     energy = {"force": 0.0, "moment": 0.0}
     double = np.array([1.0, 1.0, 2.0])  # the tensors' components xz count twice
     for x, z in 0.5 * (1.0 + GAUSS):
-        felt = {key: np.tensordot(value, d, 2) for key, value in shell.felt(x, z).items()}
+        felt = {key: np.tensordot(value.weights, d, 2) for key, value in shell.felt(x, z).items()}
         for force, strain in (("force", "strain"), ("moment", "curvature")):
             energy[force] += 0.25 * a * b * (double * felt[force]) @ felt[strain]
     bent, plane = d[:, 1::2].reshape(-1), d[:, 0::2].copy()
@@ -114,6 +115,34 @@ def test_a_sheet_that_hangs_down_feels_its_weight() -> None:
     assert found["strain.xx"] == pytest.approx(pull / (E * T), rel=5e-3)
     assert found["strain.zz"] == pytest.approx(-NU * pull / (E * T), rel=2e-2)
     assert abs(found["force_per_length.xz"]) < 1e-3 * pull
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_curled_sheet_feels_no_moment_in_its_arc(model: str) -> None:
+    """At rest without a load: the curvature is the natural one, moments and stresses none; flat, it is the reverse."""
+    kx = 4.0
+    m, s = sheet((0.0, 0.0, 0.0), poisson=0.0, curl=(kx, 0.0), **MODELS[model])
+    x, z = 0.35 * L, 0.25 * W
+    m.output("curvature", s.curvature("xx", x, z))
+    m.output("moment", s.moment("xx", x, z))
+    flat = mb.Simulation(m, mb.Settings(solver="esdirk"))
+    told = dict(zip([v.name for v in flat.variables], flat.outputs(), strict=True))
+    D = E * T**3 / 12.0
+    assert told["curvature"] == pytest.approx(0.0, abs=1e-9)
+    assert told["moment"] == pytest.approx(-D * kx, rel=1e-9)
+    rest = mb.equilibrium(m).outputs
+    assert rest["curvature"] == pytest.approx(kx, rel=1e-3)
+    assert abs(rest["moment"]) < 1e-3 * D * kx
+
+
+def test_stress_is_that_of_the_thickness_there() -> None:
+    m, s = sheet((0.0, -9.81e-3, 0.0), stretch=True, thickness=lambda x, _: T * (1.0 + x / L))
+    x, z = 0.25 * L, 0.25 * W
+    m.output("top", s.stress("xx", x, z))
+    m.output("moment", s.moment("xx", x, z))
+    m.output("force", s.force_per_length("xx", x, z))
+    found, t = mb.equilibrium(m).outputs, 1.25 * T
+    assert found["top"] == pytest.approx(found["force"] / t - 6.0 * found["moment"] / t**2, rel=1e-9)
 
 
 @pytest.mark.parametrize("model", MODELS)

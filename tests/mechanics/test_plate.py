@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from plate_oracles import CORNERS, E, acm_stiffness
+from plate_oracles import CORNERS, E, acm_stiffness, grain, isotropic
 from random_mechanisms import random_rotation
 
 from mbfmu.errors import UserError
@@ -21,7 +21,16 @@ A, B, NU = 2.0, 1.5, 0.3
 BENDING = {"a": A, "b": B, "thickness": 0.3, "youngs_modulus": 10.0, "poisson": NU}
 D = 10.0 * 0.3**3 / (12.0 * (1.0 - NU**2))
 FLAT = np.array([[0.0, 0.0, 0.0], [A, 0.0, 0.0], [A, 0.0, B], [0.0, 0.0, B]])
-KINDS: list[dict[str, Any]] = [{}, {"membrane": True}, {"membrane": "xs"}]
+GRAIN: dict[str, Any] = {"youngs_modulus": (10.0, 4.0), "poisson": 0.4, "shear_modulus": 2.0}
+ASKEW = GRAIN | {"angle": 0.6}
+KINDS: list[dict[str, Any]] = [
+    {},
+    {"membrane": True},
+    {"membrane": "xs"},
+    ASKEW | {"membrane": True},
+    ASKEW | {"membrane": "xs", "creases": (0.5, 0.1)},
+]
+CURLED = ASKEW | {"membrane": True, "curl": (0.3, -0.2, 0.1)}
 SIZES = [1e-3, 0.1, 0.3, 1.0]
 
 
@@ -60,6 +69,19 @@ def quaternion(R: Any) -> Any:
 def posed(r: Any, A_: Any) -> Any:
     """Positions (28,) of four bodies from their origins and orientations."""
     return np.concatenate([np.concatenate((x, quaternion(R))) for x, R in zip(r, A_, strict=True)])
+
+
+def curved(curvatures: Any) -> Any:
+    """Positions (28,) on w = (kx x^2 + kz z^2) / 2 + kxz x z, small."""
+    kx, kz, kxz = curvatures
+    x, z = FLAT[:, 0], FLAT[:, 2]
+    r = FLAT + np.outer(0.5 * (kx * x * x + kz * z * z) + kxz * x * z, (0, 1, 0))
+    frames = []
+    for wx, wz in zip(kx * x + kxz * z, kz * z + kxz * x, strict=True):
+        n = np.array([-wx, 1.0, -wz]) / np.sqrt(1.0 + wx * wx + wz * wz)
+        ex = np.cross(n, (0.0, 0.0, 1.0)) / np.linalg.norm(np.cross(n, (0.0, 0.0, 1.0)))
+        frames.append(np.column_stack((ex, n, np.cross(ex, n))))
+    return posed(r, frames)
 
 
 def wrenches(plant: Plant, q: Any, v: Any = None) -> Any:
@@ -109,13 +131,16 @@ def tangent_of(plant: Plant, c1: float, K: Any) -> None:
 
 
 @pytest.mark.parametrize("b", [0.4, 1.5, 2.0])
-def test_bending_is_the_rectangle_of_adini_clough_and_melosh(b: float) -> None:
+@pytest.mark.parametrize("material", [{}, GRAIN, ASKEW])
+def test_bending_is_the_rectangle_of_adini_clough_and_melosh(b: float, material: dict[str, Any]) -> None:
     """Half u.K u for any u: the element sees u less the tilt of the mean plane, which costs nothing."""
     u = np.random.default_rng(0).normal(size=(4, 3))
-    K = acm_stiffness(A, b, D, NU)
+    plant = element(b=b, **material)
+    moduli = grain(**material) * 0.3**3 / 12.0 if material else isotropic(D, NU)
+    K = acm_stiffness(A, b, moduli)
     w = u[:, 0]
     tilt = (w[1] - w[0] + w[2] - w[3]) / (2 * A), (w[3] - w[0] + w[2] - w[1]) / (2 * b)
-    plate = element(b=b).records(Plate)[0]
+    plate = plant.records(Plate)[0]
     e, s = np.zeros(12), np.zeros(12)
     bending_strain(plate, u[:, 1:] - tilt, 0.25 * (w[0] - w[1] + w[2] - w[3]), e)
     stress(plate, e, 1.0, s)
@@ -160,16 +185,84 @@ def test_arc_of_unchanged_length_has_no_membrane_strain_to_fourth_order() -> Non
 )
 def test_constant_curvature_patch(curvature: Any, energy_density: float) -> None:
     """w = (kx x^2 + kz z^2) / 2 + kxz x z, small: energy D a b times the closed form."""
-    kx, kz, kxz = 1e-4 * np.array(curvature)
-    x, z = FLAT[:, 0], FLAT[:, 2]
-    r = FLAT + np.outer(0.5 * (kx * x * x + kz * z * z) + kxz * x * z, (0, 1, 0))
-    frames = []
-    for wx, wz in zip(kx * x + kxz * z, kz * z + kxz * x, strict=True):
-        n = np.array([-wx, 1.0, -wz]) / np.sqrt(1.0 + wx * wx + wz * wz)
-        ex = np.cross(n, (0.0, 0.0, 1.0)) / np.linalg.norm(np.cross(n, (0.0, 0.0, 1.0)))
-        frames.append(np.column_stack((ex, n, np.cross(ex, n))))
     expected = energy_density * D * 1e-8 * A * B
-    assert element().energy(0.0, posed(r, frames), np.zeros(24)) == pytest.approx(expected, rel=1e-6)
+    assert element().energy(0.0, curved(1e-4 * np.array(curvature)), np.zeros(24)) == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("b", [0.4, 1.5])
+@pytest.mark.parametrize("angle", [0.0, 0.3, 0.5 * np.pi, 2.0])
+def test_membrane_is_plane_stress_of_the_strains_that_are_resisted(angle: float, b: float) -> None:
+    """The others go with no stress: the inverse of their part of the compliance."""
+    S = np.linalg.inv(grain(**GRAIN, angle=angle))
+    for strains in ("x", "z", "s", "xz", "xs", "zs", "xzs"):
+        plate = element(b=b, membrane=strains, angle=angle, **GRAIN).records(Plate)[0]
+        at = ["xzs".index(strain) for strain in strains]
+        expected = np.zeros((3, 3))
+        expected[np.ix_(at, at)] = np.linalg.inv(S[np.ix_(at, at)]) * 0.3 * A * b
+        found = []
+        for unit in np.eye(12)[9:]:
+            s = np.zeros(12)
+            stress(plate, unit, 1.0, s)
+            assert not s[:9].any()
+            found.append(s[9:])
+        np.testing.assert_allclose(found, expected, atol=1e-13 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.5 * np.pi, -np.pi])
+def test_a_grain_along_the_sides_couples_nothing(angle: float) -> None:
+    plate = element(membrane=True, angle=angle, **GRAIN).records(Plate)[0]
+    assert plate["grain"] == 1
+    assert not plate["oblique"].any()
+
+
+def test_a_grain_that_does_not_matter_is_that_of_an_isotropic_plate() -> None:
+    """Equal moduli along and across, the shear modulus not told: no angle changes anything."""
+    plain = element(membrane=True).records(Plate)[0]
+    turned = element(membrane=True, youngs_modulus=(10.0, 10.0), angle=0.7).records(Plate)[0]
+    for key in ("bending", "coupling", "stretching"):
+        np.testing.assert_allclose(turned[key], plain[key], rtol=1e-14)
+    assert np.abs(turned["oblique"]).max() < 1e-14 * plain["stretching"].max()
+
+
+@pytest.mark.parametrize("phi", [1e-3, 0.2, 1.0])
+@pytest.mark.parametrize("kind", [{}, GRAIN, ASKEW])
+def test_a_plate_curled_to_a_cylinder_rests_there_at_any_angle(kind: dict[str, Any], phi: float) -> None:
+    """Neither energy nor forces on the arc of its natural curvature, towards y where that is positive."""
+    radius = A / phi
+    angles = np.array([-0.5, 0.5, 0.5, -0.5]) * phi
+    r = np.column_stack((radius * np.sin(angles), radius * (1.0 - np.cos(angles)), FLAT[:, 2]))
+    turned = [np.array([[np.cos(x), -np.sin(x), 0], [np.sin(x), np.cos(x), 0], [0, 0, 1]]) for x in angles]
+    plant, flat = element(curl=(phi / A, 0.0, 0.0), **kind), element(**kind)
+    bent = flat.energy(0.0, posed(r, turned), np.zeros(24))
+    assert abs(plant.energy(0.0, posed(r, turned), np.zeros(24))) < 1e-13 * bent
+    rest = np.abs(wrenches(plant, posed(r, turned))).max()
+    assert rest < 1e-12 * np.abs(wrenches(flat, posed(r, turned))).max()
+
+
+@pytest.mark.parametrize("kind", [{}, ASKEW])
+@pytest.mark.parametrize("curl", [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (1.0, -0.4, 0.3)])
+def test_energy_of_a_curled_plate_is_that_of_the_curvatures_that_are_left(kind: dict[str, Any], curl: Any) -> None:
+    """w = (kx x^2 + kz z^2) / 2 + kxz x z, small: energy (k - curl) D (k - curl) a b / 2."""
+    own, k = 1e-4 * np.array(curl), 1e-4 * np.array([0.5, 0.2, -0.7])
+    moduli = grain(**kind) * 0.3**3 / 12.0 if kind else isotropic(D, NU)
+    plant = element(curl=tuple(own), **kind)
+    left = (k - own) * (1.0, 1.0, 2.0)
+    assert plant.energy(0.0, curved(k), np.zeros(24)) == pytest.approx(0.5 * left @ moduli @ left * A * B, rel=1e-6)
+    assert abs(plant.energy(0.0, curved(own), np.zeros(24))) < 1e-7 * 0.5 * left @ moduli @ left * A * B
+
+
+def test_a_crease_is_a_hinge_in_series_with_the_plate() -> None:
+    """Of the moment on a strip that is free at its sides: a / EI + 1 / k; and the twist does not feel it."""
+    k = 3.0
+    for kind, moduli in (({}, isotropic(D, NU)), (ASKEW, grain(**ASKEW) * 0.3**3 / 12.0)):
+        softer = np.linalg.inv(np.linalg.inv(moduli) + np.diag((1.0 / (k * A), 0.0, 0.0)))
+        EI = 1.0 / np.linalg.inv(moduli)[0, 0]
+        assert A * np.linalg.inv(softer)[0, 0] == pytest.approx(A / EI + 1.0 / k, rel=1e-12)
+        plant = element(creases=(1.0 / k, 0.0), **kind)
+        for c in np.eye(3) * 1e-4:
+            own = c * (1.0, 1.0, 2.0)
+            expected = 0.5 * own @ softer @ own * A * B
+            assert plant.energy(0.0, curved(c), np.zeros(24)) == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -187,7 +280,7 @@ def test_rigid_motion_stores_nothing_and_turning_about_the_normal_costs_nothing(
         np.testing.assert_allclose(wrenches(plant, posed(r, frames), v), 0.0, atol=1e-13)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [*KINDS, CURLED])
 @pytest.mark.parametrize("size", SIZES)
 def test_forces_are_minus_the_gradient_of_the_energy(kind: dict[str, Any], size: float) -> None:
     plant = element(**kind)
@@ -197,7 +290,7 @@ def test_forces_are_minus_the_gradient_of_the_energy(kind: dict[str, Any], size:
     np.testing.assert_allclose(F, -slope, rtol=0, atol=1e-12 * np.abs(F).max())
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [*KINDS, CURLED])
 @pytest.mark.parametrize("size", SIZES)
 def test_stiffness_is_the_derivative_of_the_forces(kind: dict[str, Any], size: float) -> None:
     plant = element(**kind)
@@ -207,7 +300,7 @@ def test_stiffness_is_the_derivative_of_the_forces(kind: dict[str, Any], size: f
     np.testing.assert_allclose(K, -complex_columns(plant, q, complex_wrenches), rtol=0, atol=1e-13 * np.abs(K).max())
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [*KINDS, CURLED])
 def test_damping_is_the_derivative_of_the_forces_by_velocities(kind: dict[str, Any]) -> None:
     plant = element(damping=0.2, **kind)
     q, C = bent(plant, 0.3), np.zeros((24, 24))
@@ -222,7 +315,7 @@ def test_damping_is_the_derivative_of_the_forces_by_velocities(kind: dict[str, A
     np.testing.assert_allclose(C, C.T, atol=1e-13 * np.abs(C).max())
 
 
-@pytest.mark.parametrize("kind", [*KINDS, {"membrane": True, "damping": 0.1}])
+@pytest.mark.parametrize("kind", [*KINDS, CURLED, {"membrane": True, "damping": 0.1}])
 def test_a_turned_element_has_turned_forces(kind: dict[str, Any]) -> None:
     rng, plant = np.random.default_rng(4), element(**kind)
     q, v = bent(plant, 0.3), rng.normal(size=24)
@@ -237,7 +330,7 @@ def test_a_turned_element_has_turned_forces(kind: dict[str, Any]) -> None:
     np.testing.assert_allclose(G[:, 3:], F[:, 3:] @ R.T, atol=1e-12)
 
 
-@pytest.mark.parametrize("kind", [*KINDS, {"membrane": True, "damping": 0.1}])
+@pytest.mark.parametrize("kind", [*KINDS, CURLED, {"membrane": True, "damping": 0.1}])
 @pytest.mark.parametrize("size", SIZES)
 def test_forces_and_moments_of_an_element_balance(kind: dict[str, Any], size: float) -> None:
     plant = element(**kind)
@@ -337,6 +430,13 @@ def test_effects_that_are_off_are_absent() -> None:
         ({"damping": -1.0}, "damping of a plate is -1.0"),
         ({"drag": float("inf")}, "drag of a plate is inf"),
         ({"membrane": "xy"}, "membrane of a plate is 'xy'"),
+        ({"youngs_modulus": (1.0, -1.0)}, "youngs_modulus E2 of a plate is -1.0"),
+        ({"youngs_modulus": (1.0, 2.0, 3.0)}, "youngs_modulus of a plate is"),
+        ({"youngs_modulus": (1.0, 4.0), "poisson": 0.5}, "poisson of a plate is 0.5 .* within 0.5"),
+        ({"shear_modulus": 0.0}, "shear_modulus of a plate is 0.0"),
+        ({"angle": float("nan")}, "angle of a plate is nan"),
+        ({"curl": (1.0, 2.0)}, "curl of a plate is .* three finite curvatures"),
+        ({"creases": (1.0, -2.0)}, "creases of a plate are .* not negative"),
     ],
 )
 def test_says_what_is_wrong_with_a_plate(options: dict[str, Any], message: str) -> None:

@@ -7,15 +7,28 @@ from typing import Any
 import numpy as np
 import pytest
 from random_mechanisms import random_rotation
-from test_plate import complex_columns, complex_energy, complex_wrenches, joint_axes, posed, tangent_of, wrenches
+from test_plate import A as SIDE_X
+from test_plate import B as SIDE_Z
+from test_plate import (
+    complex_columns,
+    complex_energy,
+    complex_wrenches,
+    curved,
+    joint_axes,
+    posed,
+    tangent_of,
+    wrenches,
+)
 
 from mbfmu.errors import UserError
-from mbfmu.mechanics import Floating, Mechanism, Plant, Shell
-from mbfmu.mechanics.elements.shell_stiffness import bending, flat_axes, membrane, plane_stress
+from mbfmu.mechanics import Floating, Mechanism, Plant, Plate, Shell
+from mbfmu.mechanics.assemblies.fabric import shell_of
+from mbfmu.mechanics.elements.material import PlaneStress
+from mbfmu.mechanics.elements.shell_stiffness import bending, flat_axes, membrane
 
 E, NU, T = 10.0, 0.3, 0.3
 CORNERS = np.array([[0.0, 0.0, 0.0], [2.0, 0.05, 0.1], [2.2, -0.03, 1.6], [0.1, 0.04, 1.4]])  # nearly flat
-STRETCHING = plane_stress(E, NU) * T
+STRETCHING = PlaneStress(E, NU).Q * T
 BENDING = STRETCHING * T**2 / 12.0
 GRAIN = np.array([[8.0, 1.0, 0.7], [1.0, 3.0, -0.4], [0.7, -0.4, 2.0]])  # of a material whose grain is askew
 MATERIALS = {"isotropic": (STRETCHING, BENDING), "askew": (GRAIN, 0.01 * GRAIN)}
@@ -78,6 +91,20 @@ def test_bending_in_the_plane_of_a_rectangle_is_that_of_a_beam() -> None:
         assert d.reshape(-1) @ membrane(X, STRETCHING) @ d.reshape(-1) == pytest.approx(
             4.0 * E * T * b / (3.0 * a), rel=0.01 * (a / b) ** 2
         )
+
+
+@pytest.mark.parametrize("grain", [{}, {"youngs_modulus": (10.0, 4.0), "poisson": 0.4, "angle": 0.6}])
+def test_a_curled_shell_feels_the_curvatures_that_are_left(grain: dict[str, Any]) -> None:
+    """w = (kx x^2 + kz z^2) / 2 + kxz x z, small: energy (k - curl) D (k - curl) a b / 2; none where it rests."""
+    own, k = 1e-4 * np.array([1.0, -0.4, 0.3]), 1e-4 * np.array([0.5, 0.2, -0.7])
+    options: dict[str, Any] = {"a": SIDE_X, "b": SIDE_Z, "thickness": T, "youngs_modulus": E}
+    plate = Plate(**(options | grain), curl=tuple(own))
+    m = Mechanism()
+    m.plate(shell_of(plate), *(m.body(f"n{i}", m.ground, Floating(), mass=1.0, inertia=(1.0,) * 3) for i in range(4)))
+    plant, left = Plant(m), (k - own) * (1.0, 1.0, 2.0)
+    expected = 0.5 * left @ plate.bending @ left * plate.area
+    assert plant.energy(0.0, curved(k), np.zeros(24)) == pytest.approx(expected, rel=1e-5)
+    assert abs(plant.energy(0.0, curved(own), np.zeros(24))) < 1e-5 * expected
 
 
 def test_rigid_motions_strain_nothing() -> None:
@@ -201,7 +228,7 @@ def cook(n: int) -> float:
     s = np.linspace(0.0, 1.0, n + 1)
     low, high = 44.0 * s, 44.0 + 16.0 * s
     P = np.stack((np.broadcast_to(48.0 * s[:, None], (n + 1, n + 1)), low[:, None] + np.outer(high - low, s)), -1)
-    K, F = assembled(P, lambda X: membrane(X, plane_stress(1.0, 1.0 / 3.0))), np.zeros((n + 1, n + 1, 3))
+    K, F = assembled(P, lambda X: membrane(X, PlaneStress(1.0, 1.0 / 3.0).Q)), np.zeros((n + 1, n + 1, 3))
     F[-1, :, 1] = 1.0 / n
     F[-1, [0, -1], 1] *= 0.5
     free = np.arange(3 * (n + 1), K.shape[0])

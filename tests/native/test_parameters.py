@@ -42,8 +42,11 @@ STRUCTURAL = {
     FourBar: {"coupler_modes", "coupler_elements"},
     Governor: {"driven"},
     SwingPendulum: set(),
-    Sheet: {"nx", "nz", "tree", "support", "membrane", "grid_outputs", "length", "width", "poisson", "pressure"},
-}
+    Sheet: {
+        "nx", "nz", "tree", "support", "membrane", "grid_outputs", "length", "width", "poisson", "pressure",
+        "youngs_modulus_cross", "shear_modulus", "curl_x", "curl_z",
+    },
+}  # fmt: skip
 MORE = {
     "elastic four-bar": {"coupler_length", "coupler_mass", "coupler_height", "coupler_width", "youngs_modulus"},
     "small sheet": {"held_part", "damping", "drag"},

@@ -31,6 +31,12 @@ own, and edges may be held against each other. Waves in the plane are hundreds o
 an implicit solver. (Nodes on the ground, each by itself, would be as many unknowns; but a sheet that hardly stretches
 moves along curves in those, and Newton takes five times as many steps to its rest.)
 
+**Paper.** Of a material with a grain, stiffness differs along and across it, and a grain askew couples bending with
+twist (:mod:`.elements.material`). A curled sheet is not flat where nothing bends it; it starts flat all the same, under
+stress, or at rest where an equilibrium is asked for. Thickness and curl may be functions of the place: a cell takes
+them in its middle, and so does the mass of a node in the middle of its own. Creases are lines that bend more easily
+(:mod:`.assemblies.fabric`).
+
 **Rows of cells.** An element measures stretching by means over its edges. One row of cells across the chains has one
 mean for the whole width: the sheet folds along its chain, is then stiff as an angle bar, and stays so though it would
 hang lower and with less energy unfolded. With membrane two rows of cells are the least.
@@ -50,9 +56,10 @@ from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.checks import Vector, one_of
 from mbfmu.mechanics.elements import Plate
 from mbfmu.mechanics.joints import Geodesic, Joint, OutOfPlane, Stretching
-from mbfmu.mechanics.numbers import is_finite, positive
+from mbfmu.mechanics.numbers import array_of, is_finite, positive
 from mbfmu.mechanics.sensors import InPlate, InShell, Sensor
 
+from .fabric import Crease, Curl, Fabric, Thickness
 from .grid import Node
 from .supports import Support, check_support
 from .weaver import Cell, Weaver
@@ -74,7 +81,9 @@ class Sheet:
     a, b
         Sides of a cell, m.
     plate
-        What every cell is of; with stretch its element is a shell of that.
+        What every cell is of, or the one in the middle where they differ; with stretch elements are shells of that.
+    fabric
+        What each is of.
     cells
         Elements and the four bodies at their corners, by grid index of the first.
     cuts
@@ -88,6 +97,7 @@ class Sheet:
     a: float
     b: float
     plate: Plate
+    fabric: Fabric
     cells: Mapping[Node, Cell]
     cuts: tuple[CutHandle, ...]
     along: int
@@ -129,26 +139,28 @@ class Sheet:
     def stress(self, component: str, x: float, z: float, face: str = "top") -> Sensor:
         """Stress, Pa, on the face ``top`` (along y), in the ``middle``, or on the ``bottom``."""
         one_of(f"face of sheet {self.name!r}", face, FACES)
-        t = self.plate.thickness
+        t = self.fabric.at((self._cell("x", x)[0], self._cell("z", z)[0])).thickness
         return self._felt("Pa", component, x, z, force=1.0 / t, moment=-6.0 * FACES[face] / t**2)
 
     def _felt(self, unit: str, component: str, x: float, z: float, **parts: float) -> Sensor:
         """Return a sensor of these parts of what the element at (x, z) feels."""
         one_of(f"component of what sheet {self.name!r} feels", component, COMPONENTS)
-        (i, x), (k, z) = self._cell("x", x, self.a, len(self.nodes)), self._cell("z", z, self.b, len(self.nodes[0]))
+        (i, x), (k, z) = self._cell("x", x), self._cell("z", z)
         element, corners = self.cells[i, k]
-        felt = element.felt(x, z)
+        felt, row = element.felt(x, z), COMPONENTS[component]
         if not parts.keys() <= felt.keys():
             raise UserError(f"sheet {self.name!r} does not feel all strains in its plane; it does with stretch=True")
-        weights = sum(part * felt[key][COMPONENTS[component]] for key, part in parts.items())
+        start = sum(part * felt[key].start[row] for key, part in parts.items())
+        weights = sum(part * felt[key].weights[row] for key, part in parts.items())
         kind = InPlate if isinstance(element, Plate) else InShell
-        return kind(unit=unit, bodies=corners, element=element, weights=weights)
+        return kind(unit=unit, bodies=corners, element=element, start=start, weights=weights)
 
-    def _cell(self, key: str, value: float, step: float, count: int) -> tuple[int, float]:
+    def _cell(self, axis: str, value: float) -> tuple[int, float]:
         """Return the number of the cell at a place along x or z, and how far in it that is, from 0 to 1."""
-        last, place = count - 1, value / step if is_finite(value) else -1.0
+        step, last = (self.a, len(self.nodes) - 1) if axis == "x" else (self.b, len(self.nodes[0]) - 1)
+        place = value / step if is_finite(value) else -1.0
         if not -1e-9 * last <= place <= (1.0 + 1e-9) * last:
-            raise UserError(f"{key} on sheet {self.name!r} is {value!r} m; allowed: 0 to {last * step:g}")
+            raise UserError(f"{axis} on sheet {self.name!r} is {value!r} m; allowed: 0 to {last * step:g}")
         cell = min(max(int(place), 0), last - 1)
         return cell, min(max(place - cell, 0.0), 1.0)
 
@@ -159,10 +171,12 @@ def add_sheet(
     *,
     length: float,
     width: float,
-    thickness: float,
-    youngs_modulus: float,
+    thickness: Thickness,
+    youngs_modulus: float | tuple[float, float],
     density: float,
     poisson: float = 0.3,
+    shear_modulus: float | None = None,
+    angle: float = 0.0,
     grid: tuple[int, int],
     tree: str = "spine",
     supports: Sequence[Support] = (),
@@ -173,6 +187,8 @@ def add_sheet(
     joint: str = "geodesic",
     membrane: bool | str = False,
     stretch: bool = False,
+    curl: Curl = (0.0, 0.0),
+    creases: Sequence[Crease] = (),
     damping: float = 0.0,
     drag: float = 0.0,
     pressure: Any = 0.0,
@@ -186,9 +202,14 @@ def add_sheet(
     name
         Nodes are the bodies ``name.i.k``.
     length, width, thickness
-        Along x, z and y, m.
+        Along x, z and y, m; the thickness may be a function of x and z.
     youngs_modulus, poisson, density
-        Pa, 1, kg/m^3.
+        Pa, 1, kg/m^3; moduli (E1, E2) along and across the grain, and poisson nu12: how much the sheet contracts across
+        for a pull along the grain.
+    shear_modulus
+        In the plane, Pa; None: that of an isotropic material, or of papers, sqrt(E1 E2) / (2 (1 + sqrt(nu12 nu21))).
+    angle
+        Of the grain (the machine direction) from x towards z, rad.
     grid
         Nodes along x and z, at least 2 each; with membrane at least 3 across the chains (in both directions where the
         tree is ``master``).
@@ -211,6 +232,11 @@ def add_sheet(
     stretch
         Give way in the plane too: nodes of six motions and elements of a shell. The tree is then ``spine``, or
         ``master`` where there is a ``master`` or no support; ``membrane`` and ``joint`` mean nothing.
+    curl
+        Curvatures (w,xx, w,zz) or (w,xx, w,zz, w,xz) of the sheet that nothing bends, 1/m, or a function of x and z
+        that returns them; positive ones bend its edges up, along y.
+    creases
+        Lines along which it bends more easily; see :class:`Crease`.
     damping, drag
         Material damping time, s, and density times drag coefficient of the air, kg/m^3.
     pressure
@@ -229,24 +255,35 @@ def add_sheet(
     plate = Plate(
         a=length / (shape[0] - 1),
         b=width / (shape[1] - 1),
-        thickness=thickness,
-        youngs_modulus=youngs_modulus,
+        thickness=1.0,
+        youngs_modulus=_moduli(what, youngs_modulus),
         poisson=poisson,
+        shear_modulus=shear_modulus,
+        angle=angle,
         membrane=_resisted(what, membrane, tree, joint, supports),
         damping=damping,
         drag=drag,
     )
+    fabric = Fabric(what, plate, shape, thickness, curl, creases)
     plate.check(what)
-    weaver = Weaver(mechanism, name, plate, density, shape, (at, rotation), Stretching if stretch else JOINTS[joint])
+    fabric.check()
+    weaver = Weaver(mechanism, name, fabric, density, (at, rotation), Stretching if stretch else JOINTS[joint])
     if stretch:
         weaver.weave_free(list(supports), master, rate, pressure)
     else:
         _refuse_one_row(what, shape, plate, tree, supports)
         weaver.weave(tree, list(supports), master, rate, pressure)
     nodes = tuple(tuple(weaver.bodies[i, k] for k in range(shape[1])) for i in range(shape[0]))
-    sheet = Sheet(name, nodes, plate.a, plate.b, plate, weaver.cells, tuple(weaver.cuts), weaver.along)
+    cuts = tuple(weaver.cuts)
+    sheet = Sheet(name, nodes, plate.a, plate.b, fabric.middle, fabric, weaver.cells, cuts, weaver.along)
     mechanism.sheets.append(sheet)
     return sheet
+
+
+def _moduli(what: str, value: Any) -> float | tuple[float, float]:
+    """Return one modulus, or two as a tuple."""
+    moduli = array_of(f"youngs_modulus of {what}", value)
+    return (float(moduli[0]), float(moduli[1])) if moduli.shape == (2,) else value
 
 
 def _resisted(what: str, membrane: bool | str, tree: str, joint: str, supports: Sequence[Support]) -> str:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from mbfmu.mechanics.elements import Plate, Shell
 from mbfmu.mechanics.joints import Floating, Joint, Planar, Revolute, Weld
 from mbfmu.mechanics.numbers import is_finite
 
+from .fabric import Fabric, shell_of
 from .grid import Link, Node, around, from_edge, on_edge
 from .supports import Support, cut_of
 
@@ -31,8 +33,8 @@ class Weaver:
 
     Parameters
     ----------
-    mechanism, name, plate, density, shape
-        Where it goes, what every cell is of, kg/m^3, and the nodes along x and z.
+    mechanism, name, fabric, density
+        Where it goes, what it is of, and kg/m^3.
     placement
         Frame of the flat sheet in that of what holds it: position, m, and axes.
     joint
@@ -52,18 +54,18 @@ class Weaver:
         self,
         mechanism: Mechanism,
         name: str,
-        plate: Plate,
+        fabric: Fabric,
         density: float,
-        shape: tuple[int, int],
         placement: tuple[Vector, Any],
         joint: type[Joint],
     ) -> None:
-        self.mechanism, self.name, self.plate, self.shape, self.joint = mechanism, name, plate, shape, joint
+        self.mechanism, self.name, self.fabric, self.shape, self.joint = mechanism, name, fabric, fabric.shape, joint
+        self.plate = plate = fabric.middle
         self.what = f"sheet {name!r}"
         self.at = vector(f"placement of {self.what}", placement[0])
         self.rotation = rotation(f"rotation of {self.what}", placement[1])
         self.density = density
-        self.side = max((shape[0] - 1) * plate.a, (shape[1] - 1) * plate.b)
+        self.side = max((self.shape[0] - 1) * plate.a, (self.shape[1] - 1) * plate.b)
         self.share = SHARE * _pliancy(plate, density, self.side)
         self.bodies: dict[Node, Body] = {}
         self.taken: set[Node] = set()  # held by a support
@@ -103,7 +105,7 @@ class Weaver:
                 axes,
                 **({"axis": "z" if root.edge[0] == "x" else "x"} if root.kind == "pinned" else {}),
             )
-        self._span(self.plate, supports, pressure)
+        self._span(self.fabric.at, supports, pressure)
 
     def weave_free(self, supports: list[Support], master: Body | None, rate: Vector | None, pressure: Any) -> None:
         """Give every node all six motions against its neighbor, or those its support leaves; span shells."""
@@ -134,19 +136,18 @@ class Weaver:
         loose = [link for link in links if link[0] not in self.bodies]
         first = Floating if master is None else Weld
         self._hang(loose, first, carrier, at, axes, **({} if rate is None else {"rate": rate}))
-        p = self.plate
-        cell = [self._flat(node) for node in ((0, 0), (1, 0), (1, 1), (0, 1))]
-        shell = Shell(corners=cell, stretching=p.stretching, bending=p.bending, damping=p.damping, drag=p.drag)
-        self._span(shell, [support for support in supports if support.kind not in joints], pressure)
+        shell = cache(shell_of)
+        left = [support for support in supports if support.kind not in joints]
+        self._span(lambda cell: shell(self.fabric.at(cell)), left, pressure)
 
-    def _span(self, element: Plate | Shell, supports: list[Support], pressure: Any) -> None:
+    def _span(self, element: Callable[[Node], Plate | Shell], supports: list[Support], pressure: Any) -> None:
         """Span an element in every cell, load it, and close these supports by cut joints."""
         node = self.bodies
         for i in range(self.shape[0] - 1):
             for k in range(self.shape[1] - 1):
                 corners = node[i, k], node[i + 1, k], node[i + 1, k + 1], node[i, k + 1]
-                self.cells[i, k] = element, corners
-                self.mechanism.plate(element, *corners)
+                self.cells[i, k] = element((i, k)), corners
+                self.mechanism.plate(self.cells[i, k][0], *corners)
         if pressure != 0.0:
             self.mechanism.pressure(self.name, pressure, [corners for _, corners in self.cells.values()])
         self.cuts += [cut for support in supports for cut in self._close(support)]
@@ -200,9 +201,10 @@ class Weaver:
 
     def _cell(self, node: Node) -> dict[str, Any]:
         """Mass properties of a node's cell, which is half as long at a border."""
-        (i, k), t = node, self.plate.thickness
+        i, k = node
         a, x = _lump(i, self.shape[0], self.plate.a)
         b, z = _lump(k, self.shape[1], self.plate.b)
+        t = self.fabric.thickness_at(i * self.plate.a + x, k * self.plate.b + z)
         m = self.density * t * a * b
         return {
             "mass": m,
@@ -256,9 +258,11 @@ class Weaver:
 def _pliancy(plate: Plate, density: float, length: float) -> float:
     """How far a sheet bends: the root curvature of a cantilever under its weight times its length, at most 1.
 
-    rho g t L^3 / (2 D), to the power at which ida keeps the energy of a release to 1e-3 at rtol 1e-5 from 0.3 to 3 mm.
+    rho g t L^3 / (2 D), D the lesser of those along x and z, to the power at which ida keeps the energy of a release to
+    1e-3 at rtol 1e-5 from 0.3 to 3 mm.
     """
-    D = plate.youngs_modulus * plate.thickness**3 / (12.0 * (1.0 - plate.poisson**2))
+    material = plate.material
+    D = material.moduli[1] * plate.thickness**3 / (12.0 * material.rest) * material.ratios.diagonal()[:2].min()
     return float(min(1.0, density * GRAVITY * plate.thickness * length**3 / (2.0 * D)) ** 0.75)
 
 

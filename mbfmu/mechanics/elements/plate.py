@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -10,13 +11,13 @@ import numpy as np
 from mbfmu.errors import UserError
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.loads.base import Load
-from mbfmu.mechanics.numbers import not_negative, positive
+from mbfmu.mechanics.numbers import array_of, not_negative, positive
 
-from .feeling import components
-from .plate_curvature import Matrix, curvature
+from .feeling import Felt, felt
+from .material import Matrix, PlaneStress, creased
+from .plate_curvature import curvature
 from .plate_energy import PLATE, apply, potential
 from .plate_tangent import tangent
-from .shell_stiffness import plane_stress
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,11 +30,15 @@ class Plate(Load):
         Sides along x and z of the bodies' frames in the flat plate, m.
     thickness
         m.
-    youngs_modulus, poisson
-        Pa and 1.
+    youngs_modulus, poisson, shear_modulus, angle
+        Pa, 1, Pa and rad: one modulus, or (E1, E2) along and across a grain that lies at ``angle`` from x towards z.
     membrane
         Resist stretching in the plane. A string picks strains: any of ``x``, ``z`` and ``s`` (shear); a single normal
-        strain has the stiffness of a plate whose edges across are free.
+        strain has the stiffness of a plate whose edges across are free, as in general no stress goes with the rest.
+    curl
+        Curvatures (w,xx, w,zz, w,xz) of the plate that nothing bends, 1/m; positive ones lift its edges along y.
+    creases
+        Angle per moment of the hinges across x and across z that go through the element, rad/N; zero: none.
     damping
         Time beta of the material damping, stress = K (e + beta e'), s; zero: none.
     drag
@@ -48,20 +53,28 @@ class Plate(Load):
     a: float
     b: float
     thickness: float
-    youngs_modulus: float
+    youngs_modulus: float | tuple[float, float]
     poisson: float = 0.3
+    shear_modulus: float | None = None
+    angle: float = 0.0
     membrane: bool | str = False
+    curl: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    creases: tuple[float, float] = (0.0, 0.0)
     damping: float = 0.0
     drag: float = 0.0
 
     def check(self, what: str = "a plate") -> None:
         """Raise UserError for a number that no plate has; ``what`` says whose it is."""
-        for key in ("a", "b", "thickness", "youngs_modulus"):
+        for key in ("a", "b", "thickness"):
             positive(f"{key} of {what}", getattr(self, key))
-        if not -1.0 < self.poisson <= 0.5:
-            raise UserError(f"poisson of {what} is {self.poisson!r}; allowed: above -1, at most 0.5")
+        self.material.check(what)
         for key in ("damping", "drag"):
             not_negative(f"{key} of {what}", getattr(self, key))
+        curl, creases = array_of(f"curl of {what}", self.curl), array_of(f"creases of {what}", self.creases)
+        if curl.shape != (3,) or not np.all(np.isfinite(curl)):
+            raise UserError(f"curl of {what} is {self.curl!r}; allowed: three finite curvatures, 1/m")
+        if creases.shape != (2,) or not np.all(np.isfinite(creases)) or creases.min() < 0.0:
+            raise UserError(f"creases of {what} are {self.creases!r}; allowed: two finite numbers, not negative")
         if not set(self.strains) <= set("xzs"):
             raise UserError(f"membrane of {what} is {self.membrane!r}; allowed: True, False or letters of 'xzs'")
 
@@ -75,57 +88,84 @@ class Plate(Load):
         """The membrane strains that the element resists."""
         return self.membrane if isinstance(self.membrane, str) else "xzs" * self.membrane
 
-    def fill(self, record: Any, site: Site) -> None:
-        """Write corners, sizes and stiffness; see :mod:`.plate_energy` for the formulae."""
-        a, b, nu, Et = self.a, self.b, self.poisson, self.youngs_modulus * self.thickness
-        D, slim = Et * self.thickness**2 / (12.0 * (1.0 - nu**2)), a / b
-        record["node"], record["a"], record["b"] = site.bodies, a, b
-        record["bending"] = [
-            4.0 * D / slim,
-            4.0 * D * slim,
-            12.0 * D / slim,
-            D * (4.0 * slim + 8.0 * (1.0 - nu) / slim) / 3.0,
-            12.0 * D * slim,
-            D * (4.0 / slim + 8.0 * (1.0 - nu) * slim) / 3.0,
-            D * (4.0 / slim + 1.6 * (1.0 - nu) * slim),
-            D * (4.0 * slim + 1.6 * (1.0 - nu) / slim),
-            32.0 * D * (1.0 - nu) / (a * b),
-        ]
-        record["coupling"] = 4.0 * nu * D
-        x, z, s = (strain in self.strains for strain in "xzs")
-        normal = Et * a * b / (1.0 - nu**2 * (x and z))
-        record["stretching"] = (normal * x, normal * z, nu * normal * (x and z), 0.5 * Et * a * b / (1.0 + nu) * s)
-        record["membrane"], record["damped"] = bool(self.strains), self.damping > 0.0
-        record["damping"] = self.damping
+    @cached_property
+    def material(self) -> PlaneStress:
+        """What it is of."""
+        return PlaneStress(self.youngs_modulus, self.poisson, self.shear_modulus, self.angle)
 
     @property
     def stretching(self) -> Matrix:
-        """(3, 3), N/m: of strains (E_xx, E_zz, gamma) the forces per length."""
-        return plane_stress(self.youngs_modulus, self.poisson) * self.thickness
+        """Forces per length (3, 3) by (e_xx, e_zz, gamma), N/m, whatever ``membrane`` resists."""
+        return self.material.Q * self.thickness
 
     @property
     def bending(self) -> Matrix:
-        """(3, 3), N m: of curvatures (w,xx, w,zz, 2 w,xz) the moments per length."""
-        return self.stretching * self.thickness**2 / 12.0
+        """Moments per length (3, 3) by curvatures (w,xx, w,zz, 2 w,xz), N m."""
+        return creased(self.stretching * self.thickness**2 / 12.0, self._softness(1.0))
 
-    def felt(self, x: float, z: float) -> dict[str, Matrix]:
-        """Return what is felt at a point, by the generalized strains.
+    def fill(self, record: Any, site: Site) -> None:
+        """Write corners, sizes, stiffness and natural shape; see :mod:`.plate_energy` for the formulae."""
+        a, b, material = self.a, self.b, self.material
+        slim, Et = a / b, material.moduli[1] * self.thickness
+        D = Et * self.thickness**2 / (12.0 * material.rest)
+        C = creased(material.ratios, self._softness(D))
+        (C11, C12, C16), (_, C22, C26), (_, _, C66) = C.tolist()
+        record["node"], record["a"], record["b"] = site.bodies, a, b
+        record["bending"] = [
+            4.0 * D * C11 / slim,
+            4.0 * D * C22 * slim,
+            12.0 * D * C11 / slim,
+            D * (4.0 * C22 * slim + 16.0 * C66 / slim) / 3.0,
+            12.0 * D * C22 * slim,
+            D * (4.0 * C11 / slim + 16.0 * C66 * slim) / 3.0,
+            D * (4.0 * C11 / slim + 3.2 * C66 * slim),
+            D * (4.0 * C22 * slim + 3.2 * C66 / slim),
+            64.0 * D * C66 / (a * b),
+        ]
+        record["coupling"] = 4.0 * C12 * D
+        A16, A26 = self._fill_membrane(record, Et * a * b)
+        record["grain"] = material.grain
+        record["oblique"] = [
+            16.0 * D * C16 / a,
+            16.0 * D * C26 / b,
+            8.0 * D * C16,
+            8.0 * D * C26,
+            8.0 / 3.0 * D * (C16 / slim + C26 * slim),
+            A16,
+            A26,
+        ]
+        kx, kz, kxz = self.curl
+        record["curled"], record["curl"] = any(self.curl), 0.0
+        record["curl"][0], record["curl"][1], record["curl"][8] = 0.5 * a * kx, 0.5 * b * kz, 0.25 * a * b * kxz
+        record["damped"], record["damping"] = self.damping > 0.0, self.damping
 
-        Parameters
-        ----------
-        x, z
-            Parts of a and b, from 0 to 1.
+    def _fill_membrane(self, record: Any, unit: float) -> tuple[float, float]:
+        """Write what resists stretching, in terms of E2 t a b; return what couples normal strains with shear."""
+        nu, kept = self.poisson, [strain in self.strains for strain in "xzs"]
+        x, z, s = kept
+        record["membrane"] = any(kept)
+        if self.material.isotropic:
+            normal = unit / (1.0 - nu**2 * (x and z))
+            record["stretching"] = (normal * x, normal * z, nu * normal * (x and z), 0.5 * unit / (1.0 + nu) * s)
+            return 0.0, 0.0
+        A = unit * self.material.freed(kept)
+        record["stretching"] = A[0, 0], A[1, 1], A[0, 1], A[2, 2]
+        return A[0, 2], A[1, 2]
 
-        Returns
-        -------
-        dict
-            See :func:`.feeling.components`, each (3, 12); strains are means over the element, and there where it
-            resists them all.
+    def _softness(self, unit: float) -> tuple[float, float]:
+        """Curvature of the creases per moment, spread over the element, times a bending stiffness."""
+        return unit * self.creases[0] / self.a, unit * self.creases[1] / self.b
+
+    def felt(self, x: float, z: float) -> dict[str, Felt]:
+        """Return what is felt at a point, by the generalized strains (12,).
+
+        x and z are parts of a and b, from 0 to 1. See :func:`.feeling.felt`; strains are means over the element, and
+        there where it resists them all.
         """
-        bent = np.zeros((3, 12))
+        bent, natural = np.zeros((3, 12)), np.array(self.curl) * (1.0, 1.0, 2.0)
         bent[:, :9] = curvature(self.a, self.b, x * self.a, z * self.b)
         stretched = np.eye(12)[9:] if set(self.strains) == set("xzs") else None
-        return components(stretched, bent, self.stretching, self.bending)
+        return felt(stretched, bent, self.stretching, self.bending, natural=natural)
 
     @property
     def works(self) -> bool:

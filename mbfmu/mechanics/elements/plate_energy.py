@@ -21,11 +21,20 @@ x = (- + + -), z = (- - + +), xz = (+ - + -) and means over the corners <.>, the
     2: <w_x>     3: <xz w_z>    w ~ x, x^3, x z^2      6: <z w_x> - 2 tau / a    w ~ x^3 z
     8: tau                      w ~ x z                7: <x w_z> - 2 tau / b    w ~ x z^3
 
-and with D = E t^3 / (12 (1 - nu^2)) the energy is half of  sum k_i e_i^2 + 2 c (e0 e1 + e2 e3 + e4 e5 + e6 e7),
+and with D = Q t^3 / 12 of a material with a grain (:mod:`.material`), by curvatures (w,xx, w,zz, 2 w,xz), the energy is
+half of  sum k_i e_i^2 + 2 c (e0 e1 + e2 e3 + e4 e5 + e6 e7) + 2 sum o_ij e_i e_j,
 
-    k0 = 4 D b/a    k2 = 12 D b/a    k3 = D (4/3 a/b + 8/3 (1-nu) b/a)    k6 = D (4 b/a + 8/5 (1-nu) a/b)    c = 4 nu D
-    k1 = 4 D a/b    k4 = 12 D a/b    k5 = D (4/3 b/a + 8/3 (1-nu) a/b)    k7 = D (4 a/b + 8/5 (1-nu) b/a)
-    k8 = 32 D (1-nu) / (a b).
+    k0 = 4 D11 b/a    k2 = 12 D11 b/a    k3 = 4/3 D22 a/b + 16/3 D66 b/a    k6 = 4 D11 b/a + 16/5 D66 a/b    c = 4 D12
+    k1 = 4 D22 a/b    k4 = 12 D22 a/b    k5 = 4/3 D11 b/a + 16/3 D66 a/b    k7 = 4 D22 a/b + 16/5 D66 b/a
+    k8 = 64 D66 / (a b),    o08 = 16 D16/a    o18 = 16 D26/b    o25 = 8 D16    o34 = 8 D26
+    o35 = 8/3 (D16 b/a + D26 a/b);
+
+of an isotropic one D11 = D22 = D = E t^3 / (12 (1 - nu^2)), D12 = nu D, D66 = (1 - nu) D / 2. The o vanish but where
+the grain lies askew in the element.
+
+**Curl.** A plate that nothing bends may have the curvatures (k_x, k_z, k_xz) = (w,xx, w,zz, w,xz). Its strains are then
+e0 = a k_x / 2, e1 = b k_z / 2, e8 = a b k_xz / 4, exactly so for one that is curled one way, however far, since slopes
+are angles. Moments are measured from there; the membrane knows the present shape only, whose arcs keep their length.
 
 **Membrane**, where a scene calls for it: one stress for the element (plane stress). The strain along x is the mean over
 the two edges of that direction, and an edge is the cubic that bending draws between its corners: a chord, g1 - 2 t or
@@ -60,12 +69,16 @@ PLATE = np.dtype(
         ("node", np.int64, (4,)),  # bodies at the corners 1 (0, 0), 2 (a, 0), 3 (a, b), 4 (0, b)
         ("membrane", np.int64),  # 1: resists stretching in its plane
         ("damped", np.int64),  # 1: has material damping
+        ("grain", np.int64),  # 0: has none, 1: along a side, 2: askew, which couples normal strains with shear
+        ("curled", np.int64),  # 1: is not flat where nothing bends it
         ("a", np.float64),  # sides along x and z of the element, m
         ("b", np.float64),
         ("bending", np.float64, (9,)),  # stiffness by generalized strains 0 ... 8, see the module
         ("coupling", np.float64),  # ... between the first four pairs
         ("stretching", np.float64, (4,)),  # by E_xx, E_zz, between these two, by gamma; N m
         ("damping", np.float64),  # beta of stress = K (e + beta e'), s
+        ("oblique", np.float64, (7,)),  # between e0 e8, e1 e8, e2 e5, e3 e4, e3 e5; E_xx gamma, E_zz gamma
+        ("curl", np.float64, (12,)),  # natural strains; of the membrane none
     ],
     align=True,
 )
@@ -224,6 +237,33 @@ def stress(plate: Any, e: Any, part: Any, out: Any) -> None:
         out[9] += part * (s[0] * e[9] + s[2] * e[10])
         out[10] += part * (s[1] * e[10] + s[2] * e[9])
         out[11] += part * s[3] * e[11]
+    if plate.grain == 2:
+        add_oblique(plate, e, part, out)
+
+
+@kernel
+def add_oblique(plate: Any, e: Any, part: Any, out: Any) -> None:
+    """out (12,) += part times what a grain askew couples."""
+    o = plate.oblique
+    out[0] += part * o[0] * e[8]
+    out[1] += part * o[1] * e[8]
+    out[2] += part * o[2] * e[5]
+    out[3] += part * (o[3] * e[4] + o[4] * e[5])
+    out[4] += part * o[3] * e[3]
+    out[5] += part * (o[2] * e[2] + o[4] * e[3])
+    out[8] += part * (o[0] * e[0] + o[1] * e[1])
+    if plate.membrane == 1:
+        out[9] += part * o[5] * e[11]
+        out[10] += part * o[6] * e[11]
+        out[11] += part * (o[5] * e[9] + o[6] * e[10])
+
+
+@kernel
+def resist(plate: Any, here: Any) -> None:
+    """Add the elastic stresses, K (e - e of the natural shape)."""
+    stress(plate, here.strain, 1.0, here.stress)
+    if plate.curled == 1:
+        stress(plate, plate.curl, -1.0, here.stress)
 
 
 @kernel
@@ -362,7 +402,7 @@ def apply(plate: Any, t: float, arrays: Any, state: Any) -> None:
         stress(plate, here.dstrain, plate.damping, here.stress)
         for i in range(12 if plate.membrane == 1 else 9):
             power -= here.stress[i] * here.dstrain[i]
-    stress(plate, here.strain, 1.0, here.stress)
+    resist(plate, here)
     gradient(plate, here)
     load(plate, here, bodies)
     state.damped[0] += power
@@ -375,11 +415,14 @@ def potential(plate: Any, arrays: Any, state: Any) -> float:
     shape(plate, state.bodies, here)
     strain(plate, here)
     clear_stress(here)
-    stress(plate, here.strain, 1.0, here.stress)
+    resist(plate, here)
     total = 0.5 * here.stress[8] * here.strain[8]
     for i in range(8):
         total += 0.5 * here.stress[i] * here.strain[i]
     if plate.membrane == 1:
         for i in range(9, 12):
             total += 0.5 * here.stress[i] * here.strain[i]
+    if plate.curled == 1:
+        for i in range(9):
+            total -= 0.5 * here.stress[i] * plate.curl[i]
     return total

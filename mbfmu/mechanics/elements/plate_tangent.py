@@ -12,7 +12,7 @@ from typing import Any
 
 from solvers.compiled.kernel import kernel
 
-from .plate_energy import add_arcs, by_slopes, clear_stress, differentiate, gradient, shape, strain, stress
+from .plate_energy import add_arcs, by_slopes, clear_stress, differentiate, gradient, resist, shape, strain, stress
 
 
 @kernel
@@ -29,7 +29,7 @@ def stiffness(plate: Any, bodies: Any, here: Any, K: Any) -> None:
     shape(plate, bodies, here)
     strain(plate, here)
     clear_stress(here)
-    stress(plate, here.strain, 1.0, here.stress)
+    resist(plate, here)
     gradient(plate, here)
     E, m, n, dm, dn, omega = here.E, here.m, here.n, here.dm, here.dn, here.omega
     for column in range(24):

@@ -14,7 +14,7 @@ from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.loads.base import Load
 from mbfmu.mechanics.numbers import array_of, not_negative
 
-from .feeling import components
+from .feeling import Felt, felt
 from .shell_energy import SHELL, apply, potential
 from .shell_stiffness import Matrix, assumed, bending, curvature, flat_axes, membrane, stresses
 from .shell_tangent import tangent
@@ -81,25 +81,24 @@ class Shell(Load):
         record["plane"], record["bent"] = self._stiffness
         record["damped"], record["damping"] = self.damping > 0.0, self.damping
 
-    def felt(self, x: float, z: float) -> dict[str, Matrix]:
-        """Return what is felt at a point, by displacements and turns of the corners.
+    def felt(self, x: float, z: float) -> dict[str, Felt]:
+        """Return what is felt at a point, by displacements and turns (4, 6) of the corners; in element axes.
 
-        Parameters
-        ----------
-        x, z
-            Parts of the cell, from 0 at the first corner to 1 along the first and the last edge.
-
-        Returns
-        -------
-        dict
-            See :func:`.feeling.components`, each (3, 4, 6), in element axes.
+        x and z are parts of the cell, from 0 at the first corner to 1 along the first and the last edge. See
+        :func:`.feeling.felt`.
         """
-        X, A = self._flat[1][:, [0, 2]], np.asarray(self.stretching, float)
-        xi, eta = 2.0 * x - 1.0, 2.0 * z - 1.0
-        stretched, bent = np.zeros((3, 4, 6)), np.zeros((3, 4, 6))
+        (E, natural), A = self._flat, np.asarray(self.stretching, float)
+        X, xi, eta = natural[:, [0, 2]], 2.0 * x - 1.0, 2.0 * z - 1.0
+        stretched, bent, drawn = np.zeros((3, 4, 6)), np.zeros((3, 4, 6)), np.zeros((4, 6))
         stretched[:, :, 0::2] = np.linalg.solve(A, assumed(X, xi, eta) @ stresses(X, A)[0]).reshape(3, 4, 3)
         bent[:, :, 1::2] = curvature(X, xi, eta).reshape(3, 4, 3)
-        return components(stretched, bent, A, np.asarray(self.bending, float))
+        drawn[:, 1] = natural[:, 1]  # how it is drawn: its corners lifted from the plane, and its normals leaning
+        n = (np.broadcast_to(np.eye(3), (4, 3, 3)) if self.attitudes is None else np.asarray(self.attitudes))[:, :, 1]
+        along, up, across = E @ n.T
+        lean = np.arctan2(np.hypot(along, across), up) / np.maximum(np.hypot(along, across), 1e-300)
+        drawn[:, 3], drawn[:, 5] = lean * across, -lean * along
+        shape = np.tensordot(bent, drawn, 2)
+        return felt(stretched, bent, A, np.asarray(self.bending, float), drawn=shape, natural=shape)
 
     @cached_property
     def _flat(self) -> tuple[Matrix, Matrix]:

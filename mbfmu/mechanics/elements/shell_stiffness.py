@@ -135,12 +135,6 @@ def membrane(X: Matrix, A: Matrix) -> Matrix:
     return K
 
 
-def plane_stress(youngs_modulus: float, poisson: float) -> Matrix:
-    """Return Q (3, 3), Pa, of stress = Q (e_xx, e_zz, gamma), of an isotropic material."""
-    E, nu = youngs_modulus, poisson
-    return E / (1.0 - nu**2) * np.array([[1.0, nu, 0.0], [nu, 1.0, 0.0], [0.0, 0.0, 0.5 * (1.0 - nu)]])
-
-
 def flat_axes(corners: Any) -> tuple[Matrix, Matrix]:
     """Return the axes (3, 3), rows, of four corners (4, 3), and the corners in them about their mean."""
     P = np.asarray(corners, float)

@@ -25,7 +25,7 @@ def in_plate(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
     here = state.element[0]
     shape(sensor, state.bodies, here)
     strain(sensor, here)
-    total = 0.0 * here.strain[0]
+    total = sensor.start + 0.0 * here.strain[0]
     for k in range(9 + 3 * sensor.membrane):
         total += sensor.weight[k] * here.strain[k]
     return total
@@ -36,7 +36,7 @@ def in_shell(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
     """See :mod:`.base`. Weights times the displacements and turns of the corners."""
     here = state.shell[0]
     deform(sensor, state.bodies, here)
-    total = 0.0 * here.d[0, 0]
+    total = sensor.start + 0.0 * here.d[0, 0]
     for i in range(4):
         for k in range(6):
             total += sensor.weight[i, k] * here.d[i, k]
@@ -46,7 +46,7 @@ def in_shell(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
 def _record(weights: tuple[int, ...], element: np.dtype[Any]) -> np.dtype[Any]:
     """Return the record of an element, behind weights: a record that begins as another is taken for that by numba."""
     fields: list[Any] = [(name, element[name]) for name in element.names or ()]
-    return np.dtype([("weight", np.float64, weights), *fields], align=True)
+    return np.dtype([("start", np.float64), ("weight", np.float64, weights), *fields], align=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,17 +57,18 @@ class _InElement(Sensor):
     ----------
     element
         The :class:`.Plate` or :class:`.Shell`.
-    weights
-        Of its strains, of the shape that the record says.
+    start, weights
+        What it is without strains, and by each of them, of the shape that the record says.
     """
 
     element: Any
+    start: float
     weights: Any
 
     def fill(self, record: Any, site: Site) -> None:
         """Write the element and the weights."""
         self.element.fill(record, site)
-        record["weight"] = self.weights
+        record["start"], record["weight"] = self.start, self.weights
 
 
 @dataclass(frozen=True, kw_only=True)
