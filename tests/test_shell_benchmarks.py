@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import pytest
 import shell_problems as problems
 from shell_problems import Problem
 
@@ -33,5 +32,5 @@ def test_a_strip_sheared_far() -> None:
     refined([problems.sheared_strip((n, 1)) for n in (6, 12)], 2e-3)
 
 
-def test_a_strip_rolled_to_a_circle() -> None:
-    refined([problems.rolled_strip((n, 1), 2.0 * np.pi) for n in (12, 24)], 2e-3)
+def test_a_strip_rolled_up() -> None:
+    refined([problems.rolled_strip((n, 1), 1.5 * np.pi) for n in (12, 24)], 2e-3)
