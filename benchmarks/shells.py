@@ -58,7 +58,9 @@ def strip() -> None:
     """Large rotations of a strip."""
     meshes = ((8, 1), (16, 1), (32, 2))
     converge("sheared strip", problems.sheared_strip, meshes)
-    converge("strip rolled by 270 degrees", lambda mesh: problems.rolled_strip(mesh, 1.5 * np.pi), ((12, 1), *meshes[1:]))
+    converge(
+        "strip rolled by 270 degrees", lambda mesh: problems.rolled_strip(mesh, 1.5 * np.pi), ((12, 1), *meshes[1:])
+    )
 
 
 def annulus() -> None:
@@ -102,7 +104,7 @@ def buckling() -> None:
 def held() -> None:
     """A clamp that ends inside an edge."""
     lines = []
-    for cells in ((14, 12), (32, 24), (50, 36), (74, 54)):
+    for cells in ((14, 12), (32, 24), (50, 36)):
         found = equilibrium(problems.held_sheet(cells))
         heights = (f"{1e3 * found.outputs[name]:.3f}" for name in ("corner", "middle", "other"))
         lines.append((f"{cells[0] + 1} x {cells[1] + 1}", *heights, str(found.iterations), f"{found.solve_time:.2f}"))

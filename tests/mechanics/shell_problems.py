@@ -281,7 +281,7 @@ def pinched_hemisphere(n: int, load: float) -> Problem:
     """Hemisphere with a hole of 18 degrees, pulled and pushed at its rim; a quarter of it on n x n cells.
 
     Radius 10, 0.04 thick, E 6.825e7, nu 0.3. A load of 2 or less is the linear problem of MacNeal and Harder, with
-    0.0924 by Simo, Fox and Rifai; 400 is that of Sze, Liu and Lo, 3.4.
+    0.094; 400 is that of Sze, Liu and Lo, 3.4.
     """
     around, down = np.linspace(0.0, 0.5 * np.pi, n + 1), np.linspace(0.1 * np.pi, 0.5 * np.pi, n + 1)
     P = np.stack(
@@ -305,7 +305,7 @@ def pinched_hemisphere(n: int, load: float) -> Problem:
     dome.output("u", (0, n), "x")
     dome.output("v", (n, n), "y")
     if load <= 2.0:
-        return dome.problem(0.5 * load, u=0.0924, v=-0.0924)
+        return dome.problem(0.5 * load, u=0.094, v=-0.094)
     return dome.problem(u=4.067, v=-8.178)
 
 
@@ -342,26 +342,24 @@ MATERIAL = {"thickness": 1e-3, "youngs_modulus": 1e10, "poisson": 0.3}
 def compressed_plate(edges: str, cells: int, load: float, way: str) -> Mechanism:
     """Plate under ``load`` times Euler's load of a strip of it, between two edges that are hinged or clamped.
 
-    Both edges slide and turn in the plane where the sheet grows from the middle; else one is held.
+    The edge x = 0, which is pushed, slides in the plane. The middle floats where the sheet grows from there.
     """
     (length, width), t = PLATES[edges], MATERIAL["thickness"]
     grid = cells + 1, round(cells * width / length) + 1
     strip = {"hinged": 1.0, "clamped": 4.0}[edges] * np.pi**2 * MATERIAL["youngs_modulus"] * t**3 / (12.0 * length**2)
     m, master, at = Mechanism(), None, (0.0, 0.0, 0.0)
-    held, sliding = {"hinged": ("pinned", "supported"), "clamped": ("clamped", "guided")}[edges]
-    pushed = {0: load * strip * width}
     if way == "from the middle":
-        at, held = (-(cells // 2) * length / cells, 0.0, -(grid[1] // 2) * width / (grid[1] - 1)), sliding
-        master = m.body("lift", m.ground, Translational(axis="y"))
-        pushed[cells] = -pushed[0]
+        at = (-(cells // 2) * length / cells, 0.0, -(grid[1] // 2) * width / (grid[1] - 1))
+        master = m.body("middle", m.ground, Floating())
+    held, sliding = {"hinged": ("pinned", "supported"), "clamped": ("clamped", "guided")}[edges]
     supports = [Support("x1", held, at=at), Support("x0", sliding, at=at)]
     sheet = add_sheet(
         m, "plate", length=length, width=width, density=1000.0, grid=grid, master=master, at=at, stretch=True,
         supports=supports[::-1] if way == "from the load" else supports, **MATERIAL,
     )  # fmt: skip
-    for i, force in pushed.items():
-        for k, share in enumerate(shares(grid[1] - 1)):
-            m.force(f"push.{i}.{k}", PointForce(magnitude=share * force, axis="x"), sheet.node(i, k))
+    for k, share in enumerate(shares(grid[1] - 1)):
+        push = PointForce(magnitude=share * load * strip * width, axis="x")
+        m.force(f"push{k}", push, sheet.node(0, k))
     return m
 
 
