@@ -14,7 +14,7 @@ from mbfmu.mechanics.loads.base import Load
 from mbfmu.mechanics.numbers import array_of, not_negative
 
 from .shell_energy import SHELL, apply, potential
-from .shell_stiffness import bending, flat_axes, membrane
+from .shell_stiffness import bending, drilling, flat_axes, membrane
 from .shell_tangent import tangent
 
 SLIM = 1e-3  # sine of the least angle at a corner
@@ -76,9 +76,10 @@ class Shell(Load):
         E, X = flat_axes(self.corners)
         attitudes = np.broadcast_to(np.eye(3), (4, 3, 3)) if self.attitudes is None else np.asarray(self.attitudes)
         record["node"], record["X"] = site.bodies, X
-        record["B"] = [(E @ A).T for A in attitudes]
-        record["plane"] = membrane(X[:, [0, 2]], np.asarray(self.stretching, float))
-        record["bent"] = bending(X[:, [0, 2]], np.asarray(self.bending, float))
+        record["B"] = [(E @ axes).T for axes in attitudes]
+        A, D = np.asarray(self.stretching, float), np.asarray(self.bending, float)
+        record["plane"] = membrane(X[:, [0, 2]], A, drilling(self.corners, attitudes[:, :, 1], A, D))
+        record["bent"] = bending(X[:, [0, 2]], D)
         record["damped"], record["damping"] = self.damping > 0.0, self.damping
 
     @property
