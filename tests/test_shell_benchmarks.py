@@ -57,6 +57,14 @@ def test_a_pinched_hemisphere() -> None:
     assert np.abs(errors(problems.pinched_hemisphere(16, 0.02))).max() < 0.01
 
 
+def test_a_hemisphere_pinched_far() -> None:
+    refined([problems.pinched_hemisphere(n, 400.0) for n in (8, 12)], 0.05)
+
+
+def test_a_cylinder_pulled_flat() -> None:
+    assert np.abs(errors(problems.pulled_cylinder((8, 12)))).max() < 0.015
+
+
 @pytest.mark.parametrize("edges", problems.PLATES)
 def test_plates_buckle_at_one_load_whatever_the_tree(edges: str) -> None:
     exact = problems.ritz_buckling_load(edges)
