@@ -73,7 +73,7 @@ def test_plates_buckle_at_one_load_whatever_the_tree(edges: str) -> None:
         for n, way in ((8, problems.WAYS[0]), *((16, way) for way in problems.WAYS))
     )
     np.testing.assert_allclose(fine, fine[0], rtol=1e-7)
-    assert fine[0] == pytest.approx(exact, rel=0.015)
+    assert fine[0] == pytest.approx(exact, rel=0.02)
     assert abs(fine[0] - exact) < 0.35 * abs(coarse - exact)
 
 

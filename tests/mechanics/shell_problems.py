@@ -379,7 +379,7 @@ def buckling_load(edges: str, cells: int, way: str) -> float:
     return loads[1] + squares[1] * (loads[1] - loads[0]) / (squares[0] - squares[1])
 
 
-def ritz_buckling_load(edges: str, terms: int = 8) -> float:
+def ritz_buckling_load(edges: str, terms: int = 12) -> float:
     """Return the same by Ritz: w = sum of f(x) g(z), f polynomials that keep the edges, g even ones.
 
     Kirchhoff's energy over D: (w,xx + w,zz)^2 - 2 (1 - nu) (w,xx w,zz - w,xz^2), against w,x^2 of the force; length 1.
