@@ -18,6 +18,7 @@ from mbfmu.mechanics import Mechanism, Plant, Plate, Support, Weld, add_sheet
 from mbfmu.mechanics.loads import Drag
 from mbfmu.mechanics.recursions.rnea import momentum
 from mbfmu.simulation import Settings, Simulation
+from mbfmu.steady import problem
 from mbfmu.steady.problem import EquilibriumProblem, equilibrium
 from mbfmu.studies.report import without_rounding
 
@@ -189,6 +190,15 @@ def test_saved_runs_go_on(grid: tuple[int, int], solver: str) -> None:
 
 def test_a_free_sheet_falls_in_statics_and_the_message_names_the_motion() -> None:
     with pytest.raises(EquilibriumError, match="nothing resists translation along y, on which the loads act"):
+        equilibrium(Sheet(support="free"))
+
+
+def test_statics_that_fail_say_so_though_modes_fail_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: Any) -> Any:
+        raise EquilibriumError("the natural modes were not found")
+
+    monkeypatch.setattr(problem, "free_motions", fail)
+    with pytest.raises(EquilibriumError, match=r"no equilibrium was found for 'sheet': .* residual"):
         equilibrium(Sheet(support="free"))
 
 

@@ -260,7 +260,10 @@ class EquilibriumProblem:
         if self.plant.system.has_matrices:
             return ""
         none = np.zeros(self.plant.system.m)
-        motions = free_motions(self.plant, self._start, none)
+        try:
+            motions = free_motions(self.plant, self._start, none)
+        except EquilibriumError:  # what failed first is what there is to tell
+            return ""
         forces, _ = self._solver.residual(0.0, self._start, none)
         along = motions.T @ forces
         if np.abs(along).max(initial=0.0) <= STEADY * float(np.linalg.norm(forces)):

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fmus.sheet import Sheet
-from mbfmu.mechanics import Plant
+from mbfmu.mechanics import Bushing, Floating, Mechanism, Plant, Revolute, Translational
 from mbfmu.mechanics.recursions import dynamics as dy
 from mbfmu.mechanics.recursions.kinematics import accelerations
 from mbfmu.mechanics.recursions.rnea import inverse_dynamics
@@ -66,6 +66,27 @@ def test_solves_the_linearized_inverse_dynamics(case: Case, c2: float, how: int 
     assert tangent.factor(0.0, c2)
     x = tangent.solve(case.a)
     np.testing.assert_allclose(T @ x, case.a, atol=1e-6 * (1.0 + np.abs(T).max() * np.abs(x).max()))
+
+
+def test_a_carrier_without_mass_stays_with_what_it_carries() -> None:
+    """The carrier is farther from the root than what it carries, and its block of one unknown would be empty."""
+    m, mass = Mechanism(), {"mass": 1.0, "inertia": (1.0, 1.0, 1.0)}
+    first = m.body("first", m.ground, Floating(), **mass)
+    slide = m.body("slide", m.ground, Translational(axis="x"))
+    tilt = m.body("tilt", slide, Revolute(axis="y"))
+    last = m.body("last", tilt, Revolute(axis="z"), **mass)
+    m.force("bushing", Bushing(stiffness=5.0, turning_stiffness=3.0), first, last)
+    plant, n = Plant(m), 9
+    q, rng, T = plant.assembly.start_positions(), np.random.default_rng(0), np.zeros((n, n))
+    for k, e in enumerate(1e-5 * np.eye(n)):
+        there, back = q.copy(), q.copy()
+        plant.system.apply(there, e)
+        plant.system.apply(back, -e)
+        T[:, k] = (inverse(plant, there, 2.0 * e) - inverse(plant, back, -2.0 * e)) / 2e-5
+    inverse(plant, q, np.zeros(n))
+    tangent, a = plant.tangent(groups_of(plant, 1)), rng.normal(size=n)
+    assert tangent.factor(0.0, 2.0)
+    np.testing.assert_allclose(T @ tangent.solve(a), a, atol=1e-6)
 
 
 @given(case=cases(forces=True))

@@ -16,7 +16,7 @@ from mbfmu.mechanics.numbers import array_of, not_negative
 
 from .feeling import Felt, felt
 from .shell_energy import SHELL, apply, potential
-from .shell_stiffness import Matrix, assumed, bending, curvature, flat_axes, membrane, stresses
+from .shell_stiffness import Matrix, assumed, bending, curvature, drilling, flat_axes, membrane, stresses
 from .shell_tangent import tangent
 
 SLIM = 1e-3  # sine of the least angle at a corner
@@ -75,9 +75,8 @@ class Shell(Load):
 
     def fill(self, record: Any, site: Site) -> None:
         """Write corners, attitudes and stiffness; see :mod:`.shell_stiffness`."""
-        attitudes = np.broadcast_to(np.eye(3), (4, 3, 3)) if self.attitudes is None else np.asarray(self.attitudes)
         record["node"], record["X"] = site.bodies, self._flat[1]
-        record["B"] = [(self._flat[0] @ A).T for A in attitudes]
+        record["B"] = [(self._flat[0] @ axes).T for axes in self._axes]
         record["plane"], record["bent"] = self._stiffness
         record["damped"], record["damping"] = self.damping > 0.0, self.damping
 
@@ -93,12 +92,17 @@ class Shell(Load):
         stretched[:, :, 0::2] = np.linalg.solve(A, assumed(X, xi, eta) @ stresses(X, A)[0]).reshape(3, 4, 3)
         bent[:, :, 1::2] = curvature(X, xi, eta).reshape(3, 4, 3)
         drawn[:, 1] = natural[:, 1]  # how it is drawn: its corners lifted from the plane, and its normals leaning
-        n = (np.broadcast_to(np.eye(3), (4, 3, 3)) if self.attitudes is None else np.asarray(self.attitudes))[:, :, 1]
-        along, up, across = E @ n.T
+        along, up, across = E @ self._axes[:, :, 1].T
         lean = np.arctan2(np.hypot(along, across), up) / np.maximum(np.hypot(along, across), 1e-300)
         drawn[:, 3], drawn[:, 5] = lean * across, -lean * along
         shape = np.tensordot(bent, drawn, 2)
         return felt(stretched, bent, A, np.asarray(self.bending, float), drawn=shape, natural=shape)
+
+    @property
+    def _axes(self) -> Matrix:
+        """Those of the bodies (4, 3, 3), in the axes that the corners are given in."""
+        given = np.eye(3) if self.attitudes is None else np.asarray(self.attitudes, float)
+        return np.broadcast_to(given, (4, 3, 3))
 
     @cached_property
     def _flat(self) -> tuple[Matrix, Matrix]:
@@ -107,8 +111,8 @@ class Shell(Load):
     @cached_property
     def _stiffness(self) -> tuple[Matrix, Matrix]:
         """In the plane and out of it; cells of one sheet are one object."""
-        X = self._flat[1][:, [0, 2]]
-        return membrane(X, np.asarray(self.stretching, float)), bending(X, np.asarray(self.bending, float))
+        X, A, D = self._flat[1][:, [0, 2]], np.asarray(self.stretching, float), np.asarray(self.bending, float)
+        return membrane(X, A, drilling(self.corners, self._axes[:, :, 1], A, D)), bending(X, D)
 
     @property
     def area(self) -> float:

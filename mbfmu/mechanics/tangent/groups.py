@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
+    from mbfmu.mechanics.builder.bodies import Body
     from mbfmu.mechanics.builder.mechanism import Mechanism
 
 BLOCK = 12  # bodies up to which neighboring groups are merged
@@ -57,7 +58,8 @@ def moving_bodies(mechanism: Mechanism) -> list[bool]:
 def cell_of(mechanism: Mechanism, moving: list[bool]) -> tuple[dict[int, int], list[list[int]]]:
     """Return a number for every moving body, one for those that are to stay together, and the numbers of every sheet.
 
-    Together stay the columns of a sheet, each with what is welded to it. A number is that of one of the bodies.
+    Together stay the columns of a sheet, each with what is welded to it, and a body without mass and one it carries. A
+    number is that of one of the bodies.
     """
     cells = {i: i for i, moves in enumerate(moving) if moves}
     columns: list[list[int]] = []
@@ -73,7 +75,16 @@ def cell_of(mechanism: Mechanism, moving: list[bool]) -> tuple[dict[int, int], l
             carrier, node = pair if pair[1] in in_sheets else pair[::-1]
             if cells[carrier] == carrier:
                 cells[carrier] = cells[node]
+    for body in reversed(mechanism.bodies[1:]):  # a chain of those without mass ends in the cell of what it carries
+        carrier = body.parent
+        if moving[carrier] and cells[carrier] == carrier and is_massless(mechanism.bodies[carrier]):
+            cells[carrier] = cells[body.index]
     return cells, columns
+
+
+def is_massless(body: Body) -> bool:
+    """Whether a body has no inertia of its own: a block of such alone is singular, the mass is in its child's."""
+    return body.mass == 0.0 and not body.inertia.any()
 
 
 def neighbors(mechanism: Mechanism, moving: list[bool], cells: dict[int, int]) -> dict[int, set[int]]:

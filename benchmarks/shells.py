@@ -1,0 +1,126 @@
+"""Standard problems of thin shells: ``python benchmarks/shells.py [NAME ...]``.
+
+Every problem of ``tests/mechanics/shell_problems.py`` on finer and finer meshes: what is found, how far it is off what
+was published, and what it took. The time is that of the solution alone.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+sys.path[:0] = [str(Path(__file__).parents[1] / "tests" / "mechanics")]
+
+import shell_problems as problems  # noqa: E402
+from shell_problems import Problem  # noqa: E402
+
+from mbfmu.errors import EquilibriumError  # noqa: E402
+from mbfmu.steady.problem import EquilibriumProblem, equilibrium  # noqa: E402
+from mbfmu.table import table  # noqa: E402
+
+Mesh = tuple[int, int]
+THICK, THIN = 0.32, 0.0032
+
+
+def converge(what: str, build: Callable[[Mesh], Problem], meshes: tuple[Mesh, ...]) -> None:
+    """Print a table of all meshes."""
+    lines = []
+    for mesh in meshes:
+        problem, name = build(mesh), f"{mesh[0]} x {mesh[1]}"
+        try:
+            found = EquilibriumProblem(problem.mechanism).solve()
+        except EquilibriumError as error:
+            print(f"{what}, {name}: {error}")
+            continue
+        cells = []
+        for output, moved in problem.displacements(found.outputs).items():
+            cells += [f"{moved:.5g}", f"{100.0 * (moved / problem.published[output] - 1.0):+.2f} %"]
+        lines.append((name, *cells, str(found.iterations), f"{found.solve_time:.2f}"))
+    names = [cell for name, value in problem.published.items() for cell in (f"{name}, published {value:.5g}", "off by")]
+    print(table((what, *names, "factorizations", "time [s]"), lines), "\n", flush=True)
+
+
+def squares(*sizes: int) -> tuple[Mesh, ...]:
+    """Return meshes of as many cells both ways."""
+    return tuple((n, n) for n in sizes)
+
+
+def cook() -> None:
+    """Load in the plane, skewed cells."""
+    converge("Cook's membrane", lambda mesh: problems.cook(mesh[0]), squares(2, 4, 8, 16, 32))
+
+
+def strip() -> None:
+    """Large rotations of a strip."""
+    meshes = ((8, 1), (16, 1), (32, 2))
+    converge("sheared strip", problems.sheared_strip, meshes)
+    converge(
+        "strip rolled by 270 degrees", lambda mesh: problems.rolled_strip(mesh, 1.5 * np.pi), ((12, 1), *meshes[1:])
+    )
+
+
+def annulus() -> None:
+    """Large rotations, bending and twist."""
+    converge("slit annulus", problems.slit_annulus, ((24, 4), (30, 6), (60, 8), (80, 10)))
+
+
+def twisted() -> None:
+    """Warped cells."""
+    for thickness in (THICK, THIN):
+        for axis in "zy":
+            converge(
+                f"twisted strip, t = {thickness:g}",
+                lambda mesh, axis=axis, t=thickness: problems.twisted_strip(mesh, axis, t),
+                ((12, 2), (24, 4), (48, 8)),
+            )
+
+
+def hemisphere() -> None:
+    """Double curvature, little strain."""
+    for what, load in (("pinched hemisphere, linear", 0.02), ("pinched hemisphere, far", 400.0)):
+        converge(what, lambda mesh, load=load: problems.pinched_hemisphere(mesh[0], load), squares(8, 16, 32))
+
+
+def cylinder() -> None:
+    """From bending to stretching."""
+    converge("pulled cylinder", problems.pulled_cylinder, ((8, 12), (16, 24), (24, 36)))
+
+
+def buckling() -> None:
+    """Plates pressed in their plane, by all ways a sheet's tree may grow."""
+    for edges in problems.PLATES:
+        exact, lines = problems.ritz_buckling_load(edges), []
+        for cells in (8, 16, 32):
+            for way in problems.WAYS:
+                load = problems.buckling_load(edges, cells, way)
+                lines.append((str(cells), way, f"{load:.4f}", f"{100.0 * (load / exact - 1.0):+.2f} %"))
+        print(table((f"{edges} plate, cells", "tree", f"load, by Ritz {exact:.4f}", "off by"), lines), "\n", flush=True)
+
+
+def held() -> None:
+    """A clamp that ends inside an edge."""
+    lines = []
+    for cells in ((14, 12), (32, 24), (50, 36)):
+        found = equilibrium(problems.held_sheet(cells))
+        heights = (f"{1e3 * found.outputs[name]:.3f}" for name in ("corner", "middle", "other"))
+        lines.append((f"{cells[0] + 1} x {cells[1] + 1}", *heights, str(found.iterations), f"{found.solve_time:.2f}"))
+    print(table(("held third, nodes", "corner [mm]", "middle", "other", "factorizations", "time [s]"), lines), "\n")
+
+
+CASES = {f.__name__: f for f in (cook, strip, annulus, twisted, hemisphere, cylinder, buckling, held)}
+
+
+def main() -> None:
+    """Print the tables of all cases, or of those named."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("cases", nargs="*", metavar="NAME", help=", ".join(CASES))
+    for name in parser.parse_args().cases or CASES:
+        CASES[name]()
+
+
+if __name__ == "__main__":
+    main()
