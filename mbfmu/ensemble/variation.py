@@ -153,7 +153,8 @@ def _listed(what: str, values: Any) -> Listed:
     if not isinstance(values, Sequence) or isinstance(values, str) or not values:
         raise UserError(f"{what}: values are {values!r}; allowed: a list with at least one value")
     for value in values:
-        endless = isinstance(value, int | float | np.number) and not abs(value) <= LARGEST  # an int may be larger
+        plain: Any = value.item() if isinstance(value, np.generic) else value
+        endless = isinstance(plain, int | float) and not abs(plain) <= LARGEST
         if not isinstance(value, kinds) or endless:
             raise UserError(f"{what} has the value {value!r}; allowed: finite numbers, words, true and false")
     return Listed(tuple(v.item() if isinstance(v, np.generic) else v for v in values))
