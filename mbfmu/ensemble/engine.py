@@ -74,7 +74,7 @@ class Workers:
                 with optional("dask", EXTRA).config.set({"distributed.scheduler.allowed-failures": 1}):
                     self._cluster = distributed.LocalCluster(
                         n_workers=count, threads_per_worker=1, processes=True, dashboard_address=":0", memory_limit=0,
-                        silence_logs=logging.CRITICAL,
+                        silence_logs=logging.CRITICAL, preload=["mbfmu.ensemble.deaf"],
                     )  # fmt: skip
                 self._client = distributed.Client(self._cluster, set_as_default=False)
             self._client.wait_for_workers(1, timeout=ANSWER)

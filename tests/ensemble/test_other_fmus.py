@@ -97,7 +97,7 @@ def test_what_is_asked_wrongly_is_told(oscillator: Path, tmp_path: Path):
         ({"vary": {"q": [1.0]}}, "nothing called 'q'"), ({"measure": {"end": "end y"}}, "no output 'y'"),
         ({"measure": {"f": "frequency 1"}}, "no steady states"), ({"vary": {"k": ["soft"]}}, "'soft'"),
         ({"vary": {"k": [True]}}, "finite number"), ({"fixed": {"n": 1.5}}, "whole number"),
-        ({"stop_time": "a"}, "'a'"),
+        ({"stop_time": "a"}, "'a'"), ({"fmu": "."}, "ends in"),
         ({"vary": {"stop_time": [0.0]}}, "greater than zero"), ({"output_interval": 0.0}, "greater than zero"),
         ({"with": "native"}, "leave out one"), ({"vary": {"run": [1.0]}}, "column"),
         ({"fmu": str(tmp_path / "none.fmu")}, "cannot be read"),

@@ -346,7 +346,6 @@ def test_a_pool_of_its_own(tmp_path: Path):
             },
             "whole numbers",
         ),
-        ({"fmu": "fourbar", "scene": None}, "ends in .fmu"),
         ({"keep": 3}, "a list"),
         ({"measure": {"a" * 61: "largest crank.rate"}}, "60 at most"),
         ({"fixed": {"crank.torque": [1.0]}}, "'crank.torque'"),
