@@ -63,13 +63,7 @@ class Scene:
 
     def __post_init__(self) -> None:
         """Check the times; raises UserError."""
-        for key in ("stop_time", "output_interval"):
-            value = getattr(self, key)
-            number = not isinstance(value, bool) and isinstance(value, int | float)
-            if not number or not 0.0 < value < inf or value > sys.float_info.max:
-                raise UserError(f"{key} is {value!r}; allowed: a number of seconds greater than zero")
-        if self.stop_time / self.output_interval > MOST:
-            raise UserError(f"output_interval is {self.output_interval!r} s: more than ten million outputs; enlarge it")
+        check_times(self.stop_time, self.output_interval)
 
     def changed(self, **changes: Any) -> Scene:
         """Return a copy with the given fields; None leaves one as it is."""
@@ -77,6 +71,16 @@ class Scene:
         given = {k: v for k, v in settings.items() if v is not None}
         rest = {k: v for k, v in changes.items() if v is not None}
         return replace(self, settings=replace(self.settings, **given), **rest)
+
+
+def check_times(stop_time: Any, output_interval: Any) -> None:
+    """Refuse what is no duration, and more outputs than can be kept; raises UserError."""
+    for key, value in (("stop_time", stop_time), ("output_interval", output_interval)):
+        number = not isinstance(value, bool) and isinstance(value, int | float)
+        if not number or not 0.0 < value < inf or value > sys.float_info.max:
+            raise UserError(f"{key} is {value!r}; allowed: a number of seconds greater than zero")
+    if stop_time / output_interval > MOST:
+        raise UserError(f"output_interval is {output_interval!r} s: more than ten million outputs; enlarge it")
 
 
 def load_scene(reference: str) -> Scene:

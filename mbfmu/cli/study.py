@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 import sys
 from itertools import count
 from pathlib import Path
@@ -76,7 +77,9 @@ def command_study(options: argparse.Namespace) -> int:
                 progress=bar.show,
             )  # fmt: skip
     except KeyboardInterrupt:
-        again = f"mbfmu study {options.study} --resume -o {folder}"
+        given = {"--scheduler": options.scheduler, "--workers": options.workers, "--count": options.count}
+        more = [f"{key}={value}" for key, value in (given | {"--with": options.runs}).items() if value]
+        again = shlex.join(["mbfmu", "study", str(options.study), "--resume", "-o", str(folder), *more])
         print(f"mbfmu: interrupted; what is done is in {folder}. Go on with: {again}", file=sys.stderr)
         return 130
     draw(study, definition, folder)

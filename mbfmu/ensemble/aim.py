@@ -100,7 +100,7 @@ def read_aim(given: Any, vary: Mapping[str, Variation], measures: Mapping[str, A
     if not isinstance(targets, Mapping) or ("target" in given and not targets):
         raise UserError(f"target is {targets!r}; allowed: a table of measures and values, such as {{reach = 1.2}}")
     for name in (*targets, *(given[k] for k in kinds if k != "target")):
-        if name not in measures:
+        if not isinstance(name, str) or name not in measures:
             raise UserError(f"aim: there is no measure {name!r}{suggest(str(name), measures)}")
     for name, value in targets.items():
         if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
@@ -114,6 +114,8 @@ def read_aim(given: Any, vary: Mapping[str, Variation], measures: Mapping[str, A
     for name, own in vary.items():
         if not isinstance(own, Drawn):
             raise UserError(f"aim: {name!r} is a list; give it a range, {{from = ..., to = ...}}")
+        if own.whole:
+            raise UserError(f"aim: {name!r} is drawn from whole numbers; allowed: a range, {{from = ..., to = ...}}")
     sign = -1.0 if "maximize" in given else 1.0
     measure = given.get("minimize", given.get("maximize", ""))
     return Aim(measure=measure, sign=sign, targets=tuple(targets.items()), method=method, most=most)

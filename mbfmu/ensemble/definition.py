@@ -53,8 +53,9 @@ from .work import Files, FmuJob, ModelJob, pickled
 SAMPLING = ("count", "sampling", "seed", "together", "correlated")
 KEYS = ("scene", "fmu", "with", "stop_time", "output_interval", *SAMPLING, "keep", "fixed", "vary", "measure", "aim")
 SOME = np.array([0.313, 0.5017, 0.7729])  # probabilities at which a distribution is tried
-NAME = re.compile(r"\w[\w .+-]*")  # of a measure, and so of files
+NAME = re.compile(r"\w[\w .+-]{0,59}")  # of a measure, and so of files
 COLUMNS = ("run", "key", "status", "message", "imbalance", "seconds")  # of a table of runs, beside the study's own
+INDEX = ("run", "key", "time")  # of a table of histories, beside outputs
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,12 +158,19 @@ def define(content: Mapping[str, Any]) -> Definition:
     given = content.get("fmu") or content.get("scene")
     if given is None or ("fmu" in content and "scene" in content):
         raise UserError("a study needs a scene or an fmu, one of the two")
+    if "fmu" in content and not str(given).endswith(".fmu"):
+        raise UserError(f"fmu is {given!r}; allowed: the path of a file whose name ends in .fmu")
+    if "fmu" in content and content.get("with", "fmu") != "fmu":
+        raise UserError(f"runs are made with {content['with']!r}, and of an fmu; leave out one of the two")
     subject = subject_of(
         given, content.get("with", "simulation"), content.get("stop_time"), content.get("output_interval")
     )
     vary = _vary(subject, content.get("vary"))
     fixed = _fixed(subject, content.get("fixed", {}), vary)
     aim = read_aim(content.get("aim"), vary, content.get("measure") or {})
+    for key in ("sampling", "correlated"):
+        if aim and key in content:
+            raise UserError(f"{key} is given beside an aim, which looks without sampling; leave out one of the two")
     measures, files = _measures(subject, content.get("measure") or {}, vary)
     given_sampling = {("method" if k == "sampling" else k): content[k] for k in SAMPLING if k in content}
     if "correlated" in given_sampling:
@@ -196,6 +204,10 @@ def _vary(subject: Subject, given: Any) -> dict[str, Variation]:
     for name, value in given.items():
         if name not in subject.units:
             raise unknown(subject, str(name))
+        if name in COLUMNS:
+            raise UserError(
+                f"{name!r} cannot vary: a column that every study has is called so; allowed: one value, in fixed"
+            )
         own = read_variation(name, value, subject.units[name])
         if isinstance(own, Listed):
             own = Listed(tuple(check_point(subject, {name: x})[name] for x in own.values))
@@ -240,7 +252,9 @@ def _measures(
             what = "varies" if name in vary else "is a column that every study has"
             raise UserError(f"measure {name!r} has the name of what {what}; give it another")
         if not NAME.fullmatch(str(name)):
-            raise UserError(f"measure {name!r} has a name that files cannot have; allowed: letters, digits, . + - _")
+            raise UserError(
+                f"measure {name!r} has a name that files cannot have; allowed: letters, digits, . + - _, 60 at most"
+            )
         if callable(value):
             found.append(Own(name, value, digest(pickled(value))))
         elif isinstance(value, str) and ".py:" in value:
@@ -264,11 +278,14 @@ def _loaded(name: str, path: Path) -> Files:
 
 
 def _kept(subject: Subject, given: Any) -> tuple[str, ...]:
-    if isinstance(given, str) or not all(isinstance(name, str) for name in given):
+    if not isinstance(given, list | tuple) or not all(isinstance(name, str) for name in given):
         raise UserError(f"keep is {given!r}; allowed: a list of outputs, or ['*'] for all")
-    if tuple(given) == ("*",):
-        return tuple(subject.outputs)
-    for name in given:
+    names = tuple(subject.outputs) if tuple(given) == ("*",) else tuple(given)
+    for name in names:
         if name not in subject.outputs:
             raise UserError(f"keep: there is no output {name!r}{suggest(name, subject.outputs)}")
-    return tuple(given)
+        if name in INDEX:
+            raise UserError(
+                f"keep: output {name!r} cannot be kept: a column that every table of histories has is called so"
+            )
+    return names

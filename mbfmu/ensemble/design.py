@@ -63,7 +63,7 @@ class Sampling:
 
     def __post_init__(self) -> None:
         """Check; raises UserError."""
-        if self.method not in METHODS:
+        if not isinstance(self.method, str) or self.method not in METHODS:
             raise UserError(f"sampling is {self.method!r}{suggest(str(self.method), METHODS)}")
         for name, value, least in (("count", self.count, 1), ("seed", self.seed, 0)):
             if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= MOST:
@@ -85,6 +85,12 @@ def points(vary: Mapping[str, Variation], sampling: Sampling) -> list[Point]:
     """
     listed = {name: own.values for name, own in vary.items() if isinstance(own, Listed)}
     drawn = {name: own for name, own in vary.items() if isinstance(own, Drawn)}
+    if sampling.correlated and sampling.method in ("tornado", "sensitivity"):
+        raise UserError(f"sampling is {sampling.method!r}, which is of independent numbers; leave out correlated")
+    for name in (name for one, other, _ in sampling.correlated for name in (one, other)):
+        if name not in drawn:
+            known = suggest(name, drawn) if drawn else "; nothing that varies has one"
+            raise UserError(f"correlated names {name!r}, which has no distribution{known}")
     if sampling.method == "tornado":
         return _one_at_a_time(vary)
     if sampling.method == "sensitivity" and (listed or not drawn):
@@ -121,8 +127,6 @@ def _probabilities(names: Sequence[str], sampling: Sampling) -> Array:
     if sampling.method == "sobol":
         whole = qmc.Sobol(d, rng=sampling.seed).random_base2(max(n - 1, 0).bit_length())
         return _correlate(whole[:n], names, sampling)
-    if sampling.correlated:
-        raise UserError("sampling is 'sensitivity', whose indices are of independent numbers; leave out correlated")
     both = qmc.Sobol(2 * d, rng=sampling.seed).random_base2(n.bit_length() - 1)
     a, b = both[:, :d], both[:, d:]
     mixed = [np.where(np.arange(d) == i, b, a) for i in range(d)]
@@ -135,9 +139,6 @@ def _correlate(u: Array, names: Sequence[str], sampling: Sampling) -> Array:
         return u
     matrix = np.eye(len(names))
     for one, other, value in sampling.correlated:
-        for name in (one, other):
-            if name not in names:
-                raise UserError(f"correlated names {name!r}, which has no distribution{suggest(name, names)}")
         i, j = names.index(one), names.index(other)
         matrix[i, j] = matrix[j, i] = value
     try:
@@ -168,7 +169,12 @@ def correlations(given: Any, vary: Mapping[str, Variation]) -> tuple[tuple[str, 
     """
     if not isinstance(given, Sequence) or isinstance(given, str):
         raise UserError(f'correlated is {given!r}; allowed: a list of such as ["a", "b", 0.8]')
-    return tuple(_correlation(entry, vary) for entry in given)
+    found = tuple(_correlation(entry, vary) for entry in given)
+    pairs = [frozenset(pair[:2]) for pair in found]
+    for pair, entry in zip(pairs, given, strict=True):
+        if pairs.count(pair) > 1:
+            raise UserError(f"correlated has {entry!r} and another correlation of these two; allowed: one")
+    return found
 
 
 def _correlation(entry: Any, vary: Mapping[str, Variation]) -> tuple[str, str, float]:
@@ -176,10 +182,11 @@ def _correlation(entry: Any, vary: Mapping[str, Variation]) -> tuple[str, str, f
     allowed = 'such as ["a", "b", 0.8], or {of = ["a", "b"], covariance = 1e-6}'
     if isinstance(entry, Mapping):
         of, kinds = entry.get("of", ()), set(entry) - {"of"}
-        if len(of) != 2 or len(kinds) != 1 or not kinds <= {"covariance", "correlation"}:
+        two = isinstance(of, Sequence) and not isinstance(of, str) and len(of) == 2
+        if not two or len(kinds) != 1 or not kinds <= {"covariance", "correlation"}:
             raise UserError(f"{what}; allowed: {allowed}")
-        names, value = list(of), entry[next(iter(kinds))]
-        if "covariance" in kinds:
+        names, value = list(map(str, of)), entry[next(iter(kinds))]
+        if "covariance" in kinds and isinstance(value, int | float):
             known = [vary.get(name) for name in names]
             if not all(isinstance(own, Drawn) for own in known):
                 raise UserError(f"{what}; allowed: names of what has a distribution")

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Iterable, Iterator, Sequence
+import re
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from itertools import islice
-from math import nan
+from math import inf, nan
 from multiprocessing import current_process
 from types import TracebackType
 from typing import Any, Self
@@ -25,10 +27,17 @@ from .design import Point
 from .work import EXTRA, FAILED, FmuJob, ModelJob, Outcome, batch
 
 BATCH = 0.5  # s of work
+ENOUGH = 2.0  # s by the clock, after which a batch that takes longer than was thought comes back with what is done
 LARGEST = 1000  # runs of a batch
-BRIEF = 2.0  # s: a first run that took longer is not made again to know what it takes when all is compiled
 AHEAD = 3  # batches under way for each worker
 ANSWER = 15.0  # s to wait for a scheduler, and for a first worker
+LOOK = 5.0  # s between two looks at whether there is a worker, while no batch comes
+OFTEN = 60.0  # s between two sentences that say there is none
+BRIEFLY = 0.02  # s
+KILLED = "its process died in this run, each time that it was tried"
+
+log = logging.getLogger(__name__)  # what it says is on stderr where nobody asks for it elsewhere
+ADDRESS = re.compile(r"((tcp|tls|ws|wss|ucx)://)?[^\s/]+:\d+")
 
 
 class Workers:
@@ -51,7 +60,12 @@ class Workers:
         distributed = optional("distributed", EXTRA)
         if isinstance(count, bool) or not isinstance(count, int) or count < 0:
             raise UserError(f"workers is {count!r}; allowed: a number of processes, or 0 for one a processor")
+        if scheduler and not ADDRESS.fullmatch(scheduler):
+            raise UserError(f"scheduler is {scheduler!r}; allowed: an address such as 'tcp://host:8786'")
         self._cluster: Any = None
+        self._where = f"scheduler {scheduler!r}" if scheduler else "the pool of workers"
+        self._quiet = ExitStack()  # what is lost is told here, without tracebacks
+        self._quiet.enter_context(distributed.utils.silence_logging_cmgr(logging.CRITICAL))
         try:
             if scheduler:
                 self._client = distributed.Client(scheduler, timeout=ANSWER, set_as_default=False)
@@ -60,14 +74,14 @@ class Workers:
                 with optional("dask", EXTRA).config.set({"distributed.scheduler.allowed-failures": 1}):
                     self._cluster = distributed.LocalCluster(
                         n_workers=count, threads_per_worker=1, processes=True, dashboard_address=":0", memory_limit=0,
-                        silence_logs=logging.CRITICAL,
+                        silence_logs=logging.CRITICAL, preload=["mbfmu.ensemble.deaf"],
                     )  # fmt: skip
                 self._client = distributed.Client(self._cluster, set_as_default=False)
             self._client.wait_for_workers(1, timeout=ANSWER)
-        except (OSError, TimeoutError, ValueError) as error:
+        except Exception as error:  # an address may be wrong in many ways
             self.close()
-            where = f"scheduler {scheduler!r}" if scheduler else "the pool of workers"
-            raise UserError(f"{where} does not answer within {ANSWER:g} s, or has no worker: {error}") from error
+            told = f"{self._where} does not answer within {ANSWER:g} s, or has no worker"
+            raise UserError(f"{told}: {error or type(error).__name__}") from error
         self._check_versions()
 
     def _check_versions(self) -> None:
@@ -89,8 +103,8 @@ class Workers:
     ) -> Iterator[list[Outcome]]:
         """Make the runs of these numbers and points, and yield outcomes of batches as they come.
 
-        ``seconds`` is about what a run takes. What a worker leaves undone when it dies, others do; a run at which
-        workers die again and again has failed.
+        ``seconds`` is about what a run takes. What a worker leaves undone when it dies, others do; a run in which its
+        process dies again and again has failed. Where there is no worker for a while, that is logged as a warning.
 
         Raises
         ------
@@ -105,7 +119,7 @@ class Workers:
         shared = self._client.submit(_given, job, key=f"study-{job.identity}")
 
         def send(runs: list[tuple[int, Point]]) -> None:
-            future = self._client.submit(batch, shared, runs, pure=False)
+            future = self._client.submit(batch, shared, runs, ENOUGH, pure=False)
             batches[future.key] = runs
             under_way.add(future)
 
@@ -118,28 +132,66 @@ class Workers:
                 send([suspects.pop(0)])
 
         send_more()
-        for future in under_way:
+        while not under_way.is_empty():
+            self._wait(under_way, batches)
+            future = next(under_way)
             runs = batches.pop(future.key)
             try:
                 outcomes = future.result()
-            except distributed.KilledWorker as error:
+            except distributed.KilledWorker:
                 if runs[0][0] not in alone:
                     suspects += runs
                     send_more()
                     continue
-                outcomes = [_killed(runs[0], error)]
-            except (CancelledError, OSError) as error:
-                raise UserError(f"the scheduler has gone: {error}; go on with --resume where there is one") from error
+                outcomes = [Outcome(runs[0][0], (), FAILED, KILLED, nan, 0.0, None)]
+            except UserError:
+                raise
+            except (CancelledError, Exception) as error:
+                if future.status == "error":
+                    told = f"{type(error).__name__}: {error}"
+                    raise UserError(f"a worker cannot make runs of this study: {told}") from error
+                raise self._gone(error) from error
             finally:
                 future.release()
             spent = sum(outcome.seconds for outcome in outcomes) / len(outcomes)
             seconds = 0.5 * (seconds + max(spent, 1e-6))
+            if rest := runs[len(outcomes) :]:
+                send(rest)
             send_more()
             yield outcomes
 
+    def _wait(self, under_way: Any, batches: Mapping[str, Sequence[Any]]) -> None:
+        """Wait for a batch; say meanwhile where there is no worker that could make it."""
+        look, told = time.monotonic() + LOOK, -inf
+        while not under_way.has_ready():
+            time.sleep(BRIEFLY)
+            now = time.monotonic()
+            if now < look:
+                continue
+            look = now + LOOK
+            if self._workers() or under_way.has_ready():
+                told = -inf
+            elif now - told > OFTEN:
+                told = now
+                runs = sum(map(len, batches.values()))
+                log.warning(
+                    "%s has no worker: %d runs wait for one; start one, or end this and resume", self._where, runs
+                )
+
+    def _workers(self) -> int:
+        """Return how many workers there are now."""
+        try:
+            return len(self._client.scheduler_info(n_workers=-1)["workers"])
+        except (CancelledError, Exception) as error:  # a connection is lost in many ways
+            raise self._gone(error) from error
+
+    def _gone(self, error: BaseException) -> UserError:
+        told = str(error).splitlines() or [type(error).__name__]
+        return UserError(f"{self._where} has gone: {told[0]}; go on with --resume where there is one")
+
     def count(self) -> int:
         """Return how many workers there are now, one at least."""
-        return max(1, len(self._client.scheduler_info(n_workers=-1)["workers"]))
+        return max(1, self._workers())
 
     def close(self) -> None:
         """Let the pool go, or leave the scheduler as it was."""
@@ -147,6 +199,7 @@ class Workers:
             if own is not None:
                 with suppress(Exception):  # they may have gone before
                     own.close(timeout=5)
+        self._quiet.close()
 
     def __enter__(self) -> Self:
         return self
@@ -173,17 +226,6 @@ def processors() -> int:
 def _given(job: ModelJob | FmuJob) -> ModelJob | FmuJob:
     """Return a job: a task of its own, so that it travels to a worker once, and again where it was lost."""
     return job
-
-
-def _killed(run: tuple[int, Point], error: Exception) -> Outcome:
-    what = f"workers died in this run again and again: {error}"
-    return Outcome(run[0], (), FAILED, what.splitlines()[0], nan, 0.0, None)
-
-
-def here(job: ModelJob | FmuJob, run: tuple[int, Point]) -> Outcome:
-    """Make one run in this process: it compiles what all of them need, and tells how long one takes."""
-    first = batch(job, [run])[0]
-    return first._replace(seconds=batch(job, [run])[0].seconds) if first.seconds < BRIEF else first
 
 
 def merged(outcomes: Sequence[Outcome], measures: int) -> list[Outcome]:

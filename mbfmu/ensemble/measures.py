@@ -69,7 +69,12 @@ def crossing(t: Array, y: Array, threshold: float, direction: str = "any", numbe
 
 
 def settling(t: Array, y: Array, within: float = 0.0) -> float:
-    """Return since when an output stays within this distance of its end, s; 0: 2 % of its range."""
+    """Return since when an output stays within this distance of its end, s; 0: 2 % of its range.
+
+    NaN where some of it is no number.
+    """
+    if np.isnan(y).any():
+        return nan
     far = np.flatnonzero(np.abs(y - y[-1]) > (within or 0.02 * np.ptp(y)))
     return float(t[far[-1] + 1]) if len(far) else float(t[0])
 

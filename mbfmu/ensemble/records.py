@@ -6,7 +6,9 @@ the order of the runs. So a study that is killed at any time goes on from where 
 
 from __future__ import annotations
 
+import fcntl
 import json
+import os
 import secrets
 import shutil
 import time
@@ -25,6 +27,8 @@ from .design import Point
 from .work import EXTRA, FAILED, Outcome
 
 FORMAT = 1
+STUDY = b"mbfmu.study"  # in the files of runs: the identity of the study
+SAID = {"identity", "name", "mbfmu", "units", "study"}
 TOLD, TABLE, PARTS, KEPT = "study.json", "runs.parquet", "parts", "trajectories"
 OTHERS = "others.parquet"  # runs that were made, and that the study does not ask for now
 OFTEN, MANY = 5.0, 5000  # s between two parts, and rows of one
@@ -49,6 +53,7 @@ class Records:
         self._new: list[Row] = []
         self._kept: list[tuple[str, Any]] = []
         self._last = time.monotonic()
+        self._held: int | None = None  # the folder, open and locked
 
     # ---- beginning ---------------------------------------------------------------------------------------------------
 
@@ -58,31 +63,46 @@ class Records:
         Raises
         ------
         UserError
-            There is something else in it, or it cannot be written.
+            There is something else in it, another process makes its runs, or it cannot be written.
         """
         optional("pyarrow", EXTRA)
         told = self.folder / TOLD
         with writing(self.folder):
             if resume:
                 self._compare()
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self._hold()
+            if resume:
                 self._take_up()
-            elif self.folder.exists() and any(self.folder.iterdir()):
+            elif any(self.folder.iterdir()):
                 more = "it holds a study: go on with it by --resume, or name" if told.exists() else "name"
                 raise UserError(f"folder {str(self.folder)!r} is not empty; {more} another")
-            self.folder.mkdir(parents=True, exist_ok=True)
             content = {"format": FORMAT, "mbfmu": mbfmu.__version__, "identity": self.identity}
             content |= {"name": self.definition.subject.name, "units": self.definition.units()}
             content |= {"study": self.definition.content}
             whole(told, lambda path: path.write_text(json.dumps(content, indent=1, ensure_ascii=False, default=repr)))
 
+    def _hold(self) -> None:
+        """Lock the folder as long as this process lasts, where its file system has locks."""
+        self._held = os.open(self.folder, os.O_RDONLY)
+        try:
+            fcntl.flock(self._held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise UserError(f"folder {str(self.folder)!r} is that of a study that another process makes now") from error
+        except OSError:
+            return  # no locks there
+
     def _take_up(self) -> None:
         if not files_of(self.folder, others=True):
             return
         before = read_table(self.folder, others=True)
+        keys, failed = before.column("key").to_pylist(), [x == FAILED for x in before.column("status").to_pylist()]
         columns = [before.column(name).to_pylist() for name in self._names]
         measures = zip(*columns, strict=True) if columns else [()] * len(before)
-        self.done = dict(zip(before.column("key").to_pylist(), measures, strict=True))
-        self.failed = before.column("status").to_pylist().count(FAILED)
+        kept = read_histories(self.folder, ["key"]) if self.definition.keep else before
+        known = set(kept.column("key").to_pylist())
+        self.done = {k: own for k, own, f in zip(keys, measures, failed, strict=True) if f or k in known}
+        self.failed = sum(failed)
 
     def _compare(self) -> None:
         before = read_told(self.folder)
@@ -121,9 +141,18 @@ class Records:
         name = f"{self._new[0]['run']:08d}-{secrets.token_hex(4)}.parquet"
         with writing(self.folder):
             if self._kept:
-                write_table(self._histories(), self.folder / KEPT / name)
-            write_table(self._columns(self._new), self.folder / PARTS / name)
+                write_table(self._histories(), self.folder / KEPT / name, self.identity)
+            write_table(self._columns(self._new), self.folder / PARTS / name, self.identity)
         self._new, self._kept = [], []
+
+    def close(self) -> None:
+        """Write what is new, and let others have the folder."""
+        try:
+            self.write()
+        finally:
+            if self._held is not None:
+                os.close(self._held)
+                self._held = None
 
     def _columns(self, rows: Sequence[Row]) -> dict[str, list[Any]]:
         varied = list(self.definition.vary)
@@ -147,8 +176,8 @@ class Records:
         others = sorted(at[key] for key in at.keys() - set(keys))
         with writing(self.folder):
             if others:
-                write_table(table.take(others), self.folder / OTHERS)
-            write_table(rows, self.folder / TABLE)
+                write_table(table.take(others), self.folder / OTHERS, self.identity)
+            write_table(rows, self.folder / TABLE, self.identity)
             if not others:
                 (self.folder / OTHERS).unlink(missing_ok=True)
             shutil.rmtree(self.folder / PARTS, ignore_errors=True)
@@ -165,10 +194,11 @@ def whole(path: Path, write: Any) -> None:
         unfinished.unlink(missing_ok=True)
 
 
-def write_table(columns: Any, path: Path) -> None:
-    """Write a table, or columns by their names, as a Parquet file."""
+def write_table(columns: Any, path: Path, identity: str) -> None:
+    """Write a table, or columns by their names, as a Parquet file of the study with this identity."""
     arrow, parquet = optional("pyarrow", EXTRA), optional("pyarrow.parquet", EXTRA)
     table = arrow.table(columns) if isinstance(columns, dict) else columns
+    table = table.replace_schema_metadata({STUDY: identity})
     whole(path, lambda unfinished: parquet.write_table(table, unfinished))
 
 
@@ -180,7 +210,7 @@ def read_told(folder: Path) -> dict[str, Any]:
         raise UserError(f"folder {str(folder)!r} holds no study: {error.strerror}") from error
     except ValueError as error:
         raise UserError(f"{str(folder / TOLD)!r} is damaged: {error}") from error
-    if not isinstance(told, dict) or told.get("format") != FORMAT:
+    if not isinstance(told, dict) or told.get("format") != FORMAT or not told.keys() >= SAID:
         raise UserError(f"folder {str(folder)!r} holds a study that this mbfmu cannot read")
     return told
 
@@ -199,14 +229,40 @@ def read_table(folder: Path, *, others: bool = False) -> Any:
     UserError
         A file is none of ours, or nothing is there yet.
     """
-    arrow, parquet = optional("pyarrow", EXTRA), optional("pyarrow.parquet", EXTRA)
-    tables = []
-    for file in files_of(folder, others=others):
-        try:
-            tables.append(parquet.read_table(file))
-            tables[-1].column("key")
-        except Exception as error:  # a file of another kind fails in many ways
-            raise UserError(f"{str(file)!r} is no table of runs: {error}") from error
+    identity = read_told(folder)["identity"]
+    tables = [_read(file, identity) for file in files_of(folder, others=others)]
     if not tables:
         raise UserError(f"folder {str(folder)!r} holds no runs yet")
-    return arrow.concat_tables(tables, promote_options="permissive").sort_by("run")
+    table = _joined(tables).sort_by("run")
+    first = np.unique(table.column("key").to_numpy(), return_index=True)[1]
+    return table if len(first) == len(table) else table.take(np.sort(first))  # one that was killed may have some twice
+
+
+def read_histories(folder: Path, columns: list[str] | None = None) -> Any:
+    """Return the histories that a folder keeps, or columns of them, as a table of pyarrow's.
+
+    Raises
+    ------
+    UserError
+        A file is none of ours.
+    """
+    arrow, identity = optional("pyarrow", EXTRA), read_told(folder)["identity"]
+    tables = [_read(file, identity, columns) for file in sorted((folder / KEPT).glob("*.parquet"))]
+    return _joined(tables) if tables else arrow.table({"key": []})
+
+
+def _read(file: Path, identity: str, columns: list[str] | None = None) -> Any:
+    parquet = optional("pyarrow.parquet", EXTRA)
+    try:
+        table = parquet.read_table(file, columns=columns)
+        table.column("key")
+    except Exception as error:  # a file of another kind fails in many ways
+        again = "move it away, and --resume makes its runs again"
+        raise UserError(f"{str(file)!r} is no table of runs: {error}; {again}") from error
+    if (table.schema.metadata or {}).get(STUDY, identity.encode()) != identity.encode():
+        raise UserError(f"{str(file)!r} is of another study; move it away")
+    return table
+
+
+def _joined(tables: Sequence[Any]) -> Any:
+    return optional("pyarrow", EXTRA).concat_tables(tables, promote_options="permissive")

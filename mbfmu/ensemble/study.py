@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,9 +17,9 @@ from mbfmu.extras import optional
 from .aim import Found, look
 from .definition import Definition, define, read_study
 from .design import Point
-from .engine import Workers, check_place, here, merged
-from .records import KEPT, Records, Row, read_table, read_told
-from .work import EXTRA, FAILED, OK, SUSPECT, FmuJob, ModelJob, Outcome, forget
+from .engine import Workers, check_place, merged
+from .records import KEPT, Records, Row, read_histories, read_table, read_told
+from .work import EXTRA, FAILED, OK, SUSPECT, FmuJob, ModelJob, Outcome
 
 Progress = Callable[[int, int, int], None]  # told runs that are done, of how many, and how many failed
 
@@ -80,10 +81,10 @@ class Study:
 
     def trajectories(self) -> Any:
         """Return a pandas DataFrame of the outputs that were kept, by run and time in s."""
-        pandas = optional("pandas", EXTRA)
+        optional("pandas", EXTRA)
         if not (self.folder / KEPT).exists():
             raise UserError("the study keeps no trajectories; name outputs in its keep")
-        frame = pandas.read_parquet(self.folder / KEPT)
+        frame = read_histories(self.folder).to_pandas()
         runs = {row["key"]: row["run"] for row in self.rows}
         frame = frame[frame["key"].isin(runs)]
         frame.insert(0, "run", frame.pop("key").map(runs).astype(int))
@@ -170,19 +171,15 @@ def run_study(
     check_place()
     job, records = definition.job(), Records(folder, definition)
     wanted = [] if definition.aim else definition.points()
-    records.begin(resume)
     campaign = Campaign(job, records, scheduler, workers, progress)
     found = None
-    try:
+    with closing(campaign), closing(records):
+        records.begin(resume)
         if definition.aim:
             found = look(definition.aim, definition.vary, campaign.measured, definition.sampling.seed)
         else:
             campaign.evaluate(wanted)
         records.finish(campaign.keys)
-    finally:
-        campaign.close()
-        records.write()
-        forget(job)
     return replace(load_study(folder), found=found, wall_time=time.perf_counter() - begin)
 
 
@@ -215,15 +212,14 @@ class Campaign:
         waiting = list(missing.values())
         self._done += len(keys) - len(waiting)
         self._tell()
-        if waiting and not self._seconds:
-            outcome = here(self._job, waiting[0])
-            self._take([outcome], dict(waiting))
-            self._seconds, waiting = outcome.seconds, waiting[1:]
-        if waiting:
-            self._workers = self._workers or Workers(*self._where)
-            asked = dict(waiting)
-            for outcomes in self._workers.run(self._job, waiting, self._seconds):
+        if not waiting:
+            return
+        self._workers = self._workers or Workers(*self._where)
+        asked = dict(waiting)
+        for some in [waiting] if self._seconds else [waiting[:1], waiting[1:]]:  # the first compiles what all need
+            for outcomes in self._workers.run(self._job, some, self._seconds or 1.0):
                 self._take(outcomes, asked)
+                self._seconds = outcomes[0].seconds or 1.0  # nothing is known of one that killed its process
 
     def _take(self, outcomes: Sequence[Outcome], asked: Mapping[int, Point]) -> None:
         whole = merged(outcomes, len(self._records.definition.measures))

@@ -11,20 +11,24 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 import mbfmu
 from mbfmu.audit import VARIABLES
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Mechanism
 from mbfmu.model import Model, check, declared, of_user, suggest
-from mbfmu.scene import Scene, default_scene, load_scene
+from mbfmu.scene import Scene, check_times, default_scene, load_scene
 from mbfmu.settings import Settings
 
 from .design import Point
 from .work import STOP, Files, FmuJob, Job, ModelJob, pickled
 
 RUNS = ("simulation", "fmu", "native")
-NUMBERS = ("Real", "Integer", "Boolean", "Float64", "Float32", "Int8", "Int16", "Int32", "Int64", "UInt8", "UInt16",
-           "UInt32", "UInt64")  # fmt: skip
+NUMBERS: dict[str, type] = {
+    "Real": float, "Integer": int, "Boolean": bool, "Float64": float, "Float32": float,
+    **{f"{sign}Int{bits}": int for sign in ("", "U") for bits in (8, 16, 32, 64)},
+}  # fmt: skip
 
 
 def files_of(path: Path) -> Files:
@@ -42,6 +46,18 @@ def digest(*content: Any) -> str:
     """Return what tells contents apart: hexadecimal digits."""
     told = json.dumps(content, sort_keys=True, default=lambda x: x.hex() if isinstance(x, bytes) else repr(x))
     return sha256(told.encode()).hexdigest()[:24]
+
+
+def number(what: str, value: Any, kind: type) -> Any:
+    """Return a value as a float, an int or a bool, whichever is asked for; raises UserError where it is none."""
+    if kind is bool:
+        if isinstance(value, bool | np.bool_):
+            return bool(value)
+        raise UserError(f"{what} is {value!r}; allowed: true or false")
+    real = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+    if not real or not abs(value) <= sys.float_info.max or (kind is int and value != int(value)):
+        raise UserError(f"{what} is {value!r}; allowed: {'a whole' if kind is int else 'a finite'} number")
+    return kind(value)
 
 
 @dataclass(frozen=True)
@@ -85,9 +101,7 @@ class ModelSubject:
             return self.scene.changed(stop_time=value).stop_time
         if name in asdict(self.scene.settings):
             return getattr(self.scene.changed(**{name: value}).settings, name)
-        if isinstance(value, bool | str):
-            raise UserError(f"input {name!r} is {value!r}; allowed: a finite number")
-        return float(value)
+        return number(f"input {name!r}", value, float)
 
     def job(self, **shared: Any) -> ModelJob:
         """Return what workers are given."""
@@ -109,10 +123,19 @@ class ModelSubject:
 
 @dataclass(frozen=True)
 class FmuSubject:
-    """An FMU for co-simulation."""
+    """An FMU for co-simulation.
+
+    Attributes
+    ----------
+    kinds
+        By name of what may vary: float, int or bool.
+    units, outputs
+        By name of what may vary and of outputs, their units.
+    """
 
     name: str
     content: bytes
+    kinds: dict[str, type]
     units: dict[str, str]
     outputs: dict[str, str]
     values: Mapping[str, Any]
@@ -122,9 +145,9 @@ class FmuSubject:
 
     def check(self, name: str, value: Any) -> Any:
         """Return a value as what varies takes it; raises UserError where it does not."""
-        if isinstance(value, str):
-            raise UserError(f"variable {name!r} of {self.name!r} is {value!r}; allowed: numbers, true and false")
-        return value
+        if name == STOP:
+            check_times(value, self.interval)
+        return number(f"variable {name!r} of {self.name!r}", value, self.kinds[name])
 
     def job(self, **shared: Any) -> FmuJob:
         """Return what workers are given."""
@@ -189,12 +212,14 @@ def read_fmu(path: Path, stop_time: float | None, interval: float | None) -> Fmu
     if not outputs:
         raise UserError(f"FMU {str(path)!r} has no output that is a number")
     usual = described.defaultExperiment
-    stop = stop_time or float(getattr(usual, "stopTime", None) or 0.0)
-    if not stop > 0.0:
+    stop = float(getattr(usual, "stopTime", None) or 0.0) if stop_time is None else stop_time
+    if stop_time is None and not stop > 0.0:
         raise UserError(f"FMU {str(path)!r} says no stop time; give stop_time")
-    step = interval or float(getattr(usual, "stepSize", None) or stop / 500.0)
+    check_times(stop, stop if interval is None else interval)
+    step = float(getattr(usual, "stepSize", None) or stop / 500.0) if interval is None else interval
     units = {v.name: v.unit or "1" for v in settable} | {STOP: "s"}
-    return FmuSubject(path.stem, content, units, outputs, {}, stop, step)
+    kinds = {v.name: NUMBERS[v.type] for v in settable} | {STOP: float}
+    return FmuSubject(path.stem, content, kinds, units, outputs, {}, stop, step)
 
 
 def check_point(subject: Subject, point: Point) -> Point:

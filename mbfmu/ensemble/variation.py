@@ -12,6 +12,7 @@ A variation is written in a study file, or given from Python, as one of
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
@@ -28,6 +29,7 @@ from solvers.system import Array
 NUMBER = r"[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?|[-+]?\.\d+(?:[eE][-+]?\d+)?"
 TOLERANCE = re.compile(rf"\s*({NUMBER})\s*(\S*?)\s*(?:\+-|\+/-|±)\s*({NUMBER})\s*(\S*)\s*")
 SIGMAS = 3.0  # standard deviations in a tolerance
+LARGEST = sys.float_info.max
 MANY = 10_000_000  # values of one list
 OTHERWISE = 'a list, {from, to, count}, {from, to}, {distribution, ...} or a text such as "1 m +- 0.01 mm"'
 
@@ -55,10 +57,14 @@ class Drawn:
         """Return values for probabilities u between 0 and 1."""
         return np.asarray(self.distribution.ppf(u), float)
 
+    @property
+    def whole(self) -> bool:
+        """Whether the distribution is of whole numbers."""
+        return isinstance(getattr(self.distribution, "dist", None), stats.rv_discrete)
+
     def values(self, u: Array) -> list[float] | list[int]:
         """Return the same in a list, whole numbers of a discrete distribution."""
-        whole = isinstance(getattr(self.distribution, "dist", None), stats.rv_discrete)
-        return [int(x) for x in self.at(u)] if whole else [float(x) for x in self.at(u)]
+        return [int(x) for x in self.at(u)] if self.whole else [float(x) for x in self.at(u)]
 
 
 Variation = Listed | Drawn
@@ -127,9 +133,9 @@ def _of_table(what: str, given: dict[str, Any]) -> Variation:
     if not isinstance(by_ratio, bool):
         raise UserError(f"{what}: log is {by_ratio!r}; allowed: true or false")
     for end in (low, high):
-        if isinstance(end, bool) or not isinstance(end, int | float) or not isfinite(end):
+        if isinstance(end, bool) or not isinstance(end, int | float) or not abs(end) <= LARGEST:
             raise UserError(f"{what}: {end!r} is no end of a range; allowed: finite numbers")
-    if not low < high or (by_ratio and low <= 0.0):
+    if not low < high or (by_ratio and low <= 0.0) or not high - low <= LARGEST:
         positive = " greater than zero" if by_ratio else ""
         raise UserError(f"{what} is from {low!r} to {high!r}; allowed: from a number{positive} to a larger one")
     if "count" not in given:
@@ -147,8 +153,9 @@ def _listed(what: str, values: Any) -> Listed:
     if not isinstance(values, Sequence) or isinstance(values, str) or not values:
         raise UserError(f"{what}: values are {values!r}; allowed: a list with at least one value")
     for value in values:
-        number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
-        if not isinstance(value, kinds) or (number and not isfinite(float(value))):
+        plain: Any = value.item() if isinstance(value, np.generic) else value
+        endless = isinstance(plain, int | float) and not abs(plain) <= LARGEST
+        if not isinstance(value, kinds) or endless:
             raise UserError(f"{what} has the value {value!r}; allowed: finite numbers, words, true and false")
     return Listed(tuple(v.item() if isinstance(v, np.generic) else v for v in values))
 

@@ -10,7 +10,7 @@ import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import nan
+from math import inf, nan
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -35,6 +35,7 @@ from .measures import Measure, Steady
 
 OK, SUSPECT, FAILED = "ok", "suspect", "failed"
 STOP = "stop_time"
+WARNING = 1  # the status of FMI; larger ones are worse
 EXTRA = "study"  # of mbfmu: the packages that studies need
 
 
@@ -186,21 +187,28 @@ class FmuRunner:
         from fmpy import simulate_fmu
 
         job, told = self.job, []
-        stop = float(point.get(STOP, job.stop_time))
+        stop, reached = float(point.get(STOP, job.stop_time)), [-inf]
+
+        def went_on(t: float, _: Any) -> bool:  # FMPy tries a step that is discarded again, for ever
+            stuck = t <= reached[0]
+            reached[0] = t
+            return not stuck
+
         names = [name for name, _ in job.outputs]
         failure, rows = "", None
         try:
             rows = simulate_fmu(
                 str(self._folder), stop_time=stop, output_interval=job.interval, output=names,
                 start_values={**job.values, **{k: v for k, v in point.items() if k != STOP}},
-                model_description=self._description, logger=lambda *given: told.append((given[2], _text(given[-1]))),
+                model_description=self._description, step_finished=went_on,
+                logger=lambda *given: told.append((given[-3], _text(given[-1]))),
             )  # fmt: skip
         except Exception as error:  # FMPy raises what it likes
             failure = _last(told) or f"{type(error).__name__}: {error}"
         if rows is None:
             raise UserError(failure)
         if rows["time"][-1] < stop * (1.0 - 1e-9):
-            failure = _last(told) or f"the FMU ended at {rows['time'][-1]:g} s"
+            failure = _last(told) or f"the FMU ended at {rows['time'][-1]:g} s, before {stop:g} s"
         return Result(
             t=rows["time"],
             values=np.column_stack([rows[name] for name in names]).astype(float),
@@ -208,7 +216,7 @@ class FmuRunner:
             statistics=Statistics(),
             wall_time=0.0,
             failure=failure,
-            verdict=next((text for status, text in told if status == 1), ""),
+            verdict=next((text for status, text in told if status == WARNING), ""),
         )
 
     def steady(self, point: Point) -> Equilibrium:
@@ -221,7 +229,8 @@ def _text(given: Any) -> str:
 
 
 def _last(told: Sequence[tuple[int, str]]) -> str:
-    return told[-1][1] if told else ""
+    """Return the last that is more than a warning."""
+    return next((text for status, text in reversed(told) if status > WARNING), "")
 
 
 class Ready(NamedTuple):
@@ -271,10 +280,18 @@ def forget(job: ModelJob | FmuJob) -> None:
         shutil.rmtree(known.runner._folder.parent, ignore_errors=True)
 
 
-def batch(job: ModelJob | FmuJob, points: Sequence[tuple[int, Point]]) -> list[Outcome]:
-    """Make runs and measure them; what is wrong with a run is told in its outcome."""
-    known = ready(job)
-    return [_one(known, number, point) for number, point in points]
+def batch(job: ModelJob | FmuJob, points: Sequence[tuple[int, Point]], enough: float = inf) -> list[Outcome]:
+    """Make runs and measure them; what is wrong with a run is told in its outcome.
+
+    No run is begun after ``enough`` seconds, but the first: outcomes may be fewer than points.
+    """
+    known, found = ready(job), list[Outcome]()
+    end = time.monotonic() + enough
+    for number, point in points:
+        found.append(_one(known, number, point))
+        if time.monotonic() > end:
+            break
+    return found
 
 
 def _one(known: Ready, number: int, point: Point) -> Outcome:
@@ -284,7 +301,7 @@ def _one(known: Ready, number: int, point: Point) -> Outcome:
         outcome = _measured(known, number, {**known.fixed, **point})
     except UserError as error:
         outcome = Outcome(number, nothing, FAILED, str(error), nan, 0.0, None)
-    except (Exception, SystemExit) as error:  # what a model of the user's does
+    except BaseException as error:  # what a model of the user's does; a worker would end at some of these
         outcome = Outcome(number, nothing, FAILED, f"{type(error).__name__}: {error}", nan, 0.0, None)
     return outcome._replace(seconds=time.thread_time() - begin)
 

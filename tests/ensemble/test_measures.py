@@ -10,7 +10,7 @@ import pytest
 
 from fmus.governor import Governor
 from mbfmu import equilibrium
-from mbfmu.ensemble.measures import History, Own, Steady, read_measure
+from mbfmu.ensemble.measures import History, Own, Steady, read_measure, settling
 from mbfmu.ensemble.sensitivity import sobol_indices, tornado
 from mbfmu.ensemble.study import Study
 from mbfmu.errors import UserError
@@ -42,6 +42,10 @@ def measured(given: Any) -> float:
 )  # fmt: skip
 def test_histories_have_closed_forms(given: Any, wanted: float):
     assert measured(given) == pytest.approx(wanted, abs=2e-3 if "settling" in str(given) else 1e-6)
+
+
+def test_what_is_no_number_settles_never():
+    assert isnan(settling(np.arange(3.0), np.array([0.0, np.nan, 1.0])))
 
 
 def test_what_is_never_crossed_is_no_number():

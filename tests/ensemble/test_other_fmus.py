@@ -33,6 +33,12 @@ DESCRIBED = """<?xml version="1.0" encoding="UTF-8"?>
   <ScalarVariable name="k" valueReference="2" causality="parameter" variability="fixed">
    <Real start="1"/>
   </ScalarVariable>
+  <ScalarVariable name="n" valueReference="3" causality="parameter" variability="fixed">
+   <Integer start="1"/>
+  </ScalarVariable>
+  <ScalarVariable name="run" valueReference="4" causality="parameter" variability="fixed">
+   <Real start="1"/>
+  </ScalarVariable>
  </ModelVariables>
  <ModelStructure><Outputs><Unknown index="1"/><Unknown index="2"/></Outputs></ModelStructure>
 </fmiModelDescription>
@@ -74,9 +80,11 @@ def test_a_thousand_runs_leave_nothing_behind(oscillator: Path, tmp_path: Path, 
 
 
 def test_what_fails_is_told(oscillator: Path):
-    study = define({"fmu": str(oscillator), "vary": {"k": [1.0, -1.0]}, "measure": {"end": "end x"}})
+    study = define({"fmu": str(oscillator), "vary": {"k": [1.0, -1.0, 1e7]}, "measure": {"end": "end x"}})
     job = study.job()
-    good, bad = batch(job, list(enumerate(study.points())))
+    good, bad, discarded = batch(job, list(enumerate(study.points())))
+    assert discarded.status == FAILED
+    assert "ended at 0 s, before 1 s" in discarded.message
     assert good.measures == pytest.approx((np.cos(1.0),), abs=1e-6)
     assert bad.status == FAILED
     assert "fmi2ExitInitializationMode" in bad.message
@@ -88,6 +96,10 @@ def test_what_is_asked_wrongly_is_told(oscillator: Path, tmp_path: Path):
     for change, text in (
         ({"vary": {"q": [1.0]}}, "nothing called 'q'"), ({"measure": {"end": "end y"}}, "no output 'y'"),
         ({"measure": {"f": "frequency 1"}}, "no steady states"), ({"vary": {"k": ["soft"]}}, "'soft'"),
+        ({"vary": {"k": [True]}}, "finite number"), ({"fixed": {"n": 1.5}}, "whole number"),
+        ({"stop_time": "a"}, "'a'"), ({"fmu": "."}, "ends in"),
+        ({"vary": {"stop_time": [0.0]}}, "greater than zero"), ({"output_interval": 0.0}, "greater than zero"),
+        ({"with": "native"}, "leave out one"), ({"vary": {"run": [1.0]}}, "column"),
         ({"fmu": str(tmp_path / "none.fmu")}, "cannot be read"),
     ):  # fmt: skip
         with pytest.raises(UserError, match=text):

@@ -22,8 +22,9 @@ import pytest
 import mbfmu as mb
 from mbfmu.cli import main
 from mbfmu.ensemble.definition import define
-from mbfmu.ensemble.records import PARTS, TABLE
-from mbfmu.ensemble.work import FAILED, OK, batch, forget
+from mbfmu.ensemble.engine import Workers
+from mbfmu.ensemble.records import KEPT, PARTS, TABLE, Records
+from mbfmu.ensemble.work import FAILED, OK, Outcome, batch, forget
 from mbfmu.errors import UserError
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
@@ -171,7 +172,7 @@ def test_what_ends_its_process_ends_its_run_alone(tmp_path: Path):
     )
     told = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=True, timeout=300.0)
     assert told.stdout.startswith(
-        "['ok', 'ok', 'ok', 'failed', 'ok', 'failed'] workers died in this run again and again"
+        "['ok', 'ok', 'ok', 'failed', 'ok', 'failed'] its process died in this run, each time"
     )
     assert "SystemExit: 4" in told.stdout
 
@@ -337,6 +338,20 @@ def test_a_pool_of_its_own(tmp_path: Path):
         ({"vary": {"solver": {"from": 0.0, "to": 2.0}}}, "solver"),
         ({"measure": {"a/b": "largest crank.rate"}}, "that files cannot have"),
         ({"aim": {"target": {"fastest": "high"}}}, "finite"),
+        ({"aim": {"minimize": ["fastest"]}}, "no measure"),
+        ({"vary": {"gravity": {"from": 1.0, "to": 2.0}}, "aim": {"minimize": "fastest"}, "sampling": "latin"}, "aim"),
+        (
+            {
+                "vary": {"coupler_modes": {"distribution": "randint", "low": 0, "high": 4}},
+                "aim": {"minimize": "fastest"},
+            },
+            "whole numbers",
+        ),
+        ({"keep": 3}, "a list"),
+        ({"measure": {"a" * 61: "largest crank.rate"}}, "60 at most"),
+        ({"fixed": {"crank.torque": [1.0]}}, "'crank.torque'"),
+        ({"fixed": {"crank.torque": float("inf")}}, "'crank.torque'"),
+        ({"vary": {"gravity": [10**400]}}, "finite"),
     ],
 )
 def test_what_is_wrong_with_a_study_is_told(change: dict[str, Any], told: str):
@@ -370,6 +385,88 @@ def test_folders_are_never_written_over(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.setattr("pyarrow.parquet.write_table", no_space)
     with pytest.raises(UserError, match=f"cannot be written: {full}"):
         mb.study("fourbar", {"gravity": [1.0]}, FASTEST, folder=tmp_path / "b", **known)
+
+
+def test_one_process_has_a_folder(tmp_path: Path):
+    given = {"scene": "fourbar", **FOURBAR, "measure": FASTEST}
+    first, second = (Records(tmp_path / "a", define(given)) for _ in range(2))
+    first.begin(resume=False)
+    with pytest.raises(UserError, match="another process"):
+        second.begin(resume=True)
+    first.close()
+    second.close()
+    second.begin(resume=True)
+    second.close()
+
+
+def kept(folder: Path, measure: str) -> Records:
+    """A folder with one run of its own, and the history of it."""
+    records = Records(folder, define({"scene": "fourbar", **FOURBAR, "measure": {measure: "end crank.rate"},
+                                      "keep": ["crank.rate"]}))  # fmt: skip
+    records.begin(resume=False)
+    records.add([Outcome(0, (1.0,), OK, "", 0.0, 0.1, (np.zeros(2), np.zeros((2, 1))))], [{"gravity": 1.0}])
+    records.close()
+    return records
+
+
+def test_files_that_are_not_of_the_study_are_told(tmp_path: Path):
+    own = kept(tmp_path / "a", "end")
+    kept(tmp_path / "b", "other")
+    (part,) = (tmp_path / "a" / PARTS).iterdir()
+    part.with_name("twice.parquet").write_bytes(part.read_bytes())
+    assert len(mb.load_study(tmp_path / "a").rows) == 1
+    (odd,) = (tmp_path / "b" / PARTS).iterdir()
+    part.with_name("odd.parquet").write_bytes(odd.read_bytes())
+    with pytest.raises(UserError, match="of another study"):
+        mb.load_study(tmp_path / "a")
+    part.with_name("odd.parquet").write_bytes(part.read_bytes()[:100])
+    with pytest.raises(UserError, match="makes its runs again"):
+        own.begin(resume=True)
+    own.close()
+
+
+def test_a_run_whose_history_is_lost_is_made_again(tmp_path: Path):
+    records = kept(tmp_path, "end")
+    for lost in (False, True):
+        if lost:
+            for file in (tmp_path / KEPT).iterdir():
+                file.unlink()
+        again = Records(tmp_path, records.definition)
+        again.begin(resume=True)
+        assert bool(again.done) is not lost
+        again.close()
+
+
+def test_where_no_worker_is_there_that_is_said(caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch):
+    class Late:
+        looks = 0
+
+        def has_ready(self) -> bool:
+            self.looks += 1
+            return self.looks > 5
+
+    monkeypatch.setattr("mbfmu.ensemble.engine.LOOK", 0.0)
+    monkeypatch.setattr(Workers, "_workers", lambda _: 0)
+    workers = Workers.__new__(Workers)
+    workers._where = "scheduler 'tcp://here:1'"
+    workers._wait(Late(), {"a": [1, 2]})
+    assert [r.getMessage() for r in caplog.records] == [
+        "scheduler 'tcp://here:1' has no worker: 2 runs wait for one; start one, or end this and resume"
+    ]
+
+
+def test_a_batch_that_takes_longer_comes_back(monkeypatch: pytest.MonkeyPatch):
+    job = define({"scene": "fourbar", **FOURBAR, "measure": FASTEST, "stop_time": 0.01}).job()
+    points = [(k, {"gravity": 1.0}) for k in range(3)]
+    assert len(batch(job, points, enough=0.0)) == 1
+    assert len(batch(job, points)) == 3
+    forget(job)
+
+
+def test_an_address_that_is_none_is_told():
+    for address in ("abc", "http://host:8786", "tcp://"):
+        with pytest.raises(UserError, match="such as 'tcp://host:8786'"):
+            Workers(address)
 
 
 def test_a_scheduler_that_is_not_there_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

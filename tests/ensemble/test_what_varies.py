@@ -134,10 +134,15 @@ def test_discrete_distributions_give_whole_numbers():
 def test_odd_correlations_are_told():
     for entry, told in (
         (["x", "y", 1.0], "between -1 and 1"), (["x", "x", 0.5], "two names"), (["x", 0.5], "such as"),
-        ({"of": ["x", "q"], "covariance": 1.0}, "has a distribution"),
+        ({"of": ["x", "q"], "covariance": 1.0}, "has a distribution"), ({"of": 3, "covariance": 1.0}, "such as"),
+        ({"of": ["x", "y"], "covariance": "x"}, "between -1 and 1"),
     ):  # fmt: skip
         with pytest.raises(UserError, match=told):
             correlations([entry], NORMAL)
+    with pytest.raises(UserError, match="another correlation"):
+        correlations([["x", "y", 0.5], ["y", "x", -0.5]], NORMAL)
+    with pytest.raises(UserError, match="independent"):
+        points(NORMAL, Sampling(method="tornado", correlated=(("x", "y", 0.5),)))
     both = (("x", "y", 0.9), ("y", "z", 0.9), ("x", "z", -0.9))
     with pytest.raises(UserError, match="contradict"):
         points(NORMAL, Sampling(correlated=both))
