@@ -31,7 +31,7 @@ from __future__ import annotations
 import json
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -45,8 +45,8 @@ from mbfmu.modules import load_module
 
 from .aim import Aim, read_aim
 from .design import Point, Sampling, correlations, points
-from .measures import Measure, Own, read_measure
-from .subject import Subject, check_point, digest, files_of, subject_of, unknown
+from .measures import Measure, Own, Steady, read_measure
+from .subject import ModelSubject, Subject, check_point, digest, files_of, subject_of, unknown
 from .variation import Drawn, Listed, Variation, read_variation
 from .work import Files, FmuJob, ModelJob, pickled
 
@@ -172,6 +172,7 @@ def define(content: Mapping[str, Any]) -> Definition:
         if aim and key in content:
             raise UserError(f"{key} is given beside an aim, which looks without sampling; leave out one of the two")
     measures, files = _measures(subject, content.get("measure") or {}, vary)
+    _refuse_inputs(subject, measures, (*vary, *fixed))
     given_sampling = {("method" if k == "sampling" else k): content[k] for k in SAMPLING if k in content}
     if "correlated" in given_sampling:
         given_sampling["correlated"] = correlations(given_sampling["correlated"], vary)
@@ -227,6 +228,17 @@ def _check_some(subject: Subject, name: str, own: Drawn) -> None:
             errors.append(error)
     if len(errors) == len(some):
         raise errors[0]
+
+
+def _refuse_inputs(subject: Subject, measures: Sequence[Measure], names: Sequence[str]) -> None:
+    """Refuse inputs beside measures of the steady state, which has them as they start."""
+    steady = next((measure.name for measure in measures if isinstance(measure, Steady)), None)
+    given = next((name for name in names if isinstance(subject, ModelSubject) and name in subject.inputs), None)
+    if steady is not None and given is not None:
+        raise UserError(
+            f"measure {steady!r} is of the steady state, where the input {given!r} is as it starts; vary a parameter "
+            "that it starts from, or measure runs"
+        )
 
 
 def _fixed(subject: Subject, given: Any, vary: Mapping[str, Variation]) -> dict[str, Any]:

@@ -68,12 +68,15 @@ class ModelSubject:
     ----------
     units
         By name of what may vary: parameters of the model, its inputs, settings, and ``stop_time``.
+    inputs
+        Those of the model.
     outputs
         By name, their units.
     """
 
     scene: Scene
     units: dict[str, str] = field(init=False)
+    inputs: frozenset[str] = field(init=False)
     outputs: dict[str, str] = field(init=False)
     steady = True
 
@@ -83,6 +86,7 @@ class ModelSubject:
         units = {p.name: p.unit for p in declared(Settings)} | {STOP: "s"}
         units |= {v.name: v.unit for v in plant.inputs.variables} | {p.name: p.unit for p in model.parameters()}
         object.__setattr__(self, "units", units)
+        object.__setattr__(self, "inputs", frozenset(v.name for v in plant.inputs.variables))
         audited = VARIABLES if self.scene.settings.audit else ()
         object.__setattr__(self, "outputs", {v.name: v.unit for v in (*plant.outputs, *audited)})
 

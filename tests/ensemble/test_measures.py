@@ -10,6 +10,7 @@ import pytest
 
 from fmus.governor import Governor
 from mbfmu import equilibrium
+from mbfmu.ensemble.definition import define
 from mbfmu.ensemble.measures import History, Own, Steady, read_measure, settling
 from mbfmu.ensemble.sensitivity import sobol_indices, tornado
 from mbfmu.ensemble.study import Study
@@ -123,3 +124,8 @@ def test_a_tornado_has_its_longest_bar_first():
     assert own.names == ("b", "a")
     assert own.middle == 1.0
     assert own.ends.tolist() == [[0.0, 5.0], [0.9, 1.1]]
+
+
+def test_steady_states_have_inputs_as_they_start():
+    with pytest.raises(UserError, match=r"measure 'f' is of the steady state, where the input 'crank.torque' is as it"):
+        define({"scene": "fourbar", "vary": {"crank.torque": [1.0, 2.0]}, "measure": {"f": "frequency 1"}})

@@ -35,7 +35,7 @@ from mbfmu.mechanics import (
     Weld,
     add_sheet,
 )
-from mbfmu.mechanics.elements.shell_stiffness import plane_stress
+from mbfmu.mechanics.elements.material import PlaneStress
 from mbfmu.steady.problem import equilibrium
 
 Node = tuple[int, int]
@@ -127,7 +127,7 @@ class Surface:
         for i in rows:
             for k in columns:
                 self._hang((i, k), held(i, k))
-        material = plane_stress(self.youngs_modulus, self.poisson) * self.thickness
+        material = PlaneStress(self.youngs_modulus, self.poisson).Q * self.thickness
         for i in range(nu - 1):
             for k in range(nv - 1):
                 cell = [(i, k), (i + 1, k), (i + 1, k + 1), (i, k + 1)]
