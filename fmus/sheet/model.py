@@ -148,8 +148,8 @@ class Sheet(Model):
 
     def independent(self, times: NDArray[np.float64]) -> dict[str, tuple[NDArray[np.float64], float]] | None:
         """Return the tip as a shell code has it; None but for the default sheet at ``times`` that the code tells."""
-        told = {"grid_outputs": self.grid_outputs, "field": self.field}
-        if self != replace(Sheet(), nx=self.nx, nz=self.nz, tree=self.tree, **told):
+        default = replace(Sheet(), nx=self.nx, nz=self.nz, tree=self.tree)
+        if self != replace(default, grid_outputs=self.grid_outputs, field=self.field):
             return None
         table = np.genfromtxt(RELEASE, delimiter=",", names=True)
         rows = np.searchsorted(table["t_s"], times - 1e-9)

@@ -42,7 +42,10 @@ STRUCTURAL = {
     FourBar: {"coupler_modes", "coupler_elements"},
     Governor: {"driven"},
     SwingPendulum: set(),
-    Sheet: {"nx", "nz", "tree", "support", "membrane", "grid_outputs", "length", "width", "poisson", "pressure"},
+    Sheet: {
+        *("nx", "nz", "tree", "support", "slide", "membrane", "stretch", "grid_outputs", "field"),
+        *("length", "width", "poisson", "pressure"),
+    },
 }
 MORE = {
     "elastic four-bar": {"coupler_length", "coupler_mass", "coupler_height", "coupler_width", "youngs_modulus"},
