@@ -83,6 +83,39 @@ def test_a_clamp_over_part_of_the_edge_lets_the_sheet_sag_further() -> None:
     assert part["corner1.y"] == pytest.approx(part["corner2.y"], rel=1e-6)
 
 
+def field_of(model: Sheet) -> Any:
+    """The field of a sheet at rest, (nx - 1, nz - 1)."""
+    outputs = equilibrium(model).outputs
+    return np.array([[outputs[name] for name in row] for row in model.arrays()[model.field]])
+
+
+@pytest.mark.parametrize("stretch", [False, True])
+def test_cells_carry_the_weight_of_the_sheet_beyond_them(stretch: bool) -> None:
+    moment = field_of(Sheet(nx=9, nz=7, gravity_y=-0.01, field="moment.xx", stretch=stretch))
+    x = (np.arange(8) + 0.5) * 0.3 / 8
+    beyond = 1000.0 * 0.3e-3 * 0.21 * 0.01 * x**2 / 2.0
+    assert moment.sum(axis=1) * 0.21 / 6 == pytest.approx(-beyond, rel=1e-3)
+
+
+def test_fields_of_a_stretched_sheet_are_one_state_by_hooke() -> None:
+    held = {"support": "two_edges", "stretch": True, "slide": False, "pressure": 50.0, "gravity_y": 0.0}
+    names = ("strain.xx", "strain.zz", "force.xx", "moment.xx", "stress_top.xx", "stress_bottom.xx")
+    along, across, force, moment, top, bottom = (field_of(Sheet(nx=6, nz=5, field=name, **held)) for name in names)
+    t = 0.3e-3
+    assert force == pytest.approx(1e10 * t / (1.0 - 0.3**2) * (along + 0.3 * across), rel=1e-9)
+    assert top + bottom == pytest.approx(2.0 * force / t, rel=1e-9)
+    assert bottom - top == pytest.approx(12.0 * moment / t**2, rel=1e-6)
+    assert (force > 0.0).all()
+
+
+def test_sheet_without_a_field_publishes_none() -> None:
+    plain, told = (Plant(Sheet(nx=5, nz=4, field=field).build()).outputs for field in ("none", "moment.zz"))
+    assert told[: len(plain)] == plain
+    assert [v.name for v in told[len(plain) :]] == [f"moment.zz[{i},{k}]" for i in range(4) for k in range(3)]
+    with pytest.raises(UserError, match="it does with stretch=True"):
+        Sheet(field="force.xx").build()
+
+
 def test_bending_alone_lets_the_sheet_curl() -> None:
     assert equilibrium(Sheet(membrane=False)).outputs["tip.y"] == pytest.approx(-0.1114, abs=3e-4)
 

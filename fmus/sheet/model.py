@@ -17,12 +17,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.errors import UserError
-from mbfmu.mechanics import Body, Box, Input, Mechanism, Support, Translational, Weld, add_sheet
+from mbfmu.mechanics import Body, Box, Input, Mechanism, Sensor, Support, Translational, Weld, add_sheet
 from mbfmu.mechanics.assemblies.sheet import Sheet as SheetHandle
 from mbfmu.model import Model, parameter
 
 RELEASE = Path(__file__).with_name("release.csv")  # the default, by a shell code
 RELEASE_DOUBT = 0.05e-3  # m; by how much two shell codes differ at rest
+FIELDS = tuple(
+    f"{kind}.{component}"
+    for kind in ("curvature", "moment", "strain", "force", "stress_top", "stress_bottom")
+    for component in ("xx", "zz", "xz")
+)
 HELD = {"clamped": "clamped", "moved": "clamped", "pinned": "pinned", "two_edges": "pinned"}
 
 
@@ -83,6 +88,12 @@ class Sheet(Model):
         0.0, unit="Pa", doc="effect: on the sheet, along its normal; zero leaves it out", tunable=True, optional=True
     )
     grid_outputs: bool = parameter(False, structural=True, doc="position of every node among the outputs")
+    field: str = parameter(
+        "none",
+        choices=("none", *FIELDS),
+        doc="what the middle of every cell feels: among the outputs, and the color of the sheet; strain, force (per "
+        "length) and stress take stretch",
+    )
 
     def build(self) -> Mechanism:
         """Return the mechanism: the flat sheet in y = 0, z from 0 to the width."""
@@ -131,27 +142,35 @@ class Sheet(Model):
             pressure=self.pressure,
             rate=self._rate() if self.support == "free" else None,
         )
-        m.surface("sheet", sheet.nodes)
+        m.surface("sheet", sheet.nodes, field=self._field)
         self._outputs(m, sheet, edge)
         return m
 
     def arrays(self) -> dict[str, Sequence[Any]]:
-        """Return the heights of the free edge, and the positions of all nodes where they are told."""
+        """Return the heights of the free edge, and positions of all nodes and a field of all cells where there are."""
         rows, columns = range(self.nx), range(self.nz)
         found: dict[str, Sequence[Any]] = {"free_edge.y": [f"free_edge[{k}].y" for k in columns]}
         if self.grid_outputs:
             found["node.position"] = [[[f"node[{i},{k}].{axis}" for axis in "xyz"] for k in columns] for i in rows]
+        if self._field:
+            found[self.field] = [[f"{self.field}[{i},{k}]" for k in columns[:-1]] for i in rows[:-1]]
         return found
 
     def independent(self, times: NDArray[np.float64]) -> dict[str, tuple[NDArray[np.float64], float]] | None:
         """Return the tip as a shell code has it; None but for the default sheet at ``times`` that the code tells."""
-        if self != replace(Sheet(), nx=self.nx, nz=self.nz, tree=self.tree, grid_outputs=self.grid_outputs):
+        default = replace(Sheet(), nx=self.nx, nz=self.nz, tree=self.tree)
+        if self != replace(default, grid_outputs=self.grid_outputs, field=self.field):
             return None
         table = np.genfromtxt(RELEASE, delimiter=",", names=True)
         rows = np.searchsorted(table["t_s"], times - 1e-9)
         if rows[-1] == len(table) or np.abs(table["t_s"][rows] - times).max() > 1e-9:
             return None
         return {f"tip.{axis}": (table[f"{axis}_shell_m"][rows], RELEASE_DOUBT) for axis in "xy"}
+
+    @property
+    def _field(self) -> str:
+        """Name of the field that is told; empty: none."""
+        return "" if self.field == "none" else self.field
 
     def _gravity(self, axis: str) -> Input:
         """Return the input that sets one component of gravity."""
@@ -184,7 +203,7 @@ class Sheet(Model):
         return body
 
     def _outputs(self, m: Mechanism, sheet: SheetHandle, edge: Body | None) -> None:
-        """Publish tip, corners, free edge, energies, the support's reaction, and on request every node."""
+        """Publish tip, corners, free edge, energies, the support's reaction, and on request every node and a field."""
         points = {"tip": sheet.node(0, self.nz // 2), "corner1": sheet.node(0, 0), "corner2": sheet.node(0, -1)}
         for name, node in points.items():
             for axis in "xyz":
@@ -207,3 +226,21 @@ class Sheet(Model):
                 for k in range(self.nz):
                     for axis in "xyz":
                         m.output(f"node[{i},{k}].{axis}", sheet.node(i, k).position(axis), f"node {i}, {k}")
+        if self._field:
+            for i in range(self.nx - 1):
+                for k in range(self.nz - 1):
+                    felt = self._felt(sheet, (i + 0.5) * sheet.a, (k + 0.5) * sheet.b)
+                    m.output(f"{self.field}[{i},{k}]", felt, f"in the middle of cell {i}, {k}")
+
+    def _felt(self, sheet: SheetHandle, x: float, z: float) -> Sensor:
+        """Return the sensor of the field at a place of the flat sheet."""
+        kind, component = self.field.split(".")
+        if kind.startswith("stress"):
+            return sheet.stress(component, x, z, face=kind.removeprefix("stress_"))
+        felt = {
+            "curvature": sheet.curvature,
+            "moment": sheet.moment,
+            "strain": sheet.strain,
+            "force": sheet.force_per_length,
+        }
+        return felt[kind](component, x, z)

@@ -18,6 +18,7 @@ import numpy as np
 from mbfmu.errors import writing
 
 from .camera import Stage
+from .fields import STOPS, fields
 from .forces import scales
 from .motion import Motion
 
@@ -45,12 +46,13 @@ def page(motion: Motion, against: Motion | None = None) -> tuple[str, int]:
     stride = ceil(sum(map(size, runs)) / LARGEST)
     picture, stage = motion.picture, Stage.of(*runs)
     bodies = len(motion.names) - 1 - len(picture.unnamed)
-    scene = described(motion) | {
+    scene = described(motion, *runs) | {
         "note": " · ".join(filter(None, (f"{bodies} {'body' if bodies == 1 else 'bodies'}", motion.caption))),
         "scale": motion.scale,
         "stage": stage.as_dict(),
         "scales": scales(motion.arrows, motion.forces, 2.0 * float(np.linalg.norm(stage.half))),
-        "against": described(against) if against else None,
+        "against": described(against, *runs) if against else None,
+        "stops": STOPS,
     }
     own, kept = files(__package__) / "page", files(__package__) / "vendor"
     license = (kept / "uPlot.LICENSE").read_text(encoding="utf-8")
@@ -73,8 +75,8 @@ def size(motion: Motion) -> int:
     return 4 * len(motion.times) * int(poses + len(motion.outputs) + 3 * len(motion.arrows))
 
 
-def described(motion: Motion) -> dict[str, Any]:
-    """Return what a page says of a run, but for its numbers over time."""
+def described(motion: Motion, *runs: Motion) -> dict[str, Any]:
+    """Return what a page of these runs says of one of them, but for its numbers over time."""
     return {
         "title": motion.title,
         "bodies": motion.names,
@@ -87,6 +89,7 @@ def described(motion: Motion) -> dict[str, Any]:
             for (name, unit), base in zip(motion.outputs, bases(motion), strict=True)
         ],
         "arrows": [asdict(arrow) for arrow in motion.arrows],
+        "fields": [field and asdict(field) for field in fields(motion, *runs)],
     }
 
 

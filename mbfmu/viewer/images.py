@@ -18,6 +18,7 @@ from mbfmu.errors import UserError, writing
 from mbfmu.mechanics.axes import along
 
 from .camera import Camera, Stage
+from .fields import Field, colored, fields
 from .motion import Motion, matrices
 
 Array = NDArray[np.float64]
@@ -98,6 +99,7 @@ class _Artist:
         self.colors = {c: np.array(to_rgb(c)) for c in self._colors()}
         self.figure = Figure(figsize=(shot.width / DPI, shot.height / DPI), facecolor=BACKGROUND)
         self.grid = self._grid()
+        self.fields = fields(motion)
 
     def _colors(self) -> set[str]:
         picture = self.motion.picture
@@ -121,13 +123,29 @@ class _Artist:
         clock = "   ".join(filter(None, (f"{self.motion.times[frame]:.3f} s", self.motion.caption)))
         self.figure.text(0.02, 0.965, self.motion.title, color=INK, fontsize=12, va="center", weight="bold")
         self.figure.text(0.02, 0.03, clock, color=INK, fontsize=10, va="center", family="monospace")
+        for k, field in enumerate({field.name: field for field in self.fields if field}.values()):
+            self._legend(field, 68.0 * k)
+
+    def _legend(self, field: Field, above: float) -> None:
+        """Draw what the colors of a field mean into the lower right corner, so many pixels above the others."""
+        wide, high = self.shot.width, self.shot.height
+        left, right, low = 1.0 - min(246.0 / wide, 0.6), 1.0 - 46.0 / wide, (36.0 + above) / high
+        bar = self.figure.add_axes((left, low, right - left, 12.0 / high))
+        bar.set_axis_off()
+        bar.imshow(colored(np.linspace(-1.0, 1.0, 256), 1.0)[None], aspect="auto")
+        words = field.name if field.unit == "1" else f"{field.name} [{field.unit}]"
+        middle = 0.5 * (left + right)
+        self.figure.text(middle, low + 26.0 / high, words, color=INK, fontsize=9, ha="center", va="center")
+        ticks = {left: -field.limit, middle: 0.0, right: field.limit} if field.limit else {middle: 0.0}
+        for x, value in ticks.items():
+            self.figure.text(x, low - 12.0 / high, f"{value:.3g}", color=INK, fontsize=9, ha="center", va="center")
 
     def _faces(self, frame: int) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Return faces (n, 4, 3) in global axes, their colors (n, 3), and which show both sides."""
         motion, picture = self.motion, self.motion.picture
         r, A = motion.r[frame].astype(float), matrices(motion.e[frame].astype(float))
         faces: list[Array] = []
-        colors: list[Array] = []
+        colors: list[Array] = []  # one for all faces of a thing, or (n, 3)
         for part in picture.parts:
             local = self.solids[part.solid] @ np.reshape(part.axes, (3, 3)) + part.at
             faces.append(local @ A[part.body].T + r[part.body])
@@ -145,17 +163,22 @@ class _Artist:
             faces.append(bent(motion.axis(bar, frame), A[bar.body][:, 2], bar.height, bar.width))
             colors.append(self.colors[bar.color])
         closed = sum(len(f) for f in faces)
-        for skin in picture.skins:
+        for skin, field in zip(picture.skins, self.fields, strict=True):
             grid = np.array(skin.bodies)
             p = r[grid] + A[grid] @ np.array(skin.at)
             quads = np.stack((p[:-1, :-1], p[1:, :-1], p[1:, 1:], p[:-1, 1:]), axis=2)
             faces.append(quads.reshape(-1, 4, 3))
-            colors.append(self.colors[skin.color])
+            colors.append(self._cells(field, self.colors[skin.color], frame) if field else self.colors[skin.color])
         if not faces:
             return np.zeros((0, 4, 3)), np.zeros((0, 3)), np.zeros(0, bool)
-        counts = [len(f) for f in faces]
         total = np.concatenate(faces)
-        return total, np.repeat(np.array(colors), counts, axis=0), np.arange(len(total)) >= closed
+        tints = np.concatenate([np.broadcast_to(c, (len(f), 3)) for f, c in zip(faces, colors, strict=True)])
+        return total, tints, np.arange(len(total)) >= closed
+
+    def _cells(self, field: Field, otherwise: Array, frame: int) -> Array:
+        """Return the colors (cells, 3) of a field; ``otherwise`` where its values are not finite."""
+        colors = colored(self.motion.values[frame, field.columns], field.limit)
+        return np.where(np.isnan(colors), otherwise, colors)
 
     def _cast(self, ax: Any, faces: Array) -> None:
         """Draw the shadows on the floor, where the camera is above it."""

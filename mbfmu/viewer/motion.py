@@ -21,12 +21,12 @@ from mbfmu.mechanics.numbers import positive
 from mbfmu.simulation import Simulation
 
 from .forces import Arrow, Source, read, shown, sources
-from .picture import Bar, Picture, as_tuples, draw
+from .picture import Bar, Picture, as_tuples, check_fields, draw
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
-FORMAT = 3
+FORMAT = 4
 ARRAYS = ("times", "r", "e", "p", "values", "forces")  # of a pose file
 
 
@@ -128,13 +128,15 @@ class Motion:
 
     @property
     def _complete(self) -> bool:
-        """Whether every array has the shape the others and the names ask for."""
+        """Whether every array has the shape the others and the names ask for, and the outputs of fields are there."""
         frames, bodies = len(self.times), len(self.names)
         amplitudes = sum(len(bar.shapes[0]) for bar in self.picture.bars)
         shapes = ((frames, bodies, 3), (frames, bodies, 4), (frames, amplitudes))
         poses = (self.r.shape, self.e.shape, self.p.shape) == shapes
         told = (frames, len(self.outputs)), (frames, len(self.arrows), 3)
-        return frames > 0 and poses and (self.values.shape, self.forces.shape) == told
+        outputs = {name for name, _ in self.outputs}
+        colored = all(outputs.issuperset(skin.outputs) for skin in self.picture.skins)
+        return frames > 0 and poses and colored and (self.values.shape, self.forces.shape) == told
 
 
 class Recorder:
@@ -152,10 +154,11 @@ class Recorder:
         self._forces: list[Array] = []
 
     def __call__(self, simulation: Simulation) -> None:
-        """Note where the bodies are, and what was read of them."""
+        """Note where the bodies are, and what was read of them; raises UserError for a mechanism it cannot draw."""
         plant = simulation.plant
         bodies = plant.data.state.bodies
         if self._mechanism is not plant.mechanism:
+            check_fields(plant.mechanism)
             self._mechanism, self._sources = plant.mechanism, sources(plant.mechanism)
             self._outputs = tuple((variable.name, variable.unit) for variable in simulation.variables)
         self._times.append(simulation.t)

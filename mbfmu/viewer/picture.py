@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mbfmu.errors import UserError
 from mbfmu.mechanics import Mechanism
 from mbfmu.mechanics.axes import along
 from mbfmu.mechanics.builder.bodies import Body, CutHandle, FlexibleBody, Surface
@@ -63,6 +64,12 @@ class Skin:
     bodies: tuple[tuple[int, ...], ...]
     at: Numbers  # point of every body, body axes, m
     color: str
+    field: str = ""  # whose outputs color its cells; empty: none
+
+    @property
+    def outputs(self) -> list[str]:
+        """Names of the outputs that color its cells, row after row."""
+        return cells(self.field, len(self.bodies), len(self.bodies[0]))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,7 +177,14 @@ def up_of(gravity: Matrix) -> Numbers:
 
 
 def draw(mechanism: Mechanism, span: float) -> Picture:
-    """Return the picture of a mechanism that moves about in a space ``span`` (m) across."""
+    """Return the picture of a mechanism that moves about in a space ``span`` (m) across.
+
+    Raises
+    ------
+    UserError
+        As :func:`check_fields`.
+    """
+    check_fields(mechanism)
     return _Artist(mechanism, span).picture()
 
 
@@ -214,6 +228,7 @@ class _Artist:
                 bodies=tuple(tuple(int(i) for i in row) for row in surface.bodies),
                 at=numbers(surface.at),
                 color=surface.color or PALETTE[(k + 5) % len(PALETTE)],
+                field=surface.field,
             )
             for k, surface in enumerate(self.surfaces)
         )
@@ -364,6 +379,29 @@ def surfaces_of(mechanism: Mechanism) -> list[Surface]:
         if not drawn.intersection(map(int, nodes.flat)):
             found.append(Surface(sheet.name, nodes, np.zeros(3), ""))
     return found
+
+
+def check_fields(mechanism: Mechanism) -> None:
+    """Raise UserError where a surface has a field whose outputs are not all there, or not in one unit."""
+    units = {name: sensor.unit for name, sensor, *_ in mechanism.outputs}
+    for surface in mechanism.surfaces:
+        names = cells(surface.field, *surface.bodies.shape)
+        for name in names:
+            if name not in units:
+                raise UserError(
+                    f"field of surface {surface.name!r} is {surface.field!r}, but there is no output {name!r}; it "
+                    f"needs one for each of the surface's cells, {names[0]!r} to {names[-1]!r}"
+                )
+            if units[name] != units[names[0]]:
+                raise UserError(
+                    f"field of surface {surface.name!r} has {names[0]!r} in {units[names[0]]} and {name!r} in "
+                    f"{units[name]}; allowed: one unit"
+                )
+
+
+def cells(field: str, rows: int, columns: int) -> list[str]:
+    """Return the names of a field's outputs over a grid of rows and columns of bodies; none where there is no field."""
+    return [f"{field}[{i},{k}]" for i in range(rows - 1) for k in range(columns - 1) if field]
 
 
 def bar_radius(bars: list[float], across: float) -> float:

@@ -85,6 +85,12 @@ def test_the_name_of_an_array_is_no_other_variable_s():
         arrays(model, interface(model, ADAMS))
 
 
+def test_a_field_of_a_sheet_is_an_array_over_its_cells():
+    model = Sheet(nx=5, nz=4, field="moment.xz")
+    (found,) = (a for a in arrays(model, interface(model, ADAMS)) if a.name == "moment.xz")
+    assert (found.shape, found.unit, found.elements[4]) == ((4, 3), "N.m/m", "moment.xz[1,1]")
+
+
 class Running:
     """An FMU of FMI 3 that has begun."""
 

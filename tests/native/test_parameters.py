@@ -43,10 +43,10 @@ STRUCTURAL = {
     Governor: {"driven"},
     SwingPendulum: set(),
     Sheet: {
-        "nx", "nz", "tree", "support", "membrane", "grid_outputs", "length", "width", "poisson", "pressure",
-        "youngs_modulus_cross", "shear_modulus", "curl_x", "curl_z",
+        *("nx", "nz", "tree", "support", "slide", "membrane", "stretch", "grid_outputs", "field"),
+        *("length", "width", "poisson", "pressure", "youngs_modulus_cross", "shear_modulus", "curl_x", "curl_z"),
     },
-}  # fmt: skip
+}
 MORE = {
     "elastic four-bar": {"coupler_length", "coupler_mass", "coupler_height", "coupler_width", "youngs_modulus"},
     "small sheet": {"held_part", "damping", "drag"},

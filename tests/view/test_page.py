@@ -344,7 +344,7 @@ def test_page_of_the_docs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.chdir(tmp_path)
     blocks = re.findall(r"```(\w+)\n(.*?)```", page, flags=re.DOTALL)
     commands = [line for language, text in blocks if language == "bash" for line in text.splitlines()]
-    assert len(commands) == 11
+    assert len(commands) == 12
     for line in commands:
         parser().parse_args(shlex.split(line)[1:])
     for language, text in blocks:

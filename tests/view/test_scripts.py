@@ -20,11 +20,11 @@ const scene = JSON.parse(block("scene"));
 const motion = new Motion(scene, await recorded());
 const renderer = {
   solids: (mesh, count) => ({ data: new Float32Array(INSTANCE * count), count }),
-  skin: (rows, columns) => ({ data: new Float32Array(6 * rows * columns) }),
+  skin: (rows, columns) => ({ data: new Float32Array(VERTEX * rows * columns) }),
   update() {},
   lines() {},
 };
-const figure = new Figure(renderer, scene, motion, scene.scale);
+const figure = new Figure(renderer, scene, motion, scene.scale, scene.stops);
 """
 
 

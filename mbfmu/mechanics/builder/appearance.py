@@ -57,7 +57,13 @@ class Appearance(Members):
         )
 
     def surface(
-        self, name: str, bodies: Sequence[Sequence[Body]], *, at: Vector = (0.0, 0.0, 0.0), color: str = ""
+        self,
+        name: str,
+        bodies: Sequence[Sequence[Body]],
+        *,
+        at: Vector = (0.0, 0.0, 0.0),
+        color: str = "",
+        field: str = "",
     ) -> None:
         """Draw a grid of bodies as one skin, and not one by one.
 
@@ -71,6 +77,9 @@ class Appearance(Members):
             The point of every body the skin passes through, in the body's frame, m.
         color
             ``"#rrggbb"``; empty: one is chosen.
+        field
+            Name of a field: the cell between rows i and i + 1, columns k and k + 1 gets the color that goes with the
+            output ``field[i,k]``. All of these must be there when the mechanism is drawn, in one unit; empty: no field.
         """
         self._new_name("surface", name, [s.name for s in self.surfaces])
         for body in (body for row in bodies for body in row):
@@ -78,5 +87,7 @@ class Appearance(Members):
         columns = {len(row) for row in bodies}
         if len(bodies) < 2 or len(columns) != 1 or min(columns) < 2:
             raise UserError(f"surface {name!r} needs at least 2 rows of at least 2 bodies, all of one length")
+        if not isinstance(field, str):
+            raise UserError(f"field of surface {name!r} is {field!r}; allowed: text, as its outputs begin")
         grid = np.array([[body.index for body in row] for row in bodies], np.int64)
-        self.surfaces.append(Surface(name, grid, vector(f"at of surface {name!r}", at), check_color(color)))
+        self.surfaces.append(Surface(name, grid, vector(f"at of surface {name!r}", at), check_color(color), field))

@@ -298,6 +298,7 @@ class Surface:
     bodies: NDArray[np.int64]  # (rows, columns) indices
     at: Matrix  # the point of every body it passes through, body axes, m
     color: str
+    field: str = ""  # cell (i, k) is colored by the output field[i,k]; empty: by none
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,6 +2,15 @@
 
 const PICKED = [1, 0.83, 0.1]; // what a picked body is tinted with
 
+const PALE = 0.4; // how much the back of a skin is paler; that of one whose colors mean something is not
+
+/** The color of a part of a field's limit, from -1 to 1, among colors at equal steps. */
+function between(stops, part) {
+  const place = (0.5 + 0.5 * Math.min(Math.max(part, -1), 1)) * (stops.length - 1);
+  const k = Math.min(Math.floor(place), stops.length - 2);
+  return combined([stops[k], stops[k + 1]], [k + 1 - place, place - k]);
+}
+
 /** The 3x3 matrix (columns, 9 numbers) that brings a unit solid along z between two points; its radius is given. */
 function stretched(a, b, radius) {
   const along = add(b, a, -1), length = Math.hypot(...along);
@@ -14,14 +23,15 @@ function stretched(a, b, radius) {
 }
 
 class Figure {
-  constructor(renderer, { picture }, motion, scale) {
+  constructor(renderer, { picture, fields }, motion, scale, stops) {
     this.renderer = renderer;
     this.motion = motion;
     this.scale = scale;
+    this.stops = stops.map(rgb);
     this.picked = null;
-    this.skins = picture.skins.map((skin) => {
-      const item = renderer.skin(skin.bodies.length, skin.bodies[0].length, rgb(skin.color));
-      return { ...skin, item };
+    this.skins = picture.skins.map((skin, k) => {
+      const item = renderer.skin(skin.bodies.length, skin.bodies[0].length, fields[k] ? 0 : PALE);
+      return { ...skin, field: fields[k], item };
     });
     this.bars = picture.bars.map((bar) => {
       const item = renderer.solids(box([1, 2]), bar.x.length - 1, 0), ends = renderer.solids(box(), 2, 0);
@@ -97,21 +107,30 @@ class Figure {
     bar.ends.data.set([...data.slice(0, INSTANCE), ...data.slice(-INSTANCE)]);
   }
 
-  placeSkin({ bodies, at, item }) {
+  placeSkin({ bodies, at, item, color, field }) {
     const rows = bodies.length, columns = bodies[0].length, data = item.data;
     for (let i = 0; i < rows; i++) {
       for (let j = 0; j < columns; j++) {
-        data.set(this.motion.point(bodies[i][j], at), 6 * (i * columns + j));
+        data.set(this.motion.point(bodies[i][j], at), VERTEX * (i * columns + j));
       }
     }
-    const difference = (a, b) => [0, 1, 2].map((k) => data[6 * b + k] - data[6 * a + k]);
+    const difference = (a, b) => [0, 1, 2].map((k) => data[VERTEX * b + k] - data[VERTEX * a + k]);
+    const plain = rgb(color);
     for (let i = 0; i < rows; i++) {
       for (let j = 0; j < columns; j++) {
         const [above, below] = [Math.max(i - 1, 0), Math.min(i + 1, rows - 1)].map((k) => k * columns + j);
         const [left, right] = [Math.max(j - 1, 0), Math.min(j + 1, columns - 1)].map((k) => i * columns + k);
-        data.set(cross(difference(above, below), difference(left, right)), 6 * (i * columns + j) + 3);
+        data.set(cross(difference(above, below), difference(left, right)), VERTEX * (i * columns + j) + 3);
+        const cell = Math.max(i - 1, 0) * (columns - 1) + Math.min(j, columns - 2);
+        data.set(field ? this.shade(field, cell, plain) : plain, VERTEX * (i * columns + j) + 6);
       }
     }
+  }
+
+  /** The color of a cell by its field; `otherwise` where that has no value. */
+  shade({ columns, limit }, cell, otherwise) {
+    const value = this.motion.value(columns[cell]);
+    return Number.isFinite(value) ? between(this.stops, value / (limit || 1)) : otherwise;
   }
 
   draw(mesh) {

@@ -86,7 +86,7 @@ class Motion {
 
   /** Place every body at a time. */
   place(time) {
-    const [k, next, s] = this.around(time);
+    const [k, next, s] = (this.now = this.around(time));
     this.between(this.positions, this.r, k, next, s);
     this.between(this.quaternions, this.e, k, next, s, 4);
     this.between(this.amplitudes, this.p, k, next, s);
@@ -128,6 +128,12 @@ class Motion {
         out[j] /= Math.sqrt(square);
       }
     }
+  }
+
+  /** Value of an output, by its number, at the time everything is placed at. */
+  value(column) {
+    const [k, next, s] = this.now, { values } = this.outputs[column];
+    return (1 - s) * values[k] + s * values[next];
   }
 
   /** Rotation matrix (columns) of a body as placed; the same array every time. */

@@ -76,7 +76,7 @@ function picked(figure, eye, direction) {
     }
   }
   for (const { bodies, item } of figure.skins) {
-    const point = (i, j) => [...item.data.subarray(6 * (i * bodies[0].length + j)).subarray(0, 3)];
+    const point = (i, j) => [...item.data.subarray(VERTEX * (i * bodies[0].length + j)).subarray(0, 3)];
     for (let i = 0; i + 1 < bodies.length; i++) {
       for (let j = 0; j + 1 < bodies[0].length; j++) {
         for (const corners of [[[i, j], [i + 1, j], [i, j + 1]], [[i, j + 1], [i + 1, j], [i + 1, j + 1]]]) {

@@ -47,25 +47,28 @@ uniform float opacity;
 void main() { pixel = shade.a > 0.0 ? shade : vec4(lit(tint, facing, eye, point), opacity); }`,
 ];
 
-/* A skin: light shines through it, and its back is a little paler. */
+/* A skin: light shines through it, and its back is paler; each cell has the color of its last corner. */
 const SKIN = [
   `${UNIFORMS}
 layout(location = 0) in vec3 position;
 layout(location = 1) in vec3 normal;
+layout(location = 2) in vec3 color;
 out vec3 point, facing;
+flat out vec3 own;
 void main() {
   point = fallen(position);
   facing = normal;
+  own = color;
   gl_Position = camera * vec4(point, 1.0);
 }`,
   `${UNIFORMS}${SHADING}
-uniform vec3 color;
-uniform float mesh, opacity;
+uniform float mesh, opacity, pale;
 in vec3 point, facing;
+flat in vec3 own;
 out vec4 pixel;
 void main() {
   bool front = dot(facing, eye - point) > 0.0;
-  vec3 tint = front ? color : mix(color, vec3(0.9), 0.4);
+  vec3 tint = front ? own : mix(own, vec3(0.9), pale);
   vec3 n = front ? facing : -facing;
   vec3 seen = mix(lit(tint, n, eye, point), lit(tint, -n, eye, point), 0.25);
   pixel = shade.a > 0.0 ? shade : mesh > 0.0 ? vec4(0.5 * seen, 0.4 * opacity) : vec4(seen, opacity);
@@ -107,6 +110,7 @@ void main() {
 ];
 
 const INSTANCE = 15; // numbers an instance of a solid has
+const VERTEX = 9; // numbers a point of a skin has
 
 class Renderer {
   constructor(canvas) {
@@ -173,14 +177,17 @@ class Renderer {
     return { array, buffer, data, count, wire, indices: mesh.indices.length };
   }
 
-  /** A grid of rows x columns points; fill `data` with position and normal of each and call `update`. */
-  skin(rows, columns, color) {
-    const gl = this.gl, data = new Float32Array(6 * rows * columns), faces = [], edges = [];
+  /**
+   * A grid of rows x columns points whose back is so much paler; fill `data` with position, normal and color of each and
+   * call `update`. The color at row i + 1, column j is that of the cell beyond (i, j).
+   */
+  skin(rows, columns, pale) {
+    const gl = this.gl, data = new Float32Array(VERTEX * rows * columns), faces = [], edges = [];
     for (let i = 0; i < rows; i++) {
       for (let j = 0; j < columns; j++) {
         const a = i * columns + j;
         if (i + 1 < rows && j + 1 < columns) {
-          faces.push(a, a + columns, a + 1, a + 1, a + columns, a + columns + 1);
+          faces.push(a + 1, a, a + columns, a + columns + 1, a + 1, a + columns);
         }
         if (i + 1 < rows) {
           edges.push(a, a + columns);
@@ -193,12 +200,13 @@ class Renderer {
     const array = gl.createVertexArray();
     gl.bindVertexArray(array);
     const buffer = this.buffer(data, gl.ARRAY_BUFFER, gl.DYNAMIC_DRAW);
-    this.attribute(0, buffer, 3, 6, 0);
-    this.attribute(1, buffer, 3, 6, 3);
+    for (let k = 0; k < 3; k++) {
+      this.attribute(k, buffer, 3, VERTEX, 3 * k);
+    }
     gl.bindVertexArray(null);
     const index = (numbers) => this.buffer(new Uint32Array(numbers), gl.ELEMENT_ARRAY_BUFFER);
     return {
-      array, buffer, data, color,
+      array, buffer, data, pale,
       faces: index(faces), faceCount: faces.length, edges: index(edges), edgeCount: edges.length,
     };
   }
@@ -284,7 +292,7 @@ class Renderer {
 
   drawSkin(item, mesh) {
     const gl = this.gl, uniforms = this.use("skin");
-    gl.uniform3fv(uniforms.color, item.color);
+    gl.uniform1f(uniforms.pale, item.pale);
     gl.uniform1f(uniforms.mesh, 0);
     gl.bindVertexArray(item.array);
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, item.faces);

@@ -15,8 +15,8 @@ class Stage {
     this.renderer = renderer;
     this.motion = motion;
     this.stage = scene.stage;
-    this.figure = new Figure(renderer, scene, motion, scene.scale);
-    this.beside = beside && new Figure(renderer, scene.against, beside, scene.scale);
+    this.figure = new Figure(renderer, scene, motion, scene.scale, scene.stops);
+    this.beside = beside && new Figure(renderer, scene.against, beside, scene.scale, scene.stops);
     this.arrows = new Arrows(renderer, scene, motion);
     this.middles = scene.picture.middles;
     this.mark = renderer.solids(sphere(), 1, 0);

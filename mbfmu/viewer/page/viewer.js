@@ -73,6 +73,7 @@ class Viewer {
       element(`show-${name}`).addEventListener("change", () => (this.stale = true));
     }
     this.prepareLegend();
+    this.prepareFields();
     element("reset").addEventListener("click", () => this.reset());
     element("theme").addEventListener("click", () => this.switchTheme());
     element("save").addEventListener("click", () => this.save());
@@ -88,6 +89,24 @@ class Viewer {
       dot.style.background = KINDS[kind];
       element("legend").append(dot, KIND_NAMES[kind]);
     }
+  }
+
+  /** What the colors of surfaces mean. */
+  prepareFields() {
+    const { fields, stops, against } = this.scene;
+    const found = [...fields, ...(against?.fields ?? [])].filter((field) => field);
+    for (const { name, unit, limit } of new Map(found.map((field) => [`${field.name} ${field.unit}`, field])).values()) {
+      const title = document.createElement("p"), bar = document.createElement("i"), scale = document.createElement("p");
+      title.textContent = unit === "1" ? name : `${name} [${unit}]`;
+      bar.style.background = `linear-gradient(to right, ${stops.join(", ")})`;
+      for (const value of limit > 0 ? [-limit, 0, limit] : [0]) {
+        const tick = document.createElement("span");
+        tick.textContent = figures(value, 3);
+        scale.append(tick);
+      }
+      element("fields").append(title, bar, scale);
+    }
+    element("fields").hidden = found.length === 0;
   }
 
   preparePlot() {

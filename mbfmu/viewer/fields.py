@@ -1,0 +1,71 @@
+"""Fields over surfaces: what colors their cells, and the colors.
+
+The colors are Moreland's for signed quantities on surfaces that are lit: from gray at zero to blue and to red, which
+differ for the color-blind too, alike in lightness on both sides, and never so dark that light and shadow are lost. The
+limits are alike on both sides and those of the whole run: a color means one value at all times.
+
+K. Moreland, Diverging Color Maps for Scientific Visualization, 2009.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .motion import Motion
+
+Array = NDArray[np.float64]
+
+STOPS = ("#3b4cc0", "#6282ea", "#8db0fe", "#b8d0f9", "#dddddd", "#f5c4ad", "#f49a7b", "#de604d", "#b40426")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Field:
+    """What colors the cells of a surface.
+
+    Attributes
+    ----------
+    limit
+        The colors' range is from minus this to this: the largest size in the run, and in the one beside it.
+    columns
+        Of every cell's output among those of the motion, row after row.
+    """
+
+    name: str
+    unit: str
+    limit: float
+    columns: tuple[int, ...]
+
+
+def fields(motion: Motion, *others: Motion) -> list[Field | None]:
+    """Return the fields of a motion's surfaces, None for one without; their limits suit other motions too."""
+    largest: dict[tuple[str, str], float] = {}
+    for run in (motion, *others):
+        for name, unit, columns in filter(None, fields_of(run)):
+            values = np.abs(run.values[:, columns])
+            own = float(values.max(initial=0.0, where=np.isfinite(values)))
+            largest[name, unit] = max(own, largest.get((name, unit), 0.0))
+    return [
+        Field(name=own[0], unit=own[1], limit=largest[own[:2]], columns=own[2]) if own else None
+        for own in fields_of(motion)
+    ]
+
+
+def fields_of(motion: Motion) -> list[tuple[str, str, tuple[int, ...]] | None]:
+    """Return the name, the unit and the columns of every surface's field."""
+    place = {name: k for k, (name, _) in enumerate(motion.outputs)}
+    found: list[tuple[str, str, tuple[int, ...]] | None] = []
+    for skin in motion.picture.skins:
+        columns = tuple(place[name] for name in skin.outputs)
+        found.append((skin.field, motion.outputs[columns[0]][1], columns) if columns else None)
+    return found
+
+
+def colored(values: Array, limit: float) -> Array:
+    """Return the colors (..., 3), red, green and blue from 0 to 1, of values (...); NaN where one is not finite."""
+    parts = np.where(np.isfinite(values), values, np.nan) / (limit or 1.0)
+    stops = np.array([[int(stop[k : k + 2], 16) / 255.0 for k in (1, 3, 5)] for stop in STOPS])
+    places = np.linspace(-1.0, 1.0, len(STOPS))
+    return np.stack([np.interp(parts, places, stops[:, k]) for k in range(3)], axis=-1)
