@@ -151,3 +151,27 @@ def test_the_model_stretches_on_request() -> None:
 def test_what_holds_a_sheet_does_not_float() -> None:
     with pytest.raises(mb.UserError, match="it is held and does not float"):
         hanging((5, 5), rate=(0.0, 0.0, 0.0, 1.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("stretch", [False, True])
+@pytest.mark.parametrize("where", ["tip", "free_edge"])
+def test_forces_that_inputs_set_bend_it_as_a_beam(where: str, stretch: bool) -> None:
+    """F L^3 / (3 E I) at rest, a point's by some more; the support bears F."""
+    model = Sheet(nx=7, nz=5, load=where, stretch=stretch, gravity_y=0.0, poisson=0.0, damping=0.1)
+    F = 1e-3
+    result = mb.simulate(model, 3.0, interval=1.0, solver="esdirk", tolerance=1e-4, inputs={"force.y": F})
+    beam = F * model.length**3 / (3.0 * model.youngs_modulus * model.width * model.thickness**3 / 12.0)
+    assert result["reaction.y"][-1] == pytest.approx(-F, rel=0.02)
+    assert result["tip.y"][-1] == pytest.approx(beam, rel=0.03)
+    assert np.abs(result["reaction.x"]).max() < F
+
+
+def test_an_edge_that_inputs_turn_takes_the_sheet_along() -> None:
+    model = Sheet(nx=7, nz=5, support="turned", gravity_y=0.0, damping=0.1)
+    angle = 0.5
+    result = mb.simulate(
+        model, 4.0, interval=1.0, solver="esdirk", tolerance=1e-4,
+        inputs={"edge.angle": lambda t: angle * (1.0 - np.exp(-4.0 * t * t))},
+    )  # fmt: skip
+    assert result["tip.y"][-1] == pytest.approx(-model.length * np.sin(angle), rel=0.02)
+    assert result["tip.x"][-1] == pytest.approx(model.length * (1.0 - np.cos(angle)), rel=0.05)

@@ -17,7 +17,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.errors import UserError
-from mbfmu.mechanics import Body, Box, Input, Mechanism, Sensor, Support, Translational, Weld, add_sheet
+from mbfmu.mechanics import (
+    Body,
+    Box,
+    Input,
+    Mechanism,
+    PointForce,
+    Product,
+    Revolute,
+    Sensor,
+    Support,
+    Translational,
+    Weld,
+    add_sheet,
+)
 from mbfmu.mechanics.assemblies.sheet import Sheet as SheetHandle
 from mbfmu.model import Model, parameter
 
@@ -28,7 +41,7 @@ FIELDS = tuple(
     for kind in ("curvature", "moment", "strain", "force", "stress_top", "stress_bottom")
     for component in ("xx", "zz", "xz")
 )
-HELD = {"clamped": "clamped", "moved": "clamped", "pinned": "pinned", "two_edges": "pinned"}
+HELD = {"clamped": "clamped", "moved": "clamped", "turned": "clamped", "pinned": "pinned", "two_edges": "pinned"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,9 +78,9 @@ class Sheet(Model):
     tree: str = parameter("spine", choices=("spine", "rows", "master"), doc="how nodes hang on each other")
     support: str = parameter(
         "clamped",
-        choices=("clamped", "pinned", "moved", "two_edges", "all_edges", "free"),
-        doc="of the edge x = length; moved: clamped to an edge that inputs move; two_edges: it and x = 0 are hinged; "
-        "all_edges: so are all four",
+        choices=("clamped", "pinned", "moved", "turned", "two_edges", "all_edges", "free"),
+        doc="of the edge x = length; moved: clamped to an edge that inputs move; turned: and turn; two_edges: it and "
+        "x = 0 are hinged; all_edges: so are all four",
     )
     slide: bool = parameter(True, structural=True, doc="hinged edges may slide in the plane; if not, it takes stretch")
     held_part: float = parameter(1.0, min=0.0, max=1.0, doc="part of the edge that is held, about its middle")
@@ -86,6 +99,12 @@ class Sheet(Model):
     drag: float = parameter(0.0, unit="kg/m3", min=0.0, doc="effect: air density times drag coefficient")
     pressure: float = parameter(
         0.0, unit="Pa", doc="effect: on the sheet, along its normal; zero leaves it out", tunable=True, optional=True
+    )
+    load: str = parameter(
+        "none",
+        choices=("none", "tip", "free_edge", "middle"),
+        structural=True,
+        doc="effect: where a force acts that inputs set, in the ground's axes; along an edge it is spread",
     )
     grid_outputs: bool = parameter(False, structural=True, doc="position of every node among the outputs")
     field: str = parameter(
@@ -142,6 +161,8 @@ class Sheet(Model):
             pressure=self.pressure,
             rate=self._rate() if self.support == "free" else None,
         )
+        if self.load != "none":
+            self._load(m, sheet)
         m.surface("sheet", sheet.nodes, field=self._field)
         self._outputs(m, sheet, edge)
         return m
@@ -187,9 +208,9 @@ class Sheet(Model):
         return (0.0, self.start_velocity, 0.0, self.start_spin, 0.0, 0.5 * self.start_spin)
 
     def _edge(self, m: Mechanism) -> Body:
-        """Return the body that holds the edge, in its middle: fixed, or moved by inputs along x, y and z."""
+        """Return the body that holds the edge, in its middle: fixed, or moved by inputs, and turned."""
         middle = (self.length, 0.0, 0.5 * self.width)
-        if self.support != "moved":
+        if self.support not in ("moved", "turned"):
             return m.body("edge", m.ground, Weld(at=middle))
         body = m.body("stand", m.ground, Weld(at=middle))
         for axis in "xyz":
@@ -199,8 +220,30 @@ class Sheet(Model):
                 description=f"displacement of the held edge along {axis}",
                 rate_name=f"edge.v{axis}",
             )
-            body = m.body("edge" if axis == "z" else f"edge_{axis}", body, Translational(axis=axis, drive=motion))
+            last = axis == "z" and self.support == "moved"
+            body = m.body("edge" if last else f"edge_{axis}", body, Translational(axis=axis, drive=motion))
+        if self.support == "turned":
+            turn = Input(
+                name="edge.angle",
+                unit="rad",
+                description="by which the held edge is turned about itself",
+                rate_name="edge.omega",
+            )
+            body = m.body("edge", body, Revolute(drive=turn))
         return body
+
+    def _load(self, m: Mechanism, sheet: SheetHandle) -> None:
+        """Let inputs pull at a node, or along the free edge, each of its nodes by the length that is its own."""
+        middle = self.nz // 2
+        shares = {sheet.node(self.nx // 2 if self.load == "middle" else 0, middle): 1.0}
+        if self.load == "free_edge":
+            ends = (0, self.nz - 1)
+            shares = {sheet.node(0, k): (0.5 if k in ends else 1.0) / (self.nz - 1) for k in range(self.nz)}
+        for axis in "xyz":
+            force = Input(name=f"force.{axis}", unit="N", description=f"force on the sheet along {axis}")
+            for node, share in shares.items():
+                part = force if share == 1.0 else Product(force, share)
+                m.force(f"force.{axis}.{node.name}", PointForce(magnitude=part, axis=axis), node)
 
     def _outputs(self, m: Mechanism, sheet: SheetHandle, edge: Body | None) -> None:
         """Publish tip, corners, free edge, energies, the support's reaction, and on request every node and a field."""

@@ -43,7 +43,7 @@ STRUCTURAL = {
     Governor: {"driven"},
     SwingPendulum: set(),
     Sheet: {
-        *("nx", "nz", "tree", "support", "slide", "membrane", "stretch", "grid_outputs", "field"),
+        *("nx", "nz", "tree", "support", "slide", "membrane", "stretch", "grid_outputs", "field", "load"),
         *("length", "width", "poisson", "pressure", "youngs_modulus_cross", "shear_modulus", "curl_x", "curl_z"),
     },
 }

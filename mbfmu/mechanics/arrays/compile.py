@@ -33,7 +33,7 @@ from mbfmu.mechanics.records import (
     complex_twin,
 )
 from mbfmu.mechanics.sensors import CouplingEffort, Energy, KineticEnergy, RowForce, Sensor
-from mbfmu.mechanics.signals import InUse, Signal
+from mbfmu.mechanics.signals import Input, InUse, Signal
 from solvers.compiled.kernel import records
 
 from .tables import COMPLEX, TANGENT, Called, Tables
@@ -117,9 +117,13 @@ class Numbering:
         return signal
 
     def signal(self, value: Any, what: str) -> int:
-        """Number a signal and, if it is an input, its slots."""
+        """Number a signal and, if it is an input, its slots; one input object may load several things."""
         signal = signal_of(value, what)
         check_kind(what, signal, Signal)
+        if isinstance(signal, Input):
+            for index, known in enumerate(self.signals):
+                if known is signal:
+                    return index
         index = len(self.signals)
         self.signals.append(signal)
         for coefficient, (name, unit, description, start) in enumerate(signal.variables()):
@@ -129,7 +133,9 @@ class Numbering:
 
     def _slot(self, variable: Variable, signal: int, coefficient: int) -> None:
         if variable.name in [slot.variable.name for slot in self.slots]:
-            raise UserError(f"input {variable.name!r} is used twice; each input moves one thing")
+            raise UserError(
+                f"input {variable.name!r} is used twice; give one Input object to all that it loads, or other names"
+            )
         self.slots.append(Slot(variable, signal, coefficient))
 
 
