@@ -204,6 +204,8 @@ def test_rates_of_deformations_are_their_derivatives() -> None:
         ({"bending": np.full((3, 3), np.nan)}, "3 x 3 finite numbers"),
         ({"damping": -1.0}, "damping of a plate is -1"),
         ({"attitudes": np.eye(3)}, "4 x 3 x 3 finite numbers"),
+        ({"attitudes": [2.0 * np.eye(3)] * 4}, "attitudes of a plate"),
+        ({"attitudes": [np.diag([1.0, 1.0, -1.0])] * 4}, "attitudes of a plate"),
     ],
 )
 def test_bad_input(options: dict[str, Any], message: str) -> None:

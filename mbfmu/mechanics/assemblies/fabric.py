@@ -77,7 +77,7 @@ class Fabric:
 
     def check(self) -> None:
         """Raise UserError for what no sheet is."""
-        if isinstance(self.creases, Crease):
+        if not isinstance(self.creases, Sequence):
             raise UserError(f"creases of {self.what} are {self.creases!r}; allowed: a list of them")
         for crease in self.creases:
             if not isinstance(crease, Crease):

@@ -248,7 +248,7 @@ def add_sheet(
         positive(f"{key} of {what}", value)
     one_of(f"tree of {what}", tree, TREES)
     one_of(f"joint of {what}", joint, JOINTS)
-    if isinstance(supports, Support):
+    if not isinstance(supports, Sequence):
         raise UserError(f"supports of {what} are {supports!r}; allowed: a list of them")
     for support in supports:
         check_support(what, support)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.errors import UserError
+from mbfmu.mechanics.checks import rotation
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.loads.base import Load
 from mbfmu.mechanics.numbers import array_of, not_negative
@@ -57,8 +58,10 @@ class Shell(Load):
     def check(self, what: str = "a shell element") -> None:
         """Raise UserError for what no shell is; ``what`` says whose it is."""
         X = _matrix(f"corners of {what}", self.corners, (4, 3))
-        attitudes = np.eye(3) if self.attitudes is None else _matrix(f"attitudes of {what}", self.attitudes, (4, 3, 3))
-        normals = np.broadcast_to(attitudes, (4, 3, 3))[:, :, 1]
+        if self.attitudes is not None:
+            for axes in _matrix(f"attitudes of {what}", self.attitudes, (4, 3, 3)):
+                rotation(f"attitudes of {what}", axes)
+        normals = self._axes[:, :, 1]
         after, before = np.roll(X, -1, 0) - X, np.roll(X, 1, 0) - X
         sides = np.linalg.norm(after, axis=1) * np.linalg.norm(before, axis=1)
         if not np.all(np.sum(np.cross(before, after) * normals, 1) > SLIM * sides):
