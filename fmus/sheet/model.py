@@ -75,7 +75,9 @@ class Sheet(Model):
     density: float = parameter(1000.0, unit="kg/m3", min=1e-3, doc="density")
     nx: int = parameter(15, min=2, max=400, structural=True, resolution=(7, 10, 15), doc="nodes along x")
     nz: int = parameter(11, min=2, max=400, structural=True, resolution=(5, 7, 11), doc="nodes along z")
-    tree: str = parameter("spine", choices=("spine", "rows", "master"), doc="how nodes hang on each other")
+    tree: str = parameter(
+        "spine", choices=("spine", "rows", "master"), doc="how nodes hang on each other; not with stretch"
+    )
     support: str = parameter(
         "clamped",
         choices=("clamped", "pinned", "moved", "turned", "two_edges", "all_edges", "free"),
@@ -142,9 +144,7 @@ class Sheet(Model):
             length=self.length,
             width=self.width,
             thickness=self.thickness,
-            youngs_modulus=(self.youngs_modulus, cross)
-            if (cross := self.youngs_modulus_cross)
-            else self.youngs_modulus,
+            youngs_modulus=self._moduli(),
             poisson=self.poisson,
             shear_modulus=self.shear_modulus or None,
             angle=self.angle,
