@@ -137,6 +137,15 @@ class Saddle:
             self._inverse = root[:, None] * pseudo_inverse(S) * root
         return True
 
+    @property
+    def against(self) -> int:
+        """How many of T_alpha's negative eigenvalues the constraints do not allow, where T is symmetric.
+
+        As many as S has: the saddle matrix is congruent to T_alpha and -S, and to T where J x = 0 and a pair of a
+        positive and a negative eigenvalue for each independent row.
+        """
+        return int(np.sum(np.linalg.eigvalsh(self._inverse) < 0.0)) if self.system.m else 0
+
     def weigh(self, t: float, q: Array) -> None:
         """Choose alpha at a position."""
         if self.system.m:
