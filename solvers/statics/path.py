@@ -242,8 +242,9 @@ class Follower:
     def _special(self, here: State, there: State) -> Iterator[State]:
         """Yield the limit point and the bifurcation between two neighbors, as far as there are."""
         limit, changes = here.dp * there.dp < 0.0, abs(there.unstable - here.unstable)
+        before = min(here.unstable, there.unstable)  # at the point itself rounding decides
         if limit:
-            yield replace(self._place(here, there, lambda at: at.dp), kind="limit point")
+            yield replace(self._place(here, there, lambda at: at.dp), kind="limit point", unstable=before)
         if changes > limit:
             seed = np.random.default_rng(5).uniform(-1.0, 1.0, len(here.x))
 
@@ -253,7 +254,7 @@ class Follower:
                 return value if at.unstable == here.unstable else -value
 
             at = self._place(here, there, nearest)
-            yield replace(at, kind="bifurcation", critical=self._critical(at, seed)[0])
+            yield replace(at, kind="bifurcation", unstable=before, critical=self._critical(at, seed)[0])
 
     def _critical(self, at: State, x: Array) -> tuple[Array, float]:
         """Return vector (n,) and size of the eigenvalue nearest to zero, by inverse iteration from x."""
