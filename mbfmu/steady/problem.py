@@ -23,7 +23,7 @@ from mbfmu.errors import AssemblyError, EquilibriumError, UserError
 from mbfmu.mechanics import Mechanism, Plant
 from mbfmu.mechanics.arrays.closing import least_change
 from mbfmu.mechanics.numbers import finite
-from mbfmu.mechanics.tangent.inertia import negative_eigenvalues
+from mbfmu.mechanics.tangent.inertia import even_negative
 from mbfmu.model import Model, of_user, suggest
 from mbfmu.steady.checks import STEADY, check
 from mbfmu.steady.linear import StateSpace
@@ -122,7 +122,7 @@ class EquilibriumProblem:
         if isinstance(self._solver, DenseEquilibriumSolver):
             return DenseLinearized(self._solver)
         system = self.plant.system
-        return TreeLinearized(system, self._v, lambda: negative_eigenvalues(system.tangent))
+        return TreeLinearized(system, self._v, lambda: even_negative(system.tangent))
 
     def state(self, q: Array, lam: Array, found_from: str) -> Equilibrium:
         """Return what else found, by the multipliers of the independent rows; EquilibriumError where it is no state."""

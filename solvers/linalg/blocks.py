@@ -245,11 +245,11 @@ class BlockTree:
         Of every block the arrays to be filled, held.
     factors
         What :func:`solve_blocks` takes, held.
-    negative
-        Of a symmetric matrix, how many of its eigenvalues are negative (Sylvester: as many as of all D_k together).
+    positive
+        Whether the determinant is, where the matrix is not taken as symmetric.
     """
 
-    negative = 0
+    positive = True
 
     def __init__(self, sizes: Sequence[int], inward: Sequence[int]) -> None:
         n = np.array([*sizes, 0], np.int64)  # the last one stands for no neighbor
@@ -277,7 +277,7 @@ class BlockTree:
     def begin(self, symmetric: bool) -> None:
         """Forget what has been factored. Of a symmetric matrix D below its diagonal and U are read alone."""
         self._factors.symmetric[0] = symmetric
-        self.negative = 0
+        self.positive = True
         self._carried: dict[int, Array] = {}  # sum of L_k D_k^-1 U_k, transposed, by the neighbor inward
 
     def eliminate(self, k: int) -> bool:
@@ -303,11 +303,11 @@ class BlockTree:
         if self._factors.symmetric[0]:
             factors, pivots, info = lapack.dsytrf(A, lower=1, lwork=room, overwrite_a=1)  # in place
             if info == 0:
-                single = pivots > 0  # others come in pairs, of one positive and one negative eigenvalue
-                self.negative += int(np.sum(np.diag(factors)[single] < 0.0)) + int(np.sum(~single)) // 2
                 _, info = lapack.dsytri(factors, pivots, lower=1, overwrite_a=1)
         else:
             factors, pivots, info = lapack.dgetrf(A, overwrite_a=1)
             if info == 0:
+                turned = np.sum(np.diag(factors) < 0.0) + np.sum(pivots != np.arange(len(D)))
+                self.positive ^= bool(turned % 2)
                 _, info = lapack.dgetri(factors, pivots, lwork=room, overwrite_lu=1)
         return bool(info == 0)

@@ -138,13 +138,10 @@ class Saddle:
         return True
 
     @property
-    def against(self) -> int:
-        """How many of T_alpha's negative eigenvalues the constraints do not allow, where T is symmetric.
-
-        As many as S has: the saddle matrix is congruent to T_alpha and -S, and to T where J x = 0 and a pair of a
-        positive and a negative eigenvalue for each independent row.
-        """
-        return int(np.sum(np.linalg.eigvalsh(self._inverse) < 0.0)) if self.system.m else 0
+    def positive(self) -> bool:
+        """Whether the determinant of S is, but for redundant rows: that of T on J x = 0 is det T_alpha det S / det JJ^T."""
+        values = np.linalg.eigvals(self._inverse) if self.system.m else np.zeros(0)
+        return bool(np.sum((values.real < 0.0) & (values.imag == 0.0)) % 2 == 0)
 
     def weigh(self, t: float, q: Array) -> None:
         """Choose alpha at a position."""

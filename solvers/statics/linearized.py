@@ -16,6 +16,9 @@ from solvers.system import Array, TreeSystem
 
 from .small import PIVOT, DenseEquilibriumSolver
 
+KRYLOV = 40  # dimension of the space in which a large tree's negative eigenvalues are looked for first
+VANISHING = 1e-12  # of the largest eigenvalue of the inverse
+
 
 class Linearized(ABC):
     """Equations of one mechanism, with the inputs it has now.
@@ -98,11 +101,14 @@ class DenseLinearized(Linearized):
 class TreeLinearized(Linearized):
     """A large tree.
 
-    ``negative`` returns the negative eigenvalues of its tangent as it was last factored, as a symmetric one.
+    Its negative eigenvalues are those of the inverse in a Krylov space (Arnoldi), where they are the farthest from the
+    others. That their number is even or odd the determinant tells too; as long as it says otherwise the space grows.
+
+    ``even`` returns whether the tangent, as it was last factored, has an even number of them, constraints aside.
     """
 
-    def __init__(self, system: TreeSystem, v: Array, negative: Callable[[], int]) -> None:
-        self._system, self._v, self._negative = system, v, negative
+    def __init__(self, system: TreeSystem, v: Array, even: Callable[[], bool]) -> None:
+        self._system, self._v, self._even = system, v, even
         self.size, self._still, self._saddle = system.size, np.zeros(system.n), Saddle(system)
 
     def residual(self, q: Array, lam: Array) -> tuple[Array, Array]:
@@ -111,18 +117,46 @@ class TreeLinearized(Linearized):
 
     def factor(self, q: Array, lam: Array) -> bool:
         """See the base."""
-        return self._factor(q, lam, symmetric=False)
-
-    def _factor(self, q: Array, lam: Array, symmetric: bool) -> bool:
         self.residual(q, lam)
-        return self._saddle.factor(0.0, 0.0, symmetric)
+        return self._saddle.factor(0.0, 0.0)
 
     def inspect(self, q: Array, lam: Array) -> int:
-        """See the base. At rest K is symmetric but for follower loads, of which one triangle is taken."""
+        """See the base."""
         self._saddle.weigh(0.0, q)
-        if not self._factor(q, lam, symmetric=True):
+        if not self.factor(q, lam):
             return 0
-        return self._negative() - self._saddle.against
+        even, negative = self._even() == self._saddle.positive, 0
+        start = np.random.default_rng(1).normal(size=len(self.size))
+        basis, H = [start / np.linalg.norm(start)], np.zeros((1, 0))
+        for dimension in (KRYLOV, 2 * KRYLOV, 4 * KRYLOV):
+            while len(basis) <= dimension:
+                H = self._expand(basis, H)
+            values = np.linalg.eigvals(H[:-1])
+            floor = VANISHING * np.abs(values).max()
+            negative = int(np.sum((values.real < -floor) & (values.imag == 0.0)))
+            if (negative % 2 == 0) == even:
+                break
+        return negative
+
+    def _expand(self, basis: list[Array], H: Array) -> Array:
+        """Add a vector to an orthonormal basis of the Krylov space; return the inverse in units on it, with its row.
+
+        Where the space is complete it is one of zeros.
+        """
+        k = len(basis) - 1
+        H = np.pad(H, ((0, 1), (0, 1)))
+        w = self._saddle.solve(basis[k] / self.size, np.zeros(self._system.m))[0] / self.size
+        whole = np.linalg.norm(w)
+        for _ in range(2):  # once more for what rounding left
+            for i, vector in enumerate(basis):
+                part = vector @ w
+                H[i, k] += part
+                w = w - part * vector
+        length = np.linalg.norm(w)
+        complete = length <= VANISHING * whole
+        H[k + 1, k] = 0.0 if complete else length
+        basis.append(0.0 * w if complete else w / length)
+        return H
 
     def solve(self, f: Array, g: Array) -> tuple[Array, Array]:
         """See the base."""

@@ -1,16 +1,17 @@
-"""How many eigenvalues of a structured tangent are negative."""
+"""Whether an even number of the eigenvalues of a structured tangent is negative."""
 
 from __future__ import annotations
 
 from .factored import Tangent
 
 
-def negative_eigenvalues(tangent: Tangent) -> int:
-    """Return how many T has, as it was last factored, as a symmetric one.
+def even_negative(tangent: Tangent) -> bool:
+    """Whether T has an even number, as it was last factored.
 
     The blocks hold the motions of bodies and, for each that is locked, a multiplier: a pair of eigenvalues of both
     signs that T has not.
     """
-    tree, unknowns = tangent._tree, len(tangent._unknowns.value.rows)
-    free = int(sum(b["nv"] for b in tangent._held[0].value.bodies if b["vf"] >= 0))
-    return tree.negative - (unknowns - free) // 2
+    unknowns = len(tangent._unknowns.value.rows)
+    free = int(sum(body["nv"] for body in tangent._held[0].value.bodies if body["vf"] >= 0))
+    locked = (unknowns - free) // 2
+    return tangent._tree.positive == (locked % 2 == 0)
