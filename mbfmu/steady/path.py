@@ -17,6 +17,7 @@ from mbfmu.mechanics import Mechanism
 from mbfmu.mechanics.numbers import finite
 from mbfmu.model import Model, suggest
 from mbfmu.steady.problem import EquilibriumProblem
+from solvers.linalg.blocks import one_thread
 from solvers.statics.path import Follower, Load, State
 
 STEPS = 500  # of a branch, at most
@@ -139,29 +140,28 @@ class PathProblem:
         """Let the input have a value."""
         self.problem.set_input(self._index, value)
 
-    def output(self, name: str) -> Callable[[State], float]:
-        """Return what tells an output of a state."""
-        names = [variable.name for variable in self.plant.outputs]
+    def passing(self, name: str, limit: float) -> Callable[[State], float]:
+        """Return what tells how far an output is above a limit."""
+        names, limit = [variable.name for variable in self.plant.outputs], finite(f"until of {name!r}", limit)
         if name not in names:
-            raise UserError(f"until {name!r}: model {self.problem.model.name!r} has no such output{suggest(name, names)}")
+            model = self.problem.model.name
+            raise UserError(f"until {name!r}: model {model!r} has no such output{suggest(name, names)}")
 
-        def value(at: State) -> float:
-            self.apply(at.p)
-            return self.problem.state(at.q, at.lam, "the path").outputs[name]
+        def above(at: State) -> float:
+            return self.told(at).outputs[name] - limit
 
-        return value
+        return above
 
     def told(self, at: State) -> PathState:
         """Return what is known of a state; EquilibriumError where it is no steady one."""
         self.apply(at.p)
         found = self.problem.state(at.q, at.lam, "the path")
-        by_number = "unstable" if at.unstable else "stable"
         return PathState(
             value=at.p,
             outputs=found.outputs,
             positions=found.positions(),
             unstable=at.unstable,
-            stability=found.stability if self.plant.system.has_matrices else by_number,
+            stability=found.stability if self.plant.system.has_matrices else "unstable" if at.unstable else "stable",
             kind=at.kind,
         )
 
@@ -213,17 +213,15 @@ def equilibrium_path(
     if not isinstance(steps, int) or steps < 1:
         raise UserError(f"steps is {steps!r}; allowed: a whole number from 1 on")
     problem = PathProblem(model, over)
-    stop = None
-    if until is not None:
-        output, limit = problem.output(until[0]), finite(f"until of {until[0]!r}", until[1])
-        stop = lambda at: output(at) - limit  # noqa: E731
-    follower = problem.follower(begin, end, start)
-    first, crossings = follow(problem, follower, follower.start, stop, steps, progress)
-    branches = [first]
-    for crossing in crossings if second else ():
-        for side in (1.0, -1.0):
-            branch, _ = follow(problem, follower, follower.second(crossing, side), stop, steps, progress)
-            branches.append(branch)
+    stop = None if until is None else problem.passing(*until)
+    with one_thread():  # more wait for each other, as small as the matrices are
+        follower = problem.follower(begin, end, start)
+        first, crossings = follow(problem, follower, follower.start, stop, steps, progress)
+        branches = [first]
+        for crossing in crossings if second else ():
+            for side in (1.0, -1.0):
+                branch, _ = follow(problem, follower, follower.second(crossing, side), stop, steps, progress)
+                branches.append(branch)
     return EquilibriumPath(
         input=over,
         unit=problem.variable.unit,
