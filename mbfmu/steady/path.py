@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 from mbfmu.errors import EquilibriumError, UserError, writing
 from mbfmu.mechanics import Mechanism
@@ -99,6 +100,10 @@ class EquilibriumPath:
     def bifurcations(self) -> list[PathState]:
         """Where other branches cross the first one."""
         return self.branches[0].of_kind("bifurcation")
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return everything for JSON."""
+        return asdict(self)
 
     def write_csv(self, path: Path | str) -> None:
         """Write a line for every state; the header names input and outputs with their units."""
@@ -247,8 +252,7 @@ def follow(
                 crossings.append(at)
             if progress is not None:
                 progress(at.p)
-        else:
-            ended = follower.ended or (f"{steps} steps were made" if len(states) > steps else "")
+        ended = follower.ended or (f"{steps} steps were made" if len(states) > steps else "")
     except EquilibriumError as error:
         ended = str(error)
     return PathBranch(states=states, ended=ended), crossings

@@ -139,7 +139,7 @@ class Saddle:
 
     @property
     def positive(self) -> bool:
-        """Whether the determinant of S is, but for redundant rows: that of T on J x = 0 is det T_alpha det S / det JJ^T."""
+        """Whether det S is, redundant rows aside; T has on J x = 0 the determinant det T_alpha det S / det J J^T."""
         values = np.linalg.eigvals(self._inverse) if self.system.m else np.zeros(0)
         return bool(np.sum((values.real < 0.0) & (values.imag == 0.0)) % 2 == 0)
 

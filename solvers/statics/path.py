@@ -231,9 +231,7 @@ class Follower:
             moved, load, lam, q = moved + a, load + change, lam + y, equations.moved(q, size * a)
             if length <= CONVERGED * many or (rounded and length > 0.5 * before):
                 way = self._inner(moved, load, here)
-                at = replace(
-                    here, q=q, lam=lam, p=here.p + load * self._range, way=way, kind="", critical=None
-                )
+                at = replace(here, q=q, lam=lam, p=here.p + load * self._range, way=way, kind="", critical=None)
                 return self._arrive(at, here), count
             before = length
         self._load.apply(here.p)
