@@ -81,13 +81,14 @@ from .viewer.show import view
 __all__ = [
     "AssemblyError", "Beam", "BeamElement", "Box", "Bushing", "Cam", "Comparison", "Crease", "Cylinder", "Cylindrical",
     "CylindricalCut", "DistanceCut", "DistanceStop", "Equilibrium", "EquilibriumError", "EquilibriumPath", "Findings",
-    "Floating", "Function", "Gear", "Geodesic", "Harmonic", "Input", "JointForce", "JointSpring", "JointStop", "Mechanism", "Model",
-    "OutOfPlane", "Planar", "PlanarCut", "PlaneCut", "Plate", "PointForce", "Polynomial", "Product", "Ramp", "Result",
-    "Revolute", "RevoluteCut", "RunUp", "Screw", "Settings", "Shell", "Simulation", "SpeedInput", "Sphere", "Spherical",
-    "SphericalCut", "Spring", "StateSpace", "Step", "Stretching", "Study", "Sum", "Support", "Table", "TargetChoice",
-    "Torque", "TorsionSpring", "Translational", "TranslationalCut", "Universal", "UserError", "Weld", "WeldCut",
-    "add_chain", "add_sheet", "box", "check", "choose", "compare", "cylinder", "equilibrium", "equilibrium_path",
-    "export", "find", "linearize", "load_study", "models", "modes", "parameter", "rod", "simulate", "sphere", "study", "tube", "view",
+    "Floating", "Function", "Gear", "Geodesic", "Harmonic", "Input", "JointForce", "JointSpring", "JointStop",
+    "Mechanism", "Model", "OutOfPlane", "Planar", "PlanarCut", "PlaneCut", "Plate", "PointForce", "Polynomial",
+    "Product", "Ramp", "Result", "Revolute", "RevoluteCut", "RunUp", "Screw", "Settings", "Shell", "Simulation",
+    "SpeedInput", "Sphere", "Spherical", "SphericalCut", "Spring", "StateSpace", "Step", "Stretching", "Study", "Sum",
+    "Support", "Table", "TargetChoice", "Torque", "TorsionSpring", "Translational", "TranslationalCut", "Universal",
+    "UserError", "Weld", "WeldCut", "add_chain", "add_sheet", "box", "check", "choose", "compare", "cylinder",
+    "equilibrium", "equilibrium_path", "export", "find", "linearize", "load_study", "models", "modes", "parameter",
+    "rod", "simulate", "sphere", "study", "tube", "view",
 ]  # fmt: skip
 
 __version__: str

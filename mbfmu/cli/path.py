@@ -36,9 +36,10 @@ def add(commands: Commands) -> None:
         "path",
         help="equilibrium path over a load or another input, through limit points (snap-through, buckling)",
         description="""Follow the steady states of a model while one of its inputs changes: a force, gravity, the place
-of a support, the speed of a drive. The path is followed along itself, by pseudo-arc-length: where the load reaches a limit
-point and falls again, so does the path, and what is unstable is on it too. Limit points and bifurcations are printed;
---second follows the paths that cross at bifurcations, such as a buckled column's. The results are in a folder such as
+of a support, the speed of a drive. The path is followed along itself, by pseudo-arc-length: where the load reaches a
+limit point and falls again, so does the path, and what is unstable is on it too. Limit points and bifurcations are
+printed; --second follows the paths that cross at bifurcations, such as a buckled column's. The results are in a folder
+such as
 results/sheet/default-path-force.y:
   path.png   the input against an output: unstable parts dashed, limit points and bifurcations marked
   path.csv   every state: the input, the outputs, stability, and how many motions are unstable

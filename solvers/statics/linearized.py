@@ -1,6 +1,8 @@
 """The equations of a steady state and their Jacobian, as paths take them: of small and of large systems.
 
-K x + J^T y = f,      J x = g,      K the derivative of h + J^T lambda by the coordinates
+    K x + J^T y = f,      J x = g,      K the derivative of h + J^T lambda by the coordinates
+
+A state is statically unstable along as many motions as K has negative eigenvalues on J x = 0.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ begins, so that neither load nor displacement alone decides. f_p is a central di
 **Singular points.** Between two states each eigenvalue of K (on the constraints) that changes its sign is either the
 limit point's, if dp/ds does so too, or a bifurcation's. A limit point is where dp/ds = 0, a bifurcation where the
 eigenvalue nearest to zero is; Brent's method finds both along the step. From a bifurcation a second path leaves along
-the critical vector (Wagner and Wriggers 1988): the same corrector, with that vector less its part along t in place of t.
+the critical vector (Wagner and Wriggers 1988): the same corrector, with that vector, less its part along t, for t.
 """
 
 from __future__ import annotations
