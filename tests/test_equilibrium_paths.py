@@ -198,6 +198,25 @@ def test_unstable_motions_of_a_large_tree_are_the_buckling_loads_that_are_passed
     assert equations.inspect(q, none) == np.sum(loads < load * loads[0])
 
 
+@pytest.mark.parametrize("n", [4, 35])
+def test_a_column_that_may_buckle_to_all_sides_has_a_double_bifurcation(n: int) -> None:
+    m, body, force = mb.Mechanism(), None, mb.Input(name="force", unit="N")
+    for k in range(n):
+        for axis in "yz":
+            own = mb.rod(mass=1.0, length=1.0 / n) if axis == "z" else {}
+            at = (1.0 / n if k and axis == "y" else 0.0, 0.0, 0.0)
+            body = m.body(f"bar{k}.{axis}", body or m.ground, mb.Revolute(axis=axis, at=at), **own)
+            m.force(f"spring{k}.{axis}", mb.JointSpring(stiffness=1.0), body)
+    push = mb.PointForce(magnitude=mb.Product(force, -1.0), axis="x", at_a=(1.0 / n, 0.0, 0.0))
+    m.force("load", push, body)
+    first, second, *_ = buckling_loads(n, guided=False)
+    (branch,) = mb.equilibrium_path(m, "force", (0.0, 0.9 * second)).branches
+    assert changes(branch, "bifurcation") == pytest.approx([first], rel=1e-7)
+    assert [s.unstable for s in branch.states if not s.kind] == [
+        2 * (s.value > first) for s in branch.states if not s.kind
+    ]
+
+
 def test_a_pendulum_on_a_spindle_leaves_the_vertical_at_the_critical_speed() -> None:
     g, length = 9.81, 0.5
     m = mb.Mechanism(gravity=(0.0, -g, 0.0))

@@ -19,6 +19,7 @@ from solvers.system import Array, TreeSystem
 from .small import PIVOT, DenseEquilibriumSolver
 
 KRYLOV = 40  # dimension of the space in which a large tree's negative eigenvalues are looked for first
+SYMMETRIC = 1e-8  # of the largest entry: what is less is rounding
 VANISHING = 1e-12  # of the largest eigenvalue of the inverse
 
 
@@ -54,6 +55,16 @@ class Linearized(ABC):
         """Return positions changed by x (n,)."""
 
 
+def negative_eigenvalues(A: Array, floor: float) -> int:
+    """Return how many real eigenvalues of A (n, n) are below minus this part of the largest.
+
+    Where A is symmetric, as without follower loads, they must be found so: of two that are alike rounding makes a pair.
+    """
+    symmetric = np.abs(A - A.T).max(initial=0.0) <= SYMMETRIC * np.abs(A).max(initial=0.0)
+    values = np.linalg.eigvalsh(0.5 * (A + A.T)) if symmetric else np.linalg.eigvals(A)
+    return int(np.sum((values.real < -floor * np.abs(values).max(initial=0.0)) & (values.imag == 0.0)))
+
+
 class DenseLinearized(Linearized):
     """A mechanism with dense matrices; lambda are the multipliers of the solver's independent rows."""
 
@@ -84,8 +95,7 @@ class DenseLinearized(Linearized):
         self.factor(q, lam)
         n = len(self.size)
         free = linalg.null_space(self._K[n:, :n]) if len(self._row) else np.eye(n)
-        values = np.linalg.eigvals(free.T @ self._K[:n, :n] @ free)
-        return int(np.sum((values.real < -PIVOT) & (values.imag == 0.0)))
+        return negative_eigenvalues(free.T @ self._K[:n, :n] @ free, PIVOT)
 
     def solve(self, f: Array, g: Array) -> tuple[Array, Array]:
         """See the base."""
@@ -133,9 +143,7 @@ class TreeLinearized(Linearized):
         for dimension in (KRYLOV, 2 * KRYLOV, 4 * KRYLOV):
             while len(basis) <= dimension:
                 H = self._expand(basis, H)
-            values = np.linalg.eigvals(H[:-1])
-            floor = VANISHING * np.abs(values).max()
-            negative = int(np.sum((values.real < -floor) & (values.imag == 0.0)))
+            negative = negative_eigenvalues(H[:-1], VANISHING)
             if (negative % 2 == 0) == even:
                 break
         return negative

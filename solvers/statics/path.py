@@ -39,6 +39,7 @@ ITERATIONS = 9  # of the corrector; more means that the step was too long
 EASY = 4  # after as many the next step may be longer
 ROUNDING = 1e-6  # a correction shorter than this, in units, that no longer shrinks is rounding
 FIRST, SHORTEST = 0.02, 1e-7  # steps, in the length of the path
+SIDEWAYS = 0.05  # of the longest, the first step off a path: beside it the other is only as well known as the crossing
 SEPARATE = 1e-4  # singular points nearer than this are taken for one
 LONGER, SHORTER = 1.6, 0.5  # changes of the step
 TURN = 0.35  # rad, of the tangent in one step
@@ -128,7 +129,8 @@ class Follower:
 
         The last one is at the load's end, or as far behind its begin, or where ``stop`` changes its sign.
         """
-        here, step, first, self.ended = start, FIRST, start.kind == "bifurcation", ""
+        here, first, self.ended = start, start.kind == "bifurcation", ""
+        step = SIDEWAYS * self._longest(start) if first else FIRST
         while True:
             step = min(step, self._longest(here))
             found, count = self._step(here, step)
