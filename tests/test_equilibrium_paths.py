@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.linalg import null_space
 from scipy.optimize import brentq
-from shell_problems import hinged_roof
+from shell_problems import PLATES, WAYS, compressed_plate, hinged_roof, ritz_buckling_load
 
 import mbfmu as mb
 from fmus.governor import Governor
@@ -264,6 +264,22 @@ def test_a_hinged_roof_snaps_through(thickness: float, end: float, published: fl
     assert {state.unstable for state in branch.states if state not in between} == {0}
     falls = np.all(np.diff(branch.output("y")) < 0.0)
     assert falls == (thickness > 0.01)
+
+
+@pytest.mark.parametrize("edges", PLATES)
+def test_a_compressed_plate_buckles_at_one_load_whatever_the_tree(edges: str) -> None:
+    loads = []
+    for way in WAYS:
+        m = compressed_plate(edges, 16, mb.Input(name="load", unit=""), way)
+        m.output("energy", m.energy)
+        found = mb.equilibrium_path(m, "load", (0.0, 1.2), second=way == WAYS[0])
+        loads.append(found.bifurcations[0].value)
+        for branch in found.branches[1:]:
+            assert min(branch.values) >= (1.0 - 1e-9) * loads[0]
+            assert branch.values[-1] == 1.2
+            assert branch.states[1].unstable == 0
+    np.testing.assert_allclose(loads, loads[0], rtol=1e-7)
+    assert loads[0] == pytest.approx(ritz_buckling_load(edges), rel=0.02)
 
 
 def test_what_cannot_be_followed_is_refused() -> None:

@@ -373,10 +373,11 @@ PLATES = {"hinged": (0.3, 0.3), "clamped": (0.3, 0.21)}  # m, compressed along t
 MATERIAL = {"thickness": 1e-3, "youngs_modulus": 1e10, "poisson": 0.3}
 
 
-def compressed_plate(edges: str, cells: int, load: float, way: str) -> Mechanism:
+def compressed_plate(edges: str, cells: int, load: float | Input, way: str) -> Mechanism:
     """Plate under ``load`` times Euler's load of a strip of it, between two edges that are hinged or clamped.
 
-    The edge x = 0, which is pushed, slides in the plane. The middle floats where the sheet grows from there.
+    ``load`` is a number or an input. The edge x = 0, which is pushed, slides in the plane. The middle floats where the
+    sheet grows from there.
     """
     (length, width), t = PLATES[edges], MATERIAL["thickness"]
     grid = cells + 1, round(cells * width / length) + 1
@@ -392,7 +393,8 @@ def compressed_plate(edges: str, cells: int, load: float, way: str) -> Mechanism
         supports=supports[::-1] if way == "from the load" else supports, **MATERIAL,
     )  # fmt: skip
     for k, share in enumerate(shares(grid[1] - 1)):
-        push = PointForce(magnitude=share * load * strip * width, axis="x")
+        part = share * strip * width
+        push = PointForce(magnitude=Product(load, part) if isinstance(load, Input) else load * part, axis="x")
         m.force(f"push{k}", push, sheet.node(0, k))
     return m
 
