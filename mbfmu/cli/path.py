@@ -45,8 +45,7 @@ results/sheet/default-path-force.y:
   path.csv   every state: the input, the outputs, stability, and how many motions are unstable
 A parameter that the model is built anew for is no input: mbfmu equilibrium --sweep varies those.""",
         epilog="examples:\n"
-        "  mbfmu path sheet --set stretch=true --set support=two_edges --set load=middle --over force.y=0:-2 \\\n"
-        "    --plot middle.y\n"
+        "  mbfmu path sheet --set stretch=true --set load=tip --over force.y=0:-2\n"
         "  mbfmu path governor --over spindle.drive=5:20 --plot collar.height\n"
         "  mbfmu path my_model.py:Truss --over force=0:-500 --until apex.y=-0.2 --second\n",
     )

@@ -83,7 +83,10 @@ class EquilibriumPath:
     units
         Of the outputs, by name.
     branches
-        First the one from the start; then, where asked for, two from each of its bifurcations.
+        First the one from the start; then, where asked for, two from each of its bifurcations. A branch has ``values``
+        of the input, ``output(name)`` along it, and ``ended``: why it ended early. Its ``states`` have ``value``,
+        ``outputs``, ``positions``, ``stability``, ``unstable`` motions, and ``kind``: ``limit point``,
+        ``bifurcation`` or empty.
     """
 
     input: str
