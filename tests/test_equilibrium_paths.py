@@ -217,6 +217,42 @@ def test_a_column_that_may_buckle_to_all_sides_has_a_double_bifurcation(n: int) 
     ]
 
 
+@pytest.mark.parametrize("load", [0.5, 1.5, 10.0])
+def test_redundant_guides_of_a_large_tree_change_nothing(load: float) -> None:
+    n, tip = 110, (1.0 / 110, 0.0, 0.0)
+    loads, m = buckling_loads(n, guided=True), column(n, guided=True)
+    m.cut("again", mb.PlaneCut(at_b=tip, axis="y"), m.ground, m.bodies[-1])
+    problem = PathProblem(m, "force")
+    problem.apply(load * loads[0])
+    equations = problem.problem.linearized()
+    assert isinstance(equations, TreeLinearized)
+    passed = int(np.sum(loads < load * loads[0]))
+    assert equations.inspect(problem.problem.start(), np.zeros(2)) == passed
+    assert equations.even() == (passed % 2 == 0)
+
+
+def test_a_moved_support_carries_a_slider_along() -> None:
+    stiffness, free = (100.0, 60.0), hypot(1.0, RISE)
+    m = mb.Mechanism()
+    lift = mb.Translational(axis="y", drive=mb.Input(name="height", unit="m", start=RISE))
+    slider = m.body("slider", m.body("lift", m.ground, lift), mb.Translational(axis="x"), mass=1.0)
+    for k, x in zip(stiffness, (-1.0, 1.0), strict=True):
+        m.force(f"spring{x}", mb.Spring(stiffness=k, free=free, at_a=(x, 0.0, 0.0)), m.ground, slider)
+    m.output("x", slider.position("x"))
+    (branch,) = mb.equilibrium_path(m, "height", (0.5, -0.9)).branches
+    assert branch.values[-1] == -0.9
+    for state in branch.states:
+
+        def pull(x: float, height: float = state.value) -> float:
+            return sum(
+                k * (1.0 - free / hypot(x - end, height)) * (x - end)
+                for k, end in zip(stiffness, (-1.0, 1.0), strict=True)
+            )
+
+        assert state.outputs["x"] == pytest.approx(brentq(pull, -0.5, 0.5, xtol=1e-14), abs=1e-10)
+    assert max(np.abs(branch.output("x"))) > 0.01
+
+
 def test_a_pendulum_on_a_spindle_leaves_the_vertical_at_the_critical_speed() -> None:
     g, length = 9.81, 0.5
     m = mb.Mechanism(gravity=(0.0, -g, 0.0))
@@ -248,7 +284,7 @@ def test_a_governor_follows_its_closed_form_over_the_speed() -> None:
 
 @pytest.mark.parametrize(("thickness", "end", "published"), [(12.7e-3, 3000.0, 0.7421), (6.35e-3, 1000.0, 0.1953)])
 def test_a_hinged_roof_snaps_through(thickness: float, end: float, published: float) -> None:
-    """The largest tabulated load on the way up, over 3000 N: Sze, Liu and Lo, 3.6, by S4R elements.
+    """The largest tabulated load on the way up, over 3000 N: Sze, Liu and Lo, table 9, as another program cites it.
 
     The thin one snaps back too: its middle rises while the load falls.
     """

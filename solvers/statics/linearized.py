@@ -137,7 +137,7 @@ class TreeLinearized(Linearized):
         self._saddle.weigh(0.0, q)
         if not self.factor(q, lam):
             return 0
-        even, negative = self._even() == self._saddle.positive, 0
+        even, negative = self.even(), 0
         start = np.random.default_rng(1).normal(size=len(self.size))
         basis, H = [start / np.linalg.norm(start)], np.zeros((1, 0))
         for dimension in (KRYLOV, 2 * KRYLOV, 4 * KRYLOV):
@@ -147,6 +147,10 @@ class TreeLinearized(Linearized):
             if (negative % 2 == 0) == even:
                 break
         return negative
+
+    def even(self) -> bool:
+        """Return whether the Jacobian, as it was last factored, has an even number of negative eigenvalues."""
+        return self._even() == self._saddle.positive
 
     def _expand(self, basis: list[Array], H: Array) -> Array:
         """Add a vector to an orthonormal basis of the Krylov space; return the inverse in units on it, with its row.

@@ -138,7 +138,7 @@ class Follower:
             if found is None or turn > TURN or (not first and step > SEPARATE and hides(here, found)):
                 step *= SHORTER
                 if step < SHORTEST:
-                    self.ended = f"nothing was found beyond {here.p:.6g}"
+                    self.ended = f"no state was found beyond {here.p:.6g}"
                     return
                 continue
             over = self._beyond(found.p)

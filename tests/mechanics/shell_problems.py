@@ -343,7 +343,7 @@ def pulled_cylinder(cells: tuple[int, int]) -> Problem:
 def hinged_roof(cells: tuple[int, int], thickness: float) -> Mechanism:
     """Shallow cylindrical roof, hinged along its straight edges, with a force at its middle; a quarter, from there.
 
-    Sze, Liu and Lo, 3.6: radius 2.54 m, 0.2 rad, 0.508 m long, E 3102.75 N/mm^2, nu 0.3; cells around and along. The
+    Sze, Liu and Lo: radius 2.54 m, 0.2 rad, 0.508 m long, E 3102.75 N/mm^2, nu 0.3; cells around and along. The
     input ``force`` is that on all of it, downwards; the output ``y`` is the height of its middle.
     """
     angle, z = np.linspace(0.0, 0.1, cells[0] + 1), np.linspace(0.0, 0.254, cells[1] + 1)
