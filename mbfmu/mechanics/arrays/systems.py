@@ -10,6 +10,7 @@ import numpy as np
 
 from mbfmu.errors import UserError
 from mbfmu.mechanics.builder.mechanism import Mechanism
+from mbfmu.mechanics.contact.nip import Nip
 from mbfmu.mechanics.elements import Shell
 from mbfmu.mechanics.records import Data
 from mbfmu.mechanics.recursions.dynamics import (
@@ -131,9 +132,11 @@ class Systems:
         }
 
     def _stiff(self) -> str:
-        """Say what gives way in its plane, whose waves no explicit step may outrun; empty: nothing does."""
+        """Say what is so stiff that no explicit step may outrun it; empty: nothing is."""
         if any(isinstance(plate, Shell) for plate, _ in self._mechanism.plates):
             return "shell elements vibrate in their plane hundreds of times faster than they bend"
+        if any(isinstance(acting.load, Nip) for acting in self._mechanism.others):
+            return "nips hold a sheet between rollers thousands of times stiffer than it bends"
         return ""
 
     def tangent(self, groups: Groups | None = None) -> Tangent:
