@@ -56,5 +56,5 @@ class Surface(Kind):
     gap: ClassVar[Any]
 
     def curvature(self) -> float:
-        """Return the largest curvature that a sheet takes on it, 1/m; zero: it is flat."""
+        """Return the curvature that a sheet takes which lies on it, 1/m; zero: it lies flat, or on edges alone."""
         return 0.0

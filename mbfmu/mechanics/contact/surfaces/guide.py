@@ -68,7 +68,3 @@ class Guide(Surface):
         x, z = (end - start) / length, unit_axis(self.across, "across")
         record["origin"], record["axes"] = start, np.column_stack((x, np.cross(z, x), z))
         record["length"], record["radius"], record["width"] = length, self.radius, self.width
-
-    def curvature(self) -> float:
-        """See the base."""
-        return 1.0 / self.radius
