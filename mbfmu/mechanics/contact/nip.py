@@ -239,7 +239,8 @@ def grip(nip: Any, i: int, N: Any, pair: Any, bodies: Any, here: Any) -> None:
     det = xd * ze - xe * zd
     s_d, s_e = (xn * ze - xe * zn) / det, (xd * zn - xn * zd) / det  # slopes of the surface along d and e
     rise_rate = up - s_d * ahead - s_e * side  # of the surface at P
-    s_d += pair.lean[i]
+    lean = pair.f[i] * pair.lean[i] * (nip.a if nip.way == 0 else nip.b) / det  # along which u falls
+    lean_d, lean_e = (lean * ze, -lean * zd) if nip.way == 0 else (-lean * xe, lean * xd)
     sd, se = ahead - feed, side - slide
     root = np.sqrt(sd * sd + se * se + nip.least * nip.least + nip.creep * nip.creep * (feed * feed + slide * slide))
     damped = -part * nip.damping / (2 * nip.pairs) * rise_rate
@@ -255,7 +256,7 @@ def grip(nip: Any, i: int, N: Any, pair: Any, bodies: Any, here: Any) -> None:
     if here.silent != 0:
         return
     for k in range(3):
-        f[k] = fn * (n[k] - s_d * d[k] - s_e * e[k]) + fd * d[k] + fe * e[k]
+        f[k] = fn * (n[k] - s_d * d[k] - s_e * e[k]) + (fd - lean_d) * d[k] + (fe - lean_e) * e[k]
     press(nip, here.c, bodies, f)
     for k in range(3):
         f[k] = fd * d[k] + fe * e[k]

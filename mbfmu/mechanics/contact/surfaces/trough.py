@@ -39,7 +39,7 @@ class Trough(Surface):
     ``angle`` / 2 (rad, pi at most) of the direction ``towards``.
     """
 
-    record = np.dtype([*FRAME, ("radius", np.float64), ("length", np.float64), ("half", np.float64)])
+    record = np.dtype([("half", np.float64), *FRAME, ("radius", np.float64), ("length", np.float64)])
     gap = gap
 
     radius: float
