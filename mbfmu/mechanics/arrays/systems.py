@@ -11,6 +11,7 @@ import numpy as np
 from mbfmu.errors import UserError
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.contact.nip import Nip
+from mbfmu.mechanics.contact.touch import Touch
 from mbfmu.mechanics.elements import Shell
 from mbfmu.mechanics.records import Data
 from mbfmu.mechanics.recursions.dynamics import (
@@ -123,6 +124,7 @@ class Systems:
             "size": self._size,
             "row_size": self.row_size[kept >= 0] if constraint_names else np.zeros(0),
             "rate": self._rate(),
+            "cornered": self._cornered(),
             "stiff": self._stiff(),
             "observe": observe_all,
             "works": self._works,
@@ -130,6 +132,12 @@ class Systems:
             "coordinate_names": tuple(self._numbering.coordinate_names),
             "constraint_names": tuple(constraint_names),
         }
+
+    def _cornered(self) -> str:
+        """Say where forces turn sharply; empty: nowhere."""
+        if any(isinstance(acting.load, Touch | Nip) for acting in self._mechanism.others):
+            return "those of contact turn within micrometers, and friction within millimeters per second"
+        return ""
 
     def _stiff(self) -> str:
         """Say what is so stiff that no explicit step may outrun it; empty: nothing is."""
