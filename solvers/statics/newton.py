@@ -14,10 +14,10 @@ singular. Then the start is relaxed first, by implicit Euler steps of the motion
     M (q - q_before) / s^2 + h + J^T lambda = 0,     Phi = 0,
 
 each solved by Newton: exactly where that is cheap, on a large tree as far as the way on needs it. s grows where Newton
-finds a step easy, and shrinks where it fails. A step against which the forces do work, by the trapezoidal rule, does not count: where it is long, Newton may
-find a root uphill. The continuation mostly ends at a stable state where there is one, and Newton finishes there. A thin
-sheet, whose stiffness against stretching is a million times that against bending, gets from flat to hanging straight
-down in some thirty factorizations.
+finds a step easy, and shrinks where it fails. A step against which the forces do work, by the trapezoidal rule, does
+not count: where it is long, Newton may find a root uphill. The continuation mostly ends at a stable state where there
+is one, and Newton finishes there. A thin sheet, whose stiffness against stretching is a million times that against
+bending, gets from flat to hanging straight down in some thirty factorizations.
 """
 
 from __future__ import annotations
