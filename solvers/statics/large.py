@@ -10,10 +10,10 @@ from solvers.system import Array, TreeSystem
 from .newton import CONVERGED, FASTER, ITERATIONS, EquilibriumSolver, Outcome, Relaxed, Unknowns
 
 ROUGH = 0.2  # a pseudo-transient step ends with a correction this small against its first
-# Where every correction is this part of the one before, the next step is as long as this; how fast corrections shrink
-# goes with some third power of the duration. Measured on shells held by a third of an edge, which crease where the clamp
-# ends: half the factorizations that steps take which are converged.
-CONTRACTION, SHORTEST = 0.1, 0.4
+# Where a correction is this part of the one before, the next step is as long as this one; how fast corrections shrink
+# goes with some third power of the duration. Measured on shells held by a third of an edge, which crease where the
+# clamp ends: half the factorizations of steps that are converged.
+CONTRACTION = 0.1
 LEAST = 0.01  # damping of Newton alone, below which the continuation is cheaper
 
 
@@ -98,9 +98,9 @@ class TreeEquilibriumSolver(EquilibriumSolver):
         for count in range(1, ITERATIONS + 1):
             forces, gaps = saddle.residual(t, at.q, self._v, c2 * moved, at.lam)
             if not np.isfinite(forces).all():
-                return Relaxed(Outcome.NOT_FINITE, at, moved, count, SHORTEST)
+                return Relaxed(Outcome.NOT_FINITE, at, moved, count)
             if not saddle.factor(0.0, c2):
-                return Relaxed(Outcome.SINGULAR, at, moved, count, SHORTEST)
+                return Relaxed(Outcome.SINGULAR, at, moved, count)
             step, reaction = saddle.solve(-forces, -gaps)
             size = float(np.linalg.norm(step / self._size))
             if not size < before:
@@ -113,5 +113,5 @@ class TreeEquilibriumSolver(EquilibriumSolver):
             converged = size <= CONVERGED * np.sqrt(len(step))
             if converged or (count > 1 and size <= ROUGH * first):
                 longer = (CONTRACTION / worst) ** (1.0 / 3.0) if worst else FASTER
-                return Relaxed(Outcome.FOUND, at, moved, count, min(max(longer, SHORTEST), FASTER))
-        return Relaxed(Outcome.NO_PROGRESS, at, moved, count, SHORTEST)
+                return Relaxed(Outcome.FOUND, at, moved, count, min(longer, FASTER))
+        return Relaxed(Outcome.NO_PROGRESS, at, moved, count)

@@ -72,7 +72,7 @@ class Relaxed(NamedTuple):
     at: Unknowns  # where it ended
     moved: Array  # (n,) how the coordinates changed
     factored: int
-    longer: float  # how many times as long the next one may be
+    longer: float = 1.0  # how many times as long the next one may be
 
 
 @dataclass(frozen=True, kw_only=True)
