@@ -18,8 +18,10 @@ from mbfmu.mechanics import (
     Plant,
     Revolute,
     Stretching,
+    Support,
     Translational,
     Weld,
+    add_sheet,
 )
 from mbfmu.mechanics.joints import Joint
 from mbfmu.mechanics.recursions import dynamics as dy
@@ -102,6 +104,24 @@ def test_joints_of_six_coordinates_beside_others(kinds: list[type[Joint]], seed:
     assert tangent.factor(0.0, 5.0)
     x = tangent.solve(case.a)
     np.testing.assert_allclose(T @ x, case.a, atol=1e-6 * (1.0 + np.abs(T).max() * np.abs(x).max()))
+
+
+@pytest.mark.parametrize("how", [None, 1, 2])
+def test_a_sheet_that_stretches(how: int | None) -> None:
+    """A thick one, so that differences resolve all of it; bent and strained."""
+    m = Mechanism(gravity=(0.0, -9.81, 0.0))
+    add_sheet(
+        m, "sheet", length=0.3, width=0.2, thickness=0.03, youngs_modulus=1e6, density=1000.0, grid=(4, 3),
+        supports=[Support("x1")], stretch=True,
+    )  # fmt: skip
+    plant, rng = Plant(m), np.random.default_rng(1)
+    n, q = plant.system.n, plant.assembly.start_positions()
+    plant.system.apply(q, 0.02 * rng.normal(size=n))
+    T = differences(plant, q, 1e4)
+    tangent, x = plant.tangent(groups_of(plant, how)), rng.normal(size=n)
+    assert np.count_nonzero(tangent.layout.role == OUTER) >= 6
+    assert tangent.factor(0.0, 1e4)
+    np.testing.assert_allclose(tangent.solve(T @ x), x, rtol=0.0, atol=1e-5 * np.abs(x).max())
 
 
 def test_a_carrier_without_mass_stays_with_what_it_carries() -> None:
