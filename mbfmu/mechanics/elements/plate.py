@@ -79,6 +79,12 @@ class Plate(Load):
             raise UserError(f"membrane of {what} is {self.membrane!r}; allowed: True, False or letters of 'xzs'")
 
     @property
+    def natural(self) -> tuple[Matrix, Matrix]:
+        """Where its bodies are when nothing strains it (4, 3), m, and their axes there (4, 3, 3), columns."""
+        corners = np.array([(0.0, 0.0, 0.0), (self.a, 0.0, 0.0), (self.a, 0.0, self.b), (0.0, 0.0, self.b)])
+        return corners, np.broadcast_to(np.eye(3), (4, 3, 3))
+
+    @property
     def area(self) -> float:
         """Area, m^2."""
         return self.a * self.b

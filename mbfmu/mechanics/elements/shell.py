@@ -21,6 +21,7 @@ from .shell_stiffness import Matrix, assumed, bending, curvature, drilling, flat
 from .shell_tangent import tangent
 
 SLIM = 1e-3  # sine of the least angle at a corner
+WARPED = 0.3  # how far corners may be off their plane, of the shortest side: one end is turned by a radian then
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,6 +70,12 @@ class Shell(Load):
                 f"corners of {what} are {X.tolist()}; allowed: a convex quadrilateral whose normals are the y axes of "
                 "its bodies: from the first corner along x, then along z"
             )
+        lifted, side = float(np.abs(self._flat[1][:, 1]).max()), float(np.linalg.norm(after, axis=1).min())
+        if lifted > WARPED * side:
+            raise UserError(
+                f"corners of {what} are {X.tolist()}, {lifted:.3g} m off one plane; allowed: at most {WARPED:g} of its "
+                f"shortest side, {WARPED * side:.3g} m; refine the mesh"
+            )
         for key in ("stretching", "bending"):
             K = _matrix(f"{key} of {what}", getattr(self, key), (3, 3))
             if not np.allclose(K, K.T, rtol=1e-9) or np.linalg.eigvalsh(K).min() <= 0.0:
@@ -100,6 +107,11 @@ class Shell(Load):
         drawn[:, 3], drawn[:, 5] = lean * across, -lean * along
         shape = np.tensordot(bent, drawn, 2)
         return felt(stretched, bent, A, np.asarray(self.bending, float), drawn=shape, natural=shape)
+
+    @property
+    def natural(self) -> tuple[Matrix, Matrix]:
+        """Where its bodies are when nothing strains it (4, 3), m, and their axes there (4, 3, 3), columns."""
+        return np.asarray(self.corners, float), self._axes
 
     @property
     def _axes(self) -> Matrix:
