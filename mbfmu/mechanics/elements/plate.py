@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from mbfmu.errors import UserError
+from mbfmu.mechanics.checks import flag
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.loads.base import Load
 from mbfmu.mechanics.numbers import array_of, not_negative, positive
@@ -75,6 +76,8 @@ class Plate(Load):
             raise UserError(f"curl of {what} is {self.curl!r}; allowed: three finite curvatures, 1/m")
         if creases.shape != (2,) or not np.all(np.isfinite(creases)) or creases.min() < 0.0:
             raise UserError(f"creases of {what} are {self.creases!r}; allowed: two finite numbers, not negative")
+        if not isinstance(self.membrane, str):
+            flag(f"membrane of {what}", self.membrane)
         if not set(self.strains) <= set("xzs"):
             raise UserError(f"membrane of {what} is {self.membrane!r}; allowed: True, False or letters of 'xzs'")
 

@@ -21,7 +21,7 @@ from .shell_stiffness import Matrix, assumed, bending, curvature, drilling, flat
 from .shell_tangent import tangent
 
 SLIM = 1e-3  # sine of the least angle at a corner
-WARPED = 0.3  # how far corners may be off their plane, of the shortest side: one end is turned by a radian then
+WARPED = np.radians(45.0)  # between the normal at a corner and that of its body: a shell element is nearly flat
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,16 +65,18 @@ class Shell(Load):
         normals = self._axes[:, :, 1]
         after, before = np.roll(X, -1, 0) - X, np.roll(X, 1, 0) - X
         sides = np.linalg.norm(after, axis=1) * np.linalg.norm(before, axis=1)
-        if not np.all(np.sum(np.cross(before, after) * normals, 1) > SLIM * sides):
+        spanned = np.cross(before, after)
+        if not np.all(np.sum(spanned * normals, 1) > SLIM * sides):
             raise UserError(
                 f"corners of {what} are {X.tolist()}; allowed: a convex quadrilateral whose normals are the y axes of "
                 "its bodies: from the first corner along x, then along z"
             )
-        lifted, side = float(np.abs(self._flat[1][:, 1]).max()), float(np.linalg.norm(after, axis=1).min())
-        if lifted > WARPED * side:
+        up = np.sum(spanned * normals, 1) / np.linalg.norm(spanned, axis=1)
+        if up.min() < np.cos(WARPED):
             raise UserError(
-                f"corners of {what} are {X.tolist()}, {lifted:.3g} m off one plane; allowed: at most {WARPED:g} of its "
-                f"shortest side, {WARPED * side:.3g} m; refine the mesh"
+                f"corners of {what} are {X.tolist()}, so far off one plane that at one its normal leans by "
+                f"{np.degrees(np.arccos(up.min())):.0f} degrees from the y axis of its body; allowed: at most "
+                f"{np.degrees(WARPED):.0f}; refine the mesh"
             )
         for key in ("stretching", "bending"):
             K = _matrix(f"{key} of {what}", getattr(self, key), (3, 3))

@@ -88,8 +88,8 @@ class Step(Signal):
 
     @property
     def drives(self) -> bool:  # type: ignore[override]
-        """Whether it takes its time."""
-        return self.duration > 0.0
+        """Whether it takes its time; what is no duration is told of where it is filled."""
+        return self.duration != 0.0
 
     def pace(self, own: InUse, size: float) -> float:
         """Return the part of the rise that changes it by ``size``, at most all."""
