@@ -34,16 +34,17 @@ BALANCE = np.dtype(
 EXPLAINED = 0.25  # of what the steps could add up to
 FEW = 6.0  # times what the last step could add: errors of a few steps need not cancel each other
 PART = 0.02  # of the energy at work
-ROUNDING = 1e-13  # of every energy that was added up; besides, what moves as slowly as the tolerance has none
+ROUNDING = 1e-13  # of every energy that was added up
+SLOW = 2.0  # tolerances a second: what moves no faster may be at rest, as errors add up to more than one
 
 
 @kernel
 def slowest(mass: float, length: float, rate: float, tolerance: float) -> float:
-    """Energy (J) of the slowest motion that counts: of all mass (kg), by the tolerance in a length (m) a second.
+    """Energy (J) of the slowest motion that counts: of all mass (kg), by some tolerances in a length (m) a second.
 
     ``rate`` (1/s) makes it slower where gravity and drives are slow; that of a drive may be of one short jerk.
     """
-    speed = tolerance * length * (min(rate, 1.0) if rate > 0.0 else 1.0)
+    speed = SLOW * tolerance * length * (min(rate, 1.0) if rate > 0.0 else 1.0)
     return mass * speed * speed
 
 

@@ -402,7 +402,10 @@ def add(m: Mechanism, **options: Any) -> Sheet:
             {"stretch": True, "tree": "rows"},
             "tree of sheet 'sheet' is 'rows', but with stretch it grows from its first",
         ),
-        ({"stretch": True, "tree": "master"}, "tree of sheet 'sheet' is 'master', but with stretch it grows from its"),
+        (
+            {"stretch": True, "tree": "master", "supports": [Support("x0")]},
+            "tree of sheet 'sheet' is 'master', but with stretch it grows from its",
+        ),
         ({"stretch": True, "tree": "rows", "supports": []}, "'rows', but with stretch it grows from its middle"),
         (
             {"stretch": True, "joint": "paper"},
