@@ -250,8 +250,12 @@ class Sheet(Model):
     def _rails(self, m: Mechanism, rail: Body) -> list[Support]:
         """Return what clamps the sheet between a fixed rail and one that slides."""
         stand = m.body("stand", m.ground, Weld(at=(0.5 * self.length, 0.0, 0.0)))
+        step = self.length / (self.nx - 1)
+        size = (step, 0.02 * self.width, 0.04 * self.width)  # pieces: pictures paint whole things, the far ones first
         for body in (stand, rail):
-            m.shape(body, Box(size=(self.length, 0.02 * self.width, 0.04 * self.width)))
+            m.shape(
+                body, *(Box(size=size, at=((k + 0.5) * step - 0.5 * self.length, 0, 0)) for k in range(self.nx - 1))
+            )
         at = (-0.5 * self.length, 0.0, 0.0)
         return [Support("z0", body=stand, at=at), Support("z1", body=rail, at=(*at[:2], -self.width))]
 
