@@ -83,7 +83,7 @@ class Sheet(Model):
     )
     support: str = parameter(
         "clamped",
-        choices=("clamped", "pinned", "moved", "turned", "two_edges", "all_edges", "rails", "free"),
+        choices=("clamped", "pinned", "moved", "turned", "two_edges", "all_edges", "free", "rails"),
         doc="of the edge x = length; moved: clamped to an edge that inputs move; turned: and turn; two_edges: it and "
         "x = 0 are hinged; all_edges: so are all four; rails: z = 0 and z = width are clamped, and it takes stretch",
     )
