@@ -9,10 +9,10 @@ from .assemblies.chain import add_chain
 from .assemblies.fabric import Crease
 from .assemblies.sheet import Sheet, add_sheet
 from .assemblies.supports import Support
+from .assemblies.transport import NipHandle, TouchHandle, add_nip, add_touch
 from .builder.bodies import Body, CouplingHandle, CutHandle, FlexibleBody, ForceHandle
 from .builder.inertia import box, cylinder, rod, sphere, tube
 from .builder.mechanism import Mechanism
-from .contact.adding import NipHandle, TouchHandle, add_nip, add_touch
 from .contact.surfaces import Drum, Guide, Surface, Trough, Wall
 from .couplings import Cam, Coupling, Gear
 from .cuts import (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -38,7 +39,7 @@ class Drum(Surface):
     radius: float
     length: float
     at: Vector = (0.0, 0.0, 0.0)
-    axis: str | Vector = "z"
+    axis: str | Sequence[float] = "z"
 
     def check(self, what: str) -> None:
         """See the base."""

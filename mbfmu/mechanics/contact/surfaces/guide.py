@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -48,7 +49,7 @@ class Guide(Surface):
     end: Vector
     radius: float
     width: float
-    across: str | Vector = "z"
+    across: str | Sequence[float] = "z"
 
     def check(self, what: str) -> None:
         """See the base."""

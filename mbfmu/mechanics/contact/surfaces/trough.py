@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -45,9 +46,9 @@ class Trough(Surface):
     radius: float
     length: float
     angle: float
-    towards: str | Vector
+    towards: str | Sequence[float]
     at: Vector = (0.0, 0.0, 0.0)
-    axis: str | Vector = "z"
+    axis: str | Sequence[float] = "z"
 
     def check(self, what: str) -> None:
         """See the base."""

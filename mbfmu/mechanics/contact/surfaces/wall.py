@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,7 +34,7 @@ class Wall(Surface):
     gap = gap
 
     at: Vector = (0.0, 0.0, 0.0)
-    normal: str | Vector = "y"
+    normal: str | Sequence[float] = "y"
 
     def check(self, what: str) -> None:
         """See the base."""

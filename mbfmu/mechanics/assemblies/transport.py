@@ -6,26 +6,26 @@ forces with what bends it so far.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from mbfmu.errors import UserError
-from mbfmu.mechanics.assemblies.sheet import Sheet
 from mbfmu.mechanics.axes import unit_axis
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.checks import Vector, one_of, vector
+from mbfmu.mechanics.contact.nip import Nip
+from mbfmu.mechanics.contact.surfaces import Surface
+from mbfmu.mechanics.contact.touch import Touch
 from mbfmu.mechanics.kind import check_kind
 from mbfmu.mechanics.loads.base import Load
 from mbfmu.mechanics.numbers import finite, not_negative, positive
 from mbfmu.mechanics.sensors import Met, axis_index
 
-from .nip import Nip
-from .surfaces import Surface
-from .touch import Touch
+from .sheet import Sheet
 
 COARSEST = 0.6  # side of a cell times the curvature of a surface, above which the sheet does not follow it
 SINK = 0.25  # of its thickness, that a leading edge sinks into a surface where it is pressed on as the sheet bends
@@ -180,8 +180,8 @@ def add_nip(
     at: Vector,
     width: float,
     force: Any,
-    feed: str | Vector = "x",
-    normal: str | Vector = "y",
+    feed: str | Sequence[float] = "x",
+    normal: str | Sequence[float] = "y",
     along: str = "x",
     uneven: float = 0.0,
     friction: float = 1.0,
@@ -301,7 +301,7 @@ def _of(mechanism: Mechanism, sheet: Any, what: str) -> None:
 
 
 def _load(
-    mechanism: Mechanism, name: str, loads: list[tuple[Load, tuple[Body, ...]]], body: Any, sheet: Sheet
+    mechanism: Mechanism, name: str, loads: Sequence[tuple[Load, tuple[Body, ...]]], body: Any, sheet: Sheet
 ) -> tuple[int, int]:
     """Let loads of one name act; return the number of the first, and how many there are."""
     if any(body is node for row in sheet.nodes for node in row):
