@@ -166,6 +166,8 @@ def implicit(plant: Plant, tolerance: float) -> tuple[str, str]:
     s, size = plant.system, counted(plant.system.n, "coordinate")
     if s.has_matrices:
         return "radau", f"{size}, by matrices"
+    if s.cornered:
+        return "esdirk", f"a tree of {size} in contact"
     if s.m:
         return "ida", f"a tree of {size} with {counted(s.m, 'row')} of loops"
     if tolerance < COARSE:

@@ -11,7 +11,7 @@ import numpy as np
 from mbfmu.errors import UserError
 from mbfmu.interrupts import interrupts_held
 from mbfmu.mechanics import Mechanism
-from mbfmu.mechanics.numbers import array_of, finite
+from mbfmu.mechanics.numbers import array_of, positive
 from mbfmu.model import Model, declared, of_user, suggest
 from mbfmu.result import Result
 from mbfmu.settings import Settings
@@ -25,11 +25,9 @@ ROWS, BRIEF = 100, 0.05  # outputs recorded before progress is reported first; s
 
 def communication_points(stop_time: float, interval: float) -> Array:
     """Return 0, interval, 2 interval, ... and the stop time, s; UserError where there are none or too many."""
-    stop_time, interval = finite("stop time", stop_time), finite("interval", interval)
-    if not (stop_time > 0.0 and interval > 0.0 and stop_time / interval <= MOST):
-        raise UserError(
-            f"points every {interval!r} s until {stop_time!r} s; allowed: times greater than zero, {MOST:g} points"
-        )
+    stop_time, interval = positive("stop time", stop_time), positive("interval", interval)
+    if stop_time / interval > MOST:
+        raise UserError(f"interval is {interval!r} s for {stop_time!r} s; allowed: at most {MOST:g} points; enlarge it")
     count = int(np.ceil(stop_time / interval - 1e-9))
     times: Array = np.minimum(interval * np.arange(count + 1), stop_time)
     return times

@@ -33,6 +33,8 @@ __all__ = ["Settings", "Simulation"]
 
 Array = NDArray[np.float64]
 
+FOR_STIFF = 1e-7  # tolerance at which forces in the plane of a sheet in motion are good to some percents
+
 _compiled: set[tuple[type, bool]] = set()  # kinds of runs whose kernels this process has compiled
 
 
@@ -111,6 +113,7 @@ class Simulation:
         if self.stepper.starts_singular:
             told = "the start is a singular position, in which the loops do not determine all rates; the rates nearest"
             self._remark(f"{told} to those given are used. {to_choose(self.plant, t0, q)}".rstrip(". "))
+        self._remark(self._too_loose())
         # where nothing is free nothing is integrated but the work, whose error no tolerance controls
         audited = settings.audit and self.stepper.freedom > 0
         self.audit = Audit(self.plant, settings.tolerance, self.energy()) if audited else None
@@ -223,6 +226,17 @@ class Simulation:
                 f"input {name!r} jumps in position, farther than its rate explains; "
                 "the support moves there within a communication step"
             )
+
+    def _too_loose(self) -> str:
+        """Say that outputs want a tighter tolerance; empty: none does."""
+        names = self.plant.stiff_outputs
+        if not names or self.settings.tolerance <= FOR_STIFF:
+            return ""
+        more = f" and {len(names) - 1} more" if names[1:] else ""
+        return (
+            f"output {names[0]!r}{more}: a sheet in motion is so stiff in its plane that errors of positions which the "
+            f"tolerance {self.settings.tolerance:g} allows are large ones of its forces; take {FOR_STIFF:g} or less"
+        )
 
     def _remark(self, text: str) -> None:
         if text and text not in self.remarks:

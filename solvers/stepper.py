@@ -61,7 +61,7 @@ class Samples(NamedTuple):
     v: Array  # (k, n)
     a: Array  # (k, n)  accelerations
     lam: Array  # (k, m)  multipliers
-    ledger: Array  # (k, 5)  as Stepper.ledger
+    ledger: Array  # (k, 6)  as Stepper.ledger
 
 
 class Reported(NamedTuple):
@@ -70,7 +70,7 @@ class Reported(NamedTuple):
     t: float  # s
     q: Array  # (nq,)
     v: Array  # (n,)
-    ledger: Array  # (5,), see :attr:`Stepper.ledger`
+    ledger: Array  # (6,), see :attr:`Stepper.ledger`
 
 
 class Stepper(ABC):
@@ -98,8 +98,8 @@ class Stepper(ABC):
        Given an array it puts what the system tells of each state into a row of it.
     8. ``ledger`` has, of the reported state, the work W that drives, dampers and given forces have done since
        construction, how far the tolerance lets the energy stray from it, what energy was exchanged, the largest
-       kinetic energy, and what one step may add (see :mod:`solvers.ledger`). No meaning where ``options.audit`` is
-       off.
+       kinetic energy, and what one step may add, now and at most so far (see :mod:`solvers.ledger`). No meaning where
+       ``options.audit`` is off.
     9. ``save()`` gives bytes, ``restore()`` takes them into a stepper of the same system and options.
 
     Attributes

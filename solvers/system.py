@@ -156,6 +156,7 @@ class AnySystem(ABC):
     size: Array  # (n,) unit of each coordinate: 1 rad, or a length of the mechanism in m; of v per second
     row_size: Array  # (m,) unit of each constraint residual, likewise
     rate: float = 0.0  # 1/s, of motions of that size, as far as it is known beforehand: by gravity, by drives
+    cornered: str = ""  # what forces turn sharply with, within what a tolerance allows; empty: with nothing
     stiff: str = ""  # why explicit steps would be too short for any motion of interest; empty: they may do
     coordinate_names: tuple[str, ...] = ()  # (n,)
     constraint_names: tuple[str, ...] = ()  # (m,)

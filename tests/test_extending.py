@@ -10,7 +10,21 @@ import pytest
 
 from mbfmu import mechanics
 from mbfmu.cli import main
-from mbfmu.mechanics import Coupling, Cut, Force, Joint, Signal, couplings, cuts, elements, joints, loads, signals
+from mbfmu.mechanics import (
+    Coupling,
+    Cut,
+    Force,
+    Joint,
+    Signal,
+    Surface,
+    couplings,
+    cuts,
+    elements,
+    joints,
+    loads,
+    signals,
+)
+from mbfmu.mechanics.contact import surfaces
 from mbfmu.mechanics.kind import kinds_of
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -41,7 +55,15 @@ def test_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_page_of_kinds_has_every_kind_and_no_other() -> None:
-    rooms = ((joints, Joint), (cuts, Cut), (couplings, Coupling), (loads, Force), (elements, Force), (signals, Signal))
+    rooms = (
+        (joints, Joint),
+        (cuts, Cut),
+        (couplings, Coupling),
+        (loads, Force),
+        (elements, Force),
+        (signals, Signal),
+        (surfaces, Surface),
+    )
     kinds = {kind.__name__ for room, role in rooms for kind in kinds_of(room, role)} - {"Coefficients"}
     page = (DOCS / "kinds.md").read_text()
     named = set(re.findall(r"`([A-Z]\w+)", page))

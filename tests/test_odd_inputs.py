@@ -216,7 +216,7 @@ def test_a_rod_of_no_length_and_a_place_that_is_none() -> None:
 
 @pytest.mark.parametrize("given", [(1.0, 0.0), (1.0, -1.0), (-1.0, 0.1), (float("nan"), 0.1), ("a", 1.0), (1e9, 1e-9)])
 def test_points_that_there_are_none_or_too_many_of(given: Any) -> None:
-    with pytest.raises(UserError, match=r"stop time|interval|points every"):
+    with pytest.raises(UserError, match=r"(stop time|interval) is .*; allowed: (finite and greater than zero|at most)"):
         communication_points(*given)
 
 
@@ -226,6 +226,11 @@ def test_points_that_there_are_none_or_too_many_of(given: Any) -> None:
 def test_numbers_of_settings_that_are_out_of_range(odd: dict[str, Any]) -> None:
     with pytest.raises(UserError, match=f"{next(iter(odd))} is .*; allowed: "):
         Settings(**odd)
+
+
+def test_a_largest_step_without_end_is_told_to_be_finite() -> None:
+    with pytest.raises(UserError, match="max_step is inf; allowed: finite, at least 0 s"):
+        Settings(max_step=float("inf"))
 
 
 @pytest.mark.parametrize("solver", ["ida", "adams", "hybrid"])

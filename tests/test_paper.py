@@ -203,6 +203,23 @@ def test_a_tapered_cantilever_hangs_as_a_beam(stretch: bool) -> None:
         ({"curl": lambda x, z: (x, np.nan)}, r"curl of sheet 's' at x = .* m, z = .* m is"),
         ({"curl": (30.0, 0.0)}, r"curl of sheet 's' is .* which bends its cells by 3 rad; .* refine the grid"),
         ({"thickness": lambda x, z: x - 0.2}, r"thickness of sheet 's' at x = 0.\d+ m, z = 0.\d+ m is -0.\d+; allowed"),
+        (
+            {"thickness": lambda x: 1e-4},
+            "thickness of sheet 's' at .* TypeError.* given; allowed: a function of x and z",
+        ),
+        (
+            {"thickness": lambda x, z: 1 / 0},
+            "thickness of sheet 's' at .* cannot be told, ZeroDivisionError: .* allowed",
+        ),
+        (
+            {"thickness": lambda x, z: "thin"},
+            r"thickness of sheet 's' at x = .* is 'thin'; allowed: finite and greater",
+        ),
+        ({"thickness": lambda x, z: np.nan}, r"thickness of sheet 's' at x = .* is nan; allowed: finite and greater"),
+        ({"thickness": lambda x, z: True}, r"thickness of sheet 's' at x = .* is True; allowed"),
+        ({"curl": lambda x: (x, 0.0)}, "curl of sheet 's' at .* TypeError.* given; allowed: a function of x and z"),
+        ({"curl": lambda x, z: {}["k"]}, "curl of sheet 's' at .* cannot be told, KeyError: 'k'; allowed: a function"),
+        ({"curl": lambda x, z: "curly"}, "curl of sheet 's' at .* is 'curly'; it needs numbers"),
         ({"thickness": 0.0}, "thickness of sheet 's' is 0.0"),
         ({"creases": Crease("x", 0.1, 1.0)}, "creases of sheet 's' are .* a list"),
         ({"creases": [0.1]}, "crease of sheet 's' is 0.1; it must be a Crease"),

@@ -62,7 +62,7 @@ def test_inputs_are_numbers_or_functions_of_time() -> None:
     [
         ({"solvr": "ida"}, "there is no setting 'solvr'; did you mean 'solver'"),
         ({"solver": "id"}, "solver is 'id'"),
-        ({"interval": 0.0}, r"allowed: times greater than zero"),
+        ({"interval": 0.0}, r"interval is .*; allowed: finite and greater than zero"),
         ({"inputs": {"force": 1.0}}, "there is no input 'force'"),
         ({"inputs": [1.0]}, r"inputs are \[1\.0\]; allowed: numbers or functions of time"),
     ],

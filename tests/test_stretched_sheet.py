@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -12,6 +13,8 @@ from scipy.optimize import root
 import mbfmu as mb
 from fmus.sheet import Sheet
 from mbfmu.mechanics import Mechanism, Support, Translational, add_sheet
+from mbfmu.scene import load_scene
+from mbfmu.simulation import Settings, Simulation
 
 PAPER = {"length": 0.3, "width": 0.21, "thickness": 0.3e-3, "youngs_modulus": 1e10, "density": 1000.0}
 TIP = -108.22e-3  # m, two shell codes at rest, 51 x 35
@@ -146,6 +149,58 @@ def test_the_model_stretches_on_request() -> None:
     assert 0.0 < held_fast < slides
     with pytest.raises(mb.UserError, match="slide is False, which a sheet that cannot stretch does not bear"):
         mb.equilibrium(replace(held, slide=False, stretch=False))
+
+
+def test_forces_in_the_plane_at_a_loose_tolerance_are_remarked_once() -> None:
+    """Curvatures and moments are not, nor anything at 1e-7."""
+    said = r"output 'force.xx\[0,0\]' and 23 more: .* the tolerance 1e-05 .* take 1e-07 or less"
+    for field, tolerance, wanted in (
+        ("force.xx", 1e-5, 1), ("strain.xz", 1e-6, 1), ("stress_top.zz", 1e-5, 1), ("force.xx", 1e-7, 0),
+        ("moment.xx", 1e-5, 0), ("curvature.xz", 1e-5, 0), ("none", 1e-5, 0),
+    ):  # fmt: skip
+        simulation = Simulation(Sheet(nx=7, nz=5, stretch=True, field=field), Settings(tolerance=tolerance))
+        told = [remark for remark in simulation.remarks if "stiff in its plane" in remark]
+        assert len(told) == wanted, field
+    result = mb.simulate(Sheet(nx=7, nz=5, stretch=True, field="force.xx"), 0.01, solver="esdirk")
+    assert [remark for remark in result.remarks if re.match(said, remark)]
+
+
+def test_a_film_between_rails_resists_shear() -> None:
+    """G t L gamma where it is long, less some of its free ends; the rail is pulled back."""
+    film = Sheet(length=2.0, width=0.1, nx=41, nz=5, support="rails", stretch=True, shear=1e-6, gravity_y=0.0)
+    G = film.youngs_modulus / (2.0 * (1.0 + film.poisson))
+    force = mb.equilibrium(film).outputs["reaction.x"]
+    assert abs(force) == pytest.approx(G * film.thickness * film.length * film.shear / film.width, rel=0.03)
+    with pytest.raises(mb.UserError, match="support is 'rails', which a sheet that cannot stretch does not bear"):
+        replace(film, stretch=False).build()
+
+
+def test_a_sheared_film_wrinkles() -> None:
+    """The scene, half way: waves at 45 degrees, as long as tension field theory has it (benchmarks/wrinkles.py)."""
+    scene = load_scene("sheet/wrinkles")
+    film = replace(scene.model, grid_outputs=True)
+    result = mb.simulate(film, 0.2, interval=0.05, solver=scene.settings.solver, tolerance=scene.settings.tolerance)
+    x = np.linspace(0.0, film.length, film.nx)
+    y = np.array([result[f"node[{i},{film.nz // 2}].y"][-1] for i in range(film.nx)])
+    inner = slice(film.nx // 5, film.nx - film.nx // 5)
+    turns = np.flatnonzero(y[inner][:-1] * y[inner][1:] < 0.0) + inner.start
+    zeros = x[turns] - y[turns] * (x[turns + 1] - x[turns]) / (y[turns + 1] - y[turns])
+    B = film.youngs_modulus * film.thickness**3 / (12.0 * (1.0 - film.poisson**2))
+    T = 0.5 * film.youngs_modulus * film.thickness * film.shear / film.width
+    wave = 2.0 * np.sqrt(np.pi) * (B / T) ** 0.25 * np.sqrt(film.width * np.sqrt(2.0))
+    assert len(zeros) >= 3
+    assert 2.0 * np.diff(zeros).mean() / np.sqrt(2.0) == pytest.approx(wave, rel=0.15)
+    assert not result.failure
+    assert not result.verdict
+
+
+def test_the_model_takes_no_tree_that_stretch_does_not_follow() -> None:
+    with pytest.raises(mb.UserError, match="tree of sheet 'sheet' is 'rows', but with stretch it grows from its first"):
+        Sheet(nx=7, nz=5, stretch=True, tree="rows").build()
+    with pytest.raises(
+        mb.UserError, match="tree of sheet 'sheet' is 'rows', but with stretch it grows from its middle"
+    ):
+        Sheet(nx=7, nz=5, stretch=True, tree="rows", support="free").build()
 
 
 def test_what_holds_a_sheet_does_not_float() -> None:

@@ -26,6 +26,7 @@ from mbfmu.mechanics import (
     Product,
     Revolute,
     Sensor,
+    Step,
     Support,
     Translational,
     Weld,
@@ -76,14 +77,18 @@ class Sheet(Model):
     nx: int = parameter(15, min=2, max=400, structural=True, resolution=(7, 10, 15), doc="nodes along x")
     nz: int = parameter(11, min=2, max=400, structural=True, resolution=(5, 7, 11), doc="nodes along z")
     tree: str = parameter(
-        "spine", choices=("spine", "rows", "master"), doc="how nodes hang on each other; not with stretch"
+        "spine",
+        choices=("spine", "rows", "master"),
+        doc="how nodes hang on each other; with stretch there is no choice",
     )
     support: str = parameter(
         "clamped",
-        choices=("clamped", "pinned", "moved", "turned", "two_edges", "all_edges", "free"),
+        choices=("clamped", "pinned", "moved", "turned", "two_edges", "all_edges", "free", "rails"),
         doc="of the edge x = length; moved: clamped to an edge that inputs move; turned: and turn; two_edges: it and "
-        "x = 0 are hinged; all_edges: so are all four",
+        "x = 0 are hinged; all_edges: so are all four; rails: z = 0 and z = width are clamped, and it takes stretch",
     )
+    shear: float = parameter(0.0, unit="m", doc="by which the rail at z = width slides along x from the start on")
+    shear_time: float = parameter(0.15, unit="s", min=1e-6, doc="in which it does so")
     slide: bool = parameter(True, structural=True, doc="hinged edges may slide in the plane; if not, it takes stretch")
     held_part: float = parameter(1.0, min=0.0, max=1.0, doc="part of the edge that is held, about its middle")
     start_velocity: float = parameter(0.0, unit="m/s", doc="of a free sheet at the start, along y")
@@ -122,14 +127,20 @@ class Sheet(Model):
         edge = None if self.support in ("all_edges", "free") else self._edge(m)
         supports, tree, master = [], self.tree, None
         hinged = "supported" if self.slide else "pinned"
-        if not self.slide and not self.stretch:
-            raise UserError("slide is False, which a sheet that cannot stretch does not bear; allowed: with stretch")
+        for key, wrong in (("slide", not self.slide), ("support", self.support == "rails")):
+            if wrong and not self.stretch:
+                given = getattr(self, key)
+                raise UserError(
+                    f"{key} is {given!r}, which a sheet that cannot stretch does not bear; allowed: with stretch"
+                )
         if edge is None:
-            tree = "master"
+            tree = tree if self.stretch else "master"
             if self.support == "all_edges":
                 supports = [Support(name, hinged) for name in ("x0", "x1", "z0", "z1")]
                 if self.slide:
                     master = m.body("lift", m.ground, Translational(axis="y"))  # the middle may not drift in the plane
+        elif self.support == "rails":
+            supports = self._rails(m, edge)
         else:
             half = 0.5 * self.held_part * self.width
             span = (0.5 * self.width - half, 0.5 * self.width + half)
@@ -208,8 +219,12 @@ class Sheet(Model):
         return (0.0, self.start_velocity, 0.0, self.start_spin, 0.0, 0.5 * self.start_spin)
 
     def _edge(self, m: Mechanism) -> Body:
-        """Return the body that holds the edge, in its middle: fixed, or moved by inputs, and turned."""
+        """Return the body that holds the edge, in its middle: fixed, or moved by inputs, and turned; or that slides."""
         middle = (self.length, 0.0, 0.5 * self.width)
+        if self.support == "rails":
+            slides = Step(height=self.shear, duration=self.shear_time)
+            middle = (0.5 * self.length, 0.0, self.width)
+            return m.body("rail", m.ground, Translational(at=middle, axis="x", drive=slides))
         if self.support not in ("moved", "turned"):
             return m.body("edge", m.ground, Weld(at=middle))
         body = m.body("stand", m.ground, Weld(at=middle))
@@ -232,6 +247,18 @@ class Sheet(Model):
             body = m.body("edge", body, Revolute(drive=turn))
         return body
 
+    def _rails(self, m: Mechanism, rail: Body) -> list[Support]:
+        """Return what clamps the sheet between a fixed rail and one that slides."""
+        stand = m.body("stand", m.ground, Weld(at=(0.5 * self.length, 0.0, 0.0)))
+        step = self.length / (self.nx - 1)
+        size = (step, 0.02 * self.width, 0.04 * self.width)  # pieces: pictures paint whole things, the far ones first
+        for body in (stand, rail):
+            m.shape(
+                body, *(Box(size=size, at=((k + 0.5) * step - 0.5 * self.length, 0, 0)) for k in range(self.nx - 1))
+            )
+        at = (-0.5 * self.length, 0.0, 0.0)
+        return [Support("z0", body=stand, at=at), Support("z1", body=rail, at=(*at[:2], -self.width))]
+
     def _load(self, m: Mechanism, sheet: SheetHandle) -> None:
         """Let inputs pull at a node, or along the free edge, each of its nodes by the length that is its own."""
         middle = self.nz // 2
@@ -251,7 +278,7 @@ class Sheet(Model):
         for name, node in points.items():
             for axis in "xyz":
                 m.output(f"{name}.{axis}", node.position(axis), f"{name} of the free edge")
-        if self.support in ("two_edges", "all_edges"):
+        if self.support in ("two_edges", "all_edges", "rails"):
             middle = sheet.node(self.nx // 2, self.nz // 2)
             for axis in "xyz":
                 m.output(f"middle.{axis}", middle.position(axis), "middle of the sheet")

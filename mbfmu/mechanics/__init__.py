@@ -9,9 +9,11 @@ from .assemblies.chain import add_chain
 from .assemblies.fabric import Crease
 from .assemblies.sheet import Sheet, add_sheet
 from .assemblies.supports import Support
+from .assemblies.transport import NipHandle, TouchHandle, add_nip, add_touch
 from .builder.bodies import Body, CouplingHandle, CutHandle, FlexibleBody, ForceHandle
 from .builder.inertia import box, cylinder, rod, sphere, tube
 from .builder.mechanism import Mechanism
+from .contact.surfaces import Drum, Guide, Surface, Trough, Wall
 from .couplings import Cam, Coupling, Gear
 from .cuts import (
     Cut,
@@ -78,6 +80,7 @@ __all__ = [
     "CylindricalCut",
     "DistanceCut",
     "DistanceStop",
+    "Drum",
     "FlexibleBody",
     "Floating",
     "Force",
@@ -85,6 +88,7 @@ __all__ = [
     "Function",
     "Gear",
     "Geodesic",
+    "Guide",
     "Harmonic",
     "Input",
     "Joint",
@@ -93,6 +97,7 @@ __all__ = [
     "JointStop",
     "Load",
     "Mechanism",
+    "NipHandle",
     "OutOfPlane",
     "Planar",
     "PlanarCut",
@@ -120,18 +125,24 @@ __all__ = [
     "Stretching",
     "Sum",
     "Support",
+    "Surface",
     "Table",
     "Torque",
     "TorsionSpring",
+    "TouchHandle",
     "Translational",
     "TranslationalCut",
+    "Trough",
     "Universal",
     "UserError",
     "Variable",
+    "Wall",
     "Weld",
     "WeldCut",
     "add_chain",
+    "add_nip",
     "add_sheet",
+    "add_touch",
     "box",
     "cylinder",
     "kernel",

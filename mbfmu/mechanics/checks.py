@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mbfmu.errors import UserError
 
-from .numbers import array_of, is_finite
+from .numbers import array_of, is_finite, is_whole
 from .signals import Function, Polynomial, Signal
 
 Matrix = NDArray[np.float64]
@@ -61,7 +61,7 @@ def lengths(what: str, value: Vector) -> Matrix:
 
 def whole(what: str, value: Any) -> int:
     """Check a whole number."""
-    if not isinstance(value, int | np.integer):
+    if not is_whole(value):
         raise UserError(f"{what} are {value!r}; allowed: whole numbers")
     return int(value)
 
@@ -95,3 +95,10 @@ def one_of(what: str, value: Any, allowed: Collection[str]) -> None:
     """Refuse a word that is not among those allowed."""
     if value not in allowed:
         raise UserError(f"{what} is {value!r}; allowed: {', '.join(map(repr, allowed))}")
+
+
+def flag(what: str, value: Any) -> bool:
+    """Check a truth value: a text or a number that Python takes for true may have been meant as anything."""
+    if not isinstance(value, bool | np.bool_):
+        raise UserError(f"{what} is {value!r}; allowed: True, False")
+    return bool(value)

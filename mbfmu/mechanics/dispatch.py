@@ -15,6 +15,7 @@ from solvers.compiled.kernel import inlined
 
 PLACE, BIAS = 0, 1  # of a joint
 EVALUATE = 0  # of a cut joint, of a coupling, of a signal
+GAP = 0  # of a surface
 LONGEST_STEP = 1  # of a signal
 APPLY, POTENTIAL, POWER, TANGENT = 0, 1, 2, 3  # of a load
 READ = 0  # of a sensor
@@ -103,6 +104,13 @@ def longest_step(k: int, t: float, arrays: Any) -> tuple[float, float]:
     if address == 0:
         return np.inf, np.inf
     return two(address, arrays.memory, item.at, arrays.world[0].gravity, (t, arrays))
+
+
+@inlined
+def surface_gap(k: int, arrays: Any, state: Any) -> float:
+    """Distance of State.meeting's point from surface k; see :mod:`.contact.surfaces.base`."""
+    item = arrays.surfaces[k]
+    return number(arrays.kernels[item.kind + GAP], arrays.memory, item.at, state.time, (state,))
 
 
 @inlined

@@ -2,7 +2,8 @@
 
 A kind is a class in a file of its own, of this package or of a user. It has a *record* of parameters, which ``fill``
 writes, and *kernels*, which read them; its role (:class:`.joints.Joint`, :class:`.cuts.Cut`,
-:class:`.couplings.Coupling`, :class:`.loads.Load`, :class:`.signals.Signal`, :class:`.sensors.Sensor`) says
+:class:`.couplings.Coupling`, :class:`.loads.Load`, :class:`.signals.Signal`, :class:`.sensors.Sensor`,
+:class:`.contact.surfaces.Surface`) says
 which, and what they do. Nothing else in the package knows what kinds there are: the recursions call kernels by their
 address (:mod:`.dispatch`).
 """
@@ -29,6 +30,9 @@ class Site(Protocol):
 
     def signal(self, value: Any, what: str) -> int:
         """Return the number of a signal that is used here: a number, a signal, an input or a function of time."""
+
+    def surface(self, surface: Any) -> int:
+        """Return the number of a surface that is touched here."""
 
     def numbers(self, values: Any) -> int:
         """Keep numbers, as many as there are, in ``Arrays.numbers``; return where they begin."""

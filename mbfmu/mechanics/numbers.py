@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import isfinite
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,11 @@ def finite(what: str, value: Any) -> float:
     return float(value)
 
 
+def is_whole(value: Any) -> TypeGuard[int]:
+    """Whether it is a whole number; to Python a truth value is one."""
+    return isinstance(value, int | np.integer) and not isinstance(value, bool)
+
+
 def positive(what: str, value: Any) -> float:
     """Check a finite number that is greater than zero."""
     if np.ndim(value) or not is_finite(value) or value <= 0.0:
@@ -51,9 +56,9 @@ def not_negative(what: str, value: Any) -> float:
 
 
 def _numbers(value: Any) -> NDArray[np.float64] | None:
-    """Return numbers as an array, None where there is anything else; NumPy alone would read text."""
+    """Return numbers as an array, None where there is anything else; NumPy alone would read text and truth values."""
     try:
         array = np.asarray(value)
     except ValueError:  # rows of different lengths
         return None
-    return array.astype(float) if array.dtype.kind in "biuf" else None
+    return array.astype(float) if array.dtype.kind in "iuf" else None

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mbfmu.mechanics.contact.meeting import GRIP, MEETING
 from mbfmu.mechanics.elements.plate_energy import ELEMENT
 from mbfmu.mechanics.elements.shell_energy import WORK
 from mbfmu.mechanics.flexible.modal import FLEXIBLE, MODES, NODE
@@ -79,7 +80,7 @@ COUPLING = np.dtype(
     align=True,
 )
 
-ITEM = np.dtype([("kind", np.int64), ("at", np.int64)], align=True)  # a load or a signal: its kernels and its record
+ITEM = np.dtype([("kind", np.int64), ("at", np.int64)], align=True)  # a load, a signal, a surface: kernels and record
 SENSOR = np.dtype([("kind", np.int64), ("at", np.int64), ("energy", np.int64)], align=True)  # 1: it reads State.energy
 
 WORLD = np.dtype(
@@ -101,13 +102,14 @@ class Arrays(NamedTuple):
     couplings: NDArray[Any]  # COUPLING
     loads: NDArray[Any]  # ITEM
     signals: NDArray[Any]  # ITEM
+    surfaces: NDArray[Any]  # ITEM
     sensors: NDArray[Any]  # SENSOR
     kept: NDArray[np.int64]  # (rows,) number among the constraints of rows, cuts first, then couplings; -1: it vanishes
     reach: NDArray[np.float64]  # (rows,) what a residual of one counts for, m: the mechanism's length by the row's unit
     flexibles: NDArray[Any]  # FLEXIBLE
     nodes: NDArray[Any]  # NODE
     kernels: NDArray[np.int64]  # addresses of kernels, KERNELS for each kind that is there; 0: it has none
-    memory: NDArray[np.uint8]  # every record of joints, cut joints, couplings, loads, signals and sensors
+    memory: NDArray[np.uint8]  # every record of whatever has a kind
     numbers: NDArray[np.float64]  # of tables, which are of any length
 
 
@@ -161,6 +163,8 @@ class State(NamedTuple):
     coupled: NDArray[Any]  # (couplings,) COUPLED
     element: NDArray[Any]  # (1,) ELEMENT, a plate element at work
     shell: NDArray[Any]  # (1,) WORK, a shell element at work
+    meeting: NDArray[Any]  # (1,) MEETING, a contact at work
+    grip: NDArray[Any]  # (1,) GRIP, a nip at work
     S: NDArray[np.float64]  # (subspaces, 6) joint motion subspaces, columns of B2
     q: NDArray[np.float64]  # (nq,) every joint position, driven ones included
     v: NDArray[np.float64]  # (nv,)
@@ -195,6 +199,8 @@ def allocate_state(nb: int, rows: int, couplings: int, nq: int, nv: int, subspac
         coupled=records(couplings, COUPLED),
         element=records(1, ELEMENT),
         shell=records(1, WORK),
+        meeting=records(1, MEETING),
+        grip=records(1, GRIP),
         S=z((subspaces, 6)),
         q=z(nq),
         v=z(nv),
@@ -226,6 +232,7 @@ def empty_data() -> Data:
         couplings=records(1, COUPLING),
         loads=records(1, ITEM),
         signals=records(1, ITEM),
+        surfaces=records(1, ITEM),
         sensors=records(1, SENSOR),
         kept=whole,
         reach=np.zeros(1),

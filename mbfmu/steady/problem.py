@@ -69,10 +69,11 @@ class EquilibriumProblem:
             if not constant:
                 raise EquilibriumError(
                     f"the drive of {name!r} has no constant speed (now {speed:g}); allowed: "
-                    "a constant speed, or a RunUp to one"
+                    "a constant speed, or a RunUp or a Step to one"
                 )
         self._names = position_names(plant)
         self._start = self.start()
+        plant.check_corners(0.0, self._start)
         self._v, self._cyclic = np.zeros(plant.system.n), np.zeros(plant.system.n, bool)
         self._lay_out()
         if not plant.system.has_matrices:

@@ -7,7 +7,14 @@ import numpy as np
 from solvers.projection.saddle import Saddle
 from solvers.system import Array, TreeSystem
 
-from .newton import CONVERGED, ITERATIONS, LEAST_DAMPING, EquilibriumSolver, Outcome, Unknowns
+from .newton import CONVERGED, FASTER, ITERATIONS, EquilibriumSolver, Outcome, Relaxed, Unknowns
+
+ROUGH = 0.2  # a pseudo-transient step ends with a correction this small against its first
+# Where a correction is this part of the one before, the next step is as long as this one; how fast corrections shrink
+# goes with some third power of the duration. Measured on shells held by a third of an edge, which crease where the
+# clamp ends: half the factorizations of steps that are converged.
+CONTRACTION = 0.1
+LEAST = 0.01  # damping of Newton alone, below which the continuation is cheaper
 
 
 class TreeEquilibriumSolver(EquilibriumSolver):
@@ -80,7 +87,31 @@ class TreeEquilibriumSolver(EquilibriumSolver):
                 if after <= (1.0 - 0.25 * damping) * size:
                     break
                 damping *= 0.5
-                if damping < LEAST_DAMPING:
+                if damping < LEAST:
                     return Outcome.NO_PROGRESS, at, moved, iteration
             at, moved, damping = trial, further, min(1.0, 2.0 * damping)
         return Outcome.NO_PROGRESS, at, moved, ITERATIONS
+
+    def _relax(self, t: float, at: Unknowns, c2: float) -> Relaxed:
+        """Take a step by Newton without damping, until the rest is small against it."""
+        saddle, moved, first, before, worst = self._saddle, self._still, 0.0, np.inf, 0.0
+        for count in range(1, ITERATIONS + 1):
+            forces, gaps = saddle.residual(t, at.q, self._v, c2 * moved, at.lam)
+            if not np.isfinite(forces).all():
+                return Relaxed(Outcome.NOT_FINITE, at, moved, count)
+            if not saddle.factor(0.0, c2):
+                return Relaxed(Outcome.SINGULAR, at, moved, count)
+            step, reaction = saddle.solve(-forces, -gaps)
+            size = float(np.linalg.norm(step / self._size))
+            if not size < before:
+                break
+            if count == 1:
+                first = size
+            else:
+                worst = max(worst, size / before)
+            at, moved, before = self._stepped(at, 1.0, step, reaction), moved + step, size
+            converged = size <= CONVERGED * np.sqrt(len(step))
+            if converged or (count > 1 and size <= ROUGH * first):
+                longer = (CONTRACTION / worst) ** (1.0 / 3.0) if worst else FASTER
+                return Relaxed(Outcome.FOUND, at, moved, count, min(longer, FASTER))
+        return Relaxed(Outcome.NO_PROGRESS, at, moved, count)

@@ -13,11 +13,11 @@ singular. Then the start is relaxed first, by implicit Euler steps of the motion
 
     M (q - q_before) / s^2 + h + J^T lambda = 0,     Phi = 0,
 
-each solved by Newton as it is solved for a steady state. s grows where Newton finds a step easy, and shrinks where it
-fails. A step against which the forces do work, by the trapezoidal rule, does not count: where it is long, Newton may
-find a root uphill. The continuation mostly ends at a stable state where there is one, and Newton finishes there. A thin
-sheet, whose stiffness against stretching is a million times that against bending, gets from flat to hanging straight
-down in some fifty factorizations.
+each solved by Newton: exactly where that is cheap, on a large tree as far as the way on needs it. s grows where Newton
+finds a step easy, and shrinks where it fails. A step against which the forces do work, by the trapezoidal rule, does
+not count: where it is long, Newton may find a root uphill. The continuation mostly ends at a stable state where there
+is one, and Newton finishes there. A thin sheet, whose stiffness against stretching is a million times that against
+bending, gets from flat to hanging straight down in some thirty factorizations.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ FIRST, SHORTEST, LONGEST = 0.03, 3e-6, 3e3  # pseudo-time of the first and of an
 RESTING, NEAR = 3.0, 1e-3  # a step this long that moves no coordinate further leaves the rest to Newton
 RUNAWAY = 100.0  # way of a step: nothing holds it
 EASY = 6  # factorizations of a step after which the next one may be much longer
-FASTER, LONGER, SHORTER = 4.0, 1.5, 0.3  # changes of the duration: after an easy, a difficult and a failed step
+FASTER, LONGER, SHORTER = 4.0, 1.5, 0.3  # changes of the duration: after an easy, a difficult and a failed step; two
 MOST = 2000  # factorizations in the continuation
 
 
@@ -63,6 +63,16 @@ class Unknowns(NamedTuple):
 
     q: Array  # (nq,)
     lam: Array  # of the independent constraints
+
+
+class Relaxed(NamedTuple):
+    """A step of the pseudo-transient continuation."""
+
+    outcome: Outcome
+    at: Unknowns  # where it ended
+    moved: Array  # (n,) how the coordinates changed
+    factored: int
+    longer: float = 1.0  # how many times as long the next one may be
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,20 +142,25 @@ class EquilibriumSolver(ABC):
         """Return a state near rest by pseudo-transient continuation, and how many Jacobians were factored."""
         duration, growth, factored, pull = FIRST, FASTER, 0, self._pull(t, at.q)
         while factored < MOST and SHORTEST < duration < LONGEST:
-            outcome, found, moved, count = self._newton(t, at, (self._rate / duration) ** 2)
-            factored += count
-            there = self._pull(t, found.q)
-            uphill = float((pull + there) @ moved) > 0.0
-            if outcome not in (Outcome.FOUND, Outcome.UNDETERMINED) or uphill:
+            step = self._relax(t, at, (self._rate / duration) ** 2)
+            factored += step.factored
+            there = self._pull(t, step.at.q)
+            uphill = float((pull + there) @ step.moved) > 0.0
+            if step.outcome not in (Outcome.FOUND, Outcome.UNDETERMINED) or uphill:
                 duration, growth = SHORTER * duration, LONGER
                 continue
-            farthest = float(np.abs(moved / self._size).max())
-            at, pull = found, there
+            farthest = float(np.abs(step.moved / self._size).max())
+            at, pull = step.at, there
             if farthest > RUNAWAY or (duration >= RESTING and farthest < NEAR):
                 break
-            duration *= growth if count < EASY else LONGER
+            duration *= min(growth, step.longer)
             growth = min(FASTER, LONGER * growth)
         return at, factored
+
+    def _relax(self, t: float, at: Unknowns, c2: float) -> Relaxed:
+        """Take a pseudo-transient step; c2 as in :meth:`_newton`."""
+        outcome, found, moved, count = self._newton(t, at, c2)
+        return Relaxed(outcome, found, moved, count, FASTER if count < EASY else LONGER)
 
     def _strayed(self, moved: Array) -> bool:
         """Whether Newton alone went so far (n,) that the state it found is not the one next to the start."""

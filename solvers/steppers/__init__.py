@@ -56,6 +56,11 @@ def stepper(name: str, system: AnySystem, t0: float, q0: Array, v0: Array, optio
     if system.stiff and name in UNTIED:
         implicit = "'ida' or 'esdirk'" if isinstance(system, TreeSystem) else "'radau' or 'ida'"
         raise ValueError(f"solver {name!r} is explicit, and {system.stiff}; take {implicit}")
+    if system.cornered and name == "ida" and isinstance(system, TreeSystem):
+        raise ValueError(
+            f"solver 'ida' takes differences of the forces over changes as large as its tolerance, and "
+            f"{system.cornered}; take 'esdirk'"
+        )
     given: tuple[Any, ...] = t0, q0, v0, options
     if not isinstance(system, TreeSystem):
         if not system.n:

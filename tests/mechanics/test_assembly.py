@@ -266,7 +266,7 @@ def test_a_force_needs_two_bodies(force: Any) -> None:
         (Revolute(start="up"), "start of body 'b' is 'up'; it needs numbers"),
         (Revolute(drive=Polynomial(0.0)), "polynomial coefficients are 0.0; allowed: one to four finite numbers"),  # type: ignore[arg-type]
         (Revolute(drive=Polynomial(("a",))), "polynomial coefficients are"),  # type: ignore[arg-type]
-        (Revolute(drive=Harmonic(amplitude=1.0, frequency="a")), "every number must be finite"),  # type: ignore[arg-type]
+        (Revolute(drive=Harmonic(amplitude=1.0, frequency="a")), "frequency of a Harmonic is 'a'; it must be a finite"),  # type: ignore[arg-type]
         (Revolute(drive="fast"), "drive of body 'b' is 'fast', where 'fast' is not known; allowed: t, sin"),
     ],
 )

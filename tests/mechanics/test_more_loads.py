@@ -25,6 +25,7 @@ from mbfmu.mechanics import (
     PointForce,
     Revolute,
     Spherical,
+    Spring,
     Torque,
     TorsionSpring,
     Translational,
@@ -382,11 +383,24 @@ def test_a_bushing_exerts_its_force_at_its_point_on_both_bodies() -> None:
 
 @pytest.mark.parametrize("key", ["stiffness", "damping", "turning_stiffness", "turning_damping"])
 def test_what_is_no_bushing_is_refused(key: str) -> None:
-    for wrong in (-1.0, (1.0, 2.0), (1.0, np.nan, 1.0), "stiff"):
+    for wrong in (-1.0, (1.0, 2.0), (1.0, np.nan, 1.0), "stiff", True):
         m = Mechanism()
         body = m.body("b", m.ground, Floating(), mass=1.0)
         with pytest.raises(UserError, match=rf"{key} of force 'bush' is"):
             m.force("bush", Bushing(**{key: wrong}), m.ground, body)
+
+
+@pytest.mark.parametrize("kind", [Spring, TorsionSpring, JointSpring])
+@pytest.mark.parametrize("key", ["stiffness", "damping"])
+def test_what_is_no_spring_is_refused(kind: Any, key: str) -> None:
+    m = Mechanism()
+    body = m.body("b", m.ground, Revolute(), mass=1.0, inertia=(1.0, 1.0, 1.0))
+    for wrong in (-1.0, np.nan, np.inf, True, (1.0, 2.0)):
+        with pytest.raises(UserError, match=rf"{key} of force 'coil' is .*; allowed: finite and not negative"):
+            m.force("coil", kind(**{key: wrong}), body)
+    with pytest.raises(UserError, match="free of force 'coil' is inf; it must be a finite number"):
+        m.force("coil", kind(stiffness=1.0, free=np.inf), body)
+    m.force("coil", kind(stiffness=lambda x: -x), body)  # what drives away is a function
 
 
 @pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])

@@ -413,6 +413,8 @@ def test_what_cannot_be_told_is_refused() -> None:
     theirs = other.force("theirs", Torque(magnitude=1.0), stranger)
     for make, message in (
         (lambda: arm.quaternion(4), "component of the quaternion of body 'arm' is 4; allowed: 0, 1, 2, 3"),
+        (lambda: arm.quaternion(True), "component of the quaternion of body 'arm' is True; allowed: 0, 1, 2, 3"),
+        (lambda: arm.angle(False), "body 'arm' has no joint coordinate False"),
         (lambda: arm.direction("x", "q"), "component of body 'arm' is 'q'"),
         (
             lambda: arm.angular_velocity("x", frame="joint"),

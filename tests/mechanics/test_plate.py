@@ -10,11 +10,12 @@ from plate_oracles import CORNERS, E, acm_stiffness, grain, isotropic
 from random_mechanisms import random_rotation
 
 from mbfmu.errors import UserError
-from mbfmu.mechanics import Floating, Mechanism, Plant, Plate, Polynomial
+from mbfmu.mechanics import Floating, Mechanism, Plant, Plate, Polynomial, Shell
 from mbfmu.mechanics.dispatch import load_tangent
 from mbfmu.mechanics.elements.plate_energy import bending_strain, lean, stress
 from mbfmu.mechanics.loads import Drag
 from mbfmu.mechanics.recursions.dynamics import energy, move
+from mbfmu.steady.problem import equilibrium
 from solvers.compiled.held import contents, hold
 
 A, B, NU = 2.0, 1.5, 0.3
@@ -430,6 +431,7 @@ def test_effects_that_are_off_are_absent() -> None:
         ({"damping": -1.0}, "damping of a plate is -1.0"),
         ({"drag": float("inf")}, "drag of a plate is inf"),
         ({"membrane": "xy"}, "membrane of a plate is 'xy'"),
+        ({"membrane": 1.0}, "membrane of a plate is 1.0; allowed: True, False"),
         ({"youngs_modulus": (1.0, -1.0)}, "youngs_modulus E2 of a plate is -1.0"),
         ({"youngs_modulus": (1.0, 2.0, 3.0)}, "youngs_modulus of a plate is"),
         ({"youngs_modulus": (1.0, 4.0), "poisson": 0.5}, "poisson of a plate is 0.5 .* within 0.5"),
@@ -442,6 +444,47 @@ def test_effects_that_are_off_are_absent() -> None:
 def test_says_what_is_wrong_with_a_plate(options: dict[str, Any], message: str) -> None:
     with pytest.raises(UserError, match=message):
         element(**options)
+
+
+@pytest.mark.parametrize("element", [Plate(**BENDING), "shell"])
+@pytest.mark.parametrize(
+    ("order", "lift", "message"),
+    [
+        ("adcb", 0.0, "from 'a' to 'd' its edge goes 90 degrees off"),  # clockwise
+        ("acbd", 0.0, "from 'c' to 'b' its edge goes 180 degrees off|from 'd' to 'a' its edge goes 180"),  # crossing
+        ("bcda", 0.0, "its edge goes 90 degrees off"),  # begun at the wrong corner
+        ("abcd", 2.0, "to 'c' its edge goes 69 degrees off"),  # a corner far out of the plane
+        ("abcd", 0.2, ""),
+    ],
+)
+def test_bodies_that_do_not_span_a_plate_are_named(element: Any, order: str, lift: float, message: str) -> None:
+    a, b = BENDING["a"], BENDING["b"]
+    corners = np.array([(0.0, 0.0, 0.0), (a, 0.0, 0.0), (a, 0.0, b), (0.0, 0.0, b)])
+    if element == "shell":
+        element = Shell(corners=corners, stretching=1e6 * np.eye(3), bending=np.eye(3))
+    places = corners + np.outer([0, 0, 1, 0], [0, lift * max(a, b), 0])
+    m = Mechanism()
+    inertia: dict[str, Any] = {"mass": 1.0, "inertia": (1.0, 1.0, 1.0)}
+    nodes = {
+        name: m.body(name, m.ground, Floating(at=place, start=(0, 0, 0, 1, 0, 0, 0)), **inertia)
+        for name, place in zip("abcd", places, strict=True)
+    }
+    m.plate(element, *(nodes[name] for name in order))
+    if not message:
+        Plant(m).assemble()
+        return
+    with pytest.raises(UserError, match=f"corners of a plate are .*({message}).*; allowed: at most 45"):
+        Plant(m).assemble()
+    with pytest.raises(UserError, match="corners of a plate are"):
+        equilibrium(m)
+
+
+def test_bodies_at_one_place_span_no_plate() -> None:
+    m = Mechanism()
+    nodes = [m.body(f"n{i}", m.ground, Floating(), mass=1.0, inertia=(1.0, 1.0, 1.0)) for i in range(4)]
+    m.plate(Plate(**BENDING), *nodes)
+    with pytest.raises(UserError, match="from 'n0' to 'n1' its edge goes 90 degrees off"):
+        Plant(m).assemble()
 
 
 def test_corners_are_four_bodies_of_the_mechanism() -> None:

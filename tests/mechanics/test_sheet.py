@@ -34,6 +34,7 @@ from mbfmu.mechanics import (
     Sheet,
     Support,
     Translational,
+    Weld,
     add_sheet,
 )
 from mbfmu.mechanics.arrays.rows import dependent_rows
@@ -175,6 +176,31 @@ def test_pressure_lifts_a_sheet_by_its_area() -> None:
     np.testing.assert_allclose(forces.sum(axis=0), (0.0, 7.0 * 0.3 * 0.21, 0.0), atol=1e-15)
     inner = plant.data.state.bodies["F"][sheet.node(2, 2).index]
     np.testing.assert_allclose(inner, (0.0, 7.0 * 0.06 * 0.0525, 0.0, 0.0, 0.0, 0.0), atol=1e-15)
+
+
+@pytest.mark.parametrize("stretch", [False, True])
+def test_uniform_pressure_bends_a_free_sheet_by_the_square_of_its_cells(stretch: bool) -> None:
+    """Pressure acts on the nodes, and the mass of the nodes at a border is a quarter of a cell inside: the edges are
+    bent by p a^2 / 8 and p b^2 / 8 per length, which vanishes with the cells. Weight takes the place of inertia.
+    """
+    p, t, E, nu, sides = 0.1, 0.3e-3, 1e10, 0.3, np.array((0.3, 0.21))
+    for n in (6, 12):
+        m = Mechanism(gravity=(0.0, -p / (1000.0 * t), 0.0))
+        fixed = m.body("fixed", m.ground, Weld(at=(0.0, 0.0, 0.0)))
+        options: dict[str, Any] = {"stretch": True} if stretch else {"membrane": True, "tree": "master"}
+        sheet = add_sheet(
+            m, "s", length=sides[0], width=sides[1], thickness=t, youngs_modulus=E, poisson=nu, density=1000.0,
+            grid=(n + 1, n + 1), master=fixed, pressure=p, **options,
+        )  # fmt: skip
+        for key in ("xx", "zz"):
+            m.output(key, sheet.curvature(key, *(0.25 * sides)))
+        m.output("force", fixed.joint_force("y"))
+        found = equilibrium(m).outputs
+        edge_x, edge_z = p * (sides / n) ** 2 / 8.0
+        rigidity = E * t**3 / 12.0
+        expected = np.array((edge_x - nu * edge_z, edge_z - nu * edge_x)) / rigidity
+        np.testing.assert_allclose((found["xx"], found["zz"]), expected, rtol=0.01)
+        assert abs(found["force"]) < 1e-9
 
 
 def test_free_sheet_falls_flat() -> None:
@@ -368,6 +394,28 @@ def add(m: Mechanism, **options: Any) -> Sheet:
         ({"membrane": "w"}, "membrane of sheet 'sheet' is 'w'"),
         ({"membrane": True, "joint": "paper"}, "membrane True on chains of projected length, which locks"),
         ({"membrane": "x", "tree": "rows", "joint": "paper"}, "which locks"),
+        ({"membrane": 1.0}, "membrane of sheet 'sheet' is 1.0; allowed: True, False"),
+        ({"stretch": "yes"}, "stretch of sheet 'sheet' is 'yes'; allowed: True, False"),
+        ({"stretch": 1.0}, "stretch of sheet 'sheet' is 1.0; allowed: True, False"),
+        ({"stretch": None}, "stretch of sheet 'sheet' is None; allowed: True, False"),
+        (
+            {"stretch": True, "tree": "rows"},
+            "tree of sheet 'sheet' is 'rows', but with stretch it grows from its first",
+        ),
+        (
+            {"stretch": True, "tree": "master", "supports": [Support("x0")]},
+            "tree of sheet 'sheet' is 'master', but with stretch it grows from its",
+        ),
+        ({"stretch": True, "tree": "rows", "supports": []}, "'rows', but with stretch it grows from its middle"),
+        (
+            {"stretch": True, "joint": "paper"},
+            "joint of sheet 'sheet' is 'paper', but with stretch it has joints of its",
+        ),
+        (
+            {"stretch": True, "membrane": "s"},
+            "membrane of sheet 'sheet' is 's', but with stretch it resists all strains",
+        ),
+        ({"grid": (True, 4)}, r"grid of sheet 'sheet' is \(True, 4\); allowed: two whole numbers"),
     ],
 )
 def test_says_what_is_wrong_with_a_sheet(options: dict[str, Any], message: str) -> None:

@@ -199,6 +199,10 @@ def test_rates_of_deformations_are_their_derivatives() -> None:
         ({"corners": [[0, 0, 0], [2, 0, 0], [0.2, 0, 0.2], [0, 0, 2]]}, "convex quadrilateral"),
         ({"corners": [[0, 0, 0]] * 4}, "convex quadrilateral"),
         ({"corners": 3.0}, "4 x 3 finite numbers"),
+        (
+            {"corners": [[0, 0, 0], [1, 0, 0], [1, 1.3, 1], [0, 0, 1]]},
+            "leans by 61 degrees from .* allowed: at most 45",
+        ),
         ({"stretching": np.diag([1.0, 1.0, -1.0])}, "positive definite"),
         ({"bending": [[1, 0, 0], [1, 1, 0], [0, 0, 1]]}, "symmetric"),
         ({"bending": np.full((3, 3), np.nan)}, "3 x 3 finite numbers"),

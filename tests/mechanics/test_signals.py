@@ -101,6 +101,21 @@ def test_values_are_those_of_closed_forms() -> None:
             assert signal_at(0, t, driven(SIGNALS[name]).kernel_data.arrays)[0] == pytest.approx(value, rel=1e-14)
 
 
+def test_a_step_that_drives_has_risen_in_a_steady_state() -> None:
+    """A pendulum on a slider that is moved for a second hangs still beyond it."""
+    m = Mechanism(gravity=(0.0, -9.81, 0.0))
+    step = Step(height=0.7, begin=1.0, duration=1.0, offset=0.2)
+    slider = m.body("slider", m.ground, Translational(axis="x", drive=step))
+    bob = m.body("bob", slider, Revolute(start=-1.0), **rod(mass=1.0, length=1.0))
+    m.output("x", bob.position("x"))
+    m.output("angle", bob.angle())
+    found = equilibrium(m)
+    assert found.outputs["x"] == pytest.approx(0.9, abs=1e-12)
+    assert found.outputs["angle"] == pytest.approx(-0.5 * pi, abs=1e-9)
+    with pytest.raises(UserError, match="the drive of 'slider' has no constant speed"):
+        simulate(m, 1.0, start_at_equilibrium=True)
+
+
 def test_tables_are_those_of_scipy_and_straight_beyond_their_ends() -> None:
     natural, monotone = CubicSpline(POINTS, VALUES, bc_type="natural"), PchipInterpolator(POINTS, VALUES)
     kinds = {"spline": natural, "monotone": monotone}
@@ -336,6 +351,25 @@ def test_an_input_may_be_part_of_a_sum() -> None:
         (lambda: driven("t.real"), "allowed: numbers, t and functions"),
         (lambda: driven(lambda t, x: t), "takes 2 arguments; allowed: 1"),
         (lambda: JointForce(lambda t, q: q), "takes 2 arguments; allowed: 3"),
+        (
+            lambda: driven(Harmonic(amplitude=np.nan, frequency=1.0)),
+            "amplitude of a Harmonic is nan; it must be a finite",
+        ),
+        (
+            lambda: driven(Harmonic(amplitude=1.0, frequency=np.inf)),
+            "frequency of a Harmonic is inf; it must be a fini",
+        ),
+        (
+            lambda: driven(Harmonic(amplitude=True, frequency=1.0)),
+            "amplitude of a Harmonic is True; it must be a finit",
+        ),
+        (lambda: driven(Step(height=np.inf, duration=1.0)), "height of a Step is inf; it must be a finite number"),
+        (
+            lambda: driven(Step(height=1.0, duration=-1.0)),
+            "duration of a Step is -1.0; allowed: finite and not negative",
+        ),
+        (lambda: driven(RunUp(speed=np.nan, duration=1.0)), "speed of a RunUp is nan; it must be a finite number"),
+        (lambda: driven(RunUp(speed=1.0, duration=0.0)), "duration of a RunUp is 0.0; allowed: finite and greater"),
         (lambda: Function(lambda t: t, time=0.0), "function of time changes is 0.0; allowed: finite and greater"),
     ],
 )

@@ -10,14 +10,28 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fmus.sheet import Sheet
-from mbfmu.mechanics import Bushing, Floating, Mechanism, Plant, Revolute, Translational
+from mbfmu.mechanics import (
+    Bushing,
+    Floating,
+    Geodesic,
+    Mechanism,
+    Plant,
+    Revolute,
+    Stretching,
+    Support,
+    Translational,
+    Weld,
+    add_sheet,
+)
+from mbfmu.mechanics.joints import Joint
 from mbfmu.mechanics.recursions import dynamics as dy
 from mbfmu.mechanics.recursions.kinematics import accelerations
 from mbfmu.mechanics.recursions.rnea import inverse_dynamics
 from mbfmu.mechanics.tangent import Groups, find_groups, groups
+from mbfmu.mechanics.tangent.layout import OUTER
 from solvers.system import TreeSystem
 
-from .random_mechanisms import Case, cases
+from .random_mechanisms import Case, build, cases
 
 
 def inverse(plant: Plant, q: Any, a: Any) -> Any:
@@ -30,6 +44,19 @@ def inverse(plant: Plant, q: Any, a: Any) -> Any:
     accelerations(arrays, state)
     inverse_dynamics(arrays, state)
     return np.array([state.tau[b["vi"] + k] for b, k in free])
+
+
+def differences(plant: Plant, q: Any, c2: float, h: float = 1e-5) -> Any:
+    """Derivative of the joint forces at rest by positions, and c2 times by accelerations; leaves the state at q."""
+    n = plant.system.n
+    T = np.zeros((n, n))
+    for k, e in enumerate(h * np.eye(n)):
+        there, back = q.copy(), q.copy()
+        plant.system.apply(there, e)
+        plant.system.apply(back, -e)
+        T[:, k] = (inverse(plant, there, c2 * e) - inverse(plant, back, -c2 * e)) / (2.0 * h)
+    inverse(plant, q, np.zeros(n))
+    return T
 
 
 def loaded(plant: Plant, q: Any, lam: Any) -> Any:
@@ -52,20 +79,49 @@ def groups_of(plant: Plant, how: int | None) -> Groups:
 @pytest.mark.parametrize("how", [None, 1, 2])
 @given(case=cases(forces=True), c2=st.floats(0.5, 50.0))
 def test_solves_the_linearized_inverse_dynamics(case: Case, c2: float, how: int | None) -> None:
-    plant, n, h = case.plant, case.plant.system.n, 1e-5
-    T = np.zeros((n, n))
-    for k, e in enumerate(np.eye(n)):
-        there, back = case.q.copy(), case.q.copy()
-        plant.system.apply(there, h * e)
-        plant.system.apply(back, -h * e)
-        T[:, k] = (inverse(plant, there, c2 * h * e) - inverse(plant, back, -c2 * h * e)) / (2.0 * h)
-    inverse(plant, case.q, np.zeros(n))
-    tangent = plant.tangent(groups_of(plant, how))
+    plant = case.plant
+    T, tangent = differences(plant, case.q, c2), plant.tangent(groups_of(plant, how))
     if np.linalg.cond(T) > 1e6:
         return
     assert tangent.factor(0.0, c2)
     x = tangent.solve(case.a)
     np.testing.assert_allclose(T @ x, case.a, atol=1e-6 * (1.0 + np.abs(T).max() * np.abs(x).max()))
+
+
+@pytest.mark.parametrize("how", [None, 1, 2])
+@given(kinds=st.permutations([Floating, Stretching, Geodesic, Revolute]), seed=st.integers(0, 2**32 - 1))
+def test_joints_of_six_coordinates_beside_others(kinds: list[type[Joint]], seed: int, how: int | None) -> None:
+    """In a group or between two, above and below joints that lock directions, with forces."""
+    case = build(seed, [Revolute, *kinds, Weld], [], driven=False, forces=True)
+    plant = case.plant
+    tangent = plant.tangent(groups_of(plant, how))
+    for body in plant.mechanism.bodies[2:]:
+        if body.joint.nv == 6 and body.parent > 0:
+            assert tangent.layout.role[body.index] == OUTER
+    T = differences(plant, case.q, 5.0)
+    if np.linalg.cond(T) > 1e6:
+        return
+    assert tangent.factor(0.0, 5.0)
+    x = tangent.solve(case.a)
+    np.testing.assert_allclose(T @ x, case.a, atol=1e-6 * (1.0 + np.abs(T).max() * np.abs(x).max()))
+
+
+@pytest.mark.parametrize("how", [None, 1, 2])
+def test_a_sheet_that_stretches(how: int | None) -> None:
+    """A thick one, so that differences resolve all of it; bent and strained."""
+    m = Mechanism(gravity=(0.0, -9.81, 0.0))
+    add_sheet(
+        m, "sheet", length=0.3, width=0.2, thickness=0.03, youngs_modulus=1e6, density=1000.0, grid=(4, 3),
+        supports=[Support("x1")], stretch=True,
+    )  # fmt: skip
+    plant, rng = Plant(m), np.random.default_rng(1)
+    n, q = plant.system.n, plant.assembly.start_positions()
+    plant.system.apply(q, 0.02 * rng.normal(size=n))
+    T = differences(plant, q, 1e4)
+    tangent, x = plant.tangent(groups_of(plant, how)), rng.normal(size=n)
+    assert np.count_nonzero(tangent.layout.role == OUTER) >= 6
+    assert tangent.factor(0.0, 1e4)
+    np.testing.assert_allclose(tangent.solve(T @ x), x, rtol=0.0, atol=1e-5 * np.abs(x).max())
 
 
 def test_a_carrier_without_mass_stays_with_what_it_carries() -> None:
@@ -76,15 +132,9 @@ def test_a_carrier_without_mass_stays_with_what_it_carries() -> None:
     tilt = m.body("tilt", slide, Revolute(axis="y"))
     last = m.body("last", tilt, Revolute(axis="z"), **mass)
     m.force("bushing", Bushing(stiffness=5.0, turning_stiffness=3.0), first, last)
-    plant, n = Plant(m), 9
-    q, rng, T = plant.assembly.start_positions(), np.random.default_rng(0), np.zeros((n, n))
-    for k, e in enumerate(1e-5 * np.eye(n)):
-        there, back = q.copy(), q.copy()
-        plant.system.apply(there, e)
-        plant.system.apply(back, -e)
-        T[:, k] = (inverse(plant, there, 2.0 * e) - inverse(plant, back, -2.0 * e)) / 2e-5
-    inverse(plant, q, np.zeros(n))
-    tangent, a = plant.tangent(groups_of(plant, 1)), rng.normal(size=n)
+    plant = Plant(m)
+    T = differences(plant, plant.assembly.start_positions(), 2.0)
+    tangent, a = plant.tangent(groups_of(plant, 1)), np.random.default_rng(0).normal(size=9)
     assert tangent.factor(0.0, 2.0)
     np.testing.assert_allclose(T @ tangent.solve(a), a, atol=1e-6)
 

@@ -13,7 +13,7 @@ import pytest
 from matplotlib import colormaps
 from matplotlib.image import imread
 from scripts import NODE, evaluated
-from test_page import scene_in
+from test_page import browser, opened, scene_in
 
 from mbfmu.direct import simulate
 from mbfmu.errors import UserError
@@ -258,3 +258,22 @@ def test_page_tells_what_the_colors_mean(limit: float, ticks: list[str]) -> None
         """
     )
     assert found == [False, "push [N/m]", f"linear-gradient(to right, {', '.join(STOPS)})", ticks]
+
+
+@pytest.mark.skipif(browser() is None, reason="no Chromium here; MBFMU_BROWSER may name one")
+def test_a_browser_colors_cells_by_the_sign_of_their_values(tmp_path: Path) -> None:
+    """Without a field the surface is green, with one it is red and blue, and below it stands the bar of colors."""
+    page, picture = tmp_path / "page.html", tmp_path / "page.png"
+    found = {}
+    for field in ("push", ""):
+        html.write_html(motion_of([[3.0, 3.0, 3.0, 3.0, 3.0, -3.0]] * 2, field), page)
+        assert 'data-state="ready"' in opened(page, "--dump-dom")
+        opened(page, f"--screenshot={picture}")
+        seen = imread(picture)[60:330, :400, :3]  # above the bar, left of the curves
+        strong = np.ptp(seen, axis=-1) > 0.35
+        found[field] = np.bincount(np.argmax(seen, axis=-1)[strong], minlength=3)
+    red, green, blue = found["push"]
+    assert red > 3 * blue > 300
+    assert green == 0
+    assert found[""][1] > 1000
+    assert found[""][0] == found[""][2] == 0

@@ -358,29 +358,24 @@ def browser() -> str | None:
     return named or next(filter(None, map(shutil.which, BROWSERS)), None)
 
 
+def opened(page: Path, *more: str) -> str:
+    """What a browser prints of a page, opened with options of its command."""
+    options = ["--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+    options += ["--window-size=640,480", "--hide-scrollbars", "--virtual-time-budget=2000"]
+    own = f"--user-data-dir={page.parent}/profile"
+    command = [str(browser()), *options, own, *more, page.as_uri()]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=True).stdout
+
+
 @pytest.mark.skipif(browser() is None, reason="no Chromium here; MBFMU_BROWSER may name one")
 @pytest.mark.parametrize("model", [Governor(), FourBar(coupler_modes=2)], ids=["governor", "elastic"])
 def test_page_draws_in_a_browser(tmp_path: Path, model: Model) -> None:
     _, motion = recorded(model, 0.3)
     page, picture = tmp_path / "page.html", tmp_path / "page.png"
     html.write_html(motion, page)
-    options = ["--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-    options += [
-        "--window-size=640,480",
-        "--hide-scrollbars",
-        "--virtual-time-budget=2000",
-        f"--user-data-dir={tmp_path}/p",
-    ]
-
-    def opened(*more: str) -> str:
-        done = subprocess.run(
-            [str(browser()), *options, *more, page.as_uri()], capture_output=True, text=True, timeout=120, check=True
-        )
-        return done.stdout
-
-    content = opened("--dump-dom")
+    content = opened(page, "--dump-dom")
     assert 'data-state="ready"' in content
     assert "/ 0.30 s" in content
-    opened(f"--screenshot={picture}")
+    opened(page, f"--screenshot={picture}")
     pixels = imread(picture)[60:400, 100:440, :3]
     assert len(np.unique(pixels.reshape(-1, 3), axis=0)) > 300

@@ -12,6 +12,7 @@ from mbfmu.errors import UserError
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.checks import rotation, signal_of, vector
+from mbfmu.mechanics.contact.surfaces import Surface
 from mbfmu.mechanics.flexible.modal import FLEXIBLE, NODE
 from mbfmu.mechanics.joints import Section
 from mbfmu.mechanics.kind import Kind, check_kind, record_of
@@ -67,6 +68,7 @@ class Numbering:
 
     def __init__(self, mechanism: Mechanism) -> None:
         self.signals: list[Signal] = []
+        self.surfaces: list[Surface] = []
         self.slots: list[Slot] = []
         self.q: list[int] = []
         self.v: list[int] = []
@@ -159,6 +161,15 @@ class CompiledSite:
             self._known[what] = self._numbering.signal(value, what)
         return self._known[what]
 
+    def surface(self, surface: Surface) -> int:
+        """Number a surface, each object once."""
+        known = self._numbering.surfaces
+        for index, other in enumerate(known):
+            if other is surface:
+                return index
+        known.append(surface)
+        return len(known) - 1
+
     def numbers(self, values: Any) -> int:
         """Keep numbers; return where they begin."""
         first = len(self._numbering.numbers)
@@ -201,8 +212,12 @@ class Compiled:
         for signal in numbering.signals:  # those that a signal is made of come up meanwhile
             sites.append((signal, CompiledSite("a signal", (), numbering, {})))
             filled.append(filled_record(*sites[-1]))
+        self._ends = np.append(self._ends, len(sites))
+        for surface in numbering.surfaces:
+            sites.append((surface, CompiledSite("a surface", (), numbering, {})))
+            filled.append(filled_record(*sites[-1]))
         self._tables = tables = Tables([item for item, _ in sites], filled)
-        joints, cuts, couplings, acting, sensors, signals = np.split(
+        joints, cuts, couplings, acting, sensors, signals, surfaces = np.split(
             np.column_stack((KERNELS * np.array(tables.kinds), tables.places)), self._ends
         )
         world = records(1, WORLD)
@@ -220,6 +235,7 @@ class Compiled:
             couplings=coupling_records(mechanism, numbering, couplings, rows),
             loads=item_records(acting, ITEM),
             signals=item_records(signals, ITEM),
+            surfaces=item_records(surfaces, ITEM),
             sensors=observing,
             kept=np.arange(rows + len(couplings)),
             reach=np.ones(rows + len(couplings)),
@@ -256,7 +272,7 @@ class Compiled:
         memory, places = self._tables.complex_memory()
         joints, *others = np.split(np.array(places, np.int64), self._ends)
         arrays.bodies["at"][arrays.bodies["role"] == RIGID] = joints
-        tables = (arrays.cuts, arrays.couplings, arrays.loads, arrays.sensors, arrays.signals)
+        tables = (arrays.cuts, arrays.couplings, arrays.loads, arrays.sensors, arrays.signals, arrays.surfaces)
         for table, own in zip(tables, others, strict=True):
             table["at"] = own
         arrays = arrays._replace(memory=memory, kernels=self._tables.kernels(COMPLEX))

@@ -23,6 +23,7 @@ from solvers.system import Array, System
 from .assembly import Assembly, start_positions
 from .bending import Bend, bend
 from .compile import Compiled, Numbering, Variable, check_rows
+from .corners import check_corners
 from .inputs import Drives, Inputs
 from .rows import find_vanishing_rows, row_names
 from .scale import characteristic_length
@@ -94,8 +95,18 @@ class Plant:
         ------
         AssemblyError
             A loop cannot close (says which and by how much), or a free motion has no inertia.
+        UserError
+            The bodies at the corners of a plate do not span it.
         """
-        return self.assembly.assemble(t)
+        q, v = self.assembly.assemble(t)
+        self.check_corners(t, q)
+        return q, v
+
+    def check_corners(self, t: float, q: Array) -> None:
+        """Raise UserError where bodies at free positions q (nq,) are not where the plates between them belong."""
+        if len(self._cells):
+            self.energy(t, q, np.zeros(self.system.n))  # places them
+            check_corners(self.mechanism, self.data.state)
 
     def feedthrough(self) -> list[tuple[int, ...]]:
         """Return for every output which inputs change it at the moment they are set, by number."""
@@ -108,6 +119,11 @@ class Plant:
     def tells_forces(self) -> bool:
         """Whether some output is a force, a moment or an effort."""
         return any(sensor.follows is Follows.FORCES for _, sensor, *_ in self.mechanism.outputs)
+
+    @property
+    def stiff_outputs(self) -> list[str]:
+        """Names of the outputs that slight errors of positions are large errors of."""
+        return [name for name, sensor, *_ in self.mechanism.outputs if sensor.stiff]
 
     def nominal(self, unit: str) -> float:
         """Return the order of magnitude of what has this unit: of the heaviest body, the length and the pace here."""

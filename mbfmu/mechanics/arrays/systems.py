@@ -10,6 +10,8 @@ import numpy as np
 
 from mbfmu.errors import UserError
 from mbfmu.mechanics.builder.mechanism import Mechanism
+from mbfmu.mechanics.contact.nip import Nip
+from mbfmu.mechanics.contact.touch import Touch
 from mbfmu.mechanics.elements import Shell
 from mbfmu.mechanics.records import Data
 from mbfmu.mechanics.recursions.dynamics import (
@@ -122,6 +124,7 @@ class Systems:
             "size": self._size,
             "row_size": self.row_size[kept >= 0] if constraint_names else np.zeros(0),
             "rate": self._rate(),
+            "cornered": self._cornered(),
             "stiff": self._stiff(),
             "observe": observe_all,
             "works": self._works,
@@ -130,10 +133,18 @@ class Systems:
             "constraint_names": tuple(constraint_names),
         }
 
+    def _cornered(self) -> str:
+        """Say where forces turn sharply; empty: nowhere."""
+        if any(isinstance(acting.load, Touch | Nip) for acting in self._mechanism.others):
+            return "those of contact turn within micrometers, and friction within millimeters per second"
+        return ""
+
     def _stiff(self) -> str:
-        """Say what gives way in its plane, whose waves no explicit step may outrun; empty: nothing does."""
+        """Say what is so stiff that no explicit step may outrun it; empty: nothing is."""
         if any(isinstance(plate, Shell) for plate, _ in self._mechanism.plates):
             return "shell elements vibrate in their plane hundreds of times faster than they bend"
+        if any(isinstance(acting.load, Nip) for acting in self._mechanism.others):
+            return "nips hold a sheet between rollers thousands of times stiffer than it bends"
         return ""
 
     def tangent(self, groups: Groups | None = None) -> Tangent:

@@ -33,10 +33,10 @@ class Numbers(NamedTuple):
     names: frozenset[str]
 
 
-MOVING = frozenset(("place", "bias", "evaluate", "longest_step", "apply", "potential", "power", "read"))
+MOVING = frozenset(("place", "bias", "evaluate", "longest_step", "apply", "potential", "power", "gap", "read"))
 REAL = Numbers(float, float, MOVING)
 COMPLEX = Numbers(complex, complex, MOVING - {"power", "longest_step"})  # derivatives by all that is in both
-TANGENT = Numbers(float, complex, frozenset(("place", "evaluate", "apply", "tangent")))  # ... by the state alone
+TANGENT = Numbers(float, complex, frozenset(("place", "evaluate", "apply", "gap", "tangent")))  # ... by the state alone
 
 
 class UsedKind(NamedTuple):
@@ -60,7 +60,7 @@ class Tables:
     Parameters
     ----------
     items
-        Joints, cut joints, couplings, loads, signals and sensors.
+        Joints, cut joints, couplings, loads, signals, surfaces and sensors.
     filled
         Their records, filled, one (1,) array each.
 

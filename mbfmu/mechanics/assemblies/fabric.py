@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -108,7 +109,8 @@ class Fabric:
         """Return the thickness there, m."""
         if not callable(self.thickness):
             return positive(f"thickness of {self.what}", self.thickness)
-        return positive(f"thickness of {self.what} at x = {x:g} m, z = {z:g} m", self.thickness(x, z))
+        role = f"thickness of {self.what} at x = {x:g} m, z = {z:g} m"
+        return positive(role, _told(role, self.thickness, x, z))
 
     def _plain(self, x: float, z: float) -> Plate:
         """Return what the sheet is of there, without creases."""
@@ -117,7 +119,7 @@ class Fabric:
     def _curl_at(self, x: float, z: float) -> tuple[float, float, float]:
         """Return the natural curvatures there, 1/m."""
         role = f"curl of {self.what}" + (f" at x = {x:g} m, z = {z:g} m" if callable(self.curl) else "")
-        value = self.curl(x, z) if callable(self.curl) else self.curl
+        value = _told(role, self.curl, x, z) if callable(self.curl) else self.curl
         k = array_of(role, value)
         if k.shape not in ((2,), (3,)) or not np.all(np.isfinite(k)):
             raise UserError(f"{role} is {value!r}; allowed: two or three finite curvatures, 1/m")
@@ -139,6 +141,16 @@ class Fabric:
                 place = min(max(crease.at / side - 0.5, 0.0), count - 1.0)  # in columns, from the middle of the first
                 total += max(0.0, 1.0 - abs(place - n)) / crease.stiffness
         return total
+
+
+def _told(role: str, function: Callable[[float, float], Any], x: float, z: float) -> Any:
+    """Return what a user's function says of a place, m."""
+    try:
+        return function(x, z)
+    except Exception as error:
+        raise UserError(
+            f"{role} cannot be told, {type(error).__name__}: {error}; allowed: a function of x and z, m"
+        ) from error
 
 
 def shell_of(plate: Plate) -> Shell:

@@ -48,15 +48,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from mbfmu.errors import UserError
 from mbfmu.mechanics.builder.bodies import Body, CutHandle
 from mbfmu.mechanics.builder.mechanism import Mechanism
-from mbfmu.mechanics.checks import Vector, one_of
+from mbfmu.mechanics.checks import Vector, flag, one_of
 from mbfmu.mechanics.elements import Plate
 from mbfmu.mechanics.joints import Geodesic, Joint, OutOfPlane, Stretching
-from mbfmu.mechanics.numbers import array_of, is_finite, positive
+from mbfmu.mechanics.numbers import array_of, is_finite, is_whole, positive
 from mbfmu.mechanics.sensors import InPlate, InShell, Sensor
 
 from .fabric import Crease, Curl, Fabric, Thickness
@@ -105,7 +103,7 @@ class Sheet:
     def node(self, i: int, k: int) -> Body:
         """Return the node at x = i a, z = k b; negative numbers count from the far edge."""
         shape = len(self.nodes), len(self.nodes[0])
-        if not (-shape[0] <= i < shape[0] and -shape[1] <= k < shape[1]):
+        if not (is_whole(i) and is_whole(k) and -shape[0] <= i < shape[0] and -shape[1] <= k < shape[1]):
             raise UserError(f"sheet {self.name!r} has no node {(i, k)}; its grid is {shape}")
         return self.nodes[i][k]
 
@@ -153,7 +151,8 @@ class Sheet:
         start = sum(part * felt[key].start[row] for key, part in parts.items())
         weights = sum(part * felt[key].weights[row] for key, part in parts.items())
         kind = InPlate if isinstance(element, Plate) else InShell
-        return kind(unit=unit, bodies=corners, element=element, start=start, weights=weights)
+        stiff = bool(parts.keys() & {"strain", "force"})
+        return kind(unit=unit, bodies=corners, element=element, start=start, weights=weights, stiff=stiff)
 
     def _cell(self, axis: str, value: float) -> tuple[int, float]:
         """Return the number of the cell at a place along x or z, and how far in it that is, from 0 to 1."""
@@ -230,8 +229,9 @@ def add_sheet(
         Resist shear and stretching across rows or ribs; or the strains you name, out of ``x``, ``z``, ``s`` (shear), as
         in :class:`.Plate`.
     stretch
-        Give way in the plane too: nodes of six motions and elements of a shell. The tree is then ``spine``, or
-        ``master`` where there is a ``master`` or no support; ``membrane`` and ``joint`` mean nothing.
+        Give way in the plane too: nodes of six motions and elements of a shell. It has joints of its own, resists all
+        strains, and grows as its supports have it: around a ``master`` or, without support, a floating one, else as a
+        ``spine``. Another ``tree``, a ``joint`` and single strains of a ``membrane`` are refused.
     curl
         Curvatures (w,xx, w,zz) or (w,xx, w,zz, w,xz) of the sheet that nothing bends, 1/m, or a function of x and z
         that returns them; positive ones bend its edges up, along y.
@@ -252,6 +252,8 @@ def add_sheet(
         raise UserError(f"supports of {what} are {supports!r}; allowed: a list of them")
     for support in supports:
         check_support(what, support)
+    if flag(f"stretch of {what}", stretch):
+        _refuse_what_stretches(what, tree, joint, membrane, held=bool(supports) and master is None)
     plate = Plate(
         a=length / (shape[0] - 1),
         b=width / (shape[1] - 1),
@@ -286,8 +288,21 @@ def _moduli(what: str, value: Any) -> float | tuple[float, float]:
     return (float(moduli[0]), float(moduli[1])) if moduli.shape == (2,) else value
 
 
+def _refuse_what_stretches(what: str, tree: str, joint: str, membrane: bool | str, *, held: bool) -> None:
+    """Refuse what a sheet with stretch would not follow; ``held``: it grows from a support."""
+    if tree == "rows" or (tree == "master" and held):
+        grows = "from its first support" if held else "from its middle"
+        raise UserError(f"tree of {what} is {tree!r}, but with stretch it grows {grows}; leave tree out")
+    if joint != "geodesic":
+        raise UserError(f"joint of {what} is {joint!r}, but with stretch it has joints of its own; leave joint out")
+    if isinstance(membrane, str):
+        raise UserError(f"membrane of {what} is {membrane!r}, but with stretch it resists all strains; leave it out")
+
+
 def _resisted(what: str, membrane: bool | str, tree: str, joint: str, supports: Sequence[Support]) -> str:
     """Membrane strains that the elements resist, refused where they lock."""
+    if not isinstance(membrane, str):
+        flag(f"membrane of {what}", membrane)
     spine = supports[0].edge[0] if tree != "master" and supports else "x"
     across = "z" if spine == "x" else "x"
     chain = spine if tree == "rows" else across  # along rows or ribs nothing stretches
@@ -315,6 +330,6 @@ def _refuse_one_row(what: str, shape: tuple[int, int], plate: Plate, tree: str, 
 def _grid(what: str, grid: Any) -> tuple[int, int]:
     """Check two numbers of nodes."""
     counts = tuple(grid) if isinstance(grid, Sequence) else (grid,)
-    if len(counts) != 2 or not all(isinstance(n, int | np.integer) and n >= 2 for n in counts):
+    if len(counts) != 2 or not all(is_whole(n) and n >= 2 for n in counts):
         raise UserError(f"grid of {what} is {grid!r}; allowed: two whole numbers of nodes, at least 2 each")
     return int(counts[0]), int(counts[1])

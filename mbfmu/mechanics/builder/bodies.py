@@ -15,6 +15,7 @@ from mbfmu.mechanics.cuts import Cut
 from mbfmu.mechanics.flexible import Beam
 from mbfmu.mechanics.joints import Joint, Section
 from mbfmu.mechanics.loads import Load
+from mbfmu.mechanics.numbers import is_whole
 from mbfmu.mechanics.sensors import (
     Acceleration,
     AngularVelocity,
@@ -95,7 +96,7 @@ class Body:
         The scalar is not negative, so that the attitude alone says the signs: all four jump where they change, half a
         turn from the ground's axes.
         """
-        if not isinstance(k, int | np.integer) or not 0 <= k < 4:
+        if not is_whole(k) or not 0 <= k < 4:
             raise UserError(
                 f"component of the quaternion of body {self.name!r} is {k!r}; allowed: 0, 1, 2, 3, scalar first"
             )
@@ -125,7 +126,7 @@ class Body:
         return vector(f"point of body {self.name!r}", point)
 
     def _unit(self, k: int) -> str:
-        if not isinstance(k, int | np.integer) or not 0 <= k < self.joint.nv:
+        if not is_whole(k) or not 0 <= k < self.joint.nv:
             raise UserError(f"body {self.name!r} has no joint coordinate {k!r}; it has {self.joint.nv}")
         return self.joint.units[k]
 
@@ -151,7 +152,7 @@ def coordinate_of(what: str, body: Body, given: int | None) -> int:
         raise UserError(f"{what}: the joint of body {body.name!r} {why}; allowed: an angle or a displacement")
     if k is None and plain == joint.nv == 1:
         return 0
-    if not isinstance(k, int | np.integer) or not 0 <= k < plain:
+    if not is_whole(k) or not 0 <= k < plain:
         raise UserError(f"{what} is {given!r}, of body {body.name!r}; allowed: {names}")
     return int(k)
 

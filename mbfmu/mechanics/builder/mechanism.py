@@ -294,6 +294,18 @@ class Mechanism(Appearance):
         load.check(f"load {name!r}")
         self.others.append(Acting(name, load, bodies))
 
+    def load_all(self, name: str, loads: Sequence[tuple[Load, tuple[Body, ...]]]) -> int:
+        """Let loads of one name act, each on its bodies, such as those of the cells of a sheet; return the number of
+        the first among :attr:`others`.
+        """
+        self._new_name("load", name, self._loads_named())
+        for load, bodies in loads:
+            check_kind(f"load {name!r}", load, Load)
+            for body in bodies:
+                self._member(body, f"a body of load {name!r}")
+        self.others += [Acting(name, load, bodies) for load, bodies in loads]
+        return len(self.others) - len(loads)
+
     def _loads_named(self) -> list[str]:
         return [*(f[0] for f in self.forces), *(a.what for a in self.others)]
 

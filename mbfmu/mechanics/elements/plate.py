@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from mbfmu.errors import UserError
+from mbfmu.mechanics.checks import flag
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.loads.base import Load
 from mbfmu.mechanics.numbers import array_of, not_negative, positive
@@ -75,8 +76,16 @@ class Plate(Load):
             raise UserError(f"curl of {what} is {self.curl!r}; allowed: three finite curvatures, 1/m")
         if creases.shape != (2,) or not np.all(np.isfinite(creases)) or creases.min() < 0.0:
             raise UserError(f"creases of {what} are {self.creases!r}; allowed: two finite numbers, not negative")
+        if not isinstance(self.membrane, str):
+            flag(f"membrane of {what}", self.membrane)
         if not set(self.strains) <= set("xzs"):
             raise UserError(f"membrane of {what} is {self.membrane!r}; allowed: True, False or letters of 'xzs'")
+
+    @property
+    def natural(self) -> tuple[Matrix, Matrix]:
+        """Where its bodies are when nothing strains it (4, 3), m, and their axes there (4, 3, 3), columns."""
+        corners = np.array([(0.0, 0.0, 0.0), (self.a, 0.0, 0.0), (self.a, 0.0, self.b), (0.0, 0.0, self.b)])
+        return corners, np.broadcast_to(np.eye(3), (4, 3, 3))
 
     @property
     def area(self) -> float:

@@ -21,6 +21,7 @@ from .shell_stiffness import Matrix, assumed, bending, curvature, drilling, flat
 from .shell_tangent import tangent
 
 SLIM = 1e-3  # sine of the least angle at a corner
+WARPED = np.radians(45.0)  # between the normal at a corner and that of its body: a shell element is nearly flat
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,10 +65,18 @@ class Shell(Load):
         normals = self._axes[:, :, 1]
         after, before = np.roll(X, -1, 0) - X, np.roll(X, 1, 0) - X
         sides = np.linalg.norm(after, axis=1) * np.linalg.norm(before, axis=1)
-        if not np.all(np.sum(np.cross(before, after) * normals, 1) > SLIM * sides):
+        spanned = np.cross(before, after)
+        if not np.all(np.sum(spanned * normals, 1) > SLIM * sides):
             raise UserError(
                 f"corners of {what} are {X.tolist()}; allowed: a convex quadrilateral whose normals are the y axes of "
                 "its bodies: from the first corner along x, then along z"
+            )
+        up = np.sum(spanned * normals, 1) / np.linalg.norm(spanned, axis=1)
+        if up.min() < np.cos(WARPED):
+            raise UserError(
+                f"corners of {what} are {X.tolist()}, so far off one plane that at one its normal leans by "
+                f"{np.degrees(np.arccos(up.min())):.0f} degrees from the y axis of its body; allowed: at most "
+                f"{np.degrees(WARPED):.0f}; refine the mesh"
             )
         for key in ("stretching", "bending"):
             K = _matrix(f"{key} of {what}", getattr(self, key), (3, 3))
@@ -100,6 +109,11 @@ class Shell(Load):
         drawn[:, 3], drawn[:, 5] = lean * across, -lean * along
         shape = np.tensordot(bent, drawn, 2)
         return felt(stretched, bent, A, np.asarray(self.bending, float), drawn=shape, natural=shape)
+
+    @property
+    def natural(self) -> tuple[Matrix, Matrix]:
+        """Where its bodies are when nothing strains it (4, 3), m, and their axes there (4, 3, 3), columns."""
+        return np.asarray(self.corners, float), self._axes
 
     @property
     def _axes(self) -> Matrix:

@@ -2,7 +2,8 @@
 
 As those of a plate (:mod:`.plate_tangent`): 24 x 24, minus the derivative of the wrenches by the positions and by the
 velocities, motions of a body being those of its origin and small rotations, all in global axes. A column is one motion:
-what d changes by, the forces K d' of that, and what the present forces change by because their levers do.
+what d changes by, the forces K d' of that, and what the present forces change by because their levers do. A body that
+turns leaves the element's axes where they are, so half of the columns take a fraction of the work.
 """
 
 from __future__ import annotations
@@ -24,42 +25,66 @@ def tangent(shell: Any, c1: float, arrays: Any, state: Any, K: Any) -> None:
     resist(shell, here.d, 1.0, here.f)
     gradient(shell, here)
     for column in range(24):
-        direction(here, column // 6, column % 6)
-        differentiate(shell, here)
-        change_of_gradient(shell, here)
-        for i in range(4):
-            turned(here.n, here.omega, i, here.dn)
-            turned(here.m, here.omega, i, here.dm)
+        shifts = direction(shell, here, column // 6, column % 6)
+        clear(here.df)
+        if shifts:
+            resist(shell, here.rate, 1.0, here.df)
+            change_by_shift(shell, here)
+            for i in range(4):
+                turned(here.n, here.omega, i, here.dn)
+                turned(here.m, here.omega, i, here.dm)
+        else:
+            resist_turn(shell, here, column // 6, 1.0, here.df)
+            change_by_turn(shell, here, column // 6)
         spread(here.E, here.dn, here.dm, 1.0, column, K)
     if shell.damped == 1 and c1 != 0.0:
         for column in range(24):
-            direction(here, column // 6, column % 6)
-            differentiate(shell, here)
             clear(here.f)
-            resist(shell, here.rate, shell.damping, here.f)
+            if direction(shell, here, column // 6, column % 6):
+                resist(shell, here.rate, shell.damping, here.f)
+            else:
+                resist_turn(shell, here, column // 6, shell.damping, here.f)
             gradient(shell, here)
             spread(here.E, here.n, here.m, c1, column, K)
 
 
 @kernel
-def direction(here: Any, i: int, k: int) -> None:
-    """dr and phi of a unit motion of body i: k = 0, 1, 2 along the global axes, 3, 4, 5 about them."""
+def direction(shell: Any, here: Any, i: int, k: int) -> bool:
+    """What a unit motion of body i changes d by, and the spin omega of the element: k = 0, 1, 2 along the global axes,
+    3, 4, 5 about them. False where corner i alone turns: then the element's axes stay.
+    """
     for other in range(4):
         for j in range(3):
             here.dr[other, j], here.phi[other, j] = 0.0, 0.0
-    for j in range(3):
-        if k < 3:
+    if k < 3:
+        for j in range(3):
             here.dr[i, j] = here.E[j, k]
-        else:
-            here.phi[i, j] = here.E[j, k - 3]
+        differentiate(shell, here)
+        return True
+    clear(here.rate)
+    for j in range(3):
+        here.phi[i, j], here.omega[j] = here.E[j, k - 3], 0.0
+    for j in range(3):
+        for l in range(3):
+            here.rate[i, 3 + j] += here.H[i, j, l] * here.phi[i, l]
+    return False
 
 
 @kernel
-def change_of_gradient(shell: Any, here: Any) -> None:
-    """Differentials dn, dm of the gradient in element axes, after :func:`.shell_energy.differentiate`."""
+def resist_turn(shell: Any, here: Any, i: int, part: float, f: Any) -> None:
+    """f (4, 6) += part K d' where d' is a turn of corner i: three columns of K."""
+    turn = here.rate[i]
+    for j in range(4):
+        for k in range(3):
+            plane, bent = shell.plane[3 * j + k], shell.bent[3 * j + k]
+            f[j, 2 * k] += part * (plane[3 * i + 2] * turn[4])
+            f[j, 2 * k + 1] += part * (bent[3 * i + 1] * turn[3] + bent[3 * i + 2] * turn[5])
+
+
+@kernel
+def change_by_shift(shell: Any, here: Any) -> None:
+    """Differentials dn, dm of the gradient in element axes where a corner moves, from df."""
     x, X, f, df, dx, o, lift = here.x, shell.X, here.f, here.df, here.rate, here.o, here.lift
-    clear(df)
-    resist(shell, dx, 1.0, df)
     ox, oy, oz, dspread = 0.0, 0.0, 0.0, 0.0
     for i in range(4):
         change_of_moment(here, i)
@@ -76,6 +101,31 @@ def change_of_gradient(shell: Any, here: Any) -> None:
     cross, change = pz * qx - px * qz, dpz * qx + pz * dqx - dpx * qz - px * dqz
     p = -(qz * oz + qx * ox + dqz * o[2] + dqx * o[0] + lift[0] * change) / cross
     q = (pz * oz + px * ox + dpz * o[2] + dpx * o[0] - lift[1] * change) / cross
+    assemble(X, df, (ox, oy, oz), (p, q), here.dn)
+
+
+@kernel
+def change_by_turn(shell: Any, here: Any, corner: int) -> None:
+    """The same where a corner turns: the others and their levers stay, and so do the element's axes."""
+    x, X, df, H = here.x, shell.X, here.df, here.H
+    ox, oy, oz = 0.0, 0.0, 0.0
+    for i in range(4):
+        dm = here.dm[i]
+        if i == corner:
+            change_of_moment(here, i)
+        else:
+            for k in range(3):
+                dm[k] = H[i, 0, k] * df[i, 3] + H[i, 1, k] * df[i, 4] + H[i, 2, k] * df[i, 5]
+        ox -= x[i, 1] * df[i, 2] - x[i, 2] * df[i, 1] + dm[0]
+        oy -= x[i, 2] * df[i, 0] - x[i, 0] * df[i, 2] + dm[1]
+        oz -= x[i, 0] * df[i, 1] - x[i, 1] * df[i, 0] + dm[2]
+    oy /= here.spread
+    for i in range(4):
+        ox += X[i, 0] * (oy * x[i, 1])
+        oz += X[i, 2] * (oy * x[i, 1])
+    px, pz, qx, qz = x[2, 0] - x[0, 0], x[2, 2] - x[0, 2], x[3, 0] - x[1, 0], x[3, 2] - x[1, 2]
+    cross = pz * qx - px * qz
+    p, q = -(qz * oz + qx * ox) / cross, (pz * oz + px * ox) / cross
     assemble(X, df, (ox, oy, oz), (p, q), here.dn)
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from mbfmu.errors import UserError
-from mbfmu.mechanics.checks import whole
+from mbfmu.mechanics.checks import flag, whole
 from mbfmu.mechanics.numbers import finite, not_negative, positive
 
 from .modal import MODES
@@ -74,8 +74,7 @@ class Beam:
             raise UserError(f"elements of a beam are {self.elements!r}; allowed: 1 to {MOST_ELEMENTS}")
         if not isinstance(self.ends, tuple | list) or len(self.ends) != 2:
             raise UserError(f"ends of a beam are {self.ends!r}; allowed: two of {', '.join(ENDS)}")
-        if not isinstance(self.stiffening, bool):
-            raise UserError(f"stiffening of a beam is {self.stiffening!r}; allowed: True, False")
+        flag("stiffening of a beam", self.stiffening)
         for end in self.ends:
             if end not in ENDS:
                 raise UserError(f"end of a beam is {end!r}; allowed: {', '.join(ENDS)}")

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 from mbfmu.mechanics import law
 from mbfmu.mechanics.curve import curve
 from mbfmu.mechanics.kind import Site, kernel_of
-from mbfmu.mechanics.numbers import finite
+from mbfmu.mechanics.numbers import finite, not_negative
 from mbfmu.mechanics.signals import Table
 from solvers.compiled.kernel import kept_nowhere, kernel
 
@@ -75,10 +75,11 @@ class ElasticForce(Force):
         return isinstance(self.stiffness, str) or callable(self.stiffness)
 
     def check(self, what: str) -> None:
-        """Refuse what is no number."""
-        given = isinstance(self.stiffness, Table) or self._is_function()
-        for key in ("damping", "free") if given else ("stiffness", "damping", "free"):
-            finite(f"{key} of {what}", getattr(self, key))
+        """Refuse what is no number, and what is below zero: a force that drives away is a function of the stretch."""
+        if not (isinstance(self.stiffness, Table) or self._is_function()):
+            not_negative(f"stiffness of {what}", self.stiffness)
+        not_negative(f"damping of {what}", self.damping)
+        finite(f"free of {what}", self.free)
 
     def fill(self, record: Any, site: Site) -> None:
         """Write how much."""

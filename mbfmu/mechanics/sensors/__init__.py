@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from .attitudes import AngularVelocity, DirectionCosine, Quaternion
 from .base import Follows, Sensor, axis_index
+from .contacts import Met
 from .coordinates import Acceleration, Coordinate, Effort, Rate, Turn
 from .energies import Energy, JacobiIntegral, KineticEnergy, PotentialEnergy, Residual, largest_residual
 from .forces import CouplingEffort, CutForce, JointForce, RowForce
@@ -35,6 +36,7 @@ __all__ = [
     "KineticEnergy",
     "LoadEffort",
     "LoadWrench",
+    "Met",
     "PointAcceleration",
     "PointPosition",
     "PointVelocity",

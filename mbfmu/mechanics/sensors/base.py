@@ -41,6 +41,8 @@ class Sensor(Kind):
         Which, where there are several.
     bodies
         Those that ``fill`` asks for, where they are not the one body that is the item.
+    stiff
+        It is of what gives way so little that slight errors of positions are large ones of it.
     """
 
     kernels: ClassVar = {"read": "lam, arrays, state -> number"}
@@ -59,6 +61,7 @@ class Sensor(Kind):
     item: Any = None
     component: int = 0
     bodies: tuple[Any, ...] = ()
+    stiff: bool = False
 
     def fill(self, record: Any, site: Site) -> None:
         """Write which body, cut joint or force, and the component."""

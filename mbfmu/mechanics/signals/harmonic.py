@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics.kind import Site
-from mbfmu.mechanics.numbers import is_finite
+from mbfmu.mechanics.numbers import finite
 from solvers.compiled.kernel import kernel
 
 from .base import InUse, Signal
@@ -58,8 +57,8 @@ class Harmonic(Signal):
 
     def fill(self, record: Any, site: Site) -> None:
         """Write the parameters."""
-        if not is_finite((self.mean, self.amplitude, self.frequency, self.phase)):
-            raise UserError(f"{self!r}: every number must be finite")
+        for key in ("amplitude", "frequency", "phase", "mean"):
+            finite(f"{key} of a Harmonic", getattr(self, key))
         record["middle"], record["amplitude"], record["phase"] = self.mean, self.amplitude, self.phase
         record["frequency"] = 2.0 * pi * self.frequency
 

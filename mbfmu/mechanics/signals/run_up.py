@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics.kind import Site
-from mbfmu.mechanics.numbers import is_finite
+from mbfmu.mechanics.numbers import finite, positive
 from solvers.compiled.kernel import kernel
 
 from .base import InUse, Signal
@@ -70,8 +69,9 @@ class RunUp(Signal):
 
     def fill(self, record: Any, site: Site) -> None:
         """Write the parameters."""
-        if not is_finite((self.start, self.speed, self.duration)) or self.duration <= 0.0:
-            raise UserError(f"{self!r}: every number must be finite and the duration greater than zero")
+        for key in ("speed", "start"):
+            finite(f"{key} of a RunUp", getattr(self, key))
+        positive("duration of a RunUp", self.duration)
         record["start"], record["speed"], record["duration"] = self.start, self.speed, self.duration
 
     def pace(self, own: InUse, size: float) -> float:

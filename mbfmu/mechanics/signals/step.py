@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.errors import UserError
 from mbfmu.mechanics.kind import Site
-from mbfmu.mechanics.numbers import is_finite
+from mbfmu.mechanics.numbers import finite, not_negative
 from solvers.compiled.kernel import kernel
 
 from .base import InUse, Signal
@@ -80,15 +79,17 @@ class Step(Signal):
 
     def fill(self, record: Any, site: Site) -> None:
         """Write the parameters."""
-        if not is_finite((self.height, self.begin, self.duration, self.offset)) or self.duration < 0.0:
-            raise UserError(f"{self!r}: every number must be finite, and duration not negative")
+        what = f"of a {type(self).__name__}"
+        for key in ("height", "begin", "offset"):
+            finite(f"{key} {what}", getattr(self, key))
+        not_negative(f"duration {what}", self.duration)
         record["height"], record["begin"] = self.height, self.begin
         record["duration"], record["offset"] = self.duration, self.offset
 
     @property
     def drives(self) -> bool:  # type: ignore[override]
-        """Whether it takes its time."""
-        return self.duration > 0.0
+        """Whether it takes its time; what is no duration is told of where it is filled."""
+        return self.duration != 0.0
 
     def pace(self, own: InUse, size: float) -> float:
         """Return the part of the rise that changes it by ``size``, at most all."""
@@ -98,6 +99,11 @@ class Step(Signal):
     def steady(self, own: InUse) -> tuple[float, bool]:
         """Return that it is at rest, if it has no height."""
         return 0.0, not own.record["height"]
+
+    def run_on(self, own: InUse) -> None:
+        """Let it have risen."""
+        own.record["offset"] += own.record["height"]
+        own.record["height"] = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,8 +20,9 @@ singular (:mod:`solvers.projection.saddle`).
 between neighbors (:mod:`.groups`): the columns of a sheet's grid are a path. Unknowns of a group: dq
 of joints whose parent is in the same group or fixed (inner), and of every other body (outer) its motion y and the
 multipliers of the directions N its joint locks, N^T (y_i - X y_j) = 0. Inner bodies are folded onto their parents by
-the recursion itself, rows and columns alike, as in the composite-body algorithm. What is left has a block for every
-group and for every two neighbors (:mod:`solvers.linalg.blocks`).
+the recursion itself, rows and columns alike, as in the composite-body algorithm. A joint of six coordinates locks
+nothing, so behind it y is no more unknowns than dq, and needs no folding: such bodies are outer wherever their parent
+moves. What is left has a block for every group and for every two neighbors (:mod:`solvers.linalg.blocks`).
 
 T is symmetric at rest without follower loads; in motion the change of the inertia forces with the positions, small
 beside c2 M, is not. Who corrects what it is off may have it taken as symmetric: by one triangle, at half the memory.

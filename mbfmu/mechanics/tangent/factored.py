@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mbfmu.mechanics.records import Arrays, State, complex_state
 from solvers.compiled.held import held_type, hold
-from solvers.compiled.kernel import COMPILED, callback, inlined, kernel, types
+from solvers.compiled.kernel import COMPILED, callback, kernel, types
 from solvers.linalg.blocks import BlockTree, one_thread, solve_blocks
 from solvers.system import Array
 
@@ -80,35 +80,35 @@ def assemble(
             onward[i, j] += F[size + i, size + j]
     fold(F, 0, 0, size + after, group, L, arrays, state)
     turn_with_parents(group, L, arrays, state, twin, F, s)
-    transpose(F, 0, P.kept, 0, size, P.own)
-    fold(P.own, 0, 0, P.kept.shape[0], group, L, arrays, state)
-    take(P.own, P.kept, B.D)
+    fold_columns(F, 0, P.kept, 0, size, P.kept, group, L, arrays, state, P.own, B.D)
     turn_themselves(group, L, arrays, state, twin, B.D, s)
     if after > 0:
-        transpose(F, 0, P.kept, size, after, P.right)
-        fold(P.right, 0, 0, P.kept.shape[0], inner, L, arrays, state)
-        take(P.right, P.kept_inner, B.U)
+        fold_columns(F, 0, P.kept, size, after, P.kept_inner, inner, L, arrays, state, P.right, B.U)
     if after > 0 and not symmetric:
         fold(F, size, 0, size, inner, L, arrays, state)
-        transpose(F, size, P.kept_inner, 0, size, P.lower)
-        fold(P.lower, 0, 0, P.kept_inner.shape[0], group, L, arrays, state)
-        take(P.lower, P.kept, B.L)
+        fold_columns(F, size, P.kept_inner, 0, size, P.kept, group, L, arrays, state, P.lower, B.L)
 
 
-@inlined
-def transpose(F: Any, offset: int, rows: Any, first: int, count: int, out: Any) -> None:
-    """out (count, rows) <- these rows of F from ``offset`` on, columns from ``first`` on."""
-    for a in range(rows.shape[0]):
-        for b in range(count):
-            out[b, a] = F[offset + rows[a], first + b]
-
-
-@inlined
-def take(F: Any, rows: Any, out: Any) -> None:
-    """out <- these rows of F."""
-    for a in range(rows.shape[0]):
-        for b in range(out.shape[1]):
-            out[a, b] = F[rows[a], b]
+@kernel
+def fold_columns(
+    F: Any, offset: int, rows: Any, first: int, count: int, columns: Any, group: int, L: Any, arrays: Any, state: Any,
+    panel: Any, out: Any,
+) -> None:  # fmt: skip
+    """out (columns, rows) <- these rows of F from ``offset`` on, and of a group's ``count`` columns from ``first`` on
+    those that stay after folding, as rows; ``panel`` is where they are folded.
+    """
+    if L.folded[group] == 0:
+        for a in range(columns.shape[0]):
+            for b in range(rows.shape[0]):
+                out[a, b] = F[offset + rows[b], first + columns[a]]
+        return
+    for b in range(rows.shape[0]):
+        for a in range(count):
+            panel[a, b] = F[offset + rows[b], first + a]
+    fold(panel, 0, 0, rows.shape[0], group, L, arrays, state)
+    for a in range(columns.shape[0]):
+        for b in range(rows.shape[0]):
+            out[a, b] = panel[columns[a], b]
 
 
 class Unknowns(NamedTuple):

@@ -150,9 +150,10 @@ def gather_motion(x: Any, base: Any, L: Any, arrays: Any, state: Any, dual: Any,
         if L.role[i] == OUTER:
             if body.vf >= 0:
                 for k in range(body.nv):
-                    dq[body.vf + k] = 0.0
+                    total = 0.0
                     for a in range(6):
-                        dq[body.vf + k] += dual[body.vi + k, a] * (x[at + a] - Yi[a])
+                        total += dual[body.vi + k, a] * (x[at + a] - Yi[a])
+                    dq[body.vf + k] = total
             for a in range(6):
                 Yi[a] = x[at + a]
         elif body.vf >= 0:

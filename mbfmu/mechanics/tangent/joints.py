@@ -29,6 +29,17 @@ def turning(i: int, arrays: Any, state: Any, twin: Any, s: Any) -> None:
         for a in range(3):
             b, c = (a + 1) % 3, (a + 2) % 3
             s.g[k, a] = S[b] * W[c] - S[c] * W[b] + S[3 + b] * W[3 + c] - S[3 + c] * W[3 + b]
+    C = s.C
+    pull = (
+        C[0, 0] * W[0] + C[1, 0] * W[1] + C[2, 0] * W[2],
+        C[0, 1] * W[0] + C[1, 1] * W[1] + C[2, 1] * W[2],
+        C[0, 2] * W[0] + C[1, 2] * W[1] + C[2, 2] * W[2],
+    )
+    twist = (
+        C[0, 0] * W[3] + C[1, 0] * W[4] + C[2, 0] * W[5],
+        C[0, 1] * W[3] + C[1, 1] * W[4] + C[2, 1] * W[5],
+        C[0, 2] * W[3] + C[1, 2] * W[4] + C[2, 2] * W[5],
+    )
     plain = body.nq - 4 * body.quaternion
     for l in range(body.nv):
         if l < plain:
@@ -43,9 +54,7 @@ def turning(i: int, arrays: Any, state: Any, twin: Any, s: Any) -> None:
         for k in range(body.nv):
             total = 0.0
             for a in range(3):
-                pull = s.C[0, a] * W[0] + s.C[1, a] * W[1] + s.C[2, a] * W[2]
-                twist = s.C[0, a] * W[3] + s.C[1, a] * W[4] + s.C[2, a] * W[5]
-                total += twin.rel[k, a].imag * pull + twin.rel[k, 3 + a].imag * twist
+                total += twin.rel[k, a].imag * pull[a] + twin.rel[k, 3 + a].imag * twist[a]
             s.G[k, l] = total / EPSILON
         s.G[l, l] += s.along[body.vi + l]
 
@@ -117,7 +126,7 @@ def handed_down(i: int, ati: int, atj: int, arrays: Any, state: Any, F: Any) -> 
 def outer_joint(
     i: int, ati: int, atj: int, lock: int, arrays: Any, state: Any, twin: Any, dual: Any, F: Any, s: Any
 ) -> None:
-    """Rows and columns of a joint between two groups: what it locks, and its turning along its own directions."""
+    """Rows and columns of an outer body's joint: what it locks, and its turning along its own directions."""
     body = arrays.bodies[i]
     nv = body.nv if body.vf >= 0 else 0
     here, parent = state.bodies[i], state.bodies[body.parent]

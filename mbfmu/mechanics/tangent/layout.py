@@ -16,7 +16,7 @@ from .groups import Groups
 if TYPE_CHECKING:
     from mbfmu.mechanics.builder.mechanism import Acting
 
-FIXED, INNER, OUTER = 0, 1, 2  # does not move; folded onto a parent in its group; tied to a parent in another
+FIXED, INNER, OUTER = 0, 1, 2  # does not move; folded onto its parent, in its group; tied to it by its own motion
 
 
 class Layout(NamedTuple):
@@ -26,6 +26,7 @@ class Layout(NamedTuple):
     group: NDArray[np.int64]  # (nb,)
     inward: NDArray[np.int64]  # (groups,) neighbor inward; -1: none
     slot: NDArray[np.int64]  # (nb,) first of the body's six rows
+    folded: NDArray[np.int64]  # (groups,) 1: some of its bodies are inner
     kept: NDArray[np.int64]  # (nb,) first of those that stay after folding, among all that stay
     lock: NDArray[np.int64]  # (nb,) first of its joint's multipliers, outer bodies
     first: NDArray[np.int64]  # (groups + 1,) into ``members``
@@ -55,7 +56,8 @@ def lay_out(arrays: Any, found: Groups, acting: Sequence[Acting]) -> tuple[Layou
         if role[parent] == FIXED:
             role[i] = INNER if free else FIXED
         else:
-            role[i] = INNER if groups[parent] == groups[i] else OUTER
+            locked = not free or body["nv"] < 6
+            role[i] = INNER if locked and groups[parent] == groups[i] else OUTER
             if not neighbors(groups[[parent, i]], inward):
                 raise ValueError(f"body {i} and its parent {parent} are in groups {groups[i]} and {groups[parent]}")
         if role[i] != FIXED:
@@ -91,6 +93,7 @@ def lay_out(arrays: Any, found: Groups, acting: Sequence[Acting]) -> tuple[Layou
         group=groups,
         inward=inward,
         slot=slot,
+        folded=np.array([any(role[i] == INNER for i in own) for own in members], np.int64),
         kept=place,
         lock=lock,
         first=offsets(members),

@@ -224,7 +224,7 @@ def back_to(H: Any, q: Any, v: Any) -> None:
 @kernel
 def advance(eqs: Any, settings: Any, H: Any, work: Any, scales: Any, target: float, q: Any, v: Any, ledger: Any) -> int:
     """Step until ``target`` is passed; put the state there, closed, into (q, v), or the last good one on failure, and
-    what is booked into ``ledger`` (5,).
+    what is booked into ``ledger`` (6,).
     """
     c, o = H.control[0], settings[0]
     code, taken = OK, 0

@@ -1,0 +1,39 @@
+"""Whether the bodies at the corners of plates and shells are where those belong.
+
+An element knows its bodies by their order alone. Named crosswise or the wrong way round they span a cell that is turned
+inside out, which has forces, if it does not divide by zero, but means nothing. What tells is the attitudes: they turn
+the element as it is when nothing strains it, and each of its edges must go about that way.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics.builder.mechanism import Mechanism
+from mbfmu.mechanics.records import State
+
+ASKEW = np.radians(45.0)  # of an edge: no element is good that far from its own shape
+
+
+def check_corners(mechanism: Mechanism, state: State) -> None:
+    """Raise UserError for an element whose bodies, as ``state`` has placed them, do not span it."""
+    if not mechanism.plates:
+        return
+    cells, (r, A) = mechanism.cells, (state.bodies[name][mechanism.cells] for name in ("r", "A"))
+    shapes = {id(plate): plate.natural for plate, _ in mechanism.plates}
+    corners, axes = (np.array([shapes[id(plate)][k] for plate, _ in mechanism.plates]) for k in (0, 1))
+    turned = np.einsum("pcij,pckj->pik", A.real, axes)  # the sum over its bodies
+    wanted = np.einsum("pij,pcj->pci", turned, np.roll(corners, -1, 1) - corners)
+    edges = np.roll(r.real, -1, 1) - r.real
+    along, sizes = np.sum(wanted * edges, 2), np.linalg.norm(wanted, axis=2) * np.linalg.norm(edges, axis=2)
+    off = np.arccos(np.clip(along / np.where(sizes > 0.0, sizes, np.inf), -1.0, 1.0))  # a right angle of no length
+    p, c = np.unravel_index(off.argmax(), off.shape)
+    if off[p, c] > ASKEW:
+        names = [mechanism.bodies[k].name for k in cells[p]]
+        raise UserError(
+            f"corners of a plate are {names}: from {names[c]!r} to {names[(c + 1) % 4]!r} its edge goes "
+            f"{np.degrees(off[p, c]):.0f} degrees off the way that the attitudes of its bodies give it; allowed: at "
+            f"most {np.degrees(ASKEW):.0f}, and the bodies at (0, 0), (a, 0), (a, b), (0, b) of their x-z plane, in "
+            "this order"
+        )

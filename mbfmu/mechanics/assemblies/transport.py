@@ -1,0 +1,309 @@
+"""How a sheet is given surfaces to touch and nips to be driven by: a load for every cell, of one name.
+
+Defaults go with the sheet: lengths with a sixth of its longer side, 50 mm of A4, below which paper is not bent, and
+forces with what bends it so far.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics.axes import unit_axis
+from mbfmu.mechanics.builder.bodies import Body
+from mbfmu.mechanics.builder.mechanism import Mechanism
+from mbfmu.mechanics.checks import Vector, one_of, vector
+from mbfmu.mechanics.contact.nip import Nip
+from mbfmu.mechanics.contact.surfaces import Surface
+from mbfmu.mechanics.contact.touch import Touch
+from mbfmu.mechanics.kind import check_kind
+from mbfmu.mechanics.loads.base import Load
+from mbfmu.mechanics.numbers import finite, not_negative, positive
+from mbfmu.mechanics.sensors import Met, axis_index
+
+from .sheet import Sheet
+
+COARSEST = 0.6  # side of a cell times the curvature of a surface, above which the sheet does not follow it
+SINK = 0.25  # of its thickness, that a leading edge sinks into a surface where it is pressed on as the sheet bends
+SHALLOW = 0.2  # of its thickness: depth below which the pressure goes with its square
+GIVE = 1e-3  # rad, that a nip gives way by to the moment that bends the sheet so far
+CALM = 0.03  # damping of a nip's rubber, to sqrt(stiffness times the sheet's mass)
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """A sheet that meets something, as loads of its cells."""
+
+    name: str
+    mechanism: Mechanism
+    first: int  # of them among Mechanism.others
+    count: int
+
+    @property
+    def index(self) -> int:
+        """Number of its first load in a mechanism that is complete."""
+        own = self.mechanism.others
+        return sum(1 for _ in self.mechanism.loads()) - len(own) + self.first
+
+    def _told(self, unit: str, component: int, over: int = -1, scale: float = 1.0) -> Met:
+        return Met(unit=unit, item=self, component=component, count=self.count, over=over, scale=scale)
+
+
+@dataclass(frozen=True, eq=False)
+class TouchHandle(Contact):
+    """A surface that a sheet touches, as :func:`add_touch` returns it."""
+
+    def force(self, axis: str) -> Met:
+        """Global component of the force on the sheet, N."""
+        return self._told("N", axis_index(axis, f"of the force of touch {self.name!r}"))
+
+    def depth(self) -> Met:
+        """How deep the deepest point of the sheet is in the surface, m; zero: it does not touch."""
+        return self._told("m", 5)
+
+
+@dataclass(frozen=True, eq=False)
+class NipHandle(Contact):
+    """A nip that drives a sheet, as :func:`add_nip` returns it."""
+
+    stations: int
+
+    def slip(self) -> Met:
+        """Speed of the sheet along the feed less that of the roller, mean over what is loaded, m/s."""
+        return self._told("m/s", 1, over=0)
+
+    def traction(self) -> Met:
+        """Force with which the sheet pulls at the roller, along the feed, N."""
+        return self._told("N", 2)
+
+    def lateral(self) -> Met:
+        """Force on the sheet across the feed, N."""
+        return self._told("N", 3)
+
+    def normal(self) -> Met:
+        """Force that holds the sheet in the plane of the nip, towards the idler, N."""
+        return self._told("N", 4)
+
+    def loaded(self) -> Met:
+        """Part of the nip in which the sheet is, 0 to 1."""
+        return self._told("1", 0, scale=1.0 / self.stations)
+
+
+def add_touch(
+    mechanism: Mechanism,
+    name: str,
+    sheet: Sheet,
+    surface: Surface,
+    *,
+    body: Body | None = None,
+    friction: float = 0.0,
+    stiffness: float | None = None,
+    depth: float | None = None,
+    damping: float = 1.0,
+    creep: float = 1e-3,
+    points: tuple[int, int] = (4, 4),
+) -> TouchHandle:
+    """Let a sheet touch a rigid surface, on either face.
+
+    Parameters
+    ----------
+    mechanism, name
+        Where the loads go, and what they are called.
+    sheet
+        Of that mechanism.
+    surface
+        Such as ``Wall(normal="y")``, in the axes of ``body``.
+    body
+        That the surface is fixed to; None: the ground.
+    friction
+        Coefficient of Coulomb friction; zero: none.
+    stiffness, depth
+        Pressure for the depth, N/m^3, and the depth (m) below which it falls with its square; None: those of a sheet
+        like this, whose leading edge sinks in by a quarter of its thickness.
+    damping
+        s/m: an impact at v loses some (4/3) damping v of its energy.
+    creep
+        Slip, m/s, at which friction has seven tenths of its force.
+    points
+        Of every cell along x and z.
+    """
+    what = f"touch {name!r}"
+    check_kind(what, surface, Surface)
+    surface.check(f"the surface of {what}")
+    _of(mechanism, sheet, what)
+    plate, length = sheet.plate, _scale(sheet)
+    for key, value in (("friction", friction), ("damping", damping)):
+        not_negative(f"{key} of {what}", value)
+    positive(f"creep of {what}", creep)
+    if len(points) != 2 or not all(isinstance(n, int) and n >= 1 for n in points):
+        raise UserError(f"points of {what} are {points!r}; allowed: two whole numbers from 1 on")
+    side = max(sheet.a, sheet.b)
+    if surface.curvature() * side > COARSEST:
+        raise UserError(
+            f"cells of sheet {sheet.name!r} are {side:g} m long, too coarse for a surface of {what} that is bent by "
+            f"{surface.curvature():g} 1/m; allowed: {COARSEST / surface.curvature():.3g} m at most"
+        )
+    spacing = max(sheet.a / points[0], sheet.b / points[1])
+    if stiffness is None:
+        stiffness = float(np.max(plate.bending)) / (length**2 * spacing * SINK * plate.thickness)
+    law = {
+        "stiffness": positive(f"stiffness of {what}", stiffness),
+        "depth": positive(f"depth of {what}", SHALLOW * plate.thickness if depth is None else depth),
+        "damping": damping,
+        "friction": friction,
+        "creep": creep,
+    }
+    holder = mechanism.ground if body is None else body
+    loads = [
+        (
+            Touch(
+                surface=surface, sides=(sheet.a, sheet.b), ends=ends, thickness=element.thickness, samples=points, **law
+            ),
+            (*corners, holder),
+        )
+        for element, corners, ends in _cells(sheet)
+    ]
+    return TouchHandle(name, mechanism, *_load(mechanism, name, loads, holder, sheet))
+
+
+def add_nip(
+    mechanism: Mechanism,
+    name: str,
+    sheet: Sheet,
+    roller: Body,
+    *,
+    radius: float,
+    at: Vector,
+    width: float,
+    force: Any,
+    feed: str | Sequence[float] = "x",
+    normal: str | Sequence[float] = "y",
+    along: str = "x",
+    uneven: float = 0.0,
+    friction: float = 1.0,
+    idler_friction: float = 0.3,
+    creep: float = 2e-3,
+    least: float = 1e-3,
+    contact: float | None = None,
+    entry: float | None = None,
+    stiffness: float | None = None,
+    damping: float | None = None,
+    pairs: int | None = None,
+) -> NipHandle:
+    """Let a roller and an idler drive a sheet.
+
+    Parameters
+    ----------
+    mechanism, name, sheet
+        As those of :func:`add_touch`.
+    roller
+        Body that drives, on a ``Revolute`` whose axis is that of the roller.
+    radius
+        Of the roller, m.
+    at
+        Middle of the nip in the ground's axes, where sheet and roller meet, m.
+    width
+        Of the contact across the feed, m.
+    force
+        With which the idler presses, N: a number, a signal or an input.
+    feed, normal
+        Direction in which a sheet is fed, and from the roller to the idler.
+    along
+        Which way of the sheet is fed, ``x`` or ``z``.
+    uneven
+        By which part the force per width is more at the end along feed x normal, and less at the other.
+    friction, idler_friction
+        Of the roller on the sheet, and of the idler sideways.
+    creep, least
+        Slip at which the roller has seven tenths of its traction: a part of its speed, and m/s at rest.
+    contact, entry
+        Distance of the two stations along the feed, and the way over which an edge comes in, m; None: 1/300 and 1/150
+        of the longer side of the sheet.
+    stiffness, damping
+        Of the rubber, N/m and N s/m; None: 1 mrad to the moment that bends the sheet most, and little.
+    pairs
+        Of stations across the width; None: two for every cell.
+    """
+    what = f"nip {name!r}"
+    _of(mechanism, sheet, what)
+    for key, value in (("radius", radius), ("width", width), ("least", least)):
+        positive(f"{key} of {what}", value)
+    for key, value in (("friction", friction), ("idler_friction", idler_friction), ("creep", creep)):
+        not_negative(f"{key} of {what}", value)
+    if isinstance(force, int | float):
+        not_negative(f"force of {what}", force)
+    if not -1.0 <= finite(f"uneven of {what}", uneven) <= 1.0:
+        raise UserError(f"uneven of {what} is {uneven!r}; allowed: -1 to 1")
+    one_of(f"along of {what}", along, ("x", "z"))
+    d, n = unit_axis(feed, f"feed of {what}"), unit_axis(normal, f"normal of {what}")
+    if abs(d @ n) > 1e-9:
+        raise UserError(f"feed of {what} is {feed!r}; allowed: a direction normal to its normal {normal!r}")
+    if not isinstance(roller, Body):
+        raise UserError(f"roller of {what} is {roller!r}; allowed: a body of the mechanism")
+    length, plate, way = _scale(sheet), sheet.plate, "xz".index(along)
+    half = 0.5 * positive(f"contact of {what}", length / 50.0 if contact is None else contact)
+    beside = sheet.b if way == 0 else sheet.a
+    if pairs is None:
+        pairs = max(1, round(2.0 * width / beside))
+    stiff = float(plate.bending[way, way])
+    if stiffness is None:
+        stiffness = stiff * width / (length * GIVE * half**2)
+    if damping is None:
+        damping = CALM * float(np.sqrt(stiffness * sum(body.mass for row in sheet.nodes for body in row)))
+    common = {
+        "pairs": pairs,
+        "way": way,
+        "place": vector(f"at of {what}", at),
+        "d": d,
+        "n": n,
+        "e": np.cross(d, n),
+        "radius": radius,
+        "half": half,
+        "entry": 0.5 * positive(f"entry of {what}", length / 25.0 if entry is None else entry),
+        "width": width,
+        "uneven": uneven,
+        "stiffness": positive(f"stiffness of {what}", stiffness),
+        "damping": not_negative(f"damping of {what}", damping),
+        "bending": stiff * max(width, beside) / pairs,
+        "friction": friction,
+        "idler_friction": idler_friction,
+        "creep": creep,
+        "least": least,
+    }
+    loads = [
+        (Nip(name=name, force=force, sides=(sheet.a, sheet.b), ends=ends, common=common), (*corners, roller))
+        for _, corners, ends in _cells(sheet)
+    ]
+    first, count = _load(mechanism, name, loads, roller, sheet)
+    return NipHandle(name, mechanism, first, count, 2 * pairs)
+
+
+def _scale(sheet: Sheet) -> float:
+    """Return a length to which a sheet may be bent, m."""
+    return max(sheet.a * (len(sheet.nodes) - 1), sheet.b * (len(sheet.nodes[0]) - 1)) / 6.0
+
+
+def _cells(sheet: Sheet) -> Iterator[tuple[Any, tuple[Body, ...], Any]]:
+    """Yield the elements of a sheet, their corners, and where they end on its edges."""
+    nx, nz = len(sheet.nodes) - 1, len(sheet.nodes[0]) - 1
+    for (i, k), (_, corners) in sheet.cells.items():
+        yield sheet.fabric.at((i, k)), corners, ((i == 0, i == nx - 1), (k == 0, k == nz - 1))
+
+
+def _of(mechanism: Mechanism, sheet: Any, what: str) -> None:
+    """Refuse what is no sheet of the mechanism."""
+    if not isinstance(sheet, Sheet) or not any(sheet is own for own in mechanism.sheets):
+        raise UserError(f"sheet of {what} is {getattr(sheet, 'name', sheet)!r}; allowed: a sheet of this mechanism")
+
+
+def _load(
+    mechanism: Mechanism, name: str, loads: Sequence[tuple[Load, tuple[Body, ...]]], body: Any, sheet: Sheet
+) -> tuple[int, int]:
+    """Let loads of one name act; return the number of the first, and how many there are."""
+    if any(body is node for row in sheet.nodes for node in row):
+        raise UserError(f"body of {name!r} is {body.name!r}, a node of sheet {sheet.name!r} itself; allowed: another")
+    return mechanism.load_all(name, loads), len(loads)

@@ -1,0 +1,318 @@
+"""Nip: a roller that drives a sheet, and an idler that presses it on, by stations fixed in space.
+
+The contact of a nip is some millimeter long, a tenth of a cell. Points fixed in the sheet would pass it one by one; so
+a station, a point P in space, finds the material under it: (r(xi, zeta) - P) . d = 0 and . e = 0, by Newton on the
+patch of a cell, with the directions d of feed, n from the roller to the idler, e = d x n. It has no memory, and its
+forces glide from cell to cell. Stations stand in pairs, at +-c along the feed, so that they hold the slope as well, and
+the pairs in the middles of equal parts of the width.
+
+**Across the plane of the nip.** y = (r - P) . n is held to zero by the rubber, k, from both sides. Three things are
+needed that a clamp comes out as stiff as it is, wherever in a cell it stands; without them errors repeat with every
+cell and meet the frequencies of the sheet.
+
+1. *What a cubic cannot follow.* The moment jumps in the nip. Between its nodes a cell is a beam clamped at both ends,
+   which gives way at x by G(x, u) under a unit force at u: in parts of the side h of the cell and with B the bending
+   stiffness that a pair stands for,
+
+       G(x, u) = h^3 (1 - u)^2 x^2 (3 u - 3 u x - (1 - u) x) / (6 B),   x <= u.
+
+   A pair in one cell pushes with f = -(1 + K G)^-1 K y, K = part k: rubber and cell in series.
+2. *The sheet is flat across a nip*: the surface is straight there. The plate's bending along x does not vary across, so
+   that nothing would balance the moments about x that a cubic's weights have.
+3. *A frictionless clamp pushes along the sheet's own normal*, n - s d - s_e e, s the slope of the surface as it is,
+   with what the cell gives way by. So the stations are the gradient of an energy. Along n they would do the work
+   M^2 / (2 B) for every length that is fed.
+
+A pair at +-c holds the sheet as a clamp at c/3 does, to first order.
+
+**In the plane.** With s = v - v_roller and the idler's force N, a number or a signal,
+
+    f_d = -part mu N s_d / S,   f_e = -part (mu + mu_i) N s_e / S,   S = sqrt(s_d^2 + s_e^2 + v_r^2)
+
+mu_i is what the idler, which turns freely, resists sideways. ``part`` rises from zero to one while an edge of the sheet
+passes the length of entry. The roller creeps: v_r^2 = least^2 + (creep v_roller)^2, and under a load F along the feed
+the slip is v_r F / sqrt(mu^2 N^2 - F^2). Without a memory the law cannot stick: a stopped sheet creeps too.
+
+``told`` of State.meeting: sums over stations of part (0), of part times the slip s_d (1), of -f_d (2), of f_e (3) and
+of f (4), N; power of these forces on sheet and roller but for what the rubber stores (5), W; stored energy (6), J.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mbfmu.mechanics.dispatch import signal_value
+from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.loads.base import Load
+from solvers.compiled.kernel import kernel
+
+from .patch import drift, locate, middle, press, reach, react, rise, weigh_straight
+
+PASSES = 12  # of Newton for the material under a station
+CLOSE = 1e-9  # sides of a cell: after a correction as small one more makes it exact
+SEAM = 1e-6  # sides of a cell: where a station passes from one to the next, both have it, with parts that add up to one
+
+NIP = np.dtype(
+    [
+        ("roller", np.int64),  # number of its body
+        ("force", np.int64),  # number of the signal N
+        ("pairs", np.int64),  # of stations, across the width
+        ("way", np.int64),  # the feed is along x (0) or z (1) of the sheet
+        ("ends", np.int64, (2, 2)),  # as those of a touch
+        ("node", np.int64, (4,)),
+        ("a", np.float64),
+        ("b", np.float64),
+        ("place", np.float64, (3,)),  # middle of the nip, m
+        ("d", np.float64, (3,)),  # feed
+        ("n", np.float64, (3,)),  # from roller to idler
+        ("e", np.float64, (3,)),
+        ("radius", np.float64),  # of the roller, m
+        ("half", np.float64),  # c, m
+        ("entry", np.float64),  # half the way over which an edge comes in, m
+        ("width", np.float64),  # m
+        ("uneven", np.float64),  # share of the force more at the end along e than in the middle
+        ("stiffness", np.float64),  # k of all stations, N/m
+        ("damping", np.float64),  # N s/m
+        ("bending", np.float64),  # B of a pair, N m^2
+        ("friction", np.float64),  # mu
+        ("idler_friction", np.float64),
+        ("creep", np.float64),
+        ("least", np.float64),  # slip v_r at rest, m/s
+    ],
+    align=True,
+)
+
+
+@kernel
+def under(nip: Any, P: Any, bodies: Any, here: Any) -> Any:
+    """Find the material of a cell under a point P (three numbers); return xi, zeta and whether they were found.
+
+    Leaves weights, point and derivatives there. In a complex state the imaginary part is exact after the last pass.
+    """
+    d, e = nip.d, nip.e
+    xi, zeta, last = 0.0 * here.r[0] + 0.5, 0.0 * here.r[0] + 0.5, False
+    for _ in range(PASSES):
+        weigh_straight(nip, nip.way, xi, zeta, here.c, here.cx, here.cz)
+        locate(nip, here.c, bodies, here.r)
+        locate(nip, here.cx, bodies, here.rx)
+        locate(nip, here.cz, bodies, here.rz)
+        if last:
+            return xi, zeta, True
+        g0, g1, a00, a01, a10, a11 = 0.0 * xi, 0.0 * xi, 0.0 * xi, 0.0 * xi, 0.0 * xi, 0.0 * xi
+        for k in range(3):
+            off = here.r[k] - P[k]
+            g0, g1 = g0 + off * d[k], g1 + off * e[k]
+            a00, a01 = a00 + here.rx[k] * d[k], a01 + here.rz[k] * d[k]
+            a10, a11 = a10 + here.rx[k] * e[k], a11 + here.rz[k] * e[k]
+        det = a00 * a11 - a01 * a10
+        if abs(det.real) < 1e-3 * nip.a * nip.b:  # seen from the side
+            return xi, zeta, False
+        dx, dz = (a01 * g1 - a11 * g0) / det, (a10 * g0 - a00 * g1) / det
+        xi, zeta = xi + dx, zeta + dz
+        if not (abs(xi.real) < 3.0 and abs(zeta.real) < 3.0):
+            return xi, zeta, False
+        last = abs(dx.real) + abs(dz.real) < CLOSE
+    return xi, zeta, False
+
+
+@kernel
+def inside(x: Any, before: float, after: float) -> Any:
+    """Part of a station that a cell has, by the margins where it begins and where it ends."""
+    return rise((x + before) / (2.0 * before)) * rise((1.0 + after - x) / (2.0 * after))
+
+
+@kernel
+def gives(x: Any, u: Any) -> Any:
+    """How a clamped beam of length 1 and stiffness 1 gives way at x under a unit force at u, and its slope there."""
+    if x.real <= u.real:
+        free, v = (1.0 - u) * (1.0 - u) / 6.0, 3.0 * u - (1.0 + 2.0 * u) * x
+        return free * x * x * v, free * (2.0 * x * v - (1.0 + 2.0 * u) * x * x)
+    back, far = 1.0 - x, 1.0 - u
+    free, v = (1.0 - far) * (1.0 - far) / 6.0, 3.0 * far - (1.0 + 2.0 * far) * back
+    return free * back * back * v, -free * (2.0 * back * v - (1.0 + 2.0 * far) * back * back)
+
+
+@kernel
+def meet(nip: Any, t: float, arrays: Any, state: Any) -> None:
+    """Add what all stations that this cell has feel to the bodies, unless here.silent, and to here.told."""
+    here, bodies, pair = state.meeting[0], state.bodies, state.grip[0]
+    middle(nip, bodies, here.r)
+    far = reach(nip) + nip.half + 0.5 * nip.width
+    square = 0.0
+    for k in range(3):
+        square += (here.r[k].real - nip.place[k]) ** 2
+    if square > far * far:
+        return
+    N = signal_value(nip.force, t, arrays)
+    mx, mz = nip.entry / nip.a, nip.entry / nip.b
+    x0, x1 = mx if nip.ends[0, 0] == 1 else SEAM, mx if nip.ends[0, 1] == 1 else SEAM
+    z0, z1 = mz if nip.ends[1, 0] == 1 else SEAM, mz if nip.ends[1, 1] == 1 else SEAM
+    for j in range(nip.pairs):
+        place = (2.0 * j + 1.0) / nip.pairs - 1.0  # across: from -1 to 1
+        met = False
+        for i in range(2):
+            pair.part[i], pair.y[i] = 0.0, 0.0
+            P = station(nip, place, i)
+            xi, zeta, found = under(nip, P, bodies, here)
+            if not found:
+                continue
+            part = inside(xi, x0, x1) * inside(zeta, z0, z1)
+            if part.real > 0.0:
+                met = True
+                pair.part[i], pair.at[i, 0], pair.at[i, 1] = part, xi, zeta
+                pair.u[i] = xi if nip.way == 0 else zeta
+                for k in range(3):
+                    pair.y[i] += (here.r[k] - P[k]) * nip.n[k]
+        if not met:
+            continue
+        share(nip, pair, here)
+        for i in range(2):
+            if pair.part[i].real > 0.0:
+                grip(nip, i, N * (1.0 + nip.uneven * place) / (2 * nip.pairs), pair, bodies, here)
+
+
+@kernel
+def station(nip: Any, place: float, i: int) -> Any:
+    """Where a station of a pair is: the first ahead, the second behind."""
+    along, beside = nip.half if i == 0 else -nip.half, 0.5 * nip.width * place
+    return (
+        nip.place[0] + along * nip.d[0] + beside * nip.e[0],
+        nip.place[1] + along * nip.d[1] + beside * nip.e[1],
+        nip.place[2] + along * nip.d[2] + beside * nip.e[2],
+    )
+
+
+@kernel
+def share(nip: Any, pair: Any, here: Any) -> None:
+    """pair.f = -(1 + K G)^-1 K y, and pair.lean, of the stations that this cell has."""
+    k, h = nip.stiffness / (2 * nip.pairs), nip.a if nip.way == 0 else nip.b
+    by = h * h * h / nip.bending
+    k0, k1 = k * pair.part[0], k * pair.part[1]
+    u0, u1 = pair.u[0], pair.u[1]
+    g00, s00, g01, s01, g11, s11, s10 = 0.0 * k0, 0.0 * k0, 0.0 * k0, 0.0 * k0, 0.0 * k0, 0.0 * k0, 0.0 * k0
+    one, two = pair.part[0].real > 0.0 and within(u0), pair.part[1].real > 0.0 and within(u1)
+    if one:
+        g00, s00 = gives(u0, u0)
+    if two:
+        g11, s11 = gives(u1, u1)
+    if one and two:
+        g01, s01 = gives(u0, u1)
+        s10 = gives(u1, u0)[1]
+    a00, a01, a10, a11 = 1.0 + by * k0 * g00, by * k0 * g01, by * k1 * g01, 1.0 + by * k1 * g11
+    det = a00 * a11 - a01 * a10
+    r0, r1 = -k0 * pair.y[0], -k1 * pair.y[1]
+    pair.f[0], pair.f[1] = (a11 * r0 - a01 * r1) / det, (a00 * r1 - a10 * r0) / det
+    pair.lean[0] = by / h * (s00 * pair.f[0] + s01 * pair.f[1])
+    pair.lean[1] = by / h * (s10 * pair.f[0] + s11 * pair.f[1])
+    here.told[6] -= 0.5 * (pair.y[0] * pair.f[0] + pair.y[1] * pair.f[1])
+
+
+@kernel
+def within(u: Any) -> bool:
+    """Whether a place is in the cell; a station over the edge of the sheet need not be."""
+    return 0.0 < u.real < 1.0
+
+
+@kernel
+def grip(nip: Any, i: int, N: Any, pair: Any, bodies: Any, here: Any) -> None:
+    """What one station of a pair feels."""
+    weigh_straight(nip, nip.way, pair.at[i, 0], pair.at[i, 1], here.c, here.cx, here.cz)
+    locate(nip, here.c, bodies, here.r)
+    locate(nip, here.cx, bodies, here.rx)
+    locate(nip, here.cz, bodies, here.rz)
+    drift(nip, here.c, bodies, here.v)
+    roller, v, f, told = bodies[nip.roller], here.v, here.f, here.told
+    d, n, e, Y, R, part = nip.d, nip.n, nip.e, roller.Y, nip.radius, pair.part[i]
+    zero = 0.0 * part
+    ahead, side, up, feed, slide = zero, zero, zero, zero, zero
+    xd, xe, xn, zd, ze, zn = zero, zero, zero, zero, zero, zero
+    for k in range(3):
+        p, q = (k + 1) % 3, (k + 2) % 3
+        surface = Y[k] + R * (Y[3 + p] * n[q] - Y[3 + q] * n[p])
+        ahead, side, up = ahead + v[k] * d[k], side + v[k] * e[k], up + v[k] * n[k]
+        feed, slide = feed + surface * d[k], slide + surface * e[k]
+        xd, xe, xn = xd + here.rx[k] * d[k], xe + here.rx[k] * e[k], xn + here.rx[k] * n[k]
+        zd, ze, zn = zd + here.rz[k] * d[k], ze + here.rz[k] * e[k], zn + here.rz[k] * n[k]
+    det = xd * ze - xe * zd
+    s_d, s_e = (xn * ze - xe * zn) / det, (xd * zn - xn * zd) / det  # slopes of the surface along d and e
+    rise_rate = up - s_d * ahead - s_e * side  # of the surface at P
+    lean = pair.f[i] * pair.lean[i] * (nip.a if nip.way == 0 else nip.b) / det  # along which u falls
+    lean_d, lean_e = (lean * ze, -lean * zd) if nip.way == 0 else (-lean * xe, lean * xd)
+    sd, se = ahead - feed, side - slide
+    root = np.sqrt(sd * sd + se * se + nip.least * nip.least + nip.creep * nip.creep * (feed * feed + slide * slide))
+    damped = -part * nip.damping / (2 * nip.pairs) * rise_rate
+    fn = pair.f[i] + damped
+    fd = -part * nip.friction * N * sd / root
+    fe = -part * (nip.friction + nip.idler_friction) * N * se / root
+    told[0] += part
+    told[1] += part * sd
+    told[2] -= fd
+    told[3] += fe
+    told[4] += fn
+    told[5] += damped * rise_rate + fd * sd + fe * se
+    if here.silent != 0:
+        return
+    for k in range(3):
+        f[k] = fn * (n[k] - s_d * d[k] - s_e * e[k]) + (fd - lean_d) * d[k] + (fe - lean_e) * e[k]
+    press(nip, here.c, bodies, f)
+    for k in range(3):
+        f[k] = fd * d[k] + fe * e[k]
+        here.p[k] = roller.r[k] + R * n[k]
+    react(roller, here.p, f)
+
+
+@kernel
+def tell(nip: Any, t: float, arrays: Any, state: Any, k: int) -> Any:
+    """Entry k of ``told`` by one cell alone, the bodies left as they are."""
+    here = state.meeting[0]
+    for j in range(8):
+        here.told[j] = 0.0
+    here.silent = 1
+    meet(nip, t, arrays, state)
+    here.silent = 0
+    return here.told[k]
+
+
+@kernel
+def apply(nip: Any, t: float, arrays: Any, state: Any) -> None:
+    """See :mod:`mbfmu.mechanics.loads.base`."""
+    meet(nip, t, arrays, state)
+
+
+@kernel
+def potential(nip: Any, arrays: Any, state: Any) -> float:
+    """Energy that rubber and cells store, J."""
+    return tell(nip, state.time[0].real, arrays, state, 6)
+
+
+@kernel
+def power(nip: Any, t: float, arrays: Any, state: Any) -> float:
+    """Power of the nip on sheet and roller but for that, W."""
+    return tell(nip, t, arrays, state, 5)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Nip(Load):
+    """One cell of a sheet against a nip; :func:`.add_nip` makes those of a sheet."""
+
+    record = NIP
+    apply = apply
+    potential = potential
+    power = power
+
+    name: str
+    force: Any
+    sides: tuple[float, float]
+    ends: tuple[tuple[bool, bool], tuple[bool, bool]]
+    common: dict[str, Any]
+
+    def fill(self, record: Any, site: Site) -> None:
+        """Write the nodes, the roller, which is the last of its bodies, and what every cell has in common."""
+        record["node"], record["roller"] = site.bodies[:4], site.bodies[4]
+        record["ends"], (record["a"], record["b"]) = self.ends, self.sides
+        record["force"] = site.signal(self.force, f"force of nip {self.name!r}")
+        for key, value in self.common.items():
+            record[key] = value

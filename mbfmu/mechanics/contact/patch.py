@@ -1,0 +1,139 @@
+"""The surface of a sheet that touches: smooth over cells and the borders between them.
+
+Contact must not see the facets of the grid. Over every cell lies the bicubic patch of Ferguson, with the positions of
+the four nodes and their axes in the sheet, xi and zeta in [0, 1] along the sides a and b of the cell:
+
+    r = sum_i  N_i r_i + A_i L_i,    L_i = a Nx_i e_x + b Nz_i e_z,
+
+    N = H0(xi) H0(zeta),  Nx = H1(xi) H0(zeta),  Nz = H0(xi) H1(zeta),  H0, H1 the cubics of Hermite.
+
+Neighbors share what is at their border, so position and tangent plane are continuous, and a rigid motion of the nodes
+is one of the patch. A point of it moves with v = sum N_i r_i' + w_i x A_i L_i, and a force f there is the forces N_i f
+and the moments A_i L_i x f on the nodes, which do the same work: momentum and moment of momentum are kept.
+
+Every kernel is analytic in what it reads of the state.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from solvers.compiled.kernel import kernel
+
+
+@kernel
+def weigh(cell: Any, xi: Any, zeta: Any, c: Any) -> None:
+    """c (4, 3) <- weights at a point of a cell."""
+    X1, Z1 = xi * xi * (3.0 - 2.0 * xi), zeta * zeta * (3.0 - 2.0 * zeta)
+    X0, Z0 = 1.0 - X1, 1.0 - Z1
+    A0, A1 = cell.a * xi * (1.0 - xi) * (1.0 - xi), -cell.a * xi * xi * (1.0 - xi)
+    B0, B1 = cell.b * zeta * (1.0 - zeta) * (1.0 - zeta), -cell.b * zeta * zeta * (1.0 - zeta)
+    c[0, 0], c[1, 0], c[2, 0], c[3, 0] = X0 * Z0, X1 * Z0, X1 * Z1, X0 * Z1
+    c[0, 1], c[1, 1], c[2, 1], c[3, 1] = A0 * Z0, A1 * Z0, A1 * Z1, A0 * Z1
+    c[0, 2], c[1, 2], c[2, 2], c[3, 2] = X0 * B0, X1 * B0, X1 * B1, X0 * B1
+
+
+@kernel
+def weigh_straight(cell: Any, way: int, xi: Any, zeta: Any, c: Any, cx: Any, cz: Any) -> None:
+    """As :func:`weigh`, of a surface that is straight across x (``way`` 0) or z (1), and derivatives by xi and zeta."""
+    u, w, h = (xi, zeta, cell.a) if way == 0 else (zeta, xi, cell.b)
+    H1 = u * u * (3.0 - 2.0 * u)
+    H0, dH = 1.0 - H1, 6.0 * u * (1.0 - u)
+    T0, T1 = h * u * (1.0 - u) * (1.0 - u), -h * u * u * (1.0 - u)
+    dT0, dT1 = h * (1.0 - u) * (1.0 - 3.0 * u), h * u * (3.0 * u - 2.0)
+    by_u, by_w, slope = (cx, cz, 1) if way == 0 else (cz, cx, 2)
+    for i in range(4):
+        far, beside = (i in (1, 2), i in (2, 3)) if way == 0 else (i in (2, 3), i in (1, 2))
+        N, dN, T, dT = (H1, dH, T1, dT1) if far else (H0, -dH, T0, dT0)
+        share, dshare = (w, 1.0) if beside else (1.0 - w, -1.0)
+        for k in range(3):
+            c[i, k], cx[i, k], cz[i, k] = 0.0, 0.0, 0.0
+        c[i, 0], c[i, slope] = N * share, T * share
+        by_u[i, 0], by_u[i, slope] = dN * share, dT * share
+        by_w[i, 0], by_w[i, slope] = N * dshare, T * dshare
+
+
+@kernel
+def locate(cell: Any, c: Any, bodies: Any, r: Any) -> None:
+    """r (3,) <- what the weights make of the nodes: a point, or its derivative."""
+    for k in range(3):
+        r[k] = 0.0
+    for i in range(4):
+        node = bodies[cell.node[i]]
+        for k in range(3):
+            r[k] += c[i, 0] * node.r[k] + c[i, 1] * node.A[k, 0] + c[i, 2] * node.A[k, 2]
+
+
+@kernel
+def middle(cell: Any, bodies: Any, r: Any) -> None:
+    """r (3,) <- the mean of the nodes; the patch lies within :func:`reach` of it."""
+    for k in range(3):
+        r[k] = 0.0
+        for i in range(4):
+            r[k] += 0.25 * bodies[cell.node[i]].r[k]
+
+
+@kernel
+def reach(cell: Any) -> float:
+    """Radius of a ball about the middle of a cell that holds all of it, m: half a diagonal and some for bending."""
+    return 0.6 * np.sqrt(cell.a * cell.a + cell.b * cell.b)
+
+
+@kernel
+def drift(cell: Any, c: Any, bodies: Any, v: Any) -> None:
+    """v (3,) <- velocity of the point."""
+    for k in range(3):
+        v[k] = 0.0
+    for i in range(4):
+        node = bodies[cell.node[i]]
+        A, Y = node.A, node.Y
+        x, y, z = (
+            c[i, 1] * A[0, 0] + c[i, 2] * A[0, 2],
+            c[i, 1] * A[1, 0] + c[i, 2] * A[1, 2],
+            c[i, 1] * A[2, 0] + c[i, 2] * A[2, 2],
+        )
+        v[0] += c[i, 0] * Y[0] + Y[4] * z - Y[5] * y
+        v[1] += c[i, 0] * Y[1] + Y[5] * x - Y[3] * z
+        v[2] += c[i, 0] * Y[2] + Y[3] * y - Y[4] * x
+
+
+@kernel
+def press(cell: Any, c: Any, bodies: Any, f: Any) -> None:
+    """Add a force f (3,) at the point to the applied wrenches of the nodes."""
+    for i in range(4):
+        node = bodies[cell.node[i]]
+        A, F = node.A, node.F
+        x, y, z = (
+            c[i, 1] * A[0, 0] + c[i, 2] * A[0, 2],
+            c[i, 1] * A[1, 0] + c[i, 2] * A[1, 2],
+            c[i, 1] * A[2, 0] + c[i, 2] * A[2, 2],
+        )
+        for k in range(3):
+            F[k] += c[i, 0] * f[k]
+        F[3] += y * f[2] - z * f[1]
+        F[4] += z * f[0] - x * f[2]
+        F[5] += x * f[1] - y * f[0]
+
+
+@kernel
+def react(body: Any, r: Any, f: Any) -> None:
+    """Take a force f (3,) at a point r from the applied wrench of a body."""
+    x, y, z = r[0] - body.r[0], r[1] - body.r[1], r[2] - body.r[2]
+    F = body.F
+    for k in range(3):
+        F[k] -= f[k]
+    F[3] -= y * f[2] - z * f[1]
+    F[4] -= z * f[0] - x * f[2]
+    F[5] -= x * f[1] - y * f[0]
+
+
+@kernel
+def rise(u: Any) -> Any:
+    """From 0 where u is 0 to 1 where it is 1, without a corner."""
+    if u.real <= 0.0:
+        return 0.0 * u
+    if u.real >= 1.0:
+        return 0.0 * u + 1.0
+    return u * u * (3.0 - 2.0 * u)

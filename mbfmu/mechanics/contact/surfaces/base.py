@@ -1,0 +1,60 @@
+"""What every surface says of itself: a rigid one, fixed to a body, that a sheet touches.
+
+Its kernel ``gap(surface, state)`` returns the distance of the point ``state.meeting[0].p`` from it, m, positive
+outside, and writes the unit normal there, towards the outside, into ``state.meeting[0].n``, both in the axes of the
+body. The distance is that to the nearest point, so that it tells how far everything within a ball about the point is.
+Where a surface ends, ``state.meeting[0].part``, which is one, falls to zero over :data:`END`. The kernel is analytic in
+p.
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+
+from mbfmu.mechanics.contact.patch import rise
+from mbfmu.mechanics.kind import Kind
+from solvers.compiled.kernel import kernel
+
+END = 1e-3  # m
+
+
+@kernel
+def within(along: Any, half: float) -> Any:
+    """Part of the force at a distance from the middle of a surface ``half`` of which is so long, m."""
+    return rise((half + 0.5 * END - along) / END) * rise((half + 0.5 * END + along) / END)
+
+
+@kernel
+def across(frame: Any, state: Any) -> Any:
+    """The point in a frame's plane, (x, y), and along its third axis, z; ``frame`` has ``origin`` and ``axes``."""
+    p, o, A = state.meeting[0].p, frame.origin, frame.axes
+    x, y, z = p[0] - o[0], p[1] - o[1], p[2] - o[2]
+    return (
+        A[0, 0] * x + A[1, 0] * y + A[2, 0] * z,
+        A[0, 1] * x + A[1, 1] * y + A[2, 1] * z,
+        A[0, 2] * x + A[1, 2] * y + A[2, 2] * z,
+    )
+
+
+@kernel
+def point(frame: Any, x: Any, y: Any, state: Any) -> None:
+    """Write a normal that has these components in the plane of a frame."""
+    n, A = state.meeting[0].n, frame.axes
+    for k in range(3):
+        n[k] = A[k, 0] * x + A[k, 1] * y
+
+
+FRAME = (("origin", np.float64, (3,)), ("axes", np.float64, (3, 3)))  # of what is drawn along a straight line
+
+
+class Surface(Kind):
+    """A rigid surface: a frozen dataclass in a file of its own, as all kinds are."""
+
+    kernels: ClassVar = {"gap": "state -> number"}
+    gap: ClassVar[Any]
+
+    def curvature(self) -> float:
+        """Return the curvature that a sheet takes which lies on it, 1/m; zero: it lies flat, or on edges alone."""
+        return 0.0

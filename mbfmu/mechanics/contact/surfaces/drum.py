@@ -1,0 +1,58 @@
+"""Drum: the outside of a cylinder, of a roller or a turning bar."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mbfmu.mechanics.axes import along, unit_axis
+from mbfmu.mechanics.checks import Vector, vector
+from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.numbers import positive
+from solvers.compiled.kernel import kernel
+
+from .base import FRAME, Surface, across, point, within
+
+
+@kernel
+def gap(drum: Any, state: Any) -> float:
+    """See :mod:`.base`: distance from the axis less the radius."""
+    x, y, z = across(drum, state)
+    distance = np.sqrt(x * x + y * y)
+    if distance.real <= 0.0:
+        return distance - drum.radius
+    point(drum, x / distance, y / distance, state)
+    state.meeting[0].part = within(z, 0.5 * drum.length)
+    return distance - drum.radius
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drum(Surface):
+    """The outside of a cylinder of ``radius`` and ``length`` (m) about an ``axis`` through its middle ``at``."""
+
+    record = np.dtype([*FRAME, ("radius", np.float64), ("length", np.float64)])
+    gap = gap
+
+    radius: float
+    length: float
+    at: Vector = (0.0, 0.0, 0.0)
+    axis: str | Sequence[float] = "z"
+
+    def check(self, what: str) -> None:
+        """See the base."""
+        for key in ("radius", "length"):
+            positive(f"{key} of {what}", getattr(self, key))
+        vector(f"at of {what}", self.at)
+        unit_axis(self.axis, f"axis of {what}")
+
+    def fill(self, record: Any, site: Site) -> None:
+        """Write its frame and its size."""
+        record["origin"], record["axes"] = self.at, along(unit_axis(self.axis, "axis"))
+        record["radius"], record["length"] = self.radius, self.length
+
+    def curvature(self) -> float:
+        """See the base."""
+        return 1.0 / self.radius

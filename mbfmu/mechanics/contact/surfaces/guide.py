@@ -1,0 +1,71 @@
+"""Guide: a plate with round edges, along which a sheet is led on either side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics.axes import unit_axis
+from mbfmu.mechanics.checks import Vector, vector
+from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.numbers import positive
+from solvers.compiled.kernel import kernel
+
+from .base import FRAME, Surface, across, point, within
+
+
+@kernel
+def gap(guide: Any, state: Any) -> float:
+    """See :mod:`.base`: distance from the segment less the radius."""
+    x, y, z = across(guide, state)
+    if x.real > guide.length:
+        x = x - guide.length
+    elif x.real > 0.0:
+        x = 0.0 * x
+    distance = np.sqrt(x * x + y * y)
+    if distance.real <= 0.0:
+        return distance - guide.radius
+    point(guide, x / distance, y / distance, state)
+    state.meeting[0].part = within(z, 0.5 * guide.width)
+    return distance - guide.radius
+
+
+@dataclass(frozen=True, kw_only=True)
+class Guide(Surface):
+    """A plate from ``start`` to ``end`` (m), rounded by ``radius`` all around, and ``width`` long across.
+
+    ``across`` is the direction of its width, normal to the way from start to end, in the middle of which both are. Some
+    that meet end to end lead a sheet around a bend.
+    """
+
+    record = np.dtype([*FRAME, ("length", np.float64), ("radius", np.float64), ("width", np.float64)])
+    gap = gap
+
+    start: Vector
+    end: Vector
+    radius: float
+    width: float
+    across: str | Sequence[float] = "z"
+
+    def check(self, what: str) -> None:
+        """See the base."""
+        for key in ("radius", "width"):
+            positive(f"{key} of {what}", getattr(self, key))
+        way = vector(f"end of {what}", self.end) - vector(f"start of {what}", self.start)
+        length = float(np.linalg.norm(way))
+        if length == 0.0:
+            raise UserError(f"start and end of {what} are both {self.start!r}; allowed: two points")
+        if abs(unit_axis(self.across, f"across of {what}") @ way) > 1e-9 * length:
+            raise UserError(f"across of {what} is {self.across!r}; allowed: a direction normal to the way along it")
+
+    def fill(self, record: Any, site: Site) -> None:
+        """Write its frame, x along it and z across, and its size."""
+        start, end = np.asarray(self.start, float), np.asarray(self.end, float)
+        length = float(np.linalg.norm(end - start))
+        x, z = (end - start) / length, unit_axis(self.across, "across")
+        record["origin"], record["axes"] = start, np.column_stack((x, np.cross(z, x), z))
+        record["length"], record["radius"], record["width"] = length, self.radius, self.width

@@ -1,0 +1,73 @@
+"""Trough: the inside of a part of a cylinder, of the outer guide of a turn."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics.axes import unit_axis
+from mbfmu.mechanics.checks import Vector, vector
+from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.numbers import finite, positive
+from solvers.compiled.kernel import kernel
+
+from .base import FRAME, Surface, across, point, within
+
+BEHIND = 0.2  # of the radius: what is so far behind it is not on its inside
+
+
+@kernel
+def gap(trough: Any, state: Any) -> float:
+    """See :mod:`.base`: the radius less the distance from the axis, between two planes through that."""
+    x, y, z = across(trough, state)
+    distance = np.sqrt(x * x + y * y)
+    if distance.real <= 0.0 or distance.real > (1.0 + BEHIND) * trough.radius:
+        return abs(trough.radius - distance.real) + 0.0 * x
+    point(trough, -x / distance, -y / distance, state)
+    # from the middle of the arc, along it; beyond a quarter turn as far as that
+    beside = trough.radius * y / distance if x.real >= 0.0 else 2.0 * trough.radius * (1.0 if y.real > 0.0 else -1.0)
+    state.meeting[0].part = within(beside, trough.half) * within(z, 0.5 * trough.length)
+    return trough.radius - distance
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trough(Surface):
+    """The inside of a cylinder of ``radius`` and ``length`` (m) about an ``axis`` through ``at``, where it is within
+    ``angle`` / 2 (rad, pi at most) of the direction ``towards``.
+    """
+
+    record = np.dtype([("half", np.float64), *FRAME, ("radius", np.float64), ("length", np.float64)])
+    gap = gap
+
+    radius: float
+    length: float
+    angle: float
+    towards: str | Sequence[float]
+    at: Vector = (0.0, 0.0, 0.0)
+    axis: str | Sequence[float] = "z"
+
+    def check(self, what: str) -> None:
+        """See the base."""
+        for key in ("radius", "length", "angle"):
+            positive(f"{key} of {what}", getattr(self, key))
+        if finite(f"angle of {what}", self.angle) > np.pi:
+            raise UserError(f"angle of {what} is {self.angle!r} rad; allowed: pi at most; put two beside each other")
+        vector(f"at of {what}", self.at)
+        axis, towards = unit_axis(self.axis, f"axis of {what}"), unit_axis(self.towards, f"towards of {what}")
+        if abs(axis @ towards) > 1e-9:
+            raise UserError(f"towards of {what} is {self.towards!r}; allowed: a direction normal to its axis")
+
+    def fill(self, record: Any, site: Site) -> None:
+        """Write its frame and its size."""
+        axis, towards = unit_axis(self.axis, "axis"), unit_axis(self.towards, "towards")
+        record["origin"], record["axes"] = self.at, np.column_stack((towards, np.cross(axis, towards), axis))
+        record["radius"], record["length"] = self.radius, self.length
+        record["half"] = self.radius * np.sin(0.5 * self.angle)
+
+    def curvature(self) -> float:
+        """See the base."""
+        return 1.0 / self.radius

@@ -1,0 +1,46 @@
+"""Wall: a plane, of a table or a stop."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mbfmu.mechanics.axes import unit_axis
+from mbfmu.mechanics.checks import Vector, vector
+from mbfmu.mechanics.kind import Site
+from solvers.compiled.kernel import kernel
+
+from .base import Surface
+
+
+@kernel
+def gap(wall: Any, state: Any) -> float:
+    """See :mod:`.base`: (p - at) . normal."""
+    p, n, total = state.meeting[0].p, state.meeting[0].n, 0.0 * state.time[0]
+    for k in range(3):
+        n[k] = wall.normal[k]
+        total += (p[k] - wall.origin[k]) * wall.normal[k]
+    return total
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wall(Surface):
+    """A plane without end through ``at`` (m), from which ``normal`` points to the sheet, in the axes of its body."""
+
+    record = np.dtype([("origin", np.float64, (3,)), ("normal", np.float64, (3,))])
+    gap = gap
+
+    at: Vector = (0.0, 0.0, 0.0)
+    normal: str | Sequence[float] = "y"
+
+    def check(self, what: str) -> None:
+        """See the base."""
+        vector(f"at of {what}", self.at)
+        unit_axis(self.normal, f"normal of {what}")
+
+    def fill(self, record: Any, site: Site) -> None:
+        """Write point and unit normal."""
+        record["origin"], record["normal"] = self.at, unit_axis(self.normal, "normal")

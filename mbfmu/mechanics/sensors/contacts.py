@@ -1,0 +1,51 @@
+"""What a sheet feels where it meets surfaces and nips: its loads are evaluated once more, on their own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mbfmu.mechanics.dispatch import apply_load
+from mbfmu.mechanics.kind import Site
+from solvers.compiled.kernel import kernel
+
+from .base import Follows, Sensor
+
+
+@kernel
+def read(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+    """See :mod:`.base`: a sum over loads, or the ratio of two."""
+    here = state.meeting[0]
+    for k in range(here.told.shape[0]):
+        here.told[k] = 0.0
+    here.silent = 1
+    for e in range(sensor.index, sensor.index + sensor.count):
+        apply_load(arrays.loads[e], state.time[0].real, arrays, state)
+    here.silent = 0
+    found = sensor.scale * here.told[sensor.component]
+    if sensor.over < 0:
+        return found
+    share = here.told[sensor.over]
+    return found / share if share.real > 0.0 else 0.0 * found
+
+
+@dataclass(frozen=True, kw_only=True)
+class Met(Sensor):
+    """Sum ``component`` of what contacts tell, times ``scale``, in parts of sum ``over`` if that is not negative."""
+
+    record = np.dtype(
+        [("index", np.int64), ("component", np.int64), ("count", np.int64), ("over", np.int64), ("scale", np.float64)]
+    )
+    read = read
+    follows = Follows.FORCES
+
+    count: int
+    over: int = -1
+    scale: float = 1.0
+
+    def fill(self, record: Any, site: Site) -> None:
+        """Write the loads too."""
+        super().fill(record, site)
+        record["count"], record["over"], record["scale"] = self.count, self.over, self.scale

@@ -1,0 +1,316 @@
+"""Contact of a sheet: identities of the patch, the surfaces and the laws, and closed forms of what comes out."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mbfmu as mb
+from mbfmu.errors import UserError
+from mbfmu.mechanics import (
+    Drum,
+    Floating,
+    Guide,
+    Mechanism,
+    Plant,
+    Polynomial,
+    Revolute,
+    Sheet,
+    Surface,
+    Trough,
+    Wall,
+    add_nip,
+    add_sheet,
+    add_touch,
+)
+from mbfmu.mechanics.arrays import systems
+from mbfmu.mechanics.contact import patch
+from mbfmu.mechanics.contact.nip import gives
+from mbfmu.mechanics.kind import record_of
+from mbfmu.mechanics.records import allocate_state
+from solvers.compiled.held import hold
+from solvers.compiled.kernel import kernel, records
+
+from . import test_power
+from .random_mechanisms import Case, random_rotation
+from .test_power import check
+from .test_tangent import inverse
+
+PAPER: dict[str, Any] = {
+    "length": 0.297, "width": 0.21, "thickness": 1e-4, "youngs_modulus": 4e9, "density": 800.0,
+    "tree": "master", "membrane": True, "damping": 5e-4,
+}  # fmt: skip
+SURFACES: dict[str, Surface] = {
+    "wall": Wall(at=(0.1, 0.0, 0.2), normal=(0.1, 1.0, -0.2)),
+    "drum": Drum(radius=0.2, length=0.5, at=(0.15, -0.2, 0.1), axis=(0.1, 0.0, 1.0)),
+    "trough": Trough(radius=0.4, length=0.5, angle=2.5, towards=(0.0, -1.0, 0.0), at=(0.15, 0.4, 0.1)),
+    "guide": Guide(start=(0.05, -0.01, 0.1), end=(0.2, -0.01, 0.1), radius=0.01, width=0.5),
+}
+
+
+def nodes(rng: Any) -> list[Any]:
+    """Four bodies in random attitudes near the corners of a cell, moving."""
+    corners = np.array([[0.0, 0.0, 0.0], [0.03, 0.0, 0.0], [0.03, 0.0, 0.02], [0.0, 0.0, 0.02]])
+    return [
+        SimpleNamespace(
+            r=corner + 0.005 * rng.normal(size=3), A=random_rotation(rng), Y=rng.normal(size=6), F=np.zeros(6)
+        )
+        for corner in corners
+    ]
+
+
+@kernel
+def distance(gap: Any, surface: Any, state: Any) -> float:
+    return gap(surface, state)
+
+
+CELL = SimpleNamespace(node=(0, 1, 2, 3), a=0.03, b=0.02)
+PLAIN = {name: getattr(getattr(patch, name), "py_func", getattr(patch, name)) for name in patch.__dict__}
+
+
+def at(bodies: list[Any], xi: float, zeta: float, way: int | None) -> tuple[Any, Any, Any, Any]:
+    """Weights, point, velocity of a point of the patch, and derivatives of the weights of the straight one."""
+    c, cx, cz, r, v = np.zeros((4, 3)), np.zeros((4, 3)), np.zeros((4, 3)), np.zeros(3), np.zeros(3)
+    if way is None:
+        PLAIN["weigh"](CELL, xi, zeta, c)
+    else:
+        PLAIN["weigh_straight"](CELL, way, xi, zeta, c, cx, cz)
+    PLAIN["locate"](CELL, c, bodies, r)
+    PLAIN["drift"](CELL, c, bodies, v)
+    return c, r, v, (cx, cz)
+
+
+@pytest.mark.parametrize("way", [None, 0, 1])
+def test_a_force_on_the_patch_is_the_same_on_its_nodes(way: int | None) -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(5):
+        bodies, f = nodes(rng), rng.normal(size=3)
+        c, r, v, _ = at(bodies, rng.uniform(), rng.uniform(), way)
+        PLAIN["press"](CELL, c, bodies, f)
+        total = sum(b.F[:3] for b in bodies)
+        moment = sum(np.cross(b.r, b.F[:3]) + b.F[3:] for b in bodies)
+        np.testing.assert_allclose(total, f, atol=1e-14)
+        np.testing.assert_allclose(moment, np.cross(r, f), atol=1e-15)
+        assert sum(b.F @ b.Y for b in bodies) == pytest.approx(f @ v, rel=1e-12)
+
+
+@pytest.mark.parametrize("way", [None, 0, 1])
+def test_the_patch_moves_like_a_rigid_body_and_is_smooth_over_a_border(way: int | None) -> None:
+    rng = np.random.default_rng(2)
+    bodies = nodes(rng)
+    Q, w, shift = random_rotation(rng), rng.normal(size=3), rng.normal(size=3)
+    _, r, _, _ = at(bodies, 0.3, 0.6, way)
+    for b in bodies:
+        b.r, b.A = Q @ b.r + shift, Q @ b.A
+        b.Y = np.concatenate((np.cross(w, b.r), w))
+    _, moved, v, _ = at(bodies, 0.3, 0.6, way)
+    np.testing.assert_allclose(moved, Q @ r + shift, atol=1e-14)
+    np.testing.assert_allclose(v, np.cross(w, moved), atol=1e-13)
+    # the cell beyond the border along x has the second and third node as its first and last
+    other = nodes(rng)
+    other[0], other[3] = bodies[1], bodies[2]
+    h, here, there = 1e-5, at(bodies, 1.0, 0.6, way)[1], at(other, 0.0, 0.6, way)[1]
+    np.testing.assert_allclose(here, there, atol=1e-15)
+    one, two = (at(bodies, 1.0 - k * h, 0.6, way)[1] for k in (1, 2))
+    three, four = (at(other, k * h, 0.6, way)[1] for k in (1, 2))
+    slope = (3.0 * here - 4.0 * one + two) / (2.0 * h), (4.0 * three - four - 3.0 * there) / (2.0 * h)
+    if way != 1:  # straight across x, it has a corner there
+        np.testing.assert_allclose(*slope, atol=1e-8)
+
+
+def test_derivatives_of_the_straight_patch() -> None:
+    bodies, h = nodes(np.random.default_rng(3)), 1e-6
+    for way in (0, 1):
+        cx, cz = at(bodies, 0.3, 0.6, way)[3]
+        for c, dx, dz in ((cx, h, 0.0), (cz, 0.0, h)):
+            found = (at(bodies, 0.3 + dx, 0.6 + dz, way)[0] - at(bodies, 0.3 - dx, 0.6 - dz, way)[0]) / (2.0 * h)
+            np.testing.assert_allclose(c, found, atol=1e-9)
+
+
+def test_a_clamped_beam_gives_way_as_its_equation_says() -> None:
+    """w'''' = 0 but for a jump of one in w''' at the force, w and w' zero at both ends; the slope by differences."""
+    plain = getattr(gives, "py_func", gives)
+    x, h = np.linspace(0.0, 1.0, 2001), 1e-6
+    for u in (0.2, 0.5, 0.83):
+        w = np.array([plain(s, u)[0] for s in x])
+        slopes = [plain(s, u)[1] for s in (0.1, u, 0.9)]
+        np.testing.assert_allclose([w[0], w[-1], plain(0.0, u)[1], plain(1.0, u)[1]], 0.0, atol=1e-15)
+        for s, slope in zip((0.1, u, 0.9), slopes, strict=True):
+            assert slope == pytest.approx((plain(s + h, u)[0] - plain(s - h, u)[0]) / (2.0 * h), abs=1e-8)
+        third = [np.polyfit(x[part], w[part], 3)[0] * 6.0 for part in (x < u - 0.01, x > u + 0.01)]
+        assert third[1] - third[0] == pytest.approx(1.0, rel=1e-6)
+        assert plain(0.3, u)[0] == pytest.approx(plain(u, 0.3)[0], rel=1e-12)
+
+
+def flag(surface: Surface | None = None, *, moving: bool = False, nip: bool = False, grid: Any = (4, 3)) -> Mechanism:
+    """A sheet in contact, with all that is told."""
+    m = Mechanism(gravity=(0.3, -9.81, 0.2))
+    paper = PAPER | {"length": 0.3, "width": 0.2, "youngs_modulus": 4e7, "thickness": 1e-3}
+    sheet = add_sheet(m, "paper", grid=grid, rate=(0.1, 0.0, 0.0, 0.0, 0.0, 0.0), **paper)
+    if surface is not None:
+        body = m.body("carrier", m.ground, Floating(), mass=0.3, inertia=(0.1, 0.2, 0.15)) if moving else None
+        law = {"stiffness": 1e5, "depth": 2e-3, "friction": 0.3, "creep": 0.05, "damping": 0.4}
+        touch = add_touch(m, "touch", sheet, surface, body=body, points=(2, 3), **law)
+        m.output("force.y", touch.force("y"))
+        m.output("depth", touch.depth())
+    if nip:
+        axle = Polynomial((0.0, -2.0))
+        roller = m.body("roller", m.ground, Revolute(at=(0.12, -0.05, 0.1), drive=axle), mass=0.1, inertia=(1e-4,) * 3)
+        held = add_nip(
+            m, "nip", sheet, roller, radius=0.05, at=(0.12, 0.0, 0.1), width=0.05, force=3.0, stiffness=300.0,
+            damping=0.2, least=0.05, contact=0.02,
+        )  # fmt: skip
+        m.output("slip", held.slip())
+        m.output("loaded", held.loaded())
+    m.output("energy", m.energy)
+    return m
+
+
+def somewhere(plant: Plant, rng: Any) -> Case:
+    """A state not far from flat, in motion."""
+    q, n = plant.assembly.start_positions(), plant.system.n
+    plant.system.apply(q, 0.004 * rng.normal(size=n))
+    return Case(plant, 0.3, q, 0.05 * rng.normal(size=n), rng.normal(size=n))
+
+
+@pytest.mark.parametrize("moving", [False, True])
+@pytest.mark.parametrize("name", SURFACES)
+def test_power_of_a_touch_is_the_rate_of_its_energy(name: str, moving: bool, monkeypatch: Any) -> None:
+    monkeypatch.setattr(systems, "LARGE", 10**6)
+    monkeypatch.setattr(test_power, "TOLERANCE", 1e-5)  # points that come into touch within the stencil of differences
+    plant, rng, touched = Plant(flag(SURFACES[name], moving=moving)), np.random.default_rng(4), 0
+    for _ in range(4):
+        case = somewhere(plant, rng)
+        out = np.zeros(len(plant.outputs))
+        plant.observe(case.t, case.q, case.v, case.a, np.zeros(0), out)
+        touched += out[1] > 0.0
+        check(case, np.zeros(0))
+    assert touched > 1
+
+
+def test_power_of_a_nip_is_the_rate_of_its_energy_while_its_stations_are_held(monkeypatch: Any) -> None:
+    """But for what the share of a station does that comes in: there is none in the middle of the sheet."""
+    monkeypatch.setattr(systems, "LARGE", 10**6)
+    monkeypatch.setattr(test_power, "TOLERANCE", 1e-8)  # the differences of a sheet so bent, without a nip too
+    plant, rng = Plant(flag(nip=True)), np.random.default_rng(5)
+    for _ in range(4):
+        case = somewhere(plant, rng)
+        out = np.zeros(len(plant.outputs))
+        plant.observe(case.t, case.q, case.v, case.a, np.zeros(0), out)
+        assert out[1] == pytest.approx(1.0)
+        check(case, np.zeros(0))
+
+
+@pytest.mark.parametrize("name", [*SURFACES, "nip"])
+def test_the_structured_tangent_of_contact(name: str, monkeypatch: Any) -> None:
+    monkeypatch.setattr(systems, "LARGE", 0)
+    plant = Plant(flag(nip=True) if name == "nip" else flag(SURFACES[name]))
+    case, n, h = somewhere(plant, np.random.default_rng(6)), plant.system.n, 1e-7
+    T = np.zeros((n, n))
+    for k, e in enumerate(h * np.eye(n)):
+        there, back = case.q.copy(), case.q.copy()
+        plant.system.apply(there, e)
+        plant.system.apply(back, -e)
+        T[:, k] = (inverse(plant, there, 900.0 * e) - inverse(plant, back, -900.0 * e)) / (2.0 * h)
+    inverse(plant, case.q, np.zeros(n))
+    tangent = plant.tangent()
+    assert tangent.factor(0.0, 900.0)
+    x = tangent.solve(case.a)
+    np.testing.assert_allclose(T @ x, case.a, atol=1e-5 * np.abs(T).max() * np.abs(x).max())
+
+
+@pytest.mark.parametrize("name", SURFACES)
+def test_a_surface_tells_its_distance_and_normal(name: str) -> None:
+    """The normal is the gradient of the distance; as far along it the surface is met."""
+    surface, rng = SURFACES[name], np.random.default_rng(7)
+    record, state = records(1, record_of(surface)), allocate_state(1, 0, 0, 0, 0, 0)
+    surface.fill(record[0], None)  # type: ignore[arg-type]
+    held = hold(state)
+
+    def met(p: Any) -> tuple[float, Any]:
+        state.meeting["p"][0] = p
+        return float(distance(type(surface).gap, record[0], held)), state.meeting["n"][0].copy()
+
+    middle = np.array((0.12, 0.0, 0.1))
+    for _ in range(20):
+        p = middle + 0.03 * rng.normal(size=3)
+        g, n = met(p)
+        assert np.linalg.norm(n) == pytest.approx(1.0)
+        slope = [(met(p + h)[0] - met(p - h)[0]) / 2e-6 for h in 1e-6 * np.eye(3)]
+        np.testing.assert_allclose(slope, n, atol=1e-6)
+        assert met(p - g * n)[0] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_thrown_sheet_slides_as_far_as_friction_says() -> None:
+    """v^2 / (2 mu g), but for what creep smears; A4 paper, thrown at 0.5 m/s on a table."""
+    m, k, d0 = Mechanism(gravity=(0.0, -9.81, 0.0)), 2e6, 2e-5
+    sunk = np.sqrt(2.0 * d0 * 800.0 * 9.81 * 1e-4 / k)
+    sheet = add_sheet(m, "s", at=(0.0, -sunk, 0.0), grid=(5, 4), rate=(0.5, 0.0, 0.0, 0.0, 0.0, 0.0), **PAPER)
+    touch = add_touch(m, "table", sheet, Wall(at=(0.0, -5e-5, 0.0)), stiffness=k, depth=d0, friction=0.3)
+    m.output("x", sheet.node(0, 0).position("x"))
+    m.output("pressing", touch.force("y"))
+    found = mb.simulate(m, stop_time=0.25, interval=0.001, solver="esdirk", tolerance=1e-5)
+    assert found["x"][-1] - found["x"][0] == pytest.approx(0.5**2 / (2.0 * 0.3 * 9.81), rel=2e-3)
+    assert found["pressing"].mean() == pytest.approx(0.297 * 0.21 * 1e-4 * 800.0 * 9.81, rel=2e-2)  # it rocks a little
+
+
+def driven(speeds: tuple[float, ...], grid: tuple[int, int], **options: Any) -> tuple[Mechanism, Sheet, list[Any]]:
+    """A4 paper in nips on one line, 0.1 m apart, without weight."""
+    m, R = Mechanism(), 0.01
+    mean = sum(speeds) / len(speeds)
+    turning = (speeds[-1] - speeds[0]) / 0.1
+    sheet = add_sheet(m, "s", at=(-0.197, 0.0, -0.105), grid=grid, rate=(mean, 0.0, 0.0, 0.0, turning, 0.0), **PAPER)
+    nips = []
+    for i, (z, v) in enumerate(zip(np.linspace(-0.05, 0.05, len(speeds)), speeds, strict=True)):
+        axle = Revolute(at=(0.0, -R, z), drive=Polynomial((0.0, -v / R)))
+        roller = m.body(f"roller{i}", m.ground, axle, mass=0.1, inertia=(1e-5, 1e-5, 1e-5))
+        given = {"radius": R, "at": (0.0, 0.0, z), "width": 1e-3, "force": 2.0, "creep": 0.0, "pairs": 1}
+        nips.append(add_nip(m, f"nip{i}", sheet, roller, **(given | options)))
+        m.output(f"slip{i}", nips[-1].slip())
+        m.output(f"torque{i}", roller.effort())
+        m.output(f"traction{i}", nips[-1].traction())
+    return m, sheet, nips
+
+
+def test_two_speeds_skew_a_sheet() -> None:
+    """(v2 - v1) / b: 0.1 rad/s, while the nips pass cells."""
+    m, sheet, _ = driven((0.30, 0.31), (9, 7))
+    ends = sheet.node(4, 0), sheet.node(4, -1)
+    for name, end in zip("ab", ends, strict=True):
+        m.output(f"{name}.x", end.position("x"))
+        m.output(f"{name}.z", end.position("z"))
+    found = mb.simulate(m, stop_time=0.2, interval=0.2, solver="esdirk", tolerance=1e-4)
+    skew = np.arctan2(found["b.x"] - found["a.x"], found["b.z"] - found["a.z"])
+    assert skew[-1] - skew[0] == pytest.approx(0.02, rel=2e-3)
+
+
+def test_what_contact_refuses() -> None:
+    m = Mechanism()
+    sheet = add_sheet(m, "s", grid=(4, 3), **PAPER)
+    roller = m.body("roller", m.ground, Revolute(drive=Polynomial((0.0, 1.0))), mass=1.0)
+    other = add_sheet(Mechanism(), "other", grid=(4, 3), **PAPER)
+    nip: dict[str, Any] = {"radius": 0.01, "at": (0.0, 0.0, 0.0), "width": 0.02, "force": 2.0}
+    with pytest.raises(UserError, match=r"friction of touch 't' is -0.1"):
+        add_touch(m, "t", sheet, Wall(), friction=-0.1)
+    with pytest.raises(UserError, match="sheet of touch 't' is 'other'; allowed: a sheet of this mechanism"):
+        add_touch(m, "t", other, Wall())
+    with pytest.raises(
+        UserError, match=r"too coarse for a surface of touch 't' that is bent by 50 1/m; allowed: 0.012"
+    ):
+        add_touch(m, "t", sheet, Drum(radius=0.02, length=1.0))
+    with pytest.raises(UserError, match="a node of sheet 's' itself"):
+        add_touch(m, "t", sheet, Wall(), body=sheet.node(0, 0))
+    with pytest.raises(UserError, match="feed of nip 'n' is 'x'; allowed: a direction normal to its normal 'x'"):
+        add_nip(m, "n", sheet, roller, normal="x", **nip)
+    with pytest.raises(UserError, match="force of nip 'n' is -2"):
+        add_nip(m, "n", sheet, roller, **(nip | {"force": -2.0}))
+    with pytest.raises(UserError, match="uneven of nip 'n' is 2"):
+        add_nip(m, "n", sheet, roller, uneven=2.0, **nip)
+    add_nip(m, "n", sheet, roller, **nip)
+    with pytest.raises(UserError, match="load is named 'n'; allowed"):
+        add_nip(m, "n", sheet, roller, **nip)
+    with pytest.raises(UserError, match="nips hold a sheet"):
+        mb.simulate(m, stop_time=0.1, solver="adams")
