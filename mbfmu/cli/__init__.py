@@ -23,6 +23,7 @@ from . import (
     linearize,
     models,
     modes,
+    path,
     run,
     runtime,
     scenes,
@@ -38,6 +39,7 @@ COMMANDS = (
     view,
     export,
     equilibrium,
+    path,
     linearize,
     modes,
     effects,
@@ -61,6 +63,8 @@ EXAMPLES = f"""examples:
   mbfmu export my_model.py:MyModel
   mbfmu equilibrium governor               steady state at constant speed, and whether it is stable
   mbfmu equilibrium governor --sweep spindle_speed=5:20:0.5
+  mbfmu path governor --over spindle.drive=5:20
+                                           steady states over a load or a speed, through limit points
   mbfmu linearize governor                 state matrices about the steady state
   mbfmu modes sheet -n 8                   natural frequencies and shapes
   mbfmu effects sheet                      what each effect costs and changes

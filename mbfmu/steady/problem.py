@@ -23,6 +23,7 @@ from mbfmu.errors import AssemblyError, EquilibriumError, UserError
 from mbfmu.mechanics import Mechanism, Plant
 from mbfmu.mechanics.arrays.closing import least_change
 from mbfmu.mechanics.numbers import finite
+from mbfmu.mechanics.tangent.inertia import even_negative
 from mbfmu.model import Model, of_user, suggest
 from mbfmu.steady.checks import STEADY, check
 from mbfmu.steady.linear import StateSpace
@@ -30,6 +31,7 @@ from mbfmu.steady.modes import ModeShape
 from mbfmu.steady.rigid_body_modes import free_motions, in_words
 from mbfmu.steady.state import Equilibrium, position_names
 from solvers.statics.large import TreeEquilibriumSolver
+from solvers.statics.linearized import DenseLinearized, Linearized, TreeLinearized
 from solvers.statics.newton import EquilibriumSolver, Outcome, Solution
 from solvers.statics.small import EPSILON, DenseEquilibriumSolver
 from solvers.system import Array
@@ -103,6 +105,33 @@ class EquilibriumProblem:
         if given:
             held[:] = [name in given for name in self.plant.system.coordinate_names]
         return self.plant.assembly.close(0.0, q, held)
+
+    def set_input(self, index: int, value: float) -> None:
+        """Let an input have another value, here and in the complex twin."""
+        plant, dense = self.plant, self.plant.system.has_matrices
+        plant.inputs.start(index, value)
+        if dense:
+            place, k = plant.inputs.places(self._complex.data.arrays, self._signals)[index]
+            place[k] = value
+        self._full_speeds = plant.drives.full_speeds()
+        if self._cyclic.any():
+            self._v = self._steady_velocities()
+            self._solver.set_velocities(self._v)
+
+    def linearized(self) -> Linearized:
+        """Return the equations as paths take them, with the inputs as they are at any time."""
+        if isinstance(self._solver, DenseEquilibriumSolver):
+            return DenseLinearized(self._solver)
+        system = self.plant.system
+        return TreeLinearized(system, self._v, lambda: even_negative(system.tangent))
+
+    def state(self, q: Array, lam: Array, found_from: str) -> Equilibrium:
+        """Return what else found, by the multipliers of the independent rows; EquilibriumError where it is no state."""
+        full = np.zeros(self.plant.system.m)
+        full[self._solver.rows] = lam
+        forces, gaps = self._solver.residual(0.0, q, full)
+        solution = Solution(outcome=Outcome.FOUND, q=q, lam=full, iterations=0, forces=forces, gaps=gaps)
+        return self._checked(solution, found_from, 0.0, continued=True)
 
     def scattered(self, count: int) -> Iterator[Array]:
         """Yield up to ``count`` closed starts spread over the coordinates, the same in every run."""
@@ -178,6 +207,10 @@ class EquilibriumProblem:
         if solution.outcome is not Outcome.FOUND:
             solution, found_from = self._continue_from_rest(q, solution), "rest, by continuation in the drive speed"
         elapsed = time.perf_counter() - begin
+        return self._checked(solution, found_from, elapsed, continued=not alone)
+
+    def _checked(self, solution: Solution, found_from: str, elapsed: float, *, continued: bool) -> Equilibrium:
+        """Return what was found, if it is a steady state."""
         check(self.model.name, self.plant, self._solver, self._v, solution)
         return Equilibrium(
             model=self.model,
@@ -190,7 +223,7 @@ class EquilibriumProblem:
             residual=float(np.abs(solution.forces).max()),
             solve_time=elapsed,
             found_from=found_from,
-            continued=not alone,
+            continued=continued,
             notes=self._notes(),
         )
 

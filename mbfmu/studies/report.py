@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from mbfmu.direct import Result
     from mbfmu.mechanics import Plant
     from mbfmu.steady.modes import ModeShape
+    from mbfmu.steady.path import EquilibriumPath
     from mbfmu.steady.sweep import Branch
     from mbfmu.viewer.picture import Bar
     from solvers.system import Array
@@ -65,6 +66,38 @@ def plot_branches(branches: Sequence[Branch], axis: str, output: str, title: str
     ax.grid(alpha=0.3)
     ax.legend()
     finish(figure, path)
+
+
+def plot_path(path: EquilibriumPath, output: str, title: str, file: Path) -> None:
+    """Draw the input of an equilibrium path against an output: unstable parts dashed, singular points marked."""
+    figure, ax = subplots(size=(8.0, 5.0))
+    marks = {"limit point": ("o", "#efb118"), "bifurcation": ("D", "#a463f2")}
+    labeled: set[str] = set()
+
+    def label(text: str) -> str | None:
+        new = text not in labeled
+        labeled.add(text)
+        return text if new else None
+
+    for branch in path.branches:
+        x, y = np.array(branch.output(output)), np.array(branch.values)
+        lost = np.array([state.stability == "unstable" for state in branch.states])
+        between = lost[1:] | lost[:-1]  # a piece of the line is unstable where one of its ends is
+        for own, text, style in ((~between, "stable", "-"), (between, "unstable", "--")):
+            for k in np.flatnonzero(own):
+                color = "#4269d0" if text == "stable" else "#ff725c"
+                ax.plot(x[k : k + 2], y[k : k + 2], style, lw=1.4, color=color, label=label(text))
+    for branch in path.branches:
+        for kind, (marker, color) in marks.items():
+            for state in branch.of_kind(kind):
+                at = state.outputs[output], state.value
+                ax.plot(*at, marker, ms=6.0, mec="black", mfc=color, label=label(kind), zorder=3)
+    ax.set_xlabel(f"{output} [{path.units[output]}]")
+    ax.set_ylabel(f"{path.input} [{path.unit}]")
+    ax.set_title(title)
+    ax.grid(alpha=0.3)
+    ax.legend()
+    finish(figure, file)
 
 
 def plot_shapes(plant: Plant, q: Array, shapes: Sequence[ModeShape], title: str, path: Path) -> None:

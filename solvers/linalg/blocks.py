@@ -245,7 +245,11 @@ class BlockTree:
         Of every block the arrays to be filled, held.
     factors
         What :func:`solve_blocks` takes, held.
+    positive
+        Whether the determinant is, where the matrix is not taken as symmetric.
     """
+
+    positive = True
 
     def __init__(self, sizes: Sequence[int], inward: Sequence[int]) -> None:
         n = np.array([*sizes, 0], np.int64)  # the last one stands for no neighbor
@@ -273,6 +277,7 @@ class BlockTree:
     def begin(self, symmetric: bool) -> None:
         """Forget what has been factored. Of a symmetric matrix D below its diagonal and U are read alone."""
         self._factors.symmetric[0] = symmetric
+        self.positive = True
         self._carried: dict[int, Array] = {}  # sum of L_k D_k^-1 U_k, transposed, by the neighbor inward
 
     def eliminate(self, k: int) -> bool:
@@ -302,5 +307,7 @@ class BlockTree:
         else:
             factors, pivots, info = lapack.dgetrf(A, overwrite_a=1)
             if info == 0:
+                turned = np.sum(np.diag(factors) < 0.0) + np.sum(pivots != np.arange(len(D)))
+                self.positive ^= bool(turned % 2)
                 _, info = lapack.dgetri(factors, pivots, lwork=room, overwrite_lu=1)
         return bool(info == 0)

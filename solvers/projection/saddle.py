@@ -25,6 +25,7 @@ from solvers.system import Array, TreeSystem
 
 SPRING = 1e4  # (rad/s)^2, stiffness to effective mass of the springs alpha
 REDUNDANT = 1e-10  # eigenvalues of a scaled Schur complement below this part of the largest count as zero
+ZERO = 1e-13  # eigenvalues of its inverse below this part of the largest are those of redundant rows
 # Square of a row to that of the largest below which nothing works against it here: rounding is 1e-32, units make 1e-6.
 VANISHING = 1e-20
 PASSES, CLOSED = 12, 1e-11  # of the way back onto the constraints, in units of their rows
@@ -136,6 +137,16 @@ class Saddle:
                 return False
             self._inverse = root[:, None] * pseudo_inverse(S) * root
         return True
+
+    @property
+    def positive(self) -> bool:
+        """Whether det S is, redundant rows aside; T has on J x = 0 the determinant det T_alpha det S / det J J^T."""
+        if self.system.m == 0:
+            return True
+        root = np.sqrt(self._alpha)
+        values = np.linalg.eigvals(self._inverse / np.outer(root, root))
+        floor = ZERO * np.abs(values).max()
+        return bool(np.sum((values.real < -floor) & (values.imag == 0.0)) % 2 == 0)
 
     def weigh(self, t: float, q: Array) -> None:
         """Choose alpha at a position."""

@@ -272,7 +272,7 @@ class DenseEquilibriumSolver(EquilibriumSolver):
         scratch.v[:] = v
         scaled = self._terms.J.real[self.rows] * system.size / scratch.row[:, np.newaxis]
         scratch.largest[:] = np.linalg.norm(scaled, 2) if scaled.size else 1.0
-        self._v, self._lam, self._moved = scratch.v, scratch.lam_try, scratch.moved
+        self._v, self._lam, self._moved, self._K = scratch.v, scratch.lam_try, scratch.moved, scratch.K
         self._scratch, self._held_terms = hold(scratch), hold(self._terms)
 
     def _independent(self, t: float, q: Array) -> NDArray[np.int64]:
@@ -293,6 +293,12 @@ class DenseEquilibriumSolver(EquilibriumSolver):
         T = self._terms
         evaluate(self._eqs, t, q.astype(complex), self._v)
         return T.h.real + T.J.real.T @ lam, T.Phi.real.copy()
+
+    def jacobian(self, t: float, q: Array, lam: Array) -> Array:
+        """Return K (N, N) at q and the multipliers of ``rows``, in units; forces in J, and so are multipliers."""
+        self._moved[:] = 0.0
+        linearize(self._eqs, t, q, lam, self._moved, self.rows, 0.0, 1.0, self._scratch)
+        return self._K.copy()
 
     def singular(self, t: float, q: Array) -> bool:
         """See the base."""

@@ -24,9 +24,11 @@ from scipy.linalg import eigh
 from mbfmu.mechanics import (
     Body,
     Floating,
+    Input,
     Mechanism,
     Planar,
     PointForce,
+    Product,
     Revolute,
     Shell,
     Support,
@@ -338,15 +340,44 @@ def pulled_cylinder(cells: tuple[int, int]) -> Problem:
     return tube.problem(wA=2.768)
 
 
+def hinged_roof(cells: tuple[int, int], thickness: float) -> Mechanism:
+    """Shallow cylindrical roof, hinged along its straight edges, with a force at its middle; a quarter, from there.
+
+    Sze, Liu and Lo: radius 2.54 m, 0.2 rad, 0.508 m long, E 3102.75 N/mm^2, nu 0.3; cells around and along. The
+    input ``force`` is that on all of it, downwards; the output ``y`` is the height of its middle.
+    """
+    angle, z = np.linspace(0.0, 0.1, cells[0] + 1), np.linspace(0.0, 0.254, cells[1] + 1)
+    normals = np.broadcast_to(
+        np.stack((np.sin(angle), np.cos(angle), 0.0 * angle), -1)[:, None], (cells[0] + 1, cells[1] + 1, 3)
+    )
+    P = 2.54 * normals
+    P[..., 2] = z
+    roof = Surface(P, normals, thickness, 3102.75e6, 0.3, root=(cells[0], 0), hung=False)
+
+    def held(i: int, k: int) -> Any:
+        if i == cells[0]:
+            return ((Revolute, Z),)
+        if i == 0:
+            return ((Planar, X),) if k else ((Translational, Y),)
+        return None if k else ((Planar, Z),)
+
+    roof.weave(held)
+    force = Input(name="force", unit="N")
+    roof.mechanism.force("force", PointForce(magnitude=Product(force, -0.25), axis="y"), roof.bodies[0, 0])
+    roof.mechanism.output("y", roof.bodies[0, 0].position("y"))
+    return roof.mechanism
+
+
 WAYS = ("from the support", "from the load", "from the middle")  # a sheet's tree may grow
 PLATES = {"hinged": (0.3, 0.3), "clamped": (0.3, 0.21)}  # m, compressed along the first
 MATERIAL = {"thickness": 1e-3, "youngs_modulus": 1e10, "poisson": 0.3}
 
 
-def compressed_plate(edges: str, cells: int, load: float, way: str) -> Mechanism:
+def compressed_plate(edges: str, cells: int, load: float | Input, way: str) -> Mechanism:
     """Plate under ``load`` times Euler's load of a strip of it, between two edges that are hinged or clamped.
 
-    The edge x = 0, which is pushed, slides in the plane. The middle floats where the sheet grows from there.
+    ``load`` is a number or an input. The edge x = 0, which is pushed, slides in the plane. The middle floats where the
+    sheet grows from there.
     """
     (length, width), t = PLATES[edges], MATERIAL["thickness"]
     grid = cells + 1, round(cells * width / length) + 1
@@ -362,7 +393,8 @@ def compressed_plate(edges: str, cells: int, load: float, way: str) -> Mechanism
         supports=supports[::-1] if way == "from the load" else supports, **MATERIAL,
     )  # fmt: skip
     for k, share in enumerate(shares(grid[1] - 1)):
-        push = PointForce(magnitude=share * load * strip * width, axis="x")
+        part = share * strip * width
+        push = PointForce(magnitude=Product(load, part) if isinstance(load, Input) else load * part, axis="x")
         m.force(f"push{k}", push, sheet.node(0, k))
     return m
 

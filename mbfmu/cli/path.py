@@ -1,0 +1,115 @@
+"""``mbfmu path``."""
+
+from __future__ import annotations
+
+import argparse
+
+from mbfmu.errors import UserError
+from mbfmu.model import suggest
+from mbfmu.steady.path import STEPS, EquilibriumPath, equilibrium_path
+from mbfmu.studies.report import plot_path
+from mbfmu.table import table
+
+from .common import (
+    Commands,
+    add_json,
+    add_output,
+    add_steady,
+    assignments,
+    bar,
+    number,
+    reader,
+    scene_of,
+    scene_part,
+    start_of,
+    tell,
+    write_json,
+    wrote,
+)
+from .completion import complete, output_names
+from .results import results
+
+
+def add(commands: Commands) -> None:
+    """Describe ``mbfmu path``."""
+    p = commands.add_parser(
+        "path",
+        help="equilibrium path over a load or another input, through limit points (snap-through, buckling)",
+        description="""Follow the steady states of a model while one of its inputs changes: a force, gravity, the place
+of a support, the speed of a drive. The path is followed along itself, by pseudo-arc-length: where the load reaches a
+limit point and falls again, so does the path, and what is unstable is on it too. Limit points and bifurcations are
+printed; --second follows the paths that cross at bifurcations, such as a buckled column's. The results are in a folder
+such as
+results/sheet/default-path-force.y:
+  path.png   the input against an output: unstable parts dashed, limit points and bifurcations marked
+  path.csv   every state: the input, the outputs, stability, and how many motions are unstable
+A parameter that the model is built anew for is no input: mbfmu equilibrium --sweep varies those.""",
+        epilog="examples:\n"
+        "  mbfmu path sheet --set stretch=true --set load=tip --over force.y=0:-2\n"
+        "  mbfmu path governor --over spindle.drive=5:20 --plot collar.height\n"
+        "  mbfmu path my_model.py:Truss --over force=0:-500 --until apex.y=-0.2 --second\n",
+    )
+    add_steady(p)
+    p.add_argument("--over", required=True, metavar="INPUT=FROM:TO", help="the input to follow, and its range")
+    p.add_argument("--until", metavar="OUTPUT=VALUE", help="end the path where an output has this value, if before")
+    p.add_argument("--second", action="store_true", help="follow the paths that cross at bifurcations, to both sides")
+    p.add_argument("--steps", type=reader(int), default=STEPS, metavar="N", help=f"of a branch, at most ({STEPS})")
+    shown = p.add_argument("--plot", metavar="OUTPUT", help="show this output (that of --until, or the model's first)")
+    complete(shown, output_names)
+    add_json(p)
+    add_output(p, "MODEL/SCENE-path-INPUT")
+    p.set_defaults(command=command_path)
+
+
+def command_path(options: argparse.Namespace) -> int:
+    """Follow a path."""
+    scene = scene_of(options)
+    over, ends = read_range(options.over)
+    until = None
+    if options.until:
+        ((name, value),) = assignments("--until", [options.until]).items()
+        until = name, number("--until", value)
+    outputs = [variable.name for variable in scene.model.plant().outputs]
+    shown = options.plot or (until[0] if until else outputs[0])
+    if shown not in outputs:
+        raise UserError(f"{'--plot' if options.plot else '--until'} {shown!r}: no such output{suggest(shown, outputs)}")
+    with results(options.output, scene, f"{scene_part(scene)}-path-{over}") as place:
+        with bar(options.steps, "path", options.quiet) as seen:
+            found = equilibrium_path(
+                scene.model, over, ends, until=until, second=options.second, start=start_of(options),
+                steps=options.steps, progress=lambda _: seen.update(),
+            )  # fmt: skip
+        plot_path(found, shown, f"{scene.name}: equilibrium path", place.file("path.png"))
+        found.write_csv(place.file("path.csv"))
+        if options.json:
+            write_json(found.as_dict(), options.json)
+        kept = place.keep()
+    if str(options.json) != "-":
+        tell(options, as_text(found, shown))
+        wrote(options, kept)
+    return 0
+
+
+def as_text(found: EquilibriumPath, shown: str) -> str:
+    """Return the ends and the singular points of every branch, and why it ended early."""
+    rows, notes = [], []
+    for k, branch in enumerate(found.branches, 1):
+        for state in branch.states:
+            ends = {id(branch.states[0]): "begins", id(branch.states[-1]): "ends"}
+            if what := state.kind or ends.get(id(state), ""):
+                values = f"{state.value:.9g}", f"{state.outputs[shown]:.9g}"
+                rows.append((str(k), what, *values, state.stability, str(state.unstable)))
+        if branch.ended:
+            notes.append(f"branch {k} ended early: {branch.ended}")
+    axes = f"{found.input} [{found.unit}]", f"{shown} [{found.units[shown]}]"
+    return "\n".join([table(("branch", "", *axes, "stability", "unstable motions"), rows), *notes])
+
+
+def read_range(text: str) -> tuple[str, tuple[float, float]]:
+    """Read ``INPUT=FROM:TO``."""
+    ((name, span),) = assignments("--over", [text]).items()
+    parts = span.split(":")
+    if len(parts) != 2:
+        raise UserError(f"--over {text!r}: write INPUT=FROM:TO, as in --over force.y=0:-3000")
+    begin, end = (number("--over", part) for part in parts)
+    return name, (begin, end)

@@ -1,0 +1,261 @@
+"""Equilibrium paths: steady states of a model over one of its inputs, through limit points and onto second paths.
+
+A sweep (:mod:`.sweep`) goes from value to value of a parameter, and ends where the states turn back. A path is followed
+along itself, see :mod:`solvers.statics.path`, so that its unstable parts are on it too.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from mbfmu.errors import EquilibriumError, UserError, writing
+from mbfmu.mechanics import Mechanism
+from mbfmu.mechanics.numbers import finite
+from mbfmu.model import Model, suggest
+from mbfmu.steady.problem import EquilibriumProblem
+from solvers.linalg.blocks import one_thread
+from solvers.statics.path import Follower, Load, State
+
+STEPS = 500  # of a branch, at most
+
+
+@dataclass(frozen=True, kw_only=True)
+class PathState:
+    """A steady state on an equilibrium path.
+
+    Attributes
+    ----------
+    value
+        Of the input.
+    outputs, positions
+        By name, as :class:`mbfmu.Equilibrium` has them.
+    unstable
+        How many independent motions the stiffness drives away, inertia of the drives' rotation included: negative
+        eigenvalues on the constraints.
+    stability
+        As :class:`mbfmu.Equilibrium` has it; of a large tree ``stable`` or ``unstable``, by that number.
+    kind
+        ``limit point``, ``bifurcation``, or empty.
+    """
+
+    value: float
+    outputs: Mapping[str, float]
+    positions: Mapping[str, float]
+    unstable: int
+    stability: str
+    kind: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PathBranch:
+    """States that follow from each other. ``ended`` tells why before the end, in words; empty where it came there."""
+
+    states: list[PathState] = field(default_factory=list)
+    ended: str = ""
+
+    @property
+    def values(self) -> list[float]:
+        """Of the input."""
+        return [state.value for state in self.states]
+
+    def output(self, name: str) -> list[float]:
+        """Return an output along the branch."""
+        return [state.outputs[name] for state in self.states]
+
+    def of_kind(self, kind: str) -> list[PathState]:
+        """Return its states of one kind."""
+        return [state for state in self.states if state.kind == kind]
+
+
+@dataclass(frozen=True, kw_only=True)
+class EquilibriumPath:
+    """What :func:`equilibrium_path` found.
+
+    Attributes
+    ----------
+    input, unit
+        What it was followed over.
+    units
+        Of the outputs, by name.
+    branches
+        First the one from the start; then, where asked for, two from each of its bifurcations. A branch has ``values``
+        of the input, ``output(name)`` along it, and ``ended``: why it ended early. Its ``states`` have ``value``,
+        ``outputs``, ``positions``, ``stability``, ``unstable`` motions, and ``kind``: ``limit point``,
+        ``bifurcation`` or empty.
+    """
+
+    input: str
+    unit: str
+    units: Mapping[str, str]
+    branches: list[PathBranch]
+
+    @property
+    def limit_points(self) -> list[PathState]:
+        """Where the first branch turns back."""
+        return self.branches[0].of_kind("limit point")
+
+    @property
+    def bifurcations(self) -> list[PathState]:
+        """Where other branches cross the first one."""
+        return self.branches[0].of_kind("bifurcation")
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return everything for JSON."""
+        return asdict(self)
+
+    def write_csv(self, path: Path | str) -> None:
+        """Write a line for every state; the header names input and outputs with their units."""
+        with writing(Path(path)), Path(path).open("w", newline="") as file:
+            writer = csv.writer(file)
+            outputs = [f"{name} [{unit}]" for name, unit in self.units.items()]
+            writer.writerow(["branch", f"{self.input} [{self.unit}]", *outputs, "stability", "unstable", "kind"])
+            for k, branch in enumerate(self.branches, 1):
+                for s in branch.states:
+                    told = (repr(s.outputs[name]) for name in self.units)
+                    writer.writerow([k, repr(s.value), *told, s.stability, s.unstable, s.kind])
+
+
+class PathProblem:
+    """One model over one of its inputs."""
+
+    def __init__(self, model: Model | Mechanism, over: str) -> None:
+        self.problem = EquilibriumProblem(model)
+        self.plant, name = self.problem.plant, self.problem.model.name
+        inputs = [variable.name for variable in self.plant.inputs.variables]
+        if over not in inputs:
+            if over in {p.name for p in self.problem.model.parameters()}:
+                raise UserError(
+                    f"{over!r} is a parameter of model {name!r}, which is built anew for each value, and a path is "
+                    f"followed over an input; allowed: {', '.join(inputs) or 'nothing, there is no input'} "
+                    "(a sweep takes parameters)"
+                )
+            raise UserError(f"model {name!r} has no input {over!r}{suggest(over, inputs)}")
+        self._index = inputs.index(over)
+        self.variable = self.plant.inputs.variables[self._index]
+
+    def follower(self, begin: float, end: float, start: Mapping[str, float] | None) -> Follower:
+        """Return what follows the path from the steady state at the begin."""
+        self.apply(begin)
+        found = self.problem.solve(self.problem.start(start), "the start")
+        return Follower(self.problem.linearized(), Load(self.apply, begin, end), found.q, found.lam[found.rows])
+
+    def apply(self, value: float) -> None:
+        """Let the input have a value."""
+        self.problem.set_input(self._index, value)
+
+    def passing(self, name: str, limit: float) -> Callable[[State], float]:
+        """Return what tells how far an output is above a limit."""
+        names, limit = [variable.name for variable in self.plant.outputs], finite(f"until of {name!r}", limit)
+        if name not in names:
+            model = self.problem.model.name
+            raise UserError(f"until {name!r}: model {model!r} has no such output{suggest(name, names)}")
+
+        def above(at: State) -> float:
+            return self.told(at).outputs[name] - limit
+
+        return above
+
+    def told(self, at: State) -> PathState:
+        """Return what is known of a state; EquilibriumError where it is no steady one."""
+        self.apply(at.p)
+        found = self.problem.state(at.q, at.lam, "the path")
+        return PathState(
+            value=at.p,
+            outputs=found.outputs,
+            positions=found.positions(),
+            unstable=at.unstable,
+            stability=found.stability if self.plant.system.has_matrices else "unstable" if at.unstable else "stable",
+            kind=at.kind,
+        )
+
+
+def equilibrium_path(
+    model: Model | Mechanism,
+    over: str,
+    values: tuple[float, float],
+    *,
+    until: tuple[str, float] | None = None,
+    second: bool = False,
+    start: Mapping[str, float] | None = None,
+    steps: int = STEPS,
+    progress: Callable[[float], None] | None = None,
+) -> EquilibriumPath:
+    """Return the steady states of a model or a mechanism along a path over one of its inputs.
+
+    The path may turn back in the input, and be unstable. It ends where the input leaves the range, or earlier.
+
+    Parameters
+    ----------
+    model
+        With its drives at constant speed, or without drives for static equilibrium.
+    over
+        Name of the input: a load, gravity, the position of a support or the speed of a drive.
+    values
+        Of the input: where the path begins, and where it ends.
+    until
+        Name and value of an output at which the path ends too.
+    second
+        Whether to follow the paths that cross at bifurcations, to both sides.
+    start
+        Coordinates by name that the search for the first state starts from.
+    steps
+        At most, on every branch.
+    progress
+        Called with the input after every state.
+
+    Raises
+    ------
+    UserError
+        No such input, or no range.
+    EquilibriumError
+        There is no steady state to begin with.
+    """
+    begin, end = (finite(f"{which} of {over!r}", v) for which, v in zip(("begin", "end"), values, strict=True))
+    if begin == end:
+        raise UserError(f"{over!r} goes from {begin:g} to {end:g}; allowed: two different values")
+    if not isinstance(steps, int) or steps < 1:
+        raise UserError(f"steps is {steps!r}; allowed: a whole number from 1 on")
+    problem = PathProblem(model, over)
+    stop = None if until is None else problem.passing(*until)
+    with one_thread():  # more wait for each other, as small as the matrices are
+        follower = problem.follower(begin, end, start)
+        first, crossings = follow(problem, follower, follower.start, stop, steps, progress)
+        branches = [first]
+        for crossing in crossings if second else ():
+            for side in (1.0, -1.0):
+                branch, _ = follow(problem, follower, follower.second(crossing, side), stop, steps, progress)
+                branches.append(branch)
+    return EquilibriumPath(
+        input=over,
+        unit=problem.variable.unit,
+        units={variable.name: variable.unit for variable in problem.plant.outputs},
+        branches=branches,
+    )
+
+
+def follow(
+    problem: PathProblem,
+    follower: Follower,
+    start: State,
+    stop: Callable[[State], float] | None,
+    steps: int,
+    progress: Callable[[float], None] | None,
+) -> tuple[PathBranch, list[State]]:
+    """Return a branch, and the bifurcations on it."""
+    states, crossings, ended = [problem.told(start)], [], ""
+    try:
+        for at in islice(follower.follow(start, stop), steps):
+            states.append(problem.told(at))
+            if at.kind == "bifurcation":
+                crossings.append(at)
+            if progress is not None:
+                progress(at.p)
+        ended = follower.ended or (f"{steps} steps were made" if len(states) > steps else "")
+    except EquilibriumError as error:
+        ended = str(error)
+    return PathBranch(states=states, ended=ended), crossings

@@ -1,0 +1,183 @@
+"""The equations of a steady state and their Jacobian, as paths take them: of small and of large systems.
+
+    K x + J^T y = f,      J x = g,      K the derivative of h + J^T lambda by the coordinates
+
+A state is statically unstable along as many motions as K has negative eigenvalues on J x = 0.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+
+import numpy as np
+from scipy import linalg
+
+from solvers.projection.saddle import Saddle
+from solvers.system import Array, TreeSystem
+
+from .small import PIVOT, DenseEquilibriumSolver
+
+KRYLOV = 40  # dimension of the space in which a large tree's negative eigenvalues are looked for first
+SYMMETRIC = 1e-8  # of the largest entry: what is less is rounding
+VANISHING = 1e-12  # of the largest eigenvalue of the inverse
+
+
+class Linearized(ABC):
+    """Equations of one mechanism, with the inputs it has now.
+
+    Attributes
+    ----------
+    size
+        Units of the coordinates (n,).
+    """
+
+    size: Array
+
+    @abstractmethod
+    def residual(self, q: Array, lam: Array) -> tuple[Array, Array]:
+        """Return h + J^T lambda (n,) and Phi."""
+
+    @abstractmethod
+    def factor(self, q: Array, lam: Array) -> bool:
+        """Factor the Jacobian; False where it cannot be."""
+
+    @abstractmethod
+    def inspect(self, q: Array, lam: Array) -> int:
+        """Factor the Jacobian of a steady state; return the negative eigenvalues of K on J x = 0."""
+
+    @abstractmethod
+    def solve(self, f: Array, g: Array) -> tuple[Array, Array]:
+        """Return x (n,) and y by the last factors."""
+
+    @abstractmethod
+    def moved(self, q: Array, x: Array) -> Array:
+        """Return positions changed by x (n,)."""
+
+
+def negative_eigenvalues(A: Array, floor: float) -> int:
+    """Return how many real eigenvalues of A (n, n) are below minus this part of the largest.
+
+    Where A is symmetric, as without follower loads, they must be found so: of two that are alike rounding makes a pair.
+    """
+    symmetric = np.abs(A - A.T).max(initial=0.0) <= SYMMETRIC * np.abs(A).max(initial=0.0)
+    values = np.linalg.eigvalsh(0.5 * (A + A.T)) if symmetric else np.linalg.eigvals(A)
+    return int(np.sum((values.real < -floor * np.abs(values).max(initial=0.0)) & (values.imag == 0.0)))
+
+
+class DenseLinearized(Linearized):
+    """A mechanism with dense matrices; lambda are the multipliers of the solver's independent rows."""
+
+    def __init__(self, solver: DenseEquilibriumSolver) -> None:
+        self._solver, self._system = solver, solver.system
+        self.size, self._row = self._system.size, self._system.row_size[solver.rows]
+
+    def residual(self, q: Array, lam: Array) -> tuple[Array, Array]:
+        """See the base."""
+        full = np.zeros(self._system.m)
+        full[self._solver.rows] = lam
+        forces, gaps = self._solver.residual(0.0, q, full)
+        return forces, gaps[self._solver.rows]
+
+    def factor(self, q: Array, lam: Array) -> bool:
+        """See the base. Where nothing depends on an unknown it stays."""
+        K, n = self._solver.jacobian(0.0, q, lam), len(self.size)
+        if not np.isfinite(K).all():
+            return False
+        self._scale = float(np.abs(K[:n, :n]).max()) or 1.0
+        K[:n, :n] /= self._scale
+        self._K = K
+        self._inverse = np.linalg.pinv(K, rcond=PIVOT)
+        return True
+
+    def inspect(self, q: Array, lam: Array) -> int:
+        """See the base."""
+        self.factor(q, lam)
+        n = len(self.size)
+        free = linalg.null_space(self._K[n:, :n]) if len(self._row) else np.eye(n)
+        return negative_eigenvalues(free.T @ self._K[:n, :n] @ free, PIVOT)
+
+    def solve(self, f: Array, g: Array) -> tuple[Array, Array]:
+        """See the base."""
+        n = len(self.size)
+        z = self._inverse @ np.concatenate((f * self.size / self._scale, g / self._row))
+        return z[:n] * self.size, z[n:] * self._scale / self._row
+
+    def moved(self, q: Array, x: Array) -> Array:
+        """See the base."""
+        changed = q.astype(complex)
+        self._system.apply(changed, x.astype(complex))
+        return changed.real.copy()
+
+
+class TreeLinearized(Linearized):
+    """A large tree.
+
+    Its negative eigenvalues are those of the inverse in a Krylov space (Arnoldi), where they are the farthest from the
+    others. That their number is even or odd the determinant tells too; as long as it says otherwise the space grows.
+
+    ``even`` returns whether the tangent, as it was last factored, has an even number of them, constraints aside.
+    """
+
+    def __init__(self, system: TreeSystem, v: Array, even: Callable[[], bool]) -> None:
+        self._system, self._v, self._even = system, v, even
+        self.size, self._still, self._saddle = system.size, np.zeros(system.n), Saddle(system)
+
+    def residual(self, q: Array, lam: Array) -> tuple[Array, Array]:
+        """See the base."""
+        return self._saddle.residual(0.0, q, self._v, self._still, lam)
+
+    def factor(self, q: Array, lam: Array) -> bool:
+        """See the base."""
+        self.residual(q, lam)
+        return self._saddle.factor(0.0, 0.0)
+
+    def inspect(self, q: Array, lam: Array) -> int:
+        """See the base."""
+        self._saddle.weigh(0.0, q)
+        if not self.factor(q, lam):
+            return 0
+        even, negative = self.even(), 0
+        start = np.random.default_rng(1).normal(size=len(self.size))
+        basis, H = [start / np.linalg.norm(start)], np.zeros((1, 0))
+        for dimension in (KRYLOV, 2 * KRYLOV, 4 * KRYLOV):
+            while len(basis) <= dimension:
+                H = self._expand(basis, H)
+            negative = negative_eigenvalues(H[:-1], VANISHING)
+            if (negative % 2 == 0) == even:
+                break
+        return negative
+
+    def even(self) -> bool:
+        """Return whether the Jacobian, as it was last factored, has an even number of negative eigenvalues."""
+        return self._even() == self._saddle.positive
+
+    def _expand(self, basis: list[Array], H: Array) -> Array:
+        """Add a vector to an orthonormal basis of the Krylov space; return the inverse in units on it, with its row.
+
+        Where the space is complete it is one of zeros.
+        """
+        k = len(basis) - 1
+        H = np.pad(H, ((0, 1), (0, 1)))
+        w = self._saddle.solve(basis[k] / self.size, np.zeros(self._system.m))[0] / self.size
+        whole = np.linalg.norm(w)
+        for _ in range(2):  # once more for what rounding left
+            for i, vector in enumerate(basis):
+                part = vector @ w
+                H[i, k] += part
+                w = w - part * vector
+        length = np.linalg.norm(w)
+        complete = length <= VANISHING * whole
+        H[k + 1, k] = 0.0 if complete else length
+        basis.append(0.0 * w if complete else w / length)
+        return H
+
+    def solve(self, f: Array, g: Array) -> tuple[Array, Array]:
+        """See the base."""
+        return self._saddle.solve(f, g)
+
+    def moved(self, q: Array, x: Array) -> Array:
+        """See the base."""
+        changed = q.copy()
+        self._system.apply(changed, x)
+        return changed
