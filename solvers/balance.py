@@ -2,14 +2,13 @@
 
 A run keeps its balance while
 
-    |E - level - W| <= min(EXPLAINED stray, max(PART at work, largest)) + rounding + energy of the slowest motion,
+    |E - level - W| <= min(EXPLAINED stray, max(PART at work, exposure)) + rounding + energy of the slowest motion,
 
-with W, stray and the largest exposure of a reported row of :mod:`.ledger`, and the ``level`` that E started from with
-every jump since. ``stray`` takes the local errors of all steps at their largest and all of one sign; of healthy runs
-the imbalance was at most 0.08 of it, and mostly 0.01. The second bound is for runs of so many steps that the first
-would let all energy go: a part of the energy at work, which is the kinetic energy at its largest and what was
-exchanged. Where a motion is hardly larger than the tolerance one step may add more than this part: there the largest
-exposure so far is the bound. (That of the last step would fall as a motion dies down, while the imbalance stays.)
+with W, stray and exposure of a reported row of :mod:`.ledger`, and the ``level`` that E started from with every jump
+since. ``stray`` takes the local errors of all steps at their largest and all of one sign; of healthy runs the imbalance
+was at most 0.08 of it, and mostly 0.01. The second bound is for runs of so many steps that the first would let all
+energy go: a part of the energy at work, which is the kinetic energy at its largest and what was exchanged, or of one
+step, where next to nothing moves yet.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ import numpy as np
 
 from solvers.compiled.kernel import kernel
 
-from .ledger import EXCHANGED, EXPOSURE, LARGEST, MOST, STRAY, WORK
+from .ledger import EXCHANGED, EXPOSURE, MOST, STRAY, WORK
 
 BALANCE = np.dtype(
     [
@@ -34,17 +33,16 @@ BALANCE = np.dtype(
 EXPLAINED = 0.25  # of what the steps could add up to
 FEW = 6.0  # times what the last step could add: errors of a few steps need not cancel each other
 PART = 0.02  # of the energy at work
-ROUNDING = 1e-13  # of every energy that was added up
-SLOW = 2.0  # tolerances a second: what moves no faster may be at rest, as errors add up to more than one
+ROUNDING = 1e-13  # of every energy that was added up; besides, what moves as slowly as the tolerance has none
 
 
 @kernel
 def slowest(mass: float, length: float, rate: float, tolerance: float) -> float:
-    """Energy (J) of the slowest motion that counts: of all mass (kg), by some tolerances in a length (m) a second.
+    """Energy (J) of the slowest motion that counts: of all mass (kg), by the tolerance in a length (m) a second.
 
     ``rate`` (1/s) makes it slower where gravity and drives are slow; that of a drive may be of one short jerk.
     """
-    speed = SLOW * tolerance * length * (min(rate, 1.0) if rate > 0.0 else 1.0)
+    speed = tolerance * length * (min(rate, 1.0) if rate > 0.0 else 1.0)
     return mass * speed * speed
 
 
@@ -53,7 +51,7 @@ def bound(b: Any, energy: float, row: Any) -> float:
     """What the tolerance and rounding explain of the imbalance of a state, J; b a record of BALANCE."""
     stray, at_work = row[STRAY], row[MOST] + row[EXCHANGED]
     rounding = ROUNDING * (abs(energy) + abs(b.level) + at_work + stray / b.tolerance)
-    most = max(PART * at_work, row[LARGEST], row[EXPOSURE])
+    most = max(PART * at_work, row[EXPOSURE])
     steps = max(EXPLAINED * stray, min(stray, FEW * row[EXPOSURE]))
     explained: float = min(steps, most) + rounding + b.unseen
     return explained
@@ -61,7 +59,7 @@ def bound(b: Any, energy: float, row: Any) -> float:
 
 @kernel
 def judge(balance: Any, energy: float, row: Any) -> tuple[float, bool]:
-    """Return the imbalance (J) of a state with this energy and reported row (6,), and whether the balance is lost: it
+    """Return the imbalance (J) of a state with this energy and reported row (5,), and whether the balance is lost: it
     is more than explained, or no number. balance (1,) of BALANCE.
     """
     imbalance = energy - balance[0].level - row[WORK]

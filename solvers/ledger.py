@@ -34,7 +34,6 @@ from .system import Array
 
 FIELDS: list[tuple[str, str]] = [
     ("exposure", "f8"),  # J a step, at the last look
-    ("largest", "f8"),  # J a step, at any look so far
     ("stray", "f8"),  # J, sum of the exposures
     ("most", "f8"),  # J, kinetic energy
     ("least", "f8"),
@@ -51,8 +50,8 @@ BOOK = np.dtype(
     align=True,
 )  # fmt: skip
 NODES, WEIGHTS = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)]), np.array([5.0, 8.0, 5.0]) / 9.0  # of Gauss
-WORK, STRAY, EXCHANGED, MOST, EXPOSURE, LARGEST = 0, 1, 2, 3, 4, 5  # of a reported row
-ROW = 6
+WORK, STRAY, EXCHANGED, MOST, EXPOSURE = 0, 1, 2, 3, 4  # of a reported row
+ROW = 5
 EVERY, AT_FIRST, ANEW = 8, 24, 3  # steps between two looks; looks in a row after the start, and after a change
 SLIP = 4.0  # what a formula says its error in W is counts so many times: it is an error, where the exposure is a bound
 BETWEEN = 4.0  # exposures: a reported state is interpolated, and closed
@@ -91,7 +90,6 @@ def look(exposure: Any, data: Any, c: Any, s: Any) -> None:
     c.looks += 1
     c.most, c.least = max(c.most, kinetic), min(c.least, kinetic)
     c.exposure = s.found[0] * np.sqrt(s.mean[0])
-    c.largest = max(c.largest, c.exposure)
 
 
 @kernel
@@ -156,9 +154,9 @@ def integral(c: Any, t: float, points: int) -> float:
 
 @kernel
 def report(c: Any, work: float, row: Any) -> None:
-    """row (ROW,) = work, stray, exchanged and largest kinetic energy, exposure of a step and its largest, J."""
+    """row (ROW,) = work, stray, exchanged and largest kinetic energy, exposure of a step, J."""
     row[0], row[1], row[2] = work, c.stray + BETWEEN * c.exposure, c.most - c.least + c.through
-    row[3], row[4], row[5] = c.most, c.exposure, c.largest
+    row[3], row[4] = c.most, c.exposure
 
 
 @kernel

@@ -13,9 +13,8 @@ from scipy.integrate import simpson, solve_ivp
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
-from fmus.sheet import Sheet
 from mbfmu.cli import main
-from mbfmu.direct import Result, communication_points, run, simulate
+from mbfmu.direct import Result, communication_points, run
 from mbfmu.errors import UserError
 from mbfmu.fmi.export import export
 from mbfmu.fmi.harness import Fmu
@@ -27,7 +26,6 @@ from mbfmu.simulation import Settings, Simulation
 from mbfmu.studies.compare import compare, outcome
 from mbfmu.studies.reference import reference
 from mbfmu.studies.timing import Budget
-from solvers.ledger import EXPOSURE, LARGEST
 
 SOLVERS = ("adams", "hybrid", "ida", "radau")
 TIMES = np.linspace(0.0, 3.0, 151)
@@ -222,37 +220,6 @@ def test_a_load_that_jumps_raises_no_alarm(solver: str, tolerance: float, torque
         state = solve_ivp(rate, (0.0, dt), state, "DOP853", args=(given,), rtol=1e-12, atol=1e-12).y[:, -1]
         assert simulation.outputs()[1] == pytest.approx(state[0], abs=10.0 * tolerance, rel=10.0 * tolerance)
     assert simulation.verdict == ""
-
-
-HARDLY: dict[str, tuple[dict[str, Any], bool]] = {
-    "pressed slightly": ({"support": "all_edges", "slide": False, "gravity_y": 0.0, "pressure": 1e-2}, False),
-    "begun at rest": ({"support": "all_edges", "slide": False, "pressure": 50.0}, True),
-    "sinking slowly": ({"gravity_y": -1e-4, "damping": 0.01}, False),
-}
-
-
-@pytest.mark.parametrize(("solver", "tolerance"), [("ida", 1e-5), ("esdirk", 1e-3)])
-@pytest.mark.parametrize("case", HARDLY)
-def test_a_motion_hardly_larger_than_the_tolerance_raises_no_alarm(case: str, solver: str, tolerance: float) -> None:
-    """Of its energy parts are lost; that is a small part of what the tolerance lets every step add."""
-    parameters, at_rest = HARDLY[case]
-    model = Sheet(nx=7, nz=5, stretch=True, **parameters)
-    result = simulate(model, 0.5, interval=0.01, solver=solver, tolerance=tolerance, start_at_equilibrium=at_rest)
-    assert not result.verdict
-    assert result["energy_exchanged"][-1] < 1e-7  # J; the sheet weighs 0.02 kg
-
-
-@pytest.mark.parametrize("solver", SOLVERS)
-def test_the_largest_share_of_a_step_stays_as_the_motion_dies_down(solver: str) -> None:
-    simulation = Simulation(Arm(driven=False, damping=5.0), Settings(solver=solver))
-    rows = []
-    for t in np.linspace(0.1, 20.0, 40):
-        simulation.advance(t)
-        rows.append(simulation.stepper.ledger[[EXPOSURE, LARGEST]])
-    last, largest = np.transpose(rows)
-    assert (np.diff(largest) >= 0.0).all()
-    assert (last <= largest).all()
-    assert last[-1] < 0.6 * largest[-1]
 
 
 @pytest.mark.parametrize("solver", ["adams", "hybrid"])
