@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from solvers.compiled.kernel import kernel
+from solvers.compiled.kernel import inlined, kernel
 
 
 @kernel
@@ -81,6 +81,16 @@ def reach(cell: Any) -> float:
     return 0.6 * np.sqrt(cell.a * cell.a + cell.b * cell.b)
 
 
+@inlined
+def lever(A: Any, along: Any, across: Any) -> Any:
+    """A L of a node with the axes A (3, 3), by its weights a Nx and b Nz."""
+    return (
+        along * A[0, 0] + across * A[0, 2],
+        along * A[1, 0] + across * A[1, 2],
+        along * A[2, 0] + across * A[2, 2],
+    )
+
+
 @kernel
 def drift(cell: Any, c: Any, bodies: Any, v: Any) -> None:
     """v (3,) <- velocity of the point."""
@@ -89,11 +99,7 @@ def drift(cell: Any, c: Any, bodies: Any, v: Any) -> None:
     for i in range(4):
         node = bodies[cell.node[i]]
         A, Y = node.A, node.Y
-        x, y, z = (
-            c[i, 1] * A[0, 0] + c[i, 2] * A[0, 2],
-            c[i, 1] * A[1, 0] + c[i, 2] * A[1, 2],
-            c[i, 1] * A[2, 0] + c[i, 2] * A[2, 2],
-        )
+        x, y, z = lever(A, c[i, 1], c[i, 2])
         v[0] += c[i, 0] * Y[0] + Y[4] * z - Y[5] * y
         v[1] += c[i, 0] * Y[1] + Y[5] * x - Y[3] * z
         v[2] += c[i, 0] * Y[2] + Y[3] * y - Y[4] * x
@@ -105,11 +111,7 @@ def press(cell: Any, c: Any, bodies: Any, f: Any) -> None:
     for i in range(4):
         node = bodies[cell.node[i]]
         A, F = node.A, node.F
-        x, y, z = (
-            c[i, 1] * A[0, 0] + c[i, 2] * A[0, 2],
-            c[i, 1] * A[1, 0] + c[i, 2] * A[1, 2],
-            c[i, 1] * A[2, 0] + c[i, 2] * A[2, 2],
-        )
+        x, y, z = lever(A, c[i, 1], c[i, 2])
         for k in range(3):
             F[k] += c[i, 0] * f[k]
         F[3] += y * f[2] - z * f[1]
