@@ -287,10 +287,19 @@ def test_two_speeds_skew_a_sheet() -> None:
     assert skew[-1] - skew[0] == pytest.approx(0.02, rel=2e-3)
 
 
+def test_an_idler_does_not_pull() -> None:
+    """With a negative force, which an input may have, the roller does nothing to the sheet, which goes on as it was."""
+    m, sheet, _ = driven((0.1, 0.1), (5, 4), force="-5")
+    m.output("v", sheet.node(0, 0).velocity("x"))
+    found = mb.simulate(m, stop_time=0.02, interval=0.01, solver="esdirk", tolerance=1e-4)
+    np.testing.assert_allclose(found["v"], 0.1, rtol=1e-6)
+    np.testing.assert_allclose(found["torque0"], 0.0, atol=1e-9)
+
+
 def test_what_contact_refuses() -> None:
     m = Mechanism()
     sheet = add_sheet(m, "s", grid=(4, 3), **PAPER)
-    roller = m.body("roller", m.ground, Revolute(drive=Polynomial((0.0, 1.0))), mass=1.0)
+    roller = m.body("roller", m.ground, Revolute(at=(0.0, -0.01, 0.0), drive=Polynomial((0.0, 1.0))), mass=1.0)
     other = add_sheet(Mechanism(), "other", grid=(4, 3), **PAPER)
     nip: dict[str, Any] = {"radius": 0.01, "at": (0.0, 0.0, 0.0), "width": 0.02, "force": 2.0}
     with pytest.raises(UserError, match=r"friction of touch 't' is -0.1"):
@@ -309,6 +318,21 @@ def test_what_contact_refuses() -> None:
         add_nip(m, "n", sheet, roller, **(nip | {"force": -2.0}))
     with pytest.raises(UserError, match="uneven of nip 'n' is 2"):
         add_nip(m, "n", sheet, roller, uneven=2.0, **nip)
+    with pytest.raises(UserError, match="pairs of nip 'n' is 0; allowed: a whole number from 1 to 1000"):
+        add_nip(m, "n", sheet, roller, pairs=0, **nip)
+    with pytest.raises(UserError, match=r"contact of nip 'n' is 1e-30. m; allowed"):
+        add_nip(m, "n", sheet, roller, contact=1e-300, **nip)
+    with pytest.raises(UserError, match="stiffness of nip 'n' is 'soft'"):
+        add_nip(m, "n", sheet, roller, stiffness="soft", **nip)
+    with pytest.raises(UserError, match=r"the axis of roller 'roller' is 0\.3 m beside where nip 'n' has it"):
+        add_nip(m, "n", sheet, roller, **(nip | {"at": (0.3, 0.0, 0.0)}))
+    with pytest.raises(UserError, match=r"axis of roller 'roller' is \[0.0, 0.0, 1.0\]; allowed in nip 'n'"):
+        add_nip(m, "n", sheet, roller, feed="z", **nip)
+    with pytest.raises(UserError, match=r"roller of nip 'n' is 's\.0\.0'; allowed: a body on a Revolute"):
+        add_nip(m, "n", sheet, sheet.node(0, 0), **nip)
+    for points in (3, None, (0, 2), (True, 2), (2, 2, 2)):
+        with pytest.raises(UserError, match="points of touch 't' are"):
+            add_touch(m, "t", sheet, Wall(), points=points)
     add_nip(m, "n", sheet, roller, **nip)
     with pytest.raises(UserError, match="load is named 'n'; allowed"):
         add_nip(m, "n", sheet, roller, **nip)

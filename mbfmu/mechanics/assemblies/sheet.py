@@ -117,8 +117,9 @@ class Sheet:
     def curvature(self, component: str, x: float, z: float) -> Sensor:
         """Curvature ``xx``, ``zz`` or the twist ``xz`` at (x, z) of the flat sheet, 1/m: w,xx and so on, w along its y.
 
-        This and the following are those of the element there, best in its middle; on a line between two of the one
-        beyond it.
+        This and the following are those of the element there, exact in the mean over it and best in its middle: of two
+        cells across, a hanging strip's force is off by half at the edge. On a line between two it is that of the one
+        beyond.
         """
         return self._felt("1/m", component, x, z, curvature=1.0)
 
@@ -221,8 +222,8 @@ def add_sheet(
     master
         Body the master node is fixed to; None: it floats. Of the tree ``master`` only.
     rate
-        Velocity of a floating master node at the start, m/s in the ground's axes and rad/s in its own: the flat sheet
-        moves like a rigid body.
+        Velocity of a floating master node at the start, m/s and rad/s in the axes of the flat sheet, which moves like a
+        rigid body.
     joint
         ``geodesic`` keeps the lengths and angles of the sheet; ``paper`` the projected length of its chains.
     membrane

@@ -16,10 +16,11 @@ from mbfmu.errors import UserError
 from mbfmu.mechanics.axes import unit_axis
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.mechanism import Mechanism
-from mbfmu.mechanics.checks import Vector, one_of, vector
+from mbfmu.mechanics.checks import Vector, one_of, rotation, vector
 from mbfmu.mechanics.contact.nip import Nip
 from mbfmu.mechanics.contact.surfaces import Surface
 from mbfmu.mechanics.contact.touch import Touch
+from mbfmu.mechanics.joints import Revolute
 from mbfmu.mechanics.kind import check_kind
 from mbfmu.mechanics.loads.base import Load
 from mbfmu.mechanics.numbers import finite, not_negative, positive
@@ -31,6 +32,9 @@ COARSEST = 0.6  # side of a cell times the curvature of a surface, above which t
 SINK = 0.25  # of its thickness, that a leading edge sinks into a surface where it is pressed on as the sheet bends
 SHALLOW = 0.2  # of its thickness: depth below which the pressure goes with its square
 GIVE = 1e-3  # rad, that a nip gives way by to the moment that bends the sheet so far
+MOST = 1000  # points or stations one way
+LEAST = 1e-6  # of the sheet's scale, of a length in the nip
+ASKEW, OFF = 1e-6, 0.02  # of a roller's axis: one less a cosine; parts of its radius
 CALM = 0.03  # damping of a nip's rubber, to sqrt(stiffness times the sheet's mass)
 
 
@@ -132,14 +136,14 @@ def add_touch(
         Of every cell along x and z.
     """
     what = f"touch {name!r}"
-    check_kind(what, surface, Surface)
+    check_kind(f"surface of {what}", surface, Surface)
     surface.check(f"the surface of {what}")
     _of(mechanism, sheet, what)
     plate, length = sheet.plate, _scale(sheet)
     for key, value in (("friction", friction), ("damping", damping)):
         not_negative(f"{key} of {what}", value)
     positive(f"creep of {what}", creep)
-    if len(points) != 2 or not all(isinstance(n, int) and n >= 1 for n in points):
+    if not isinstance(points, Sequence) or len(points) != 2 or not all(map(_is_count, points)):
         raise UserError(f"points of {what} are {points!r}; allowed: two whole numbers from 1 on")
     side = max(sheet.a, sheet.b)
     if surface.curvature() * side > COARSEST:
@@ -209,7 +213,7 @@ def add_nip(
     width
         Of the contact across the feed, m.
     force
-        With which the idler presses, N: a number, a signal or an input.
+        With which the idler presses, N: a number, a signal or an input; below zero it is none.
     feed, normal
         Direction in which a sheet is fed, and from the roller to the idler.
     along
@@ -219,7 +223,8 @@ def add_nip(
     friction, idler_friction
         Of the roller on the sheet, and of the idler sideways.
     creep, least
-        Slip at which the roller has seven tenths of its traction: a part of its speed, and m/s at rest.
+        Slip at which the roller has seven tenths of its traction: a part of its speed, and m/s at rest; together the
+        root of the sum of their squares.
     contact, entry
         Distance of the two stations along the feed, and the way over which an edge comes in, m; None: 1/300 and 1/150
         of the longer side of the sheet.
@@ -242,31 +247,34 @@ def add_nip(
     d, n = unit_axis(feed, f"feed of {what}"), unit_axis(normal, f"normal of {what}")
     if abs(d @ n) > 1e-9:
         raise UserError(f"feed of {what} is {feed!r}; allowed: a direction normal to its normal {normal!r}")
-    if not isinstance(roller, Body):
-        raise UserError(f"roller of {what} is {roller!r}; allowed: a body of the mechanism")
+    place, across = vector(f"at of {what}", at), np.cross(d, n)
+    _fits(roller, radius, place, n, across, what)
     length, plate, way = _scale(sheet), sheet.plate, "xz".index(along)
-    half = 0.5 * positive(f"contact of {what}", length / 50.0 if contact is None else contact)
+    half = 0.5 * _length(f"contact of {what}", length / 50.0 if contact is None else contact, length)
     beside = sheet.b if way == 0 else sheet.a
     if pairs is None:
         pairs = max(1, round(2.0 * width / beside))
+    elif not _is_count(pairs):
+        raise UserError(f"pairs of {what} is {pairs!r}; allowed: a whole number from 1 to {MOST}")
     stiff = float(plate.bending[way, way])
     if stiffness is None:
         stiffness = stiff * width / (length * GIVE * half**2)
+    positive(f"stiffness of {what}", stiffness)
     if damping is None:
         damping = CALM * float(np.sqrt(stiffness * sum(body.mass for row in sheet.nodes for body in row)))
     common = {
         "pairs": pairs,
         "way": way,
-        "place": vector(f"at of {what}", at),
+        "place": place,
         "d": d,
         "n": n,
-        "e": np.cross(d, n),
+        "e": across,
         "radius": radius,
         "half": half,
-        "entry": 0.5 * positive(f"entry of {what}", length / 25.0 if entry is None else entry),
+        "entry": 0.5 * _length(f"entry of {what}", length / 25.0 if entry is None else entry, length),
         "width": width,
         "uneven": uneven,
-        "stiffness": positive(f"stiffness of {what}", stiffness),
+        "stiffness": stiffness,
         "damping": not_negative(f"damping of {what}", damping),
         "bending": stiff * max(width, beside) / pairs,
         "friction": friction,
@@ -280,6 +288,39 @@ def add_nip(
     ]
     first, count = _load(mechanism, name, loads, roller, sheet)
     return NipHandle(name, mechanism, first, count, 2 * pairs)
+
+
+def _is_count(value: Any) -> bool:
+    """Whether a value is a number of points or stations."""
+    return isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= MOST
+
+
+def _length(what: str, value: Any, scale: float) -> float:
+    """Return a length that is neither nothing nor more than all of a sheet of this scale."""
+    if not LEAST * scale <= positive(what, value) <= 6.0 * scale:
+        raise UserError(f"{what} is {value!r} m; allowed: {LEAST * scale:.3g} to {6.0 * scale:.3g}")
+    return float(value)
+
+
+def _fits(roller: Any, radius: float, place: Any, normal: Any, across: Any, what: str) -> None:
+    """Refuse a roller that does not turn where its nip is."""
+    if not isinstance(roller, Body) or not isinstance(roller.joint, Revolute):
+        raise UserError(f"roller of {what} is {getattr(roller, 'name', roller)!r}; allowed: a body on a Revolute")
+    if roller.parent != 0:  # on a carrier: where it is then, it alone says
+        return
+    axle = rotation(f"rotation of {roller.name!r}", roller.joint.rotation) @ roller.joint.direction
+    if abs(axle @ across) < 1.0 - ASKEW:
+        raise UserError(
+            f"axis of roller {roller.name!r} is {axle.round(6).tolist()}; allowed in {what}: across its feed and its "
+            f"normal, {across.round(6).tolist()}"
+        )
+    off = place - radius * normal - vector(f"at of {roller.name!r}", roller.joint.at)
+    beside = float(np.linalg.norm(np.cross(off, axle)))
+    if beside > OFF * radius:
+        raise UserError(
+            f"the axis of roller {roller.name!r} is {beside:.3g} m beside where {what} has it: {radius:g} m from "
+            f"{place.tolist()} against its normal"
+        )
 
 
 def _scale(sheet: Sheet) -> float:

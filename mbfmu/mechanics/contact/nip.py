@@ -147,6 +147,8 @@ def meet(nip: Any, t: float, arrays: Any, state: Any) -> None:
     if square > far * far:
         return
     N = signal_value(nip.force, t, arrays)
+    if N.real < 0.0:  # an idler does not pull
+        N = 0.0 * N
     mx, mz = nip.entry / nip.a, nip.entry / nip.b
     x0, x1 = mx if nip.ends[0, 0] == 1 else SEAM, mx if nip.ends[0, 1] == 1 else SEAM
     z0, z1 = mz if nip.ends[1, 0] == 1 else SEAM, mz if nip.ends[1, 1] == 1 else SEAM
