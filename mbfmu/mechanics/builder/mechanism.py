@@ -296,7 +296,7 @@ class Mechanism(Appearance):
 
     def load_all(self, name: str, loads: Sequence[tuple[Load, tuple[Body, ...]]]) -> int:
         """Let loads of one name act, each on its bodies, such as those of the cells of a sheet; return the number of
-        the first among :attr:`others`.
+        the first among ``others``.
         """
         self._new_name("load", name, self._loads_named())
         for load, bodies in loads:
