@@ -334,6 +334,9 @@ def test_what_contact_refuses() -> None:
         with pytest.raises(UserError, match="points of touch 't' are"):
             add_touch(m, "t", sheet, Wall(), points=points)
     add_nip(m, "n", sheet, roller, **nip)
+    stray = add_touch(m, "t", sheet, Wall()).depth()
+    with pytest.raises(UserError, match="output 'depth' is of 't', which is of another mechanism"):
+        Mechanism().output("depth", stray)
     with pytest.raises(UserError, match="load is named 'n'; allowed"):
         add_nip(m, "n", sheet, roller, **nip)
     with pytest.raises(UserError, match="nips hold a sheet"):

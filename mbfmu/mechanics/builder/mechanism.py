@@ -398,6 +398,8 @@ class Mechanism(Appearance):
             self._member(body, f"body of output {name!r}")
         if isinstance(sensor.item, CutHandle | CouplingHandle) and not any(sensor.item is c for c in self.constraints):
             raise UserError(f"output {name!r} is of {sensor.item.name!r}, which is no constraint of this mechanism")
+        if getattr(sensor.item, "mechanism", self) is not self:
+            raise UserError(f"output {name!r} is of {sensor.item.name!r}, which is of another mechanism")
         if isinstance(sensor.item, ForceHandle) and not self._has(sensor.item):
             raise UserError(f"output {name!r} is of force {sensor.item.name!r}, which is none of this mechanism")
         self.outputs.append((name, sensor, description, nominal))
