@@ -78,9 +78,9 @@ def load_power(load: Any, t: float, arrays: Any, state: Any) -> float:
 
 
 @inlined
-def load_tangent(load: Any, c1: float, arrays: Any, state: Any, K: Any) -> None:
+def load_tangent(load: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -> None:
     """Let a load add its tangent to K."""
-    call(arrays.kernels[load.kind + TANGENT], arrays.memory, load.at, (c1, arrays, state, K))
+    call(arrays.kernels[load.kind + TANGENT], arrays.memory, load.at, (c1, arrays, state, twin, K))
 
 
 @inlined

@@ -29,9 +29,12 @@ from mbfmu.mechanics import (
 from mbfmu.mechanics.arrays import systems
 from mbfmu.mechanics.contact import patch
 from mbfmu.mechanics.contact.nip import gives
+from mbfmu.mechanics.dispatch import apply_load, load_tangent
 from mbfmu.mechanics.kind import record_of
-from mbfmu.mechanics.records import allocate_state
-from solvers.compiled.held import hold
+from mbfmu.mechanics.records import allocate_state, complex_state
+from mbfmu.mechanics.recursions.dynamics import move
+from mbfmu.mechanics.steps import EPSILON, step
+from solvers.compiled.held import contents, hold
 from solvers.compiled.kernel import kernel, records
 
 from . import test_power
@@ -220,6 +223,33 @@ def test_the_structured_tangent_of_contact(name: str, monkeypatch: Any) -> None:
     assert tangent.factor(0.0, 900.0)
     x = tangent.solve(case.a)
     np.testing.assert_allclose(T @ x, case.a, atol=1e-5 * np.abs(T).max() * np.abs(x).max())
+
+
+@pytest.mark.parametrize("name", [*SURFACES, "nip"])
+def test_tangents_of_touch_and_nip_are_complex_steps_of_what_they_apply(name: str, monkeypatch: Any) -> None:
+    """On a body that moves too, and by velocities."""
+    monkeypatch.setattr(systems, "LARGE", 10**6)
+    plant = Plant(flag(nip=True) if name == "nip" else flag(SURFACES[name], moving=True))
+    case, c1, found = somewhere(plant, np.random.default_rng(8)), 3.0, 0
+    _, state = plant.kernel_data
+    move(0.0, case.q, case.v, *plant.kernel_data)
+    arrays, twin = hold(plant._compiled.tangent_arrays()), hold(complex_state(plant.data.state))
+    system = plant.complex_system()
+    others, there = contents(system.held_data)
+    for e, acting in enumerate(plant.mechanism.loads()):
+        bodies = [body.index for body in acting.bodies]
+        if len(bodies) < 5:
+            continue
+        K, expected = np.zeros((30, 30)), np.zeros((30, 30))
+        load_tangent(arrays.loads[e], c1, arrays, state, twin, K)
+        for j in range(30):
+            for p, i in enumerate(bodies):
+                step(state.bodies[i], there.bodies[i], j - 6 * p, c1)
+            apply_load(others.loads[e], 0.0, others, there)
+            expected[:, j] = -np.concatenate([system.data.state.bodies["F"][i].imag / EPSILON for i in bodies])
+        found += np.any(expected != 0.0)
+        np.testing.assert_allclose(K, expected, atol=1e-12 * np.abs(expected).max())
+    assert found > 0
 
 
 @pytest.mark.parametrize("name", SURFACES)

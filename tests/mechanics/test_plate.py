@@ -14,6 +14,7 @@ from mbfmu.mechanics import Floating, Mechanism, Plant, Plate, Polynomial, Shell
 from mbfmu.mechanics.dispatch import load_tangent
 from mbfmu.mechanics.elements.plate_energy import bending_strain, lean, stress
 from mbfmu.mechanics.loads import Drag
+from mbfmu.mechanics.records import complex_state
 from mbfmu.mechanics.recursions.dynamics import energy, move
 from mbfmu.steady.problem import equilibrium
 from solvers.compiled.held import contents, hold
@@ -128,7 +129,8 @@ def tangent_of(plant: Plant, c1: float, K: Any) -> None:
     """Add to K the tangent of the only load where it is."""
     _, state = plant.kernel_data
     arrays = hold(plant._compiled.tangent_arrays())
-    load_tangent(plant.data.arrays.loads[0], c1, arrays, state, K)
+    twin = hold(complex_state(plant.data.state))
+    load_tangent(plant.data.arrays.loads[0], c1, arrays, state, twin, K)
 
 
 @pytest.mark.parametrize("b", [0.4, 1.5, 2.0])

@@ -167,6 +167,7 @@ def word_types(arrays: type, state: type) -> dict[str, Any]:
         "index": types.int64,
         "arrays": held_type((complex_twin(real) if arrays is complex else real).arrays),
         "state": held_type(complex_state(real.state) if state is complex else real.state),
+        "twin": held_type(complex_state(real.state)),
         "motion": record_type(complex_dtype(MOTION) if state is complex else MOTION),
         "lam": number[::1],
         "matrix": types.float64[:, ::1],

@@ -17,6 +17,9 @@ MEETING = np.dtype(  # a contact at work
         ("p", np.float64, (3,)),  # point in the axes of the surface
         ("n", np.float64, (3,)),  # normal there, towards the sheet
         ("part", np.float64),  # of the force that is left where the surface ends
+        ("by", np.float64, (3, 6)),  # minus its derivatives by r and v
+        ("d", np.float64, (3,)),  # a change of the point
+        ("g", np.float64, (3,)),  # ... and minus that of the force
         ("told", np.float64, (8,)),  # sums over what was met; see the loads
         ("silent", np.int64),  # 1: only these are wanted
     ],

@@ -47,6 +47,7 @@ import numpy as np
 from mbfmu.mechanics.dispatch import signal_value
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.loads.base import Load
+from mbfmu.mechanics.steps import EPSILON, step
 from solvers.compiled.kernel import kernel
 
 from .patch import drift, locate, middle, press, reach, react, rise, weigh_straight
@@ -267,6 +268,22 @@ def grip(nip: Any, i: int, N: Any, pair: Any, bodies: Any, here: Any) -> None:
 
 
 @kernel
+def tangent(nip: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -> None:
+    """See :mod:`mbfmu.mechanics.loads.base`: by complex steps of the bodies, where a cell has stations at all."""
+    if tell(nip, state.time[0], arrays, state, 0) == 0.0:
+        return
+    for j in range(30):
+        for p in range(5):
+            i = nip.node[p] if p < 4 else nip.roller
+            step(state.bodies[i], twin.bodies[i], j - 6 * p, c1)
+        meet(nip, state.time[0], arrays, twin)
+        for p in range(5):
+            F = twin.bodies[nip.node[p] if p < 4 else nip.roller].F
+            for k in range(6):
+                K[6 * p + k, j] -= F[k].imag / EPSILON
+
+
+@kernel
 def tell(nip: Any, t: float, arrays: Any, state: Any, k: int) -> Any:
     """Entry k of ``told`` by one cell alone, the bodies left as they are."""
     here = state.meeting[0]
@@ -304,6 +321,7 @@ class Nip(Load):
     apply = apply
     potential = potential
     power = power
+    tangent = tangent
 
     name: str
     force: Any

@@ -24,9 +24,10 @@ import numpy as np
 from mbfmu.mechanics.dispatch import surface_gap
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.loads.base import Load
+from mbfmu.mechanics.steps import EPSILON, step
 from solvers.compiled.kernel import kernel
 
-from .patch import drift, locate, middle, press, reach, react, weigh
+from .patch import drift, lever, locate, middle, press, reach, react, weigh
 from .surfaces import Surface
 
 TOUCH = np.dtype(
@@ -73,23 +74,34 @@ def meet(touch: Any, arrays: Any, state: Any) -> None:
     nx, nz = touch.samples[0], touch.samples[1]
     for i in range(nx + touch.ends[0, 1]):
         for k in range(nz + touch.ends[1, 1]):
-            share = touch.a * touch.b / (nx * nz)
-            if (i == 0 and touch.ends[0, 0] == 1) or i == nx:
-                share *= 0.5
-            if (k == 0 and touch.ends[1, 0] == 1) or k == nz:
-                share *= 0.5
             weigh(touch, i / nx, k / nz, here.c)
             locate(touch, here.c, bodies, here.r)
             d = -gap(touch, arrays, state)
             if d.real > 0.0 and here.part.real > 0.0:
-                push(touch, share, d, bodies, here)
+                drift(touch, here.c, bodies, here.v)
+                push(touch, area(touch, i, k), d, bodies[touch.body], here)
+                if here.silent == 0:
+                    press(touch, here.c, bodies, here.f)
+                    if touch.body > 0:
+                        react(bodies[touch.body], here.r, here.f)
 
 
 @kernel
-def push(touch: Any, share: float, d: Any, bodies: Any, here: Any) -> None:
-    """What one point feels, the normal of the surface in here.f."""
-    drift(touch, here.c, bodies, here.v)
-    body, r, v, f, told = bodies[touch.body], here.r, here.v, here.f, here.told
+def area(touch: Any, i: int, k: int) -> float:
+    """Area that a point stands for, m^2."""
+    nx, nz = touch.samples[0], touch.samples[1]
+    share = touch.a * touch.b / (nx * nz)
+    if (i == 0 and touch.ends[0, 0] == 1) or i == nx:
+        share *= 0.5
+    if (k == 0 and touch.ends[1, 0] == 1) or k == nz:
+        share *= 0.5
+    return share
+
+
+@kernel
+def push(touch: Any, share: float, d: Any, body: Any, here: Any) -> None:
+    """here.f <- what a point at here.r with the velocity here.v feels, the normal of the surface in here.f so far."""
+    r, v, f, told = here.r, here.v, here.f, here.told
     x, y, z = r[0] - body.r[0], r[1] - body.r[1], r[2] - body.r[2]
     v[0] -= body.Y[0] + body.Y[4] * z - body.Y[5] * y
     v[1] -= body.Y[1] + body.Y[5] * x - body.Y[3] * z
@@ -117,10 +129,108 @@ def push(touch: Any, share: float, d: Any, bodies: Any, here: Any) -> None:
     for j in range(3):
         f[j] = N * f[j] - rub * v[j]
         told[j] += f[j]
-    if here.silent == 0:
-        press(touch, here.c, bodies, f)
-        if touch.body > 0:
-            react(body, r, f)
+
+
+@kernel
+def tangent(touch: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -> None:
+    """See :mod:`mbfmu.mechanics.loads.base`: the law by complex steps of a point, the point by its weights."""
+    here, bodies, there = state.meeting[0], state.bodies, twin.meeting[0]
+    body, moved = bodies[touch.body], twin.bodies[touch.body]
+    step(body, moved, -1, c1)
+    middle(touch, bodies, here.r)
+    for j in range(3):
+        there.r[j] = here.r[j]
+    if gap(touch, arrays, twin).real > reach(touch):
+        return
+    nx, nz = touch.samples[0], touch.samples[1]
+    for i in range(nx + touch.ends[0, 1]):
+        for k in range(nz + touch.ends[1, 1]):
+            weigh(touch, i / nx, k / nz, here.c)
+            locate(touch, here.c, bodies, here.r)
+            for j in range(3):
+                there.r[j] = here.r[j]
+            d = -gap(touch, arrays, twin)
+            if d.real > 0.0 and there.part.real > 0.0:
+                share = area(touch, i, k)
+                drift(touch, here.c, bodies, here.v)
+                for j in range(6):
+                    felt(touch, share, j, arrays, here, twin)
+                    for row in range(3):
+                        here.by[row, j] = -there.f[row].imag / EPSILON
+                        here.f[row] = there.f[row].real
+                if touch.body > 0:
+                    for j in range(6):
+                        step(body, moved, j, c1)
+                        felt(touch, share, 6, arrays, here, twin)
+                        for row in range(3):
+                            here.g[row] = -there.f[row].imag / EPSILON
+                            here.d[row] = -1.0 if row == j else 0.0
+                        spread(touch, 24 + j, bodies, here, K)
+                    step(body, moved, -1, c1)
+                by_nodes(touch, c1, bodies, here, K)
+
+
+@kernel
+def felt(touch: Any, share: float, j: int, arrays: Any, here: Any, twin: Any) -> None:
+    """twin.meeting.f <- what a point feels after an imaginary step of its place (j < 3), its speed (j < 6) or none."""
+    there = twin.meeting[0]
+    for k in range(3):
+        there.r[k] = here.r[k] + (EPSILON * 1j if k == j else 0.0)
+        there.v[k] = here.v[k] + (EPSILON * 1j if k + 3 == j else 0.0)
+    push(touch, share, -gap(touch, arrays, twin), twin.bodies[touch.body], there)
+
+
+@kernel
+def by_nodes(touch: Any, c1: float, bodies: Any, here: Any, K: Any) -> None:
+    """Add to K what a point feels, by the motions of its nodes, from minus the derivatives of the law in here.by."""
+    for j in range(4):
+        node = bodies[touch.node[j]]
+        L, w = lever(node.A, here.c[j, 1], here.c[j, 2]), (node.Y[3], node.Y[4], node.Y[5])
+        for k in range(6):
+            dr, dv = here.d, here.v
+            p, q = (k + 1) % 3, (k + 2) % 3
+            for i in range(3):
+                dr[i], dv[i] = 0.0, 0.0
+            if k < 3:
+                dr[k] = here.c[j, 0]
+            else:
+                dr[p], dr[q] = -L[q], L[p]  # e_k x L
+            dv[0] = c1 * dr[0] + (w[1] * dr[2] - w[2] * dr[1] if k > 2 else 0.0)
+            dv[1] = c1 * dr[1] + (w[2] * dr[0] - w[0] * dr[2] if k > 2 else 0.0)
+            dv[2] = c1 * dr[2] + (w[0] * dr[1] - w[1] * dr[0] if k > 2 else 0.0)
+            for i in range(3):
+                here.g[i] = 0.0
+                for a in range(3):
+                    here.g[i] += here.by[i, a] * dr[a] + here.by[i, 3 + a] * dv[a]
+            spread(touch, 6 * j + k, bodies, here, K)
+            if k > 2:  # the moment L x f turns with the node
+                f = here.f
+                K[6 * j + 3, 6 * j + k] -= dr[1] * f[2] - dr[2] * f[1]
+                K[6 * j + 4, 6 * j + k] -= dr[2] * f[0] - dr[0] * f[2]
+                K[6 * j + 5, 6 * j + k] -= dr[0] * f[1] - dr[1] * f[0]
+
+
+@kernel
+def spread(touch: Any, column: int, bodies: Any, here: Any, K: Any) -> None:
+    """Add a column to K: the nodes' wrenches from minus the change of the force, here.g, and that of a moving body,
+    relative to which the point moves by here.d.
+    """
+    g, f, d = here.g, here.f, here.d
+    for j in range(4):
+        x, y, z = lever(bodies[touch.node[j]].A, here.c[j, 1], here.c[j, 2])
+        for k in range(3):
+            K[6 * j + k, column] += here.c[j, 0] * g[k]
+        K[6 * j + 3, column] += y * g[2] - z * g[1]
+        K[6 * j + 4, column] += z * g[0] - x * g[2]
+        K[6 * j + 5, column] += x * g[1] - y * g[0]
+    if touch.body > 0:
+        body, r = bodies[touch.body], here.r
+        x, y, z = r[0] - body.r[0], r[1] - body.r[1], r[2] - body.r[2]
+        for k in range(3):
+            K[24 + k, column] -= g[k]
+        K[27, column] += d[1] * f[2] - d[2] * f[1] - y * g[2] + z * g[1]
+        K[28, column] += d[2] * f[0] - d[0] * f[2] - z * g[0] + x * g[2]
+        K[29, column] += d[0] * f[1] - d[1] * f[0] - x * g[1] + y * g[0]
 
 
 @kernel
@@ -161,6 +271,7 @@ class Touch(Load):
     apply = apply
     potential = potential
     power = power
+    tangent = tangent
 
     surface: Surface
     sides: tuple[float, float]

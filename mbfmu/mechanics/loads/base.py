@@ -7,9 +7,9 @@ Its kernels:
     potential(load, arrays, state)           returns the energy it stores, J; None: it stores none
     power(load, t, arrays, state)            returns the power in W of what has no potential: dampers take it, given
                                              forces bring it; None: all it does is in its potential
-    tangent(load, c1, arrays, state, K)      adds to K, six rows and columns a body, minus the derivative of what
-                                             ``apply`` adds by the motions of its bodies and c1 times that by their
-                                             velocities
+    tangent(load, c1, arrays, state, twin,   adds to K, six rows and columns a body, minus the derivative of what
+            K)                               ``apply`` adds by the motions of its bodies and c1 times that by their
+                                             velocities; ``twin`` is a complex state, scratch, for steps of its own
 
 A load without ``tangent`` of its own is differentiated by complex steps, so ``apply`` is analytic in every real
 number it reads. What is too slight to be worth solving for has ``LEFT_OUT``. A load that a scene does not call for has
@@ -31,7 +31,7 @@ FIXED_IN = ("ground", "body")  # what the axis of a given force or torque is of
 
 
 @kernel
-def LEFT_OUT(load: Any, c1: float, arrays: Any, state: Any, K: Any) -> None:
+def LEFT_OUT(load: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -> None:
     """Tangent of what only implicit solvers of large trees would know of."""
 
 
@@ -58,7 +58,7 @@ class Load(Kind):
         "apply": "time, arrays, state",
         "potential": "arrays, state -> number",
         "power": "time, arrays, state -> number",
-        "tangent": "time, arrays, state, matrix",
+        "tangent": "time, arrays, state, twin, matrix",
     }
     apply: ClassVar[Any]
     potential: ClassVar[Any] = None

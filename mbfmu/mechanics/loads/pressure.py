@@ -65,7 +65,7 @@ def power(load: Any, t: float, arrays: Any, state: Any) -> float:
 
 
 @kernel
-def tangent(load: Any, c1: float, arrays: Any, state: Any, K: Any) -> None:
+def tangent(load: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -> None:
     """See :mod:`.base`."""
     p, bodies = signal_value(load.signal, state.time[0], arrays), state.bodies
     r1, r2, r3, r4 = bodies[load.node[0]].r, bodies[load.node[1]].r, bodies[load.node[2]].r, bodies[load.node[3]].r

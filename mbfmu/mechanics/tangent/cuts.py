@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from mbfmu.mechanics.dispatch import evaluate_cut
+from mbfmu.mechanics.steps import EPSILON, displace
 from solvers.compiled.kernel import kernel
-
-from .steps import EPSILON, displace
 
 
 @kernel

@@ -223,8 +223,6 @@ class Tangent:
         self.data = hold(Solving(L, arrays_, state_, self._tree.factors, self._unknowns))
         self.solve_one, self.inertia_one = tangent_callbacks(held_type(self.data) if COMPILED else None)
         own = state._replace(S=state.S[:0], U=state.U[:0], D=state.D[:0])
-        if not len(self.layout.steps) and not len(arrays.cuts):
-            own = own._replace(bodies=state.bodies[:0])  # no complex step moves any
         self._steps = complex_state(own)
         self._twin = hold(self._steps)
 

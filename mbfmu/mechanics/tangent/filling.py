@@ -46,13 +46,13 @@ def bodily(i: int, at: int, c2: float, arrays: Any, state: Any, F: Any) -> None:
 
 
 @kernel
-def analytic(e: int, group: int, size: int, c1: float, L: Any, arrays: Any, state: Any, s: Any) -> None:
+def analytic(e: int, group: int, size: int, c1: float, L: Any, arrays: Any, state: Any, twin: Any, s: Any) -> None:
     """A load between bodies of a group and its neighbor that knows its tangent."""
     rows = 6 * (L.first_body[e + 1] - L.first_body[e])
     for row in range(rows):
         for column in range(rows):
             s.K[row, column] = 0.0
-    load_tangent(arrays.loads[e], c1, arrays, state, s.K)
+    load_tangent(arrays.loads[e], c1, arrays, state, twin, s.K)
     add_element(L.first_body[e], L.first_body[e + 1], group, size, L, s)
 
 
@@ -105,7 +105,7 @@ def fill(
 ) -> None:
     """Add to s.F what starts in a group: bodies, elements, joints within it and to its neighbor (offset ``size``)."""
     for k in range(L.first_load[group], L.first_load[group + 1]):
-        analytic(L.loads[k], group, size, c1, L, arrays, state, s)
+        analytic(L.loads[k], group, size, c1, L, arrays, state, twin, s)
     for k in range(L.first_cut[group], L.first_cut[group + 1]):
         cut_joint(L.cuts[k], group, size, L, arrays, state, twin, s)
     for k in range(L.first_coupling[group], L.first_coupling[group + 1]):

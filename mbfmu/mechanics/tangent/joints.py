@@ -9,10 +9,10 @@ import numpy as np
 from mbfmu.mechanics.dispatch import place_child
 from mbfmu.mechanics.recursions.dynamics import turn_quaternion
 from mbfmu.mechanics.spatial import multiply
+from mbfmu.mechanics.steps import EPSILON
 from solvers.compiled.kernel import kernel
 
 from .layout import FIXED, INNER
-from .steps import EPSILON
 
 
 @kernel

@@ -8,9 +8,8 @@ from __future__ import annotations
 from typing import Any
 
 from mbfmu.mechanics.dispatch import apply_load
+from mbfmu.mechanics.steps import EPSILON, step
 from solvers.compiled.kernel import kernel
-
-from .steps import EPSILON, displace
 
 
 @kernel
@@ -20,10 +19,7 @@ def stiffness(e: int, c1: float, L: Any, arrays: Any, state: Any, twin: Any, K: 
     for j in range(6 * (end - first)):
         for p in range(end - first):
             i = L.bodies[first + p]
-            displace(state.bodies[i], twin.bodies[i], j - 6 * p)
-            for k in range(6):
-                twin.bodies[i].Y[k] = state.bodies[i].Y[k] + (c1 * EPSILON * 1j if k == j - 6 * p else 0.0)
-                twin.bodies[i].F[k] = 0.0
+            step(state.bodies[i], twin.bodies[i], j - 6 * p, c1)
         apply_load(arrays.loads[e], state.time[0], arrays, twin)
         for p in range(end - first):
             F = twin.bodies[L.bodies[first + p]].F

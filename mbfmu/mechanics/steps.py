@@ -21,3 +21,12 @@ def displace(here: Any, twin: Any, k: int) -> None:
         for b in range(3):
             twin.A[q, b] += EPSILON * 1j * here.A[p, b]
             twin.A[p, b] -= EPSILON * 1j * here.A[q, b]
+
+
+@kernel
+def step(here: Any, twin: Any, k: int, c1: float) -> None:
+    """A body after an imaginary unit motion k, with c1 times the velocity along it, and no force on it."""
+    displace(here, twin, k)
+    for j in range(6):
+        twin.Y[j] = here.Y[j] + (c1 * EPSILON * 1j if j == k else 0.0)
+        twin.F[j] = 0.0
