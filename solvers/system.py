@@ -243,6 +243,7 @@ class Tangent(Protocol):
     """
 
     factored: int  # how often: who keeps factors must see whether they are still his
+    symmetric: bool  # so nearly that who corrects what it is off may take it to be
     solve_one: Callable[[Array, Any, Array], None]  # compiled, (r, data, dq): as solve, all (n,)
     inertia_one: Callable[[Array, Any, Array], None]  # (a, data, tau): as inertia
     data: Any  # held

@@ -62,6 +62,11 @@ class Acting(NamedTuple):
     load: Load
     bodies: tuple[Body, ...]
 
+    @property
+    def tied(self) -> tuple[Body, ...]:
+        """Those that the structured tangent ties to each other."""
+        return self.bodies[: len(self.bodies) - self.load.loose]
+
 
 class Mechanism(Appearance):
     """Bodies on tree joints from the ground, closed by cut joints, moved by forces and drives.

@@ -322,6 +322,8 @@ class Nip(Load):
     potential = potential
     power = power
     tangent = tangent
+    symmetric = False  # friction
+    loose = 1  # a roller that turns freely would tie all cells to each other
 
     name: str
     force: Any

@@ -272,6 +272,7 @@ class Touch(Load):
     potential = potential
     power = power
     tangent = tangent
+    symmetric = False  # friction
 
     surface: Surface
     sides: tuple[float, float]

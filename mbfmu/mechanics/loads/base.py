@@ -66,6 +66,8 @@ class Load(Kind):
     tangent: ClassVar[Any] = None
     drawings: ClassVar = ("", "coil")
     drawn: ClassVar[str] = ""  # how pictures show it: one of these; a coil is between its points, or along its joint
+    symmetric: ClassVar[bool] = True  # its tangent is, so nearly that who takes it to be so is corrected soon
+    loose: ClassVar[int] = 0  # how many of its last bodies are in the structured tangent as if the others were held
     on_joint: ClassVar[bool] = False  # acts along the coordinate of the first body's joint, not on bodies
 
     @property

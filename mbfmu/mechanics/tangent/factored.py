@@ -181,6 +181,8 @@ class Tangent:
     ----------
     factored
         How often: who keeps factors must see whether they are still his.
+    symmetric
+        Whether T may be taken as symmetric by who corrects what it is off.
     solve_one, inertia_one, data
         :meth:`solve` and :meth:`inertia` of one vector as kernels call them.
     """
@@ -189,6 +191,7 @@ class Tangent:
 
     def __init__(self, arrays: Arrays, state: State, groups: Groups, acting: Sequence[Acting]) -> None:
         self._moving = state
+        self.symmetric = all(a.load.symmetric for a in acting)
         self.layout, kept, self._sizes = lay_out(arrays, groups, acting)
         inward = self.layout.inward
         widest = max(size + (self._sizes[k] if k >= 0 else 0) for size, k in zip(self._sizes, inward, strict=True))

@@ -53,7 +53,8 @@ def analytic(e: int, group: int, size: int, c1: float, L: Any, arrays: Any, stat
         for column in range(rows):
             s.K[row, column] = 0.0
     load_tangent(arrays.loads[e], c1, arrays, state, twin, s.K)
-    add_element(L.first_body[e], L.first_body[e + 1], group, size, L, s)
+    inner = L.inward[group] if L.home[e] == group else -1  # of a loose body away from home, its own rows alone
+    add_element(L.first_body[e], L.first_body[e + 1], group, inner, size, L, s)
 
 
 @kernel
@@ -61,7 +62,7 @@ def cut_joint(c: int, group: int, size: int, L: Any, arrays: Any, state: Any, tw
     """How the reactions of a cut joint turn, and the springs that hold it."""
     _cut(arrays.cuts[c], s.weight, arrays, state, twin, s.K)
     e = arrays.loads.shape[0] + c
-    add_element(L.first_body[e], L.first_body[e + 1], group, size, L, s)
+    add_element(L.first_body[e], L.first_body[e + 1], group, L.inward[group], size, L, s)
 
 
 @kernel
@@ -69,29 +70,29 @@ def coupling(c: int, group: int, size: int, L: Any, arrays: Any, state: Any, dua
     """How the efforts of a coupling change, and the spring that holds it."""
     _coupling(c, arrays, state, dual, s)
     e = arrays.loads.shape[0] + arrays.cuts.shape[0] + c
-    add_element(L.first_body[e], L.first_body[e + 1], group, size, L, s)
+    add_element(L.first_body[e], L.first_body[e + 1], group, L.inward[group], size, L, s)
 
 
 @kernel
 def stepped(e: int, group: int, size: int, c1: float, L: Any, arrays: Any, state: Any, twin: Any, s: Any) -> None:
     """A load that does not know it."""
     _load(e, c1, L, arrays, state, twin, s.K)
-    add_element(L.first_body[e], L.first_body[e + 1], group, size, L, s)
+    add_element(L.first_body[e], L.first_body[e + 1], group, L.inward[group], size, L, s)
 
 
 @kernel
-def add_element(first: int, end: int, group: int, size: int, L: Any, s: Any) -> None:
-    """Add s.K to s.F, between the bodies ``first`` to ``end`` of the layout, in a group and its neighbor (offset
-    ``size``), six rows a body.
+def add_element(first: int, end: int, group: int, inner: int, size: int, L: Any, s: Any) -> None:
+    """Add s.K to s.F, between the bodies ``first`` to ``end`` of the layout that are in a group or its neighbor
+    ``inner`` (offset ``size``), six rows a body.
     """
     for p in range(end - first):
         i = L.bodies[first + p]
-        if L.role[i] == FIXED:
+        if L.role[i] == FIXED or (L.group[i] != group and L.group[i] != inner):
             continue
         ati = L.slot[i] + (size if L.group[i] != group else 0)
         for q in range(end - first):
             j = L.bodies[first + q]
-            if L.role[j] == FIXED:
+            if L.role[j] == FIXED or (L.group[j] != group and L.group[j] != inner):
                 continue
             atj = L.slot[j] + (size if L.group[j] != group else 0)
             for a in range(6):

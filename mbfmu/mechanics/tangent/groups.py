@@ -94,7 +94,7 @@ def neighbors(mechanism: Mechanism, moving: list[bool], cells: dict[int, int]) -
     for coupling in mechanism.couplings:
         free = [end for end in (coupling.a, coupling.b) if end.joint.drive is None]
         ties.append([i for end in free for i in (end.index, end.parent)])
-    ties += [[body.index for body in acting.bodies] for acting in mechanism.loads() if not acting.load.on_joint]
+    ties += [[body.index for body in acting.tied] for acting in mechanism.loads() if not acting.load.on_joint]
     near: dict[int, set[int]] = {cell: set() for cell in cells.values()}
     for tie in ties:
         tied = {cells[i] for i in tie if moving[i]}

@@ -31,8 +31,9 @@ class Layout(NamedTuple):
     lock: NDArray[np.int64]  # (nb,) first of its joint's multipliers, outer bodies
     first: NDArray[np.int64]  # (groups + 1,) into ``members``
     members: NDArray[np.int64]  # bodies of every group, parents first
+    home: NDArray[np.int64]  # (loads,) the first group that has one of the bodies that a load ties; -1: none
     first_load: NDArray[np.int64]  # (groups + 1,) into ``loads``
-    loads: NDArray[np.int64]  # those with a tangent of their own, by the first group that has one of their bodies
+    loads: NDArray[np.int64]  # those with a tangent of their own, at home, and where a loose body is elsewhere
     first_cut: NDArray[np.int64]  # (groups + 1,) into ``cuts``
     cuts: NDArray[np.int64]  # cut joints, likewise
     first_coupling: NDArray[np.int64]  # (groups + 1,) into ``couplings``
@@ -81,7 +82,16 @@ def lay_out(arrays: Any, found: Groups, acting: Sequence[Acting]) -> tuple[Layou
     flat = flat_list(members)
     on = [[] if a.load.on_joint else [body.index for body in a.bodies] for a in acting]
     told = [kernel_of(a.load, "tangent") for a in acting]
-    loads = by_group([[] if t in (None, LEFT_OUT) else own for t, own in zip(told, on, strict=True)], role, found)
+    tied = [own[: len(own) - a.load.loose] for a, own in zip(acting, on, strict=True)]
+    loads = by_group([[] if t in (None, LEFT_OUT) else own for t, own in zip(told, tied, strict=True)], role, found)
+    home = np.full(len(acting), -1)
+    for g, own in enumerate(loads):
+        home[own] = g
+    for e, (all_of, own) in enumerate(zip(on, tied, strict=True)):
+        if told[e] not in (None, LEFT_OUT):
+            apart = {int(groups[i]) for i in all_of[len(own) :] if role[i] != FIXED}
+            for g in apart - ({home[e], inward[home[e]]} if home[e] >= 0 else set()):
+                loads[g].append(e)
     steps = by_group([[] if t is not None else own for t, own in zip(told, on, strict=True)], role, found)
     ties = [[int(cut["a"]), int(cut["b"])] for cut in arrays.cuts]
     cuts = by_group(ties, role, found)
@@ -98,6 +108,7 @@ def lay_out(arrays: Any, found: Groups, acting: Sequence[Acting]) -> tuple[Layou
         lock=lock,
         first=offsets(members),
         members=flat,
+        home=home,
         first_load=offsets(loads),
         loads=flat_list(loads),
         first_cut=offsets(cuts),

@@ -51,7 +51,7 @@ LOWER = np.array(  # weights of order 2
         2193209047091 / 5459859503100,
     ]
 )
-MOST = 12  # corrections of a stage
+MOST = 20  # corrections of a stage
 NEW = 1e-4  # part of a change of corrections that must be left beside the others
 CONTROL = np.dtype(
     [

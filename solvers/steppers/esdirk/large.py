@@ -2,10 +2,10 @@
 
 For meshes of plates and beams, whose fastest modes an explicit method must follow and this one damps. Newton's matrix
 is the structured tangent, factored where the steps change or where corrections fall slowly, and kept over steps, times
-asked for and jumps of the loads. It is taken as symmetric, which halves what a correction reads; loads that follow the
-bodies cost some more of them. Corrections are accelerated, which makes up for most of what has changed since: a
-factorization costs as much as twenty of them. Cut joints are held by the accelerations of every stage, with the
-tree's saddle system; where a step ends it is brought onto them.
+asked for and jumps of the loads. It is taken as symmetric, which halves what a correction reads, but where there is
+friction; loads that follow the bodies cost some more of them. Corrections are accelerated, which makes up for most of
+what has changed since: a factorization costs as much as twenty of them. Cut joints are held by the accelerations of
+every stage, with the tree's saddle system; where a step ends it is brought onto them.
 
 Positions alone are controlled: their error is filtered by (c^2 M + c D + K)^-1 c^2 M, which leaves out of it what the
 method damps. A step is kept as long as the last one unless it must be shorter or may be twice as long, since another
@@ -59,7 +59,7 @@ EXACT, DRIFT = 0.05, 6.0
 FINEST = 1e-12  # sizes: what rounding leaves of a correction
 CLOSINGS = 2  # on the way back onto the constraints by the factors of the stages
 SLOW = 0.7  # rate of the corrections that calls for new factors
-RENEWALS = 3  # of the factors within a stage
+RENEWALS = 8  # of the factors within a stage
 WAIT, TAMER = 8, 0.6  # steps after Newton has failed at a length that are not longer than this part of it
 UNSEEN, FASTEST = 0.5, 0.1  # rate of a first correction; the least that is counted on
 ROUNDING = 0.02  # of what Newton may leave: a correction that need not fall
@@ -295,7 +295,7 @@ class TreeESDIRKStepper(Stepper):
         q, v, a, lam = np.split(M.factors, np.cumsum((len(M.q), len(M.v), len(M.v))))
         saddle.weigh(float(c["at"]), q)
         saddle.residual(float(c["at"]), q, v, a, lam)
-        good = saddle.factor(float(c["c"]), float(c["c"]) ** 2, symmetric=True)
+        good = saddle.factor(float(c["c"]), float(c["c"]) ** 2, symmetric=self.system.tangent.symmetric)
         self._mine = self.system.tangent.factored
         if not good:
             c["c"] = 0.0
