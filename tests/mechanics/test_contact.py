@@ -34,6 +34,7 @@ from mbfmu.mechanics.kind import record_of
 from mbfmu.mechanics.records import allocate_state, complex_state
 from mbfmu.mechanics.recursions.dynamics import move
 from mbfmu.mechanics.steps import EPSILON, step
+from mbfmu.mechanics.tangent import find_groups
 from solvers.compiled.held import contents, hold
 from solvers.compiled.kernel import kernel, records
 
@@ -315,6 +316,25 @@ def test_two_speeds_skew_a_sheet() -> None:
     found = mb.simulate(m, stop_time=0.2, interval=0.2, solver="esdirk", tolerance=1e-4)
     skew = np.arctan2(found["b.x"] - found["a.x"], found["b.z"] - found["a.z"])
     assert skew[-1] - skew[0] == pytest.approx(0.02, rel=2e-3)
+
+
+def test_a_sheet_spins_up_a_roller_that_turns_freely() -> None:
+    """At mu N R / I while it slips, to the speed of the sheet; which does not make one block of the sheet."""
+    speed, radius, inertia = 0.3, 0.01, 1e-5
+    m = Mechanism()
+    paper = PAPER | {"at": (-0.05, 0.0, -0.105), "rate": (speed, 0.0, 0.0, 0.0, 0.0, 0.0)}
+    sheet = add_sheet(m, "paper", grid=(9, 7), **paper)
+    for name, x, drive in (("driven", 0.15, Polynomial((0.0, -speed / radius))), ("free", 0.05, None)):
+        axle = Revolute(at=(x, -radius, 0.0), drive=drive)
+        roller = m.body(name, m.ground, axle, mass=0.1, inertia=(inertia,) * 3)
+        add_nip(m, f"{name} nip", sheet, roller, radius=radius, at=(x, 0.0, 0.0), width=0.05, force=2.0)
+        m.output(f"{name}.omega", roller.angular_velocity("z"))
+    assert len(find_groups(m).inward) == 10
+    assert not Plant(m).tangent().symmetric
+    found = mb.simulate(m, stop_time=0.03, interval=0.005, solver="esdirk", tolerance=1e-4)
+    spin = np.minimum(2.0 * radius / inertia * found.t, speed / radius)
+    whole = np.arange(len(spin)) != 3  # but where it arrives, which friction that is regularized makes round
+    np.testing.assert_allclose(-found["free.omega"][whole], spin[whole], atol=0.01)
 
 
 def test_an_idler_does_not_pull() -> None:
