@@ -214,8 +214,8 @@ class _Artist:
         points, depth = self.camera.project(faces[shown])
         order = np.argsort(-depth.mean(axis=1))
         outlines: Any = points[order]
-        if opacity[0] < 1.0:  # outlines and smooth edges would show where one face meets the next
-            look: Any = {"edgecolors": "none", "antialiaseds": False, "alpha": opacity[shown][order]}
+        if opacity[0] < 1.0:  # outlines would be seen twice where one face meets the next
+            look: Any = {"edgecolors": "none", "alpha": opacity[shown][order]}
         else:
             look = {"edgecolors": np.where(both[shown][:, None], 0.8 * color, color)[order], "linewidths": 0.35}
         ax.add_collection(PolyCollection(outlines, facecolors=color[order], zorder=2, **look))
