@@ -73,7 +73,8 @@ class TouchHandle(Contact):
 
     def pressure(self, i: int, k: int) -> Met:
         """Size of the force on cell (i, k) of the sheet over its area, Pa: the pressure where friction is none, and at
-        most sqrt(1 + friction^2) of it.
+        most sqrt(1 + friction^2) of it. A point on a border counts for the cell that begins there, so that along an
+        edge of the sheet it is off by half a point.
         """
         if (i, k) not in self.sheet.cells:
             raise UserError(f"sheet {self.sheet.name!r} has no cell {(i, k)}; allowed: {max(self.sheet.cells)} at most")
