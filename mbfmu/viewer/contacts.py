@@ -45,11 +45,11 @@ def met(mechanism: Mechanism, poses: Poses | None) -> Iterator[tuple[Body, Shape
 
 
 def relative(poses: Poses, nodes: list[int], holder: int) -> NDArray[np.float64]:
-    """Return where nodes come (k, 3), in the axes of a body, m."""
+    """Return where nodes come (k, 3), in the axes of a body, m; where a run fails its last poses may not be finite."""
     r, A = (array.astype(float) for array in poses)
     ways = r[:, nodes] - r[:, [holder]]
     near: NDArray[np.float64] = np.einsum("tji,tkj->tki", A[:, holder], ways).reshape(-1, 3)
-    return near
+    return near[np.isfinite(near).all(axis=1)]
 
 
 def rolling(mechanism: Mechanism, nip: Nip, roller: Body) -> Iterator[tuple[Body, Shape]]:
