@@ -92,6 +92,28 @@ def test_a_wall_is_drawn_where_a_sheet_comes_near() -> None:
     assert wall.shapes(NONE) == ()
 
 
+def test_a_wall_on_a_turned_body_is_below_the_sheet() -> None:
+    """The body is turned by a right angle about z and off by 0.7 m: its wall of normal x lies across y."""
+    mechanism = feeder(Wall(at=(0.1, 0.0, 0.0), normal=(1.0, 0.0, 0.0)))
+    arm, nodes = mechanism.bodies[-1], [node.index for row in mechanism.sheets[0].nodes for node in row]
+    count = len(mechanism.bodies)
+    r, A = np.zeros((3, count, 3), np.float32), np.tile(np.eye(3, dtype=np.float32), (3, count, 1, 1))
+    A[:, arm.index] = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+    r[:, arm.index] = (0.0, 0.7, 0.0)
+    places = np.random.default_rng(3).uniform((-0.2, 0.8, -0.1), (0.3, 0.81, 0.2), (2, len(nodes), 3))
+    r[:2, nodes] = places
+    r[2, nodes] = np.nan  # a run that has failed
+    (panel,) = [p for p in draw(mechanism, 0.3, (r, A)).parts if p.body == arm.index and p.opacity < 1.0]
+    x, y, _ = np.reshape(panel.axes, (3, 3)) * 0.5
+    own = np.array(panel.at) + np.array([x + y, x - y, -x + y, -x - y])
+    seen = own @ A[0, arm.index].T + r[0, arm.index]
+    assert seen[:, 1] == pytest.approx(0.8)
+    reach = 0.1 * float(np.linalg.norm(np.ptp(places.reshape(-1, 3), axis=0)))
+    for k in (0, 2):
+        span = places[..., k].min() - reach, places[..., k].max() + reach
+        assert (seen[:, k].min(), seen[:, k].max()) == pytest.approx(span, abs=1e-6)
+
+
 class Knob(Wall):
     """A user's own."""
 
