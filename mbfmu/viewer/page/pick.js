@@ -59,7 +59,7 @@ function meets([a, b, c], eye, direction) {
   return [found[2], weights.indexOf(Math.max(...weights))];
 }
 
-/** The body of a figure that a ray from `eye` meets first, through glass; null: none. A link is of the body it starts from. */
+/** The body of a figure that a ray from `eye` meets first, through glass; null: none. A link is of that it starts from. */
 function picked(figure, eye, direction) {
   let nearest = Infinity, body = null;
   const meet = (distance, owner) => {
