@@ -29,6 +29,7 @@ from .mechanics import (
     JointStop,
     Mechanism,
     OutOfPlane,
+    Panel,
     Planar,
     PlanarCut,
     PlaneCut,
@@ -85,16 +86,17 @@ from .studies.compare import Comparison, compare
 from .viewer.show import view
 
 __all__ = [
-    "AssemblyError", "Beam", "BeamElement", "Box", "Bushing", "Cam", "Comparison", "Crease", "Cylinder", "Cylindrical",
-    "CylindricalCut", "DistanceCut", "DistanceStop", "Drum", "Equilibrium", "EquilibriumError", "EquilibriumPath",
-    "Findings", "Floating", "Function", "Gear", "Geodesic", "Guide", "Harmonic", "Input", "JointForce", "JointSpring",
-    "JointStop", "Mechanism", "Model", "OutOfPlane", "Planar", "PlanarCut", "PlaneCut", "Plate", "PointForce",
-    "Polynomial", "Product", "Ramp", "Result", "Revolute", "RevoluteCut", "RunUp", "Screw", "Settings", "Shell",
-    "Simulation", "SpeedInput", "Sphere", "Spherical", "SphericalCut", "Spring", "StateSpace", "Step", "Stretching",
-    "Study", "Sum", "Support", "Table", "TargetChoice", "Torque", "TorsionSpring", "Translational", "TranslationalCut",
-    "Trough", "Universal", "UserError", "Wall", "Weld", "WeldCut", "add_chain", "add_nip", "add_sheet", "add_touch",
-    "box", "check", "choose", "compare", "cylinder", "equilibrium", "equilibrium_path", "export", "find", "linearize",
-    "load_study", "models", "modes", "parameter", "rod", "simulate", "sphere", "study", "tube", "view",
+    "AssemblyError", "Beam", "BeamElement", "Box", "Bushing", "Cam", "Comparison", "Crease", "Cylinder",
+    "Cylindrical", "CylindricalCut", "DistanceCut", "DistanceStop", "Drum", "Equilibrium", "EquilibriumError",
+    "EquilibriumPath", "Findings", "Floating", "Function", "Gear", "Geodesic", "Guide", "Harmonic", "Input",
+    "JointForce", "JointSpring", "JointStop", "Mechanism", "Model", "OutOfPlane", "Panel", "Planar", "PlanarCut",
+    "PlaneCut", "Plate", "PointForce", "Polynomial", "Product", "Ramp", "Result", "Revolute", "RevoluteCut",
+    "RunUp", "Screw", "Settings", "Shell", "Simulation", "SpeedInput", "Sphere", "Spherical", "SphericalCut",
+    "Spring", "StateSpace", "Step", "Stretching", "Study", "Sum", "Support", "Table", "TargetChoice", "Torque",
+    "TorsionSpring", "Translational", "TranslationalCut", "Trough", "Universal", "UserError", "Wall", "Weld",
+    "WeldCut", "add_chain", "add_nip", "add_sheet", "add_touch", "box", "check", "choose", "compare", "cylinder",
+    "equilibrium", "equilibrium_path", "export", "find", "linearize", "load_study", "models", "modes", "parameter",
+    "rod", "simulate", "sphere", "study", "tube", "view",
 ]  # fmt: skip
 
 __version__: str

@@ -58,7 +58,7 @@ from .loads import (
     TorsionSpring,
 )
 from .sensors import Sensor
-from .shapes import Box, Cylinder, Sphere
+from .shapes import Box, Cylinder, Panel, Sphere
 from .signals import Function, Harmonic, Input, Polynomial, Product, Ramp, RunUp, Signal, SpeedInput, Step, Sum, Table
 
 __all__ = [
@@ -99,6 +99,7 @@ __all__ = [
     "Mechanism",
     "NipHandle",
     "OutOfPlane",
+    "Panel",
     "Planar",
     "PlanarCut",
     "PlaneCut",

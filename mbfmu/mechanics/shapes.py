@@ -1,7 +1,7 @@
 """What bodies look like: pure data for pictures, without effect on the motion.
 
-A shape is a unit solid (sphere of radius 1, cylinder of radius 1 and length 1 along z, cube of side 1, all centered at
-the origin) brought to its size and place in the body's frame.
+A shape is a unit solid (sphere of radius 1, cylinder of radius 1 and length 1 along z, cube of side 1, square of side 1
+across z, all centered at the origin) brought to its size and place in the body's frame.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, ClassVar
 
 import numpy as np
@@ -18,10 +19,13 @@ from mbfmu.errors import UserError
 
 from .axes import along, unit_axis
 from .checks import lengths, rotation
-from .numbers import positive
+from .numbers import finite, positive
 
 Vector = Sequence[float]
 Matrix = NDArray[np.float64]
+
+GLASS = 0.2  # opacity of surfaces that sheets touch: what they lead is seen through them
+THIN = 1e-3  # of a panel's shorter side: its thickness to a click
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,16 +38,21 @@ class Shape:
         Its center in the body's frame, m.
     color
         ``"#rrggbb"``; empty: the color the body is given.
+    opacity
+        From 0, not seen, to 1; what is translucent casts no shadow.
     """
 
     at: Vector = (0.0, 0.0, 0.0)
     color: str = ""
+    opacity: float = 1.0
 
     solid: ClassVar[str]
 
     def __post_init__(self) -> None:
-        """Check the color; raises UserError."""
+        """Check color and opacity; raises UserError."""
         check_color(self.color)
+        if not 0.0 <= finite("opacity of a shape", self.opacity) <= 1.0:
+            raise UserError(f"opacity of a shape is {self.opacity!r}; allowed: 0 to 1")
 
     def axes(self) -> Matrix:
         """Return the 3x3 matrix that takes the unit solid to its size and orientation in the body's frame."""
@@ -88,6 +97,33 @@ class Box(Shape):
     def axes(self) -> Matrix:
         """See :class:`Shape`."""
         return rotation("rotation of a box", self.rotation) * lengths("size of a box", self.size)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Panel(Shape):
+    """A rectangle without thickness, seen from both sides, of ``size`` (m) along the first two columns of
+    ``rotation``, a 3x3 rotation matrix; None: the body's axes x and y.
+    """
+
+    size: Vector
+    rotation: Any = None
+    solid = "panel"
+
+    def axes(self) -> Matrix:
+        """See :class:`Shape`."""
+        a, b = (positive("size of a panel", length) for length in self.size)
+        return rotation("rotation of a panel", self.rotation) * [a, b, THIN * min(a, b)]
+
+
+def ribbon(points: Matrix, across: Matrix, width: float, **look: Any) -> tuple[Panel, ...]:
+    """Return panels from each of the points (k, 3), m, to the next, which are so wide along a unit vector across."""
+    panels = []
+    for start, end in pairwise(points):
+        length = float(np.linalg.norm(end - start))
+        way = (end - start) / length
+        axes = np.column_stack((way, across, np.cross(way, across)))
+        panels.append(Panel(size=(length, width), at=0.5 * (start + end), rotation=axes, **look))
+    return tuple(panels)
 
 
 def check_color(color: str) -> str:

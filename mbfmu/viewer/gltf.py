@@ -84,7 +84,7 @@ class _Document:
         self.scene = [0]
         self.buffer = bytearray()
         self.solids: dict[str, dict[str, Any]] = {}  # primitives without their material, by solid
-        self.found: dict[tuple[str, str], int] = {}  # meshes by solid and color, materials by "" and color
+        self.found: dict[tuple[str, str, float], int] = {}  # meshes by solid and look, materials by "" and look
 
     def accessor(self, values: Any, target: int = 0, bounds: bool = False) -> int:
         """Put an array (n,) or (n, components) into the buffer; return the number of its accessor."""
@@ -105,14 +105,15 @@ class _Document:
         self.content["accessors"].append(told)
         return len(self.content["accessors"]) - 1
 
-    def material(self, color: str, both_sides: bool = False) -> int:
+    def material(self, color: str, both_sides: bool = False, opacity: float = 1.0) -> int:
         """Return the number of a plain material; glTF's colors are linear."""
-        key = ("both" if both_sides else "", color)
+        key = ("both" if both_sides else "", color, opacity)
         if key not in self.found:
             plain = np.array([int(color[k : k + 2], 16) for k in (1, 3, 5)]) / 255.0
             linear = np.where(plain <= 0.04045, plain / 12.92, ((plain + 0.055) / 1.055) ** 2.4)
-            look = {"baseColorFactor": [*linear.tolist(), 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.55}
-            self.content["materials"].append({"pbrMetallicRoughness": look, "doubleSided": both_sides})
+            look = {"baseColorFactor": [*linear.tolist(), opacity], "metallicFactor": 0.0, "roughnessFactor": 0.55}
+            blended = {"alphaMode": "BLEND"} if opacity < 1.0 else {}
+            self.content["materials"].append({"pbrMetallicRoughness": look, "doubleSided": both_sides} | blended)
             self.found[key] = len(self.content["materials"]) - 1
         return self.found[key]
 
@@ -131,14 +132,15 @@ class _Document:
         self.content["meshes"].append({"primitives": [primitive | {"material": material}]})
         return len(self.content["meshes"]) - 1
 
-    def solid(self, name: str, color: str) -> int:
+    def solid(self, name: str, color: str, opacity: float = 1.0) -> int:
         """Return the mesh of a unit solid in a color."""
         if name not in self.solids:
-            make = {"sphere": meshes.sphere, "cylinder": meshes.cylinder, "box": meshes.box}
+            make = {"sphere": meshes.sphere, "cylinder": meshes.cylinder, "box": meshes.box, "panel": meshes.panel}
             self.solids[name] = self.primitive(make[name]())
-        if (name, color) not in self.found:
-            self.found[name, color] = self.mesh(self.solids[name], self.material(color))
-        return self.found[name, color]
+        key = (name, color, opacity)
+        if key not in self.found:
+            self.found[key] = self.mesh(self.solids[name], self.material(color, name == "panel", opacity))
+        return self.found[key]
 
     def node(self, parent: int, **node: Any) -> int:
         """Hang a new node on another; return its number."""
@@ -166,7 +168,8 @@ class _Document:
         """Add what is fixed to a body."""
         matrix = np.eye(4)
         matrix[:3, :3], matrix[:3, 3] = np.reshape(part.axes, (3, 3)).T, part.at
-        self.node(1 + part.body, mesh=self.solid(part.solid, part.color), matrix=matrix.T.ravel().tolist())
+        mesh = self.solid(part.solid, part.color, part.opacity)
+        self.node(1 + part.body, mesh=mesh, matrix=matrix.T.ravel().tolist())
 
     def add_link(self, link: Link) -> None:
         """Add a link: its node turns along it and takes its length."""

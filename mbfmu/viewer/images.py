@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 
 DPI = 100
 BACKGROUND, INK, GRID, SHADOW = "#eef1f5", "#1d2430", "#c3cad4", "#d3d8e0"
+PANEL = np.array([[(-0.5, -0.5, 0.0), (0.5, -0.5, 0.0), (0.5, 0.5, 0.0), (-0.5, 0.5, 0.0)]])
 MANY = 300  # parts; more are drawn with fewer faces
 
 
@@ -94,7 +95,7 @@ class _Artist:
         self.floor = stage.center[1] - stage.half[1] - 0.01 * float(np.linalg.norm(stage.half))
         picture = motion.picture
         fine = len(picture.parts) + len(picture.links) < MANY
-        self.solids = {"sphere": sphere(fine), "cylinder": cylinder(fine), "box": box()}
+        self.solids = {"sphere": sphere(fine), "cylinder": cylinder(fine), "box": box(), "panel": PANEL}
         self.solids["coil"], self.wire = coil()
         self.colors = {c: np.array(to_rgb(c)) for c in self._colors()}
         self.figure = Figure(figsize=(shot.width / DPI, shot.height / DPI), facecolor=BACKGROUND)
@@ -116,10 +117,12 @@ class _Artist:
         ax.set_xlim(-0.5 * aspect, 0.5 * aspect)
         ax.set_ylim(-0.5, 0.5)
         ax.add_collection(LineCollection(self.grid, colors=GRID, linewidths=0.7, zorder=0))
-        faces, colors, both = self._faces(frame)
-        if len(faces):
-            self._cast(ax, faces)
-            self._paint(ax, faces, colors, both)
+        faces, colors, both, opacity = self._faces(frame)
+        clear = opacity < 1.0
+        if not clear.all():
+            self._cast(ax, faces[~clear])
+        for own in filter(np.any, (clear, ~clear)):  # what is led along glass stands before it, as it is seen through
+            self._paint(ax, faces[own], colors[own], both[own], opacity[own])
         clock = "   ".join(filter(None, (f"{self.motion.times[frame]:.3f} s", self.motion.caption)))
         self.figure.text(0.02, 0.965, self.motion.title, color=INK, fontsize=12, va="center", weight="bold")
         self.figure.text(0.02, 0.03, clock, color=INK, fontsize=10, va="center", family="monospace")
@@ -140,8 +143,8 @@ class _Artist:
         for x, value in ticks.items():
             self.figure.text(x, low - 12.0 / high, f"{value:.3g}", color=INK, fontsize=9, ha="center", va="center")
 
-    def _faces(self, frame: int) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Return faces (n, 4, 3) in global axes, their colors (n, 3), and which show both sides."""
+    def _faces(self, frame: int) -> tuple[Array, Array, NDArray[np.bool_], Array]:
+        """Return faces (n, 4, 3) in global axes, their colors (n, 3), which show both sides, and opacities (n,)."""
         motion, picture = self.motion, self.motion.picture
         r, A = motion.r[frame].astype(float), matrices(motion.e[frame].astype(float))
         faces: list[Array] = []
@@ -162,7 +165,9 @@ class _Artist:
         for bar in picture.bars:
             faces.append(bent(motion.axis(bar, frame), A[bar.body][:, 2], bar.height, bar.width))
             colors.append(self.colors[bar.color])
-        closed = sum(len(f) for f in faces)
+        both = [part.solid == "panel" for part in picture.parts]
+        both += [False] * (len(faces) - len(both)) + [True] * len(picture.skins)
+        opacity = [part.opacity for part in picture.parts]
         for skin, field in zip(picture.skins, self.fields, strict=True):
             grid = np.array(skin.bodies)
             p = r[grid] + A[grid] @ np.array(skin.at)
@@ -170,10 +175,12 @@ class _Artist:
             faces.append(quads.reshape(-1, 4, 3))
             colors.append(self._cells(field, self.colors[skin.color], frame) if field else self.colors[skin.color])
         if not faces:
-            return np.zeros((0, 4, 3)), np.zeros((0, 3)), np.zeros(0, bool)
+            return np.zeros((0, 4, 3)), np.zeros((0, 3)), np.zeros(0, bool), np.zeros(0)
         total = np.concatenate(faces)
         tints = np.concatenate([np.broadcast_to(c, (len(f), 3)) for f, c in zip(faces, colors, strict=True)])
-        return total, tints, np.arange(len(total)) >= closed
+        counts = [len(f) for f in faces]
+        opacity += [1.0] * (len(faces) - len(opacity))
+        return total, tints, np.repeat(both, counts), np.repeat(opacity, counts)
 
     def _cells(self, field: Field, otherwise: Array, frame: int) -> Array:
         """Return the colors (cells, 3) of a field; ``otherwise`` where its values are not finite."""
@@ -189,7 +196,8 @@ class _Artist:
         fallen: Any = self.camera.project(faces - drop[..., None] * self.light)[0]
         ax.add_collection(PolyCollection(fallen, facecolors=SHADOW, edgecolors=SHADOW, linewidths=0.3, zorder=1))
 
-    def _paint(self, ax: Any, faces: Array, colors: Array, both: NDArray[np.bool_]) -> None:
+    def _paint(self, ax: Any, faces: Array, colors: Array, both: NDArray[np.bool_], opacity: Array) -> None:
+        """Draw faces, all of them opaque or all translucent, over what is there."""
         normals = np.cross(faces[:, 2] - faces[:, 0], faces[:, 3] - faces[:, 1])
         normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-30)[:, None]
         middle = faces.mean(axis=1)
@@ -206,10 +214,11 @@ class _Artist:
         points, depth = self.camera.project(faces[shown])
         order = np.argsort(-depth.mean(axis=1))
         outlines: Any = points[order]
-        edges = np.where(both[shown][:, None], 0.8 * color, color)[order]
-        ax.add_collection(
-            PolyCollection(outlines, facecolors=color[order], edgecolors=edges, linewidths=0.35, zorder=2)
-        )
+        if opacity[0] < 1.0:  # outlines would be seen twice where one face meets the next
+            look: Any = {"edgecolors": "none", "alpha": opacity[shown][order]}
+        else:
+            look = {"edgecolors": np.where(both[shown][:, None], 0.8 * color, color)[order], "linewidths": 0.35}
+        ax.add_collection(PolyCollection(outlines, facecolors=color[order], zorder=2, **look))
 
     def _grid(self) -> Any:
         """Return the lines (n, 2, 2) of the floor's grid in picture coordinates."""

@@ -82,6 +82,12 @@ def box() -> Mesh:
     return together(*faces)
 
 
+def panel() -> Mesh:
+    """A square of side 1 across z; its material shows both sides."""
+    points = np.column_stack((SQUARE, np.zeros(4)))
+    return Mesh(points, np.tile((0.0, 0.0, 1.0), (4, 1)), np.array(((0, 1, 2), (0, 2, 3))))
+
+
 def coil(slender: float) -> Mesh:
     """Radius 1, length 1 along z; the wire is round where the radius is ``slender`` times the length."""
     u = np.linspace(0.0, 1.0, 24 * TURNS + 1)

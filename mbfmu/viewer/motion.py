@@ -194,7 +194,7 @@ class Recorder:
             values=np.stack(self._values),
             arrows=arrows,
             forces=forces.astype(np.float32),
-            picture=draw(mechanism, span),
+            picture=draw(mechanism, span, (r, A)),
         )
 
 

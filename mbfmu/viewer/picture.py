@@ -21,6 +21,8 @@ from mbfmu.mechanics.builder.bodies import Body, CutHandle, FlexibleBody, Surfac
 from mbfmu.mechanics.cuts import Cut
 from mbfmu.mechanics.joints.section import Section
 
+from .contacts import Poses, met
+
 Matrix = NDArray[np.float64]
 Numbers = tuple[float, ...]
 
@@ -36,11 +38,12 @@ PIECES = 64  # an elastic body is drawn with: five and more for every bulge of t
 class Part:
     """A unit solid (see :mod:`mbfmu.mechanics.shapes`) fixed to a body."""
 
-    solid: str  # sphere, cylinder or box
+    solid: str  # sphere, cylinder, box or panel
     body: int
     at: Numbers  # center, body axes, m
     axes: Numbers  # columns of the matrix from the unit solid to the body's axes, one after the other
     color: str
+    opacity: float = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,7 +153,8 @@ class Picture:
         """Return, by body, points (k, 3) in body axes that enclose what is drawn of it, bars apart."""
         found: dict[int, list[Matrix]] = {}
         for part in self.parts:
-            at, axes = np.array(part.at), np.reshape(part.axes, (3, 3)) * (0.5 if part.solid == "box" else 1.0)
+            half = 0.5 if part.solid in ("box", "panel") else 1.0
+            at, axes = np.array(part.at), half * np.reshape(part.axes, (3, 3))
             if part.solid == "cylinder":
                 axes[2] *= 0.5
             found.setdefault(part.body, []).extend((at + axes, at - axes))
@@ -176,8 +180,10 @@ def up_of(gravity: Matrix) -> Numbers:
     return numbers(-gravity / norm) if norm > 0.0 else (0.0, 1.0, 0.0)
 
 
-def draw(mechanism: Mechanism, span: float) -> Picture:
+def draw(mechanism: Mechanism, span: float, poses: Poses | None = None) -> Picture:
     """Return the picture of a mechanism that moves about in a space ``span`` (m) across.
+
+    ``poses`` has all places that its bodies take; planes without an end are drawn where sheets come.
 
     Raises
     ------
@@ -185,17 +191,19 @@ def draw(mechanism: Mechanism, span: float) -> Picture:
         As :func:`check_fields`.
     """
     check_fields(mechanism)
-    return _Artist(mechanism, span).picture()
+    return _Artist(mechanism, span, poses).picture()
 
 
 class _Artist:
     """Draws one mechanism; every part is sized after one bar radius."""
 
-    def __init__(self, mechanism: Mechanism, span: float) -> None:
+    def __init__(self, mechanism: Mechanism, span: float, poses: Poses | None) -> None:
         self.mechanism = mechanism
         self.coils = list(self._coils())
         self.held = self._held_points()
-        self.shaped = {body.index for body, _ in mechanism.shapes}
+        self.met = list(met(mechanism, poses))
+        self.rolled = {body.index for body, shape in self.met if body.index and shape.opacity == 1.0}
+        self.shaped = {body.index for body, _ in mechanism.shapes} | self.rolled
         self.surfaces = surfaces_of(mechanism)
         self.skinned = {int(i) for surface in self.surfaces for i in surface.bodies.flat}
         bars = [float(np.linalg.norm(p)) for body in mechanism.bodies[1:] for p in self._ends(body)]
@@ -212,10 +220,10 @@ class _Artist:
         for body in self.mechanism.bodies[1:]:
             if body.index not in self.shaped | self.skinned:
                 self._bars_and_ball(body)
-            if body.index not in self.skinned:
+            if body.index not in self.skinned | self.rolled:
                 self._joint(body)
-        for body, shape in self.mechanism.shapes:
-            self._part(shape.solid, body, shape.at, shape.axes(), shape.color or color_of(body))
+        for body, shape in (*self.mechanism.shapes, *self.met):
+            self._part(shape.solid, body, shape.at, shape.axes(), shape.color or color_of(body), shape.opacity)
         for handle in self.mechanism.cuts:
             self._cut(handle)
         for a, at_a, b, at_b in self.coils:
@@ -361,9 +369,12 @@ class _Artist:
             if body.index == 0:
                 self._part("box", body, at, np.eye(3) * 3.6 * self.radius, GROUND)
 
-    def _part(self, solid: str, body: Body, at: Sequence[float] | Matrix, axes: Matrix, color: str) -> None:
+    def _part(
+        self, solid: str, body: Body, at: Sequence[float] | Matrix, axes: Matrix, color: str, opacity: float = 1.0
+    ) -> None:
         flat = numbers(np.asarray(axes).T.ravel())
-        self.parts.append(Part(solid=solid, body=body.index, at=numbers(at), axes=flat, color=color))
+        own = Part(solid=solid, body=body.index, at=numbers(at), axes=flat, color=color, opacity=float(opacity))
+        self.parts.append(own)
 
     def _link(self, solid: str, a: Body, at_a: Any, b: Body, at_b: Any, radius: float, color: str) -> None:
         ends: dict[str, Any] = {"a": a.index, "b": b.index, "at_a": numbers(at_a), "at_b": numbers(at_b)}

@@ -7,7 +7,7 @@ forces with what bends it so far.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -61,6 +61,8 @@ class Contact:
 class TouchHandle(Contact):
     """A surface that a sheet touches, as :func:`add_touch` returns it."""
 
+    sheet: Sheet
+
     def force(self, axis: str) -> Met:
         """Global component of the force on the sheet, N."""
         return self._told("N", axis_index(axis, f"of the force of touch {self.name!r}"))
@@ -68,6 +70,16 @@ class TouchHandle(Contact):
     def depth(self) -> Met:
         """How deep the deepest point of the sheet is in the surface, m; zero: it does not touch."""
         return self._told("m", 5)
+
+    def pressure(self, i: int, k: int) -> Met:
+        """Size of the force on cell (i, k) of the sheet over its area, Pa: the pressure where friction is none, and at
+        most sqrt(1 + friction^2) of it. A point on a border counts for the cell that begins there, so that along an
+        edge of the sheet it is off by half a point.
+        """
+        if (i, k) not in self.sheet.cells:
+            raise UserError(f"sheet {self.sheet.name!r} has no cell {(i, k)}; allowed: {max(self.sheet.cells)} at most")
+        own = replace(self, first=self.first + list(self.sheet.cells).index((i, k)), count=1)
+        return own._told("Pa", -1, scale=1.0 / (self.sheet.a * self.sheet.b))
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +183,7 @@ def add_touch(
         )
         for element, corners, ends in _cells(sheet)
     ]
-    return TouchHandle(name, mechanism, *_load(mechanism, name, loads, holder, sheet))
+    return TouchHandle(name, mechanism, *_load(mechanism, name, loads, holder, sheet), sheet)
 
 
 def add_nip(

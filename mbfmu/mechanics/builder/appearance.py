@@ -30,7 +30,7 @@ class Appearance(Members):
         self._member(body, "body of a shape")
         for shape in shapes:
             if not isinstance(shape, Shape):
-                raise UserError(f"shape of body {body.name!r} is {shape!r}; allowed: Box, Cylinder, Sphere")
+                raise UserError(f"shape of body {body.name!r} is {shape!r}; allowed: Box, Cylinder, Panel, Sphere")
             vector(f"at of a shape of body {body.name!r}", shape.at)
             shape.axes()
             self.shapes.append((body, shape))

@@ -16,7 +16,7 @@ from .base import Follows, Sensor
 
 @kernel
 def read(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
-    """See :mod:`.base`: a sum over loads, or the ratio of two."""
+    """See :mod:`.base`: a sum over loads, or the ratio of two; component -1: the size of the force, sums 0 to 2."""
     here = state.meeting[0]
     for k in range(here.told.shape[0]):
         here.told[k] = 0.0
@@ -24,6 +24,9 @@ def read(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
     for e in range(sensor.index, sensor.index + sensor.count):
         apply_load(arrays.loads[e], state.time[0].real, arrays, state)
     here.silent = 0
+    if sensor.component < 0:
+        x, y, z = here.told[0], here.told[1], here.told[2]
+        return sensor.scale * np.sqrt(x * x + y * y + z * z)
     found = sensor.scale * here.told[sensor.component]
     if sensor.over < 0:
         return found
@@ -33,7 +36,10 @@ def read(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Met(Sensor):
-    """Sum ``component`` of what contacts tell, times ``scale``, in parts of sum ``over`` if that is not negative."""
+    """Sum ``component`` of what contacts tell, times ``scale``, in parts of sum ``over`` if that is not negative.
+
+    Component -1 is the size of the force that sums 0 to 2 are.
+    """
 
     record = np.dtype(
         [("index", np.int64), ("component", np.int64), ("count", np.int64), ("over", np.int64), ("scale", np.float64)]

@@ -37,25 +37,28 @@ class Figure {
       const item = renderer.solids(box([1, 2]), bar.x.length - 1, 0), ends = renderer.solids(box(), 2, 0);
       return { ...bar, item, ends };
     });
-    this.groups = Object.keys(SOLIDS).map((solid) => this.group(solid, picture)).filter((group) => group);
+    const opacities = [...new Set(picture.parts.map((part) => part.opacity))].filter((opacity) => opacity < 1);
+    const made = (opacity) => Object.keys(SOLIDS).map((solid) => this.group(solid, picture, opacity)).filter((own) => own);
+    this.groups = made(1);
+    this.glasses = opacities.flatMap(made);
   }
 
-  /** All parts and links made from one solid. */
-  group(solid, picture) {
-    const parts = picture.parts.filter((part) => part.solid === solid);
-    const links = picture.links.filter((link) => link.solid === solid);
+  /** All parts, and where they hide what is behind them all links, made from one solid. */
+  group(solid, picture, opacity) {
+    const parts = picture.parts.filter((part) => part.solid === solid && part.opacity === opacity);
+    const links = picture.links.filter((link) => link.solid === solid && opacity === 1);
     if (parts.length + links.length === 0) {
       return null;
     }
     const wire = solid === "coil" ? WIRE : 0;
     const item = this.renderer.solids(SOLIDS[solid](), parts.length + links.length, wire);
-    return { solid, parts, links, item };
+    return { solid, parts, links, item, opacity };
   }
 
   /** Bring everything to a time. */
   place(time) {
     this.motion.place(time);
-    for (const { parts, links, item } of this.groups) {
+    for (const { parts, links, item } of [...this.groups, ...this.glasses]) {
       parts.forEach((part, k) => this.placePart(part, item.data, INSTANCE * k));
       links.forEach((link, k) => this.placeLink(link, item.data, INSTANCE * (parts.length + k)));
       this.renderer.update(item);
@@ -138,5 +141,10 @@ class Figure {
     [...this.groups, ...this.bars].forEach(({ item }) => renderer.drawSolids(item));
     this.bars.forEach(({ ends }) => renderer.drawSolids(ends));
     this.skins.forEach((skin) => renderer.drawSkin(skin.item, mesh));
+  }
+
+  /** What is translucent: after all that is to be seen through it. */
+  drawGlass() {
+    this.glasses.forEach(({ item, opacity }) => this.renderer.glass(item, opacity));
   }
 }

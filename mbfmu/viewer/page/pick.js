@@ -27,11 +27,13 @@ function round(e, d) {
 }
 
 const cylindrical = (e, d) => [round(e.slice(0, 2), d.slice(0, 2)), slab(e[2], d[2], -0.5, 0.5)];
+const boxed = (e, d) => [0, 1, 2].map((k) => slab(e[k], d[k], -0.5, 0.5));
 const INSIDE = {
   sphere: (e, d) => [round(e, d)],
   cylinder: cylindrical,
   coil: cylindrical,
-  box: (e, d) => [0, 1, 2].map((k) => slab(e[k], d[k], -0.5, 0.5)),
+  box: boxed,
+  panel: boxed,
 };
 
 /** How far along a ray, in lengths of `direction`, a placed solid is met; Infinity: it is not. */
@@ -57,7 +59,7 @@ function meets([a, b, c], eye, direction) {
   return [found[2], weights.indexOf(Math.max(...weights))];
 }
 
-/** The body of a figure that a ray from `eye` meets first; null: none. A link is of the body it starts from. */
+/** The body of a figure that a ray from `eye` meets first, through glass; null: none. A link is of that it starts from. */
 function picked(figure, eye, direction) {
   let nearest = Infinity, body = null;
   const meet = (distance, owner) => {

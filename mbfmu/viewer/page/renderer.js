@@ -44,7 +44,10 @@ void main() {
 in vec3 point, facing, tint;
 out vec4 pixel;
 uniform float opacity;
-void main() { pixel = shade.a > 0.0 ? shade : vec4(lit(tint, facing, eye, point), opacity); }`,
+void main() {
+  vec3 seen = dot(facing, eye - point) < 0.0 ? -facing : facing;  // of a panel, or through glass, the back
+  pixel = shade.a > 0.0 ? shade : vec4(lit(tint, seen, eye, point), opacity);
+}`,
 ];
 
 /* A skin: light shines through it, and its back is paler; each cell has the color of its last corner. */
@@ -337,6 +340,18 @@ class Renderer {
     gl.depthFunc(gl.LEQUAL);
     draw();
     gl.depthFunc(gl.LESS);
+    gl.disable(gl.BLEND);
+    this.opacity = 1;
+  }
+
+  /** Draw all of some solids, front and back, over what is there, and hide nothing by them. */
+  glass(item, opacity) {
+    const gl = this.gl;
+    this.opacity = opacity;
+    gl.enable(gl.BLEND);
+    gl.depthMask(false);
+    this.drawSolids(item);
+    gl.depthMask(true);
     gl.disable(gl.BLEND);
     this.opacity = 1;
   }

@@ -74,6 +74,11 @@ function box(axes = [0, 1, 2]) {
   return together(...faces);
 }
 
+/** Edges of length 1 across z, seen from both sides. */
+function panel() {
+  return patch(1, 1, (u, v) => [[u - 0.5, v - 0.5, 0], [0, 0, 1]]);
+}
+
 const WIRE = 0.16; // thickness of a coil's wire against the coil's radius
 
 /** The middle of the wire of a coil of radius 1 along z, length 1, that ends in the axis; drawn with `WIRE`. */
@@ -88,4 +93,4 @@ function coil() {
   });
 }
 
-const SOLIDS = { sphere, cylinder, box, coil };
+const SOLIDS = { sphere, cylinder, box, panel, coil };

@@ -97,5 +97,6 @@ class Stage {
     if (this.beside && show.beside) {
       renderer.translucent(BESIDE, () => this.beside.draw(show.mesh));
     }
+    this.figure.drawGlass();
   }
 }

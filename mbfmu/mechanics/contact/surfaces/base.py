@@ -15,6 +15,7 @@ import numpy as np
 
 from mbfmu.mechanics.contact.patch import rise
 from mbfmu.mechanics.kind import Kind
+from mbfmu.mechanics.shapes import Shape
 from solvers.compiled.kernel import kernel
 
 END = 1e-3  # m
@@ -54,6 +55,13 @@ class Surface(Kind):
 
     kernels: ClassVar = {"gap": "state -> number"}
     gap: ClassVar[Any]
+
+    def shapes(self, near: Any) -> tuple[Shape, ...]:
+        """Return how it is drawn, in the axes of its body; nothing: it is not.
+
+        ``near`` has where points of the sheet come, (k, 3), m: a surface without an end is drawn about those.
+        """
+        return ()
 
     def curvature(self) -> float:
         """Return the curvature that a sheet takes which lies on it, 1/m; zero: it lies flat, or on edges alone."""

@@ -12,6 +12,7 @@ from mbfmu.mechanics.axes import along, unit_axis
 from mbfmu.mechanics.checks import Vector, vector
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.numbers import positive
+from mbfmu.mechanics.shapes import GLASS, Cylinder, Shape
 from solvers.compiled.kernel import kernel
 
 from .base import FRAME, Surface, across, point, within
@@ -52,6 +53,11 @@ class Drum(Surface):
         """Write its frame and its size."""
         record["origin"], record["axes"] = self.at, along(unit_axis(self.axis, "axis"))
         record["radius"], record["length"] = self.radius, self.length
+
+    def shapes(self, near: Any) -> tuple[Shape, ...]:
+        """See the base."""
+        at = tuple(float(x) for x in self.at)
+        return (Cylinder(radius=self.radius, length=self.length, at=at, axis=self.axis, opacity=GLASS),)
 
     def curvature(self) -> float:
         """See the base."""

@@ -13,9 +13,12 @@ from mbfmu.mechanics.axes import unit_axis
 from mbfmu.mechanics.checks import Vector, vector
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.numbers import positive
+from mbfmu.mechanics.shapes import GLASS, Matrix, Shape, ribbon
 from solvers.compiled.kernel import kernel
 
 from .base import FRAME, Surface, across, point, within
+
+ROUND = 8  # panels that a rounded edge is drawn with
 
 
 @kernel
@@ -64,8 +67,21 @@ class Guide(Surface):
 
     def fill(self, record: Any, site: Site) -> None:
         """Write its frame, x along it and z across, and its size."""
-        start, end = np.asarray(self.start, float), np.asarray(self.end, float)
-        length = float(np.linalg.norm(end - start))
-        x, z = (end - start) / length, unit_axis(self.across, "across")
-        record["origin"], record["axes"] = start, np.column_stack((x, np.cross(z, x), z))
-        record["length"], record["radius"], record["width"] = length, self.radius, self.width
+        record["origin"], record["axes"] = self.start, self._axes()
+        record["length"], record["radius"], record["width"] = self._length(), self.radius, self.width
+
+    def shapes(self, near: Any) -> tuple[Shape, ...]:
+        """See the base: its rim, open at both ends of its width."""
+        axes = self._axes()
+        angle = np.linspace(0.5 * np.pi, 1.5 * np.pi, ROUND + 1)  # about the start, and half a turn on about the end
+        half = self.radius * (np.outer(np.cos(angle), axes[:, 0]) + np.outer(np.sin(angle), axes[:, 1]))
+        rim = np.concatenate((self.start + half, self.end - half))
+        return ribbon(np.concatenate((rim, rim[:1])), axes[:, 2], self.width, opacity=GLASS)
+
+    def _length(self) -> float:
+        return float(np.linalg.norm(np.subtract(self.end, self.start)))
+
+    def _axes(self) -> Matrix:
+        """Return the columns x along it, y and z across."""
+        x, z = np.subtract(self.end, self.start) / self._length(), unit_axis(self.across, "across")
+        return np.column_stack((x, np.cross(z, x), z))

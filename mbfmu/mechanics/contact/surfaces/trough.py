@@ -13,11 +13,13 @@ from mbfmu.mechanics.axes import unit_axis
 from mbfmu.mechanics.checks import Vector, vector
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.numbers import finite, positive
+from mbfmu.mechanics.shapes import GLASS, Matrix, Shape, ribbon
 from solvers.compiled.kernel import kernel
 
 from .base import FRAME, Surface, across, point, within
 
 BEHIND = 0.2  # of the radius: what is so far behind it is not on its inside
+PANEL = np.pi / 24.0  # rad of the arc that a panel is drawn for
 
 
 @kernel
@@ -63,10 +65,21 @@ class Trough(Surface):
 
     def fill(self, record: Any, site: Site) -> None:
         """Write its frame and its size."""
-        axis, towards = unit_axis(self.axis, "axis"), unit_axis(self.towards, "towards")
-        record["origin"], record["axes"] = self.at, np.column_stack((towards, np.cross(axis, towards), axis))
+        record["origin"], record["axes"] = self.at, self._axes()
         record["radius"], record["length"] = self.radius, self.length
         record["half"] = self.radius * np.sin(0.5 * self.angle)
+
+    def shapes(self, near: Any) -> tuple[Shape, ...]:
+        """See the base."""
+        axes = self._axes()
+        angle = np.linspace(-0.5 * self.angle, 0.5 * self.angle, 1 + int(np.ceil(self.angle / PANEL)))
+        arc = np.outer(np.cos(angle), axes[:, 0]) + np.outer(np.sin(angle), axes[:, 1])
+        return ribbon(self.at + self.radius * arc, axes[:, 2], self.length, opacity=GLASS)
+
+    def _axes(self) -> Matrix:
+        """Return the columns x towards the middle of the arc, y and z along the axis."""
+        axis, towards = unit_axis(self.axis, "axis"), unit_axis(self.towards, "towards")
+        return np.column_stack((towards, np.cross(axis, towards), axis))
 
     def curvature(self) -> float:
         """See the base."""

@@ -8,12 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.mechanics.axes import unit_axis
+from mbfmu.mechanics.axes import plane_axes, unit_axis
 from mbfmu.mechanics.checks import Vector, vector
 from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.shapes import GLASS, Panel, Shape
 from solvers.compiled.kernel import kernel
 
 from .base import Surface
+
+NEAR = 0.1  # of the space that a sheet takes: it is drawn where the sheet comes so near
 
 
 @kernel
@@ -44,3 +47,16 @@ class Wall(Surface):
     def fill(self, record: Any, site: Site) -> None:
         """Write point and unit normal."""
         record["origin"], record["normal"] = self.at, unit_axis(self.normal, "normal")
+
+    def shapes(self, near: Any) -> tuple[Shape, ...]:
+        """See the base: a rectangle below what comes near, and as far beyond."""
+        normal = unit_axis(self.normal, "normal")
+        axes = np.column_stack((*plane_axes(normal), normal))
+        local = (near - np.asarray(self.at, float)) @ axes
+        reach = NEAR * float(np.linalg.norm(np.ptp(local, axis=0)))
+        if reach == 0.0:
+            return ()
+        close = local[local[:, 2] <= max(reach, local[:, 2].min()), :2]
+        low, high = close.min(axis=0) - reach, close.max(axis=0) + reach
+        middle = self.at + axes[:, :2] @ (0.5 * (low + high))
+        return (Panel(size=high - low, at=middle, rotation=axes, opacity=GLASS),)

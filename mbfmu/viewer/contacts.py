@@ -1,0 +1,78 @@
+"""What sheets meet, as shapes of bodies: the surfaces that they touch, and the rollers and idlers of nips.
+
+A body other than the ground that the model gives shapes looks as those say, and gets none here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.mechanics import Cylinder, Mechanism
+from mbfmu.mechanics.axes import along
+from mbfmu.mechanics.builder.bodies import Body
+from mbfmu.mechanics.checks import rotation
+from mbfmu.mechanics.contact.nip import Nip
+from mbfmu.mechanics.contact.touch import Touch
+from mbfmu.mechanics.shapes import Shape
+
+Poses = tuple[NDArray[np.float32], NDArray[np.float32]]  # origins (T, nb, 3), m, and axes (T, nb, 3, 3) of all bodies
+
+IDLER = 0.6  # its radius against that of the roller
+RUBBER, IDLE, MARK = "#565e6b", "#a3abb8", "#f2f4f7"
+RODS, ROD = (0.0, np.pi), 0.12  # lie in a roller's surface where its turning is to be seen: angles; radius to its own
+
+
+def met(mechanism: Mechanism, poses: Poses | None) -> Iterator[tuple[Body, Shape]]:
+    """Yield bodies and shapes; without poses planes that have no end are left out."""
+    own = {body.index for body, _ in mechanism.shapes if body.index}
+    nips: dict[str, tuple[Nip, Body]] = {}
+    touches: dict[tuple[int, int], tuple[Touch, Body, set[int]]] = {}
+    for _, load, bodies in mechanism.others:
+        holder = bodies[-1]
+        if isinstance(load, Nip) and holder.index not in own:
+            nips[load.name] = load, holder
+        elif isinstance(load, Touch) and holder.index not in own:
+            nodes = touches.setdefault((id(load.surface), holder.index), (load, holder, set()))[2]
+            nodes.update(body.index for body in bodies[:-1])
+    for touch, holder, nodes in touches.values():
+        near = np.zeros((1, 3)) if poses is None else relative(poses, sorted(nodes), holder.index)
+        yield from ((holder, shape) for shape in touch.surface.shapes(near))
+    for nip, roller in nips.values():
+        yield from rolling(mechanism, nip, roller)
+
+
+def relative(poses: Poses, nodes: list[int], holder: int) -> NDArray[np.float64]:
+    """Return where nodes come (k, 3), in the axes of a body, m; where a run fails its last poses may not be finite."""
+    r, A = (array.astype(float) for array in poses)
+    ways = r[:, nodes] - r[:, [holder]]
+    near: NDArray[np.float64] = np.einsum("tji,tkj->tki", A[:, holder], ways).reshape(-1, 3)
+    return near[np.isfinite(near).all(axis=1)]
+
+
+def rolling(mechanism: Mechanism, nip: Nip, roller: Body) -> Iterator[tuple[Body, Shape]]:
+    """Yield the roller of a nip with marks, and where the ground carries it its idler: another's place is not known."""
+    joint, radius, width = roller.joint, nip.common["radius"], nip.common["width"]
+    axis = np.asarray(joint.direction, float)
+    beside = 0.0
+    if roller.parent == 0:
+        turned = rotation(f"rotation of {roller.name!r}", joint.rotation)
+        place, n = nip.common["place"], nip.common["n"]
+        beside = float((place - joint.at) @ turned @ axis)
+        above = numbers(place + IDLER * radius * n)
+        idler = Cylinder(radius=IDLER * radius, length=width, axis=numbers(turned @ axis), at=above, color=IDLE)
+        yield mechanism.ground, idler
+    middle, across = beside * axis, along(axis)
+    axle = numbers(axis)
+    yield roller, Cylinder(radius=radius, length=width, axis=axle, at=numbers(middle), color=RUBBER)
+    for angle in RODS:
+        out = np.cos(angle) * across[:, 0] + np.sin(angle) * across[:, 1]
+        at = numbers(middle + (1.0 - ROD) * radius * out)
+        yield roller, Cylinder(radius=1.05 * ROD * radius, length=1.02 * width, axis=axle, at=at, color=MARK)
+
+
+def numbers(values: NDArray[np.float64]) -> tuple[float, ...]:
+    """Return plain floats."""
+    return tuple(float(x) for x in values)
