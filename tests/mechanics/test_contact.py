@@ -242,11 +242,11 @@ def test_tangents_of_touch_and_nip_are_complex_steps_of_what_they_apply(name: st
         if len(bodies) < 5:
             continue
         K, expected = np.zeros((30, 30)), np.zeros((30, 30))
-        load_tangent(arrays.loads[e], c1, arrays, state, twin, K)
+        load_tangent(plant.data.arrays.loads[e], c1, arrays, state, twin, K)
         for j in range(30):
             for p, i in enumerate(bodies):
-                step(state.bodies[i], there.bodies[i], j - 6 * p, c1)
-            apply_load(others.loads[e], 0.0, others, there)
+                step(plant.data.state.bodies[i], system.data.state.bodies[i], j - 6 * p, c1)
+            apply_load(system.data.arrays.loads[e], 0.0, others, there)
             expected[:, j] = -np.concatenate([system.data.state.bodies["F"][i].imag / EPSILON for i in bodies])
         found += np.any(expected != 0.0)
         np.testing.assert_allclose(K, expected, atol=1e-12 * np.abs(expected).max())

@@ -109,7 +109,7 @@ def under(nip: Any, P: Any, bodies: Any, here: Any) -> Any:
             a00, a01 = a00 + here.rx[k] * d[k], a01 + here.rz[k] * d[k]
             a10, a11 = a10 + here.rx[k] * e[k], a11 + here.rz[k] * e[k]
         det = a00 * a11 - a01 * a10
-        if abs(det.real) < 1e-3 * nip.a * nip.b:  # seen from the side
+        if abs(det.real) < 1e-3 * nip.a.real * nip.b.real:  # seen from the side
             return xi, zeta, False
         dx, dz = (a01 * g1 - a11 * g0) / det, (a10 * g0 - a00 * g1) / det
         xi, zeta = xi + dx, zeta + dz
@@ -144,8 +144,8 @@ def meet(nip: Any, t: float, arrays: Any, state: Any) -> None:
     far = reach(nip) + nip.half + 0.5 * nip.width
     square = 0.0
     for k in range(3):
-        square += (here.r[k].real - nip.place[k]) ** 2
-    if square > far * far:
+        square += (here.r[k].real - nip.place[k].real) ** 2
+    if square > far.real * far.real:
         return
     N = signal_value(nip.force, t, arrays)
     if N.real < 0.0:  # an idler does not pull

@@ -69,7 +69,7 @@ def meet(touch: Any, arrays: Any, state: Any) -> None:
     """Add what all points feel to the bodies, unless here.silent, and to here.told."""
     here, bodies = state.meeting[0], state.bodies
     middle(touch, bodies, here.r)
-    if gap(touch, arrays, state).real > reach(touch):
+    if gap(touch, arrays, state).real > reach(touch).real:
         return
     nx, nz = touch.samples[0], touch.samples[1]
     for i in range(nx + touch.ends[0, 1]):
@@ -107,7 +107,7 @@ def push(touch: Any, share: float, d: Any, body: Any, here: Any) -> None:
     v[1] -= body.Y[1] + body.Y[5] * x - body.Y[3] * z
     v[2] -= body.Y[2] + body.Y[3] * y - body.Y[4] * x
     k, d0 = touch.stiffness * share * here.part, touch.depth
-    if d.real < d0:
+    if d.real < d0.real:
         spring, stored = k * d * d / (2.0 * d0), k * d * d * d / (6.0 * d0)
     else:
         spring, stored = k * (d - 0.5 * d0), k * (0.5 * d * d - 0.5 * d0 * d + d0 * d0 / 6.0)
@@ -120,7 +120,7 @@ def push(touch: Any, share: float, d: Any, body: Any, here: Any) -> None:
     if d.real > told[5].real:
         told[5] = d
     rub = 0.0 * N
-    if touch.friction > 0.0:
+    if touch.friction.real > 0.0:
         for j in range(3):
             v[j] -= leaving * f[j]
         square = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
@@ -140,7 +140,7 @@ def tangent(touch: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -
     middle(touch, bodies, here.r)
     for j in range(3):
         there.r[j] = here.r[j]
-    if gap(touch, arrays, twin).real > reach(touch):
+    if gap(touch, arrays, twin).real > reach(touch).real:
         return
     nx, nz = touch.samples[0], touch.samples[1]
     for i in range(nx + touch.ends[0, 1]):

@@ -25,7 +25,7 @@ ROUND = 8  # panels that a rounded edge is drawn with
 def gap(guide: Any, state: Any) -> float:
     """See :mod:`.base`: distance from the segment less the radius."""
     x, y, z = across(guide, state)
-    if x.real > guide.length:
+    if x.real > guide.length.real:
         x = x - guide.length
     elif x.real > 0.0:
         x = 0.0 * x

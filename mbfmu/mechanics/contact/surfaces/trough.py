@@ -27,7 +27,7 @@ def gap(trough: Any, state: Any) -> float:
     """See :mod:`.base`: the radius less the distance from the axis, between two planes through that."""
     x, y, z = across(trough, state)
     distance = np.sqrt(x * x + y * y)
-    if distance.real <= 0.0 or distance.real > (1.0 + BEHIND) * trough.radius:
+    if distance.real <= 0.0 or distance.real > (1.0 + BEHIND) * trough.radius.real:
         return abs(trough.radius - distance.real) + 0.0 * x
     point(trough, -x / distance, -y / distance, state)
     # from the middle of the arc, along it; beyond a quarter turn as far as that
