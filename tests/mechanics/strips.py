@@ -7,11 +7,12 @@ along the feed, which holds a strip as a clamp c/3 ahead of its middle does, one
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_bvp
-from scipy.optimize import brentq
+from scipy.optimize import brentq, root
 from scipy.special import ellipe, ellipk
 
 import mbfmu as mb
@@ -62,7 +63,7 @@ def hanging(length: float, clamp: float = CLAMP, gives: float = GIVES) -> tuple[
     """Tip (m) of a strip that hangs from a nip at x = 0, by this length beyond it; moment per width in the nip, N."""
     free = length - clamp
 
-    def rates(s: Any, y: Any) -> Any:
+    def rates(s: Any, y: Any, load: float) -> Any:
         return y[1], load * (free - s) / BENDING * np.cos(y[0]), np.cos(y[0]), np.sin(y[0])
 
     def ends(a: Any, b: Any) -> Any:
@@ -71,7 +72,7 @@ def hanging(length: float, clamp: float = CLAMP, gives: float = GIVES) -> tuple[
     s = np.linspace(0.0, free, 50)
     y = np.array((0.0 * s, 0.0 * s, s, 0.0 * s))
     for load in np.linspace(0.2, 1.0, 5) * WEIGHT:
-        found = solve_bvp(rates, ends, s, y, tol=1e-9, max_nodes=20000)
+        found = solve_bvp(partial(rates, load=load), ends, s, y, tol=1e-9, max_nodes=20000)
         assert found.success
         s, y = found.x, found.y
     return y[2, -1], y[3, -1], -BENDING * y[1, 0]
@@ -94,3 +95,25 @@ def buckled(length: float, span: float) -> tuple[float, float, float]:
 def sliding(share: float) -> float:
     """Slip in units of the creep under this share of the friction."""
     return share / math.sqrt(1.0 - share**2)
+
+
+def carried(stations: Any, least: float, idler_friction: float = 0.3) -> Any:
+    """Velocity (m/s) along x and z at the origin, and turning about y (rad/s), of a rigid sheet in nips: forces and
+    their moment are zero.
+
+    ``stations`` (k, 4): place x, z (m), angle of the feed from x towards z, surface speed; all press alike, friction 1.
+    """
+    x, z, angle, speed = np.asarray(stations, dtype=float).T
+    c, s = np.cos(angle), np.sin(angle)
+
+    def sums(u: Any) -> Any:
+        vx, vz = u[0] + u[2] * z, u[1] - u[2] * x
+        along, beside = vx * c + vz * s - speed, vz * c - vx * s
+        size = np.sqrt(along**2 + beside**2 + least**2)
+        fd, fe = along / size, (1.0 + idler_friction) * beside / size
+        fx, fz = fd * c - fe * s, fd * s + fe * c
+        return fx.sum(), fz.sum(), 10.0 * (z * fx - x * fz).sum()
+
+    found = root(sums, (speed.mean(), 0.0, 0.0), tol=1e-12)
+    assert found.success
+    return found.x
