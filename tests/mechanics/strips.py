@@ -106,7 +106,7 @@ def carried(stations: Any, least: float, idler_friction: float = 0.3) -> Any:
     x, z, angle, speed = np.asarray(stations, dtype=float).T
     c, s = np.cos(angle), np.sin(angle)
 
-    def sums(u: Any) -> Any:
+    def sums(u: Any, least: float) -> Any:
         vx, vz = u[0] + u[2] * z, u[1] - u[2] * x
         along, beside = vx * c + vz * s - speed, vz * c - vx * s
         size = np.sqrt(along**2 + beside**2 + least**2)
@@ -114,6 +114,9 @@ def carried(stations: Any, least: float, idler_friction: float = 0.3) -> Any:
         fx, fz = fd * c - fe * s, fd * s + fe * c
         return fx.sum(), fz.sum(), 10.0 * (z * fx - x * fz).sum()
 
-    found = root(sums, (speed.mean(), 0.0, 0.0), tol=1e-12)
-    assert found.success
-    return found.x
+    u = np.array((speed.mean(), 0.0, 0.0))
+    for softer in np.geomspace(1e3, 1.0, 13):
+        found = root(sums, u, (softer * least,), tol=1e-13)
+        u = found.x
+    assert np.abs(found.fun).max() < 1e-9
+    return u

@@ -22,7 +22,20 @@ from mbfmu.mechanics import (
     add_touch,
 )
 
-from .strips import GRAVITY, LENGTH, RADIUS, RUBBER, THICKNESS, WIDTH, add_channel, add_driven, add_strip, carried, run
+from .strips import (
+    GRAVITY,
+    LENGTH,
+    RADIUS,
+    RUBBER,
+    THICKNESS,
+    WIDTH,
+    add_channel,
+    add_driven,
+    add_strip,
+    carried,
+    run,
+    sliding,
+)
 from .test_transport import DOWN, PAPER, at_speed, mass
 
 
@@ -62,8 +75,9 @@ def test_torque_of_a_nip_that_a_sheet_leaves_goes_to_zero() -> None:
     m.output("loaded", nip.loaded())
     found = run(m, 0.07, 2e-5, 1e-5)
     felt = found["torque"] / RADIUS
-    assert np.abs(felt).max() == pytest.approx(pull, rel=2e-2)
-    assert np.abs(np.diff(felt[50:])).max() < 0.05 * pull
+    assert felt[500:1500].mean() == pytest.approx(pull, rel=1e-2)
+    assert np.all(np.abs(felt) <= 2.0 * found["loaded"] + 1e-12)
+    assert np.abs(np.diff(felt[100:])).max() < 0.05 * pull
     assert found["loaded"][-1] == felt[-1] == 0.0
 
 
@@ -72,7 +86,7 @@ def test_a_roller_stops_and_reverses() -> None:
     m, speed = Mechanism(), 0.3
     sheet = add_strip(m, 9, 0.05, length=0.1, rate=(speed, 0.0, 0.0, 0.0, 0.0, 0.0))
     drive = SpeedInput(name="speed", unit="rad/s", start=-speed / RADIUS)
-    nip, roller = add_driven(m, "nip", sheet, drive, force=0.02)
+    nip, _ = add_driven(m, "nip", sheet, drive, force=0.02)
     m.output("v", sheet.node(4, 1).velocity("x"))
     m.output("slip", nip.slip())
     m.output("traction", nip.traction())
@@ -95,18 +109,22 @@ def test_a_roller_stops_and_reverses() -> None:
 def test_a_thin_film_is_fed() -> None:
     """PET of 12 um, whose leading edge falls onto a table 2 mm below the nip and is laid there."""
     m, speed = Mechanism(gravity=DOWN), 0.2
-    sheet = add_strip(m, 13, 0.02, length=0.06, thickness=12e-6, density=1390.0)
+    sheet = add_strip(m, 10, 0.02, length=0.05, thickness=12e-6, density=1390.0)
     drive = RunUp(speed=-speed / RADIUS, duration=0.02)
     nip, _ = add_driven(m, "nip", sheet, drive, stiffness=None, contact=None)
     table = add_touch(m, "table", sheet, Wall(at=(0.0, -2e-3, 0.0)), friction=0.3)
     m.output("depth", table.depth())
     m.output("slip", nip.slip())
-    for i in range(13):
+    for i in range(10):
         m.output(f"y{i}", sheet.node(i, 1).position("y"))
     m.output("x", sheet.node(-1, 1).position("x"))
     found = run(m, 0.06, 1e-3)
-    y = np.array([found[f"y{i}"] for i in range(13)])
-    print(found["depth"].max(), found["depth"][-1], np.abs(found["slip"]).max(), found["x"][-1], y[:, -1])
+    y = np.array([found[f"y{i}"] for i in range(10)])
+    assert np.abs(found["slip"]).max() < 1e-4
+    assert 0.0 < found["depth"][-1] < 12e-6
+    assert y.min() > -2e-3 - 6e-5  # where the edge lands
+    np.testing.assert_allclose(y[-2:, -1], -2e-3, atol=1.5e-5)  # half its thickness above the table, or about
+    assert 0.02 + 0.9 * speed * 0.05 < found["x"][-1] < 0.02 + speed * 0.05
 
 
 def test_a_sheet_is_dropped_on_a_roller() -> None:
@@ -126,11 +144,9 @@ def test_a_sheet_is_dropped_on_a_roller() -> None:
     landed = np.flatnonzero(found["force"] > 0.0)[0]
     assert found.t[landed] == pytest.approx(np.sqrt(2.0 * 2e-3 / GRAVITY), abs=1.5e-3)
     assert -1e-4 < found["y"][25:60].min() + 2e-3 < 0.0
-    # never faster than friction allows, never faster than the roller
+    # no faster than the roller, which feels no more than friction
     force = found["force"]
-    gained = 0.3 * np.trapezoid(force, found.t)
     assert 0.1 < found["vx"][70] < 0.3
-    print(gained / (mass() * 0.1 / LENGTH), found["vx"][70])
     assert np.all(np.abs(found["torque"]) <= 1.05 * 0.3 * force * R + 1e-9)
 
 
@@ -155,10 +171,12 @@ def test_a_misaligned_nip_fights_a_straight_one(width: float, pairs: int) -> Non
         for half in (5e-4, -5e-4)
         for z in 0.5 * width * (2.0 * np.arange(pairs) + 1.0 - pairs) / pairs
     ]
-    vx, vz, turning = carried(stations, 1e-3)
-    print(turning, found["turning"], found["slip0"], found["slip1"], found["lateral0"], found["lateral1"], vx - speed)
-    assert found["turning"][-1] == pytest.approx(turning, rel=1e-2)
-    if pairs == 1:
+    turning = carried(stations, 1e-3)[2]
+    assert found["turning"][-1] == pytest.approx(turning, rel=2e-3)
+    assert found["lateral0"][-1] == pytest.approx(-found["lateral1"][-1], abs=0.02)
+    if pairs > 1:
+        assert min(abs(found[f"slip{k}"][-1]) for k in (0, 1)) > 5e-5
+    else:
         assert turning == pytest.approx(-speed * np.sin(angles[1]) / places[1], rel=1e-2)
 
 
@@ -191,9 +209,10 @@ def test_a_start_off_the_plane_of_a_nip() -> None:
     m.output("energy", m.energy)
     found = run(m, 0.05, 2e-5, 1e-5)
     energy = found["energy"]
-    print(
-        energy[:10], energy[-1], found["y"][-1], (energy - np.minimum.accumulate(energy)).max(), 0.5 * RUBBER * off**2
-    )
+    assert 0.0 < energy[0] < 0.5 * RUBBER * off**2
+    assert (energy - np.minimum.accumulate(energy)).max() < 1e-5 * energy[0]
+    assert energy[-1] < 1e-4 * energy[0]
+    assert abs(found["y"][-1]) < 1e-6
 
 
 def test_the_force_of_a_nip_goes_to_zero_and_back() -> None:
@@ -207,7 +226,10 @@ def test_the_force_of_a_nip_goes_to_zero_and_back() -> None:
     m.output("traction", nip.traction())
     found = run(m, 0.02, 1e-3, 1e-5, inputs={"force": lambda t: 0.0 if 0.0045 < t < 0.0095 else 2.0})
     v = found["v"]
-    print(v, found["traction"])
+    np.testing.assert_allclose(np.diff(v)[5:10], pull / (0.1 * mass() / LENGTH) * 1e-3, rtol=1e-6)
+    np.testing.assert_allclose(found["traction"][6:11], 0.0, atol=1e-12)
+    np.testing.assert_allclose(v[[5, -1]], speed + 1e-3 * sliding(pull / 2.0), rtol=1e-6)
+    np.testing.assert_allclose(found["traction"][[5, -1]], pull, rtol=1e-3)
 
 
 def test_a_state_in_the_midst_of_contact_is_taken_up() -> None:
@@ -234,6 +256,5 @@ def test_a_state_in_the_midst_of_contact_is_taken_up() -> None:
     for simulation in (one, two, three):
         assert simulation.advance(0.06).ok
         ends.append(simulation.outputs().copy())
-    print(ends)
     np.testing.assert_array_equal(ends[0], ends[1])
     np.testing.assert_allclose(ends[2][:2], ends[0][:2], atol=1e-5)
