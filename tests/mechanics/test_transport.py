@@ -236,7 +236,7 @@ def test_a_strip_buckles_between_two_nips() -> None:
     for i in range(count):
         for axis in "xy":
             m.output(f"{axis}{i}", sheet.node(i, 1).position(axis))
-    found = run(m, 0.55, 1e-3)
+    found = run(m, 0.55, 1e-3, 1e-5)  # at 1e-4 forces in nips are noisy by some percent
     fed = found["x0"] - found["x0"][0] - found[f"x{count - 1}"] + found[f"x{count - 1}"][0]
     y = np.abs([found[f"y{i}"] for i in range(count)])
     for middle in (200, 300, 400, 500):
