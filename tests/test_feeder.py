@@ -15,4 +15,6 @@ ANGLE, TILT = 0.3, 0.4  # rad
 def turned(about: float, tilt: float) -> Any:
     """Rotation about y, then tilted about z."""
     c, s, k, j = np.cos(about), np.sin(about), np.cos(tilt), np.sin(tilt)
-    return np.array([[k, -j, 0.0], [j, k, 0.0], [0.0, 0.0, 1.0]]) @ np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+    return np.array([[k, -j, 0.0], [j, k, 0.0], [0.0, 0.0, 1.0]]) @ np.array(
+        [[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]
+    )

@@ -55,6 +55,7 @@ class Feeder(Model):
     stop_time = 1.0
     output_interval = 0.005
     tolerance = 1e-4
+    default_solver = "esdirk"  # explicit ones are refused, and large sheets in contact with ida
     effects = MappingProxyType(
         {
             "gravity": {"gravity_y": -9.81},
@@ -148,7 +149,7 @@ class Feeder(Model):
         if self.guides:
             self._guide(m, sheet, route)
         if self.stop_at:
-            self._touch(m, sheet, "stop", Wall(**self._across(route, self.stop_at)))
+            self._touch(m, sheet, "stop", Wall(**self._across(route, self.stop_at)), self._hardness(sheet))
         m.output("energy", m.energy, "kinetic and potential energy")
         m.output("kinetic_energy", m.kinetic_energy, "kinetic energy")
         m.output("potential_energy", m.potential_energy, "energy of weight, deformation and contact")
@@ -160,8 +161,8 @@ class Feeder(Model):
         return {name: (f"{name}.speed", f"{name}.torque") for name in names}
 
     def route(self) -> Path:
-        """Return the path, with a sheet's length before line 1 and behind the last line."""
-        before, after = self.length, self.length
+        """Return the path, with room for the sheet before line 1 and behind the last line."""
+        before, after = self.length, 1.3 * self.length
         rest = (self.nips - 2) * self.spacing + after  # behind line 2
         if self.path == "chute":
             return lay(before, [(self.nips - 1) * self.spacing + self.chute_distance])
@@ -310,11 +311,22 @@ class Feeder(Model):
         end = (x + self.length * cos(self.chute_angle), y + self.length * sin(self.chute_angle), 0.0)
         return Guide(start=(x, y, 0.0), end=end, radius=PLATE, width=BEYOND * self.width)
 
-    def _touch(self, m: Mechanism, sheet: SheetHandle, name: str, surface: Surface) -> None:
+    def _touch(
+        self, m: Mechanism, sheet: SheetHandle, name: str, surface: Surface, stiffness: float | None = None
+    ) -> None:
         """Let the sheet touch a surface, and tell the force."""
-        touch = add_touch(m, name, sheet, surface, friction=self.mu_guide)
+        touch = add_touch(m, name, sheet, surface, friction=self.mu_guide, stiffness=stiffness)
         for axis in "xyz":
             m.output(f"{name}.force.{axis}", touch.force(axis), "force on the sheet")
+
+    def _hardness(self, sheet: SheetHandle) -> float | None:
+        """Return the pressure for the depth of the stop, N/m^3: a line of nips pushes an edge in by its thickness.
+
+        An edge has half a row of points, which are a quarter of a cell apart. What a touch takes by itself is for a
+        sheet that is pressed on as it bends, and a hundredth of that.
+        """
+        push = self.mu_roller * self.nip_force
+        return push / (self.width * 0.125 * sheet.a * self.thickness) if push > 0.0 else None
 
     def _outputs(self, m: Mechanism, sheet: SheetHandle) -> None:
         """Publish where the edges are."""
