@@ -160,9 +160,9 @@ class Model:
     """Base of all models. Subclass it as a frozen dataclass, declare parameters, and write :meth:`build`.
 
     Class attributes a subclass may set: ``name`` (of the command line and the FMU), ``stop_time`` and
-    ``output_interval`` (s), ``tolerance`` and ``default_solver`` of the default experiment, ``settling``: parameters that damp the motion,
-    with which a comparison lets it run into the steady state, and ``effects``: by name, the parameters that turn an
-    effect on; zero turns it off.
+    ``output_interval`` (s), ``tolerance`` and ``default_solver`` of the default experiment, ``settling``: parameters
+    that damp the motion, with which a comparison lets it run into the steady state, and ``effects``: by name, the
+    parameters that turn an effect on; zero turns it off.
     """
 
     name: ClassVar[str] = ""

@@ -87,7 +87,8 @@ def covered(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
 @kernel
 def beside(x: Any, side: float, ends: int) -> Any:
     """Part of a beam that a cell covers which it meets at x, by the edges of the sheet: 1 where it begins, 2 where it
-    ends on one, 3 both."""
+    ends on one, 3 both.
+    """
     first, last = (x * side + BLUR) / (2.0 * BLUR), ((1.0 - x) * side + BLUR) / (2.0 * BLUR)
     if (ends % 2 == 0 and x.real < 0.0) or (ends < 2 and x.real > 1.0):
         return 0.0 * x
