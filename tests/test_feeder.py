@@ -15,6 +15,7 @@ from fmus.feeder.path import Arc, Path, lay
 from mbfmu.errors import UserError
 from mbfmu.fmi import export
 from mbfmu.mechanics import Mechanism, add_sheet, jammed
+from mbfmu.mechanics.contact.touch import Touch
 from mbfmu.scene import load_scene, scenes
 from mbfmu.simulation import Settings, Simulation
 
@@ -162,11 +163,14 @@ def test_two_speeds_pull_with_what_the_weaker_grip_has() -> None:
 def test_effects_that_are_off_are_absent() -> None:
     bare = Feeder(path="straight", guides=False, gravity_y=0.0, mu_guide=0.0, damping=0.0, membrane=False, **SMALL)
     full = Feeder(path="straight", **SMALL)
-    surfaces = [{acting.name for acting in model.build().others} for model in (bare, full)]
-    assert not any("lower" in name or "upper" in name for name in surfaces[0])
-    assert any(name.startswith("lower") for name in surfaces[1])
+    surfaces = [{type(acting.load).__name__ for acting in model.build().others} for model in (bare, full)]
+    assert surfaces == [{"Nip"}, {"Nip", "Touch"}]
     frictions = {
-        mu: {a.load.friction for a in Feeder(path="straight", mu_guide=mu, **SMALL).build().others if "lower" in a.name}  # type: ignore[attr-defined]
+        mu: {
+            acting.load.friction
+            for acting in Feeder(path="straight", mu_guide=mu, **SMALL).build().others
+            if isinstance(acting.load, Touch)
+        }
         for mu in (0.0, 0.2)
     }
     assert frictions == {0.0: {0.0}, 0.2: {0.2}}

@@ -44,6 +44,7 @@ SIDES = ("left", "right")  # at z < 0 and z > 0
 PLATE = 1e-3  # m, half the thickness of a guide's plate
 MARGIN = 5e-3  # m, between a line of nips and a bend
 COARSEST = 0.6  # side of a cell in parts of a bend's inner radius
+POINTS = (4, 2)  # of a cell that touch; a sheet in a feeder bends one way, along the first
 BEYOND = 1.2  # widths of the sheet: width of the guides
 
 
@@ -315,7 +316,7 @@ class Feeder(Model):
         self, m: Mechanism, sheet: SheetHandle, name: str, surface: Surface, stiffness: float | None = None
     ) -> None:
         """Let the sheet touch a surface, and tell the force."""
-        touch = add_touch(m, name, sheet, surface, friction=self.mu_guide, stiffness=stiffness)
+        touch = add_touch(m, name, sheet, surface, friction=self.mu_guide, stiffness=stiffness, points=POINTS)
         for axis in "xyz":
             m.output(f"{name}.force.{axis}", touch.force(axis), "force on the sheet")
 

@@ -130,7 +130,7 @@ class Sheet:
         )
 
     def point(self, x: float, z: float) -> SheetPoint:
-        """Return the point (x, z) of the flat sheet, m, on the smooth surface that touches (see :mod:`.contact.patch`)."""
+        """Return the point (x, z) of the flat sheet, m, on the smooth surface of :mod:`.contact.patch`."""
         (i, xi), (k, zeta) = self._cell("x", x), self._cell("z", z)
         return SheetPoint(self.cells[i, k][1], (self.a, self.b), (xi, zeta))
 
@@ -142,7 +142,7 @@ class Sheet:
         return self.point(place["x"], place["z"])
 
     def skew(self, edge: str = "x1", across: str | Sequence[float] = "z") -> Sensor:
-        """Angle of an edge, ``x0`` or ``x1``, corner to corner, against a direction, about the sheet's normal there, rad.
+        """Angle of an edge, ``x0`` or ``x1``, corner to corner, about the normal there against a direction, rad.
 
         A flat sheet in the plane x-z that has turned about y by an angle is skewed by that.
         """

@@ -1,4 +1,4 @@
-"""Where a sheet is: points of its surface, the direction of an edge, what a beam of light meets, and whether nips jam."""
+"""Where a sheet is: points, the direction of an edge, what a beam of light meets; and whether nips jam."""
 
 from __future__ import annotations
 
