@@ -78,7 +78,7 @@ def simulate(
     for name in settings:
         if name not in known:
             raise UserError(f"there is no setting {name!r}{suggest(name, known)}")
-    own = {"solver": model.default_solver, "tolerance": model.tolerance}
+    own: dict[str, Any] = {"solver": model.default_solver, "tolerance": model.tolerance}
     return run(model, Settings(**own | settings), times, watch=watch, inputs=inputs)
 
 
