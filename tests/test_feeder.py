@@ -116,7 +116,7 @@ def test_an_s_bend_lifts_the_path_as_its_arcs_say() -> None:
 @pytest.mark.parametrize("kind", ["s_bend", "turn", "straight", "chute"])
 def test_a_sheet_is_fed_along_every_path(kind: str) -> None:
     """Its leading edge is within the clearance of the path, as far on as its rollers have turned."""
-    model = Feeder(path=kind, nips=2, mu_guide=0.0, **SMALL)
+    model = Feeder(path=kind, nips=2, mu_guide=0.0, **(SMALL | {"nx": 15}))
     found = mb.simulate(model, 0.12, interval=0.02)
     assert not found.failure
     assert found["lead.x"][-1] > found["lead.x"][0]
@@ -141,8 +141,8 @@ def test_rollers_of_unlike_speed_turn_the_sheet() -> None:
 
 def test_a_sheet_that_meets_a_wall_jams_and_the_run_goes_on() -> None:
     """The rollers then slip at all their speed, and take the torque mu N R."""
-    model = Feeder(path="straight", nips=1, stop_at=0.02, **SMALL)
-    found = mb.simulate(model, 0.06, interval=0.01)
+    model = Feeder(path="straight", nips=1, lead=0.055, stop_at=0.06)
+    found = mb.simulate(model, 0.04, interval=0.01)
     assert not found.failure
     assert found["jam"][0] == 0.0
     assert found["jam"][-1] == 1.0

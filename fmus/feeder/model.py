@@ -41,7 +41,7 @@ from mbfmu.model import Model, parameter
 from .path import Arc, Path, Straight, lay
 
 SIDES = ("left", "right")  # at z < 0 and z > 0
-PLATE = 1e-3  # m, half the thickness of a guide's plate
+PLATE = 5e-3  # m, half the thickness of a guide: a sheet that buckles must not come out on its other side
 MARGIN = 5e-3  # m, between a line of nips and a bend
 COARSEST = 0.6  # side of a cell in parts of a bend's inner radius
 POINTS = (4, 2)  # of a cell that touch; a sheet in a feeder bends one way, along the first
