@@ -44,6 +44,7 @@ SIDES = ("left", "right")  # at z < 0 and z > 0
 PLATE = 5e-3  # m, half the thickness of a guide: a sheet that buckles must not come out on its other side
 MARGIN = 5e-3  # m, between a line of nips and a bend
 COARSEST = 0.6  # side of a cell in parts of a bend's inner radius
+SINK = 0.25  # of the thickness, that a leading edge which bends the sheet to a sixth of its length sinks into a guide
 POINTS = (4, 2)  # of a cell that touch; a sheet in a feeder bends one way, along the first
 BEYOND = 1.2  # widths of the sheet: width of the guides
 
@@ -316,6 +317,9 @@ class Feeder(Model):
         self, m: Mechanism, sheet: SheetHandle, name: str, surface: Surface, stiffness: float | None = None
     ) -> None:
         """Let the sheet touch a surface, and tell the force."""
+        if stiffness is None:  # that of a touch by itself goes with the longer of the two spacings
+            bent = float(sheet.plate.bending[0, 0]) * (6.0 / self.length) ** 2
+            stiffness = bent / (sheet.a / POINTS[0] * SINK * self.thickness)
         touch = add_touch(m, name, sheet, surface, friction=self.mu_guide, stiffness=stiffness, points=POINTS)
         for axis in "xyz":
             m.output(f"{name}.force.{axis}", touch.force(axis), "force on the sheet")
