@@ -78,7 +78,8 @@ def simulate(
     for name in settings:
         if name not in known:
             raise UserError(f"there is no setting {name!r}{suggest(name, known)}")
-    return run(model, Settings(**{"tolerance": model.tolerance} | settings), times, watch=watch, inputs=inputs)
+    own: dict[str, Any] = {"solver": model.default_solver, "tolerance": model.tolerance}
+    return run(model, Settings(**own | settings), times, watch=watch, inputs=inputs)
 
 
 def run(

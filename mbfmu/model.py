@@ -38,7 +38,16 @@ from mbfmu.modules import load_module
 
 GROUP = "mbfmu.models"
 LARGEST = 2**31 - 1  # of a whole number in an FMU
-OWN = ("name", "stop_time", "output_interval", "settling", "effects", "arrays", "terminals")  # attributes of a model
+OWN = (
+    "name",
+    "stop_time",
+    "output_interval",
+    "settling",
+    "effects",
+    "arrays",
+    "terminals",
+    "default_solver",
+)  # attributes of a model
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,15 +160,16 @@ class Model:
     """Base of all models. Subclass it as a frozen dataclass, declare parameters, and write :meth:`build`.
 
     Class attributes a subclass may set: ``name`` (of the command line and the FMU), ``stop_time`` and
-    ``output_interval`` (s) and ``tolerance`` of the default experiment, ``settling``: parameters that damp the motion,
-    with which a comparison lets it run into the steady state, and ``effects``: by name, the parameters that turn an
-    effect on; zero turns it off.
+    ``output_interval`` (s), ``tolerance`` and ``default_solver`` of the default experiment, ``settling``: parameters
+    that damp the motion, with which a comparison lets it run into the steady state, and ``effects``: by name, the
+    parameters that turn an effect on; zero turns it off.
     """
 
     name: ClassVar[str] = ""
     stop_time: ClassVar[float] = 10.0
     output_interval: ClassVar[float] = 0.01
     tolerance: ClassVar[float] = 1e-6
+    default_solver: ClassVar[str] = "ida"
     settling: ClassVar[Mapping[str, float]] = MappingProxyType({})
     effects: ClassVar[Mapping[str, Mapping[str, float]]] = MappingProxyType({})
 

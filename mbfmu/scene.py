@@ -109,7 +109,7 @@ def default_scene(model: Model, reference: str = "") -> Scene:
     return Scene(
         name=f"{model.name}/{DEFAULT}",
         model=model,
-        settings=Settings(tolerance=model.tolerance),
+        settings=Settings(solver=model.default_solver, tolerance=model.tolerance),
         stop_time=model.stop_time,
         output_interval=model.output_interval,
         reference=reference,

@@ -61,7 +61,7 @@ def export(
     if isinstance(model, Mechanism):
         raise UserError("a mechanism cannot be exported as it is: write a Model whose build() returns it")
     model = of_user(model)
-    settings = settings or Settings(tolerance=model.tolerance)
+    settings = settings or Settings(solver=model.default_solver, tolerance=model.tolerance)
     plant = model.plant()
     plant.assemble()  # what cannot start is not exported
     variables = interface(model, settings, plant)

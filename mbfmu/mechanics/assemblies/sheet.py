@@ -49,23 +49,38 @@ from dataclasses import dataclass
 from typing import Any
 
 from mbfmu.errors import UserError
+from mbfmu.mechanics.axes import unit_axis
 from mbfmu.mechanics.builder.bodies import Body, CutHandle
 from mbfmu.mechanics.builder.mechanism import Mechanism
-from mbfmu.mechanics.checks import Vector, flag, one_of
+from mbfmu.mechanics.checks import Vector, flag, one_of, vector
 from mbfmu.mechanics.elements import Plate
 from mbfmu.mechanics.joints import Geodesic, Joint, OutOfPlane, Stretching
 from mbfmu.mechanics.numbers import array_of, is_finite, is_whole, positive
-from mbfmu.mechanics.sensors import InPlate, InShell, Sensor
+from mbfmu.mechanics.sensors import Covered, InPlate, InShell, Sensor, SheetPosition, Skew, axis_index
 
 from .fabric import Crease, Curl, Fabric, Thickness
 from .grid import Node
-from .supports import Support, check_support
+from .supports import EDGES, Support, check_support
 from .weaver import Cell, Weaver
 
 TREES = ("spine", "rows", "master")
 COMPONENTS = {"xx": 0, "zz": 1, "xz": 2}
 FACES = {"top": 1.0, "middle": 0.0, "bottom": -1.0}
 JOINTS: dict[str, type[Joint]] = {"geodesic": Geodesic, "paper": OutOfPlane}
+
+
+@dataclass(frozen=True, eq=False)
+class SheetPoint:
+    """A point of a sheet, as :meth:`Sheet.point` and :meth:`Sheet.edge` return it."""
+
+    corners: tuple[Body, ...]
+    sides: tuple[float, float]
+    at: tuple[float, float]
+
+    def position(self, axis: str) -> Sensor:
+        """Global component of its position, m."""
+        component = axis_index(axis, "of the position of a point of a sheet")
+        return SheetPosition(unit="m", component=component, bodies=self.corners, sides=self.sides, at=self.at)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +127,45 @@ class Sheet:
         return self.node(
             min(range(len(self.nodes)), key=lambda i: abs(i * self.a - x)),
             min(range(len(self.nodes[0])), key=lambda k: abs(k * self.b - z)),
+        )
+
+    def point(self, x: float, z: float) -> SheetPoint:
+        """Return the point (x, z) of the flat sheet, m, on the smooth surface of :mod:`.contact.patch`."""
+        (i, xi), (k, zeta) = self._cell("x", x), self._cell("z", z)
+        return SheetPoint(self.cells[i, k][1], (self.a, self.b), (xi, zeta))
+
+    def edge(self, name: str) -> SheetPoint:
+        """Return the middle of an edge, ``x0``, ``x1``, ``z0`` or ``z1``."""
+        one_of(f"edge of sheet {self.name!r}", name, EDGES)
+        ends = {"x": self.a * (len(self.nodes) - 1), "z": self.b * (len(self.nodes[0]) - 1)}
+        place = {axis: 0.5 * end for axis, end in ends.items()} | {name[0]: ends[name[0]] * int(name[1])}
+        return self.point(place["x"], place["z"])
+
+    def skew(self, edge: str = "x1", across: str | Sequence[float] = "z") -> Sensor:
+        """Angle of an edge, ``x0`` or ``x1``, corner to corner, about the normal there against a direction, rad.
+
+        A flat sheet in the plane x-z that has turned about y by an angle is skewed by that.
+        """
+        one_of(f"edge of the skew of sheet {self.name!r}", edge, ("x0", "x1"))
+        row = 0 if edge == "x0" else -1
+        direction = unit_axis(across, f"across of the skew of sheet {self.name!r}")
+        return Skew(unit="rad", bodies=(self.node(row, 0), self.node(row, -1)), across=direction)
+
+    def covers(self, point: Vector, direction: str | Sequence[float] = "y") -> Sensor:
+        """Part of a beam of light through a point (m) along a direction that the sheet covers, 0 to 1.
+
+        It rises over 1 mm at the edges, where the beam passes their middle.
+        """
+        what = f"of the beam that sheet {self.name!r} covers"
+        cells = sorted(self.cells)
+        last = len(self.nodes) - 2, len(self.nodes[0]) - 2
+        return Covered(
+            unit="1",
+            bodies=tuple(body for cell in cells for body in self.cells[cell][1]),
+            place=vector(f"point {what}", point),
+            direction=unit_axis(direction, f"direction {what}"),
+            sides=(self.a, self.b),
+            ends=[[(number == 0, number == end) for number, end in zip(cell, last, strict=True)] for cell in cells],
         )
 
     def curvature(self, component: str, x: float, z: float) -> Sensor:

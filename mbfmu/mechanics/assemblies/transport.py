@@ -24,7 +24,7 @@ from mbfmu.mechanics.joints import Revolute
 from mbfmu.mechanics.kind import check_kind
 from mbfmu.mechanics.loads.base import Load
 from mbfmu.mechanics.numbers import finite, not_negative, positive
-from mbfmu.mechanics.sensors import Met, axis_index
+from mbfmu.mechanics.sensors import Jammed, Met, axis_index
 
 from .sheet import Sheet
 
@@ -87,6 +87,8 @@ class NipHandle(Contact):
     """A nip that drives a sheet, as :func:`add_nip` returns it."""
 
     stations: int
+    roller: Body
+    radius: float  # m
 
     def slip(self) -> Met:
         """Speed of the sheet along the feed less that of the roller, mean over what is loaded, m/s."""
@@ -107,6 +109,17 @@ class NipHandle(Contact):
     def loaded(self) -> Met:
         """Part of the nip in which the sheet is, 0 to 1."""
         return self._told("1", 0, scale=1.0 / self.stations)
+
+
+def jammed(nips: Sequence[NipHandle]) -> Jammed:
+    """Return what is 1 while a sheet slips in one of these nips by more than half the speed of the roller's surface.
+
+    A nip that less than half of is in the sheet does not count. It has no memory: what lasts is for the reader to tell.
+    """
+    if not nips or not all(isinstance(nip, NipHandle) for nip in nips):
+        raise UserError(f"nips that jam are {nips!r}; allowed: a list of what add_nip returns")
+    rollers = tuple(nip.roller for nip in nips)
+    return Jammed(unit="1", item=nips[0], bodies=rollers, nips=[(nip, nip.radius, nip.stations) for nip in nips])
 
 
 def add_touch(
@@ -299,7 +312,7 @@ def add_nip(
         for _, corners, ends in _cells(sheet)
     ]
     first, count = _load(mechanism, name, loads, roller, sheet)
-    return NipHandle(name, mechanism, first, count, 2 * pairs)
+    return NipHandle(name, mechanism, first, count, 2 * pairs, roller, radius)
 
 
 def _is_count(value: Any) -> bool:

@@ -13,6 +13,7 @@ from .pairs import AngleBetween, Distance, DistanceRate, RelativePosition, Relat
 from .plates import InPlate, InShell
 from .points import PointAcceleration, PointPosition, PointVelocity
 from .sections import BendingMoment, Deflection
+from .sheets import Covered, Jammed, SheetPosition, Skew
 
 __all__ = [
     "Acceleration",
@@ -21,6 +22,7 @@ __all__ = [
     "BendingMoment",
     "Coordinate",
     "CouplingEffort",
+    "Covered",
     "CutForce",
     "Deflection",
     "DirectionCosine",
@@ -32,6 +34,7 @@ __all__ = [
     "InPlate",
     "InShell",
     "JacobiIntegral",
+    "Jammed",
     "JointForce",
     "KineticEnergy",
     "LoadEffort",
@@ -48,6 +51,8 @@ __all__ = [
     "Residual",
     "RowForce",
     "Sensor",
+    "SheetPosition",
+    "Skew",
     "Turn",
     "axis_index",
     "largest_residual",

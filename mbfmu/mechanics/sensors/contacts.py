@@ -15,15 +15,22 @@ from .base import Follows, Sensor
 
 
 @kernel
-def read(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
-    """See :mod:`.base`: a sum over loads, or the ratio of two; component -1: the size of the force, sums 0 to 2."""
+def sum_over(first: int, count: int, arrays: Any, state: Any) -> None:
+    """State.meeting.told <- what ``count`` loads from ``first`` on tell."""
     here = state.meeting[0]
     for k in range(here.told.shape[0]):
         here.told[k] = 0.0
     here.silent = 1
-    for e in range(sensor.index, sensor.index + sensor.count):
+    for e in range(first, first + count):
         apply_load(arrays.loads[e], state.time[0].real, arrays, state)
     here.silent = 0
+
+
+@kernel
+def read(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+    """See :mod:`.base`: a sum over loads, or the ratio of two; component -1: the size of the force, sums 0 to 2."""
+    here = state.meeting[0]
+    sum_over(sensor.index, sensor.count, arrays, state)
     if sensor.component < 0:
         x, y, z = here.told[0], here.told[1], here.told[2]
         return sensor.scale * np.sqrt(x * x + y * y + z * z)

@@ -1,0 +1,345 @@
+"""Feeder: a sheet of paper that pairs of rollers drive through guides.
+
+The feed is along x, y is up, and z from -``width`` / 2 on the left to ``width`` / 2 on the right. A line of nips is a
+left and a right roller below the sheet, each with an idler above; line 1 is at the origin, and lines follow each other
+at ``spacing`` along the path (:mod:`.path`). The sheet starts flat, its leading edge ``lead`` behind line 1, at the
+speed of the rollers there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import ceil, cos, isclose, sin
+from types import MappingProxyType
+from typing import Any
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics import (
+    Body,
+    Cylinder,
+    Drum,
+    Guide,
+    Input,
+    Mechanism,
+    NipHandle,
+    Product,
+    Revolute,
+    SpeedInput,
+    Surface,
+    Trough,
+    Wall,
+    add_nip,
+    add_sheet,
+    add_touch,
+    cylinder,
+    jammed,
+)
+from mbfmu.mechanics import Sheet as SheetHandle
+from mbfmu.model import Model, parameter
+
+from .path import Arc, Path, Straight, lay
+
+SIDES = ("left", "right")  # at z < 0 and z > 0
+PLATE = 5e-3  # m, half the thickness of a guide: a sheet that buckles must not come out on its other side
+MARGIN = 5e-3  # m, between a line of nips and a bend
+COARSEST = 0.6  # side of a cell in parts of a bend's inner radius
+SINK = 0.25  # of the thickness, that a leading edge which bends the sheet to a sixth of its length sinks into a guide
+POINTS = (4, 2)  # of a cell that touch; a sheet in a feeder bends one way, along the first
+BEYOND = 1.2  # widths of the sheet: width of the guides
+
+
+@dataclass(frozen=True, kw_only=True)
+class Feeder(Model):
+    """Sheet of paper through nips and guides."""
+
+    name = "feeder"
+    stop_time = 1.0
+    output_interval = 0.005
+    tolerance = 1e-4
+    default_solver = "esdirk"  # explicit ones are refused, and large sheets in contact with ida
+    effects = MappingProxyType(
+        {
+            "gravity": {"gravity_y": -9.81},
+            "friction": {"mu_guide": 0.2},
+            "drag": {"drag": 1.4},
+            "membrane": {"membrane": True},
+            "damping": {"damping": 5e-4},
+            "guides": {"guides": True},
+            "misalignment": {"misalignment": 0.02},
+            "curl": {"curl": 2.0},
+        }
+    )
+
+    length: float = parameter(0.297, unit="m", min=1e-3, doc="of the sheet, along the feed")
+    width: float = parameter(0.21, unit="m", min=1e-3, doc="of the sheet")
+    thickness: float = parameter(1e-4, unit="m", min=1e-6, doc="of the sheet")
+    youngs_modulus: float = parameter(4e9, unit="Pa", min=1.0, doc="Young's modulus of the sheet")
+    poisson: float = parameter(0.3, min=-0.99, max=0.5, doc="Poisson's ratio of the sheet")
+    density: float = parameter(800.0, unit="kg/m3", min=1e-3, doc="of the sheet")
+    nx: int = parameter(15, min=3, max=400, structural=True, resolution=(15, 22, 29), doc="nodes along the feed")
+    nz: int = parameter(11, min=3, max=400, structural=True, resolution=(11, 16, 21), doc="nodes across")
+    path: str = parameter(
+        "s_bend",
+        choices=("straight", "s_bend", "turn", "chute"),
+        doc="s_bend: two opposite arcs between lines 1 and 2; turn: one; chute: a guide askew behind the last line",
+    )
+    nips: int = parameter(2, min=1, max=4, structural=True, doc="lines of nips")
+    spacing: float = parameter(0.12, unit="m", min=1e-3, doc="from line to line along the path")
+    nip_width: float = parameter(0.02, unit="m", min=1e-4, doc="of each nip, across")
+    nip_distance: float = parameter(0.1, unit="m", min=1e-3, doc="from the left to the right nip of a line")
+    radius: float = parameter(0.01, unit="m", min=1e-4, doc="of the rollers")
+    roller_mass: float = parameter(0.05, unit="kg", min=1e-6, doc="of each roller, a solid cylinder")
+    speed: float = parameter(0.5, unit="m/s", min=-10.0, max=10.0, doc="of the sheet, and of line 1 until inputs say")
+    speed_ratio: float = parameter(1.0, min=0.1, max=10.0, doc="speed of each line to that of the line before")
+    speed_difference: float = parameter(0.0, min=-1.0, max=1.0, doc="right less left roller's speed, to their mean")
+    nip_force: float = parameter(4.0, unit="N", min=0.0, doc="of a line, half on each side, until inputs say")
+    uneven: float = parameter(0.0, min=-1.0, max=1.0, doc="part by which a nip presses more at its right end")
+    misalignment: float = parameter(
+        0.0, unit="rad", min=-0.5, max=0.5, doc="effect: of the rollers of line 1, which feed to the right"
+    )
+    mu_roller: float = parameter(1.0, min=0.0, max=10.0, doc="friction of the rollers")
+    mu_guide: float = parameter(0.2, min=0.0, max=10.0, doc="effect: friction of guides and wall; zero leaves it out")
+    guides: bool = parameter(True, structural=True, doc="effect: plates above and below the sheet")
+    clearance: float = parameter(
+        5e-4, unit="m", min=1e-6, doc="between a face of the sheet on the path and the guide there"
+    )
+    bend_radius: float = parameter(0.04, unit="m", min=1e-3, doc="of the path in a bend")
+    bend_angle: float = parameter(0.7854, unit="rad", min=0.01, max=3.0, doc="of each arc")
+    chute_angle: float = parameter(0.5, unit="rad", min=-1.4, max=1.4, doc="of the guide behind the last line, upwards")
+    chute_distance: float = parameter(0.02, unit="m", min=1e-3, doc="from the last line to it")
+    lead: float = parameter(0.01, unit="m", min=0.0, doc="of the sheet behind line 1 at the start")
+    stop_at: float = parameter(
+        0.0, unit="m", min=0.0, doc="where a wall is across the path, from line 1 on; zero: none", structural=True
+    )
+    sensor_distance: float = parameter(0.03, unit="m", min=0.0, doc="from each line on to two sensors of the sheet")
+    sensor_spread: float = parameter(0.1, unit="m", min=1e-3, doc="from the left to the right sensor")
+    gravity_y: float = parameter(-9.81, unit="m/s2", doc="acceleration of gravity until the input gravity.y is set")
+    membrane: bool = parameter(True, structural=True, doc="effect: stretching and shear resist")
+    damping: float = parameter(5e-4, unit="s", min=0.0, doc="effect: material damping time of the sheet")
+    drag: float = parameter(0.0, unit="kg/m3", min=0.0, doc="effect: air density times drag coefficient")
+    curl: float = parameter(0.0, unit="1/m", doc="effect: natural curvature along the feed, positive upwards")
+
+    def build(self) -> Mechanism:
+        """Return the mechanism."""
+        self._refuse()
+        route = self.route()
+        weight = Input(name="gravity.y", unit="m/s2", description="acceleration of gravity", start=self.gravity_y)
+        m = Mechanism(gravity=[0.0, weight, 0.0])
+        sheet = add_sheet(
+            m,
+            "sheet",
+            length=self.length,
+            width=self.width,
+            thickness=self.thickness,
+            youngs_modulus=self.youngs_modulus,
+            poisson=self.poisson,
+            density=self.density,
+            grid=(self.nx, self.nz),
+            tree="master",
+            membrane=self.membrane,
+            damping=self.damping,
+            drag=self.drag,
+            curl=(self.curl, 0.0),
+            at=(self.lead - self.length, 0.0, -0.5 * self.width),
+            rate=(self.speed, 0.0, 0.0, 0.0, 0.0, 0.0),
+        )
+        m.surface("sheet", sheet.nodes)
+        self._outputs(m, sheet)
+        nips = [nip for line in range(self.nips) for nip in self._line(m, sheet, route, line)]
+        m.output("jam", jammed(nips), "1 while a loaded nip slips by more than half its surface speed")
+        if self.guides:
+            self._guide(m, sheet, route)
+        if self.stop_at:
+            self._touch(m, sheet, "stop", Wall(**self._across(route, self.stop_at)), self._hardness(sheet))
+        m.output("energy", m.energy, "kinetic and potential energy")
+        m.output("kinetic_energy", m.kinetic_energy, "kinetic energy")
+        m.output("potential_energy", m.potential_energy, "energy of weight, deformation and contact")
+        return m
+
+    def terminals(self) -> dict[str, Sequence[str]]:
+        """Return every roller."""
+        names = [f"roller[{line + 1}].{side}" for line in range(self.nips) for side in SIDES]
+        return {name: (f"{name}.speed", f"{name}.torque") for name in names}
+
+    def route(self) -> Path:
+        """Return the path, with room for the sheet before line 1 and behind the last line."""
+        before, after = self.length, 1.3 * self.length
+        rest = (self.nips - 2) * self.spacing + after  # behind line 2
+        if self.path == "chute":
+            return lay(before, [(self.nips - 1) * self.spacing + self.chute_distance])
+        if self.path == "straight":
+            return lay(before, [(self.nips - 1) * self.spacing + after])
+        turns = [self.bend_angle, -self.bend_angle] if self.path == "s_bend" else [self.bend_angle]
+        gap = 0.5 * (self.spacing - self._bent())
+        return lay(before, [gap, *((self.bend_radius, turn) for turn in turns), gap + rest])
+
+    def _bent(self) -> float:
+        """Return the length of the arcs between lines 1 and 2, m."""
+        return {"s_bend": 2.0, "turn": 1.0}.get(self.path, 0.0) * self.bend_radius * self.bend_angle
+
+    def _refuse(self) -> None:
+        """Refuse what does not go together, with what would."""
+        bends = self.path in ("s_bend", "turn")
+        if bends and self.nips < 2:
+            raise UserError(f"nips is {self.nips}; allowed with path {self.path!r}: 2 to 4, it bends between two lines")
+        if bends and self.spacing < self._bent() + 2.0 * MARGIN:
+            raise UserError(
+                f"spacing is {self.spacing:g} m; allowed: at least {self._bent() + 2.0 * MARGIN:.4g} m, for the arcs "
+                f"between lines 1 and 2"
+            )
+        inner = self.bend_radius - self.clearance - 0.5 * self.thickness
+        side = max(self.length / (self.nx - 1), self.width / (self.nz - 1))
+        if bends and side > COARSEST * inner:
+            least = side / COARSEST + self.clearance + 0.5 * self.thickness
+            counts = [ceil(size / (COARSEST * inner)) + 1 if inner > 0.0 else 0 for size in (self.length, self.width)]
+            finer = f", or nx {counts[0]} and nz {counts[1]} at least" if inner > 0.0 else ""
+            raise UserError(
+                f"bend_radius is {self.bend_radius:g} m; allowed with cells of {side:.3g} m: {least:.3g} m at "
+                f"least{finer}"
+            )
+        if self.nip_distance < self.nip_width:
+            raise UserError(f"nip_distance is {self.nip_distance:g} m; allowed: at least nip_width, {self.nip_width:g}")
+        if self.lead > 0.5 * self.length:
+            raise UserError(f"lead is {self.lead:g} m; allowed: at most half the sheet, {0.5 * self.length:g} m")
+        if self.guides and bends and self.lead > 0.5 * (self.spacing - self._bent()):
+            raise UserError(
+                f"lead is {self.lead:g} m; allowed: at most {0.5 * (self.spacing - self._bent()):.3g} m, where the "
+                "path bends and a flat sheet would be in the guide"
+            )
+        if self.stop_at and not self.lead + self.thickness < self.stop_at <= self.route().length:
+            raise UserError(
+                f"stop_at is {self.stop_at:g} m; allowed: 0 (none), or more than lead, {self.lead:g} m, up to the end "
+                f"of the path, {self.route().length:.3g} m"
+            )
+
+    def _across(self, route: Path, s: float) -> dict[str, Any]:
+        """Return place and normal of what stands across the path."""
+        (x, y), angle = route.at(s)
+        return {"at": (x, y, 0.0), "normal": (-cos(angle), -sin(angle), 0.0)}
+
+    def _line(self, m: Mechanism, sheet: SheetHandle, route: Path, line: int) -> list[NipHandle]:
+        """Add a line of nips, its outputs and its sensors."""
+        (x, y), angle = route.at(line * self.spacing)
+        askew = self.misalignment if line == 0 else 0.0
+        normal = (-sin(angle), cos(angle), 0.0)
+        feed = (cos(askew) * cos(angle), cos(askew) * sin(angle), sin(askew))
+        axis = (sin(askew) * cos(angle), sin(askew) * sin(angle), -cos(askew))  # normal x feed: positive feeds
+        label = f"nip[{line + 1}]"
+        force = Input(
+            name=f"{label}.force",
+            unit="N",
+            description=f"with which the idlers of line {line + 1} press, half each; below zero it is none",
+            start=self.nip_force,
+        )
+        found = []
+        for side, hand in zip(SIDES, (-1.0, 1.0), strict=True):
+            z = 0.5 * hand * self.nip_distance
+            roller = self._roller(m, f"roller[{line + 1}].{side}", (x, y, z), normal, axis, line, hand)
+            nip = add_nip(
+                m,
+                f"{label}.{side}",
+                sheet,
+                roller,
+                radius=self.radius,
+                at=(x, y, z),
+                width=self.nip_width,
+                force=Product(force, 0.5),
+                feed=feed,
+                normal=normal,
+                uneven=self.uneven,
+                friction=self.mu_roller,
+            )
+            found.append(nip)
+            for told, sensor, meaning in (
+                ("slip", nip.slip(), "speed of the sheet less that of the roller"),
+                ("traction", nip.traction(), "with which the sheet pulls at the roller"),
+                ("lateral", nip.lateral(), "force on the sheet across the feed"),
+                ("normal", nip.normal(), "force that holds the sheet in the plane of the nip"),
+                ("loaded", nip.loaded(), "part of the nip in which the sheet is"),
+            ):
+                m.output(f"{label}.{side}.{told}", sensor, meaning)
+            (p, q), lean = route.at(line * self.spacing + self.sensor_distance)
+            beam = sheet.covers((p, q, 0.5 * hand * self.sensor_spread), (-sin(lean), cos(lean), 0.0))
+            m.output(f"sensor[{line + 1}].{side}.covered", beam, "1 where the sheet is in its beam, else 0")
+        return found
+
+    def _roller(
+        self, m: Mechanism, name: str, at: tuple[float, ...], normal: Any, axis: Any, line: int, hand: float
+    ) -> Body:
+        """Add a driven roller below the path, and its torque."""
+        speed = SpeedInput(
+            name=f"{name}.speed",
+            unit="rad/s",
+            description="speed of the roller; positive feeds",
+            start=self.speed * self.speed_ratio**line * (1.0 + 0.5 * hand * self.speed_difference) / self.radius,
+        )
+        middle = tuple(p - self.radius * n for p, n in zip(at, normal, strict=True))
+        mass = cylinder(mass=self.roller_mass, radius=self.radius, length=self.nip_width, axis=axis)
+        roller = m.body(name, m.ground, Revolute(at=middle, axis=axis, drive=speed), **mass)
+        m.shape(roller, Cylinder(radius=self.radius, length=self.nip_width, axis=axis))
+        m.output(f"{name}.torque", roller.effort(), "torque of the drive")
+        return roller
+
+    def _guide(self, m: Mechanism, sheet: SheetHandle, route: Path) -> None:
+        """Add what is above and below each part of the path."""
+        for number, part in enumerate(route.parts, 1):
+            for name, hand in (("lower", -1.0), ("upper", 1.0)):
+                self._touch(m, sheet, f"{name}[{number}]", self._surface(part, hand))
+        if self.path == "chute":
+            self._touch(m, sheet, "chute", self._chute(route))
+
+    def _surface(self, part: Straight | Arc, hand: float) -> Surface:
+        """Return the guide on one side of a part of the path: 1 above, -1 below."""
+        off, wide = self.clearance + 0.5 * self.thickness, BEYOND * self.width
+        if isinstance(part, Straight):
+            ends = []
+            for s in (0.0, part.length):
+                (x, y), angle = part.at(s)
+                ends.append((x - hand * (off + PLATE) * sin(angle), y + hand * (off + PLATE) * cos(angle), 0.0))
+            return Guide(start=ends[0], end=ends[1], radius=PLATE, width=wide)
+        center = (*part.center, 0.0)
+        if isclose(part.side, hand):
+            return Drum(radius=part.radius - off, length=wide, at=center)
+        return Trough(
+            radius=part.radius + off, length=wide, angle=abs(part.turn), towards=(*part.towards, 0.0), at=center
+        )
+
+    def _chute(self, route: Path) -> Guide:
+        """Return the guide behind the last line, below the sheet where it rises and above where it falls."""
+        (x, y), _ = route.at(route.length)
+        hand = -1.0 if self.chute_angle >= 0.0 else 1.0
+        y += hand * (self.clearance + 0.5 * self.thickness + PLATE)
+        end = (x + self.length * cos(self.chute_angle), y + self.length * sin(self.chute_angle), 0.0)
+        return Guide(start=(x, y, 0.0), end=end, radius=PLATE, width=BEYOND * self.width)
+
+    def _touch(
+        self, m: Mechanism, sheet: SheetHandle, name: str, surface: Surface, stiffness: float | None = None
+    ) -> None:
+        """Let the sheet touch a surface, and tell the force."""
+        if stiffness is None:  # that of a touch by itself goes with the longer of the two spacings
+            bent = float(sheet.plate.bending[0, 0]) * (6.0 / self.length) ** 2
+            stiffness = bent / (sheet.a / POINTS[0] * SINK * self.thickness)
+        touch = add_touch(m, name, sheet, surface, friction=self.mu_guide, stiffness=stiffness, points=POINTS)
+        for axis in "xyz":
+            m.output(f"{name}.force.{axis}", touch.force(axis), "force on the sheet")
+
+    def _hardness(self, sheet: SheetHandle) -> float | None:
+        """Return the pressure for the depth of the stop, N/m^3: a line of nips pushes an edge in by its thickness.
+
+        An edge has half a row of points, which are a quarter of a cell apart. What a touch takes by itself is for a
+        sheet that is pressed on as it bends, and a hundredth of that.
+        """
+        push = self.mu_roller * self.nip_force
+        return push / (self.width * 0.125 * sheet.a * self.thickness) if push > 0.0 else None
+
+    def _outputs(self, m: Mechanism, sheet: SheetHandle) -> None:
+        """Publish where the edges are."""
+        for name, edge, row in (("lead", "x1", -1), ("trail", "x0", 0)):
+            for axis in "xyz":
+                m.output(f"{name}.{axis}", sheet.edge(edge).position(axis), f"middle of the {name}ing edge")
+                for side, k in zip(SIDES, (0, -1), strict=True):
+                    corner = sheet.node(row, k).position(axis)
+                    m.output(f"{name}.{side}.{axis}", corner, f"{side} corner of the {name}ing edge")
+        m.output("sheet.skew", sheet.skew(), "angle of the leading edge about the sheet's normal")
+        m.output("sheet.lateral", sheet.point(0.5 * self.length, 0.5 * self.width).position("z"), "its middle along z")
