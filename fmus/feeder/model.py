@@ -17,7 +17,6 @@ from typing import Any
 from mbfmu.errors import UserError
 from mbfmu.mechanics import (
     Body,
-    Cylinder,
     Drum,
     Guide,
     Input,
@@ -277,7 +276,7 @@ class Feeder(Model):
         middle = tuple(p - self.radius * n for p, n in zip(at, normal, strict=True))
         mass = cylinder(mass=self.roller_mass, radius=self.radius, length=self.nip_width, axis=axis)
         roller = m.body(name, m.ground, Revolute(at=middle, axis=axis, drive=speed), **mass)
-        m.shape(roller, Cylinder(radius=self.radius, length=self.nip_width, axis=axis))
+
         m.output(f"{name}.torque", roller.effort(), "torque of the drive")
         return roller
 

@@ -35,6 +35,7 @@ GIVE = 1e-3  # rad, that a nip gives way by to the moment that bends the sheet s
 MOST = 1000  # points or stations one way
 LEAST = 1e-6  # of the sheet's scale, of a length in the nip
 ASKEW, OFF = 1e-6, 0.02  # of a roller's axis: one less a cosine; parts of its radius
+WEDGE = 0.4  # of the roller's radius: way over which an edge comes in
 CALM = 0.03  # damping of a nip's rubber, to sqrt(stiffness times the sheet's mass)
 
 
@@ -251,8 +252,8 @@ def add_nip(
         Slip at which the roller has seven tenths of its traction: a part of its speed, and m/s at rest; together the
         root of the sum of their squares.
     contact, entry
-        Distance of the two stations along the feed, and the way over which an edge comes in, m; None: 1/300 and 1/150
-        of the longer side of the sheet.
+        Distance of the two stations along the feed, and the way over which an edge comes in, m; None: 1/300 of the
+        longer side of the sheet, and 0.4 of the radius, where roller and idler leave it open by 0.16 of that.
     stiffness, damping
         Of the rubber, N/m and N s/m; None: 1 mrad to the moment that bends the sheet most, and little.
     pairs
@@ -296,7 +297,7 @@ def add_nip(
         "e": across,
         "radius": radius,
         "half": half,
-        "entry": 0.5 * _length(f"entry of {what}", length / 25.0 if entry is None else entry, length),
+        "entry": 0.5 * _length(f"entry of {what}", min(WEDGE * radius, length) if entry is None else entry, length),
         "width": width,
         "uneven": uneven,
         "stiffness": stiffness,

@@ -30,7 +30,8 @@ GRIP = np.dtype(  # a pair of stations at work
     [
         ("at", np.float64, (2, 2)),  # xi, zeta
         ("part", np.float64, (2,)),
-        ("y", np.float64, (2,)),  # off the plane of the nip, m
+        ("y", np.float64, (2,)),  # off the plane of the nip as the rubber feels it, m
+        ("gain", np.float64, (2,)),  # ... its derivative by where the surface is
         ("u", np.float64, (2,)),  # along the feed in the cell, 0 to 1
         ("f", np.float64, (2,)),  # force across, N
         ("lean", np.float64, (2,)),  # slope that the cell's own bending adds

@@ -30,7 +30,9 @@ A pair at +-c holds the sheet as a clamp at c/3 does, to first order.
     f_d = -part mu N s_d / S,   f_e = -part (mu + mu_i) N s_e / S,   S = sqrt(s_d^2 + s_e^2 + v_r^2)
 
 mu_i is what the idler, which turns freely, resists sideways. ``part`` rises from zero to one while an edge of the sheet
-passes the length of entry. The roller creeps: v_r^2 = least^2 + (creep v_roller)^2, and under a load F along the feed
+passes the length of entry. So long roller and idler are a wedge to it: at s from the end of that way they are
+2 o apart, o = s^2 / (2 R), and the rubber feels y^3 / (y^2 + o^2) in place of y. Else the first touch would tear the
+edge into the plane. The roller creeps: v_r^2 = least^2 + (creep v_roller)^2, and under a load F along the feed
 the slip is v_r F / sqrt(mu^2 N^2 - F^2). Without a memory the law cannot stick: a stopped sheet creeps too.
 
 ``told`` of State.meeting: sums over stations of part (0), of part times the slip s_d (1), of -f_d (2), of f_e (3) and
@@ -126,6 +128,27 @@ def inside(x: Any, before: float, after: float) -> Any:
 
 
 @kernel
+def opening(nip: Any, u: Any) -> Any:
+    """Half of what roller and idler leave open where the sheet's edge is, as long as it is on its way in or out, m."""
+    h = nip.a if nip.way == 0 else nip.b
+    short = 0.0 * u
+    if nip.ends[nip.way, 0] == 1 and (u * h).real < nip.entry.real:
+        short = nip.entry - u * h
+    elif nip.ends[nip.way, 1] == 1 and ((1.0 - u) * h).real < nip.entry.real:
+        short = nip.entry - (1.0 - u) * h
+    return short * short / (2.0 * nip.radius)
+
+
+@kernel
+def wedged(y: Any, open: Any) -> Any:
+    """What of y rubber feels beside an opening, and its derivative: next to nothing within, nearly all outside."""
+    if open.real == 0.0:
+        return y, 0.0 * y + 1.0
+    square, both = y * y, y * y + open * open
+    return y * square / both, square * (square + 3.0 * open * open) / (both * both)
+
+
+@kernel
 def gives(x: Any, u: Any) -> Any:
     """How a clamped beam of length 1 and stiffness 1 gives way at x under a unit force at u, and its slope there."""
     if x.real <= u.real:
@@ -169,6 +192,7 @@ def meet(nip: Any, t: float, arrays: Any, state: Any) -> None:
                 pair.u[i] = xi if nip.way == 0 else zeta
                 for k in range(3):
                     pair.y[i] += (here.r[k] - P[k]) * nip.n[k]
+                pair.y[i], pair.gain[i] = wedged(pair.y[i], opening(nip, pair.u[i]))
         if not met:
             continue
         share(nip, pair, here)
@@ -242,12 +266,12 @@ def grip(nip: Any, i: int, N: Any, pair: Any, bodies: Any, here: Any) -> None:
     det = xd * ze - xe * zd
     s_d, s_e = (xn * ze - xe * zn) / det, (xd * zn - xn * zd) / det  # slopes of the surface along d and e
     rise_rate = up - s_d * ahead - s_e * side  # of the surface at P
-    lean = pair.f[i] * pair.lean[i] * (nip.a if nip.way == 0 else nip.b) / det  # along which u falls
+    lean = pair.f[i] * pair.gain[i] * pair.lean[i] * (nip.a if nip.way == 0 else nip.b) / det  # along which u falls
     lean_d, lean_e = (lean * ze, -lean * zd) if nip.way == 0 else (-lean * xe, lean * xd)
     sd, se = ahead - feed, side - slide
     root = np.sqrt(sd * sd + se * se + nip.least * nip.least + nip.creep * nip.creep * (feed * feed + slide * slide))
-    damped = -part * nip.damping / (2 * nip.pairs) * rise_rate
-    fn = pair.f[i] + damped
+    damped = -part * pair.gain[i] * nip.damping / (2 * nip.pairs) * rise_rate
+    fn = pair.f[i] * pair.gain[i] + damped
     fd = -part * nip.friction * N * sd / root
     fe = -part * (nip.friction + nip.idler_friction) * N * se / root
     told[0] += part
