@@ -276,7 +276,6 @@ class Feeder(Model):
         middle = tuple(p - self.radius * n for p, n in zip(at, normal, strict=True))
         mass = cylinder(mass=self.roller_mass, radius=self.radius, length=self.nip_width, axis=axis)
         roller = m.body(name, m.ground, Revolute(at=middle, axis=axis, drive=speed), **mass)
-
         m.output(f"{name}.torque", roller.effort(), "torque of the drive")
         return roller
 
