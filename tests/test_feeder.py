@@ -197,6 +197,8 @@ def test_effects_that_are_off_are_absent() -> None:
         ({"nips": 1}, "nips is 1; allowed with path 's_bend': 2 to 4"),
         ({"spacing": 0.06}, "spacing is 0.06 m; allowed: at least 0.07283 m"),
         ({"nip_distance": 0.01}, "nip_distance is 0.01 m; allowed: at least nip_width, 0.02"),
+        ({"nip_distance": 0.3}, "nip_distance is 0.3 m; allowed: below 0.23 m"),
+        ({"path": "straight", "spacing": 0.01}, "spacing is 0.01 m; allowed: twice radius at least, 0.02 m"),
         ({"lead": 0.05}, "lead is 0.05 m; allowed: at most 0.0286 m"),
         ({"path": "straight", "lead": 0.2}, "lead is 0.2 m; allowed: at most half the sheet"),
         ({"mu_roller": -1.0}, "parameter 'mu_roller' of 'feeder' is -1.0; allowed"),

@@ -199,6 +199,13 @@ class Feeder(Model):
             )
         if self.nip_distance < self.nip_width:
             raise UserError(f"nip_distance is {self.nip_distance:g} m; allowed: at least nip_width, {self.nip_width:g}")
+        if self.nip_distance - self.nip_width >= self.width:
+            raise UserError(
+                f"nip_distance is {self.nip_distance:g} m; allowed: below {self.width + self.nip_width:g} m, where "
+                "nips meet the sheet"
+            )
+        if self.nips > 1 and self.spacing < 2.0 * self.radius:
+            raise UserError(f"spacing is {self.spacing:g} m; allowed: twice radius at least, {2.0 * self.radius:g} m")
         if self.lead > 0.5 * self.length:
             raise UserError(f"lead is {self.lead:g} m; allowed: at most half the sheet, {0.5 * self.length:g} m")
         if self.guides and bends and self.lead > 0.5 * (self.spacing - self._bent()):

@@ -365,6 +365,14 @@ def test_an_idler_does_not_pull() -> None:
     np.testing.assert_allclose(found["torque0"], 0.0, atol=1e-9)
 
 
+def test_two_nips_in_one_place_are_refused() -> None:
+    m, sheet, _ = driven((0.1, 0.1), (5, 4))
+    axle = Revolute(at=(0.001, -0.01, -0.05), drive=Polynomial((0.0, -1.0)))
+    roller = m.body("third", m.ground, axle, mass=0.1, inertia=(1e-5, 1e-5, 1e-5))
+    with pytest.raises(UserError, match=r"nip 'c' at .* and nip 'nip0' at .* are in one place; allowed: 0.02 m apart"):
+        add_nip(m, "c", sheet, roller, radius=0.01, at=(0.001, 0.0, -0.05), width=0.02, force=1.0)
+
+
 def test_what_contact_refuses() -> None:
     m = Mechanism()
     sheet = add_sheet(m, "s", grid=(4, 3), **PAPER)

@@ -130,7 +130,7 @@ class Sheet:
         )
 
     def point(self, x: float, z: float) -> SheetPoint:
-        """Return the point (x, z) of the flat sheet, m, on the smooth surface of :mod:`.contact.patch`."""
+        """Return the point (x, z) of the flat sheet, m, on the smooth surface that contact sees."""
         (i, xi), (k, zeta) = self._cell("x", x), self._cell("z", z)
         return SheetPoint(self.cells[i, k][1], (self.a, self.b), (xi, zeta))
 

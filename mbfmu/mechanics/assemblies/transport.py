@@ -34,6 +34,7 @@ SHALLOW = 0.2  # of its thickness: depth below which the pressure goes with its 
 GIVE = 1e-3  # rad, that a nip gives way by to the moment that bends the sheet so far
 MOST = 1000  # points or stations one way
 LEAST = 1e-6  # of the sheet's scale, of a length in the nip
+SAME = 0.5  # of what keeps two rollers apart
 ASKEW, OFF = 1e-6, 0.02  # of a roller's axis: one less a cosine; parts of its radius
 WEDGE = 0.4  # of the roller's radius: way over which an edge comes in
 CALM = 0.03  # damping of a nip's rubber, to sqrt(stiffness times the sheet's mass)
@@ -275,6 +276,7 @@ def add_nip(
         raise UserError(f"feed of {what} is {feed!r}; allowed: a direction normal to its normal {normal!r}")
     place, across = vector(f"at of {what}", at), np.cross(d, n)
     _fits(roller, radius, place, n, across, what)
+    _apart(mechanism, sheet, place, (d, across, n), radius, width, name)
     length, plate, way = _scale(sheet), sheet.plate, "xz".index(along)
     half = 0.5 * _length(f"contact of {what}", length / 50.0 if contact is None else contact, length)
     beside = sheet.b if way == 0 else sheet.a
@@ -347,6 +349,20 @@ def _fits(roller: Any, radius: float, place: Any, normal: Any, across: Any, what
             f"the axis of roller {roller.name!r} is {beside:.3g} m beside where {what} has it: {radius:g} m from "
             f"{place.tolist()} against its normal"
         )
+
+
+def _apart(mechanism: Mechanism, sheet: Sheet, place: Any, axes: Any, radius: float, width: float, name: str) -> None:
+    """Refuse a nip that stands where another of the sheet does, as rollers cannot; ``axes``: feed, across, normal."""
+    ours = {id(body) for row in sheet.nodes for body in row}
+    others = {load.name: load.common for _, load, on in mechanism.others if isinstance(load, Nip) and id(on[0]) in ours}
+    for other, nip in others.items():
+        near = radius + nip["radius"], 0.5 * (width + nip["width"]), radius + nip["radius"]
+        off = place - nip["place"]
+        if name != other and all(abs(off @ axis) < SAME * reach for axis, reach in zip(axes, near, strict=True)):
+            raise UserError(
+                f"nip {name!r} at {place.tolist()} and nip {other!r} at {nip['place'].tolist()} are in one place; "
+                f"allowed: {near[0]:.3g} m apart along the feed, or {near[1]:.3g} m across"
+            )
 
 
 def _scale(sheet: Sheet) -> float:
