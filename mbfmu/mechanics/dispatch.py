@@ -78,9 +78,10 @@ def load_power(load: Any, t: float, arrays: Any, state: Any) -> float:
 
 
 @inlined
-def load_tangent(load: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -> None:
-    """Let a load add its tangent to K."""
-    call(arrays.kernels[load.kind + TANGENT], arrays.memory, load.at, (c1, arrays, state, twin, K))
+def load_tangent(load: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -> float:
+    """Let a load add its tangent to K; return 1.0, or 0.0 where there is none."""
+    address = arrays.kernels[load.kind + TANGENT]
+    return number(address, arrays.memory, load.at, state.time, (c1, arrays, state, twin, K))
 
 
 @inlined

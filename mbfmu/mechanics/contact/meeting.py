@@ -9,6 +9,7 @@ MEETING = np.dtype(  # a contact at work
         ("c", np.float64, (4, 3)),  # weights (N, a Nx, b Nz) of the four nodes
         ("cx", np.float64, (4, 3)),  # ... derivatives by xi
         ("cz", np.float64, (4, 3)),  # ... by zeta
+        ("line", np.float64, (4, 3)),  # cubic that the point is on: its ends, m, and its derivatives there
         ("r", np.float64, (3,)),  # point, m
         ("rx", np.float64, (3,)),  # ... derivatives by xi and zeta
         ("rz", np.float64, (3,)),
@@ -18,8 +19,8 @@ MEETING = np.dtype(  # a contact at work
         ("n", np.float64, (3,)),  # normal there, towards the sheet
         ("part", np.float64),  # of the force that is left where the surface ends
         ("by", np.float64, (3, 6)),  # minus its derivatives by r and v
-        ("d", np.float64, (3,)),  # a change of the point
-        ("g", np.float64, (3,)),  # ... and minus that of the force
+        ("dr", np.float64, (3, 6)),  # how it moves with the six motions of a body
+        ("df", np.float64, (3, 6)),  # ... and minus what the force changes by
         ("told", np.float64, (8,)),  # sums over what was met; see the loads
         ("silent", np.int64),  # 1: only these are wanted
     ],

@@ -292,10 +292,10 @@ def grip(nip: Any, i: int, N: Any, pair: Any, bodies: Any, here: Any) -> None:
 
 
 @kernel
-def tangent(nip: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -> None:
+def tangent(nip: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -> float:
     """See :mod:`mbfmu.mechanics.loads.base`: by complex steps of the bodies, where a cell has stations at all."""
     if tell(nip, state.time[0], arrays, state, 0) == 0.0:
-        return
+        return 0.0
     for j in range(30):
         for p in range(5):
             i = nip.node[p] if p < 4 else nip.roller
@@ -305,6 +305,7 @@ def tangent(nip: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -> 
             F = twin.bodies[nip.node[p] if p < 4 else nip.roller].F
             for k in range(6):
                 K[6 * p + k, j] -= F[k].imag / EPSILON
+    return 1.0
 
 
 @kernel

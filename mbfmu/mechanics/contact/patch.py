@@ -67,6 +67,27 @@ def locate(cell: Any, c: Any, bodies: Any, r: Any) -> None:
 
 
 @kernel
+def lay_line(cell: Any, xi: Any, bodies: Any, line: Any) -> None:
+    """line (4, 3) <- the cubic on which all points at xi lie: where it begins and ends, and its derivatives there."""
+    X1 = xi * xi * (3.0 - 2.0 * xi)
+    X0, A0, A1 = 1.0 - X1, cell.a * xi * (1.0 - xi) * (1.0 - xi), -cell.a * xi * xi * (1.0 - xi)
+    for end in range(2):
+        one, two = bodies[cell.node[3 * end]], bodies[cell.node[1 + end]]
+        for k in range(3):
+            line[end, k] = X0 * one.r[k] + X1 * two.r[k] + A0 * one.A[k, 0] + A1 * two.A[k, 0]
+            line[2 + end, k] = cell.b * (X0 * one.A[k, 2] + X1 * two.A[k, 2])
+
+
+@kernel
+def locate_on_line(line: Any, zeta: Any, r: Any) -> None:
+    """r (3,) <- the point of a line at zeta."""
+    Z1 = zeta * zeta * (3.0 - 2.0 * zeta)
+    Z0, B0, B1 = 1.0 - Z1, zeta * (1.0 - zeta) * (1.0 - zeta), -zeta * zeta * (1.0 - zeta)
+    for k in range(3):
+        r[k] = Z0 * line[0, k] + Z1 * line[1, k] + B0 * line[2, k] + B1 * line[3, k]
+
+
+@kernel
 def middle(cell: Any, bodies: Any, r: Any) -> None:
     """r (3,) <- the mean of the nodes; the patch lies within :func:`reach` of it."""
     for k in range(3):
@@ -79,6 +100,24 @@ def middle(cell: Any, bodies: Any, r: Any) -> None:
 def reach(cell: Any) -> float:
     """Radius of a ball about the middle of a cell that holds all of it, m: half a diagonal and some for bending."""
     return 0.6 * np.sqrt(cell.a * cell.a + cell.b * cell.b)
+
+
+@kernel
+def dip(cell: Any, bodies: Any, r: Any, n: Any) -> float:
+    """How far, at most, the patch reaches from its middle r against the unit vector n, m: as far as its Bezier points
+    do, r_i and a third of a side on from there along t_x and t_z.
+    """
+    deepest = 0.0
+    for i in range(4):
+        node = bodies[cell.node[i]]
+        down, along, across = 0.0, 0.0, 0.0
+        for k in range(3):
+            down += n[k].real * (r[k].real - node.r[k].real)
+            along += n[k].real * node.A[k, 0].real
+            across += n[k].real * node.A[k, 2].real
+        down += (abs(cell.a.real * along) + abs(cell.b.real * across)) / 3.0
+        deepest = max(deepest, down)
+    return deepest
 
 
 @inlined

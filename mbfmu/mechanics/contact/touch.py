@@ -27,13 +27,14 @@ from mbfmu.mechanics.loads.base import Load
 from mbfmu.mechanics.steps import EPSILON, step
 from solvers.compiled.kernel import kernel
 
-from .patch import drift, lever, locate, middle, press, reach, react, weigh
+from .patch import dip, drift, lay_line, lever, locate_on_line, middle, press, reach, react, weigh
 from .surfaces import Surface
 
 TOUCH = np.dtype(
     [
         ("body", np.int64),  # that the surface is fixed to
         ("surface", np.int64),  # its number
+        ("convex", np.int64),  # 1: it is
         ("samples", np.int64, (2,)),  # along x and z of the cell
         ("ends", np.int64, (2, 2)),  # along x, along z: 1 where the cell begins, where it ends on an edge of the sheet
         ("node", np.int64, (4,)),
@@ -54,10 +55,17 @@ TOUCH = np.dtype(
 def gap(touch: Any, arrays: Any, state: Any) -> Any:
     """Distance of the sheet's face at here.r from the surface; the normal in global axes is left in here.f."""
     here, body = state.meeting[0], state.bodies[touch.body]
+    here.part = 1.0
+    if touch.body == 0:  # the ground
+        for k in range(3):
+            here.p[k] = here.r[k]
+        found = surface_gap(touch.surface, arrays, state) - touch.half
+        for k in range(3):
+            here.f[k] = here.n[k]
+        return found
     x, y, z = here.r[0] - body.r[0], here.r[1] - body.r[1], here.r[2] - body.r[2]
     for k in range(3):
         here.p[k] = body.A[0, k] * x + body.A[1, k] * y + body.A[2, k] * z
-    here.part = 1.0
     found = surface_gap(touch.surface, arrays, state) - touch.half
     for k in range(3):
         here.f[k] = body.A[k, 0] * here.n[0] + body.A[k, 1] * here.n[1] + body.A[k, 2] * here.n[2]
@@ -65,19 +73,31 @@ def gap(touch: Any, arrays: Any, state: Any) -> Any:
 
 
 @kernel
+def misses(touch: Any, clear: Any, bodies: Any, here: Any) -> bool:
+    """Whether none of a cell touches, whose middle here.r is ``clear`` of the surface, the normal there in here.f.
+
+    It is within a ball about that; and what is convex lies behind the plane that touches it where it is nearest.
+    """
+    if clear.real > reach(touch).real:
+        return True
+    return touch.convex == 1 and clear.real > dip(touch, bodies, here.r, here.f)
+
+
+@kernel
 def meet(touch: Any, arrays: Any, state: Any) -> None:
     """Add what all points feel to the bodies, unless here.silent, and to here.told."""
     here, bodies = state.meeting[0], state.bodies
     middle(touch, bodies, here.r)
-    if gap(touch, arrays, state).real > reach(touch).real:
+    if misses(touch, gap(touch, arrays, state), bodies, here):
         return
     nx, nz = touch.samples[0], touch.samples[1]
     for i in range(nx + touch.ends[0, 1]):
+        lay_line(touch, i / nx, bodies, here.line)
         for k in range(nz + touch.ends[1, 1]):
-            weigh(touch, i / nx, k / nz, here.c)
-            locate(touch, here.c, bodies, here.r)
+            locate_on_line(here.line, k / nz, here.r)
             d = -gap(touch, arrays, state)
             if d.real > 0.0 and here.part.real > 0.0:
+                weigh(touch, i / nx, k / nz, here.c)
                 drift(touch, here.c, bodies, here.v)
                 push(touch, area(touch, i, k), d, bodies[touch.body], here)
                 if here.silent == 0:
@@ -132,7 +152,7 @@ def push(touch: Any, share: float, d: Any, body: Any, here: Any) -> None:
 
 
 @kernel
-def tangent(touch: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -> None:
+def tangent(touch: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -> float:
     """See :mod:`mbfmu.mechanics.loads.base`: the law by complex steps of a point, the point by its weights."""
     here, bodies, there = state.meeting[0], state.bodies, twin.meeting[0]
     body, moved = bodies[touch.body], twin.bodies[touch.body]
@@ -140,17 +160,19 @@ def tangent(touch: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -
     middle(touch, bodies, here.r)
     for j in range(3):
         there.r[j] = here.r[j]
-    if gap(touch, arrays, twin).real > reach(touch).real:
-        return
+    if misses(touch, gap(touch, arrays, twin), bodies, there):
+        return 0.0
+    met = 0.0
     nx, nz = touch.samples[0], touch.samples[1]
     for i in range(nx + touch.ends[0, 1]):
+        lay_line(touch, i / nx, bodies, here.line)
         for k in range(nz + touch.ends[1, 1]):
-            weigh(touch, i / nx, k / nz, here.c)
-            locate(touch, here.c, bodies, here.r)
+            locate_on_line(here.line, k / nz, here.r)
             for j in range(3):
                 there.r[j] = here.r[j]
             d = -gap(touch, arrays, twin)
             if d.real > 0.0 and there.part.real > 0.0:
+                weigh(touch, i / nx, k / nz, here.c)
                 share = area(touch, i, k)
                 drift(touch, here.c, bodies, here.v)
                 for j in range(6):
@@ -163,11 +185,13 @@ def tangent(touch: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -
                         step(body, moved, j, c1)
                         felt(touch, share, 6, arrays, here, twin)
                         for row in range(3):
-                            here.g[row] = -there.f[row].imag / EPSILON
-                            here.d[row] = -1.0 if row == j else 0.0
-                        spread(touch, 24 + j, bodies, here, K)
+                            here.df[row, j] = -there.f[row].imag / EPSILON
+                            here.dr[row, j] = -1.0 if row == j else 0.0
+                    spread(touch, 24, bodies, here, K)
                     step(body, moved, -1, c1)
                 by_nodes(touch, c1, bodies, here, K)
+                met = 1.0
+    return met
 
 
 @kernel
@@ -183,54 +207,56 @@ def felt(touch: Any, share: float, j: int, arrays: Any, here: Any, twin: Any) ->
 @kernel
 def by_nodes(touch: Any, c1: float, bodies: Any, here: Any, K: Any) -> None:
     """Add to K what a point feels, by the motions of its nodes, from minus the derivatives of the law in here.by."""
+    by, dr, df, f = here.by, here.dr, here.df, here.f
     for j in range(4):
         node = bodies[touch.node[j]]
         L, w = lever(node.A, here.c[j, 1], here.c[j, 2]), (node.Y[3], node.Y[4], node.Y[5])
-        for k in range(6):
-            dr, dv = here.d, here.v
+        for k in range(3):
             p, q = (k + 1) % 3, (k + 2) % 3
-            for i in range(3):
-                dr[i], dv[i] = 0.0, 0.0
-            if k < 3:
-                dr[k] = here.c[j, 0]
-            else:
-                dr[p], dr[q] = -L[q], L[p]  # e_k x L
-            dv[0] = c1 * dr[0] + (w[1] * dr[2] - w[2] * dr[1] if k > 2 else 0.0)
-            dv[1] = c1 * dr[1] + (w[2] * dr[0] - w[0] * dr[2] if k > 2 else 0.0)
-            dv[2] = c1 * dr[2] + (w[0] * dr[1] - w[1] * dr[0] if k > 2 else 0.0)
-            for i in range(3):
-                here.g[i] = 0.0
-                for a in range(3):
-                    here.g[i] += here.by[i, a] * dr[a] + here.by[i, 3 + a] * dv[a]
-            spread(touch, 6 * j + k, bodies, here, K)
-            if k > 2:  # the moment L x f turns with the node
-                f = here.f
-                K[6 * j + 3, 6 * j + k] -= dr[1] * f[2] - dr[2] * f[1]
-                K[6 * j + 4, 6 * j + k] -= dr[2] * f[0] - dr[0] * f[2]
-                K[6 * j + 5, 6 * j + k] -= dr[0] * f[1] - dr[1] * f[0]
+            dr[k, k], dr[p, k], dr[q, k] = here.c[j, 0], 0.0, 0.0
+            dr[k, 3 + k], dr[p, 3 + k], dr[q, 3 + k] = 0.0, -L[q], L[p]  # e_k x L
+        for i in range(3):
+            vx, vy, vz = by[i, 3], by[i, 4], by[i, 5]
+            # by the velocity, which changes with c1 dr, and as the lever turns with w x dr
+            gx, gy, gz = by[i, 0] + c1 * vx, by[i, 1] + c1 * vy, by[i, 2] + c1 * vz
+            tx, ty, tz = vy * w[2] - vz * w[1], vz * w[0] - vx * w[2], vx * w[1] - vy * w[0]
+            for k in range(3):
+                df[i, k] = gx * dr[0, k] + gy * dr[1, k] + gz * dr[2, k]
+                k3 = 3 + k
+                df[i, k3] = (gx + tx) * dr[0, k3] + (gy + ty) * dr[1, k3] + (gz + tz) * dr[2, k3]
+        spread(touch, 6 * j, bodies, here, K)
+        for k in range(3, 6):  # the moment L x f turns with the node
+            K[6 * j + 3, 6 * j + k] -= dr[1, k] * f[2] - dr[2, k] * f[1]
+            K[6 * j + 4, 6 * j + k] -= dr[2, k] * f[0] - dr[0, k] * f[2]
+            K[6 * j + 5, 6 * j + k] -= dr[0, k] * f[1] - dr[1, k] * f[0]
 
 
 @kernel
-def spread(touch: Any, column: int, bodies: Any, here: Any, K: Any) -> None:
-    """Add a column to K: the nodes' wrenches from minus the change of the force, here.g, and that of a moving body,
-    relative to which the point moves by here.d.
+def spread(touch: Any, first: int, bodies: Any, here: Any, K: Any) -> None:
+    """Add six columns from ``first`` on to K: the nodes' wrenches from minus the changes of the force, here.df, and
+    that of a moving body, relative to which the point moves by here.dr.
     """
-    g, f, d = here.g, here.f, here.d
+    f, dr, df = here.f, here.dr, here.df
     for j in range(4):
         x, y, z = lever(bodies[touch.node[j]].A, here.c[j, 1], here.c[j, 2])
-        for k in range(3):
-            K[6 * j + k, column] += here.c[j, 0] * g[k]
-        K[6 * j + 3, column] += y * g[2] - z * g[1]
-        K[6 * j + 4, column] += z * g[0] - x * g[2]
-        K[6 * j + 5, column] += x * g[1] - y * g[0]
+        N = here.c[j, 0]
+        for k in range(6):
+            K[6 * j, first + k] += N * df[0, k]
+            K[6 * j + 1, first + k] += N * df[1, k]
+            K[6 * j + 2, first + k] += N * df[2, k]
+            K[6 * j + 3, first + k] += y * df[2, k] - z * df[1, k]
+            K[6 * j + 4, first + k] += z * df[0, k] - x * df[2, k]
+            K[6 * j + 5, first + k] += x * df[1, k] - y * df[0, k]
     if touch.body > 0:
         body, r = bodies[touch.body], here.r
         x, y, z = r[0] - body.r[0], r[1] - body.r[1], r[2] - body.r[2]
-        for k in range(3):
-            K[24 + k, column] -= g[k]
-        K[27, column] += d[1] * f[2] - d[2] * f[1] - y * g[2] + z * g[1]
-        K[28, column] += d[2] * f[0] - d[0] * f[2] - z * g[0] + x * g[2]
-        K[29, column] += d[0] * f[1] - d[1] * f[0] - x * g[1] + y * g[0]
+        for k in range(6):
+            K[24, first + k] -= df[0, k]
+            K[25, first + k] -= df[1, k]
+            K[26, first + k] -= df[2, k]
+            K[27, first + k] += dr[1, k] * f[2] - dr[2, k] * f[1] - y * df[2, k] + z * df[1, k]
+            K[28, first + k] += dr[2, k] * f[0] - dr[0, k] * f[2] - z * df[0, k] + x * df[2, k]
+            K[29, first + k] += dr[0, k] * f[1] - dr[1, k] * f[0] - x * df[1, k] + y * df[0, k]
 
 
 @kernel
@@ -289,6 +315,7 @@ class Touch(Load):
         """Write the nodes, the surface and the law; the last of its bodies has the surface."""
         record["node"], record["body"] = site.bodies[:4], site.bodies[4]
         record["surface"] = site.surface(self.surface)
+        record["convex"] = self.surface.convex
         record["samples"], record["ends"] = self.samples, self.ends
         record["a"], record["b"] = self.sides
         record["half"] = 0.5 * self.thickness

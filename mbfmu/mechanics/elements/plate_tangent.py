@@ -16,11 +16,12 @@ from .plate_energy import add_arcs, by_slopes, clear_stress, differentiate, grad
 
 
 @kernel
-def tangent(plate: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -> None:
+def tangent(plate: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -> float:
     """See :mod:`mbfmu.mechanics.loads.base`."""
     stiffness(plate, state.bodies, state.element[0], K)
     if plate.damped == 1 and c1 != 0.0:
         damping(plate, c1, state.bodies, state.element[0], K)
+    return 1.0
 
 
 @kernel

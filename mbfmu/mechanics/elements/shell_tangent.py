@@ -17,7 +17,7 @@ from .shell_energy import assemble, clear, deform, differentiate, gradient, resi
 
 
 @kernel
-def tangent(shell: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -> None:
+def tangent(shell: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -> float:
     """See :mod:`mbfmu.mechanics.loads.base`."""
     here = state.shell[0]
     deform(shell, state.bodies, here)
@@ -46,6 +46,7 @@ def tangent(shell: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -
                 resist_turn(shell, here, column // 6, shell.damping, here.f)
             gradient(shell, here)
             spread(here.E, here.n, here.m, c1, column, K)
+    return 1.0
 
 
 @kernel

@@ -9,7 +9,8 @@ Its kernels:
                                              forces bring it; None: all it does is in its potential
     tangent(load, c1, arrays, state, twin,   adds to K, six rows and columns a body, minus the derivative of what
             K)                               ``apply`` adds by the motions of its bodies and c1 times that by their
-                                             velocities; ``twin`` is a complex state, scratch, for steps of its own
+                                             velocities, and returns 1.0, or 0.0 where there is none; ``twin`` is a
+                                             complex state, scratch, for steps of its own
 
 A load without ``tangent`` of its own is differentiated by complex steps, so ``apply`` is analytic in every real
 number it reads. What is too slight to be worth solving for has ``LEFT_OUT``. A load that a scene does not call for has
@@ -31,8 +32,9 @@ FIXED_IN = ("ground", "body")  # what the axis of a given force or torque is of
 
 
 @kernel
-def LEFT_OUT(load: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -> None:
+def LEFT_OUT(load: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -> float:
     """Tangent of what only implicit solvers of large trees would know of."""
+    return 0.0
 
 
 @kernel
@@ -58,7 +60,7 @@ class Load(Kind):
         "apply": "time, arrays, state",
         "potential": "arrays, state -> number",
         "power": "time, arrays, state -> number",
-        "tangent": "time, arrays, state, twin, matrix",
+        "tangent": "time, arrays, state, twin, matrix -> number",
     }
     apply: ClassVar[Any]
     potential: ClassVar[Any] = None

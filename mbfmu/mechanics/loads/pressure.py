@@ -65,7 +65,7 @@ def power(load: Any, t: float, arrays: Any, state: Any) -> float:
 
 
 @kernel
-def tangent(load: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -> None:
+def tangent(load: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -> float:
     """See :mod:`.base`."""
     p, bodies = signal_value(load.signal, state.time[0], arrays), state.bodies
     r1, r2, r3, r4 = bodies[load.node[0]].r, bodies[load.node[1]].r, bodies[load.node[2]].r, bodies[load.node[3]].r
@@ -85,6 +85,7 @@ def tangent(load: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) ->
                 dj = 0.25 * (x * g2i - z * g1i) + by_z * (s * g2i - z * ti) + by_x * (x * ti - s * g1i)
                 K[6 * row + k, 6 * c + i] -= p * di
                 K[6 * row + k, 6 * c + j] -= p * dj
+    return 1.0
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,7 +7,7 @@ from __future__ import annotations
 from typing import Any
 
 from mbfmu.mechanics.dispatch import load_tangent
-from solvers.compiled.kernel import kernel
+from solvers.compiled.kernel import inlined, kernel
 
 from . import couplings, cuts, loads
 from .joints import handed_down, outer_joint
@@ -45,16 +45,22 @@ def bodily(i: int, at: int, c2: float, arrays: Any, state: Any, F: Any) -> None:
         F[at + 3 + k, at + 3 + k] -= along
 
 
+@inlined
+def clear(count: int, K: Any) -> None:
+    """K <- 0, so many rows and columns."""
+    for row in range(count):
+        for column in range(count):
+            K[row, column] = 0.0
+
+
 @kernel
 def analytic(e: int, group: int, size: int, c1: float, L: Any, arrays: Any, state: Any, twin: Any, s: Any) -> None:
-    """A load between bodies of a group and its neighbor that knows its tangent."""
-    rows = 6 * (L.first_body[e + 1] - L.first_body[e])
-    for row in range(rows):
-        for column in range(rows):
-            s.K[row, column] = 0.0
-    load_tangent(arrays.loads[e], c1, arrays, state, twin, s.K)
+    """A load between bodies of a group and its neighbor that knows its tangent; s.K is zero before and after."""
+    if load_tangent(arrays.loads[e], c1, arrays, state, twin, s.K) == 0.0:
+        return
     inner = L.inward[group] if L.home[e] == group else -1  # of a loose body away from home, its own rows alone
     add_element(L.first_body[e], L.first_body[e + 1], group, inner, size, L, s)
+    clear(6 * (L.first_body[e + 1] - L.first_body[e]), s.K)
 
 
 @kernel
@@ -105,6 +111,7 @@ def fill(
     group: int, size: int, c1: float, c2: float, L: Any, arrays: Any, state: Any, twin: Any, dual: Any, s: Any
 ) -> None:
     """Add to s.F what starts in a group: bodies, elements, joints within it and to its neighbor (offset ``size``)."""
+    clear(s.K.shape[0], s.K)
     for k in range(L.first_load[group], L.first_load[group + 1]):
         analytic(L.loads[k], group, size, c1, L, arrays, state, twin, s)
     for k in range(L.first_cut[group], L.first_cut[group + 1]):

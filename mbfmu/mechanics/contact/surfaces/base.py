@@ -55,6 +55,7 @@ class Surface(Kind):
 
     kernels: ClassVar = {"gap": "state -> number"}
     gap: ClassVar[Any]
+    convex: ClassVar[bool] = False  # what it bounds is: cells that it is not near to are then known without a look
 
     def shapes(self, near: Any) -> tuple[Shape, ...]:
         """Return how it is drawn, in the axes of its body; nothing: it is not.

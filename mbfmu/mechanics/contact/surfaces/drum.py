@@ -36,6 +36,7 @@ class Drum(Surface):
 
     record = np.dtype([*FRAME, ("radius", np.float64), ("length", np.float64)])
     gap = gap
+    convex = True
 
     radius: float
     length: float

@@ -47,6 +47,7 @@ class Guide(Surface):
 
     record = np.dtype([*FRAME, ("length", np.float64), ("radius", np.float64), ("width", np.float64)])
     gap = gap
+    convex = True
 
     start: Vector
     end: Vector

@@ -35,6 +35,7 @@ class Wall(Surface):
 
     record = np.dtype([("origin", np.float64, (3,)), ("normal", np.float64, (3,))])
     gap = gap
+    convex = True
 
     at: Vector = (0.0, 0.0, 0.0)
     normal: str | Sequence[float] = "y"
