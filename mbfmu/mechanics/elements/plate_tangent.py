@@ -1,8 +1,8 @@
 """Exact tangents of a plate element: how its wrenches change with the motions of its bodies.
 
 A motion of a body is (dr, phi) in global axes, phi a small rotation of its present orientation: the directions of its
-velocity Y. Both tangents are 24 x 24, six rows and columns a body, and hold minus the derivative of the wrenches that
-:func:`.plate_energy.apply` adds: by the positions (stiffness) and by the velocities (damping). The stiffness is that of
+velocity Y. The tangent is 24 x 24, six rows and columns a body, and holds minus the derivative of the wrenches that
+:func:`.plate_energy.apply` adds, by the positions and c1 times that by the velocities. By the positions it is that of
 the elastic wrenches. Small rotations do not commute, so it is symmetric only where the wrenches vanish.
 """
 
@@ -18,15 +18,17 @@ from .plate_energy import add_arcs, by_slopes, clear_stress, differentiate, grad
 @kernel
 def tangent(plate: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -> float:
     """See :mod:`mbfmu.mechanics.loads.base`."""
-    stiffness(plate, state.bodies, state.element[0], K)
-    if plate.damped == 1 and c1 != 0.0:
-        damping(plate, c1, state.bodies, state.element[0], K)
+    stiffness(plate, 1.0 + c1 * plate.damping if plate.damped == 1 else 1.0, state.bodies, state.element[0], K)
     return 1.0
 
 
 @kernel
-def stiffness(plate: Any, bodies: Any, here: Any, K: Any) -> None:
-    """K (24, 24) += - d(elastic wrenches) / d(motions) at the present positions; ``here`` is scratch."""
+def stiffness(plate: Any, part: float, bodies: Any, here: Any, K: Any) -> None:
+    """K (24, 24) += - d(wrenches) / d(motions) at the present positions; ``here`` is scratch.
+
+    ``part`` = 1 + c1 beta has the damping in it: its stresses go with the rates of the strains as the elastic ones do
+    with the strains, and are handed to the bodies in the same way.
+    """
     shape(plate, bodies, here)
     strain(plate, here)
     clear_stress(here)
@@ -36,26 +38,12 @@ def stiffness(plate: Any, bodies: Any, here: Any, K: Any) -> None:
     for column in range(24):
         direction(here, column // 6, column % 6)
         differentiate(plate, here)
-        change_of_gradient(plate, here)
+        change_of_gradient(plate, part, here)
         for j in range(4):
             turned(m, omega, j, dm)
         for j in range(3):
             turned(n, omega, j, dn)
         spread(E, dm, dn, 1.0, column, K)
-
-
-@kernel
-def damping(plate: Any, c1: float, bodies: Any, here: Any, K: Any) -> None:
-    """K (24, 24) += - c1 d(damping wrenches) / d(velocities) at the present positions; ``here`` is scratch."""
-    shape(plate, bodies, here)
-    strain(plate, here)
-    for column in range(24):
-        direction(here, column // 6, column % 6)
-        differentiate(plate, here)
-        clear_stress(here)
-        stress(plate, here.dstrain, plate.damping, here.stress)
-        gradient(plate, here)
-        spread(here.E, here.m, here.n, c1, column, K)
 
 
 @kernel
@@ -75,14 +63,17 @@ def direction(here: Any, i: int, k: int) -> None:
 
 
 @kernel
-def change_of_gradient(plate: Any, here: Any) -> None:
-    """Differentials dm, dn of the gradient's components in element axes, after :func:`.plate_energy.differentiate`."""
+def change_of_gradient(plate: Any, part: float, here: Any) -> None:
+    """Differentials dm, dn of the gradient's components in element axes, after :func:`.plate_energy.differentiate`.
+
+    Stresses change by ``part`` of what the strains' differentials say.
+    """
     a, b, s, ds, df = plate.a, plate.b, here.stress, here.dstress, here.df
     t, turn, omega, dg, dn = here.t, here.turn, here.omega, here.dg, here.dn
     g1, gx, gz = here.g1x, here.g2x, here.g2z
     for i in range(12):
         ds[i] = 0.0
-    stress(plate, here.dstrain, 1.0, ds)
+    stress(plate, here.dstrain, part, ds)
     if plate.membrane == 1:
         add_arcs(plate, s, here.dstrain, ds)
         add_arcs(plate, ds, here.strain, ds)

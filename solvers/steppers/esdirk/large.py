@@ -238,7 +238,7 @@ class TreeESDIRKStepper(Stepper):
 
         Where corrections fall slowly, factors are made anew on the way; where they grow, at the first guess.
         """
-        s, held, slow, before, begun, renewed = self._stage, self._held[1], UNSEEN, 0.0, 0, 0
+        s, held, slow, before, begun, renewed, fresh = self._stage, self._held[1], UNSEEN, 0.0, 0, 0, np.inf
         guess, reactions = s.q.copy(), s.lam.copy()
         for k in range(MOST):
             anew = k - begun > 1 and slow > SLOW
@@ -258,6 +258,10 @@ class TreeESDIRKStepper(Stepper):
             size = correct(self._eqs, k - begun, *self._saddle.solve(s.tau, gap), held)
             if not np.isfinite(size):
                 return Code.NOT_FINITE
+            if anew:
+                if renewed > 1 and size > fresh:  # Newton's own corrections grow: what is far will not come nearer
+                    break
+                fresh = size
             slow = max(FASTEST, size / before) if k > begun else slow
             if size <= ROUNDING * exact or slow * size <= exact * (1.0 - slow):
                 return Code.OK
