@@ -14,7 +14,6 @@ Writes both FMUs, ``governed_engine.ssp`` and ``governed_engine.png`` into the f
 from __future__ import annotations
 
 import argparse
-import zipfile
 from collections.abc import Callable
 from dataclasses import replace
 from importlib.util import find_spec
@@ -24,11 +23,11 @@ from typing import NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
-from fmpy.ssp.simulation import simulate_ssp
+from described_slave import build_slave
 from numpy.typing import NDArray
-from pythonfmu import FmuBuilder
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
+from ssp_system import Run, SspSystem
 from throttled_engine import ThrottledEngine
 
 from fmus.governor import Governor
@@ -39,7 +38,6 @@ from mbfmu.studies.report import finish
 from mbfmu.table import table
 
 Array = NDArray[np.float64]
-Run = dict[str, Array]  # "time" (s) and the variables of RECORDED
 
 STOP_TIME = 6.0  # s
 STEP = 1e-3  # s, between communication points
@@ -58,6 +56,7 @@ RECORDED = (
     ("governor", "spindle.speed"),
     ("governor", "collar.height"),
 )
+SYSTEM = SspSystem(name="governed_engine", connections=CONNECTIONS, recorded=RECORDED)
 SPEEDS = ("engine.speed", "governor.spindle.speed")
 
 ENGINE = ThrottledEngine(instance_name="engine")  # for its numbers and laws; the co-simulation runs the FMU
@@ -149,7 +148,7 @@ def build(folder: Path) -> Fmus:
     start = settled(ENGINE.load_before)
     model = replace(GOVERNOR, start_angle=start.angle, spindle_speed=start.speed)
     governor = export(model, folder / "governor.fmu", Settings(solver="adams", tolerance=1e-9))
-    engine = FmuBuilder.build_FMU(Path(__file__).with_name("throttled_engine.py"), folder / "engine.fmu")
+    engine = build_slave(ThrottledEngine, folder / "engine.fmu")
     return Fmus(engine, governor)
 
 
@@ -178,7 +177,7 @@ def co_simulate(fmus: Fmus, step: float, *, second_order: bool = False) -> Run:
             governor.step_to(t)
             last, now = now, speed_and_height(governor)
             rows.append(record(engine, governor))
-    return as_run(times, rows)
+    return SYSTEM.run(times, rows)
 
 
 def speed_and_height(governor: Fmu) -> Array:
@@ -190,89 +189,6 @@ def record(engine: Fmu, governor: Fmu) -> list[float]:
     """Return what RECORDED names, now."""
     elements = {"engine": engine, "governor": governor}
     return [elements[element][name] for element, name in RECORDED]
-
-
-def as_run(times: Array, rows: list[list[float]]) -> Run:
-    """Return recorded rows by name."""
-    values = np.array(rows)
-    return {"time": times, **{f"{element}.{name}": values[:, i] for i, (element, name) in enumerate(RECORDED)}}
-
-
-# ---- the same coupling as an .ssp -----------------------------------------------------------------------------------
-
-SSD = """<?xml version="1.0" encoding="UTF-8"?>
-<ssd:SystemStructureDescription name="governed_engine" version="1.0"
-    xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription"
-    xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon">
-  <ssd:System name="governed_engine">
-    <ssd:Elements>
-{elements}
-    </ssd:Elements>
-    <ssd:Connections>
-{connections}
-    </ssd:Connections>
-  </ssd:System>
-  <ssd:DefaultExperiment startTime="0.0" stopTime="{stop_time}"/>
-</ssd:SystemStructureDescription>
-"""
-ELEMENT = """      <ssd:Component name="{name}" type="application/x-fmu-sharedlibrary" source="resources/{name}.fmu">
-        <ssd:Connectors>
-{connectors}
-        </ssd:Connectors>
-      </ssd:Component>"""
-CONNECTOR = """          <ssd:Connector name="{}" kind="{}"><ssc:Real/></ssd:Connector>"""
-CONNECTION = """      <ssd:Connection startElement="{}" startConnector="{}" endElement="{}" endConnector="{}"/>"""
-
-
-def write_ssp(fmus: Fmus, path: Path) -> Path:
-    """Write an archive of System Structure and Parameterization 1.0: the FMUs, connected from element to element."""
-    elements = []
-    for name in ("engine", "governor"):
-        inputs = {variable for _, _, element, variable in CONNECTIONS if element == name}
-        outputs = {variable for element, variable, *_ in (*CONNECTIONS, *RECORDED) if element == name}
-        connectors = [CONNECTOR.format(v, "input") for v in sorted(inputs)]
-        connectors += [CONNECTOR.format(v, "output") for v in sorted(outputs)]
-        elements.append(ELEMENT.format(name=name, connectors="\n".join(connectors)))
-    connections = [CONNECTION.format(*connection) for connection in CONNECTIONS]
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr(
-            "SystemStructure.ssd",
-            SSD.format(elements="\n".join(elements), connections="\n".join(connections), stop_time=STOP_TIME),
-        )
-        archive.write(fmus.engine, "resources/engine.fmu")
-        archive.write(fmus.governor, "resources/governor.fmu")
-    return path
-
-
-def run_in_fmpy(ssp: Path, step: float) -> Run:
-    """Run the .ssp in FMPy: both FMUs step with the values of the last point (Jacobi).
-
-    FMPy starts every connection at zero: the first step jolts the shaft, look at what comes after the jolt has died.
-    """
-    result = simulate_ssp(str(ssp), stop_time=STOP_TIME, step_size=step)
-    times = result["time"] + step  # FMPy gives each step's result the time of its beginning
-    return {"time": times, **{f"{element}.{name}": result[f"{element}.{name}"] for element, name in RECORDED}}
-
-
-def run_in_libcosim(ssp: Path, step: float) -> Run:
-    """Run the .ssp in libcosim, which couples like FMPy but carries the start values over."""
-    from libcosimpy.CosimExecution import CosimExecution
-    from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
-    from libcosimpy.CosimObserver import CosimObserver
-
-    log_output_level(CosimLogLevel.WARNING)
-    execution = CosimExecution.from_ssp_file(str(ssp), round(step * 1e9))  # ns
-    observer = CosimObserver.create_last_value()
-    execution.add_observer(observer)
-    index = {element: execution.slave_index_from_instance_name(element) for element, _ in RECORDED}
-    reference = {(k, v.name.decode()): v.reference for k in index.values() for v in execution.slave_variables(k)}
-    times = communication_points(STOP_TIME, step)[1:]
-    rows = []
-    for t in times:
-        if not execution.step():
-            raise RuntimeError(f"libcosim stopped before {t} s")
-        rows.append([observer.last_real_values(index[e], [reference[index[e], name]])[0] for e, name in RECORDED])
-    return as_run(times, rows)
 
 
 # ---- the study and the picture --------------------------------------------------------------------------------------
@@ -353,14 +269,14 @@ def main() -> None:
     folder.mkdir(parents=True, exist_ok=True)
 
     fmus = build(folder)
-    ssp = write_ssp(fmus, folder / "governed_engine.ssp")
+    ssp = SYSTEM.write(folder / "governed_engine.ssp", fmus._asdict(), STOP_TIME)
     methods: dict[str, Callable[[float], Run]] = {
         "Gauss-Seidel": lambda step: co_simulate(fmus, step),
         "Gauss-Seidel, extrapolated": lambda step: co_simulate(fmus, step, second_order=True),
-        ".ssp in FMPy (Jacobi)": lambda step: run_in_fmpy(ssp, step),
+        ".ssp in FMPy (Jacobi)": lambda step: SYSTEM.run_in_fmpy(ssp, STOP_TIME, step),
     }
     if find_spec("libcosimpy"):
-        methods[".ssp in libcosim (Jacobi)"] = lambda step: run_in_libcosim(ssp, step)
+        methods[".ssp in libcosim (Jacobi)"] = lambda step: SYSTEM.run_in_libcosim(ssp, STOP_TIME, step)
     else:
         print("libcosimpy is not installed (pip install libcosimpy): the .ssp runs in FMPy alone")
     print(f"derived: {settled(ENGINE.load_before)}, then {settled(ENGINE.load_after)}")

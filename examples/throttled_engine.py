@@ -16,103 +16,58 @@ from __future__ import annotations
 import ctypes
 from math import ceil
 from pathlib import Path
-from typing import Any
-from uuid import NAMESPACE_URL, uuid5
 
 import numpy as np
+from described_slave import DescribedSlave
 from numpy.typing import NDArray
-from pythonfmu import Fmi2Causality, Fmi2Slave, Fmi2Variability, Real
+from pythonfmu import Fmi2Causality
 
-from mbfmu.fmi.description import Experiment, Identity, model_description
-from mbfmu.fmi.guards import finalize_at_exit
-from mbfmu.interface import Role, ScalarVariable, Type
+from mbfmu.fmi.description import Experiment
 
 # PythonFMU 0.7 drops one reference to this module's names at every instantiation and would free them.
 ctypes.pythonapi.Py_IncRef(ctypes.py_object(globals()))
 
 SUBSTEP = 1e-3  # s, the longest step of the integration
 
-VARIABLES = {  # unit, meaning
-    Fmi2Causality.parameter: {
-        "inertia": ("kg.m2", "inertia of the flywheel"),
-        "max_torque": ("N.m", "torque of the engine at full throttle"),
-        "open_height": ("m", "height of the collar at full throttle"),
-        "closed_height": ("m", "height of the collar at which the throttle is shut"),
-        "load_before": ("N.m", "torque of the load before its step"),
-        "load_after": ("N.m", "torque of the load after its step"),
-        "load_time": ("s", "when the load steps"),
-        "shaft_stiffness": ("N.m/rad", "stiffness of the shaft"),
-        "shaft_damping": ("N.m.s/rad", "damping of the shaft"),
-        "start_speed": ("rad/s", "speed at the start; default: what the governor holds against load_before"),
-    },
-    Fmi2Causality.input: {
-        "spindle_angle": ("rad", "angle of the governor's spindle"),
-        "spindle_speed": ("rad/s", "speed of the governor's spindle"),
-        "collar_height": ("m", "height of the governor's collar"),
-    },
-    Fmi2Causality.output: {
-        "shaft_torque": ("N.m", "torque of the shaft on the spindle, mean over the last step"),
-        "angle": ("rad", "angle of the flywheel"),
-        "speed": ("rad/s", "speed of the flywheel"),
-        "throttle": ("1", "opening of the throttle, 0 to 1"),
-        "load": ("N.m", "torque of the load"),
-    },
-}
 
-VARIABILITY = {
-    Fmi2Causality.parameter: Fmi2Variability.fixed,
-    Fmi2Causality.input: Fmi2Variability.continuous,
-    Fmi2Causality.output: Fmi2Variability.continuous,
-}
+class ThrottledEngine(DescribedSlave):
+    """Engine with flywheel, load and shaft, throttled by the collar of a governor."""
 
+    FILE = Path(__file__)
+    TEXT = "Engine with flywheel, load and shaft, throttled by the collar of a governor"
+    EXPERIMENT = Experiment(stop_time=6.0, step_size=1e-3, tolerance=1e-6)
+    VARIABLES = {  # noqa: RUF012
+        Fmi2Causality.parameter: {
+            "inertia": (4.0, "kg.m2", "inertia of the flywheel"),
+            "max_torque": (40.0, "N.m", "torque of the engine at full throttle"),
+            "open_height": (0.0475, "m", "height of the collar at full throttle"),
+            "closed_height": (0.0525, "m", "height of the collar at which the throttle is shut"),
+            "load_before": (10.0, "N.m", "torque of the load before its step"),
+            "load_after": (25.0, "N.m", "torque of the load after its step"),
+            "load_time": (1.0, "s", "when the load steps"),
+            "shaft_stiffness": (1500.0, "N.m/rad", "stiffness of the shaft"),
+            "shaft_damping": (20.0, "N.m.s/rad", "damping of the shaft"),
+            "start_speed": (
+                11.294743,
+                "rad/s",
+                "speed at the start; default: what the governor holds against load_before",
+            ),
+        },
+        Fmi2Causality.input: {
+            "spindle_angle": (0.0, "rad", "angle of the governor's spindle"),
+            "spindle_speed": (0.0, "rad/s", "speed of the governor's spindle"),
+            "collar_height": (0.0, "m", "height of the governor's collar"),
+        },
+        Fmi2Causality.output: {
+            "shaft_torque": (0.0, "N.m", "torque of the shaft on the spindle, mean over the last step"),
+            "angle": (0.0, "rad", "angle of the flywheel"),
+            "speed": (0.0, "rad/s", "speed of the flywheel"),
+            "throttle": (0.0, "1", "opening of the throttle, 0 to 1"),
+            "load": (0.0, "N.m", "torque of the load"),
+        },
+    }
 
-class ThrottledEngine(Fmi2Slave):  # type: ignore[misc]
-    """Engine with flywheel, load and shaft, throttled by the collar of a governor.
-
-    No callback may raise: PythonFMU answers with fmi2Fatal and frees what the host still uses.
-    """
-
-    def __init__(self, **kwargs: Any) -> None:
-        super().__init__(**kwargs)
-        self.inertia = 4.0
-        self.max_torque = 40.0
-        self.open_height, self.closed_height = 0.0475, 0.0525
-        self.load_before, self.load_after, self.load_time = 10.0, 25.0, 1.0
-        self.shaft_stiffness, self.shaft_damping = 1500.0, 20.0
-        self.start_speed = 11.294743
-        self.spindle_angle, self.spindle_speed, self.collar_height = 0.0, 0.0, 0.0
-        self.shaft_torque, self.angle, self.speed, self.throttle, self.load = 0.0, 0.0, 0.0, 0.0, 0.0
-        for causality, variables in VARIABLES.items():
-            for name in variables:
-                self.register_variable(Real(name, causality=causality, variability=VARIABILITY[causality]))
-        finalize_at_exit(self.resources, self.modelName)
-
-    def to_xml(self, _options: dict[str, str] | None = None) -> Any:
-        """Return the model description, with the units that PythonFMU leaves out."""
-        described = [
-            ScalarVariable(
-                name=name,
-                role=Role(causality.name),
-                type=Type.REAL,
-                causality=causality.name,
-                variability=VARIABILITY[causality].name,
-                description=text,
-                unit=unit,
-                start=None if causality == Fmi2Causality.output else getattr(self, name),
-            )
-            for causality, variables in VARIABLES.items()
-            for name, (unit, text) in variables.items()
-        ]
-        identity = Identity(
-            name="throttled_engine",
-            identifier=self.modelName,
-            description="Engine with flywheel, load and shaft, throttled by the collar of a governor",
-            guid=str(uuid5(NAMESPACE_URL, Path(__file__).read_text())),
-        )
-        experiment = Experiment(stop_time=6.0, step_size=1e-3, tolerance=1e-6)
-        return model_description(identity, experiment, described, self.log_categories)
-
-    def exit_initialization_mode(self) -> None:
+    def begin(self) -> None:
         """Start as the parameters say, the shaft without twist."""
         self.angle, self.speed = self.spindle_angle, self.start_speed
         self.throttle = self.throttle_at(self.collar_height)

@@ -14,7 +14,8 @@ import governed_engine as example
 import numpy as np
 import pytest
 from fmpy.validation import validate_fmu
-from governed_engine import ENGINE, SPEEDS, STEP, Fmus, Run, error, settled
+from governed_engine import ENGINE, SPEEDS, STEP, STOP_TIME, SYSTEM, Fmus, error, settled
+from ssp_system import Run
 
 from mbfmu.fmi import Fmu
 
@@ -29,7 +30,7 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> Fmus:
 
 @pytest.fixture(scope="module")
 def ssp(fmus: Fmus) -> Path:
-    return example.write_ssp(fmus, fmus.engine.with_name("governed_engine.ssp"))
+    return SYSTEM.write(fmus.engine.with_name("governed_engine.ssp"), fmus._asdict(), STOP_TIME)
 
 
 @pytest.fixture(scope="module")
@@ -85,8 +86,8 @@ def test_order_of_the_coupling_and_speed_that_does_not_depend_on_it(
 def test_the_ssp_runs_and_agrees_to_the_order_of_the_coupling(ssp: Path, coupled: Run, host: str) -> None:
     if host == "libcosim":
         pytest.importorskip("libcosimpy")
-    run_in: Callable[[Path, float], Run] = getattr(example, f"run_in_{host}")
-    coarse, fine = (run_in(ssp, step) for step in (2 * STEP, STEP))
+    run_in: Callable[[Path, float, float], Run] = getattr(SYSTEM, f"run_in_{host}")
+    coarse, fine = (run_in(ssp, STOP_TIME, step) for step in (2 * STEP, STEP))
     assert log2(error(coarse) / error(fine)) == pytest.approx(1.0, abs=0.1)
     assert error(fine) < 2.0 * error(coupled)
     for name in SPEEDS:
@@ -96,7 +97,7 @@ def test_the_ssp_runs_and_agrees_to_the_order_of_the_coupling(ssp: Path, coupled
 
 @pytest.mark.skipif(find_spec("libcosimpy") is None, reason="libcosimpy is not installed")
 def test_libcosim_carries_the_start_values_over(ssp: Path) -> None:
-    run = example.run_in_libcosim(ssp, 4e-3)
+    run = SYSTEM.run_in_libcosim(ssp, STOP_TIME, 4e-3)
     before = run["time"] < ENGINE.load_time
     for name in SPEEDS:
         np.testing.assert_allclose(run[name][before], settled(ENGINE.load_before).speed, atol=1e-6)
