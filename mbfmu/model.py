@@ -43,6 +43,7 @@ OWN = (
     "stop_time",
     "output_interval",
     "settling",
+    "viewing",
     "effects",
     "arrays",
     "terminals",
@@ -161,8 +162,9 @@ class Model:
 
     Class attributes a subclass may set: ``name`` (of the command line and the FMU), ``stop_time`` and
     ``output_interval`` (s), ``tolerance`` and ``default_solver`` of the default experiment, ``settling``: parameters
-    that damp the motion, with which a comparison lets it run into the steady state, and ``effects``: by name, the
-    parameters that turn an effect on; zero turns it off.
+    that damp the motion, with which a comparison lets it run into the steady state, ``viewing``: parameters that
+    ``mbfmu view`` sets unless it is told otherwise, and ``effects``: by name, the parameters that turn an effect on;
+    zero turns it off.
     """
 
     name: ClassVar[str] = ""
@@ -171,6 +173,7 @@ class Model:
     tolerance: ClassVar[float] = 1e-6
     default_solver: ClassVar[str] = "ida"
     settling: ClassVar[Mapping[str, float]] = MappingProxyType({})
+    viewing: ClassVar[Mapping[str, Any]] = MappingProxyType({})
     effects: ClassVar[Mapping[str, Mapping[str, float]]] = MappingProxyType({})
 
     def __init_subclass__(cls) -> None:

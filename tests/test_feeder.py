@@ -162,6 +162,35 @@ def test_two_speeds_pull_with_what_the_weaker_grip_has() -> None:
     assert pulled[0] == pytest.approx(-pulled[1], rel=0.05)  # nothing else is there to hold it
 
 
+@pytest.mark.parametrize("path", ["straight", "s_bend"])
+def test_pressure_of_all_cells_is_the_force_of_all_guides(path: str) -> None:
+    """Without friction, times the area of a cell; pressing forces of a curved guide do not add up as vectors."""
+    model = Feeder(path=path, mu_guide=0.0, field="pressure", **(SMALL | {"nx": 15}))
+    found = mb.simulate(model, 0.1, interval=0.02)
+    names = [name for row in model.arrays()["pressure"] for name in row]
+    area = model.length / (model.nx - 1) * model.width / (model.nz - 1)
+    pressing = area * np.sum([found[name] for name in names], axis=0)
+    guides = {name.split(".force.")[0] for name in found.names if ".force." in name}
+    forces = sum(np.linalg.norm([found[f"{name}.force.{axis}"] for axis in "xyz"], axis=0) for name in guides)
+    assert pressing.max() > 0.01
+    if path == "straight":
+        np.testing.assert_allclose(pressing, forces, rtol=1e-9, atol=1e-12)
+    else:
+        assert np.all(pressing > forces - 1e-12)
+
+
+def test_a_field_changes_no_motion_and_is_there_if_there_is_something_to_touch() -> None:
+    models = [Feeder(path="straight", field=field, **SMALL) for field in ("none", "pressure")]
+    plain, told = (mb.simulate(model, 0.02, interval=0.01) for model in models)
+    assert [name for name in told.names if name not in plain.names] == [
+        f"pressure[{i},{k}]" for i in range(6) for k in range(4)
+    ]
+    assert np.array_equal(plain["lead.y"], told["lead.y"])
+    bare = Feeder(path="straight", guides=False, field="pressure", **SMALL)
+    assert bare.arrays() == {}
+    assert bare.build().surfaces[0].field == ""
+
+
 def test_effects_that_are_off_are_absent() -> None:
     bare = Feeder(path="straight", guides=False, gravity_y=0.0, mu_guide=0.0, damping=0.0, membrane=False, **SMALL)
     full = Feeder(path="straight", **SMALL)

@@ -26,11 +26,13 @@ from mbfmu.mechanics import (
     Revolute,
     SpeedInput,
     Surface,
+    TouchHandle,
     Trough,
     Wall,
     add_nip,
     add_sheet,
     add_touch,
+    contact_pressure,
     cylinder,
     jammed,
 )
@@ -57,6 +59,7 @@ class Feeder(Model):
     output_interval = 0.005
     tolerance = 1e-4
     default_solver = "esdirk"  # explicit ones are refused, and large sheets in contact with ida
+    viewing = MappingProxyType({"field": "pressure"})
     effects = MappingProxyType(
         {
             "gravity": {"gravity_y": -9.81},
@@ -118,6 +121,11 @@ class Feeder(Model):
     damping: float = parameter(5e-4, unit="s", min=0.0, doc="effect: material damping time of the sheet")
     drag: float = parameter(0.0, unit="kg/m3", min=0.0, doc="effect: air density times drag coefficient")
     curl: float = parameter(0.0, unit="1/m", doc="effect: natural curvature along the feed, positive upwards")
+    field: str = parameter(
+        "none",
+        choices=("none", "pressure"),
+        doc="what every cell feels of guides and wall: among the outputs, and the color of the sheet",
+    )
 
     def build(self) -> Mechanism:
         """Return the mechanism."""
@@ -143,23 +151,38 @@ class Feeder(Model):
             at=(self.lead - self.length, 0.0, -0.5 * self.width),
             rate=(self.speed, 0.0, 0.0, 0.0, 0.0, 0.0),
         )
-        m.surface("sheet", sheet.nodes)
+        m.surface("sheet", sheet.nodes, field=self._field)
         self._outputs(m, sheet)
         nips = [nip for line in range(self.nips) for nip in self._line(m, sheet, route, line)]
         m.output("jam", jammed(nips), "1 while a loaded nip slips by more than half its surface speed")
-        if self.guides:
-            self._guide(m, sheet, route)
+        touches = self._guide(m, sheet, route) if self.guides else []
         if self.stop_at:
-            self._touch(m, sheet, "stop", Wall(**self._across(route, self.stop_at)), self._hardness(sheet))
+            stop = Wall(**self._across(route, self.stop_at))
+            touches.append(self._touch(m, sheet, "stop", stop, self._hardness(sheet)))
+        if self._field:
+            for i, k in sheet.cells:
+                felt = contact_pressure(touches, i, k)
+                m.output(f"{self._field}[{i},{k}]", felt, f"of guides and wall on cell {i}, {k}")
         m.output("energy", m.energy, "kinetic and potential energy")
         m.output("kinetic_energy", m.kinetic_energy, "kinetic energy")
         m.output("potential_energy", m.potential_energy, "energy of weight, deformation and contact")
         return m
 
+    def arrays(self) -> dict[str, Sequence[Any]]:
+        """Return a field of all cells where there is one."""
+        if not self._field:
+            return {}
+        return {self._field: [[f"{self._field}[{i},{k}]" for k in range(self.nz - 1)] for i in range(self.nx - 1)]}
+
     def terminals(self) -> dict[str, Sequence[str]]:
         """Return every roller."""
         names = [f"roller[{line + 1}].{side}" for line in range(self.nips) for side in SIDES]
         return {name: (f"{name}.speed", f"{name}.torque") for name in names}
+
+    @property
+    def _field(self) -> str:
+        """Name of the field that is told; empty: none, or nothing is there to touch."""
+        return "" if self.field == "none" or not (self.guides or self.stop_at) else self.field
 
     def route(self) -> Path:
         """Return the path, with room for the sheet before line 1 and behind the last line."""
@@ -286,13 +309,16 @@ class Feeder(Model):
         m.output(f"{name}.torque", roller.effort(), "torque of the drive")
         return roller
 
-    def _guide(self, m: Mechanism, sheet: SheetHandle, route: Path) -> None:
+    def _guide(self, m: Mechanism, sheet: SheetHandle, route: Path) -> list[TouchHandle]:
         """Add what is above and below each part of the path."""
-        for number, part in enumerate(route.parts, 1):
-            for name, hand in (("lower", -1.0), ("upper", 1.0)):
-                self._touch(m, sheet, f"{name}[{number}]", self._surface(part, hand))
+        surfaces = {
+            f"{name}[{number}]": self._surface(part, hand)
+            for number, part in enumerate(route.parts, 1)
+            for name, hand in (("lower", -1.0), ("upper", 1.0))
+        }
         if self.path == "chute":
-            self._touch(m, sheet, "chute", self._chute(route))
+            surfaces["chute"] = self._chute(route)
+        return [self._touch(m, sheet, name, surface) for name, surface in surfaces.items()]
 
     def _surface(self, part: Straight | Arc, hand: float) -> Surface:
         """Return the guide on one side of a part of the path: 1 above, -1 below."""
@@ -320,7 +346,7 @@ class Feeder(Model):
 
     def _touch(
         self, m: Mechanism, sheet: SheetHandle, name: str, surface: Surface, stiffness: float | None = None
-    ) -> None:
+    ) -> TouchHandle:
         """Let the sheet touch a surface, and tell the force."""
         if stiffness is None:  # that of a touch by itself goes with the longer of the two spacings
             bent = float(sheet.plate.bending[0, 0]) * (6.0 / self.length) ** 2
@@ -328,6 +354,7 @@ class Feeder(Model):
         touch = add_touch(m, name, sheet, surface, friction=self.mu_guide, stiffness=stiffness, points=POINTS)
         for axis in "xyz":
             m.output(f"{name}.force.{axis}", touch.force(axis), "force on the sheet")
+        return touch
 
     def _hardness(self, sheet: SheetHandle) -> float | None:
         """Return the pressure for the depth of the stop, N/m^3: a line of nips pushes an edge in by its thickness.
@@ -347,4 +374,5 @@ class Feeder(Model):
                     corner = sheet.node(row, k).position(axis)
                     m.output(f"{name}.{side}.{axis}", corner, f"{side} corner of the {name}ing edge")
         m.output("sheet.skew", sheet.skew(), "angle of the leading edge about the sheet's normal")
+        m.readout("sheet.skew")
         m.output("sheet.lateral", sheet.point(0.5 * self.length, 0.5 * self.width).position("z"), "its middle along z")

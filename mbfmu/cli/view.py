@@ -22,7 +22,19 @@ from mbfmu.viewer.gltf import write_glb
 from mbfmu.viewer.html import write_html
 from mbfmu.viewer.show import changes, side_by_side
 
-from .common import RESULTS, Commands, add_set, add_solver, folder, number, progress, scene_of, stem_of, wrote
+from .common import (
+    RESULTS,
+    Commands,
+    add_set,
+    add_solver,
+    assignments,
+    folder,
+    number,
+    progress,
+    scene_of,
+    stem_of,
+    wrote,
+)
 
 OF_SCENES = ("set", *(setting.name for setting in declared(Settings)), "stop_time", "interval")
 
@@ -130,7 +142,7 @@ def load(options: argparse.Namespace) -> tuple[Motion, Motion | None, list[str],
             raise UserError(f"--against {against!r}: {options.scene!r} is the record of a run; write another one, .npz")
         beside = Motion.load(Path(against)) if against is not None else None
         return Motion.load(source), beside, [], source.with_suffix(".html")
-    scene = scene_of(options)
+    scene = seen(scene_of(options), options)
     page = RESULTS / f"{stem_of(scene)}.html"
     recorded = Motion.load(Path(against)) if against is not None and against.endswith(".npz") else None
     other = against_of(scene, against) if against is not None and recorded is None else None
@@ -140,6 +152,13 @@ def load(options: argparse.Namespace) -> tuple[Motion, Motion | None, list[str],
     beside, second = recorded_run(other)
     motion, beside = side_by_side(motion, result, beside, second)
     return motion, beside, list(filter(None, (one.failure or one.warning for one in (result, second)))), page
+
+
+def seen(scene: Scene, options: argparse.Namespace) -> Scene:
+    """Return the scene with what its model sets for viewing, but for what the scene or the command line has set."""
+    given, model = assignments("--set", options.set), scene.model
+    free = {p.name for p in model.parameters() if p.name not in given and getattr(model, p.name) == p.default}
+    return scene.changed(model=model.with_values({k: v for k, v in model.viewing.items() if k in free}))
 
 
 def against_of(scene: Scene, text: str) -> Scene:

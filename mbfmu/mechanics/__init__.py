@@ -9,7 +9,7 @@ from .assemblies.chain import add_chain
 from .assemblies.fabric import Crease
 from .assemblies.sheet import Sheet, add_sheet
 from .assemblies.supports import Support
-from .assemblies.transport import NipHandle, TouchHandle, add_nip, add_touch, jammed
+from .assemblies.transport import NipHandle, TouchHandle, add_nip, add_touch, contact_pressure, jammed
 from .builder.bodies import Body, CouplingHandle, CutHandle, FlexibleBody, ForceHandle
 from .builder.inertia import box, cylinder, rod, sphere, tube
 from .builder.mechanism import Mechanism
@@ -145,6 +145,7 @@ __all__ = [
     "add_sheet",
     "add_touch",
     "box",
+    "contact_pressure",
     "cylinder",
     "jammed",
     "kernel",

@@ -24,7 +24,7 @@ from .numbers import finite, positive
 Vector = Sequence[float]
 Matrix = NDArray[np.float64]
 
-GLASS = 0.2  # opacity of surfaces that sheets touch: what they lead is seen through them
+GLASS = 0.12  # opacity of surfaces that sheets touch: what they lead is seen through them
 THIN = 1e-3  # of a panel's shorter side: its thickness to a click
 
 

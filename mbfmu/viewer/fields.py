@@ -2,7 +2,8 @@
 
 The colors are Moreland's for signed quantities on surfaces that are lit: from gray at zero to blue and to red, which
 differ for the color-blind too, alike in lightness on both sides, and never so dark that light and shadow are lost. The
-limits are alike on both sides and those of the whole run: a color means one value at all times.
+limits are alike on both sides and those of the whole run: a color means one value at all times. Where a few values, as
+those of an impact, are so large that all others would be gray, the limits suit the others.
 
 K. Moreland, Diverging Color Maps for Scientific Visualization, 2009.
 """
@@ -19,6 +20,7 @@ from .motion import Motion
 Array = NDArray[np.float64]
 
 STOPS = ("#3b4cc0", "#6282ea", "#8db0fe", "#b8d0f9", "#dddddd", "#f5c4ad", "#f49a7b", "#de604d", "#b40426")
+USUAL, PEAK = 95, 10.0  # percent of what is not zero, and times what these reach, above which limits leave it out
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,30 +29,41 @@ class Field:
 
     Attributes
     ----------
-    limit
-        The colors' range is from minus this to this: the largest size in the run, and in the one beside it.
+    title
+        Name and unit, and the largest size if the colors leave it out.
+    low, limit
+        Ends of the bar of colors, which go from minus the limit to it; ``low`` is zero where no value is below.
     columns
         Of every cell's output among those of the motion, row after row.
     """
 
-    name: str
-    unit: str
+    title: str
+    low: float
     limit: float
     columns: tuple[int, ...]
 
 
 def fields(motion: Motion, *others: Motion) -> list[Field | None]:
     """Return the fields of a motion's surfaces, None for one without; their limits suit other motions too."""
-    largest: dict[tuple[str, str], float] = {}
+    found: dict[tuple[str, str], list[Array]] = {}
     for run in (motion, *others):
         for name, unit, columns in filter(None, fields_of(run)):
-            values = np.abs(run.values[:, columns])
-            own = float(values.max(initial=0.0, where=np.isfinite(values)))
-            largest[name, unit] = max(own, largest.get((name, unit), 0.0))
+            found.setdefault((name, unit), []).append(run.values[:, columns].ravel())
     return [
-        Field(name=own[0], unit=own[1], limit=largest[own[:2]], columns=own[2]) if own else None
-        for own in fields_of(motion)
+        field_with(name, unit, columns, np.concatenate(found[name, unit])) if columns else None
+        for name, unit, columns in (own or ("", "", ()) for own in fields_of(motion))
     ]
+
+
+def field_with(name: str, unit: str, columns: tuple[int, ...], values: Array) -> Field:
+    """Return the field with these values in all its cells at all times."""
+    finite = values[np.isfinite(values)]
+    sizes = np.abs(finite[finite != 0.0])
+    largest = float(sizes.max(initial=0.0))
+    usual = float(np.percentile(sizes, USUAL)) if len(sizes) else 0.0
+    limit, beyond = (usual, f", up to {largest:.3g}") if largest > PEAK * usual else (largest, "")
+    title = f"{name}{'' if unit == '1' else f' [{unit}]'}{beyond}"
+    return Field(title=title, low=-limit if (finite < 0.0).any() else 0.0, limit=limit, columns=columns)
 
 
 def fields_of(motion: Motion) -> list[tuple[str, str, tuple[int, ...]] | None]:

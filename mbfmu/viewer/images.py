@@ -125,8 +125,10 @@ class _Artist:
             self._paint(ax, faces[own], colors[own], both[own], opacity[own])
         clock = "   ".join(filter(None, (f"{self.motion.times[frame]:.3f} s", self.motion.caption)))
         self.figure.text(0.02, 0.965, self.motion.title, color=INK, fontsize=12, va="center", weight="bold")
+        below = 1.0 - 44.0 / self.shot.height
+        self.figure.text(0.02, below, self.motion.reading(frame), color=INK, fontsize=12, va="top", family="monospace")
         self.figure.text(0.02, 0.03, clock, color=INK, fontsize=10, va="center", family="monospace")
-        for k, field in enumerate({field.name: field for field in self.fields if field}.values()):
+        for k, field in enumerate({field.title: field for field in self.fields if field}.values()):
             self._legend(field, 68.0 * k)
 
     def _legend(self, field: Field, above: float) -> None:
@@ -135,11 +137,12 @@ class _Artist:
         left, right, low = 1.0 - min(246.0 / wide, 0.6), 1.0 - 46.0 / wide, (36.0 + above) / high
         bar = self.figure.add_axes((left, low, right - left, 12.0 / high))
         bar.set_axis_off()
-        bar.imshow(colored(np.linspace(-1.0, 1.0, 256), 1.0)[None], aspect="auto")
-        words = field.name if field.unit == "1" else f"{field.name} [{field.unit}]"
+        limit = field.limit or 1.0
+        bar.imshow(colored(np.linspace(field.low, limit, 256), limit)[None], aspect="auto")
         middle = 0.5 * (left + right)
-        self.figure.text(middle, low + 26.0 / high, words, color=INK, fontsize=9, ha="center", va="center")
-        ticks = {left: -field.limit, middle: 0.0, right: field.limit} if field.limit else {middle: 0.0}
+        self.figure.text(middle, low + 26.0 / high, field.title, color=INK, fontsize=9, ha="center", va="center")
+        zero = middle if field.low < 0.0 or not field.limit else left
+        ticks = {left: field.low, zero: 0.0, right: field.limit} if field.limit else {zero: 0.0}
         for x, value in ticks.items():
             self.figure.text(x, low - 12.0 / high, f"{value:.3g}", color=INK, fontsize=9, ha="center", va="center")
 

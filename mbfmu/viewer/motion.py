@@ -70,6 +70,15 @@ class Motion:
         """What a picture has to say of itself: that deflections are not what they were."""
         return "" if self.scale == 1.0 else f"deflection × {self.scale:g}"
 
+    def reading(self, frame: int) -> str:
+        """Return what the readouts are at a frame, a line each."""
+        told = {name: (unit, x) for (name, unit), x in zip(self.outputs, self.values[frame], strict=True)}
+        lines = []
+        for name in self.picture.readouts:
+            unit, value = told[name]
+            lines.append(f"{name} {value:.4g}{'' if unit == '1' else f' {unit}'}")
+        return "\n".join(lines)
+
     def scaled(self, scale: float) -> Motion:
         """Return the motion with the deflection of its elastic bodies magnified in pictures."""
         positive("scale of the deflection", scale)
@@ -128,15 +137,16 @@ class Motion:
 
     @property
     def _complete(self) -> bool:
-        """Whether every array has the shape the others and the names ask for, and the outputs of fields are there."""
+        """Whether every array has the shape the others and the names ask for, and outputs that are shown are there."""
         frames, bodies = len(self.times), len(self.names)
         amplitudes = sum(len(bar.shapes[0]) for bar in self.picture.bars)
         shapes = ((frames, bodies, 3), (frames, bodies, 4), (frames, amplitudes))
         poses = (self.r.shape, self.e.shape, self.p.shape) == shapes
         told = (frames, len(self.outputs)), (frames, len(self.arrows), 3)
         outputs = {name for name, _ in self.outputs}
-        colored = all(outputs.issuperset(skin.outputs) for skin in self.picture.skins)
-        return frames > 0 and poses and colored and (self.values.shape, self.forces.shape) == told
+        asked = (self.picture.readouts, *(skin.outputs for skin in self.picture.skins))
+        seen = all(map(outputs.issuperset, asked))
+        return frames > 0 and poses and seen and (self.values.shape, self.forces.shape) == told
 
 
 class Recorder:

@@ -130,6 +130,7 @@ class Picture:
     skins: tuple[Skin, ...]
     bars: tuple[Bar, ...]
     unnamed: tuple[int, ...]  # cross-sections of elastic bodies, whose names would be in the way
+    readouts: tuple[str, ...] = ()  # outputs, by name
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain lists and numbers, for JSON."""
@@ -147,6 +148,7 @@ class Picture:
             skins=tuple(Skin(**skin) for skin in frozen["skins"]),
             bars=tuple(Bar(**bar) for bar in frozen["bars"]),
             unnamed=frozen["unnamed"],
+            readouts=frozen.get("readouts", ()),  # pose files from before there were any
         )
 
     def points(self) -> dict[int, Matrix]:
@@ -248,6 +250,7 @@ class _Artist:
             skins=skins,
             bars=self._bars(),
             unnamed=tuple(body.index for body in self.mechanism.bodies if isinstance(body.joint, Section)),
+            readouts=tuple(self.mechanism.readouts),
         )
 
     def _bars(self) -> tuple[Bar, ...]:

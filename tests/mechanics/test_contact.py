@@ -16,6 +16,7 @@ from mbfmu.mechanics import (
     Guide,
     Mechanism,
     Plant,
+    PointForce,
     Polynomial,
     Revolute,
     Sheet,
@@ -25,6 +26,7 @@ from mbfmu.mechanics import (
     add_nip,
     add_sheet,
     add_touch,
+    contact_pressure,
 )
 from mbfmu.mechanics.arrays import systems
 from mbfmu.mechanics.contact import patch
@@ -35,6 +37,7 @@ from mbfmu.mechanics.records import allocate_state, complex_state
 from mbfmu.mechanics.recursions.dynamics import move
 from mbfmu.mechanics.steps import EPSILON, step
 from mbfmu.mechanics.tangent import find_groups
+from mbfmu.simulation import Settings, Simulation
 from solvers.compiled.held import contents, hold
 from solvers.compiled.kernel import kernel, records
 
@@ -305,6 +308,46 @@ def test_pressure_is_the_force_on_a_cell_over_its_area() -> None:
     assert told.mean() * 0.297 * 0.21 == pytest.approx(slid * found["pressing"][0], rel=1e-12)
     with pytest.raises(UserError, match=r"sheet 's' has no cell \(3, 0\); allowed: \(2, 1\) at most"):
         touch.pressure(3, 0)
+
+
+def test_pressure_of_touches_on_both_sides_adds_up() -> None:
+    """A cell that two walls pinch, and turned ones beside it; without friction all of it is their forces."""
+    m = Mechanism()
+    sheet = add_sheet(m, "s", at=(0.0, 0.0, 0.0), grid=(4, 3), **PAPER)
+    m.force("weight", PointForce(magnitude=1.0, axis="y"), sheet.node(0, 0))  # loads of other kinds come before
+    kind = {"stiffness": 2e6, "depth": 2e-5}
+    walls = {
+        "below": Wall(at=(0.0, -4e-5, 0.0)),
+        "above": Wall(at=(0.0, 2e-5, 0.0), normal=(0.0, -1.0, 0.0)),
+        "edge": Wall(at=(0.297, 0.0, 0.0), normal=(-1.0, 1.0, 0.0)),
+        "far": Wall(at=(0.0, -1.0, 0.0)),
+    }
+    touches = [add_touch(m, name, sheet, wall, **kind) for name, wall in walls.items()]  # type: ignore[arg-type]
+    for touch in touches:
+        for axis in "xyz":
+            m.output(f"{touch.name}.{axis}", touch.force(axis))
+    for i, k in sheet.cells:
+        m.output(f"pressure[{i},{k}]", contact_pressure(touches, i, k))
+    found = Simulation(m, Settings(solver="radau"))
+    told = dict(zip((variable.name for variable in found.variables), found.outputs(), strict=True))
+    forces = {name: np.linalg.norm([told[f"{name}.{axis}"] for axis in "xyz"]) for name in walls}
+    assert min(forces[name] for name in ("below", "above", "edge")) > 0.0
+    assert forces["far"] == 0.0
+    total = sum(told[f"pressure[{i},{k}]"] for i, k in sheet.cells) * sheet.a * sheet.b
+    assert total == pytest.approx(sum(forces.values()), rel=1e-12)
+    assert told["pressure[2,0]"] > told["pressure[1,0]"] > 0.0  # the wall at the edge meets the last row alone
+
+
+def test_pressure_is_of_touches_of_one_sheet() -> None:
+    m = Mechanism()
+    touches = [
+        add_touch(m, f"{name}.table", add_sheet(m, name, grid=(4, 3), **PAPER), Wall(at=(0.0, -5e-5, 0.0)))
+        for name in ("s", "t")
+    ]
+    with pytest.raises(UserError, match=r"touches that press are \[\]; allowed: a list of what add_touch returns"):
+        contact_pressure([], 0, 0)
+    with pytest.raises(UserError, match=r"touch 't.table' is of sheet 't'; allowed beside 's.table': touches of 's'"):
+        contact_pressure(touches, 0, 0)
 
 
 def driven(speeds: tuple[float, ...], grid: tuple[int, int], **options: Any) -> tuple[Mechanism, Sheet, list[Any]]:

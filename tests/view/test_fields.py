@@ -19,7 +19,7 @@ from mbfmu.direct import simulate
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Floating, Mechanism
 from mbfmu.viewer import Motion, Recorder, html, images
-from mbfmu.viewer.fields import STOPS, colored, fields
+from mbfmu.viewer.fields import STOPS, Field, colored, field_with, fields
 from mbfmu.viewer.picture import draw
 
 ROWS, COLUMNS = 3, 4
@@ -100,13 +100,25 @@ def test_limits_suit_the_whole_run_and_the_one_beside_it() -> None:
     motion, other = motion_of(RAMP), motion_of(-2.0 * RAMP)
     (own,) = fields(motion)
     assert own is not None
-    assert (own.name, own.unit, own.limit, own.columns) == ("push", "N/m", 4.0, (1, 2, 3, 4, 5, 6))
+    assert own == Field(title="push [N/m]", low=-4.0, limit=4.0, columns=(1, 2, 3, 4, 5, 6))
     (both,) = fields(motion, other)
-    assert both == replace(own, limit=8.0)
+    assert both == replace(own, low=-8.0, limit=8.0)
     assert fields(motion, motion_of(9.0 * RAMP, unit="m"))[0] == own  # of another unit
     (rough,) = fields(motion_of(np.where(RAMP == 4.0, np.nan, RAMP)))
-    assert rough == replace(own, limit=3.0)
+    assert rough == replace(own, low=-3.0, limit=3.0)
+    (above,) = fields(motion_of(np.abs(RAMP), unit="1"))
+    assert above == replace(own, title="push", low=0.0)
     assert fields(motion_of(RAMP, field="")) == [None]
+
+
+def test_a_peak_does_not_leave_all_else_gray() -> None:
+    """Of 200 values that are not zero one is a peak; ten times what is usual is none yet."""
+    usual = np.concatenate((np.zeros(50), np.full(199, -2.0)))
+    for peak, limit, title in ((19.0, 19.0, "push [Pa]"), (21.0, 2.0, "push [Pa], up to 21")):
+        own = field_with("push", "Pa", (), np.append(usual, peak))
+        assert (own.title, own.low, own.limit) == (title, -limit, limit)
+    still = field_with("push", "Pa", (), np.zeros(9))
+    assert (still.title, still.low, still.limit) == ("push [Pa]", 0.0, 0.0)
 
 
 def test_fields_without_their_outputs_are_refused_at_the_start_of_a_run() -> None:
@@ -175,7 +187,7 @@ def test_picture_tells_what_the_colors_mean(tmp_path: Path) -> None:
 def test_page_of_two_runs_has_one_scale_of_colors() -> None:
     scene = scene_in(html.page(motion_of(RAMP), motion_of(-2.0 * RAMP))[0])
     (own,), (beside,) = scene["fields"], scene["against"]["fields"]
-    assert own == beside == {"name": "push", "unit": "N/m", "limit": 8.0, "columns": [1, 2, 3, 4, 5, 6]}
+    assert own == beside == {"title": "push [N/m]", "low": -8.0, "limit": 8.0, "columns": [1, 2, 3, 4, 5, 6]}
     assert scene["stops"] == list(STOPS)
     assert scene_in(html.page(motion_of(RAMP, ""))[0])["fields"] == [None]
 
@@ -241,9 +253,17 @@ def test_surface_without_a_field_has_its_own_color_everywhere() -> None:
 
 
 @pytest.mark.skipif(NODE is None, reason="no node here, which the page's program is tested with")
-@pytest.mark.parametrize(("limit", "ticks"), [(0.00456, ["-0.00456", "0", "0.00456"]), (0.0, ["0"])])
-def test_page_tells_what_the_colors_mean(limit: float, ticks: list[str]) -> None:
-    scene = {"fields": [None, {"name": "push", "unit": "N/m", "limit": limit}], "stops": STOPS, "against": None}
+@pytest.mark.parametrize(
+    ("low", "limit", "stops", "ticks"),
+    [
+        (-0.00456, 0.00456, STOPS, ["-0.00456", "0", "0.00456"]),
+        (0.0, 0.00456, STOPS[4:], ["0", "0.00456"]),
+        (0.0, 0.0, STOPS[4:], ["0"]),
+    ],
+)
+def test_page_tells_what_the_colors_mean(low: float, limit: float, stops: tuple[str, ...], ticks: list[str]) -> None:
+    own = {"title": "push [N/m]", "low": low, "limit": limit}
+    scene = {"fields": [None, own], "stops": STOPS, "against": None}
     viewer = (Path(html.__file__).parent / "page" / "viewer.js").read_text().replace("start().catch", "(() => {}).call")
     found = evaluated(
         f"""
@@ -257,7 +277,7 @@ def test_page_tells_what_the_colors_mean(limit: float, ticks: list[str]) -> None
         return [root.hidden, title.textContent, bar.style.background, scale.children.map((own) => own.textContent)];
         """
     )
-    assert found == [False, "push [N/m]", f"linear-gradient(to right, {', '.join(STOPS)})", ticks]
+    assert found == [False, "push [N/m]", f"linear-gradient(to right, {', '.join(stops)})", ticks]
 
 
 @pytest.mark.skipif(browser() is None, reason="no Chromium here; MBFMU_BROWSER may name one")

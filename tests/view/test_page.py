@@ -11,6 +11,7 @@ import shutil
 import subprocess
 import zlib
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,8 @@ from recording import recorded
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from mbfmu.cli import parser
+from mbfmu.cli.common import scene_of
+from mbfmu.cli.view import seen
 from mbfmu.direct import simulate
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Floating, Mechanism, PointForce, Revolute, Support, add_sheet, rod
@@ -339,12 +342,49 @@ def test_mistakes_are_named(
     assert "Traceback" not in err
 
 
+def test_readouts_are_read_out_in_pictures_and_kept_in_pose_files(tmp_path: Path) -> None:
+    m = Mechanism(gravity=(0.0, -9.81, 0.0))
+    arm = m.body("arm", m.ground, Revolute(start=0.3), **rod(mass=1.0, length=1.0))
+    m.output("angle", arm.angle())
+    m.output("share", arm.direction("x", "x"))
+    with pytest.raises(UserError, match="readout is of 'angel', which is no output of this mechanism so far"):
+        m.readout("angel")
+    m.readout("angle", "share", "angle")
+    recorder = Recorder()
+    simulate(m, 0.2, interval=0.1, watch=recorder)
+    motion = recorder.motion("arm")
+    assert motion.reading(0) == f"angle 0.3 rad\nshare {np.cos(0.3):.4g}"
+    motion.save(tmp_path / "arm.npz")
+    assert Motion.load(tmp_path / "arm.npz").picture.readouts == ("angle", "share")
+    shots = []
+    for told in (motion, replace(motion, picture=replace(motion.picture, readouts=()))):
+        images.write_png(told, tmp_path / "arm.png", 0.0, images.Shot(320, 240))
+        shots.append(imread(tmp_path / "arm.png"))
+    rows = np.nonzero((shots[0] != shots[1]).any(axis=(1, 2)))[0]
+    assert 20 < rows.min() < rows.max() < 90  # below the title
+    lost = replace(motion, outputs=(("turn", "rad"), *motion.outputs[1:]))
+    lost.save(tmp_path / "lost.npz")
+    with pytest.raises(UserError, match="not a pose file this version"):
+        Motion.load(tmp_path / "lost.npz")
+
+
+def test_view_sets_what_its_model_shows_unless_it_is_told_otherwise() -> None:
+    def found(*arguments: str) -> str:
+        options = parser().parse_args(["view", *arguments])
+        return str(seen(scene_of(options), options).model.field)  # type: ignore[attr-defined]
+
+    assert found("feeder") == found("feeder/skew") == "pressure"
+    assert found("feeder", "--set", "field=none") == "none"
+    assert found("sheet") == "none"
+    assert found("sheet", "--set", "field=moment.xx") == "moment.xx"
+
+
 def test_page_of_the_docs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = (Path(__file__).parents[2] / "docs" / "viewing.md").read_text()
     monkeypatch.chdir(tmp_path)
     blocks = re.findall(r"```(\w+)\n(.*?)```", page, flags=re.DOTALL)
     commands = [line for language, text in blocks if language == "bash" for line in text.splitlines()]
-    assert len(commands) == 12
+    assert len(commands) == 13
     for line in commands:
         parser().parse_args(shlex.split(line)[1:])
     for language, text in blocks:
@@ -365,6 +405,30 @@ def opened(page: Path, *more: str) -> str:
     own = f"--user-data-dir={page.parent}/profile"
     command = [str(browser()), *options, own, *more, page.as_uri()]
     return subprocess.run(command, capture_output=True, text=True, timeout=120, check=True).stdout
+
+
+@pytest.mark.skipif(browser() is None, reason="no Chromium here; MBFMU_BROWSER may name one")
+def test_line_of_the_clock_stays_where_it_is_as_axes_get_wider(tmp_path: Path) -> None:
+    """An output of a second unit brings an axis; the page stands still, and nothing else draws it anew."""
+    _, motion = recorded(FourBar(), 0.3)
+    motion = replace(motion, picture=replace(motion.picture, readouts=("crank.angle",)))
+    page = tmp_path / "page.html"
+    html.write_html(motion, page)
+    told = """(viewer) => {
+      viewer.halt(0.2);
+      setTimeout(() => viewer.plot.toggle("energy"), 300);
+      setTimeout(() => {
+        const { plot } = viewer.plot, line = viewer.plot.now.style.transform.match(/[\\d.]+/)[0];
+        document.body.dataset.line = line - plot.valToPos(0.2, "x");
+      }, 600);
+    }"""
+    page.write_text(page.read_text().replace("start().catch(", f"start().then({told}).catch(", 1))
+    content = opened(page, "--dump-dom", "--window-size=1200,700")
+    off = re.search(r'data-line="([^"]*)"', content)
+    assert off is not None
+    assert float(off[1]) == pytest.approx(0.0, abs=0.01)
+    angle = np.interp(0.2, motion.times, motion.values[:, [name for name, _ in motion.outputs].index("crank.angle")])
+    assert f"<i>crank.angle</i><output>{angle:.4g} rad</output>" in content
 
 
 @pytest.mark.skipif(browser() is None, reason="no Chromium here; MBFMU_BROWSER may name one")

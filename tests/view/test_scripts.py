@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -104,6 +105,37 @@ def test_curves_of_two_runs_share_their_times() -> None:
     assert [x for x in found["other"] if x is not None] == pytest.approx(other.values[:, column], abs=1e-6)
     assert found["at"] == pytest.approx(motion.values[10:12, column].mean(), abs=1e-6)
     assert found["beyond"] is None
+
+
+def test_readouts_are_told_of_both_runs() -> None:
+    motion, other = beside()
+    names = ("coupler.angle", "energy")
+    motion, other = (replace(run, picture=replace(run.picture, readouts=names)) for run in (motion, other))
+    viewer = (Path(html.__file__).parent / "page" / "viewer.js").read_text().replace("start().catch", "(() => {}).call")
+    found = evaluated(
+        f"""
+        const root = {{ children: [], append(...own) {{ this.children.push(...own); }} }};
+        const page = document.getElementById;
+        document.createElement = () => ({{ ...root, children: [] }});
+        document.getElementById = (id) => (id === "readouts" ? root : page(id));
+        const Viewer = (() => {{ {viewer.replace("async function start", "return Viewer; async function start")} }})();
+        const scene = JSON.parse(block("scene"));
+        const motions = [new Motion(scene, await recorded()), new Motion(scene.against, await recorded("-against"))];
+        const own = {{ scene, motions }};
+        Viewer.prototype.prepareReadouts.call(own);
+        const lines = root.children.map((line) => line.children[0].textContent);
+        return [lines, [0.105, 0.25].map((time) => own.readouts.map(({{ name }}) => reading(motions, name, time)))];
+        """,
+        html.page(motion, other)[0],
+    )
+    assert found[0] == list(names)
+    for time, told in zip((0.105, 0.25), found[1], strict=True):
+        for name, unit, text in zip(names, ("rad", "J"), told, strict=True):
+            column = [own for own, _ in motion.outputs].index(name)
+            runs = (motion, other) if time < other.times[-1] else (motion,)
+            values = [np.interp(time, run.times, run.values[:, column]) for run in runs]
+            assert text.endswith(f" {unit}")
+            assert [float(part) for part in text.removesuffix(unit).split("|")] == pytest.approx(values, rel=1e-3)
 
 
 def test_click_picks_the_body_it_meets_first() -> None:

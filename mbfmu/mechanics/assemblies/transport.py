@@ -7,7 +7,7 @@ forces with what bends it so far.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,7 @@ from mbfmu.mechanics.joints import Revolute
 from mbfmu.mechanics.kind import check_kind
 from mbfmu.mechanics.loads.base import Load
 from mbfmu.mechanics.numbers import finite, not_negative, positive
-from mbfmu.mechanics.sensors import Jammed, Met, axis_index
+from mbfmu.mechanics.sensors import Jammed, Met, Pressed, axis_index
 
 from .sheet import Sheet
 
@@ -73,15 +73,9 @@ class TouchHandle(Contact):
         """How deep the deepest point of the sheet is in the surface, m; zero: it does not touch."""
         return self._told("m", 5)
 
-    def pressure(self, i: int, k: int) -> Met:
-        """Size of the force on cell (i, k) of the sheet over its area, Pa: the pressure where friction is none, and at
-        most sqrt(1 + friction^2) of it. A point on a border counts for the cell that begins there, so that along an
-        edge of the sheet it is off by half a point.
-        """
-        if (i, k) not in self.sheet.cells:
-            raise UserError(f"sheet {self.sheet.name!r} has no cell {(i, k)}; allowed: {max(self.sheet.cells)} at most")
-        own = replace(self, first=self.first + list(self.sheet.cells).index((i, k)), count=1)
-        return own._told("Pa", -1, scale=1.0 / (self.sheet.a * self.sheet.b))
+    def pressure(self, i: int, k: int) -> Pressed:
+        """What :func:`.contact_pressure` returns of this touch alone."""
+        return contact_pressure([self], i, k)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +105,29 @@ class NipHandle(Contact):
     def loaded(self) -> Met:
         """Part of the nip in which the sheet is, 0 to 1."""
         return self._told("1", 0, scale=1.0 / self.stations)
+
+
+def contact_pressure(touches: Sequence[TouchHandle], i: int, k: int) -> Pressed:
+    """Return how hard touches of one sheet press on its cell (i, k), Pa: sizes of their forces on it over its area.
+
+    What presses from opposite sides adds up. It is the pressure where friction is none, and at most
+    sqrt(1 + friction^2) of it. A point on a border counts for the cell that begins there, so that along an edge of the
+    sheet it is off by half a point.
+    """
+    if not touches or not all(isinstance(touch, TouchHandle) for touch in touches):
+        raise UserError(f"touches that press are {touches!r}; allowed: a list of what add_touch returns")
+    sheet = touches[0].sheet
+    for touch in touches:
+        if touch.sheet is not sheet:
+            raise UserError(
+                f"touch {touch.name!r} is of sheet {touch.sheet.name!r}; allowed beside {touches[0].name!r}: touches "
+                f"of {sheet.name!r}"
+            )
+    if (i, k) not in sheet.cells:
+        raise UserError(f"sheet {sheet.name!r} has no cell {(i, k)}; allowed: {max(sheet.cells)} at most")
+    cell = list(sheet.cells).index((i, k))
+    own = [touch.first + cell for touch in touches]
+    return Pressed(unit="Pa", item=touches[0], own=own, scale=1.0 / (sheet.a * sheet.b))
 
 
 def jammed(nips: Sequence[NipHandle]) -> Jammed:

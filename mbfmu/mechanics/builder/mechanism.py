@@ -100,6 +100,7 @@ class Mechanism(Appearance):
         self.pressures: list[tuple[str, Pressure, list[tuple[Body, ...]]]] = []
         self.others: list[Acting] = []  # loads, by their name
         self.outputs: list[tuple[str, Sensor, str, float | None]] = []
+        self.readouts: list[str] = []  # outputs, by name
         self.sheets: list[Sheet] = []  # what add_sheet has made
         self.energy: Sensor = Energy()
         self.kinetic_energy: Sensor = KineticEnergy()
@@ -408,6 +409,14 @@ class Mechanism(Appearance):
         if isinstance(sensor.item, ForceHandle) and not self._has(sensor.item):
             raise UserError(f"output {name!r} is of force {sensor.item.name!r}, which is none of this mechanism")
         self.outputs.append((name, sensor, description, nominal))
+
+    def readout(self, *names: str) -> None:
+        """Read outputs out beside the motion: large on the page, and in pictures and films."""
+        known = [output[0] for output in self.outputs]
+        for name in names:
+            if name not in known:
+                raise UserError(f"readout is of {name!r}, which is no output of this mechanism so far")
+        self.readouts = list(dict.fromkeys((*self.readouts, *names)))
 
     def _has(self, handle: ForceHandle) -> bool:
         """Whether a force is one of this mechanism."""

@@ -322,20 +322,17 @@ def tell(nip: Any, t: float, arrays: Any, state: Any, k: int) -> Any:
 
 @kernel
 def apply(nip: Any, t: float, arrays: Any, state: Any) -> None:
-    """See :mod:`mbfmu.mechanics.loads.base`."""
+    """See :mod:`mbfmu.mechanics.loads.base`. The power on sheet and roller is told in passing."""
+    told = state.meeting[0].told
+    told[5] = 0.0
     meet(nip, t, arrays, state)
+    state.damped[0] += told[5]
 
 
 @kernel
 def potential(nip: Any, arrays: Any, state: Any) -> float:
     """Energy that rubber and cells store, J."""
     return tell(nip, state.time[0].real, arrays, state, 6)
-
-
-@kernel
-def power(nip: Any, t: float, arrays: Any, state: Any) -> float:
-    """Power of the nip on sheet and roller but for that, W."""
-    return tell(nip, t, arrays, state, 5)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -345,7 +342,6 @@ class Nip(Load):
     record = NIP
     apply = apply
     potential = potential
-    power = power
     tangent = tangent
     symmetric = False  # friction
     loose = 1  # a roller that turns freely would tie all cells to each other
@@ -355,6 +351,11 @@ class Nip(Load):
     sides: tuple[float, float]
     ends: tuple[tuple[bool, bool], tuple[bool, bool]]
     common: dict[str, Any]
+
+    @property
+    def works(self) -> bool:
+        """It does: by friction and by damping."""
+        return True
 
     def fill(self, record: Any, site: Site) -> None:
         """Write the nodes, the roller, which is the last of its bodies, and what every cell has in common."""

@@ -273,20 +273,17 @@ def tell(load: Any, arrays: Any, state: Any, k: int) -> Any:
 
 @kernel
 def apply(touch: Any, t: float, arrays: Any, state: Any) -> None:
-    """See :mod:`mbfmu.mechanics.loads.base`."""
+    """See :mod:`mbfmu.mechanics.loads.base`. The power of what is not stored is told in passing."""
+    told = state.meeting[0].told
+    told[4] = 0.0
     meet(touch, arrays, state)
+    state.damped[0] += told[4]
 
 
 @kernel
 def potential(touch: Any, arrays: Any, state: Any) -> float:
     """Energy that the law of pressure stores, J."""
     return tell(touch, arrays, state, 3)
-
-
-@kernel
-def power(touch: Any, t: float, arrays: Any, state: Any) -> float:
-    """Power of friction and of what is lost as the sheet leaves, W."""
-    return tell(touch, arrays, state, 4)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -296,7 +293,6 @@ class Touch(Load):
     record = TOUCH
     apply = apply
     potential = potential
-    power = power
     tangent = tangent
     symmetric = False  # friction
 
@@ -310,6 +306,11 @@ class Touch(Load):
     damping: float
     friction: float
     creep: float
+
+    @property
+    def works(self) -> bool:
+        """It does: by friction and by what is lost as the sheet leaves."""
+        return True
 
     def fill(self, record: Any, site: Site) -> None:
         """Write the nodes, the surface and the law; the last of its bodies has the surface."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from .attitudes import AngularVelocity, DirectionCosine, Quaternion
 from .base import Follows, Sensor, axis_index
-from .contacts import Met
+from .contacts import Met, Pressed
 from .coordinates import Acceleration, Coordinate, Effort, Rate, Turn
 from .energies import Energy, JacobiIntegral, KineticEnergy, PotentialEnergy, Residual, largest_residual
 from .forces import CouplingEffort, CutForce, JointForce, RowForce
@@ -44,6 +44,7 @@ __all__ = [
     "PointPosition",
     "PointVelocity",
     "PotentialEnergy",
+    "Pressed",
     "Quaternion",
     "Rate",
     "RelativePosition",

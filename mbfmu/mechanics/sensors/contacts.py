@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,12 +29,9 @@ def sum_over(first: int, count: int, arrays: Any, state: Any) -> None:
 
 @kernel
 def read(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
-    """See :mod:`.base`: a sum over loads, or the ratio of two; component -1: the size of the force, sums 0 to 2."""
+    """See :mod:`.base`: a sum over loads, or the ratio of two."""
     here = state.meeting[0]
     sum_over(sensor.index, sensor.count, arrays, state)
-    if sensor.component < 0:
-        x, y, z = here.told[0], here.told[1], here.told[2]
-        return sensor.scale * np.sqrt(x * x + y * y + z * z)
     found = sensor.scale * here.told[sensor.component]
     if sensor.over < 0:
         return found
@@ -41,12 +39,19 @@ def read(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
     return found / share if share.real > 0.0 else 0.0 * found
 
 
+@kernel
+def pressed(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
+    """See :mod:`.base`: the sizes of the forces of single loads, added."""
+    told, total = state.meeting[0].told, 0.0
+    for e in range(sensor.first, sensor.first + sensor.count):
+        sum_over(int(arrays.numbers[e].real), 1, arrays, state)
+        total = total + np.sqrt(told[0] * told[0] + told[1] * told[1] + told[2] * told[2])
+    return sensor.scale * total
+
+
 @dataclass(frozen=True, kw_only=True)
 class Met(Sensor):
-    """Sum ``component`` of what contacts tell, times ``scale``, in parts of sum ``over`` if that is not negative.
-
-    Component -1 is the size of the force that sums 0 to 2 are.
-    """
+    """Sum ``component`` of what contacts tell, times ``scale``, in parts of sum ``over`` if that is not negative."""
 
     record = np.dtype(
         [("index", np.int64), ("component", np.int64), ("count", np.int64), ("over", np.int64), ("scale", np.float64)]
@@ -62,3 +67,21 @@ class Met(Sensor):
         """Write the loads too."""
         super().fill(record, site)
         record["count"], record["over"], record["scale"] = self.count, self.over, self.scale
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pressed(Sensor):
+    """Sizes of the forces of single contacts, added, times ``scale``; ``own``: their numbers in Mechanism.others."""
+
+    record = np.dtype([("first", np.int64), ("count", np.int64), ("scale", np.float64)])
+    read = pressed
+    follows = Follows.FORCES
+
+    own: Sequence[int]
+    scale: float
+
+    def fill(self, record: Any, site: Site) -> None:
+        """Write the numbers of the loads."""
+        before = self.item.index - self.item.first
+        record["first"], record["count"] = site.numbers(np.add(self.own, before)), len(self.own)
+        record["scale"] = self.scale

@@ -12,6 +12,13 @@ function valueAt(motion, name, time) {
   return values && time <= motion.end ? (1 - s) * values[k] + s * values[next] : NaN;
 }
 
+/** What an output is at a time in every run that has it then, with its unit. */
+function reading(motions, name, time) {
+  const { unit } = motions[0].outputs.find((output) => output.name === name);
+  const values = motions.map((motion) => valueAt(motion, name, time)).filter((x) => !Number.isNaN(x));
+  return `${values.map((x) => figures(x)).join(" | ")}${unit && unit !== "1" ? ` ${unit}` : ""}`;
+}
+
 /** Times, and under each chosen output the values of every run that has it, as one table over all times. */
 function table(motions, names) {
   const tables = motions.map((motion) => {
@@ -86,7 +93,6 @@ class Plot {
     this.plot = new uPlot(this.options(width, height), table(this.motions, this.chosen), this.root);
     this.plot.over.append(this.now);
     this.listen(this.plot.over);
-    this.show(this.time ?? this.motions[0].start);
   }
 
   options(width, height) {
@@ -107,6 +113,7 @@ class Plot {
       width, height, axes: [{ ...look, label: "s", size: 34, labelSize: 16, labelGap: 0 }, ...axes],
       series: [{}, ...series], scales: { x: { time: false } }, legend: { show: false },
       cursor: { drag: { x: false, y: false }, points: { show: false }, y: false },
+      hooks: { draw: [() => this.show(this.time ?? this.motions[0].start)] }, // the axes have their widths only then
     };
   }
 
@@ -127,7 +134,6 @@ class Plot {
     const { clientWidth: width, clientHeight: height } = this.root;
     if (this.plot && width >= 60 && height >= 60) {
       this.plot.setSize({ width, height });
-      this.show(this.time);
     } else {
       this.rebuild();
     }
@@ -141,8 +147,7 @@ class Plot {
     }
     this.now.style.transform = `translateX(${this.plot.valToPos(time, "x")}px)`;
     for (const name of this.chosen) {
-      const values = this.motions.map((motion) => valueAt(motion, name, time)).filter((x) => !Number.isNaN(x));
-      this.chips.get(name).lastChild.textContent = `${values.map((x) => figures(x)).join(" | ")} ${this.unit(name)}`;
+      this.chips.get(name).lastChild.textContent = reading(this.motions, name, time);
     }
   }
 }

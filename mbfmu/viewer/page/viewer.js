@@ -25,6 +25,7 @@ class Viewer {
     this.canvas = element("view");
     this.motion = motion;
     this.beside = beside;
+    this.motions = [motion, beside].filter((run) => run);
     this.renderer = new Renderer(this.canvas);
     this.stage = new Stage(this.renderer, scene, this.motion, this.beside);
     this.camera = new Camera(scene.stage);
@@ -74,6 +75,7 @@ class Viewer {
     }
     this.prepareLegend();
     this.prepareFields();
+    this.prepareReadouts();
     element("reset").addEventListener("click", () => this.reset());
     element("theme").addEventListener("click", () => this.switchTheme());
     element("save").addEventListener("click", () => this.save());
@@ -95,11 +97,12 @@ class Viewer {
   prepareFields() {
     const { fields, stops, against } = this.scene;
     const found = [...fields, ...(against?.fields ?? [])].filter((field) => field);
-    for (const { name, unit, limit } of new Map(found.map((field) => [`${field.name} ${field.unit}`, field])).values()) {
+    for (const { title: text, low, limit } of new Map(found.map((field) => [field.title, field])).values()) {
       const title = document.createElement("p"), bar = document.createElement("i"), scale = document.createElement("p");
-      title.textContent = unit === "1" ? name : `${name} [${unit}]`;
-      bar.style.background = `linear-gradient(to right, ${stops.join(", ")})`;
-      for (const value of limit > 0 ? [-limit, 0, limit] : [0]) {
+      const shown = low < 0 ? stops : stops.slice((stops.length - 1) / 2); // zero has the middle one
+      title.textContent = text;
+      bar.style.background = `linear-gradient(to right, ${shown.join(", ")})`;
+      for (const value of limit > 0 ? [...new Set([low, 0, limit])] : [0]) {
         const tick = document.createElement("span");
         tick.textContent = figures(value, 3);
         scale.append(tick);
@@ -109,8 +112,19 @@ class Viewer {
     element("fields").hidden = found.length === 0;
   }
 
+  /** A line for each output that the model reads out. */
+  prepareReadouts() {
+    this.readouts = this.scene.picture.readouts.map((name) => {
+      const line = document.createElement("div"), label = document.createElement("i");
+      const value = document.createElement("output");
+      label.textContent = name;
+      line.append(label, value);
+      element("readouts").append(line);
+      return { name, value };
+    });
+  }
+
   preparePlot() {
-    const motions = [this.motion, this.beside].filter((motion) => motion);
     const plotted = this.motion.outputs.length > 0;
     element("plot-option").hidden = !plotted;
     const show = () => document.body.classList.toggle("plotted", plotted && element("show-plot").checked);
@@ -118,7 +132,7 @@ class Viewer {
     element("show-plot").addEventListener("change", show);
     show();
     element("options").open = this.canvas.clientWidth > 800; // it would stand before the motion
-    this.plot = new Plot(element("curves"), element("choice"), motions, (time) => this.halt(time));
+    this.plot = new Plot(element("curves"), element("choice"), this.motions, (time) => this.halt(time));
   }
 
   prepareLabels() {
@@ -226,6 +240,7 @@ class Viewer {
     this.placeLabels(look, show.labels);
     const digits = Math.min(Math.max(Math.ceil(-Math.log10(this.motion.interval) - 1e-9), 0), 9);
     this.plot.show(this.clock.time);
+    this.readouts.forEach(({ name, value }) => (value.textContent = reading(this.motions, name, this.clock.time)));
     this.tell();
     element("legend").hidden = !show.forces;
     element("time").value = this.clock.time;
@@ -237,7 +252,8 @@ class Viewer {
 
   /** Place the global axes, seen from where the camera stands, into a corner. */
   drawTriad(look) {
-    const gl = this.renderer.gl, scale = window.devicePixelRatio || 1, size = 92, left = 12, bottom = 66;
+    const gl = this.renderer.gl, scale = window.devicePixelRatio || 1, size = 92, left = 12;
+    const bottom = this.canvas.clientHeight - document.querySelector("footer").offsetTop + 8; // it may take two rows
     this.renderer.viewport(left * scale, bottom * scale, size * scale, size * scale);
     gl.clear(gl.DEPTH_BUFFER_BIT);
     const flat = new Float32Array([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, -0.5, 0, 0, 0, 0, 1.5]);
