@@ -1,4 +1,4 @@
-"""Comparing solvers on a sheet in nips: those that do not suit contact are told once, in a sentence, and not run."""
+"""Studies of a sheet in nips: solvers that do not suit contact are told once, in a sentence, and not run; no rest."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 
 import mbfmu as mb
 from fmus.feeder import Feeder
-from mbfmu.errors import UserError
+from mbfmu.errors import EquilibriumError, UserError
 from mbfmu.mechanics import Mechanism, add_sheet
 from mbfmu.scene import Scene, default_scene
 from mbfmu.studies.compare import compare
@@ -58,7 +58,7 @@ def test_a_target_is_answered_by_what_suits() -> None:
     found = mb.choose(scene(), "1 mm", resolutions=[{}], outputs=["lead.x"])
     assert found.row.solver == "esdirk"
     assert found.sentence.startswith("take esdirk at a tolerance of ")
-    assert {note[:5] for note in found.notes} >= {IDA[:5]}
+    assert any(note.startswith(IDA) for note in found.notes)
 
 
 def test_sheets_without_contact_are_compared_as_they_were() -> None:
@@ -70,3 +70,8 @@ def test_sheets_without_contact_are_compared_as_they_were() -> None:
     runs = tight_runs(plant, 1e-4)
     assert runs[0] == (("adams", 1e-9), ("adams", 1e-8))
     assert [pair[1][0] for pair in runs[1:]] == ["ida"] * (len(runs) - 1)
+
+
+def test_a_sheet_that_nothing_holds_has_no_equilibrium_and_is_told_so() -> None:
+    with pytest.raises(EquilibriumError, match=r"^no equilibrium was found .* friction of contact goes by slip"):
+        mb.equilibrium(Feeder(path="straight", nips=1, nx=5, nz=4, speed=0.0))
