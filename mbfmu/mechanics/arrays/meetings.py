@@ -55,7 +55,7 @@ def check_touches(mechanism: Mechanism, touches: NDArray[Any], arrays: Any, stat
                 raise UserError(
                     f"sheet {_sheet(mechanism, met.nodes)!r} starts through what it touches: at ({place[0]:.4g}, "
                     f"{place[1]:.4g}, {place[2]:.4g}) m it is {depth:.3g} m deep in {met.name!r}; allowed: "
-                    f"{allowed:.3g} m"
+                    f"{allowed:.3g} m at most"
                 )
 
 
