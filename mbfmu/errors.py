@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+LONGEST = 200  # characters of a value in a sentence
+
 
 class UserError(ValueError):
     """Base of every error the command line prints without a traceback."""
@@ -30,3 +32,9 @@ def writing(path: Path) -> Iterator[None]:
         inside = error.filename is not None and path in Path(error.filename).parents
         where = str(error.filename if inside else path)
         raise UserError(f"{where!r} cannot be written: {error.strerror or error}") from error
+
+
+def short(value: object) -> str:
+    """Return what a sentence calls a value: as Python writes it, or its class where that is long."""
+    text = repr(value)
+    return text if len(text) <= LONGEST and "\n" not in text else f"a {type(value).__name__}"

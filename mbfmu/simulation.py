@@ -84,6 +84,8 @@ class Simulation:
         settings: Settings,
         t0: float = 0.0,
         inputs: Mapping[int, float] | Mapping[str, float] | None = None,
+        *,
+        begins: bool = True,
     ) -> None:
         self.model = own = of_user(model)
         self.settings = settings
@@ -101,6 +103,7 @@ class Simulation:
             q, v = found.q, found.v
         else:
             q, v = self.plant.assemble(t0)
+        beside = self.plant.check_meetings(t0, q) if begins else []
         self.start, found_out = (q, v), settings.solver == AUTO
         self.pick = pick(self.plant, [(t0, q, v)], settings.options()) if found_out else SolverPick(settings.solver)
         self.stepper = self._stepper(t0, q, v)
@@ -113,7 +116,8 @@ class Simulation:
         if self.stepper.starts_singular:
             told = "the start is a singular position, in which the loops do not determine all rates; the rates nearest"
             self._remark(f"{told} to those given are used. {to_choose(self.plant, t0, q)}".rstrip(". "))
-        self._remark(self._too_loose())
+        for told in (self._too_loose(), *beside):
+            self._remark(told)
         # where nothing is free nothing is integrated but the work, whose error no tolerance controls
         audited = settings.audit and self.stepper.freedom > 0
         self.audit = Audit(self.plant, settings.tolerance, self.energy()) if audited else None

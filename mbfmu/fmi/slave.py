@@ -149,9 +149,11 @@ class ModelSlave(Values):
             if reference not in self._changed:  # it starts where the parameters put it
                 self._buffer[reference] = variable.start
 
-    def _started(self, model: Model, settings: Settings, t0: float, inputs: dict[int, float]) -> Simulation:
+    def _started(
+        self, model: Model, settings: Settings, t0: float, inputs: dict[int, float], *, begins: bool = True
+    ) -> Simulation:
         with when_compiling(self._tell_compiling):
-            return Simulation(model, settings, t0, inputs)
+            return Simulation(model, settings, t0, inputs, begins=begins)
 
     def _tell_loops(self) -> None:
         """Log what ``auto`` took, and which rows of the loops vanish or are redundant, unless that was said."""
@@ -280,7 +282,7 @@ class ModelSlave(Values):
             model, settings = self._model_of(values), self._settings_of(values)
             simulation = self.simulation if self._runs(model, settings) else None
             if simulation is None:
-                simulation = self._started(model, replace(settings, start_at_equilibrium=False), t0, {})
+                simulation = self._started(model, replace(settings, start_at_equilibrium=False), t0, {}, begins=False)
                 self._remarked = len(simulation.remarks)  # the instance that was saved has told them
             simulation.restore(body)
         self.simulation, self._t0, self._buffer[:] = simulation, t0, values

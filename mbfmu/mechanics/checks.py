@@ -93,7 +93,7 @@ def with_unit_quaternion(body: str, start: Matrix) -> Matrix:
 
 def one_of(what: str, value: Any, allowed: Collection[str]) -> None:
     """Refuse a word that is not among those allowed."""
-    if value not in allowed:
+    if not isinstance(value, str) or value not in allowed:
         raise UserError(f"{what} is {value!r}; allowed: {', '.join(map(repr, allowed))}")
 
 

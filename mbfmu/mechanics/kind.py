@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from mbfmu.errors import UserError
+from mbfmu.errors import UserError, short
 from solvers.compiled.kernel import COMPILED, is_kernel, raises
 
 NOTHING = np.dtype([("nothing", np.int64)])  # record of a kind without parameters
@@ -81,7 +81,7 @@ def kinds_of(room: Any, role: type[Kind]) -> list[Any]:
 def check_kind(what: str, given: Any, role: type[Kind]) -> None:
     """Refuse what is not of a role, or of a kind that lacks what its role asks for."""
     if not isinstance(given, role):
-        raise UserError(f"{what} is {given!r}; allowed: a {role.__name__}, such as those of mbfmu.mechanics")
+        raise UserError(f"{what} is {short(given)}; allowed: a {role.__name__}, such as those of mbfmu.mechanics")
     said = f"{what} is of class {type(given).__name__}"
     for name in role.kernels:
         optional = getattr(role, name, False) is None

@@ -144,7 +144,9 @@ def image_of(simulation: Simulation) -> tuple[Instance, Image]:
     for own in simulation.plant.called():
         if own is not None and own not in known:
             what = f"{own.function.__module__}.{own.function.__qualname__}"
-            raise UserError(f"kernel {what} is the model's own, and machine code has those of mbfmu; run it as an FMU")
+            foreign = "<locals>" in what or not what.startswith("mbfmu.")  # or made of a function of the model
+            why = "the model's own, and machine code has those of mbfmu" if foreign else "not in machine code"
+            raise UserError(f"kernel {what} is {why}; run it as an FMU that calls Python")
         numbers.append(-1 if own is None else known[own])
     instance, arrays = instance_of(simulation), simulation.plant.data.arrays
     own, start = instance.given, instance.start

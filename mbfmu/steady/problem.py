@@ -47,6 +47,11 @@ REASONS = {
     Outcome.NOT_FINITE: "the equations gave a value that is not finite",
 }
 
+SLIDES = (
+    "friction of contact goes by slip and holds nothing at rest, so that a sheet which nothing else holds has no one "
+    "place to rest: add a support, try another start (--from), or run it until it has settled"
+)
+
 
 class EquilibriumProblem:
     """The equilibrium problem of one model, built once and solved from any number of starts.
@@ -283,10 +288,11 @@ class EquilibriumProblem:
                 f"{what} for {self.model.name!r}: at the start nothing resists {pushed}, on which the loads act; "
                 "add a support, or try another start (--from)"
             )
+        advice = SLIDES if self.plant.system.cornered else "try another start (--from)"
         return (
             f"{what} for {self.model.name!r}: {REASONS[solution.outcome]}; residual {abs(solution.forces[worst]):.3g} "
             f"N or N m at {self.plant.system.coordinate_names[worst]!r}, loops open by {gap:.3g} m; "
-            "try another start (--from)"
+            f"{advice}"
         )
 
     def _pushed(self) -> str:

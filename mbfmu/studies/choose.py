@@ -153,7 +153,7 @@ def choose(
         The target is none, does not suit the outputs, is finer than the reference is known, or nothing reaches it.
     """
     wanted, scene = read_target(target), of_subject(subject)
-    steps, chosen = asked(scene, solvers, tolerances, resolutions)
+    steps, chosen, refused = asked(scene, solvers, tolerances, resolutions)
     account, told = Budget(budget), progress or (lambda _what, _share: None)
     times = communication_points(scene.stop_time, scene.output_interval)
     finest = UNIT_FINEST if wanted.unit else max(TIGHTEST, 0.1 * wanted.value)
@@ -161,7 +161,7 @@ def choose(
         scene, steps, times, finest, account, outputs, lambda what: told(what, (1.0 - SEARCHING) / len(steps))
     )
     right = narrowed(every, wanted, outputs)
-    search = Search(scene, right, wanted, times, account)
+    search = Search(scene, right, wanted, times, account, refused)
     for k, settings in chosen.items():
         search.add(k, steps[k], list(dict.fromkeys(solver for solver, _ in settings)), tolerances)
     search.run(told)
@@ -235,14 +235,16 @@ class Track:
 class Search:
     """Runs that are looked at, cheap ones first, till nothing can be cheaper than what reaches the target."""
 
-    def __init__(self, scene: Scene, right: Reference, wanted: Target, times: Array, budget: Budget) -> None:
+    def __init__(
+        self, scene: Scene, right: Reference, wanted: Target, times: Array, budget: Budget, notes: Sequence[str] = ()
+    ) -> None:
         self.scene, self.right, self.wanted, self.times, self.budget = scene, right, wanted, times, budget
         scale, doubt = right.motion.scale, right.motion.doubt  # what is not known may add to an error
         self.limits = {
             name: wanted.of_range(unit, scale[name]) - doubt[name] / scale[name] for name, unit in right.units.items()
         }
         self.rows: list[Row] = []
-        self.notes: list[str] = []
+        self.notes = list(notes)
         self._tracks: list[Track] = []
         self._within: list[tuple[Case, Row]] = []
 

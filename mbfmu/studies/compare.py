@@ -20,7 +20,7 @@ from mbfmu.studies.reference import Reference, reference
 from mbfmu.studies.resolution import Resolution, in_words, resolutions_of
 from mbfmu.studies.timing import Budget, Spent, TooLong, check_repeats, in_turn
 from mbfmu.table import power
-from solvers.steppers import LARGE, SOLVERS, UNTIED
+from solvers.steppers import LARGE, SOLVERS, UNTIED, refusal
 from solvers.system import LARGEST_DENSE
 
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10)
@@ -204,7 +204,7 @@ def compare(
         A name or number is not allowed, nothing can run, or there is no reference.
     """
     scene = of_subject(subject)
-    steps, chosen = asked(scene, solvers, tolerances, resolutions)
+    steps, chosen, refused = asked(scene, solvers, tolerances, resolutions)
     check_repeats(repeats)
     account = Budget(budget)
     count = len(steps) + sum(map(len, chosen.values())) * (1 + repeats)
@@ -220,7 +220,7 @@ def compare(
         left=lambda: account.left,
         progress=lambda what: told(what, 1.0 / count),
     )
-    rows = [judge(case, own, right) for case, own in zip(cases, spent, strict=True)]
+    rows, left_out = [judge(case, own, right) for case, own in zip(cases, spent, strict=True)], refused + left_out
     tolerance = min({row.rtol for row in rows}, key=lambda tol: abs(np.log(tol / scene.settings.tolerance)))
     shown = [case for case in cases if case.scene.settings.tolerance == tolerance]
     energies = {case.scene.settings.solver: _history(case.result) for case in sorted(shown, key=lambda c: c.number)}
@@ -235,8 +235,10 @@ def asked(
     solvers: Sequence[str] | None,
     tolerances: Sequence[float] | None,
     values: Sequence[Resolution] | None,
-) -> tuple[list[Resolution], Chosen]:
-    """Return the resolutions, and what to run at each; what is not asked for is chosen by the mechanism."""
+) -> tuple[list[Resolution], Chosen, list[str]]:
+    """Return the resolutions, what to run at each, and why solvers among it are not run; what is not asked for is
+    chosen by the mechanism.
+    """
     for name, given in (("solvers", solvers), ("tolerances", tolerances)):
         if given is not None and (isinstance(given, str) or not isinstance(given, Sequence | np.ndarray)):
             raise UserError(f"{name} are {given!r}; allowed: a list of them, such as [{given!r}]")
@@ -253,8 +255,29 @@ def asked(
         scene.changed(solver=solver)
     ordered = sorted(tried, reverse=True)
     names = [dict.fromkeys(solvers or solvers_of(plant)) for plant in plants]
-    chosen = {k: [(name, tolerance) for tolerance in ordered for name in own] for k, own in enumerate(names)}
-    return steps, chosen
+    why = [{name: refusal(name, plant.system) for name in own} for plant, own in zip(plants, names, strict=True)]
+    chosen = {
+        k: [(name, tolerance) for tolerance in ordered for name in own if not own[name]] for k, own in enumerate(why)
+    }
+    refused = _refused(steps, why)
+    if not any(chosen.values()):
+        raise UserError(f"nothing can be compared: {'; '.join(refused)}")
+    return steps, chosen, refused
+
+
+def _refused(steps: Sequence[Resolution], why: Sequence[dict[str, str]]) -> list[str]:
+    """Return why solvers do not run, once each, with the resolution where others take them."""
+    told = {name: own[name] for own in why for name in own if own[name]}
+    everywhere = {name: all(own.get(name, told[name]) for own in why) for name in told}
+    return [
+        *(told[name] for name in told if everywhere[name]),
+        *(
+            f"{in_words(step)}: {own[name]}"
+            for step, own in zip(steps, why, strict=True)
+            for name in own
+            if own[name] and not everywhere[name]
+        ),
+    ]
 
 
 @dataclass(frozen=True, kw_only=True)

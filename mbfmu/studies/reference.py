@@ -25,6 +25,7 @@ from mbfmu.settings import Settings
 from mbfmu.studies.resolution import Resolution, in_words, limit, moving_places, size
 from mbfmu.studies.timing import Budget, TooLong
 from mbfmu.table import power
+from solvers.steppers import refusal
 
 Array = NDArray[np.float64]
 Runs = tuple[tuple[str, float], tuple[str, float]]  # solver and tolerance of the reference, and of the run beside it
@@ -127,14 +128,17 @@ def driven(plant: Plant) -> set[str]:
 
 def tight_runs(plant: Plant, finest: float) -> tuple[Runs, ...]:
     """Return what to try for the motion of a mechanism, the best first; ``finest`` is the tolerance of its judges."""
-    if plant.system.has_matrices:
-        return TIGHT
+    system = plant.system
+    if system.has_matrices:
+        return tuple(pair for pair in TIGHT if not refusal(pair[0][0], system))
     tolerance = max(FINEST, TIGHTER * finest)
     tolerances = [tolerance * 10.0**k for k in range(1 + max(0, round(log10(LOOSEST / tolerance))))]
-    implicit = [
-        pair for tol in tolerances for pair in ((("esdirk", tol), ("ida", tol)), (("ida", tol), ("ida", 10.0 * tol)))
-    ]
-    return (*implicit,) if plant.system.m else (EXPLICIT, *implicit)
+    if refusal("ida", system):
+        implicit = [(("esdirk", tol), ("esdirk", 10.0 * tol)) for tol in tolerances]
+    else:
+        pairs = (((("esdirk", tol), ("ida", tol)), (("ida", tol), ("ida", 10.0 * tol))) for tol in tolerances)
+        implicit = [pair for two in pairs for pair in two]
+    return (*implicit,) if system.m or refusal("adams", system) else (EXPLICIT, *implicit)
 
 
 def tight(

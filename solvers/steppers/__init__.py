@@ -45,6 +45,20 @@ UNTIED: dict[str, Callable[..., Stepper]] = dict.fromkeys(("adams", "hybrid", "a
 NAMES = tuple(dict.fromkeys((*SOLVERS, *LARGE)))
 
 
+def refusal(name: str, system: AnySystem) -> str:
+    """Say why a solver does not suit the forces of a system; empty: it may run."""
+    large = isinstance(system, TreeSystem)
+    if system.stiff and name in UNTIED:
+        implicit = "'radau' or 'ida'" if not large else "'esdirk'" if system.cornered else "'ida' or 'esdirk'"
+        return f"solver {name!r} is explicit, and {system.stiff}; take {implicit}"
+    if system.cornered and name == "ida" and large:
+        return (
+            f"solver 'ida' takes differences of the forces over changes as large as its tolerance, and "
+            f"{system.cornered}; take 'esdirk'"
+        )
+    return ""
+
+
 def stepper(name: str, system: AnySystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> Stepper:
     """Return a stepper by its name.
 
@@ -53,14 +67,8 @@ def stepper(name: str, system: AnySystem, t0: float, q0: Array, v0: Array, optio
     """
     if name not in NAMES:
         raise ValueError(f"there is no solver {name!r}; allowed: {', '.join(map(repr, NAMES))}")
-    if system.stiff and name in UNTIED:
-        implicit = "'ida' or 'esdirk'" if isinstance(system, TreeSystem) else "'radau' or 'ida'"
-        raise ValueError(f"solver {name!r} is explicit, and {system.stiff}; take {implicit}")
-    if system.cornered and name == "ida" and isinstance(system, TreeSystem):
-        raise ValueError(
-            f"solver 'ida' takes differences of the forces over changes as large as its tolerance, and "
-            f"{system.cornered}; take 'esdirk'"
-        )
+    if refused := refusal(name, system):
+        raise ValueError(refused)
     given: tuple[Any, ...] = t0, q0, v0, options
     if not isinstance(system, TreeSystem):
         if not system.n:

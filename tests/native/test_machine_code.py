@@ -15,7 +15,7 @@ from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
 from mbfmu.errors import UserError
-from mbfmu.mechanics import Mechanism, Revolute, Spring, rod
+from mbfmu.mechanics import Mechanism, Revolute, Spring, Wall, add_sheet, add_touch, rod
 from mbfmu.native.entries import image_of
 from mbfmu.native.image import Image
 from mbfmu.native.runtime import objects
@@ -124,6 +124,14 @@ def test_a_kernel_of_the_model_s_own_is_refused():
     body = m.body("bob", m.ground, Revolute(axis="z"), **rod(mass=1.0, length=1.0))
     m.force("spring", Spring(stiffness=lambda x: 3.0 * x**3, free=1.0, at_a=(1.0, 0.0, 0.0)), body, m.ground)
     with pytest.raises(UserError, match="is the model's own"):
+        image_of(Simulation(m, Settings(solver="adams")))
+
+
+def test_contact_is_refused_as_what_is_not_there():
+    m = Mechanism()
+    paper = {"thickness": 1e-3, "youngs_modulus": 1e6, "density": 800.0, "grid": (4, 3), "tree": "master"}
+    add_touch(m, "table", add_sheet(m, "s", length=0.3, width=0.2, **paper), Wall(at=(0.0, -0.1, 0.0)))
+    with pytest.raises(UserError, match=r"kernel mbfmu.mechanics.contact.touch.apply is not in machine code; run it"):
         image_of(Simulation(m, Settings(solver="adams")))
 
 

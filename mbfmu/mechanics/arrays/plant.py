@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mbfmu.errors import UserError
 from mbfmu.mechanics.builder.mechanism import Mechanism
+from mbfmu.mechanics.contact.touch import Touch
 from mbfmu.mechanics.kind import Kind
 from mbfmu.mechanics.records import Data
 from mbfmu.mechanics.recursions.dynamics import energy, observe
@@ -25,6 +26,7 @@ from .bending import Bend, bend
 from .compile import Compiled, Numbering, Variable, check_rows
 from .corners import check_corners
 from .inputs import Drives, Inputs
+from .meetings import beside, check_touches
 from .rows import find_vanishing_rows, row_names
 from .scale import characteristic_length
 from .systems import Systems
@@ -107,6 +109,18 @@ class Plant:
         if len(self._cells):
             self.energy(t, q, np.zeros(self.system.n))  # places them
             check_corners(self.mechanism, self.data.state)
+
+    def check_meetings(self, t: float, q: Array) -> list[str]:
+        """Raise UserError where a sheet that starts at free positions q (nq,) is through what it touches; return in
+        sentences which nips are beside theirs.
+        """
+        if not self.mechanism.others:
+            return []
+        self.energy(t, q, np.zeros(self.system.n))  # places them
+        gravity = float(np.linalg.norm(self.data.arrays.world[0]["gravity"]))
+        arrays, state = self.kernel_data
+        check_touches(self.mechanism, self.records(Touch), arrays, state, gravity)
+        return beside(self.mechanism, self.data.state)
 
     def feedthrough(self) -> list[tuple[int, ...]]:
         """Return for every output which inputs change it at the moment they are set, by number."""

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from math import ceil
 from typing import Any
 
 import numpy as np
 
-from mbfmu.errors import UserError
+from mbfmu.errors import UserError, short
 from mbfmu.mechanics.axes import unit_axis
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.mechanism import Mechanism
@@ -191,9 +192,12 @@ def add_touch(
         raise UserError(f"points of {what} are {points!r}; allowed: two whole numbers from 1 on")
     side = max(sheet.a, sheet.b)
     if surface.curvature() * side > COARSEST:
+        longest, (nx, nz) = COARSEST / surface.curvature(), (len(sheet.nodes), len(sheet.nodes[0]))
+        finer = [max(n, ceil(h * (n - 1) / longest) + 1) for n, h in ((nx, sheet.a), (nz, sheet.b))]
         raise UserError(
-            f"cells of sheet {sheet.name!r} are {side:g} m long, too coarse for a surface of {what} that is bent by "
-            f"{surface.curvature():g} 1/m; allowed: {COARSEST / surface.curvature():.3g} m at most"
+            f"grid ({nx}, {nz}) of sheet {sheet.name!r} has cells of {side:.3g} m, too coarse for a surface of {what} "
+            f"that is bent by {surface.curvature():g} 1/m; allowed: {longest:.3g} m at most, as of {finer[0]} x "
+            f"{finer[1]} nodes"
         )
     spacing = max(sheet.a / points[0], sheet.b / points[1])
     if stiffness is None:
@@ -397,7 +401,8 @@ def _cells(sheet: Sheet) -> Iterator[tuple[Any, tuple[Body, ...], Any]]:
 def _of(mechanism: Mechanism, sheet: Any, what: str) -> None:
     """Refuse what is no sheet of the mechanism."""
     if not isinstance(sheet, Sheet) or not any(sheet is own for own in mechanism.sheets):
-        raise UserError(f"sheet of {what} is {getattr(sheet, 'name', sheet)!r}; allowed: a sheet of this mechanism")
+        told = repr(sheet.name) if isinstance(sheet, Sheet | Body) else short(sheet)
+        raise UserError(f"sheet of {what} is {told}; allowed: a sheet of this mechanism")
 
 
 def _load(

@@ -272,6 +272,31 @@ def tell(load: Any, arrays: Any, state: Any, k: int) -> Any:
 
 
 @kernel
+def sound(touches: Any, points: Any, arrays: Any, state: Any, found: Any) -> None:
+    """found (k, 4) <- depth of the deepest point of each of k touches, m, zero where none is in, and its place.
+
+    ``points`` (k, 2) says how many there are along x and z.
+    """
+    here, bodies = state.meeting[0], state.bodies
+    for e in range(found.shape[0]):
+        touch, nx, nz = touches[e], points[e, 0], points[e, 1]
+        for j in range(4):
+            found[e, j] = 0.0
+        middle(touch, bodies, here.r)
+        if gap(touch, arrays, state) > reach(touch):
+            continue
+        for i in range(nx + 1):
+            for k in range(nz + 1):
+                weigh(touch, i / nx, k / nz, here.c)
+                locate(touch, here.c, bodies, here.r)
+                d = -gap(touch, arrays, state)
+                if d > found[e, 0] and here.part > 0.0:
+                    found[e, 0] = d
+                    for j in range(3):
+                        found[e, 1 + j] = here.r[j]
+
+
+@kernel
 def apply(touch: Any, t: float, arrays: Any, state: Any) -> None:
     """See :mod:`mbfmu.mechanics.loads.base`. The power of what is not stored is told in passing."""
     told = state.meeting[0].told

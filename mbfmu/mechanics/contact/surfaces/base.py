@@ -67,3 +67,7 @@ class Surface(Kind):
     def curvature(self) -> float:
         """Return the curvature that a sheet takes which lies on it, 1/m; zero: it lies flat, or on edges alone."""
         return 0.0
+
+    def core(self) -> float:
+        """Return how deep in it its middle is, beyond which it pushes to the other side, m; infinite: it has none."""
+        return float("inf")

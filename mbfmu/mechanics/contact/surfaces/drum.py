@@ -63,3 +63,7 @@ class Drum(Surface):
     def curvature(self) -> float:
         """See the base."""
         return 1.0 / self.radius
+
+    def core(self) -> float:
+        """See the base."""
+        return self.radius

@@ -79,6 +79,10 @@ class Guide(Surface):
         rim = np.concatenate((self.start + half, self.end - half))
         return ribbon(np.concatenate((rim, rim[:1])), axes[:, 2], self.width, opacity=GLASS)
 
+    def core(self) -> float:
+        """See the base."""
+        return self.radius
+
     def _length(self) -> float:
         return float(np.linalg.norm(np.subtract(self.end, self.start)))
 

@@ -1,0 +1,108 @@
+"""Whether sheets start where what they meet can hold them: not through a surface, nor beside a nip.
+
+A point that starts deep in a surface is thrown out with an energy that nobody gave it, and one beyond the middle of a
+guide comes out on its other side. A little is no mistake: a sheet that rests on a table is in it. A thin guide may lie
+between the points that touch, which then never feel it: so near its middle nothing of the sheet may be.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from operator import itemgetter
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics.builder.bodies import Body
+from mbfmu.mechanics.builder.mechanism import Mechanism
+from mbfmu.mechanics.contact.nip import Nip
+from mbfmu.mechanics.contact.touch import Touch, sound
+from mbfmu.mechanics.records import State
+
+K = TypeVar("K", Nip, Touch)
+
+DEEPEST = 5.0  # depths of a touch, or depths at which it bears the sheet's weight, that a sheet may start in
+CORE = 0.5  # radii of a guide, in which nothing of a sheet is, whether it is a point that touches or not
+FINEST = 200  # points of a cell one way that are looked at for that
+
+
+def check_touches(mechanism: Mechanism, touches: NDArray[Any], arrays: Any, state: Any, gravity: float) -> None:
+    """Raise UserError for a sheet that is through what it touches, as ``state`` has placed the bodies.
+
+    ``touches`` are the records of all touches; arrays and state are as kernels take them, ``gravity`` is in m/s^2.
+    """
+    if not len(touches):
+        return
+    meetings = list(_of(mechanism, Touch))
+    cores = np.array([load.surface.core() for met in meetings for load in met.loads])
+    sides = np.array([load.sides for met in meetings for load in met.loads])
+    finer = np.clip(np.ceil(sides / (CORE * cores[:, None])), 1, FINEST).astype(np.int64)  # a point in every half core
+    points, within = (np.zeros((len(touches), 4)) for _ in range(2))
+    sound(touches, touches["samples"].copy(), arrays, state, points)
+    sound(touches, finer, arrays, state, within)
+    first = 0
+    for met in meetings:
+        load, own = met.loads[0], slice(first, first + len(met.loads))
+        first = own.stop
+        most = DEEPEST * max(load.depth, _resting(met, gravity))
+        for found, allowed in ((points[own], most), (within[own], max(most, CORE * load.surface.core()))):
+            depth, *place = found[found[:, 0].argmax()].tolist()
+            if depth > allowed:
+                raise UserError(
+                    f"sheet {_sheet(mechanism, met.nodes)!r} starts through what it touches: at ({place[0]:.4g}, "
+                    f"{place[1]:.4g}, {place[2]:.4g}) m it is {depth:.3g} m deep in {met.name!r}; allowed: "
+                    f"{allowed:.3g} m at most"
+                )
+
+
+def beside(mechanism: Mechanism, state: State) -> list[str]:
+    """Return in sentences which nips are beside the sheet that they are to drive, as ``state`` has placed it."""
+    told = []
+    for met in _of(mechanism, Nip):
+        nip = met.loads[0].common
+        across = state.bodies["r"][[body.index for body in met.nodes]] @ nip["e"]
+        middle, half = float(nip["place"] @ nip["e"]), 0.5 * nip["width"]
+        off = max(float(across.min()) - middle, middle - float(across.max())) - half
+        if off > 0.0:
+            told.append(
+                f"nip {met.name!r} is {off:.3g} m beside sheet {_sheet(mechanism, met.nodes)!r} as that starts, across "
+                "the feed: it meets it only if the sheet moves sideways"
+            )
+    return told
+
+
+@dataclass(frozen=True)
+class _Meeting(Generic[K]):
+    """A touch or a nip: the loads of its cells, and the nodes of its sheet."""
+
+    name: str
+    loads: list[K]
+    nodes: list[Body]
+
+
+def _of(mechanism: Mechanism, kind: type[K]) -> Iterator[_Meeting[K]]:
+    """Yield every touch, or every nip."""
+    own = ((name, load, bodies) for name, load, bodies in mechanism.others if isinstance(load, kind))
+    for name, cells in groupby(own, key=itemgetter(0)):
+        _, loads, corners = zip(*cells, strict=True)
+        yield _Meeting(name, list(loads), list({id(body): body for four in corners for body in four[:4]}.values()))
+
+
+def _sheet(mechanism: Mechanism, nodes: Sequence[Body]) -> str:
+    """Return the name of the sheet of these nodes."""
+    node = nodes[0]
+    own = (sheet.name for sheet in mechanism.sheets if any(node is body for row in sheet.nodes for body in row))
+    return next(own, node.name)
+
+
+def _resting(met: _Meeting[Touch], gravity: float) -> float:
+    """Return the depth at which a touch bears the weight of the sheet, m."""
+    law = met.loads[0]
+    area = law.sides[0] * law.sides[1] * len(met.loads)
+    depth = sum(body.mass for body in met.nodes) * gravity / area / law.stiffness
+    square = float(np.sqrt(2.0 * law.depth * depth))
+    return square if square < law.depth else depth + 0.5 * law.depth

@@ -1,0 +1,77 @@
+"""Studies of a sheet in nips: solvers that do not suit contact are told once, in a sentence, and not run; no rest."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+import mbfmu as mb
+from fmus.feeder import Feeder
+from mbfmu.errors import EquilibriumError, UserError
+from mbfmu.mechanics import Mechanism, add_sheet
+from mbfmu.scene import Scene, default_scene
+from mbfmu.studies.compare import compare
+from mbfmu.studies.reference import tight_runs
+from solvers.steppers import refusal
+
+SMALL: dict[str, Any] = {"solvers": None, "tolerances": [1e-3], "repeats": 1, "outputs": ["lead.x"]}
+FREE: dict[str, Any] = {"path": "straight", "nips": 1, "guides": False}
+IDA = "solver 'ida' takes differences of the forces over changes as large as its tolerance"
+ADAMS = "solver 'adams' is explicit, and nips hold a sheet"
+
+
+def scene(nx: int = 5) -> Scene:
+    return replace(default_scene(Feeder(**FREE, nx=nx, nz=4)), stop_time=0.01, output_interval=0.002)
+
+
+def test_solvers_that_do_not_suit_contact_are_left_out_in_a_sentence() -> None:
+    found = compare(scene(), resolutions=[{}], **SMALL)
+    assert {row.solver for row in found.rows} == {"esdirk"}
+    assert all(row.trusted and row.error is not None and row.error < 1e-2 for row in found.rows)
+    assert found.reference.motion.source == "esdirk at 1e-4"
+    ida, adams = sorted(found.left_out, reverse=True)
+    assert ida.startswith(IDA)
+    assert adams.startswith(ADAMS)
+    assert adams.endswith("take 'esdirk'")
+
+
+def test_what_suits_one_grid_need_not_suit_another() -> None:
+    """On 4 x 4 nodes ida has matrices; on 5 x 4 it has not."""
+    found = compare(scene(), resolutions=[{"nx": 4}, {"nx": 5}], **SMALL)
+    assert {(row.solver, row.resolution["nx"]) for row in found.rows} == {("ida", 4), ("radau", 4), ("esdirk", 5)}
+    assert [text.partition(",")[0] for text in found.left_out] == [
+        "solver 'adams' is explicit", f"nx=5: {IDA}",
+    ]  # fmt: skip
+
+
+def test_a_choice_of_solvers_none_of_which_suits_is_refused() -> None:
+    for solvers, told in ((["adams"], ADAMS), (["ida"], IDA)):
+        with pytest.raises(UserError, match=f"^nothing can be compared: {told}"):
+            compare(scene(), resolutions=[{}], **(SMALL | {"solvers": solvers}))
+        with pytest.raises(UserError, match=f"^nothing can be compared: {told}"):
+            mb.choose(scene(), 1e-2, resolutions=[{}], solvers=solvers)
+
+
+def test_a_target_is_answered_by_what_suits() -> None:
+    found = mb.choose(scene(), "1 mm", resolutions=[{}], outputs=["lead.x"])
+    assert found.row.solver == "esdirk"
+    assert found.sentence.startswith("take esdirk at a tolerance of ")
+    assert any(note.startswith(IDA) for note in found.notes)
+
+
+def test_sheets_without_contact_are_compared_as_they_were() -> None:
+    m = Mechanism()
+    kind: dict[str, Any] = {"thickness": 1e-4, "youngs_modulus": 4e9, "density": 800.0, "tree": "master"}
+    add_sheet(m, "sheet", length=0.3, width=0.2, grid=(7, 5), **kind)
+    plant = mb.mechanics.Plant(m)
+    assert not any(refusal(name, plant.system) for name in ("ida", "adams", "hybrid", "esdirk"))
+    runs = tight_runs(plant, 1e-4)
+    assert runs[0] == (("adams", 1e-9), ("adams", 1e-8))
+    assert [pair[1][0] for pair in runs[1:]] == ["ida"] * (len(runs) - 1)
+
+
+def test_a_sheet_that_nothing_holds_has_no_equilibrium_and_is_told_so() -> None:
+    with pytest.raises(EquilibriumError, match=r"^no equilibrium was found .* friction of contact goes by slip"):
+        mb.equilibrium(Feeder(path="straight", nips=1, nx=5, nz=4, speed=0.0))
