@@ -286,9 +286,9 @@ def sound(touches: Any, points: Any, arrays: Any, state: Any, found: Any) -> Non
         if gap(touch, arrays, state) > reach(touch):
             continue
         for i in range(nx + 1):
+            lay_line(touch, i / nx, bodies, here.line)
             for k in range(nz + 1):
-                weigh(touch, i / nx, k / nz, here.c)
-                locate(touch, here.c, bodies, here.r)
+                locate_on_line(here.line, k / nz, here.r)
                 d = -gap(touch, arrays, state)
                 if d > found[e, 0] and here.part > 0.0:
                     found[e, 0] = d
