@@ -48,7 +48,7 @@ from mbfmu.table import table
 Array = NDArray[np.float64]
 Fmus = Mapping[str, Path]  # elements in the order in which Gauss and Seidel step them
 
-MODEL = Feeder(path="straight", nips=1, nx=9, nz=7, sensor_distance=0.06)
+MODEL = Feeder(path="straight", nips=1, nx=9, nz=7, nip_width=0.004, sensor_distance=0.06)
 ERROR = 0.02  # of the left tachometer
 STOP_TIME = 0.4  # s
 STEP = 1e-3  # s, between communication points

@@ -101,8 +101,14 @@ class Feeder(Model):
         0.0, unit="rad", min=-0.5, max=0.5, doc="effect: of the rollers of line 1, which feed to the right"
     )
     mu_roller: float = parameter(1.0, min=0.0, max=10.0, doc="friction of the rollers")
+    creep: float = parameter(
+        2e-3, min=0.0, max=1.0, doc="slip at seven tenths of a roller's traction, to its speed; 1 mm/s at rest"
+    )
     mu_guide: float = parameter(0.2, min=0.0, max=10.0, doc="effect: friction of guides and wall; zero leaves it out")
     guides: bool = parameter(True, structural=True, doc="effect: plates above and below the sheet")
+    guide_damping: float = parameter(
+        5.0, unit="s/m", min=0.0, doc="of guides and wall: an impact at v loses (4/3) guide_damping v of its energy"
+    )
     clearance: float = parameter(
         5e-4, unit="m", min=1e-6, doc="between a face of the sheet on the path and the guide there"
     )
@@ -278,6 +284,7 @@ class Feeder(Model):
                 normal=normal,
                 uneven=self.uneven,
                 friction=self.mu_roller,
+                creep=self.creep,
             )
             found.append(nip)
             for told, sensor, meaning in (
@@ -351,7 +358,8 @@ class Feeder(Model):
         if stiffness is None:  # that of a touch by itself goes with the longer of the two spacings
             bent = float(sheet.plate.bending[0, 0]) * (6.0 / self.length) ** 2
             stiffness = bent / (sheet.a / POINTS[0] * SINK * self.thickness)
-        touch = add_touch(m, name, sheet, surface, friction=self.mu_guide, stiffness=stiffness, points=POINTS)
+        law = {"friction": self.mu_guide, "stiffness": stiffness, "damping": self.guide_damping}
+        touch = add_touch(m, name, sheet, surface, points=POINTS, **law)
         for axis in "xyz":
             m.output(f"{name}.force.{axis}", touch.force(axis), "force on the sheet")
         return touch

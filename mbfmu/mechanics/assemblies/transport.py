@@ -279,7 +279,7 @@ def add_nip(
     stiffness, damping
         Of the rubber, N/m and N s/m; None: 1 mrad to the moment that bends the sheet most, and little.
     pairs
-        Of stations across the width; None: two for every cell.
+        Of stations across the width; None: two for every cell, and two at least, which resist turning.
     """
     what = f"nip {name!r}"
     _of(mechanism, sheet, what)
@@ -302,7 +302,7 @@ def add_nip(
     half = 0.5 * _length(f"contact of {what}", length / 50.0 if contact is None else contact, length)
     beside = sheet.b if way == 0 else sheet.a
     if pairs is None:
-        pairs = max(1, round(2.0 * width / beside))
+        pairs = max(2, round(2.0 * width / beside))
     elif not _is_count(pairs):
         raise UserError(f"pairs of {what} is {pairs!r}; allowed: a whole number from 1 to {MOST}")
     stiff = float(plate.bending[way, way])

@@ -1,0 +1,123 @@
+"""What the feeder costs and finds: ``python benchmarks/feeder.py [scenes] [accuracy] [host]``; compile time apart.
+
+* ``scenes``: those that ship, and a sheet in two nips that touches nothing, or a table.
+* ``accuracy``: the S against tolerance, creep of the rollers and grid: where the leading edge is at the end, against
+  the last of each kind.
+* ``host``: what a step of 1 ms of the FMU takes while the sheet passes the S, and how much slower than time that is.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fmus.feeder import Feeder
+from mbfmu.fmi import Fmu, export
+from mbfmu.mechanics import Wall, add_touch
+from mbfmu.scene import load_scene
+from mbfmu.simulation import Settings, Simulation
+from mbfmu.table import table
+
+FREE: dict[str, Any] = {"path": "straight", "nips": 1, "guides": False, "gravity_y": 0.0, "speed": 0.3, "lead": 0.1}
+PASSED = 0.25  # s, when the leading edge is out of the S and in the second line
+EDGE = [f"lead.{axis}" for axis in "xyz"]
+
+Row = tuple[str, ...]
+
+
+def timed(model: Any, stop: float, tolerance: float = 1e-4) -> tuple[Simulation, float]:
+    """Return a run, and its CPU time, s."""
+    settings = Settings(solver="esdirk", tolerance=tolerance)
+    Simulation(model, settings).advance(1e-6)  # compiles
+    run = Simulation(model, settings)
+    begin = time.process_time()
+    status = run.advance(stop)
+    if not status.ok:
+        raise RuntimeError(status.message)
+    return run, time.process_time() - begin
+
+
+def told(run: Simulation) -> dict[str, float]:
+    """Return all outputs where a run stands."""
+    return dict(zip((variable.name for variable in run.variables), run.outputs().tolist(), strict=True))
+
+
+def cost(name: str, run: Simulation, cpu: float, found: str = "") -> Row:
+    """Return a row of the scenes."""
+    return name, f"{run.stepper.t:g}", f"{cpu:.1f}", str(run.statistics.steps), found
+
+
+def scenes() -> Iterator[Row]:
+    """What ships, and simpler ones."""
+    for name in ("feeder", "feeder/skew", "feeder/jam", "feeder/two_speeds"):
+        scene = load_scene(name)
+        run, cpu = timed(scene.model, scene.stop_time)
+        end = told(run)
+        force = end.get("stop.force.x", 0.0)
+        found = (
+            f"skew {end['sheet.skew']:.4f} rad, wall {force:.2f} N, imbalance {1e3 * end['energy_imbalance']:.3f} mJ"
+        )
+        slips = ", ".join(f"{1e3 * end[f'nip[{k}].left.slip']:.2f}" for k in range(1, scene.model.nips + 1))
+        yield cost(name, run, cpu, f"{found}, slips {slips} mm/s")
+    for part in (0.0, 0.01):
+        model = Feeder(**FREE, speed_difference=part)
+        yield cost(f"free, {part:.0%} apart", *timed(model, 1.0))
+        m = replace(model, gravity_y=-9.81, mu_guide=0.2).build()
+        add_touch(m, "table", m.sheets[0], Wall(at=(0.0, -1e-4, 0.0)), friction=0.2)
+        yield cost(f"on a table, {part:.0%} apart", *timed(m, 1.0))
+
+
+def accuracy() -> Iterator[Row]:
+    """Off by what, against the last of each kind."""
+    kinds: dict[str, list[tuple[str, dict[str, Any], float]]] = {
+        "tolerance": [(f"{x:g}", {}, x) for x in (1e-3, 3e-4, 1e-4, 1e-5)],
+        "creep": [(f"{x:g}", {"creep": x}, 1e-4) for x in (5e-2, 2e-2, 5e-3, 2e-3)],
+        "grid": [(f"{nx} x {nz}", {"nx": nx, "nz": nz}, 1e-4) for nx, nz in ((15, 11), (22, 16), (29, 21))],
+    }
+    for kind, cases in kinds.items():
+        rows, ends = [], []
+        for name, given, tolerance in cases:
+            run, cpu = timed(Feeder(**given), PASSED, tolerance)
+            end = told(run)
+            ends.append(np.array([end[key] for key in EDGE]))
+            rows.append((f"{kind} {name}", f"{cpu:.1f}", str(run.statistics.steps)))
+        for row, end in zip(rows, ends, strict=True):
+            yield (*row, f"{1e3 * np.linalg.norm(end - ends[-1]):.3f} mm")
+
+
+def host() -> Iterator[Row]:
+    """Steps of 1 ms."""
+    with tempfile.TemporaryDirectory() as folder:
+        for name, model in (("S", Feeder()), ("straight", Feeder(path="straight"))):
+            with Fmu(export(model, Path(folder) / f"{name}.fmu")) as fmu:
+                fmu.step(1e-3)
+                times = []
+                for _ in range(300):
+                    begin = time.process_time()
+                    fmu.step(1e-3)
+                    times.append(time.process_time() - begin)
+            q = 1e3 * np.quantile(times, (0.1, 0.5, 0.9))
+            yield name, *(f"{x:.1f} ms" for x in q), f"{np.mean(times) / 1e-3:.0f} x"
+
+
+def main() -> None:
+    """Print what is asked for."""
+    tables: dict[str, tuple[Row, Any]] = {
+        "scenes": (("scene", "simulated [s]", "CPU [s]", "steps", "found"), scenes),
+        "accuracy": (("S, 0.25 s", "CPU [s]", "steps", "edge is off by"), accuracy),
+        "host": (("path", "a tenth is faster", "median", "a tenth is slower", "slower than time"), host),
+    }
+    for name in sys.argv[1:] or tables:
+        head, rows = tables[name]
+        print(table(head, list(rows())), "\n", flush=True)
+
+
+if __name__ == "__main__":
+    main()
