@@ -74,14 +74,16 @@ def test_the_coupling_converges_to_kinematics(fmus: Fmus) -> None:
 
 @pytest.mark.parametrize("host", ["fmpy", "libcosim"])
 def test_the_ssp_is_the_own_loop(fmus: Fmus, ssp: Path, host: str) -> None:
-    """Round-off alone is between them, and what the feeder's tolerance makes of it."""
+    """Round-off alone is between them, and what the feeder's tolerance of 1e-4 makes of it: a speed that has settled is
+    set anew or is not, and steps begin elsewhere.
+    """
     if host == "libcosim":
         pytest.importorskip("libcosimpy")
     run_in: Callable[[Path, float, float], Run] = getattr(SYSTEM, f"run_in_{host}")
     told, own = run_in(ssp, STOP_TIME, STEP), co_simulate(fmus, STEP, jacobi=True, zeros=host == "fmpy")
     assert own[SKEW].max() > 0.009
     np.testing.assert_allclose(told["time"], own["time"][1:], atol=1e-12)
-    for name, tolerance in ((SKEW, 1e-5), ("controller.skew", 1e-6), ("left_motor.speed", 1e-2)):
+    for name, tolerance in ((SKEW, 5e-5), ("controller.skew", 1e-6), ("left_motor.speed", 1e-2)):
         np.testing.assert_allclose(told[name], own[name][1:], atol=tolerance, err_msg=name)
 
 

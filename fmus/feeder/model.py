@@ -358,8 +358,16 @@ class Feeder(Model):
         if stiffness is None:  # that of a touch by itself goes with the longer of the two spacings
             bent = float(sheet.plate.bending[0, 0]) * (6.0 / self.length) ** 2
             stiffness = bent / (sheet.a / POINTS[0] * SINK * self.thickness)
-        law = {"friction": self.mu_guide, "stiffness": stiffness, "damping": self.guide_damping}
-        touch = add_touch(m, name, sheet, surface, points=POINTS, **law)
+        touch = add_touch(
+            m,
+            name,
+            sheet,
+            surface,
+            friction=self.mu_guide,
+            stiffness=stiffness,
+            damping=self.guide_damping,
+            points=POINTS,
+        )
         for axis in "xyz":
             m.output(f"{name}.force.{axis}", touch.force(axis), "force on the sheet")
         return touch
