@@ -158,10 +158,10 @@ def test_who_waits_for_the_compiler_is_told(
     """Once an instance that starts a run, and nobody else."""
     start = Simulation.__init__
 
-    def compile_and_start(*given: Any) -> None:
+    def compile_and_start(*given: Any, **named: Any) -> None:
         cache.tell_listeners()
         cache.tell_listeners()
-        start(*given)
+        start(*given, **named)
 
     with Fmu(fourbar_fmu):
         cache.tell_listeners()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from math import inf, nan
 from typing import Any
 
@@ -154,6 +155,55 @@ def test_a_nip_beside_the_sheet_is_remarked_on(z: float, off: str) -> None:
     told = [text for text in Simulation(m, ESDIRK).remarks if "beside" in text]
     wanted = f"nip 'n' is {off} m beside sheet 's' as that starts, across the feed: it meets it only if the sheet moves"
     assert [text.startswith(wanted) for text in told] == [True] * bool(off)
+
+
+def test_a_stiffness_that_numbers_cannot_bear_is_refused() -> None:
+    m, sheet = scene()
+    with refused(r"stiffness of touch 't' is 1e\+30 N/m\^3; allowed: up to [\d.e+]+"):
+        add_touch(m, "t", sheet, Wall(), stiffness=1e30)
+    with refused(r"stiffness of nip 'n' is 1e\+30 N/m; allowed: up to [\d.e+]+"):
+        add_nip(m, "n", sheet, roller(m, 0.1), radius=0.01, at=(0.0, 0.0, 0.1), width=0.02, force=2.0, stiffness=1e30)
+
+
+# ---- edges between the points of a sheet -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("points", "thick"), [((4, 4), True), ((48, 2), False)])
+@pytest.mark.parametrize("turn", [False, True])
+def test_an_edge_thinner_than_the_points_are_apart_is_remarked_on(
+    points: tuple[int, int], thick: bool, turn: bool
+) -> None:
+    """A plate that stands on edge below the sheet, 2 mm thick, across its length or along it."""
+    m, sheet = scene(1e-3 + ABOVE)
+    start, end = ((0.1, -0.05, 0.1), (0.1, -1e-3, 0.1))
+    knife = Guide(start=start, end=end, radius=1e-3, width=0.4, across="x" if turn else "z")
+    add_touch(m, "knife", sheet, knife, points=points[::-1] if turn else points)
+    wanted = r"surface of touch 'knife' is 0\.002 m thick, where points of sheet 's' are 0\.01\d* m apart"
+    told = [text for text in Simulation(m, ESDIRK).remarks if "knife" in text]
+    assert [re.match(wanted, text) is not None for text in told] == [True] * thick
+
+
+def test_a_narrow_rail_is_remarked_on() -> None:
+    m, sheet = scene(1e-3 + ABOVE)
+    rail = Guide(start=(-0.1, -0.02, 0.1), end=(0.4, -0.02, 0.1), radius=0.02, width=5e-3)
+    add_touch(m, "rail", sheet, rail)
+    told = [text for text in Simulation(m, ESDIRK).remarks if "rail" in text]
+    assert told == [
+        "surface of touch 'rail' is 0.005 m wide, where points of sheet 's' are 0.0175 m apart: an edge of it that "
+        "comes between them is not felt; take more points than (4, 4) of a cell"
+    ]
+
+
+@pytest.mark.parametrize("x", [0.0, 0.014, 0.0186, 0.0232])
+def test_an_edge_is_felt_wherever_it_is_among_points_that_are_close(x: float) -> None:
+    m, sheet = scene(0.2e-3, grid=(9, 7))
+    knife = Guide(start=(0.1485 + x, -0.051, 0.1), end=(0.1485 + x, -0.001, 0.1), radius=1e-3, width=0.4)
+    touch = add_touch(m, "knife", sheet, knife, points=(24, 2))
+    m.output("force", touch.force("y"))
+    m.output("y", sheet.point(0.1485 + x, 0.105).position("y"))
+    found = mb.simulate(m, stop_time=0.02, interval=1e-3, solver="esdirk", tolerance=1e-4)
+    assert found["force"].max() > 0.01
+    assert found["y"].min() > -2e-4  # 1.8 mm of free fall
 
 
 # ---- bad arguments ---------------------------------------------------------------------------------------------------

@@ -59,6 +59,29 @@ def check_touches(mechanism: Mechanism, touches: NDArray[Any], arrays: Any, stat
                 )
 
 
+def unfelt(mechanism: Mechanism, state: State) -> list[str]:
+    """Return in sentences which edges of guides are so narrow that a sheet may come over them between its points."""
+    told = []
+    for met in _of(mechanism, Touch):
+        load, holder = met.loads[0], met.holder
+        edges = load.surface.edges()
+        if edges is None:
+            continue
+        radius, long, along = edges
+        axes = state.bodies["A"][met.nodes[0].index][:, ::2]  # of the sheet as it starts
+        lies = np.abs(axes.T @ (state.bodies["A"][holder.index] @ along))  # cosines
+        apart = np.array(load.sides) / load.samples
+        across, beside = apart * np.sqrt(np.clip(1.0 - lies**2, 0.0, 1.0)), apart * lies
+        for size, what, gap in ((2.0 * radius, "thick", across.max()), (long, "wide", beside.max())):
+            if size < gap:
+                told.append(
+                    f"surface of touch {met.name!r} is {size:.3g} m {what}, where points of sheet "
+                    f"{_sheet(mechanism, met.nodes)!r} are {gap:.3g} m apart: an edge of it that comes between them is "
+                    f"not felt; take more points than {tuple(load.samples)} of a cell"
+                )
+    return told
+
+
 def beside(mechanism: Mechanism, state: State) -> list[str]:
     """Return in sentences which nips are beside the sheet that they are to drive, as ``state`` has placed it."""
     told = []
@@ -77,11 +100,12 @@ def beside(mechanism: Mechanism, state: State) -> list[str]:
 
 @dataclass(frozen=True)
 class _Meeting(Generic[K]):
-    """A touch or a nip: the loads of its cells, and the nodes of its sheet."""
+    """A touch or a nip: the loads of its cells, the nodes of its sheet, and what those meet."""
 
     name: str
     loads: list[K]
     nodes: list[Body]
+    holder: Body  # that has the surface, or the roller
 
 
 def _of(mechanism: Mechanism, kind: type[K]) -> Iterator[_Meeting[K]]:
@@ -89,7 +113,8 @@ def _of(mechanism: Mechanism, kind: type[K]) -> Iterator[_Meeting[K]]:
     own = ((name, load, bodies) for name, load, bodies in mechanism.others if isinstance(load, kind))
     for name, cells in groupby(own, key=itemgetter(0)):
         _, loads, corners = zip(*cells, strict=True)
-        yield _Meeting(name, list(loads), list({id(body): body for four in corners for body in four[:4]}.values()))
+        nodes = {id(body): body for four in corners for body in four[:4]}
+        yield _Meeting(name, list(loads), list(nodes.values()), corners[0][4])
 
 
 def _sheet(mechanism: Mechanism, nodes: Sequence[Body]) -> str:

@@ -26,7 +26,7 @@ from .bending import Bend, bend
 from .compile import Compiled, Numbering, Variable, check_rows
 from .corners import check_corners
 from .inputs import Drives, Inputs
-from .meetings import beside, check_touches
+from .meetings import beside, check_touches, unfelt
 from .rows import find_vanishing_rows, row_names
 from .scale import characteristic_length
 from .systems import Systems
@@ -112,7 +112,7 @@ class Plant:
 
     def check_meetings(self, t: float, q: Array) -> list[str]:
         """Raise UserError where a sheet that starts at free positions q (nq,) is through what it touches; return in
-        sentences which nips are beside theirs.
+        sentences which nips are beside theirs, and which edges are too narrow to be felt.
         """
         if not self.mechanism.others:
             return []
@@ -120,7 +120,7 @@ class Plant:
         gravity = float(np.linalg.norm(self.data.arrays.world[0]["gravity"]))
         arrays, state = self.kernel_data
         check_touches(self.mechanism, self.records(Touch), arrays, state, gravity)
-        return beside(self.mechanism, self.data.state)
+        return [*beside(self.mechanism, self.data.state), *unfelt(self.mechanism, self.data.state)]
 
     def feedthrough(self) -> list[tuple[int, ...]]:
         """Return for every output which inputs change it at the moment they are set, by number."""

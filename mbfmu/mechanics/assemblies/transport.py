@@ -33,6 +33,7 @@ COARSEST = 0.6  # side of a cell times the curvature of a surface, above which t
 SINK = 0.25  # of its thickness, that a leading edge sinks into a surface where it is pressed on as the sheet bends
 SHALLOW = 0.2  # of its thickness: depth below which the pressure goes with its square
 GIVE = 1e-3  # rad, that a nip gives way by to the moment that bends the sheet so far
+HARDEST = 1e9  # of the usual stiffness
 MOST = 1000  # points or stations one way
 LEAST = 1e-6  # of the sheet's scale, of a length in the nip
 SAME = 0.5  # of what keeps two rollers apart
@@ -112,8 +113,7 @@ def contact_pressure(touches: Sequence[TouchHandle], i: int, k: int) -> Pressed:
     """Return how hard touches of one sheet press on its cell (i, k), Pa: sizes of their forces on it over its area.
 
     What presses from opposite sides adds up. It is the pressure where friction is none, and at most
-    sqrt(1 + friction^2) of it. A point on a border counts for the cell that begins there, so that along an edge of the
-    sheet it is off by half a point.
+    sqrt(1 + friction^2) of it.
     """
     if not touches or not all(isinstance(touch, TouchHandle) for touch in touches):
         raise UserError(f"touches that press are {touches!r}; allowed: a list of what add_touch returns")
@@ -200,10 +200,9 @@ def add_touch(
             f"{finer[1]} nodes"
         )
     spacing = max(sheet.a / points[0], sheet.b / points[1])
-    if stiffness is None:
-        stiffness = float(np.max(plate.bending)) / (length**2 * spacing * SINK * plate.thickness)
+    usual = float(np.max(plate.bending)) / (length**2 * spacing * SINK * plate.thickness)
     law = {
-        "stiffness": positive(f"stiffness of {what}", stiffness),
+        "stiffness": _stiffness(what, stiffness, usual, "N/m^3"),
         "depth": positive(f"depth of {what}", SHALLOW * plate.thickness if depth is None else depth),
         "damping": damping,
         "friction": friction,
@@ -306,9 +305,7 @@ def add_nip(
     elif not _is_count(pairs):
         raise UserError(f"pairs of {what} is {pairs!r}; allowed: a whole number from 1 to {MOST}")
     stiff = float(plate.bending[way, way])
-    if stiffness is None:
-        stiffness = stiff * width / (length * GIVE * half**2)
-    positive(f"stiffness of {what}", stiffness)
+    stiffness = _stiffness(what, stiffness, stiff * width / (length * GIVE * half**2), "N/m")
     if damping is None:
         damping = CALM * float(np.sqrt(stiffness * sum(body.mass for row in sheet.nodes for body in row)))
     common = {
@@ -348,6 +345,15 @@ def _length(what: str, value: Any, scale: float) -> float:
     """Return a length that is neither nothing nor more than all of a sheet of this scale."""
     if not LEAST * scale <= positive(what, value) <= 6.0 * scale:
         raise UserError(f"{what} is {value!r} m; allowed: {LEAST * scale:.3g} to {6.0 * scale:.3g}")
+    return float(value)
+
+
+def _stiffness(what: str, value: Any, usual: float, unit: str) -> float:
+    """Return a stiffness, the usual one where none is given, that numbers can bear."""
+    if value is None:
+        return usual
+    if positive(f"stiffness of {what}", value) > HARDEST * usual:
+        raise UserError(f"stiffness of {what} is {value!r} {unit}; allowed: up to {HARDEST * usual:.3g}")
     return float(value)
 
 

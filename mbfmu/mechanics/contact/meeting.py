@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+ALL, OWN = 1, 2
+
 MEETING = np.dtype(  # a contact at work
     [
         ("c", np.float64, (4, 3)),  # weights (N, a Nx, b Nz) of the four nodes
@@ -22,7 +24,7 @@ MEETING = np.dtype(  # a contact at work
         ("dr", np.float64, (3, 6)),  # how it moves with the six motions of a body
         ("df", np.float64, (3, 6)),  # ... and minus what the force changes by
         ("told", np.float64, (8,)),  # sums over what was met; see the loads
-        ("silent", np.int64),  # 1: only these are wanted
+        ("silent", np.int64),  # ALL: only these are wanted; OWN: with half of what points on the cell's border feel
     ],
     align=True,
 )

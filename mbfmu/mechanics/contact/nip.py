@@ -52,6 +52,7 @@ from mbfmu.mechanics.loads.base import Load
 from mbfmu.mechanics.steps import EPSILON, step
 from solvers.compiled.kernel import kernel
 
+from .meeting import ALL
 from .patch import drift, locate, middle, press, reach, react, rise, weigh_straight
 
 PASSES = 12  # of Newton for the material under a station
@@ -160,15 +161,23 @@ def gives(x: Any, u: Any) -> Any:
 
 
 @kernel
+def misses(nip: Any, P: Any, x: float, y: float, z: float) -> bool:
+    """Whether nothing of a cell, whose middle is at (x, y, z), is under a point P, however far above or below."""
+    along, beside, near = 0.0, 0.0, reach(nip).real + nip.entry.real
+    for k in range(3):
+        off = (x if k == 0 else y if k == 1 else z) - P[k].real
+        along, beside = along + off * nip.d[k].real, beside + off * nip.e[k].real
+    return along * along + beside * beside > near * near
+
+
+@kernel
 def meet(nip: Any, t: float, arrays: Any, state: Any) -> None:
     """Add what all stations that this cell has feel to the bodies, unless here.silent, and to here.told."""
     here, bodies, pair = state.meeting[0], state.bodies, state.grip[0]
     middle(nip, bodies, here.r)
+    x, y, z = here.r[0].real, here.r[1].real, here.r[2].real
     far = reach(nip) + nip.half + 0.5 * nip.width
-    square = 0.0
-    for k in range(3):
-        square += (here.r[k].real - nip.place[k].real) ** 2
-    if square > far.real * far.real:
+    if (x - nip.place[0].real) ** 2 + (y - nip.place[1].real) ** 2 + (z - nip.place[2].real) ** 2 > far.real**2:
         return
     N = signal_value(nip.force, t, arrays)
     if N.real < 0.0:  # an idler does not pull
@@ -182,6 +191,8 @@ def meet(nip: Any, t: float, arrays: Any, state: Any) -> None:
         for i in range(2):
             pair.part[i], pair.y[i] = 0.0, 0.0
             P = station(nip, place, i)
+            if misses(nip, P, x, y, z):
+                continue
             xi, zeta, found = under(nip, P, bodies, here)
             if not found:
                 continue
@@ -314,7 +325,7 @@ def tell(nip: Any, t: float, arrays: Any, state: Any, k: int) -> Any:
     here = state.meeting[0]
     for j in range(8):
         here.told[j] = 0.0
-    here.silent = 1
+    here.silent = ALL
     meet(nip, t, arrays, state)
     here.silent = 0
     return here.told[k]

@@ -27,6 +27,7 @@ from mbfmu.mechanics.loads.base import Load
 from mbfmu.mechanics.steps import EPSILON, step
 from solvers.compiled.kernel import kernel
 
+from .meeting import ALL, OWN
 from .patch import dip, drift, lay_line, lever, locate_on_line, middle, press, reach, react, weigh
 from .surfaces import Surface
 
@@ -90,16 +91,16 @@ def meet(touch: Any, arrays: Any, state: Any) -> None:
     middle(touch, bodies, here.r)
     if misses(touch, gap(touch, arrays, state), bodies, here):
         return
-    nx, nz = touch.samples[0], touch.samples[1]
-    for i in range(nx + touch.ends[0, 1]):
+    nx, nz, own = touch.samples[0], touch.samples[1], here.silent == OWN
+    for i in range(nx + (1 if own else touch.ends[0, 1])):
         lay_line(touch, i / nx, bodies, here.line)
-        for k in range(nz + touch.ends[1, 1]):
+        for k in range(nz + (1 if own else touch.ends[1, 1])):
             locate_on_line(here.line, k / nz, here.r)
             d = -gap(touch, arrays, state)
             if d.real > 0.0 and here.part.real > 0.0:
                 weigh(touch, i / nx, k / nz, here.c)
                 drift(touch, here.c, bodies, here.v)
-                push(touch, area(touch, i, k), d, bodies[touch.body], here)
+                push(touch, area(touch, i, k, own), d, bodies[touch.body], here)
                 if here.silent == 0:
                     press(touch, here.c, bodies, here.f)
                     if touch.body > 0:
@@ -107,13 +108,13 @@ def meet(touch: Any, arrays: Any, state: Any) -> None:
 
 
 @kernel
-def area(touch: Any, i: int, k: int) -> float:
-    """Area that a point stands for, m^2."""
+def area(touch: Any, i: int, k: int, own: bool) -> float:
+    """Area that a point stands for, m^2; or its part of that in the cell."""
     nx, nz = touch.samples[0], touch.samples[1]
     share = touch.a * touch.b / (nx * nz)
-    if (i == 0 and touch.ends[0, 0] == 1) or i == nx:
+    if (i == 0 and (own or touch.ends[0, 0] == 1)) or i == nx:
         share *= 0.5
-    if (k == 0 and touch.ends[1, 0] == 1) or k == nz:
+    if (k == 0 and (own or touch.ends[1, 0] == 1)) or k == nz:
         share *= 0.5
     return share
 
@@ -173,7 +174,7 @@ def tangent(touch: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -
             d = -gap(touch, arrays, twin)
             if d.real > 0.0 and there.part.real > 0.0:
                 weigh(touch, i / nx, k / nz, here.c)
-                share = area(touch, i, k)
+                share = area(touch, i, k, False)
                 drift(touch, here.c, bodies, here.v)
                 for j in range(6):
                     felt(touch, share, j, arrays, here, twin)
@@ -265,7 +266,7 @@ def tell(load: Any, arrays: Any, state: Any, k: int) -> Any:
     here = state.meeting[0]
     for j in range(8):
         here.told[j] = 0.0
-    here.silent = 1
+    here.silent = ALL
     meet(load, arrays, state)
     here.silent = 0
     return here.told[k]

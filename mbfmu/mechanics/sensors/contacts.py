@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from mbfmu.mechanics.contact.meeting import ALL, OWN
 from mbfmu.mechanics.dispatch import apply_load
 from mbfmu.mechanics.kind import Site
 from solvers.compiled.kernel import kernel
@@ -16,22 +17,22 @@ from .base import Follows, Sensor
 
 
 @kernel
-def sum_over(first: int, count: int, arrays: Any, state: Any) -> None:
-    """State.meeting.told <- what ``count`` loads from ``first`` on tell."""
-    here = state.meeting[0]
+def sum_over(first: int, count: int, silent: int, arrays: Any, state: Any) -> None:
+    """State.meeting.told <- what ``count`` loads from ``first`` on tell, ``silent`` as there."""
+    here, damped = state.meeting[0], state.damped[0]
     for k in range(here.told.shape[0]):
         here.told[k] = 0.0
-    here.silent = 1
+    here.silent = silent
     for e in range(first, first + count):
         apply_load(arrays.loads[e], state.time[0].real, arrays, state)
-    here.silent = 0
+    here.silent, state.damped[0] = 0, damped
 
 
 @kernel
 def read(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
     """See :mod:`.base`: a sum over loads, or the ratio of two."""
     here = state.meeting[0]
-    sum_over(sensor.index, sensor.count, arrays, state)
+    sum_over(sensor.index, sensor.count, ALL, arrays, state)
     found = sensor.scale * here.told[sensor.component]
     if sensor.over < 0:
         return found
@@ -41,10 +42,10 @@ def read(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
 
 @kernel
 def pressed(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
-    """See :mod:`.base`: the sizes of the forces of single loads, added."""
+    """See :mod:`.base`: the sizes of the forces of single touches on their cells, added."""
     told, total = state.meeting[0].told, 0.0
     for e in range(sensor.first, sensor.first + sensor.count):
-        sum_over(int(arrays.numbers[e].real), 1, arrays, state)
+        sum_over(int(arrays.numbers[e].real), 1, OWN, arrays, state)
         total = total + np.sqrt(told[0] * told[0] + told[1] * told[1] + told[2] * told[2])
     return sensor.scale * total
 

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from mbfmu.mechanics.contact.meeting import ALL
 from mbfmu.mechanics.contact.patch import locate, middle, reach, rise, weigh, weigh_straight
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.spatial import angle_of
@@ -135,7 +136,7 @@ def jammed(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
     for e in range(sensor.nips):
         k = sensor.first + 5 * e
         first, count = int(arrays.numbers[k].real), int(arrays.numbers[k + 1].real)
-        sum_over(first, count, arrays, state)
+        sum_over(first, count, ALL, arrays, state)
         loaded, Y = here.told[0].real, state.bodies[int(arrays.numbers[k + 2].real)].Y
         surface = 0.0
         for j in range(3):

@@ -15,7 +15,7 @@ import numpy as np
 
 from mbfmu.mechanics.contact.patch import rise
 from mbfmu.mechanics.kind import Kind
-from mbfmu.mechanics.shapes import Shape
+from mbfmu.mechanics.shapes import Matrix, Shape
 from solvers.compiled.kernel import kernel
 
 END = 1e-3  # m
@@ -67,6 +67,12 @@ class Surface(Kind):
     def curvature(self) -> float:
         """Return the curvature that a sheet takes which lies on it, 1/m; zero: it lies flat, or on edges alone."""
         return 0.0
+
+    def edges(self) -> tuple[float, float, Matrix] | None:
+        """Return the radius of its edges, how long they are, m, and along which unit vector in the axes of its body;
+        None: it has none that points of a sheet may miss.
+        """
+        return None
 
     def core(self) -> float:
         """Return how deep in it its middle is, beyond which it pushes to the other side, m; infinite: it has none."""

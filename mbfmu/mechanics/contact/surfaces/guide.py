@@ -79,6 +79,10 @@ class Guide(Surface):
         rim = np.concatenate((self.start + half, self.end - half))
         return ribbon(np.concatenate((rim, rim[:1])), axes[:, 2], self.width, opacity=GLASS)
 
+    def edges(self) -> tuple[float, float, Matrix]:
+        """See the base."""
+        return self.radius, self.width, self._axes()[:, 2]
+
     def core(self) -> float:
         """See the base."""
         return self.radius
