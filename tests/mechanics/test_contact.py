@@ -128,6 +128,27 @@ def test_the_patch_moves_like_a_rigid_body_and_is_smooth_over_a_border(way: int 
         np.testing.assert_allclose(*slope, atol=1e-8)
 
 
+def test_points_on_lines_are_those_of_the_patch_and_none_dips_deeper_than_its_bound() -> None:
+    """Nodes turned anyhow, and against a normal anyhow: further than cells of a sheet ever are."""
+    rng = np.random.default_rng(4)
+    for _ in range(50):
+        bodies, n, middle = nodes(rng), rng.normal(size=3), np.zeros(3)
+        n /= np.linalg.norm(n)
+        PLAIN["middle"](CELL, bodies, middle)
+        deepest = PLAIN["dip"](CELL, bodies, middle, n)
+        for xi in np.linspace(0.0, 1.0, 11):
+            line, r = np.zeros((4, 3)), np.zeros(3)
+            PLAIN["lay_line"](CELL, xi, bodies, line)
+            for zeta in np.linspace(0.0, 1.0, 11):
+                PLAIN["locate_on_line"](line, zeta, r)
+                np.testing.assert_allclose(r, at(bodies, xi, zeta, None)[1], atol=1e-16)
+                assert n @ (middle - r) <= deepest + 1e-15
+    for b, corner in zip(bodies, ((0.0, 0.0), (CELL.a, 0.0), (CELL.a, CELL.b), (0.0, CELL.b)), strict=True):
+        b.r, b.A = np.array([corner[0], 0.0, corner[1]]), np.eye(3)
+    PLAIN["middle"](CELL, bodies, middle)
+    assert PLAIN["dip"](CELL, bodies, middle, np.array([0.0, 1.0, 0.0])) == 0.0  # a flat cell does not dip at all
+
+
 def test_derivatives_of_the_straight_patch() -> None:
     bodies, h = nodes(np.random.default_rng(3)), 1e-6
     for way in (0, 1):
