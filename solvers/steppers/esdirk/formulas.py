@@ -52,6 +52,7 @@ LOWER = np.array(  # weights of order 2
     ]
 )
 MOST = 20  # corrections of a stage
+SMALL = 1e-3  # part of the way to a first guess, over which the equations are linear
 NEW = 1e-4  # part of a change of corrections that must be left beside the others
 CONTROL = np.dtype(
     [
@@ -105,6 +106,8 @@ class Stage(NamedTuple):
     tau: Array  # (n,) M a + h + J^T lambda
     qdot: Array  # (nq,)
     turn: Array  # (n,)
+    near: Array  # (nq,) a position on the way to a guess, and what the equations say where that begins
+    start: Array  # (n,)
     tol: Array  # (n,) of positions, as motions
     f: Array  # (n + m,) the last correction as Newton has it, and as it was made, of positions and multipliers
     step: Array  # (n + m,)
@@ -122,7 +125,7 @@ class Stage(NamedTuple):
         """Return zeroed scratch for a system."""
         nq, n, m, z = system.nq, system.n, system.m, np.zeros
         return Stage(
-            z(nq), z(n), z(n), z(m), z(nq), z(nq), z(n), z(n), z(nq), z(n), z(n),
+            z(nq), z(n), z(n), z(m), z(nq), z(nq), z(n), z(n), z(nq), z(n), z(nq), z(n), z(n),
             z(n + m), z(n + m), z((MOST, n)), z((MOST, n + m)), np.zeros(1, np.int64),
             z(n), z(m), *system.positions,
         )  # fmt: skip
@@ -176,6 +179,29 @@ def residual(eqs: Any, t: float, c: float, s: Any) -> bool:
     for k in range(s.tau.shape[0]):
         finite = finite and np.isfinite(s.tau[k])
     return finite
+
+
+@kernel
+def foresee(eqs: Any, t: float, c: float, M: Any, s: Any) -> None:
+    """s.tau <- what the equations would say of the first guess of stage 1, at s.q, if they went on as they begin at the
+    end of the last step: by their difference over a small part of the way, s.turn.
+
+    Friction is saturated at the guess itself, though it is not where the stage ends: a correction that starts from
+    there goes far astray.
+    """
+    rates(c, s)
+    for k in range(s.q.shape[0]):
+        s.near[k] = M.q[k]
+    begin = M.control[0].t
+    eqs.inverse(begin, M.q, M.v, M.A[0], M.lam, eqs.data, s.qdot, s.start)
+    for k in range(s.v.shape[0]):
+        s.v[k] = M.v[k] + SMALL * (s.v[k] - M.v[k])
+        s.a[k] = M.A[0, k] + SMALL * (s.a[k] - M.A[0, k])
+        s.turn[k] *= SMALL
+    eqs.retract(s.near, s.turn, eqs.data)
+    eqs.inverse(begin + SMALL * (t - begin), s.near, s.v, s.a, M.lam, eqs.data, s.qdot, s.tau)
+    for k in range(s.v.shape[0]):
+        s.tau[k] = s.start[k] + (s.tau[k] - s.start[k]) / SMALL
 
 
 @kernel

@@ -44,6 +44,7 @@ from .formulas import (
     correct,
     end_stage,
     error_of_step,
+    foresee,
     interpolate,
     look_around,
     residual,
@@ -208,6 +209,10 @@ class TreeESDIRKStepper(Stepper):
         for i in range(1, STAGES):
             at = t + C[i] * h if i < STAGES - 1 else after
             begin_stage(self._eqs, i, h, *held)
+            if i == 1 and self.system.cornered and not self.system.m:
+                self._c["evaluations"] += 2
+                foresee(self._eqs, at, rate, *held)
+                self.system.apply(s.q, -self._saddle.solve(s.tau, s.none)[0])
             code = self._solve_stage(at, rate, exact)
             if code is not Code.OK:
                 return code, np.inf
