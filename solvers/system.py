@@ -261,6 +261,17 @@ class Tangent(Protocol):
         """Return M a (n,)."""
 
 
+class Stepped(NamedTuple):
+    """Callbacks of a :class:`TreeSystem` on complex numbers: an imaginary step of the state, however small, leaves the
+    derivative along it in the imaginary part, without a difference.
+    """
+
+    inverse: Callable[..., None]
+    position: Callable[[float, Array, Any, Terms], None]
+    retract: Callable[[Array, Array, Any], None]
+    data: Any
+
+
 @dataclass(frozen=True, kw_only=True)
 class TreeSystem(AnySystem):
     """A large tree by recursions and a structured tangent: no matrix but J of few constraints.
@@ -278,11 +289,14 @@ class TreeSystem(AnySystem):
     tangent: Tangent
     positions: Positions
     dense: Callable[[], System] | None = None  # (): the same mechanism with its matrices
+    stepped: Callable[[], Stepped] | None = None  # (): the same on complex numbers
+    meshed: NDArray[np.bool_] | None = None  # (n,) coordinates of which a mesh has many like them; None: all
+    slip: Array | None = None  # (n,) rates that friction of contact tells apart; None: any
 
-    def allocate_terms(self) -> Terms:
+    def allocate_terms(self, scalar: type = float) -> Terms:
         """Return zeroed terms; those of the constraints are the only ones a tree fills, and M has no entries."""
-        n, m, z = self.n, self.m, np.zeros
-        return Terms(z(0), z((0, 0)), z(0), z(m), z((m, n)), z(m), z(m))
+        shapes = 0, (0, 0), 0, self.m, (self.m, self.n), self.m, self.m
+        return Terms(*(np.zeros(shape, scalar) for shape in shapes))
 
     def fill(self, t: float, q: Array, v: Array, terms: Terms) -> None:
         """Fill Phi, J, nu and gamma at (t, q, v)."""

@@ -259,25 +259,10 @@ def asked(
     chosen = {
         k: [(name, tolerance) for tolerance in ordered for name in own if not own[name]] for k, own in enumerate(why)
     }
-    refused = _refused(steps, why)
+    refused = list({name: text for own in reversed(why) for name, text in own.items() if text}.values())
     if not any(chosen.values()):
         raise UserError(f"nothing can be compared: {'; '.join(refused)}")
     return steps, chosen, refused
-
-
-def _refused(steps: Sequence[Resolution], why: Sequence[dict[str, str]]) -> list[str]:
-    """Return why solvers do not run, once each, with the resolution where others take them."""
-    told = {name: own[name] for own in why for name in own if own[name]}
-    everywhere = {name: all(own.get(name, told[name]) for own in why) for name in told}
-    return [
-        *(told[name] for name in told if everywhere[name]),
-        *(
-            f"{in_words(step)}: {own[name]}"
-            for step, own in zip(steps, why, strict=True)
-            for name in own
-            if own[name] and not everywhere[name]
-        ),
-    ]
 
 
 @dataclass(frozen=True, kw_only=True)

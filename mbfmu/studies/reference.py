@@ -133,11 +133,8 @@ def tight_runs(plant: Plant, finest: float) -> tuple[Runs, ...]:
         return tuple(pair for pair in TIGHT if not refusal(pair[0][0], system))
     tolerance = max(FINEST, TIGHTER * finest)
     tolerances = [tolerance * 10.0**k for k in range(1 + max(0, round(log10(LOOSEST / tolerance))))]
-    if refusal("ida", system):
-        implicit = [(("esdirk", tol), ("esdirk", 10.0 * tol)) for tol in tolerances]
-    else:
-        pairs = (((("esdirk", tol), ("ida", tol)), (("ida", tol), ("ida", 10.0 * tol))) for tol in tolerances)
-        implicit = [pair for two in pairs for pair in two]
+    pairs = (((("esdirk", tol), ("ida", tol)), (("ida", tol), ("ida", 10.0 * tol))) for tol in tolerances)
+    implicit = [pair for two in pairs for pair in two]
     return (*implicit,) if system.m or refusal("adams", system) else (EXPLICIT, *implicit)
 
 

@@ -49,13 +49,8 @@ def refusal(name: str, system: AnySystem) -> str:
     """Say why a solver does not suit the forces of a system; empty: it may run."""
     large = isinstance(system, TreeSystem)
     if system.stiff and name in UNTIED:
-        implicit = "'radau' or 'ida'" if not large else "'esdirk'" if system.cornered else "'ida' or 'esdirk'"
+        implicit = "'ida' or 'esdirk'" if large else "'radau' or 'ida'"
         return f"solver {name!r} is explicit, and {system.stiff}; take {implicit}"
-    if system.cornered and name == "ida" and large:
-        return (
-            f"solver 'ida' takes differences of the forces over changes as large as its tolerance, and "
-            f"{system.cornered}; take 'esdirk'"
-        )
     return ""
 
 

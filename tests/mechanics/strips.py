@@ -52,9 +52,11 @@ def add_channel(m: Mechanism, sheet: Sheet) -> None:
         add_touch(m, name, sheet, plate, points=(6, 3), stiffness=2e6, depth=2e-5)
 
 
-def run(m: Mechanism, stop_time: float, interval: float, tolerance: float = 1e-4, **options: Any) -> mb.Result:
+def run(
+    m: Mechanism, stop_time: float, interval: float, tolerance: float = 1e-4, solver: str = "esdirk", **options: Any
+) -> mb.Result:
     """A run that goes to its end."""
-    found = mb.simulate(m, stop_time, interval=interval, solver="esdirk", tolerance=tolerance, **options)
+    found = mb.simulate(m, stop_time, interval=interval, solver=solver, tolerance=tolerance, **options)
     assert not found.failure
     return found
 

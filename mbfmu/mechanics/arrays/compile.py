@@ -31,13 +31,14 @@ from mbfmu.mechanics.records import (
     Data,
     allocate_state,
     complex_dtype,
+    complex_state,
     complex_twin,
 )
 from mbfmu.mechanics.sensors import CouplingEffort, Energy, KineticEnergy, RowForce, Sensor
 from mbfmu.mechanics.signals import Input, InUse, Signal
 from solvers.compiled.kernel import records
 
-from .tables import COMPLEX, TANGENT, Called, Tables
+from .tables import COMPLEX, STEPPED, TANGENT, Called, Tables
 
 
 @dataclass(frozen=True)
@@ -248,6 +249,11 @@ class Compiled:
         sizes = (numbering.nq_full, numbering.nv_full, numbering.subspaces)
         self.data = Data(arrays, allocate_state(len(mechanism.bodies), rows, len(couplings), *sizes))
         self.signals = self.signals_in(self.data)
+
+    def stepped(self) -> Data:
+        """Return the same arrays beside a complex state: an imaginary step of it leaves derivatives along that."""
+        arrays = self.data.arrays._replace(kernels=self._tables.kernels(STEPPED))
+        return Data(arrays, complex_state(self.data.state))
 
     def tangent_arrays(self) -> Arrays:
         """Return the same arrays with the kernels that give derivatives by the state."""

@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mbfmu.errors import UserError
 from mbfmu.mechanics.builder.mechanism import Mechanism
@@ -18,6 +19,7 @@ from mbfmu.mechanics.recursions.dynamics import (
     callbacks,
     observe_all,
     resolves,
+    stepped_callbacks,
     telling_callback,
     tree_callbacks,
     work_callbacks,
@@ -25,7 +27,7 @@ from mbfmu.mechanics.recursions.dynamics import (
 from mbfmu.mechanics.tangent import Groups, Tangent, find_groups
 from solvers.compiled.held import hold
 from solvers.positions import Positions
-from solvers.system import AnySystem, System, TreeSystem
+from solvers.system import AnySystem, Array, Stepped, System, TreeSystem
 
 from .assembly import free_bodies
 from .compile import Compiled, Numbering
@@ -109,9 +111,29 @@ class Systems:
             tangent=self.tangent(),
             positions=Positions(in_q, in_v, np.array(quaternions, np.int64).reshape(-1, 2)),
             dense=lambda: self.dense(constraint_names, data),
+            stepped=self._stepped,
+            meshed=self._meshed(),
+            slip=self._slip(),
             power=power,
             exposure=exposure,
         )
+
+    def _stepped(self) -> Stepped:
+        """Return the recursions on complex numbers beside the arrays as they are, now and later."""
+        inverse, position, retract = stepped_callbacks()
+        return Stepped(inverse, position, retract, self._compiled.stepped())
+
+    def _meshed(self) -> NDArray[np.bool_]:
+        """Return which coordinates are of joints between nodes of a sheet."""
+        nodes = {body.index for sheet in self._mechanism.sheets for row in sheet.nodes for body in row}
+        found = [np.full(body.joint.nv, {body.index, body.parent} <= nodes) for body in free_bodies(self._mechanism)]
+        return np.concatenate([np.zeros(0, bool), *found])
+
+    def _slip(self) -> Array:
+        """Return rates (n,) that move a sheet against what it touches by the slip at which friction turns over."""
+        loads = (acting.load for acting in self._mechanism.others)
+        slowest = min((load.slip for load in loads if isinstance(load, Touch | Nip)), default=np.inf)
+        return np.asarray(slowest / self._length * self._size)
 
     def _common(self, constraint_names: list[str], data: Data) -> dict[str, Any]:
         """Return what both have."""

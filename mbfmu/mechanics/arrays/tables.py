@@ -37,6 +37,7 @@ MOVING = frozenset(("place", "bias", "evaluate", "longest_step", "apply", "poten
 REAL = Numbers(float, float, MOVING)
 COMPLEX = Numbers(complex, complex, MOVING - {"power", "longest_step"})  # derivatives by all that is in both
 TANGENT = Numbers(float, complex, frozenset(("place", "evaluate", "apply", "gap", "tangent")))  # ... by the state alone
+STEPPED = Numbers(float, complex, frozenset(("place", "bias", "evaluate", "apply", "gap")))  # ... along one direction
 
 
 class UsedKind(NamedTuple):
@@ -150,7 +151,8 @@ def types_of(signature: str, arrays: type = float, state: type = float) -> tuple
     """Return numba's types of what a signature's words stand for: arguments after the record, and what is returned."""
     words, _, result = signature.partition(" -> ")
     known = word_types(arrays, state) if COMPILED else {}
-    number = types.complex128 if (state if "state" in words.split(", ") else arrays) is complex else types.float64
+    moving = not {"state", "coordinate"}.isdisjoint(words.split(", "))
+    number = types.complex128 if (state if moving else arrays) is complex else types.float64
     pair, triple = (types.UniTuple(number, count) for count in (2, 3))  # type: ignore[no-untyped-call]
     returned = {"": types.void, "number": number, "two": pair, "three": triple}
     return [known.get(word) for word in words.split(", ")], returned[result]
@@ -163,7 +165,7 @@ def word_types(arrays: type, state: type) -> dict[str, Any]:
     number = types.complex128 if state is complex else types.float64
     return {
         "time": types.float64,
-        "coordinate": types.complex128 if arrays is complex else types.float64,
+        "coordinate": number,
         "index": types.int64,
         "arrays": held_type((complex_twin(real) if arrays is complex else real).arrays),
         "state": held_type(complex_state(real.state) if state is complex else real.state),

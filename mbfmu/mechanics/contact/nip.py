@@ -364,6 +364,11 @@ class Nip(Load):
     common: dict[str, Any]
 
     @property
+    def slip(self) -> float:
+        """Slip at which friction turns over, of a roller at rest, m/s."""
+        return float(self.common["least"])
+
+    @property
     def works(self) -> bool:
         """It does: by friction and by damping."""
         return True

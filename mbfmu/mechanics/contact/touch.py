@@ -334,6 +334,11 @@ class Touch(Load):
     creep: float
 
     @property
+    def slip(self) -> float:
+        """Slip at which friction turns over, m/s."""
+        return self.creep if self.friction > 0.0 else np.inf
+
+    @property
     def works(self) -> bool:
         """It does: by friction and by what is lost as the sheet leaves."""
         return True

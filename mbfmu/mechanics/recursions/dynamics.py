@@ -12,7 +12,7 @@ from typing import Any, cast
 import numpy as np
 
 from mbfmu.mechanics.dispatch import longest_step, read_sensor, signal
-from mbfmu.mechanics.records import complex_twin, empty_data
+from mbfmu.mechanics.records import Data, complex_state, complex_twin, empty_data
 from mbfmu.mechanics.spatial import quaternion_rate
 from solvers.compiled.held import held_type
 from solvers.compiled.kernel import COMPILED, callback, inlined, kernel, types
@@ -320,6 +320,22 @@ def tree_callbacks() -> tuple[Callable[..., Any], ...]:
         callback(types.void(vector, data, vector))(mobility),
         callback(types.void(real, vector, data, terms))(position),
         callback(types.void(real, vector, vector, data, terms))(constraints),
+        callback(types.void(vector, vector, data))(retract),
+    )
+
+
+@cache
+def stepped_callbacks() -> tuple[Callable[..., Any], ...]:
+    """Return inverse, position and retract on a complex state beside real arrays; compiled on first use."""
+    if not COMPILED:
+        return inverse, position, retract
+    example = empty_data()
+    data = held_type(Data(example.arrays, complex_state(example.state)))
+    terms = held_type(Terms.allocate(1, 1, 1, complex))
+    real, vector = types.float64, types.complex128[::1]
+    return (
+        callback(types.void(real, vector, vector, vector, vector, data, vector, vector))(inverse),
+        callback(types.void(real, vector, data, terms))(position),
         callback(types.void(vector, vector, data))(retract),
     )
 

@@ -26,6 +26,10 @@ sheet has thousands; their step count then hardly depends on the tolerance. **Ab
 size of each coordinate (an angle of a sheet's joint is curvature times cell, and the errors of a chain of joints add
 up), those of rates RATE times that in the time of the motion; multipliers carry no error control. Reported states are
 closed onto the constraints.
+
+**In contact** pressures turn within micrometers and friction within millimeters per second. IDA's own products of
+Newton's matrix and a vector are differences over what tolerances allow, which is more: they are taken exactly, by an
+imaginary step of the whole residual. And its weights are our own, see :meth:`TreeIDAStepper._tolerances`.
 """
 
 from __future__ import annotations
@@ -47,9 +51,22 @@ from solvers.system import LARGEST_DENSE, Array, TreeSystem, audit_callbacks
 from .binding import BoundIDA
 from .driver import IDADriver
 from .ggl import LENGTH_RATE
-from .loop import FAILURES, MATRICES, STANDSTILL
+from .loop import COUNTS, FAILURES, MATRICES, STANDSTILL
 from .sundials import Callbacks, DirectIDA, InPython, serves
-from .tree import Given, Reduced, Scratch, accept, call_accept, call_precondition, call_residual, note, precondition
+from .tree import (
+    Given,
+    Imaginary,
+    Reduced,
+    Scratch,
+    accept,
+    call_accept,
+    call_precondition,
+    call_residual,
+    call_times,
+    call_weigh,
+    note,
+    precondition,
+)
 from .tree import residual as residual_of_tree
 
 UNCONTROLLED = 1e8  # absolute tolerance of the multipliers
@@ -90,13 +107,19 @@ class TreeIDAStepper(IDADriver):
                 s.inverse, s.retract, s.position, *audit_callbacks(s), s.held_data, self._terms, s.positions,
                 s.tangent.solve_one, s.tangent.inertia_one, s.tangent.data, self._scratch, self._reduced,
                 LENGTH_RATE * self._rate, len(atol), self._book, hold(Scales.of(o.rtol, sizes, rates, len(atol))),
-                self._counts, self._course,
+                self._counts, self._course, self._tolerances(atol), self._imaginary(len(atol)),
             )
         )  # fmt: skip
         order = ORDER if o.max_order is None else min(5, o.max_order)
         options: dict[str, Any] = {"rtol": o.rtol, "atol": atol, "max_order": order}
+        if s.cornered and not serves():
+            raise ValueError(
+                f"solver 'ida' is given the products and weights that it needs here, where {s.cornered}, by the C "
+                "functions of SUNDIALS 7 alone, which are not at hand; take 'esdirk'"
+            )
         if serves():
-            callbacks = Callbacks(call_residual, InPython(self._set_up, len(atol)), call_precondition)
+            exact: dict[str, Any] = {"times": call_times, "weigh": call_weigh} if s.cornered else {}
+            callbacks = Callbacks(call_residual, InPython(self._set_up, len(atol)), call_precondition, **exact)
             return DirectIDA(callbacks, call_accept, given, max_step=o.max_step, krylov=KRYLOV, **options)
 
         def residual(t: float, y: Array, yp: Array, res: Array) -> None:
@@ -110,6 +133,33 @@ class TreeIDAStepper(IDADriver):
             linsolver="gmres", krylov_dim=KRYLOV, precond=IDAPrecond(self._set_up, solve),
             max_step=0.0 if np.isinf(o.max_step) else o.max_step, max_conv_fails=FAILURES, **options,
         )  # fmt: skip
+
+    def _imaginary(self, count: int) -> Any:
+        """Return what products of Newton's matrix are made with, where forces turn sharply."""
+        s = self.system
+        if not s.cornered or s.stepped is None:
+            return None
+        (inverse, position, retract, data), z = s.stepped(), np.zeros((3, count), complex)
+        return Imaginary(
+            inverse, position, retract, data, s.allocate_terms(complex), s.positions,
+            Scratch.allocate(s.nq, s.n, s.m, complex), self._reduced, LENGTH_RATE * self._rate, np.zeros(COUNTS), *z,
+        )  # fmt: skip
+
+    def _tolerances(self, atol: Array) -> Array:
+        """Return tolerances where they are weighed (3, N): relative, absolute, the largest.
+
+        IDA's norm is the root of a mean square, in which one of N unknowns may be off by sqrt(N) tolerances. A mesh has
+        many of a kind, but few tell where a sheet is as a whole. Their rates are known to the slip that friction tells
+        apart too.
+        """
+        s, N = self.system, len(atol)
+        found = np.vstack((np.full(N, self.options.rtol), atol, np.full(N, np.inf)))
+        if s.meshed is not None and s.slip is not None:
+            parts = np.where(s.meshed, 1.0, N**-0.5)
+            found[:2, : s.nq] *= s.position_sizes(parts) / s.position_sizes(np.ones(s.n))
+            found[:2, self._v_at] *= parts
+            found[2, self._v_at] = np.where(s.meshed, np.inf, s.slip)
+        return found
 
     def _set_up(self, t: float, y: Array, yp: Array, res: Array, cj: float) -> int:
         """Factor the tangent and the equations of the constraints; 1: it is singular there."""

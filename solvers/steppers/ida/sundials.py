@@ -54,6 +54,7 @@ FUNCTIONS = {  # in the letters of solvers.compiled.foreign
     "IDAReInit": "i pdpp",
     "IDASetUserData": "i pp",
     "IDASVtolerances": "i pdp",
+    "IDAWFtolerances": "i pp",
     "IDASetLinearSolver": "i ppp",
     "IDASetJacFn": "i pp",
     "IDASetPreconditioner": "i ppp",
@@ -134,9 +135,10 @@ class Callbacks(NamedTuple):
     precondition: Callable[..., int] | None = None  # (t, y, y', residual, right, left, c_j, delta, data)
     times: Callable[..., int] | None = None  # (t, y, y', residual, vector, product, c_j, data, scratch, scratch)
     matrix: Callable[..., int] | None = None  # (t, c_j, y, y', residual, out, data, scratch, scratch, scratch)
+    weigh: Callable[..., int] | None = None  # (y, out, data): one over the tolerances of the unknowns
 
 
-LETTERS = ("dppp*", "dpppd*", "dpppppdd*", "dpppppd*pp", "ddpppp*ppp")  # of these, the data as a star
+LETTERS = ("dppp*", "dpppd*", "dpppppdd*", "dpppppd*pp", "ddpppp*ppp", "pp*")  # of these, the data as a star
 
 
 @cache
@@ -171,7 +173,7 @@ class DirectIDA:
     data
         What they are given, held.
     rtol, atol
-        Tolerances; the second, an array (N,), may change before a history begins.
+        Tolerances, where none of the callbacks weighs; the second, an array (N,), may change before a history begins.
     max_step
         s.
     krylov
@@ -218,13 +220,13 @@ class DirectIDA:
         self.y[:], self.slopes[:] = y, slopes
         if self._begun:
             call("IDAReInit", self._memory, t, *self._vectors)
-            call("IDASVtolerances", self._memory, *self._options[:2])
+            self._set_tolerances()
             return
         memory, c = self._memory, self._callbacks
-        rtol, tol, max_order, max_step = self._options
+        max_order, max_step = self._options[2:]
         call("IDAInit", memory, c.residual.address, t, *self._vectors)
         call("IDASetUserData", memory, self._data.address)
-        call("IDASVtolerances", memory, rtol, tol)
+        self._set_tolerances()
         call("IDASetLinearSolver", memory, *self._solver)
         if c.matrix:
             call("IDASetJacFn", memory, c.matrix.address)
@@ -239,6 +241,12 @@ class DirectIDA:
         if np.isfinite(max_step):
             call("IDASetMaxStep", memory, max_step)
         self._begun = True
+
+    def _set_tolerances(self) -> None:
+        if self._callbacks.weigh:
+            call("IDAWFtolerances", self._memory, self._callbacks.weigh.address)
+        else:
+            call("IDASVtolerances", self._memory, *self._options[:2])
 
     def go(self, t: float) -> int:
         """Step until t (s) is passed; see :func:`.loop.go`."""

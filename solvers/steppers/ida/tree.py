@@ -17,6 +17,8 @@ from solvers.system import Array
 from .loop import BAD, RESIDUALS, STEPS
 from .sundials import data_of
 
+EPSILON = 1e-20  # of an imaginary step
+
 
 class Scratch(NamedTuple):
     """Writable copies of what IDA passes, and scratch; N = nq + n + 2 m."""
@@ -37,10 +39,10 @@ class Scratch(NamedTuple):
     both: Array  # (2 m,) dmu, dlambda
 
     @staticmethod
-    def allocate(nq: int, n: int, m: int) -> Scratch:
+    def allocate(nq: int, n: int, m: int, scalar: type = float) -> Scratch:
         """Return zeroed arrays."""
         sizes = nq, n, n, m, nq, nq, nq, n, n, n, n, n, 2 * m, 2 * m
-        return Scratch(*(np.zeros(size) for size in sizes))
+        return Scratch(*(np.zeros(size, scalar) for size in sizes))
 
 
 class Reduced(NamedTuple):
@@ -76,6 +78,26 @@ class Given(NamedTuple):
     scales: Any
     counts: Array
     course: NDArray[Any]
+    tolerances: Array  # (3, N) relative, absolute, the largest; where they are weighed
+    stepped: Any  # where products are asked for
+
+
+class Imaginary(NamedTuple):
+    """What :func:`residual` is given beside an imaginary step of the unknowns, and these."""
+
+    inverse: Any
+    position: Any
+    retract: Any
+    data: Any
+    terms: Any
+    positions: Positions
+    scratch: Any
+    reduced: Any
+    length_rate: float
+    counts: Array
+    y: Array  # (N,) complex, these three
+    slopes: Array
+    res: Array
 
 
 @inlined
@@ -127,6 +149,24 @@ def residual(t: float, y: Any, slopes: Any, res: Any, g: Any) -> None:
             speed += terms.J[row, i] * s.v[i]
         res[nq + n + row] = speed - d[0, row] * s.lam[row]
         res[nq + n + m + row] = terms.Phi[row] - d[1, row] * y[nq + n + m + row]
+
+
+@kernel
+def times(t: float, y: Any, slopes: Any, x: Any, c: float, out: Any, g: Any) -> None:
+    """out (N,) <- (dF/dy + c dF/dy') x of the residual F, exactly."""
+    e = g.stepped
+    for i in range(out.shape[0]):
+        e.y[i], e.slopes[i] = y[i] + EPSILON * x[i] * 1j, slopes[i] + EPSILON * c * x[i] * 1j
+    residual(t, e.y, e.slopes, e.res, e)
+    for i in range(out.shape[0]):
+        out[i] = e.res[i].imag / EPSILON
+
+
+@kernel
+def weigh(y: Any, out: Any, g: Any) -> None:
+    """out (N,) <- one over the tolerances of the unknowns."""
+    for i in range(out.shape[0]):
+        out[i] = 1.0 / min(g.tolerances[0, i] * abs(y[i]) + g.tolerances[1, i], g.tolerances[2, i])
 
 
 @kernel
@@ -199,6 +239,23 @@ def call_residual(t: float, y: Any, slopes: Any, out: Any, g: Any) -> int:
     """As IDA calls it."""
     n = g.unknowns
     residual(t, array_at(data_of(y), n), array_at(data_of(slopes), n), array_at(data_of(out), n), g)
+    return 0
+
+
+def call_times(
+    t: float, y: Any, slopes: Any, _res: Any, x: Any, product: Any, cj: float, g: Any, _one: Any, _two: Any
+) -> int:
+    """As IDA calls it."""
+    n = g.unknowns
+    given = array_at(data_of(y), n), array_at(data_of(slopes), n), array_at(data_of(x), n)
+    times(t, given[0], given[1], given[2], cj, array_at(data_of(product), n), g)
+    return 0
+
+
+def call_weigh(y: Any, out: Any, g: Any) -> int:
+    """As IDA calls it."""
+    n = g.unknowns
+    weigh(array_at(data_of(y), n), array_at(data_of(out), n), g)
     return 0
 
 
