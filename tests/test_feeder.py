@@ -162,6 +162,18 @@ def test_two_speeds_pull_with_what_the_weaker_grip_has() -> None:
     assert pulled[0] == pytest.approx(-pulled[1], rel=0.05)  # nothing else is there to hold it
 
 
+def test_the_drag_of_an_idler_is_the_traction_of_its_roller() -> None:
+    """Of a sheet that nothing else holds, at a steady speed; without its mass an idler is no body."""
+    free = {"guides": False, "gravity_y": 0.0, "path": "straight", "nips": 1, "lead": 0.1}
+    model = Feeder(**free, **SMALL, idler_mass=0.002, idler_drag=2e-5)
+    found = mb.simulate(model, 0.1, interval=0.05)
+    rate = found["idler[1].left.speed"][-1]
+    assert rate == pytest.approx(model.speed / model.radius, rel=2e-3)
+    for side in ("left", "right"):
+        assert -found[f"nip[1].{side}.traction"][-1] == pytest.approx(model.idler_drag * rate / model.radius, rel=1e-2)
+    assert not any(body.name.startswith("idler") for body in Feeder(**free, **SMALL).build().bodies)
+
+
 @pytest.mark.parametrize("path", ["straight", "s_bend"])
 def test_pressure_of_all_cells_is_the_force_of_all_guides(path: str) -> None:
     """Without friction, times the area of a cell; pressing forces of a curved guide do not add up as vectors."""
@@ -213,6 +225,7 @@ def test_effects_that_are_off_are_absent() -> None:
         "damping",
         "guides",
         "misalignment",
+        "idler_inertia",
         "curl",
     }
 
@@ -228,6 +241,7 @@ def test_effects_that_are_off_are_absent() -> None:
         ({"nip_distance": 0.01}, "nip_distance is 0.01 m; allowed: at least nip_width, 0.02"),
         ({"nip_distance": 0.3}, "nip_distance is 0.3 m; allowed: below 0.23 m"),
         ({"path": "straight", "spacing": 0.01}, "spacing is 0.01 m; allowed: twice radius at least, 0.02 m"),
+        ({"idler_drag": 1e-5}, "idler_drag is 1e-05 N m s/rad; allowed where idler_mass is 0: 0"),
         ({"lead": 0.05}, "lead is 0.05 m; allowed: at most 0.0286 m"),
         ({"path": "straight", "lead": 0.2}, "lead is 0.2 m; allowed: at most half the sheet"),
         ({"mu_roller": -1.0}, "parameter 'mu_roller' of 'feeder' is -1.0; allowed"),

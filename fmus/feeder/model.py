@@ -20,6 +20,7 @@ from mbfmu.mechanics import (
     Drum,
     Guide,
     Input,
+    JointSpring,
     Mechanism,
     NipHandle,
     Product,
@@ -58,7 +59,7 @@ class Feeder(Model):
     stop_time = 1.0
     output_interval = 0.005
     tolerance = 1e-4
-    default_solver = "esdirk"  # explicit ones are refused, and large sheets in contact with ida
+    default_solver = "esdirk"  # ida costs half of it, but four times as much where a host sets speeds at every step
     viewing = MappingProxyType({"field": "pressure"})
     effects = MappingProxyType(
         {
@@ -69,6 +70,7 @@ class Feeder(Model):
             "damping": {"damping": 5e-4},
             "guides": {"guides": True},
             "misalignment": {"misalignment": 0.02},
+            "idler_inertia": {"idler_mass": 0.02},
             "curl": {"curl": 2.0},
         }
     )
@@ -100,6 +102,12 @@ class Feeder(Model):
     misalignment: float = parameter(
         0.0, unit="rad", min=-0.5, max=0.5, doc="effect: of the rollers of line 1, which feed to the right"
     )
+    idler_mass: float = parameter(
+        0.0, unit="kg", min=0.0, structural=True,
+        doc="effect: of each idler, a cylinder as large as its roller that turns freely; zero leaves its inertia out",
+    )  # fmt: skip
+    idler_drag: float = parameter(0.0, unit="N.m.s/rad", min=0.0, doc="of the bearing of an idler with a mass")
+    mu_idler: float = parameter(0.3, min=0.0, max=10.0, doc="friction of the idlers, sideways where they have no mass")
     mu_roller: float = parameter(1.0, min=0.0, max=10.0, doc="friction of the rollers")
     creep: float = parameter(
         2e-3, min=0.0, max=1.0, doc="slip at seven tenths of a roller's traction, to its speed; 1 mm/s at rest"
@@ -226,6 +234,8 @@ class Feeder(Model):
                 f"bend_radius is {self.bend_radius:g} m; allowed with cells of {side:.3g} m: {least:.3g} m at "
                 f"least{finer}"
             )
+        if self.idler_drag and not self.idler_mass:
+            raise UserError(f"idler_drag is {self.idler_drag:g} N m s/rad; allowed where idler_mass is 0: 0")
         if self.nip_distance < self.nip_width:
             raise UserError(f"nip_distance is {self.nip_distance:g} m; allowed: at least nip_width, {self.nip_width:g}")
         if self.nip_distance - self.nip_width >= self.width:
@@ -271,6 +281,7 @@ class Feeder(Model):
         for side, hand in zip(SIDES, (-1.0, 1.0), strict=True):
             z = 0.5 * hand * self.nip_distance
             roller = self._roller(m, f"roller[{line + 1}].{side}", (x, y, z), normal, axis, line, hand)
+            idler = self._idler(m, f"idler[{line + 1}].{side}", (x, y, z), normal, axis, line)
             nip = add_nip(
                 m,
                 f"{label}.{side}",
@@ -284,7 +295,9 @@ class Feeder(Model):
                 normal=normal,
                 uneven=self.uneven,
                 friction=self.mu_roller,
+                idler_friction=self.mu_idler,
                 creep=self.creep,
+                idler=idler,
             )
             found.append(nip)
             for told, sensor, meaning in (
@@ -315,6 +328,19 @@ class Feeder(Model):
         roller = m.body(name, m.ground, Revolute(at=middle, axis=axis, drive=speed), **mass)
         m.output(f"{name}.torque", roller.effort(), "torque of the drive")
         return roller
+
+    def _idler(self, m: Mechanism, name: str, at: tuple[float, ...], normal: Any, axis: Any, line: int) -> Body | None:
+        """Add an idler above the path, which turns as the sheet there should, and its speed; None: it has no mass."""
+        if not self.idler_mass:
+            return None
+        middle = tuple(p + self.radius * n for p, n in zip(at, normal, strict=True))
+        mass = cylinder(mass=self.idler_mass, radius=self.radius, length=self.nip_width, axis=axis)
+        axle = Revolute(at=middle, axis=[-x for x in axis], rate=self.speed * self.speed_ratio**line / self.radius)
+        idler = m.body(name, m.ground, axle, **mass)
+        if self.idler_drag:
+            m.force(f"{name}.drag", JointSpring(stiffness=0.0, damping=self.idler_drag), idler)
+        m.output(f"{name}.speed", idler.rate(), "speed of the idler; positive feeds")
+        return idler
 
     def _guide(self, m: Mechanism, sheet: SheetHandle, route: Path) -> list[TouchHandle]:
         """Add what is above and below each part of the path."""

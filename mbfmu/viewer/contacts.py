@@ -28,20 +28,24 @@ RODS, ROD = (0.0, np.pi), 0.12  # lie in a roller's surface where its turning is
 def met(mechanism: Mechanism, poses: Poses | None) -> Iterator[tuple[Body, Shape]]:
     """Yield bodies and shapes; without poses planes that have no end are left out."""
     own = {body.index for body, _ in mechanism.shapes if body.index}
-    nips: dict[str, tuple[Nip, Body]] = {}
+    nips: dict[str, tuple[Nip, tuple[Body, ...]]] = {}
     touches: dict[tuple[int, int], tuple[Touch, Body, set[int]]] = {}
     for _, load, bodies in mechanism.others:
-        holder = bodies[-1]
+        holder = bodies[4] if isinstance(load, Nip) else bodies[-1]
         if isinstance(load, Nip) and holder.index not in own:
-            nips[load.name] = load, holder
+            nips[load.name] = load, bodies[4:]
         elif isinstance(load, Touch) and holder.index not in own:
             nodes = touches.setdefault((id(load.surface), holder.index), (load, holder, set()))[2]
             nodes.update(body.index for body in bodies[:-1])
     for touch, holder, nodes in touches.values():
         near = np.zeros((1, 3)) if poses is None else relative(poses, sorted(nodes), holder.index)
         yield from ((holder, shape) for shape in touch.surface.shapes(near))
-    for nip, roller in nips.values():
-        yield from rolling(mechanism, nip, roller)
+    for nip, (roller, *idlers) in nips.values():
+        yield from rolling(nip, roller, nip.common["radius"], RUBBER)
+        for idler in idlers:
+            yield from rolling(nip, idler, nip.common["idler_radius"], IDLE)
+        if not idlers and roller.parent == 0:  # where another carries it, its place is not known
+            yield mechanism.ground, above(nip, roller)
 
 
 def relative(poses: Poses, nodes: list[int], holder: int) -> NDArray[np.float64]:
@@ -52,21 +56,23 @@ def relative(poses: Poses, nodes: list[int], holder: int) -> NDArray[np.float64]
     return near[np.isfinite(near).all(axis=1)]
 
 
-def rolling(mechanism: Mechanism, nip: Nip, roller: Body) -> Iterator[tuple[Body, Shape]]:
-    """Yield the roller of a nip with marks, and where the ground carries it its idler: another's place is not known."""
-    joint, radius, width = roller.joint, nip.common["radius"], nip.common["width"]
-    axis = np.asarray(joint.direction, float)
-    beside = 0.0
+def above(nip: Nip, roller: Body) -> Shape:
+    """Return the idler that is no body, in the ground's axes."""
+    axis = rotation(f"rotation of {roller.name!r}", roller.joint.rotation) @ roller.joint.direction
+    radius, middle = IDLER * nip.common["radius"], nip.common["place"]
+    at = numbers(middle + radius * nip.common["n"])
+    return Cylinder(radius=radius, length=nip.common["width"], axis=numbers(axis), at=at, color=IDLE)
+
+
+def rolling(nip: Nip, roller: Body, radius: float, color: str) -> Iterator[tuple[Body, Shape]]:
+    """Yield a roller of a nip with marks."""
+    joint, width = roller.joint, nip.common["width"]
+    axis, beside = np.asarray(joint.direction, float), 0.0
     if roller.parent == 0:
         turned = rotation(f"rotation of {roller.name!r}", joint.rotation)
-        place, n = nip.common["place"], nip.common["n"]
-        beside = float((place - joint.at) @ turned @ axis)
-        above = numbers(place + IDLER * radius * n)
-        idler = Cylinder(radius=IDLER * radius, length=width, axis=numbers(turned @ axis), at=above, color=IDLE)
-        yield mechanism.ground, idler
-    middle, across = beside * axis, along(axis)
-    axle = numbers(axis)
-    yield roller, Cylinder(radius=radius, length=width, axis=axle, at=numbers(middle), color=RUBBER)
+        beside = float((nip.common["place"] - joint.at) @ turned @ axis)
+    middle, across, axle = beside * axis, along(axis), numbers(axis)
+    yield roller, Cylinder(radius=radius, length=width, axis=axle, at=numbers(middle), color=color)
     for angle in RODS:
         out = np.cos(angle) * across[:, 0] + np.sin(angle) * across[:, 1]
         at = numbers(middle + (1.0 - ROD) * radius * out)

@@ -285,6 +285,36 @@ def test_every_argument_of_a_nip_is_looked_at(key: str, values: tuple[Any, ...])
             add_nip(m, "n", sheet, driving, **(nip | {key: value}))
 
 
+def test_an_idler_turns_where_its_nip_is() -> None:
+    """On a Revolute beyond the sheet, at its radius, which is the roller's where it is not told."""
+    m, sheet = scene()
+    driving = roller(m, 0.0)
+    nip: dict[str, Any] = {"radius": 0.01, "at": (0.0, 0.0, 0.0), "width": 0.02, "force": 2.0}
+    inertia: dict[str, Any] = {"mass": 0.1, "inertia": (1e-5, 1e-5, 1e-5)}
+    bodies = {
+        "above": m.body("above", m.ground, Revolute(at=(0.0, 0.01, 0.0)), **inertia),
+        "askew": m.body("askew", m.ground, Revolute(axis="x", at=(0.0, 0.01, 0.0)), **inertia),
+        "slides": m.body("slides", m.ground, Translational(at=(0.0, 0.01, 0.0)), **inertia),
+    }
+    node = sheet.nodes[1][1]
+    for given, told in (
+        (
+            {"idler": driving},
+            r"the axis of 'roller0.0' is 0.02 m beside where the idler of nip 'n' has it: 0.01 m from",
+        ),
+        ({"idler": bodies["above"], "idler_radius": 0.02}, "the axis of 'above' is 0.01 m beside where the idler of"),
+        ({"idler": bodies["askew"]}, "axis of 'askew' is .* allowed as idler of nip 'n': across its feed"),
+        ({"idler": bodies["slides"]}, "idler of nip 'n' is 'slides'; allowed: a body on a Revolute"),
+        ({"idler": node}, "idler of nip 'n' is '.*'; allowed: a body on a Revolute"),
+        ({"idler": "above"}, "idler of nip 'n' is 'above'; allowed: a body on a Revolute"),
+        ({"idler_radius": 0.01}, "idler_radius of nip 'n' is 0.01, and its idler is no body; allowed: both or none"),
+        ({"idler": bodies["above"], "idler_radius": -0.01}, "idler_radius of nip 'n' is -0.01"),
+    ):
+        with refused(told):
+            add_nip(m, "n", sheet, driving, **nip, **given)
+    add_nip(m, "n", sheet, driving, **nip, idler=bodies["above"])
+
+
 @pytest.mark.parametrize("force", [None, (1.0, 2.0), "abc", "nan", 1j])
 def test_a_force_that_is_none_is_told_when_the_mechanism_is_complete(force: Any) -> None:
     m, sheet = scene()

@@ -173,7 +173,9 @@ def test_a_clamped_beam_gives_way_as_its_equation_says() -> None:
         assert plain(0.3, u)[0] == pytest.approx(plain(u, 0.3)[0], rel=1e-12)
 
 
-def flag(surface: Surface | None = None, *, moving: bool = False, nip: bool = False, grid: Any = (4, 3)) -> Mechanism:
+def flag(
+    surface: Surface | None = None, *, moving: bool = False, nip: bool = False, idle: bool = False, grid: Any = (4, 3)
+) -> Mechanism:
     """A sheet in contact, with all that is told."""
     m = Mechanism(gravity=(0.3, -9.81, 0.2))
     paper = PAPER | {"length": 0.3, "width": 0.2, "youngs_modulus": 4e7, "thickness": 1e-3}
@@ -187,9 +189,11 @@ def flag(surface: Surface | None = None, *, moving: bool = False, nip: bool = Fa
     if nip:
         axle = Polynomial((0.0, -2.0))
         roller = m.body("roller", m.ground, Revolute(at=(0.12, -0.05, 0.1), drive=axle), mass=0.1, inertia=(1e-4,) * 3)
+        axle = Revolute(at=(0.12, 0.03, 0.1), rate=1.0)
+        idler = m.body("idler", m.ground, axle, mass=0.1, inertia=(1e-4,) * 3) if idle else None
         held = add_nip(
             m, "nip", sheet, roller, radius=0.05, at=(0.12, 0.0, 0.1), width=0.05, force=3.0, stiffness=300.0,
-            damping=0.2, least=0.05, contact=0.02,
+            damping=0.2, least=0.05, contact=0.02, idler=idler, idler_radius=0.03 if idle else None,
         )  # fmt: skip
         m.output("slip", held.slip())
         m.output("loaded", held.loaded())
@@ -219,11 +223,12 @@ def test_power_of_a_touch_is_the_rate_of_its_energy(name: str, moving: bool, mon
     assert touched > 1
 
 
-def test_power_of_a_nip_is_the_rate_of_its_energy_while_its_stations_are_held(monkeypatch: Any) -> None:
+@pytest.mark.parametrize("idle", [False, True])
+def test_power_of_a_nip_is_the_rate_of_its_energy_while_its_stations_are_held(idle: bool, monkeypatch: Any) -> None:
     """But for what the share of a station does that comes in: there is none in the middle of the sheet."""
     monkeypatch.setattr(systems, "LARGE", 10**6)
     monkeypatch.setattr(test_power, "TOLERANCE", 1e-8)  # the differences of a sheet so bent, without a nip too
-    plant, rng = Plant(flag(nip=True)), np.random.default_rng(5)
+    plant, rng = Plant(flag(nip=True, idle=idle)), np.random.default_rng(5)
     for _ in range(4):
         case = somewhere(plant, rng)
         out = np.zeros(len(plant.outputs))
@@ -250,11 +255,12 @@ def test_the_structured_tangent_of_contact(name: str, monkeypatch: Any) -> None:
     np.testing.assert_allclose(T @ x, case.a, atol=1e-5 * np.abs(T).max() * np.abs(x).max())
 
 
-@pytest.mark.parametrize("name", [*SURFACES, "nip"])
+@pytest.mark.parametrize("name", [*SURFACES, "nip", "idler"])
 def test_tangents_of_touch_and_nip_are_complex_steps_of_what_they_apply(name: str, monkeypatch: Any) -> None:
     """On a body that moves too, and by velocities."""
     monkeypatch.setattr(systems, "LARGE", 10**6)
-    plant = Plant(flag(nip=True) if name == "nip" else flag(SURFACES[name], moving=True))
+    nip = name in ("nip", "idler")
+    plant = Plant(flag(nip=True, idle=name == "idler") if nip else flag(SURFACES[name], moving=True))
     case, c1, found = somewhere(plant, np.random.default_rng(8)), 3.0, 0
     _, state = plant.kernel_data
     move(0.0, case.q, case.v, *plant.kernel_data)
@@ -265,9 +271,10 @@ def test_tangents_of_touch_and_nip_are_complex_steps_of_what_they_apply(name: st
         bodies = [body.index for body in acting.bodies]
         if len(bodies) < 5:
             continue
-        K, expected = np.zeros((30, 30)), np.zeros((30, 30))
+        count = 6 * len(bodies)
+        K, expected = np.zeros((count, count)), np.zeros((count, count))
         load_tangent(plant.data.arrays.loads[e], c1, arrays, state, twin, K)
-        for j in range(30):
+        for j in range(count):
             for p, i in enumerate(bodies):
                 step(plant.data.state.bodies[i], system.data.state.bodies[i], j - 6 * p, c1)
             apply_load(system.data.arrays.loads[e], 0.0, others, there)

@@ -218,7 +218,7 @@ def add_touch(
         )
         for element, corners, ends in _cells(sheet)
     ]
-    return TouchHandle(name, mechanism, *_load(mechanism, name, loads, holder, sheet), sheet)
+    return TouchHandle(name, mechanism, *_load(mechanism, name, loads, (holder,), sheet), sheet)
 
 
 def add_nip(
@@ -244,6 +244,8 @@ def add_nip(
     stiffness: float | None = None,
     damping: float | None = None,
     pairs: int | None = None,
+    idler: Body | None = None,
+    idler_radius: float | None = None,
 ) -> NipHandle:
     """Let a roller and an idler drive a sheet.
 
@@ -268,7 +270,7 @@ def add_nip(
     uneven
         By which part the force per width is more at the end along feed x normal, and less at the other.
     friction, idler_friction
-        Of the roller on the sheet, and of the idler sideways.
+        Of the roller on the sheet, and of the idler, sideways where it has no body.
     creep, least
         Slip at which the roller has seven tenths of its traction: a part of its speed, and m/s at rest; together the
         root of the sum of their squares.
@@ -279,6 +281,11 @@ def add_nip(
         Of the rubber, N/m and N s/m; None: 1 mrad to the moment that bends the sheet most, and little.
     pairs
         Of stations across the width; None: two for every cell, and two at least, which resist turning.
+    idler
+        Body that turns beyond the sheet, on a ``Revolute`` too; the sheet must turn it, and it may slip. None: it has
+        no inertia and turns as the sheet moves.
+    idler_radius
+        Of that, m; None: as the roller's.
     """
     what = f"nip {name!r}"
     _of(mechanism, sheet, what)
@@ -295,7 +302,13 @@ def add_nip(
     if abs(d @ n) > 1e-9:
         raise UserError(f"feed of {what} is {feed!r}; allowed: a direction normal to its normal {normal!r}")
     place, across = vector(f"at of {what}", at), np.cross(d, n)
-    _fits(roller, radius, place, n, across, what)
+    _fits(roller, radius, place, n, across, f"roller of {what}")
+    if idler is None and idler_radius is not None:
+        raise UserError(f"idler_radius of {what} is {idler_radius!r}, and its idler is no body; allowed: both or none")
+    beyond = 0.0
+    if idler is not None:
+        beyond = radius if idler_radius is None else positive(f"idler_radius of {what}", idler_radius)
+        _fits(idler, beyond, place, -n, across, f"idler of {what}")
     _apart(mechanism, sheet, place, (d, across, n), radius, width, name)
     length, plate, way = _scale(sheet), sheet.plate, "xz".index(along)
     half = 0.5 * _length(f"contact of {what}", length / 50.0 if contact is None else contact, length)
@@ -316,6 +329,7 @@ def add_nip(
         "n": n,
         "e": across,
         "radius": radius,
+        "idler_radius": beyond,
         "half": half,
         "entry": 0.5 * _length(f"entry of {what}", min(WEDGE * radius, length) if entry is None else entry, length),
         "width": width,
@@ -328,11 +342,12 @@ def add_nip(
         "creep": creep,
         "least": least,
     }
+    turning = (roller,) if idler is None else (roller, idler)
     loads = [
-        (Nip(name=name, force=force, sides=(sheet.a, sheet.b), ends=ends, common=common), (*corners, roller))
+        (Nip(name=name, force=force, sides=(sheet.a, sheet.b), ends=ends, common=common), (*corners, *turning))
         for _, corners, ends in _cells(sheet)
     ]
-    first, count = _load(mechanism, name, loads, roller, sheet)
+    first, count = _load(mechanism, name, loads, turning, sheet)
     return NipHandle(name, mechanism, first, count, 2 * pairs, roller, radius)
 
 
@@ -358,23 +373,23 @@ def _stiffness(what: str, value: Any, usual: float, unit: str) -> float:
 
 
 def _fits(roller: Any, radius: float, place: Any, normal: Any, across: Any, what: str) -> None:
-    """Refuse a roller that does not turn where its nip is."""
+    """Refuse a roller that does not turn where its nip is, a radius behind that against ``normal``."""
     if not isinstance(roller, Body) or not isinstance(roller.joint, Revolute):
-        raise UserError(f"roller of {what} is {getattr(roller, 'name', roller)!r}; allowed: a body on a Revolute")
+        raise UserError(f"{what} is {getattr(roller, 'name', roller)!r}; allowed: a body on a Revolute")
     if roller.parent != 0:  # on a carrier: where it is then, it alone says
         return
     axle = rotation(f"rotation of {roller.name!r}", roller.joint.rotation) @ roller.joint.direction
     if abs(axle @ across) < 1.0 - ASKEW:
         raise UserError(
-            f"axis of roller {roller.name!r} is {axle.round(6).tolist()}; allowed in {what}: across its feed and its "
-            f"normal, {across.round(6).tolist()}"
+            f"axis of {roller.name!r} is {axle.round(6).tolist()}; allowed as {what}: across its feed and its normal, "
+            f"{across.round(6).tolist()}"
         )
     off = place - radius * normal - vector(f"at of {roller.name!r}", roller.joint.at)
     beside = float(np.linalg.norm(np.cross(off, axle)))
     if beside > OFF * radius:
         raise UserError(
-            f"the axis of roller {roller.name!r} is {beside:.3g} m beside where {what} has it: {radius:g} m from "
-            f"{place.tolist()} against its normal"
+            f"the axis of {roller.name!r} is {beside:.3g} m beside where the {what} has it: {radius:g} m from "
+            f"{place.tolist()} along {(-normal).round(6).tolist()}"
         )
 
 
@@ -412,9 +427,10 @@ def _of(mechanism: Mechanism, sheet: Any, what: str) -> None:
 
 
 def _load(
-    mechanism: Mechanism, name: str, loads: Sequence[tuple[Load, tuple[Body, ...]]], body: Any, sheet: Sheet
+    mechanism: Mechanism, name: str, loads: Sequence[tuple[Load, tuple[Body, ...]]], bodies: Sequence[Any], sheet: Sheet
 ) -> tuple[int, int]:
     """Let loads of one name act; return the number of the first, and how many there are."""
-    if any(body is node for row in sheet.nodes for node in row):
+    own = {id(node) for row in sheet.nodes for node in row}
+    for body in (body for body in bodies if id(body) in own):
         raise UserError(f"body of {name!r} is {body.name!r}, a node of sheet {sheet.name!r} itself; allowed: another")
     return mechanism.load_all(name, loads), len(loads)

@@ -29,14 +29,15 @@ A pair at +-c holds the sheet as a clamp at c/3 does, to first order.
 
     f_d = -part mu N s_d / S,   f_e = -part (mu + mu_i) N s_e / S,   S = sqrt(s_d^2 + s_e^2 + v_r^2)
 
-mu_i is what the idler, which turns freely, resists sideways. ``part`` rises from zero to one while an edge of the sheet
-passes the length of entry. So long roller and idler are a wedge to it: at s from the end of that way they are
+mu_i is what the idler resists sideways, which turns freely and has no inertia. One that is a body rubs as the roller
+does, with its own slip and mu_i, and the roller with mu both ways. ``part`` rises from zero to one while an edge of the
+sheet passes the length of entry. So long roller and idler are a wedge to it: at s from the end of that way they are
 2 o apart, o = s^2 / (2 R), and the rubber feels y^3 / (y^2 + o^2) in place of y. Else the first touch would tear the
 edge into the plane. The roller creeps: v_r^2 = least^2 + (creep v_roller)^2, and under a load F along the feed
 the slip is v_r F / sqrt(mu^2 N^2 - F^2). Without a memory the law cannot stick: a stopped sheet creeps too.
 
 ``told`` of State.meeting: sums over stations of part (0), of part times the slip s_d (1), of -f_d (2), of f_e (3) and
-of f (4), N; power of these forces on sheet and roller but for what the rubber stores (5), W; stored energy (6), J.
+of f (4), N; power of these forces on sheet and rollers but for what the rubber stores (5), W; stored energy (6), J.
 """
 
 from __future__ import annotations
@@ -62,6 +63,7 @@ SEAM = 1e-6  # sides of a cell: where a station passes from one to the next, bot
 NIP = np.dtype(
     [
         ("roller", np.int64),  # number of its body
+        ("idler", np.int64),  # of its body, 0: it has none
         ("force", np.int64),  # number of the signal N
         ("pairs", np.int64),  # of stations, across the width
         ("way", np.int64),  # the feed is along x (0) or z (1) of the sheet
@@ -74,6 +76,7 @@ NIP = np.dtype(
         ("n", np.float64, (3,)),  # from roller to idler
         ("e", np.float64, (3,)),
         ("radius", np.float64),  # of the roller, m
+        ("idler_radius", np.float64),
         ("half", np.float64),  # c, m
         ("entry", np.float64),  # half the way over which an edge comes in, m
         ("width", np.float64),  # m
@@ -255,6 +258,31 @@ def within(u: Any) -> bool:
 
 
 @kernel
+def rub(nip: Any, body: Any, R: Any, ahead: Any, side: Any, along: Any, across: Any) -> Any:
+    """Friction of a body's surface at R n from its axis on the sheet there, whose speed is ``ahead`` along d and
+    ``side`` along e, and its slip; each along d and e. It is ``along`` and ``across`` at most.
+    """
+    d, n, e, Y = nip.d, nip.n, nip.e, body.Y
+    feed, slide = 0.0 * ahead, 0.0 * ahead
+    for k in range(3):
+        p, q = (k + 1) % 3, (k + 2) % 3
+        surface = Y[k] + R * (Y[3 + p] * n[q] - Y[3 + q] * n[p])
+        feed, slide = feed + surface * d[k], slide + surface * e[k]
+    sd, se = ahead - feed, side - slide
+    root = np.sqrt(sd * sd + se * se + nip.least * nip.least + nip.creep * nip.creep * (feed * feed + slide * slide))
+    return -along * sd / root, -across * se / root, sd, se
+
+
+@kernel
+def hand_on(nip: Any, body: Any, R: Any, fd: Any, fe: Any, here: Any) -> None:
+    """Let what the sheet feels by :func:`rub` act back on the body."""
+    for k in range(3):
+        here.f[k] = fd * nip.d[k] + fe * nip.e[k]
+        here.p[k] = body.r[k] + R * nip.n[k]
+    react(body, here.p, here.f)
+
+
+@kernel
 def grip(nip: Any, i: int, N: Any, pair: Any, bodies: Any, here: Any) -> None:
     """What one station of a pair feels."""
     weigh_straight(nip, nip.way, pair.at[i, 0], pair.at[i, 1], here.c, here.cx, here.cz)
@@ -262,16 +290,13 @@ def grip(nip: Any, i: int, N: Any, pair: Any, bodies: Any, here: Any) -> None:
     locate(nip, here.cx, bodies, here.rx)
     locate(nip, here.cz, bodies, here.rz)
     drift(nip, here.c, bodies, here.v)
-    roller, v, f, told = bodies[nip.roller], here.v, here.f, here.told
-    d, n, e, Y, R, part = nip.d, nip.n, nip.e, roller.Y, nip.radius, pair.part[i]
+    v, f, told = here.v, here.f, here.told
+    d, n, e, part = nip.d, nip.n, nip.e, pair.part[i]
     zero = 0.0 * part
-    ahead, side, up, feed, slide = zero, zero, zero, zero, zero
+    ahead, side, up = zero, zero, zero
     xd, xe, xn, zd, ze, zn = zero, zero, zero, zero, zero, zero
     for k in range(3):
-        p, q = (k + 1) % 3, (k + 2) % 3
-        surface = Y[k] + R * (Y[3 + p] * n[q] - Y[3 + q] * n[p])
         ahead, side, up = ahead + v[k] * d[k], side + v[k] * e[k], up + v[k] * n[k]
-        feed, slide = feed + surface * d[k], slide + surface * e[k]
         xd, xe, xn = xd + here.rx[k] * d[k], xe + here.rx[k] * e[k], xn + here.rx[k] * n[k]
         zd, ze, zn = zd + here.rz[k] * d[k], ze + here.rz[k] * e[k], zn + here.rz[k] * n[k]
     det = xd * ze - xe * zd
@@ -279,27 +304,37 @@ def grip(nip: Any, i: int, N: Any, pair: Any, bodies: Any, here: Any) -> None:
     rise_rate = up - s_d * ahead - s_e * side  # of the surface at P
     lean = pair.f[i] * pair.gain[i] * pair.lean[i] * (nip.a if nip.way == 0 else nip.b) / det  # along which u falls
     lean_d, lean_e = (lean * ze, -lean * zd) if nip.way == 0 else (-lean * xe, lean * xd)
-    sd, se = ahead - feed, side - slide
-    root = np.sqrt(sd * sd + se * se + nip.least * nip.least + nip.creep * nip.creep * (feed * feed + slide * slide))
     damped = -part * pair.gain[i] * nip.damping / (2 * nip.pairs) * rise_rate
     fn = pair.f[i] * pair.gain[i] + damped
-    fd = -part * nip.friction * N * sd / root
-    fe = -part * (nip.friction + nip.idler_friction) * N * se / root
+    along, beside = part * nip.friction * N, part * nip.idler_friction * N
+    across = along if nip.idler > 0 else along + beside
+    fd, fe, sd, se = rub(nip, bodies[nip.roller], nip.radius, ahead, side, along, across)
+    gd, ge, rubbed = zero, zero, zero
+    if nip.idler > 0:
+        gd, ge, td, te = rub(nip, bodies[nip.idler], -nip.idler_radius, ahead, side, beside, beside)
+        rubbed = gd * td + ge * te
     told[0] += part
     told[1] += part * sd
     told[2] -= fd
-    told[3] += fe
+    told[3] += fe + ge
     told[4] += fn
-    told[5] += damped * rise_rate + fd * sd + fe * se
+    told[5] += damped * rise_rate + fd * sd + fe * se + rubbed
     if here.silent != 0:
         return
     for k in range(3):
-        f[k] = fn * (n[k] - s_d * d[k] - s_e * e[k]) + (fd - lean_d) * d[k] + (fe - lean_e) * e[k]
+        f[k] = fn * (n[k] - s_d * d[k] - s_e * e[k]) + (fd + gd - lean_d) * d[k] + (fe + ge - lean_e) * e[k]
     press(nip, here.c, bodies, f)
-    for k in range(3):
-        f[k] = fd * d[k] + fe * e[k]
-        here.p[k] = roller.r[k] + R * n[k]
-    react(roller, here.p, f)
+    hand_on(nip, bodies[nip.roller], nip.radius, fd, fe, here)
+    if nip.idler > 0:
+        hand_on(nip, bodies[nip.idler], -nip.idler_radius, gd, ge, here)
+
+
+@kernel
+def member(nip: Any, p: int) -> int:
+    """Number of the body p of the nip: four nodes, the roller, the idler."""
+    if p < 4:
+        return nip.node[p]
+    return nip.roller if p == 4 else nip.idler
 
 
 @kernel
@@ -307,13 +342,14 @@ def tangent(nip: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -> 
     """See :mod:`mbfmu.mechanics.loads.base`: by complex steps of the bodies, where a cell has stations at all."""
     if tell(nip, state.time[0], arrays, state, 0) == 0.0:
         return 0.0
-    for j in range(30):
-        for p in range(5):
-            i = nip.node[p] if p < 4 else nip.roller
+    count = 6 if nip.idler > 0 else 5
+    for j in range(6 * count):
+        for p in range(count):
+            i = member(nip, p)
             step(state.bodies[i], twin.bodies[i], j - 6 * p, c1)
         meet(nip, state.time[0], arrays, twin)
-        for p in range(5):
-            F = twin.bodies[nip.node[p] if p < 4 else nip.roller].F
+        for p in range(count):
+            F = twin.bodies[member(nip, p)].F
             for k in range(6):
                 K[6 * p + k, j] -= F[k].imag / EPSILON
     return 1.0
@@ -355,13 +391,17 @@ class Nip(Load):
     potential = potential
     tangent = tangent
     symmetric = False  # friction
-    loose = 1  # a roller that turns freely would tie all cells to each other
 
     name: str
     force: Any
     sides: tuple[float, float]
     ends: tuple[tuple[bool, bool], tuple[bool, bool]]
     common: dict[str, Any]
+
+    @property
+    def loose(self) -> int:
+        """A roller that turns freely, or an idler, would tie all cells to each other."""
+        return 2 if self.common["idler_radius"] > 0.0 else 1
 
     @property
     def slip(self) -> float:
@@ -374,8 +414,9 @@ class Nip(Load):
         return True
 
     def fill(self, record: Any, site: Site) -> None:
-        """Write the nodes, the roller, which is the last of its bodies, and what every cell has in common."""
+        """Write the nodes, the roller and the idler, if there is one, and what every cell has in common."""
         record["node"], record["roller"] = site.bodies[:4], site.bodies[4]
+        record["idler"] = site.bodies[5] if len(site.bodies) > 5 else 0
         record["ends"], (record["a"], record["b"]) = self.ends, self.sides
         record["force"] = site.signal(self.force, f"force of nip {self.name!r}")
         for key, value in self.common.items():

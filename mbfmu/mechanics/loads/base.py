@@ -69,13 +69,17 @@ class Load(Kind):
     drawings: ClassVar = ("", "coil")
     drawn: ClassVar[str] = ""  # how pictures show it: one of these; a coil is between its points, or along its joint
     symmetric: ClassVar[bool] = True  # its tangent is, so nearly that who takes it to be so is corrected soon
-    loose: ClassVar[int] = 0  # how many of its last bodies are in the structured tangent as if the others were held
     on_joint: ClassVar[bool] = False  # acts along the coordinate of the first body's joint, not on bodies
 
     @property
     def works(self) -> bool:
         """Whether it brings or takes energy that no potential has."""
         return self.power is not None
+
+    @property
+    def loose(self) -> int:
+        """How many of its last bodies are in the structured tangent as if the others were held."""
+        return 0
 
     def points(self) -> Points:
         """Return where on its bodies it acts, m, body axes, as far as that says how large they are."""
