@@ -305,6 +305,7 @@ class Feeder(Model):
                 ("traction", nip.traction(), "with which the sheet pulls at the roller"),
                 ("lateral", nip.lateral(), "force on the sheet across the feed"),
                 ("normal", nip.normal(), "force that holds the sheet in the plane of the nip"),
+                ("heat", nip.heat(), "power of friction and damping in the nip, lost"),
                 ("loaded", nip.loaded(), "part of the nip in which the sheet is"),
             ):
                 m.output(f"{label}.{side}.{told}", sensor, meaning)
@@ -396,6 +397,7 @@ class Feeder(Model):
         )
         for axis in "xyz":
             m.output(f"{name}.force.{axis}", touch.force(axis), "force on the sheet")
+        m.output(f"{name}.heat", touch.heat(), "power of friction and impacts, lost")
         return touch
 
     def _hardness(self, sheet: SheetHandle) -> float | None:

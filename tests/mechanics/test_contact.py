@@ -314,9 +314,13 @@ def test_a_thrown_sheet_slides_as_far_as_friction_says() -> None:
     touch = add_touch(m, "table", sheet, Wall(at=(0.0, -5e-5, 0.0)), stiffness=k, depth=d0, friction=0.3)
     m.output("x", sheet.node(0, 0).position("x"))
     m.output("pressing", touch.force("y"))
+    m.output("heat", touch.heat())
+    m.output("energy", m.energy)
     found = mb.simulate(m, stop_time=0.25, interval=0.001, solver="esdirk", tolerance=1e-5)
     assert found["x"][-1] - found["x"][0] == pytest.approx(0.5**2 / (2.0 * 0.3 * 9.81), rel=2e-3)
     assert found["pressing"].mean() == pytest.approx(0.297 * 0.21 * 1e-4 * 800.0 * 9.81, rel=2e-2)  # it rocks a little
+    lost = found["energy"][0] - found["energy"][-1]
+    assert np.trapezoid(found["heat"], found.t) == pytest.approx(lost, rel=2e-3)
 
 
 def test_pressure_is_the_force_on_a_cell_over_its_area() -> None:

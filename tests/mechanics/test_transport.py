@@ -152,6 +152,7 @@ def test_the_weaker_of_two_nips_slips() -> None:
         m.output(f"slip{k}", nip.slip())
         m.output(f"traction{k}", nip.traction())
         m.output(f"torque{k}", roller.effort())
+        m.output(f"heat{k}", nip.heat())
     m.output("energy", m.energy)
     found = run(m, 0.1, 0.02, 1e-5)
     pull = -found["traction1"][-1]
@@ -165,6 +166,7 @@ def test_the_weaker_of_two_nips_slips() -> None:
     # the rollers' work is heat
     work = sum(-found[f"torque{k}"][-1] * speeds[k] / RADIUS for k in (0, 1))
     assert work == pytest.approx(pull * (slow - fast), rel=1e-3)
+    assert found["heat0"][-1] + found["heat1"][-1] == pytest.approx(work, rel=1e-3)
 
 
 # ---- an idler that has inertia --------------------------------------------------------------------------------------

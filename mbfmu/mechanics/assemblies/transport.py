@@ -75,6 +75,10 @@ class TouchHandle(Contact):
         """How deep the deepest point of the sheet is in the surface, m; zero: it does not touch."""
         return self._told("m", 5)
 
+    def heat(self) -> Met:
+        """What friction and damping of the touch turn into heat, W."""
+        return self._told("W", 4, scale=-1.0)
+
     def pressure(self, i: int, k: int) -> Pressed:
         """What :func:`.contact_pressure` returns of this touch alone."""
         return contact_pressure([self], i, k)
@@ -103,6 +107,10 @@ class NipHandle(Contact):
     def normal(self) -> Met:
         """Force that holds the sheet in the plane of the nip, towards the idler, N."""
         return self._told("N", 4)
+
+    def heat(self) -> Met:
+        """What friction and damping of the nip turn into heat, W."""
+        return self._told("W", 5, scale=-1.0)
 
     def loaded(self) -> Met:
         """Part of the nip in which the sheet is, 0 to 1."""

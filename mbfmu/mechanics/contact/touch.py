@@ -300,8 +300,9 @@ def sound(touches: Any, points: Any, arrays: Any, state: Any, found: Any) -> Non
 @kernel
 def apply(touch: Any, t: float, arrays: Any, state: Any) -> None:
     """See :mod:`mbfmu.mechanics.loads.base`. The power of what is not stored is told in passing."""
-    told = state.meeting[0].told
-    told[4] = 0.0
+    here, told = state.meeting[0], state.meeting[0].told
+    if here.silent == 0:  # else sensors add up what many tell
+        told[4] = 0.0
     meet(touch, arrays, state)
     state.damped[0] += told[4]
 
