@@ -1,8 +1,8 @@
 """What the feeder costs and finds: ``python benchmarks/feeder.py [scenes] [accuracy] [host]``; compile time apart.
 
-* ``scenes``: those that ship, and a sheet in two nips that touches nothing, or a table.
-* ``accuracy``: the S against tolerance, creep of the rollers and grid: where the leading edge is at the end, against
-  the last of each kind.
+* ``scenes``: those that ship, and a sheet in two nips that touches nothing, or a table; by ``esdirk`` and by ``ida``.
+* ``accuracy``: the S against solver and tolerance, creep of the rollers and grid: where the leading edge is at the end,
+  against the last of each kind.
 * ``host``: what a step of 1 ms of the FMU takes while the sheet passes the S, and how much slower than time that is.
 """
 
@@ -26,15 +26,16 @@ from mbfmu.simulation import Settings, Simulation
 from mbfmu.table import table
 
 FREE: dict[str, Any] = {"path": "straight", "nips": 1, "guides": False, "gravity_y": 0.0, "speed": 0.3, "lead": 0.1}
+BOTH = "esdirk", "ida"
 PASSED = 0.25  # s, when the leading edge is out of the S and in the second line
 EDGE = [f"lead.{axis}" for axis in "xyz"]
 
 Row = tuple[str, ...]
 
 
-def timed(model: Any, stop: float, tolerance: float = 1e-4) -> tuple[Simulation, float]:
+def timed(model: Any, stop: float, tolerance: float = 1e-4, solver: str = "esdirk") -> tuple[Simulation, float]:
     """Return a run, and its CPU time, s."""
-    settings = Settings(solver="esdirk", tolerance=tolerance)
+    settings = Settings(solver=solver, tolerance=tolerance)
     Simulation(model, settings).advance(1e-6)  # compiles
     run = Simulation(model, settings)
     begin = time.process_time()
@@ -49,47 +50,57 @@ def told(run: Simulation) -> dict[str, float]:
     return dict(zip((variable.name for variable in run.variables), run.outputs().tolist(), strict=True))
 
 
-def cost(name: str, run: Simulation, cpu: float, found: str = "") -> Row:
-    """Return a row of the scenes."""
-    return name, f"{run.stepper.t:g}", f"{cpu:.1f}", str(run.statistics.steps), found
+def found(run: Simulation) -> str:
+    """Return what is seen where a scene ends."""
+    end = told(run)
+    slips = ", ".join(f"{1e3 * value:.2f}" for name, value in end.items() if name.endswith("left.slip"))
+    parts = [f"lead {1e3 * end['lead.x']:.3f} mm", f"skew {end['sheet.skew']:.4f} rad", f"slips {slips} mm/s"]
+    if "stop.force.x" in end:
+        parts.append(f"wall {end['stop.force.x']:.2f} N")
+    return ", ".join((*parts, f"imbalance {1e3 * end['energy_imbalance']:.3f} mJ"))
+
+
+def cost(name: str, model: Any, stop: float) -> Iterator[Row]:
+    """Yield rows of the scenes."""
+    for solver in BOTH:
+        run, cpu = timed(model, stop, solver=solver)
+        yield name, f"{stop:g}", solver, f"{cpu:.1f}", str(run.statistics.steps), found(run)
 
 
 def scenes() -> Iterator[Row]:
     """What ships, and simpler ones."""
     for name in ("feeder", "feeder/skew", "feeder/jam", "feeder/two_speeds"):
         scene = load_scene(name)
-        run, cpu = timed(scene.model, scene.stop_time)
-        end = told(run)
-        force = end.get("stop.force.x", 0.0)
-        found = (
-            f"skew {end['sheet.skew']:.4f} rad, wall {force:.2f} N, imbalance {1e3 * end['energy_imbalance']:.3f} mJ"
-        )
-        slips = ", ".join(f"{1e3 * end[f'nip[{k}].left.slip']:.2f}" for k in range(1, scene.model.nips + 1))
-        yield cost(name, run, cpu, f"{found}, slips {slips} mm/s")
+        yield from cost(name, scene.model, scene.stop_time)
     for part in (0.0, 0.01):
         model = Feeder(**FREE, speed_difference=part)
-        yield cost(f"free, {part:.0%} apart", *timed(model, 1.0))
+        yield from cost(f"free, {part:.0%} apart", model, 1.0)
         m = replace(model, gravity_y=-9.81, mu_guide=0.2).build()
         add_touch(m, "table", m.sheets[0], Wall(at=(0.0, -1e-4, 0.0)), friction=0.2)
-        yield cost(f"on a table, {part:.0%} apart", *timed(m, 1.0))
+        yield from cost(f"on a table, {part:.0%} apart", m, 1.0)
 
 
 def accuracy() -> Iterator[Row]:
     """Off by what, against the last of each kind."""
-    kinds: dict[str, list[tuple[str, dict[str, Any], float]]] = {
-        "tolerance": [(f"{x:g}", {}, x) for x in (1e-3, 3e-4, 1e-4, 1e-5)],
-        "creep": [(f"{x:g}", {"creep": x}, 1e-4) for x in (5e-2, 2e-2, 5e-3, 2e-3)],
-        "grid": [(f"{nx} x {nz}", {"nx": nx, "nz": nz}, 1e-4) for nx, nz in ((15, 11), (22, 16), (29, 21))],
+    grids = (15, 11), (22, 16), (29, 21)
+    kinds: dict[str, list[tuple[str, dict[str, Any], str, float]]] = {
+        "tolerance": [
+            (f"{solver} {x:g}", {}, solver, x)
+            for solver, tolerances in (("ida", (3e-4, 1e-4, 1e-5, 1e-6)), ("esdirk", (1e-3, 3e-4, 1e-4, 1e-5)))
+            for x in tolerances
+        ],
+        "creep": [(f"{x:g}", {"creep": x}, "esdirk", 1e-4) for x in (5e-2, 2e-2, 5e-3, 2e-3)],
+        "grid": [(f"{solver} {nx} x {nz}", {"nx": nx, "nz": nz}, solver, 1e-4) for solver in BOTH for nx, nz in grids],
     }
     for kind, cases in kinds.items():
         rows, ends = [], []
-        for name, given, tolerance in cases:
-            run, cpu = timed(Feeder(**given), PASSED, tolerance)
+        for name, given, solver, tolerance in cases:
+            run, cpu = timed(Feeder(**given), PASSED, tolerance, solver)
             end = told(run)
             ends.append(np.array([end[key] for key in EDGE]))
             rows.append((f"{kind} {name}", f"{cpu:.1f}", str(run.statistics.steps)))
         for row, end in zip(rows, ends, strict=True):
-            yield (*row, f"{1e3 * np.linalg.norm(end - ends[-1]):.3f} mm")
+            yield (*row, f"{1e3 * np.linalg.norm(end - ends[-1]):.4f} mm")
 
 
 def host() -> Iterator[Row]:
@@ -110,7 +121,7 @@ def host() -> Iterator[Row]:
 def main() -> None:
     """Print what is asked for."""
     tables: dict[str, tuple[Row, Any]] = {
-        "scenes": (("scene", "simulated [s]", "CPU [s]", "steps", "found"), scenes),
+        "scenes": (("scene", "simulated [s]", "solver", "CPU [s]", "steps", "found"), scenes),
         "accuracy": (("S, 0.25 s", "CPU [s]", "steps", "edge is off by"), accuracy),
         "host": (("path", "a tenth is faster", "median", "a tenth is slower", "slower than time"), host),
     }
