@@ -187,8 +187,8 @@ def flag(
         m.output("force.y", touch.force("y"))
         m.output("depth", touch.depth())
     if nip:
-        axle = Polynomial((0.0, -2.0))
-        roller = m.body("roller", m.ground, Revolute(at=(0.12, -0.05, 0.1), drive=axle), mass=0.1, inertia=(1e-4,) * 3)
+        turning: dict[str, Any] = {"rate": -2.0} if idle else {"drive": Polynomial((0.0, -2.0))}
+        roller = m.body("roller", m.ground, Revolute(at=(0.12, -0.05, 0.1), **turning), mass=0.1, inertia=(1e-4,) * 3)
         axle = Revolute(at=(0.12, 0.03, 0.1), rate=1.0)
         idler = m.body("idler", m.ground, axle, mass=0.1, inertia=(1e-4,) * 3) if idle else None
         held = add_nip(
@@ -237,10 +237,12 @@ def test_power_of_a_nip_is_the_rate_of_its_energy_while_its_stations_are_held(id
         check(case, np.zeros(0))
 
 
-@pytest.mark.parametrize("name", [*SURFACES, "nip"])
+@pytest.mark.parametrize("name", [*SURFACES, "nip", "idler"])
 def test_the_structured_tangent_of_contact(name: str, monkeypatch: Any) -> None:
+    """With a roller and an idler that turn freely too, which no group has."""
     monkeypatch.setattr(systems, "LARGE", 0)
-    plant = Plant(flag(nip=True) if name == "nip" else flag(SURFACES[name]))
+    nip = name in ("nip", "idler")
+    plant = Plant(flag(nip=True, idle=name == "idler") if nip else flag(SURFACES[name]))
     case, n, h = somewhere(plant, np.random.default_rng(6)), plant.system.n, 1e-7
     T = np.zeros((n, n))
     for k, e in enumerate(h * np.eye(n)):
@@ -250,6 +252,7 @@ def test_the_structured_tangent_of_contact(name: str, monkeypatch: Any) -> None:
         T[:, k] = (inverse(plant, there, 900.0 * e) - inverse(plant, back, -900.0 * e)) / (2.0 * h)
     inverse(plant, case.q, np.zeros(n))
     tangent = plant.tangent()
+    assert np.count_nonzero(tangent.layout.column >= 0) == (2 if name == "idler" else 0)
     assert tangent.factor(0.0, 900.0)
     x = tangent.solve(case.a)
     np.testing.assert_allclose(T @ x, case.a, atol=1e-5 * np.abs(T).max() * np.abs(x).max())

@@ -18,6 +18,7 @@ from mbfmu.mechanics import (
     RunUp,
     SphericalCut,
     Support,
+    Torque,
     Wall,
     add_nip,
     add_sheet,
@@ -27,7 +28,7 @@ from solvers.compiled.kernel import COMPILED
 from solvers.steppers.ida import large
 from solvers.steppers.ida.tree import residual, times
 
-from .strips import CLAMP, LENGTH, RADIUS, add_channel, add_driven, add_strip, run, sliding
+from .strips import CLAMP, DENSITY, LENGTH, RADIUS, THICKNESS, WIDTH, add_channel, add_driven, add_strip, run, sliding
 
 pytestmark = pytest.mark.skipif(not COMPILED, reason="ida takes kernels for callbacks in contact")
 
@@ -132,3 +133,39 @@ def test_a_held_sheet_rests_where_the_table_bears_it() -> None:
     m.output("y", sheet.node(-1, 2).position("y"))
     found = run(m, 0.6, 0.1, 1e-5, "ida")
     assert found["y"][-1] == pytest.approx(5e-5, abs=5e-6)  # half the thickness less what it sinks in
+
+
+@pytest.mark.parametrize("solver", ["ida", "esdirk"])
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-5])
+def test_torques_drive_a_sheet_through_free_rollers(solver: str, tolerance: float) -> None:
+    """A4 on a table in two nips of rollers as heavy as it, which torques drive: all of it moves as one mass."""
+    R, inertia, torque, mu = 0.01, 2.5e-6, 1e-3, 0.3
+    m, mass = Mechanism(gravity=(0.0, -9.81, 0.0)), 0.297 * 0.21 * 1e-4 * 800.0
+    paper = PAPER | {"length": 0.297, "width": 0.21, "tree": "master", "membrane": True}
+    sheet = add_sheet(m, "s", grid=(9, 7), at=(-0.2, -5e-6, -0.105), **paper)
+    add_touch(m, "table", sheet, Wall(at=(0.0, -5e-5, 0.0)), friction=mu)
+    for k, z in enumerate((-0.05, 0.05)):
+        roller = m.body(f"roller{k}", m.ground, Revolute(at=(0.0, -R, z)), mass=0.05, inertia=(inertia,) * 3)
+        add_nip(m, f"nip{k}", sheet, roller, radius=R, at=(0.0, 0.0, z), width=0.02, force=2.0)
+        m.force(f"motor{k}", Torque(magnitude=-torque, axis="z"), roller)
+    m.output("v", sheet.node(4, 3).velocity("x"))
+    found = run(m, 0.1, 0.05, tolerance, solver)
+    a = (2.0 * torque / R - mu * mass * 9.81) / (mass + 2.0 * inertia / R**2)
+    assert found["v"][-1] == pytest.approx(0.1 * a, rel=5e-3)  # creep at the start is some thousandths of it
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-5])
+def test_a_sheet_that_runs_into_a_free_roller_shares_its_momentum(tolerance: float) -> None:
+    """A strip at 0.3 m/s in a nip whose roller rests, heavier than it: both go on at one speed."""
+    m, v, inertia = Mechanism(), 0.3, 4e-7
+    sheet = add_strip(m, 19, 0.1, rate=(v, 0.0, 0.0, 0.0, 0.0, 0.0))
+    axle = Revolute(at=(0.0, -RADIUS, 0.0))
+    roller = m.body("roller", m.ground, axle, mass=0.1, inertia=(inertia,) * 3)
+    add_nip(m, "nip", sheet, roller, radius=RADIUS, at=(0.0, 0.0, 0.0), width=WIDTH, force=1.0)
+    m.output("v", sheet.node(9, 1).velocity("x"))
+    m.output("rate", roller.rate())
+    found = run(m, 0.05, 0.01, tolerance, "ida")
+    mass = LENGTH * WIDTH * THICKNESS * DENSITY
+    together = mass * v / (mass + inertia / RADIUS**2)
+    assert found["v"][-1] == pytest.approx(together, rel=1e-2)
+    assert -RADIUS * found["rate"][-1] == pytest.approx(together, rel=1e-2)

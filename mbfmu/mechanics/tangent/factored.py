@@ -15,6 +15,7 @@ from solvers.compiled.kernel import COMPILED, callback, kernel, types
 from solvers.linalg.blocks import BlockTree, one_thread, solve_blocks
 from solvers.system import Array
 
+from .border import Border, add_border, project
 from .filling import fill
 from .folding import fold, gather_motion, inertia_forces, spread_load
 from .groups import Groups
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
 
 NOTHING = np.zeros((0, 0))
+SINGULAR = 1e14  # condition of the border's equations from which on they are
 
 
 class Scratch(NamedTuple):
@@ -44,6 +46,7 @@ class Scratch(NamedTuple):
     K: Array  # (24.., 24..) stiffness of a load, six rows a body
     weight: Array  # (m,) alpha
     along: Array  # (nv,) stiffness of forces along joint coordinates
+    apart: Array  # (r, 2, nb, 6) what the border is made of
 
 
 class Panels(NamedTuple):
@@ -130,11 +133,19 @@ class Solving(NamedTuple):
     state: Any
     factors: Any
     unknowns: Any
+    border: Any
 
 
 @kernel
 def solve(r: Any, g: Any, dq: Any) -> None:
     """dq (n,) with T dq = r."""
+    solve_within(r, g, dq)
+    add_border(g.border, dq)
+
+
+@kernel
+def solve_within(r: Any, g: Any, dq: Any) -> None:
+    """dq (n,) with T dq = r, T without its border."""
     s = g.unknowns
     spread_load(r, s.base, g.L, g.arrays, g.state, s.dual, s.b)
     for i in range(s.rows.shape[0]):
@@ -210,6 +221,7 @@ class Tangent:
             K=z((most, most)),
             weight=z(int(arrays.kept.max(initial=-1)) + 1),
             along=z(len(state.v)),
+            apart=z((int(self.layout.column.max(initial=-1)) + 1, 2, len(arrays.bodies), 6)),
         )
         base = np.concatenate(([0], np.cumsum(self._sizes))).astype(np.int64)
         rows = np.concatenate([np.zeros(0, np.int64), *(at + own for at, own in zip(base, kept, strict=False))])
@@ -220,10 +232,12 @@ class Tangent:
         self._unknowns = hold(
             Unknowns(base, rows, z(len(rows)), z(base[-1] + 6), self._dual, z((len(arrays.bodies), 6)))
         )
+        free = int(arrays.bodies["nv"][arrays.bodies["vf"] >= 0].sum())
+        self._border = Border.of(arrays.bodies, self.layout.column, free)
         self._state = State(*(array.copy() for array in state))
         self._held = tuple(map(hold, (arrays, self._state, self.layout, self._scratch)))
         arrays_, state_, L, _ = self._held
-        self.data = hold(Solving(L, arrays_, state_, self._tree.factors, self._unknowns))
+        self.data = hold(Solving(L, arrays_, state_, self._tree.factors, self._unknowns, hold(self._border)))
         self.solve_one, self.inertia_one = tangent_callbacks(held_type(self.data) if COMPILED else None)
         own = state._replace(S=state.S[:0], U=state.U[:0], D=state.D[:0])
         self._steps = complex_state(own)
@@ -263,6 +277,7 @@ class Tangent:
             own[...] = given
         self._steps.q[:], self._steps.v[:] = self._state.q, self._state.v
         along_joints(c1, L, arrays, state, twin, scratch.along)
+        scratch.apart[:] = 0.0
         self._tree.begin(symmetric)
         self.factored += 1
         handed: dict[int, Array] = {}  # what groups have added to their neighbor's own rows
@@ -279,7 +294,26 @@ class Tangent:
             )  # fmt: skip
             if not self._tree.eliminate(group):
                 return False
-        return True
+        return self._add_border()
+
+    def _add_border(self) -> bool:
+        """Solve for what the border is made of; False where T is singular with it."""
+        border, (arrays, state, *_) = self._border, self._held
+        r = len(border.places)
+        if not r:
+            return True
+        e, w = border.lines[:r], border.lines[r:]
+        u = np.zeros_like(e)
+        e[np.arange(r), border.places] = 1.0
+        for (column, row), out, line in zip(self._scratch.apart, u, w, strict=True):
+            project(column, arrays, state, out)
+            project(row, arrays, state, line)
+        for load, motion in zip(np.vstack((u, e)), border.columns, strict=True):
+            solve_within(load, self.data, motion)
+        equations = np.eye(2 * r) + border.lines @ border.columns.T
+        good = bool(np.isfinite(equations).all()) and np.linalg.cond(equations) < SINGULAR
+        border.inverse[:] = np.linalg.inv(equations) if good else 0.0
+        return good
 
     def solve(self, r: Array) -> Array:
         """Return dq with T dq = r, both (n,) or (n, columns), by the last factors."""

@@ -10,6 +10,7 @@ from mbfmu.mechanics.dispatch import load_tangent
 from solvers.compiled.kernel import inlined, kernel
 
 from . import couplings, cuts, loads
+from .border import keep_apart
 from .joints import handed_down, outer_joint
 from .layout import FIXED, OUTER
 
@@ -60,6 +61,8 @@ def analytic(e: int, group: int, size: int, c1: float, L: Any, arrays: Any, stat
         return
     inner = L.inward[group] if L.home[e] == group else -1  # of a loose body away from home, its own rows alone
     add_element(L.first_body[e], L.first_body[e + 1], group, inner, size, L, s)
+    if L.home[e] == group:
+        keep_apart(L.first_body[e], L.first_body[e + 1], group, inner, L, arrays, state, s)
     clear(6 * (L.first_body[e + 1] - L.first_body[e]), s.K)
 
 

@@ -43,6 +43,7 @@ class Layout(NamedTuple):
     first_body: NDArray[np.int64]  # (loads + cuts + couplings + 1,) into ``bodies``
     bodies: NDArray[np.int64]  # of every load, every cut joint and every coupling: a, its parent, b, its parent
     along: NDArray[np.int64]  # (k, 2) loads along the coordinate of a joint, and whose
+    column: NDArray[np.int64]  # (nb,) in the border, of a loose body that is away from home somewhere; -1: none
 
 
 def lay_out(arrays: Any, found: Groups, acting: Sequence[Acting]) -> tuple[Layout, list[NDArray[np.int64]], list[int]]:
@@ -84,14 +85,18 @@ def lay_out(arrays: Any, found: Groups, acting: Sequence[Acting]) -> tuple[Layou
     told = [kernel_of(a.load, "tangent") for a in acting]
     tied = [own[: len(own) - a.load.loose] for a, own in zip(acting, on, strict=True)]
     loads = by_group([[] if t in (None, LEFT_OUT) else own for t, own in zip(told, tied, strict=True)], role, found)
-    home = np.full(len(acting), -1)
+    home, column = np.full(len(acting), -1), np.full(nb, -1)
     for g, own in enumerate(loads):
         home[own] = g
     for e, (all_of, own) in enumerate(zip(on, tied, strict=True)):
         if told[e] not in (None, LEFT_OUT):
-            apart = {int(groups[i]) for i in all_of[len(own) :] if role[i] != FIXED}
-            for g in apart - ({home[e], inward[home[e]]} if home[e] >= 0 else set()):
+            at_home = {home[e], inward[home[e]]} if home[e] >= 0 else set()
+            apart = [i for i in all_of[len(own) :] if role[i] != FIXED and groups[i] not in at_home]
+            for g in {int(groups[i]) for i in apart}:
                 loads[g].append(e)
+            for i in apart if home[e] >= 0 else ():
+                if column[i] < 0 and arrays.bodies[i]["nv"] == 1:
+                    column[i] = column.max() + 1
     steps = by_group([[] if t is not None else own for t, own in zip(told, on, strict=True)], role, found)
     ties = [[int(cut["a"]), int(cut["b"])] for cut in arrays.cuts]
     cuts = by_group(ties, role, found)
@@ -120,6 +125,7 @@ def lay_out(arrays: Any, found: Groups, acting: Sequence[Acting]) -> tuple[Layou
         first_body=offsets(on + ties + pairs),
         bodies=flat_list(on + ties + pairs),
         along=np.array(along, np.int64).reshape(-1, 2),
+        column=column,
     )
     return layout, kept, sizes
 

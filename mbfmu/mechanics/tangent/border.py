@@ -1,0 +1,90 @@
+"""Bodies that loads tie to many groups at once, such as the roller of a nip that turns freely: a border of T.
+
+Such a body is in no cell's group, and what is between it and the others, u in its column and w in its row, is not in
+the blocks. With e its coordinate (n), T + sum (u e^T + e w^T) is solved by the factors of T (Woodbury):
+
+    x = T^-1 (b - sum (u p + e s)),    p = e . x,  s = w . x,    two equations a body.
+
+Without it a sheet and its free rollers are hardly moved as one by a correction: friction holds each as if the other
+were at rest, and what is left of such a motion looks small to who weighs it by T.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.mechanics.spatial import add_wrench, row_dot6
+from solvers.compiled.kernel import kernel
+from solvers.system import Array
+
+from .layout import FIXED
+
+
+class Border(NamedTuple):
+    """Columns of r coordinates."""
+
+    places: NDArray[np.int64]  # (r,) of the coordinates among the free ones
+    lines: Array  # (2 r, n) e, then w
+    columns: Array  # (2 r, n) T^-1 u, then T^-1 e
+    inverse: Array  # (2 r, 2 r) of the equations
+    right: Array  # (2 r,)
+
+    @staticmethod
+    def of(bodies: Any, column: NDArray[np.int64], n: int) -> Border:
+        """Return the border of a layout."""
+        r, z = int(column.max(initial=-1)) + 1, np.zeros
+        places = z(r, np.int64)
+        places[column[column >= 0]] = bodies["vf"][column >= 0]
+        return Border(places, z((2 * r, n)), z((2 * r, n)), z((2 * r, 2 * r)), z(2 * r))
+
+
+@kernel
+def keep_apart(first: int, end: int, group: int, inner: int, L: Any, arrays: Any, state: Any, s: Any) -> None:
+    """Add what s.K has between bodies of a group or its neighbor and those away from it to s.apart, as wrenches."""
+    for p in range(end - first):
+        i = L.bodies[first + p]
+        k = L.column[i]
+        if k < 0 or L.group[i] == group or L.group[i] == inner:
+            continue
+        S = state.S[arrays.bodies[i].vi]
+        for q in range(end - first):
+            j = L.bodies[first + q]
+            if L.role[j] == FIXED or (L.group[j] != group and L.group[j] != inner):
+                continue
+            for a in range(6):
+                for b in range(6):
+                    s.apart[k, 0, j, a] += s.K[6 * q + a, 6 * p + b] * S[b]
+                    s.apart[k, 1, j, a] += s.K[6 * p + b, 6 * q + a] * S[b]
+
+
+@kernel
+def project(W: Any, arrays: Any, state: Any, out: Any) -> None:
+    """out (n,) <- joint forces that wrenches W (nb, 6) on bodies are worth; W is spent."""
+    for i in range(arrays.bodies.shape[0] - 1, 0, -1):
+        body, here = arrays.bodies[i], state.bodies[i]
+        if body.vf >= 0:
+            for k in range(body.nv):
+                out[body.vf + k] = row_dot6(state.S, body.vi + k, W[i])
+        if body.parent > 0:
+            parent = state.bodies[body.parent]
+            add_wrench(W[body.parent], here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2], W[i])
+
+
+@kernel
+def add_border(border: Any, x: Any) -> None:
+    """x (n,), a solution of T alone, <- that of T with its border."""
+    count, n = border.right.shape[0], x.shape[0]
+    for k in range(count):
+        total = 0.0
+        for i in range(n):
+            total += border.lines[k, i] * x[i]
+        border.right[k] = total
+    for k in range(count):
+        part = 0.0
+        for j in range(count):
+            part += border.inverse[k, j] * border.right[j]
+        for i in range(n):
+            x[i] -= part * border.columns[k, i]
