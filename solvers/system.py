@@ -291,7 +291,7 @@ class TreeSystem(AnySystem):
     dense: Callable[[], System] | None = None  # (): the same mechanism with its matrices
     stepped: Callable[[], Stepped] | None = None  # (): the same on complex numbers
     meshed: NDArray[np.bool_] | None = None  # (n,) coordinates of which a mesh has many like them; None: all
-    slip: Array | None = None  # (n,) rates that friction of contact tells apart; None: any
+    slip: Array | None = None  # (n,) rates at which friction of contact turns over; infinite: at none
 
     def allocate_terms(self, scalar: type = float) -> Terms:
         """Return zeroed terms; those of the constraints are the only ones a tree fills, and M has no entries."""

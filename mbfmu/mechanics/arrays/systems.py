@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.errors import UserError
+from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.contact.nip import Nip
 from mbfmu.mechanics.contact.touch import Touch
@@ -125,15 +126,32 @@ class Systems:
 
     def _meshed(self) -> NDArray[np.bool_]:
         """Return which coordinates are of joints between nodes of a sheet."""
-        nodes = {body.index for sheet in self._mechanism.sheets for row in sheet.nodes for body in row}
-        found = [np.full(body.joint.nv, {body.index, body.parent} <= nodes) for body in free_bodies(self._mechanism)]
+        found = [np.full(body.joint.nv, self._in_mesh(body)) for body in free_bodies(self._mechanism)]
         return np.concatenate([np.zeros(0, bool), *found])
 
+    def _in_mesh(self, body: Body) -> bool:
+        return {body.index, body.parent} <= self._nodes
+
+    @cached_property
+    def _nodes(self) -> set[int]:
+        """The bodies that are nodes of sheets."""
+        return {body.index for sheet in self._mechanism.sheets for row in sheet.nodes for body in row}
+
     def _slip(self) -> Array:
-        """Return rates (n,) that move a sheet against what it touches by the slip at which friction turns over."""
+        """Return rates (n,) that move sheets as a whole, or what they touch, by the slip at which friction turns over.
+
+        A node that a sheet hangs on by six coordinates turns as it rattles: that says nothing of the whole.
+        """
         loads = (acting.load for acting in self._mechanism.others)
         slowest = min((load.slip for load in loads if isinstance(load, Touch | Nip)), default=np.inf)
-        return np.asarray(slowest / self._length * self._size)
+        carrying = carriers(self._mechanism, self._nodes)
+        found = [np.zeros(0)]
+        for body in free_bodies(self._mechanism):
+            units = body.joint.units
+            turning = slowest / self._length if body.index in carrying and "m" not in units else np.inf
+            rates = [slowest if unit == "m" else turning for unit in units]
+            found.append(np.full(body.joint.nv, np.inf) if self._in_mesh(body) else np.array(rates))
+        return np.concatenate(found)
 
     def _common(self, constraint_names: list[str], data: Data) -> dict[str, Any]:
         """Return what both have."""
@@ -207,11 +225,18 @@ class Systems:
 
     def _loop_rate(self) -> float:
         """Return how fast gravity and the drives that carry a cut joint's bodies or are coupled move them, 1/s."""
-        carrying: set[int] = set()
-        for body in (end.index for cut in self._mechanism.cuts for end in (cut.a, cut.b)):
-            k = body
-            while k > 0 and k not in carrying:
-                carrying.add(k)
-                k = self._mechanism.bodies[k].parent
+        ends = {end.index for cut in self._mechanism.cuts for end in (cut.a, cut.b)}
+        carrying = carriers(self._mechanism, ends)
         carrying.update(end.index for coupling in self._mechanism.couplings for end in (coupling.a, coupling.b))
         return self._rate(carrying)
+
+
+def carriers(mechanism: Mechanism, bodies: Iterable[int]) -> set[int]:
+    """Return these bodies and all that carry them, by number."""
+    found: set[int] = set()
+    for body in bodies:
+        k = body
+        while k > 0 and k not in found:
+            found.add(k)
+            k = mechanism.bodies[k].parent
+    return found

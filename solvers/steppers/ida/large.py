@@ -73,6 +73,7 @@ UNCONTROLLED = 1e8  # absolute tolerance of the multipliers
 RATE = 150.0  # absolute tolerance of a rate to that of its coordinate, in units of the motion's rate
 ORDER = 2
 KRYLOV = 5
+SLIPPED = 0.3  # part of the slip at which friction turns over, to which a sheet's speed is known
 TIKHONOV = 1e-6
 
 
@@ -149,8 +150,8 @@ class TreeIDAStepper(IDADriver):
         """Return tolerances where they are weighed (3, N): relative, absolute, the largest.
 
         IDA's norm is the root of a mean square, in which one of N unknowns may be off by sqrt(N) tolerances. A mesh has
-        many of a kind, but few tell where a sheet is as a whole. Their rates are known to the slip that friction tells
-        apart too.
+        many of a kind, but few tell where a sheet is as a whole. Their rates are known to a part of the slip at which
+        friction turns over too: where it reverses within a step, that is what is left of it.
         """
         s, N = self.system, len(atol)
         found = np.vstack((np.full(N, self.options.rtol), atol, np.full(N, np.inf)))
@@ -158,7 +159,7 @@ class TreeIDAStepper(IDADriver):
             parts = np.where(s.meshed, 1.0, N**-0.5)
             found[:2, : s.nq] *= s.position_sizes(parts) / s.position_sizes(np.ones(s.n))
             found[:2, self._v_at] *= parts
-            found[2, self._v_at] = np.where(s.meshed, np.inf, s.slip)
+            found[2, self._v_at] = SLIPPED * parts * s.slip
         return found
 
     def _set_up(self, t: float, y: Array, yp: Array, res: Array, cj: float) -> int:
