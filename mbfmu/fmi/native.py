@@ -16,6 +16,7 @@ from mbfmu.native.layout import signed
 from mbfmu.native.runtime import library
 from mbfmu.native.targets import TARGETS, host
 from mbfmu.settings import AUTO, Settings
+from solvers.steppers import refusal
 
 from . import description, description3
 from .description import LOG_CATEGORIES, Experiment, Identity
@@ -101,6 +102,11 @@ def _with_solver(model: Model, settings: Settings, tell: Callable[[str], None]) 
     found = pick(plant, [(0.0, *plant.assemble())], settings.options())
     implicit = "radau" if plant.system.has_matrices else "adams"  # which is all that large trees have
     solver = found.solver if found.solver in SOLVERS else implicit
+    if refusal(solver, plant.system):
+        raise UserError(
+            f"model {model.name!r} takes 'ida' or 'esdirk', since {plant.system.stiff}, and machine code has neither, "
+            f"but {_solvers()}; export it without native"
+        )
     why = found.reason if found.solver in SOLVERS else f"{found.solver!r} would serve it best, and is not there"
     if settings.solver == AUTO:
         tell(f"the solver is {solver!r}: {why}")
