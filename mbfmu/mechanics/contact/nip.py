@@ -51,7 +51,7 @@ from mbfmu.mechanics.dispatch import signal_value
 from mbfmu.mechanics.kind import Site
 from mbfmu.mechanics.loads.base import Load
 from mbfmu.mechanics.steps import EPSILON, step
-from solvers.compiled.kernel import kernel
+from solvers.compiled.kernel import inlined, kernel
 
 from .meeting import ALL
 from .patch import drift, locate, middle, press, reach, react, rise, weigh_straight
@@ -257,7 +257,7 @@ def within(u: Any) -> bool:
     return 0.0 < u.real < 1.0
 
 
-@kernel
+@inlined
 def rub(nip: Any, body: Any, R: Any, ahead: Any, side: Any, along: Any, across: Any) -> Any:
     """Friction of a body's surface at R n from its axis on the sheet there, whose speed is ``ahead`` along d and
     ``side`` along e, and its slip; each along d and e. It is ``along`` and ``across`` at most.
@@ -273,7 +273,7 @@ def rub(nip: Any, body: Any, R: Any, ahead: Any, side: Any, along: Any, across: 
     return -along * sd / root, -across * se / root, sd, se
 
 
-@kernel
+@inlined
 def hand_on(nip: Any, body: Any, R: Any, fd: Any, fe: Any, here: Any) -> None:
     """Let what the sheet feels by :func:`rub` act back on the body."""
     for k in range(3):
@@ -329,7 +329,7 @@ def grip(nip: Any, i: int, N: Any, pair: Any, bodies: Any, here: Any) -> None:
         hand_on(nip, bodies[nip.idler], -nip.idler_radius, gd, ge, here)
 
 
-@kernel
+@inlined
 def member(nip: Any, p: int) -> int:
     """Number of the body p of the nip: four nodes, the roller, the idler."""
     if p < 4:
