@@ -24,8 +24,8 @@ the recursion itself, rows and columns alike, as in the composite-body algorithm
 nothing, so behind it y is no more unknowns than dq, and needs no folding: such bodies are outer wherever their parent
 moves. What is left has a block for every group and for every two neighbors (:mod:`solvers.linalg.blocks`).
 
-A body that a load ties to many groups, such as the roller of a nip that turns freely, is in one of its own, and what ties
-it to the others is a border (:mod:`.border`).
+A body that a load ties to many groups, such as the roller of a nip that turns freely, is in one of its own, and what
+ties it to the others is a border (:mod:`.border`).
 
 T is symmetric at rest without follower loads; in motion the change of the inertia forces with the positions, small
 beside c2 M, is not. Who corrects what it is off may have it taken as symmetric: by one triangle, at half the memory.
