@@ -478,9 +478,9 @@ def test_what_contact_refuses() -> None:
         add_nip(m, "n", sheet, roller, contact=1e-300, **nip)
     with pytest.raises(UserError, match="stiffness of nip 'n' is 'soft'"):
         add_nip(m, "n", sheet, roller, stiffness="soft", **nip)
-    with pytest.raises(UserError, match=r"the axis of roller 'roller' is 0\.3 m beside where nip 'n' has it"):
+    with pytest.raises(UserError, match=r"the axis of 'roller' is 0\.3 m beside where the roller of nip 'n' has it"):
         add_nip(m, "n", sheet, roller, **(nip | {"at": (0.3, 0.0, 0.0)}))
-    with pytest.raises(UserError, match=r"axis of roller 'roller' is \[0.0, 0.0, 1.0\]; allowed in nip 'n'"):
+    with pytest.raises(UserError, match=r"axis of 'roller' is \[0.0, 0.0, 1.0\]; allowed as roller of nip 'n'"):
         add_nip(m, "n", sheet, roller, feed="z", **nip)
     with pytest.raises(UserError, match=r"roller of nip 'n' is 's\.0\.0'; allowed: a body on a Revolute"):
         add_nip(m, "n", sheet, sheet.node(0, 0), **nip)

@@ -397,7 +397,7 @@ def _fits(roller: Any, radius: float, place: Any, normal: Any, across: Any, what
     if beside > OFF * radius:
         raise UserError(
             f"the axis of {roller.name!r} is {beside:.3g} m beside where the {what} has it: {radius:g} m from "
-            f"{place.tolist()} along {(-normal).round(6).tolist()}"
+            f"{place.tolist()} along {(0.0 - normal).round(6).tolist()}"
         )
 
 

@@ -311,8 +311,11 @@ class Tangent:
         for load, motion in zip(np.vstack((u, e)), border.columns, strict=True):
             solve_within(load, self.data, motion)
         equations = np.eye(2 * r) + border.lines @ border.columns.T
-        good = bool(np.isfinite(equations).all()) and np.linalg.cond(equations) < SINGULAR
-        border.inverse[:] = np.linalg.inv(equations) if good else 0.0
+        own = np.abs(np.diagonal(equations[:r, r:]))  # of a coordinate alone, one over its stiffness
+        units = np.append(np.ones(r), own)
+        balanced = units[:, None] * equations / units
+        good = bool(np.isfinite(balanced).all()) and np.linalg.cond(balanced) < SINGULAR
+        border.inverse[:] = np.linalg.inv(balanced) / units[:, None] * units if good else 0.0
         return good
 
     def solve(self, r: Array) -> Array:
