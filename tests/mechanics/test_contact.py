@@ -21,6 +21,7 @@ from mbfmu.mechanics import (
     Revolute,
     Sheet,
     Surface,
+    Translational,
     Trough,
     Wall,
     add_nip,
@@ -174,8 +175,9 @@ def test_a_clamped_beam_gives_way_as_its_equation_says() -> None:
 
 
 def flag(
-    surface: Surface | None = None, *, moving: bool = False, nip: bool = False, idle: bool = False, grid: Any = (4, 3)
-) -> Mechanism:
+    surface: Surface | None = None, *, moving: bool = False, nip: bool = False, idle: bool = False,
+    carried: bool = False, grid: Any = (4, 3),
+) -> Mechanism:  # fmt: skip
     """A sheet in contact, with all that is told."""
     m = Mechanism(gravity=(0.3, -9.81, 0.2))
     paper = PAPER | {"length": 0.3, "width": 0.2, "youngs_modulus": 4e7, "thickness": 1e-3}
@@ -188,7 +190,9 @@ def flag(
         m.output("depth", touch.depth())
     if nip:
         turning: dict[str, Any] = {"rate": -2.0} if idle else {"drive": Polynomial((0.0, -2.0))}
-        roller = m.body("roller", m.ground, Revolute(at=(0.12, -0.05, 0.1), **turning), mass=0.1, inertia=(1e-4,) * 3)
+        inertia: dict[str, Any] = {"mass": 0.1, "inertia": (1e-4,) * 3}
+        carrier = m.body("carriage", m.ground, Translational(axis=(1.0, 1.0, 0.0)), **inertia) if carried else m.ground
+        roller = m.body("roller", carrier, Revolute(at=(0.12, -0.05, 0.1), **turning), **inertia)
         axle = Revolute(at=(0.12, 0.03, 0.1), rate=1.0)
         idler = m.body("idler", m.ground, axle, mass=0.1, inertia=(1e-4,) * 3) if idle else None
         held = add_nip(
@@ -237,12 +241,12 @@ def test_power_of_a_nip_is_the_rate_of_its_energy_while_its_stations_are_held(id
         check(case, np.zeros(0))
 
 
-@pytest.mark.parametrize("name", [*SURFACES, "nip", "idler"])
+@pytest.mark.parametrize("name", [*SURFACES, "nip", "idler", "carried"])
 def test_the_structured_tangent_of_contact(name: str, monkeypatch: Any) -> None:
     """With a roller and an idler that turn freely too, which no group has."""
     monkeypatch.setattr(systems, "LARGE", 0)
-    nip = name in ("nip", "idler")
-    plant = Plant(flag(nip=True, idle=name == "idler") if nip else flag(SURFACES[name]))
+    nip, idle = name not in SURFACES, name in ("idler", "carried")
+    plant = Plant(flag(nip=True, idle=idle, carried=name == "carried") if nip else flag(SURFACES[name]))
     case, n, h = somewhere(plant, np.random.default_rng(6)), plant.system.n, 1e-7
     T = np.zeros((n, n))
     for k, e in enumerate(h * np.eye(n)):
@@ -252,7 +256,7 @@ def test_the_structured_tangent_of_contact(name: str, monkeypatch: Any) -> None:
         T[:, k] = (inverse(plant, there, 900.0 * e) - inverse(plant, back, -900.0 * e)) / (2.0 * h)
     inverse(plant, case.q, np.zeros(n))
     tangent = plant.tangent()
-    assert np.count_nonzero(tangent.layout.column >= 0) == (2 if name == "idler" else 0)
+    assert tangent.layout.columns.sum() == {"idler": 2, "carried": 7}.get(name, 0)
     assert tangent.factor(0.0, 900.0)
     x = tangent.solve(case.a)
     np.testing.assert_allclose(T @ x, case.a, atol=1e-5 * np.abs(T).max() * np.abs(x).max())

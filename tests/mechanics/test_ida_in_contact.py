@@ -19,6 +19,7 @@ from mbfmu.mechanics import (
     SphericalCut,
     Support,
     Torque,
+    Translational,
     Wall,
     add_nip,
     add_sheet,
@@ -178,3 +179,23 @@ def test_a_sheet_that_runs_into_a_free_roller_shares_its_momentum(tolerance: flo
     together = mass * v / (mass + inertia / RADIUS**2)
     assert found["v"][-1] == pytest.approx(together, rel=1e-2)
     assert -RADIUS * found["rate"][-1] == pytest.approx(together, rel=1e-2)
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-5])
+def test_a_roller_on_a_free_carriage_keeps_the_momentum_of_all(tolerance: float) -> None:
+    """A torque turns it, the strip goes one way and the carriage the other, and the work is their energy."""
+    m, inertia, torque = Mechanism(), 1e-5, 2e-3
+    sheet = add_strip(m, 19, 0.1)
+    carriage = m.body("carriage", m.ground, Translational(axis="x"), mass=0.001)
+    axle = Revolute(at=(0.0, -RADIUS, 0.0))
+    roller = m.body("roller", carriage, axle, mass=0.1, inertia=(inertia,) * 3)
+    add_nip(m, "nip", sheet, roller, radius=RADIUS, at=(0.0, 0.0, 0.0), width=WIDTH, force=2.0)
+    m.force("motor", Torque(magnitude=-torque, axis="z"), roller)
+    m.output("v", sheet.node(9, 1).velocity("x"))
+    m.output("carriage", carriage.velocity("x"))
+    found = run(m, 0.05, 0.01, tolerance, "ida")
+    mass = LENGTH * WIDTH * THICKNESS * DENSITY
+    # rolling: R w = v - u, mass v + 0.101 u = 0, inertia w' = torque - R F, mass v' = F
+    a = torque / RADIUS / (mass + inertia / RADIUS**2 * (1.0 + mass / 0.101))
+    assert found["v"][-1] == pytest.approx(0.05 * a, rel=2e-3)
+    assert 0.101 * found["carriage"][-1] == pytest.approx(-mass * found["v"][-1], rel=1e-3)

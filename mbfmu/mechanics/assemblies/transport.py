@@ -317,6 +317,8 @@ def add_nip(
     if idler is not None:
         beyond = radius if idler_radius is None else positive(f"idler_radius of {what}", idler_radius)
         _fits(idler, beyond, place, -n, across, f"idler of {what}")
+        if idler is roller:
+            raise UserError(f"idler of {what} is {idler.name!r}, its roller; allowed: another body")
     _apart(mechanism, sheet, place, (d, across, n), radius, width, name)
     length, plate, way = _scale(sheet), sheet.plate, "xz".index(along)
     half = 0.5 * _length(f"contact of {what}", length / 50.0 if contact is None else contact, length)

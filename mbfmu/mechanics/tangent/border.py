@@ -1,9 +1,10 @@
 """Bodies that loads tie to many groups at once, such as the roller of a nip that turns freely: a border of T.
 
 Such a body is in no cell's group, and what is between it and the others, u in its column and w in its row, is not in
-the blocks. With e its coordinate (n), T + sum (u e^T + e w^T) is solved by the factors of T (Woodbury):
+the blocks. With e . dq (e: n) its coordinate, or one of its six motions where its parent moves, T + sum (u e^T + e w^T)
+is solved by the factors of T (Woodbury):
 
-    x = T^-1 (b - sum (u p + e s)),    p = e . x,  s = w . x,    two equations a body.
+    x = T^-1 (b - sum (u p + e s)),    p = e . x,  s = w . x,    two equations for each.
 
 Without it a sheet and its free rollers are hardly moved as one by a correction: friction holds each as if the other
 were at rest, and what is left of such a motion looks small to who weighs it by T.
@@ -20,25 +21,30 @@ from mbfmu.mechanics.spatial import add_wrench, row_dot6
 from solvers.compiled.kernel import kernel
 from solvers.system import Array
 
-from .layout import FIXED
+from .layout import FIXED, Layout
 
 
 class Border(NamedTuple):
-    """Columns of r coordinates."""
+    """Columns of r coordinates or motions."""
 
-    places: NDArray[np.int64]  # (r,) of the coordinates among the free ones
+    bodies: NDArray[np.int64]  # (r,) whose they are
+    motions: NDArray[np.int64]  # (r,) which of six; -1: its coordinate
     lines: Array  # (2 r, n) e, then w
     columns: Array  # (2 r, n) T^-1 u, then T^-1 e
     inverse: Array  # (2 r, 2 r) of the equations
     right: Array  # (2 r,)
 
     @staticmethod
-    def of(bodies: Any, column: NDArray[np.int64], n: int) -> Border:
+    def of(layout: Layout, n: int) -> Border:
         """Return the border of a layout."""
-        r, z = int(column.max(initial=-1)) + 1, np.zeros
-        places = z(r, np.int64)
-        places[column[column >= 0]] = bodies["vf"][column >= 0]
-        return Border(places, z((2 * r, n)), z((2 * r, n)), z((2 * r, 2 * r)), z(2 * r))
+        r, z = int(layout.columns.sum()), np.zeros
+        bodies, motions = z(r, np.int64), np.full(r, -1)
+        for i in np.flatnonzero(layout.columns):
+            own = slice(layout.column[i], layout.column[i] + layout.columns[i])
+            bodies[own] = i
+            if layout.columns[i] == 6:
+                motions[own] = range(6)
+        return Border(bodies, motions, z((2 * r, n)), z((2 * r, n)), z((2 * r, 2 * r)), z(2 * r))
 
 
 @kernel
@@ -56,8 +62,9 @@ def keep_apart(first: int, end: int, group: int, inner: int, L: Any, arrays: Any
                 continue
             for a in range(6):
                 for b in range(6):
-                    s.apart[k, 0, j, a] += s.K[6 * q + a, 6 * p + b] * S[b]
-                    s.apart[k, 1, j, a] += s.K[6 * p + b, 6 * q + a] * S[b]
+                    column, part = (k, S[b]) if L.columns[i] == 1 else (k + b, 1.0)
+                    s.apart[column, 0, j, a] += s.K[6 * q + a, 6 * p + b] * part
+                    s.apart[column, 1, j, a] += s.K[6 * p + b, 6 * q + a] * part
 
 
 @kernel

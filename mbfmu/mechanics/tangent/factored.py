@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.records import Arrays, State, complex_state
-from solvers.compiled.held import held_type, hold
+from solvers.compiled.held import contents, held_type, hold
 from solvers.compiled.kernel import COMPILED, callback, kernel, types
 from solvers.linalg.blocks import BlockTree, one_thread, solve_blocks
 from solvers.system import Array
@@ -221,7 +221,7 @@ class Tangent:
             K=z((most, most)),
             weight=z(int(arrays.kept.max(initial=-1)) + 1),
             along=z(len(state.v)),
-            apart=z((int(self.layout.column.max(initial=-1)) + 1, 2, len(arrays.bodies), 6)),
+            apart=z((int(self.layout.columns.sum()), 2, len(arrays.bodies), 6)),
         )
         base = np.concatenate(([0], np.cumsum(self._sizes))).astype(np.int64)
         rows = np.concatenate([np.zeros(0, np.int64), *(at + own for at, own in zip(base, kept, strict=False))])
@@ -233,7 +233,7 @@ class Tangent:
             Unknowns(base, rows, z(len(rows)), z(base[-1] + 6), self._dual, z((len(arrays.bodies), 6)))
         )
         free = int(arrays.bodies["nv"][arrays.bodies["vf"] >= 0].sum())
-        self._border = Border.of(arrays.bodies, self.layout.column, free)
+        self._border = Border.of(self.layout, free)
         self._state = State(*(array.copy() for array in state))
         self._held = tuple(map(hold, (arrays, self._state, self.layout, self._scratch)))
         arrays_, state_, L, _ = self._held
@@ -299,20 +299,28 @@ class Tangent:
     def _add_border(self) -> bool:
         """Solve for what the border is made of; False where T is singular with it."""
         border, (arrays, state, *_) = self._border, self._held
-        r = len(border.places)
+        r = len(border.bodies)
         if not r:
             return True
         e, w = border.lines[:r], border.lines[r:]
         u = np.zeros_like(e)
-        e[np.arange(r), border.places] = 1.0
+        wrench = np.zeros(self._scratch.apart.shape[2:])
+        for i, motion, line in zip(border.bodies, border.motions, e, strict=True):
+            if motion < 0:
+                line[contents(arrays).bodies["vf"][i]] = 1.0
+            else:
+                wrench[:] = 0.0
+                wrench[i, motion] = 1.0
+                project(wrench, arrays, state, line)
         for (column, row), out, line in zip(self._scratch.apart, u, w, strict=True):
             project(column, arrays, state, out)
             project(row, arrays, state, line)
+        u[~e.any(axis=1)] = w[~e.any(axis=1)] = 0.0  # of motions that the body does not have
         for load, motion in zip(np.vstack((u, e)), border.columns, strict=True):
             solve_within(load, self.data, motion)
         equations = np.eye(2 * r) + border.lines @ border.columns.T
         own = np.abs(np.diagonal(equations[:r, r:]))  # of a coordinate alone, one over its stiffness
-        units = np.append(np.ones(r), own)
+        units = np.append(np.ones(r), np.where(own > 0.0, own, 1.0))
         balanced = units[:, None] * equations / units
         good = bool(np.isfinite(balanced).all()) and np.linalg.cond(balanced) < SINGULAR
         border.inverse[:] = np.linalg.inv(balanced) / units[:, None] * units if good else 0.0

@@ -43,7 +43,8 @@ class Layout(NamedTuple):
     first_body: NDArray[np.int64]  # (loads + cuts + couplings + 1,) into ``bodies``
     bodies: NDArray[np.int64]  # of every load, every cut joint and every coupling: a, its parent, b, its parent
     along: NDArray[np.int64]  # (k, 2) loads along the coordinate of a joint, and whose
-    column: NDArray[np.int64]  # (nb,) in the border, of a loose body that is away from home somewhere; -1: none
+    column: NDArray[np.int64]  # (nb,) first in the border, of a loose body that is away from home somewhere; -1: none
+    columns: NDArray[np.int64]  # (nb,) how many: its coordinate alone where its parent rests, else its six motions
 
 
 def lay_out(arrays: Any, found: Groups, acting: Sequence[Acting]) -> tuple[Layout, list[NDArray[np.int64]], list[int]]:
@@ -85,7 +86,7 @@ def lay_out(arrays: Any, found: Groups, acting: Sequence[Acting]) -> tuple[Layou
     told = [kernel_of(a.load, "tangent") for a in acting]
     tied = [own[: len(own) - a.load.loose] for a, own in zip(acting, on, strict=True)]
     loads = by_group([[] if t in (None, LEFT_OUT) else own for t, own in zip(told, tied, strict=True)], role, found)
-    home, column = np.full(len(acting), -1), np.full(nb, -1)
+    home, column, columns = np.full(len(acting), -1), np.full(nb, -1), np.zeros(nb, np.int64)
     for g, own in enumerate(loads):
         home[own] = g
     for e, (all_of, own) in enumerate(zip(on, tied, strict=True)):
@@ -95,8 +96,10 @@ def lay_out(arrays: Any, found: Groups, acting: Sequence[Acting]) -> tuple[Layou
             for g in {int(groups[i]) for i in apart}:
                 loads[g].append(e)
             for i in apart if home[e] >= 0 else ():
-                if column[i] < 0 and arrays.bodies[i]["nv"] == 1:
-                    column[i] = column.max() + 1
+                if column[i] < 0:
+                    column[i] = columns.sum()
+                    alone = arrays.bodies[i]["nv"] == 1 and role[arrays.bodies[i]["parent"]] == FIXED
+                    columns[i] = 1 if alone else 6
     steps = by_group([[] if t is not None else own for t, own in zip(told, on, strict=True)], role, found)
     ties = [[int(cut["a"]), int(cut["b"])] for cut in arrays.cuts]
     cuts = by_group(ties, role, found)
@@ -126,6 +129,7 @@ def lay_out(arrays: Any, found: Groups, acting: Sequence[Acting]) -> tuple[Layou
         bodies=flat_list(on + ties + pairs),
         along=np.array(along, np.int64).reshape(-1, 2),
         column=column,
+        columns=columns,
     )
     return layout, kept, sizes
 
