@@ -10,15 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import ceil, cos, isclose, sin
+from math import ceil, cos, sin
 from types import MappingProxyType
 from typing import Any
 
 from mbfmu.errors import UserError
 from mbfmu.mechanics import (
     Body,
-    Drum,
-    Guide,
     Input,
     JointSpring,
     Mechanism,
@@ -28,7 +26,6 @@ from mbfmu.mechanics import (
     SpeedInput,
     Surface,
     TouchHandle,
-    Trough,
     Wall,
     add_nip,
     add_sheet,
@@ -40,10 +37,10 @@ from mbfmu.mechanics import (
 from mbfmu.mechanics import Sheet as SheetHandle
 from mbfmu.model import Model, parameter
 
-from .path import Arc, Path, Straight, lay
+from .guides import beside, chute
+from .path import Path, lay
 
 SIDES = ("left", "right")  # at z < 0 and z > 0
-PLATE = 5e-3  # m, half the thickness of a guide: a sheet that buckles must not come out on its other side
 MARGIN = 5e-3  # m, between a line of nips and a bend
 COARSEST = 0.6  # side of a cell in parts of a bend's inner radius
 SINK = 0.25  # of the thickness, that a leading edge which bends the sheet to a sixth of its length sinks into a guide
@@ -345,38 +342,15 @@ class Feeder(Model):
 
     def _guide(self, m: Mechanism, sheet: SheetHandle, route: Path) -> list[TouchHandle]:
         """Add what is above and below each part of the path."""
-        surfaces = {
-            f"{name}[{number}]": self._surface(part, hand)
+        off, wide = self.clearance + 0.5 * self.thickness, BEYOND * self.width
+        surfaces: dict[str, Surface] = {
+            f"{name}[{number}]": beside(part, hand, off, wide)
             for number, part in enumerate(route.parts, 1)
             for name, hand in (("lower", -1.0), ("upper", 1.0))
         }
         if self.path == "chute":
-            surfaces["chute"] = self._chute(route)
+            surfaces["chute"] = chute(route, self.chute_angle, self.length, off, wide)
         return [self._touch(m, sheet, name, surface) for name, surface in surfaces.items()]
-
-    def _surface(self, part: Straight | Arc, hand: float) -> Surface:
-        """Return the guide on one side of a part of the path: 1 above, -1 below."""
-        off, wide = self.clearance + 0.5 * self.thickness, BEYOND * self.width
-        if isinstance(part, Straight):
-            ends = []
-            for s in (0.0, part.length):
-                (x, y), angle = part.at(s)
-                ends.append((x - hand * (off + PLATE) * sin(angle), y + hand * (off + PLATE) * cos(angle), 0.0))
-            return Guide(start=ends[0], end=ends[1], radius=PLATE, width=wide)
-        center = (*part.center, 0.0)
-        if isclose(part.side, hand):
-            return Drum(radius=part.radius - off, length=wide, at=center)
-        return Trough(
-            radius=part.radius + off, length=wide, angle=abs(part.turn), towards=(*part.towards, 0.0), at=center
-        )
-
-    def _chute(self, route: Path) -> Guide:
-        """Return the guide behind the last line, below the sheet where it rises and above where it falls."""
-        (x, y), _ = route.at(route.length)
-        hand = -1.0 if self.chute_angle >= 0.0 else 1.0
-        y += hand * (self.clearance + 0.5 * self.thickness + PLATE)
-        end = (x + self.length * cos(self.chute_angle), y + self.length * sin(self.chute_angle), 0.0)
-        return Guide(start=(x, y, 0.0), end=end, radius=PLATE, width=BEYOND * self.width)
 
     def _touch(
         self, m: Mechanism, sheet: SheetHandle, name: str, surface: Surface, stiffness: float | None = None

@@ -6,10 +6,11 @@ from solvers.compiled.kernel import kernel
 from .arrays.compile import Variable
 from .arrays.plant import Plant
 from .assemblies.chain import add_chain
+from .assemblies.contacts import NipHandle, TouchHandle, contact_pressure, jammed
 from .assemblies.fabric import Crease
 from .assemblies.sheet import Sheet, add_sheet
 from .assemblies.supports import Support
-from .assemblies.transport import NipHandle, TouchHandle, add_nip, add_touch, contact_pressure, jammed
+from .assemblies.transport import add_nip, add_touch
 from .builder.bodies import Body, CouplingHandle, CutHandle, FlexibleBody, ForceHandle
 from .builder.inertia import box, cylinder, rod, sphere, tube
 from .builder.mechanism import Mechanism

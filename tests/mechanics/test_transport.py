@@ -169,48 +169,6 @@ def test_the_weaker_of_two_nips_slips() -> None:
     assert found["heat0"][-1] + found["heat1"][-1] == pytest.approx(work, rel=1e-3)
 
 
-# ---- an idler that has inertia --------------------------------------------------------------------------------------
-
-
-def idling(m: Mechanism, inertia: float, rate: float = 0.0, radius: float = 0.008) -> Body:
-    """A body beyond a nip at x = 0."""
-    axle = Revolute(at=(0.0, radius, 0.0), axis=(0.0, 0.0, 1.0), rate=rate)
-    return m.body("idler", m.ground, axle, mass=0.1, inertia=(inertia, inertia, inertia))
-
-
-def test_a_roller_speeds_up_the_idler_too() -> None:
-    """By the sheet between them, evenly: what pulls at it is (m + I / R^2) a of sheet and idler, the idler's part of it
-    by friction, so that it slips by as much as that takes.
-    """
-    m, a, inertia, R, mu, N = Mechanism(), 2.0, 2e-6, 0.008, 0.3, 2.0
-    sheet = add_strip(m, 7, 0.1)
-    idler = idling(m, inertia, radius=R)
-    nip, _ = add_driven(
-        m, "nip", sheet, Polynomial((0.0, 0.0, -0.5 * a / RADIUS)), idler=idler, idler_radius=R, idler_friction=mu
-    )
-    m.output("traction", nip.traction())
-    m.output("idler", idler.rate())
-    m.output("v", sheet.node(3, 1).velocity("x"))
-    found = run(m, 0.05, 0.01, 1e-5)
-    share = inertia / R**2 * a / (mu * N)
-    assert 0.05 < share < 0.2
-    assert -found["traction"][-1] == pytest.approx((mass() + inertia / R**2) * a, rel=2e-3)
-    assert found["v"][-1] - R * found["idler"][-1] == pytest.approx(1e-3 * sliding(share), rel=1e-2)
-
-
-def test_an_idler_that_rests_is_spun_up_by_the_sheet() -> None:
-    """With mu N R / I, until it turns as the sheet moves."""
-    m, v, inertia, R, mu, N = Mechanism(), 0.3, 2e-5, 0.008, 0.3, 2.0
-    sheet = add_strip(m, 7, 0.1, rate=(v, 0.0, 0.0, 0.0, 0.0, 0.0))
-    idler = idling(m, inertia, radius=R)
-    add_driven(m, "nip", sheet, at_speed(v), idler=idler, idler_radius=R, idler_friction=mu)
-    m.output("idler", idler.rate())
-    rise = mu * N * R / inertia
-    found = run(m, 1.3 * v / R / rise, 0.1 * v / R / rise, 1e-5)
-    np.testing.assert_allclose(found["idler"][1:9], rise * found.t[1:9], rtol=2e-3)
-    assert found["idler"][-1] == pytest.approx(v / R, rel=1e-3)
-
-
 # ---- nips beside each other -----------------------------------------------------------------------------------------
 
 

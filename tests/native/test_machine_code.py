@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 from running import Running, needs_linker
 
+from fmus.feeder import Feeder
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
 from mbfmu.errors import UserError
+from mbfmu.fmi import export
 from mbfmu.mechanics import Mechanism, Revolute, Spring, Wall, add_sheet, add_touch, rod
 from mbfmu.native.entries import image_of
 from mbfmu.native.image import Image
@@ -133,6 +135,14 @@ def test_contact_is_refused_as_what_is_not_there():
     add_touch(m, "table", add_sheet(m, "s", length=0.3, width=0.2, **paper), Wall(at=(0.0, -0.1, 0.0)))
     with pytest.raises(UserError, match=r"kernel mbfmu.mechanics.contact.touch.apply is not in machine code; run it"):
         image_of(Simulation(m, Settings(solver="adams")))
+
+
+def test_a_model_whose_solvers_are_not_in_machine_code_is_told_so(tmp_path: Path):
+    model = Feeder(path="straight", nips=1, nx=5, nz=4)
+    with pytest.raises(
+        UserError, match=r"^model 'feeder' takes 'ida' or 'esdirk', since nips .* has neither, but adams"
+    ):
+        export(model, tmp_path / "feeder.fmu", native=True)
 
 
 def test_tuples_are_laid_once_and_arrays_must_not_have_gaps():

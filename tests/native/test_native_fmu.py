@@ -19,7 +19,6 @@ from fmpy import read_model_description, simulate_fmu
 from fmpy.validation import validate_fmu
 from numpy.typing import NDArray
 
-from fmus.feeder import Feeder
 from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
@@ -366,14 +365,6 @@ def test_equal_models_make_equal_files(tmp_path: Path):
 def test_what_cannot_be_exported_is_refused(more: dict[str, Any], told: str, tmp_path: Path):
     with pytest.raises(UserError, match=told):
         export(FourBar(), tmp_path / "model.fmu", native=True, **more)
-
-
-def test_a_model_whose_solvers_are_not_in_machine_code_is_told_so(tmp_path: Path):
-    model = Feeder(path="straight", nips=1, nx=5, nz=4)
-    with pytest.raises(
-        UserError, match=r"^model 'feeder' takes 'ida' or 'esdirk', since nips .* has neither, but adams"
-    ):
-        export(model, tmp_path / "feeder.fmu", native=True)
 
 
 def test_another_solver_than_was_asked_for_is_told(tmp_path: Path):

@@ -7,7 +7,6 @@ forces with what bends it so far.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from math import ceil
 from typing import Any
 
@@ -25,8 +24,8 @@ from mbfmu.mechanics.joints import Revolute
 from mbfmu.mechanics.kind import check_kind
 from mbfmu.mechanics.loads.base import Load
 from mbfmu.mechanics.numbers import finite, not_negative, positive
-from mbfmu.mechanics.sensors import Jammed, Met, Pressed, axis_index
 
+from .contacts import NipHandle, TouchHandle
 from .sheet import Sheet
 
 COARSEST = 0.6  # side of a cell times the curvature of a surface, above which the sheet does not follow it
@@ -40,114 +39,6 @@ SAME = 0.5  # of what keeps two rollers apart
 ASKEW, OFF = 1e-6, 0.02  # of a roller's axis: one less a cosine; parts of its radius
 WEDGE = 0.4  # of the roller's radius: way over which an edge comes in
 CALM = 0.03  # damping of a nip's rubber, to sqrt(stiffness times the sheet's mass)
-
-
-@dataclass(frozen=True, eq=False)
-class Contact:
-    """A sheet that meets something, as loads of its cells."""
-
-    name: str
-    mechanism: Mechanism
-    first: int  # of them among Mechanism.others
-    count: int
-
-    @property
-    def index(self) -> int:
-        """Number of its first load in a mechanism that is complete."""
-        own = self.mechanism.others
-        return sum(1 for _ in self.mechanism.loads()) - len(own) + self.first
-
-    def _told(self, unit: str, component: int, over: int = -1, scale: float = 1.0) -> Met:
-        return Met(unit=unit, item=self, component=component, count=self.count, over=over, scale=scale)
-
-
-@dataclass(frozen=True, eq=False)
-class TouchHandle(Contact):
-    """A surface that a sheet touches, as :func:`add_touch` returns it."""
-
-    sheet: Sheet
-
-    def force(self, axis: str) -> Met:
-        """Global component of the force on the sheet, N."""
-        return self._told("N", axis_index(axis, f"of the force of touch {self.name!r}"))
-
-    def depth(self) -> Met:
-        """How deep the deepest point of the sheet is in the surface, m; zero: it does not touch."""
-        return self._told("m", 5)
-
-    def heat(self) -> Met:
-        """What friction and damping of the touch turn into heat, W."""
-        return self._told("W", 4, scale=-1.0)
-
-    def pressure(self, i: int, k: int) -> Pressed:
-        """What :func:`.contact_pressure` returns of this touch alone."""
-        return contact_pressure([self], i, k)
-
-
-@dataclass(frozen=True, eq=False)
-class NipHandle(Contact):
-    """A nip that drives a sheet, as :func:`add_nip` returns it."""
-
-    stations: int
-    roller: Body
-    radius: float  # m
-
-    def slip(self) -> Met:
-        """Speed of the sheet along the feed less that of the roller, mean over what is loaded, m/s."""
-        return self._told("m/s", 1, over=0)
-
-    def traction(self) -> Met:
-        """Force with which the sheet pulls at the roller, along the feed, N."""
-        return self._told("N", 2)
-
-    def lateral(self) -> Met:
-        """Force on the sheet across the feed, N."""
-        return self._told("N", 3)
-
-    def normal(self) -> Met:
-        """Force that holds the sheet in the plane of the nip, towards the idler, N."""
-        return self._told("N", 4)
-
-    def heat(self) -> Met:
-        """What friction and damping of the nip turn into heat, W."""
-        return self._told("W", 5, scale=-1.0)
-
-    def loaded(self) -> Met:
-        """Part of the nip in which the sheet is, 0 to 1."""
-        return self._told("1", 0, scale=1.0 / self.stations)
-
-
-def contact_pressure(touches: Sequence[TouchHandle], i: int, k: int) -> Pressed:
-    """Return how hard touches of one sheet press on its cell (i, k), Pa: sizes of their forces on it over its area.
-
-    What presses from opposite sides adds up. It is the pressure where friction is none, and at most
-    sqrt(1 + friction^2) of it.
-    """
-    if not touches or not all(isinstance(touch, TouchHandle) for touch in touches):
-        raise UserError(f"touches that press are {touches!r}; allowed: a list of what add_touch returns")
-    sheet = touches[0].sheet
-    for touch in touches:
-        if touch.sheet is not sheet:
-            raise UserError(
-                f"touch {touch.name!r} is of sheet {touch.sheet.name!r}; allowed beside {touches[0].name!r}: touches "
-                f"of {sheet.name!r}"
-            )
-    if (i, k) not in sheet.cells:
-        raise UserError(f"sheet {sheet.name!r} has no cell {(i, k)}; allowed: {max(sheet.cells)} at most")
-    cell = list(sheet.cells).index((i, k))
-    own = [touch.first + cell for touch in touches]
-    return Pressed(unit="Pa", item=touches[0], own=own, scale=1.0 / (sheet.a * sheet.b))
-
-
-def jammed(nips: Sequence[NipHandle]) -> Jammed:
-    """Return what is 1 while a sheet slips in one of these nips by more than half the speed of the roller's surface.
-
-    A nip that less than half of is in the sheet does not count. It has no memory: what lasts is for the reader to tell.
-    """
-    if not nips or not all(isinstance(nip, NipHandle) for nip in nips):
-        raise UserError(f"nips that jam are {nips!r}; allowed: a list of what add_nip returns")
-    rollers = tuple(nip.roller for nip in nips)
-    return Jammed(unit="1", item=nips[0], bodies=rollers, nips=[(nip, nip.radius, nip.stations) for nip in nips])
 
 
 def add_touch(

@@ -1,0 +1,121 @@
+"""What a sheet meets, as the builder hands it out: of a touch and of a nip, what can be told."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics.builder.bodies import Body
+from mbfmu.mechanics.builder.mechanism import Mechanism
+from mbfmu.mechanics.sensors import Jammed, Met, Pressed, axis_index
+
+from .sheet import Sheet
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """A sheet that meets something, as loads of its cells."""
+
+    name: str
+    mechanism: Mechanism
+    first: int  # of them among Mechanism.others
+    count: int
+
+    @property
+    def index(self) -> int:
+        """Number of its first load in a mechanism that is complete."""
+        own = self.mechanism.others
+        return sum(1 for _ in self.mechanism.loads()) - len(own) + self.first
+
+    def _told(self, unit: str, component: int, over: int = -1, scale: float = 1.0) -> Met:
+        return Met(unit=unit, item=self, component=component, count=self.count, over=over, scale=scale)
+
+
+@dataclass(frozen=True, eq=False)
+class TouchHandle(Contact):
+    """A surface that a sheet touches, as :func:`add_touch` returns it."""
+
+    sheet: Sheet
+
+    def force(self, axis: str) -> Met:
+        """Global component of the force on the sheet, N."""
+        return self._told("N", axis_index(axis, f"of the force of touch {self.name!r}"))
+
+    def depth(self) -> Met:
+        """How deep the deepest point of the sheet is in the surface, m; zero: it does not touch."""
+        return self._told("m", 5)
+
+    def heat(self) -> Met:
+        """What friction and damping of the touch turn into heat, W."""
+        return self._told("W", 4, scale=-1.0)
+
+    def pressure(self, i: int, k: int) -> Pressed:
+        """What :func:`.contact_pressure` returns of this touch alone."""
+        return contact_pressure([self], i, k)
+
+
+@dataclass(frozen=True, eq=False)
+class NipHandle(Contact):
+    """A nip that drives a sheet, as :func:`add_nip` returns it."""
+
+    stations: int
+    roller: Body
+    radius: float  # m
+
+    def slip(self) -> Met:
+        """Speed of the sheet along the feed less that of the roller, mean over what is loaded, m/s."""
+        return self._told("m/s", 1, over=0)
+
+    def traction(self) -> Met:
+        """Force with which the sheet pulls at the roller, along the feed, N."""
+        return self._told("N", 2)
+
+    def lateral(self) -> Met:
+        """Force on the sheet across the feed, N."""
+        return self._told("N", 3)
+
+    def normal(self) -> Met:
+        """Force that holds the sheet in the plane of the nip, towards the idler, N."""
+        return self._told("N", 4)
+
+    def heat(self) -> Met:
+        """What friction and damping of the nip turn into heat, W."""
+        return self._told("W", 5, scale=-1.0)
+
+    def loaded(self) -> Met:
+        """Part of the nip in which the sheet is, 0 to 1."""
+        return self._told("1", 0, scale=1.0 / self.stations)
+
+
+def contact_pressure(touches: Sequence[TouchHandle], i: int, k: int) -> Pressed:
+    """Return how hard touches of one sheet press on its cell (i, k), Pa: sizes of their forces on it over its area.
+
+    What presses from opposite sides adds up. It is the pressure where friction is none, and at most
+    sqrt(1 + friction^2) of it.
+    """
+    if not touches or not all(isinstance(touch, TouchHandle) for touch in touches):
+        raise UserError(f"touches that press are {touches!r}; allowed: a list of what add_touch returns")
+    sheet = touches[0].sheet
+    for touch in touches:
+        if touch.sheet is not sheet:
+            raise UserError(
+                f"touch {touch.name!r} is of sheet {touch.sheet.name!r}; allowed beside {touches[0].name!r}: touches "
+                f"of {sheet.name!r}"
+            )
+    if (i, k) not in sheet.cells:
+        raise UserError(f"sheet {sheet.name!r} has no cell {(i, k)}; allowed: {max(sheet.cells)} at most")
+    cell = list(sheet.cells).index((i, k))
+    own = [touch.first + cell for touch in touches]
+    return Pressed(unit="Pa", item=touches[0], own=own, scale=1.0 / (sheet.a * sheet.b))
+
+
+def jammed(nips: Sequence[NipHandle]) -> Jammed:
+    """Return what is 1 while a sheet slips in one of these nips by more than half the speed of the roller's surface.
+
+    A nip that less than half of is in the sheet does not count. It has no memory: what lasts is for the reader to tell.
+    """
+    if not nips or not all(isinstance(nip, NipHandle) for nip in nips):
+        raise UserError(f"nips that jam are {nips!r}; allowed: a list of what add_nip returns")
+    rollers = tuple(nip.roller for nip in nips)
+    return Jammed(unit="1", item=nips[0], bodies=rollers, nips=[(nip, nip.radius, nip.stations) for nip in nips])

@@ -1,0 +1,109 @@
+"""Stations of a nip: where they are, what they find, what gives way between that and the roller; see :mod:`.nip`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from solvers.compiled.kernel import kernel
+
+from .patch import locate, reach, rise, weigh_straight
+
+PASSES = 12  # of Newton for the material under a station
+CLOSE = 1e-9  # sides of a cell: after a correction as small one more makes it exact
+
+
+@kernel
+def station(nip: Any, place: float, i: int) -> Any:
+    """Where a station of a pair is: the first ahead, the second behind."""
+    along, beside = nip.half if i == 0 else -nip.half, 0.5 * nip.width * place
+    return (
+        nip.place[0] + along * nip.d[0] + beside * nip.e[0],
+        nip.place[1] + along * nip.d[1] + beside * nip.e[1],
+        nip.place[2] + along * nip.d[2] + beside * nip.e[2],
+    )
+
+
+@kernel
+def misses(nip: Any, P: Any, x: float, y: float, z: float) -> bool:
+    """Whether nothing of a cell, whose middle is at (x, y, z), is under a point P, however far above or below."""
+    along, beside, near = 0.0, 0.0, reach(nip).real + nip.entry.real
+    for k in range(3):
+        off = (x if k == 0 else y if k == 1 else z) - P[k].real
+        along, beside = along + off * nip.d[k].real, beside + off * nip.e[k].real
+    return along * along + beside * beside > near * near
+
+
+@kernel
+def under(nip: Any, P: Any, bodies: Any, here: Any) -> Any:
+    """Find the material of a cell under a point P (three numbers); return xi, zeta and whether they were found.
+
+    Leaves weights, point and derivatives there. In a complex state the imaginary part is exact after the last pass.
+    """
+    d, e = nip.d, nip.e
+    xi, zeta, last = 0.0 * here.r[0] + 0.5, 0.0 * here.r[0] + 0.5, False
+    for _ in range(PASSES):
+        weigh_straight(nip, nip.way, xi, zeta, here.c, here.cx, here.cz)
+        locate(nip, here.c, bodies, here.r)
+        locate(nip, here.cx, bodies, here.rx)
+        locate(nip, here.cz, bodies, here.rz)
+        if last:
+            return xi, zeta, True
+        g0, g1, a00, a01, a10, a11 = 0.0 * xi, 0.0 * xi, 0.0 * xi, 0.0 * xi, 0.0 * xi, 0.0 * xi
+        for k in range(3):
+            off = here.r[k] - P[k]
+            g0, g1 = g0 + off * d[k], g1 + off * e[k]
+            a00, a01 = a00 + here.rx[k] * d[k], a01 + here.rz[k] * d[k]
+            a10, a11 = a10 + here.rx[k] * e[k], a11 + here.rz[k] * e[k]
+        det = a00 * a11 - a01 * a10
+        if abs(det.real) < 1e-3 * nip.a.real * nip.b.real:  # seen from the side
+            return xi, zeta, False
+        dx, dz = (a01 * g1 - a11 * g0) / det, (a10 * g0 - a00 * g1) / det
+        xi, zeta = xi + dx, zeta + dz
+        if not (abs(xi.real) < 3.0 and abs(zeta.real) < 3.0):
+            return xi, zeta, False
+        last = abs(dx.real) + abs(dz.real) < CLOSE
+    return xi, zeta, False
+
+
+@kernel
+def inside(x: Any, before: float, after: float) -> Any:
+    """Part of a station that a cell has, by the margins where it begins and where it ends."""
+    return rise((x + before) / (2.0 * before)) * rise((1.0 + after - x) / (2.0 * after))
+
+
+@kernel
+def opening(nip: Any, u: Any) -> Any:
+    """Half of what roller and idler leave open where the sheet's edge is, as long as it is on its way in or out, m."""
+    h = nip.a if nip.way == 0 else nip.b
+    short = 0.0 * u
+    if nip.ends[nip.way, 0] == 1 and (u * h).real < nip.entry.real:
+        short = nip.entry - u * h
+    elif nip.ends[nip.way, 1] == 1 and ((1.0 - u) * h).real < nip.entry.real:
+        short = nip.entry - (1.0 - u) * h
+    return short * short / (2.0 * nip.radius)
+
+
+@kernel
+def wedged(y: Any, open: Any) -> Any:
+    """What of y rubber feels beside an opening, and its derivative: next to nothing within, nearly all outside."""
+    if open.real == 0.0:
+        return y, 0.0 * y + 1.0
+    square, both = y * y, y * y + open * open
+    return y * square / both, square * (square + 3.0 * open * open) / (both * both)
+
+
+@kernel
+def gives(x: Any, u: Any) -> Any:
+    """How a clamped beam of length 1 and stiffness 1 gives way at x under a unit force at u, and its slope there."""
+    if x.real <= u.real:
+        free, v = (1.0 - u) * (1.0 - u) / 6.0, 3.0 * u - (1.0 + 2.0 * u) * x
+        return free * x * x * v, free * (2.0 * x * v - (1.0 + 2.0 * u) * x * x)
+    back, far = 1.0 - x, 1.0 - u
+    free, v = (1.0 - far) * (1.0 - far) / 6.0, 3.0 * far - (1.0 + 2.0 * far) * back
+    return free * back * back * v, -free * (2.0 * back * v - (1.0 + 2.0 * far) * back * back)
+
+
+@kernel
+def within(u: Any) -> bool:
+    """Whether a place is in the cell; a station over the edge of the sheet need not be."""
+    return 0.0 < u.real < 1.0
