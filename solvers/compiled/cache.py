@@ -1,17 +1,19 @@
 """Where machine code is kept between processes.
 
-Numba alone would go on using a cached caller after its callee was edited. So the folder is named by a fingerprint of
-all kernel sources, ``mbfmu/<fingerprint>`` under ``NUMBA_CACHE_DIR`` or the user's cache, and every environment with
-these sources uses the same one. What is damaged there is compiled anew; where nothing can be written, every process
-compiles for itself.
+Numba alone would go on using a cached caller after its callee was edited. So the folder of a module is named by a
+fingerprint of its source and of all sources that it imports, directly or through others:
+``mbfmu/kernels/<module>-<fingerprint>`` under ``NUMBA_CACHE_DIR`` or the user's cache. Every environment with these
+sources uses the same folders, and an edit recompiles only the modules that import what was edited. Damaged files are
+compiled again. If nothing can be written, every process compiles for itself.
 """
 
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import cache
 from hashlib import sha256
@@ -25,6 +27,7 @@ from numba.core.event import TimingListener, install_listener
 
 HERE = Path(__file__).resolve().parent.parent
 FOLDERS = (HERE, HERE.parent / "mbfmu" / "mechanics")  # of the kernels
+IMPORT = re.compile(r"^[ \t]*(?:from[ \t]+([.\w]+)[ \t]+import[ \t]+(\([^)]*\)|.*)|import[ \t]+(.*))", re.MULTILINE)
 
 _listeners: list[Callable[[], None]] = []  # who is to know that compilation begins
 _blocks: list[Callable[[], None]] = []  # that wait, one within the other
@@ -41,13 +44,60 @@ def home() -> Path:
 
 @cache
 def folder() -> Path:
-    """Return the folder that holds the machine code of these sources."""
-    fingerprint = sha256(numba.__version__.encode())
+    """Return the folder for what is made of all these sources together."""
+    return home() / fingerprint_of(kernel_sources())
+
+
+@cache
+def folder_of(module: str) -> Path:
+    """Return the folder of the machine code of one module; a user's module depends on all sources."""
+    sources = kernel_sources()
+    found: set[str] = set()
+    waiting = [module] if module in sources else list(sources)
+    while waiting:
+        name = waiting.pop()
+        if name not in found:
+            found.add(name)
+            waiting += imports_of(name)
+    return home() / "kernels" / f"{module}-{fingerprint_of({name: sources[name] for name in found})}"
+
+
+@cache
+def kernel_sources() -> dict[str, str]:
+    """Return the source of every module that may hold kernels, by its name."""
+    found = {}
     for place in FOLDERS:
-        for source in sorted(place.rglob("*.py")):
-            fingerprint.update(source.relative_to(HERE.parent).as_posix().encode())
-            fingerprint.update(source.read_bytes())
-    return home() / fingerprint.hexdigest()[:16]
+        for source in place.rglob("*.py"):
+            parts = source.relative_to(HERE.parent).with_suffix("").parts
+            found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = source.read_text("utf-8")
+    return found
+
+
+def fingerprint_of(sources: Mapping[str, str]) -> str:
+    """Return what tells sources from all others."""
+    told = sha256(numba.__version__.encode())
+    for name in sorted(sources):
+        told.update(f"{name}\n{sources[name]}".encode())
+    return told.hexdigest()[:16]
+
+
+@cache
+def imports_of(module: str) -> list[str]:
+    """Return the modules among ours that a module imports itself, at its top or within a function."""
+    sources = kernel_sources()
+    is_package = any(name.startswith(module + ".") for name in sources)
+    found = []
+    for base, names, plain in IMPORT.findall(sources[module]):
+        if plain:
+            found += re.findall(r"[.\w]+", plain)
+            continue
+        up = len(base) - len(base.lstrip("."))
+        parts = module.split(".")
+        package = parts[: len(parts) - up + is_package] if up else []
+        origin = ".".join([*package, *filter(None, [base.lstrip(".")])])
+        inner = [f"{origin}.{name}" for name in re.findall(r"\w+", re.sub(r"#.*", "", names))]
+        found += inner if inner and all(name in sources for name in inner) else [origin, *inner]
+    return sorted({name for name in found if name in sources})
 
 
 @contextmanager
@@ -123,7 +173,7 @@ class Locator(_CacheLocator):
         self._stamp = stamp(source)
         ours = any(Path(source).resolve().is_relative_to(place) for place in FOLDERS)
         other = "" if ours else "-" + sha256(str(Path(source).resolve()).encode()).hexdigest()[:8]
-        self._path = str(folder() / (function.__module__ + other))
+        self._path = str(folder_of(function.__module__)) + other
 
     def get_cache_path(self) -> str:
         """Return the folder."""

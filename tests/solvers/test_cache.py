@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import os
 import shutil
@@ -222,3 +223,31 @@ def test_clearing_removes_what_is_ours(tmp_path: Path, monkeypatch: pytest.Monke
     cache.clear()
     assert cache.size() == 0
     assert [place.name for place in tmp_path.iterdir()] == ["other"]
+
+
+def test_the_imports_of_every_module_are_those_of_its_syntax_tree() -> None:
+    sources = cache.kernel_sources()
+    for module, source in sources.items():
+        expected = set()
+        parts = module.split(".")
+        is_package = any(name.startswith(f"{module}.") for name in sources)
+        for node in ast.walk(ast.parse(source)):
+            if isinstance(node, ast.Import):
+                expected |= {alias.name for alias in node.names}
+            elif isinstance(node, ast.ImportFrom):
+                package = parts[: len(parts) - node.level + is_package] if node.level else []
+                origin = ".".join([*package, *([node.module] if node.module else [])])
+                inner = {f"{origin}.{alias.name}" for alias in node.names}
+                expected |= inner if inner <= set(sources) else {origin, *inner}
+        assert expected & set(sources) <= set(cache.imports_of(module)), module
+
+
+def test_an_edit_changes_the_folders_of_those_that_import_it_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    caller, callee, other = "solvers.statics.small", "solvers.linalg.svd", "mbfmu.mechanics.spatial"
+    before = {name: cache.folder_of(name) for name in (caller, callee, other)}
+    edited = {**cache.kernel_sources(), callee: cache.kernel_sources()[callee] + "\n# edited"}
+    monkeypatch.setattr(cache, "kernel_sources", lambda: edited)
+    after = {name: cache.folder_of.__wrapped__(name) for name in before}
+    assert after[callee] != before[callee]
+    assert after[caller] != before[caller]
+    assert after[other] == before[other]
