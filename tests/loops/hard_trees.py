@@ -1,0 +1,175 @@
+"""Hard cases without loops, with motions that SciPy integrates from equations written by hand.
+
+Every function returns a :class:`mechanisms.Case`. Sizes are chosen on both sides of 60 coordinates, above which solvers
+use the tree's structure and no dense matrices.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from math import cos, pi, sin
+from typing import Any
+
+import numpy as np
+from mechanisms import Case, Exact, G
+from scipy.integrate import solve_ivp
+
+from mbfmu.mechanics import JointStop, Mechanism, Polynomial, Revolute, Translational, rod
+
+PRECISION: dict[str, Any] = {"method": "DOP853", "rtol": 2.3e-14, "atol": 1e-15}
+Embedding = Callable[[Any, Any], tuple[Any, Any]]  # angles or positions and rates, (k, n) each, to q and v
+
+
+def integrated(acceleration: Callable[[Any, Any], Any], start: Any, rate: Any, embed: Embedding, breaks: Any) -> Exact:
+    """Exact motion of x'' = acceleration(x, x'), (n,); ``breaks``: functions of (t, y) where it is not smooth.
+
+    A nudge pushes positions and rates by random signs at every one of the times, to see how errors grow.
+    """
+    x, v = np.atleast_1d(np.asarray(start, float)), np.atleast_1d(np.asarray(rate, float))
+    n = len(x)
+
+    def right(_: float, y: Any) -> Any:
+        return np.concatenate((y[n:], np.atleast_1d(acceleration(y[:n], y[n:]))))
+
+    def follow(begin: float, end: float, y: Any) -> Any:
+        while begin < end:
+            part = solve_ivp(right, (begin, end), y, events=breaks, **PRECISION)
+            begin, y = part.t[-1], part.y[:, -1]
+            if begin < end:  # on across the corner, by so little that it does not matter
+                ahead = min(1e-12, end - begin)
+                begin, y = begin + ahead, y + ahead * right(begin, y)
+        return y
+
+    def exact(times: Any, nudge: float = 0.0) -> tuple[Any, Any]:
+        rows, rng = [np.concatenate((x, v))], np.random.default_rng(len(times))
+        for begin, end in pairwise(np.asarray(times, float)):
+            y = rows[-1] + nudge * rng.choice((-1.0, 1.0), 2 * n) if nudge else rows[-1]
+            rows.append(follow(begin, end, y))
+        y = np.array(rows)
+        return embed(y[:, :n], y[:, n:])
+
+    return exact
+
+
+def light_cart(ratio: float = 1e-6) -> Case:
+    """Pendulum of 1 kg on a cart of ``ratio`` kg, released horizontally (proposal of the IFToMM library).
+
+    det M is proportional to ratio + sin^2 of the angle from the vertical: it falls to ``ratio`` at each passage.
+    """
+    m = Mechanism(gravity=(0.0, -G, 0.0))
+    cart = m.body("cart", m.ground, Translational(axis="x"), mass=ratio)
+    joint = Revolute(start=0.5 * pi, fixed=True)
+    m.body("pole", cart, joint, mass=1.0, com=(0.0, -1.0, 0.0), inertia=(0.0, 0.0, 0.0))
+
+    def acceleration(q: Any, v: Any) -> Any:
+        s, c = sin(q[1]), cos(q[1])
+        moving = ratio + s * s
+        return np.array((s * (v[1] ** 2 + G * c) / moving, -((1.0 + ratio) * G * s + s * c * v[1] ** 2) / moving))
+
+    return Case(m, integrated(acceleration, (0.0, 0.5 * pi), (0.0, 0.0), lambda q, v: (q, v), None), 10.0)
+
+
+def pendulum_among(count: int) -> Case:
+    """One swinging rod and others at rest, ``count`` coordinates in all."""
+    m = Mechanism(gravity=(0.0, -G, 0.0))
+    for k in range(count):
+        m.body(f"rod{k}", m.ground, Revolute(start=-0.5 * pi + (1.0 if k == 0 else 0.0)), **rod(mass=1.0, length=1.0))
+
+    def embed(q: Any, v: Any) -> tuple[Any, Any]:
+        rest = np.full((len(q), count - 1), -0.5 * pi)
+        return np.hstack((q, rest)), np.hstack((v, 0.0 * rest))
+
+    return Case(m, integrated(lambda q, _: -1.5 * G * np.cos(q), -0.5 * pi + 1.0, 0.0, embed, None), 2.0)
+
+
+def turning_rods(count: int, speed: float = 5.0) -> Case:
+    """Rods on hinges of a vertical spindle that is driven at constant speed (rad/s)."""
+    m = Mechanism(gravity=(0.0, -G, 0.0))
+    drive = Revolute(axis="y", drive=Polynomial((0.0, speed)))
+    spindle = m.body("spindle", m.ground, drive, mass=1.0, inertia=(1.0, 1.0, 1.0))
+    starts = -0.5 * pi + np.array((0.1, 0.3, 0.6, 1.0))
+    chosen = np.arange(count) % len(starts)
+    for k, which in enumerate(chosen):
+        joint = Revolute(start=float(starts[which]), fixed=True)
+        m.body(f"rod{k}", spindle, joint, mass=1.0, com=(0.5, 0.0, 0.0), inertia=(0.0, 1.0 / 12.0, 1.0 / 12.0))
+
+    def acceleration(q: Any, _: Any) -> Any:
+        return -(speed**2) * np.sin(q) * np.cos(q) - 1.5 * G * np.cos(q)
+
+    exact = integrated(acceleration, starts, 0.0 * starts, lambda q, v: (q[:, chosen], v[:, chosen]), None)
+    return Case(m, exact, 2.0)
+
+
+def bouncing(stiffness: float = 1e4, damping: float = 0.1) -> Case:
+    """A slider of 1 kg that falls 1 m onto a damped stop and bounces."""
+    m = Mechanism(gravity=(0.0, -G, 0.0))
+    body = m.body("slider", m.ground, Translational(axis="y", start=1.0), mass=1.0)
+    m.force("stop", JointStop(lower=0.0, stiffness=stiffness, damping=damping), body)
+
+    def acceleration(q: Any, v: Any) -> Any:
+        depth = np.maximum(-q, 0.0)
+        return -G + stiffness * depth * np.maximum(1.0 - damping * v, 0.0)
+
+    def touches(_: float, y: Any) -> float:
+        return float(y[0])
+
+    touches.terminal = True  # type: ignore[attr-defined]
+    return Case(m, integrated(acceleration, 1.0, 0.0, lambda q, v: (q, v), touches), 3.0)
+
+
+def turning_pendulum_on_stops(stiffness: float = 1e5) -> Case:
+    """A rod that swings between two stops without damping, 20 times in 4 s."""
+    m = Mechanism(gravity=(0.0, -G, 0.0))
+    body = m.body("rod", m.ground, Revolute(start=-0.5 * pi, rate=3.0), **rod(mass=1.0, length=1.0))
+    lower, upper = -0.5 * pi - 0.3, -0.5 * pi + 0.3
+    m.force("stop", JointStop(lower=lower, upper=upper, stiffness=stiffness), body)
+
+    def acceleration(q: Any, _: Any) -> Any:
+        torque = stiffness * (np.maximum(lower - q, 0.0) - np.maximum(q - upper, 0.0)) - 0.5 * G * np.cos(q)
+        return 3.0 * torque
+
+    def low(_: float, y: Any) -> float:
+        return float(y[0] - lower)
+
+    def high(_: float, y: Any) -> float:
+        return float(y[0] - upper)
+
+    low.terminal = high.terminal = True  # type: ignore[attr-defined]
+    return Case(m, integrated(acceleration, -0.5 * pi, 3.0, lambda q, v: (q, v), (low, high)), 4.0)
+
+
+def chain(links: int) -> Case:
+    """A hanging chain of rods, 1 m long and of 1 kg in all, released bent by 0.5 rad at its top."""
+    mass = length = 1.0 / links
+    m = Mechanism(gravity=(0.0, -G, 0.0))
+    body = m.ground
+    for k in range(links):
+        joint = Revolute(at=(length if k else 0.0, 0.0, 0.0), start=0.0 if k else -0.5 * pi + 0.5, fixed=True)
+        body = m.body(f"link{k}", body, joint, **rod(mass=mass, length=length))
+
+    # absolute angles a: sum_j m_ij (cos(a_i - a_j) a_j'' + sin(a_i - a_j) a_j'^2) = -w_i cos a_i
+    below = links - 1 - np.maximum.outer(np.arange(links), np.arange(links))
+    coupling = mass * length**2 * (below + 0.5 * (1.0 - np.eye(links)) + np.eye(links) / 3.0)
+    weight = mass * G * length * (links - 1 - np.arange(links) + 0.5)
+
+    def acceleration(a: Any, b: Any) -> Any:
+        lag = a[:, None] - a[None, :]
+        return np.linalg.solve(coupling * np.cos(lag), -weight * np.cos(a) - coupling * np.sin(lag) @ b**2)
+
+    def embed(a: Any, b: Any) -> tuple[Any, Any]:
+        return np.diff(a, axis=1, prepend=0.0), np.diff(b, axis=1, prepend=0.0)
+
+    start: Sequence[float] = np.full(links, -0.5 * pi + 0.5).tolist()
+    return Case(m, integrated(acceleration, start, np.zeros(links), embed, None), 1.0)
+
+
+TREES: dict[str, Callable[[], Case]] = {
+    "cart of 1e-6 kg, pole of 1 kg": light_cart,
+    "cart of 1e-4 kg, pole of 1 kg": lambda: light_cart(1e-4),
+    **{f"pendulum among {n} coordinates": lambda n=n: pendulum_among(n) for n in (59, 61, 131)},  # type: ignore[misc]
+    **{f"chain of {n} links": lambda n=n: chain(n) for n in (59, 61)},  # type: ignore[misc]
+    **{f"{n} rods on a turning spindle": lambda n=n: turning_rods(n) for n in (1, 59, 61, 131)},  # type: ignore[misc]
+    "slider on a damped stop": bouncing,
+    "rod between stops": turning_pendulum_on_stops,
+}
