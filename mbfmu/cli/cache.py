@@ -10,7 +10,7 @@ from mbfmu.scene import load_scene
 from mbfmu.settings import AUTO, Settings
 from mbfmu.simulation import Simulation
 from mbfmu.steady.problem import EquilibriumProblem
-from solvers.compiled import cache
+from solvers.compiled import cache, storage
 from solvers.steppers import NAMES
 
 from .common import Commands, bar, tell_more
@@ -25,13 +25,20 @@ def add(commands: Commands) -> None:
         description="Machine code is compiled when it is first needed and kept for all later processes, of any "
         "environment with this version of mbfmu and of numba. Without an argument the command says where that is, and "
         "how much.",
-        epilog="examples:\n  mbfmu cache\n  mbfmu cache warm fourbar governor\n  mbfmu cache clear\n",
+        epilog="examples:\n  mbfmu cache\n  mbfmu cache warm fourbar governor\n  mbfmu cache clear --old\n",
     )
     p.add_argument(
         "what",
         nargs="?",
         choices=("warm", "clear"),
-        help="warm: compile all that the models need, so that no run has to wait; clear: remove everything",
+        help="warm: compile all that the models need, so that no run has to wait; clear: remove the machine code; "
+        "other files in its folder stay",
+    )
+    p.add_argument(
+        "--old",
+        action="store_true",
+        help="with clear: remove only the machine code of other versions of mbfmu or numba, such as those of other "
+        "environments or checkouts",
     )
     named = p.add_argument(
         "scenes", metavar="model", nargs="*", help="compile for these models or scenes; for all models without it"
@@ -41,15 +48,44 @@ def add(commands: Commands) -> None:
 
 
 def command_cache(options: argparse.Namespace) -> int:
-    """Tell of the machine code, compile it or remove it."""
+    """Report on the machine code, compile it or remove it."""
+    if options.old and options.what != "clear":
+        raise UserError("--old goes with `mbfmu cache clear`")
     if options.what == "warm":
         warm(options.scenes or sorted(models()), options)
     elif options.what == "clear":
         if options.scenes:
             raise UserError(f"cache clear {options.scenes[0]!r}: it removes everything, and takes no model")
-        cache.clear()
-    print(f"{cache.home()}: {cache.size() / 1e6:.0f} MB of machine code")
+        clear(keep_current=options.old)
+    folders = storage.find_code_folders()
+    print(f"{cache.home()}: {in_megabytes(sum(folder.size for folder in folders))} of machine code")
+    if old := sum(folder.size for folder in folders if not folder.is_current):
+        print(
+            f"{in_megabytes(old)} of it are of other versions of mbfmu or numba: `mbfmu cache clear --old` removes that"
+        )
     return 0
+
+
+def clear(*, keep_current: bool) -> None:
+    """Remove machine code; print how much that was, and what is left because it is none.
+
+    Raises
+    ------
+    UserError
+        A file cannot be removed.
+    """
+    removed = storage.clear(keep_current=keep_current)
+    print(f"removed {removed.files} files of machine code, {in_megabytes(removed.size)}")
+    if foreign := storage.find_foreign():
+        print(f"left {len(foreign)} other files in {cache.home()}, such as {foreign[0]}")
+    if removed.failures:
+        path, reason = removed.failures[0]
+        raise UserError(f"{len(removed.failures)} files cannot be removed, such as {str(path)!r}: {reason}")
+
+
+def in_megabytes(size: int) -> str:
+    """Return a number of bytes as text."""
+    return f"{size / 1e6:.0f} MB"
 
 
 def warm(references: list[str], options: argparse.Namespace) -> None:

@@ -11,10 +11,9 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
@@ -142,21 +141,6 @@ def time_of_compiling() -> Iterator[Callable[[], float]]:
     timer = TimingListener()
     with install_listener("numba:compile", timer):
         yield lambda: float(timer.duration) if timer.done else 0.0
-
-
-def size() -> int:
-    """Return how much machine code of all our sources, older ones too, takes, in bytes."""
-    total = 0
-    with suppress(OSError):  # no such folder can be
-        for file in home().rglob("*"):
-            with suppress(FileNotFoundError):  # another process replaces what it keeps
-                total += file.stat().st_size if file.is_file() else 0
-    return total
-
-
-def clear() -> None:
-    """Remove it."""
-    shutil.rmtree(home(), ignore_errors=True)
 
 
 def tell_listeners() -> None:

@@ -214,17 +214,6 @@ def test_no_step_waits_for_the_compiler(tmp_path: Path, solver: str) -> None:
     ended(start(script, cache.home().parent))
 
 
-def test_clearing_removes_what_is_ours(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cache, "home", lambda: tmp_path / "mbfmu")
-    (tmp_path / "mbfmu" / "0123").mkdir(parents=True)
-    (tmp_path / "mbfmu" / "0123" / "a.nbc").write_bytes(b"12345")
-    (tmp_path / "other").mkdir()
-    assert cache.size() == 5
-    cache.clear()
-    assert cache.size() == 0
-    assert [place.name for place in tmp_path.iterdir()] == ["other"]
-
-
 def test_the_imports_of_every_module_are_those_of_its_syntax_tree() -> None:
     sources = cache.kernel_sources()
     for module, source in sources.items():
