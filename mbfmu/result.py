@@ -11,8 +11,9 @@ from typing import Any, Self
 
 import numpy as np
 
-from mbfmu.errors import UserError, writing
+from mbfmu.errors import UserError
 from mbfmu.extras import optional
+from mbfmu.files import replacing
 from mbfmu.mechanics import Variable
 from mbfmu.model import suggest
 from mbfmu.settings import Settings
@@ -138,7 +139,7 @@ class Result:
 
     def write_csv(self, path: Path | str) -> None:
         """Write time and outputs; the header names each with its unit."""
-        with writing(Path(path)), Path(path).open("w", newline="") as file:
+        with replacing(path) as unfinished, unfinished.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
             writer.writerow(["time [s]", *(f"{v.name} [{v.unit}]" for v in self.variables)])
             for t, row in zip(self.t, self.values, strict=True):
@@ -149,7 +150,7 @@ class Result:
         told = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("t", "values")}
         told |= {"variables": [asdict(v) for v in self.variables], "statistics": asdict(self.statistics)}
         told["settings"] = asdict(self.settings) if self.settings else None
-        with writing(Path(path)), Path(path).open("wb") as file:
+        with replacing(path) as unfinished, unfinished.open("wb") as file:
             np.savez_compressed(file, t=self.t, values=self.values, told=json.dumps({"format": FORMAT} | told))
 
     @classmethod

@@ -13,7 +13,8 @@ from typing import Any
 
 from tqdm import tqdm
 
-from mbfmu.errors import UserError, writing
+from mbfmu.errors import UserError
+from mbfmu.files import check_writable, write_text
 from mbfmu.model import Parameter, declared
 from mbfmu.scene import SETTINGS, Scene, load_scene
 from mbfmu.settings import Settings
@@ -231,8 +232,7 @@ def folder(path: Path) -> Path:
 def writable(path: Path) -> None:
     """Complain of a file that cannot be written before anything is run for it; ``-`` is standard output."""
     if str(path) != "-":
-        with writing(path):
-            path.open("a").close()
+        check_writable(path)
 
 
 def write_json(content: Any, path: Path) -> None:
@@ -240,6 +240,5 @@ def write_json(content: Any, path: Path) -> None:
     text = json.dumps(content, indent=1) + "\n"
     if str(path) == "-":
         sys.stdout.write(text)
-        return
-    with writing(path):
-        path.write_text(text)
+    else:
+        write_text(path, text)

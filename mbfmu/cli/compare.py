@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from mbfmu.errors import UserError
+from mbfmu.files import write_text
 from mbfmu.model import declared
 from mbfmu.scene import Scene, as_toml
 from mbfmu.settings import Settings
@@ -208,7 +209,7 @@ def command_table(options: argparse.Namespace, scene: Scene) -> int:
         content = [*(row.as_dict() for row in found.rows), *(row.as_dict() for row in settled)]
         draw(found, scene, place)
         write_json(content, place.file("rows.json"))
-        place.file("table.txt").write_text(text + "\n")
+        write_text(place.file("table.txt"), text + "\n")
         if str(options.json) != "-":
             tell(options, text)
         if options.json:
@@ -234,7 +235,7 @@ def command_target(options: argparse.Namespace, scene: Scene) -> int:
     with bar(100, "compare", options.quiet, "%") as shown:
         found = choose(scene, options.target, **asked(options), progress=counting(options, shown))
     if options.save:
-        options.save.write_text(as_toml(found.scene))
+        write_text(options.save, as_toml(found.scene))
     if options.json:
         write_json([row.as_dict() for row in found.rows], options.json)
     if str(options.json) != "-":

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from mbfmu.errors import UserError
+from mbfmu.files import replacing
 from mbfmu.model import suggest
 from mbfmu.scene import Scene
 from mbfmu.steady.linear import modes_as_text
@@ -146,7 +147,10 @@ def swept(scene: Scene, options: argparse.Namespace) -> int:
 
 def write_states(place: Results, branches: Sequence[Branch], axis: str, outputs: Mapping[str, str]) -> None:
     """Write every state of every branch as CSV."""
-    with place.file("branches.csv").open("w", newline="") as file:
+    with (
+        replacing(place.file("branches.csv")) as unfinished,
+        unfinished.open("w", newline="", encoding="utf-8") as file,
+    ):
         writer = csv.writer(file)
         writer.writerow(["branch", axis, *(f"{name} [{unit}]" for name, unit in outputs.items()), "stability"])
         for k, branch in enumerate(branches, 1):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 
 from mbfmu.errors import UserError
+from mbfmu.files import write_text
 from mbfmu.steady.linear import modes_as_text
 from mbfmu.steady.problem import equilibrium
 
@@ -60,7 +61,7 @@ def command_modes(options: argparse.Namespace) -> int:
                 modes_as_text([shape.mode for shape in modes]),
             )
         )
-        place.file("modes.txt").write_text(text + "\n")
+        write_text(place.file("modes.txt"), text + "\n")
         mechanism = found.plant.mechanism
         if modes and (mechanism.surfaces or mechanism.flexible_bodies):
             plot = plot_shapes if mechanism.surfaces else plot_bars

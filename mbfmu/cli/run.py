@@ -18,6 +18,7 @@ from tqdm import tqdm
 from mbfmu.audit import VARIABLES
 from mbfmu.curves import matching
 from mbfmu.direct import Result, communication_points, loops, run
+from mbfmu.files import write_text
 from mbfmu.scene import Scene, as_toml
 from mbfmu.settings import AUTO
 from mbfmu.simulation import Simulation
@@ -187,7 +188,7 @@ def write(place: Results, scene: Scene, result: Result, recorder: Recorder, show
     result.write_csv(place.file(CSV))
     result.save(place.file(SAVED))
     plot_result(result, place.file(PICTURE), shown)
-    place.file(f"{scene_part(scene)}.toml").write_text(as_toml(scene))
+    write_text(place.file(f"{scene_part(scene)}.toml"), as_toml(scene))
     if recorder.used:
         recorder.motion(scene.name).save(place.file(POSES))
 

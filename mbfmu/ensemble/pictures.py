@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from mbfmu.files import replacing
+
 from .definition import Definition
 from .sensitivity import sobol_indices, tornado
 from .study import Study
@@ -27,7 +29,8 @@ def draw(study: Study, definition: Definition, folder: Path) -> list[Path]:
     for measure in study.measures:
         for kind, figure in _figures(study, definition, measure):
             found.append(folder / f"{measure}-{kind}.png")
-            figure.savefig(found[-1], dpi=120)
+            with replacing(found[-1]) as unfinished:
+                figure.savefig(unfinished, dpi=120, format="png")
     return found
 
 

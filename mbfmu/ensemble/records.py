@@ -21,6 +21,7 @@ import numpy as np
 import mbfmu
 from mbfmu.errors import UserError, writing
 from mbfmu.extras import optional
+from mbfmu.files import replacing, write_text
 
 from .definition import COLUMNS, Definition, key_of
 from .design import Point
@@ -31,6 +32,7 @@ STUDY = b"mbfmu.study"  # in the files of runs: the identity of the study
 SAID = {"identity", "name", "mbfmu", "units", "study"}
 TOLD, TABLE, PARTS, KEPT = "study.json", "runs.parquet", "parts", "trajectories"
 OTHERS = "others.parquet"  # runs that were made, and that the study does not ask for now
+WRITTEN = "[!.]*.parquet"  # none that a killed process left unfinished
 OFTEN, MANY = 5.0, 5000  # s between two parts, and rows of one
 Row = dict[str, Any]
 
@@ -80,7 +82,7 @@ class Records:
             content = {"format": FORMAT, "mbfmu": mbfmu.__version__, "identity": self.identity}
             content |= {"name": self.definition.subject.name, "units": self.definition.units()}
             content |= {"study": self.definition.content}
-            whole(told, lambda path: path.write_text(json.dumps(content, indent=1, ensure_ascii=False, default=repr)))
+            write_text(told, json.dumps(content, indent=1, default=repr))
 
     def _hold(self) -> None:
         """Lock the folder as long as this process lasts, where its file system has locks."""
@@ -183,23 +185,14 @@ class Records:
             shutil.rmtree(self.folder / PARTS, ignore_errors=True)
 
 
-def whole(path: Path, write: Any) -> None:
-    """Write a file so that it appears whole or not at all."""
-    path.parent.mkdir(exist_ok=True)
-    unfinished = path.with_name(f".{path.name}-{secrets.token_hex(4)}")
-    try:
-        write(unfinished)
-        unfinished.replace(path)
-    finally:
-        unfinished.unlink(missing_ok=True)
-
-
 def write_table(columns: Any, path: Path, identity: str) -> None:
     """Write a table, or columns by their names, as a Parquet file of the study with this identity."""
     arrow, parquet = optional("pyarrow", EXTRA), optional("pyarrow.parquet", EXTRA)
     table = arrow.table(columns) if isinstance(columns, dict) else columns
     table = table.replace_schema_metadata({STUDY: identity})
-    whole(path, lambda unfinished: parquet.write_table(table, unfinished))
+    path.parent.mkdir(exist_ok=True)
+    with replacing(path) as unfinished:
+        parquet.write_table(table, unfinished)
 
 
 def read_told(folder: Path) -> dict[str, Any]:
@@ -218,7 +211,7 @@ def read_told(folder: Path) -> dict[str, Any]:
 def files_of(folder: Path, *, others: bool = False) -> list[Path]:
     """Return the files that rows are in; those that the study does not ask for too."""
     more = [folder / OTHERS] if others else []
-    return [*filter(Path.exists, [folder / TABLE, *more]), *sorted((folder / PARTS).glob("*.parquet"))]
+    return [*filter(Path.exists, [folder / TABLE, *more]), *sorted((folder / PARTS).glob(WRITTEN))]
 
 
 def read_table(folder: Path, *, others: bool = False) -> Any:
@@ -247,7 +240,7 @@ def read_histories(folder: Path, columns: list[str] | None = None) -> Any:
         A file is none of ours.
     """
     arrow, identity = optional("pyarrow", EXTRA), read_told(folder)["identity"]
-    tables = [_read(file, identity, columns) for file in sorted((folder / KEPT).glob("*.parquet"))]
+    tables = [_read(file, identity, columns) for file in sorted((folder / KEPT).glob(WRITTEN))]
     return _joined(tables) if tables else arrow.table({"key": []})
 
 

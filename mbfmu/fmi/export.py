@@ -8,7 +8,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from mbfmu.direct import communication_points
-from mbfmu.errors import UserError, writing
+from mbfmu.errors import UserError
+from mbfmu.files import replacing
 from mbfmu.interface import interface, legible
 from mbfmu.mechanics import Mechanism
 from mbfmu.model import Model, of_user
@@ -88,13 +89,12 @@ def export(
     picture = Path(inspect.getsourcefile(type(model)) or ".").parent / "model.png"
     if picture.is_file():
         content["model.png"] = picture.read_bytes()
-    with writing(path):
-        pack(path, content)
+    pack(path, content)
     return path
 
 
 def pack(path: Path, content: Mapping[str, bytes]) -> None:
     """Write an archive of files by their names: sorted, compressed, with fixed dates."""
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+    with replacing(path) as unfinished, zipfile.ZipFile(unfinished, "w", zipfile.ZIP_DEFLATED) as archive:
         for name in sorted(content):
             archive.writestr(zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0)), content[name], zipfile.ZIP_DEFLATED)

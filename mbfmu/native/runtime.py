@@ -26,6 +26,7 @@ except ImportError:  # on Windows: two processes may build at once
     fcntl = None  # type: ignore[assignment]
 
 from mbfmu.errors import UserError
+from mbfmu.files import write_bytes
 from solvers.compiled.cache import folder, tell_listeners
 
 from .entries import entries
@@ -162,7 +163,5 @@ def _run(command: list[str], more: dict[str, str]) -> None:
 def _keep(made: Path, path: Path) -> None:
     """Put a file in its place at once: two processes may build it."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
-        file.write(made.read_bytes())
-    Path(file.name).chmod(0o644)  # it may go into a package
-    Path(file.name).replace(path)
+    write_bytes(path, made.read_bytes())
+    path.chmod(0o644)  # it may go into a package

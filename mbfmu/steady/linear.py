@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from scipy import linalg
 from scipy.io import savemat
 
-from mbfmu.errors import EquilibriumError, UserError, writing
+from mbfmu.errors import EquilibriumError, UserError
 from mbfmu.extras import optional
+from mbfmu.files import replacing
 from mbfmu.mechanics import Plant
 from mbfmu.mechanics.arrays.closing import check_inertia
 from mbfmu.table import table
@@ -83,13 +84,13 @@ class StateSpace:
         matrices = {"A": self.A, "B": self.B, "C": self.C, "D": self.D}
         names = {"states": self.states, "inputs": self.inputs, "outputs": self.outputs}
         path = Path(path)
-        with writing(path):
+        if path.suffix not in (".npz", ".mat"):
+            raise UserError(f"file is {str(path)!r}; its name must end in .npz or .mat")
+        with replacing(path) as unfinished, unfinished.open("wb") as file:
             if path.suffix == ".npz":
-                np.savez(path, allow_pickle=False, **matrices, **{k: np.array(v, str) for k, v in names.items()})
-            elif path.suffix == ".mat":
-                savemat(path, {**matrices, **{k: np.array(v, object) for k, v in names.items()}})
+                np.savez(file, allow_pickle=False, **matrices, **{k: np.array(v, str) for k, v in names.items()})
             else:
-                raise UserError(f"file is {str(path)!r}; its name must end in .npz or .mat")
+                savemat(file, {**matrices, **{k: np.array(v, object) for k, v in names.items()}})
 
 
 def slowest_first(values: Any) -> list[int]:

@@ -13,7 +13,8 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from mbfmu.errors import EquilibriumError, UserError, writing
+from mbfmu.errors import EquilibriumError, UserError
+from mbfmu.files import replacing
 from mbfmu.mechanics import Mechanism
 from mbfmu.mechanics.numbers import finite
 from mbfmu.model import Model, suggest
@@ -110,7 +111,7 @@ class EquilibriumPath:
 
     def write_csv(self, path: Path | str) -> None:
         """Write a line for every state; the header names input and outputs with their units."""
-        with writing(Path(path)), Path(path).open("w", newline="") as file:
+        with replacing(path) as unfinished, unfinished.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
             outputs = [f"{name} [{unit}]" for name, unit in self.units.items()]
             writer.writerow(["branch", f"{self.input} [{self.unit}]", *outputs, "stability", "unstable", "kind"])

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from numpy.lib.stride_tricks import sliding_window_view
 
 from mbfmu.curves import draw, size
+from mbfmu.files import replacing
 from mbfmu.viewer.motion import amplitudes
 from mbfmu.viewer.picture import PALETTE
 from mbfmu.viewer.picture import draw as picture_of
@@ -209,4 +210,5 @@ def poses(plant: Plant, q: Array, bodies: Any) -> tuple[Array, Array]:
 
 def finish(figure: Any, path: Path) -> None:
     """Write the picture."""
-    figure.savefig(path, dpi=130)
+    with replacing(path) as unfinished:
+        figure.savefig(unfinished, dpi=130, format=path.suffix[1:] or "png")

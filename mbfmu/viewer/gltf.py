@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.errors import writing
+from mbfmu.files import write_bytes
 
 from . import meshes
 from .camera import basis
@@ -34,8 +34,7 @@ VERTICES, INDICES = 34962, 34963  # what a part of the buffer is for
 def write_glb(motion: Motion, path: Path) -> int:
     """Write the file; return the stride with which it takes frames (more than 1: it would have been too large)."""
     content, stride = glb(motion)
-    with writing(path):
-        path.write_bytes(content)
+    write_bytes(path, content)
     return stride
 
 

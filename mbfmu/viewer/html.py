@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.errors import writing
+from mbfmu.files import write_text
 
 from .camera import Stage
 from .fields import STOPS, fields
@@ -35,8 +35,7 @@ def write_html(motion: Motion, path: Path, against: Motion | None = None) -> int
     ``against`` is the motion of another run, drawn beside the first and translucent.
     """
     text, stride = page(motion, against)
-    with writing(path):
-        path.write_text(text, encoding="utf-8")
+    write_text(path, text)
     return stride
 
 

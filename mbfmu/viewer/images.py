@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from subprocess import CalledProcessError
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,8 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from mbfmu.errors import UserError, writing
+from mbfmu.errors import UserError
+from mbfmu.files import replacing
 from mbfmu.mechanics.axes import along
 
 from .camera import Camera, Stage
@@ -43,8 +45,8 @@ def write_png(motion: Motion, path: Path, time: float, shot: Shot) -> None:
     """Draw the recorded frame next to a time (s)."""
     artist = _Artist(motion, shot)
     artist.draw(motion.frame(time))
-    with writing(path):
-        artist.figure.savefig(path, dpi=DPI, format="png")
+    with replacing(path) as unfinished:
+        artist.figure.savefig(unfinished, dpi=DPI, format="png")
 
 
 def write_film(
@@ -63,12 +65,16 @@ def write_film(
     else:
         writer = PillowWriter(fps=fps)
     artist = _Artist(motion, shot)
-    with writing(path), writer.saving(artist.figure, str(path), DPI):
-        for time in film_times(motion, fps, speed):
-            artist.draw(motion.frame(float(time)))
-            writer.grab_frame()
-            if progress is not None:
-                progress()
+    with replacing(path) as unfinished:
+        try:
+            with writer.saving(artist.figure, str(unfinished), DPI):
+                for time in film_times(motion, fps, speed):
+                    artist.draw(motion.frame(float(time)))
+                    writer.grab_frame()
+                    if progress is not None:
+                        progress()
+        except (CalledProcessError, BrokenPipeError) as error:
+            raise UserError(f"{str(path)!r} cannot be written: the program ffmpeg fails") from error
 
 
 def film_times(motion: Motion, fps: int, speed: float) -> Array:

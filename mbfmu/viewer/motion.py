@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from mbfmu.errors import UserError, writing
+from mbfmu.errors import UserError
+from mbfmu.files import replacing
 from mbfmu.mechanics import Mechanism, Plant
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.numbers import positive
@@ -104,8 +105,8 @@ class Motion:
             "arrows": [asdict(arrow) for arrow in self.arrows],
             "picture": self.picture.as_dict(),
         }
-        with writing(path):
-            np.savez_compressed(path, about=json.dumps(about), **{name: getattr(self, name) for name in ARRAYS})
+        with replacing(path) as unfinished, unfinished.open("wb") as file:
+            np.savez_compressed(file, about=json.dumps(about), **{name: getattr(self, name) for name in ARRAYS})
 
     @classmethod
     def load(cls, path: Path) -> Motion:

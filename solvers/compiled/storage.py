@@ -20,7 +20,7 @@ KERNEL_FOLDER = re.compile(rf".+-({FINGERPRINT})(-[0-9a-f]{{8}})?")  # in kernel
 SHARED_FOLDER = re.compile(FINGERPRINT)  # of what is made of all sources
 RUNTIME_FOLDER = re.compile(rf"native-{FINGERPRINT}")
 KERNEL_FILE = re.compile(r".+\.nb[ic](\.tmp\.\w+)?")
-RUNTIME_FILE = re.compile(r"lock|tmp\w+|.+\.(o|so|dylib|dll)")
+RUNTIME_FILE = re.compile(r"lock|tmp\w+|\.unfinished-\w+(\.\w+)?|.+\.(o|so|dylib|dll)")
 
 
 class CodeFolder(NamedTuple):
