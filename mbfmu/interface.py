@@ -292,7 +292,7 @@ def moving(v: mechanics.Variable, role: Role, **told: Any) -> ScalarVariable:
 
 
 def solver_outputs() -> Iterator[ScalarVariable]:
-    """Yield what the solver tells of itself."""
+    """Yield what the solver reports of itself: local variables, which importers do not connect to others."""
     said = "what went wrong, a stop or a lost energy balance, and what to try; or empty"
     told = [(name, Role.COUNTER, Type.INTEGER, text) for name, text in COUNTERS.items()]
     for name, role, kind, text in [*told, ("message", Role.MESSAGE, Type.STRING, said)]:
@@ -300,7 +300,7 @@ def solver_outputs() -> Iterator[ScalarVariable]:
             name=f"solver.{name}",
             role=role,
             type=kind,
-            causality="output",
+            causality="local",
             variability="discrete",
             description=text,
         )

@@ -27,7 +27,7 @@ from mbfmu.steady.problem import EquilibriumProblem
 from mbfmu.trial import ran
 from solvers import SolverError, Statistics, Status, stepper
 from solvers.ledger import EXCHANGED
-from solvers.stepper import Reported, Samples, Stepper
+from solvers.stepper import Samples, Stepper
 
 __all__ = ["Settings", "Simulation"]
 
@@ -41,11 +41,12 @@ _compiled: set[tuple[type, bool]] = set()  # kinds of runs whose kernels this pr
 class Mark(NamedTuple):
     """A point that a simulation can be taken back to."""
 
-    place: Reported
+    stepper: bytes  # all that it goes on from, its history and its counts too
     inputs: dict[str, list[Any]] | None  # where they remember anything
     work_of_jumps: float  # J
     balance: tuple[float, str] | None  # base (J) and verdict of the audit
     sharpest: Sharpest
+    remarks: int  # how many there were
 
 
 class Simulation:
@@ -96,13 +97,12 @@ class Simulation:
         self._inputs: dict[Hashable, int] = {key: k for k, v in known for key in (v.name, k)}
         if not isinstance(inputs or {}, Mapping):
             raise UserError(f"inputs are {inputs!r}; allowed: values by the names or the numbers of inputs")
-        for key, value in (inputs or {}).items():
-            self.plant.inputs.start(self._input(key), finite(f"input {key!r}", value), t0)
-        if settings.start_at_equilibrium:
+        given = {self._input(key): finite(f"input {key!r}", value) for key, value in (inputs or {}).items()}
+        if settings.start_at_equilibrium:  # whose time is zero; the drives are where they are at the start time
+            self.plant.inputs.begin(0.0, given)
             found = EquilibriumProblem(own, self.plant).solve()
-            q, v = found.q, found.v
-        else:
-            q, v = self.plant.assemble(t0)
+        self.plant.inputs.begin(t0, given)
+        q, v = (found.q, found.v) if settings.start_at_equilibrium else self.plant.assemble(t0)
         beside = self.plant.check_meetings(t0, q) if begins else []
         self.start, found_out = (q, v), settings.solver == AUTO
         self.pick = pick(self.plant, [(t0, q, v)], settings.options()) if found_out else SolverPick(settings.solver)
@@ -371,16 +371,22 @@ class Simulation:
         self.stepper.restart()
 
     def mark(self) -> Mark:
-        """Return what :meth:`rewind` needs to take back what comes next; it costs less than :meth:`save`."""
+        """Return what :meth:`rewind` needs to discard what comes next; it costs less than :meth:`save`."""
         inputs = self.plant.inputs.state() if self.plant.inputs.remember else None
         balance = (self.audit.base, self.audit.verdict) if self.audit else None
-        return Mark(self.stepper.reported, inputs, self.work_of_jumps, balance, self._folds.sharpest)
+        place = self.stepper.save()
+        return Mark(place, inputs, self.work_of_jumps, balance, self._folds.sharpest, len(self.remarks))
 
     def rewind(self, mark: Mark) -> None:
-        """Take back all since ``mark`` but what was set; the solver goes on anew there."""
+        """Discard all since ``mark``, work of the solver included; only values that were set stay.
+
+        A solver with its whole history in its arrays continues bit for bit as if the discarded advance had not been
+        tried. ``ida``, whose history is inside SUNDIALS, is initialized anew at the state of the mark.
+        """
         if mark.inputs is not None:
             self.plant.inputs.restore(mark.inputs)
-        self.stepper.return_to(mark.place)
+        self.stepper.restore(mark.stepper)
+        del self.remarks[mark.remarks :]
         self.work_of_jumps = mark.work_of_jumps
         self._folds.rewind(mark.sharpest)
         if self.audit and mark.balance:

@@ -44,8 +44,8 @@ MESSAGES: dict[Code, tuple[str, str]] = {
     ),
     Code.MAX_STEPS: (
         "the largest number of steps for one call was taken",
-        "See whether something moves far faster than meant, loosen the tolerance, or go on: advance may be called "
-        "again.",
+        "Check whether something moves far faster than intended. Else loosen the tolerance, allow more steps "
+        "(max_steps), or divide the interval into shorter ones.",
     ),
     Code.COLLAPSED: (
         "the step has become so small that the time no longer changes",

@@ -64,15 +64,6 @@ class Samples(NamedTuple):
     ledger: Array  # (k, 6)  as Stepper.ledger
 
 
-class Reported(NamedTuple):
-    """A state of a stepper as it reports it."""
-
-    t: float  # s
-    q: Array  # (nq,)
-    v: Array  # (n,)
-    ledger: Array  # (6,), see :attr:`Stepper.ledger`
-
-
 class Stepper(ABC):
     """Advances one motion of a :class:`System` in time.
 
@@ -160,18 +151,6 @@ class Stepper(ABC):
     def notice(self) -> str:
         """What the solver does otherwise than it was told; empty: nothing."""
         return ""
-
-    @property
-    def reported(self) -> Reported:
-        """The reported state, to be given to :meth:`return_to`."""
-        return Reported(self._t, self._q.copy(), self._v.copy(), self._ledger.copy())
-
-    def return_to(self, place: Reported) -> None:
-        """Make a state that was reported before the reported one: an advance from it is taken back."""
-        self._t, self._q[:], self._v[:], self._ledger[:] = place
-        self.undetermined_at = math.nan
-        self.status = self._status(Code.OK)
-        self.renew()
 
     @property
     def ledger(self) -> Array:

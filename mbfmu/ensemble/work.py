@@ -194,14 +194,17 @@ class FmuRunner:
             reached[0] = t
             return not stuck
 
+        def note(*given: Any) -> None:  # what an FMU logs of its course may be long
+            if given[-3] >= WARNING:
+                told.append((given[-3], _text(given[-1])))
+
         names = [name for name, _ in job.outputs]
         failure, rows = "", None
         try:
             rows = simulate_fmu(
                 str(self._folder), stop_time=stop, output_interval=job.interval, output=names,
                 start_values={**job.values, **{k: v for k, v in point.items() if k != STOP}},
-                model_description=self._description, step_finished=went_on,
-                logger=lambda *given: told.append((given[-3], _text(given[-1]))),
+                model_description=self._description, step_finished=went_on, logger=note, debug_logging=True,
             )  # fmt: skip
         except Exception as error:  # FMPy raises what it likes
             failure = _last(told) or f"{type(error).__name__}: {error}"

@@ -93,7 +93,7 @@ def _enumerations(variables: Iterable[ScalarVariable]) -> Iterable[Element]:
         return
     definitions = Element("TypeDefinitions")
     for v in chosen:
-        kind = SubElement(definitions, "EnumerationType", name=type_name(v), description=v.description)
+        kind = SubElement(definitions, "EnumerationType", name=type_name(v))  # older FMPy reads no description here
         for i, word in enumerate(v.choices, 1):
             SubElement(kind, "Item", name=word, value=str(i))
     yield definitions

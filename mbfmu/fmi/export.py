@@ -11,9 +11,11 @@ from mbfmu.direct import communication_points
 from mbfmu.errors import UserError
 from mbfmu.files import replacing
 from mbfmu.interface import interface, legible
-from mbfmu.mechanics import Mechanism
+from mbfmu.mechanics import Mechanism, Plant
 from mbfmu.model import Model, of_user
 from mbfmu.settings import Settings
+from mbfmu.steady.problem import EquilibriumProblem
+from solvers.steppers import refusal
 
 from .coupled import coupled
 from .description import Experiment
@@ -57,14 +59,15 @@ def export(
     Raises
     ------
     UserError
-        The model cannot be built with these parameters or described as an FMU, or the file cannot be written.
+        The model cannot be built with these parameters, started with these settings or described as an FMU, or the file
+        cannot be written.
     """
     if isinstance(model, Mechanism):
         raise UserError("a mechanism cannot be exported as it is: write a Model whose build() returns it")
     model = of_user(model)
     settings = settings or Settings(solver=model.default_solver, tolerance=model.tolerance)
     plant = model.plant()
-    plant.assemble()  # what cannot start is not exported
+    check_start(model, settings, plant, native)
     variables = interface(model, settings, plant)
     legible(f"the first line of the docstring of model {model.name!r}", model.title())
     experiment = Experiment(
@@ -91,6 +94,21 @@ def export(
         content["model.png"] = picture.read_bytes()
     pack(path, content)
     return path
+
+
+def check_start(model: Model, settings: Settings, plant: Plant, native: bool) -> None:
+    """Refuse what could not start: an open mechanism, a solver that does not suit it, a steady state that is not found.
+
+    Raises
+    ------
+    UserError
+        As a simulation of the model with these settings raises it.
+    """
+    if not native and (refused := refusal(settings.solver, plant.system)):  # a native FMU chooses its own solver
+        raise UserError(f"model {model.name!r}: {refused}")
+    plant.check_meetings(0.0, plant.assemble()[0])
+    if settings.start_at_equilibrium and not native:  # which solves for it anyway
+        EquilibriumProblem(model, model.plant()).solve()
 
 
 def pack(path: Path, content: Mapping[str, bytes]) -> None:

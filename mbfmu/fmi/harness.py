@@ -72,7 +72,7 @@ class Fmu:
             instanceName=self.description.modelName,
         )
         self.warnings: list[str] = []
-        self.slave.instantiate(callbacks=self._callbacks())
+        self.slave.instantiate(callbacks=self._callbacks(), loggingOn=True)
         self.t, self._begun = start_time, False
         try:
             self.start(values or {}, tolerance)

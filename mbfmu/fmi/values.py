@@ -159,8 +159,10 @@ class Values(Fmi2Slave):  # type: ignore[misc]
 
     def _locked(self, v: ScalarVariable) -> str:
         """Why a variable cannot be set now; empty: it can."""
-        if v.causality == "output":
+        if v.role is Role.OUTPUT:
             return "it is an output"
+        if v.role in (Role.COUNTER, Role.MESSAGE):
+            return "the solver reports it"
         if v.variability == "constant":
             return "it is fixed since the export"
         if self._phase is Phase.TERMINATED:

@@ -176,9 +176,11 @@ class _File:
         unknown = nan if v.type is Type.REAL else 0.0
         start = unknown if v.start is None else float(v.start)
         moves = v.role is Role.INPUT and self._simulation.plant.inputs.moves_support(number)
+        rests = v.role is Role.INPUT and self._simulation.settings.start_at_equilibrium
+        rest_scale = max(abs(start), v.nominal or 0.0) if rests else 0.0
         kinds, roles = list(Type).index(v.type), list(Role).index(v.role)
         told = self._say(v.name), self._say(v.allowed)
-        return (*told, kinds, roles, number, layout.SETTABLE.index(when), moves, start, low, high)
+        return (*told, kinds, roles, number, layout.SETTABLE.index(when), moves, start, low, high, rest_scale)
 
     def _array(self, array: ArrayVariable, members: list[tuple[Any, ...]]) -> tuple[int, int]:
         first = len(members)

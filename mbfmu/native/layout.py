@@ -21,12 +21,13 @@ from solvers.compiled.kernel import types
 from solvers.options import OPTIONS
 from solvers.outcome import Code
 
-from .entries import Entry
+from .checksum import crc64
+from .entries import Entry, kinds
 from .points import TOLD
 from .starting import Flaw
 
 WORDS = {types.float64: "double", types.int64: "int64_t"}  # what entry points are called with
-MAGIC = int.from_bytes(b"mbfmu17e", "little")
+MAGIC = int.from_bytes(b"mbfmu18a", "little")
 TOKEN = 40  # bytes of the identity of an FMU
 
 RELOCATION = np.dtype([("at", "i8"), ("target", "i8")])  # see image.Relocation
@@ -42,6 +43,7 @@ VARIABLE = np.dtype(
         ("start", "f8"),
         ("low", "f8"),
         ("high", "f8"),
+        ("rest_scale", "f8"),  # magnitude of an input that the steady state of the start is of; zero: there is none
     ]
 )
 ARRAY = np.dtype([("members", "i8"), ("count", "i8")])  # of FMI 3: first of its members, and how many
@@ -97,6 +99,8 @@ HEADER = np.dtype(
     [
         ("magic", "i8"),
         ("token", f"S{TOKEN}"),
+        ("table_sum", "i8"),  # CRC-64 of header and sections, with zero in its place
+        ("block_sum", "i8"),  # CRC-64 of the block
         ("family", "i8"),  # place in entries.FAMILIES
         ("block", "i8"),  # where it begins in the file, and its bytes
         ("size", "i8"),
@@ -114,9 +118,13 @@ STRUCTS = {
 
 
 def signed(data: bytes, token: str) -> bytes:
-    """Return a file with the identity of the FMU that it is of."""
-    at, own = HEADER.fields["token"][1], token.encode().ljust(TOKEN, b"\0")  # type: ignore[index]  # it has names
-    return data[:at] + own + data[at + TOKEN :]
+    """Return a file with the identity of the FMU that it is of, and with the checksums of its parts."""
+    header = np.frombuffer(data, HEADER, 1).copy()
+    block = int(header["block"][0])
+    header["token"], header["table_sum"], header["block_sum"] = token.encode(), 0, crc64(data[block:])
+    sections = data[HEADER.itemsize : block]
+    header["table_sum"] = crc64(header.tobytes() + sections)
+    return header.tobytes() + sections + data[block:]
 
 
 def declarations(families: Iterable[str], entries: Iterable[tuple[str, Entry]]) -> str:
@@ -125,7 +133,7 @@ def declarations(families: Iterable[str], entries: Iterable[tuple[str, Entry]]) 
     lines = ["/* Made of mbfmu/native/layout.py. */", "#include <stdint.h>", ""]
     lines += [f"#define MAGIC INT64_C({MAGIC})", f"#define LENGTH ({LENGTH})"]
     lines += [f"#define COARSE {float(COARSE)!r} /* rad */", f"#define FOLDED {float(FOLDED)!r}"]
-    lines += [f"#define UNFOLD {json.dumps(UNFOLD)}", ""]
+    lines += [f"#define UNFOLD {json.dumps(UNFOLD)}", f"#define KINDS {len(kinds())}", ""]
     lines += [_struct(name, record) for name, record in STRUCTS.items()]
     lines += [
         _enum("TYPE", (t.name for t in Type)),
@@ -151,7 +159,7 @@ def _kind(name: str) -> str:
 
 
 def _enum(kind: str, words: Iterable[str]) -> str:
-    return f"enum {{{', '.join(f'{kind}_{word.upper()}' for word in words)}}};"
+    return f"enum {{{', '.join(f'{kind}_{word.upper()}' for word in (*words, 'count'))}}};"
 
 
 def _struct(name: str, record: np.dtype[np.void]) -> str:

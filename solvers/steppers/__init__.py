@@ -46,11 +46,31 @@ NAMES = tuple(dict.fromkeys((*SOLVERS, *LARGE)))
 
 
 def refusal(name: str, system: AnySystem) -> str:
-    """Say why a solver does not suit the forces of a system; empty: it may run."""
+    """Return why a solver cannot integrate a system: its forces, or its size; empty: it can.
+
+    A simulation and an export ask this one function, so what is exported can start. A name that is no solver's, such as
+    ``auto``, is not refused here.
+    """
+    if name not in NAMES:
+        return ""
     large = isinstance(system, TreeSystem)
     if system.stiff and name in UNTIED:
         implicit = "'ida' or 'esdirk'" if large else "'radau' or 'ida'"
         return f"solver {name!r} is explicit, and {system.stiff}; take {implicit}"
+    if not isinstance(system, TreeSystem):
+        if system.n and name not in SOLVERS:
+            return (
+                f"solver {name!r} is for large trees; this system has {system.n} coordinates and is solved by its "
+                "matrices; take 'radau'"
+            )
+        return ""
+    if name in LARGE or (not system.m and name in UNTIED):
+        return ""
+    if system.dense is None or system.n > LARGEST_DENSE:
+        return (
+            f"solver {name!r} is given {system.n} coordinates under {system.m} constraints; allowed: {LARGEST_DENSE}; "
+            "take 'ida'"
+        )
     return ""
 
 
@@ -68,19 +88,10 @@ def stepper(name: str, system: AnySystem, t0: float, q0: Array, v0: Array, optio
     if not isinstance(system, TreeSystem):
         if not system.n:
             name = "adams"  # IDA takes no empty system, and nothing is integrated
-        if name not in SOLVERS:
-            raise ValueError(
-                f"solver {name!r} is for large trees; this system has {system.n} coordinates and is solved by its "
-                "matrices; take 'radau'"
-            )
         return SOLVERS[name](system, *given)
     if name in LARGE:
         return LARGE[name](system, *given)
     if not system.m and name in UNTIED:
         return UNTIED[name](system, *given)
-    if system.dense is None or system.n > LARGEST_DENSE:
-        raise ValueError(
-            f"solver {name!r} is given {system.n} coordinates under {system.m} constraints; allowed: {LARGEST_DENSE}; "
-            "take 'ida'"
-        )
+    assert system.dense is not None  # else it is refused
     return SOLVERS[name](system.dense(), *given)

@@ -54,12 +54,17 @@ class Binary:
     def _log(self, _environment: Any, _instance: bytes, status: int, _category: bytes, text: bytes) -> None:
         self.logged.append((status, text.decode()))
 
-    def instantiate(self) -> Instance:
+    def instantiate(self, *, logging: bool = True) -> Instance:
         """Return a new instance."""
-        told = b"one", c_int(1), self.description.guid.encode(), self.resources.encode()
-        component = self.functions.fmi2Instantiate(*told, byref(self._callbacks), c_int(0), c_int(TRUE))
-        assert component
+        component = self.component(logging=logging)
+        assert component, self.logged
         return Instance(self, component)
+
+    def component(self, kind: int = 1, *, logging: bool = True) -> int | None:
+        """Return what fmi2Instantiate does: for co-simulation (1) or model exchange (0)."""
+        told = b"one", c_int(kind), self.description.guid.encode(), self.resources.encode()
+        found: int | None = self.functions.fmi2Instantiate(*told, byref(self._callbacks), c_int(0), c_int(logging))
+        return found
 
 
 class Instance:

@@ -392,7 +392,7 @@ def test_a_host_reads_that_a_sheet_is_too_coarse_and_then_that_it_folds(tmp_path
     path = export(model, tmp_path / "sheet.fmu", Settings(solver="adams"), native=True)
     told: list[str] = []
     rows = simulate_fmu(
-        str(path), stop_time=0.05, output_interval=1e-3,
+        str(path), stop_time=0.05, output_interval=1e-3, debug_logging=True,
         logger=lambda _, name, status, category, text: told.append(text.decode()),
     )  # fmt: skip
     simulation = Simulation(model, Settings(solver="adams"))

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import random
 import shutil
+import struct
 import subprocess
 import zipfile
 from pathlib import Path
 
+import numpy as np
 import pytest
 from fmpy import read_model_description
+from test_model_file import BEYOND, INDICES
 
 from fmus.fourbar import FourBar
 from mbfmu.fmi import export
+from mbfmu.native import layout
 from mbfmu.native.runtime import COMPILERS, compiler, ingredients
 from mbfmu.native.targets import host
 from mbfmu.simulation import Settings
 
 CALLS = 8_000
+NO_INSTANCE = 3  # how fuzz.c ends where there is none
 SANITIZED = ("-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 
 pytestmark = pytest.mark.skipif(
@@ -55,6 +61,32 @@ def test_any_calls_leave_memory_and_numbers_whole(told: list[str], tmp_path: Pat
         assert done.returncode == 0, done.stderr
         steps += int(done.stdout)
     assert steps > CALLS / 20  # it gets somewhere
+
+
+def test_a_damaged_file_is_refused_before_anything_beyond_it_is_read(told: list[str], tmp_path: Path):
+    """Bits that flip, and indices of nothing under the right checksum, of every section and of the header."""
+    program = build(tmp_path, *SANITIZED)
+    resources, token, count = told
+    whole, drawn, damaged = (Path(resources) / "model.bin").read_bytes(), random.Random(3), tmp_path / "resources"
+    damaged.mkdir()
+    header = np.frombuffer(whole, layout.HEADER, 1)[0]
+    places = [int(at) for kind, at, *_ in layout.HEADER.fields.values() if kind == np.int64]  # type: ignore[union-attr]
+    places = places[3:]  # without the magic and the checksums
+    for section, fields in INDICES.items():
+        record = layout.SECTIONS[section]
+        for k in range(int(header[f"{section}_count"])):
+            places += [int(header[section]) + k * record.itemsize + record.fields[f][1] for f in fields]  # type: ignore[index]
+    for k in range(120):
+        data = bytearray(whole)
+        if k % 2:
+            data[drawn.randrange(len(data))] ^= 1 << drawn.randrange(8)
+        else:
+            struct.pack_into("<q", data, drawn.choice(places[:45] if k % 4 else places), drawn.choice(BEYOND))
+        signed = bytes(data) if k % 2 else layout.signed(bytes(data), token)
+        (damaged / "model.bin").write_bytes(signed)
+        call = [str(program), str(damaged), token, "1", "10", count]
+        done = subprocess.run(call, capture_output=True, text=True, check=False)
+        assert done.returncode == NO_INSTANCE, done.stderr
 
 
 @pytest.mark.skipif(shutil.which("valgrind") is None, reason="needs valgrind")

@@ -154,12 +154,13 @@ class CompiledSite:
         self.name, self.bodies = name, tuple(body.index for body in bodies)
         self._numbering, self._known = numbering, known
         first = self.bodies[0] if bodies else 0
-        self.q, self.v = numbering.q[first], numbering.v[first]
+        self.q, self.v, self.used = numbering.q[first], numbering.v[first], list[int]()
 
     def signal(self, value: Any, what: str) -> int:
         """Number a signal; loads of one name share it."""
         if what not in self._known:
             self._known[what] = self._numbering.signal(value, what)
+        self.used.append(self._known[what])
         return self._known[what]
 
     def surface(self, surface: Surface) -> int:
@@ -189,6 +190,8 @@ class Compiled:
         By number.
     sensors
         What can be observed: the outputs, and last the energy and the kinetic energy.
+    used
+        Signals that each item refers to, in the order of ``ends``.
     """
 
     def __init__(self, mechanism: Mechanism, numbering: Numbering) -> None:
@@ -208,18 +211,19 @@ class Compiled:
             *((sensor, CompiledSite("a sensor", observed(sensor), numbering, known)) for sensor in self.sensors),
         ]
         counts = (len(rigid), len(mechanism.cuts), len(mechanism.couplings), len(loads), len(self.sensors))
-        self._ends = np.cumsum(counts)
+        self.ends = np.cumsum(counts)
         filled = [filled_record(item, place) for item, place in sites]
         for signal in numbering.signals:  # those that a signal is made of come up meanwhile
             sites.append((signal, CompiledSite("a signal", (), numbering, {})))
             filled.append(filled_record(*sites[-1]))
-        self._ends = np.append(self._ends, len(sites))
+        self.ends = np.append(self.ends, len(sites))
         for surface in numbering.surfaces:
             sites.append((surface, CompiledSite("a surface", (), numbering, {})))
             filled.append(filled_record(*sites[-1]))
+        self.used = [place.used for _, place in sites]
         self._tables = tables = Tables([item for item, _ in sites], filled)
         joints, cuts, couplings, acting, sensors, signals, surfaces = np.split(
-            np.column_stack((KERNELS * np.array(tables.kinds), tables.places)), self._ends
+            np.column_stack((KERNELS * np.array(tables.kinds), tables.places)), self.ends
         )
         world = records(1, WORLD)
         world["gravity"] = mechanism.gravity
@@ -276,7 +280,7 @@ class Compiled:
         """Return data as they are now with complex numbers for real ones."""
         arrays, state = complex_twin(self.data)
         memory, places = self._tables.complex_memory()
-        joints, *others = np.split(np.array(places, np.int64), self._ends)
+        joints, *others = np.split(np.array(places, np.int64), self.ends)
         arrays.bodies["at"][arrays.bodies["role"] == RIGID] = joints
         tables = (arrays.cuts, arrays.couplings, arrays.loads, arrays.sensors, arrays.signals, arrays.surfaces)
         for table, own in zip(tables, others, strict=True):

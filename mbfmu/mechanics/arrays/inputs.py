@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Set
 from typing import Any
 
 import numpy as np
@@ -166,9 +166,14 @@ class Inputs:
         """Whether an input is the position or the rate of a driven coordinate."""
         return self._roles[index] == MOVES
 
-    def changes(self, index: int, follows: Follows) -> bool:
-        """Whether an input changes, at the moment it is set, what follows so: a support and a rate take a step."""
+    def changes(self, index: int, follows: Follows, signals: Set[int] | None = None) -> bool:
+        """Whether an input changes, at the moment it is set, what follows so: a support and a rate take a step.
+
+        ``signals`` are the numbers of those that the quantity depends on; None: on all, and on gravity.
+        """
         slot = self._slots[index]
+        if signals is not None and slot.signal not in signals:
+            return False
         if slot.signal == GRAVITY:
             return follows >= Follows.GRAVITY
         return not slot.coefficient and not self.moves_support(index) and follows >= Follows.LOADS
@@ -180,6 +185,14 @@ class Inputs:
     def start(self, index: int, value: float, t: float = 0.0) -> None:
         """Let an input have another value at the start, t; raises UserError where that is not finite."""
         start_input(self._held, index, finite(self._names[index], value), t)
+
+    def begin(self, t: float, given: Mapping[int, float]) -> None:
+        """Let all inputs begin at t (s), with the values ``given`` by number or their start values.
+
+        What they move has not moved before t.
+        """
+        for index, variable in enumerate(self.variables):
+            self.start(index, given.get(index, variable.start), t)
 
     def set(self, index: int, value: float, t: float = 0.0) -> None:
         """Take the value of an input at time t; raises UserError where that is not finite."""

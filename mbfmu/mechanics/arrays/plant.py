@@ -22,6 +22,7 @@ from solvers.compiled.held import contents
 from solvers.system import Array, System
 
 from .assembly import Assembly, start_positions
+from .behind import Behind
 from .bending import Bend, bend
 from .compile import Compiled, Numbering, Variable, check_rows
 from .corners import check_corners
@@ -124,8 +125,9 @@ class Plant:
 
     def feedthrough(self) -> list[tuple[int, ...]]:
         """Return for every output which inputs change it at the moment they are set, by number."""
+        behind = Behind(self.mechanism, self._compiled)
         return [
-            tuple(k for k in range(len(self.inputs)) if self.inputs.changes(k, sensor.follows))
+            tuple(k for k in range(len(self.inputs)) if self.inputs.changes(k, sensor.follows, behind.signals(sensor)))
             for _, sensor, *_ in self.mechanism.outputs
         ]
 

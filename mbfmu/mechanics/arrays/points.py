@@ -94,21 +94,28 @@ def hold(coefficient: int, value: float, t: float, course: Any) -> None:
 
 
 @kernel
+def begin_course(coefficient: int, value: float, t: float, course: Any) -> None:
+    """Let a polynomial begin at t with another value of a coefficient; it has not moved before."""
+    course.t0 = t
+    course.c[coefficient] = value
+
+
+@kernel
 def start_input(i: Any, index: int, value: float, t: float) -> None:
-    """Let an input have another value at the start, t."""
+    """Set the value of an input at the start time t, s. A motion of the input begins at t, whatever t is."""
     own = i.inputs[index]
     if own.role == WEIGHS:
         i.world[0].gravity[own.coefficient] = value
     elif own.role == MOVES:
         support = i.supports[own.number]
-        hold(own.coefficient, value, t, i.courses[support.course])
+        begin_course(own.coefficient, value, t, i.courses[support.course])
         start_motion(support, i.segments[own.number], i.courses[support.course])
     elif own.role == GOES_ON:
         load = i.loads[own.number]
-        hold(own.coefficient, value, t, i.courses[load.course])
+        begin_course(own.coefficient, value, t, i.courses[load.course])
         start_load(load, i.courses[load.course])
     else:
-        hold(own.coefficient, value, t, i.courses[own.number])
+        begin_course(own.coefficient, value, t, i.courses[own.number])
 
 
 @kernel

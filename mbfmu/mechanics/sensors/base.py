@@ -7,6 +7,7 @@ energies, State.energy.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, ClassVar
@@ -62,6 +63,10 @@ class Sensor(Kind):
     component: int = 0
     bodies: tuple[Any, ...] = ()
     stiff: bool = False
+
+    def loads(self) -> Sequence[int] | None:
+        """Return the numbers of the loads that alone decide the quantity at a given motion; None: it follows all."""
+        return None
 
     def fill(self, record: Any, site: Site) -> None:
         """Write which body, cut joint or force, and the component."""

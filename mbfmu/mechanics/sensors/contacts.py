@@ -64,6 +64,10 @@ class Met(Sensor):
     over: int = -1
     scale: float = 1.0
 
+    def loads(self) -> Sequence[int]:
+        """Return the numbers of the loads of the contact."""
+        return range(self.item.index, self.item.index + self.count)
+
     def fill(self, record: Any, site: Site) -> None:
         """Write the loads too."""
         super().fill(record, site)
@@ -81,8 +85,12 @@ class Pressed(Sensor):
     own: Sequence[int]
     scale: float
 
+    def loads(self) -> Sequence[int]:
+        """Return the numbers of the loads of the contacts."""
+        before = self.item.index - self.item.first
+        return [before + k for k in self.own]
+
     def fill(self, record: Any, site: Site) -> None:
         """Write the numbers of the loads."""
-        before = self.item.index - self.item.first
-        record["first"], record["count"] = site.numbers(np.add(self.own, before)), len(self.own)
+        record["first"], record["count"] = site.numbers(self.loads()), len(self.own)
         record["scale"] = self.scale

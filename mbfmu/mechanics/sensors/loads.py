@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -51,12 +52,22 @@ def effort(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LoadWrench(Sensor):
+class OfLoad(Sensor):
+    """What one force of the mechanism exerts."""
+
+    follows = Follows.FORCES
+
+    def loads(self) -> Sequence[int]:
+        """Return the number of the force."""
+        return (self.item.index,)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadWrench(OfLoad):
     """Global component of the wrench that a force exerts about the origin of body a, from component 6 on of body b."""
 
     record = np.dtype([("index", np.int64), ("component", np.int64), ("a", np.int64), ("b", np.int64)])
     read = wrench
-    follows = Follows.FORCES
 
     def fill(self, record: Any, site: Site) -> None:
         """Write the two bodies too."""
@@ -65,12 +76,11 @@ class LoadWrench(Sensor):
 
 
 @dataclass(frozen=True, kw_only=True)
-class LoadEffort(Sensor):
+class LoadEffort(OfLoad):
     """What a joint force exerts along the coordinate of its joint."""
 
     record = np.dtype([("index", np.int64), ("v", np.int64)])
     read = effort
-    follows = Follows.FORCES
 
     def fill(self, record: Any, site: Site) -> None:
         """Write which force, and where its coordinate is in State.v."""

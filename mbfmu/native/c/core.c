@@ -106,6 +106,14 @@ Outcome refuse(Instance *own, const char *call)
     return mistake(own, text);
 }
 
+/* Say that a call is none that this FMU offers. */
+Outcome not_offered(Instance *own, const char *call)
+{
+    char text[SAYS];
+    SAY(text, call, " is not supported: this FMU is for co-simulation, and modelDescription.xml lists what it can do");
+    return mistake(own, text);
+}
+
 /* Note where the experiment begins, and the host's tolerance unless the parameter was set. */
 Outcome set_up(Instance *own, double start, bool ends, double stop, bool tolerant, double tolerance)
 {
@@ -198,6 +206,28 @@ static void give(Instance *own, int32_t (*entry)(int64_t *, void **, void *, int
     entry(&code, &error, root_of(own), own->variables[k].number, own->values[k]);
 }
 
+/* Return an input that differs from the one whose steady state the model starts in; NULL: none does. */
+static const Variable *moved_from_rest(const Instance *own)
+{
+    const Options *o = (const Options *)(own->block + own->header->options_at);
+    for (size_t k = 0; k < count_of(own); k++) {
+        const Variable *v = &own->variables[k];
+        if (v->rest_scale > 0.0 && fabs(own->values[k] - v->start) > o->rtol * v->rest_scale)
+            return v;
+    }
+    return NULL;
+}
+
+static Outcome fail_moved(Instance *own, const Variable *v)
+{
+    char text[SAYS], one[32], two[32];
+    SAY(text, "'", text_at(own, v->name), "' was set to ", in_digits(one, own->values[v - own->variables]),
+        " in the initialization, but the steady state that the FMU starts in was found at the export, for ",
+        in_digits(two, v->start), ". Set it after the initialization, export the FMU with this value as the start, or "
+        "export it without --native, which finds the steady state of the values that are set");
+    return fail(own, ERROR, text);
+}
+
 /* Start the model from the values as they are. */
 static Outcome start_anew(Instance *own)
 {
@@ -206,17 +236,19 @@ static Outcome start_anew(Instance *own)
     if (wrong)
         return fail_refused(own, ERROR, wrong);
     if (!own->untouched && !load_block(own)) {
-        SAY(text, "file '", own->path, "' is gone, from which the FMU starts anew");
+        SAY(text, "file '", own->path, "', from which the FMU starts anew, is gone or was changed; unzip the FMU anew");
         return fail(own, ERROR, text);
     }
     own->untouched = false;
     own->warned_jump = own->warned_balance = own->warned_coarse = false;
     put_options(own);
-    bool other = put_parameters(own, false) || own->start != 0.0;
+    if ((wrong = moved_from_rest(own)))
+        return fail_moved(own, wrong);
+    bool late = own->start != 0.0, other = put_parameters(own, false) || late;
     *numbers(own, own->header->clock_at) = own->start;
     for (size_t k = 0; k < count_of(own); k++)
-        if (own->variables[k].role == ROLE_INPUT && own->flags[k] & GIVEN) {
-            give(own, own->family->start, k);
+        if (own->variables[k].role == ROLE_INPUT && (late || own->flags[k] & GIVEN)) {
+            give(own, own->family->start, k); /* what it moves begins at the start time */
             other = true;
         }
     int64_t code = other ? call_at(own, own->family->assemble, own->start) : ASSEMBLY_ASSEMBLED;
@@ -458,8 +490,10 @@ Outcome get_text(Instance *own, uint32_t reference, const char **text)
 /* Return why a variable cannot be set now; NULL: it can. */
 static const char *locked(const Instance *own, const Variable *v)
 {
-    if (v->role == ROLE_OUTPUT || v->role == ROLE_COUNTER || v->role == ROLE_MESSAGE)
+    if (v->role == ROLE_OUTPUT)
         return "it is an output";
+    if (v->role == ROLE_COUNTER || v->role == ROLE_MESSAGE)
+        return "the solver reports it";
     if (v->settable == SETTABLE_NEVER)
         return "it is fixed since the export";
     if (own->phase == TERMINATED)

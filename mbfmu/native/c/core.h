@@ -36,6 +36,13 @@ bool stopped(const Instance *own);
 Outcome terminate(Instance *own);
 Outcome reset(Instance *own);
 Outcome refuse(Instance *own, const char *call);
+Outcome not_offered(Instance *own, const char *call);
+Outcome mistake(Instance *own, const char *text);
+
+/* Messages. */
+enum { LOG_WARNINGS = 1, LOG_ERRORS = 2, LOG_ALL = 3 }; /* categories, bits of what a host has asked for */
+bool is_logged(unsigned logged, const char *category);
+Outcome choose_logging(Instance *own, unsigned *logged, bool on, size_t count, const char *const names[]);
 
 /* Values of variables by value reference; types are a set of 1 << TYPE_... */
 Outcome get(Instance *own, uint32_t reference, unsigned types, double *value);

@@ -45,25 +45,55 @@ unsigned char *root_of(const Instance *own)
     return own->block + own->header->root;
 }
 
-/* Read the header and the tables; say what is wrong with the file. */
+/* Return the length of a file in bytes; negative: it is not known. */
+static int64_t length_of(FILE *file)
+{
+    int64_t length = fseek(file, 0, SEEK_END) ? -1 : (int64_t)ftell(file);
+    return fseek(file, 0, SEEK_SET) ? -1 : length;
+}
+
+/* Whether the tables are those of the export: their checksum is taken with the field that holds it at zero. */
+static bool are_whole(const char *tables, const Header *h)
+{
+    const int64_t none = 0;
+    size_t before = offsetof(Header, table_sum), after = before + sizeof none;
+    uint64_t sum = crc64(crc64(0, tables, before), &none, sizeof none);
+    return crc64(sum, tables + after, (size_t)h->block - after) == (uint64_t)h->table_sum;
+}
+
+/* Read the header and the tables, and check them; say what is wrong with the file. */
 static bool read_tables(Instance *own, FILE *file, const char *token, char text[SAYS])
 {
     Header header;
+    int64_t length = length_of(file);
     if (fread(&header, sizeof header, 1, file) != 1 || header.magic != MAGIC) {
         SAY(text, "file '", own->path, "' is no model of this version; export the FMU anew");
         return false;
     }
-    if (strncmp(header.token, token, sizeof header.token) != 0) {
-        SAY(text, "the FMU was given the identity '", token, "', but its model is another one; unzip it anew");
+    if (!has_length(&header, length)) {
+        SAY(text, "file '", own->path, "' is damaged: its length is not that of its header; unzip the FMU anew");
         return false;
     }
     own->tables = malloc((size_t)header.block);
-    if (!own->tables || fseek(file, 0, SEEK_SET) || fread(own->tables, (size_t)header.block, 1, file) != 1) {
-        SAY(text, "file '", own->path, "' ends too early; unzip the FMU anew");
+    if (!own->tables) {
+        SAY(text, "there is no memory for the instance");
+        return false;
+    }
+    if (fseek(file, 0, SEEK_SET) || fread(own->tables, (size_t)header.block, 1, file) != 1 ||
+        !are_whole(own->tables, (const Header *)own->tables)) {
+        SAY(text, "file '", own->path, "' is damaged: the checksum of its tables differs; unzip the FMU anew");
         return false;
     }
     own->header = (const Header *)own->tables;
+    if (strncmp(own->header->token, token, sizeof own->header->token) != 0) {
+        SAY(text, "the FMU was given the identity '", token, "', but its model is another one; unzip it anew");
+        return false;
+    }
     own->variables = section(own, own->header->variables);
+    if (!within_bounds(own)) {
+        SAY(text, "file '", own->path, "' refers to what is not in it; export the FMU anew");
+        return false;
+    }
     own->family = &families[own->header->family];
     return true;
 }
@@ -76,7 +106,8 @@ static void put_address(Instance *own, int64_t at, const void *address)
 static bool read_block(Instance *own, FILE *file)
 {
     const Header *h = own->header;
-    if (fseek(file, (long)h->block, SEEK_SET) || fread(own->block, (size_t)h->size, 1, file) != 1)
+    if (fseek(file, (long)h->block, SEEK_SET) || fread(own->block, (size_t)h->size, 1, file) != 1 ||
+        crc64(0, own->block, (size_t)h->size) != (uint64_t)h->block_sum)
         return false;
     const Relocation *places = section(own, h->places), *kernels = section(own, h->kernels);
     for (int64_t k = 0; k < h->places_count; k++)
@@ -128,7 +159,7 @@ bool open_model(Instance *own, const char *folder, const char *token, char text[
         if (!well)
             SAY(text, "there is no memory for the instance");
         else if (!(well = read_block(own, file)))
-            SAY(text, "file '", own->path, "' ends too early; unzip the FMU anew");
+            SAY(text, "file '", own->path, "' is damaged: the checksum of its model differs; unzip the FMU anew");
     }
     fclose(file);
     return well;

@@ -9,6 +9,7 @@
 typedef struct {
     Instance *own;
     const fmi2CallbackFunctions *callbacks;
+    unsigned logged; /* categories */
     char name[]; /* of the instance */
 } Host;
 
@@ -17,14 +18,10 @@ static Instance *instance(fmi2Component c)
     return ((Host *)c)->own;
 }
 
-/*
- * Tell the host, whether it asked for the logging of what is usual or not: all there is are errors and warnings.
- *
- * The text is its own format, percent signs doubled: there are hosts that do not fill in what would follow.
- */
-static void tell(void *host, Outcome outcome, const char *category, const char *text)
+/* Give a message to the host. The text is its own format, percent signs doubled: there are hosts that do not fill in
+   what would follow. */
+static void deliver(const Host *h, Outcome outcome, const char *category, const char *text)
 {
-    const Host *h = host;
     char format[2 * SAYS], *out = format;
     if (!h->callbacks || !h->callbacks->logger)
         return;
@@ -35,6 +32,13 @@ static void tell(void *host, Outcome outcome, const char *category, const char *
     }
     *out = '\0';
     h->callbacks->logger(h->callbacks->componentEnvironment, h->name, (fmi2Status)outcome, category, format);
+}
+
+/* Give a message to the host if it has asked for those of its category. */
+static void tell(void *host, Outcome outcome, const char *category, const char *text)
+{
+    if (is_logged(((const Host *)host)->logged, category))
+        deliver(host, outcome, category, text);
 }
 
 static Host *host_named(const char *name, const fmi2CallbackFunctions *callbacks)
@@ -58,9 +62,10 @@ const char *fmi2GetVersion(void)
     return fmi2Version;
 }
 
-fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean, size_t, const fmi2String[])
+fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t n, const fmi2String categories[])
 {
-    return c ? fmi2OK : fmi2Error;
+    Host *host = c;
+    return c ? (fmi2Status)choose_logging(host->own, &host->logged, on != fmi2False, n, categories) : fmi2Error;
 }
 
 /* ---- life -------------------------------------------------------------------------------------------------------- */
@@ -94,22 +99,23 @@ static void read_location(const char *location, char *path)
 }
 
 fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String location,
-                              const fmi2CallbackFunctions *callbacks, fmi2Boolean, fmi2Boolean)
+                              const fmi2CallbackFunctions *callbacks, fmi2Boolean, fmi2Boolean logging)
 {
     char text[SAYS] = "there is no memory for the instance";
     Host *host = host_named(name, callbacks);
     char *folder = malloc(strlen(location ? location : "") + 1);
     if (host && folder) {
+        host->logged = logging ? LOG_ALL : 0;
         read_location(location ? location : "", folder);
         if (type == fmi2CoSimulation)
             host->own = create(guid ? guid : "", folder, tell, host, text);
         else
-            strcpy(text, "this FMU is for co-simulation alone");
+            strcpy(text, "model exchange is not supported: this FMU is for co-simulation");
     }
     free(folder);
     if (!host || host->own)
         return host;
-    tell(host, ERROR, "logStatusError", text);
+    deliver(host, ERROR, "logStatusError", text); /* the standard wants the reason in the log, whatever is asked for */
     free(host);
     return NULL;
 }
@@ -156,7 +162,7 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real t, fmi2Real length, fmi2Boolean)
 
 fmi2Status fmi2CancelStep(fmi2Component c)
 {
-    return c ? (fmi2Status)refuse(instance(c), "canceling a step") : fmi2Error;
+    return c ? (fmi2Status)not_offered(instance(c), "fmi2CancelStep") : fmi2Error;
 }
 
 /* ---- values ------------------------------------------------------------------------------------------------------ */
@@ -225,7 +231,7 @@ fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference[], size_t n, 
 {
     if (!c)
         return fmi2Error;
-    return n ? (fmi2Status)refuse(instance(c), "setting a text") : fmi2OK;
+    return n ? (fmi2Status)mistake(instance(c), "a text was set; no variable of this FMU is a text that can be set") : fmi2OK;
 }
 
 fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference[], size_t n, const fmi2Integer[],
@@ -233,7 +239,7 @@ fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference
 {
     if (!c)
         return fmi2Error;
-    return n ? (fmi2Status)refuse(instance(c), "setting the derivative of an input") : fmi2OK;
+    return n ? (fmi2Status)not_offered(instance(c), "fmi2SetRealInputDerivatives") : fmi2OK;
 }
 
 fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference[], size_t n, const fmi2Integer[],
@@ -241,13 +247,13 @@ fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReferenc
 {
     if (!c)
         return fmi2Error;
-    return n ? (fmi2Status)refuse(instance(c), "reading the derivative of an output") : fmi2OK;
+    return n ? (fmi2Status)not_offered(instance(c), "fmi2GetRealOutputDerivatives") : fmi2OK;
 }
 
 fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference[], size_t,
                                         const fmi2ValueReference[], size_t, const fmi2Real[], fmi2Real[])
 {
-    return c ? (fmi2Status)refuse(instance(c), "reading a directional derivative") : fmi2Error;
+    return c ? (fmi2Status)not_offered(instance(c), "fmi2GetDirectionalDerivative") : fmi2Error;
 }
 
 /* ---- states and status ------------------------------------------------------------------------------------------- */
@@ -326,57 +332,57 @@ fmi2Status fmi2GetStringStatus(fmi2Component c, const fmi2StatusKind, fmi2String
 
 /* ---- model exchange, which is not offered ------------------------------------------------------------------------ */
 
-static fmi2Status not_offered(fmi2Component c)
+static fmi2Status exchange(fmi2Component c, const char *call)
 {
-    return c ? (fmi2Status)refuse(instance(c), "a call of model exchange") : fmi2Error;
+    return c ? (fmi2Status)not_offered(instance(c), call) : fmi2Error;
 }
 
 fmi2Status fmi2EnterEventMode(fmi2Component c)
 {
-    return not_offered(c);
+    return exchange(c, "fmi2EnterEventMode");
 }
 
 fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *)
 {
-    return not_offered(c);
+    return exchange(c, "fmi2NewDiscreteStates");
 }
 
 fmi2Status fmi2EnterContinuousTimeMode(fmi2Component c)
 {
-    return not_offered(c);
+    return exchange(c, "fmi2EnterContinuousTimeMode");
 }
 
 fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean, fmi2Boolean *, fmi2Boolean *)
 {
-    return not_offered(c);
+    return exchange(c, "fmi2CompletedIntegratorStep");
 }
 
 fmi2Status fmi2SetTime(fmi2Component c, fmi2Real)
 {
-    return not_offered(c);
+    return exchange(c, "fmi2SetTime");
 }
 
 fmi2Status fmi2SetContinuousStates(fmi2Component c, const fmi2Real[], size_t)
 {
-    return not_offered(c);
+    return exchange(c, "fmi2SetContinuousStates");
 }
 
 fmi2Status fmi2GetDerivatives(fmi2Component c, fmi2Real[], size_t)
 {
-    return not_offered(c);
+    return exchange(c, "fmi2GetDerivatives");
 }
 
 fmi2Status fmi2GetEventIndicators(fmi2Component c, fmi2Real[], size_t)
 {
-    return not_offered(c);
+    return exchange(c, "fmi2GetEventIndicators");
 }
 
 fmi2Status fmi2GetContinuousStates(fmi2Component c, fmi2Real[], size_t)
 {
-    return not_offered(c);
+    return exchange(c, "fmi2GetContinuousStates");
 }
 
 fmi2Status fmi2GetNominalsOfContinuousStates(fmi2Component c, fmi2Real[], size_t)
 {
-    return not_offered(c);
+    return exchange(c, "fmi2GetNominalsOfContinuousStates");
 }

@@ -9,6 +9,7 @@ typedef struct {
     Instance *own;
     fmi3LogMessageCallback log;
     fmi3InstanceEnvironment environment;
+    unsigned logged; /* categories */
 } Host;
 
 static Instance *instance(fmi3Instance c)
@@ -16,11 +17,11 @@ static Instance *instance(fmi3Instance c)
     return ((Host *)c)->own;
 }
 
-/* Tell the host, whether it asked for the logging of what is usual or not: all there is are errors and warnings. */
+/* Give a message to the host if it has asked for those of its category. */
 static void tell(void *host, Outcome outcome, const char *category, const char *text)
 {
     const Host *h = host;
-    if (h->log)
+    if (h->log && is_logged(h->logged, category))
         h->log(h->environment, (fmi3Status)outcome, category, text);
 }
 
@@ -29,44 +30,53 @@ const char *fmi3GetVersion(void)
     return fmi3Version;
 }
 
-fmi3Status fmi3SetDebugLogging(fmi3Instance c, fmi3Boolean, size_t, const fmi3String[])
+fmi3Status fmi3SetDebugLogging(fmi3Instance c, fmi3Boolean on, size_t n, const fmi3String categories[])
 {
-    return c ? fmi3OK : fmi3Error;
+    Host *host = c;
+    return c ? (fmi3Status)choose_logging(host->own, &host->logged, on, n, categories) : fmi3Error;
 }
 
 /* ---- life -------------------------------------------------------------------------------------------------------- */
 
+/* Say why there is no instance, whatever was asked for: the standard wants the reason in the log. */
+static fmi3Instance no_instance(fmi3LogMessageCallback log, fmi3InstanceEnvironment environment, const char *text)
+{
+    if (log)
+        log(environment, fmi3Error, "logStatusError", text);
+    return NULL;
+}
+
 fmi3Instance fmi3InstantiateCoSimulation(fmi3String, fmi3String token, fmi3String folder, fmi3Boolean,
-                                         fmi3Boolean, fmi3Boolean, fmi3Boolean, const fmi3ValueReference[],
+                                         fmi3Boolean logging, fmi3Boolean, fmi3Boolean, const fmi3ValueReference[],
                                          size_t, fmi3InstanceEnvironment environment, fmi3LogMessageCallback log,
                                          fmi3IntermediateUpdateCallback)
 {
     char text[SAYS] = "there is no memory for the instance";
     Host *host = calloc(1, sizeof *host);
     if (!host)
-        return NULL;
+        return no_instance(log, environment, text);
     host->log = log;
     host->environment = environment;
+    host->logged = logging ? LOG_ALL : 0;
     host->own = create(token ? token : "", folder ? folder : "", tell, host, text);
     if (host->own)
         return host;
-    tell(host, ERROR, "logStatusError", text);
     free(host);
-    return NULL;
+    return no_instance(log, environment, text);
 }
 
 fmi3Instance fmi3InstantiateModelExchange(fmi3String, fmi3String, fmi3String, fmi3Boolean, fmi3Boolean,
-                                          fmi3InstanceEnvironment, fmi3LogMessageCallback)
+                                          fmi3InstanceEnvironment environment, fmi3LogMessageCallback log)
 {
-    return NULL;
+    return no_instance(log, environment, "model exchange is not supported: this FMU is for co-simulation");
 }
 
 fmi3Instance fmi3InstantiateScheduledExecution(fmi3String, fmi3String, fmi3String, fmi3Boolean, fmi3Boolean,
-                                               fmi3InstanceEnvironment, fmi3LogMessageCallback,
+                                               fmi3InstanceEnvironment environment, fmi3LogMessageCallback log,
                                                fmi3ClockUpdateCallback, fmi3LockPreemptionCallback,
                                                fmi3UnlockPreemptionCallback)
 {
-    return NULL;
+    return no_instance(log, environment, "scheduled execution is not supported: this FMU is for co-simulation");
 }
 
 void fmi3FreeInstance(fmi3Instance c)
@@ -125,7 +135,8 @@ fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 t, fmi3Float64 length, fmi3Boo
 
 static fmi3Status wrong_count(fmi3Instance c)
 {
-    return c ? (fmi3Status)refuse(instance(c), "a call with another number of values than its variables have") : fmi3Error;
+    const char *text = "the number of values is not that of the variables that were named, or NULL was given for them";
+    return c ? (fmi3Status)mistake(instance(c), text) : fmi3Error;
 }
 
 /* Whether there are as many values as the references stand for. */
@@ -141,10 +152,19 @@ static bool fit(fmi3Instance c, const fmi3ValueReference references[], size_t n,
 
 static Outcome read(Instance *own, fmi3ValueReference reference, unsigned types, double *value)
 {
-    if (reference != time_reference(own) || !(types & 1u << TYPE_REAL))
+    if (reference != time_reference(own))
         return get(own, reference, types, value);
+    if (!(types & 1u << TYPE_REAL))
+        return mistake(own, "'time' is of type Float64; it was used as another one");
     *value = last_successful_time(own);
     return OK;
+}
+
+static Outcome assign(Instance *own, fmi3ValueReference reference, unsigned types, double value)
+{
+    if (reference == time_reference(own))
+        return mistake(own, "'time' was set, but it is the independent variable, which follows the steps");
+    return set(own, reference, types, value);
 }
 
 /* Read values one by one; the worst outcome counts. */
@@ -172,7 +192,7 @@ static Outcome read(Instance *own, fmi3ValueReference reference, unsigned types,
     size_t at = 0;                                                                 \
     for (size_t k = 0; k < n; k++)                                                 \
         for (size_t i = 0; i < width(own, references[k]); i++) {                   \
-            Outcome outcome = set(own, element(own, references[k], i), types, (double)(values)[at++]); \
+            Outcome outcome = assign(own, element(own, references[k], i), types, (double)(values)[at++]); \
             worst = outcome > worst ? outcome : worst;                             \
         }                                                                          \
     return (fmi3Status)worst
@@ -202,7 +222,10 @@ fmi3Status fmi3GetString(fmi3Instance c, const fmi3ValueReference references[], 
         return wrong_count(c);
     Outcome worst = OK;
     for (size_t k = 0; worst == OK && k < n; k++)
-        worst = get_text(instance(c), references[k], &values[k]);
+        if (references[k] == time_reference(instance(c)))
+            worst = mistake(instance(c), "'time' is of type Float64; it was used as another one");
+        else
+            worst = get_text(instance(c), references[k], &values[k]);
     return (fmi3Status)worst;
 }
 
@@ -265,15 +288,15 @@ fmi3Status fmi3DeserializeFMUState(fmi3Instance c, const fmi3Byte bytes[], size_
 
 /* ---- what hosts look for, and this FMU does not offer ------------------------------------------------------------ */
 
-static fmi3Status not_offered(fmi3Instance c, const char *call)
+static fmi3Status refused(fmi3Instance c, const char *call)
 {
-    return c ? (fmi3Status)refuse(instance(c), call) : fmi3Error;
+    return c ? (fmi3Status)not_offered(instance(c), call) : fmi3Error;
 }
 
 #define NOT_OFFERED(name, parameters)                                              \
     fmi3Status name parameters                                                     \
     {                                                                              \
-        return not_offered(c, #name);                                              \
+        return refused(c, #name);                                                  \
     }
 #define NO_TYPE(kind)                                                              \
     NOT_OFFERED(fmi3Get##kind, (fmi3Instance c, const fmi3ValueReference[], size_t, fmi3##kind[], size_t)) \

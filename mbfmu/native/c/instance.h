@@ -38,6 +38,11 @@ const char *text_at(const Instance *own, int64_t at);
 size_t count_of(const Instance *own);
 unsigned char *root_of(const Instance *own);
 
+/* checks.c */
+uint64_t crc64(uint64_t sum, const void *bytes, size_t count);
+bool has_length(const Header *h, int64_t length);
+bool within_bounds(const Instance *own);
+
 /* formulas.c */
 bool put_parameters(Instance *own, bool at_work);
 void put_options(Instance *own);
@@ -46,7 +51,6 @@ void put_options(Instance *own);
 const char *in_digits(char digits[32], double value);
 void add(char text[SAYS], const char *more);
 void add_all(char text[SAYS], const char *const parts[], size_t count);
-Outcome mistake(Instance *own, const char *text);
 Outcome fail(Instance *own, Outcome outcome, const char *text);
 void tell_stop(Instance *own, int64_t code, char text[SAYS]);
 void tell_assembly(Instance *own, int64_t code, char text[SAYS]);

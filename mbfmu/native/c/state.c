@@ -111,7 +111,8 @@ Outcome read_state(Instance *own, const void *bytes, size_t count, State **state
         return refuse_state(own);
     memcpy(read, bytes, count);
     memcpy(&sum, &read->checked, sizeof sum);
-    if (!ours(own, read) || sum != checksum((const char *)bytes + BEFORE, count - BEFORE)) {
+    if (!ours(own, read) || sum != checksum((const char *)bytes + BEFORE, count - BEFORE) ||
+        read->phase < INSTANTIATED || read->phase > TERMINATED || read->message[SAYS - 1]) {
         free(read);
         return refuse_state(own);
     }

@@ -82,6 +82,7 @@ void tell_assembly(Instance *own, int64_t code, char text[SAYS])
     const double *massless = (const double *)(own->block + h->massless_at);
     const Name *coordinates = section(own, h->coordinates);
     const Name *names = section(own, code == ASSEMBLY_TURNED ? h->cuts : h->rows);
+    const int64_t named = code == ASSEMBLY_TURNED ? h->cuts_count : h->rows_count;
     char digits[32];
     SAY(text, text_at(own, f->before));
     if (code == ASSEMBLY_UNRESOLVED || code == ASSEMBLY_UNPLACED) {
@@ -91,8 +92,8 @@ void tell_assembly(Instance *own, int64_t code, char text[SAYS])
     }
     if (code != ASSEMBLY_NO_MASS) {
         const char *gap = code == ASSEMBLY_NOT_FINITE ? "" : in_digits(digits, worst->gap);
-        const char *const parts[] = {"'", text_at(own, names[worst->row].name), "'", text_at(own, f->between), gap,
-                                     text_at(own, f->after)};
+        const char *name = worst->row >= 0 && worst->row < named ? text_at(own, names[worst->row].name) : "";
+        const char *const parts[] = {"'", name, "'", text_at(own, f->between), gap, text_at(own, f->after)};
         add_all(text, parts, sizeof parts / sizeof parts[0]);
         return;
     }

@@ -1,0 +1,36 @@
+"""Which signals a quantity depends on at a given motion, so that outputs declare the inputs that change them."""
+
+from __future__ import annotations
+
+from collections.abc import Set
+
+from mbfmu.mechanics.builder.mechanism import Mechanism
+from mbfmu.mechanics.sensors import Sensor
+
+from .compile import Compiled
+
+OURS = "mbfmu."  # loads of this package depend on positions, velocities and their own signals, and not on gravity
+
+
+class Behind:
+    """The signals behind the loads of a compiled mechanism."""
+
+    def __init__(self, mechanism: Mechanism, compiled: Compiled) -> None:
+        _, _, couplings, loads, sensors, signals = compiled.ends
+        self._loads = [acting.load for acting in mechanism.loads()]
+        self._of_loads = compiled.used[couplings:loads]
+        self._of_signals = compiled.used[sensors:signals]
+
+    def signals(self, sensor: Sensor) -> Set[int] | None:
+        """Return the numbers of the signals that a quantity depends on; None: it may depend on all inputs."""
+        numbers = sensor.loads()
+        if numbers is None or not all(type(self._loads[k]).__module__.startswith(OURS) for k in numbers):
+            return None
+        found: set[int] = set()
+        waiting = [signal for k in numbers for signal in self._of_loads[k]]
+        while waiting:
+            signal = waiting.pop()
+            if signal not in found:
+                found.add(signal)
+                waiting += self._of_signals[signal]
+        return found

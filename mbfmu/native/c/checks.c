@@ -1,0 +1,210 @@
+/* Whether a file is what was exported: its checksums, and every index of its tables within bounds. */
+
+#include <string.h>
+
+#include "instance.h"
+
+#define POLYNOMIAL UINT64_C(0xC96C5795D7870F42) /* CRC-64 of ECMA-182, reflected, as in the format xz */
+#define SLICES 8
+
+/* Continue the CRC-64 of bytes, eight at a time; the first of several parts has the sum 0. */
+uint64_t crc64(uint64_t sum, const void *bytes, size_t count)
+{
+    uint64_t table[SLICES][256];
+    const unsigned char *at = bytes;
+    for (unsigned k = 0; k < 256; k++) {
+        uint64_t crc = k;
+        for (int bit = 0; bit < 8; bit++)
+            crc = crc & 1 ? crc >> 1 ^ POLYNOMIAL : crc >> 1;
+        table[0][k] = crc;
+    }
+    for (unsigned i = 1; i < SLICES; i++)
+        for (unsigned k = 0; k < 256; k++)
+            table[i][k] = table[i - 1][k] >> 8 ^ table[0][table[i - 1][k] & 255];
+    sum = ~sum;
+    for (; count >= SLICES; count -= SLICES, at += SLICES) {
+        uint64_t word, next = 0;
+        memcpy(&word, at, sizeof word);
+        word ^= sum;
+        for (unsigned i = 0; i < SLICES; i++)
+            next ^= table[SLICES - 1 - i][word >> 8 * i & 255];
+        sum = next;
+    }
+    for (; count; count--)
+        sum = table[0][(sum ^ *at++) & 255] ^ sum >> 8;
+    return ~sum;
+}
+
+/* Whether so many items of a size, from a place on, end before a limit. */
+static bool fits(int64_t limit, int64_t at, int64_t count, size_t size)
+{
+    return at >= 0 && at <= limit && count >= 0 && (uint64_t)count <= (uint64_t)(limit - at) / size;
+}
+
+/* Whether items in whole words are within the block. */
+static bool in_block(const Header *h, int64_t at, int64_t count, size_t size)
+{
+    return at % 8 == 0 && fits(h->size, at, count, size);
+}
+
+/* Whether a section is after the header and before the block. */
+static bool in_tables(const Header *h, int64_t at, int64_t count, size_t size)
+{
+    return at % 8 == 0 && at >= (int64_t)sizeof(Header) && fits(h->block, at, count, size);
+}
+
+static bool is_index(int64_t index, int64_t count)
+{
+    return index >= 0 && index < count;
+}
+
+/* Whether the lengths of a header are those of a file. */
+bool has_length(const Header *h, int64_t length)
+{
+    return h->block >= (int64_t)sizeof(Header) && h->block % 8 == 0 && h->size > 0 && h->block <= length &&
+           h->size == length - h->block;
+}
+
+static bool good_header(const Header *h)
+{
+    return is_index(h->family, sizeof families / sizeof families[0]) && fits(h->size, 0, h->saved, 1) &&
+           in_block(h, h->root, 1, sizeof(double)) && in_block(h, h->clock_at, 1, sizeof(double)) &&
+           in_block(h, h->length_at, 1, sizeof(double)) && in_block(h, h->options_at, 1, sizeof(Options)) &&
+           in_block(h, h->told_at, 1, sizeof(Told)) && in_block(h, h->worst_at, 1, sizeof(Worst)) &&
+           in_block(h, h->massless_at, h->coordinates_count, sizeof(double)) && in_block(h, h->out_at, 0, 1) &&
+           in_block(h, h->counts_at, 0, 1);
+}
+
+#define SECTION(name, kind) in_tables(h, h->name, h->name##_count, sizeof(kind))
+
+static bool good_sections(const Header *h)
+{
+    return SECTION(variables, Variable) && SECTION(arrays, Array) && SECTION(members, Member) &&
+           SECTION(entries, Entry) && SECTION(sums, Sum) && SECTION(terms, Term) && SECTION(factors, Factor) &&
+           SECTION(places, Relocation) && SECTION(kernels, Relocation) && SECTION(sentences, Sentence) &&
+           SECTION(failures, Failure) && SECTION(rows, Name) && SECTION(coordinates, Name) && SECTION(cuts, Name) &&
+           SECTION(text, char) && h->sentences_count >= CODE_COUNT && h->failures_count >= ASSEMBLY_COUNT;
+}
+
+/* Whether there is a text at a place; all texts end before the last byte of theirs, which is zero. */
+static bool good_text(const Header *h, int64_t at)
+{
+    return is_index(at, h->text_count);
+}
+
+static bool good_variables(const Instance *own)
+{
+    const Header *h = own->header;
+    int64_t inputs = 0;
+    for (int64_t k = 0; k < h->variables_count; k++) {
+        const Variable *v = &own->variables[k];
+        if (!good_text(h, v->name) || !good_text(h, v->allowed) || !is_index(v->type, TYPE_COUNT) ||
+            !is_index(v->role, ROLE_COUNT) || !is_index(v->settable, SETTABLE_COUNT) ||
+            !is_index(v->number, h->variables_count))
+            return false;
+        if ((v->role == ROLE_INPUT && v->number != inputs++) ||
+            (v->role == ROLE_SETTING && v->number >= SETTING_COUNT) ||
+            (v->role == ROLE_OUTPUT && (!in_block(h, h->out_at, v->number, 8) || !in_block(h, h->out_at + 8 * v->number, 1, 8))) ||
+            (v->role == ROLE_COUNTER && (!in_block(h, h->counts_at, v->number, 8) || !in_block(h, h->counts_at + 8 * v->number, 1, 8))))
+            return false;
+    }
+    return true;
+}
+
+static bool good_arrays(const Instance *own)
+{
+    const Header *h = own->header;
+    const Array *arrays = section(own, h->arrays);
+    const Member *members = section(own, h->members);
+    for (int64_t k = 0; k < h->arrays_count; k++)
+        if (!fits(h->members_count, arrays[k].members, arrays[k].count, 1))
+            return false;
+    for (int64_t k = 0; k < h->members_count; k++)
+        if (!is_index(members[k].variable, h->variables_count))
+            return false;
+    return true;
+}
+
+static bool good_entries(const Instance *own)
+{
+    const Header *h = own->header;
+    const Entry *entries = section(own, h->entries);
+    for (int64_t k = 0; k < h->entries_count; k++) {
+        const Entry *e = &entries[k];
+        bool free = e->input == -1;
+        if (!in_block(h, e->at, 1, sizeof(double)) || e->root == 0 || e->count < 1 ||
+            !fits(h->sums_count, e->sums, e->count, 1) || (!free && !is_index(e->input, h->variables_count)) ||
+            (!free && own->variables[e->input].role != ROLE_INPUT))
+            return false;
+    }
+    return true;
+}
+
+static bool good_formulas(const Instance *own)
+{
+    const Header *h = own->header;
+    const Sum *sums = section(own, h->sums);
+    const Term *terms = section(own, h->terms);
+    const Factor *factors = section(own, h->factors);
+    for (int64_t k = 0; k < h->sums_count; k++)
+        if (!fits(h->terms_count, sums[k].terms, sums[k].count, 1))
+            return false;
+    for (int64_t k = 0; k < h->terms_count; k++)
+        if (!fits(h->factors_count, terms[k].factors, terms[k].count, 1))
+            return false;
+    for (int64_t k = 0; k < h->factors_count; k++)
+        if (factors[k].variable != LENGTH && !is_index(factors[k].variable, h->variables_count))
+            return false;
+    return true;
+}
+
+/* Addresses are after what states hold, so that no state changes one. */
+static bool good_addresses(const Instance *own)
+{
+    const Header *h = own->header;
+    const Relocation *places = section(own, h->places), *kernels = section(own, h->kernels);
+    for (int64_t k = 0; k < h->places_count; k++)
+        if (places[k].at < h->saved || !in_block(h, places[k].at, 1, sizeof(void *)) ||
+            !in_block(h, places[k].target, 0, 1))
+            return false;
+    for (int64_t k = 0; k < h->kernels_count; k++)
+        if (kernels[k].at < h->saved || !in_block(h, kernels[k].at, 1, sizeof(void *)) ||
+            !is_index(kernels[k].target, KINDS))
+            return false;
+    return true;
+}
+
+static bool good_names(const Instance *own, int64_t at, int64_t count)
+{
+    const Name *names = section(own, at);
+    for (int64_t k = 0; k < count; k++)
+        if (!good_text(own->header, names[k].name))
+            return false;
+    return true;
+}
+
+static bool good_texts(const Instance *own)
+{
+    const Header *h = own->header;
+    const Sentence *sentences = section(own, h->sentences);
+    const Failure *failures = section(own, h->failures);
+    if (h->text_count && *text_at(own, h->text_count - 1))
+        return false;
+    for (int64_t k = 0; k < h->sentences_count; k++)
+        if (!good_text(h, sentences[k].what) || !good_text(h, sentences[k].remedy))
+            return false;
+    for (int64_t k = 0; k < h->failures_count; k++)
+        if (!good_text(h, failures[k].before) || !good_text(h, failures[k].between) ||
+            !good_text(h, failures[k].after))
+            return false;
+    return good_names(own, h->rows, h->rows_count) && good_names(own, h->coordinates, h->coordinates_count) &&
+           good_names(own, h->cuts, h->cuts_count);
+}
+
+/* Whether all that the tables refer to is there; the sections are checked before anything in them is read. */
+bool within_bounds(const Instance *own)
+{
+    const Header *h = own->header;
+    return good_header(h) && good_sections(h) && good_texts(own) && good_variables(own) && good_arrays(own) &&
+           good_entries(own) && good_formulas(own) && good_addresses(own);
+}

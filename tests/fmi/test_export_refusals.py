@@ -1,0 +1,68 @@
+"""What cannot start is not exported: the same error as a simulation gives."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fmus.pendulum import SwingPendulum
+from mbfmu.errors import EquilibriumError, UserError
+from mbfmu.fmi import export
+from mbfmu.model import models
+from mbfmu.settings import Settings
+from solvers.steppers import NAMES, refusal, stepper
+
+SMALL: dict[str, dict[str, Any]] = {
+    "sheet": {"nx": 9, "nz": 7},
+    "feeder": {"nx": 9, "nz": 5, "path": "straight", "nips": 1},
+}
+REFUSED = {  # explicit solvers by the stiff nips, esdirk by matrices
+    *(("feeder", name) for name in ("adams", "hybrid", "adams-lu")),
+    *((name, "esdirk") for name in ("fourbar", "governor", "pendulum")),
+}
+
+
+@pytest.mark.parametrize("name", sorted(models()))
+def test_a_solver_that_does_not_suit_a_model_is_refused_as_a_run_refuses_it(name: str, tmp_path: Path) -> None:
+    model = models()[name](**SMALL.get(name, {}))
+    system = model.plant().system
+    start = (0.0, *model.plant().assemble())
+    for solver in NAMES:
+        why, path = refusal(solver, system), tmp_path / f"{solver}.fmu"
+        assert bool(why) == ((name, solver) in REFUSED), (solver, why)
+        if why:
+            with pytest.raises(ValueError) as said:  # noqa: PT011  # what it says is compared
+                stepper(solver, system, *start)
+            with pytest.raises(UserError) as error:
+                export(model, path, Settings(solver=solver))
+            assert str(error.value) == f"model {name!r}: {said.value}"
+            assert not path.exists()
+
+
+def test_one_that_does_is_exported(tmp_path: Path) -> None:
+    for name, solver in (("fourbar", "adams"), ("fourbar", "auto"), ("sheet", "esdirk")):
+        model = models()[name](**SMALL.get(name, {}))
+        assert export(model, tmp_path / f"{name}-{solver}.fmu", Settings(solver=solver)).is_file()
+
+
+@pytest.mark.parametrize("arguments", [("feeder", "--solver", "adams"), ("fourbar", "--solver", "esdirk")])
+def test_the_command_says_so(command: Any, arguments: tuple[str, ...], tmp_path: Path) -> None:
+    code, _, err = command("export", *arguments, "-o", str(tmp_path / "model.fmu"))
+    assert code != 0
+    assert "solver" in err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("native", [False, True])
+def test_a_steady_state_that_is_not_there_is_refused(native: bool, tmp_path: Path) -> None:
+    """A pendulum under gravity on a crank that turns never rests."""
+    with pytest.raises(EquilibriumError, match="no steady state"):
+        export(
+            SwingPendulum(gravity=9.81),
+            tmp_path / "model.fmu",
+            Settings(solver="adams", start_at_equilibrium=True),
+            native=native,
+        )
+    assert not list(tmp_path.iterdir())
