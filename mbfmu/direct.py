@@ -11,7 +11,9 @@ import numpy as np
 from mbfmu.errors import UserError
 from mbfmu.interrupts import interrupts_held
 from mbfmu.mechanics import Mechanism
+from mbfmu.mechanics.arrays.given import Courses, Given
 from mbfmu.mechanics.numbers import array_of, positive
+from mbfmu.mechanics.signals import Signal
 from mbfmu.model import Model, declared, of_user, suggest
 from mbfmu.result import Result
 from mbfmu.settings import Settings
@@ -44,7 +46,8 @@ def simulate(
     stop_time: float | None = None,
     *,
     interval: float | None = None,
-    inputs: Mapping[str, float | Callable[[float], float]] | None = None,
+    inputs: Mapping[str, Given] | None = None,
+    input_interpolation: str = "hold",
     watch: Callable[[Simulation], None] | None = None,
     **settings: Any,
 ) -> Result:
@@ -57,7 +60,14 @@ def simulate(
     stop_time, interval
         End of the run and time between outputs, s; the model's own where they are not given.
     inputs
-        By name: a number, or a function of time, asked at every output.
+        By name: a number, or what is known for the whole run: a function of time (s), an expression such as
+        ``"10 * sin(30 * t)"``, a pair (times, values) of arrays, a :class:`.Table` or another signal. These are
+        evaluated at the solver's times, so that the result has the solver's accuracy at any ``interval``. Points of
+        loads and of rates are joined by straight lines, those of driven positions by a cubic spline. A function must
+        depend on time alone, and is called before the run. ``Result.inputs`` states how each input was treated.
+    input_interpolation
+        Of loads that ``watch`` sets by :meth:`.Simulation.set_input`, between two outputs: ``"hold"``, or ``"linear"``:
+        extrapolated from the last two values. It is the setting ``inputs`` of scenes and FMUs.
     watch
         Shown the simulation at every output.
     **settings
@@ -74,12 +84,17 @@ def simulate(
     times = communication_points(
         model.stop_time if stop_time is None else stop_time, model.output_interval if interval is None else interval
     )
-    known = [p.name for p in declared(Settings)]
+    known = [p.name for p in declared(Settings) if p.name != "inputs"]
     for name in settings:
         if name not in known:
             raise UserError(f"there is no setting {name!r}{suggest(name, known)}")
-    own: dict[str, Any] = {"solver": model.default_solver, "tolerance": model.tolerance}
+    own: dict[str, Any] = {"solver": model.default_solver, "tolerance": model.tolerance, "inputs": input_interpolation}
     return run(model, Settings(**own | settings), times, watch=watch, inputs=inputs)
+
+
+def is_course(value: Any) -> bool:
+    """Whether an input is given by more than one number."""
+    return callable(value) or isinstance(value, str | Signal) or np.ndim(value) > 0 or isinstance(value, tuple | list)
 
 
 def run(
@@ -89,11 +104,11 @@ def run(
     progress: Callable[[float], None] | None = None,
     watch: Callable[[Simulation], None] | None = None,
     warn: Callable[[str], None] | None = None,
-    inputs: Mapping[str, float | Callable[[float], float]] | None = None,
+    inputs: Mapping[str, Given] | None = None,
 ) -> Result:
     """Run a model directly, without an FMU, and record its outputs at ``times``; stops at a failure.
 
-    ``inputs`` are numbers or functions of time by name; a function is asked at each of ``times``. ``watch`` is shown
+    ``inputs`` are as :func:`simulate` takes them. ``watch`` is shown
     the simulation whenever its outputs have been read: its bodies are in place then. ``warn`` is told at once when the
     energy balance is lost; the run goes on.
 
@@ -109,9 +124,11 @@ def run(
         raise UserError(f"watch is {watch!r}; allowed: a function that is shown the simulation")
     if not isinstance(inputs or {}, Mapping):
         raise UserError(f"inputs are {inputs!r}; allowed: numbers or functions of time by the names of inputs")
-    varying = {name: value for name, value in (inputs or {}).items() if callable(value)}
-    first = {name: value(float(times[0])) if callable(value) else value for name, value in (inputs or {}).items()}
-    simulation = Simulation(model, settings, float(times[0]), first)
+    given = {name: value for name, value in (inputs or {}).items() if is_course(value)}
+    numbers: dict[str, Any] = {name: value for name, value in (inputs or {}).items() if name not in given}
+    courses = Courses(given, numbers, times, settings.tolerance)
+    simulation = Simulation(model, settings, float(times[0]), numbers, courses=courses)
+    varying = courses.held
     values = np.zeros((len(times), len(simulation.variables)))
     values[0] = simulation.outputs()
     if watch is not None:
@@ -120,8 +137,8 @@ def run(
     with interrupts_held() as interrupt:
         while done < len(times) and not failure:
             interrupt()
-            for name, function in varying.items():
-                simulation.set_input(name, function(float(times[done - 1])))
+            for course in varying:
+                simulation.set_input(course.name, course.value(float(times[done - 1])))
             rows, before = slice(done, done + (1 if watch or varying else many)), time.perf_counter()
             done += simulation.record(times[rows], values[rows])
             many *= 1 if time.perf_counter() - before > BRIEF else 2
@@ -148,5 +165,6 @@ def run(
         failure=failure,
         verdict=simulation.verdict,
         coarse=coarse,
-        remarks=tuple(filter(None, (str(simulation.pick), *simulation.remarks))),
+        remarks=tuple(filter(None, (str(simulation.pick), *simulation.remarks, *courses.remarks()))),
+        inputs=courses.summary(settings.inputs),
     )

@@ -34,6 +34,7 @@ from numpy.typing import NDArray
 
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Mechanism, Plant
+from mbfmu.mechanics.arrays.given import Courses
 from mbfmu.modules import load_module
 
 GROUP = "mbfmu.models"
@@ -214,9 +215,12 @@ class Model:
             raise UserError(f"model {self.name!r}: build() returns {mechanism!r}; it must return a Mechanism")
         return mechanism
 
-    def plant(self) -> Plant:
-        """Return the mechanism as arrays, ready to be moved; raises what :meth:`built` does."""
-        return Plant(self.built())
+    def plant(self, courses: Courses | None = None) -> Plant:
+        """Return the mechanism as arrays, ready to be moved; raises what :meth:`built` does.
+
+        ``courses``: what inputs are given by for a whole run, see :mod:`mbfmu.mechanics.arrays.given`.
+        """
+        return Plant(self.built(), courses)
 
     def arrays(self) -> Mapping[str, Sequence[Any]]:
         """Return which outputs are one array in FMI 3: nested lists of their names, by the name of the array."""

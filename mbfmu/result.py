@@ -42,6 +42,7 @@ class Result:
     verdict: str = ""  # when and how the energy balance was lost; empty: it was not
     coarse: str = ""  # where cells bend too far for their grid; empty: nowhere, or the run ended early
     remarks: tuple[str, ...] = ()  # what is unusual and stops nothing, in sentences
+    inputs: tuple[str, ...] = ()  # how each input that was given was treated
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -123,7 +124,7 @@ class Result:
             + "</tr>"
             for v, own in zip(self.variables, self.values.T, strict=True)
         ]
-        notes = [escape(text) for text in (self.failure, self.warning, *self.remarks) if text]
+        notes = [escape(text) for text in (self.failure, self.warning, *self.remarks, *self.inputs) if text]
         said = "".join(f"<p>{note}</p>" for note in notes)
         return f"<b>{escape(self._line())}</b>{said}<table>{head}{''.join(rows)}</table>"
 
@@ -171,7 +172,7 @@ class Result:
                 or t.dtype.kind + values.dtype.kind != "ff"
             ):
                 raise ValueError(f"times {t.shape} and values {values.shape} do not belong together")
-            return cls(t, values, **told | {"remarks": tuple(told["remarks"])})
+            return cls(t, values, **told | {name: tuple(told.get(name, ())) for name in ("remarks", "inputs")})
         except Exception as error:  # a file of another kind fails in any of these
             raise UserError(f"{str(path)!r} is no saved result: {error}") from error
 

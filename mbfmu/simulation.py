@@ -16,7 +16,8 @@ from mbfmu.errors import UserError
 from mbfmu.folds import Folds, Sharpest
 from mbfmu.frame import frame, unframe
 from mbfmu.interface import unique
-from mbfmu.mechanics import Mechanism
+from mbfmu.mechanics import Mechanism, Plant
+from mbfmu.mechanics.arrays.given import Courses
 from mbfmu.mechanics.arrays.points import CHANGED, DEPARTS, JUMPS
 from mbfmu.mechanics.numbers import finite
 from mbfmu.model import Model, of_user
@@ -57,6 +58,8 @@ class Simulation:
     inputs
         Values of inputs, by name or number, that differ from their start. A support that is moved by them starts where
         and as fast as they say, and takes along what hangs on it: start velocities are relative.
+    courses
+        What inputs are given by for a whole run, see :mod:`mbfmu.mechanics.arrays.given`.
 
     Attributes
     ----------
@@ -87,20 +90,20 @@ class Simulation:
         inputs: Mapping[int, float] | Mapping[str, float] | None = None,
         *,
         begins: bool = True,
+        courses: Courses | None = None,
     ) -> None:
         self.model = own = of_user(model)
-        self.settings = settings
-        self.plant = own.plant()
+        self.settings, self._courses = settings, courses
+        self.plant = own.plant(courses)
         if settings.inputs == "linear":
             self.plant.inputs.extrapolate()
         known = enumerate(self.plant.inputs.variables)
         self._inputs: dict[Hashable, int] = {key: k for k, v in known for key in (v.name, k)}
         if not isinstance(inputs or {}, Mapping):
             raise UserError(f"inputs are {inputs!r}; allowed: values by the names or the numbers of inputs")
-        given = {self._input(key): finite(f"input {key!r}", value) for key, value in (inputs or {}).items()}
+        given = self._starts(inputs or {}, t0)
         if settings.start_at_equilibrium:  # whose time is zero; the drives are where they are at the start time
-            self.plant.inputs.begin(0.0, given)
-            found = EquilibriumProblem(own, self.plant).solve()
+            found = EquilibriumProblem(own, self._held_plant(inputs or {}, given)).solve()
         self.plant.inputs.begin(t0, given)
         q, v = (found.q, found.v) if settings.start_at_equilibrium else self.plant.assemble(t0)
         beside = self.plant.check_meetings(t0, q) if begins else []
@@ -123,6 +126,26 @@ class Simulation:
         self.audit = Audit(self.plant, settings.tolerance, self.energy()) if audited else None
         self._folds, self._told_undetermined, self._end = Folds(self.plant, t0, q), False, t0
         self._rehearse(t0, q, v)
+
+    def _starts(self, inputs: Mapping[Any, Any], t0: float) -> dict[int, float]:
+        """Return the values of inputs at the start by their numbers, without those that are signals in this run."""
+        given = dict(inputs)
+        if self._courses:
+            for name in self._courses.unused:
+                self._input(name)  # raises
+            given |= {course.name: course.value(t0) for course in self._courses.held}
+        checked = {key: finite(f"input {key!r}", value) for key, value in given.items()}
+        signals = self._courses.replaced if self._courses else set()
+        return {self._input(key): value for key, value in checked.items() if key not in signals}
+
+    def _held_plant(self, inputs: Mapping[Any, Any], given: dict[int, float]) -> Plant:
+        """Return a plant whose inputs are all held at their values at the start, to look for a steady state in."""
+        plant = self.model.plant() if self._courses else self.plant
+        if self._courses:
+            known = {v.name: k for k, v in enumerate(plant.inputs.variables)}
+            given = {known[name]: float(value) for name, value in {**inputs, **self._courses.starts()}.items()}
+        plant.inputs.begin(0.0, given)
+        return plant
 
     def _stepper(self, t: float, q: Array, v: Array) -> Stepper:
         """Return the solver that was chosen, at a state."""
@@ -331,6 +354,11 @@ class Simulation:
         """Return the number of an input."""
         index = self._inputs.get(key) if isinstance(key, Hashable) else None
         if index is None:
+            if self._courses and key in self._courses.replaced:
+                raise UserError(
+                    f"input {key!r} is given for the whole run, as a function of time or by points; it cannot be set "
+                    "during the run"
+                )
             names = ", ".join(repr(name) for name in self._inputs if isinstance(name, str))
             raise UserError(f"there is no input {key!r}; this model has {names or 'none'}")
         return index
@@ -365,7 +393,7 @@ class Simulation:
                 why = f", from {before!r} to {after!r}" if p.tunable else ": it is not tunable"
                 raise UserError(f"parameter {p.name!r} cannot change during a run{why}")
         before = self.energy()
-        self.plant.adopt(model.plant())
+        self.plant.adopt(model.plant(self._courses))
         self._book_jump(before)
         self.model = model
         self.stepper.restart()
@@ -420,7 +448,7 @@ class Simulation:
         head, body = unframe(self._owner, state)
         model = self.model.with_values(head["parameters"])
         if model != self.model:
-            self.plant.adopt(model.plant())
+            self.plant.adopt(model.plant(self._courses))
             self.model = model
         self.plant.inputs.restore(head["inputs"])
         self.work_of_jumps = head["work_of_jumps"]

@@ -35,9 +35,11 @@ from mbfmu.mechanics.records import (
     complex_twin,
 )
 from mbfmu.mechanics.sensors import CouplingEffort, Energy, KineticEnergy, RowForce, Sensor
-from mbfmu.mechanics.signals import Input, InUse, Signal
+from mbfmu.mechanics.signals import Input, InUse, Signal, SpeedInput
+from mbfmu.mechanics.signals.followed import Followed
 from solvers.compiled.kernel import records
 
+from .given import Courses
 from .tables import COMPLEX, STEPPED, TANGENT, Called, Tables
 
 
@@ -67,7 +69,8 @@ class Slot:
 class Numbering:
     """Offsets of every joint in the full and the free coordinates; signals in the order they are met."""
 
-    def __init__(self, mechanism: Mechanism) -> None:
+    def __init__(self, mechanism: Mechanism, courses: Courses | None = None) -> None:
+        self._courses = courses
         self.signals: list[Signal] = []
         self.surfaces: list[Surface] = []
         self.slots: list[Slot] = []
@@ -81,6 +84,8 @@ class Numbering:
         self.nq_full = self.nv_full = self.nq = self.nv = 0
         for axis, gravity in mechanism.gravity_inputs.items():
             ((name, unit, description, start),) = gravity.variables()
+            if courses:
+                courses.hold(name, "gravity is no signal of a mechanism")
             self._slot(Variable(name, unit, description, start), GRAVITY, axis)
         for body in mechanism.bodies:
             self._count(body)
@@ -104,26 +109,33 @@ class Numbering:
         self.nv_full += joint.nv
         self.qf.append(-1 if driven else self.nq)
         self.vf.append(-1 if driven else self.nv)
-        self.drive.append(self.signal(self._drive(body), f"drive of body {body.name!r}") if driven else -1)
+        self.drive.append(self._number(self._drive(body)) if driven else -1)
         if not driven:
             self.nq += joint.nq
             self.nv += joint.nv
             self.coordinate_names += [f"{body.name}.{c}" if c else body.name for c in joint.coordinates]
 
-    @staticmethod
-    def _drive(body: Body) -> Signal:
+    def _drive(self, body: Body) -> Signal:
         """Return the signal that a joint follows; UserError for one that jumps."""
         what = f"drive of body {body.name!r}"
-        signal = signal_of(body.joint.drive, what, drive=True)
+        signal = self._given(signal_of(body.joint.drive, what, drive=True), what, drive=True)
         if not signal.drives:
             raise UserError(f"{what} is {signal!r}; its value or its rate jumps, and no joint can follow that")
         return signal
 
+    def _given(self, signal: Signal, what: str, *, drive: bool = False) -> Signal:
+        """Return what a signal is given by for the whole run, if it is an input that is, else itself."""
+        if self._courses is not None and isinstance(signal, Input | SpeedInput):
+            signal = self._courses.replace(signal, drive=drive)
+        check_kind(what, signal, Signal)
+        return signal
+
     def signal(self, value: Any, what: str) -> int:
         """Number a signal and, if it is an input, its slots; one input object may load several things."""
-        signal = signal_of(value, what)
-        check_kind(what, signal, Signal)
-        if isinstance(signal, Input):
+        return self._number(self._given(signal_of(value, what), what))
+
+    def _number(self, signal: Signal) -> int:
+        if isinstance(signal, Input | Followed):
             for index, known in enumerate(self.signals):
                 if known is signal:
                     return index

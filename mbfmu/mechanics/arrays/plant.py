@@ -26,6 +26,7 @@ from .behind import Behind
 from .bending import Bend, bend
 from .compile import Compiled, Numbering, Variable, check_rows
 from .corners import check_corners
+from .given import Courses
 from .inputs import Drives, Inputs
 from .meetings import beside, check_touches, unfelt
 from .rows import find_vanishing_rows, row_names
@@ -36,6 +37,11 @@ from .tables import Called
 
 class Plant:
     """A mechanism as arrays, with its inputs, its outputs and the system a solver takes.
+
+    Parameters
+    ----------
+    courses
+        What inputs are given by for a whole run; those are no inputs of the plant.
 
     Attributes
     ----------
@@ -53,12 +59,12 @@ class Plant:
         Names of rows of constraints that no free motion works against; dropped.
     """
 
-    def __init__(self, mechanism: Mechanism) -> None:
+    def __init__(self, mechanism: Mechanism, courses: Courses | None = None) -> None:
         if len(mechanism.bodies) == 1:
             raise UserError("the mechanism has no bodies; add at least one with Mechanism.body")
         mechanism.compiled = True
         self.mechanism, self._cells = mechanism, mechanism.cells
-        numbering = Numbering(mechanism)
+        numbering = Numbering(mechanism, courses)
         try:
             self._compiled = compiled = Compiled(mechanism, numbering)
         except MemoryError as error:
@@ -67,8 +73,8 @@ class Plant:
         self.data = compiled.data
         self.length = characteristic_length(mechanism, self.data.arrays)
         self.drives = Drives(mechanism, numbering, compiled.signals, self.length)
-        courses = compiled.table(Input)
-        self.inputs = Inputs(numbering, self.data.arrays, compiled.signals, courses, self.drives)
+        polynomials = compiled.table(Input)
+        self.inputs = Inputs(numbering, self.data.arrays, compiled.signals, polynomials, self.drives)
         self._systems = Systems(mechanism, numbering, compiled, self.drives, self.length)
         self.data.arrays.reach[:] = self.length / self._systems.row_size
         names = row_names(mechanism.constraints)

@@ -1,0 +1,288 @@
+"""Inputs that are given as functions of time, or by points, for a whole run: they become signals of the mechanism.
+
+What a host sets holds from one communication point to the next. What is known before the run needs no such points: the
+solver evaluates it at its own times, so that the times of the outputs have no influence.
+
+A load is the function. A driven coordinate is the function too, and needs its first two derivatives, so that its rate
+must not jump; where only the rate is given, the coordinate is its integral. What cannot be evaluated in this way is
+``held``: it has to be set at every output.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from mbfmu.errors import UserError, short
+from mbfmu.mechanics import law
+from mbfmu.mechanics.checks import signal_of
+from mbfmu.mechanics.curve import curve
+from mbfmu.mechanics.numbers import is_finite
+from mbfmu.mechanics.signals import Input, Signal, SpeedInput, Table
+from mbfmu.mechanics.signals.fitting import Pieces, UnresolvedError, find_jump, fit
+from mbfmu.mechanics.signals.followed import Followed
+
+Array = NDArray[np.float64]
+
+ALLOWED = "a finite number, a function or an expression of time, a pair (times, values), a Table or another signal"
+Given = float | str | Callable[[float], float] | Sequence[Any] | Signal
+AGREE = 1e-6  # deviation of the given rate from that of the given position, relative to the largest
+LOOSE = 1e-2  # error of the approximation of a load that has noise, relative to the tolerance of the solver
+CALLED_AGAIN = 64  # times at which functions are called again after the run,
+REPEATS = 1e-9  # ... and deviation from the first call, relative to the largest value
+MOST_MARKS = 100_000  # output times at which approximations are compared with functions
+
+
+class Course:
+    """What one input is given by: ``given`` over the ``times`` of the outputs, s.
+
+    Attributes
+    ----------
+    held
+        Why it is set at outputs and held between them; empty: it is a signal.
+    used
+        Whether an input of the mechanism has its name.
+    remark
+        What is unusual about it; empty: nothing.
+    """
+
+    def __init__(self, name: str, given: Any, times: Array) -> None:
+        self.name, self.times, self.held, self.used, self.remark = name, times, "", False, ""
+        self._what, self._given = f"input {name!r}", given
+        self._noted: Array | None = None
+        if isinstance(given, Signal):
+            if given.variables():
+                raise UserError(f"{self._what} is {short(given)}; allowed: {ALLOWED}")
+        elif callable(given):
+            self._function = given
+        elif isinstance(given, str):
+            self._function = law.from_text(self._what, given, ("t",))
+        else:
+            self._table("linear")  # refuses what is none
+
+    @property
+    def is_function(self) -> bool:
+        """Whether it is a function of time that can be called."""
+        return callable(self._given) or isinstance(self._given, str)
+
+    @property
+    def kind(self) -> str:
+        """What it is, in words."""
+        if self.is_function:
+            return "function of time"
+        return type(self._given).__name__ if isinstance(self._given, Signal) else "points"
+
+    def _table(self, kind: str) -> Table:
+        """Return the table it is given by, or a table of this kind through its points."""
+        if isinstance(self._given, Table):
+            return self._given
+        try:
+            x, y = self._given
+        except (TypeError, ValueError) as error:
+            raise UserError(f"{self._what} is {short(self._given)}; allowed: {ALLOWED}") from error
+        table = Table(x, y, kind, "hold" if kind == "linear" else "linear")
+        table.rows(self._what)
+        self._check_span(table)
+        return table
+
+    def _check_span(self, table: Table) -> None:
+        first, last, begin, end = table.x[0], table.x[-1], self.times[0], self.times[-1]
+        if begin < first or end > last:
+            raise UserError(
+                f"{self._what} is given by points from {first:g} to {last:g} s, and the run goes from {begin:g} to "
+                f"{end:g} s; give points for the whole run, or mbfmu.Table(times, values, beyond=...)"
+            )
+
+    def value(self, t: float) -> float:
+        """Return its value at t, s; UserError where that is no finite number."""
+        if self.is_function:
+            try:
+                found = self._function(t)
+            except Exception as error:
+                raise UserError(
+                    f"{self._what}: its function fails at t = {t:.9g} s ({type(error).__name__}: {error}). A function "
+                    "is called at any time of the run; give values at single times as a pair (times, values)"
+                ) from error
+            if not is_finite(found) or np.ndim(found):
+                raise UserError(f"{self._what} is {short(found)} at t = {t:.9g} s; allowed: a finite number")
+            return float(found)
+        if isinstance(self._given, Signal) and not isinstance(self._given, Table):
+            raise UserError(f"{self._what} is {short(self._given)}; allowed: a number, function, points or Table")
+        table = self._table("linear")
+        rows = table.rows(self._what)
+        return float(curve(rows.ravel(), 0, -len(rows) if table.beyond == "periodic" else len(rows), float(t))[0])
+
+    @property
+    def signal(self) -> Signal | None:
+        """The signal it is given by; None: it is a function or points."""
+        return self._given if isinstance(self._given, Signal) else None
+
+    def spline(self) -> Pieces:
+        """Return a cubic spline through the points it is given by; with natural ends where there are less than four."""
+        table = self._table("linear")
+        found = CubicSpline(table.x, table.y, bc_type="not-a-knot" if len(table.x) > 3 else "natural")
+        return Pieces.of_cubics(found.x, found.c)
+
+    def pieces(self, tolerance: float, *, smooth: bool) -> Pieces:
+        """Return it over the run; raises what :func:`.signals.fitting.fit` does."""
+        begin, end = float(self.times[0]), float(self.times[-1])
+        if self.is_function:
+            marks = self.times[:: 1 + len(self.times) // MOST_MARKS]
+            return fit(self.value, begin, end, marks, LOOSE * tolerance, smooth=smooth)
+        table = self._table("linear")
+        self._check_span(table)
+        rows = table.rows(self._what)
+        rows = rows[rows[:, 0] >= table.x[0]]
+        return Pieces.of_cubics(rows[:, 0], rows[:-1, 4:0:-1].T)
+
+    def note(self) -> None:
+        """Keep what the function returns now, for :meth:`check_repeats`."""
+        if self.is_function:
+            self._noted = self._values()
+
+    def _values(self) -> Array:
+        k = np.linspace(0, len(self.times) - 1, min(len(self.times), CALLED_AGAIN)).astype(int)
+        return np.array([self.value(float(t)) for t in self.times[k]])
+
+    def check_repeats(self) -> str:
+        """Say that the function returns something else than before the run; empty: it does not."""
+        if self._noted is None or self.held:
+            return ""
+        off = np.abs(self._values() - self._noted).max(initial=0.0)
+        if not off > REPEATS * np.abs(self._noted).max(initial=0.0):
+            return ""
+        return (
+            f"the function of {self._what} does not depend on time alone: called again for the same times it returned "
+            f"values that differ by {off:.3g}. It was called before the run; what depends on the run has to be set by "
+            "Simulation.set_input in the function `watch`"
+        )
+
+
+class Courses:
+    """What the inputs of a mechanism are given by, for one run with this relative tolerance."""
+
+    def __init__(self, given: Mapping[str, Any], numbers: Mapping[str, float], times: Array, tolerance: float) -> None:
+        self.by_name = {name: Course(name, value, times) for name, value in given.items()}
+        self._numbers, self._tolerance, self._begin = numbers, tolerance, float(times[0])
+        self._made: dict[tuple[str, bool], Signal | None] = {}
+        self.replaced: set[str] = set()  # names of all values and rates of inputs that are signals in this run
+
+    def replace(self, signal: Input | SpeedInput, *, drive: bool) -> Signal:
+        """Return the signal that an input follows in this run, or the input itself."""
+        names = {k: name for k, (name, *_) in enumerate(signal.variables()) if name in self.by_name}
+        if not names:
+            return signal
+        for name in names.values():
+            self.by_name[name].used = True
+        key = (next(iter(names.values())), drive)
+        if key not in self._made:
+            self._made[key] = self._make(signal, names, drive)
+        found = self._made[key]
+        if found is None:
+            return signal
+        self.replaced.update(name for name, *_ in signal.variables() if name)
+        return found
+
+    def starts(self) -> dict[str, float]:
+        """Return the values at the begin of all inputs that are used."""
+        return {name: course.value(self._begin) for name, course in self.by_name.items() if course.used}
+
+    def remarks(self) -> list[str]:
+        """Return what is unusual about them, after a run."""
+        found = [
+            f"input {course.name!r} cannot be evaluated at the solver's times ({course.held}): it was set at every "
+            "output, and the result depends on the interval between them"
+            for course in self.held
+        ]
+        for course in self.by_name.values():
+            found += filter(None, (course.remark, course.check_repeats()))
+        return found
+
+    def summary(self, interpolation: str) -> tuple[str, ...]:
+        """Return how each input was treated; ``interpolation`` is that of loads which are held."""
+        between = {"hold": "held", "linear": "extrapolated"}[interpolation]
+        return (
+            *(f"{name}: constant" for name in self._numbers),
+            *(
+                f"{course.name}: {course.kind}, "
+                + (f"set at outputs, {between} between them" if course.held else "evaluated at the solver's times")
+                for course in self.by_name.values()
+            ),
+        )
+
+    @property
+    def unused(self) -> list[str]:
+        """Names that no input of the mechanism has."""
+        return [name for name, course in self.by_name.items() if not course.used]
+
+    @property
+    def held(self) -> list[Course]:
+        """Those that have to be set at every output."""
+        return [course for course in self.by_name.values() if course.held]
+
+    def hold(self, name: str, reason: str) -> None:
+        """Let an input be set at outputs, for a reason."""
+        if name in self.by_name:
+            course = self.by_name[name]
+            course.used, course.held = True, reason
+
+    def _make(self, signal: Input | SpeedInput, names: dict[int, str], drive: bool) -> Signal | None:
+        """Return the signal; None where the input has to be held."""
+        courses = {k: self.by_name[name] for k, name in names.items()}
+        for course in courses.values():
+            course.note()
+        try:
+            if 0 not in courses:
+                return self._integrated(courses[1], signal, drive)
+            own = courses[0].signal
+            if own is not None:
+                return signal_of(own, f"input {courses[0].name!r}", drive=drive)
+            found = self._followed(courses[0], drive)
+        except UnresolvedError as reason:
+            for course in courses.values():
+                course.held = str(reason)
+            return None
+        for k, rate in courses.items():
+            if k:
+                self._compare(courses[0], found.rate if k == 1 else found.acceleration, rate)
+        return found
+
+    def _followed(self, course: Course, drive: bool) -> Followed:
+        points = drive and not course.is_function
+        value = course.spline() if points else course.pieces(self._tolerance, smooth=drive)
+        rate = value.derivative()
+        if drive:
+            refuse_jump(value, "it")
+            refuse_jump(rate, "its rate")
+        return Followed(value=value, rate=rate, acceleration=rate.derivative(), smooth=drive)
+
+    def _integrated(self, course: Course, signal: Input | SpeedInput, drive: bool) -> Followed:
+        """Return the integral of a rate from where the input starts."""
+        name, _, _, start = signal.variables()[0]
+        rate = course.pieces(self._tolerance, smooth=drive)
+        if drive:
+            refuse_jump(rate, "it")
+        value = rate.integral(float(self._numbers.get(name, start)) if name else 0.0)
+        return Followed(value=value, rate=rate, acceleration=rate.derivative(), smooth=drive)
+
+    def _compare(self, course: Course, found: Pieces, given: Course) -> None:
+        """Note where a given derivative is not that of the given value."""
+        times = course.times[np.linspace(0, len(course.times) - 1, min(len(course.times), CALLED_AGAIN)).astype(int)]
+        off = np.abs(found.at(times) - np.array([given.value(float(t)) for t in times]))
+        k = int(off.argmax())
+        if off[k] > AGREE * np.abs(found.series).sum(axis=1).max():
+            given.remark = (
+                f"input {given.name!r} is {given.value(float(times[k])):.6g} at t = {times[k]:.6g} s, and the "
+                f"derivative of input {course.name!r} is {found.at(times[[k]])[0]:.6g} there; the derivative is used"
+            )
+
+
+def refuse_jump(pieces: Pieces, what: str) -> None:
+    """Raise UnresolvedError where what drives a joint jumps."""
+    time = find_jump(pieces)
+    if time is not None:
+        raise UnresolvedError(f"{what} jumps at t = {time:.9g} s")

@@ -1,0 +1,158 @@
+"""A signal through a Python function of time or points, as a piecewise Chebyshev series; see :mod:`.fitting`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mbfmu.mechanics.kind import Site
+from solvers.compiled.kernel import kernel
+
+from .base import InUse, Signal
+from .fitting import DEGREE, Array, Pieces
+
+SEEN = 0.25  # longest step, in intervals
+SIMPLE = 3  # degree up to which a series needs no limit of the step
+SHORTEST = 1e-9  # longest step at a jump, relative to the duration of the run
+TERMS = DEGREE + 1
+NOISE = (1e-13, 1e-12, 1e-9)  # of value, rate and acceleration, relative to the series, which is zero: scales of the
+# motion are taken from what acts at the start, and must not be taken from rounding
+HEAD = 8  # begin, end, longest step, noise of the three; begin and longest step of the next interval with a shorter one
+ROW = HEAD + 3 * TERMS  # ... and the series of the three
+
+
+@kernel
+def find_piece(numbers: Any, first: int, count: int, t: float) -> int:
+    """Return where the row of the interval begins that t is in."""
+    low, high = 0, count
+    while high - low > 1:
+        middle = (low + high) // 2
+        if t < numbers[first + ROW * middle].real:
+            high = middle
+        else:
+            low = middle
+    return first + ROW * low
+
+
+@kernel
+def clenshaw(numbers: Any, at: int, z: float) -> Any:
+    """Return the Chebyshev series from ``at`` on, at z from -1 to 1."""
+    b, before = 0.0 * numbers[at], 0.0 * numbers[at]
+    for k in range(TERMS - 1, 0, -1):
+        b, before = numbers[at + k] + 2.0 * z * b - before, b
+    return numbers[at] + z * b - before
+
+
+@kernel
+def without_noise(x: Any, noise: Any) -> Any:
+    """Return x, or zero where it is noise."""
+    return x if abs(x) > noise.real else 0.0 * x
+
+
+@kernel
+def evaluate(signal: Any, t: float, arrays: Any) -> tuple[float, float, float]:
+    """See :mod:`.base`. Beyond both ends it continues with constant acceleration."""
+    numbers = arrays.numbers
+    at = find_piece(numbers, signal.first, signal.count, t)
+    a, b = numbers[at].real, numbers[at + 1].real
+    inside = min(max(t, a), b)
+    z, late = (2.0 * inside - a - b) / (b - a), t - inside
+    x, dx, ddx = (
+        without_noise(clenshaw(numbers, at + HEAD, z), numbers[at + 3]),
+        without_noise(clenshaw(numbers, at + HEAD + TERMS, z), numbers[at + 4]),
+        without_noise(clenshaw(numbers, at + HEAD + 2 * TERMS, z), numbers[at + 5]),
+    )
+    return x + late * (dx + 0.5 * late * ddx), dx + late * ddx, ddx
+
+
+@kernel
+def longest_step(signal: Any, t: float, arrays: Any) -> tuple[float, float]:
+    """See :mod:`.base`. Part of the interval, and before a shorter one half the way there."""
+    numbers = arrays.numbers
+    at = find_piece(numbers, signal.first, signal.count, t)
+    own, until, finer = numbers[at + 2].real, numbers[at + 6].real, numbers[at + 7].real
+    half, end = 0.5 * (until - t), max(numbers[at + 1].real, t + own)
+    if not until < np.inf:
+        return own, end if t < numbers[at + 1].real else np.inf
+    return (min(own, half), min(end, t + half)) if half > finer else (finer, until)
+
+
+def next_finer(begins: Array, steps: Array) -> tuple[Array, Array]:
+    """Return begin and longest step of the next interval whose longest step is shorter, for each; else infinite."""
+    at, finer, waiting = np.full(len(steps), np.inf), np.full(len(steps), np.inf), list[int]()
+    for k in range(len(steps) - 1, -1, -1):
+        while waiting and steps[waiting[-1]] >= 0.9 * steps[k]:
+            waiting.pop()
+        if waiting:
+            at[k], finer[k] = begins[waiting[-1]], steps[waiting[-1]]
+        waiting.append(k)
+    return at, finer
+
+
+@dataclass(frozen=True, kw_only=True)
+class Followed(Signal):
+    """What an input is given by for a whole run: a function of time, or points.
+
+    Parameters
+    ----------
+    value, rate, acceleration
+        The signal and its derivatives over the run.
+    smooth
+        Whether its rate has no jumps, so that a joint can follow it.
+    """
+
+    value: Pieces
+    rate: Pieces
+    acceleration: Pieces
+    smooth: bool
+
+    record = np.dtype(
+        [
+            ("first", np.int64),  # row of numbers
+            ("count", np.int64),  # of rows
+            ("start", np.float64),  # rate at the begin
+            ("slope", np.float64),  # the steepest, 1/s
+            ("constant", np.int64),  # 1: the rate never changes
+        ],
+        align=True,
+    )
+    evaluate, longest_step = evaluate, longest_step
+
+    def fill(self, record: Any, site: Site) -> None:
+        """Write the intervals."""
+        rates = self.rate.series
+        record["first"] = site.numbers(self.rows())
+        record["count"], record["start"] = len(rates), self.rate.at(self.rate.begins[:1])[0]
+        record["slope"] = np.abs(rates).sum(axis=1).max()
+        record["constant"] = not np.any(rates[:, 1:]) and np.all(rates[:, 0] == rates[0, 0])
+
+    def rows(self) -> Array:
+        """Return the rows (intervals, ROW) for kernels."""
+        begins, ends, series = self.value
+        degree = np.array([np.flatnonzero(row)[-1] if row.any() else 0 for row in series])
+        steps = np.maximum(SEEN * (ends - begins), SHORTEST * (ends[-1] - begins[0]))
+        steps[(degree <= SIMPLE) & (ends - begins > SHORTEST * (ends[-1] - begins[0]))] = np.inf
+        parts = (series, self.rate.series, self.acceleration.series)
+        noise = [share * np.abs(part).sum(axis=1) for share, part in zip(NOISE, parts, strict=True)]
+        noise[0][:] = noise[0].max()
+        return np.column_stack((begins, ends, steps, *noise, *next_finer(begins, steps), *parts))
+
+    @property
+    def drives(self) -> bool:  # type: ignore[override]
+        """Whether its rate has no jumps."""
+        return self.smooth
+
+    def __hash__(self) -> int:
+        """Arrays are told apart by themselves."""
+        return id(self)
+
+    def pace(self, own: InUse, size: float) -> float:
+        """Return ``size`` by the steepest slope."""
+        slope = float(own.record["slope"])
+        return size / slope if slope else 0.0
+
+    def steady(self, own: InUse) -> tuple[float, bool]:
+        """Return the rate at the begin, and whether it never changes."""
+        return float(own.record["start"]), bool(own.record["constant"])
