@@ -104,8 +104,8 @@ static bool good_variables(const Instance *own)
             return false;
         if ((v->role == ROLE_INPUT && v->number != inputs++) ||
             (v->role == ROLE_SETTING && v->number >= SETTING_COUNT) ||
-            (v->role == ROLE_OUTPUT && (!in_block(h, h->out_at, v->number, 8) || !in_block(h, h->out_at + 8 * v->number, 1, 8))) ||
-            (v->role == ROLE_COUNTER && (!in_block(h, h->counts_at, v->number, 8) || !in_block(h, h->counts_at + 8 * v->number, 1, 8))))
+            (v->role == ROLE_OUTPUT && !in_block(h, h->out_at, v->number + 1, sizeof(double))) ||
+            (v->role == ROLE_COUNTER && !in_block(h, h->counts_at, v->number + 1, sizeof(int64_t))))
             return false;
     }
     return true;

@@ -231,7 +231,8 @@ fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference[], size_t n, 
 {
     if (!c)
         return fmi2Error;
-    return n ? (fmi2Status)mistake(instance(c), "a text was set; no variable of this FMU is a text that can be set") : fmi2OK;
+    const char *text = "a text was set; no variable of this FMU is a text that can be set";
+    return n ? (fmi2Status)mistake(instance(c), text) : fmi2OK;
 }
 
 fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference[], size_t n, const fmi2Integer[],

@@ -47,6 +47,21 @@ bool within_bounds(const Instance *own);
 bool put_parameters(Instance *own, bool at_work);
 void put_options(Instance *own);
 
+/* starting.c */
+int64_t call_entry(Instance *own, int32_t (*entry)(int64_t *, void **, void *));
+int64_t call_entry_at(Instance *own, int32_t (*entry)(int64_t *, void **, void *, double), double t);
+double *numbers_at(Instance *own, int64_t at);
+double clock_of(Instance *own);
+void give(Instance *own, int32_t (*entry)(int64_t *, void **, void *, int64_t, double), size_t k);
+Outcome evaluate(Instance *own);
+Outcome start_anew(Instance *own);
+
+/* values.c */
+bool is_marked(const Instance *own, unsigned flag);
+const Variable *refused_value(const Instance *own);
+Outcome fail_refused(Instance *own, Outcome outcome, const Variable *v);
+void apply_changes(Instance *own);
+
 /* words.c */
 const char *in_digits(char digits[32], double value);
 void add(char text[SAYS], const char *more);

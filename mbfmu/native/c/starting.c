@@ -1,0 +1,133 @@
+/* The start of the model from the values as they are, and its outputs. */
+
+#include <math.h>
+
+#include "instance.h"
+
+/* Calls of entry points, which return their code. */
+
+int64_t call_entry(Instance *own, int32_t (*entry)(int64_t *, void **, void *))
+{
+    int64_t code;
+    void *error;
+    entry(&code, &error, root_of(own));
+    return code;
+}
+
+int64_t call_entry_at(Instance *own, int32_t (*entry)(int64_t *, void **, void *, double), double t)
+{
+    int64_t code;
+    void *error;
+    entry(&code, &error, root_of(own), t);
+    return code;
+}
+
+double *numbers_at(Instance *own, int64_t at)
+{
+    return (double *)(own->block + at);
+}
+
+double clock_of(Instance *own)
+{
+    return *numbers_at(own, own->header->clock_at);
+}
+
+static void read_outputs(Instance *own)
+{
+    const double *out = numbers_at(own, own->header->out_at);
+    const int64_t *counts = (const int64_t *)(own->block + own->header->counts_at);
+    call_entry(own, own->family->count);
+    for (size_t k = 0; k < count_of(own); k++) {
+        const Variable *v = &own->variables[k];
+        if (v->role == ROLE_OUTPUT)
+            own->values[k] = out[v->number];
+        else if (v->role == ROLE_COUNTER)
+            own->values[k] = (double)counts[v->number];
+    }
+}
+
+/* Evaluate the outputs at the time reached. */
+Outcome evaluate(Instance *own)
+{
+    char text[SAYS];
+    int64_t code = call_entry(own, own->family->read);
+    if (code != CODE_OK) {
+        tell_stop(own, code, text);
+        return fail(own, DISCARD, text);
+    }
+    read_outputs(own);
+    own->fresh = true;
+    return OK;
+}
+
+/* Give the model an input: its entry point says from when. */
+void give(Instance *own, int32_t (*entry)(int64_t *, void **, void *, int64_t, double), size_t k)
+{
+    int64_t code;
+    void *error;
+    entry(&code, &error, root_of(own), own->variables[k].number, own->values[k]);
+}
+
+/* Return an input that differs from the one whose steady state the model starts in; NULL: none does. */
+static const Variable *moved_from_rest(const Instance *own)
+{
+    const Options *o = (const Options *)(own->block + own->header->options_at);
+    for (size_t k = 0; k < count_of(own); k++) {
+        const Variable *v = &own->variables[k];
+        if (v->rest_scale > 0.0 && fabs(own->values[k] - v->start) > o->rtol * v->rest_scale)
+            return v;
+    }
+    return NULL;
+}
+
+static Outcome fail_moved(Instance *own, const Variable *v)
+{
+    char text[SAYS], one[32], two[32];
+    SAY(text, "'", text_at(own, v->name), "' was set to ", in_digits(one, own->values[v - own->variables]),
+        " in the initialization, but the steady state that the FMU starts in was found at the export, for ",
+        in_digits(two, v->start), ". Set it after the initialization, export the FMU with this value as the start, or "
+        "export it without --native, which finds the steady state of the values that are set");
+    return fail(own, ERROR, text);
+}
+
+/* Start the model from the values as they are. */
+Outcome start_anew(Instance *own)
+{
+    char text[SAYS];
+    const Variable *wrong = refused_value(own);
+    if (wrong)
+        return fail_refused(own, ERROR, wrong);
+    if (!own->untouched && !load_block(own)) {
+        SAY(text, "file '", own->path, "', from which the FMU starts anew, is gone or was changed; unzip the FMU anew");
+        return fail(own, ERROR, text);
+    }
+    own->untouched = false;
+    own->warned_jump = own->warned_balance = own->warned_coarse = false;
+    put_options(own);
+    if ((wrong = moved_from_rest(own)))
+        return fail_moved(own, wrong);
+    bool late = own->start != 0.0, other = put_parameters(own, false) || late;
+    *numbers_at(own, own->header->clock_at) = own->start;
+    for (size_t k = 0; k < count_of(own); k++)
+        if (own->variables[k].role == ROLE_INPUT && (late || own->flags[k] & GIVEN)) {
+            give(own, own->family->start, k); /* what it moves begins at the start time */
+            other = true;
+        }
+    int64_t code = other ? call_entry_at(own, own->family->assemble, own->start) : ASSEMBLY_ASSEMBLED;
+    if (code != ASSEMBLY_ASSEMBLED) {
+        tell_assembly(own, code, text);
+        return fail(own, ERROR, text);
+    }
+    code = call_entry_at(own, own->family->begin, own->start);
+    if (code != CODE_OK) {
+        tell_stop(own, code, text);
+        return fail(own, ERROR, text);
+    }
+    const Told *told = (const Told *)(own->block + own->header->told_at);
+    if (told->flaw) {
+        tell_assembly(own, told->flaw, text);
+        return fail(own, ERROR, text);
+    }
+    own->reached = own->start;
+    return evaluate(own);
+}

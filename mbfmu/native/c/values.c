@@ -1,0 +1,153 @@
+/* Values of variables: what a host reads and sets.
+
+   A value that is not allowed is not taken, and no step is made until an allowed one is given. */
+
+#include <math.h>
+
+#include "instance.h"
+
+static const char *const types[] = {"Real", "Integer", "Boolean", "String", "Enumeration"};
+
+/* Whether a flag of some variable is set; every step asks. */
+bool is_marked(const Instance *own, unsigned flag)
+{
+    const unsigned char *flags = own->flags;
+    unsigned all = 0;
+    for (size_t k = 0, count = count_of(own); k < count; k++)
+        all |= flags[k];
+    return all & flag;
+}
+
+/* Return what was refused and not given right since; NULL: nothing. */
+const Variable *refused_value(const Instance *own)
+{
+    if (!is_marked(own, REFUSED))
+        return NULL;
+    for (size_t k = 0; k < count_of(own); k++)
+        if (own->flags[k] & REFUSED)
+            return &own->variables[k];
+    return NULL;
+}
+
+Outcome fail_refused(Instance *own, Outcome outcome, const Variable *v)
+{
+    char text[SAYS];
+    SAY(text, "'", text_at(own, v->name), "' was given a value that is not allowed; allowed: ",
+        text_at(own, v->allowed));
+    return fail(own, outcome, text);
+}
+
+/* Let what was set since the last step reach the model. */
+void apply_changes(Instance *own)
+{
+    bool tuned = false;
+    if (!is_marked(own, GIVEN))
+        return;
+    for (size_t k = 0; k < count_of(own); k++)
+        tuned = tuned || (own->flags[k] & GIVEN && own->variables[k].role == ROLE_PARAMETER);
+    if (tuned) {
+        call_entry(own, own->family->weigh);
+        put_parameters(own, true);
+        call_entry(own, own->family->retune);
+    }
+    for (size_t k = 0; k < count_of(own); k++) {
+        if (!(own->flags[k] & GIVEN))
+            continue;
+        if (own->variables[k].role == ROLE_INPUT)
+            give(own, own->family->set, k);
+        own->flags[k] &= (unsigned char)~GIVEN;
+        own->fresh = false;
+    }
+}
+
+/* Return a variable of these types; NULL: there is none, which is said. */
+static const Variable *known(Instance *own, uint32_t reference, unsigned wanted)
+{
+    char text[SAYS], digits[32];
+    if (reference >= count_of(own)) {
+        SAY(text, "value reference ", in_digits(digits, reference), " is no variable of this FMU");
+        mistake(own, text);
+        return NULL;
+    }
+    const Variable *v = &own->variables[reference];
+    if (!(wanted & 1u << v->type)) {
+        SAY(text, "'", text_at(own, v->name), "' is of type ", types[v->type], "; it was used as another one");
+        mistake(own, text);
+        return NULL;
+    }
+    return v;
+}
+
+/* Evaluate what is asked for, if it is not known yet. */
+static Outcome refresh(Instance *own)
+{
+    if (own->phase == INITIALIZING)
+        return start_anew(own);
+    if (own->phase == RUNNING) {
+        apply_changes(own); /* an input changes accelerations and forces at once */
+        return evaluate(own);
+    }
+    return OK;
+}
+
+Outcome get(Instance *own, uint32_t reference, unsigned wanted, double *value)
+{
+    const Variable *v = known(own, reference, wanted);
+    if (!v)
+        return ERROR;
+    Outcome outcome = OK;
+    if ((v->role == ROLE_OUTPUT || v->role == ROLE_COUNTER) && !own->fresh)
+        outcome = refresh(own);
+    *value = own->values[reference];
+    return outcome;
+}
+
+Outcome get_text(Instance *own, uint32_t reference, const char **text)
+{
+    if (!known(own, reference, 1u << TYPE_STRING))
+        return ERROR;
+    *text = own->message;
+    return OK;
+}
+
+/* Return why a variable cannot be set now; NULL: it can. */
+static const char *locked(const Instance *own, const Variable *v)
+{
+    if (v->role == ROLE_OUTPUT)
+        return "it is an output";
+    if (v->role == ROLE_COUNTER || v->role == ROLE_MESSAGE)
+        return "the solver reports it";
+    if (v->settable == SETTABLE_NEVER)
+        return "it is fixed since the export";
+    if (own->phase == TERMINATED)
+        return "the FMU is terminated";
+    if (v->settable == SETTABLE_BEFORE && own->phase != INSTANTIATED && own->phase != INITIALIZING)
+        return "it is fixed since the initialization";
+    return NULL;
+}
+
+Outcome set(Instance *own, uint32_t reference, unsigned wanted, double value)
+{
+    char text[SAYS], digits[32];
+    const Variable *v = known(own, reference, wanted);
+    if (!v)
+        return ERROR;
+    const char *why = locked(own, v);
+    if (why) {
+        SAY(text, "'", text_at(own, v->name), "' was set to ", in_digits(digits, value), ", but ", why);
+        return mistake(own, text);
+    }
+    if (!isfinite(value) || value < v->low || value > v->high) {
+        own->flags[reference] |= REFUSED;
+        SAY(text, "'", text_at(own, v->name), "' was set to ", in_digits(digits, value), "; allowed: ",
+            text_at(own, v->allowed));
+        return mistake(own, text);
+    }
+    own->flags[reference] &= (unsigned char)~REFUSED;
+    if (own->phase == RUNNING && own->values[reference] == value && !v->moves)
+        return OK;
+    own->values[reference] = value;
+    own->flags[reference] |= GIVEN;
+    own->fresh = false;
+    return OK;
+}
