@@ -102,10 +102,11 @@ def _with_solver(model: Model, settings: Settings, tell: Callable[[str], None]) 
     found = pick(plant, [(0.0, *plant.assemble())], settings.options())
     implicit = "radau" if plant.system.has_matrices else "adams"  # which is all that large trees have
     solver = found.solver if found.solver in SOLVERS else implicit
-    if refusal(solver, plant.system):
+    if refused := refusal(solver, plant.system):
+        why = f", since {plant.system.stiff}" if plant.system.stiff else f" ({refused})"
         raise UserError(
-            f"model {model.name!r} takes 'ida' or 'esdirk', since {plant.system.stiff}, and machine code has neither, "
-            f"but {_solvers()}; export it without native"
+            f"model {model.name!r} takes 'ida' or 'esdirk'{why}, and machine code has neither, but {_solvers()}; export "
+            "it without native"
         )
     why = found.reason if found.solver in SOLVERS else f"{found.solver!r} would serve it best, and is not there"
     if settings.solver == AUTO:
