@@ -105,8 +105,8 @@ def _with_solver(model: Model, settings: Settings, tell: Callable[[str], None]) 
     if refused := refusal(solver, plant.system):
         why = f", since {plant.system.stiff}" if plant.system.stiff else f" ({refused})"
         raise UserError(
-            f"model {model.name!r} takes 'ida' or 'esdirk'{why}, and machine code has neither, but {_solvers()}; export "
-            "it without native"
+            f"model {model.name!r} takes 'ida' or 'esdirk'{why}, and machine code has neither, but {_solvers()}; "
+            "export it without native"
         )
     why = found.reason if found.solver in SOLVERS else f"{found.solver!r} would serve it best, and is not there"
     if settings.solver == AUTO:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,8 @@ import pytest
 from fmus.pendulum import SwingPendulum
 from mbfmu.errors import EquilibriumError, UserError
 from mbfmu.fmi import export
-from mbfmu.model import models
+from mbfmu.mechanics import Mechanism, Revolute, SphericalCut, rod
+from mbfmu.model import Model, models
 from mbfmu.settings import Settings
 from solvers.steppers import NAMES, refusal, stepper
 
@@ -52,6 +54,32 @@ def test_the_command_says_so(command: Any, arguments: tuple[str, ...], tmp_path:
     code, _, err = command("export", *arguments, "-o", str(tmp_path / "model.fmu"))
     assert code != 0
     assert "solver" in err
+    assert not list(tmp_path.iterdir())
+
+
+@dataclass(frozen=True, kw_only=True)
+class Festoon(Model):
+    """A chain between two hooks, which is a large tree with constraints."""
+
+    def build(self) -> Mechanism:
+        m = Mechanism(gravity=(0.0, -9.81, 0.0))
+        link = m.ground
+        for k in range(110):
+            joint = Revolute(at=(0.1 if k else 0.0, 0.0, 0.0), start=0.01 if k else -0.55)
+            link = m.body(f"link{k}", link, joint, **rod(mass=0.1, length=0.1))
+        m.cut("hook", SphericalCut(at_a=(10.5, 0.0, 0.0), at_b=(0.1, 0.0, 0.0)), m.ground, link)
+        m.output("angle", link.angle())
+        return m
+
+
+@pytest.mark.parametrize("native", [False, True])
+def test_a_large_tree_that_a_solver_has_too_large_matrices_for_is_refused(
+    native: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("solvers.steppers.LARGEST_DENSE", 100)  # else it takes a thousand links
+    for solver in ("ida",) if native else ("adams", "hybrid", "radau"):
+        with pytest.raises(UserError, match=r"is given 110 coordinates under 2 constraints; allowed: 100; take 'ida'"):
+            export(Festoon(), tmp_path / "model.fmu", Settings(solver=solver), native=native)
     assert not list(tmp_path.iterdir())
 
 
