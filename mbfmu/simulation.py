@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Hashable, Mapping
+from dataclasses import replace
 from math import isnan, nan
 from typing import Any, NamedTuple
 
@@ -25,7 +26,7 @@ from mbfmu.reach import to_choose, why
 from mbfmu.result import together
 from mbfmu.settings import AUTO, Settings
 from mbfmu.steady.problem import EquilibriumProblem
-from mbfmu.trial import ran
+from mbfmu.trial import MOST_STEPS, ran
 from solvers import SolverError, Statistics, Status, stepper
 from solvers.ledger import EXCHANGED
 from solvers.stepper import Samples, Stepper
@@ -157,7 +158,11 @@ class Simulation:
     def _rehearse(self, t0: float, q: Array, v: Array) -> None:
         """Have everything compiled that a run calls, once in a process for each kind of run."""
         kind = (type(self.stepper), self.plant.system.m > 0)
-        if kind not in _compiled and ran(self._stepper(t0, q, v), self.plant, len(self._out)):
+        if kind in _compiled:
+            return
+        options = replace(self.settings.options(), max_steps=MOST_STEPS)
+        trial = stepper(self.pick.solver, self.plant.system, t0, q, v, options)
+        if ran(trial, self.plant, len(self._out)):
             _compiled.add(kind)
 
     def __reduce_ex__(self, protocol: Any) -> Any:

@@ -1,4 +1,7 @@
-"""A run thrown away, so that every kernel is compiled (or loaded) before a run and not in its first step."""
+"""A few steps thrown away, so that every kernel is compiled (or loaded) before a run and not in its first step.
+
+They go over so short a time that nothing moves: what they cost does not depend on the motion.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,22 @@ from solvers.balance import BALANCE, find_lost, judge
 from solvers.compiled.held import hold
 from solvers.compiled.kernel import records
 from solvers.ledger import ROW
-from solvers.stepper import Stepper
+from solvers.stepper import Stepper, swiftest
+
+SHORT = 1e-6  # of the time in which the motion changes
+MOST_STEPS = 30  # between two times of a trial
+
+
+def interval_of(trial: Stepper, plant: Plant) -> float:
+    """Return a time in which next to nothing moves, s; above the resolution of the clock."""
+    n = len(trial.v)
+    try:
+        a, _ = trial.accelerations()
+    except SolverError:
+        a = np.zeros(n)
+    size = np.ascontiguousarray(np.broadcast_to(plant.system.size, n), float)
+    rate = max(plant.system.rate, float(swiftest(size, trial.v, a)))
+    return max(SHORT / rate if np.isfinite(rate) and rate > 0.0 else SHORT, 1e4 * float(np.spacing(abs(trial.t))))
 
 
 def ran(trial: Stepper, plant: Plant, outputs: int) -> bool:
@@ -22,18 +40,18 @@ def ran(trial: Stepper, plant: Plant, outputs: int) -> bool:
     Kernels differ with the solver, with dense or large systems, and with constraints.
     """
     t0, q, v = trial.t, trial.q, trial.v
-    times, values = np.array([t0 + 1e-3]), np.zeros((1, outputs))
-    done = len(trial.sample(times, values).q)
+    h, values = interval_of(trial, plant), np.zeros((1, outputs))
+    sampled = trial.sample(np.array([t0 + h]), values)
     plant.observe(t0, q, v, np.zeros(len(v)), np.zeros(plant.system.m), values[0])
     plant.energy(t0, q, v)
-    ends = [trial.advance(t0 + 2e-3)]
+    ends = [trial.status, trial.advance(t0 + 2.0 * h)]
     for k in (3, 4):  # as where loads change, the second time with what is kept across
         trial.renew()
-        ends.append(trial.advance(t0 + 1e-3 * k))
+        ends.append(trial.advance(t0 + k * h))
     with suppress(SolverError):
         trial.accelerations()
     _rehearse()
-    return done > 0 and all(status.ok for status in ends)
+    return len(sampled.q) > 0 and all(status.ok for status in ends)
 
 
 def _rehearse() -> None:

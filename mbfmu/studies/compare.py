@@ -20,8 +20,7 @@ from mbfmu.studies.reference import Reference, reference
 from mbfmu.studies.resolution import Resolution, in_words, resolutions_of
 from mbfmu.studies.timing import Budget, Spent, TooLong, check_repeats, in_turn
 from mbfmu.table import power
-from solvers.steppers import LARGE, SOLVERS, UNTIED, refusal
-from solvers.system import LARGEST_DENSE
+from solvers.steppers import LARGE, SOLVERS, UNTIED, refusal, size_limit
 
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10)
 COARSE = (1e-4, 1e-6)  # at several resolutions
@@ -154,7 +153,7 @@ def solvers_of(plant: Plant) -> tuple[str, ...]:
         return tuple(name for name in SOLVERS if name not in same)
     if not system.m:
         return (*LARGE, *(name for name in UNTIED if name not in same))
-    return (*LARGE, *(name for name in SOLVERS if name not in LARGE and system.n <= LARGEST_DENSE))
+    return (*LARGE, *(name for name in SOLVERS if name not in LARGE and system.n <= size_limit(name)))
 
 
 def of_subject(subject: Scene | Model | Mechanism) -> Scene:

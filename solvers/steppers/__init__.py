@@ -43,6 +43,12 @@ LARGE: dict[str, Callable[..., Stepper]] = {  # on a tree's recursions, with con
 # on those of a tree without constraints: there is nothing to partition
 UNTIED: dict[str, Callable[..., Stepper]] = dict.fromkeys(("adams", "hybrid", "adams-lu"), TreeAdamsStepper)
 NAMES = tuple(dict.fromkeys((*SOLVERS, *LARGE)))
+LARGEST_RADAU = 200  # coordinates; a Newton matrix of that size takes seconds, and grows with more than the third power
+
+
+def size_limit(name: str) -> int:
+    """Return how many coordinates of a large tree a solver that factors dense matrices may be given."""
+    return min(LARGEST_RADAU, LARGEST_DENSE) if name == "radau" else LARGEST_DENSE
 
 
 def refusal(name: str, system: AnySystem) -> str:
@@ -66,10 +72,10 @@ def refusal(name: str, system: AnySystem) -> str:
         return ""
     if name in LARGE or (not system.m and name in UNTIED):
         return ""
-    if system.dense is None or system.n > LARGEST_DENSE:
+    if system.dense is None or system.n > size_limit(name):
         return (
-            f"solver {name!r} is given {system.n} coordinates under {system.m} constraints; allowed: {LARGEST_DENSE}; "
-            "take 'ida'"
+            f"solver {name!r} is given {system.n} coordinates under {system.m} constraints; allowed: "
+            f"{size_limit(name)}; take 'ida'"
         )
     return ""
 

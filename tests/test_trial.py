@@ -1,0 +1,96 @@
+"""The steps before a run that have everything compiled integrate nothing; unsuitable solvers are refused at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mbfmu as mb
+from fmus.fourbar import FourBar
+from fmus.governor import Governor
+from mbfmu.errors import UserError
+from mbfmu.mechanics import Plant
+from mbfmu.settings import Settings
+from mbfmu.simulation import Simulation
+from mbfmu.trial import MOST_STEPS, ran
+from solvers import stepper
+from solvers.options import Options
+from solvers.steppers import LARGEST_RADAU, refusal
+
+
+def chain(count: int, length: float = 1.0, gravity: float = 9.81, stiffness: float = 0.0) -> mb.Mechanism:
+    """Return rods in a row that hang from the ground, released at rest."""
+    m = mb.Mechanism(gravity=(0, -gravity, 0))
+    body = m.ground
+    for k in range(count):
+        joint = mb.Revolute(at=(length if k else 0.0, 0, 0), start=0.0 if k else -1.3)
+        body = m.body(f"b{k}", body, joint, **mb.rod(mass=1.0, length=length))
+    if stiffness:
+        m.force("spring", mb.JointSpring(stiffness=stiffness, damping=1e-6 * stiffness), body)
+    return m
+
+
+FAMILY: dict[str, Callable[[], mb.Mechanism]] = {
+    "a pendulum": lambda: chain(2),
+    "of a millimeter": lambda: chain(2, 1e-3),
+    "of a kilometer": lambda: chain(2, 1e3),
+    "weightless": lambda: chain(2, gravity=0.0),
+    "pulled by much": lambda: chain(2, gravity=1e9),
+    "stiff": lambda: chain(2, stiffness=1e9),
+    "four-bar": lambda: FourBar().build(),
+    "governor, driven": lambda: Governor().build(),
+    "59 coordinates": lambda: chain(59),
+    "61 coordinates": lambda: chain(61),
+}
+
+
+@pytest.mark.parametrize("t0", [0.0, 10.0])
+@pytest.mark.parametrize("name", FAMILY)
+def test_a_trial_integrates_nothing(name: str, t0: float) -> None:
+    """It takes a few steps at any size and stiffness, all goes well, and no coordinate moves by a tolerance."""
+    plant = Plant(FAMILY[name]())
+    q, v = plant.assemble(t0)
+    for solver in ("adams", "ida", "radau", "esdirk"):
+        if refusal(solver, plant.system):
+            continue
+        trial = stepper(solver, plant.system, t0, q, v, Options(rtol=1e-8, max_steps=MOST_STEPS))
+        assert ran(trial, plant, len(plant.outputs) + 2), solver
+        assert trial.statistics.steps <= 2 * MOST_STEPS, solver
+        assert trial.t > t0, solver
+        moved = np.abs(trial.q - q) / np.maximum(1.0, np.abs(q))
+        assert np.max(moved) < 2e-5, solver
+
+
+def test_a_trial_does_not_depend_on_what_the_run_is_asked_for() -> None:
+    """A run that may take one step, or none of any length, starts as others do."""
+    for changes in ({"max_steps": 1}, {"max_step": 1e-9}, {"tolerance": 1e-12}):
+        assert Simulation(chain(2), replace(Settings(solver="adams"), **changes)).t == 0.0
+
+
+@pytest.mark.parametrize("count", [LARGEST_RADAU, LARGEST_RADAU + 1])
+def test_radau_is_refused_where_its_matrices_are_too_large(count: int) -> None:
+    plant = Plant(chain(count))
+    refused = refusal("radau", plant.system)
+    if count <= LARGEST_RADAU:
+        assert refused == ""
+        return
+    assert refused == f"solver 'radau' is given {count} coordinates under 0 constraints; allowed: 200; take 'ida'"
+    assert refusal("ida", plant.system) == refusal("adams", plant.system) == ""
+    with pytest.raises(UserError, match="solver 'radau' is given"):
+        Simulation(chain(count), Settings(solver="radau"))
+
+
+def test_a_run_of_the_feeder_by_radau_is_refused_at_once(
+    command: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started: list[object] = []
+    monkeypatch.setattr("solvers.steppers.dense.DenseStepper.__init__", lambda *_: started.append(_))
+    code, _, err = command("run", "feeder", "--solver", "radau", "--direct")
+    assert code == 2
+    assert "solver 'radau' is given" in err
+    assert "take 'ida'" in err
+    assert started == []
