@@ -116,6 +116,7 @@ class Simulation:
         self._out = np.zeros(len(self.variables))
         self.work_of_jumps = 0.0
         self.remarks: list[str] = []
+        self._told_jumps: set[str] = set()  # names of inputs
         self._remark(self.stepper.notice)
         if self.stepper.starts_singular:
             told = "the start is a singular position, in which the loops do not determine all rates; the rates nearest"
@@ -247,17 +248,19 @@ class Simulation:
         except SolverError as error:
             names = ", ".join(map(repr, inputs.jumping()))
             raise UserError(f"the rate of input {names} jumps where its impulse is not known: {error}") from error
-        jumped = inputs.depart()
+        jumped = inputs.depart(self.settings.tolerance)
         if dv is None:
             self.stepper.renew()
         else:
             self.stepper.jump(dv)
         self._book_jump(before)
-        for name in jumped:
-            self._remark(
-                f"input {name!r} jumps in position, farther than its rate explains; "
-                "the support moves there within a communication step"
-            )
+        for name, size in jumped:
+            if name not in self._told_jumps:
+                self._told_jumps.add(name)
+                self._remark(
+                    f"input {name!r} jumps in position by {size} at t = {t:.9g} s, farther than its rate explains; "
+                    "the support moves there within a communication step"
+                )
 
     def _too_loose(self) -> str:
         """Say that outputs want a tighter tolerance; empty: none does."""

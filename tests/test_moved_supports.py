@@ -428,3 +428,28 @@ def test_a_shaken_sheet_is_that_on_a_harmonic_drive(grid: tuple[int, int]) -> No
     assert np.ptp(exact - [position(t) for t in times[1:]]) > 0.2 * AMPLITUDE
     assert errors[1] < 0.01 * AMPLITUDE
     assert np.log2(errors[0] / errors[1]) > 1.9
+
+
+@pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize("steps", [20, 100, 1000])
+def test_a_smooth_motion_to_rest_is_no_jump(size: float, steps: int) -> None:
+    """Position and rate exact; a jump of a ten-thousandth of the way is noticed, with its time and size."""
+    m = Mechanism()
+    sled = m.body("sled", m.ground, Translational(axis="x", drive=Input(name="u", unit="m", rate_name="v")), mass=1.0)
+    m.body("bob", sled, Translational(axis="x"), mass=1.0)
+    m.output("x", sled.coordinate())
+
+    def way(t: float) -> tuple[float, float]:
+        s = min(t, 1.0)
+        return size * (s - np.sin(2.0 * np.pi * s) / (2.0 * np.pi)), size * (1.0 - np.cos(2.0 * np.pi * s))
+
+    for jump in (0.0, 1e-4 * size):
+        simulation = Simulation(m, Settings(solver="adams", tolerance=1e-9))
+        for t in np.linspace(0.0, 1.5, steps + 1):
+            u, v = way(t)
+            simulation.set_input("u", u + jump * (t > 1.2))
+            simulation.set_input("v", v)
+            simulation.advance(t + 1.5 / steps)
+        told = [text for text in simulation.remarks if "jumps in position" in text]
+        assert len(told) == (jump > 0.0)
+        assert all(f"'u' jumps in position by {jump:.3g} m at t = 1.2" in text for text in told)

@@ -111,6 +111,7 @@ class Inputs:
         self.variables = tuple(slot.variable for slot in self._slots)
         self._names = [f"input {variable.name!r}" for variable in self.variables]
         self.signals = {slot.signal for slot in self._slots}
+        self._sizes = drives.sizes
         self._supports: dict[int, str] = {}  # of drives that are inputs: signal, name of the first input
         for slot in self._slots:
             if slot.signal in drives.signals:
@@ -236,12 +237,21 @@ class Inputs:
         both = zip(self._supports.values(), self.own.supports, strict=True)
         return [name for name, support in both if support["departs"] and support["jump"] != 0.0]
 
-    def depart(self) -> list[str]:
-        """Let supports depart; return the names of those whose position jumps, farther than its rate explains."""
+    def depart(self, tolerance: float) -> list[tuple[str, str]]:
+        """Let supports depart; return name and size of every jump of a position, farther than its rate explains.
+
+        ``tolerance``: of a jump that is none, in units of the coordinate.
+        """
         if not depart(self._held):
             return []
-        all_three = zip(self._supports.values(), self.own.supports, self.own.ahead, strict=True)
-        return [name for name, support, ahead in all_three if support["departs"] and ahead["jumps"]]
+        found, units = [], {v.name: v.unit for v in self.variables}
+        for (signal, name), support, ahead in zip(
+            self._supports.items(), self.own.supports, self.own.ahead, strict=True
+        ):
+            size = float(ahead["position"] - ahead["path"][0])
+            if support["departs"] and ahead["jumps"] and abs(size) > tolerance * self._sizes[signal]:
+                found.append((name, f"{size:.3g} {units[name]}"))
+        return found
 
     def state(self) -> dict[str, list[Any]]:
         """Return what the inputs hold and remember, to be given to :meth:`restore`."""

@@ -30,6 +30,8 @@ import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
 
+EXPLAINED = 2.0  # part of the way on the segment before by which extrapolation may have erred
+
 SUPPORT = np.dtype(
     [
         ("course", np.int64),  # number of the drive's polynomial
@@ -115,6 +117,15 @@ def plan_motion(t: float, end: float, support: Any, segment: Any, course: Any, a
         support.departs, support.jump = 1, path[1] - v
 
 
+@inlined
+def variation(segment: Any) -> float:
+    """Return how far a support has gone on a segment at most: extrapolation errs by a part of that."""
+    if not segment.begin > -np.inf:
+        return 0.0
+    h, path = segment.end - segment.begin, segment.path
+    return h * (abs(path[1]) + h * (abs(path[2]) + h * abs(path[3])))
+
+
 @kernel
 def lead_on(t: float, end: float, x: float, support: Any, last: Any, ahead: Any) -> None:
     """Find the segment ``ahead`` from x at t to ``end``, see the module's docstring; ``last`` is the one before."""
@@ -141,7 +152,8 @@ def lead_on(t: float, end: float, x: float, support: Any, last: Any, ahead: Any)
     path[2], path[3] = 0.5 * a + 3.0 * e / (h * h), -2.0 * e / (h * h * h)
     ahead.goal = u + h * (v + 0.5 * a * h)
     longest = max(h, before) if before < np.inf else h
-    ahead.jumps = 1 if abs(e) > longest * (abs(v) + abs(last.rate)) else 0
+    explained = longest * (abs(v) + abs(last.rate)) + EXPLAINED * variation(last)
+    ahead.jumps = 1 if abs(e) > explained else 0
 
 
 @inlined
