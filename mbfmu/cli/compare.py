@@ -240,6 +240,8 @@ def command_target(options: argparse.Namespace, scene: Scene) -> int:
         write_json([row.as_dict() for row in found.rows], options.json)
     if str(options.json) != "-":
         print(found.sentence)
+        if found.held_inputs:
+            tell(options, f"not evaluated: {found.held_inputs}")
         tell_more(options, "\n".join(found.notes))
         if options.save:
             wrote(options, options.save)

@@ -22,6 +22,7 @@ from mbfmu.scene import Scene, default_scene
 from mbfmu.settings import Settings
 from mbfmu.simulation import Simulation
 from mbfmu.spectrum import Spectrum, spectrum
+from mbfmu.studies.held import describe_held_inputs
 from mbfmu.studies.loops import Loop, loops, redundant_rows
 from mbfmu.studies.nearest import Nearest, Watch
 from mbfmu.studies.telling import in_words, reasons
@@ -304,8 +305,8 @@ class _Look:
         s = self.plant.system
         if reached < self.scene.stop_time and not failure:
             self.unseen.append(f"what comes after {reached:g} s: the run takes longer than {self.patience:g} s")
-        if self.plant.inputs.variables:
-            self.unseen.append("other values of inputs than those they start with")
+        if held := describe_held_inputs(self.plant.inputs.variables):
+            self.unseen.append(held)
         if not s.has_matrices:
             self.unseen.append("all but the fastest eigenvalues: the tree is large")
             if s.m:

@@ -17,6 +17,7 @@ from mbfmu.mechanics import Mechanism
 from mbfmu.model import Model
 from mbfmu.scene import Scene
 from mbfmu.studies.compare import BUDGET, SHARE, Case, Progress, Row, asked, in_full, judge, of_subject
+from mbfmu.studies.held import describe_held_inputs
 from mbfmu.studies.reference import Reference, reference
 from mbfmu.studies.resolution import Resolution, in_words
 from mbfmu.studies.timing import Budget, Spent, TooLong, in_turn
@@ -79,6 +80,8 @@ class TargetChoice:
         Every run that was looked at, in the order of the search; each ran once but the last few.
     notes
         How the reference is known, and what was left out.
+    held_inputs
+        What follows from inputs that stay at their start values; empty: there are none.
     """
 
     row: Row
@@ -86,6 +89,7 @@ class TargetChoice:
     sentence: str
     rows: list[Row]
     notes: list[str]
+    held_inputs: str = ""
 
 
 def read_target(target: float | str | Target) -> Target:
@@ -333,7 +337,10 @@ class Search:
         k = min(range(len(rows)), key=lambda i: rows[i].cpu_s)
         notes = [in_sentence(self.right), *self.notes]
         row, scene = rows[k], last[k][0].scene
-        return TargetChoice(row=row, scene=scene, sentence=self._say(row), rows=self.rows, notes=notes)
+        return TargetChoice(
+            row=row, scene=scene, sentence=self._say(row), rows=self.rows, notes=notes,
+            held_inputs=describe_held_inputs(scene.model.plant().inputs.variables),
+        )  # fmt: skip
 
     def _say(self, row: Row) -> str:
         resolution = f" with {in_words(row.resolution)}" if row.resolution else ""

@@ -16,6 +16,7 @@ from mbfmu.mechanics import Mechanism, Plant
 from mbfmu.model import Model, of_user
 from mbfmu.result import Result
 from mbfmu.scene import Scene, default_scene
+from mbfmu.studies.held import describe_held_inputs
 from mbfmu.studies.reference import Reference, reference
 from mbfmu.studies.resolution import Resolution, in_words, resolutions_of
 from mbfmu.studies.timing import Budget, Spent, TooLong, check_repeats, in_turn
@@ -117,6 +118,8 @@ class Comparison:
         What the rows are judged by.
     left_out
         What was not run, or not to its end, and why; sentences.
+    held_inputs
+        What follows from inputs that stay at their start values; empty: there are none.
     """
 
     rows: list[Row]
@@ -124,6 +127,7 @@ class Comparison:
     tolerance: float
     reference: Reference
     left_out: list[str]
+    held_inputs: str = ""
 
     def best(self) -> list[Row]:
         """Return the best choices: nothing that is cheaper is as accurate. The cheapest comes first.
@@ -223,7 +227,10 @@ def compare(
     tolerance = min({row.rtol for row in rows}, key=lambda tol: abs(np.log(tol / scene.settings.tolerance)))
     shown = [case for case in cases if case.scene.settings.tolerance == tolerance]
     energies = {case.scene.settings.solver: _history(case.result) for case in sorted(shown, key=lambda c: c.number)}
-    return Comparison(rows=rows, energies=energies, tolerance=tolerance, reference=right, left_out=left_out)
+    held = describe_held_inputs(scene.model.plant().inputs.variables)
+    return Comparison(
+        rows=rows, energies=energies, tolerance=tolerance, reference=right, left_out=left_out, held_inputs=held
+    )
 
 
 Chosen = dict[int, list[tuple[str, float]]]  # solvers and tolerances by the number of a resolution

@@ -68,7 +68,8 @@ def told(found: Comparison) -> list[str]:
     lines += [f"not judged: {listed(names)} ({why})" for why, names in reasons.items()]
     if doubtful := [row for row in found.rows if row.error is not None and row.error < right.doubt[0]]:
         lines.append(f"errors below what the reference may err itself: {len(doubtful)} of {len(found.rows)}")
-    return [*lines, *(f"left out: {text}" for text in found.left_out)]
+    lines += [f"left out: {text}" for text in found.left_out]
+    return [*lines, *([f"not evaluated: {found.held_inputs}"] if found.held_inputs else [])]
 
 
 def in_sentence(right: Reference) -> str:

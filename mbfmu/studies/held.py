@@ -1,0 +1,28 @@
+"""What a check or a comparison does not evaluate of inputs, which have their start values in its runs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from mbfmu.mechanics import Variable
+
+SHOWN = 3  # inputs that are named
+
+
+def describe_held_inputs(inputs: Sequence[Variable]) -> str:
+    """Return what is not evaluated because inputs stay at their start values; empty if there are none.
+
+    Parameters
+    ----------
+    inputs
+        Those of the model, with their start values.
+    """
+    if not inputs:
+        return ""
+    values = [f"{v.name!r} ({v.start or 0.0:g}{f' {v.unit}' if v.unit != '1' else ''})" for v in inputs[:SHOWN]]
+    more = f" and {len(inputs) - SHOWN} more" if len(inputs) > SHOWN else ""
+    return (
+        f"a motion or change of {'inputs' if inputs[1:] else 'input'} {', '.join(values)}{more}: constant at the start "
+        "value in all runs, so that a road, for example, does not move; to evaluate it, replace an input in the model "
+        "by a signal, such as mb.Harmonic, mb.Table or a function of time"
+    )
