@@ -229,7 +229,7 @@ class EquilibriumProblem:
             solve_time=elapsed,
             found_from=found_from,
             continued=continued,
-            notes=self._notes(),
+            notes=(*self._notes(), *self.plant.coincident(0.0, solution.q)),
         )
 
     def _notes(self) -> tuple[str, ...]:

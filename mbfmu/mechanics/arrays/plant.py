@@ -12,6 +12,7 @@ from mbfmu.errors import UserError
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.contact.touch import Touch
 from mbfmu.mechanics.kind import Kind
+from mbfmu.mechanics.loads import DistanceStop, Spring
 from mbfmu.mechanics.records import Data
 from mbfmu.mechanics.recursions.dynamics import energy, observe
 from mbfmu.mechanics.sensors import Follows, largest_residual
@@ -24,6 +25,7 @@ from solvers.system import Array, System
 from .assembly import Assembly, start_positions
 from .behind import Behind
 from .bending import Bend, bend
+from .coincident import find_coincident
 from .compile import Compiled, Numbering, Variable, check_rows
 from .corners import check_corners
 from .given import Courses
@@ -246,6 +248,13 @@ class Plant:
     def energy(self, t: float, q: Array, v: Array) -> float:
         """Kinetic and potential energy, J."""
         return float(energy(t, q, v, self.system.held_data))
+
+    def coincident(self, t: float, q: Array) -> list[str]:
+        """Return a sentence for every spring or stop whose elastic force has no direction at free positions q (nq,)."""
+        if not any(isinstance(acting.load, Spring | DistanceStop) for acting in self.mechanism.loads()):
+            return []
+        self.energy(t, q, np.zeros(self.system.n))  # places the bodies
+        return find_coincident(self.mechanism, self.data.state.bodies, self.length)
 
     def bend(self, t: float, q: Array) -> Bend | None:
         """Return how plates bend at free positions q (nq,); None where there are none."""

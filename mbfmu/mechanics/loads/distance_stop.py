@@ -22,7 +22,7 @@ def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
     """See :mod:`.base`. Points that coincide have no line of action and exert nothing."""
     A, B = state.bodies[force.a], state.bodies[force.b]
     (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate = pull(force, A, B)
-    f = push(force, length, rate)
+    f = push(force, length, rate) if length != 0.0 else 0.0 * length
     add_force(A.F, ax, ay, az, -f * dx, -f * dy, -f * dz)
     add_force(B.F, bx, by, bz, f * dx, f * dy, f * dz)
 
@@ -38,7 +38,7 @@ def potential(force: Any, arrays: Any, state: Any) -> float:
 def power(force: Any, t: float, arrays: Any, state: Any) -> float:
     """-(f - k x) x'."""
     _, _, _, length, rate = pull(force, state.bodies[force.a], state.bodies[force.b])
-    return lost(force, length, rate)
+    return lost(force, length, rate) if length != 0.0 else 0.0 * length
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,9 @@
-"""Spring-damper between two points: F = k (l - l0) + c l' along the line that joins them."""
+"""Spring-damper between two points: F = k (l - l0) + c l' along the line that joins them.
+
+Points that coincide have no line. With a relative velocity u they come from there, and go on, along u: l' e is u in the
+limit from either side, in space as on a line, so that the damper exerts c u. The limits of the elastic force, k l0
+along u and against it, cancel; where l0 is zero both are zero. The elastic force is therefore left out.
+"""
 
 from __future__ import annotations
 
@@ -19,27 +24,33 @@ from .elastic import ElasticForce, table_energy, table_force
 
 @kernel
 def pull(force: Any, A: Any, B: Any) -> Any:
-    """Direction from a to b, arms of the two points, length and its rate; points that coincide have no direction."""
+    """Direction from a to b, or of the velocity where points coincide, arms of the points, length and its rate."""
     ax, ay, az = arm(A, force.Pa)
     bx, by, bz = arm(B, force.Pb)
     dx, dy, dz = B.r[0] + bx - A.r[0] - ax, B.r[1] + by - A.r[1] - ay, B.r[2] + bz - A.r[2] - az
     length = np.sqrt(dx * dx + dy * dy + dz * dz)
-    if length == 0.0:
-        return (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, length
-    dx, dy, dz = dx / length, dy / length, dz / length
     Ya, Yb = A.Y, B.Y
-    rate = dx * (Yb[0] + Yb[4] * bz - Yb[5] * by - (Ya[0] + Ya[4] * az - Ya[5] * ay))
-    rate += dy * (Yb[1] + Yb[5] * bx - Yb[3] * bz - (Ya[1] + Ya[5] * ax - Ya[3] * az))
-    rate += dz * (Yb[2] + Yb[3] * by - Yb[4] * bx - (Ya[2] + Ya[3] * ay - Ya[4] * ax))
+    ux = Yb[0] + Yb[4] * bz - Yb[5] * by - (Ya[0] + Ya[4] * az - Ya[5] * ay)
+    uy = Yb[1] + Yb[5] * bx - Yb[3] * bz - (Ya[1] + Ya[5] * ax - Ya[3] * az)
+    uz = Yb[2] + Yb[3] * by - Yb[4] * bx - (Ya[2] + Ya[3] * ay - Ya[4] * ax)
+    if length == 0.0:
+        rate = np.sqrt(ux * ux + uy * uy + uz * uz)
+        if rate != 0.0:
+            dx, dy, dz = ux / rate, uy / rate, uz / rate
+        return (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate
+    dx, dy, dz = dx / length, dy / length, dz / length
+    rate = dx * ux + dy * uy + dz * uz
     return (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate
 
 
 @kernel
 def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
-    """See :mod:`.base`. Points that coincide have no line of action and exert nothing."""
+    """See :mod:`.base`."""
     A, B = state.bodies[force.a], state.bodies[force.b]
     (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate = pull(force, A, B)
-    f = force.stiffness * (length - force.free) + force.damping * rate
+    f = force.damping * rate
+    if length != 0.0:
+        f += force.stiffness * (length - force.free)
     add_force(A.F, ax, ay, az, f * dx, f * dy, f * dz)
     add_force(B.F, bx, by, bz, -f * dx, -f * dy, -f * dz)
 
@@ -61,10 +72,12 @@ def power(force: Any, t: float, arrays: Any, state: Any) -> float:
 
 @kernel
 def apply_table(force: Any, t: float, arrays: Any, state: Any) -> None:
-    """See :mod:`.base`. Points that coincide have no line of action and exert nothing."""
+    """See :mod:`.base`."""
     A, B = state.bodies[force.a], state.bodies[force.b]
     (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate = pull(force, A, B)
-    f = table_force(force, length - force.free, arrays) + force.damping * rate
+    f = force.damping * rate
+    if length != 0.0:
+        f += table_force(force, length - force.free, arrays)
     add_force(A.F, ax, ay, az, f * dx, f * dy, f * dz)
     add_force(B.F, bx, by, bz, -f * dx, -f * dy, -f * dz)
 
@@ -84,13 +97,18 @@ def kernels_of(f: Any) -> tuple[Any, Any]:
     def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
         A, B = state.bodies[force.a], state.bodies[force.b]
         (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate = pull(force, A, B)
-        f_x = at(f, t, length - force.free, rate) + force.damping * rate
+        f_x = force.damping * rate
+        if length != 0.0:
+            f_x += at(f, t, length - force.free, rate)
         add_force(A.F, ax, ay, az, f_x * dx, f_x * dy, f_x * dz)
         add_force(B.F, bx, by, bz, -f_x * dx, -f_x * dy, -f_x * dz)
 
     def power(force: Any, t: float, arrays: Any, state: Any) -> Any:
         _, _, _, length, rate = pull(force, state.bodies[force.a], state.bodies[force.b])
-        return -(at(f, t, length - force.free, rate) + force.damping * rate) * rate
+        f_x = force.damping * rate
+        if length != 0.0:
+            f_x += at(f, t, length - force.free, rate)
+        return -f_x * rate
 
     return kept_nowhere(apply), kept_nowhere(power)
 
@@ -105,7 +123,8 @@ class Spring(ElasticForce):
         N/m and N s/m; a ``Table`` in place of a stiffness has the force over the stretch x, ``lambda x: ...`` or an
         expression ``"3 * x**3"`` is it: the work of such a function is known, its energy is not.
     free
-        Free length, m.
+        Free length, m. Where the ends coincide the damper acts along their relative velocity, and the elastic force
+        has no direction and is left out; a remark says so where that is at a start and ``free`` is not zero.
     """
 
     record = np.dtype(
