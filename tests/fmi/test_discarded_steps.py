@@ -29,8 +29,14 @@ RUNS: dict[str, tuple[Model, str, float, int]] = {  # solver, length of a step (
     "radau": (SwingPendulum(), "radau", 0.02, 60),
     "driven": (Governor(), "adams", 0.02, 40),
     "large": (Sheet(nx=9, nz=7), "adams", 1e-4, 400),
+    "implicit": (Sheet(nx=9, nz=7), "esdirk", 1e-3, 12),
 }
-SET: dict[str, str] = {"adams": "crank.torque", "hybrid": "crank.torque", "driven": "spindle.drive"}
+SET: dict[str, str] = {
+    "implicit": "gravity.x",
+    "adams": "crank.torque",
+    "hybrid": "crank.torque",
+    "driven": "spindle.drive",
+}
 Made = Callable[[str], Path]
 
 
