@@ -109,7 +109,7 @@ class Numbering:
         self.nv_full += joint.nv
         self.qf.append(-1 if driven else self.nq)
         self.vf.append(-1 if driven else self.nv)
-        self.drive.append(self._number(self._drive(body)) if driven else -1)
+        self.drive.append(self._number(self._drive(body), drive=True) if driven else -1)
         if not driven:
             self.nq += joint.nq
             self.nv += joint.nv
@@ -134,7 +134,12 @@ class Numbering:
         """Number a signal and, if it is an input, its slots; one input object may load several things."""
         return self._number(self._given(signal_of(value, what), what))
 
-    def _number(self, signal: Signal) -> int:
+    def _number(self, signal: Signal, *, drive: bool = False) -> int:
+        if isinstance(signal, Input) and signal.acceleration_name and not drive:
+            raise UserError(
+                f"input {signal.name!r} has an acceleration, {signal.acceleration_name!r}, and does not drive a joint; "
+                "leave out acceleration_name"
+            )
         if isinstance(signal, Input | Followed):
             for index, known in enumerate(self.signals):
                 if known is signal:
@@ -143,7 +148,9 @@ class Numbering:
         self.signals.append(signal)
         for coefficient, (name, unit, description, start) in enumerate(signal.variables()):
             if name:
-                self._slot(Variable(name, unit, description, start), index, coefficient)
+                error = signal.force_error if drive and isinstance(signal, Input) and not coefficient else ""
+                told = "; ".join(filter(None, (description, error)))
+                self._slot(Variable(name, unit, told, start), index, coefficient)
         return index
 
     def _slot(self, variable: Variable, signal: int, coefficient: int) -> None:

@@ -14,6 +14,13 @@ u jumps in position or in rate a_1 and a_2 have nothing in common, and minmod (t
 zero; a limiter after van Leer 1977) leaves out what would overshoot. Where the host gives the mean rate
 of the step to come a_2 and a are zero, and x is u interpolated linearly.
 
+Where the host gives the acceleration too it is a, and x has a term j s^3 / 6::
+
+    j = minmod(2 j_1, 2 j_2, (j_1 + j_2) / 2)
+    j_1 = (a_n - a_(n-1)) / H,     j_2 = 2 ((v_n - v_(n-1)) / H - a_(n-1)) / H
+
+Then x'', and so the force of the support, errs by O(h^2) at the end of a step.
+
 Without a rate that of the step is what two differences of u agree in, and what has been missed::
 
     x = x_n + (r + (u_n - x_n) / h) s,     r = minmod((u_n - u_(n-1)) / H, the same a step before)
@@ -38,6 +45,8 @@ SUPPORT = np.dtype(
         ("speed", np.int64),  # 1: the host sets the speed alone, see mbfmu.mechanics.signals.SpeedInput
         ("position", np.float64),  # u, as the host has given it last, m or rad
         ("rate", np.float64),  # v, likewise
+        ("acceleration", np.float64),  # likewise, m/s^2 or rad/s^2
+        ("accelerated", np.int64),  # 1: the host gives accelerations
         ("given", np.int64),  # 1: a position was given since the last point
         ("rated", np.int64),  # 1: the host gives rates
         ("departs", np.int64),  # 1: another segment is about to begin,
@@ -54,6 +63,7 @@ SEGMENT = np.dtype(
         ("goal", np.float64),  # x at the end
         ("position", np.float64),  # u at the beginning
         ("rate", np.float64),  # v at the beginning, as the host gave it
+        ("acceleration", np.float64),  # likewise
         ("average", np.float64),  # rate of u over the segment before
         ("jumps", np.int64),  # 1: u is farther off than the rates given explain
     ],
@@ -73,17 +83,22 @@ def start_motion(support: Any, segment: Any, course: Any) -> None:
     x, v = course.c[0], course.c[1]
     support.position, support.rate, support.given, support.departs = x, v, 0, 0
     support.rated = 1 if v != 0.0 else 0
+    support.acceleration, segment.acceleration = 2.0 * course.c[2], 2.0 * course.c[2]
+    if course.c[2] != 0.0:
+        support.accelerated = 1
     segment.begin, segment.end, segment.goal = -np.inf, np.nan, x
     segment.position, segment.rate, segment.average, segment.jumps = x, v, 0.0, 0
     path = segment.path
-    path[0], path[1], path[2], path[3] = x, v, 0.0, 0.0
+    path[0], path[1], path[2], path[3] = x, v, course.c[2], 0.0
 
 
 @kernel
 def give_motion(coefficient: int, value: float, support: Any) -> None:
-    """Take a position (coefficient 0) or a rate (1) for the point the host stands at."""
+    """Take a position (coefficient 0), a rate (1) or an acceleration (2) for the point the host stands at."""
     if coefficient == 0:
         support.position, support.given = value, 1
+    elif coefficient == 2:
+        support.acceleration, support.accelerated = value, 1
     else:
         support.rate = value
         if value != 0.0:
@@ -105,7 +120,8 @@ def plan_motion(t: float, end: float, support: Any, segment: Any, course: Any, a
     It does not in the middle of a segment, nor where it goes on as it is, which is noted.
     """
     support.departs, support.jump = 0, 0.0
-    if support.given == 0 and support.rate == segment.rate and t < segment.end and end <= segment.end:
+    same = support.rate == segment.rate and support.acceleration == segment.acceleration
+    if support.given == 0 and same and t < segment.end and end <= segment.end:
         return
     x, v = position_and_rate(t, segment, course)
     lead_on(t, end, x, support, segment, ahead)
@@ -134,23 +150,29 @@ def lead_on(t: float, end: float, x: float, support: Any, last: Any, ahead: Any)
     path = ahead.path
     path[0], path[1], path[2], path[3] = x, v, 0.0, 0.0
     ahead.begin, ahead.end, ahead.rate, ahead.jumps = t, end, v, 0
+    ahead.acceleration = support.acceleration
     if support.speed == 1:
         ahead.goal, ahead.position, ahead.average = x + v * h, x, 0.0
         return
     average = (u - last.position) / before if before > 0.0 else last.average
     ahead.position, ahead.average = u, average
-    if support.rated == 0:
+    if support.rated == 0 and support.accelerated == 0:
         r = minmod(average, last.average, last.average)
         path[1] = r + (u - x) / h
         ahead.goal = u + r * h
         return
-    a = 0.0
-    if before > 0.0:
+    a, j = support.acceleration, 0.0
+    if support.accelerated == 1:
+        if 0.0 < before < np.inf:
+            j1 = (a - last.acceleration) / before
+            j2 = 2.0 * ((v - last.rate) / before - last.acceleration) / before
+            j = minmod(2.0 * j1, 2.0 * j2, 0.5 * (j1 + j2))
+    elif before > 0.0:
         a1, a2 = (v - last.rate) / before, 2.0 * (average - last.rate) / before
         a = minmod(4.0 * a1 - 3.0 * a2, 2.0 * a1, 2.0 * a2)
     e = u - x
-    path[2], path[3] = 0.5 * a + 3.0 * e / (h * h), -2.0 * e / (h * h * h)
-    ahead.goal = u + h * (v + 0.5 * a * h)
+    path[2], path[3] = 0.5 * a + 3.0 * e / (h * h), j / 6.0 - 2.0 * e / (h * h * h)
+    ahead.goal = u + h * (v + h * (0.5 * a + j * h / 6.0))
     longest = max(h, before) if before < np.inf else h
     explained = longest * (abs(v) + abs(last.rate)) + EXPLAINED * variation(last)
     ahead.jumps = 1 if abs(e) > explained else 0
@@ -161,6 +183,7 @@ def take_up(ahead: Any, support: Any, segment: Any) -> None:
     """Note that a segment has begun."""
     segment.begin, segment.end, segment.goal = ahead.begin, ahead.end, ahead.goal
     segment.position, segment.rate, segment.average = ahead.position, ahead.rate, ahead.average
+    segment.acceleration = ahead.acceleration
     segment.jumps = ahead.jumps
     for k in range(4):
         segment.path[k] = ahead.path[k]
@@ -190,4 +213,5 @@ def motion_settled(support: Any, segment: Any) -> bool:
     arrived = path[1] == 0.0 and segment.goal == support.position
     if not arrived and support.speed == 0 and support.rated == 0:
         return False
-    return path[2] == 0.0 and path[3] == 0.0 and support.given == 0 and support.rate == segment.rate
+    still = path[2] == 0.0 and path[3] == 0.0 and support.acceleration == segment.acceleration
+    return still and support.given == 0 and support.rate == segment.rate

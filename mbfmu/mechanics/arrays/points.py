@@ -90,14 +90,14 @@ def hold(coefficient: int, value: float, t: float, course: Any) -> None:
     """Let a coefficient have a value from t on; a polynomial with a rate goes on from what it has reached."""
     course.c[0] += (t - course.t0) * course.c[1]
     course.t0 = t
-    course.c[coefficient] = value
+    course.c[coefficient] = 0.5 * value if coefficient == 2 else value
 
 
 @kernel
 def begin_course(coefficient: int, value: float, t: float, course: Any) -> None:
     """Let a polynomial begin at t with another value of a coefficient; it has not moved before."""
     course.t0 = t
-    course.c[coefficient] = value
+    course.c[coefficient] = 0.5 * value if coefficient == 2 else value
 
 
 @kernel

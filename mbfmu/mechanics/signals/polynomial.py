@@ -87,28 +87,54 @@ class Input(Coefficients):
         Of the FMU's input variable.
     rate_name
         Name of a second input, the time derivative; without it the rate is zero.
+    acceleration_name
+        Name of a third input, the second derivative, of the drive of a joint. With it the force of the drive errs by
+        O(h^2) at communication points h apart, without it by O(h); without a rate inertia does not show in it.
     start
         Value until the host sets one.
+
+    Raises
+    ------
+    UserError
+        The start is no finite number; there is an ``acceleration_name`` and no ``rate_name``.
     """
 
     name: str
     unit: str
     description: str = ""
     rate_name: str = ""
+    acceleration_name: str = ""
     start: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse a start that is no number."""
+        """Refuse a start that is no number, and an acceleration without a rate."""
         finite(f"start of input {self.name!r}", self.start)
+        if self.acceleration_name and not self.rate_name:
+            raise UserError(
+                f"input {self.name!r} has the acceleration_name {self.acceleration_name!r} and no rate_name; give both"
+            )
 
     def fill(self, record: Any, site: Site) -> None:
         """Write the start value."""
         record["c"][0] = self.start
 
     def variables(self) -> list[tuple[str, str, str, float]]:
-        """Return the value, and the rate if it has a name."""
+        """Return the value, and the rate and the acceleration if they have names."""
         own = [(self.name, self.unit, self.description, self.start)]
-        return [*own, (self.rate_name, self.unit + "/s", f"rate of {self.name}", 0.0)] if self.rate_name else own
+        if self.rate_name:
+            own.append((self.rate_name, self.unit + "/s", f"rate of {self.name}", 0.0))
+        if self.acceleration_name:
+            own.append((self.acceleration_name, self.unit + "/s2", f"acceleration of {self.name}", 0.0))
+        return own
+
+    @property
+    def force_error(self) -> str:
+        """How the force of a drive with this input errs at communication points, in words; empty: as the motion."""
+        if self.acceleration_name:
+            return ""
+        if self.rate_name:
+            return f"force of the drive errs by O(h) at communication points h apart ({self.name} without acceleration)"
+        return f"force of the drive shows no inertia ({self.name} without rate and acceleration)"
 
 
 @dataclass(frozen=True, kw_only=True)
