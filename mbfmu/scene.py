@@ -24,7 +24,6 @@ from __future__ import annotations
 import inspect
 import json
 import sys
-import tomllib
 from dataclasses import dataclass, replace
 from math import inf
 from pathlib import Path
@@ -34,6 +33,7 @@ from mbfmu.direct import MOST
 from mbfmu.errors import UserError
 from mbfmu.model import Model, at_defaults, declared, find, suggest
 from mbfmu.settings import Settings
+from mbfmu.toml import read_toml
 
 SETTINGS = tuple(p.name for p in declared(Settings))
 KEYS = ("model", *SETTINGS, "stop_time", "output_interval", "parameters")
@@ -129,12 +129,7 @@ def absolute(reference: str) -> str:
 
 def read_scene(path: Path) -> Scene:
     """Read a scene file."""
-    try:
-        content = tomllib.loads(path.read_text())
-    except OSError as error:
-        raise UserError(f"scene file {str(path)!r} cannot be read: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise UserError(f"scene file {str(path)!r} is not valid TOML: {error}") from error
+    content = read_toml(path, "scene file")
     for key in content:
         if key not in KEYS:
             raise UserError(f"scene file {str(path)!r} has an unknown key {key!r}{suggest(key, KEYS)}")

@@ -38,7 +38,7 @@ def as_text(chosen: dict[str, type[Model]]) -> str:
     for model, cls in chosen.items():
         for case, path in scenes(cls).items():
             scene = load_scene(f"{model}/{case}")
-            first = path.read_text().partition("\n")[0] if path else ""
+            first = path.read_text("utf-8").partition("\n")[0] if path else ""
             about = first.removeprefix("#").strip() if first.startswith("#") else "" if path else "the model as it is"
             how = (scene.settings.solver, power(scene.settings.tolerance), f"{scene.stop_time:g} s")
             rows.append((f"{model}/{case}", *how, about))

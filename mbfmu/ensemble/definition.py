@@ -9,6 +9,7 @@ together = false               # lists go together, in place of all combinations
 correlated = [["crank_length", "rocker_length", 0.8]]
 keep = ["crank.angle"]         # outputs whose whole history is kept
 stop_time = 10.0               # s; the scene's where it is not given, as output_interval
+time_limit = 60.0              # s by the clock for each run, which fails after it; without it there is none
 
 [fixed]                        # what differs from the scene in every run
 solver = "adams"
@@ -30,18 +31,18 @@ from __future__ import annotations
 
 import json
 import re
-import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from mbfmu.errors import UserError
+from mbfmu.errors import UserError, short
 from mbfmu.model import suggest
 from mbfmu.modules import load_module
+from mbfmu.toml import read_toml
 
 from .aim import Aim, read_aim
 from .design import Point, Sampling, correlations, points
@@ -51,7 +52,21 @@ from .variation import Drawn, Listed, Variation, read_variation
 from .work import Files, FmuJob, ModelJob, pickled
 
 SAMPLING = ("count", "sampling", "seed", "together", "correlated")
-KEYS = ("scene", "fmu", "with", "stop_time", "output_interval", *SAMPLING, "keep", "fixed", "vary", "measure", "aim")
+KEYS = (
+    "scene",
+    "fmu",
+    "with",
+    "stop_time",
+    "output_interval",
+    "time_limit",
+    *SAMPLING,
+    "keep",
+    "fixed",
+    "vary",
+    "measure",
+    "aim",
+)
+LONGEST_LIMIT = 1e6  # s
 SOME = np.array([0.313, 0.5017, 0.7729])  # probabilities at which a distribution is tried
 NAME = re.compile(r"\w[\w .+-]{0,59}")  # of a measure, and so of files
 COLUMNS = ("run", "key", "status", "message", "imbalance", "seconds")  # of a table of runs, beside the study's own
@@ -72,6 +87,8 @@ class Definition:
         Outputs whose history is kept.
     content
         What was written, for people and for the results.
+    time_limit
+        Longest time of a run by the clock, s; 0: there is none.
     """
 
     subject: Subject
@@ -83,12 +100,14 @@ class Definition:
     keep: tuple[str, ...]
     aim: Aim | None
     content: dict[str, Any]
+    time_limit: float = 0.0
 
     def job(self) -> ModelJob | FmuJob:
         """Return what all its runs share."""
-        return self.subject.job(
+        found = self.subject.job(
             measures=pickled(self.measures), measure_files=self.measure_files, keep=self.keep, fixed=self.fixed
         )
+        return replace(found, time_limit=self.time_limit)
 
     def identity(self) -> str:
         """Return what tells its runs from those of another study, whatever is varied."""
@@ -119,12 +138,7 @@ def read_study(path: Path) -> dict[str, Any]:
     UserError
         The file cannot be read, or it is no TOML.
     """
-    try:
-        content = tomllib.loads(path.read_text())
-    except OSError as error:
-        raise UserError(f"study file {str(path)!r} cannot be read: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise UserError(f"study file {str(path)!r} is not valid TOML: {error}") from error
+    content = read_toml(path, "study file")
     for key in ("scene", "fmu"):
         value = content.get(key)
         if isinstance(value, str) and (key == "fmu" or value.endswith(".toml") or ".py" in value):
@@ -185,8 +199,18 @@ def define(content: Mapping[str, Any]) -> Definition:
         measure_files=files,
         keep=_kept(subject, content.get("keep", ())),
         aim=aim,
+        time_limit=_time_limit(content.get("time_limit")),
         content={k: v if k not in ("scene", "vary", "measure") else _legible(v) for k, v in content.items()},
     )
+
+
+def _time_limit(given: Any) -> float:
+    """Return the time limit of a run in s; 0 if none is given."""
+    if given is None:
+        return 0.0
+    if isinstance(given, bool) or not isinstance(given, int | float) or not 0.0 < given <= LONGEST_LIMIT:
+        raise UserError(f"time_limit is {short(given)}; allowed: a number of seconds from above 0 to {LONGEST_LIMIT:g}")
+    return float(given)
 
 
 def _legible(value: Any) -> Any:

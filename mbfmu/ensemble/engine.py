@@ -143,7 +143,12 @@ class Workers:
                     suspects += runs
                     send_more()
                     continue
-                outcomes = [Outcome(runs[0][0], (), FAILED, KILLED, nan, 0.0, None)]
+                why = (
+                    f"{KILLED}, or it took longer than the time_limit, {job.time_limit:g} s"
+                    if job.time_limit
+                    else KILLED
+                )
+                outcomes = [Outcome(runs[0][0], (), FAILED, why, nan, 0.0, None)]
             except UserError:
                 raise
             except (CancelledError, Exception) as error:

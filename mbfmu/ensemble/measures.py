@@ -199,7 +199,7 @@ def read_measure(name: str, given: Any, outputs: Sequence[str], steady: bool) ->
 
 def _mode(what: str, options: dict[str, Any]) -> int:
     mode = options.get("mode", 1)
-    if isinstance(mode, str) and mode.isdecimal():
+    if isinstance(mode, str) and mode.isdecimal() and len(mode) <= 9:
         mode = int(mode)
     if set(options) - {"mode"} or isinstance(mode, bool) or not isinstance(mode, int) or mode < 1:
         raise UserError(f"{what} is of mode {mode!r}; allowed: a number from one up, and nothing else")

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import fcntl
 import json
+import math
 import os
 import secrets
 import shutil
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +24,7 @@ import mbfmu
 from mbfmu.errors import UserError, writing
 from mbfmu.extras import optional
 from mbfmu.files import replacing, write_text
+from mbfmu.toml import LARGEST
 
 from .definition import COLUMNS, Definition, key_of
 from .design import Point
@@ -56,6 +59,7 @@ class Records:
         self._kept: list[tuple[str, Any]] = []
         self._last = time.monotonic()
         self._held: int | None = None  # the folder, open and locked
+        self._is_new, self._made = False, list[Path]()  # what this process has made of it
 
     # ---- beginning ---------------------------------------------------------------------------------------------------
 
@@ -72,6 +76,7 @@ class Records:
         with writing(self.folder):
             if resume:
                 self._compare()
+            self._made = [path for path in (self.folder, *self.folder.parents) if not path.exists()]  # innermost first
             self.folder.mkdir(parents=True, exist_ok=True)
             self._hold()
             if resume:
@@ -82,7 +87,16 @@ class Records:
             content = {"format": FORMAT, "mbfmu": mbfmu.__version__, "identity": self.identity}
             content |= {"name": self.definition.subject.name, "units": self.definition.units()}
             content |= {"study": self.definition.content}
+            self._is_new = not told.exists()
             write_text(told, json.dumps(content, indent=1, default=repr))
+
+    def discard(self) -> None:
+        """Remove what :meth:`begin` made if there is no run yet, so that the folder can be used again."""
+        if self._is_new and not self._new and not files_of(self.folder, others=True):
+            with suppress(OSError):  # others have put something there
+                (self.folder / TOLD).unlink(missing_ok=True)
+                for path in self._made:
+                    path.rmdir()
 
     def _hold(self) -> None:
         """Lock the folder as long as this process lasts, where its file system has locks."""
@@ -159,7 +173,7 @@ class Records:
     def _columns(self, rows: Sequence[Row]) -> dict[str, list[Any]]:
         varied = list(self.definition.vary)
         names = ("run", "key", *varied, *self._names, *COLUMNS[2:])
-        return {name: [row.get(name) for row in rows] for name in names}
+        return {name: storable([row.get(name) for row in rows]) for name in names}
 
     def _histories(self) -> dict[str, Any]:
         lengths = [len(t) for _, (t, _) in self._kept]
@@ -185,6 +199,25 @@ class Records:
             shutil.rmtree(self.folder / PARTS, ignore_errors=True)
 
 
+def storable(values: Sequence[Any]) -> list[Any]:
+    """Return a column as a table can hold it: text without halves of characters, whole numbers of 64 bits.
+
+    Larger whole numbers become floating-point numbers, and with them all numbers of their column.
+    """
+    found = [v.encode("utf-8", "backslashreplace").decode("utf-8") if isinstance(v, str) else v for v in values]
+    numbers = [v for v in found if isinstance(v, int | float) and not isinstance(v, bool)]
+    if all(isinstance(v, int) and -LARGEST <= v < LARGEST for v in numbers):
+        return found
+    return [_real(v) if isinstance(v, int) and not isinstance(v, bool) else v for v in found]
+
+
+def _real(value: int) -> float:
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf
+
+
 def write_table(columns: Any, path: Path, identity: str) -> None:
     """Write a table, or columns by their names, as a Parquet file of the study with this identity."""
     arrow, parquet = optional("pyarrow", EXTRA), optional("pyarrow.parquet", EXTRA)
@@ -198,10 +231,10 @@ def write_table(columns: Any, path: Path, identity: str) -> None:
 def read_told(folder: Path) -> dict[str, Any]:
     """Return what a folder says of its study; raises UserError where it holds none."""
     try:
-        told = json.loads((folder / TOLD).read_text())
+        told = json.loads((folder / TOLD).read_text("utf-8"))
     except OSError as error:
         raise UserError(f"folder {str(folder)!r} holds no study: {error.strerror}") from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise UserError(f"{str(folder / TOLD)!r} is damaged: {error}") from error
     if not isinstance(told, dict) or told.get("format") != FORMAT or not told.keys() >= SAID:
         raise UserError(f"folder {str(folder)!r} holds a study that this mbfmu cannot read")

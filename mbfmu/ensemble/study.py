@@ -175,10 +175,14 @@ def run_study(
     found = None
     with closing(campaign), closing(records):
         records.begin(resume)
-        if definition.aim:
-            found = look(definition.aim, definition.vary, campaign.measured, definition.sampling.seed)
-        else:
-            campaign.evaluate(wanted)
+        try:
+            if definition.aim:
+                found = look(definition.aim, definition.vary, campaign.measured, definition.sampling.seed)
+            else:
+                campaign.evaluate(wanted)
+        except Exception:  # such as no scheduler; an interrupted study is resumed
+            records.discard()
+            raise
         records.finish(campaign.keys)
     return replace(load_study(folder), found=found, wall_time=time.perf_counter() - begin)
 

@@ -21,12 +21,12 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from mbfmu.errors import UserError
+from mbfmu.errors import LONGEST, UserError, short
 from mbfmu.model import suggest
 from mbfmu.units import read_unit
 from solvers.system import Array
 
-NUMBER = r"[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?|[-+]?\.\d+(?:[eE][-+]?\d+)?"
+NUMBER = r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?|[-+]?\.\d+(?:[eE][-+]?\d+)?"
 TOLERANCE = re.compile(rf"\s*({NUMBER})\s*(\S*?)\s*(?:\+-|\+/-|±)\s*({NUMBER})\s*(\S*)\s*")
 SIGMAS = 3.0  # standard deviations in a tolerance
 LARGEST = sys.float_info.max
@@ -92,9 +92,11 @@ def read_variation(name: str, given: Any, unit: str) -> Variation:
 
 def toleranced(what: str, text: str, unit: str) -> Drawn:
     """Return the distribution of a size that is written with its tolerance."""
-    found = TOLERANCE.fullmatch(text)
+    found = TOLERANCE.fullmatch(text) if len(text) <= LONGEST else None  # it takes the square of the length
     if not found:
-        raise UserError(f'{what} is {text!r}; allowed for a text: a size and its tolerance, such as "1 m +- 0.01 mm"')
+        raise UserError(
+            f'{what} is {short(text)}; allowed for a text: a size and its tolerance, such as "1 m +- 0.01 mm"'
+        )
     size, size_unit, width, width_unit = found.groups()
     center = float(size) * _factor(what, size_unit or width_unit.replace("%", ""), unit)
     if width_unit == "%":

@@ -5,10 +5,14 @@ A job is what all runs of a study share, small enough to travel with every batch
 
 from __future__ import annotations
 
+import os
 import shutil
+import signal
 import tempfile
+import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from math import inf, nan
 from pathlib import Path
@@ -17,6 +21,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 import mbfmu
+from mbfmu.audit import VARIABLES
 from mbfmu.direct import communication_points, run
 from mbfmu.errors import UserError
 from mbfmu.extras import optional
@@ -35,6 +40,7 @@ from .measures import Measure, Steady
 
 OK, SUSPECT, FAILED = "ok", "suspect", "failed"
 STOP = "stop_time"
+AUDITED = tuple(v.name for v in VARIABLES)
 WARNING = 1  # the status of FMI; larger ones are worse
 EXTRA = "study"  # of mbfmu: the packages that studies need
 
@@ -96,6 +102,7 @@ class Job:
     measure_files: tuple[Files, ...]
     keep: tuple[str, ...]  # outputs whose history is kept
     fixed: Mapping[str, Any]  # values that every run has
+    time_limit: float = 0.0  # s by the clock, after which a run has failed; 0: there is none
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -219,12 +226,23 @@ class FmuRunner:
             statistics=Statistics(),
             wall_time=0.0,
             failure=failure,
-            verdict=next((text for status, text in told if status == WARNING), ""),
+            verdict=next((text for status, text in told if status == WARNING), "") or _lost(rows, names),
         )
 
     def steady(self, point: Point) -> Equilibrium:
         """Refuse."""
         raise UserError("an FMU tells no steady state")
+
+
+def _lost(rows: Any, names: Sequence[str]) -> str:
+    """Return which output is no finite number first, and when; empty if all are. An audit that is off has none."""
+    for name in names:
+        odd = ~np.isfinite(rows[name].astype(float))
+        if odd.any() and name not in AUDITED:
+            return (
+                f"output {name!r} is {rows[name][odd][0]} at t = {rows['time'][odd][0]:g} s, which is no finite number"
+            )
+    return ""
 
 
 def _text(given: Any) -> str:
@@ -243,6 +261,7 @@ class Ready(NamedTuple):
     measures: tuple[Measure, ...]
     keep: tuple[str, ...]
     fixed: Mapping[str, Any]
+    time_limit: float = 0.0
 
 
 _ready: dict[str, Ready] = {}  # by identity: as long as this process lasts
@@ -264,7 +283,7 @@ def ready(job: ModelJob | FmuJob) -> Ready:
         for k, files in enumerate(job.measure_files):
             (folder / f"measures{k}").mkdir()
             load_module(files.unpacked(folder / f"measures{k}"))
-        _ready[job.identity] = Ready(job.ready(folder), loaded(job.measures), job.keep, job.fixed)
+        _ready[job.identity] = Ready(job.ready(folder), loaded(job.measures), job.keep, job.fixed, job.time_limit)
     return _ready[job.identity]
 
 
@@ -301,12 +320,28 @@ def _one(known: Ready, number: int, point: Point) -> Outcome:
     begin = time.thread_time()
     nothing = (nan,) * len(known.measures)
     try:
-        outcome = _measured(known, number, {**known.fixed, **point})
+        with _limited(known.time_limit):
+            outcome = _measured(known, number, {**known.fixed, **point})
     except UserError as error:
         outcome = Outcome(number, nothing, FAILED, str(error), nan, 0.0, None)
     except BaseException as error:  # what a model of the user's does; a worker would end at some of these
         outcome = Outcome(number, nothing, FAILED, f"{type(error).__name__}: {error}", nan, 0.0, None)
     return outcome._replace(seconds=time.thread_time() - begin)
+
+
+@contextmanager
+def _limited(seconds: float) -> Iterator[None]:
+    """Kill this process if the block takes longer: code of others that hangs cannot be stopped in another way."""
+    if not seconds:
+        yield
+        return
+    timer = threading.Timer(seconds, os.kill, (os.getpid(), signal.SIGKILL))
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 def _measured(known: Ready, number: int, point: Point) -> Outcome:

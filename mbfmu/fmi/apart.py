@@ -84,7 +84,7 @@ def _apart(scene: Scene, path: Path, *more: str) -> subprocess.CompletedProcess[
     own = {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     with tempfile.TemporaryDirectory(prefix="mbfmu_") as folder:
         told = Path(folder) / "scene.toml"
-        told.write_text(as_toml(scene))
+        told.write_text(as_toml(scene), encoding="utf-8")
         command = [sys.executable, "-P", "-m", "mbfmu.fmi.apart", str(told), str(path), *more]
         return subprocess.run(command, env={**os.environ, **own}, capture_output=True, text=True, check=False)
 

@@ -76,7 +76,7 @@ def write_script(model: Model, settings: Settings, experiment: Experiment, folde
     module = cls.__module__
     if source:  # under a name of its own: two FMUs in one process must not meet in sys.modules
         module = f"mbfmu_source_{owner.digest[:8]}"
-        (folder / f"{module}.py").write_text(source)
+        (folder / f"{module}.py").write_text(source, encoding="utf-8")
     script = folder / f"{owner.identifier}.py"
     script.write_text(
         SCRIPT.format(
@@ -112,7 +112,7 @@ def own_source(cls: type[Model]) -> str:
             f"model {cls.__name__!r} imports {', '.join(map(repr, beside))} from beside its file, which an FMU does "
             "not carry; put all of it into one file or into an installed package, or run it with --direct"
         )
-    return Path(file).read_text()
+    return importlib.util.decode_source(Path(file).read_bytes())
 
 
 @contextmanager

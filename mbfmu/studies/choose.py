@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.direct import communication_points
-from mbfmu.errors import UserError
+from mbfmu.errors import LONGEST, UserError, short
 from mbfmu.mechanics import Mechanism
 from mbfmu.model import Model
 from mbfmu.scene import Scene
@@ -102,14 +102,17 @@ def read_target(target: float | str | Target) -> Target:
     """
     if isinstance(target, Target):
         return target
-    found = re.fullmatch(r"\s*([-+.\d]+(?:[eE][-+]?\d+)?)\s*(\S*)\s*", str(target))
+    text = str(target)
+    known = len(text) <= LONGEST  # matching takes the square of the length
+    found = re.fullmatch(r"\s*([-+.\d]+(?:[eE][-+]?\d+)?)\s*(\S*)\s*", text) if known else None
     try:
         value = float(found.group(1)) if found else inf
     except ValueError:
         value = inf
     if not found or not (isfinite(value) and value > 0.0):
         raise UserError(
-            f"target is {target!r}; allowed: a number above zero, such as 1e-4 of the range, or with a unit: '0.2 mm'"
+            f"target is {short(target)}; allowed: a number above zero, such as 1e-4 of the range, or with a unit: "
+            "'0.2 mm'"
         )
     if found.group(2):
         try:

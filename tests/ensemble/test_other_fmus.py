@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -14,8 +15,9 @@ import numpy as np
 import psutil
 import pytest
 
+import mbfmu as mb
 from mbfmu.ensemble.definition import define
-from mbfmu.ensemble.work import FAILED, batch, forget
+from mbfmu.ensemble.work import FAILED, OK, SUSPECT, batch, forget
 from mbfmu.errors import UserError
 
 pytestmark = pytest.mark.skipif(
@@ -107,3 +109,46 @@ def test_what_is_asked_wrongly_is_told(oscillator: Path, tmp_path: Path):
     (tmp_path / "odd.fmu").write_text("no zip")
     with pytest.raises(UserError, match="is no FMU"):
         define({**told, "fmu": str(tmp_path / "odd.fmu")})
+
+
+def test_an_output_that_is_no_number_makes_its_run_suspect(oscillator: Path):
+    study = define({"fmu": str(oscillator), "vary": {"k": [1.0, 123.0]}, "measure": {"end": "end x"}})
+    job = study.job()
+    good, lost = batch(job, list(enumerate(study.points())))
+    assert (good.status, good.message) == (OK, "")
+    assert lost.status == SUSPECT
+    assert lost.message.startswith("output ")
+    assert "is nan at t = 0.5" in lost.message
+    assert "no finite number" in lost.message
+    forget(job)
+
+
+def test_a_process_ends_where_a_run_hangs(oscillator: Path, tmp_path: Path):
+    """The run within its limit is made, the one that hangs ends the process by a signal."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from mbfmu.ensemble.definition import define\nfrom mbfmu.ensemble.work import batch\n"
+        f"study = define({{'fmu': {str(oscillator)!r}, 'vary': {{'k': [1.0, 321.0]}}, 'measure': {{'end': 'end x'}}, "
+        "'time_limit': 1.0})\n"
+        "for k, point in enumerate(study.points()):\n"
+        "    print(batch(study.job(), [(k, point)])[0].status, flush=True)\n"
+    )
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=False, timeout=120.0)
+    assert done.stdout == "ok\n"
+    assert done.returncode == -signal.SIGKILL
+
+
+@pytest.mark.campaign
+def test_a_run_that_hangs_fails_after_its_time_limit(oscillator: Path, tmp_path: Path):
+    study = mb.study(
+        str(oscillator), {"k": [1.0, 321.0, 4.0]}, {"end": "end x"}, time_limit=1.0, folder=tmp_path / "a", workers=1
+    )
+    assert [row["status"] for row in study.rows] == [OK, FAILED, OK]
+    assert "longer than the time_limit, 1 s" in study.rows[1]["message"]
+    assert study.column("end")[[0, 2]] == pytest.approx(np.cos([1.0, 2.0]), abs=1e-5)
+
+
+@pytest.mark.parametrize("limit", [0, -1.0, float("nan"), "60", True, 1e9])
+def test_a_time_limit_is_a_number_of_seconds(oscillator: Path, limit: object):
+    with pytest.raises(UserError, match=r"time_limit is .*; allowed: a number of seconds"):
+        define({"fmu": str(oscillator), "vary": {"k": [1.0]}, "measure": {"end": "end x"}, "time_limit": limit})
