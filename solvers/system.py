@@ -248,10 +248,17 @@ class Tangent(Protocol):
     inertia_one: Callable[[Array, Any, Array], None]  # (a, data, tau): as inertia
     data: Any  # held
 
-    def factor(self, c1: float, c2: float, weight: Array | None = None, symmetric: bool = False) -> bool:
+    @property
+    def negative(self) -> int:
+        """Number of negative eigenvalues of T, as it was last factored ``averaged``."""
+
+    def factor(
+        self, c1: float, c2: float, weight: Array | None = None, symmetric: bool = False, averaged: bool = False
+    ) -> bool:
         """Assemble and factor T, or T + J^T weight J, at the last :attr:`TreeSystem.inverse`; False where singular.
 
-        ``symmetric``: as if it were, which costs less and is enough for who corrects what it is off.
+        ``symmetric``: as if it were, which costs less and is enough for who corrects what it is off. ``averaged``: the
+        mean of it and its transpose.
         """
 
     def solve(self, r: Array) -> Array:
@@ -292,6 +299,7 @@ class TreeSystem(AnySystem):
     stepped: Callable[[], Stepped] | None = None  # (): the same on complex numbers
     meshed: NDArray[np.bool_] | None = None  # (n,) coordinates of which a mesh has many like them; None: all
     slip: Array | None = None  # (n,) rates at which friction of contact turns over; infinite: at none
+    moves: Callable[[], bool] = nothing_works  # (): whether drives move: then inertia forces change with the positions
 
     def allocate_terms(self, scalar: type = float) -> Terms:
         """Return zeroed terms; those of the constraints are the only ones a tree fills, and M has no entries."""

@@ -39,6 +39,7 @@ from .common import (
 from .completion import complete, output_names
 from .results import Results, results
 
+SHOWN = 60  # modes that are printed
 WORDS = {
     "stable": "stable: every mode decays",
     "undamped": "stable, undamped: some modes oscillate for ever",
@@ -107,8 +108,10 @@ def as_text(found: Equilibrium, others: Sequence[Equilibrium]) -> str:
         values,
         "",
         WORDS[found.stability] + (f"; nothing resists {found.free}" if found.free else ""),
-        modes_as_text(found.modes),
+        modes_as_text(found.modes[:SHOWN]),
     ]
+    if len(found.modes) > SHOWN:
+        lines.append(f"{len(found.modes) - SHOWN} faster modes are in the file that --json writes")
     if found.warning:
         lines += ["", f"warning: {found.warning}"]
     if others:

@@ -1,4 +1,4 @@
-"""Natural modes with their shapes about a steady state: of small mechanisms all, of large trees the lowest."""
+"""Natural modes with their shapes about a steady state: of most mechanisms all, of very large trees the lowest."""
 
 from __future__ import annotations
 
@@ -9,13 +9,15 @@ import numpy as np
 
 from mbfmu.errors import EquilibriumError
 from mbfmu.mechanics import Plant
+from mbfmu.mechanics.arrays.closing import check_inertia
 from mbfmu.steady.linear import Mode
-from solvers.projection.saddle import Saddle
-from solvers.statics.modes import natural_modes
+from solvers.linalg.blocks import one_thread
+from solvers.statics.matrices import LARGEST_ASSEMBLED, linearized_matrices
+from solvers.statics.modes import lowest_modes
+from solvers.statics.spectrum import Spectrum, spectrum_of
 from solvers.system import Array
 
-ROUNDING = 1e-7  # omega^2 relative to the largest one found, below which it is none; 2e-8 on a free sheet of 51 x 35
-SMALL = 1e-6  # rad/s or m/s: velocities at which damping forces are differenced
+LOWEST = 8  # modes of a larger tree that its stability is judged by, and of which there is an equilibrium's list
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,34 +27,47 @@ class ModeShape:
     Attributes
     ----------
     motion
-        Change of the coordinates (n,). Of a large tree real and of unit modal mass; else complex and of any scale, the
-        motion being the real part of motion exp(s t).
+        Change of the coordinates (n,). Real and of unit modal mass where nothing damps and no velocity acts; else
+        complex and of any scale, the motion being the real part of motion exp(s t).
     """
 
     mode: Mode
     motion: Any
 
 
-def shapes(plant: Plant, q: Array, count: int, lam: Array) -> list[ModeShape]:
-    """Return the lowest modes of a large tree about a steady state q (nq,), lam (m,).
+def find_spectrum(plant: Plant, q: Array, v: Array, lam: Array, count: int = LOWEST) -> Spectrum:
+    """Return the eigenvalues of the motion about a steady state q (nq,), v (n,), lam (m,).
 
-    A motion that nothing resists has the eigenvalue zero. Damping is taken as what each mode alone loses, phi^T D phi;
-    velocity-dependent forces that do no work are left out.
+    All of them, of a tree with more than LARGEST_ASSEMBLED coordinates the lowest ``count`` at least.
+
+    Raises
+    ------
+    EquilibriumError
+        They were not found.
     """
     system = plant.system
-    n = system.n
-    still, saddle = np.zeros(n), Saddle(system)
-    saddle.weigh(0.0, q)
-    saddle.residual(0.0, q, still, still, lam)
     try:
-        values, motions = natural_modes(saddle, min(count, n - system.m - 1))
+        if system.has_matrices:
+            check_inertia(system, 0.0, q, v)
+            return spectrum_of(linearized_matrices(plant.complex_system(), 0.0, q, v, lam))
+        if system.n <= LARGEST_ASSEMBLED:
+            with one_thread():
+                return spectrum_of(linearized_matrices(system, 0.0, q, v, lam))
+        return lowest_modes(system, q, v, lam, min(count, system.n - system.m - 1))
     except np.linalg.LinAlgError as reason:
-        raise EquilibriumError(f"the natural modes were not found: {reason}; ask for fewer") from reason
-    values = np.where(np.abs(values) <= ROUNDING * np.abs(values).max(initial=0.0), 0.0, values)
-    found = []
-    for square, motion in zip(values, motions.T, strict=True):
-        there, back = (system.residual(0.0, q, sign * SMALL * motion, still, lam) for sign in (1.0, -1.0))
-        decay = 0.5 * float(motion @ (there - back)) / (2.0 * SMALL)
-        root = np.sqrt(complex(decay**2 - square))
-        found.append(ModeShape(mode=Mode(complex(-decay + root)), motion=motion))
-    return found
+        raise EquilibriumError(f"the natural modes were not found: {reason}") from reason
+
+
+def shapes(plant: Plant, q: Array, count: int, lam: Array, v: Array | None = None) -> list[ModeShape]:
+    """Return the lowest modes about a steady state q (nq,), lam (m,), v (n,), which is rest by default.
+
+    A motion that nothing resists has the eigenvalue zero.
+    """
+    v = np.zeros(plant.system.n) if v is None else v
+    return shapes_of(find_spectrum(plant, q, v, lam, count))[:count]
+
+
+def shapes_of(spectrum: Spectrum) -> list[ModeShape]:
+    """Return the modes of a spectrum with their shapes, slowest first."""
+    pairs = zip(spectrum.values, spectrum.motions.T, strict=True)
+    return [ModeShape(mode=Mode(complex(s)), motion=motion) for s, motion in pairs]

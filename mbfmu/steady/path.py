@@ -20,6 +20,7 @@ from mbfmu.mechanics.numbers import finite
 from mbfmu.model import Model, suggest
 from mbfmu.steady.problem import EquilibriumProblem
 from solvers.linalg.blocks import one_thread
+from solvers.statics.matrices import LARGEST_ASSEMBLED
 from solvers.statics.path import Follower, Load, State
 
 STEPS = 500  # of a branch, at most
@@ -39,7 +40,7 @@ class PathState:
         How many independent motions the stiffness drives away, inertia of the drives' rotation included: negative
         eigenvalues on the constraints.
     stability
-        As :class:`mbfmu.Equilibrium` has it; of a large tree ``stable`` or ``unstable``, by that number.
+        As :class:`mbfmu.Equilibrium` has it; of more than 300 coordinates ``stable`` or ``unstable``, by that number.
     kind
         ``limit point``, ``bifurcation``, or empty.
     """
@@ -165,12 +166,13 @@ class PathProblem:
         """Return what is known of a state; EquilibriumError where it is no steady one."""
         self.apply(at.p)
         found = self.problem.state(at.q, at.lam, "the path")
+        known = self.plant.system.has_matrices or self.plant.system.n <= LARGEST_ASSEMBLED
         return PathState(
             value=at.p,
             outputs=found.outputs,
             positions=found.positions(),
             unstable=at.unstable,
-            stability=found.stability if self.plant.system.has_matrices else "unstable" if at.unstable else "stable",
+            stability=found.stability if known else "unstable" if at.unstable else "stable",
             kind=at.kind,
         )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +22,13 @@ Matrix = NDArray[np.float64]
 
 def free_motions(plant: Plant, q: Array, lam: Array) -> Matrix:
     """Return the motions (n, k) about a state q (nq,), lam (m,) that nothing resists, of unit modal mass."""
-    found = [s.motion for s in shapes(plant, q, COUNT, lam) if s.mode.eigenvalue == 0.0]
+    found = [in_phase(s.motion) for s in shapes(plant, q, COUNT, lam) if s.mode.eigenvalue == 0.0]
     return np.array(found).reshape(len(found), plant.system.n).T
+
+
+def in_phase(motion: NDArray[Any]) -> Matrix:
+    """Return a motion (n,) whose parts are in phase by real numbers."""
+    return np.asarray((motion * np.exp(-1j * np.angle(motion[np.argmax(np.abs(motion))]))).real)
 
 
 def in_words(plant: Plant, q: Array, motions: Matrix) -> str:

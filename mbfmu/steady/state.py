@@ -17,12 +17,10 @@ from mbfmu.mechanics import Plant
 from mbfmu.mechanics.arrays.bending import COARSE
 from mbfmu.model import Model
 from mbfmu.steady.linear import Mode, StateSpace, linearize
-from mbfmu.steady.modes import ModeShape, shapes
+from mbfmu.steady.modes import LOWEST, ModeShape, find_spectrum, shapes_of
 from mbfmu.steady.rigid_body_modes import free_motions, in_words
+from solvers.statics.spectrum import Spectrum
 from solvers.system import Array
-
-GROWTH = 1e-6  # real part relative to the largest eigenvalue from which a mode grows or decays
-LOWEST = 8  # modes of a large tree that its stability is judged by
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,30 +76,29 @@ class Equilibrium:
         return linearize(self.plant, 0.0, self.q, self.v, self.rows)
 
     @cached_property
+    def spectrum(self) -> Spectrum:
+        """Eigenvalues of the linearized motion, with what rounding leaves open of them."""
+        return find_spectrum(self.plant, self.q, self.v, self.lam)
+
+    @cached_property
     def modes(self) -> list[Mode]:
-        """Eigenvalues of the linearized motion; the lowest few of a large tree, see :mod:`mbfmu.steady.modes`."""
-        if not self.plant.system.has_matrices:
-            return [shape.mode for shape in shapes(self.plant, self.q, LOWEST, self.lam)]
-        return self.state_space.modes()
+        """Eigenvalues of the linearized motion, slowest first; the lowest few of a very large tree, see
+        :mod:`mbfmu.steady.modes`.
+        """
+        return [shape.mode for shape in shapes_of(self.spectrum)]
 
     def shapes(self, count: int) -> list[ModeShape]:
         """Return the lowest modes and how the coordinates take part."""
-        if not self.plant.system.has_matrices:
-            return shapes(self.plant, self.q, count, self.lam)
-        return [ModeShape(mode=mode, motion=motion) for mode, motion in self.state_space.shapes()[:count]]
+        enough = self.spectrum.complete or count <= LOWEST
+        found = self.spectrum if enough else find_spectrum(self.plant, self.q, self.v, self.lam, count)
+        return shapes_of(found)[:count]
 
     @property
     def stability(self) -> str:
         """Of the linearized motion: ``stable`` (it decays), ``undamped`` (some of it oscillates for ever), ``neutral``
         (some of it drifts) or ``unstable``.
         """
-        values = np.array([mode.eigenvalue for mode in self.modes])
-        size = np.abs(values).max(initial=0.0)
-        if (values.real > GROWTH * size).any():
-            return "unstable"
-        if (np.abs(values) <= GROWTH * size).any():
-            return "neutral"
-        return "stable" if (values.real < -1e-12 * size).all() else "undamped"
+        return self.spectrum.stability
 
     @cached_property
     def free(self) -> str:

@@ -22,7 +22,6 @@ from mbfmu.result import Result
 from mbfmu.scene import Scene, default_scene
 from mbfmu.settings import Settings
 from mbfmu.steady.problem import equilibrium
-from mbfmu.steady.state import GROWTH
 from mbfmu.studies.reference import scales, still
 from mbfmu.studies.timing import Budget, Spent, cpu_time, in_turn
 from mbfmu.table import table
@@ -235,8 +234,7 @@ def oscillation(model: Model, start: Mapping[str, float]) -> tuple[float | None,
         found = equilibrium(model, start)
     except EquilibriumError:
         return None, ""
-    floor = GROWTH * max((abs(mode.eigenvalue) for mode in found.modes), default=0.0)
-    frequencies = [mode.frequency / (2.0 * np.pi) for mode in found.modes if mode.frequency > floor]
+    frequencies = [mode.frequency / (2.0 * np.pi) for mode in found.modes if mode.frequency]
     return min(frequencies, default=None), found.stability
 
 

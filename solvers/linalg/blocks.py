@@ -247,9 +247,11 @@ class BlockTree:
         What :func:`solve_blocks` takes, held.
     positive
         Whether the determinant is, where the matrix is not taken as symmetric.
+    negative
+        Number of negative eigenvalues, where the matrix is taken as symmetric (inertia of the factors).
     """
 
-    positive = True
+    positive, negative = True, 0
 
     def __init__(self, sizes: Sequence[int], inward: Sequence[int]) -> None:
         n = np.array([*sizes, 0], np.int64)  # the last one stands for no neighbor
@@ -274,15 +276,21 @@ class BlockTree:
         self.blocks = [hold(block) for block in self._blocks]
         self.begin(symmetric=False)
 
-    def begin(self, symmetric: bool) -> None:
-        """Forget what has been factored. Of a symmetric matrix D below its diagonal and U are read alone."""
-        self._factors.symmetric[0] = symmetric
-        self.positive = True
+    def begin(self, symmetric: bool, averaged: bool = False) -> None:
+        """Forget what has been factored. Of a symmetric matrix D below its diagonal and U are read alone.
+
+        ``averaged``: the mean of the matrix and its transpose is factored instead.
+        """
+        self._factors.symmetric[0] = symmetric or averaged
+        self._averaged = averaged
+        self.positive, self.negative = True, 0
         self._carried: dict[int, Array] = {}  # sum of L_k D_k^-1 U_k, transposed, by the neighbor inward
 
     def eliminate(self, k: int) -> bool:
         """Eliminate the next block, whose arrays have been filled; False where it is singular."""
         (D, U, L), inner = self._blocks[k], int(self._factors.inward[k])
+        if self._averaged:
+            D[:], U[:] = 0.5 * (D + D.T), 0.5 * (U + L.T)
         if k in self._carried:
             D -= self._carried.pop(k)
         if D.size and not self._invert(D):
@@ -303,6 +311,8 @@ class BlockTree:
         if self._factors.symmetric[0]:
             factors, pivots, info = lapack.dsytrf(A, lower=1, lwork=room, overwrite_a=1)  # in place
             if info == 0:
+                single = pivots > 0  # the others are pairs, of which one is negative
+                self.negative += int(np.sum(np.diag(factors)[single] < 0.0)) + int(np.sum(~single)) // 2
                 _, info = lapack.dsytri(factors, pivots, lower=1, overwrite_a=1)
         else:
             factors, pivots, info = lapack.dgetrf(A, overwrite_a=1)

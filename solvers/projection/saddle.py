@@ -13,9 +13,11 @@ effective mass of each row, (J M^-1 J^T)_ii^-1, times SPRING.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from solvers.compiled.kernel import kernel
 from solvers.linalg.blocks import one_thread
@@ -23,11 +25,17 @@ from solvers.outcome import Code
 from solvers.stepper import swiftest
 from solvers.system import Array, TreeSystem
 
+from .products import Products
+
 SPRING = 1e4  # (rad/s)^2, stiffness to effective mass of the springs alpha
 REDUNDANT = 1e-10  # eigenvalues of a scaled Schur complement below this part of the largest count as zero
 ZERO = 1e-13  # eigenvalues of its inverse below this part of the largest are those of redundant rows
 # Square of a row to that of the largest below which nothing works against it here: rounding is 1e-32, units make 1e-6.
 VANISHING = 1e-20
+KRYLOV, PRECISE = (
+    120,
+    1e-13,
+)  # products with the exact tangent in one solution, and the residual at which there are enough
 PASSES, CLOSED = 12, 1e-11  # of the way back onto the constraints, in units of their rows
 
 
@@ -104,29 +112,48 @@ def rate_of_motion(motion: Accelerations, t: float, q: Array, v: Array) -> float
 
 
 class Saddle:
-    """The saddle system of a tree, factored and solved as often as wanted; without constraints T alone."""
+    """The saddle system of a tree, factored and solved as often as wanted; without constraints T alone.
 
-    def __init__(self, system: TreeSystem) -> None:
+    ``exact``: where drives move or the tree does, what the structured tangent leaves out is added by an iteration
+    (GMRES), whose preconditioner it is.
+
+    Attributes
+    ----------
+    at
+        (t, q, v, a, lambda) of the last :meth:`residual`.
+    left_out
+        Whether the structured tangent, as it was factored last, leaves anything out.
+    """
+
+    def __init__(self, system: TreeSystem, exact: bool = False) -> None:
         self.system, self.terms = system, system.allocate_terms()
         self._alpha = np.zeros(0)
+        self._exact = exact and system.stepped is not None
+        self._products: Products | None = None
+        self.left_out = False
 
     def residual(self, t: float, q: Array, v: Array, a: Array, lam: Array) -> tuple[Array, Array]:
         """Return M a + h + J^T lambda (n,) and Phi (m,); the state is left there, and J."""
         if self.system.m:
             self.system.fill_position(t, q, self.terms)
+        self.at = t, q, v, a, lam
         return self.system.residual(t, q, v, a, lam), self.terms.Phi.copy()
 
-    def factor(self, c1: float, c2: float, symmetric: bool = False) -> bool:
+    def factor(self, c1: float, c2: float, symmetric: bool = False, averaged: bool = False) -> bool:
         """Factor at the last :meth:`residual`; False where T is singular even with the springs.
 
-        ``symmetric``: as if T were.
+        ``symmetric``: as if T were. ``averaged``: (T + T^T) / 2 instead, whose negative eigenvalues are counted.
         """
         tangent, J = self.system.tangent, self.terms.J
+        self.left_out = self._exact and (self.system.moves() or bool(self.at[2].any()))
+        if self.left_out:
+            self._c1, self._c2 = c1, c2
+            self.products.place(*self.at)
         if self.system.m == 0:
-            return tangent.factor(c1, c2, symmetric=symmetric)
+            return tangent.factor(c1, c2, symmetric=symmetric, averaged=averaged)
         if not self._alpha.size:
             raise RuntimeError("Saddle.weigh comes first")
-        if not tangent.factor(c1, c2, self._alpha, symmetric):
+        if not tangent.factor(c1, c2, self._alpha, symmetric, averaged):
             return False
         root = np.sqrt(self._alpha)
         self._J = J.copy()
@@ -139,14 +166,33 @@ class Saddle:
         return True
 
     @property
+    def products(self) -> Products:
+        """Products of the exact tangent; they are taken where they were placed last."""
+        if self._products is None:
+            self._products = Products(self.system)
+        return self._products
+
+    @property
     def positive(self) -> bool:
         """Whether det S is, redundant rows aside; T has on J x = 0 the determinant det T_alpha det S / det J J^T."""
+        return bool(np.sum(self._signs() < 0) % 2 == 0)
+
+    @property
+    def negative(self) -> int:
+        """Number of negative eigenvalues of T on J x = 0, as it was last factored ``averaged``.
+
+        By the inertia of [T_alpha, J^T; J, 0] on one side, of T_alpha and -S on the other.
+        """
+        return self.system.tangent.negative - int(np.sum(self._signs() < 0))
+
+    def _signs(self) -> NDArray[np.int64]:
+        """Return the signs of the real eigenvalues of S (m,), zero of redundant rows."""
         if self.system.m == 0:
-            return True
+            return np.zeros(0, np.int64)
         root = np.sqrt(self._alpha)
         values = np.linalg.eigvals(self._inverse / np.outer(root, root))
         floor = ZERO * np.abs(values).max()
-        return bool(np.sum((values.real < -floor) & (values.imag == 0.0)) % 2 == 0)
+        return np.where(values.imag == 0.0, np.sign(values.real) * (np.abs(values) > floor), 0).astype(np.int64)
 
     def weigh(self, t: float, q: Array) -> None:
         """Choose alpha at a position."""
@@ -157,11 +203,62 @@ class Saddle:
 
     def solve(self, f: Array, g: Array) -> tuple[Array, Array]:
         """Return x (n,) and y (m,)."""
+        if not self.left_out:
+            return self._solve_structured(f, g)
+        s, n = self.system, self.system.n
+        forces = self._alpha / SPRING * (s.rate or 1.0) ** 2 * s.row_size
+        units = np.concatenate((s.size, forces))
+
+        def structured(r: Array) -> Array:
+            """Return the solution in units by the structured tangent of a residual."""
+            return np.concatenate(self._solve_structured(r[:n], r[n:])) / units
+
+        def operator(z: Array) -> Array:
+            """Return the same of the exact system's product with z."""
+            x, y = np.split(units * z, [n])
+            force = self.products.apply(x, 1.0, self._c1, self._c2) + y @ J
+            return structured(np.concatenate((force, J @ x)))
+
+        J = self._J if self.system.m else np.zeros((0, n))
+        z = units * solve_gmres(operator, structured(np.concatenate((f, g))))
+        return z[:n], z[n:]
+
+    def _solve_structured(self, f: Array, g: Array) -> tuple[Array, Array]:
+        """Return x (n,) and y (m,) by the structured tangent."""
         if self.system.m == 0:
             return self.system.tangent.solve(f), g
         x = self.system.tangent.solve(f + (self._alpha * g) @ self._J)
         y = self._inverse @ (self._J @ x - g)
         return x - self._A @ y, y
+
+
+def solve_gmres(operator: Callable[[Array], Array], b: Array) -> Array:
+    """Return z with operator(z) = b (N,) by the generalized minimal residual method (Saad and Schultz 1986).
+
+    It is as good as rounding allows, or as KRYLOV products.
+    """
+    size = float(np.linalg.norm(b))
+    if not 0.0 < size < np.inf:
+        return b
+    basis, H = [b / size], np.zeros((KRYLOV + 1, KRYLOV))
+    y: Array = np.zeros(0)
+    for k in range(min(KRYLOV, len(b))):
+        w = operator(basis[k])
+        whole = float(np.linalg.norm(w))
+        for _ in range(2):  # once more for what rounding left
+            for i, vector in enumerate(basis):
+                part = float(vector @ w)
+                H[i, k] += part
+                w = w - part * vector
+        H[k + 1, k] = float(np.linalg.norm(w))
+        right = np.zeros(k + 2)
+        right[0] = size
+        y = np.asarray(np.linalg.lstsq(H[: k + 2, : k + 1], right, rcond=None)[0], float)
+        left = float(np.linalg.norm(H[: k + 2, : k + 1] @ y - right))
+        if left <= PRECISE * size or H[k + 1, k] <= PRECISE * whole:
+            break
+        basis.append(w / H[k + 1, k])
+    return np.asarray(np.array(basis[: len(y)]).T @ y)
 
 
 def close(system: TreeSystem, t: float, q: Array, v: Array) -> Code:

@@ -31,7 +31,7 @@ class TreeEquilibriumSolver(EquilibriumSolver):
     def __init__(self, system: TreeSystem, v: Array) -> None:
         super().__init__(system)
         self.system, self._v, self._still = system, v, np.zeros(system.n)
-        self._saddle = Saddle(system)
+        self._saddle = Saddle(system, exact=True)
         self.rows = np.arange(system.m)
 
     def run_trial(self, q: Array) -> None:

@@ -16,6 +16,7 @@ from scipy import linalg
 from solvers.projection.saddle import Saddle
 from solvers.system import Array, TreeSystem
 
+from .matrices import LARGEST_ASSEMBLED, allowed_motions
 from .small import PIVOT, DenseEquilibriumSolver
 
 KRYLOV = 40  # dimension of the space in which a large tree's negative eigenvalues are looked for first
@@ -113,15 +114,17 @@ class DenseLinearized(Linearized):
 class TreeLinearized(Linearized):
     """A large tree.
 
-    Its negative eigenvalues are those of the inverse in a Krylov space (Arnoldi), where they are the farthest from the
-    others. That their number is even or odd the determinant tells too; as long as it says otherwise the space grows.
+    Its negative eigenvalues are counted by the inertia of the factors where the structured tangent is exact and
+    symmetric, else by those of the assembled matrix. Of more than LARGEST_ASSEMBLED coordinates they are those of the
+    inverse in a Krylov space (Arnoldi), where they are the farthest from the others. That their number is even or odd
+    the determinant tells too, where nothing moves; as long as it says otherwise the space grows.
 
     ``even`` returns whether the tangent, as it was last factored, has an even number of them, constraints aside.
     """
 
     def __init__(self, system: TreeSystem, v: Array, even: Callable[[], bool]) -> None:
         self._system, self._v, self._even = system, v, even
-        self.size, self._still, self._saddle = system.size, np.zeros(system.n), Saddle(system)
+        self.size, self._still, self._saddle = system.size, np.zeros(system.n), Saddle(system, exact=True)
 
     def residual(self, q: Array, lam: Array) -> tuple[Array, Array]:
         """See the base."""
@@ -135,16 +138,37 @@ class TreeLinearized(Linearized):
     def inspect(self, q: Array, lam: Array) -> int:
         """See the base."""
         self._saddle.weigh(0.0, q)
+        moving = self._system.moves() or bool(self._v.any())
+        if self._system.tangent.symmetric and not moving:
+            self.residual(q, lam)
+            negative = self._saddle.negative if self._saddle.factor(0.0, 0.0, averaged=True) else 0
+            self._saddle.factor(0.0, 0.0)
+            return negative
         if not self.factor(q, lam):
             return 0
-        even, negative = self.even(), 0
+        if self._system.n <= LARGEST_ASSEMBLED and self._system.stepped is not None:
+            return self._count_assembled()
+        return self._count_in_krylov_space(moving)
+
+    def _count_assembled(self) -> int:
+        """Return the negative eigenvalues of the exact matrix at the last state."""
+        products, units = self._saddle.products, self.size
+        if not self._saddle.left_out:
+            products.place(*self._saddle.at)
+        K = products.matrix(1.0, 0.0, 0.0)
+        basis = allowed_motions(self._saddle.terms.J, units, self._system.row_size)
+        return negative_eigenvalues(basis.T @ K @ basis, PIVOT)
+
+    def _count_in_krylov_space(self, moving: bool) -> int:
+        """Return the negative eigenvalues of the inverse in a space that grows."""
+        even, negative = None if moving else self.even(), 0
         start = np.random.default_rng(1).normal(size=len(self.size))
         basis, H = [start / np.linalg.norm(start)], np.zeros((1, 0))
         for dimension in (KRYLOV, 2 * KRYLOV, 4 * KRYLOV):
             while len(basis) <= dimension:
                 H = self._expand(basis, H)
             negative = negative_eigenvalues(H[:-1], VANISHING)
-            if (negative % 2 == 0) == even:
+            if even is None or (negative % 2 == 0) == even:
                 break
         return negative
 

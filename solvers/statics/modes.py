@@ -1,37 +1,207 @@
-"""Natural modes of a large tree about an equilibrium: K phi = omega^2 M phi by shifted inverse iteration (Lanczos)."""
+"""The lowest modes of a very large tree about a steady state, by shifted inverse iteration.
+
+Where nothing moves or damps, and forces have a potential: K x = -s^2 M x by Lanczos, from below all eigenvalues, so
+that those nearest to the shift are the lowest. The inertia of the factors of K + shift M (Sylvester) says how many are
+below it. Otherwise the state matrix by Arnoldi, shifted to the right of the origin.
+"""
 
 from __future__ import annotations
 
-import numpy as np
-from scipy.sparse.linalg import ArpackError, ArpackNoConvergence, LinearOperator, eigsh
+from typing import Any
 
+import numpy as np
+from scipy.sparse.linalg import ArpackError, ArpackNoConvergence, LinearOperator, eigs, eigsh
+
+from solvers.projection.products import Products
 from solvers.projection.saddle import Saddle
-from solvers.system import Array
+from solvers.system import Array, TreeSystem
+
+from .matrices import LAST_DIGITS, MACHINE, SAFETY
+from .spectrum import Spectrum, ordered
 
 RESTARTS = 100
-PRECISE = 1e-12  # of omega^2; full precision may not be within the reach of rounding
-SHIFT = 1.0  # (rad/s)^2 below zero, so that rigid motions do not make K singular
+PRECISE = 1e-12  # of an eigenvalue of the inverse; full precision may not be within the reach of rounding
+SLOW = 1e-10  # first shift relative to what the stiffness of a random motion is worth, (rad/s)^2
+NEAR, USUAL = (1e-4, 1.0), 1e-2  # shifts relative to the largest eigenvalue found, which are good, and the one taken
+SOLVED = 1e-10  # of the shift: what the error of a motion may be worth
+FARTHER, FARTHEST = 16.0, 40  # from shift to shift as long as eigenvalues are below it, and how often
+SAMPLES = 3  # states beside this one, by which rounding is measured
+MORE = 8  # eigenvalues that are looked for by Arnoldi beyond twice the number asked for
 
 
-def natural_modes(saddle: Saddle, count: int) -> tuple[Array, Array]:
-    """Return the lowest ``count`` omega^2, (rad/s)^2, and the modes (n, count), of unit modal mass.
+class LowestModes:
+    """The lowest modes of one large tree about the steady state (q, v, lam)."""
 
-    The steady state is that of ``saddle``'s last residual; of constrained motions those that J allows.
+    def __init__(self, system: TreeSystem, q: Array, v: Array, lam: Array) -> None:
+        self.system, self.saddle, self._at = system, Saddle(system, exact=True), (q, v, lam)
+        self.still = np.zeros(system.n)
+        self.saddle.weigh(0.0, q)
+        self.saddle.residual(0.0, q, v, self.still, lam)
+        self.products = self.saddle.products
+        self.products.place(0.0, q, v, self.still, lam)
+        self.beside = [self._products_beside(k) for k in range(SAMPLES)]
+
+    def _products_beside(self, seed: int) -> Products:
+        """Return products at a state that differs in its last digits."""
+        (q, v, lam), random, system = self._at, np.random.default_rng(seed), self.system
+        moved = q.copy()
+        system.apply(moved, LAST_DIGITS * random.uniform(-1.0, 1.0, system.n) * system.size)
+        v, lam = (x * (1.0 + LAST_DIGITS * random.uniform(-1.0, 1.0, len(x))) for x in (v, lam))
+        found = Products(system)
+        found.place(0.0, moved, v, self.still, lam)
+        return found
+
+    @property
+    def conservative(self) -> bool:
+        """Whether nothing moves or damps, and forces have a potential."""
+        system = self.system
+        if system.moves() or self._at[1].any() or not system.tangent.symmetric:
+            return False
+        x = np.random.default_rng(2).normal(size=system.n) * system.size
+        damping, doubt = self.worth(x, 1), self.doubt(x, 1)
+        return abs(damping) <= doubt
+
+    def worth(self, x: Array, which: int) -> complex:
+        """Return x^H A x of K, C or M, by number."""
+        parts = (
+            [self.products.apply(part, *np.eye(3)[which]) for part in (x.real, x.imag)] if np.iscomplexobj(x) else None
+        )
+        product = parts[0] + 1j * parts[1] if parts else self.products.apply(x, *np.eye(3)[which])
+        return complex(np.vdot(x, product))
+
+    def doubt(self, x: Array, which: int) -> float:
+        """Return a bound of what rounding leaves open of :meth:`worth`."""
+        here, c = self.worth(x, which), np.eye(3)[which]
+
+        def there(products: Products) -> complex:
+            if np.iscomplexobj(x):
+                return complex(np.vdot(x, products.apply(x.real, *c) + 1j * products.apply(x.imag, *c)))
+            return complex(np.vdot(x, products.apply(x, *c)))
+
+        inertia = abs(self.worth(x, 2)) * self.system.rate ** (2 - which)
+        measured = max(abs(there(products) - here) for products in self.beside)
+        return SAFETY * measured + MACHINE * (16.0 + self.system.n) * (abs(here) + inertia)
+
+    def factor(self, c1: float, c2: float, averaged: bool = False) -> bool:
+        """Factor C c1 + M c2 + K at the steady state."""
+        q, v, lam = self._at
+        self.saddle.residual(0.0, q, v, self.still, lam)
+        return self.saddle.factor(c1, c2, averaged=averaged)
+
+    def first_shift(self) -> float:
+        """Return a shift, (rad/s)^2, that is small against the stiffness, and against gravity and drives."""
+        x = self.system.size * np.random.default_rng(0).normal(size=self.system.n)
+        stiff = abs(self.worth(x, 0)) / abs(self.worth(x, 2))
+        return max(SLOW * stiff, 1e-2 * self.system.rate**2) or 1.0
+
+    def count_below(self, shift: float) -> int:
+        """Return how many eigenvalues s^2 of -K and M are above the shift, (rad/s)^2: motions that grow faster."""
+        if not self.factor(0.0, shift, averaged=True):
+            raise np.linalg.LinAlgError("stiffness and mass are singular together")
+        return self.saddle.negative
+
+    def find(self, count: int) -> Spectrum:
+        """Return the lowest ``count`` modes."""
+        shift = self.first_shift()
+        if not self.conservative:
+            growing = None
+            if self.system.tangent.symmetric and not (self.system.moves() or self._at[1].any()):
+                growing = self.count_below(shift)  # damping holds none of them (Kelvin, Tait and Chetaev)
+            return self.damped(count, np.sqrt(shift), growing)
+        growing = below = self.count_below(shift)
+        for _ in range(FARTHEST):
+            if not below:
+                break
+            shift *= FARTHER
+            below = self.count_below(shift)
+        values, motions = self.lanczos(count, shift)
+        largest = float(np.abs(values).max(initial=0.0))
+        if not growing and largest > 0.0 and not NEAR[0] < shift / largest < NEAR[1]:
+            shift = USUAL * largest
+            values, motions = self.lanczos(count, shift)
+        return self.classify(motions, shift, growing)
+
+    def lanczos(self, count: int, shift: float) -> tuple[Array, Array]:
+        """Return the ``count`` values of omega^2 nearest to -shift, and the motions (n, count) of unit modal mass."""
+        system = self.system
+        tangent, n, none = system.tangent, system.n, np.zeros(system.m)
+        if not self.factor(0.0, shift):
+            raise np.linalg.LinAlgError("stiffness and mass are singular together")
+        mass = LinearOperator((n, n), matvec=tangent.inertia, dtype=float)
+        inverse = LinearOperator((n, n), matvec=lambda f: self.saddle.solve(f, none)[0], dtype=float)
+        start = self.saddle.solve(tangent.inertia(np.random.default_rng(0).normal(size=n)), none)[0]
+        options = {"sigma": -shift, "OPinv": inverse, "which": "LM", "v0": start, "tol": PRECISE}
+        return tried(lambda: eigsh(mass, k=count, M=mass, maxiter=RESTARTS, **options), count)
+
+    def classify(self, motions: Array, shift: float, growing: int) -> Spectrum:
+        """Return a spectrum of motions of unit modal mass, each by its Rayleigh quotient."""
+        found: list[tuple[complex, Array, float]] = []
+        for motion in motions.T:
+            square, doubt = self.worth(motion, 0).real, self.doubt(motion, 0) + SOLVED * shift
+            if abs(square) <= doubt:
+                found.append((0.0, motion, np.sqrt(doubt)))
+                continue
+            s = np.sqrt(complex(-square))
+            found += [(value, motion, doubt / abs(s)) for value in ((-s, s) if square < 0.0 else (s,))]
+        s, motions, doubts = (np.array(part) for part in zip(*found, strict=True))
+        spectrum = ordered(s.astype(complex), motions.T, doubts)
+        return Spectrum(
+            values=spectrum.values, motions=spectrum.motions, doubts=spectrum.doubts, complete=False, growing=growing
+        )
+
+    def damped(self, count: int, shift: float, growing: int | None) -> Spectrum:
+        """Return the eigenvalues of the state matrix nearest to a shift to the right of the origin, 1/s."""
+        system, n = self.system, self.system.n
+        none, size = np.zeros(system.m), system.size
+        if not self.factor(shift, shift**2):
+            raise np.linalg.LinAlgError("stiffness, damping and mass are singular together")
+
+        def inverse(z: Array) -> Array:
+            """Return (A - shift)^-1 z of the state matrix A of (x, x' / shift) in units."""
+            b1, b2 = z[:n] * size, shift * z[n:] * size
+            load = -self.products.apply(b2, 0.0, 0.0, 1.0) - self.products.apply(b1, 0.0, 1.0, shift)
+            x = self.saddle.solve(load, none)[0]
+            return np.concatenate((x / size, (b1 + shift * x) / (shift * size)))
+
+        k = min(2 * count + MORE, 2 * n - 2)
+        start = inverse(np.random.default_rng(0).normal(size=2 * n))
+        OP: Any = LinearOperator((2 * n, 2 * n), matvec=inverse, dtype=float)
+        inverses, vectors = tried(lambda: eigs(OP, k=k, which="LM", v0=start, tol=PRECISE, maxiter=RESTARTS), k)
+        found = [self.settle(shift + 1.0 / nu, x * size) for nu, x in zip(inverses, vectors[:n].T, strict=True)]
+        kept = [one for one in found if one[0].imag >= 0.0]
+        s, motions, doubts = (np.array(part) for part in zip(*kept, strict=True))
+        spectrum = ordered(s.astype(complex), motions.T, doubts)
+        return Spectrum(
+            values=spectrum.values, motions=spectrum.motions, doubts=spectrum.doubts, complete=False, growing=growing
+        )
+
+    def settle(self, s: complex, x: Array) -> tuple[complex, Array, float]:
+        """Return an eigenvalue with its motion and a bound of what rounding leaves open; zero where it may be that."""
+        x = x / np.linalg.norm(x)
+        a, b = self.worth(x, 2), self.worth(x, 1)
+        error = self.doubt(x, 0) + abs(s) * self.doubt(x, 1) + PRECISE * abs(s) ** 2 * abs(a)
+        slope = abs(2.0 * a * s + b)
+        doubt = 2.0 * error / (slope + np.sqrt(slope**2 + 4.0 * abs(a) * error))
+        if abs(s) <= doubt:
+            return 0.0, x, doubt
+        return complex(s.real, s.imag if abs(s.imag) > doubt else 0.0), x, doubt
+
+
+def tried(find: Any, count: int) -> tuple[Array, Array]:
+    """Return eigenvalues and vectors that ARPACK finds; LinAlgError where it does not."""
+    try:
+        values, vectors = find()
+    except ArpackNoConvergence as stuck:
+        raise np.linalg.LinAlgError(f"{len(stuck.eigenvalues)} of {count} converged; ask for fewer") from stuck
+    except ArpackError as error:
+        raise np.linalg.LinAlgError("stiffness and mass are too far apart; ask for fewer modes") from error
+    order = np.argsort(np.abs(values), kind="stable")
+    return values[order], vectors[:, order]
+
+
+def lowest_modes(system: TreeSystem, q: Array, v: Array, lam: Array, count: int) -> Spectrum:
+    """Return the lowest ``count`` modes of a large tree about the steady state q (nq,), v (n,), lam (m,).
+
     LinAlgError where they are not found.
     """
-    system = saddle.system
-    tangent, n, still = system.tangent, system.n, np.zeros(system.m)
-    if not saddle.factor(0.0, SHIFT):
-        raise np.linalg.LinAlgError("stiffness and mass are singular together")
-    mass = LinearOperator((n, n), matvec=tangent.inertia, dtype=float)
-    inverse = LinearOperator((n, n), matvec=lambda f: saddle.solve(f, still)[0], dtype=float)
-    start = saddle.solve(tangent.inertia(np.random.default_rng(0).normal(size=n)), still)[0]
-    options = {"sigma": -SHIFT, "OPinv": inverse, "which": "LM", "v0": start, "tol": PRECISE, "maxiter": RESTARTS}
-    try:
-        values, modes = eigsh(mass, k=count, M=mass, **options)
-    except ArpackNoConvergence as stuck:
-        raise np.linalg.LinAlgError(f"{len(stuck.eigenvalues)} of {count} converged") from stuck
-    except ArpackError as error:
-        raise np.linalg.LinAlgError("stiffness and mass are too far apart") from error
-    order = np.argsort(values)
-    return values[order], modes[:, order]
+    return LowestModes(system, q, v, lam).find(count)

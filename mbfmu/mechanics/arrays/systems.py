@@ -115,6 +115,7 @@ class Systems:
             stepped=self._stepped,
             meshed=self._meshed(),
             slip=self._slip(),
+            moves=self._moves,
             power=power,
             exposure=exposure,
         )
@@ -205,6 +206,9 @@ class Systems:
                 f"allowed: {WIDEST}; tie bodies that are near each other in the tree"
             )
         return groups
+
+    def _moves(self) -> bool:
+        return any(self._drives.rates())
 
     def _works(self) -> bool:
         return bool(self._arrays.world[0]["works"])

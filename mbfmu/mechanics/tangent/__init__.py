@@ -10,7 +10,8 @@ tree (y_i = X y_j + S dq, the same shift as in the recursions),
 K the tangents of elements, forces and pressures, D of their damping, M the bodies' inertia at their origins, and G what
 comes from turning the joints while they transmit the wrench W (S and X change with the position) and from forces along
 their coordinates. Velocity products and drag are left out: exact at rest, and as a preconditioner at the speeds of a
-sheet.
+sheet. Steady states and modes while drives move need the rest too: :mod:`solvers.projection.saddle`
+adds it by products of the whole residual by complex step.
 
 A cut joint adds what its reactions gain as its bodies move, lambda dG, so that T is the derivative of h + J^T lambda.
 Where asked for it adds springs that hold it: T + J^T alpha J, by which a saddle system is solved where T alone is

@@ -19,6 +19,7 @@ from .border import Border, add_border, project
 from .filling import fill
 from .folding import fold, gather_motion, inertia_forces, spread_load
 from .groups import Groups
+from .inertia import count_negative
 from .joints import turn_themselves, turn_with_parents
 from .layout import lay_out
 from .loads import along_joints
@@ -260,17 +261,19 @@ class Tangent:
             )
         return panels
 
-    def factor(self, c1: float, c2: float, weight: Array | None = None, symmetric: bool = False) -> bool:
+    def factor(
+        self, c1: float, c2: float, weight: Array | None = None, symmetric: bool = False, averaged: bool = False
+    ) -> bool:
         """Assemble and factor T at the state of the last inverse dynamics; False where it is singular.
 
         ``weight`` (m,): T + J^T alpha J instead. ``symmetric``: as if it were, which costs less; see the package
-        for where it is.
+        for where it is. ``averaged``: (T + T^T) / 2, whose negative eigenvalues are counted.
         """
         self._scratch.weight[:] = 0.0 if weight is None else weight
         with one_thread():
-            return self._factor(c1, c2, symmetric)
+            return self._factor(c1, c2, symmetric, averaged)
 
-    def _factor(self, c1: float, c2: float, symmetric: bool) -> bool:
+    def _factor(self, c1: float, c2: float, symmetric: bool, averaged: bool) -> bool:
         arrays, state, L, s = self._held
         scratch, twin = self._scratch, self._twin
         for own, given in zip(self._state, self._moving, strict=True):
@@ -278,7 +281,7 @@ class Tangent:
         self._steps.q[:], self._steps.v[:] = self._state.q, self._state.v
         along_joints(c1, L, arrays, state, twin, scratch.along)
         scratch.apart[:] = 0.0
-        self._tree.begin(symmetric)
+        self._tree.begin(symmetric, averaged)
         self.factored += 1
         handed: dict[int, Array] = {}  # what groups have added to their neighbor's own rows
         for group, panels in enumerate(self._panels):
@@ -332,6 +335,11 @@ class Tangent:
         for load, motion in zip(np.ascontiguousarray(r.reshape(len(r), -1).T), dq, strict=True):
             solve(load, self.data, motion)
         return dq.T.reshape(r.shape)
+
+    @property
+    def negative(self) -> int:
+        """Number of negative eigenvalues of T, as it was last factored ``averaged``."""
+        return count_negative(self)
 
     def inertia(self, a: Array) -> Array:
         """Return M a (n,) at the state of the last factors."""

@@ -1,0 +1,157 @@
+"""Eigenvalues of the linearized motion, (s^2 M + s C + K) x = 0, each with what rounding leaves open of it.
+
+Where C is zero and K symmetric s^2 are the eigenvalues of a symmetric pencil; otherwise s are those of the state
+matrix. Each is then improved by a Newton step of the scalar quadratic y^H (s^2 M + s C + K) x, with the left and the
+right eigenvector: an error of these counts by its square only. A bound follows from the rounding of the matrices: that
+of the quadratic's value e, its slope p and its leading coefficient a leave open
+
+    |ds| = 2 e / (|p| + sqrt(|p|^2 + 4 |a| e)),
+
+which is e / |p| for a single root and sqrt(e / |a|) for a double one, such as that of a motion which nothing resists.
+No threshold depends on how fast other modes are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from solvers.system import Array
+
+from .matrices import MACHINE, Matrices, is_symmetric, is_undamped
+
+ALIKE = (
+    1e-6  # what is left of a motion, relative, when those before it are taken away, below which it is none of its own
+)
+IMPROVED = 1e-3  # longest step that improves an eigenvalue, relative to the fastest one
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spectrum:
+    """Eigenvalues, slowest first; of a conjugate pair the one above the real axis.
+
+    Attributes
+    ----------
+    values
+        (k,) 1/s, those that rounding cannot tell from zero being zero: one for each motion that nothing resists.
+    motions
+        (n, k) how the coordinates take part: real and of unit modal mass where nothing damps or turns, else complex and
+        of any scale.
+    doubts
+        (k,) bounds, 1/s, of what rounding leaves open.
+    complete
+        Whether these are all eigenvalues.
+    growing
+        Motions that grow, where their number is known otherwise.
+    """
+
+    values: NDArray[np.complex128]
+    motions: NDArray[Any]
+    doubts: Array
+    complete: bool = True
+    growing: int | None = None
+
+    @property
+    def stability(self) -> str:
+        """``stable``, ``undamped``, ``neutral`` or ``unstable``."""
+        s, doubt = self.values, self.doubts
+        if self.growing or (s.real > doubt).any():
+            return "unstable"
+        if (s == 0.0).any():
+            return "neutral"
+        return "stable" if (s.real < -doubt).all() else "undamped"
+
+
+def spectrum_of(matrices: Matrices) -> Spectrum:
+    """Return all eigenvalues; LinAlgError where a motion has no inertia."""
+    if not len(matrices.K):
+        return Spectrum(values=np.zeros(0, complex), motions=np.zeros((len(matrices.basis), 0)), doubts=np.zeros(0))
+    if is_undamped(matrices) and is_symmetric(matrices):
+        return conservative(matrices)
+    return general(matrices)
+
+
+def conservative(matrices: Matrices) -> Spectrum:
+    """Return those of s^2 M + K, both symmetric."""
+    K, M = 0.5 * (matrices.K + matrices.K.T), matrices.M
+    unit = 1.0 / np.sqrt(np.diag(M))
+    if not np.isfinite(unit).all():
+        raise np.linalg.LinAlgError("a motion has no inertia")
+    scale = np.outer(unit, unit)
+    x = unit[:, np.newaxis] * linalg.eigh(K * scale, M * scale)[1]
+    squares = np.einsum("ik,ij,jk->k", x, K, x, optimize=True)
+    parts = np.abs(x)
+    open_by = np.einsum("ik,ij,jk->k", parts, matrices.rounding[0], parts, optimize=True)
+    values, doubts, motions = [], [], []
+    for square, doubt, motion in zip(squares, open_by, x.T, strict=True):
+        if abs(square) <= doubt:
+            found = [0.0]
+        elif square > 0.0:
+            found = [1j * np.sqrt(square)]
+        else:
+            found = [-np.sqrt(-square), np.sqrt(-square)]
+        for s in found:
+            values.append(s)
+            doubts.append(np.sqrt(doubt) if s == 0.0 else doubt / abs(s))
+            motions.append(motion)
+    return ordered(np.array(values, complex), matrices.basis @ np.array(motions).T, np.array(doubts))
+
+
+def general(matrices: Matrices) -> Spectrum:
+    """Return those of s^2 M + s C + K."""
+    L = linalg.cholesky(matrices.M, lower=True)
+    K, C = (linalg.solve_triangular(L, linalg.solve_triangular(L, A, lower=True).T, lower=True).T
+            for A in (matrices.K, matrices.C))  # fmt: skip
+    f = len(K)
+    unit = float(np.sqrt(np.linalg.norm(K, 2))) or 1.0  # of time
+    state = np.block([[np.zeros((f, f)), unit * np.eye(f)], [-K / unit, -C]])
+    values, left, right = linalg.eig(state, left=True)
+    x, y = (linalg.solve_triangular(L, part, lower=True, trans="T") for part in (right[:f], left[f:]))
+    values, doubts = improved(matrices, values, x, y, float(np.abs(values).max()))
+    upper = values.imag >= 0.0
+    return ordered(values[upper], matrices.basis @ x[:, upper], doubts[upper])
+
+
+def improved(
+    matrices: Matrices, values: NDArray[np.complex128], x: Array, y: Array, fastest: float
+) -> tuple[NDArray[np.complex128], Array]:
+    """Return eigenvalues by the quadratics of right and left eigenvectors x, y (f, k), and their doubts."""
+    M, C, K = matrices.M, matrices.C, matrices.K
+    x, y = (part / np.linalg.norm(part, axis=0) for part in (x, y))
+    a, b, c = (np.einsum("ik,ij,jk->k", y.conj(), A, x, optimize=True) for A in (M, C, K))
+    sizes = [np.einsum("ik,ij,jk->k", np.abs(y), A, np.abs(x), optimize=True)
+             for A in (MACHINE * (16.0 + len(K)) * np.abs(M), matrices.rounding[1], matrices.rounding[0])]  # fmt: skip
+    found, doubts = values.copy(), np.zeros(len(values))
+    for k in range(len(values)):
+        s = values[k]
+        slope = 2.0 * a[k] * s + b[k]
+        step = ((a[k] * s + b[k]) * s + c[k]) / slope if slope else np.inf  # Newton's
+        if abs(step) <= IMPROVED * fastest:
+            found[k] -= step
+        s, size = found[k], abs(found[k])
+        error = sizes[0][k] * size**2 + sizes[1][k] * size + sizes[2][k]
+        slope = abs(2.0 * a[k] * s + b[k])
+        bound = slope + np.sqrt(slope**2 + 4.0 * abs(a[k]) * error)
+        doubts[k] = 2.0 * error / bound if bound else (np.inf if error else 0.0)
+        found[k] = complex(s.real, s.imag if abs(s.imag) > doubts[k] else 0.0)
+        if size <= doubts[k]:
+            found[k] = 0.0
+    return found, doubts
+
+
+def ordered(values: NDArray[np.complex128], motions: Array, doubts: Array) -> Spectrum:
+    """Return a spectrum, slowest first, with one zero for each independent motion that nothing resists."""
+    order = np.argsort(np.abs(values), kind="stable")
+    values, motions, doubts = values[order], motions[:, order], doubts[order]
+    kept, basis = np.ones(len(values), bool), np.zeros((len(motions), 0))
+    for k in np.flatnonzero(values == 0.0):
+        motion = motions[:, k] / np.linalg.norm(motions[:, k])
+        rest = motion - basis @ (basis.conj().T @ motion)
+        kept[k] = np.linalg.norm(rest) > ALIKE
+        if kept[k]:
+            basis = np.column_stack((basis, rest / np.linalg.norm(rest)))
+    return Spectrum(values=values[kept], motions=motions[:, kept], doubts=doubts[kept])
