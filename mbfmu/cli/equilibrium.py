@@ -45,6 +45,7 @@ WORDS = {
     "undamped": "stable, undamped: some modes oscillate for ever",
     "neutral": "neutral: some modes drift",
     "unstable": "UNSTABLE: some modes grow",
+    "unknown": "stability is not known, see the note",
 }
 
 
@@ -108,10 +109,11 @@ def as_text(found: Equilibrium, others: Sequence[Equilibrium]) -> str:
         values,
         "",
         WORDS[found.stability] + (f"; nothing resists {found.free}" if found.free else ""),
-        modes_as_text(found.modes[:SHOWN]),
     ]
-    if len(found.modes) > SHOWN:
-        lines.append(f"{len(found.modes) - SHOWN} faster modes are in the file that --json writes")
+    modes = [] if found.stability == "unknown" else found.modes
+    lines += [modes_as_text(modes[:SHOWN])] if modes else []
+    if len(modes) > SHOWN:
+        lines.append(f"{len(modes) - SHOWN} faster modes are in the file that --json writes")
     if found.warning:
         lines += ["", f"warning: {found.warning}"]
     if others:

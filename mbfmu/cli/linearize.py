@@ -53,6 +53,11 @@ def command_linearize(options: argparse.Namespace) -> int:
     tell_more(options, found.effort)
     for note in found.notes:
         tell(options, f"note: {note}")
+    if space.periodic:
+        tell(
+            options,
+            f"note: periodic coefficients: {', '.join(space.periodic)} hold at the drives' positions at time 0 only",
+        )
     inputs = ", ".join(space.inputs) or "none"
     tell(options, f"states {', '.join(space.states)}; inputs {inputs}; {len(space.outputs)} outputs")
     tell(options, modes_as_text(space.modes()))

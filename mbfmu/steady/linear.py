@@ -42,6 +42,8 @@ class StateSpace:
         Names; the rate of state ``x`` is ``der(x)``.
     coordinates
         Change of all coordinates (n, f) with each of the independent ones.
+    periodic
+        Names of the matrices that are others at other positions of the drives; these are those of time zero.
     """
 
     A: Array
@@ -52,6 +54,7 @@ class StateSpace:
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     coordinates: Array
+    periodic: tuple[str, ...] = ()
 
     def modes(self) -> list[Mode]:
         """Return the eigenvalues, slowest first; of a conjugate pair the one above the real axis."""
@@ -138,13 +141,22 @@ def without_rounding(mode: Mode, floor: float) -> Mode:
     return mode if abs(s.real) > floor else Mode(complex(0.0, s.imag))
 
 
-def linearize(plant: Plant, t: float, q: Array, v: Array, rows: NDArray[np.int64]) -> StateSpace:
+def linearize(
+    plant: Plant,
+    t: float,
+    q: Array,
+    v: Array,
+    rows: NDArray[np.int64],
+    independent: NDArray[np.int64] | None = None,
+) -> StateSpace:
     """Linearize about the steady state (q (nq,), v (n,)) at time t; ``rows`` are the independent constraints.
+
+    ``independent``: numbers of the coordinates that are states, ascending; by default they are chosen by pivoting.
 
     Raises EquilibriumError where a slope is not finite, AssemblyError where a free motion has no inertia.
     """
     check_inertia(plant.system, t, q, v)
-    line = _Line(plant, t, q, v, rows)
+    line = _Line(plant, t, q, v, rows, independent)
     freedom = len(line.independent)
     directions = [*line.unit_states(), *line.unit_inputs()]
     columns = [line.respond(*direction) for direction in directions]
@@ -168,7 +180,15 @@ def linearize(plant: Plant, t: float, q: Array, v: Array, rows: NDArray[np.int64
 class _Line:
     """First-order changes of a plant's motion along one state or input at a time."""
 
-    def __init__(self, plant: Plant, t: float, q: Array, v: Array, rows: NDArray[np.int64]) -> None:
+    def __init__(
+        self,
+        plant: Plant,
+        t: float,
+        q: Array,
+        v: Array,
+        rows: NDArray[np.int64],
+        independent: NDArray[np.int64] | None = None,
+    ) -> None:
         self.plant, self.t, self.rows = plant, t, rows
         self.q, self.v = q.astype(complex), v.astype(complex)
         self.system = system = plant.complex_system()
@@ -178,6 +198,8 @@ class _Line:
         # dependent coordinates by column pivoting, as the LU partition chooses them
         columns = linalg.qr(J, pivoting=True, mode="r")[1] if len(rows) else np.arange(system.n)
         self.dependent, self.independent = np.sort(columns[: len(rows)]), np.sort(columns[len(rows) :])
+        if independent is not None:
+            self.independent, self.dependent = independent, np.setdiff1d(np.arange(system.n), independent)
         self.J_dependent, self.J_independent = J[:, self.dependent], J[:, self.independent]
 
     def unit_states(self) -> list[tuple[Array, Array, int]]:

@@ -28,6 +28,7 @@ from mbfmu.model import Model, of_user, suggest
 from mbfmu.steady.checks import STEADY, check
 from mbfmu.steady.linear import StateSpace
 from mbfmu.steady.modes import ModeShape
+from mbfmu.steady.periodic import Turned, describe_period
 from mbfmu.steady.rigid_body_modes import free_motions, in_words
 from mbfmu.steady.state import Equilibrium, position_names
 from solvers.statics.large import TreeEquilibriumSolver
@@ -217,6 +218,7 @@ class EquilibriumProblem:
     def _checked(self, solution: Solution, found_from: str, elapsed: float, *, continued: bool) -> Equilibrium:
         """Return what was found, if it is a steady state."""
         check(self.model.name, self.plant, self._solver, self._v, solution)
+        periodic = Turned(self.plant, solution.q, self._v, solution.lam, self._solver.rows).changes()
         return Equilibrium(
             model=self.model,
             plant=self.plant,
@@ -229,7 +231,12 @@ class EquilibriumProblem:
             solve_time=elapsed,
             found_from=found_from,
             continued=continued,
-            notes=(*self._notes(), *self.plant.coincident(0.0, solution.q)),
+            notes=(
+                *self._notes(),
+                *self.plant.coincident(0.0, solution.q),
+                *([describe_period(self.plant)] if periodic else ()),
+            ),
+            periodic=periodic,
         )
 
     def _notes(self) -> tuple[str, ...]:

@@ -16,8 +16,9 @@ from mbfmu.errors import EquilibriumError
 from mbfmu.mechanics import Plant
 from mbfmu.mechanics.arrays.bending import COARSE
 from mbfmu.model import Model
-from mbfmu.steady.linear import Mode, StateSpace, linearize
+from mbfmu.steady.linear import Mode, StateSpace
 from mbfmu.steady.modes import LOWEST, ModeShape, find_spectrum, shapes_of
+from mbfmu.steady.periodic import Turned
 from mbfmu.steady.rigid_body_modes import free_motions, in_words
 from solvers.statics.spectrum import Spectrum
 from solvers.system import Array
@@ -42,7 +43,9 @@ class Equilibrium:
     continued
         Whether Newton alone failed, and the state may be far from where it started.
     notes
-        What the state leaves out of the model's start, in words.
+        What the state leaves out of the model's start, in words, and that coefficients are periodic.
+    periodic
+        Whether the linearized motion changes with the positions of the drives.
     """
 
     model: Model
@@ -57,6 +60,7 @@ class Equilibrium:
     found_from: str
     continued: bool = False
     notes: tuple[str, ...] = ()
+    periodic: bool = False
 
     @cached_property
     def outputs(self) -> dict[str, float]:
@@ -73,11 +77,15 @@ class Equilibrium:
                 f"model {self.model.name!r} has {self.plant.system.n} coordinates: too many for state matrices; "
                 "its lowest modes are known (mbfmu modes)"
             )
-        return linearize(self.plant, 0.0, self.q, self.v, self.rows)
+        return Turned(self.plant, self.q, self.v, self.lam, self.rows).state_space()
 
     @cached_property
     def spectrum(self) -> Spectrum:
-        """Eigenvalues of the linearized motion, with what rounding leaves open of them."""
+        """Eigenvalues of the linearized motion, with what rounding leaves open of them; where its coefficients are
+        periodic, its characteristic exponents.
+        """
+        if self.periodic:
+            return Turned(self.plant, self.q, self.v, self.lam, self.rows).spectrum()
         return find_spectrum(self.plant, self.q, self.v, self.lam)
 
     @cached_property
@@ -96,9 +104,15 @@ class Equilibrium:
     @property
     def stability(self) -> str:
         """Of the linearized motion: ``stable`` (it decays), ``undamped`` (some of it oscillates for ever), ``neutral``
-        (some of it drifts) or ``unstable``.
+        (some of it drifts), ``unstable``, or ``unknown`` where its coefficients are periodic and notes say why it was
+        not found.
         """
-        return self.spectrum.stability
+        try:
+            return self.spectrum.stability
+        except EquilibriumError:
+            if not self.periodic:
+                raise
+            return "unknown"
 
     @cached_property
     def free(self) -> str:
@@ -133,6 +147,7 @@ class Equilibrium:
             "parameters": {p.name: getattr(self.model, p.name) for p in self.model.parameters()},
             "found_from": self.found_from,
             "notes": list(self.notes),
+            "periodic_coefficients": self.periodic,
             "iterations": self.iterations,
             "residual": self.residual,
             "solve_time_s": self.solve_time,
@@ -150,7 +165,7 @@ class Equilibrium:
                     "frequency_hz": m.frequency / (2.0 * np.pi),
                     "damping_ratio": m.damping_ratio,
                 }
-                for m in self.modes
+                for m in (self.modes if self.stability != "unknown" else [])
             ],
         }
 

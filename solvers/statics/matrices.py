@@ -58,18 +58,25 @@ def allowed_motions(J: Array, size: Array, row_size: Array) -> Array:
 
 
 def linearized_matrices(
-    system: System | TreeSystem, t: float, q: Array, v: Array, lam: Array, basis: Array | None = None
+    system: System | TreeSystem,
+    t: float,
+    q: Array,
+    v: Array,
+    lam: Array,
+    basis: Array | None = None,
+    *,
+    measured: bool = True,
 ) -> Matrices:
     """Return the matrices at time t about q (nq,), v (n,), lam (m,); of a small system, its complex twin is given.
 
-    ``basis`` (n, f): of the motions, where it is known.
+    ``basis`` (n, f): of the motions, where it is known. ``measured``: whether rounding is.
     """
     take = _tree_terms if isinstance(system, TreeSystem) else _dense_terms
     M, C, K, J = take(system, t, q, v, lam)  # type: ignore[arg-type]
     random, size, rate = np.random.default_rng(7), system.size, system.rate
     kind = float if isinstance(system, TreeSystem) else complex
     spreads = [np.zeros_like(K), np.zeros_like(C)]
-    for _ in range(SAMPLES):
+    for _ in range(SAMPLES if measured else 0):
         beside = q.astype(kind)
         system.apply(beside, (LAST_DIGITS * random.uniform(-1.0, 1.0, len(size)) * size).astype(kind))
         others = [x * (1.0 + LAST_DIGITS * random.uniform(-1.0, 1.0, len(x))) for x in (v, lam)]

@@ -1,0 +1,197 @@
+"""Steady states about which the linearized motion has periodic coefficients, as those of a turning rotor that is not
+alike about its axis, on springs that do not turn with it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from fractions import Fraction
+from functools import reduce
+from math import gcd, lcm, pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.errors import EquilibriumError
+from mbfmu.mechanics import Plant
+from mbfmu.steady.checks import TURNS
+from mbfmu.steady.linear import StateSpace, linearize
+from solvers.linalg.blocks import one_thread
+from solvers.projection.products import Products
+from solvers.statics.floquet import exponents
+from solvers.statics.matrices import LARGEST_ASSEMBLED, Matrices, linearized_matrices
+from solvers.statics.spectrum import Spectrum
+from solvers.system import Array
+
+CHANGED = 1e-8  # of a matrix at another position of the drives, relative, from which on it is periodic
+LARGEST_RATIO, COMMON = 200, 1e-9  # of speeds that have a common period, and by how much their ratio may be off one
+
+NOTE = (
+    "periodic coefficients: the linearized motion changes with the positions of the drives; modes are characteristic "
+    "exponents of the monodromy matrix over {period:.6g} s (Floquet), whose frequencies are known but for multiples of "
+    "{frequency:.6g} rad/s"
+)
+UNKNOWN = "periodic coefficients: the linearized motion changes with the positions of the drives; {reason}"
+
+
+class Turned:
+    """The linearized motion of a plant at other positions of its drives.
+
+    Parameters
+    ----------
+    plant, q, v, lam, rows
+        A steady state (nq,), (n,), (m,), and its independent constraints.
+    """
+
+    def __init__(self, plant: Plant, q: Array, v: Array, lam: Array, rows: NDArray[np.int64]) -> None:
+        self.plant, self.q, self.v, self.lam, self.rows = plant, q, v, lam, rows
+        self._system = plant.complex_system() if plant.system.has_matrices else plant.system
+
+    def at(self, t: float) -> tuple[Array, Array]:
+        """Return positions (nq,) and multipliers (m,) at time t, when constraints may have turned with the drives."""
+        q, lam, system = self.q.copy(), self.lam, self.plant.system
+        system.apply(q, t * self.v)
+        if len(self.rows):
+            terms = system.allocate_terms()
+            system.fill_position(t, q, terms)
+            forces = self.plant.inverse_dynamics(t, q, self.v, np.zeros(system.n), np.zeros(system.m))
+            lam = np.zeros(system.m)
+            lam[self.rows] = np.linalg.lstsq(terms.J[self.rows].T, -forces, rcond=None)[0]
+        return q, lam
+
+    def matrices(self, t: float, basis: Array | None = None) -> Matrices:
+        """Return the matrices at time t, over the motions that constraints allow there, or a basis of others."""
+        q, lam = self.at(t)
+        return linearized_matrices(self._system, t, q, self.v, lam, basis, measured=basis is None)
+
+    def changes(self) -> bool:
+        """Whether the linearized motion differs at other positions of the drives."""
+        fastest = max(self.plant.drives.rates(), default=0.0)
+        if not fastest:
+            return False
+        times = [turn / fastest for turn in TURNS]
+        if not self.plant.system.has_matrices and self.plant.system.n > LARGEST_ASSEMBLED:
+            return self._products_change(times)
+        first = self.matrices(0.0)
+        stiff = np.sqrt(np.abs(np.diag(first.K)) + first.rate**2 * np.diag(first.M))
+        heavy = np.sqrt(np.abs(np.diag(first.M)))
+        bounds = (
+            CHANGED * np.outer(heavy, heavy),
+            first.rounding[1] + CHANGED * (np.outer(stiff, heavy) + np.outer(heavy, stiff)),
+            first.rounding[0] + CHANGED * np.outer(stiff, stiff),
+        )
+        for t in times:
+            if self._constraints_turn(t, first.basis):
+                return True
+            other = self.matrices(t, first.basis)
+            pairs = zip((first.M, first.C, first.K), (other.M, other.C, other.K), bounds, strict=True)
+            if any((np.abs(A - B) > bound).any() for A, B, bound in pairs):
+                return True
+        return False
+
+    def _constraints_turn(self, t: float, basis: Array) -> bool:
+        """Whether the constraints at time t do not allow the motions of a basis (n, f)."""
+        system = self.plant.system
+        if not system.m:
+            return False
+        terms = system.allocate_terms()
+        system.fill_position(t, self.at(t)[0], terms)
+        opening = np.abs(terms.J @ basis) / system.row_size[:, np.newaxis]
+        return bool(opening.max(initial=0.0) > CHANGED)
+
+    def _products_change(self, times: list[float]) -> bool:
+        """Whether products with a random motion differ; of a tree without constraints."""
+        system = self.plant.system
+        if system.m:
+            return False
+        products, random = Products(system), np.random.default_rng(4)
+        x = random.normal(size=system.n) * system.size
+        found = []
+        for t in (0.0, *times):
+            products.place(t, self.at(t)[0], self.v, np.zeros(system.n), self.lam)
+            found.append(np.array([products.apply(x, *which) for which in np.eye(3)]))
+        size = np.abs(found[0]).max(axis=1, keepdims=True) + system.rate ** np.array([[2.0], [1.0], [0.0]]) * np.abs(
+            found[0][2]
+        )
+        return any((np.abs(other - found[0]) > CHANGED * size).any() for other in found[1:])
+
+    def spectrum(self) -> Spectrum:
+        """Return the characteristic exponents; EquilibriumError where they are not found."""
+        period, system = common_period(self.plant), self.plant.system
+        if not system.has_matrices and system.n > LARGEST_ASSEMBLED:
+            raise EquilibriumError(
+                UNKNOWN.format(reason=f"they are found up to {LARGEST_ASSEMBLED} coordinates, and there are {system.n}")
+            )
+        with one_thread():
+            try:
+                if len(self.rows):
+                    return self._constrained(period)
+                return exponents(self._state_matrix, period, np.diag(system.size))
+            except np.linalg.LinAlgError as reason:
+                raise EquilibriumError(UNKNOWN.format(reason=f"its exponents were not found: {reason}")) from reason
+
+    def _state_matrix(self, t: float) -> Array:
+        """Return A (2n, 2n) of a mechanism without constraints, coordinates in units."""
+        found = self.matrices(t, np.diag(self.plant.system.size))
+        n = len(found.M)
+        inverse = np.linalg.solve(found.M, np.hstack((found.K, found.C)))
+        return np.block([[np.zeros((n, n)), np.eye(n)], [-inverse]])
+
+    def _constrained(self, period: float) -> Spectrum:
+        """Return the characteristic exponents by the independent coordinates."""
+        first = linearize(self.plant, 0.0, self.q, self.v, self.rows)
+        return exponents(lambda t: self._linearized(t, first).A, period, first.coordinates)
+
+    def _linearized(self, t: float, first: StateSpace) -> StateSpace:
+        """Return the state matrices at time t, of the states of the first ones."""
+        names = list(self.plant.system.coordinate_names)
+        independent = np.array([names.index(name) for name in first.states[: len(first.states) // 2]], np.int64)
+        return linearize(self.plant, t, self.at(t)[0], self.v, self.rows, independent)
+
+    def state_space(self) -> StateSpace:
+        """Return the state matrices, and which of them are others at other positions of the drives."""
+        first = linearize(self.plant, 0.0, self.q, self.v, self.rows)
+        fastest = max(self.plant.drives.rates(), default=0.0)
+        if not fastest:
+            return first
+        others = [self._linearized(turn / fastest, first) for turn in TURNS]
+        changed = []
+        for name in "ABCD":
+            here = getattr(first, name)
+            bound = CHANGED * np.abs(here).max(initial=0.0)
+            if any((np.abs(getattr(other, name) - here) > bound).any() for other in others):
+                changed.append(name)
+        return replace(first, periodic=tuple(changed))
+
+
+def describe_period(plant: Plant) -> str:
+    """Return the note on periodic coefficients."""
+    try:
+        period = common_period(plant)
+    except EquilibriumError as error:
+        return str(error)
+    return NOTE.format(period=period, frequency=2.0 * pi / period)
+
+
+def common_period(plant: Plant) -> float:
+    """Return the time in which all drives come back to where they are, s; EquilibriumError where there is none."""
+    units = {body.name: body.joint.units[0] for body in plant.mechanism.bodies if body.joint.drive is not None}
+    moving = [(name, abs(speed)) for name, speed, _ in plant.drives.speeds() if speed]
+    for name, _ in moving:
+        if units[name] != "rad":
+            raise EquilibriumError(
+                UNKNOWN.format(reason=f"the drive of {name!r} moves on and never comes back, so there is no period")
+            )
+    fastest = max(speed for _, speed in moving)
+    ratios = [Fraction(speed / fastest).limit_denominator(LARGEST_RATIO) for _, speed in moving]
+    for (name, speed), ratio in zip(moving, ratios, strict=True):
+        if abs(float(ratio) - speed / fastest) > COMMON:
+            raise EquilibriumError(
+                UNKNOWN.format(
+                    reason=f"the speed of {name!r} and the fastest one, {fastest:g} rad/s, have no ratio of whole "
+                    f"numbers up to {LARGEST_RATIO}, so there is no period that could be followed"
+                )
+            )
+    below = reduce(lcm, (ratio.denominator for ratio in ratios), 1)
+    slowest = reduce(gcd, (int(ratio * below) for ratio in ratios))
+    return 2.0 * pi * below / (slowest * fastest)

@@ -1,0 +1,101 @@
+"""Linear systems with periodic coefficients, x' = A(t) x: characteristic exponents of the monodromy matrix (Floquet).
+
+A is interpolated by a trigonometric polynomial. The monodromy matrix is the product of exponentials by the
+Magnus expansion of order four on Gauss points (Iserles and Norsett 1999), which are exact for constant A however fast
+its modes are. The number of steps is doubled, with an extrapolation, until the matrix no longer changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import pi, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from solvers.system import Array
+
+from .matrices import MACHINE
+from .spectrum import Spectrum, ordered
+
+FIRST_SAMPLES, MOST_SAMPLES = 16, 512  # of A in a period
+SMOOTH, NOISE = 1e-10, 1e-13  # of the coefficients of A: those at the highest frequencies, and those that are rounding
+FIRST_STEPS, MOST_STEPS = 16, 4096
+CONVERGED = 1e-10  # change of the monodromy matrix, relative, at which there are steps enough
+
+
+def interpolate(A: Callable[[float], Array], period: float) -> Callable[[float], Array]:
+    """Return a periodic function (k, k) of time by its samples; LinAlgError where it is not smooth."""
+    count = FIRST_SAMPLES
+    while True:
+        samples = np.array([A(period * k / count) for k in range(count)])
+        parts = np.fft.rfft(samples, axis=0) / count
+        size = np.abs(parts).max(axis=(1, 2), initial=0.0)
+        if size[count // 4 :].max() <= SMOOTH * size.max():
+            break
+        count *= 2
+        if count > MOST_SAMPLES:
+            raise np.linalg.LinAlgError("the linearized motion changes too sharply within a period of the drives")
+    kept = np.flatnonzero(size > NOISE * size.max())
+    weights = np.where(kept == 0, 1.0, 2.0)[:, np.newaxis, np.newaxis] * parts[kept]
+
+    def at(t: float) -> Array:
+        return np.asarray(np.tensordot(np.exp(2j * pi * kept * t / period), weights, axes=1).real)
+
+    return at
+
+
+def monodromy_matrix(A: Callable[[float], Array], period: float) -> tuple[Array, float]:
+    """Return the state after a period by that before, (k, k), and its error; LinAlgError where it does not converge."""
+    smooth, steps = interpolate(A, period), FIRST_STEPS
+    rough, before = _product(smooth, period, steps), None
+    while steps < MOST_STEPS:
+        steps *= 2
+        fine = _product(smooth, period, steps)
+        better = fine + (fine - rough) / 15.0
+        size = float(np.linalg.norm(better, 2))
+        if not np.isfinite(size):
+            break
+        if before is not None:
+            error = float(np.linalg.norm(better - before, 2))
+            if error <= CONVERGED * size:
+                return better, error + MACHINE * steps * size
+        rough, before = fine, better
+    raise np.linalg.LinAlgError("the motion over a period of the drives is too fast to be followed")
+
+
+def _product(A: Callable[[float], Array], period: float, steps: int) -> Array:
+    """Return the product of the exponentials of a number of steps."""
+    h, found = period / steps, np.eye(len(A(0.0)))
+    for k in range(steps):
+        first, second = (A((k + 0.5 + side * sqrt(3.0) / 6.0) * h) for side in (-1.0, 1.0))
+        turned = sqrt(3.0) / 12.0 * h**2 * (second @ first - first @ second)
+        found = linalg.expm(0.5 * h * (first + second) + turned) @ found
+    return np.asarray(found)
+
+
+def exponents(A: Callable[[float], Array], period: float, basis: Array) -> Spectrum:
+    """Return the characteristic exponents; those of their motions when the period begins.
+
+    Parameters
+    ----------
+    A
+        (2 f, 2 f) at a time, of changes and rates of f coordinates.
+    period
+        s, of A.
+    basis
+        (n, f) change of all coordinates by these.
+    """
+    Phi, error = monodromy_matrix(A, period)
+    multipliers, left, right = linalg.eig(Phi, left=True)
+    values, doubts = np.zeros(len(Phi), complex), np.zeros(len(Phi))
+    for k, mu in enumerate(multipliers):
+        along = abs(np.vdot(left[:, k], right[:, k]))
+        off = 2.0 * error / (along + sqrt(along**2 + 4.0 * error))
+        size = max(abs(mu), np.finfo(float).tiny)
+        values[k], doubts[k] = np.log(complex(mu) or size) / period, np.log1p(off / size) / period
+    values[np.abs(values) <= doubts] = 0.0
+    upper = values.imag >= 0.0
+    motions: NDArray[np.complex128] = basis @ right[: len(Phi) // 2, upper]
+    return ordered(values[upper], motions, doubts[upper])
