@@ -143,7 +143,7 @@ def improved(
     return found, doubts
 
 
-def ordered(values: NDArray[np.complex128], motions: Array, doubts: Array) -> Spectrum:
+def ordered(values: NDArray[np.complex128], motions: NDArray[Any], doubts: Array) -> Spectrum:
     """Return a spectrum, slowest first, with one zero for each independent motion that nothing resists."""
     order = np.argsort(np.abs(values), kind="stable")
     values, motions, doubts = values[order], motions[:, order], doubts[order]
