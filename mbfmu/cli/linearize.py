@@ -51,7 +51,7 @@ def command_linearize(options: argparse.Namespace) -> int:
             path = place.keep() / NAME
     tell(options, f"{scene.name}: linearized about the steady state found from {found.found_from} ({found.stability})")
     tell_more(options, found.effort)
-    for note in found.notes:
+    for note in (*found.notes, *space.notes):
         tell(options, f"note: {note}")
     if space.periodic:
         tell(

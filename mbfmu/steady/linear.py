@@ -2,7 +2,9 @@
 
     x' = A x + B u,    y = C x + D u
 
-x are the changes of the independent coordinates and of their rates, u those of the inputs, y those of the outputs.
+x are the changes of the independent coordinates and of their rates, u those of the inputs, y those of the outputs. The
+position of a joint that is driven at a speed which is an input is a state too, where anything depends on it: its
+derivative is that input.
 Every column is one solution of the equations of motion on complex numbers (see :mod:`solvers.statics.small`), so no
 difference quotient is involved and the constraints hold to first order.
 """
@@ -28,6 +30,10 @@ from solvers.statics.small import EPSILON
 from solvers.system import Array
 
 ROUNDING = 1e-12  # of the largest eigenvalue
+NOTHING = 1e-12  # of the largest entry of the state matrices
+DERIVATIVES = ("position", "rate", "acceleration")
+
+Direction = tuple[Array, Array, "tuple[Any, int, float] | None"]  # of coordinates, of rates, and where numbers change
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,13 +43,16 @@ class StateSpace:
     Attributes
     ----------
     A, B, C, D
-        (2f, 2f), (2f, inputs), (outputs, 2f), (outputs, inputs) for f degrees of freedom.
+        (s, s), (s, inputs), (outputs, s), (outputs, inputs) for s states: 2f for f degrees of freedom, and the driven
+        positions that are states, last.
     states, inputs, outputs
         Names; the rate of state ``x`` is ``der(x)``.
     coordinates
         Change of all coordinates (n, f) with each of the independent ones.
     periodic
         Names of the matrices that are others at other positions of the drives; these are those of time zero.
+    notes
+        What of the inputs is left out, in sentences.
     """
 
     A: Array
@@ -55,15 +64,22 @@ class StateSpace:
     outputs: tuple[str, ...]
     coordinates: Array
     periodic: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def free(self) -> Array:
+        """The part (2f, 2f) of A without driven positions, which the host determines."""
+        size = 2 * self.coordinates.shape[1]
+        return self.A[:size, :size]
 
     def modes(self) -> list[Mode]:
         """Return the eigenvalues, slowest first; of a conjugate pair the one above the real axis."""
-        values = linalg.eigvals(self.A) if self.A.size else np.zeros(0)
+        values = linalg.eigvals(self.free) if self.free.size else np.zeros(0)
         return [Mode(complex(values[k])) for k in slowest_first(values)]
 
     def shapes(self) -> list[tuple[Mode, NDArray[np.complex128]]]:
         """Return the modes as :meth:`modes` orders them, and how all coordinates (n,) take part; any scale."""
-        values, vectors = linalg.eig(self.A) if self.A.size else (np.zeros(0), np.zeros((0, 0)))
+        values, vectors = linalg.eig(self.free) if self.free.size else (np.zeros(0), np.zeros((0, 0)))
         motions = self.coordinates @ vectors[: self.coordinates.shape[1]]
         return [(Mode(complex(values[k])), motions[:, k]) for k in slowest_first(values)]
 
@@ -148,32 +164,53 @@ def linearize(
     v: Array,
     rows: NDArray[np.int64],
     independent: NDArray[np.int64] | None = None,
+    driven: tuple[str, ...] | None = None,
 ) -> StateSpace:
     """Linearize about the steady state (q (nq,), v (n,)) at time t; ``rows`` are the independent constraints.
 
     ``independent``: numbers of the coordinates that are states, ascending; by default they are chosen by pivoting.
+    ``driven``: names of the bodies whose driven positions are states; by default those on which anything depends.
 
     Raises EquilibriumError where a slope is not finite, AssemblyError where a free motion has no inertia.
     """
     check_inertia(plant.system, t, q, v)
     line = _Line(plant, t, q, v, rows, independent)
     freedom = len(line.independent)
-    directions = [*line.unit_states(), *line.unit_inputs()]
-    columns = [line.respond(*direction) for direction in directions]
-    slope = np.array([c[0] for c in columns]).reshape(len(columns), 2 * freedom).T
-    seen = np.array([c[1] for c in columns]).reshape(len(columns), len(plant.outputs)).T
-    names = [plant.system.coordinate_names[k] for k in line.independent]
-    if not np.isfinite(slope).all():
+    free, inputs = line.unit_states(), [line.along_input(k) for k in range(len(plant.inputs))]
+    supports = plant.inputs.supports()
+    speeds = [k for k, (_, _, speed) in supports.items() if speed]
+    directions = [*free, *(line.along_drive(k, 0) for k in speeds), *inputs]
+    columns = [np.concatenate(line.respond(*direction)) for direction in directions]
+    slope = np.array(columns).reshape(len(columns), 2 * freedom + len(plant.outputs)).T
+    if not np.isfinite(slope[: 2 * freedom]).all():
         raise EquilibriumError("the linearized motion is not finite: forces and masses are too far apart")
+    least = NOTHING * np.abs(slope[np.isfinite(slope)]).max(initial=0.0)
+    matters = [True] * len(free) + [bool((np.abs(slope[:, len(free) + k]) > least).any()) for k in range(len(speeds))]
+    if driven is not None:
+        matters[len(free) :] = [plant.drives.name(k) in driven for k in speeds]
+    speeds = [k for k, matter in zip(speeds, matters[len(free) :], strict=True) if matter]
+    slope = slope[:, matters + [True] * len(inputs)]
+    seen, slope, s = slope[2 * freedom :], slope[: 2 * freedom], len(free) + len(speeds)
+    follows = np.zeros((len(speeds), s + len(inputs)))
+    for row, k in zip(follows, speeds, strict=True):
+        row[s + plant.inputs.number(k, 1)] = 1.0
+    slope = np.vstack((slope, follows))
+    names = [plant.system.coordinate_names[k] for k in line.independent]
     return StateSpace(
-        A=slope[:, : 2 * freedom],
-        B=slope[:, 2 * freedom :],
-        C=seen[:, : 2 * freedom],
-        D=seen[:, 2 * freedom :],
-        states=(*names, *(f"der({name})" for name in names)),
+        A=slope[:, :s],
+        B=slope[:, s:],
+        C=seen[:, :s],
+        D=seen[:, s:],
+        states=(*names, *(f"der({name})" for name in names), *(plant.drives.name(k) for k in speeds)),
         inputs=tuple(v.name for v in plant.inputs.variables),
         outputs=tuple(v.name for v in plant.outputs),
         coordinates=line.coordinates(),
+        notes=tuple(
+            f"input {name!r} moves a support and its {DERIVATIVES[k]} is no input: what depends on it is left out"
+            for signal, (name, given, _) in supports.items()
+            for k in (1, 2)
+            if k not in given and (np.abs(np.concatenate(line.respond(*line.along_drive(signal, k)))) > least).any()
+        ),
     )
 
 
@@ -202,23 +239,28 @@ class _Line:
             self.independent, self.dependent = independent, np.setdiff1d(np.arange(system.n), independent)
         self.J_dependent, self.J_independent = J[:, self.dependent], J[:, self.independent]
 
-    def unit_states(self) -> list[tuple[Array, Array, int]]:
-        """Return a direction (coordinates, rates, input) for each state."""
+    def unit_states(self) -> list[Direction]:
+        """Return a direction for each free state."""
         f = len(self.independent)
         zero = np.zeros(f)
-        return [(row, zero, -1) for row in np.eye(f)] + [(zero, row, -1) for row in np.eye(f)]
+        return [*((row, zero, None) for row in np.eye(f)), *((zero, row, None) for row in np.eye(f))]
 
-    def unit_inputs(self) -> list[tuple[Array, Array, int]]:
-        """Return a direction for each input."""
-        zero = np.zeros(len(self.independent))
-        return [(zero, zero, k) for k in range(len(self.plant.inputs))]
+    def along_input(self, index: int) -> Direction:
+        """Return the direction of an input."""
+        zero, data, inputs = np.zeros(len(self.independent)), self.system.data, self.plant.inputs
+        return zero, zero, (*inputs.places(data.arrays, self.plant.signals(data))[index], inputs.scale(index))
 
-    def respond(self, x: Array, rate: Array, which: int) -> tuple[Array, Array]:
-        """Return changes of (rates, accelerations) (2f,) and outputs for unit changes of states and one input."""
+    def along_drive(self, signal: int, derivative: int) -> Direction:
+        """Return the direction of the position of a drive that is an input, of its rate or of its acceleration."""
+        zero, place = np.zeros(len(self.independent)), self.plant.signals(self.system.data)[signal].record["c"]
+        return zero, zero, (place, derivative, 0.5 if derivative == 2 else 1.0)
+
+    def respond(self, x: Array, rate: Array, place: tuple[Any, int, float] | None) -> tuple[Array, Array]:
+        """Return changes of (rates, accelerations) (2f,) and outputs for unit changes of states or at a place."""
         s, T = self.system, self.terms
-        if which >= 0:
-            place, k = self.plant.inputs.places(s.data.arrays, self.plant.signals(s.data))[which]
-            place[k] += EPSILON * 1j
+        if place:
+            vector, k, scale = place
+            vector[k] += EPSILON * 1j * scale
         s.fill(self.t, self.q, self.v, T)
         q = self.q.copy()
         s.apply(q, self._spread(x, -T.Phi.imag[self.rows] / EPSILON))
@@ -227,8 +269,8 @@ class _Line:
         s.fill(self.t, q, v, T)
         a, lam = self._solve()
         out = self.plant.observe_complex(s, self.t, q, v, a, lam)
-        if which >= 0:
-            place[k] = place[k].real
+        if place:
+            vector[k] = vector[k].real
         change = np.concatenate((v[self.independent], a[self.independent])).imag / EPSILON
         return change, out.imag / EPSILON
 

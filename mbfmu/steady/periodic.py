@@ -140,13 +140,14 @@ class Turned:
     def _constrained(self, period: float) -> Spectrum:
         """Return the characteristic exponents by the independent coordinates."""
         first = linearize(self.plant, 0.0, self.q, self.v, self.rows)
-        return exponents(lambda t: self._linearized(t, first).A, period, first.coordinates)
+        return exponents(lambda t: self._linearized(t, first).free, period, first.coordinates)
 
     def _linearized(self, t: float, first: StateSpace) -> StateSpace:
         """Return the state matrices at time t, of the states of the first ones."""
-        names = list(self.plant.system.coordinate_names)
-        independent = np.array([names.index(name) for name in first.states[: len(first.states) // 2]], np.int64)
-        return linearize(self.plant, t, self.at(t)[0], self.v, self.rows, independent)
+        names, freedom = list(self.plant.system.coordinate_names), first.coordinates.shape[1]
+        independent = np.array([names.index(name) for name in first.states[:freedom]], np.int64)
+        driven = first.states[2 * freedom :]
+        return linearize(self.plant, t, self.at(t)[0], self.v, self.rows, independent, driven)
 
     def state_space(self) -> StateSpace:
         """Return the state matrices, and which of them are others at other positions of the drives."""

@@ -118,7 +118,7 @@ class EquilibriumProblem:
         plant.inputs.start(index, value)
         if dense:
             place, k = plant.inputs.places(self._complex.data.arrays, self._signals)[index]
-            place[k] = value
+            place[k] = value * plant.inputs.scale(index)
         self._full_speeds = plant.drives.full_speeds()
         if self._cyclic.any():
             self._v = self._steady_velocities()

@@ -58,6 +58,10 @@ class Drives:
         """Return name and speed of every driven body, and whether that is constant."""
         return [(name, *self._signals[k].steady()) for name, k in self._bodies]
 
+    def name(self, signal: int) -> str:
+        """Return the first body that a signal drives."""
+        return next(name for name, k in self._bodies if k == signal)
+
     def rates(self) -> list[float]:
         """Return the constant speed of every drive, without sign, in units of its coordinate per second."""
         return [abs(self._signals[k].steady()[0]) / self.sizes[k] for k in self.signals]
@@ -162,6 +166,25 @@ class Inputs:
         """Return where the complex twin of the plant keeps every input: a vector and an index."""
         gravity = arrays.world["gravity"][0]
         return [(gravity if s.signal == GRAVITY else signals[s.signal].record["c"], s.coefficient) for s in self._slots]
+
+    def number(self, signal: int, coefficient: int) -> int:
+        """Return which input a coefficient of a signal is."""
+        places = [(slot.signal, slot.coefficient) for slot in self._slots]
+        return places.index((signal, coefficient))
+
+    def scale(self, index: int) -> float:
+        """Return what :meth:`places` changes by where an input does by one: a coefficient is half an acceleration."""
+        slot = self._slots[index]
+        return 0.5 if slot.signal != GRAVITY and slot.coefficient == 2 else 1.0
+
+    def supports(self) -> dict[int, tuple[str, set[int], bool]]:
+        """Return every drive that is an input by the number of its signal: the name of its first input, the derivatives
+        that are inputs, and whether its coordinate is the integral of a speed.
+        """
+        given: dict[int, set[int]] = {}
+        for slot in self._slots:
+            given.setdefault(slot.signal, set()).add(slot.coefficient)
+        return {signal: (name, given[signal], 0 not in given[signal]) for signal, name in self._supports.items()}
 
     def moves_support(self, index: int) -> bool:
         """Whether an input is the position or the rate of a driven coordinate."""
