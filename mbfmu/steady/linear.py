@@ -126,8 +126,13 @@ class Mode:
 
     @property
     def frequency(self) -> float:
-        """Damped natural frequency, rad/s."""
+        """Damped frequency |Im s|, at which the motion oscillates, rad/s."""
         return abs(self.eigenvalue.imag)
+
+    @property
+    def natural_frequency(self) -> float:
+        """Undamped natural frequency |s|, to which the damping ratio belongs, rad/s."""
+        return abs(self.eigenvalue)
 
     @property
     def damping_ratio(self) -> float:
@@ -144,11 +149,13 @@ def modes_as_text(modes: list[Mode]) -> str:
             f"{m.eigenvalue.real:.6g}" + (f" ± {m.frequency:.6g}i" if m.frequency else ""),
             f"{m.frequency:.6g}",
             f"{m.frequency / (2.0 * np.pi):.6g}",
+            f"{m.natural_frequency:.6g}",
             f"{m.damping_ratio + 0.0:.4g}",
         )
         for m in (without_rounding(mode, floor) for mode in modes)
     ]
-    return table(("eigenvalue [1/s]", "frequency [rad/s]", "[Hz]", "damping ratio"), rows)
+    titles = ("eigenvalue s [1/s]", "damped frequency |Im s| [rad/s]", "[Hz]", "natural frequency |s| [rad/s]")
+    return table((*titles, "damping ratio -Re s/|s|"), rows)
 
 
 def without_rounding(mode: Mode, floor: float) -> Mode:

@@ -163,6 +163,7 @@ class Equilibrium:
                     "real": m.eigenvalue.real,
                     "imag": m.eigenvalue.imag,
                     "frequency_hz": m.frequency / (2.0 * np.pi),
+                    "natural_frequency_hz": m.natural_frequency / (2.0 * np.pi),
                     "damping_ratio": m.damping_ratio,
                 }
                 for m in (self.modes if self.stability != "unknown" else [])

@@ -46,20 +46,29 @@ def plot_result(result: Result, path: Path, names: Sequence[str] = ()) -> None:
     finish(figure, path)
 
 
+STABILITY_STYLES = {  # color, line and marker, from the most to the least stable
+    "stable": ("#4269d0", "-", "o"),
+    "undamped": ("#6cc5b0", "-", "o"),
+    "neutral": ("#9c6b4e", ":", "s"),
+    "unstable": ("#ff725c", "--", "x"),
+}
+
+
 def plot_branches(branches: Sequence[Branch], axis: str, output: str, title: str, path: Path) -> None:
-    """Draw an output over a swept parameter: stable states solid, unstable ones dashed."""
+    """Draw an output over a swept parameter: a line style for each kind of stability."""
     figure, ax = subplots(size=(8.0, 5.0))
     labeled: set[str] = set()
     for branch in branches:
         values = np.array(branch.values)
         heights = np.array([state.outputs[output] for state in branch.states])
-        stable = np.array([state.stability in ("stable", "undamped") for state in branch.states])
-        for own, label, style in ((stable, "stable", "o-"), (~stable, "unstable or neutral", "x--")):
+        found = np.array([state.stability for state in branch.states])
+        for label, (color, line, marker) in STABILITY_STYLES.items():
+            own = found == label
             if own.any():
-                color = "#4269d0" if label == "stable" else "#ff725c"
                 shown = None if label in labeled else label
                 labeled.add(label)
-                ax.plot(values, np.where(own, heights, np.nan), style, ms=3.0, lw=1.2, color=color, label=shown)
+                style = {"ls": line, "marker": marker, "ms": 3.0, "lw": 1.2, "color": color, "label": shown}
+                ax.plot(values, np.where(own, heights, np.nan), **style)
     unit = next(v.unit for v in branches[0].states[0].plant.outputs if v.name == output)
     ax.set_xlabel(axis)
     ax.set_ylabel(f"{output} [{unit}]")
@@ -82,12 +91,12 @@ def plot_path(path: EquilibriumPath, output: str, title: str, file: Path) -> Non
 
     for branch in path.branches:
         x, y = np.array(branch.output(output)), np.array(branch.values)
-        lost = np.array([state.stability == "unstable" for state in branch.states])
-        between = lost[1:] | lost[:-1]  # a piece of the line is unstable where one of its ends is
-        for own, text, style in ((~between, "stable", "-"), (between, "unstable", "--")):
-            for k in np.flatnonzero(own):
-                color = "#4269d0" if text == "stable" else "#ff725c"
-                ax.plot(x[k : k + 2], y[k : k + 2], style, lw=1.4, color=color, label=label(text))
+        worst = list(STABILITY_STYLES)
+        found = np.array([worst.index(state.stability) for state in branch.states])
+        for k in range(len(found) - 1):  # a piece of the line is what the less stable of its ends is
+            text = worst[max(found[k], found[k + 1])]
+            color, line, _ = STABILITY_STYLES[text]
+            ax.plot(x[k : k + 2], y[k : k + 2], ls=line, lw=1.4, color=color, label=label(text))
     for branch in path.branches:
         for kind, (marker, color) in marks.items():
             for state in branch.of_kind(kind):
