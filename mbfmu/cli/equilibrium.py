@@ -13,7 +13,8 @@ from mbfmu.files import replacing
 from mbfmu.model import suggest
 from mbfmu.scene import Scene
 from mbfmu.steady.linear import modes_as_text
-from mbfmu.steady.problem import EquilibriumProblem
+from mbfmu.steady.moved import WAY
+from mbfmu.steady.problem import EquilibriumProblem, equilibrium
 from mbfmu.steady.state import Equilibrium
 from mbfmu.steady.sweep import Branch, sweep
 from mbfmu.studies.report import plot_branches
@@ -87,10 +88,8 @@ def command_equilibrium(options: argparse.Namespace) -> int:
         raise UserError(f"--others is {options.others}; allowed: 0 or more")
     if options.sweep:
         return swept(scene, options)
-    problem = EquilibriumProblem(scene.model)
-    start = start_of(options)
-    found = problem.solve(problem.start(start), "the start given") if start else problem.solve()
-    others = problem.others(found, options.others)
+    found = equilibrium(scene.model, start_of(options))
+    others = [] if found.found_from == WAY else EquilibriumProblem(scene.model).others(found, options.others)
     if options.json:
         write_json({**found.as_dict(), "others": [other.as_dict() for other in others]}, options.json)
     if not options.json or str(options.json) != "-":

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -29,7 +30,7 @@ from mbfmu.steady.checks import STEADY, check
 from mbfmu.steady.linear import StateSpace
 from mbfmu.steady.modes import ModeShape
 from mbfmu.steady.periodic import Turned, describe_period
-from mbfmu.steady.rigid_body_modes import free_motions, in_words
+from mbfmu.steady.rigid_body_modes import describe_pushed
 from mbfmu.steady.state import Equilibrium, position_names
 from solvers.statics.large import TreeEquilibriumSolver
 from solvers.statics.linearized import DenseLinearized, Linearized, TreeLinearized
@@ -54,6 +55,11 @@ SLIDES = (
 )
 
 
+def has_moved_supports(plant: Plant) -> bool:
+    """Whether a drive is a step that goes anywhere."""
+    return any(step.record["height"] for step in plant.drives.steps(plant.signals(plant.data)))
+
+
 class EquilibriumProblem:
     """The equilibrium problem of one model, built once and solved from any number of starts.
 
@@ -61,12 +67,18 @@ class EquilibriumProblem:
     ------
     EquilibriumError
         There is nothing to solve for, or a drive is not at constant speed.
+
+    Attributes
+    ----------
+    has_moved_supports
+        Whether steps that drive have been taken to their ends.
     """
 
     def __init__(self, model: Model | Mechanism, plant: Plant | None = None) -> None:
         self.model = model = of_user(model)
         own = plant is None
         self.plant = plant = plant or model.plant()
+        self.has_moved_supports = own and has_moved_supports(plant)
         if own:
             plant.drives.finish_run_ups()
         if plant.system.n == 0:
@@ -94,7 +106,7 @@ class EquilibriumProblem:
             self._v = self._steady_velocities()
             self._solver = DenseEquilibriumSolver(self._complex, 0.0, general, self._v)
             self._solver.run_trial(self._start)
-        self._signals = plant.signals(data)
+        self.signals = plant.signals(data)
         self._full_speeds = plant.drives.full_speeds()
 
     def start(self, given: Mapping[str, float] | None = None) -> Array:
@@ -117,7 +129,7 @@ class EquilibriumProblem:
         plant, dense = self.plant, self.plant.system.has_matrices
         plant.inputs.start(index, value)
         if dense:
-            place, k = plant.inputs.places(self._complex.data.arrays, self._signals)[index]
+            place, k = plant.inputs.places(self._complex.data.arrays, self.signals)[index]
             place[k] = value * plant.inputs.scale(index)
         self._full_speeds = plant.drives.full_speeds()
         if self._cyclic.any():
@@ -252,7 +264,7 @@ class EquilibriumProblem:
 
     def _set_speed(self, part: float) -> None:
         """Let every drive run at ``part`` of its speed."""
-        self.plant.drives.run_at(part * self._full_speeds, self._signals)
+        self.plant.drives.run_at(part * self._full_speeds, self.signals)
         if self._cyclic.any():
             self._v = self._steady_velocities()
             self._solver.set_velocities(self._v)
@@ -290,7 +302,7 @@ class EquilibriumProblem:
     def _failure(self, solution: Solution, what: str) -> str:
         worst = int(np.argmax(np.abs(solution.forces)))
         gap = self.plant.length * float(np.abs(solution.gaps / self.plant.system.row_size).max(initial=0.0))
-        if solution.outcome is not Outcome.NOT_FINITE and (pushed := self._pushed()):
+        if solution.outcome is not Outcome.NOT_FINITE and (pushed := self._describe_pushed()):
             return (
                 f"{what} for {self.model.name!r}: at the start nothing resists {pushed}, on which the loads act; "
                 "add a support, or try another start (--from)"
@@ -302,20 +314,12 @@ class EquilibriumProblem:
             f"{advice}"
         )
 
-    def _pushed(self) -> str:
+    def _describe_pushed(self) -> str:
         """Return the motion of a large tree at the start that loads act on and nothing resists, in words."""
         if self.plant.system.has_matrices:
             return ""
-        none = np.zeros(self.plant.system.m)
-        try:
-            motions = free_motions(self.plant, self._start, none)
-        except EquilibriumError:  # what failed first is what there is to tell
-            return ""
-        forces, _ = self._solver.residual(0.0, self._start, none)
-        along = motions.T @ forces
-        if np.abs(along).max(initial=0.0) <= STEADY * float(np.linalg.norm(forces)):
-            return ""
-        return in_words(self.plant, self._start, motions @ along[:, np.newaxis])
+        forces, _ = self._solver.residual(0.0, self._start, np.zeros(self.plant.system.m))
+        return describe_pushed(self.plant, self._start, forces, STEADY)
 
     def others(self, found: Equilibrium, count: int | None = None) -> list[Equilibrium]:
         """Return further steady states, each once: from scattered starts (24, 4 on a large tree), and where the one
@@ -377,6 +381,9 @@ class EquilibriumProblem:
 def equilibrium(model: Model | Mechanism, start: Mapping[str, float] | None = None) -> Equilibrium:
     """Return a steady state of a model or a mechanism.
 
+    Supports that move by a step have moved. If no stable state is found there from the start, the state before is
+    followed through their motion, see :mod:`mbfmu.steady.moved`.
+
     Parameters
     ----------
     model
@@ -389,10 +396,26 @@ def equilibrium(model: Model | Mechanism, start: Mapping[str, float] | None = No
     EquilibriumError
         None is found, or what is found is none; with the residual.
     """
-    problem = EquilibriumProblem(model)
+    from mbfmu.steady.moved import follow_supports
+
+    model = of_user(model)
     if start:
+        problem = EquilibriumProblem(model)
         return problem.solve(problem.start(start), "the start given")
-    return problem.solve()
+    try:
+        problem = EquilibriumProblem(model)
+        found = problem.solve()
+    except UserError:
+        if not has_moved_supports(model.plant()):
+            raise
+        with suppress(UserError):
+            return follow_supports(model)
+        raise
+    if problem.has_moved_supports and found.stability == "unstable":
+        with suppress(UserError):
+            followed = follow_supports(model)
+            return found if followed.stability == "unstable" else followed
+    return found
 
 
 def linearize(model: Model | Mechanism, start: Mapping[str, float] | None = None) -> StateSpace:

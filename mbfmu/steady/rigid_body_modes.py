@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mbfmu.errors import EquilibriumError
 from mbfmu.mechanics import Plant
 from mbfmu.mechanics.recursions.dynamics import move
 from mbfmu.steady.modes import shapes
@@ -44,6 +45,21 @@ def in_words(plant: Plant, q: Array, motions: Matrix) -> str:
             largest = np.argsort(-np.abs(motion), kind="stable")[:3]
             words.append(f"a motion that is largest in {', '.join(repr(names[k]) for k in sorted(largest))}")
     return "; ".join(words)
+
+
+def describe_pushed(plant: Plant, q: Array, forces: Array, least: float) -> str:
+    """Return the motion about q (nq,) that forces (n,) act on and nothing resists, in words; empty: there is none.
+
+    ``least``: share of the forces from which on they act on a motion.
+    """
+    try:
+        motions = free_motions(plant, q, np.zeros(plant.system.m))
+    except EquilibriumError:  # what failed first is what there is to report
+        return ""
+    along = motions.T @ forces
+    if np.abs(along).max(initial=0.0) <= least * float(np.linalg.norm(forces)):
+        return ""
+    return in_words(plant, q, motions @ along[:, np.newaxis])
 
 
 def _twists(plant: Plant, q: Array, motions: Matrix) -> tuple[Matrix, float, list[Matrix | None]]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.numbers import finite
 from mbfmu.mechanics.sensors import Follows
-from mbfmu.mechanics.signals import InUse, SpeedInput
+from mbfmu.mechanics.signals import InUse, SpeedInput, Step
 from solvers.compiled.held import hold
 from solvers.system import Array
 
@@ -89,6 +89,10 @@ class Drives:
         """Let those of all ``signals`` that drive have these constant speeds, in the order of :meth:`full_speeds`."""
         for leaf, speed in zip(self._moving(signals), speeds, strict=True):
             leaf.signal.run_at(leaf, speed)
+
+    def steps(self, signals: list[InUse]) -> list[InUse]:
+        """Return those of all ``signals`` that are steps which drive, in an order of their own."""
+        return [leaf for leaf in self._moving(signals) if type(leaf.signal) is Step]
 
     def _moving(self, signals: list[InUse]) -> list[InUse]:
         return [leaf for k in self.signals for leaf in signals[k].signal.moving(signals[k])]
