@@ -121,7 +121,8 @@ class Simulation:
         if self.stepper.starts_singular:
             told = "the start is a singular position, in which the loops do not determine all rates; the rates nearest"
             self._remark(f"{told} to those given are used. {to_choose(self.plant, t0, q)}".rstrip(". "))
-        for told in (self._too_loose(), *beside, *self.plant.coincident(t0, q)):
+        changed = [] if settings.start_at_equilibrium else self.plant.assembly.changes(q, v, settings.tolerance)
+        for told in (*changed, self._too_loose(), *beside, *self.plant.coincident(t0, q)):
             self._remark(told)
         # where nothing is free nothing is integrated but the work, whose error no tolerance controls
         audited = settings.audit and self.stepper.freedom > 0

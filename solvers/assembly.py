@@ -9,6 +9,9 @@ so that a mechanism closes alike at every size::
 with :func:`solvers.linalg.dense.lq` once for Q and once, of the transposed, for z. Rows that depend on others are no
 trouble: z has as many entries as there are independent ones, and all rows take part in it.
 
+Three sets of coordinates may change, one after the other until the loops close: those without a given value; all that
+are not held, given ones by ``GIVEN`` of what the others change by; and all that are not held, alike.
+
 The inertia of what is allowed is checked likewise: Q_2, the last columns of Q, spans these motions.
 """
 
@@ -27,12 +30,14 @@ from solvers.system import AnySystem, Array
 
 CLOSED = 1e-11  # in units of the row; a loop is closed
 LARGEST_STEP = 0.5  # in units of the coordinate, of one coordinate in one iteration
+STAGES = 3  # sets of coordinates that are tried
 ITERATIONS, PATIENCE = 200, 30  # in all, and without half of the gap
 OPENING = 1e-8  # of a row's rate relative to the velocities: the loop opens
 ROUNDING = 1e-12  # ... or of the pace of the drives, whose motion may cancel in a row
 RANK = 1e-9  # pivots below this part of the largest count as zero
 MASSLESS = 1e-12  # ... the same for the mass matrix
 ROUNDED = 1e-28  # square of rounding: what moves by so little of the largest mass moves none
+GIVEN = 1e-2  # weight of the change of a coordinate whose value is given, when it must change
 MOVED = 0.1  # part of the largest change that names a coordinate
 
 
@@ -71,6 +76,8 @@ class Scratch(NamedTuple):
     size: Array  # (n,) units of the coordinates
     row: Array  # (m,) units of the constraints
     free: Array  # (n,) 1 for coordinates that may be changed, 0 for those that are held
+    given: Array  # (2, n) 1 where the position, and the velocity, is given and not only a default; else 0
+    share: Array  # (n,) weight of the change of each coordinate now
     gaps: Array  # (m,) what is to be closed, in units of the rows
     step: Array  # (n,) the change that closes it, in units of the coordinates
     A: Array  # (m, n) L, and the reflectors of Q, of J~[pivots] = L Q^T
@@ -91,17 +98,23 @@ class Scratch(NamedTuple):
         """Return scratch for ``n`` velocities, all free, and ``m`` constraints, units of one."""
         k, z, one = min(m, n), np.zeros, np.ones
         return Scratch(
-            one(n), one(m), one(n), z(m), z(n), z((m, n)), z(m), z(m, np.int64), z(m), z((k, m + k)), z(m + k), z(n),
+            one(n), one(m), one(n), z((2, n)), one(n),
+            z(m), z(n), z((m, n)), z(m), z(m, np.int64), z(m), z((k, m + k)), z(m + k), z(n),
             z(n, np.int64), z(n), z(n), records(1, WORST), z(n),
         )  # fmt: skip
 
     @staticmethod
-    def of(system: AnySystem, held: NDArray[np.bool_] | None = None) -> Scratch:
-        """Return scratch with the units of a system; ``held`` (n,) coordinates are to stay, none by default."""
+    def of(system: AnySystem, held: NDArray[np.bool_] | None = None, given: NDArray[np.bool_] | None = None) -> Scratch:
+        """Return scratch with the units of a system; ``held`` (n,) coordinates are to stay, none by default.
+
+        ``given`` (2, n) positions and velocities change after the others; none by default.
+        """
         scratch = Scratch.allocate(system.n, system.m)
         scratch.size[:], scratch.row[:] = system.size, system.row_size
         if held is not None:
             scratch.free[held] = 0.0
+        if given is not None:
+            scratch.given[:] = given
         return scratch
 
 
@@ -112,8 +125,29 @@ def close_positions(eqs: Any, t: float, start: Any, q: Any, work: Any) -> int:
     First by damped steps (Levenberg and Marquardt, the damping falling as the square of the gap), which stay near where
     redundant rows contradict each other in an open loop; then without damping, which gets on beside singular positions.
     """
-    code = approach(eqs, t, start, True, q, work)
-    return approach(eqs, t, start, False, q, work) if code == OPEN else code
+    code = OPEN
+    for stage in range(STAGES):
+        if set_shares(stage, work.given[0], work):
+            code = approach(eqs, t, start, True, q, work)
+            if code == OPEN:
+                code = approach(eqs, t, start, False, q, work)
+            if code == ASSEMBLED:
+                break
+    return code
+
+
+@kernel
+def set_shares(stage: int, given: Any, work: Any) -> bool:
+    """Fill work.share for a stage of the module docstring; False if the stage does not differ from the last one."""
+    some, others = False, False
+    for j in range(given.shape[0]):
+        if work.free[j] > 0.0:
+            some, others = some or given[j] > 0.0, others or not given[j] > 0.0
+        weight = 1.0
+        if given[j] > 0.0:
+            weight = 0.0 if stage == 0 else GIVEN if stage == 1 else 1.0
+        work.share[j] = work.free[j] * weight
+    return stage == STAGES - 1 or (some and others)
 
 
 @kernel
@@ -178,11 +212,11 @@ def take_step(eqs: Any, q: Any, work: Any) -> None:
 
 @kernel
 def factor(J: Any, whole: bool, work: Any) -> int:
-    """Factor J (m, n) in units of rows and coordinates, the ``whole`` or its free columns; return its rank."""
+    """Factor J (m, n) in units of rows and coordinates, the ``whole`` or weighted by shares; return its rank."""
     m, n = J.shape
     for i in range(m):
         for j in range(n):
-            part = 1.0 if whole else work.free[j]
+            part = 1.0 if whole else work.share[j]
             work.A[i, j] = part * J[i, j] * (work.size[j] / work.row[i])
     lq(work.A, m, n, work.tau, work.pivots, work.pivot)
     for i in range(min(m, n)):
@@ -209,12 +243,22 @@ def least_change(J: Any, damping: float, work: Any) -> None:
     basic_transposed(work.b, rank, width, rank, work.B, work.tau_B, work.pivots_B, work.step)
     turn_out(work.A, work.tau, rank, n, work.step)
     for j in range(n):
-        work.step[j] *= work.free[j]
+        work.step[j] *= work.share[j]
 
 
 @kernel
 def close_velocities(eqs: Any, t: float, q: Any, start: Any, rate: float, v: Any, work: Any) -> int:
     """v (n,) = velocities with J v = nu, the least change from ``start`` (n,); ``rate`` (1/s) as that of the system."""
+    code = OPENS
+    for stage in range(STAGES):
+        if code != ASSEMBLED and set_shares(stage, work.given[1], work):
+            code = close_velocities_once(eqs, t, q, start, rate, v, work)
+    return code
+
+
+@kernel
+def close_velocities_once(eqs: Any, t: float, q: Any, start: Any, rate: float, v: Any, work: Any) -> int:
+    """One stage of :func:`close_velocities`."""
     m, n = eqs.terms.J.shape
     eqs.position(t, q, eqs.data, eqs.terms)
     opening(eqs.terms, start, work)

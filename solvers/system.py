@@ -155,6 +155,7 @@ class AnySystem(ABC):
     # itself from t on, and until when it does, s
     size: Array  # (n,) unit of each coordinate: 1 rad, or a length of the mechanism in m; of v per second
     row_size: Array  # (m,) unit of each constraint residual, likewise
+    positions: Positions | None = None  # which positions are quaternions; None: none is
     rate: float = 0.0  # 1/s, of motions of that size, as far as it is known beforehand: by gravity, by drives
     cornered: str = ""  # what forces turn sharply with, within what a tolerance allows; empty: with nothing
     stiff: str = ""  # why explicit steps would be too short for any motion of interest; empty: they may do
@@ -173,6 +174,22 @@ class AnySystem(ABC):
         """Fill ``out`` (k, outputs) with what is told of the solutions at k times, if anything is."""
         if self.observe is not None:
             self.observe(times, q, v, a, lam, self.held_data, out)
+
+    @cached_property
+    def placed(self) -> Positions:
+        """Places of positions and velocities; ValueError if positions are quaternions and ``positions`` is missing."""
+        if self.positions is not None:
+            return self.positions
+        if self.nq != self.n:
+            raise ValueError(f"a system of {self.nq} positions and {self.n} velocities must have its `positions`")
+        places = np.arange(self.n)
+        return Positions(places, places, np.zeros((0, 2), np.int64))
+
+    def position_sizes(self, sizes: Array) -> Array:
+        """Return sizes of positions (nq,) from those of motions (n,)."""
+        found = np.zeros(self.nq)
+        position_sizes(hold(self.placed), sizes, found)
+        return found
 
     @cached_property
     def held_data(self) -> Any:
@@ -316,9 +333,3 @@ class TreeSystem(AnySystem):
         loaded = np.zeros(self.m) if lam is None else lam
         _inverse(self.inverse, t, q, v, a, loaded, self.held_data, qdot, tau)
         return tau
-
-    def position_sizes(self, sizes: Array) -> Array:
-        """Return sizes of positions (nq,) from those of motions (n,)."""
-        found = np.zeros(self.nq)
-        position_sizes(hold(self.positions), sizes, found)
-        return found

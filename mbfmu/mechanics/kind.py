@@ -55,6 +55,9 @@ class Kind:
     def check(self, what: str) -> None:
         """Raise UserError where a parameter is not allowed; ``what`` says whose it is."""
 
+    def check_declaration(self, said: str) -> None:
+        """Raise UserError if what the class declares does not fit together; ``said`` begins the message."""
+
     def fill(self, record: Any, site: Site) -> None:
         """Write the parameters into a zeroed record."""
 
@@ -101,6 +104,7 @@ def check_kind(what: str, given: Any, role: type[Kind]) -> None:
     drawings, drawn = getattr(role, "drawings", ()), getattr(given, "drawn", None)
     if drawings and drawn not in drawings:
         raise UserError(f"{said}, whose `drawn` is {drawn!r}; allowed: {', '.join(map(repr, drawings))}")
+    given.check_declaration(said)
     record = given.record
     named = (record.names or ()) if isinstance(record, np.dtype) else ()
     if not named or any(record[n].base not in (np.float64, np.int64) or not record[n].itemsize for n in named):

@@ -83,6 +83,7 @@ class Instance(NamedTuple):
     dv: Array  # (n,) jump of the velocities
     cells: NDArray[np.int64]  # (P, 4) bodies at the corners of all plates
     frames: Any  # mbfmu.native.starting.Frames
+    positions: Any  # solvers.positions.Positions
 
 
 class Entry(NamedTuple):
@@ -105,10 +106,10 @@ def instance_of(simulation: Simulation) -> Instance:
     given, (q, v) = contents(stepper.given), (array.copy() for array in simulation.start)
     sizes = system.nq, system.n, system.m
     eqs = family.equations(dict.fromkeys(family.callbacks, 0), system.held_data, *sizes)
-    work = family.work(*sizes, None if system.has_matrices else system.positions)
+    work = family.work(*sizes, system.placed)
     work.size[:] = system.size
     assembly = plant.assembly
-    scratch = Scratch.of(system, assembly.held())._replace(size=work.size)
+    scratch = Scratch.of(system, assembly.held(), assembly.given())._replace(size=work.size)
     if simulation.settings.start_at_equilibrium:
         start = Start(q.copy(), v.copy(), scratch)
     else:
@@ -119,8 +120,9 @@ def instance_of(simulation: Simulation) -> Instance:
     rooms = np.zeros(system.n), np.zeros(system.m), np.zeros(len(simulation.variables))
     settings = stepper.options.record(), np.zeros(len(COUNTERS), np.int64)
     balance = simulation.audit.balance.copy() if simulation.audit else records(1, BALANCE)
-    books = plant.inputs.own, balance, records(1, TOLD), np.zeros(system.n), plant.mechanism.cells, Frames.of(plant)
-    return Instance(own, start, *rooms, np.array([simulation.t]), known, *settings, *books)  # type: ignore[arg-type]
+    books = plant.inputs.own, balance, records(1, TOLD), np.zeros(system.n), plant.mechanism.cells
+    places = Frames.of(plant), system.placed
+    return Instance(own, start, *rooms, np.array([simulation.t]), known, *settings, *books, *places)  # type: ignore[arg-type]
 
 
 def image_of(simulation: Simulation) -> tuple[Instance, Image]:
@@ -168,7 +170,7 @@ def example(name: str) -> Any:
     start = Start(z(1), z(1), Scratch.allocate(1, 1))
     settings = records(1, OPTIONS), np.zeros(1, np.int64), InputRecords.example()
     frames = Frames(z(1, np.int64), z(1))
-    books: tuple[Any, ...] = records(1, BALANCE), records(1, TOLD), z(1), z((1, 4), np.int64), frames
+    books: tuple[Any, ...] = records(1, BALANCE), records(1, TOLD), z(1), z((1, 4), np.int64), frames, positions
     return hold(Instance(given, start, z(1), z(1), z(1), z(1), z(3), *settings, *books))
 
 

@@ -14,6 +14,7 @@ from solvers.assembly import ASSEMBLED, close_positions, close_velocities, move_
 from solvers.compiled.kernel import kernel
 from solvers.ledger import WORK
 from solvers.outcome import OK
+from solvers.positions import position_sizes
 from solvers.projection.projection import close
 from solvers.projection.rank import normal_rank
 from solvers.projection.reported import evaluate
@@ -24,7 +25,7 @@ from solvers.steppers.adams.explicit import SINGLES
 from solvers.steppers.adams.formulas import History
 from solvers.steppers.adams.formulas import begin_anew as begin_history
 from solvers.steppers.adams.hybrid import HYBRID
-from solvers.steppers.dense import find_position_sizes, measure_pace
+from solvers.steppers.dense import measure_pace
 from solvers.steppers.radau import loop as radau
 from solvers.steppers.radau.formulas import Memory
 from solvers.steppers.radau.small import STOPS
@@ -83,7 +84,7 @@ def assemble_tree(s: Any, t: float) -> int:
 def find_out(s: Any, t: float) -> tuple[int, int]:
     """Close the reported state, and find units and paces there; return how it was closed, and the rank."""
     g = s.given
-    find_position_sizes(g.eqs, t, g.q, g.work)
+    position_sizes(s.positions, g.work.size, g.work.size_q)
     rank = normal_rank(g.eqs, t, g.q, g.v, g.work)
     code = close(g.eqs, t, g.q, g.v, rank, g.work)
     measure_pace(g.eqs, t, g.q, g.v, rank, s.known[0], s.known[1], g.work)

@@ -16,6 +16,7 @@ from scipy.optimize import minimize_scalar
 from mbfmu.audit import NEAR, distance, loops_of
 from mbfmu.mechanics import Plant
 from mbfmu.simulation import Simulation
+from solvers.options import Options
 from solvers.steppers import stepper
 from solvers.steppers.dense import DenseStepper
 
@@ -68,7 +69,8 @@ class Watch:
     def __init__(self, plant: Plant, rank: int, simulation: Simulation) -> None:
         self._plant, self._rank = plant, rank
         start = simulation.t, simulation.stepper.q, simulation.stepper.v
-        self._judge = stepper("adams", plant.system, *start) if plant.system.has_matrices else None
+        coarse = Options(rtol=max(Options().rtol, simulation.settings.tolerance))  # accepts what the run accepts
+        self._judge = stepper("adams", plant.system, *start, coarse) if plant.system.has_matrices else None
         self._times: list[float] = []
         self._ratios: list[float] = []
         self._states: list[bytes] = []

@@ -81,6 +81,14 @@ def kept_nowhere(function: F) -> F:
     return cast(F, Kernel(function, targetoptions={"nopython": True, "no_cfunc_wrapper": True, **_OPTIONS}))
 
 
+def bounds_checked(function: Any) -> Any:
+    """Return a kernel, for this process alone, that raises IndexError where an index is outside an array."""
+    if not COMPILED:
+        return function
+    options = {"nopython": True, "no_cfunc_wrapper": True, **_OPTIONS, "boundscheck": True}
+    return Kernel(getattr(function, "py_func", function), targetoptions=options)
+
+
 def by_name(function: Any) -> Any:
     """Return a kernel that others call by its name, of one or of a function that is handed on by its address else."""
     return function if is_kernel(function) or not COMPILED else kept_nowhere(function)

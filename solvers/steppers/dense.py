@@ -34,25 +34,6 @@ def find_critical(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
 
 
 @kernel
-def find_position_sizes(eqs: Any, t: float, q: Any, work: Any) -> None:
-    """Note the unit of every position: that of its coordinate, 1 of a quaternion's entries."""
-    n, v = work.size.shape[0], work.v_near
-    for i in range(q.shape[0]):
-        work.size_q[i] = work.size[i] if q.shape[0] == n else 0.0
-    if q.shape[0] == n:
-        return
-    for k in range(n):
-        for i in range(n):
-            v[i] = 1.0 if i == k else 0.0
-        eqs.dynamics(t, q, v, eqs.data, eqs.terms)
-        for i in range(q.shape[0]):
-            work.size_q[i] = max(work.size_q[i], abs(eqs.terms.qdot[i]) * work.size[k])
-    for i in range(q.shape[0]):
-        if not work.size_q[i] > 0.0:
-            work.size_q[i] = 1.0
-
-
-@kernel
 def measure_pace(eqs: Any, t: float, q: Any, v: Any, rank: int, rate: float, loop_rate: float, work: Any) -> None:
     """Note the rate of the motion (1/s), what is known beforehand or that of its velocity or acceleration, and of every
     coordinate's own part in it: a stiff spring at one of them is not to make the others' tolerances coarse.
@@ -79,7 +60,7 @@ class DenseStepper(Stepper):
         self._eqs = Equations.of(system, self._terms)
         self._units = self._work.value if COMPILED else self._work
         self._units.size[:] = system.size
-        find_position_sizes(self._eqs, self._t, self._q, self._work)
+        self._units.size_q[:] = system.position_sizes(system.size)
         require_placed(self._q, self._units.size_q, self.options.rtol)
         self._rank = normal_rank(self._eqs, self._t, self._q, self._v, self._work)
         code = close(self._eqs, self._t, self._q, self._v, self._rank, self._work)

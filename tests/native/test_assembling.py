@@ -81,8 +81,9 @@ def test_what_is_assembled_has_the_bits_of_python(name: str):
     plant = Simulation(other, Settings(solver="adams")).plant
     adopt(native, plant)
     q, v, held = guess(plant, off)
-    wanted = assemble_positions(plant.system, 0.0, q, held)
-    wanted = wanted, assemble_velocities(plant.system, 0.0, wanted, v, held)
+    given = plant.assembly.given()
+    wanted = assemble_positions(plant.system, 0.0, q, held, given)
+    wanted = wanted, assemble_velocities(plant.system, 0.0, wanted, v, held, given)
     assert assembled(native, q, v, held) == ASSEMBLED
     for array, numbers in zip((native.instance.given.q, native.instance.given.v), wanted, strict=True):
         np.testing.assert_array_equal(native.view(array), numbers)

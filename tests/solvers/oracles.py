@@ -14,6 +14,7 @@ from scipy.optimize import brentq
 
 from solvers.compiled.held import held_type
 from solvers.compiled.kernel import callback
+from solvers.positions import Positions
 from solvers.system import Array, System, Terms
 
 G = 9.81  # m/s^2
@@ -261,6 +262,7 @@ def rigid_body() -> System:
         energy=body_energy,
         size=np.ones(3),
         row_size=np.zeros(0),
+        positions=Positions(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((1, 2), np.int64)),
     )
 
 

@@ -15,7 +15,7 @@ from solvers.system import AnySystem, Array
 
 from .closing import assemble_positions, assemble_velocities, check_frames, check_inertia, frame_angles
 from .compile import shared
-from .rows import dependent_rows, describe
+from .rows import TOLD, dependent_rows, describe
 
 
 def free_bodies(mechanism: Mechanism) -> list[Body]:
@@ -54,6 +54,18 @@ class Assembly:
         parts = [np.full(body.joint.nv, body.joint.fixed) for body in free_bodies(self._mechanism)]
         return np.concatenate([np.zeros(0, bool), *parts])
 
+    def given(self) -> NDArray[np.bool_]:
+        """Return which positions and which velocities (2, n) of the free coordinates the joints give values for."""
+        bodies = free_bodies(self._mechanism)
+        return np.array(
+            [
+                np.concatenate(
+                    [np.zeros(0, bool), *(np.full(b.joint.nv, getattr(b.joint, what) is not None) for b in bodies)]
+                )
+                for what in ("start", "rate")
+            ]
+        )
+
     def assemble(self, t: float) -> tuple[Array, Array]:
         """Close the loops from the start given to the builder; return consistent (q, v).
 
@@ -62,13 +74,42 @@ class Assembly:
         AssemblyError
             A loop cannot close (says which and by how much), or a free motion has no inertia.
         """
-        q = self.close(t, self.start_positions(), self.held())
-        v = assemble_velocities(self._system, t, q, self.start_velocities(), self.held())
+        held, given = self.held(), self.given()
+        q = self.close(t, self.start_positions(), held, given)
+        v = assemble_velocities(self._system, t, q, self.start_velocities(), held, given)
         check_inertia(self._system, t, q, v)
         return q, v
 
-    def close(self, t: float, start: Array, held: NDArray[np.bool_]) -> Array:
+    def changes(self, q: Array, v: Array, tolerance: float) -> list[str]:
+        """Return a sentence for each given start or rate that the assembly has changed by more than ``tolerance``.
+
+        q (nq,) and v (n,) are assembled; the tolerance is relative, in units of the coordinates.
+        """
+        size, found = self._system.size, []
+        fastest = float(np.abs(v / size).max(initial=0.0))
+        first, first_v = self.start_positions(), self.start_velocities()
+        at, at_v = 0, 0
+        for body in free_bodies(self._mechanism):
+            joint = body.joint
+            own, own_v = slice(at, at + joint.nq), slice(at_v, at_v + joint.nv)
+            at, at_v = own.stop, own_v.stop
+            unit = size[own_v] if joint.nq == joint.nv else float(size[own_v].min())
+            turned = np.abs(first[own] - q[own]) / unit
+            if joint.quaternion:  # both signs are the same orientation
+                turned[-4:] = np.minimum(turned[-4:], np.abs(first[own] + q[own])[-4:] / unit)
+            if joint.start is not None and np.any(turned > tolerance * np.maximum(1.0, np.abs(first[own]) / unit)):
+                found.append(_changed("start", body, first[own], q[own]))
+            moved = np.abs(first_v[own_v] - v[own_v]) / size[own_v]
+            most = max(fastest, float(np.abs(first_v[own_v] / size[own_v]).max(initial=0.0)))
+            if joint.rate is not None and np.any(moved > tolerance * most):
+                found.append(_changed("rate", body, first_v[own_v], v[own_v]))
+        more = [f"{len(found) - TOLD} more given starts and rates are changed"] if len(found) > TOLD else []
+        return found[:TOLD] + more
+
+    def close(self, t: float, start: Array, held: NDArray[np.bool_], given: NDArray[np.bool_] | None = None) -> Array:
         """Return positions (nq,) with closed loops near ``start``; ``held`` coordinates (n,) stay.
+
+        ``given`` (2, n) positions stay if the others can close the loops.
 
         Raises
         ------
@@ -81,7 +122,7 @@ class Assembly:
         self._place(t, start)
         drawn = frame_angles(cuts, self._state)
         try:
-            q = assemble_positions(self._system, t, start, held)
+            q = assemble_positions(self._system, t, start, held, given)
         except AssemblyError as error:
             if drawn.max(initial=0.0) < 1.0:  # rad
                 raise
@@ -133,6 +174,14 @@ class Assembly:
             rows = "1 more row depends" if lost == 1 else f"{lost} more rows depend"
             lines.append(f"a singular position: {rows} on the others there")
         return lines
+
+
+def _changed(what: str, body: Body, given: Array, found: Array) -> str:
+    before, after = (", ".join(f"{x:.6g}" for x in values) for values in (given, found))
+    return (
+        f"{what} of body {body.name!r} is changed from {before} to {after}, because the loops cannot close with all "
+        "given values; give consistent values, or set fixed=True for the joints whose values must be kept"
+    )
 
 
 def start_positions(mechanism: Mechanism) -> Array:

@@ -29,12 +29,17 @@ SENTENCES = {  # with the name of a row and its gap in SI units, or the names of
 }
 
 
-def assemble_positions(system: AnySystem, t: float, start: Array, held: NDArray[np.bool_]) -> Array:
-    """Return positions (nq,) with Phi = 0 near ``start``; ``held`` (n,) coordinates stay."""
+def assemble_positions(
+    system: AnySystem, t: float, start: Array, held: NDArray[np.bool_], given: NDArray[np.bool_] | None = None
+) -> Array:
+    """Return positions (nq,) with Phi = 0 near ``start``; ``held`` (n,) coordinates stay.
+
+    ``given`` (2, n) positions and velocities change only if the loops cannot close by the others.
+    """
     q = start.copy()
     if system.m == 0:
         return q
-    scratch = Scratch.of(system, held)
+    scratch = Scratch.of(system, held, given)
     code = close_positions(Loops.of(system), t, start, q, hold(scratch))
     if code == ASSEMBLED:
         return q
@@ -49,12 +54,22 @@ def least_change(system: AnySystem, J: Array, gaps: Array, held: NDArray[np.bool
     return scratch.step
 
 
-def assemble_velocities(system: AnySystem, t: float, q: Array, start: Array, held: NDArray[np.bool_]) -> Array:
-    """Return velocities (n,) with J v = nu, the least change from ``start``; ``held`` coordinates stay."""
+def assemble_velocities(
+    system: AnySystem,
+    t: float,
+    q: Array,
+    start: Array,
+    held: NDArray[np.bool_],
+    given: NDArray[np.bool_] | None = None,
+) -> Array:
+    """Return velocities (n,) with J v = nu, the least change from ``start``; ``held`` coordinates stay.
+
+    ``given`` (2, n) as for :func:`assemble_positions`.
+    """
     v = start.copy()
     if system.m == 0:
         return v
-    scratch = Scratch.of(system, held)
+    scratch = Scratch.of(system, held, given)
     code = close_velocities(Loops.of(system), t, q, start, system.rate, v, hold(scratch))
     if code != ASSEMBLED:
         raise AssemblyError(_said(system, scratch, code))

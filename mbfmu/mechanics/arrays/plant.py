@@ -25,6 +25,7 @@ from solvers.system import Array, System
 from .assembly import Assembly, start_positions
 from .behind import Behind
 from .bending import Bend, bend
+from .bounds import check_bounds
 from .coincident import find_coincident
 from .compile import Compiled, Numbering, Variable, check_rows
 from .corners import check_corners
@@ -73,6 +74,7 @@ class Plant:
             count = len(mechanism.bodies)
             raise UserError(f"a mechanism of {count} bodies needs more memory than there is") from error
         self.data = compiled.data
+        check_bounds(mechanism, compiled.called(), self.data)
         self.length = characteristic_length(mechanism, self.data.arrays)
         self.drives = Drives(mechanism, numbering, compiled.signals, self.length)
         polynomials = compiled.table(Input)

@@ -91,6 +91,26 @@ class Systems:
         data = self._compiled.data
         inverse, forward, mobility, position, constraints, retract = tree_callbacks()
         power, exposure = work_callbacks(tree=True)
+        return TreeSystem(
+            **self._common(constraint_names, data),
+            inverse=inverse,
+            forward=forward,
+            mobility=mobility,
+            position=position,
+            constraints=constraints,
+            retract=retract,
+            tangent=self.tangent(),
+            dense=lambda: self.dense(constraint_names, data),
+            stepped=self._stepped,
+            meshed=self._meshed(),
+            slip=self._slip(),
+            moves=self._moves,
+            power=power,
+            exposure=exposure,
+        )
+
+    def _positions(self) -> Positions:
+        """Return where free positions and velocities are, by the joints."""
         places: list[tuple[int, int]] = []
         quaternions: list[tuple[int, int]] = []
         for record in self._arrays.bodies:
@@ -101,24 +121,7 @@ class Systems:
             if record["quaternion"]:
                 quaternions.append((int(record["qf"]) + plain, int(record["vf"]) + plain))
         in_q, in_v = np.ascontiguousarray(np.array(places, np.int64).reshape(-1, 2).T)
-        return TreeSystem(
-            **self._common(constraint_names, data),
-            inverse=inverse,
-            forward=forward,
-            mobility=mobility,
-            position=position,
-            constraints=constraints,
-            retract=retract,
-            tangent=self.tangent(),
-            positions=Positions(in_q, in_v, np.array(quaternions, np.int64).reshape(-1, 2)),
-            dense=lambda: self.dense(constraint_names, data),
-            stepped=self._stepped,
-            meshed=self._meshed(),
-            slip=self._slip(),
-            moves=self._moves,
-            power=power,
-            exposure=exposure,
-        )
+        return Positions(in_q, in_v, np.array(quaternions, np.int64).reshape(-1, 2))
 
     def _stepped(self) -> Stepped:
         """Return the recursions on complex numbers beside the arrays as they are, now and later."""
@@ -164,6 +167,7 @@ class Systems:
             "data": data,
             "size": self._size,
             "row_size": self.row_size[kept >= 0] if constraint_names else np.zeros(0),
+            "positions": self._positions(),
             "rate": self._rate(),
             "cornered": self._cornered(),
             "stiff": self._stiff(),

@@ -24,6 +24,8 @@ from mbfmu.errors import UserError
 from mbfmu.mechanics.axes import Vector, unit_axis
 from mbfmu.mechanics.kind import Kind, Site
 
+MOST_COORDINATES = 6  # of a joint
+
 
 @dataclass(frozen=True, kw_only=True)
 class Joint(Kind):
@@ -34,9 +36,10 @@ class Joint(Kind):
     at, rotation
         Origin (m) and 3x3 axes of the joint frame in the parent's frame.
     start, rate
-        First position (nq,) and velocity (nv,); a single number where there is one coordinate.
+        First position (nq,) and velocity (nv,); a single number where there is one coordinate. Assembly changes given
+        values only if the loops cannot close by the other coordinates.
     fixed
-        Assembly keeps ``start`` exactly instead of taking it as a guess.
+        Assembly keeps ``start`` and ``rate`` exactly, and fails if the loops cannot close with them.
     drive
         Signal the coordinate follows (joints of one coordinate), which says where it starts and how fast; None: free.
     nominal
@@ -71,6 +74,40 @@ class Joint(Kind):
             raise UserError(
                 f"{type(self).__name__}: drive and {names} are given; leave out {names}, the drive says where it is "
                 "and how fast"
+            )
+
+    def check_declaration(self, said: str) -> None:
+        """Refuse numbers of coordinates that do not fit each other, and units that coordinates cannot have."""
+        counts = {"nq": self.nq, "nv": self.nv}
+        for name, count in counts.items():
+            if isinstance(count, bool) or not isinstance(count, int) or count < 0:
+                raise UserError(f"{said}, whose {name} is {count!r}; allowed: a whole number, zero or greater")
+        if not isinstance(self.quaternion, bool):
+            raise UserError(f"{said}, whose quaternion is {self.quaternion!r}; allowed: True or False")
+        if self.nv > MOST_COORDINATES or (self.quaternion and self.nv < 3):
+            low = 3 if self.quaternion else 0
+            raise UserError(f"{said}, whose nv is {self.nv}; allowed: {low} to {MOST_COORDINATES}")
+        if self.nq != self.nv + self.quaternion:
+            with_one = (
+                "one position more than velocities, as quaternion is True"
+                if self.quaternion
+                else (
+                    "as many positions as velocities (one position more only with quaternion = True). Constraints of "
+                    "velocities alone, as of a rolling wheel or a skate, are not supported"
+                )
+            )
+            raise UserError(f"{said}, which declares nq = {self.nq} and nv = {self.nv}; allowed: {with_one}")
+        for name, values in {"coordinates": self.coordinates, "units": self.units}.items():
+            if not isinstance(values, tuple) or not all(isinstance(value, str) for value in values):
+                raise UserError(f"{said}, whose {name} are {values!r}; allowed: a tuple of {self.nv} texts")
+        if len(self.units) != self.nv or not set(self.units) <= {"m", "rad"}:
+            raise UserError(
+                f"{said}, whose units are {self.units!r}; allowed: 'm' or 'rad' for each of {self.nv} velocities"
+            )
+        if len(self.coordinates) != self.nv:
+            raise UserError(
+                f"{said}, whose coordinates are {self.coordinates!r}; allowed: one suffix for each of {self.nv} "
+                "velocities"
             )
 
     @property

@@ -1,0 +1,95 @@
+"""One call of every user-defined kernel with checks of array bounds, before the first call without them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics.builder.mechanism import Mechanism
+from mbfmu.mechanics.records import Arrays, Data, State
+from solvers.compiled.held import hold
+from solvers.compiled.kernel import COMPILED, bounds_checked
+
+from .tables import Called
+
+OWN = ("mbfmu.", "fmus.")  # modules whose kernels have tests of their own
+BIAS, POTENTIAL, POWER, LONGEST_STEP = 1, 1, 2, 1  # places among the kernels of a kind, see mbfmu.mechanics.dispatch
+
+
+class Use(NamedTuple):
+    """A kernel where the mechanism calls it."""
+
+    what: str  # of messages
+    kernel: int  # place in ``Arrays.kernels``
+    at: int  # place of the record in ``Arrays.memory``
+    arguments: tuple[Any, ...]
+
+
+def check_bounds(mechanism: Mechanism, called: list[Called | None], data: Data) -> None:
+    """Raise UserError if a user-defined kernel uses an index outside an array; ``data`` is left as it is.
+
+    Compiled kernels do not check indices: such a kernel would overwrite memory of something else.
+    """
+    foreign = {k for k, own in enumerate(called) if own is not None and not own.function.__module__.startswith(OWN)}
+    if not foreign:
+        return
+    given: Any = data.arrays
+    arrays, state = Arrays(*(array.copy() for array in given)), State(*(array.copy() for array in data.state))
+    state.bodies["A"][:] = np.eye(3)
+    for use in _uses(mechanism, arrays, state):
+        own = called[use.kernel] if use.kernel in foreign else None
+        if own is not None:
+            _call(use, own, arrays)
+
+
+def _call(use: Use, own: Called, arrays: Arrays) -> None:
+    record = arrays.memory[use.at : use.at + own.record.itemsize].view(own.record)
+    try:
+        with np.errstate(all="ignore"):
+            _checked(own.function)(record[0] if COMPILED else record.view(np.recarray)[0], *use.arguments)
+    except IndexError as error:
+        name = own.function.__name__
+        raise UserError(
+            f"{use.what}: kernel {name!r} ({own.function.__module__}) uses an index outside an array: {error}; use the "
+            "indices from its record and its arguments, and run with NUMBA_DISABLE_JIT=1 to see the line"
+        ) from error
+    except (ArithmeticError, ValueError):  # of plain Python, at a state that is none: compiled kernels write nan
+        pass
+
+
+@cache
+def _checked(function: Any) -> Any:
+    return bounds_checked(function)
+
+
+def _uses(mechanism: Mechanism, arrays: Arrays, state: State) -> Iterator[Use]:
+    """Yield every use of a kernel that is called in real numbers."""
+    # without a compiler kernels get the tuples themselves
+    a, s, t = hold(arrays), hold(state), 0.0
+    for body, own in zip(mechanism.bodies[1:], arrays.bodies[1:], strict=True):
+        what, at, q, v = f"joint of body {body.name!r}", int(own["at"]), int(own["qi"]), int(own["vi"])
+        yield Use(what, int(own["kind"]), at, (q, s))
+        yield Use(what, int(own["kind"]) + BIAS, at, (q, v, s))
+    for cut, own in zip(mechanism.cuts, arrays.cuts, strict=True):
+        ends = state.bodies[int(own["a"])], state.bodies[int(own["b"])]
+        yield Use(f"cut {cut.name!r}", int(own["kind"]), int(own["at"]), (*ends, int(own["row"]), s))
+    for coupling, own in zip(mechanism.couplings, arrays.couplings, strict=True):
+        q_b = float(state.q[int(own["qb"])])
+        yield Use(f"coupling {coupling.name!r}", int(own["kind"]), int(own["at"]), (q_b, a))
+    for acting, own in zip(mechanism.loads(), arrays.loads, strict=True):
+        at, kind = int(own["at"]), int(own["kind"])
+        yield Use(acting.what, kind, at, (t, a, s))
+        yield Use(acting.what, kind + POTENTIAL, at, (a, s))
+        yield Use(acting.what, kind + POWER, at, (t, a, s))
+    for own in arrays.signals:
+        yield Use("a signal", int(own["kind"]), int(own["at"]), (t, a))
+        yield Use("a signal", int(own["kind"]) + LONGEST_STEP, int(own["at"]), (t, a))
+    for own in arrays.surfaces:
+        yield Use("a surface", int(own["kind"]), int(own["at"]), (s,))
+    names = [f"output {name!r}" for name, *_ in mechanism.outputs]
+    for what, own in zip(names, arrays.sensors, strict=False):  # the last two are energies
+        yield Use(what, int(own["kind"]), int(own["at"]), (np.zeros(len(arrays.kept)), a, s))
