@@ -77,7 +77,9 @@ class Image:
         self.kernels = [Relocation(begin + 8 * k, number) for k, number in enumerate(numbers) if number >= 0]
 
     def at(self, array: NDArray[Any], field: str | None = None) -> int:
-        """Return where an array is, or a field of its first record."""
+        """Return where an array is, or a field of its first record; 0 for an empty array, which has no place."""
+        if not array.nbytes:
+            return 0
         within = array.dtype.fields[field][1] if field and array.dtype.fields else 0
         return self._arrays[array.ctypes.data][0] + within
 
