@@ -68,6 +68,8 @@ class Simulation:
         The solver that goes, and why: that of the settings, or what ``auto`` stands for here.
     start
         Positions (nq,) and velocities (n,) that it began with, loops closed.
+    lock
+        Why nothing can move though nothing is driven; empty: something can.
     work_of_jumps
         What jumps of inputs and of tunable parameters have put into the mechanism, J: the work of the impulses of its
         supports, changes of the potential energy where it is.
@@ -122,7 +124,8 @@ class Simulation:
             told = "the start is a singular position, in which the loops do not determine all rates; the rates nearest"
             self._remark(f"{told} to those given are used. {to_choose(self.plant, t0, q)}".rstrip(". "))
         changed = [] if settings.start_at_equilibrium else self.plant.assembly.changes(q, v, settings.tolerance)
-        for told in (*changed, self._too_loose(), *beside, *self.plant.coincident(t0, q)):
+        self.lock = self.plant.assembly.explain_lock(t0, q) if self.stepper.freedom == 0 else ""
+        for told in (self.lock, *self.plant.rounded_rows.values(), *changed, self._too_loose(), *beside, *self.plant.coincident(t0, q)):
             self._remark(told)
         # where nothing is free nothing is integrated but the work, whose error no tolerance controls
         audited = settings.audit and self.stepper.freedom > 0

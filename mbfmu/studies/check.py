@@ -18,6 +18,7 @@ from mbfmu.errors import UserError
 from mbfmu.mechanics import Mechanism, Plant
 from mbfmu.mechanics.numbers import finite
 from mbfmu.model import Model, declared, of_user, suggest
+from mbfmu.result import together
 from mbfmu.scene import Scene, default_scene
 from mbfmu.settings import Settings
 from mbfmu.simulation import Simulation
@@ -231,7 +232,8 @@ class _Look:
         rank = s.m - len(redundant)
         watch = Watch(self.plant, rank, run) if rank else None
         self._go(watch)
-        reached, statistics, failure, warning = run.t, run.statistics, run.failure, run.warning
+        reached, statistics, failure = run.t, run.statistics, run.failure
+        warning = together(run.warning, run.lock)
         options, some = self.scene.settings.options(), self._some()
         return replace(
             found,

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mbfmu.mechanics import Mechanism, Plant
+from mbfmu.mechanics.arrays.rounded import loop_path
 from mbfmu.mechanics.arrays.rows import dependent_rows, row_names
 from mbfmu.mechanics.builder.bodies import CutHandle
 from solvers.system import Array
@@ -63,21 +64,6 @@ def loops(plant: Plant, redundant: Collection[str], gaps: Array) -> tuple[Loop, 
             )
         )
     return tuple(found)
-
-
-def loop_path(mechanism: Mechanism, handle: CutHandle) -> list[int]:
-    """Return the numbers of the bodies from a to b of a cut joint, along the tree."""
-    ways = []
-    for k in (handle.a.index, handle.b.index):
-        way = [k]
-        while way[-1] > 0:
-            way.append(mechanism.bodies[way[-1]].parent)
-        ways.append(way)
-    there, back = ways
-    while len(there) > 1 and len(back) > 1 and there[-2] == back[-2]:
-        there.pop()
-        back.pop()
-    return [*there, *reversed(back[:-1])]
 
 
 def body_name(mechanism: Mechanism, k: int) -> str:

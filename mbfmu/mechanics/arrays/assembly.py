@@ -15,6 +15,7 @@ from solvers.system import AnySystem, Array
 
 from .closing import assemble_positions, assemble_velocities, check_frames, check_inertia, frame_angles
 from .compile import shared
+from .rounded import ROUNDED, nearly_parallel
 from .rows import TOLD, dependent_rows, describe
 
 
@@ -125,7 +126,10 @@ class Assembly:
             q = assemble_positions(self._system, t, start, held, given)
         except AssemblyError as error:
             if drawn.max(initial=0.0) < 1.0:  # rad
-                raise
+                axes = self.nearly_parallel()
+                if not axes:
+                    raise
+                raise AssemblyError(f"{error}; {axes}: if they are meant to be parallel, {ROUNDED}") from error
             worst = int(np.argmax(drawn))
             raise AssemblyError(
                 f"{error}; the frames of cut joint {cuts[worst].name!r} are drawn "
@@ -141,6 +145,24 @@ class Assembly:
         """
         self._place(t, q)
         check_frames(self._mechanism.cuts, self._state, drawn)
+
+    def nearly_parallel(self) -> str:
+        """Say which axes of loops are nearly parallel and most off, where the bodies are; empty: none is so."""
+        told = (nearly_parallel(self._mechanism, self._state, handle) for handle in self._mechanism.cuts)
+        return " and ".join([text for text in told if text][:TOLD])
+
+    def explain_lock(self, t: float, q: Array) -> str:
+        """Say why nothing can move about q (nq,), where constraints leave no freedom; empty: joints are driven, or no
+        coordinate is free.
+        """
+        s, driven = self._system, any(body.joint.drive is not None for body in self._mechanism.bodies)
+        if not s.m or not s.n or driven:
+            return ""
+        self._place(t, q)
+        axes = self.nearly_parallel()
+        why = f": {axes}. If they are meant to be parallel, {ROUNDED}" if axes else ""
+        rows = "1 constraint equation leaves" if s.m == 1 else f"{s.m} constraint equations leave"
+        return f"nothing can move: {rows} no degree of freedom of {s.n} coordinates{why}"
 
     def _place(self, t: float, q: Array) -> None:
         self._system.fill_position(t, q, self._system.allocate_terms())

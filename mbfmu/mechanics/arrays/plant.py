@@ -32,7 +32,8 @@ from .corners import check_corners
 from .given import Courses
 from .inputs import Drives, Inputs
 from .meetings import beside, check_touches, unfelt
-from .rows import find_vanishing_rows, row_names
+from .rounded import loop_length, nearly_parallel
+from .rows import VANISHING, find_vanishing_rows, row_names
 from .scale import characteristic_length
 from .systems import Systems
 from .tables import Called
@@ -60,6 +61,8 @@ class Plant:
         Characteristic length, m; see :func:`.scale.characteristic_length`.
     vanishing_rows
         Names of rows of constraints that no free motion works against; dropped.
+    rounded_rows
+        Those of them that vanish but for the rounding of the geometry, and a sentence on each.
     """
 
     def __init__(self, mechanism: Mechanism, courses: Courses | None = None) -> None:
@@ -83,6 +86,7 @@ class Plant:
         self.data.arrays.reach[:] = self.length / self._systems.row_size
         names = row_names(mechanism.constraints)
         self.vanishing_rows: list[str] = []
+        self.rounded_rows: dict[str, str] = {}
         self.system: Any = self._systems.make(names)
         if names:
             self.vanishing_rows = self._drop_vanishing_rows(names)
@@ -96,10 +100,33 @@ class Plant:
         signals, before = self._compiled.signals, self.data.arrays.memory.copy()
         start = start_positions(self.mechanism)
         units = [unit for handle in self.mechanism.constraints for unit in handle.units]
-        vanishing = find_vanishing_rows(self.system, start, self.drives, self.inputs, signals, units)
+        slack, why = self._slack(start)
+        system = self.system
+        vanishing, gaps = find_vanishing_rows(system, start, self.drives, self.inputs, signals, units, slack, why)
+        rounded = vanishing & (gaps > VANISHING)
+        self.rounded_rows = {
+            names[
+                i
+            ]: f"{names[i]!r} is left out: it opens by at most {gaps[i] * system.row_size[i]:.2g} {units[i]}, which "
+            f"is within the assembly tolerance of {self.mechanism.assembly_tolerance:g}{why[i]}"
+            for i in np.flatnonzero(rounded)
+        }
         self.data.arrays.memory[:] = before
         self.data.arrays.kept[:] = np.where(vanishing, -1, np.cumsum(~vanishing) - 1)
         return [names[i] for i in np.flatnonzero(vanishing)]
+
+    def _slack(self, start: Array) -> tuple[Array, list[str]]:
+        """Return for each row its largest part from rounded geometry, in its unit, and which axes are not parallel."""
+        self.energy(0.0, start, np.zeros(self.system.n))  # places the bodies
+        mechanism, state = self.mechanism, self.data.state
+        slack, why = np.zeros(len(self._systems.row_size)), [""] * len(self._systems.row_size)
+        for handle, record in zip(mechanism.cuts, self.data.arrays.cuts, strict=True):
+            length, axes = loop_length(mechanism, handle, state), nearly_parallel(mechanism, state, handle)
+            for i, unit in zip(range(int(record["row"]), int(record["end"])), handle.units, strict=True):
+                size = 1.0 if unit == "rad" else length / self._systems.row_size[i]
+                slack[i] = mechanism.assembly_tolerance * size
+                why[i] = f": {axes}" if axes else ""
+        return slack, why
 
     def assemble(self, t: float = 0.0) -> tuple[Array, Array]:
         """Close the loops from the start given to the builder; return consistent positions (nq,), velocities (n,).

@@ -1,8 +1,9 @@
 """What the rows of constraints are worth: those no motion works against, and those that say what others say.
 
 A row **vanishes** where its Jacobian is zero wherever the mechanism may be: a planar loop has three. It is dropped when
-the mechanism is compiled. A row is **redundant** where it depends on others: the loop is closed without it, and the
-forces between them are not determined. It stays, and its share is a matter of the solver.
+the mechanism is compiled. So is one that vanishes but for the rounding of the geometry, see :mod:`.rounded`. A row is
+**redundant** where it depends on others: the loop is closed without it, and the forces between them are not determined.
+It stays, and its share is a matter of the solver.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from mbfmu.mechanics.signals import InUse
 from solvers.system import AnySystem, Array
 
 from .inputs import Drives, Inputs
+from .rounded import ROUNDED
 
 VANISHING = 1e-9  # of a Jacobian in units of row and coordinate, and of a gap: what rounding leaves of zero
 DEPENDENT = 1e-4  # of pivots, relative to the largest; a loop closed to 1e-11 is that far from a singular position
@@ -31,6 +33,11 @@ Handle = CutHandle | CouplingHandle
 def row_names(handles: Iterable[Handle]) -> list[str]:
     """Return the name of every row."""
     return [f"{handle.name}.{row}" if row else handle.name for handle in handles for row in handle.rows]
+
+
+def advice(why: str) -> str:
+    """Return which axes are nearly parallel, with what to do about it; empty: none are."""
+    return f"{why}; if they are meant to be parallel, {ROUNDED}" if why else ""
 
 
 class Probe:
@@ -61,15 +68,26 @@ class Probe:
         self.slope = np.maximum(self.slope, slopes.max(axis=1, initial=0.0))
         self.gap = np.maximum(self.gap, gaps)
 
-    def vanishing(self, units: list[str]) -> NDArray[np.bool_]:
-        """Return which rows (m,) no free motion works against; AssemblyError where one of them does not close."""
-        s, vanishing = self._system, self.slope < VANISHING
-        for i in np.flatnonzero(vanishing & (self.gap > VANISHING)):
+    def vanishing(self, units: list[str], slack: Array, driven: bool, why: list[str]) -> NDArray[np.bool_]:
+        """Return which rows (m,) no free motion works against; AssemblyError where one of them does not close.
+
+        ``slack`` (m,) is what rounding of the geometry may make of slopes and gaps, in units of the rows; ``why`` says
+        which axes are nearly parallel.
+        """
+        s, limit = self._system, np.maximum(slack, VANISHING)
+        vanishing = (self.slope < VANISHING) | ((self.slope <= limit) & (self.gap <= limit))
+        for i in np.flatnonzero((self.slope < VANISHING) & (self.gap > limit)):
             name, unit = s.constraint_names[i], units[i]
             if self.at_start[i] > VANISHING:
                 off = self.at_start[i] * s.row_size[i]
                 raise AssemblyError(
                     f"loop cannot close: {name!r} is off by {off:.3g} {unit} and no free joint can change that"
+                    f"{advice(why[i])}"
+                )
+            if not driven:
+                raise AssemblyError(
+                    f"loop cannot move: {name!r} opens to {self.gap[i] * s.row_size[i]:.3g} {unit} as its joints move"
+                    f"{advice(why[i])}"
                 )
             raise AssemblyError(
                 f"the drives break a loop: as they move, {name!r} opens to {self.gap[i] * s.row_size[i]:.3g} {unit} "
@@ -79,9 +97,18 @@ class Probe:
 
 
 def find_vanishing_rows(
-    system: AnySystem, start: Array, drives: Drives, inputs: Inputs, signals: list[InUse], units: list[str]
-) -> NDArray[np.bool_]:
-    """Return which rows (m,) vanish wherever the mechanism may be.
+    system: AnySystem,
+    start: Array,
+    drives: Drives,
+    inputs: Inputs,
+    signals: list[InUse],
+    units: list[str],
+    slack: Array,
+    why: list[str],
+) -> tuple[NDArray[np.bool_], Array]:
+    """Return which rows (m,) vanish wherever the mechanism may be, and the largest gap of each, in units of the rows.
+
+    ``slack`` and ``why`` (m,) as for :meth:`Probe.vanishing`.
 
     A few random positions decide, of the free coordinates about ``start`` (nq,) and of the drives: those that are
     functions of time where they are at some time, those that are inputs anywhere. Another row vanishes there with
@@ -101,7 +128,7 @@ def find_vanishing_rows(
             probe.try_at(scale * probe.turns(), start)
             for k in given:
                 signals[k].record["c"][0] = centers[k] + drives.sizes[k] * probe.normal()
-    return probe.vanishing(units)
+    return probe.vanishing(units, slack, bool(drives.signals), why), probe.gap
 
 
 def dependent_rows(system: AnySystem, t: float, q: Array) -> NDArray[np.int64]:

@@ -68,6 +68,10 @@ class Acting(NamedTuple):
         return self.bodies[: len(self.bodies) - self.load.loose]
 
 
+# Numbers of five digits: 1.5708 for a right angle is off by 3.7e-6 rad, and a loop has several.
+ASSEMBLY_TOLERANCE, LARGEST_ASSEMBLY_TOLERANCE = 2e-5, 1e-2
+
+
 class Mechanism(Appearance):
     """Bodies on tree joints from the ground, closed by cut joints, moved by forces and drives.
 
@@ -76,6 +80,10 @@ class Mechanism(Appearance):
     gravity
         Acceleration of gravity, global axes, m/s^2; zero: none. A component may be an input without rate: it holds
         between steps.
+    assembly_tolerance
+        Constraint equations of a loop that no free motion changes by more than this are left out and reported, as the
+        geometry is taken to be rounded; so are redundant ones that close within it. Angles in rad, lengths relative to
+        that of the way around the loop. 0: only what is zero to rounding.
 
     Attributes
     ----------
@@ -85,7 +93,17 @@ class Mechanism(Appearance):
         By component.
     """
 
-    def __init__(self, *, gravity: Vector | Sequence[float | Input] = (0.0, 0.0, 0.0)) -> None:
+    def __init__(
+        self,
+        *,
+        gravity: Vector | Sequence[float | Input] = (0.0, 0.0, 0.0),
+        assembly_tolerance: float = ASSEMBLY_TOLERANCE,
+    ) -> None:
+        self.assembly_tolerance = not_negative("assembly_tolerance", assembly_tolerance)
+        if self.assembly_tolerance > LARGEST_ASSEMBLY_TOLERANCE:
+            raise UserError(
+                f"assembly_tolerance is {assembly_tolerance!r}; allowed: 0 to {LARGEST_ASSEMBLY_TOLERANCE:g}"
+            )
         components = np.atleast_1d(np.asarray(gravity, object))
         for given in components:
             if isinstance(given, Signal) and (not isinstance(given, Input) or given.rate_name):

@@ -1,0 +1,78 @@
+"""Loops whose geometry is rounded: how long they are, and which of their axes are nearly parallel.
+
+A planar loop closes out of its plane by parallel axes alone. Axes that are off by a rounding (1.5708 for a right angle)
+make rows of its cut joint depend on the coordinates by that angle, which would lock the loop.
+"""
+
+from __future__ import annotations
+
+from itertools import combinations, pairwise
+
+import numpy as np
+
+from mbfmu.mechanics.builder.bodies import CutHandle
+from mbfmu.mechanics.builder.mechanism import Mechanism
+from mbfmu.mechanics.checks import rotation
+from mbfmu.mechanics.joints.base import AxisJoint
+from mbfmu.mechanics.records import State
+from solvers.system import Array
+
+ROUNDED = (
+    "give their directions with more digits, take a cut joint that leaves free what the others hold, or enlarge the "
+    "assembly_tolerance of the Mechanism"
+)
+PARALLEL = 1e-13  # rad: below this axes are parallel to rounding
+NEARLY_PARALLEL = 0.02  # rad: above this axes are meant to be at an angle
+
+
+def loop_path(mechanism: Mechanism, handle: CutHandle) -> list[int]:
+    """Return the numbers of the bodies from a to b of a cut joint, along the tree."""
+    ways = []
+    for k in (handle.a.index, handle.b.index):
+        way = [k]
+        while way[-1] > 0:
+            way.append(mechanism.bodies[way[-1]].parent)
+        ways.append(way)
+    there, back = ways
+    while len(there) > 1 and len(back) > 1 and there[-2] == back[-2]:
+        there.pop()
+        back.pop()
+    return [*there, *reversed(back[:-1])]
+
+
+def loop_length(mechanism: Mechanism, handle: CutHandle, state: State) -> float:
+    """Return the length of the way from joint to joint around a loop where ``state`` places its bodies, m."""
+    r, A = state.bodies["r"], state.bodies["A"]
+    given = (handle.a, handle.cut.at_a), (handle.b, handle.cut.at_b)
+    ends = [r[body.index] + A[body.index] @ np.asarray(at, float) for body, at in given]
+    path = loop_path(mechanism, handle)  # one body of it carries the others, its origin does not matter
+    joints = [r[k] for k in path if mechanism.bodies[k].parent in path and k > 0]
+    corners = [ends[0], *joints, ends[1]]
+    return float(sum(np.linalg.norm(b - a) for a, b in pairwise(corners)))
+
+
+def nearly_parallel(mechanism: Mechanism, state: State, handle: CutHandle) -> str:
+    """Say which two of the axes of a loop that are nearly parallel are most off; empty: none is nearly parallel only.
+
+    ``state`` places the bodies.
+    """
+    worst, told = 0.0, ""
+    for (name, axis), (other, another) in combinations(_axes(mechanism, state, handle), 2):
+        angle = float(np.arctan2(np.linalg.norm(np.cross(axis, another)), abs(axis @ another)))
+        if max(PARALLEL, worst) < angle < NEARLY_PARALLEL:
+            worst, told = angle, f"the axes of {name} and {other} are {angle:.3g} rad from parallel"
+    return told
+
+
+def _axes(mechanism: Mechanism, state: State, handle: CutHandle) -> list[tuple[str, Array]]:
+    """Return the axes (3,) of the joints of a loop and of its cut joint, global, with what they are of."""
+    A, path, found = state.bodies["A"], loop_path(mechanism, handle), []
+    for k in path:
+        body = mechanism.bodies[k]
+        if k > 0 and body.parent in path and isinstance(body.joint, AxisJoint):
+            R = rotation("rotation", body.joint.rotation)
+            found.append((f"joint {body.name!r}", A[body.parent] @ R @ body.joint.direction))
+    if handle.cut.parallel == "z":
+        for body, R in zip((handle.a, handle.b), handle.cut.frames(), strict=True):
+            found.append((f"cut joint {handle.name!r} on {body.name!r}", A[body.index] @ R[:, 2]))
+    return found
