@@ -1,0 +1,113 @@
+"""Identities of the recursions of large trees: efforts of drives, mobility, and Coriolis terms against dM/dt."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from random_mechanisms import MOVING, build
+
+from mbfmu.mechanics import Harmonic, JointForce, JointSpring, Mechanism, Plant, Revolute, Spherical, Translational
+from mbfmu.mechanics.recursions.aba import drive_efforts, forward_dynamics, unforced
+from mbfmu.mechanics.recursions.dynamics import move, solved
+
+SEVERAL = [joint for joint in MOVING if joint.nv >= 2]
+PLAIN = [joint for joint in MOVING if joint.nv == joint.nq]
+STEP = 1e-3
+STENCIL = {-3: -1 / 60, -2: 9 / 60, -1: -45 / 60, 1: 45 / 60, 2: -9 / 60, 3: 1 / 60}  # first derivative, sixth order
+
+
+def driven_tree() -> Plant:
+    """Two driven joints with a spring and a force on them, and free joints between and behind."""
+    m = Mechanism(gravity=(0.3, -9.81, 2.0))
+    inertia = np.array(((2.0, 0.3, -0.2), (0.3, 1.5, 0.1), (-0.2, 0.1, 1.1)))
+    solid: dict[str, Any] = {"mass": 1.3, "com": (0.2, -0.1, 0.3), "inertia": inertia}
+    first = m.body("first", m.ground, Revolute(axis=(1, 2, 3), drive=Harmonic(amplitude=0.4, frequency=0.7)), **solid)
+    ball = m.body("ball", first, Spherical(at=(0.3, 0.1, 0)), **solid)
+    slide = Translational(axis=(2, -1, 1), at=(0, 0.2, 0.1), drive=Harmonic(amplitude=0.3, frequency=0.4))
+    second = m.body("second", ball, slide, **solid)
+    m.body("last", second, Revolute(axis="y", at=(0.1, 0.4, 0)), **solid)
+    m.force("spring", JointSpring(stiffness=3.0, damping=0.7, free=-0.5), first)
+    m.force("push", JointForce(magnitude=2.5), second)
+    return Plant(m)
+
+
+def test_efforts_of_drives_by_articulated_bodies_are_those_of_inverse_dynamics() -> None:
+    plant, random = driven_tree(), np.random.default_rng(5)
+    q = plant.assembly.start_positions()
+    plant.system.apply(q, random.normal(size=plant.system.n))
+    v = random.normal(size=plant.system.n)
+    arrays, state = plant.kernel_data
+    move(0.4, q, v, arrays, state)
+    assert forward_dynamics(arrays, state) == 0
+    drive_efforts(arrays, state)
+    bodies, held = plant.data.arrays.bodies, plant.data.state
+    driven = [int(b["vi"]) for b in bodies[1:] if b["drive"] >= 0]
+    free = np.concatenate([np.arange(b["vi"], b["vi"] + b["nv"]) for b in bodies[1:] if b["vf"] >= 0])
+    efforts, a = held.tau[driven].copy(), held.a[free].copy()
+    solved(0.4, q, v, a, np.zeros(0), plant.kernel_data)
+    assert len(driven) == 2
+    np.testing.assert_allclose(efforts, held.tau[driven], rtol=1e-11)
+    np.testing.assert_allclose(held.tau[free], 0.0, atol=1e-11 * np.abs(efforts).max())
+
+
+def test_the_effort_of_a_drive_has_what_acts_along_its_coordinate() -> None:
+    """A disc on a driven axis with a spring and a damper: I q'' + d q' + k (q - free)."""
+    m = Mechanism()
+    amplitude, rate, t = 0.4, 2.0 * np.pi * 0.7, 0.3
+    disc = m.body("disc", m.ground, Revolute(drive=Harmonic(amplitude=0.4, frequency=0.7)), mass=1, inertia=(1, 1, 2.0))
+    m.force("spring", JointSpring(stiffness=3.0, damping=0.7, free=-0.5), disc)
+    plant = Plant(m)
+    arrays, state = plant.kernel_data
+    move(t, np.zeros(0), np.zeros(0), arrays, state)
+    assert forward_dynamics(arrays, state) == 0
+    drive_efforts(arrays, state)
+    q, speed = amplitude * np.sin(rate * t), amplitude * rate * np.cos(rate * t)
+    wanted = -2.0 * rate**2 * q + 0.7 * speed + 3.0 * (q + 0.5)
+    assert plant.data.state.tau[0] == pytest.approx(wanted, rel=1e-12)
+
+
+@pytest.mark.parametrize("joint", SEVERAL)
+@pytest.mark.parametrize("driven", [False, True])
+def test_mobility_is_the_inverse_of_the_mass_matrix(joint: Any, driven: bool) -> None:
+    kinds = [Revolute, joint, Translational, joint]
+    case = build(11, kinds, [], driven, True)
+    system, random = case.plant.system, np.random.default_rng(3)
+    terms = system.allocate_terms()
+    system.fill(case.t, case.q, case.v, terms)
+    M = terms.M.copy()
+    arrays, state = case.plant.kernel_data
+    move(case.t, case.q, case.v, arrays, state)
+    assert forward_dynamics(arrays, state) == 0
+    for _ in range(3):
+        r, x = random.normal(size=system.n), np.zeros(system.n)
+        unforced(arrays, state, r, x)
+        np.testing.assert_allclose(M @ x, r, atol=1e-10 * np.linalg.cond(M))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_rate_of_the_mass_matrix_less_twice_the_coriolis_matrix_is_skew(seed: int) -> None:
+    """C v are the terms of second order in v of h; C by polarization is that of Christoffel where q' = v."""
+    random = np.random.default_rng(seed)
+    kinds = [PLAIN[k] for k in random.integers(0, len(PLAIN), 4)]
+    case = build(seed, kinds, [], False, False)
+    system, n = case.plant.system, case.plant.system.n
+    terms = system.allocate_terms()
+
+    def bias(v: Any) -> Any:
+        system.fill(case.t, case.q, v, terms)
+        return terms.h.copy()
+
+    def mass(way: float) -> Any:
+        q = case.q.copy()
+        system.apply(q, way * case.v)
+        system.fill(case.t, q, case.v, terms)
+        return terms.M.copy()
+
+    rest, own = bias(np.zeros(n)), bias(case.v)
+    columns = [0.5 * (bias(case.v + e) - own - bias(e) + rest) for e in np.eye(n)]
+    slope = sum(weight * mass(k * STEP) for k, weight in STENCIL.items()) / STEP
+    skew = slope - 2.0 * np.array(columns).T
+    np.testing.assert_allclose(skew, -skew.T, atol=1e-8 * max(1.0, float(np.abs(slope).max())))
+    assert np.abs(slope).max() > 1e-3
