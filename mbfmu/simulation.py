@@ -125,7 +125,8 @@ class Simulation:
             self._remark(f"{told} to those given are used. {to_choose(self.plant, t0, q)}".rstrip(". "))
         changed = [] if settings.start_at_equilibrium else self.plant.assembly.changes(q, v, settings.tolerance)
         self.lock = self.plant.assembly.explain_lock(t0, q) if self.stepper.freedom == 0 else ""
-        for told in (self.lock, *self.plant.rounded_rows.values(), *changed, self._too_loose(), *beside, *self.plant.coincident(t0, q)):
+        beside = [*beside, *self.plant.coincident(t0, q)]
+        for told in (self.lock, *self.plant.rounded_rows.values(), *changed, self._too_loose(), *beside):
             self._remark(told)
         # where nothing is free nothing is integrated but the work, whose error no tolerance controls
         audited = settings.audit and self.stepper.freedom > 0
