@@ -156,3 +156,42 @@ def test_a_compressed_strip_buckles(height: float, verdict: str) -> None:
         grid=(31, 3), stretch=True, supports=[mb.Support("x0"), mb.Support("x1", body=moved)],
     )  # fmt: skip
     assert mb.equilibrium(m).stability == verdict
+
+
+@pytest.mark.parametrize("cells", [15, 31, 64])
+def test_a_strip_on_a_hub_that_turns_in_its_plane_of_bending(cells: int) -> None:
+    """At the dimensionless speed 12 it flaps with 13.1702 (Wright, Smith, Thresher and Wang 1982); in its plane less."""
+    length, width, thickness, E, density = 0.3, 0.02, 1e-3, 4e9, 1000.0
+    unit = sqrt(E * thickness**2 / (12.0 * density * length**4))
+    m = mb.Mechanism(gravity=(0.0, 0.0, 0.0))
+    hub = mb.Revolute(axis="z", drive=mb.Polynomial((0.0, 12.0 * unit)))
+    body = m.body("hub", m.ground, hub, mass=1.0, inertia=(1.0, 1.0, 1.0))
+    mb.add_sheet(
+        m, "strip", length=length, width=width, thickness=thickness, youngs_modulus=E, poisson=0.0, density=density,
+        grid=(cells + 1, 2), supports=[mb.Support("x0", body=body)],
+    )  # fmt: skip
+    state = mb.equilibrium(m)
+    bending = min(mode.frequency for mode in state.modes) / unit
+    assert state.stability == "undamped"
+    assert bending == pytest.approx(sqrt(13.1702**2 - 144.0), rel=0.02 * (15.0 / cells) ** 2 + 2e-3)
+
+
+@pytest.mark.parametrize("count", [3, 61])
+def test_a_path_of_rods_that_lean_outward(count: int) -> None:
+    """sin q = -3 g / (2 L W^2) and w^2 = W^2 cos 2q - 3 g / (2 L) sin q over gravity, where the base turns at W."""
+    speed = 5.0
+    m = mb.Mechanism(gravity=(0.0, mb.Input(name="gravity", unit="m/s2", start=-GRAVITY), 0.0))
+    spindle = mb.Revolute(axis="y", drive=mb.Polynomial((0.3, speed)))
+    hub = m.body("hub", m.ground, spindle, mass=1.0, inertia=(1.0, 1.0, 1.0))
+    for k in range(count):
+        rod = m.body(f"rod{k}", hub, mb.Revolute(start=-0.5), **mb.rod(mass=1.0, length=1.0))
+    m.output("angle", rod.angle())
+    state = mb.equilibrium(m)
+    lean = np.arcsin(-1.5 * GRAVITY / speed**2)
+    assert state.outputs["angle"] == pytest.approx(lean, rel=1e-9)
+    expected = sqrt(speed**2 * np.cos(2.0 * lean) - 1.5 * GRAVITY * np.sin(lean))
+    assert state.modes[0].frequency == pytest.approx(expected, rel=1e-9)
+    path = mb.equilibrium_path(m, "gravity", (-GRAVITY, -5.0))
+    for at in path.branches[0].states:
+        assert at.outputs["angle"] == pytest.approx(np.arcsin(1.5 * at.value / speed**2), rel=1e-8)
+        assert (at.unstable, at.stability) == (0, "undamped")

@@ -26,6 +26,7 @@ NEAR, USUAL = (1e-4, 1.0), 1e-2  # shifts relative to the largest eigenvalue fou
 SOLVED = 1e-10  # of the shift: what the error of a motion may be worth
 FARTHER, FARTHEST = 16.0, 40  # from shift to shift as long as eigenvalues are below it, and how often
 SAMPLES = 3  # states beside this one, by which rounding is measured
+ITERATED, SETTLED = 1e-11, 1e-9  # of an eigenvalue by Arnoldi: its tolerance, and a bound of what is left of its error
 MORE = 8  # eigenvalues that are looked for by Arnoldi beyond twice the number asked for
 
 
@@ -166,7 +167,9 @@ class LowestModes:
         k = min(2 * count + MORE, 2 * n - 2)
         start = inverse(np.random.default_rng(0).normal(size=2 * n))
         OP: Any = LinearOperator((2 * n, 2 * n), matvec=inverse, dtype=float)
-        inverses, vectors = tried(lambda: eigs(OP, k=k, which="LM", v0=start, tol=PRECISE, maxiter=RESTARTS), k)
+        inverses, vectors = tried(
+            lambda: eigs(OP, k=k, which="LM", v0=start, tol=ITERATED, maxiter=RESTARTS), 2 * count
+        )
         found = [self.settle(shift + 1.0 / nu, x * size) for nu, x in zip(inverses, vectors[:n].T, strict=True)]
         kept = [one for one in found if one[0].imag >= 0.0]
         s, motions, doubts = (np.array(part) for part in zip(*kept, strict=True))
@@ -179,7 +182,7 @@ class LowestModes:
         """Return an eigenvalue with its motion and a bound of what rounding leaves open; zero where it may be that."""
         x = x / np.linalg.norm(x)
         a, b = self.worth(x, 2), self.worth(x, 1)
-        error = self.doubt(x, 0) + abs(s) * self.doubt(x, 1) + PRECISE * abs(s) ** 2 * abs(a)
+        error = self.doubt(x, 0) + abs(s) * self.doubt(x, 1) + SETTLED * abs(s) ** 2 * abs(a)
         slope = abs(2.0 * a * s + b)
         doubt = 2.0 * error / (slope + np.sqrt(slope**2 + 4.0 * abs(a) * error))
         if abs(s) <= doubt:
@@ -188,11 +191,13 @@ class LowestModes:
 
 
 def tried(find: Any, count: int) -> tuple[Array, Array]:
-    """Return eigenvalues and vectors that ARPACK finds; LinAlgError where it does not."""
+    """Return eigenvalues and vectors that ARPACK finds; LinAlgError where they are fewer than ``count``."""
     try:
         values, vectors = find()
     except ArpackNoConvergence as stuck:
-        raise np.linalg.LinAlgError(f"{len(stuck.eigenvalues)} of {count} converged; ask for fewer") from stuck
+        values, vectors = stuck.eigenvalues, stuck.eigenvectors
+        if len(values) < count:
+            raise np.linalg.LinAlgError(f"{len(values)} of {count} converged; ask for fewer") from stuck
     except ArpackError as error:
         raise np.linalg.LinAlgError("stiffness and mass are too far apart; ask for fewer modes") from error
     order = np.argsort(np.abs(values), kind="stable")
