@@ -63,7 +63,8 @@ def trusted(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
     if rank_at(work.pivot, rank, SINGULAR) == rank:
         return rank
     if judge(eqs, t, q, rank, work) == CROSSING:
-        return rank_at(work.pivot, rank, CLUSTER * SINGULAR)
+        several = work.critical[0].lost > 1
+        return max(rank_at(work.pivot, rank, CLUSTER * SINGULAR), rank - work.critical[0].lost if several else 0)
     return rank_at(work.pivot, rank, UNRESOLVED)
 
 
@@ -323,13 +324,15 @@ def limit(eqs: Any, t: float, q: Any, v: Any, velocity: bool, rank: int, work: A
     x = -way / step
     timed = moves(eqs.terms)
     for node in (-2, -1, 1, 2):
+        weight = lagrange(node, x)
+        if weight == 0.0:  # q is a node itself
+            continue
         if not neighbor(eqs, t, q, v, way + node * step, timed, rank, work):
             return NOT_CLOSED
         if not velocity:
             code = regular_acceleration(eqs.terms, rank, work, work.a)
             if code != OK:
                 return code
-        weight = lagrange(node, x)
         for i in range(v.shape[0]):
             out[i] += weight * (work.v_near[i] if velocity else work.a[i])
     return OK

@@ -18,6 +18,9 @@ order normals, tangents, the rows of J~ are C = [C_n C_t]. While C_n = J~ Q_1 ke
 position between was singular, and y = -C_n^-1 C_t is the slope of the tangents now on those before. At a crossing the
 sign turns, and the slope stays small; where it does not the step went over to the other branch. In the crossing itself
 nothing can be told; what comes after it is compared with what was before.
+
+Where several rows lose their rank at once (:mod:`.block`) the sign turns with each, and a jump of one loop of many
+turns tangents little: there :mod:`.passage` compares what vanishes in the critical point, before and after it.
 """
 
 from __future__ import annotations
@@ -27,23 +30,26 @@ from typing import Any
 import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
-from solvers.linalg.dense import factor_lu, positive_determinant, ratio, solve_lu, turn_in, turn_out
+from solvers.linalg.dense import ratio
 
+from .block import begin_block, seek_block
 from .critical import FAR, dimension, moves, seek
+from .orientation import BENT, FLIPPED, STRAIGHT, TURNED, orientation
+from .passage import ACROSS, ASTRAY, hold_critical, may_pass, passage, scale_rows
 from .workspace import distance, factor, scaled_length
 
 NONE, CROSSING, MISS = 0, 1, 2
-STRAIGHT, FLIPPED, BENT, TURNED = 0, 1, 2, 3
 
 SINGULAR = 1e-3  # ratio of the smallest pivot of J~ to the largest below which a position is nearly singular
 GAP = 1e-12  # largest gap of a crossing, in units of the rows; Phi is known to some 1e-16 of them
 NEAR = 30.0  # a critical point is that of this position when it is no farther than so many ratios
 AGAIN = 4.0  # by so much the ratio must have changed before a point that was not found is looked for again
-LITTLE, SLOPE = 0.36, 1.7  # turns of a tangent in one step, as their tangents: 20 and 60 degrees
 PASSED = 3.0  # a crossing that a step has passed lies within so many lengths of it
 TURN = 0.75  # of the squared rate of fall: more than that must be lost before the ratio is nothing, or it goes through
 CLOSED = 1e-5  # distance from a crossing, in units of size, at which closed positions are on one branch or on another
 ROUND, LINE = 0.3, 0.8  # so near a crossing, in units of size, branches are lines; cosine of what is still the same
+LEAST_TURN = 2.0  # ratio of the pivots, in lengths of a step in units of size, above which no row vanishes in it
+BESIDE = 1e-2  # distance from where several rows vanish, in units of size, at which what vanishes has its digits
 AHEAD = 3.0  # steps ahead that a singular position is looked for
 JUMP = 0.7  # of the step before, to a crossing from where the next step jumps over it
 LEAD = 0.67  # of a longer way, that the step before the jump may go
@@ -55,22 +61,60 @@ PART = 0.3  # of the way to a near miss that one step may go
 def judge(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
     """What the singular position near q is; ``terms`` (of positions) and factors belong to (t, q), and do so again."""
     c, here = work.critical[0], ratio(work.pivot, rank)
-    if c.kind != NONE and apart(t, q, work, eqs.terms) <= NEAR * here:
+    if c.kind != NONE and c.slope * apart(t, q, work, eqs.terms) <= NEAR * here:
         return c.kind
     c.kind = NONE
     if c.in_vain < AGAIN * here and here < AGAIN * c.in_vain:
         return NONE
     c.in_vain = here
-    if seek(eqs, t, q, rank, work):
-        c.kind, c.behind, c.in_vain = MISS, 0, 0.0
-        if abs(c.gap) <= GAP:
-            if dimension(eqs, work) >= eqs.terms.J.shape[1] - rank:
-                c.kind = CROSSING
-            else:
-                c.gap = np.inf
+    c.kind = find(eqs, t, q, rank, work)
+    if c.kind != NONE:
+        c.behind, c.in_vain, c.slope = 0, 0.0, 1.0
+        if c.lost > 1:  # in chains of loops pivots are as small far from it
+            c.slope = min(1.0, here / max(apart(t, q, work, eqs.terms), 1e-300))
     eqs.position(t, q, eqs.data, eqs.terms)
     factor(eqs.terms, work)
     return c.kind
+
+
+@kernel
+def find(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
+    """Look for the critical point next to q, first for one of several rows where several pivots are small."""
+    c, freedom = work.critical[0], eqs.terms.J.shape[1] - rank
+    several = rank > 2 and 0 < begin_block(eqs, t, q, rank, work) < rank - 1
+    if several and find_block(eqs, t, q, rank, work) != NONE:
+        return CROSSING if c.gap <= GAP else MISS
+    eqs.position(t, q, eqs.data, eqs.terms)
+    factor(eqs.terms, work)
+    if seek(eqs, t, q, rank, work):
+        kind = MISS
+        if abs(c.gap) <= GAP:
+            if dimension(eqs, work) >= freedom:
+                kind = CROSSING
+            else:
+                c.gap = np.inf
+        c.lost = hold_critical(eqs, rank, work)
+        if c.lost != 1 or (rank > 1 and abs(work.C[rank - 2, rank - 2]) < SINGULAR * abs(work.C[0, 0])):
+            c.lost = 0
+        return kind
+    if rank > 2 and not several:
+        eqs.position(t, q, eqs.data, eqs.terms)
+        factor(eqs.terms, work)
+        begin_block(eqs, t, q, rank, work)
+        return find_block(eqs, t, q, rank, work)
+    return NONE
+
+
+@kernel
+def find_block(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
+    """The same for one of several rows; NONE too where motions of more freedoms pass beside it."""
+    c, freedom = work.critical[0], eqs.terms.J.shape[1] - rank
+    if not seek_block(eqs, t, q, rank, work) or c.spread < freedom:
+        return NONE
+    c.lost = hold_critical(eqs, rank, work)
+    if c.lost == 0:
+        return NONE
+    return CROSSING if c.gap <= GAP else MISS
 
 
 @kernel
@@ -98,7 +142,8 @@ def note(eqs: Any, t: float, q: Any, taken: float, next_: float, rank: int, work
     kind = NONE
     if here.ratio < SINGULAR or here.ahead < AHEAD * next_:
         kind = judge(eqs, t, q, rank, work)
-    if here.ratio < SINGULAR and kind != MISS:
+    several = kind == CROSSING and work.critical[0].lost > 1 and distance(work.q_c, q, work) > BESIDE
+    if here.ratio < SINGULAR and kind != MISS and not several:
         return
     here.known = 1
     for i in range(q.shape[0]):
@@ -107,6 +152,7 @@ def note(eqs: Any, t: float, q: Any, taken: float, next_: float, rank: int, work
         work.frame_tau[i], work.frame_pivots[i] = work.tau[i], work.pivots[i]
         for j in range(work.frame.shape[1]):
             work.frame[i, j] = work.A[i, j]
+    scale_rows(eqs.terms, work, work.J_last)
     for i in range(work.row.shape[0]):
         work.nu_last[i] = eqs.terms.nu[i] / work.row[i]
 
@@ -139,27 +185,94 @@ def passed(eqs: Any, t: float, q: Any, exact: float, rank: int, work: Any) -> bo
     """
     if rank == 0 or work.course[0].known == 0:
         return True
-    return goes_on(eqs, t, q, rank, work) and not strayed(q, exact, rank, eqs.terms, work)
+    return goes_on(eqs, t, q, exact, rank, work) and not strayed(q, exact, rank, eqs.terms, work)
 
 
 @kernel
-def goes_on(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
-    """What the orientation says of that."""
-    turn = orientation(eqs.terms, rank, work)
-    if turn == STRAIGHT:
+def goes_on(eqs: Any, t: float, q: Any, exact: float, rank: int, work: Any) -> bool:
+    """What orientation and the critical point at hand say of that.
+
+    An orientation that has stayed is no proof: an even number of rows may have vanished on the way.
+    """
+    turn, c = orientation(eqs.terms, rank, work), work.critical[0]
+    at_hand = c.kind == CROSSING and within_reach(q, work)
+    if turn == STRAIGHT and not at_hand and not suspicious(q, rank, eqs.terms, work):
         return True
-    c = work.critical[0]
+    if at_hand and comparable(q, exact, eqs.terms, work):
+        side = passage(eqs.terms, rank, work)
+        if side == ASTRAY:
+            return False
+        if goes_straight(eqs, t, q, side, turn, rank, work):
+            return True
     alone = eqs.terms.J.shape[1] - rank == 1 and not moves(eqs.terms)  # else critical points may form curves
-    if not (alone and c.kind == CROSSING and c.behind == 0):  # what was known need not be the next one
+    keep = at_hand if turn == STRAIGHT else alone and c.kind == CROSSING and c.behind == 0
+    if not keep:  # what was known need not be the next one
         c.kind, c.in_vain = NONE, 0.0
     crossing = judge(eqs, t, q, rank, work) == CROSSING
-    if crossing and ratio(work.pivot, rank) < SINGULAR:
+    inside = crossing and ratio(work.pivot, rank) < SINGULAR
+    near = c.kind != NONE and within_reach(q, work)
+    if crossing and (near or inside) and comparable(q, exact, eqs.terms, work):
+        side = passage(eqs.terms, rank, work)
+        return side != ASTRAY and (inside or goes_straight(eqs, t, q, side, turn, rank, work))
+    if inside:
         return True
-    crossed = crossing and distance(work.q_c, q, work) <= PASSED * distance(work.q_last, q, work)
-    crossed = crossed and not turned_back(eqs, t, q, work)
+    if turn == STRAIGHT:
+        return crossing or not (near and c.lost > 1)
+    crossed = crossing and near and not turned_back(eqs, t, q, work)
     if crossed:
         c.behind = 1
     return crossed if turn == FLIPPED else turn == BENT and not crossed
+
+
+@inlined
+def within_reach(q: Any, work: Any) -> bool:
+    """Whether the step to q may have passed the critical point at hand. Where several rows vanish one loop of many may
+    have gone astray, and the coordinate that went farthest counts.
+    """
+    if work.critical[0].lost > 1:
+        far, went = 0.0, 0.0
+        for i in range(q.shape[0]):
+            far = max(far, abs(work.q_c[i] - q[i]) / work.size_q[i])
+            went = max(went, abs(work.q_last[i] - q[i]) / work.size_q[i])
+        return far <= PASSED * went
+    return distance(work.q_c, q, work) <= PASSED * distance(work.q_last, q, work)
+
+
+@inlined
+def suspicious(q: Any, rank: int, terms: Any, work: Any) -> bool:
+    """Whether the step to q was so long that rows may have vanished in pairs, and those of q do not deny it."""
+    nearest = max(ratio(work.pivot, rank), work.course[0].ratio)
+    return rank > 1 and nearest <= LEAST_TURN * distance(work.q_last, q, work) and may_pass(terms, rank, work)
+
+
+@inlined
+def comparable(q: Any, exact: float, terms: Any, work: Any) -> bool:
+    """Whether :func:`solvers.projection.passage.passage` tells the branch that q is on. For a single row other tests
+    tell it too: of these far from the crossing, where branches are no lines, and where drives may turn back.
+    """
+    c, here, last = work.critical[0], distance(work.q_c, q, work), distance(work.q_c, work.q_last, work)
+    if c.lost == 0 or here < exact or last < exact:
+        return False
+    return c.lost > 1 or (max(here, last) <= ROUND and not moves(terms))
+
+
+@kernel
+def goes_straight(eqs: Any, t: float, q: Any, side: int, turn: int, rank: int, work: Any) -> bool:
+    """Whether the side of the crossing at hand that q is on agrees with where it lies, and with the orientation, which
+    turns with each row that vanishes.
+    """
+    c = work.critical[0]
+    if eqs.terms.J.shape[1] - rank + moves(eqs.terms) == 1:
+        along = 0.0
+        for i in range(q.shape[0]):
+            along += (q[i] - work.q_c[i]) * (work.q_last[i] - work.q_c[i]) / work.size_q[i] ** 2
+        if (side == ACROSS) != (along < 0.0):
+            return False
+    if side == ACROSS:
+        if turned_back(eqs, t, q, work):
+            return False
+        c.behind = 1
+    return turn != TURNED and (turn == FLIPPED) == (side == ACROSS and c.lost % 2 == 1)
 
 
 @kernel
@@ -197,98 +310,6 @@ def turned_back(eqs: Any, t: float, q: Any, work: Any) -> bool:
         same += work.nu_last[i] * eqs.terms.nu[i] / work.row[i]
     eqs.position(t, q, eqs.data, eqs.terms)
     return same < 0.0
-
-
-@kernel
-def orientation(terms: Any, rank: int, work: Any) -> int:
-    """Compare ``terms``, whose factors are at hand, with the frame of the last good position: STRAIGHT or FLIPPED and
-    little turned, else BENT, or TURNED too far to tell.
-    """
-    few = 2 * rank < terms.J.shape[1]
-    positive, steepest = by_normals(terms, rank, work) if few else by_tangents(terms, rank, work)
-    if steepest <= LITTLE * LITTLE:
-        return STRAIGHT if positive else FLIPPED
-    return BENT if positive and steepest <= SLOPE * SLOPE else TURNED
-
-
-@kernel
-def by_normals(terms: Any, rank: int, work: Any) -> tuple[bool, float]:
-    """Whether det C_n has kept its sign, and the largest square of a column of C_n^-1 C_t; for few rows."""
-    n = terms.J.shape[1]
-    positive, steepest = True, 0.0
-    for i in range(rank):
-        row, row_unit = work.J_work[i], work.row[work.frame_pivots[i]]
-        for j in range(n):
-            row[j] = terms.J[work.frame_pivots[i], j] * (work.size[j] / row_unit)
-        turn_in(work.frame, work.frame_tau, rank, n, row)
-        for j in range(rank):
-            work.D[i, j] = row[j]
-        positive = positive == (work.frame[i, i] > 0.0)
-    if not factor_lu(work.D, rank, work.order):
-        return False, np.inf
-    for k in range(rank, n):
-        square = 0.0
-        for i in range(rank):
-            work.b[i] = work.J_work[i, k]
-        solve_lu(work.D, rank, work.order, work.b, work.x)
-        for i in range(rank):
-            square += work.x[i] * work.x[i]
-        if not square < np.inf:
-            return False, np.inf
-        steepest = max(steepest, square)
-    return positive == positive_determinant(work.D, rank, work.order), steepest
-
-
-@kernel
-def by_tangents(terms: Any, rank: int, work: Any) -> tuple[bool, float]:
-    """The same for few freedoms, from N and T: what today's tangents, orthonormal, are in the frame's normals
-    and tangents.
-
-    The slope is N T^-1, so that its columns have the squares |T^-1 e_k|^2 - 1; and C_n = L (Q_1^T Q_1'), whose second
-    factor has the determinant of T, as complementary minors of an orthogonal matrix are equal.
-    """
-    n = terms.J.shape[1]
-    freedom, steepest = n - rank, 0.0
-    for k in range(freedom):
-        for j in range(n):
-            work.f[j] = 1.0 if j == rank + k else 0.0
-        turn_out(work.A, work.tau, rank, n, work.f)
-        turn_in(work.frame, work.frame_tau, rank, n, work.f)
-        for j in range(freedom):
-            work.mass[j, k] = work.f[rank + j]
-    same = same_side(rank, work)
-    if not factor_lu(work.mass, freedom, work.order):
-        return False, np.inf
-    for k in range(freedom):
-        for j in range(freedom):
-            work.f[j] = 1.0 if j == k else 0.0
-        solve_lu(work.mass, freedom, work.order, work.f, work.z)
-        square = -1.0
-        for j in range(freedom):
-            square += work.z[j] * work.z[j]
-        if not square < np.inf:
-            return False, np.inf
-        steepest = max(steepest, square)
-    return same == positive_determinant(work.mass, freedom, work.order), steepest
-
-
-@inlined
-def same_side(rank: int, work: Any) -> bool:
-    """Whether the rows that are the frame's, in L as it is now and as it was, have determinants of one sign."""
-    positive, same = True, True
-    for i in range(work.pivots.shape[0]):
-        work.rows[work.pivots[i]] = i  # the place of a row in L
-    for i in range(rank):
-        positive = positive == (work.frame[i, i] > 0.0)
-        work.order[i] = work.rows[work.frame_pivots[i]]
-        same = same and work.order[i] < rank
-    if same:
-        return positive == positive_determinant(work.A, rank, work.order)
-    for i in range(rank):
-        k = work.rows[work.frame_pivots[i]]
-        for j in range(rank):
-            work.D[i, j] = work.A[k, j] if j <= k else 0.0
-    return factor_lu(work.D, rank, work.order) and positive == positive_determinant(work.D, rank, work.order)
 
 
 @kernel

@@ -14,6 +14,9 @@ from solvers.system import Array
 CRITICAL = np.dtype(
     [
         ("kind", "i8"),  # what the critical point q_c is: solvers.projection.singular.NONE, CROSSING, or MISS
+        ("lost", "i8"),  # number of independent rows that vanish there
+        ("spread", "i8"),  # dimension of the critical points about it, in q and t, where more than one row vanishes
+        ("slope", "f8"),  # of the ratio of the pivots by the distance, where it was found; 1 for one row
         ("gap", "f8"),  # distance of the loop from one that crosses, in units of the rows
         ("t", "f8"),  # when the drives get there, s
         ("rate", "f8"),  # 1/s, unit of time in which it was looked for
@@ -87,6 +90,15 @@ class Workspace(NamedTuple):
     g: Array  # (N,)    residual of its equations
     g_try: Array  # (N,)    beside it
     change: Array  # (N,)
+    E: Array  # (m, n + 1)  factors of [J~, -nu~], see solvers.projection.block
+    E_tau: Array  # (m,)
+    E_pivots: NDArray[np.int64]  # (m,)  int64
+    C: Array  # (m, n)  factors of J~ at the critical point
+    C_work: Array  # (m, n)  J~ where it is compared
+    C_tau: Array  # (m,)
+    C_pivots: NDArray[np.int64]  # (m,)  int64
+    J_last: Array  # (m, n)  J~ in the last good position
+    slopes: Array  # (m, n)  its part that vanishes in the critical point
     course: NDArray[Any]  # (1,)    record of COURSE: the last good position
     frame: Array  # (m, n)  factors of J~ there, see solvers.projection.singular
     frame_tau: Array  # (m,)
@@ -99,21 +111,23 @@ class Workspace(NamedTuple):
         """Return zeroed scratch for ``nq`` positions, ``n`` velocities and ``m`` constraints, units of one."""
         z, one = np.zeros, np.ones
         N = n + m + 2 if m else 0
-        pivots, pivots_B, order, rows, columns, K_pivots, frame_pivots = (
-            np.zeros(k, np.int64) for k in (m, m, max(m, n), m, n, N, m)
+        pivots, pivots_B, order, rows, columns, K_pivots, frame_pivots, E_pivots, C_pivots = (
+            np.zeros(k, np.int64) for k in (m, m, max(m, n), m, n, N, m, m, m)
         )
         return Workspace(
             one(n), one(nq), one(m), one(n), one(2), one(n), z((m, n)), z(m), pivots, z(m), z((n, n)), z((n, n)),
             z((n, n)), z((1, n)), z(n), z(n), z(m), z(n), z(n), z(n), z(nq), z(n), z(nq), z(n), z((m, m)), z(m),
             pivots_B, z((m, n)), z((m, m)), order, z(m), z(m), rows, columns, records(1, CRITICAL), z(nq), z(nq), z(m),
-            z((N, N)), z((N, N)), z(N), K_pivots, z(N), z(N), z(N), records(1, COURSE), z((m, n)), z(m), frame_pivots,
-            z(nq), z(m),
+            z((N, N)), z((N, N)), z(N), K_pivots, z(N), z(N), z(N), z((m, n + 1)), z(m),
+            E_pivots, z((m, n)), z((m, n)), z(m), C_pivots, z((m, n)), z((m, n)), records(1, COURSE), z((m, n)), z(m),
+            frame_pivots, z(nq), z(m),
         )  # fmt: skip
 
     def memory(self) -> list[NDArray[Any]]:
         """Return the arrays that a motion cannot go on without."""
         known = (self.row, self.looped, self.rate, self.pace, self.critical, self.q_c, self.u)
-        return [*known, self.course, self.frame, self.frame_tau, self.frame_pivots, self.q_last, self.nu_last]
+        point = (self.C, self.C_tau, self.C_pivots, self.J_last)
+        return [*known, *point, self.course, self.frame, self.frame_tau, self.frame_pivots, self.q_last, self.nu_last]
 
 
 @kernel

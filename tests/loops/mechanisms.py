@@ -7,7 +7,7 @@ the same mechanism of another size: what is returned moves alike, in its own len
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from itertools import pairwise
 from math import atan2, cos, pi, radians, sin, sqrt
 from typing import Any, NamedTuple
@@ -274,24 +274,36 @@ def double_parallelogram(*, start: Any = (-60.0, -30.0), rate: Any = 0.0, scale:
     return ladder(2, start=start, rate=rate, scale=scale)._replace(stop_time=5.0 * scale.times)
 
 
-def n_four_bar(loops: int = 2, *, scale: Scale = UNSCALED) -> Case:
+def n_four_bar(
+    loops: int = 2, *, grounded: bool = False, longer: Mapping[int, float] | None = None, scale: Scale = UNSCALED
+) -> Case:
     """N four-bars side by side, all links 1 m and 1 kg, the top moved at 1 m/s (benchmark A02 of the IFToMM library).
 
-    Horizontal, all loops are singular at once.
+    Horizontal, all loops are singular at once. The tree is a serial chain with a cut joint at the foot of each column,
+    or, if ``grounded``, columns on the ground with a cut joint at the end of each coupler. ``longer`` maps the number
+    of a coupler to the length that is added to it, in lengths; its loop then misses its singular position by that.
     """
     l, mass, angle, speed = scale.lengths, scale.masses, 0.5 * pi, -1.0 / scale.times
     m = _vertical(scale)
-    link = rod(mass=mass, length=l)
-    upright = m.body("column0", m.ground, Revolute(start=angle, rate=speed, fixed=True), **link)
+    upright = m.body("column0", m.ground, Revolute(start=angle, rate=speed, fixed=True), **rod(mass=mass, length=l))
     top, signs = (l, 0.0, 0.0), [1.0]
     for i in range(1, loops + 1):
-        coupler = m.body(f"coupler{i}", upright, Revolute(at=top, start=-angle, rate=-speed), **link)
-        pin = Revolute(at=(l, 0.0, 0.0), start=angle, rate=speed)
-        upright = m.body(f"column{i}", coupler, pin, **rod(mass=mass, length=-l))
-        m.cut(f"pivot{i}", RevoluteCut(at_a=(-l, 0.0, 0.0), at_b=(i * l, 0.0, 0.0)), upright, m.ground)
-        top, signs = (0.0, 0.0, 0.0), [*signs, -1.0, 1.0]
+        reach = l * (1.0 + (longer or {}).get(i, 0.0))
+        pin, foot, end = Revolute(at=top, start=-angle, rate=-speed), (i * l, 0.0, 0.0), (reach, 0.0, 0.0)
+        coupler = m.body(f"coupler{i}", upright, pin, **rod(mass=mass, length=reach))
+        if grounded:
+            hinge = Revolute(at=foot, start=angle, rate=speed)
+            upright = m.body(f"column{i}", m.ground, hinge, **rod(mass=mass, length=l))
+            m.cut(f"pin{i}", RevoluteCut(at_a=end, at_b=top), coupler, upright)
+        else:
+            hinge = Revolute(at=end, start=angle, rate=speed)
+            upright = m.body(f"column{i}", coupler, hinge, **rod(mass=mass, length=-l))
+            m.cut(f"pivot{i}", RevoluteCut(at_a=(-l, 0.0, 0.0), at_b=foot), upright, m.ground)
+            top = (0.0, 0.0, 0.0)
+        signs += [-1.0, 1.0]
     inertia, weight = ((loops + 1) / 3.0 + loops) * mass * l * l, (0.5 * (loops + 1) + loops) * mass * scale.gravity * l
-    return Case(_finish(m), swinging(inertia, weight, (angle, speed), _columns(*signs)), 10.0 * scale.times)
+    exact = None if longer else swinging(inertia, weight, (angle, speed), _columns(*signs))
+    return Case(_finish(m), exact, 10.0 * scale.times)
 
 
 def slider_crank(eps: float = 0.0, *, start: float = 20.0, rate: float = 6.0, scale: Scale = UNSCALED) -> Case:

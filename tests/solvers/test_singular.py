@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from solvers.linalg import dense
-from solvers.projection import critical, singular
+from solvers.projection import critical, orientation
 from solvers.projection.workspace import Workspace, factor
 
 SHAPES = [(2, 3, 2), (2, 9, 2), (4, 12, 3), (3, 3, 3), (4, 7, 4), (5, 6, 3), (8, 9, 8), (6, 12, 5)]  # m, n, rank
@@ -37,7 +37,7 @@ def test_orientation_is_that_of_the_rows_in_the_axes_of_the_last_position(m: int
         factor(Terms(mix @ A), work)
         work.frame[:], work.frame_tau[:], work.frame_pivots[:] = work.A, work.tau, work.pivots
         factor(Terms(mix @ B), work)
-        way = singular.orientation(Terms(mix @ B), rank, work)
+        way = orientation.orientation(Terms(mix @ B), rank, work)
 
         Q = np.eye(n)
         for axis in Q:
@@ -46,14 +46,14 @@ def test_orientation_is_that_of_the_rows_in_the_axes_of_the_last_position(m: int
         before, now = A @ Q.T, B @ Q.T
         positive = np.linalg.det(now[:, :rank]) * np.linalg.det(before[:, :rank]) > 0.0
         slopes = np.linalg.norm(np.linalg.solve(now[:, :rank], now[:, rank:]), axis=0)
-        if slopes.max(initial=0.0) <= singular.LITTLE:
-            assert way == (singular.STRAIGHT if positive else singular.FLIPPED)
-        elif slopes.max() <= singular.SLOPE:
-            assert way == (singular.BENT if positive else singular.TURNED)
+        if slopes.max(initial=0.0) <= orientation.LITTLE:
+            assert way == (orientation.STRAIGHT if positive else orientation.FLIPPED)
+        elif slopes.max() <= orientation.SLOPE:
+            assert way == (orientation.BENT if positive else orientation.TURNED)
         else:
-            assert way == singular.TURNED
+            assert way == orientation.TURNED
         found.add(way)
-    assert singular.STRAIGHT in found
+    assert orientation.STRAIGHT in found
     assert len(found) > 1
 
 

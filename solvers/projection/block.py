@@ -1,0 +1,296 @@
+"""The search for critical points where several independent rows lose their rank at once, as in linkages of equal loops.
+
+Forces that balance with nothing behind them are not unique there, so Newton's method does not seek them: they follow
+from the position. With the factors of today's rows, time one more coordinate (units as in :mod:`.workspace`)::
+
+    [J~, -nu~] = L Q^T,  L = [[L_11, 0], [L_21, L_22]],  U^T = [-L_21 L_11^-1, I],  U^T [J~, -nu~] Q_2 = L_22
+
+the k rows of L_22 that are no redundant ones vanish in the critical point, and Phi~ lies in the span of U. Their
+number is read from the largest gap in the diagonal of L, anew in each step. One force u = U c, c fixed and with no
+symmetry, stands for all of them: where every entry of L_22 vanishes so does c^T L_22, and the other way round is
+examined at the end. The derivative of c^T L_22 in the directions Q_2 is square and symmetric. Where it has no full
+rank, as along curves of critical points, the shortest step is taken.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from solvers.compiled.kernel import inlined, kernel
+from solvers.linalg.dense import least_norm, length, lq, rank_at, ratio, solve_positive, turn_in, turn_out
+
+from .critical import EXACT, FLAT, NEWTON, PROBE, drive_rate, moves
+
+ROUNDED = 1e-10  # part of the first pivot: those below are alike
+APART = 3.0  # ratio of two successive pivots between which rows that vanish are told from others
+LEAP = 10.0  # longest way ahead to where rows would vanish, in lengths of the last step
+CLOSER = 100.0  # so much better Phi~ must lie in the span of U than L_22 must vanish
+STRIDE, FAR = 0.3, 1.0  # longest step and way of any coordinate, in units of size
+
+
+@kernel
+def seek_block(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
+    """Newton for the critical point next to q where several rows vanish, from where :func:`begin_block` has begun:
+    fills ``work.q_c``, ``work.u`` and in its record time, gap, and the dimension of the critical points about it.
+
+    The gap is |Phi~| there, and u its direction where it is none of rounding.
+    """
+    c = work.critical[0]
+    for _ in range(NEWTON):
+        eqs.position(c.t, work.q_c, eqs.data, eqs.terms)
+        regular = factor_block(eqs.terms, rank, work)
+        if regular in (0, rank):
+            return False
+        off = block_residual(eqs.terms, regular, work)
+        if not off < np.inf or not block_matrix(eqs, work):
+            return False
+        if off < EXACT:
+            return note_block(eqs, regular, work)
+        if not block_step(regular, work) or not move(eqs, work):
+            return False
+        if not farthest(q, t, work) < FAR:
+            return False
+    return False
+
+
+@kernel
+def begin_block(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
+    """Let the search begin at q or where the smallest pivot vanishes on the line through the last good position, before
+    or behind q: where the gap in the pivots is widest. Return the number of rows that do not vanish there, 0: no gap.
+
+    ``terms`` and factors belong to (t, q); terms move.
+    """
+    c, widest, best = work.critical[0], 0.0, 0
+    c.t, c.rate = t, drive_rate(eqs.terms, work)
+    known, now, last = work.course[0].known == 1, ratio(work.pivot, rank), 0.0
+    if known:
+        last = abs(work.frame[rank - 1, rank - 1] / work.frame[0, 0])
+    for trial in range(3 if known else 1):
+        part = 0.0
+        if trial == 1:
+            part = -now / max(now + last, 1e-300)
+        elif trial == 2:
+            part = now / (last - now) if last > now else np.inf
+        if part > LEAP:
+            continue
+        for i in range(q.shape[0]):
+            work.q_try[i] = q[i] + part * (q[i] - work.q_last[i])
+        for i in range(work.size.shape[0]):
+            work.dq[i] = 0.0
+        eqs.retract(work.q_try, work.dq, eqs.data)
+        eqs.position(t, work.q_try, eqs.data, eqs.terms)
+        regular = factor_block(eqs.terms, rank, work)
+        gap = gap_after(work.E, regular) if regular > 0 else 0.0
+        if gap > widest or trial == 0:
+            widest, best = gap, regular
+            for i in range(q.shape[0]):
+                work.q_c[i] = work.q_try[i]
+    return best
+
+
+@kernel
+def factor_block(terms: Any, rank: int, work: Any) -> int:
+    """Factor [J~, -nu~] in ``work.E``; return the number of rows that do not vanish, 0 where there is no gap."""
+    m, n = terms.J.shape
+    for i in range(m):
+        for j in range(n):
+            work.E[i, j] = terms.J[i, j] * (work.size[j] / work.row[i])
+        work.E[i, n] = -terms.nu[i] / (work.row[i] * work.critical[0].rate)
+    lq(work.E, m, n + 1, work.E_tau, work.E_pivots, work.x)
+    return count_regular(work.E, rank)
+
+
+@inlined
+def count_regular(L: Any, rank: int) -> int:
+    """How many of the first ``rank`` diagonal entries of L come before the largest gap; 0: there is none."""
+    widest, regular = APART, 0
+    for r in range(1, rank):
+        gap = gap_after(L, r)
+        if gap > widest:
+            widest, regular = gap, r
+    return regular
+
+
+@inlined
+def gap_after(L: Any, r: int) -> float:
+    """Ratio of pivots number r and r + 1."""
+    return abs(L[r - 1, r - 1]) / max(abs(L[r, r]), ROUNDED * abs(L[0, 0]))
+
+
+@inlined
+def share(row: int) -> float:
+    """Entry of c for a row: positive, and no two alike."""
+    return 1.0 + 0.5 * np.sin(7.3 * (row + 1.0))
+
+
+@inlined
+def mix_forces(regular: int, work: Any) -> None:
+    """work.u = U c / |U c|."""
+    m = work.u.shape[0]
+    for k in range(regular):
+        work.x[k] = 0.0
+        for i in range(regular, m):
+            work.x[k] -= work.E[i, k] * share(work.E_pivots[i])
+    for back in range(regular):
+        k = regular - 1 - back
+        for i in range(k + 1, regular):
+            work.x[k] -= work.E[i, k] * work.x[i]
+        work.x[k] /= work.E[k, k]
+    square = 0.0
+    for i in range(m):
+        entry = work.x[i] if i < regular else share(work.E_pivots[i])
+        work.u[work.E_pivots[i]] = entry
+        square += entry * entry
+    for i in range(m):
+        work.u[i] /= np.sqrt(square)
+
+
+@kernel
+def block_residual(terms: Any, regular: int, work: Any) -> float:
+    """Fill work.g = Q^T [J~, -nu~]^T u and work.b = L_1^T Phi~, which must vanish; return the largest that is left,
+    of L_22 all entries, of b a multiple, as the gap has the digits of Phi~.
+    """
+    m, n = terms.J.shape
+    mix_forces(regular, work)
+    off = 0.0
+    for k in range(n + 1):
+        work.g[k] = 0.0
+        for i in range(max(k, regular), m):
+            work.g[k] += work.u[work.E_pivots[i]] * work.E[i, k] if k >= regular else 0.0
+            if k >= regular:
+                off = max(off, abs(work.E[i, k]))
+    for k in range(regular):
+        work.b[k] = 0.0
+        for i in range(k, m):
+            row = work.E_pivots[i]
+            work.b[k] += work.E[i, k] * terms.Phi[row] / work.row[row]
+        off = max(off, CLOSER * abs(work.b[k]))
+    return off
+
+
+@kernel
+def block_matrix(eqs: Any, work: Any) -> bool:
+    """work.K (n + 1, n + 1) = Q^T H Q, H the derivative of [J~, -nu~]^T u by q and t with u fixed, by differences."""
+    m, n = eqs.terms.J.shape
+    c, timed = work.critical[0], moves(eqs.terms)
+    strain(eqs.terms, work, work.change)
+    for k in range(n + 1):
+        if k == n and not timed:
+            for i in range(n + 1):
+                work.K[k, i] = 0.0
+            continue
+        for i in range(work.q_c.shape[0]):
+            work.q_try[i] = work.q_c[i]
+        for i in range(n):
+            work.dq[i] = PROBE * work.size[i] if i == k else 0.0
+        eqs.retract(work.q_try, work.dq, eqs.data)
+        eqs.position(c.t + (PROBE / c.rate if k == n else 0.0), work.q_try, eqs.data, eqs.terms)
+        strain(eqs.terms, work, work.g_try)
+        for i in range(n + 1):
+            work.K[k, i] = (work.g_try[i] - work.change[i]) / PROBE
+            if not np.isfinite(work.K[k, i]):
+                return False
+    for k in range(n + 1):
+        turn_in(work.E, work.E_tau, min(m, n + 1), n + 1, work.K[k])
+    for i in range(n + 1):
+        for k in range(n + 1):
+            work.g_try[k] = work.K[k, i]
+        turn_in(work.E, work.E_tau, min(m, n + 1), n + 1, work.g_try)
+        for k in range(n + 1):
+            work.K[k, i] = work.g_try[k]
+    eqs.position(c.t, work.q_c, eqs.data, eqs.terms)
+    return True
+
+
+@inlined
+def strain(terms: Any, work: Any, f: Any) -> None:
+    """f[:n + 1] = [J~, -nu~]^T u."""
+    m, n = terms.J.shape
+    for j in range(n + 1):
+        f[j] = 0.0
+    for i in range(m):
+        scaled = work.u[i] / work.row[i]
+        for j in range(n):
+            f[j] += scaled * terms.J[i, j] * work.size[j]
+        f[n] -= scaled * terms.nu[i] / work.critical[0].rate
+
+
+@kernel
+def flat_directions(regular: int, work: Any) -> int:
+    """Factor the part of work.K in the directions Q_2 in ``work.K_work``; return its rank."""
+    p = work.size.shape[0] + 1 - regular
+    for i in range(p):
+        for k in range(p):
+            work.K_work[i, k] = work.K[regular + k, regular + i]
+    lq(work.K_work, p, p, work.K_tau, work.K_pivots, work.change)
+    for i in range(p):
+        work.change[i] = abs(work.K_work[i, i])
+    return rank_at(work.change, p, FLAT)
+
+
+@kernel
+def block_step(regular: int, work: Any) -> bool:
+    """work.change[:n + 1] = Newton's step in q and t: the shortest that closes what does not vanish, and in the
+    directions Q_2 what takes c^T L_22 to zero.
+    """
+    n, m = work.size.shape[0], work.row.shape[0]
+    p = n + 1 - regular
+    for i in range(regular):
+        for k in range(i + 1):
+            work.B[i, k] = 0.0
+            for row in range(i, m):
+                work.B[i, k] += work.E[row, i] * work.E[row, k]
+        work.x[i] = -work.b[i]
+    if not solve_positive(work.B, regular, work.x):
+        return False
+    full = flat_directions(regular, work)
+    for i in range(p):
+        work.g_try[i] = -work.g[regular + i]
+        for k in range(regular):
+            work.g_try[i] -= work.K[k, regular + i] * work.x[k]
+    least_norm(work.g_try, p, full, work.K_work, work.K_tau, work.K_pivots, work.g)
+    for i in range(n + 1):
+        work.change[i] = work.x[i] if i < regular else work.g[i - regular]
+    turn_out(work.E, work.E_tau, min(m, n + 1), n + 1, work.change)
+    return True
+
+
+@kernel
+def move(eqs: Any, work: Any) -> bool:
+    """Go Newton's step, or a part of it; False where it has no number."""
+    n, largest = work.size.shape[0], 0.0
+    for i in range(n + 1):
+        if not np.isfinite(work.change[i]):
+            return False
+        largest = max(largest, abs(work.change[i]))
+    part = min(1.0, STRIDE / max(largest, 1e-300))
+    for i in range(n):
+        work.dq[i] = part * work.change[i] * work.size[i]
+    eqs.retract(work.q_c, work.dq, eqs.data)
+    work.critical[0].t += part * work.change[n] / work.critical[0].rate
+    return True
+
+
+@inlined
+def farthest(q: Any, t: float, work: Any) -> float:
+    """Largest distance of any coordinate from (t, q), in units of size."""
+    far = abs(work.critical[0].t - t) * work.rate[0]
+    for i in range(q.shape[0]):
+        far = max(far, abs(work.q_c[i] - q[i]) / work.size_q[i])
+    return far
+
+
+@kernel
+def note_block(eqs: Any, regular: int, work: Any) -> bool:
+    """Note gap, forces and dimension of the point found, where ``terms``, factors and derivatives are at hand."""
+    c, n = work.critical[0], work.size.shape[0]
+    c.spread = n + 1 - regular - flat_directions(regular, work)
+    for i in range(work.row.shape[0]):
+        work.b[i] = eqs.terms.Phi[i] / work.row[i]
+    c.gap = length(work.b)
+    if c.gap > EXACT:
+        for i in range(work.row.shape[0]):
+            work.u[i] = work.b[i] / c.gap
+    return True

@@ -1,0 +1,105 @@
+"""The orientation of the constraints, seen from the axes of the last good position; see :mod:`.singular`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from solvers.compiled.kernel import inlined, kernel
+from solvers.linalg.dense import factor_lu, positive_determinant, solve_lu, turn_in, turn_out
+
+STRAIGHT, FLIPPED, BENT, TURNED = 0, 1, 2, 3
+LITTLE, SLOPE = 0.36, 1.7  # turns of a tangent in one step, as their tangents: 20 and 60 degrees
+
+
+@kernel
+def orientation(terms: Any, rank: int, work: Any) -> int:
+    """Compare ``terms``, whose factors are at hand, with the frame of the last good position: STRAIGHT or FLIPPED and
+    little turned, else BENT, or TURNED too far to tell.
+    """
+    few = 2 * rank < terms.J.shape[1]
+    positive, steepest = by_normals(terms, rank, work) if few else by_tangents(terms, rank, work)
+    if steepest <= LITTLE * LITTLE:
+        return STRAIGHT if positive else FLIPPED
+    return BENT if positive and steepest <= SLOPE * SLOPE else TURNED
+
+
+@kernel
+def by_normals(terms: Any, rank: int, work: Any) -> tuple[bool, float]:
+    """Whether det C_n has kept its sign, and the largest square of a column of C_n^-1 C_t; for few rows."""
+    n = terms.J.shape[1]
+    positive, steepest = True, 0.0
+    for i in range(rank):
+        row, row_unit = work.J_work[i], work.row[work.frame_pivots[i]]
+        for j in range(n):
+            row[j] = terms.J[work.frame_pivots[i], j] * (work.size[j] / row_unit)
+        turn_in(work.frame, work.frame_tau, rank, n, row)
+        for j in range(rank):
+            work.D[i, j] = row[j]
+        positive = positive == (work.frame[i, i] > 0.0)
+    if not factor_lu(work.D, rank, work.order):
+        return False, np.inf
+    for k in range(rank, n):
+        square = 0.0
+        for i in range(rank):
+            work.b[i] = work.J_work[i, k]
+        solve_lu(work.D, rank, work.order, work.b, work.x)
+        for i in range(rank):
+            square += work.x[i] * work.x[i]
+        if not square < np.inf:
+            return False, np.inf
+        steepest = max(steepest, square)
+    return positive == positive_determinant(work.D, rank, work.order), steepest
+
+
+@kernel
+def by_tangents(terms: Any, rank: int, work: Any) -> tuple[bool, float]:
+    """The same for few freedoms, from N and T: what today's tangents, orthonormal, are in the frame's normals
+    and tangents.
+
+    The slope is N T^-1, so that its columns have the squares |T^-1 e_k|^2 - 1; and C_n = L (Q_1^T Q_1'), whose second
+    factor has the determinant of T, as complementary minors of an orthogonal matrix are equal.
+    """
+    n = terms.J.shape[1]
+    freedom, steepest = n - rank, 0.0
+    for k in range(freedom):
+        for j in range(n):
+            work.f[j] = 1.0 if j == rank + k else 0.0
+        turn_out(work.A, work.tau, rank, n, work.f)
+        turn_in(work.frame, work.frame_tau, rank, n, work.f)
+        for j in range(freedom):
+            work.mass[j, k] = work.f[rank + j]
+    same = same_side(rank, work)
+    if not factor_lu(work.mass, freedom, work.order):
+        return False, np.inf
+    for k in range(freedom):
+        for j in range(freedom):
+            work.f[j] = 1.0 if j == k else 0.0
+        solve_lu(work.mass, freedom, work.order, work.f, work.z)
+        square = -1.0
+        for j in range(freedom):
+            square += work.z[j] * work.z[j]
+        if not square < np.inf:
+            return False, np.inf
+        steepest = max(steepest, square)
+    return same == positive_determinant(work.mass, freedom, work.order), steepest
+
+
+@inlined
+def same_side(rank: int, work: Any) -> bool:
+    """Whether the rows that are the frame's, in L as it is now and as it was, have determinants of one sign."""
+    positive, same = True, True
+    for i in range(work.pivots.shape[0]):
+        work.rows[work.pivots[i]] = i  # the place of a row in L
+    for i in range(rank):
+        positive = positive == (work.frame[i, i] > 0.0)
+        work.order[i] = work.rows[work.frame_pivots[i]]
+        same = same and work.order[i] < rank
+    if same:
+        return positive == positive_determinant(work.A, rank, work.order)
+    for i in range(rank):
+        k = work.rows[work.frame_pivots[i]]
+        for j in range(rank):
+            work.D[i, j] = work.A[k, j] if j <= k else 0.0
+    return factor_lu(work.D, rank, work.order) and positive == positive_determinant(work.D, rank, work.order)

@@ -1,0 +1,147 @@
+"""Loops that become singular at once (A02 of the IFToMM library): motions against the exact one, branches exactly."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from judge import judge, truth
+from mechanisms import n_four_bar
+
+from mbfmu.mechanics import Plant
+from solvers import Options, stepper
+from solvers.compiled.kernel import kernel
+from solvers.projection import singular
+from solvers.projection.workspace import factor
+
+SOLVERS = ("adams", "hybrid", "ida", "radau")
+CAMPAIGN = pytest.mark.campaign
+EVERY = [pytest.param(n, marks=() if n in (4, 9) else CAMPAIGN) for n in range(1, 41)]
+
+
+@cache
+def known(loops: int, grounded: bool):
+    """The mechanism and its exact motion, through its first two singular positions."""
+    case = n_four_bar(loops, grounded=grounded)
+    return case.mechanism, truth(case.mechanism, np.linspace(0.0, 2.0, 21), case.exact)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("grounded", [False, True])
+@pytest.mark.parametrize("loops", EVERY)
+def test_any_number_of_loops_passes_its_singular_positions(loops: int, grounded: bool, solver: str) -> None:
+    mechanism, motion = known(loops, grounded)
+    for rtol in (1e-4, 1e-6, 1e-8):
+        verdict = judge(mechanism, motion, solver, rtol)
+        assert verdict.word == "right", (rtol, verdict)
+
+
+def relative(absolute):
+    """Joint angles of the serial chain from angles of its links."""
+    return np.diff(absolute, prepend=0.0)
+
+
+def parallel(loops: int, angle: float):
+    """All columns at ``angle``, couplers level."""
+    links = np.zeros(2 * loops + 1)
+    links[0::2] = angle
+    return relative(links)
+
+
+def folded(loops: int, angle: float, first: int):
+    """Closed as well: loop ``first`` folded and turned about its fixed hinge, loops before it at rest at zero, loops
+    behind it parallel to it.
+    """
+    links = np.zeros(2 * loops + 1)
+    links[2 * first - 1] = angle
+    links[2 * first :: 2] = angle
+    return relative(links)
+
+
+@kernel
+def begin(eqs, q, rank, work):
+    """Let q be the last good position; return the kind of the critical point next to it."""
+    c = work.critical[0]
+    c.kind, c.in_vain, work.course[0].ratio = singular.NONE, 0.0, 0.0
+    eqs.position(0.0, q, eqs.data, eqs.terms)
+    factor(eqs.terms, work)
+    kind = singular.judge(eqs, 0.0, q, rank, work)
+    singular.note(eqs, 0.0, q, 0.0, 0.0, rank, work)
+    return kind
+
+
+@kernel
+def passes(eqs, q, rank, work):
+    """Whether a step from the last good position to q is accepted."""
+    eqs.position(0.0, q, eqs.data, eqs.terms)
+    factor(eqs.terms, work)
+    return singular.passed(eqs, 0.0, q, singular.CLOSED, rank, work)
+
+
+class Watch:
+    """What a stepper knows of the motion so far, without any step."""
+
+    def __init__(self, loops: int) -> None:
+        plant = Plant(n_four_bar(loops).mechanism)
+        self.motion = stepper("adams", plant.system, 0.0, *plant.assemble(), Options(rtol=1e-6))
+
+    def begin(self, q) -> int:
+        """As the function."""
+        return begin(self.motion._eqs, q, self.motion._rank, self.motion._work)
+
+    def passes(self, q) -> bool:
+        """As the function, for a closed position q."""
+        accepted = passes(self.motion._eqs, q, self.motion._rank, self.motion._work)
+        assert np.abs(self.motion._terms.Phi).max() < 1e-12
+        return bool(accepted)
+
+
+@pytest.mark.parametrize("loops", [1, 2, 3, 8, 9, 40])
+def test_a_jump_of_any_number_of_loops_is_found(loops: int) -> None:
+    """Exact positions, no integration: straight passages and returns are accepted; no jump is, whatever the number of
+    loops that have gone to another branch.
+    """
+    watch = Watch(loops)
+    for angle in (0.1, 0.01) if loops < 10 else (2e-3,):
+        q = parallel(loops, angle)
+        for there, accepted in ((parallel(loops, -0.8 * angle), True), (parallel(loops, 0.5 * angle), True)):
+            assert watch.begin(q) == singular.CROSSING
+            critical = watch.motion._units.critical
+            assert critical["lost"] == loops
+            np.testing.assert_allclose(watch.motion._units.q_c, 0.0, atol=1e-9)
+            assert watch.passes(there) == accepted
+        for first in sorted({1, min(2, loops), (loops + 1) // 2, loops}):
+            for sign in (1.0, -1.0):
+                watch.begin(q)
+                assert not watch.passes(folded(loops, sign * angle, first)), (angle, first, sign)
+
+
+@pytest.mark.parametrize("loops", [2, 5, 9])
+@pytest.mark.parametrize("gap", [1e-9, 1e-6, -1e-4])
+def test_the_gap_of_one_loop_among_others_is_found(loops: int, gap: float) -> None:
+    """In the position where all links lie on a line all loops but one are closed, and that one gapes by its excess."""
+    plant = Plant(n_four_bar(loops, longer={1 + loops // 2: gap}).mechanism)
+    motion = stepper("adams", plant.system, 0.0, *plant.assemble(), Options(rtol=1e-6))
+    open_by = np.zeros(2 * loops)  # x and y at the feet of the columns: those behind the coupler are off by its excess
+    open_by[2 * (loops // 2) :: 2] = gap
+    assert motion.gap(0.0, parallel(loops, 0.02)) == pytest.approx(
+        np.linalg.norm(open_by / motion._units.row), rel=1e-3
+    )
+
+
+@cache
+def missed(longer: tuple[tuple[int, float], ...]):
+    """Three loops, some couplers too long, and the reference as far as it goes."""
+    mechanism = n_four_bar(3, longer=dict(longer)).mechanism
+    return mechanism, truth(mechanism, np.linspace(0.0, 2.0, 21))
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("longer", [((1, 1e-3), (2, 1e-3), (3, 1e-3)), ((1, -1e-3),), ((3, 1e-3),), ((2, 1e-9),)])
+def test_near_misses_of_some_loops_or_all_are_right_or_refused(longer, solver: str) -> None:
+    mechanism, motion = missed(longer)
+    for rtol in (1e-4, 1e-6):
+        verdict = judge(mechanism, motion, solver, rtol)
+        allowed = ("right",) if len(longer) == 3 else ("right", "refused")
+        assert verdict.word in allowed, (rtol, verdict)
