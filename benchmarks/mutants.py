@@ -27,7 +27,7 @@ from typing import NamedTuple
 ROOT = Path(__file__).resolve().parents[1]
 RECURSIONS = Path("mbfmu/mechanics/recursions")
 FILES = ("kinematics.py", "rnea.py", "aba.py", "crba.py", "constraints.py", "energy.py", "applied.py")
-TESTS = ("tests/mechanics/test_identities.py", "tests/mechanics/test_recursion_identities.py")
+TESTS = ("tests/mechanics/test_recursion_identities.py", "tests/mechanics/test_identities.py")  # the short one first
 COPIED = ("mbfmu", "solvers", "fmus", "tests", "pyproject.toml")
 LIMIT = 900.0  # s, of the tests of one mutant
 OPPOSITE: dict[type[ast.operator], type[ast.operator]] = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Add}

@@ -53,7 +53,7 @@ def test_passes_all_singular_positions(name, case, rtol):
         options["times"] = singular_times()
     stepper, error = run(name, rtol, **options)
     assert stepper.status.ok, stepper.status.message
-    assert error <= max(BOUND[name] * rtol, 1e-7)
+    assert error <= BOUND[name] * rtol
 
 
 @pytest.mark.parametrize("name", BOUND)
