@@ -85,7 +85,7 @@ def test_command_draws_beams(command: Any, tmp_path: Path) -> None:
     assert code == 0
     assert "0.520654" in out
     assert "unstable" not in out
-    assert re.search(r"^0 ± 3\.27136i +3\.27136 +0\.520654 +0$", out, re.MULTILINE), "nothing damps it"
+    assert re.search(r"^0 ± 3\.27136i +3\.27136 +0\.520654 +3\.27136 +0$", out, re.MULTILINE), "nothing damps it"
     assert (tmp_path / "fourbar" / "default-modes" / "shapes.png").stat().st_size > 10_000
     code, out, _ = command("modes", "fourbar", "--set=coupler_modes=1", "-n=2", "-o", str(tmp_path))
     assert code == 0

@@ -160,7 +160,7 @@ def test_a_compressed_strip_buckles(height: float, verdict: str) -> None:
 
 @pytest.mark.parametrize("cells", [15, 31, 64])
 def test_a_strip_on_a_hub_that_turns_in_its_plane_of_bending(cells: int) -> None:
-    """At the dimensionless speed 12 it flaps with 13.1702 (Wright, Smith, Thresher and Wang 1982); in its plane less."""
+    """At the dimensionless speed 12 it flaps with 13.1702 (Wright, Smith, Thresher, Wang 1982); in its plane less."""
     length, width, thickness, E, density = 0.3, 0.02, 1e-3, 4e9, 1000.0
     unit = sqrt(E * thickness**2 / (12.0 * density * length**4))
     m = mb.Mechanism(gravity=(0.0, 0.0, 0.0))
