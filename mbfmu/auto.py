@@ -41,6 +41,8 @@ OWN, SWING = 250.0, 15.0  # likewise for every 1/s of the motion's own rate, and
 GAIN, GAIN_OF_TREES = 1.0 / 6.0, 0.45  # evaluations of radau, and of esdirk or ida on trees, grow as tolerance to this
 WIDE = 10  # rows of loops from which LU on the dependent coordinates pays
 COARSE = 1e-6  # tightest tolerance of esdirk
+RESOLVED = 0.3  # part of the fastest undamped motion's rate that must be followed for orders of BDF above LOW_ORDER
+LOW_ORDER = 2
 
 State = tuple[float, Array, Array]  # t (s), q (nq,), v (n,)
 
@@ -86,6 +88,30 @@ def pick(plant: Plant, states: Sequence[State], options: Options) -> SolverPick:
     if least < cost:
         return SolverPick(other, f"stiff: {numbers}; {other_size}", True)
     return SolverPick(first, f"not stiff: {numbers}; {size}")
+
+
+def limit_order(plant: Plant, solver: str, state: State, options: Options) -> tuple[Options, str]:
+    """Return the options of a run, and a remark if they limit the order of `ida`.
+
+    Orders from 3 on are unstable on undamped motions that the steps do not resolve. A large tree without a mesh has
+    such motions if its fastest undamped one is much faster than what the solver has to follow.
+    """
+    s = plant.system
+    if solver != "ida" or s.has_matrices or options.max_order is not None or s.meshed is None or s.meshed.any():
+        return options, ""
+    try:
+        found = spectrum(plant, *state)
+    except UserError:
+        return options, ""
+    followed = found.followed(options.absolute)
+    if followed >= RESOLVED * found.undamped:
+        return options, ""
+    return replace(options, max_order=LOW_ORDER), (
+        f"'ida' uses orders 1 and 2 only: the fastest motion of this model ({found.undamped:.3g} rad/s, coordinate "
+        f"{found.leading!r}) is hardly damped and faster than what the solver follows ({followed:.3g} rad/s), and "
+        "higher orders are unstable there. The error may be several hundred times the tolerance: choose a tolerance "
+        "100 times smaller than the accuracy that is needed, or set max_order, or use 'adams' if the run is short"
+    )
 
 
 def _explicit(plant: Plant, solver: str, state: State, options: Options) -> _Trial:

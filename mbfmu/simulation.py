@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.audit import VARIABLES, Audit
-from mbfmu.auto import SolverPick, pick
+from mbfmu.auto import SolverPick, limit_order, pick
 from mbfmu.errors import UserError
 from mbfmu.folds import Folds, Sharpest
 from mbfmu.frame import frame, unframe
@@ -112,6 +112,7 @@ class Simulation:
         beside = self.plant.check_meetings(t0, q) if begins else []
         self.start, found_out = (q, v), settings.solver == AUTO
         self.pick = pick(self.plant, [(t0, q, v)], settings.options()) if found_out else SolverPick(settings.solver)
+        self._options, limited = limit_order(self.plant, self.pick.solver, (t0, q, v), settings.options())
         self.stepper = self._stepper(t0, q, v)
         self.variables = (*self.plant.outputs, *VARIABLES)
         unique(["time", *(v.name for v in (*self.plant.inputs.variables, *self.variables))])
@@ -126,7 +127,7 @@ class Simulation:
         changed = [] if settings.start_at_equilibrium else self.plant.assembly.changes(q, v, settings.tolerance)
         self.lock = self.plant.assembly.explain_lock(t0, q) if self.stepper.freedom == 0 else ""
         beside = [*beside, *self.plant.coincident(t0, q)]
-        for told in (self.lock, *self.plant.rounded_rows.values(), *changed, self._too_loose(), *beside):
+        for told in (self.lock, *self.plant.rounded_rows.values(), *changed, self._too_loose(), limited, *beside):
             self._remark(told)
         # where nothing is free nothing is integrated but the work, whose error no tolerance controls
         audited = settings.audit and self.stepper.freedom > 0
@@ -157,7 +158,7 @@ class Simulation:
     def _stepper(self, t: float, q: Array, v: Array) -> Stepper:
         """Return the solver that was chosen, at a state."""
         try:
-            return stepper(self.pick.solver, self.plant.system, t, q, v, self.settings.options())
+            return stepper(self.pick.solver, self.plant.system, t, q, v, self._options)
         except ValueError as error:
             raise UserError(f"model {self.model.name!r}: {error}") from error
 
@@ -166,7 +167,7 @@ class Simulation:
         kind = (type(self.stepper), self.plant.system.m > 0)
         if kind in _compiled:
             return
-        options = replace(self.settings.options(), max_steps=MOST_STEPS)
+        options = replace(self._options, max_steps=MOST_STEPS)
         trial = stepper(self.pick.solver, self.plant.system, t0, q, v, options)
         if ran(trial, self.plant, len(self._out)):
             _compiled.add(kind)

@@ -35,6 +35,7 @@ STEP = 1e-5  # of differences, in units of the coordinates: truncation and round
 RANK = 1e-6  # singular values below this part of the largest are those of redundant rows
 WEAK = 1e-3  # singular values that may be those of a singular position
 WIDE = 20  # coordinates from which on more threads than one get in each other's way
+UNDAMPED = 0.6  # damping ratio below which BDF of higher orders is unstable on motions that the steps do not resolve
 GONE = 1e-9  # part of a vector of Arnoldi's: what is left of it is rounding
 
 
@@ -79,6 +80,12 @@ class Spectrum:
         size, decay = np.abs(self.values), -self.values.real
         left = self.amplitudes * np.exp(-np.clip(decay * after, 0.0, 700.0))
         return float(size[left > tolerance].max(initial=0.0))
+
+    @property
+    def undamped(self) -> float:
+        """The largest eigenvalue, 1/s, with a damping ratio below UNDAMPED; zero if there is none."""
+        size = np.abs(self.values)
+        return float(size[-self.values.real < UNDAMPED * size].max(initial=0.0))
 
     def followed(self, tolerance: float) -> float:
         """Return the rate of what a solver has to follow at this tolerance, 1/s: the motion's own rate, or what swings

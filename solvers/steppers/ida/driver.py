@@ -101,7 +101,8 @@ class IDADriver(Stepper):
             if code is not Code.OK:
                 return code
         if code is Code.OK:
-            code = self._take(t, self._ida.interpolate(t))
+            y = self._ida.interpolate(t)
+            code = self._take(t, y) if np.isfinite(y).all() else Code.NOT_FINITE
         if code is Code.OK:
             self._tell()
         return code

@@ -21,11 +21,15 @@ theta0 = T^-1 (r2 + c M g) the constraints, the third less c times the fourth, l
     [ J J^T + c d1      -d0  ] [ dmu     ]   [ r3 + J g - c r4 ]
     [ -(J X + d1)      -J A  ] [ dlambda ] = [ r4 - J theta0   ]
 
-**Order** 2 unless more is asked for: BDF of orders 3 to 5 are unstable on undamped modes above their region, and a
-sheet has thousands; their step count then hardly depends on the tolerance. **Absolute tolerances** are relative to the
-size of each coordinate (an angle of a sheet's joint is curvature times cell, and the errors of a chain of joints add
-up), those of rates RATE times that in the time of the motion; multipliers carry no error control. Reported states are
-closed onto the constraints.
+**Order.** BDF of orders 3 to 5 are unstable on undamped motions faster than the steps resolve. A mesh has thousands of
+them, and its order is 2 unless a larger one is asked for. Other trees use orders up to 5; who creates the solver limits
+the order if the tree has such motions.
+
+**Weights.** IDA's norm is the root of a mean square, in which one of N unknowns may have an error of sqrt(N)
+tolerances. The tolerances of coordinates outside meshes are therefore multiplied by N^-1/2. Absolute tolerances are
+relative to the size of each coordinate (an angle of a sheet's joint is curvature times cell, and the errors of a chain
+of joints add up); those of rates are MESH_RATE or RATE times that in the time of the motion. Multipliers carry no error
+control. Reported states are closed onto the constraints.
 
 **In contact** pressures turn within micrometers and friction within millimeters per second. IDA's own products of
 Newton's matrix and a vector are differences over what tolerances allow, which is more: they are taken exactly, by an
@@ -70,8 +74,9 @@ from .tree import (
 from .tree import residual as residual_of_tree
 
 UNCONTROLLED = 1e8  # absolute tolerance of the multipliers
-RATE = 150.0  # absolute tolerance of a rate to that of its coordinate, in units of the motion's rate
-ORDER = 2
+RATE = 5.0  # absolute tolerance of a rate to that of its coordinate, in units of the motion's rate
+MESH_RATE = 150.0  # the same where the order is low, and fast motions are damped and not followed
+ORDER, MESH_ORDER = 5, 2  # largest orders of BDF
 KRYLOV = 5
 SLIPPED = 0.3  # part of the slip at which friction turns over, to which a sheet's speed is known
 TIKHONOV = 1e-6
@@ -100,9 +105,12 @@ class TreeIDAStepper(IDADriver):
 
     def _new_ida(self) -> DirectIDA | BoundIDA:
         s, o = self.system, self.options
+        mesh = s.meshed is not None and bool(s.meshed.any())
+        order = min(ORDER, o.max_order or (MESH_ORDER if mesh else ORDER))
+        part = 1.0 if mesh else (s.nq + s.n + 2 * s.m) ** -0.5
         sizes = o.absolute * s.size
-        rates = RATE * self._rate * sizes
-        atol = np.concatenate((s.position_sizes(sizes), rates, np.full(2 * s.m, UNCONTROLLED)))
+        rates = (RATE if order > MESH_ORDER else MESH_RATE) * self._rate * sizes
+        atol = np.concatenate((part * s.position_sizes(sizes), part * rates, np.full(2 * s.m, UNCONTROLLED)))
         given = self._given = hold(
             Given(
                 s.inverse, s.retract, s.position, *audit_callbacks(s), s.held_data, self._terms, s.positions,
@@ -111,8 +119,7 @@ class TreeIDAStepper(IDADriver):
                 self._counts, self._course, self._tolerances(atol), self._imaginary(len(atol)),
             )
         )  # fmt: skip
-        order = ORDER if o.max_order is None else min(5, o.max_order)
-        options: dict[str, Any] = {"rtol": o.rtol, "atol": atol, "max_order": order}
+        options: dict[str, Any] = {"rtol": part * o.rtol, "atol": atol, "max_order": order}
         if s.cornered and not serves():
             raise ValueError(
                 f"solver 'ida' is given the products and weights that it needs here, where {s.cornered}, by the C "

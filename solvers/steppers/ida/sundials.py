@@ -256,8 +256,9 @@ class DirectIDA:
         return int(code)
 
     def interpolate(self, t: float) -> Array:
-        """Return the unknowns (N,) at t in the last step."""
-        call("IDAGetDky", self._memory, t, 0, self._vectors[0])
+        """Return the unknowns (N,) at t in the last step; they are not numbers if IDA has no step that contains t."""
+        if call("IDAGetDky", self._memory, t, 0, self._vectors[0]) != 0:
+            self.y[:] = np.nan
         return self.y
 
     def told(self) -> Statistics:

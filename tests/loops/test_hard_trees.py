@@ -1,0 +1,84 @@
+"""Trees on both sides of the limit between dense and structured equations, against motions that SciPy integrates."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hard_trees import chain, pendulum_among, turning_rods
+from judge import Truth, judge, truth
+from mechanisms import Case, G
+
+import mbfmu as mb
+from mbfmu.mechanics import JointSpring, Mechanism, Plant, Revolute, rod
+from solvers import Options, stepper
+from solvers.compiled.kernel import COMPILED
+
+pytestmark = pytest.mark.skipif(not COMPILED, reason="takes minutes without a compiler")
+
+ALLOWED = 50.0  # tolerances, times the growth of errors in the motion
+CASES = {
+    **{f"pendulum among {n}": (pendulum_among, n) for n in (59, 61, 131)},
+    **{f"turning rods {n}": (turning_rods, n) for n in (59, 61)},
+    "chain 61": (chain, 61),
+}
+_known: dict[str, tuple[Case, Truth]] = {}
+
+
+def known(name: str) -> tuple[Case, Truth]:
+    """Return a case and its motion, which is integrated once."""
+    if name not in _known:
+        make, count = CASES[name]
+        case: Any = make(count)
+        stop_time = 0.3 * case.stop_time
+        _known[name] = case, truth(case.mechanism, np.linspace(0.0, stop_time, 21), case.exact)
+    return _known[name]
+
+
+@pytest.mark.parametrize("rtol", [1e-4, 1e-6, 1e-8])
+@pytest.mark.parametrize("name", CASES)
+def test_ida_keeps_its_tolerance_at_any_size(name: str, rtol: float) -> None:
+    case, motion = known(name)
+    verdict = judge(case.mechanism, motion, "ida", rtol, factor=ALLOWED)
+    assert verdict.word == "right", verdict
+
+
+def springs(links: int, stiffness: float, damping: float = 0.0) -> Mechanism:
+    """A cantilever of rods, 1 m long and of 1 kg in all, on a free hinge: joints of this stiffness, N m/rad."""
+    m = Mechanism(gravity=(0.0, -G, 0.0))
+    body = m.ground
+    for k in range(links):
+        joint = Revolute(at=(1.0 / links if k else 0.0, 0.0, 0.0), start=0.0 if k else -0.3, fixed=True)
+        body = m.body(f"link{k}", body, joint, **rod(mass=1.0 / links, length=1.0 / links))
+        if k:
+            m.force(f"spring{k}", JointSpring(stiffness=stiffness, damping=damping), body)
+    m.output("height", body.position("y"), "height of the last link")
+    return m
+
+
+def test_undamped_motions_that_are_not_resolved_limit_the_order_and_are_reported() -> None:
+    """Orders from 3 on took 400 000 residuals here, see the reason in solvers/steppers/ida/large.py."""
+    result = mb.simulate(springs(70, 1e3), 0.3, solver="ida", tolerance=1e-4)
+    assert not result.failure
+    assert result.statistics.rhs_evals < 2000
+    assert any("orders 1 and 2 only" in remark and "rad/s" in remark for remark in result.remarks)
+
+
+@pytest.mark.parametrize("make", [lambda: chain(61).mechanism, lambda: springs(61, 1e-1, 10.0)])
+def test_orders_are_not_limited_where_fast_motions_are_followed_or_damped(make: Any) -> None:
+    result = mb.simulate(make(), 0.02, solver="ida", tolerance=1e-6)
+    assert not any("orders 1 and 2" in remark for remark in result.remarks)
+
+
+def test_a_state_that_ida_does_not_have_is_not_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The code that IDA returns was not read: after a restart the state of another time was reported."""
+    plant = Plant(pendulum_among(61).mechanism)
+    motion: Any = stepper("ida", plant.system, 0.0, *plant.assemble(), Options(rtol=1e-6))
+    assert motion.advance(0.5).ok
+    before = motion.q.copy()
+    interpolate = motion._ida.interpolate
+    monkeypatch.setattr(motion._ida, "interpolate", lambda _: interpolate(0.1))
+    assert not motion.advance(0.6).ok
+    assert motion.t == 0.5
+    np.testing.assert_array_equal(motion.q, before)
