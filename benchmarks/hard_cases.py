@@ -29,12 +29,13 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402
 from hard_trees import TREES  # noqa: E402
 from judge import Verdict, judge, truth  # noqa: E402
-from mechanisms import CASES, GAPS, Case, grashof, parallelogram  # noqa: E402
+from mechanisms import CASES, GAPS, Case, grashof, n_four_bar, parallelogram  # noqa: E402
 
 import mbfmu as mb  # noqa: E402
 from mbfmu.mechanics import Mechanism  # noqa: E402
 
 SOLVERS = ("ida", "adams", "hybrid", "radau", "esdirk")
+LOOPS_AT_ONCE = (*range(1, 13), 15, 20, 25, 30, 35, 40)
 LARGE_TREE = 60  # coordinates up to which solvers use dense matrices
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10)
 POINTS = 81
@@ -69,6 +70,14 @@ WITHOUT_LOOPS = """## Trees: ill-conditioned mass matrices, many coordinates, tu
 
 Above 60 coordinates the solvers use the structure of the tree and no dense matrices, so cases are run on both sides of
 that limit.
+"""
+
+AT_ONCE = """## Loops that are singular at the same instant
+
+Benchmark A02 of the IFToMM library: N four-bars in a row, 2 s, with the exact motion of one degree of freedom. All
+loops are singular at the same instant, first at 0.7 s. *Serial*: the tree is a chain with a cut joint at the foot of each
+column. *Grounded*: the columns are on the ground, with a cut joint at the end of each coupler. Cells give the number of
+runs over N = {counts}, and the largest error of those that are right.
 """
 
 MISSES = """## Near misses
@@ -106,9 +115,18 @@ def cases() -> Iterator[Hard]:
         yield Hard(name, make, LOOPS)
     for name, make in TREES.items():
         yield Hard(name, make, WITHOUT_LOOPS)
+    for grounded in (False, True):
+        for loops in LOOPS_AT_ONCE:
+            name = f"{'grounded' if grounded else 'serial'}, N = {loops}"
+            yield Hard(name, partial(at_once, loops, grounded), AT_ONCE)
     for gap in GAPS:
         yield Hard(f"1/3/1{gap:+.0e}/3", partial(parallelogram, gap), MISSES, gap)
         yield Hard(f"1/2.5/2/3.5{gap:+.0e}", partial(grashof, gap), MISSES, gap)
+
+
+def at_once(loops: int, grounded: bool) -> Case:
+    """Return N four-bars, for a shorter time."""
+    return n_four_bar(loops, grounded=grounded)._replace(stop_time=2.0)
 
 
 def solvers_of(mechanism: Mechanism, chosen: Sequence[str]) -> list[str]:
@@ -154,6 +172,29 @@ def table(rows: list[Run]) -> str:
         cells = [cell(r, messages) for r in rows if (r.name, r.solver) == (case, solver)]
         lines.append(f"| {case} | {solver} | " + " | ".join(cells) + " |")
     return "\n".join([*lines, "", *(f"{k}. {text}" for k, text in enumerate(messages, 1))]).rstrip()
+
+
+def families(rows: list[Run]) -> str:
+    """The runs of families as Markdown: one line a family and solver, whose members are the part before the comma."""
+    lines = [
+        "| tree | solver | " + " | ".join(f"{rtol:.0e}" for rtol in TOLERANCES) + " |",
+        "|---|---|" + "---|" * len(TOLERANCES),
+    ]
+    messages: list[str] = []
+    for family, solver in dict.fromkeys((r.name.split(",")[0], r.solver) for r in rows):
+        cells = []
+        for rtol in TOLERANCES:
+            members = [r for r in rows if (r.name.split(",")[0], r.solver, r.rtol) == (family, solver, rtol)]
+            counts = Counter(r.verdict.word for r in members)
+            worst = max((r.verdict.error for r in members if r.verdict.word == "right"), default=np.nan)
+            cells.append(", ".join(f"{n} {word}" for word, n in counts.items()) + f"; {worst:.0e}")
+            messages += [
+                f"- {r.name}, {r.solver} at {r.rtol:.0e}, {r.verdict.word}: {r.verdict.why}."
+                for r in members
+                if r.verdict.word != "right"
+            ]
+        lines.append(f"| {family} | {solver} | " + " | ".join(cells) + " |")
+    return "\n".join([*lines, "", *messages]).rstrip()
 
 
 def cell(row: Run, messages: list[str]) -> str:
@@ -202,8 +243,13 @@ def main() -> None:
     if options.cases or options.solvers:
         return
     draw([r for r in rows if r.gap])
-    sections = (f"{s}\n{table([r for r in rows if r.section == s])}\n" for s in (LOOPS, WITHOUT_LOOPS, MISSES))
-    PAGE.write_text(f"{INTRODUCTION}\n{summary}.\n\n" + "\n".join(sections))
+    by_section = {s: [r for r in rows if r.section == s] for s in (LOOPS, WITHOUT_LOOPS, AT_ONCE, MISSES)}
+    parts = [f"{INTRODUCTION}\n{summary}.\n", f"{LOOPS}\n{table(by_section[LOOPS])}\n"]
+    parts.append(f"{WITHOUT_LOOPS}\n{table(by_section[WITHOUT_LOOPS])}\n")
+    at_once = AT_ONCE.format(counts=", ".join(map(str, LOOPS_AT_ONCE)))
+    parts.append(f"{at_once}\n{families(by_section[AT_ONCE])}\n")
+    parts.append(f"{MISSES}\n{table(by_section[MISSES])}\n")
+    PAGE.write_text("\n".join(parts))
 
 
 if __name__ == "__main__":
