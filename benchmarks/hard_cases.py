@@ -75,9 +75,9 @@ that limit.
 AT_ONCE = """## Loops that are singular at the same instant
 
 Benchmark A02 of the IFToMM library: N four-bars in a row, 2 s, with the exact motion of one degree of freedom. All
-loops are singular at the same instant, first at 0.7 s. *Serial*: the tree is a chain with a cut joint at the foot of each
-column. *Grounded*: the columns are on the ground, with a cut joint at the end of each coupler. Cells give the number of
-runs over N = {counts}, and the largest error of those that are right.
+loops are singular at the same instant, first at 0.7 s. *Serial*: the tree is a chain with a cut joint at the foot of
+each column. *Grounded*: the columns are on the ground, with a cut joint at the end of each coupler. Cells give the
+number of runs over N = {counts}, and the largest error of those that are right.
 """
 
 MISSES = """## Near misses
