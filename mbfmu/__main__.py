@@ -2,17 +2,29 @@
 
 from __future__ import annotations
 
+import os
 import sys
 
 
 def main() -> int:
     """Run the command. Loading its modules takes a second, in which Ctrl-C is to be told like at any other time."""
+    prepare_streams()
     try:
         from mbfmu.cli import main as command
     except KeyboardInterrupt:
         print("mbfmu: interrupted; nothing was begun", file=sys.stderr)  # noqa: T201
         return 130
     return command()
+
+
+def prepare_streams() -> None:
+    """Let nothing that is printed fail: names of files that are no text, and output that is closed."""
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:  # closed by who called the command
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: PTH123
+        elif name == "stdout" and hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="surrogateescape" if stream.encoding.lower() == "utf-8" else "backslashreplace")
 
 
 if __name__ == "__main__":

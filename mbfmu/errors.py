@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+LONGEST_MESSAGE = 3000  # characters that the command prints of an error
 LONGEST = 200  # characters of a value in a sentence
 
 
@@ -38,3 +39,11 @@ def short(value: object) -> str:
     """Return what a sentence calls a value: as Python writes it, or its class where that is long."""
     text = repr(value)
     return text if len(text) <= LONGEST and "\n" not in text else f"a {type(value).__name__}"
+
+
+def shorten(text: str) -> str:
+    """Return a message without its middle if it is long, as one that repeats what was given is."""
+    if len(text) <= LONGEST_MESSAGE:
+        return text
+    head, tail = 2 * LONGEST_MESSAGE // 3, LONGEST_MESSAGE // 3
+    return f"{text[:head]} [... {len(text) - head - tail} characters left out ...] {text[-tail:]}"

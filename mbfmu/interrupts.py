@@ -6,6 +6,9 @@ import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from threading import current_thread, main_thread
+from typing import Any
+
+TERMINATED = 143  # exit code of a process that was asked to end, as shells have it
 
 
 @contextmanager
@@ -19,17 +22,43 @@ def interrupts_held(*, fatal: bool = False) -> Iterator[Callable[[], None]]:
         yield lambda: None
         return
     asked: list[int] = []
+    numbers = [n for n in (signal.SIGINT, signal.SIGTERM) if n == signal.SIGINT or callable(signal.getsignal(n))]
 
     def hold(number: int, _frame: object) -> None:
         asked.append(number)
-        signal.signal(signal.SIGINT, signal.SIG_DFL if fatal else before)
+        signal.signal(number, signal.SIG_DFL if fatal else before[number])
 
     def interrupt() -> None:
+        if signal.SIGTERM in asked:
+            raise SystemExit(TERMINATED)
         if asked:
             raise KeyboardInterrupt
 
-    before = signal.signal(signal.SIGINT, hold)
+    before: dict[int, Any] = {number: signal.signal(number, hold) for number in numbers}
     try:
         yield interrupt
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def termination_raised() -> Iterator[None]:
+    """Let a request to end the process (SIGTERM) raise SystemExit in this block, so that unfinished files are removed.
+
+    A second request ends the process at once.
+    """
+    own = current_thread() is main_thread() and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    if not own:
+        yield
+        return
+
+    def leave(_number: int, _frame: object) -> None:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        raise SystemExit(TERMINATED)
+
+    signal.signal(signal.SIGTERM, leave)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)

@@ -92,6 +92,8 @@ def load_scene(reference: str) -> Scene:
         Names the file, the key, its value and what is allowed.
     """
     path = Path(reference)
+    if path.suffix == ".toml" or ".py" in reference:
+        check_text(str(path.absolute()))
     if path.suffix == ".toml":
         return read_scene(path)
     model, slash, scene = reference.partition("/")
@@ -102,6 +104,14 @@ def load_scene(reference: str) -> Scene:
         raise UserError(f"model {model!r} has no scene {scene!r}{suggest(scene, known)}")
     shipped = known[scene]
     return read_scene(shipped) if shipped else default_scene(at_defaults(find(model)), model)
+
+
+def check_text(path: str) -> None:
+    """Refuse a path that is not valid UTF-8, which no scene and no FMU could name; raises UserError."""
+    try:
+        path.encode("utf-8")
+    except UnicodeEncodeError as error:
+        raise UserError(f"path {path!a} is not valid UTF-8; rename the file or its folder") from error
 
 
 def default_scene(model: Model, reference: str = "") -> Scene:

@@ -160,7 +160,13 @@ class Simulation:
         try:
             return stepper(self.pick.solver, self.plant.system, t, q, v, self._options)
         except ValueError as error:
-            raise UserError(f"model {self.model.name!r}: {error}") from error
+            told = str(error)
+            if t == 0.0 and told.startswith("t0 is"):  # the clock resolves everything there but what is no number
+                told = (
+                    "rates or accelerations at the start are too large for floating-point numbers; reduce gravity, "
+                    "forces, stiffness or velocities, or enlarge masses and lengths"
+                )
+            raise UserError(f"model {self.model.name!r}: {told}") from error
 
     def _rehearse(self, t0: float, q: Array, v: Array) -> None:
         """Have everything compiled that a run calls, once in a process for each kind of run."""

@@ -7,11 +7,13 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
+from typing import NoReturn
 
 import argcomplete
 
 import mbfmu
-from mbfmu.errors import UserError
+from mbfmu.errors import UserError, shorten
+from mbfmu.interrupts import termination_raised
 
 from . import (
     cache,
@@ -82,6 +84,14 @@ This line in ~/.bashrc or ~/.zshrc has the shell complete commands, models, scen
 """
 
 
+class Parser(argparse.ArgumentParser):
+    """A parser whose messages are short, whatever was given."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print how the command is used and what is wrong, and end with exit code 2."""
+        super().error(shorten(message))
+
+
 class Formatter(argparse.HelpFormatter):
     """Keeps text that comes in lines as it is, and wraps other text."""
 
@@ -96,10 +106,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = described.parse_args(arguments)
     tells = options.verbose or (sys.stderr.isatty() and not options.quiet)
     try:
-        with compilation(tells):
+        with termination_raised(), compilation(tells):
             return int(options.command(options))
     except UserError as error:
-        print(f"mbfmu: {error}", file=sys.stderr)
+        print(f"mbfmu: {shorten(str(error))}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("mbfmu: interrupted; what was not finished is not kept", file=sys.stderr)
@@ -115,7 +125,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of all subcommands."""
-    top = argparse.ArgumentParser(
+    top = Parser(
         prog="mbfmu",
         description="Multibody mechanisms in relative coordinates, as FMUs.",
         epilog=EXAMPLES,

@@ -6,7 +6,7 @@ import argparse
 import json
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -176,19 +176,21 @@ def scene_part(scene: Scene) -> str:
     return file_name(scene.name.removeprefix(f"{scene.model.name}/"))
 
 
-def run_part(scene: Scene) -> str:
-    """Return how the folder of a run is called: by its scene, solver and tolerance."""
-    return f"{scene_part(scene)}-{scene.settings.solver}-{power(scene.settings.tolerance)}"
+def run_part(scene: Scene, given: Sequence[str] = ()) -> str:
+    """Return the name of the folder of a run: its scene, solver and tolerance, and the values of ``--set``."""
+    name = f"{scene_part(scene)}-{scene.settings.solver}-{power(scene.settings.tolerance)}"
+    changes = file_name(",".join(f"{key}={value}" for key, value in assignments("--set", list(given)).items()))
+    return f"{name}-{changes}" if given else name
 
 
-def stem_of(scene: Scene) -> str:
-    """Return how the files of a run are named: no solver replaces what another one found."""
-    return f"{file_name(scene.model.name)}/{run_part(scene)}"
+def stem_of(scene: Scene, given: Sequence[str] = ()) -> str:
+    """Return the name of the files of a run, so that no run replaces what one of other settings found."""
+    return f"{file_name(scene.model.name)}/{run_part(scene, given)}"
 
 
 def file_name(text: str) -> str:
     """Return text as a name that every file system takes."""
-    return re.sub(r"[^\w .+=-]", "_", text)[:LONGEST].strip(" .") or "unnamed"
+    return re.sub(r"[^\w .,+=-]", "_", text)[:LONGEST].strip(" .") or "unnamed"
 
 
 @contextmanager

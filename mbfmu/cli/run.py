@@ -113,7 +113,7 @@ def command_run(options: argparse.Namespace) -> int:
     scene = scene_of(options)
     outputs = [name for name, *_ in scene.model.built().outputs]
     matching([*outputs, *(v.name for v in VARIABLES)], options.plot)  # complains before the run
-    with results(options.output, scene, run_part(scene)) as place:
+    with results(options.output, scene, run_part(scene, options.set)) as place:
         recorder = Recorder()
         result, way, notes = ran(scene, options, recorder)
         total = time.perf_counter() - begin

@@ -52,7 +52,7 @@ on.""",
     )
     p.add_argument("study", type=Path, help="study file, .toml")
     p.add_argument("--resume", action="store_true", help="go on with the folder of this study; no run is made twice")
-    p.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="folder of the results (results/STUDY)")
+    p.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="folder of the results (results/STUDY-study)")
     p.add_argument("--workers", type=int, default=0, metavar="N", help="processes (one a processor)")
     p.add_argument("--scheduler", default="", metavar="ADDRESS", help="of a Dask cluster that is there")
     p.add_argument("--count", type=int, metavar="N", help="samples, in place of those the file says")
@@ -91,15 +91,18 @@ def command_study(options: argparse.Namespace) -> int:
 
 def place(options: argparse.Namespace) -> Path:
     """Return the folder for the results: the one given, or a new one of the study's name, or the last to go on with."""
+    from mbfmu.ensemble.records import TOLD
+
     if options.output:
         return Path(options.output)
-    root = RESULTS / file_name(options.study.stem)
+    root = RESULTS / f"{file_name(options.study.stem)}-study"  # models have folders of their names there
     named = (root if n == 1 else root.with_name(f"{root.name}-{n}") for n in count(1))
     taken = []
     for folder in named:
         if not folder.exists():
             break
-        taken.append(folder)
+        if (folder / TOLD).exists():  # other folders there are results of other commands
+            taken.append(folder)
     if not options.resume:
         return folder
     if not taken:

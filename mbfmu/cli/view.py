@@ -97,16 +97,17 @@ def add(commands: Commands) -> None:
 def command_view(options: argparse.Namespace) -> int:
     """Write a page, or the pictures asked for."""
     check(options)
-    motion, against, failures, page = load(options)
+    motion, against, results, page = load(options)
     if options.scale != 1.0:
         motion = motion.scaled(options.scale)
     written = write_pictures(motion, options)
     if options.output or options.open or not written:
         written.append(write_page(motion, against, options, options.output or page))
     wrote(options, *written)
-    for failure in failures:
-        print(f"mbfmu: {failure}", file=sys.stderr)
-    return 1 if failures else 0
+    for result in results:
+        for text in filter(None, (result.coarse and f"warning: {result.coarse}", result.failure or result.verdict)):
+            print(f"mbfmu: {text}", file=sys.stderr)
+    return 1 if any(result.failure or result.verdict for result in results) else 0
 
 
 def check(options: argparse.Namespace) -> None:
@@ -131,8 +132,8 @@ def check(options: argparse.Namespace) -> None:
         raise UserError(f"--{'open' if options.open else 'against'} goes with a page, and {options.output} is a glTF")
 
 
-def load(options: argparse.Namespace) -> tuple[Motion, Motion | None, list[str], Path]:
-    """Return the motion, the one beside it, why their runs ended early if they did, and where the page goes."""
+def load(options: argparse.Namespace) -> tuple[Motion, Motion | None, list[Result], Path]:
+    """Return the motion, the one beside it, the results of the runs that were made, and where the page goes."""
     source, against = Path(options.scene), options.against
     if source.suffix == ".npz":
         given = [name for name in OF_SCENES if getattr(options, name) not in (None, [])]
@@ -143,15 +144,15 @@ def load(options: argparse.Namespace) -> tuple[Motion, Motion | None, list[str],
         beside = Motion.load(Path(against)) if against is not None else None
         return Motion.load(source), beside, [], source.with_suffix(".html")
     scene = seen(scene_of(options), options)
-    page = RESULTS / f"{stem_of(scene)}.html"
+    page = RESULTS / f"{stem_of(scene, options.set)}.html"
     recorded = Motion.load(Path(against)) if against is not None and against.endswith(".npz") else None
     other = against_of(scene, against) if against is not None and recorded is None else None
     motion, result = recorded_run(scene)
     if other is None:
-        return motion, recorded, list(filter(None, [result.failure or result.warning])), page
+        return motion, recorded, [result], page
     beside, second = recorded_run(other)
     motion, beside = side_by_side(motion, result, beside, second)
-    return motion, beside, list(filter(None, (one.failure or one.warning for one in (result, second)))), page
+    return motion, beside, [result, second], page
 
 
 def seen(scene: Scene, options: argparse.Namespace) -> Scene:
