@@ -115,7 +115,7 @@ def test_the_scene_in_a_folder_runs_the_same_again(command: Command, tmp_path: P
     assert again.settings == replace(load_scene("fourbar/paper").settings, max_order=3)
     assert (again.name, again.stop_time, again.model.crank_mass) == ("fourbar/paper", 0.1, 2.0)  # type: ignore[attr-defined]
     _, second, _ = command("run", str(Path(first.strip()) / "paper.toml"), *told)
-    assert second == first.replace("1e-4", "1e-4-2")
+    assert second == first.replace("-crank_mass=2", "")  # only `--set` is part of the name
     numbers = [(Path(folder.strip()) / "outputs.csv").read_text() for folder in (first, second)]
     assert numbers[0] == numbers[1]
 
