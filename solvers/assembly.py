@@ -113,6 +113,7 @@ class Scratch(NamedTuple):
         scratch.size[:], scratch.row[:] = system.size, system.row_size
         if held is not None:
             scratch.free[held] = 0.0
+        scratch.share[:] = scratch.free
         if given is not None:
             scratch.given[:] = given
         return scratch

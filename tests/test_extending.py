@@ -51,7 +51,7 @@ def test_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert seen.count("bash") == 2
     assert (tmp_path / "slider.fmu").is_file()
     assert (tmp_path / "lamp.fmu").is_file()
-    assert (tmp_path / "results" / "slidercrank" / "default-ida-1e-6" / "outputs.png").is_file()
+    assert (tmp_path / "results" / "slidercrank" / "default-ida-1e-6-crank=0.12" / "outputs.png").is_file()
 
 
 def test_the_page_of_kinds_has_every_kind_and_no_other() -> None:

@@ -101,8 +101,11 @@ def test_whole_numbers_and_switches(pendulum_file: Path) -> None:
         ('model = "fourbar"\nsolver = 3', "solver is 3"),
         ('model = "fourbar"\nsolver = ["ida"]', r"solver is \['ida'\]"),
         ('model = "fourbar"\ninputs = "held"', "inputs is 'held'"),
-        (f'model = "fourbar"\nstop_time = {"9" * 401}', "stop_time is 999"),
-        (f'model = "fourbar"\n[parameters]\ncrank_length = {"9" * 401}', "a finite number"),
+        (f'model = "fourbar"\nstop_time = {"9" * 401}', "stop_time has a whole number of more than 64 bits"),
+        (
+            f'model = "fourbar"\n[parameters]\ncrank_length = {"9" * 401}',
+            "crank_length has a whole number",
+        ),
     ],
 )
 def test_scene_files_name_what_is_wrong(tmp_path: Path, text: str, message: str) -> None:
