@@ -59,7 +59,7 @@ class Audit:
         self.balance["level"] = base
 
     def look(self, t: float, q: Array, energy: float, ledger: Array) -> float:
-        """Return the imbalance of one state, J; q (nq,), and a ledger (5,)."""
+        """Return the imbalance of one state, J; q (nq,), and a ledger (7,)."""
         imbalance, lost = judge(self.balance, energy, ledger)
         if lost:
             self._note((t, q), imbalance, ledger, self._last)
@@ -67,7 +67,7 @@ class Audit:
         return float(imbalance)
 
     def check(self, times: Array, q: Array, energies: Array, ledgers: Array) -> Array:
-        """Return the imbalance (k,) at ``times`` (k,) with positions q (k, nq), energies (k,) and ledgers (k, 5), J."""
+        """Return the imbalance (k,) at ``times`` (k,) with positions q (k, nq), energies (k,) and ledgers (k, 7), J."""
         found = np.zeros(len(times))
         i = find_lost(self.balance, np.ascontiguousarray(energies), ledgers, found)
         if i < len(times):

@@ -2,13 +2,16 @@
 
 A run keeps its balance while
 
-    |E - level - W| <= min(EXPLAINED stray, max(PART at work, exposure)) + rounding + energy of the slowest motion,
+    |E - level - W| <= min(explained, most) + rounding + energy of the slowest motion,
 
-with W, stray and exposure of a reported row of :mod:`.ledger`, and the ``level`` that E started from with every jump
-since. ``stray`` takes the local errors of all steps at their largest and all of one sign; of healthy runs the imbalance
-was at most 0.08 of it, and mostly 0.01. The second bound is for runs of so many steps that the first would let all
-energy go: a part of the energy at work, which is the kinetic energy at its largest and what was exchanged, or of one
-step, where next to nothing moves yet.
+    explained = max(EXPLAINED stray, min(stray, FEW (exposure + slip))),
+    most      = max(PART, 1 / extent) at work + slip,
+
+with W, stray, exposure, slip and extent of a reported row of :mod:`.ledger`, and the ``level`` that E started from with
+every jump since. ``stray`` takes the local errors of all steps at their largest and all of one sign; of healthy runs
+the imbalance was at most 0.08 of it, and mostly 0.01. ``most`` is for runs in which that is more than there is: a part
+of the energy at work, which is the kinetic energy at its largest and what was exchanged. A motion whose extent is a few
+absolute tolerances is not known to that part: its first-order error of energy is the energy at work over the extent.
 """
 
 from __future__ import annotations
@@ -19,7 +22,7 @@ import numpy as np
 
 from solvers.compiled.kernel import kernel
 
-from .ledger import EXCHANGED, EXPOSURE, MOST, STRAY, WORK
+from .ledger import EXCHANGED, EXPOSURE, EXTENT, MOST, SLIPPED, STRAY, WORK
 
 BALANCE = np.dtype(
     [
@@ -51,15 +54,15 @@ def bound(b: Any, energy: float, row: Any) -> float:
     """What the tolerance and rounding explain of the imbalance of a state, J; b a record of BALANCE."""
     stray, at_work = row[STRAY], row[MOST] + row[EXCHANGED]
     rounding = ROUNDING * (abs(energy) + abs(b.level) + at_work + stray / b.tolerance)
-    most = max(PART * at_work, row[EXPOSURE])
-    steps = max(EXPLAINED * stray, min(stray, FEW * row[EXPOSURE]))
+    most = max(PART, 1.0 / max(1.0, row[EXTENT])) * at_work + row[SLIPPED]
+    steps = max(EXPLAINED * stray, min(stray, FEW * (row[EXPOSURE] + row[SLIPPED])))
     explained: float = min(steps, most) + rounding + b.unseen
     return explained
 
 
 @kernel
 def judge(balance: Any, energy: float, row: Any) -> tuple[float, bool]:
-    """Return the imbalance (J) of a state with this energy and reported row (5,), and whether the balance is lost: it
+    """Return the imbalance (J) of a state with this energy and reported row (7,), and whether the balance is lost: it
     is more than explained, or no number. balance (1,) of BALANCE.
     """
     imbalance = energy - balance[0].level - row[WORK]

@@ -14,7 +14,11 @@ and the sum over the steps is what the tolerance explains (``stray``). p is the 
 drives in it; for g stands the bias h of the equations of motion, which holds the forces of every potential and the same
 products of velocities. An energy that is a square of the error is covered: the exposure is taken where a step ends. No
 tolerance controls e_W. Driven coordinates count among the others as if they were integrated, since it is through their
-momentum and effort that the work errs; and what a formula for W estimates as its error is added.
+momentum and effort that the work errs; and what a formula for W estimates as its error is added. The largest such
+error of a step is ``slip``: at corners of a force, as where a stop releases a body, W errs by more than the motion.
+
+The *extent* of the motion is its largest displacement or velocity in absolute tolerances, whichever is less. A motion
+of a few tolerances is not known to a small part of its energy.
 
 ``exchanged`` is the range of the kinetic energy so far, and what W has moved either way.
 
@@ -28,7 +32,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from solvers.compiled.kernel import kernel
+from solvers.compiled.kernel import inlined, kernel
 
 from .system import Array
 
@@ -39,6 +43,9 @@ FIELDS: list[tuple[str, str]] = [
     ("least", "f8"),
     ("through", "f8"),  # J, sum of |changes of W|
     ("looks", "i8"),
+    ("slip", "f8"),  # J, the largest estimated error of the work of one step
+    ("reach", "f8"),
+    ("pace", "f8"),  # the largest displacement and velocity so far, in absolute tolerances
 ]
 POINTS = 6  # powers that a polynomial goes through: as many as a formula of order 5 knows states
 BOOK = np.dtype(
@@ -50,10 +57,14 @@ BOOK = np.dtype(
     align=True,
 )  # fmt: skip
 NODES, WEIGHTS = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)]), np.array([5.0, 8.0, 5.0]) / 9.0  # of Gauss
-WORK, STRAY, EXCHANGED, MOST, EXPOSURE = 0, 1, 2, 3, 4  # of a reported row
-ROW = 5
+WORK, STRAY, EXCHANGED, MOST, EXPOSURE, SLIPPED, EXTENT = range(7)  # of a reported row
+ROW = 7
+# exposure in the norm of a sum, kinetic energy, J, displacement and velocity in absolute tolerances: entries of what a
+# look finds, before the positions at the first look (rad or m, nan before it)
+FOUND = 4
 EVERY, AT_FIRST, ANEW = 8, 24, 3  # steps between two looks; looks in a row after the start, and after a change
-SLIP = 4.0  # what a formula says its error in W is counts so many times: it is an error, where the exposure is a bound
+SLIP = 12.0  # estimates of the error of W are multiplied by this: where forces have corners they are only estimates
+MESH_ERROR = 100.0  # tolerances: error of a mesh's vibrations that is no reason for a warning
 BETWEEN = 4.0  # exposures: a reported state is interpolated, and closed
 
 
@@ -64,12 +75,21 @@ class Scales(NamedTuple):
     place: Array  # (n,)  absolute tolerances of the free coordinates, and of their rates
     rate: Array  # (n,)
     mean: Array  # (1,)  the error's norm is the root of its mean square over so many; 1: of its sum
-    found: Array  # (2,)  exposure in the norm of a sum, and kinetic energy, J
+    found: (
+        Array  # (4 + n,)  see FOUND: exposure, kinetic energy, J; displacement, velocity; positions at the first look
+    )
+    extent: Array  # (2,)  by which displacement and velocity are multiplied, to be in tolerances of the motion
 
     @staticmethod
-    def of(rtol: float, place: Array, rate: Array, mean: int = 1) -> Scales:
+    def of(rtol: float, place: Array, rate: Array, mean: int = 1, extent: tuple[float, float] = (1.0, 1.0)) -> Scales:
         """Return the scales of these tolerances."""
-        return Scales(np.array([rtol]), place, rate, np.array([float(mean)]), np.zeros(2))
+        found = np.concatenate((np.zeros(FOUND), np.full(len(place), np.nan)))
+        return Scales(np.array([rtol]), place, rate, np.array([float(mean)]), found, np.array(extent))
+
+    @staticmethod
+    def of_mesh(rtol: float, place: Array, rate: Array, mean: int, looser: float) -> Scales:
+        """Return those of a mesh, whose stiff modes are damped on purpose; its rates have ``looser`` tolerances."""
+        return Scales.of(rtol, place, rate, mean, (1.0 / MESH_ERROR, looser / MESH_ERROR))
 
 
 @kernel
@@ -78,6 +98,7 @@ def set_scales(s: Any, absolute: float, size: Any, pace: Any) -> None:
     for k in range(size.shape[0]):
         s.place[k] = absolute * size[k]
         s.rate[k] = pace[k] * s.place[k]
+        s.found[FOUND + k] = np.nan
 
 
 @kernel
@@ -90,6 +111,7 @@ def look(exposure: Any, data: Any, c: Any, s: Any) -> None:
     c.looks += 1
     c.most, c.least = max(c.most, kinetic), min(c.least, kinetic)
     c.exposure = s.found[0] * np.sqrt(s.mean[0])
+    c.reach, c.pace = max(c.reach, s.extent[0] * s.found[2]), max(c.pace, s.extent[1] * s.found[3])
 
 
 @kernel
@@ -103,6 +125,13 @@ def look_anew(books: Any) -> None:
     """Let the next steps be looked at one by one: loads have changed. books (1,) of FIELDS."""
     c = books[0]
     c.looks = min(c.looks, AT_FIRST - ANEW)
+
+
+@inlined
+def book_stray(c: Any, error: float) -> None:
+    """Add what a step may have changed the imbalance by; ``error`` is the estimated error of its work, J."""
+    c.slip = max(c.slip, abs(error))
+    c.stray += c.exposure + SLIP * abs(error)
 
 
 @kernel
@@ -127,7 +156,7 @@ def add_step(books: Any, t: float, power: float) -> None:
         c.work += done
         c.steps += 1
         c.through += abs(done)
-        c.stray += c.exposure + SLIP * abs(done - integral(c, t, c.known - 1))
+        book_stray(c, done - integral(c, t, c.known - 1))
 
 
 @kernel
@@ -154,9 +183,11 @@ def integral(c: Any, t: float, points: int) -> float:
 
 @kernel
 def report(c: Any, work: float, row: Any) -> None:
-    """row (ROW,) = work, stray, exchanged and largest kinetic energy, exposure of a step, J."""
+    """row (ROW,) = work, stray, exchanged and largest kinetic energy, exposure of a step, largest error of the work of
+    one, J, and the extent of the motion in absolute tolerances.
+    """
     row[0], row[1], row[2] = work, c.stray + BETWEEN * c.exposure, c.most - c.least + c.through
-    row[3], row[4] = c.most, c.exposure
+    row[3], row[4], row[5], row[6] = c.most, c.exposure, SLIP * c.slip, min(c.reach, c.pace)
 
 
 @kernel

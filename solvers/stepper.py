@@ -154,7 +154,7 @@ class Stepper(ABC):
 
     @property
     def ledger(self) -> Array:
-        """Work, stray, exchanged and largest kinetic energy, exposure of a step (5,), all at the reported state, J."""
+        """What is booked at the reported state (7,), see :func:`solvers.ledger.report`."""
         return self._ledger.copy()
 
     def advance(self, t: float) -> Status:

@@ -94,6 +94,8 @@ def exposure(rtol: float, place: Any, rate: Any, arrays: Any, state: Any, out: A
 
     h is State.tau, the bias; dq = rtol |q| + place and dv = rtol |v| + rate with the absolute tolerances (n,) of the
     free coordinates, and the largest of them for driven ones. State.tau and the joint wrenches are lost.
+
+    A longer out (4 + n,) gets the extent of the motion, see :func:`find_extent`.
     """
     widest, fastest = 0.0, 0.0
     for k in range(place.shape[0]):
@@ -112,6 +114,32 @@ def exposure(rtol: float, place: Any, rate: Any, arrays: Any, state: Any, out: A
             speed = rtol * abs(state.v[body.vi + k]) + (fastest if body.vf < 0 else rate[body.vf + k])
             square += (state.tau[body.vi + k] * speed) ** 2
     out[0] = np.sqrt(square)
+    if out.shape[0] > 2:
+        find_extent(place, rate, widest, fastest, arrays, state, out)
+
+
+@inlined
+def find_extent(place: Any, rate: Any, widest: float, fastest: float, arrays: Any, state: Any, out: Any) -> None:
+    """out[2:4] = the largest displacement and velocity of a coordinate in absolute tolerances; out[4:] = positions.
+
+    Displacements are those from out[4:] (n,), which is set where it is nan, of a quaternion those of twice its vector
+    part. For driven coordinates, which have no entry there, velocities stand for both.
+    """
+    out[2], out[3] = 0.0, 0.0
+    for i in range(1, arrays.bodies.shape[0]):
+        body = arrays.bodies[i]
+        plain = body.nq - 4 * body.quaternion
+        for k in range(body.nv * (body.role != SECTION)):
+            free, v = body.vf >= 0, abs(state.v[body.vi + k])
+            pace = v / (rate[body.vf + k] if free else fastest) if v > 0.0 else 0.0
+            out[3] = max(out[3], pace)
+            if not free:
+                out[2] = max(out[2], pace)
+                continue
+            at = state.q[body.qi + k] if k < plain else 2.0 * state.q[body.qi + k + 1]
+            if not out[4 + body.vf + k] == out[4 + body.vf + k]:
+                out[4 + body.vf + k] = at
+            out[2] = max(out[2], abs(at - out[4 + body.vf + k]) / place[body.vf + k])
 
 
 @inlined

@@ -326,7 +326,7 @@ def cut(cuts: int, c: Any, H: Any) -> None:
 @kernel
 def advance(eqs: Any, settings: Any, H: Any, work: Any, scales: Any, target: float, q: Any, v: Any, ledger: Any) -> int:
     """Step until ``target`` is passed; put the state there, closed, into (q, v), or the last good one on failure, and
-    what is booked into ``ledger`` (6,).
+    what is booked into ``ledger`` (ROW,).
     """
     c, o = H.control[0], settings[0]
     code, taken = OK, 0

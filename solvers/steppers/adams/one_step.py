@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from solvers.compiled.kernel import inlined
-from solvers.ledger import SLIP
+from solvers.ledger import book_stray
 
 STAGES = 7
 NODES = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
@@ -93,7 +93,7 @@ def take_step(c: Any, H: Any, target: float, error: float) -> None:
     for k in range(STAGES):
         slip += E[k] * H.phi[last, k + 1]
     c.through += abs(H.trial[last] - H.y[last])
-    c.stray += c.exposure + SLIP * abs(c.h * slip)
+    book_stray(c, c.h * slip)
     c.t = target if abs(target - c.t - c.h) <= SAME * c.h else c.t + c.h
     c.hold = c.h
     for j in range(H.y.shape[0]):

@@ -211,7 +211,7 @@ def step(eqs: Any, c: Any, o: Any, H: Any, s: Any, scales: Any) -> int:
 @kernel
 def advance(eqs: Any, settings: Any, H: Any, s: Any, scales: Any, target: float, q: Any, v: Any, ledger: Any) -> int:
     """Step until ``target`` is passed; put the state there into (q, v), or the last good one on failure, and what is
-    booked into ``ledger`` (6,).
+    booked into ``ledger`` (ROW,).
     """
     c, o = H.control[0], settings[0]
     code, taken = OK, 0

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solvers.compiled.kernel import inlined, kernel, records
-from solvers.ledger import FIELDS, SLIP, due, look
+from solvers.ledger import FIELDS, book_stray, due, look
 from solvers.positions import angular_velocity, as_motion, as_slope
 from solvers.system import Array, TreeSystem
 
@@ -322,7 +322,7 @@ def accept(h: float, after: float, M: Any, s: Any) -> None:
         done += h * B[j] * M.P[j]
         slip += h * (B[j] - LOWER[j]) * M.P[j]
     c.through += abs(done)
-    c.stray += c.exposure + SLIP * abs(slip)
+    book_stray(c, slip)
     M.ends[0], M.ends[1], M.ends[2], M.ends[3] = c.work, c.work + done, M.P[0], M.P[STAGES - 1]
     c.work, M.P[0] = c.work + done, M.P[STAGES - 1]
     for k in range(s.q.shape[0]):

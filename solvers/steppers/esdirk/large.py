@@ -101,7 +101,7 @@ class TreeESDIRKStepper(Stepper):
         require_placed(self._q, system.position_sizes(system.size), o.rtol)
         self._absolute = o.absolute * system.size
         rates = RATE * self._rate * self._absolute
-        self._scales = hold(Scales.of(o.rtol, self._absolute, rates, system.n))
+        self._scales = hold(Scales.of_mesh(o.rtol, self._absolute, rates, system.n, RATE))
         self._works, self._longest = 0, np.inf
         self._mine = -1  # how often the tangent had been factored when these factors were made
         self.status = self._status(close(system, self._t, self._q, self._v))

@@ -105,7 +105,7 @@ class TreeIDAStepper(IDADriver):
 
     def _new_ida(self) -> DirectIDA | BoundIDA:
         s, o = self.system, self.options
-        mesh = s.meshed is not None and bool(s.meshed.any())
+        mesh = self._has_mesh
         order = min(ORDER, o.max_order or (MESH_ORDER if mesh else ORDER))
         part = 1.0 if mesh else (s.nq + s.n + 2 * s.m) ** -0.5
         sizes = o.absolute * s.size
@@ -115,7 +115,7 @@ class TreeIDAStepper(IDADriver):
             Given(
                 s.inverse, s.retract, s.position, *audit_callbacks(s), s.held_data, self._terms, s.positions,
                 s.tangent.solve_one, s.tangent.inertia_one, s.tangent.data, self._scratch, self._reduced,
-                LENGTH_RATE * self._rate, len(atol), self._book, hold(Scales.of(o.rtol, sizes, rates, len(atol))),
+                LENGTH_RATE * self._rate, len(atol), self._book, hold(self._scales(sizes, rates, len(atol))),
                 self._counts, self._course, self._tolerances(atol), self._imaginary(len(atol)),
             )
         )  # fmt: skip
@@ -141,6 +141,19 @@ class TreeIDAStepper(IDADriver):
             linsolver="gmres", krylov_dim=KRYLOV, precond=IDAPrecond(self._set_up, solve),
             max_step=0.0 if np.isinf(o.max_step) else o.max_step, max_conv_fails=FAILURES, **options,
         )  # fmt: skip
+
+    @property
+    def _has_mesh(self) -> bool:
+        return self.system.meshed is not None and bool(self.system.meshed.any())
+
+    def _scales(self, sizes: Array, rates: Array, count: int) -> Scales:
+        """Return what the energy may stray by: what was asked for, whatever the tolerances that IDA is given.
+
+        The stiff modes of a mesh are damped on purpose, as far as IDA's own tolerances let them be.
+        """
+        if self._has_mesh:
+            return Scales.of_mesh(self.options.rtol, sizes, rates, count, MESH_RATE)
+        return Scales.of(self.options.rtol, sizes, self._rate * sizes)
 
     def _imaginary(self, count: int) -> Any:
         """Return what products of Newton's matrix are made with, where forces turn sharply."""

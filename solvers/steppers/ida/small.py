@@ -89,7 +89,8 @@ class IDAStepper(IDADriver, DenseStepper):
 
     def _new_ida(self) -> DirectIDA | BoundIDA:
         o, count = self.options, len(self._atol)
-        self._scales = hold(Scales.of(self._tight, self._place, self._pace, count))
+        tighter = self._tight / self._rtol
+        self._scales = hold(Scales.of(self._tight, self._place, self._pace, count, (tighter, tighter)))
         given = Given(
             self._eqs, self._held, self._work, self._rank, count, self._book, self._scales, self._counts, self._course,
             self._good, np.array([LOSS * self._rtol]),

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
-from solvers.ledger import SLIP, due, look, look_anew, report, set_scales
+from solvers.ledger import book_stray, due, look, look_anew, report, set_scales
 from solvers.outcome import BRANCHES, COLLAPSED, MAX_STEPS, OK
 from solvers.projection.projection import acceleration, close
 from solvers.projection.reported import tell
@@ -202,7 +202,7 @@ def accept(c: Any, H: Any, h: float, after: float, error: float) -> None:
         done += h * A[STAGES - 1, s] * H.P[s]
     H.work[0] += done
     c.through += abs(done)
-    c.stray += c.exposure + SLIP * abs(error_of_work(h, H))
+    book_stray(c, error_of_work(h, H))
     whole = h >= c.h
     c.t, c.hold = after, h
     longer = h * grow(c, h, error)
@@ -224,7 +224,7 @@ def back_to(H: Any, q: Any, v: Any) -> None:
 @kernel
 def advance(eqs: Any, settings: Any, H: Any, work: Any, scales: Any, target: float, q: Any, v: Any, ledger: Any) -> int:
     """Step until ``target`` is passed; put the state there, closed, into (q, v), or the last good one on failure, and
-    what is booked into ``ledger`` (6,).
+    what is booked into ``ledger`` (ROW,).
     """
     c, o = H.control[0], settings[0]
     code, taken = OK, 0
