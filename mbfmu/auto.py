@@ -104,7 +104,7 @@ def limit_order(plant: Plant, solver: str, state: State, options: Options) -> tu
     except UserError:
         return options, ""
     followed = found.followed(options.absolute)
-    if followed >= RESOLVED * found.undamped:
+    if followed >= RESOLVED * found.undamped or not followed:  # at rest there is nothing to compare with
         return options, ""
     return replace(options, max_order=LOW_ORDER), (
         f"'ida' uses orders 1 and 2 only: the fastest motion of this model ({found.undamped:.3g} rad/s, coordinate "

@@ -244,6 +244,7 @@ TEMPORARY = {  # functions that write into a folder of their own, which is remov
     "native/kernels.py:main",
     "ensemble/work.py:unpacked",
     "ensemble/work.py:__init__",
+    "__main__.py:prepare_streams",  # the device, as below
     "cli/__init__.py:main",  # the device that swallows what is written to it
     "files.py:write_text",
     "files.py:write_bytes",

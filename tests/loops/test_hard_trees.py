@@ -11,7 +11,7 @@ from judge import Truth, judge, truth
 from mechanisms import Case, G
 
 import mbfmu as mb
-from mbfmu.mechanics import JointSpring, Mechanism, Plant, Revolute, rod
+from mbfmu.mechanics import JointForce, JointSpring, Mechanism, Plant, Revolute, Translational, rod
 from solvers import Options, stepper
 from solvers.compiled.kernel import COMPILED
 
@@ -82,3 +82,15 @@ def test_a_state_that_ida_does_not_have_is_not_reported(monkeypatch: pytest.Monk
     assert not motion.advance(0.6).ok
     assert motion.t == 0.5
     np.testing.assert_array_equal(motion.q, before)
+
+
+def test_masses_at_rest_that_a_force_moves_later_do_not_limit_the_order() -> None:
+    """Nothing moves and nothing is elastic: eigenvalues are rounding errors, and there is nothing to compare with."""
+    m = Mechanism()
+    for k in range(70):
+        body = m.body(f"mass{k}", m.ground, Translational(axis="x"), mass=1.0)
+    m.force("push", JointForce(mb.Polynomial((0.0, 2.0))), body)
+    m.output("rate", body.rate())
+    result = mb.simulate(m, 1.0, solver="ida", tolerance=1e-6)
+    assert result.remarks == ()
+    np.testing.assert_allclose(result["rate"], result.t**2, atol=ALLOWED * 1e-6)

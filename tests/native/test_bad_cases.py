@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
@@ -196,9 +197,10 @@ def test_a_balance_that_is_lost_is_told_in_the_numbers_of_a_simulation(tmp_path:
     for k in range(20):
         assert four_bar.step(0.1 * k, 0.1) == OK
         assert simulation.advance(0.1 * k + 0.1).ok
-        assert four_bar.get("String", [references(four_bar)["solver.message"]])[1] == [simulation.verdict.encode()]
-    assert simulation.verdict.startswith("the energy balance is lost at t = ")
-    assert [text for _, text in four_bar.binary.logged] == [simulation.verdict]  # once
+        numbers = re.sub(r"; the loop that .* \(singular values .*?\)", "", simulation.verdict)  # known to Python alone
+        assert four_bar.get("String", [references(four_bar)["solver.message"]])[1] == [numbers.encode()]
+    assert numbers.startswith("the energy balance is lost at t = ")
+    assert [text for _, text in four_bar.binary.logged] == [numbers]  # once
     four_bar.free()
 
 

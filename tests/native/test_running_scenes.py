@@ -100,7 +100,7 @@ def test_what_a_native_fmu_logs_is_a_note_and_not_among_the_paths(runtime: Path,
         _, quiet, _ = command("-q", *told)
     assert NATIVE in out
     assert re.search(r"^  note: cells bend by up to \d\d degrees", out, re.MULTILINE)
-    assert quiet == f"{tmp_path / 'sheet' / 'default-adams-1e-5-2'}\n"
+    assert quiet == f"{tmp_path / 'sheet' / 'default-adams-1e-5-nx=4,nz=3,support=free,start_spin=600-2'}\n"
 
 
 def test_without_a_runtime_the_fmu_calls_python(command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
