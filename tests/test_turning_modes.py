@@ -16,7 +16,7 @@ GRAVITY = 9.81
 
 
 def rods(count: int, speed: float, size: float = 1.0) -> mb.Mechanism:
-    """Rods that hang on a spindle, each on a hinge that turns with it."""
+    """Rods on a spindle, each on a hinge that turns with it."""
     m = mb.Mechanism(gravity=(0.0, -GRAVITY, 0.0))
     spindle = mb.Revolute(axis="y", drive=mb.Polynomial((0.3, speed)))
     hub = m.body("hub", m.ground, spindle, mass=1.0, inertia=(1.0, 1.0, 1.0))

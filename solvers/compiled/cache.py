@@ -73,7 +73,7 @@ def kernel_sources() -> dict[str, str]:
 
 
 def fingerprint_of(sources: Mapping[str, str]) -> str:
-    """Return what tells sources from all others."""
+    """Return a fingerprint of the names and contents of sources (16 hexadecimal digits)."""
     told = sha256(numba.__version__.encode())
     for name in sorted(sources):
         told.update(f"{name}\n{sources[name]}".encode())

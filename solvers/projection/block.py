@@ -24,7 +24,7 @@ from solvers.linalg.dense import least_norm, length, lq, rank_at, ratio, solve_p
 from .critical import EXACT, FLAT, NEWTON, PROBE, drive_rate, moves
 
 ROUNDED = 1e-10  # part of the first pivot: those below are alike
-APART = 3.0  # ratio of two successive pivots between which rows that vanish are told from others
+APART = 3.0  # least ratio of two successive pivots that separates equations without rank from the others
 LEAP = 10.0  # longest way ahead to where rows would vanish, in lengths of the last step
 CLOSER = 100.0  # so much better Phi~ must lie in the span of U than L_22 must vanish
 STRIDE, FAR = 0.3, 1.0  # longest step and way of any coordinate, in units of size

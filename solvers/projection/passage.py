@@ -1,16 +1,18 @@
-"""How a step has passed a critical point, whatever number k of rows vanishes there.
+"""How a step has passed a critical point in which any number k of constraint equations loses its rank.
 
-With U the forces that balance in the critical point and Z the motions of all branches, which nothing resists there,
+U (k rows of forces) is the left null space of J~ in the critical point, Z its null space: the tangents of all branches.
 
-    B(q) = U^T J~(q) Z        (k, k + freedoms)
+    B(q) = U^T J~(q) Z        (k, k + degrees of freedom)
 
-vanishes in it and is linear in the distance to first order: along a motion that goes straight on, B after is -c times
-B before, c > 0. On the same side of the point it is c times. Where a loop has gone over to another branch its rows of B
-have another direction, and where that differs little the sign of those on the same side. All is measured in the
-rows of B before, made orthonormal: one loop of many counts as much as one of one. A motion along the critical points
-does not change B, so this holds with more freedoms too.
+is zero in the critical point and, to first order, linear in the distance from it. Along a motion that passes straight
+through, B after the point is -c times B before it, c > 0; on the same side of the point it is +c times. If a loop has
+changed to another branch, its rows of B have another direction, or, where branches differ little, the sign of those on
+the same side. Everything is measured in the rows of B before the point, made orthonormal, so that one loop among many
+counts as much as a single one. A motion along the set of critical points does not change B, so the test also holds for
+more degrees of freedom.
 
-No determinant tells as much: its sign turns with (-1)^k, and where branches lie at small angles tangents turn little.
+The sign of a determinant cannot decide this: it changes by (-1)^k, and if branches meet at small angles the tangents
+hardly turn.
 """
 
 from __future__ import annotations
@@ -23,14 +25,14 @@ from solvers.compiled.kernel import inlined, kernel
 from solvers.linalg.dense import lq, rank_at, solve_positive, turn_in
 
 ASTRAY, ACROSS, ASIDE = 0, 1, 2  # on another branch; straight through; on this side of it
-LOST = 1e-6  # part of the first pivot: those below vanish in the critical point
-SKEW = 0.5  # part of c: by so much B may differ from what it is on the same branch
+LOST = 1e-6  # ratio to the first pivot below which a pivot is zero in the critical point
+SKEW = 0.5  # largest difference of B from its value on the same branch, relative to c
 ROUNDS = 20  # of the power iteration for the largest singular value
 
 
 @kernel
 def hold_critical(eqs: Any, rank: int, work: Any) -> int:
-    """Keep the factors of J~ at the critical point just found; return how many independent rows vanish there."""
+    """Keep the factors of J~ at the critical point just found; return the number of equations that lose their rank."""
     eqs.position(work.critical[0].t, work.q_c, eqs.data, eqs.terms)
     m, n = eqs.terms.J.shape
     scale_rows(eqs.terms, work, work.C)

@@ -48,8 +48,8 @@ PASSED = 3.0  # a crossing that a step has passed lies within so many lengths of
 TURN = 0.75  # of the squared rate of fall: more than that must be lost before the ratio is nothing, or it goes through
 CLOSED = 1e-5  # distance from a crossing, in units of size, at which closed positions are on one branch or on another
 ROUND, LINE = 0.3, 0.8  # so near a crossing, in units of size, branches are lines; cosine of what is still the same
-LEAST_TURN = 2.0  # ratio of the pivots, in lengths of a step in units of size, above which no row vanishes in it
-BESIDE = 1e-2  # distance from where several rows vanish, in units of size, at which what vanishes has its digits
+LEAST_TURN = 2.0  # ratio of the pivots per length of a step (in units of size) above which no equation loses its rank
+BESIDE = 1e-2  # distance from a critical point of several equations, in units of size, from which B is accurate
 AHEAD = 3.0  # steps ahead that a singular position is looked for
 JUMP = 0.7  # of the step before, to a crossing from where the next step jumps over it
 LEAD = 0.67  # of a longer way, that the step before the jump may go
@@ -247,7 +247,7 @@ def suspicious(q: Any, rank: int, terms: Any, work: Any) -> bool:
 
 @inlined
 def comparable(q: Any, exact: float, terms: Any, work: Any) -> bool:
-    """Whether :func:`solvers.projection.passage.passage` tells the branch that q is on. For a single row other tests
+    """Whether :func:`solvers.projection.passage.passage` decides the branch that q is on. For a single row other tests
     tell it too: of these far from the crossing, where branches are no lines, and where drives may turn back.
     """
     c, here, last = work.critical[0], distance(work.q_c, q, work), distance(work.q_c, work.q_last, work)

@@ -15,7 +15,7 @@ CRITICAL = np.dtype(
     [
         ("kind", "i8"),  # what the critical point q_c is: solvers.projection.singular.NONE, CROSSING, or MISS
         ("lost", "i8"),  # number of independent rows that vanish there
-        ("spread", "i8"),  # dimension of the critical points about it, in q and t, where more than one row vanishes
+        ("spread", "i8"),  # dimension of the set of critical points, in q and t, if several equations lose their rank
         ("slope", "f8"),  # of the ratio of the pivots by the distance, where it was found; 1 for one row
         ("gap", "f8"),  # distance of the loop from one that crosses, in units of the rows
         ("t", "f8"),  # when the drives get there, s

@@ -125,19 +125,19 @@ class Third:
         zipfile.ZipFile(path).extractall(folder)
         self.description = read_model_description(str(path))
         (binary,) = (folder / "binaries").glob("*/*.so")
-        self.library, self.resources = ctypes.CDLL(str(binary)), str(folder / "resources").encode()
+        self.functions, self.resources = ctypes.CDLL(str(binary)), str(folder / "resources").encode()
         self.logged: list[str] = []
         self.log = LOG(lambda _e, _s, _c, text: self.logged.append(text.decode()))
 
     def instantiate(self, *, logging: bool = True) -> Any:
-        function = self.library.fmi3InstantiateCoSimulation
+        function = self.functions.fmi3InstantiateCoSimulation
         function.restype = c_void_p
         token = self.description.instantiationToken.encode()
         flags = c_bool(False), c_bool(logging), c_bool(False), c_bool(False)
         return c_void_p(function(b"one", token, self.resources, *flags, None, c_size_t(0), None, self.log, None))
 
     def call(self, instance: Any, name: str, *arguments: Any) -> int:
-        return int(self.library[f"fmi3{name}"](instance, *arguments))
+        return int(self.functions[f"fmi3{name}"](instance, *arguments))
 
 
 @pytest.fixture(scope="module")
@@ -213,7 +213,7 @@ def test_every_function_that_is_never_offered_says_so(third: Third, instance: An
 @pytest.mark.parametrize("kind", ["ModelExchange", "ScheduledExecution"])
 def test_another_kind_of_fmu_is_refused_with_a_message(third: Third, kind: str) -> None:
     third.logged.clear()
-    function = third.library[f"fmi3Instantiate{kind}"]
+    function = third.functions[f"fmi3Instantiate{kind}"]
     function.restype = c_void_p
     given = b"one", third.description.instantiationToken.encode(), third.resources, c_bool(False), c_bool(False)
     assert function(*given, None, third.log, None, None, None) is None
