@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
 
 import mbfmu as mb
 
@@ -237,3 +238,50 @@ def test_a_saved_result_says_how_inputs_were_treated(tmp_path: Any) -> None:
     found.save(tmp_path / "r.npz")
     assert mb.Result.load(tmp_path / "r.npz").inputs == found.inputs
     assert "evaluated at the solver" in found._repr_html_()
+
+
+PULSES = {  # points of a load that is zero at the start, in parts of the duration
+    "triangle": ([0.0, 0.3, 0.5, 0.7, 1.0], [0.0, 0.0, 1.0, 0.0, 0.0]),
+    "rectangle": ([0.0, 0.4, 0.4001, 0.6, 0.6001, 1.0], [0.0, 0.0, 1.0, 1.0, 0.0, 0.0]),
+    "short": ([0.0, 0.495, 0.5, 0.505, 1.0], [0.0, 0.0, 1.0, 0.0, 0.0]),
+    "both signs": ([0.0, 0.8, 0.82, 0.84, 0.86, 1.0], [0.0, 0.0, 1.0, -0.5, 0.0, 0.0]),
+}
+
+
+@pytest.mark.parametrize("shape", PULSES)
+@pytest.mark.parametrize(
+    ("solver", "size", "others"),
+    [("adams", 1.0, 0), ("radau", 1.0, 0), ("ida", 1.0, 0), ("adams", 1e-3, 0), ("ida", 1e3, 0), ("esdirk", 1.0, 60)],
+)
+def test_no_pulse_by_points_is_missed_from_rest(solver: str, size: float, others: int, shape: str) -> None:
+    """The reference integrates the straight lines between the points twice."""
+    parts, loads = (np.array(part) for part in PULSES[shape])
+    t = np.linspace(0.0, 1.0, 200_001)
+    speed = np.concatenate(([0.0], np.cumsum(0.5 * np.diff(t) * np.add(*pair_of(np.interp(t, parts, loads))))))
+    way = float(np.sum(0.5 * np.diff(t) * np.add(*pair_of(speed))))
+    for interval in (1.0, 0.01):
+        found = mb.simulate(
+            slider(LOAD, 0.0, others=others), size, interval=interval * size, solver=solver,
+            inputs={"F": (parts * size, loads / size**2)},
+        )  # fmt: skip
+        assert abs(found["x"][-1] - way) < 1e-4  # 100 tolerances
+        assert not found.warning
+
+
+def pair_of(values: Array) -> tuple[Array, Array]:
+    """Return all but the last, and all but the first."""
+    return values[:-1], values[1:]
+
+
+@pytest.mark.parametrize("solver", ["adams", "radau", "ida"])
+def test_no_motion_by_points_is_missed_from_rest(solver: str) -> None:
+    """A base that is moved and comes back long after the start, by a spline through points."""
+    times = np.linspace(0.0, 10.0, 401)
+    way = np.where(np.abs(times - 8.0) < 0.25, np.cos(2.0 * np.pi * (times - 8.0)) ** 4, 0.0)
+    drive = mb.Input(name="u", unit="m")
+    spline = CubicSpline(times, way)
+    reference = solve_ivp(
+        lambda t, y: [y[1], -100.0 * (y[0] - spline(t))], (0.0, 10.0), [0.0, 0.0], rtol=1e-11, atol=1e-13, max_step=0.01
+    )
+    found = mb.simulate(base(drive), 10.0, interval=10.0, solver=solver, inputs={"u": (times, way)})
+    assert abs(found["x"][-1] - reference.y[0, -1]) < 2e-4 * np.abs(reference.y[0]).max()

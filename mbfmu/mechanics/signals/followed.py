@@ -14,7 +14,7 @@ from .base import InUse, Signal
 from .fitting import DEGREE, Array, Pieces
 
 SEEN = 0.25  # longest step, in intervals
-SIMPLE = 3  # degree up to which a series needs no limit of the step
+SIMPLE = 3  # degree up to which a step of one interval resolves a series
 SHORTEST = 1e-9  # longest step at a jump, relative to the duration of the run
 TERMS = DEGREE + 1
 NOISE = (1e-13, 1e-12, 1e-9)  # of value, rate and acceleration, relative to the series, which is zero: scales of the
@@ -132,8 +132,10 @@ class Followed(Signal):
         """Return the rows (intervals, ROW) for kernels."""
         begins, ends, series = self.value
         degree = np.array([np.flatnonzero(row)[-1] if row.any() else 0 for row in series])
-        steps = np.maximum(SEEN * (ends - begins), SHORTEST * (ends[-1] - begins[0]))
-        steps[(degree <= SIMPLE) & (ends - begins > SHORTEST * (ends[-1] - begins[0]))] = np.inf
+        widths, shortest = ends - begins, SHORTEST * (ends[-1] - begins[0])
+        steps = np.maximum(np.where(degree > SIMPLE, SEEN, 1.0) * widths, shortest)
+        constant = (degree == 0) | (degree.max() <= SIMPLE) & (len(degree) == 1)  # resolved by steps of any length
+        steps[constant & (widths > shortest)] = np.inf
         parts = (series, self.rate.series, self.acceleration.series)
         noise = [share * np.abs(part).sum(axis=1) for share, part in zip(NOISE, parts, strict=True)]
         noise[0][:] = noise[0].max()
