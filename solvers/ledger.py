@@ -17,6 +17,10 @@ tolerance controls e_W. Driven coordinates count among the others as if they wer
 momentum and effort that the work errs; and what a formula for W estimates as its error is added. The largest such
 error of a step is ``slip``: at corners of a force, as where a stop releases a body, W errs by more than the motion.
 
+An error estimate is that of a smooth motion. A step that is refused shows that the force has a corner there: the
+estimates are then multiplied by the same factor as those of W, and taken in the tolerance that the solver holds them
+to, which for 'radau' is looser than the one asked for.
+
 The *extent* of the motion is its largest displacement or velocity in absolute tolerances, whichever is less. A motion
 of a few tolerances is not known to a small part of its energy.
 
@@ -44,6 +48,7 @@ FIELDS: list[tuple[str, str]] = [
     ("through", "f8"),  # J, sum of |changes of W|
     ("looks", "i8"),
     ("slip", "f8"),  # J, the largest estimated error of the work of one step
+    ("corners", "f8"),  # refusals of the step that is being tried, each in tolerances that its error is held to
     ("reach", "f8"),
     ("pace", "f8"),  # the largest displacement and velocity so far, in absolute tolerances
 ]
@@ -63,7 +68,7 @@ ROW = 7
 # look finds, before the positions at the first look (rad or m, nan before it)
 FOUND = 4
 EVERY, AT_FIRST, ANEW = 8, 24, 3  # steps between two looks; looks in a row after the start, and after a change
-SLIP = 12.0  # estimates of the error of W are multiplied by this: where forces have corners they are only estimates
+SLIP = 12.0  # estimates of errors are multiplied by this where forces have corners
 MESH_ERROR = 100.0  # tolerances: error of a mesh's vibrations that is no reason for a warning
 BETWEEN = 4.0  # exposures: a reported state is interpolated, and closed
 
@@ -117,7 +122,7 @@ def look(exposure: Any, data: Any, c: Any, s: Any) -> None:
 @kernel
 def due(c: Any) -> bool:
     """Whether a look at the energy is due: the exposure changes slowly, but at the start and where loads jump."""
-    return c.looks < AT_FIRST or c.steps % EVERY == 0
+    return c.looks < AT_FIRST or c.steps % EVERY == 0 or c.corners > 0.0
 
 
 @kernel
@@ -128,10 +133,21 @@ def look_anew(books: Any) -> None:
 
 
 @inlined
+def refuse_step(c: Any, looser: float) -> None:
+    """Count a step that is refused; ``looser`` is the tolerance that its error exceeds in tolerances asked for, 0.0 if
+    another test refuses it.
+    """
+    c.rejected += 1
+    c.corners += looser
+
+
+@inlined
 def book_stray(c: Any, error: float) -> None:
     """Add what a step may have changed the imbalance by; ``error`` is the estimated error of its work, J."""
     c.slip = max(c.slip, abs(error))
-    c.stray += c.exposure + SLIP * abs(error)
+    c.stray += (1.0 + SLIP * c.corners) * c.exposure + SLIP * abs(error)
+    if c.corners > 0.0:
+        c.corners, c.looks = 0.0, min(c.looks, AT_FIRST - ANEW)
 
 
 @kernel

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from mbfmu.mechanics import JointSpring, JointStop, Mechanism, Revolute, Revolut
 from mbfmu.mechanics.arrays.systems import Systems
 
 SOLVERS = ("adams", "hybrid", "ida", "radau")
-WITHIN = 200.0  # tolerances times the growth of an error of the start: such a run is right
+WITHIN = 100.0  # tolerances times the growth of an error of the start: such a run is right
 SHIFT = 1e-7  # error of the start that its growth is found by
 Array = Any
 
@@ -34,7 +35,7 @@ def is_right(draw: Draw, result: Result, times: Array, tolerance: float) -> bool
     return len(found) == len(exact) and apart(found, draw, exact) <= WITHIN * tolerance * growth
 
 
-def draws(seeds: range) -> tuple[int, list[str]]:
+def draws(seeds: Iterable[int]) -> tuple[int, list[str]]:
     """Number of right runs among random ones, and what was said of those."""
     right, said = 0, []
     for seed in seeds:
@@ -54,6 +55,16 @@ def draws(seeds: range) -> tuple[int, list[str]]:
 def test_right_runs_raise_no_warning() -> None:
     right, said = draws(range(36))
     assert right >= 33
+    assert said == []
+
+
+def test_errors_at_the_corners_of_a_stop_raise_no_warning() -> None:
+    """Where a stop begins to push, errors of motion and work exceed their estimates, which are those of smooth forces.
+
+    The seeds are a fixed sample of the runs with the largest of these errors.
+    """
+    right, said = draws((123, 663, 1011, 1287, 1329, 1461, 1785, 2187, 2247, 2553, 3093, 3969, 4893, 5247))
+    assert right == 14
     assert said == []
 
 

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
-from solvers.ledger import due, look, report
+from solvers.ledger import due, look, refuse_step, report
 from solvers.outcome import BRANCHES, COLLAPSED, MAX_STEPS, NOT_CLOSED, OK
 from solvers.projection.lu_partition import (
     choose,
@@ -239,7 +239,7 @@ def single_step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target
                     take_step(c, H, target, error)
                     return OK
                 code, error = BRANCHES, np.inf
-        c.rejected += 1
+        refuse_step(c, 1.0 if code == OK else 0.0)
         change_step(c, error)
         if not c.h > SMALLEST_STEP * max(1.0 / work.rate[0], abs(c.t)):
             c.single = 0.0
@@ -274,7 +274,7 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
                         return OK
                     code = BRANCHES
         cuts += 1
-        c.rejected += 1
+        refuse_step(c, 1.0 if code == OK else 0.0)
         cut(cuts, c, H)
         if o.partition == HYBRID and c.regime == LU and cuts >= o.collapse_cuts:
             give_up_lu(eqs, c, H, work)

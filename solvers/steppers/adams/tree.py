@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solvers.compiled.kernel import inlined, kernel
-from solvers.ledger import due, look, report
+from solvers.ledger import due, look, refuse_step, report
 from solvers.outcome import COLLAPSED, MAX_STEPS, NO_MASS, NOT_FINITE, OK
 from solvers.positions import Positions, position_sizes
 from solvers.stepper import swiftest
@@ -172,7 +172,7 @@ def single_step(eqs: Any, c: Any, o: Any, H: Any, s: Any, scales: Any, target: f
                 book(eqs, c.t + c.h, c, o, scales, s)
                 take_step(c, H, target, error)
                 return OK
-        c.rejected += 1
+        refuse_step(c, 1.0 if code == OK else 0.0)
         change_step(c, error)
         if not c.h > SMALLEST_STEP * max(1.0 / o.rate, abs(c.t)):
             c.single = 0.0
@@ -202,7 +202,7 @@ def step(eqs: Any, c: Any, o: Any, H: Any, s: Any, scales: Any) -> int:
                 accept(c, H, o.max_order, o.max_step)
                 return OK
         cuts += 1
-        c.rejected += 1
+        refuse_step(c, 1.0 if code == OK else 0.0)
         cut(cuts, c, H)
         if not c.h > SMALLEST_STEP * max(1.0 / o.rate, abs(c.t)):
             return COLLAPSED if code == OK else code

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
-from solvers.ledger import book_stray, due, look, look_anew, report, set_scales
+from solvers.ledger import book_stray, due, look, look_anew, refuse_step, report, set_scales
 from solvers.outcome import BRANCHES, COLLAPSED, MAX_STEPS, OK
 from solvers.projection.projection import acceleration, close
 from solvers.projection.reported import tell
@@ -47,6 +47,7 @@ SMALLEST_STEP = 1e-11  # times the larger of t and one over the rate of the moti
 # The error that is estimated is that of a formula of order 3: its step is as tolerance^(1/4), and the motion's error,
 # of order 5, as that step^5. For an error in proportion to rtol the estimate is held to LOOSER rtol^POWER.
 LOOSER, POWER = 2.0, 0.8
+UNEXPECTED = 10.0  # ratio of errors, found and expected, that only a corner of a force explains
 EXACT = 0.1  # rtol: what Newton leaves of every step has one sign in many, and adds up
 
 
@@ -128,6 +129,12 @@ def grow(c: Any, h: float, error: float) -> float:
 
 
 @inlined
+def meets_corner(c: Any, h: float, error: float) -> bool:
+    """Whether the error of a step of h is far above what the last step's lets expect of a smooth motion."""
+    return c.before > 0.0 and error > UNEXPECTED * c.error * (h / c.before) ** 4
+
+
+@inlined
 def stop_at(c: Any, target: float) -> float:
     """Length of the next step where it is to end at ``target``, or half way where another would be shorter still."""
     left = target - c.t
@@ -144,7 +151,7 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target: float
     while True:
         c.h = min(c.h, o.max_step)
         h = stop_at(c, target) if c.ends > 0 else c.h
-        code, shorter = COLLAPSED, 0.5
+        code, shorter, looser = COLLAPSED, 0.5, 0.0
         renewable = c.fresh == 0 and (c.rank == 0 or work.course[0].ratio >= REGULAR)
         if renewable and (c.known == 0 or c.rate > SLOW):
             renewable = False
@@ -171,12 +178,13 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target: float
                     return OK
             else:
                 code, shorter = COLLAPSED, max(SHORTEST, SAFETY * error**-0.25)
+                looser = o.rtol / o.asked if meets_corner(c, h, error) else 0.0
                 if renewable:
                     c.known = 0
         elif renewable:
             c.known, shorter = 0, 1.0
         c.follows = 0
-        c.rejected += 1
+        refuse_step(c, looser)
         if shorter < 1.0:
             c.h = shorter * h
         if not c.h > SMALLEST_STEP * max(1.0 / work.rate[0], abs(c.t)):
