@@ -71,6 +71,32 @@ def to_choose(plant: Plant, t: float, q: Array) -> str:
     return f"Give the rate{'s' if len(names) > 1 else ''} of {joints} to choose the branch"
 
 
+def explain_rates(plant: Plant, t: float, q: Array, v: Array, tolerance: float) -> str:
+    """Return why the rates v (n,) belong to no branch of the motion in a singular position q (nq,); empty: they do.
+
+    An acceleration exists if J v' = gamma has a solution: if u^T gamma = 0 for all u with u^T J = 0. In a singular
+    position this is the tangent cone of the constraints. Deviations of the rates from it, relative to them, are
+    compared with ``tolerance``.
+    """
+    system: Any = plant.system
+    terms = system.allocate_terms()
+    system.fill(t, q, v, terms)
+    U, sigma, _ = np.linalg.svd(terms.J * system.size / system.row_size[:, None])
+    left = U[:, int(np.sum(sigma > OPEN * sigma[0])) :]
+    off = np.abs(left.T @ (terms.gamma / system.row_size)).max(initial=0.0)
+    rates = np.square(v / system.size).sum() + np.square(terms.nu / system.row_size).sum()
+    if off <= tolerance * rates:
+        return ""
+    bodies, first, values = free_bodies(plant.mechanism), 0, []
+    for body in bodies:
+        values += [f"{body.name!r} {x:.6g}" for x in v[first : first + body.joint.nv]]
+        first += body.joint.nv
+    return (
+        "the start is a singular position, in which several branches of the motion cross, and the rates belong to none "
+        f"of them ({', '.join(values)}). {to_choose(plant, t, q) or 'Give other rates'}"
+    )
+
+
 def open_rates(plant: Plant, t: float, q: Array) -> tuple[str, ...]:
     """Return the joints whose rates the loops do not determine at q (nq,), and that were not given one."""
     system: Any = plant.system

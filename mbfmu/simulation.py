@@ -22,7 +22,7 @@ from mbfmu.mechanics.arrays.given import Courses
 from mbfmu.mechanics.arrays.points import CHANGED, DEPARTS, JUMPS
 from mbfmu.mechanics.numbers import finite
 from mbfmu.model import Model, of_user
-from mbfmu.reach import to_choose, why
+from mbfmu.reach import explain_rates, to_choose, why
 from mbfmu.result import together
 from mbfmu.settings import AUTO, Settings
 from mbfmu.steady.problem import EquilibriumProblem
@@ -122,8 +122,11 @@ class Simulation:
         self._told_jumps: set[str] = set()  # names of inputs
         self._remark(self.stepper.notice)
         if self.stepper.starts_singular:
-            told = "the start is a singular position, in which the loops do not determine all rates; the rates nearest"
-            self._remark(f"{told} to those given are used. {to_choose(self.plant, t0, q)}".rstrip(". "))
+            if self.plant.system.has_matrices and (off := explain_rates(self.plant, t0, q, v, settings.tolerance)):
+                raise UserError(f"model {self.model.name!r}: {off}")
+            if advice := to_choose(self.plant, t0, q):
+                told = "the start is a singular position, in which the loops do not determine all rates"
+                self._remark(f"{told}; the rates nearest to those given are used. {advice}")
         changed = [] if settings.start_at_equilibrium else self.plant.assembly.changes(q, v, settings.tolerance)
         self.lock = self.plant.assembly.explain_lock(t0, q) if self.stepper.freedom == 0 else ""
         beside = [*beside, *self.plant.coincident(t0, q)]

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import mbfmu as mb
 
@@ -52,12 +55,46 @@ def flat(coupler: float | None = None, rocker: float | None = None) -> mb.Mechan
     return m
 
 
-def test_joints_whose_rates_choose_the_branch_are_named() -> None:
-    simulation = mb.Simulation(flat(), mb.Settings(solver="ida"))
+def flat_row(rates: Sequence[float | None], scale: float, others: int = 0) -> mb.Mechanism:
+    """A parallelogram that starts flat, with bars of ``scale`` m, tilted about y, and pendulums beside it."""
+    m = mb.Mechanism()
+    stand = m.body("stand", m.ground, mb.Weld(rotation=Rotation.from_rotvec([0.0, 0.7, 0.0]).as_matrix()))
+    crank = m.body("crank", stand, mb.Revolute(start=0.0, rate=rates[0]), **mb.rod(mass=1.0, length=scale))
+    pin = mb.Revolute(at=(scale, 0.0, 0.0), start=0.0, rate=rates[1])
+    bar = m.body("coupler", crank, pin, **mb.rod(mass=1.0, length=2.5 * scale))
+    pin = mb.Revolute(at=(2.5 * scale, 0.0, 0.0), start=0.0, rate=rates[2])
+    other = m.body("rocker", stand, pin, **mb.rod(mass=1.0, length=scale))
+    m.cut("pin", mb.RevoluteCut(at_a=(2.5 * scale, 0.0, 0.0), at_b=(scale, 0.0, 0.0)), bar, other)
+    for k in range(others):
+        m.body(f"p{k}", stand, mb.Revolute(rate=0.1 * k), **mb.rod(mass=1.0, length=scale))
+    return m
+
+
+@pytest.mark.parametrize("others", [0, 20])
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize("solver", ["ida", "adams", "hybrid", "radau"])
+def test_rates_that_belong_to_no_branch_are_refused(solver: str, scale: float, others: int) -> None:
+    """Loops determine one of three rates; the two branches, one more."""
+    settings = mb.Settings(solver=solver)
     advice = "Give the rates of 'coupler' and 'rocker' to choose the branch"
-    assert simulation.remarks[0].endswith(advice)
-    assert not simulation.advance(1.0).ok
-    assert simulation.failure.endswith(advice)
+    for rates, last in (((1.0, None, None), advice), ((1.0, 0.0, 0.0), "Give other rates")):
+        with pytest.raises(mb.UserError, match="the rates belong to none of them") as told:
+            mb.Simulation(flat_row(rates, scale, others), settings)
+        assert str(told.value).endswith(last)
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize("solver", ["ida", "adams", "hybrid", "radau"])
+@pytest.mark.parametrize("rates", [(1.0, -1.0, 1.0), (1.0, -7 / 3, -7 / 3)])
+def test_rates_of_either_branch_are_kept_silently(solver: str, scale: float, rates: tuple[float, float, float]) -> None:
+    """With w of the coupler in the ground: 1 + 2.5 w = b and 1 + 2.5 w^2 = b^2 have w = 0 and w = -4/3."""
+    simulation = mb.Simulation(flat_row(rates, scale), mb.Settings(solver=solver))
+    assert not simulation.remarks
+    assert simulation.advance(0.01).ok
+    np.testing.assert_allclose(simulation.stepper.q[:3], 0.01 * np.array(rates), rtol=1e-3)
+
+
+def test_one_of_two_open_rates_is_asked_for() -> None:
     one = mb.Simulation(flat(coupler=-1.0), mb.Settings(solver="adams"))
     assert one.remarks[0].endswith("Give the rate of 'rocker' to choose the branch")
 
