@@ -17,7 +17,7 @@ from solvers.compiled.kernel import COMPILED
 
 pytestmark = pytest.mark.skipif(not COMPILED, reason="takes minutes without a compiler")
 
-ALLOWED = 50.0  # tolerances, times the growth of errors in the motion
+ALLOWED = 10.0  # tolerances, times the growth of errors in the motion
 CASES = {
     **{f"pendulum among {n}": (pendulum_among, n) for n in (59, 61, 131)},
     **{f"turning rods {n}": (turning_rods, n) for n in (59, 61)},

@@ -74,7 +74,7 @@ from .tree import (
 from .tree import residual as residual_of_tree
 
 UNCONTROLLED = 1e8  # absolute tolerance of the multipliers
-RATE = 5.0  # absolute tolerance of a rate to that of its coordinate, in units of the motion's rate
+RATE = 1.0  # absolute tolerance of a rate to that of its coordinate, in units of the motion's rate
 MESH_RATE = 150.0  # the same where the order is low, and fast motions are damped and not followed
 ORDER, MESH_ORDER = 5, 2  # largest orders of BDF
 KRYLOV = 5
