@@ -85,6 +85,8 @@ class Statistics:
     step_size: float = 0.0  # s, of the last step
     refused: int = 0  # of the rejected: steps that might have jumped to another branch
     coarser: float = 1.0  # largest tolerance beside near misses in units of the one asked for, see Stepper.notice
+    rate_growth: float = 0.0  # largest growth of errors of rates, see solvers.inertia; 0: not known
+    rate_growth_at: float = 0.0  # s, when
     stability_limited: int = 0  # of an explicit solver: steps whose length stability set, and not accuracy
     partition_switches: int = 0  # between LU and projection
     choices: int = 0  # changes of the independent coordinates under LU

@@ -49,8 +49,9 @@ MESSAGES: dict[Code, tuple[str, str]] = {
     ),
     Code.COLLAPSED: (
         "the step has become so small that the time no longer changes",
-        "A force may jump or have a kink here, a singular position may be near, or a drive may move its loop out of "
-        "reach. Smooth the force, or shorten the motion of the drive{others}.",
+        "A force may jump or have a kink here, a singular position may be near, a drive may move its loop out of "
+        "reach, or a body of next to no mass may carry a heavy one. Smooth the force, shorten the motion of the drive, "
+        "or give the light body more mass{others}.",
     ),
     Code.BRANCHES: (
         "two branches of the motion are so close that no step is short enough to tell them apart",

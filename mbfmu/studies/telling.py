@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from mbfmu.audit import NEAR
 from mbfmu.table import counted, power
+from solvers.inertia import LARGE_GROWTH
 
 if TYPE_CHECKING:
     from mbfmu.studies.check import Findings, Stiffness
@@ -28,6 +29,7 @@ def reasons(found: Findings) -> tuple[str, ...]:
         "its motion is not to be trusted": found.warning,
         "it passes a singular position": near and near.ratio <= NEAR and near.gap == 0.0,
         "it comes near a singular position": near and near.ratio <= NEAR and near.gap != 0.0,
+        "its mass matrix is nearly singular at times": found.statistics and found.statistics.rate_growth > LARGE_GROWTH,
         "it is stiff": stiff,
         "stability sets its steps": found.limit == "stability" and stiff,
         "its steps are refused beside singular positions": found.limit == "singular positions",
@@ -58,6 +60,8 @@ def lines(found: Findings) -> Iterator[str]:
         yield f"singular positions: {of_nearest(found.nearest)}"
     if (found.rows or found.vanishing) and found.freedom is not None:
         yield f"redundant rows: {of_rows(found)}"
+    if found.statistics and found.statistics.rate_growth > LARGE_GROWTH:
+        yield f"mass matrix: {describe_growth(found.statistics)}"
     if found.stiffness:
         yield f"stiffness: {of_stiffness(found.stiffness)}"
     if found.statistics and found.statistics.steps:
@@ -86,6 +90,14 @@ def of_nearest(near: Nearest) -> str:
         what = "near, and not known whether it is passed or missed"
     often = f"; near {near.passes} times" if near.passes > 1 else ""
     return f"{what}; {where}{often}"
+
+
+def describe_growth(s: Statistics) -> str:
+    """Describe where the mass matrix is nearly singular."""
+    return (
+        f"nearly singular at t = {s.rate_growth_at:.9g} s, as where a light body carries a heavy one; errors of rates "
+        f"grow {s.rate_growth:.2g} times there, and the solver uses a finer tolerance"
+    )
 
 
 def of_rows(found: Findings) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solvers.compiled.kernel import inlined, kernel, records
+from solvers.inertia import INERTIA
 from solvers.linalg.dense import lq
 from solvers.system import Array
 
@@ -105,6 +106,7 @@ class Workspace(NamedTuple):
     frame_pivots: NDArray[np.int64]  # (m,)  int64
     q_last: Array  # (nq,)   the position itself
     nu_last: Array  # (m,)    what the drives did there, in units of the rows
+    inertia: NDArray[Any]  # (1,)    record of INERTIA: how nearly singular the mass matrix is
 
     @staticmethod
     def allocate(nq: int, n: int, m: int) -> Workspace:
@@ -120,14 +122,15 @@ class Workspace(NamedTuple):
             pivots_B, z((m, n)), z((m, m)), order, z(m), z(m), rows, columns, records(1, CRITICAL), z(nq), z(nq), z(m),
             z((N, N)), z((N, N)), z(N), K_pivots, z(N), z(N), z(N), z((m, n + 1)), z(m),
             E_pivots, z((m, n)), z((m, n)), z(m), C_pivots, z((m, n)), z((m, n)), records(1, COURSE), z((m, n)), z(m),
-            frame_pivots, z(nq), z(m),
+            frame_pivots, z(nq), z(m), records(1, INERTIA),
         )  # fmt: skip
 
     def memory(self) -> list[NDArray[Any]]:
         """Return the arrays that a motion cannot go on without."""
         known = (self.row, self.looped, self.rate, self.pace, self.critical, self.q_c, self.u)
         point = (self.C, self.C_tau, self.C_pivots, self.J_last)
-        return [*known, *point, self.course, self.frame, self.frame_tau, self.frame_pivots, self.q_last, self.nu_last]
+        frame = (self.frame, self.frame_tau, self.frame_pivots)
+        return [*known, *point, self.course, *frame, self.q_last, self.nu_last, self.inertia]
 
 
 @kernel

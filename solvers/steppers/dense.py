@@ -88,6 +88,11 @@ class DenseStepper(Stepper):
         kind = find_critical(self._eqs, t, q, self._rank, self._work)
         return {CROSSING: 0.0, MISS: float(abs(self._units.critical["gap"][0]))}.get(kind, nan)
 
+    def _growth(self) -> tuple[float, float]:
+        """Return the largest rate growth so far and its time (s), see :mod:`solvers.inertia`."""
+        c = self._units.inertia[0]
+        return float(c["largest"]), float(c["at"])
+
     @property
     def freedom(self) -> int:
         """In how many ways the constraints let the mechanism move."""

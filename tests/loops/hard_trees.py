@@ -52,22 +52,73 @@ def integrated(acceleration: Callable[[Any, Any], Any], start: Any, rate: Any, e
     return exact
 
 
-def light_cart(ratio: float = 1e-6) -> Case:
-    """Pendulum of 1 kg on a cart of ``ratio`` kg, released horizontally (proposal of the IFToMM library).
+def light_cart(ratio: float = 1e-6, size: float = 1.0) -> Case:
+    """Pendulum of 1 kg and ``size`` (m) on a cart of ``ratio`` kg, released horizontally (proposed to the IFToMM).
 
     det M is proportional to ratio + sin^2 of the angle from the vertical: it falls to ``ratio`` at each passage.
     """
     m = Mechanism(gravity=(0.0, -G, 0.0))
     cart = m.body("cart", m.ground, Translational(axis="x"), mass=ratio)
     joint = Revolute(start=0.5 * pi, fixed=True)
-    m.body("pole", cart, joint, mass=1.0, com=(0.0, -1.0, 0.0), inertia=(0.0, 0.0, 0.0))
+    m.body("pole", cart, joint, mass=1.0, com=(0.0, -size, 0.0), inertia=(0.0, 0.0, 0.0))
 
     def acceleration(q: Any, v: Any) -> Any:
-        s, c = sin(q[1]), cos(q[1])
+        s, c, g = sin(q[1]), cos(q[1]), G / size
         moving = ratio + s * s
-        return np.array((s * (v[1] ** 2 + G * c) / moving, -((1.0 + ratio) * G * s + s * c * v[1] ** 2) / moving))
+        shift = size * s * (v[1] ** 2 + g * c) / moving
+        return np.array((shift, -((1.0 + ratio) * g * s + s * c * v[1] ** 2) / moving))
 
-    return Case(m, integrated(acceleration, (0.0, 0.5 * pi), (0.0, 0.0), lambda q, v: (q, v), None), 10.0)
+    stop_time = 10.0 * size**0.5
+    return Case(m, integrated(acceleration, (0.0, 0.5 * pi), (0.0, 0.0), lambda q, v: (q, v), None), stop_time)
+
+
+def light_link(ratio: float = 1e-6, size: float = 1.0) -> Case:
+    """Double pendulum with masses of ``ratio`` and 1 kg at the ends of two links of ``size`` and 0.7 ``size`` (m).
+
+    det M is proportional to ratio + sin^2 of the angle between the links, which stretch and fold.
+    """
+    m = Mechanism(gravity=(0.0, -G, 0.0))
+    no_inertia = (0.0, 0.0, 0.0)
+    joint = Revolute(start=0.9, rate=0.0, fixed=True)
+    first = m.body("first", m.ground, joint, mass=ratio, com=(0.0, -size, 0.0), inertia=no_inertia)
+    joint = Revolute(at=(0.0, -size, 0.0), start=0.8, rate=0.0, fixed=True)
+    m.body("second", first, joint, mass=1.0, com=(0.0, -0.7 * size, 0.0), inertia=no_inertia)
+    lengths, masses = np.array((1.0, 0.7)), np.array(((1.0 + ratio, 1.0), (1.0, 1.0)))
+    coupling, weight = masses * np.outer(lengths, lengths), masses[0] * lengths * G / size
+
+    def acceleration(a: Any, b: Any) -> Any:
+        lag = a[0] - a[1]
+        right = -weight * np.sin(a) - coupling[0, 1] * sin(lag) * np.array((b[1] ** 2, -(b[0] ** 2)))
+        c = coupling[0, 1] * cos(lag)
+        det = (lengths[0] * lengths[1]) ** 2 * (ratio + sin(lag) ** 2)
+        own = coupling[1, 1] * right[0] - c * right[1], coupling[0, 0] * right[1] - c * right[0]
+        return np.array(own) / det
+
+    def embed(a: Any, b: Any) -> tuple[Any, Any]:
+        return np.diff(a, axis=1, prepend=0.0), np.diff(b, axis=1, prepend=0.0)
+
+    return Case(m, integrated(acceleration, (0.9, 1.7), (0.0, 0.0), embed, None), 2.0 * size**0.5)
+
+
+def light_gimbal(ratio: float = 1e-6, size: float = 1.0) -> Case:
+    """Rotor of 1 kg m2 in a gimbal whose two rings have ``ratio`` kg m2, passing near gimbal lock.
+
+    Axes are z, x, z; all inertias are isotropic. det M is proportional to 2 ratio + sin^2 of the middle angle.
+    """
+    m = Mechanism()
+    inertia = size**2 * np.ones(3)
+    outer = m.body("outer", m.ground, Revolute(axis="z", rate=0.01, fixed=True), mass=ratio, inertia=ratio * inertia)
+    joint = Revolute(axis="x", start=1.0, rate=-1.0, fixed=True)
+    inner = m.body("inner", outer, joint, mass=ratio, inertia=ratio * inertia)
+    m.body("rotor", inner, Revolute(axis="z"), mass=1.0, inertia=inertia)
+
+    def acceleration(q: Any, v: Any) -> Any:
+        s, c, a = sin(q[1]), cos(q[1]), 1.0 + 2.0 * ratio
+        outer, rotor = s * v[1] * v[2], s * v[0] * v[1]
+        det = 2.0 * ratio + s * s
+        return np.array(((outer - c * rotor) / det, -s * v[0] * v[2] / (1.0 + ratio), (a * rotor - c * outer) / det))
+
+    return Case(m, integrated(acceleration, (0.0, 1.0, 0.0), (0.01, -1.0, 0.0), lambda q, v: (q, v), None), 3.0)
 
 
 def pendulum_among(count: int) -> Case:
@@ -167,6 +218,8 @@ def chain(links: int) -> Case:
 TREES: dict[str, Callable[[], Case]] = {
     "cart of 1e-6 kg, pole of 1 kg": light_cart,
     "cart of 1e-4 kg, pole of 1 kg": lambda: light_cart(1e-4),
+    "double pendulum, first mass 1e-6 kg": light_link,
+    "rotor in light rings, near gimbal lock": light_gimbal,
     **{f"pendulum among {n} coordinates": lambda n=n: pendulum_among(n) for n in (59, 61, 131)},  # type: ignore[misc]
     **{f"chain of {n} links": lambda n=n: chain(n) for n in (59, 61)},  # type: ignore[misc]
     **{f"{n} rods on a turning spindle": lambda n=n: turning_rods(n) for n in (1, 59, 61, 131)},  # type: ignore[misc]

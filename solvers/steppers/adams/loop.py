@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
+from solvers.inertia import finer_tolerance, update_growth
 from solvers.ledger import due, look, refuse_step, report
 from solvers.outcome import BRANCHES, COLLAPSED, MAX_STEPS, NOT_CLOSED, OK
 from solvers.projection.lu_partition import (
@@ -91,8 +92,9 @@ def weigh(c: Any, o: Any, H: Any, nq: int, n: int, work: Any) -> None:
         c.coarser = max(1.0, RESOLVED / (gap * o.rtol))
         if c.coarser > c.coarsest:
             c.coarsest, c.narrowest = c.coarser, gap
+    scale = c.coarser * finer_tolerance(o.rtol, 1.0, work)
     for i in range(nq + n):
-        H.weight[i] = 1.0 / (c.coarser * (o.rtol * abs(H.y[i]) + o.atol * H.unit[i]))
+        H.weight[i] = 1.0 / (scale * (o.rtol * abs(H.y[i]) + o.atol * H.unit[i]))
     if o.partition == LU:
         for j in range(c.rank):
             H.weight[nq + H.columns[j]] = 0.0
@@ -145,8 +147,9 @@ def power(eqs: Any, t: float, c: Any, o: Any, H: Any, work: Any) -> float:
 
 
 @kernel
-def book(eqs: Any, c: Any, o: Any, scales: Any) -> None:
+def book(eqs: Any, t: float, c: Any, o: Any, scales: Any, work: Any) -> None:
     """Book the energy at the state evaluated last, before :func:`power`; see :mod:`solvers.ledger`."""
+    update_growth(t, eqs.terms.M, work.v, work)
     if o.audit == 1 and due(c):
         look(eqs.exposure, eqs.data, c, scales)
         c.exposure *= max(1.0, c.coarser)
@@ -197,7 +200,7 @@ def prepare(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
     c.energy = eqs.energy(c.t, q, v, eqs.data) - H.y[H.y.shape[0] - 1]
     code = differentiate(eqs, c.t, False, c, o, H, work)
     if code == OK:
-        book(eqs, c, o, scales)
+        book(eqs, c.t, c, o, scales, work)
         H.yp[H.y.shape[0] - 1] = power(eqs, c.t, c, o, H, work)
         keep_stage(H, 0)
         c.starts += 1
@@ -229,7 +232,7 @@ def single_step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target
             if i == STAGES - 1:
                 H.trial[last] = H.p[last]
                 join(q, v, H.trial)
-                book(eqs, c, o, scales)
+                book(eqs, at, c, o, scales, work)
             H.yp[last] = power(eqs, at, c, o, H, work)
             keep_stage(H, i)
         if code == OK:
@@ -267,7 +270,7 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
                 code = differentiate(eqs, after, True, c, o, H, work)
                 join(q, v, H.trial)
                 if code == OK:
-                    book(eqs, c, o, scales)
+                    book(eqs, after, c, o, scales, work)
                     correct_work(c, H, power(eqs, after, c, o, H, work))
                     if stayed(eqs, after, c, o, H, work):
                         accept(c, H, o.max_order, o.max_step)

@@ -58,6 +58,8 @@ class AdamsStepper(ExplicitStepper, ClosedStepper):
             **counts(c),
             partition_switches=left + int(c["returns"]),
             choices=int(c["changes"]),
+            rate_growth=self._growth()[0],
+            rate_growth_at=self._growth()[1],
             refused=int(c["refused"]),
             coarser=max(1.0, float(c["coarsest"])),
             left_by_turn=int(c["by_turn"]),

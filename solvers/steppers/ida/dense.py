@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from solvers.compiled.foreign import array_at
 from solvers.compiled.kernel import kernel
+from solvers.inertia import finer_tolerance, update_growth
 from solvers.ledger import add_step, due, look
 from solvers.linalg.dense import ratio
 from solvers.outcome import BRANCHES, OK
@@ -20,6 +21,7 @@ from .ggl import MU, assemble, multiply, residual, set_up, solve, taken_by_filte
 from .loop import REFUSED, STEPS, TAKEN_BACK
 from .sundials import Callbacks, data_of, data_of_matrix
 
+POWER = 1.2  # of a motion's tolerance: IDA bounds the error of a step, see solvers.steppers.ida.small
 BELOW = 0.2  # part of a near miss's gap that the residual of a step beside it must stay below
 LESS = 1e-4  # of D beside a near miss, where redundant rows are all that needs it
 SHORTER = 0.25  # of a step that was taken back may be gone at once
@@ -59,6 +61,8 @@ class Given(NamedTuple):
     course: NDArray[Any]
     good: Array  # (2, N) IDA's unknowns after its last step, and their derivatives
     loss: Array  # (1,) what u.lost may be
+    rtol: float  # relative tolerance of IDA
+    atol: Array  # (N,)
 
 
 @kernel
@@ -90,6 +94,14 @@ def look_over(eqs: Any, t: float, y: Any, taken: float, rank: int, u: Any, work:
 
 
 @kernel
+def weigh(y: Any, out: Any, g: Any) -> None:
+    """out (N,) <- one over the tolerances of the unknowns."""
+    finer = finer_tolerance(g.rtol, POWER, g.work)
+    for i in range(out.shape[0]):
+        out[i] = 1.0 / (finer * (g.rtol * abs(y[i]) + g.atol[i]))
+
+
+@kernel
 def accept(t: float, y: Any, slopes: Any, g: Any) -> int:
     """Accept IDA's step to (t, y), or have it begin anew where it began."""
     c, u = g.course[0], g.u
@@ -106,6 +118,9 @@ def accept(t: float, y: Any, slopes: Any, g: Any) -> int:
     c.passed = t
     for i in range(y.shape[0]):
         g.good[0, i], g.good[1, i] = y[i], slopes[i]
+    for i in range(u.v.shape[0]):
+        u.v[i] = velocity(i, t, y, u)
+    update_growth(t, g.eqs.terms.M, u.v, g.work)  # M of Newton's last correction
     if c.audit == 1:
         book(g.eqs, t, y, slopes, c.works == 1, u, g.work, g.book, g.scales)
     return OK
@@ -140,6 +155,12 @@ def call_solve(
     return 0
 
 
+def call_weigh(y: Any, out: Any, g: Any) -> int:
+    """Weigh the unknowns."""
+    weigh(array_at(data_of(y), g.unknowns), array_at(data_of(out), g.unknowns), g)
+    return 0
+
+
 def call_multiply(
     _t: float, _y: Any, _slopes: Any, _res: Any, vector: Any, product: Any, _cj: float, g: Any, _a: Any, _b: Any
 ) -> int:
@@ -163,5 +184,5 @@ def call_matrix(
 
 
 # Old factors serve where nothing is near singular.
-DIRECT = Callbacks(call_residual, call_set_up, call_solve, call_multiply)
-FACTORED = Callbacks(call_residual, matrix=call_matrix)
+DIRECT = Callbacks(call_residual, call_set_up, call_solve, call_multiply, weigh=call_weigh)
+FACTORED = Callbacks(call_residual, matrix=call_matrix, weigh=call_weigh)

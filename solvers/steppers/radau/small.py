@@ -69,6 +69,8 @@ class RadauStepper(ClosedStepper):
             restarts=max(0, int(c["starts"]) - 1),
             order=5,
             step_size=float(c["hold"]),
+            rate_growth=self._growth()[0],
+            rate_growth_at=self._growth()[1],
             refused=int(c["refused"]),
             coarser=max(1.0, float(c["coarsest"])),
         )
