@@ -11,10 +11,10 @@ from solvers.compiled.foreign import array_at
 from solvers.compiled.kernel import kernel
 from solvers.inertia import finer_tolerance, update_growth
 from solvers.ledger import add_step, due, look
-from solvers.linalg.dense import ratio
+from solvers.linalg.dense import ratio, turn_out
 from solvers.outcome import BRANCHES, OK
 from solvers.projection.singular import MISS, SINGULAR, note, passed, step_bound
-from solvers.projection.workspace import factor
+from solvers.projection.workspace import factor, factor_transposed
 from solvers.system import Array
 
 from .ggl import MU, assemble, multiply, residual, set_up, solve, taken_by_filter, velocity, weak_residual
@@ -45,6 +45,23 @@ def book(eqs: Any, t: float, y: Any, yp: Any, works: bool, u: Any, work: Any, bo
             u.lam[row] = y[nq + n + row] / work.row[row]
         power = eqs.power(t, u.q, u.v, u.a, u.lam, eqs.data)
     add_step(books, t, power)
+
+
+@kernel
+def project_redundant(rank: int, u: Any, work: Any) -> None:
+    """u.P = projection onto the left null space of J~, from its factors."""
+    m = u.P.shape[0]
+    factor_transposed(m, rank, work)
+    for i in range(m):
+        for j in range(m):
+            u.P[i, j] = 0.0
+    for k in range(rank, m):
+        for i in range(m):
+            work.x[i] = 1.0 if i == k else 0.0
+        turn_out(work.B, work.tau_B, rank, m, work.x)
+        for i in range(m):
+            for j in range(m):
+                u.P[i, j] += work.x[i] * work.x[j]
 
 
 class Given(NamedTuple):
@@ -82,6 +99,8 @@ def look_over(eqs: Any, t: float, y: Any, taken: float, rank: int, u: Any, work:
     if ratio(work.pivot, rank) >= SINGULAR:
         u.lost[0] = 0.0
     note(eqs, t, u.q, taken, taken, rank, work)
+    if rank < u.P.shape[0] and (ratio(work.pivot, rank) >= SINGULAR or work.critical[0].kind == MISS):
+        project_redundant(rank, u, work)
     u.at[0] = np.nan  # the terms have moved
     bound = step_bound(t, u.q, u.v, taken, eqs.terms, work)
     u.d[0], u.d[1] = u.usual[0], u.usual[1]

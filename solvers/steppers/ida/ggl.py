@@ -17,6 +17,13 @@ make the form regular where J~ loses rank:
   the solution, it may even be unbounded, and D |lambda|^2 is a loss of power. D is of the size of a on rows without
   rank only, redundant ones and those that vanish at a crossing, and nothing on others, however near.
 
+Redundant constraint equations depend on each other only where the constraints are satisfied. A position that is off by
+e gives their combinations W^T J~ = O(e), and with D = LAMBDA a alone they act on the motion as friction of the rate
+e^2 / LAMBDA: if e has the size of the tolerance, that is too much. So s P, P = W W^T, is added to both terms, in
+units of a / rate in D and of |J~|^2 / rate in d; s = e^2 / (FRICTION rtol) makes that friction small, and must not be
+larger: what it loses by rounding counts at crossings. W is the left null space of J~ in the last position that was not
+singular; it may be out of date, as W^T (J v - nu) is zero on the solution for any W.
+
 Such small terms need a Newton matrix that is no older than the iterate in J and M: with a matrix kept from before a
 singular position the iteration contracts as the change of sigma to sqrt(sigma^2 + d c_j) and diverges. So J and M are
 taken where the residual has just been evaluated, and only K, the derivative of the rest, is kept. IDA's own direct
@@ -58,6 +65,8 @@ class Unknowns(NamedTuple):
     zero: Array  # (n,)
     d: Array  # (2,)    LAMBDA a / rate, d
     usual: Array  # (2,)    these two away from near misses
+    redundant: Array  # (2,)    s a / rate, s |J~|^2 / rate: coefficients of P in D and d
+    P: Array  # (m, m)  projection onto forces W of redundant constraint equations
     noise: Array  # (1,)    rounding to IDA's relative tolerance
     near: Array  # (1,)    distance at which branches are told apart, in units of size
     lost: Array  # (1,)    speed that D has taken from the loops in the last singular position, in units of theirs
@@ -87,8 +96,8 @@ class Unknowns(NamedTuple):
         """Return zeroed arrays for ``nq`` positions, ``n`` velocities and ``m`` constraints."""
         N, z = nq + n + 2 * m, np.zeros
         return Unknowns(
-            z(N), z(N), z(N), z(N), z(nq), z(n), z(n), z(n), z(nq), z(nq), z(n), z(2), z(2), z(1), z(1), z(1),
-            z((m, m)), z(m), z(m), z((m, m)), z((2, n)), z(1), np.full(N, np.nan), np.full(N, np.nan), z(3),
+            z(N), z(N), z(N), z(N), z(nq), z(n), z(n), z(n), z(nq), z(nq), z(n), z(2), z(2), z(2), z((m, m)), z(1),
+            z(1), z(1), z((m, m)), z(m), z(m), z((m, m)), z((2, n)), z(1), np.full(N, np.nan), np.full(N, np.nan), z(3),
             z((N, nq + n)), z((nq, n)), z((N, N)), z(N), z(N), np.zeros(N, np.int64), z(N), z(N), z(N), z(1),
             z(COUNTS),
         )  # fmt: skip
@@ -129,6 +138,9 @@ def balance(eqs: Any, t: float, u: Any, work: Any, res: Any) -> None:
             res[lam + row] += terms.J[row, j] * u.v[j]
         res[lam + row] = res[lam + row] / work.row[row] - u.Dlam[row]
         res[mu + row] = terms.Phi[row] / work.row[row] - u.d[1] * u.y[mu + row]
+        for other in range(m):
+            res[lam + row] -= u.redundant[0] * u.P[row, other] * u.y[lam + other]
+            res[mu + row] -= u.redundant[1] * u.P[row, other] * u.y[mu + other]
 
 
 @inlined
@@ -285,8 +297,9 @@ def assemble(eqs: Any, u: Any, work: Any, cj: float) -> None:
                 for k in range(nq):
                     A[k, mu + row] += u.N[k, i] * work.size[i] ** 2 * entry
         for other in range(m):
-            A[lam + row, lam + other] = -u.D[row, other]
-        A[mu + row, mu + row] = -u.d[1]
+            A[lam + row, lam + other] = -u.D[row, other] - u.redundant[0] * u.P[row, other]
+            A[mu + row, mu + other] = -u.redundant[1] * u.P[row, other]
+        A[mu + row, mu + row] -= u.d[1]
 
 
 @kernel

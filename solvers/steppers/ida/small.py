@@ -57,6 +57,7 @@ NEARER = 10.0  # times rtol: branches that are no farther apart, in units of siz
 # Times rtol: speed that D may take from loops in a singular position, in units of theirs. In a period of the motion
 # that makes an error of some 60 rtol.
 LOSS = 10.0
+FRICTION = 1e-3  # rate of the friction by redundant constraint equations, in units of rtol and the rate of the motion
 NOISE = 3e-16  # relative rounding of a residual
 STOPS = 12  # times asked for at which steps end after a load has changed at one: another change is likely
 HIGH = 3.0  # ramp of the velocities, in units of them and of their absolute tolerance to the relative one
@@ -141,7 +142,7 @@ class IDAStepper(IDADriver, DenseStepper):
             return code
         update_growth(self._t, self._terms.M, self._v, self._work)
         if s.m:
-            u.usual[:] = self._regularization()
+            u.usual[:], u.redundant[:] = self._regularization()
             u.d[:] = u.usual
         zeros = np.zeros(s.m)
         y = np.concatenate((self._q, self._v, lam * w.row, zeros))
@@ -168,14 +169,19 @@ class IDAStepper(IDADriver, DenseStepper):
         rows = w.size_q * rate, energy / s.size, one * rate, one
         return np.concatenate(columns), np.concatenate(rows)
 
-    def _regularization(self) -> tuple[float, float]:
-        """Return what D is on rows without rank, and d. M may be singular across the motion; there J~ stands in."""
+    def _regularization(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Return D on rows without rank and d, then the coefficients of redundant equations in these two.
+
+        M may be singular across the motion; there J~ stands in.
+        """
         w, terms = self._units, self._terms
         J = terms.J * (self.system.size / w.row[:, None])
         M = terms.M * np.outer(self.system.size, self.system.size)
         square = np.linalg.norm(J, 2) ** 2
         mobile = np.linalg.solve(M + np.trace(M) / (self.system.n * square) * J.T @ J, J.T)
-        return LAMBDA * np.trace(J @ mobile) / w.rate[0], self._unknowns.noise[0] * MU * square / w.rate[0]
+        lam, mu = np.trace(J @ mobile) / w.rate[0], square / w.rate[0]
+        share = self._tight**2 / (FRICTION * self._rtol)
+        return (LAMBDA * lam, self._unknowns.noise[0] * MU * mu), (share * lam, share * mu)
 
     def _note(self, t: float, y: Array, yp: Array) -> None:
         if self.options.audit:
