@@ -26,7 +26,7 @@ class Settings:
     absolute_tolerance: float = parameter(
         0.0, min=0.0, max=1.0, doc="absolute tolerance in units of each coordinate; 0: the relative one"
     )
-    max_order: int = parameter(0, min=0, max=12, doc="largest order; 0: 12, of ida 5, on large trees 2")
+    max_order: int = parameter(0, min=0, max=12, doc="largest order; 0: 12, of ida 5, of ida on sheets 2")
     max_steps: int = parameter(100_000, min=1, doc="most steps from one communication point to the next")
     max_step: float = parameter(0.0, unit="s", min=0.0, doc="largest step; 0: no limit")
     inputs: str = parameter(
