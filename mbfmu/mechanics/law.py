@@ -49,8 +49,14 @@ def from_text(what: str, text: str, names: tuple[str, ...]) -> Callable[..., Any
             raise UserError(f"{what} is {text!r}, where {node.id!r} is not known; allowed: {', '.join(allowed)}")
         if not isinstance(node, _ALLOWED) or (isinstance(node, ast.Call) and not isinstance(node.func, ast.Name)):
             raise UserError(f"{what} is {text!r}; allowed: numbers, {', '.join(names)} and functions of them")
-    source = f"lambda {', '.join(names)}: {text}"
-    return eval(compile(source, "<expression>", "eval"), dict(FUNCTIONS))
+    return _evaluate(f"lambda {', '.join(names)}: {text}")
+
+
+@cache
+def _evaluate(source: str) -> Callable[..., Any]:
+    """Return the function of a source that was checked: the same one each time, so that it is compiled once."""
+    found: Callable[..., Any] = eval(compile(source, "<expression>", "eval"), dict(FUNCTIONS))
+    return found
 
 
 _ALLOWED = (

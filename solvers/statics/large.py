@@ -66,13 +66,18 @@ class TreeEquilibriumSolver(EquilibriumSolver):
         """Return the state moved by a part of a correction."""
         return Unknowns(self._moved(at.q, part * step), at.lam + part * reaction)
 
-    def _newton(self, t: float, at: Unknowns, c2: float) -> tuple[Outcome, Unknowns, Array, int]:
+    def _accelerate(self, t: float, q: Array) -> Array:
+        self._saddle.weigh(t, q)
+        forces, gaps = self.residual(t, q, np.zeros(self.system.m))
+        return self._saddle.solve(-forces, 0.0 * gaps)[0] if self._saddle.factor(0.0, 1.0) else 0.0 * forces
+
+    def _newton(self, t: float, at: Unknowns, c2: float, mass: float) -> tuple[Outcome, Unknowns, Array, int]:
         saddle, damping, moved = self._saddle, 1.0, self._still
         for iteration in range(1, ITERATIONS + 1):
             forces, gaps = saddle.residual(t, at.q, self._v, c2 * moved, at.lam)
             if not np.isfinite(forces).all():
                 return Outcome.NOT_FINITE, at, moved, iteration
-            if not saddle.factor(0.0, c2):
+            if not saddle.factor(0.0, mass):
                 return Outcome.SINGULAR, at, moved, iteration
             step, reaction = saddle.solve(-forces, -gaps)
             size = float(np.linalg.norm(step / self._size))

@@ -18,6 +18,11 @@ finds a step easy, and shrinks where it fails. A step against which the forces d
 not count: where it is long, Newton may find a root uphill. The continuation mostly ends at a stable state where there
 is one, and Newton finishes there. A thin sheet, whose stiffness against stretching is a million times that against
 bending, gets from flat to hanging straight down in some thirty factorizations.
+
+**Families of states.** If a motion changes no force, such as that of a free spindle, the Jacobian is singular at every
+state of the family and nearly so beside it. Where Newton then fails after the continuation, a small part of the mass
+matrix is added to the Jacobian alone. Corrections along the family stay small, the others converge linearly, and what
+is found balances all forces as any state does.
 """
 
 from __future__ import annotations
@@ -43,6 +48,7 @@ RUNAWAY = 100.0  # way of a step: nothing holds it
 EASY = 6  # factorizations of a step after which the next one may be much longer
 FASTER, LONGER, SHORTER = 4.0, 1.5, 0.3  # changes of the duration: after an easy, a difficult and a failed step; two
 MOST = 2000  # factorizations in the continuation
+SOFT = 1e-4  # mass matrix in the Jacobian of a family of states, in units of that time; others converge by this factor
 
 
 class Outcome(IntEnum):
@@ -110,7 +116,7 @@ class EquilibriumSolver(ABC):
     _v: NDArray[Any]  # (n,) velocities of the steady motion
 
     def __init__(self, system: AnySystem) -> None:
-        self._size, self._rate = system.size, system.rate or 1.0
+        self._size, self._rate, self._known_rate = system.size, system.rate or 1.0, system.rate > 0.0
 
     def set_velocities(self, v: Array) -> None:
         """Let the steady motion have other velocities (n,)."""
@@ -122,9 +128,16 @@ class EquilibriumSolver(ABC):
         ``pseudo_transient``: continuation goes first.
         """
         at, factored = Unknowns(q.copy(), self._balancing(t, q) if lam is None else lam[self.rows]), 0
+        if not self._known_rate:
+            self._rate = self._measure_rate(t, q)
         if pseudo_transient:
             at, factored = self._continue(t, at)
-        outcome, at, moved, count = self._newton(t, at, 0.0)
+        outcome, found, moved, count = self._newton(t, at, 0.0, 0.0)
+        if pseudo_transient and outcome in (Outcome.NO_PROGRESS, Outcome.SINGULAR):
+            factored += count
+            again = self._newton(t, at, 0.0, SOFT * self._rate**2)
+            outcome, found, moved, count = again if again[0] is Outcome.FOUND else (outcome, found, moved, again[-1])
+        at = found
         if outcome is Outcome.FOUND and lam is None and not pseudo_transient and self._strayed(moved):
             outcome = Outcome.NO_PROGRESS
         full = self._all(at.lam)
@@ -159,12 +172,17 @@ class EquilibriumSolver(ABC):
 
     def _relax(self, t: float, at: Unknowns, c2: float) -> Relaxed:
         """Take a pseudo-transient step; c2 as in :meth:`_newton`."""
-        outcome, found, moved, count = self._newton(t, at, c2)
+        outcome, found, moved, count = self._newton(t, at, c2, c2)
         return Relaxed(outcome, found, moved, count, FASTER if count < EASY else LONGER)
 
     def _strayed(self, moved: Array) -> bool:
         """Whether Newton alone went so far (n,) that the state it found is not the one next to the start."""
         return False
+
+    def _measure_rate(self, t: float, q: Array) -> float:
+        """Return the rate (1/s) at which the forces at q move the mechanism from rest; 1 without forces."""
+        accelerations = np.abs(self._accelerate(t, q)) / self._size
+        return float(np.sqrt(accelerations.max(initial=0.0))) or 1.0
 
     def _pull(self, t: float, q: Array) -> Array:
         """Return h (n,), the forces without those of the cut joints, which do no work."""
@@ -187,11 +205,16 @@ class EquilibriumSolver(ABC):
         """Return the multipliers of the independent constraints to start from."""
 
     @abstractmethod
-    def _newton(self, t: float, at: Unknowns, c2: float) -> tuple[Outcome, Unknowns, Array, int]:
+    def _accelerate(self, t: float, q: Array) -> Array:
+        """Return the accelerations (n,) at q by the forces without those of cut joints."""
+
+    @abstractmethod
+    def _newton(self, t: float, at: Unknowns, c2: float, mass: float) -> tuple[Outcome, Unknowns, Array, int]:
         """Return how it ended, where, how the coordinates changed (n,), and how many Jacobians were factored.
 
         Of an orientation the change is the sum of its small turns.
         c2, 1/s^2: of the pseudo-transient step that starts there; zero: the steady state itself.
+        mass, 1/s^2: times the mass matrix in the Jacobian; that of the equations is c2.
         """
 
     @abstractmethod

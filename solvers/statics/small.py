@@ -88,8 +88,13 @@ class Scratch(NamedTuple):
 
 
 @kernel
-def linearize(eqs: Any, t: float, q: Any, lam: Any, moved: Any, rows: Any, c2: float, scale: float, s: Any) -> None:
-    """s.f and s.K at (q, lam), c2 M moved among the forces; one evaluation a coordinate. ``scale`` is an energy."""
+def linearize(
+    eqs: Any, t: float, q: Any, lam: Any, moved: Any, rows: Any, c2: float, mass: float, scale: float, s: Any
+) -> None:
+    """s.f and s.K at (q, lam), c2 M moved among the forces; one evaluation a coordinate. ``scale`` is an energy.
+
+    In K the mass matrix is taken ``mass`` times.
+    """
     n, rank, terms = s.v.shape[0], rows.shape[0], eqs.terms
     for k in range(n):
         for i in range(q.shape[0]):
@@ -103,9 +108,9 @@ def linearize(eqs: Any, t: float, q: Any, lam: Any, moved: Any, rows: Any, c2: f
             balance = terms.h[i]
             for r in range(rank):
                 balance += terms.J[rows[r], i] * lam[r]
-            if c2 != 0.0:
+            if mass != 0.0:
                 for j in range(n):
-                    balance += c2 * terms.M[i, j] * (moved[j] + s.dq[j])
+                    balance += terms.M[i, j] * (c2 * moved[j] + mass * s.dq[j])
             s.f[i] = balance.real * s.size[i] / scale
             s.K[i, k] = balance.imag / EPSILON * s.size[i] * s.size[k] / scale
         for r in range(rank):
@@ -208,12 +213,12 @@ def constraint_forces(rows: Any, terms: Any, s: Any, lam: Any) -> bool:
 
 
 @kernel
-def newton(eqs: Any, t: float, q: Any, lam: Any, rows: Any, c2: float, s: Any, report: Any) -> int:
+def newton(eqs: Any, t: float, q: Any, lam: Any, rows: Any, c2: float, mass: float, s: Any, report: Any) -> int:
     """Solve f = 0 from (q, lam), in place, or a pseudo-transient step; report: Jacobians factored."""
     n = s.v.shape[0]
     for i in range(n):
         s.moved[i] = 0.0
-    linearize(eqs, t, q, lam, s.moved, rows, c2, 1.0, s)
+    linearize(eqs, t, q, lam, s.moved, rows, c2, mass, 1.0, s)
     scale = stiffness(s)
     for i in range(n):
         s.f[i] /= scale
@@ -228,7 +233,7 @@ def newton(eqs: Any, t: float, q: Any, lam: Any, rows: Any, c2: float, s: Any, r
         if size <= CONVERGED:
             move(eqs, q, lam, 1.0, scale, s)
             take(q, lam, s)
-            linearize(eqs, t, q, lam, s.moved, rows, c2, scale, s)
+            linearize(eqs, t, q, lam, s.moved, rows, c2, mass, scale, s)
             if length(s.f) > BALANCED:
                 return SINGULAR
             return FOUND if constraint_forces(rows, eqs.terms, s, s.lam_try) else UNDETERMINED
@@ -236,7 +241,7 @@ def newton(eqs: Any, t: float, q: Any, lam: Any, rows: Any, c2: float, s: Any, r
             damping, first = min(1.0, FARTHEST / size), False
         while True:
             move(eqs, q, lam, damping, scale, s)
-            linearize(eqs, t, s.q_try, s.lam_try, s.moved_try, rows, c2, scale, s)
+            linearize(eqs, t, s.q_try, s.lam_try, s.moved_try, rows, c2, mass, scale, s)
             after = correction(s, s.z_next)
             if after <= (1.0 - 0.25 * damping) * size:
                 break
@@ -297,7 +302,7 @@ class DenseEquilibriumSolver(EquilibriumSolver):
     def jacobian(self, t: float, q: Array, lam: Array) -> Array:
         """Return K (N, N) at q and the multipliers of ``rows``, in units; forces in J, and so are multipliers."""
         self._moved[:] = 0.0
-        linearize(self._eqs, t, q, lam, self._moved, self.rows, 0.0, 1.0, self._scratch)
+        linearize(self._eqs, t, q, lam, self._moved, self.rows, 0.0, 0.0, 1.0, self._scratch)
         return self._K.copy()
 
     def singular(self, t: float, q: Array) -> bool:
@@ -312,9 +317,14 @@ class DenseEquilibriumSolver(EquilibriumSolver):
         constraint_forces(self.rows, self._held_terms, self._scratch, lam)
         return lam
 
-    def _newton(self, t: float, at: Unknowns, c2: float) -> tuple[Outcome, Unknowns, Array, int]:
+    def _accelerate(self, t: float, q: Array) -> Array:
+        evaluate(self._eqs, t, q.astype(complex), self._v)
+        found: Array = np.linalg.lstsq(self._terms.M.real, -self._terms.h.real, rcond=None)[0]
+        return found
+
+    def _newton(self, t: float, at: Unknowns, c2: float, mass: float) -> tuple[Outcome, Unknowns, Array, int]:
         found, report = Unknowns(at.q.copy(), at.lam.copy()), np.zeros(1)
-        outcome = Outcome(newton(self._eqs, t, *found, self.rows, c2, self._scratch, report))
+        outcome = Outcome(newton(self._eqs, t, *found, self.rows, c2, mass, self._scratch, report))
         return outcome, found, self._moved.copy(), int(report[0])
 
     def _strayed(self, moved: Array) -> bool:

@@ -1,0 +1,82 @@
+"""Steady states that belong to a family: a motion changes no force, so that the Jacobian is singular at all of them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mbfmu as mb
+
+DISTANCE = {2: 2.0, 3: 3.0**0.5, 4: (8.0 / 3.0) ** 0.5}  # of points on the unit sphere that repel each other
+
+
+def repulsion(x: float) -> float:
+    """Return the force of a spring that repels, N."""
+    return -1.0 / x
+
+
+def points_on_a_sphere(count: int, seed: int, radius: float) -> mb.Mechanism:
+    """Point masses at random places on a sphere, each with a massless rod to its center."""
+    m = mb.Mechanism()
+    places = np.random.default_rng(seed).normal(size=(count, 3))
+    places *= radius / np.linalg.norm(places, axis=1)[:, np.newaxis]
+    bodies = list[Any]()
+    for i, place in enumerate(places):
+        body = m.ground
+        for axis, start in zip("xyz", place, strict=True):
+            joint = mb.Translational(axis=axis, start=float(start), fixed=True)
+            body = m.body(f"{axis}{i}", body, joint, mass=1.0 if axis == "z" else 0.0)
+        m.cut(f"rod{i}", mb.DistanceCut(length=radius), m.ground, body)
+        for j, other in enumerate(bodies):
+            m.force(f"force{i}.{j}", mb.Spring(stiffness=repulsion, free=0.0), body, other)
+            m.output(f"d{i}{j}", m.distance(body, other))
+        bodies.append(body)
+    return m
+
+
+@pytest.mark.parametrize("radius", [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize("count", DISTANCE)
+def test_points_that_repel_each_other_form_a_regular_figure(count: int, radius: float) -> None:
+    for seed in range(4):
+        found = mb.equilibrium(points_on_a_sphere(count, seed, radius))
+        np.testing.assert_allclose(list(found.outputs.values()), DISTANCE[count] * radius, rtol=1e-8)
+        assert found.stability == "neutral"
+
+
+def chain_and_wheel(count: int, scale: float, where: str) -> mb.Mechanism:
+    """A hanging chain of ``count`` - 1 hinges, bent at the start, and a wheel that turns freely."""
+    m = mb.Mechanism(gravity=(0.0, -9.81, 0.0))
+    wheel = mb.cylinder(mass=1.0, radius=scale, length=scale, axis="z")
+    if where == "ground":
+        m.body("wheel", m.ground, mb.Revolute(), **wheel)
+    body, links = m.ground, count - 1
+    for k in range(links):
+        joint = mb.Revolute(at=(scale / links if k else 0.0, 0.0, 0.0), start=1.2 / links if k else -1.2)
+        body = m.body(f"link{k}", body, joint, **mb.rod(mass=1.0 / links, length=scale / links))
+    m.output("x", body.position("x"))
+    m.output("y", body.position("y"))
+    if where == "tip":
+        m.body("wheel", body, mb.Revolute(at=(scale / links, 0.0, 0.0)), **wheel)
+    return m
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize("where", ["ground", "tip"])
+@pytest.mark.parametrize("count", [59, 61, 131])
+def test_a_wheel_that_turns_freely_does_not_matter(count: int, where: str, scale: float) -> None:
+    found = mb.equilibrium(chain_and_wheel(count, scale, where))
+    links = count - 1
+    assert abs(found.outputs["x"]) < 1e-8 * scale
+    assert found.outputs["y"] == pytest.approx(-scale * (links - 1) / links, rel=1e-9)
+    assert found.stability == "neutral"
+
+
+@pytest.mark.parametrize("count", [40, 80])
+def test_a_force_that_nothing_balances_is_refused(count: int) -> None:
+    m = chain_and_wheel(count, 1.0, "ground")
+    sled = m.body("sled", m.ground, mb.Translational(axis="x"), mass=1.0)
+    m.force("push", mb.JointForce(1e-3), sled)
+    with pytest.raises(mb.EquilibriumError, match="no equilibrium was found"):
+        mb.equilibrium(m)
