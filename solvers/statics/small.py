@@ -319,8 +319,7 @@ class DenseEquilibriumSolver(EquilibriumSolver):
 
     def _accelerate(self, t: float, q: Array) -> Array:
         evaluate(self._eqs, t, q.astype(complex), self._v)
-        found: Array = np.linalg.lstsq(self._terms.M.real, -self._terms.h.real, rcond=None)[0]
-        return found
+        return np.asarray(np.linalg.lstsq(self._terms.M.real, -self._terms.h.real, rcond=None)[0], float)
 
     def _newton(self, t: float, at: Unknowns, c2: float, mass: float) -> tuple[Outcome, Unknowns, Array, int]:
         found, report = Unknowns(at.q.copy(), at.lam.copy()), np.zeros(1)
