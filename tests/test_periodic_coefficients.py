@@ -150,3 +150,60 @@ def test_state_matrices_say_which_of_them_change() -> None:
         m.output("tip", spinning.position("x", point=(0.0, 0.2, 0.0)))
         assert mb.linearize(m).periodic == expected
     assert mb.linearize(rotor(ALIKE)).periodic == ()
+
+
+def on_two_hubs(
+    speeds: tuple[float, float], stiffness: tuple[float, float], scale: float, carried: bool
+) -> mb.Mechanism:
+    """A mass that moves in a plane, on bushings to two hubs that turn, of which one may carry its slides."""
+    m = mb.Mechanism()
+    hubs = []
+    for k, speed in enumerate(speeds):
+        joint = mb.Revolute(drive=mb.Polynomial((0.0, speed)))
+        hubs.append(m.body(f"hub{k}", m.ground, joint, mass=1.0, inertia=(1.0, 1.0, 1.0)))
+    first = m.body("x", hubs[0] if carried else m.ground, mb.Translational(axis="x"))
+    mass = m.body("y", first, mb.Translational(axis="y"), mass=scale)
+    for k, (hub, sizes) in enumerate(zip(hubs, (stiffness, (50.0, 80.0)), strict=True)):
+        m.force(f"bushing{k}", mb.Bushing(stiffness=(scale * sizes[0], scale * sizes[1], 0.0)), hub, mass)
+    fixed = {"stiffness": (50.0 * scale, 50.0 * scale, 0.0), "damping": (0.2 * scale, 0.2 * scale, 0.0)}
+    m.force("fixed", mb.Bushing(**fixed), m.ground, mass)
+    return m
+
+
+@pytest.mark.parametrize(("carried", "scale"), [(True, 1e-3), (False, 1e3)])
+@pytest.mark.parametrize(
+    ("parts", "base", "stiffness"),
+    [
+        ((3, -5), 5.0, (100.0, 100.0)),
+        ((5, -3), 5.0, (100.0, 140.0)),
+        ((1, -7), 8.0, (0.0, 0.0)),
+        ((7, -9), 2.5, (100.0, 100.0)),
+        ((1, 17), 1.0, (100.0, 140.0)),
+        ((15, -17), 2.5, (100.0, 100.0)),
+    ],
+)
+def test_harmonics_of_two_drives_are_not_mistaken_for_constants(
+    parts: tuple[int, int], base: float, stiffness: tuple[float, float], carried: bool, scale: float
+) -> None:
+    """Samples at 16 times in the common period showed a harmonic of 16 as a constant.
+
+    The reference integrates the mass in axes of the ground, by SciPy.
+    """
+    speeds = (base * parts[0], base * parts[1])
+    period = np.pi / base  # bushings come back after half a turn
+
+    def rates(t: float, y: Any) -> Any:
+        K = np.diag([50.0, 50.0])
+        for speed, sizes in zip(speeds, (stiffness, (50.0, 80.0)), strict=True):
+            c, s = np.cos(speed * t), np.sin(speed * t)
+            R = np.array([[c, -s], [s, c]])
+            K = K + R @ np.diag(sizes) @ R.T
+        A = np.block([[np.zeros((2, 2)), np.eye(2)], [-K, -0.2 * np.eye(2)]])
+        return np.asarray((A @ y.reshape(4, 4)).ravel())
+
+    ends = solve_ivp(rates, (0.0, period), np.eye(4).ravel(), method="DOP853", rtol=1e-11, atol=1e-12).y[:, -1]
+    growth = np.log(np.abs(np.linalg.eigvals(ends.reshape(4, 4))).max()) / period
+    mechanism = on_two_hubs(speeds, stiffness, scale, carried)
+    found = mb.equilibrium(mechanism)
+    assert found.stability == ("unstable" if growth > 0.0 else "stable")
+    assert max(row.mode.eigenvalue.real for row in mb.modes(mechanism)) == pytest.approx(growth, abs=1e-5)

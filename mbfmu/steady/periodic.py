@@ -118,6 +118,7 @@ class Turned:
     def spectrum(self) -> Spectrum:
         """Return the characteristic exponents; EquilibriumError where they are not found."""
         period, system = common_period(self.plant), self.plant.system
+        cycles = period * sum(abs(speed) for _, speed, _ in self.plant.drives.speeds()) / (2.0 * pi)
         if not system.has_matrices and system.n > LARGEST_ASSEMBLED:
             raise EquilibriumError(
                 UNKNOWN.format(reason=f"they are found up to {LARGEST_ASSEMBLED} coordinates, and there are {system.n}")
@@ -125,8 +126,8 @@ class Turned:
         with one_thread():
             try:
                 if len(self.rows):
-                    return self._constrained(period)
-                return exponents(self._state_matrix, period, np.diag(system.size))
+                    return self._constrained(period, cycles)
+                return exponents(self._state_matrix, period, cycles, np.diag(system.size))
             except np.linalg.LinAlgError as reason:
                 raise EquilibriumError(UNKNOWN.format(reason=f"its exponents were not found: {reason}")) from reason
 
@@ -137,10 +138,10 @@ class Turned:
         inverse = np.linalg.solve(found.M, np.hstack((found.K, found.C)))
         return np.block([[np.zeros((n, n)), np.eye(n)], [-inverse]])
 
-    def _constrained(self, period: float) -> Spectrum:
+    def _constrained(self, period: float, cycles: float) -> Spectrum:
         """Return the characteristic exponents by the independent coordinates."""
         first = linearize(self.plant, 0.0, self.q, self.v, self.rows)
-        return exponents(lambda t: self._linearized(t, first).free, period, first.coordinates)
+        return exponents(lambda t: self._linearized(t, first).free, period, cycles, first.coordinates)
 
     def _linearized(self, t: float, first: StateSpace) -> StateSpace:
         """Return the state matrices at time t, of the states of the first ones."""

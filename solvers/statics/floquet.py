@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import pi, sqrt
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,36 +20,57 @@ from solvers.system import Array
 from .matrices import MACHINE
 from .spectrum import Spectrum, ordered
 
-FIRST_SAMPLES, MOST_SAMPLES = 16, 512  # of A in a period
+FIRST_SAMPLES, MOST_SAMPLES = 16, 4096  # of A in a period
+CHECKED, GOLDEN = 8, 0.5 * (sqrt(5.0) - 1.0)  # times off the samples, at which A is compared: multiples of this part
 SMOOTH, NOISE = 1e-10, 1e-13  # of the coefficients of A: those at the highest frequencies, and those that are rounding
-FIRST_STEPS, MOST_STEPS = 16, 4096
+FIRST_STEPS, MOST_STEPS = 16, 16384
+STEPS_A_CYCLE = 4  # at least, of the highest harmonic of A
 CONVERGED = 1e-10  # change of the monodromy matrix, relative, at which there are steps enough
 
 
-def interpolate(A: Callable[[float], Array], period: float) -> Callable[[float], Array]:
-    """Return a periodic function (k, k) of time by its samples; LinAlgError where it is not smooth."""
+def interpolate(A: Callable[[float], Array], period: float, cycles: float) -> tuple[Callable[[float], Array], int]:
+    """Return a periodic function (k, k) of time by its samples, and its highest harmonic.
+
+    Samples at equal distances do not show a harmonic that they meet at the same phase. So there are several in each of
+    the ``cycles`` that drives turn in a period, and the function is compared at other times.
+
+    Raises
+    ------
+    LinAlgError
+        It is not smooth.
+    """
     count = FIRST_SAMPLES
-    while True:
+    while count < STEPS_A_CYCLE * cycles:
+        count *= 2
+    while count <= MOST_SAMPLES:
         samples = np.array([A(period * k / count) for k in range(count)])
         parts = np.fft.rfft(samples, axis=0) / count
         size = np.abs(parts).max(axis=(1, 2), initial=0.0)
+        kept = np.flatnonzero(size > NOISE * size.max())
+        weights = np.where(kept == 0, 1.0, 2.0)[:, np.newaxis, np.newaxis] * parts[kept]
         if size[count // 4 :].max() <= SMOOTH * size.max():
-            break
+            found = _Series(kept, weights, period)
+            times = [period * (k * GOLDEN % 1.0) for k in range(1, CHECKED + 1)]
+            if all(np.abs(A(t) - found(t)).max(initial=0.0) <= count * SMOOTH * size.max() for t in times):
+                return found, int(kept.max(initial=0))
         count *= 2
-        if count > MOST_SAMPLES:
-            raise np.linalg.LinAlgError("the linearized motion changes too sharply within a period of the drives")
-    kept = np.flatnonzero(size > NOISE * size.max())
-    weights = np.where(kept == 0, 1.0, 2.0)[:, np.newaxis, np.newaxis] * parts[kept]
-
-    def at(t: float) -> Array:
-        return np.asarray(np.tensordot(np.exp(2j * pi * kept * t / period), weights, axes=1).real)
-
-    return at
+    raise np.linalg.LinAlgError("the linearized motion changes too sharply within a period of the drives")
 
 
-def monodromy_matrix(A: Callable[[float], Array], period: float) -> tuple[Array, float]:
+class _Series:
+    """A trigonometric polynomial with these harmonics (j,) and coefficients (j, k, k)."""
+
+    def __init__(self, harmonics: NDArray[Any], weights: NDArray[np.complex128], period: float) -> None:
+        self._rates, self._weights = 2j * pi * harmonics / period, weights
+
+    def __call__(self, t: float) -> Array:
+        return np.asarray(np.tensordot(np.exp(self._rates * t), self._weights, axes=1).real)
+
+
+def monodromy_matrix(A: Callable[[float], Array], period: float, cycles: float) -> tuple[Array, float]:
     """Return the state after a period by that before, (k, k), and its error; LinAlgError where it does not converge."""
-    smooth, steps = interpolate(A, period), FIRST_STEPS
+    smooth, harmonic = interpolate(A, period, cycles)
+    steps = max(FIRST_STEPS, STEPS_A_CYCLE * harmonic)
     rough, before = _product(smooth, period, steps), None
     while steps < MOST_STEPS:
         steps *= 2
@@ -75,7 +97,7 @@ def _product(A: Callable[[float], Array], period: float, steps: int) -> Array:
     return np.asarray(found)
 
 
-def exponents(A: Callable[[float], Array], period: float, basis: Array) -> Spectrum:
+def exponents(A: Callable[[float], Array], period: float, cycles: float, basis: Array) -> Spectrum:
     """Return the characteristic exponents; those of their motions when the period begins.
 
     Parameters
@@ -84,10 +106,12 @@ def exponents(A: Callable[[float], Array], period: float, basis: Array) -> Spect
         (2 f, 2 f) at a time, of changes and rates of f coordinates.
     period
         s, of A.
+    cycles
+        Turns of all drives in a period.
     basis
         (n, f) change of all coordinates by these.
     """
-    Phi, error = monodromy_matrix(A, period)
+    Phi, error = monodromy_matrix(A, period, cycles)
     multipliers, left, right = linalg.eig(Phi, left=True)
     values, doubts = np.zeros(len(Phi), complex), np.zeros(len(Phi))
     for k, mu in enumerate(multipliers):
