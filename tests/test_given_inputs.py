@@ -285,3 +285,14 @@ def test_no_motion_by_points_is_missed_from_rest(solver: str) -> None:
     )
     found = mb.simulate(base(drive), 10.0, interval=10.0, solver=solver, inputs={"u": (times, way)})
     assert abs(found["x"][-1] - reference.y[0, -1]) < 2e-4 * np.abs(reference.y[0]).max()
+
+
+@pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
+def test_a_held_drive_that_does_not_start_at_rest_is_noticed(size: float) -> None:
+    """The rate jumps within the run, so that the position is set at outputs: the joint starts at rest."""
+    drive = mb.Input(name="u", unit="m")
+    for start, noticed in ((lambda t: abs(t - 0.3), True), (lambda t: max(0.0, t - 0.3), False)):
+        given = {"u": lambda t, law=start: size * law(t / size)}
+        found = mb.simulate(base(drive), 0.5 * size, interval=0.01 * size, solver="adams", inputs=given)
+        (told,) = (remark for remark in found.remarks if "cannot be evaluated" in remark)
+        assert ("although the input starts with the rate -1:" in told) == noticed

@@ -33,6 +33,7 @@ Given = float | str | Callable[[float], float] | Sequence[Any] | Signal
 AGREE = 1e-6  # deviation of the given rate from that of the given position, relative to the largest
 LOOSE = 1e-2  # error of the approximation of a load that has noise, relative to the tolerance of the solver
 CALLED_AGAIN = 64  # times at which functions are called again after the run,
+SHORT = 1e-7  # time over which the rate at the start is a difference, relative to the run
 REPEATS = 1e-9  # ... and deviation from the first call, relative to the largest value
 MOST_MARKS = 100_000  # output times at which approximations are compared with functions
 
@@ -53,6 +54,7 @@ class Course:
     def __init__(self, name: str, given: Any, times: Array) -> None:
         self.name, self.times, self.held, self.used, self.remark = name, times, "", False, ""
         self._what, self._given = f"input {name!r}", given
+        self.jerk = ""  # what is said of a drive that is held and does not begin at rest
         self._noted: Array | None = None
         if isinstance(given, Signal):
             if given.variables():
@@ -139,6 +141,19 @@ class Course:
         rows = rows[rows[:, 0] >= table.x[0]]
         return Pieces.of_cubics(rows[:, 0], rows[:-1, 4:0:-1].T)
 
+    def note_start(self) -> None:
+        """Note that a drive which is held starts at rest, if it does not."""
+        t = float(self.times[0])
+        step = SHORT * float(self.times[-1] - t)
+        values = [self.value(float(time)) for time in self.times[:: 1 + len(self.times) // CALLED_AGAIN]]
+        rate = (self.value(t + step) - self.value(t)) / step
+        if abs(rate) * step > AGREE * SHORT * float(np.ptp(values)):
+            self.jerk = (
+                f". The joint that it moves starts at rest although the input starts with the rate {rate:.4g}: what is "
+                "connected to the joint receives an impulse at the first output. Give a function whose rate is "
+                "continuous, or a constant value at first"
+            )
+
     def note(self) -> None:
         """Keep what the function returns now, for :meth:`check_repeats`."""
         if self.is_function:
@@ -195,7 +210,7 @@ class Courses:
         """Return what is unusual about them, after a run."""
         found = [
             f"input {course.name!r} cannot be evaluated at the solver's times ({course.held}): it was set at every "
-            "output, and the result depends on the interval between them"
+            f"output, and the result depends on the interval between them{course.jerk}"
             for course in self.held
         ]
         for course in self.by_name.values():
@@ -245,6 +260,8 @@ class Courses:
         except UnresolvedError as reason:
             for course in courses.values():
                 course.held = str(reason)
+            if drive and 0 in courses:
+                courses[0].note_start()
             return None
         for k, rate in courses.items():
             if k:
