@@ -115,7 +115,7 @@ def limit_order(plant: Plant, solver: str, state: State, options: Options) -> tu
 
 
 def _explicit(plant: Plant, solver: str, state: State, options: Options) -> _Trial:
-    return _trial(plant, solver, state, options, [LONGEST / (_rate(plant, state) or 1.0)], STEPS)
+    return try_solver(plant, solver, state, options, [LONGEST / (_rate(plant, state) or 1.0)], STEPS)
 
 
 def _costs(plant: Plant, first: str, other: str, state: State, before: _Trial, options: Options) -> tuple[float, float]:
@@ -133,7 +133,9 @@ def _costs(plant: Plant, first: str, other: str, state: State, before: _Trial, o
     later = max(least, weight * _later(plant, state, options.absolute, whole))
     if later < before.cost:
         return before.cost, later
-    trial = _trial(plant, other, state, options, [whole / 2.0**rung for rung in range(RUNGS, -1, -1)], IMPLICIT_STEPS)
+    trial = try_solver(
+        plant, other, state, options, [whole / 2.0**rung for rung in range(RUNGS, -1, -1)], IMPLICIT_STEPS
+    )
     again = _explicit(plant, first, trial.end, options)
     later = weight * _later(plant, trial.end, options.absolute, FAR * again.took)
     return again.cost if again.took else before.cost, max(least, min(weight * trial.cost, later))
@@ -157,7 +159,7 @@ def _rate(plant: Plant, state: State) -> float:
     return max(float(plant.system.rate), float(np.abs(state[2] / plant.system.size).max()))
 
 
-def _trial(plant: Plant, solver: str, state: State, options: Options, times: Sequence[float], steps: int) -> _Trial:
+def try_solver(plant: Plant, solver: str, state: State, options: Options, times: Sequence[float], steps: int) -> _Trial:
     """Try a solver for these times (s) one after the other, until it has taken so many steps.
 
     A start that it refuses gets nowhere here; the run will say why.

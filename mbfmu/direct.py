@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -79,6 +80,11 @@ def simulate(
     UserError
         What is wrong with the model, the times, the inputs or the settings. A run that ends early does not raise:
         ``failure`` of the result says why.
+
+    Warns
+    -----
+    RuntimeWarning
+        During the run, if `ida` takes very many steps and a trial shows that another solver is far faster.
     """
     model = of_user(model)
     times = communication_points(
@@ -89,12 +95,17 @@ def simulate(
         if name not in known:
             raise UserError(f"there is no setting {name!r}{suggest(name, known)}")
     own: dict[str, Any] = {"solver": model.default_solver, "tolerance": model.tolerance, "inputs": input_interpolation}
-    return run(model, Settings(**own | settings), times, watch=watch, inputs=inputs)
+    return run(model, Settings(**own | settings), times, watch=watch, inputs=inputs, report=warn_of_pace)
 
 
 def is_course(value: Any) -> bool:
     """Whether an input is given by more than one number."""
     return callable(value) or isinstance(value, str | Signal) or np.ndim(value) > 0 or isinstance(value, tuple | list)
+
+
+def warn_of_pace(text: str) -> None:
+    """Issue a RuntimeWarning at once: the result, which contains the remark too, may come much later."""
+    warnings.warn(text, RuntimeWarning, stacklevel=2)
 
 
 def run(
@@ -105,12 +116,13 @@ def run(
     watch: Callable[[Simulation], None] | None = None,
     warn: Callable[[str], None] | None = None,
     inputs: Mapping[str, Given] | None = None,
+    report: Callable[[str], None] | None = None,
 ) -> Result:
     """Run a model directly, without an FMU, and record its outputs at ``times``; stops at a failure.
 
     ``inputs`` are as :func:`simulate` takes them. ``watch`` is shown
     the simulation whenever its outputs have been read: its bodies are in place then. ``warn`` is told at once when the
-    energy balance is lost; the run goes on.
+    energy balance is lost, ``report`` (else ``warn``) when another solver would be far faster; the run goes on.
 
     Raises
     ------
@@ -128,6 +140,7 @@ def run(
     numbers: dict[str, Any] = {name: value for name, value in (inputs or {}).items() if name not in given}
     courses = Courses(given, numbers, times, settings.tolerance)
     simulation = Simulation(model, settings, float(times[0]), numbers, courses=courses)
+    simulation.pace.end, simulation.report = float(times[-1]), report or warn
     varying = courses.held
     values = np.zeros((len(times), len(simulation.variables)))
     values[0] = simulation.outputs()

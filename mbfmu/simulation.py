@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Hashable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import replace
 from math import isnan, nan
 from typing import Any, NamedTuple
@@ -22,6 +22,7 @@ from mbfmu.mechanics.arrays.given import Courses
 from mbfmu.mechanics.arrays.points import CHANGED, DEPARTS, JUMPS
 from mbfmu.mechanics.numbers import finite
 from mbfmu.model import Model, of_user
+from mbfmu.pace import PaceCheck
 from mbfmu.reach import explain_rates, to_choose, why
 from mbfmu.result import together
 from mbfmu.settings import AUTO, Settings
@@ -75,6 +76,10 @@ class Simulation:
         supports, changes of the potential energy where it is.
     remarks
         What is unusual and stops nothing, in sentences.
+    pace
+        Check of the number of steps; its ``end`` is the end of the run, s, if that is known.
+    report
+        Function that is given a remark about the pace at once, while :meth:`advance` goes on.
     variables
         What :meth:`outputs` returns: the plant's outputs, then those of the audit (not numbers where it is off, or
         nothing is free).
@@ -113,6 +118,8 @@ class Simulation:
         self.start, found_out = (q, v), settings.solver == AUTO
         self.pick = pick(self.plant, [(t0, q, v)], settings.options()) if found_out else SolverPick(settings.solver)
         self._options, limited = limit_order(self.plant, self.pick.solver, (t0, q, v), settings.options())
+        self.pace = PaceCheck(self._copy_plant, self._options, self._report_pace)
+        self.report: Callable[[str], None] | None = None
         self.stepper = self._stepper(t0, q, v)
         self.variables = (*self.plant.outputs, *VARIABLES)
         unique(["time", *(v.name for v in (*self.plant.inputs.variables, *self.variables))])
@@ -161,7 +168,9 @@ class Simulation:
     def _stepper(self, t: float, q: Array, v: Array) -> Stepper:
         """Return the solver that was chosen, at a state."""
         try:
-            return stepper(self.pick.solver, self.plant.system, t, q, v, self._options)
+            made = stepper(self.pick.solver, self.plant.system, t, q, v, self._options)
+            self.pace.attach(made)
+            return made
         except ValueError as error:
             told = str(error)
             if t == 0.0 and told.startswith("t0 is"):  # the clock resolves everything there but what is no number
@@ -170,6 +179,19 @@ class Simulation:
                     "forces, stiffness or velocities, or enlarge masses and lengths"
                 )
             raise UserError(f"model {self.model.name!r}: {told}") from error
+
+    def _copy_plant(self) -> Plant:
+        """Return another plant of the same model, whose inputs are what they are now."""
+        plant = self.model.plant(self._courses)
+        if self.settings.inputs == "linear":
+            plant.inputs.extrapolate()
+        plant.inputs.restore(self.plant.inputs.state())
+        return plant
+
+    def _report_pace(self, text: str) -> None:
+        self._remark(text)
+        if self.report is not None:
+            self.report(text)
 
     def _rehearse(self, t0: float, q: Array, v: Array) -> None:
         """Have everything compiled that a run calls, once in a process for each kind of run."""

@@ -194,7 +194,7 @@ def write(place: Results, scene: Scene, result: Result, recorder: Recorder, show
 
 
 def warn(text: str) -> None:
-    """Say at once that the energy balance is lost."""
+    """Print at once that the energy balance is lost, or that another solver is far cheaper."""
     tqdm.write(f"mbfmu: {text}", file=sys.stderr)
 
 

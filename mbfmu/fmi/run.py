@@ -31,7 +31,8 @@ def run_fmu(
 ) -> Result:
     """Drive the FMU of a model over ``times`` (s); stops where the FMU discards a step.
 
-    ``warn`` is told at once when the energy balance is lost; the run goes on. Ctrl-C ends it between two steps.
+    ``warn`` is told at once when the energy balance is lost, and of remarks made during the run; it goes on. Ctrl-C
+    ends it between two steps.
     """
     with (
         interrupts_held(fatal=True) as interrupt,
@@ -40,6 +41,7 @@ def run_fmu(
         values = np.zeros((len(times), len(fmu.real_outputs)))
         values[0] = fmu.reals()
         begin, done, failure, warning = time.perf_counter(), 1, "", ""
+        reported = len(fmu.warnings)
         for i, t in enumerate(times[1:], 1):
             interrupt()
             try:
@@ -51,6 +53,10 @@ def run_fmu(
             done = i + 1
             if not warning and (warning := fmu.message()) and warn is not None:
                 warn(warning)
+            for text in fmu.warnings[reported:]:
+                if warn is not None and text != warning:
+                    warn(text)
+            reported = len(fmu.warnings)
             if progress is not None:
                 progress(float(t))
         wall = time.perf_counter() - begin

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -40,7 +41,10 @@ class IDADriver(Stepper):
         c = self._c = self._course[0]
         c["passed"] = c["begun"] = self._t
         c["reach"] = c["longest"] = np.inf
-        c["most"], c["audit"] = min(self.options.max_steps, np.iinfo(np.int64).max), int(self.options.audit)
+        self._most = min(self.options.max_steps, np.iinfo(np.int64).max)
+        self._check_at: float = np.inf  # steps since construction at which ``_check`` is called
+        self._check: Callable[[], float] = lambda: np.inf
+        c["most"], c["audit"] = self._most, int(self.options.audit)
 
     @abstractmethod
     def _begin(self) -> Code:
@@ -52,6 +56,18 @@ class IDADriver(Stepper):
 
     def _limit(self, longest: float) -> None:
         self._c["longest"] = longest if longest < self.options.max_step else np.inf  # which IDA holds to by itself
+
+    def check_steps(self, at: float, check: Callable[[], float]) -> None:
+        """Call ``check`` once ``at`` steps have been taken; it returns at how many it is to be called again.
+
+        It is called between two steps, and must not change the stepper.
+        """
+        self._check_at, self._check = at, check
+
+    def _until_check(self) -> int:
+        """Return how many steps of this call may be taken until the next check is due."""
+        left = max(0.0, self._check_at - float(self._counts[STEPS]))
+        return int(min(self._most, self._c["count"] + left))
 
     def _resume(self) -> Code:
         """Begin anew where the last good step ended, after IDA could not go on."""
@@ -93,7 +109,11 @@ class IDADriver(Stepper):
         c = self._c
         c["count"] = 0
         while True:
+            c["most"] = self._until_check()
             told = self._ida.go(t) if c["passed"] < t else Code.OK
+            if told == Code.MAX_STEPS and c["count"] < self._most:
+                self._check_at = self._check()
+                continue
             if not (told == TAKEN_BACK or (told == Code.COLLAPSED and c["passed"] > c["begun"])):
                 code = Code(told)
                 break

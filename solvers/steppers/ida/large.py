@@ -225,6 +225,15 @@ class TreeIDAStepper(IDADriver):
                 note(self._t, y, yp, self._given)
         return code
 
+    @property
+    def present(self) -> tuple[float, Array, Array]:
+        """Time (s), positions (nq,) and velocities (n,) that IDA itself has reached, which may be off the constraints.
+
+        They are valid between two steps.
+        """
+        y = self._ida.y
+        return float(self._c["passed"]), y[: self.system.nq].copy(), y[self._v_at].copy()
+
     def _take(self, t: float, y: Array) -> Code:
         q, v = y[: self.system.nq].copy(), y[self._v_at].copy()
         code = close(self.system, t, q, v)

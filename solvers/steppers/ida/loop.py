@@ -53,7 +53,7 @@ def go(ida: Any, given: Any, t: float) -> int:
     ``ida.accept(t, y, y', given)`` looks over every step: it notes that it is passed, and returns a code.
     """
     c, counts = given.course[0], given.counts
-    stood, bad, since = 0, counts[BAD], c.passed
+    stood, bad, since, first = 0, counts[BAD], c.passed, c.count
     while c.passed < t:
         if c.count >= c.most:
             return MAX_STEPS
@@ -77,7 +77,7 @@ def go(ida: Any, given: Any, t: float) -> int:
         code = ida.accept(reached, ida.y, ida.slopes, given)
         if code != OK:
             return code
-        if c.count % OFTEN == 0:
+        if (c.count - first) % OFTEN == 0:
             if c.passed - since <= instant:
                 return stopped
             since = c.passed
