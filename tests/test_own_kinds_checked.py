@@ -19,7 +19,7 @@ def place(joint: Any, qi: int, state: Any) -> None:
     """A hinge about z that writes its column at ``far``."""
     c, s = np.cos(state.q[qi]), np.sin(state.q[qi])
     for i in range(6):
-        state.rel[joint.far, i] = 1.0 if i == 2 else 0.0
+        state.rel[joint.far, i] = 1.0 if i == 5 else 0.0
     for i in range(3):
         for j in range(4):
             state.rel[6 + i, j] = 0.0
@@ -149,3 +149,62 @@ def test_declarations_that_do_not_fit_are_refused(said: dict[str, Any], message:
     m = Mechanism()
     with pytest.raises(UserError, match=message):
         m.body("sled", m.ground, kind(), mass=1.0)
+
+
+@kernel
+def along_a_curve(joint: Any, qi: int, state: Any) -> None:
+    """A bead on y = k x^2 that does not turn."""
+    x, rel = state.q[qi], state.rel
+    for i in range(3):
+        rel[0, i], rel[0, 3 + i] = 0.0, 0.0
+        for j in range(3):
+            rel[6 + i, j] = 1.0 if i == j else 0.0
+        rel[6 + i, 3] = 0.0
+    rel[0, 0], rel[0, 1] = 1.0, joint.slope * joint.k * x
+    rel[0, 5] = joint.turn
+    rel[6, 3], rel[7, 3] = x, joint.k * x * x
+
+
+@kernel
+def centripetal(joint: Any, qi: int, vi: int, state: Any) -> None:
+    """See ``along_a_curve``."""
+    for i in range(6):
+        state.bias[i] = 0.0
+    state.bias[1] = joint.bias * joint.k * state.v[vi] ** 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bead(Joint):
+    """A bead on y = k x^2; right with 2, 0 and 2."""
+
+    record = np.dtype([(name, np.float64) for name in ("k", "slope", "turn", "bias")])
+    place, bias = along_a_curve, centripetal
+    nq = nv = 1
+    coordinates, units = ("",), ("m",)
+    k: float
+    given: dict[str, float]
+
+    def fill(self, record: Any, site: Any) -> None:
+        """Write the numbers."""
+        record["k"] = self.k
+        for name, value in ({"slope": 2.0, "turn": 0.0, "bias": 2.0} | self.given).items():
+            record[name] = value
+
+
+@pytest.mark.parametrize("k", [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize("wrong", [{"slope": 1.0}, {"turn": 1.0}, {"bias": 0.0}, {"bias": -2.0}])
+def test_velocities_that_are_not_those_of_the_pose_are_refused(wrong: dict[str, float], k: float) -> None:
+    m = Mechanism(gravity=(0, -9.81, 0))
+    m.body("bead", m.ground, Bead(k=k, given=wrong), mass=1.0)
+    name = "bias" if "bias" in wrong else "place"
+    with pytest.raises(UserError, match=f"joint of body 'bead': kernel '{name}' of Bead contradicts the pose"):
+        Plant(m)
+
+
+@pytest.mark.parametrize("k", [1e-3, 1.0, 1e3])
+def test_a_bead_on_a_curve_keeps_its_energy(k: float) -> None:
+    m = Mechanism(gravity=(0, -9.81, 0))
+    m.body("bead", m.ground, Bead(k=k, given={}, start=0.3 / k), mass=1.0)
+    m.output("energy", m.energy, "")
+    energy = simulate(m, 1.0 / k**0.5, solver="adams", tolerance=1e-9)["energy"]
+    assert np.ptp(energy) < 1e-6 * abs(energy[0])

@@ -1,4 +1,4 @@
-"""One call of every user-defined kernel with checks of array bounds, before the first call without them."""
+"""One call of every user-defined kernel with checks, of array bounds above all, before the first call without them."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from mbfmu.mechanics.records import Arrays, Data, State
 from solvers.compiled.held import hold
 from solvers.compiled.kernel import COMPILED, bounds_checked
 
+from .own_joints import check_joints
 from .tables import Called
 
 OWN = ("mbfmu.", "fmus.")  # modules whose kernels have tests of their own
@@ -44,6 +45,7 @@ def check_bounds(mechanism: Mechanism, called: list[Called | None], data: Data) 
         own = called[use.kernel] if use.kernel in foreign else None
         if own is not None:
             _call(use, own, arrays)
+    check_joints(mechanism, called, foreign, arrays, State(*(array.copy() for array in data.state)))
 
 
 def _call(use: Use, own: Called, arrays: Arrays) -> None:

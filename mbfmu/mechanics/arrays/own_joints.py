@@ -1,0 +1,111 @@
+"""Kernels of user-defined joints, compared with derivatives of the pose that they write.
+
+A joint whose velocities are not those of its pose, or whose bias is wrong, moves in a wrong way without any other sign.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics.builder.mechanism import Mechanism
+from mbfmu.mechanics.records import Arrays, State
+from solvers.system import Array
+
+from .tables import Called
+
+EPSILON = 1e-30  # of the complex step
+AGREE, ZERO = 1e-6, 1e-11  # deviation from the derivative, relative to it and to the pose
+AWAY = 0.37  # of a second position, from the start; and velocity, in units of the coordinates
+FIXES = {
+    "place": "columns of the motion subspace in rel[0:nv] (linear velocity of the child's origin, then angular "
+    "velocity, in axes of the joint frame) that are the derivatives of the pose in rel[6:9]",
+    "bias": "sum over k of v_k times the time derivative of rel[k]; without a kernel bias it is zero",
+}
+
+
+def check_joints(
+    mechanism: Mechanism, called: list[Called | None], foreign: set[int], arrays: Arrays, state: State
+) -> None:
+    """Raise UserError if the kernels of a user-defined joint contradict each other at the start or beside it.
+
+    Joints with a quaternion are left out: their positions have no derivatives by the velocities alone.
+    """
+    for body, own in zip(mechanism.bodies[1:], arrays.bodies[1:], strict=True):
+        place = called[int(own["kind"])] if int(own["kind"]) in foreign else None
+        if place is None or body.joint.quaternion or not body.joint.nv:
+            continue
+        bias = called[int(own["kind"]) + 1]
+        first, count = int(own["qi"]), body.joint.nv
+        at = int(own["at"])
+        record = arrays.memory[at : at + place.record.itemsize].view(place.record).view(np.recarray)[0]
+        joint = _Joint(record, place.function, bias.function if bias is not None else None, count, state)
+        near = state.q[first : first + count]
+        wrong = [name for q in (near, near + AWAY) for name in joint.contradictions(q)]
+        if wrong:
+            name = max(wrong)  # "place" before "bias"
+            raise UserError(
+                f"joint of body {body.name!r}: kernel {name!r} of {type(body.joint).__name__} contradicts the pose "
+                f"that 'place' writes; allowed: {FIXES[name]}"
+            )
+
+
+class _Joint:
+    """Kernels of a joint as plain Python in complex numbers."""
+
+    def __init__(self, record: Any, place: Any, bias: Any, count: int, state: State) -> None:
+        self._record, self._count, self._shape = record, count, state.rel.shape
+        self._place: Callable[..., None] = getattr(place, "py_func", place)
+        self._bias: Callable[..., None] | None = bias and getattr(bias, "py_func", bias)
+
+    def contradictions(self, q: Array) -> list[str]:
+        """Return the names of the kernels that are wrong at positions q (nv,); none if they cannot be called there."""
+        try:
+            with np.errstate(all="ignore"):
+                rel, slopes = self._written(q.astype(complex)).real, self._slopes(q)
+                given = self._given_bias(q)
+        except Exception:  # the run reports it
+            return []
+        n, R, r = self._count, rel[6:9, :3], rel[6:9, 3]
+        if not (np.isfinite(rel).all() and np.isfinite(slopes).all()):
+            return []
+        turns = slopes[:, 6:9, :3] @ R.T
+        angular = np.stack((turns[:, 2, 1], turns[:, 0, 2], turns[:, 1, 0]), axis=1)
+        linear, far = slopes[:, 6:9, 3], np.abs(r).max()
+        v = AWAY * (1.0 + np.arange(n))
+        expected = np.einsum("k,j,jkc->c", v, v, slopes[:, :n, :6])
+        pairs = {
+            "place": ((rel[:n, :3], linear, far), (rel[:n, 3:6], angular, 1.0)),
+            "bias": (
+                (given[:3], expected[:3], far + np.abs(linear).max(initial=0.0)),
+                (given[3:], expected[3:], 1.0),
+            ),
+        }
+        return [name for name, parts in pairs.items() if any(_differ(*part) for part in parts)]
+
+    def _written(self, q: Any) -> Any:
+        rel = np.zeros(self._shape, complex)
+        self._place(self._record, 0, SimpleNamespace(q=q, rel=rel))
+        return rel
+
+    def _slopes(self, q: Array) -> Array:
+        """Return the derivatives (nv, ...) of ``rel`` by the positions."""
+        steps = EPSILON * 1j * np.eye(self._count)
+        return np.array([self._written(q + step).imag / EPSILON for step in steps])
+
+    def _given_bias(self, q: Array) -> Array:
+        out = np.zeros(6)
+        if self._bias is not None:
+            v = AWAY * (1.0 + np.arange(self._count))
+            rel = self._written(q.astype(complex)).real
+            self._bias(self._record, 0, 0, SimpleNamespace(q=q, v=v, rel=rel, bias=out))
+        return out
+
+
+def _differ(given: Array, expected: Array, size: float) -> bool:
+    largest = max(np.abs(given).max(initial=0.0), np.abs(expected).max(initial=0.0))
+    return bool(np.abs(given - expected).max(initial=0.0) > AGREE * largest + ZERO * size)
