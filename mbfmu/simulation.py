@@ -29,6 +29,7 @@ from mbfmu.settings import AUTO, Settings
 from mbfmu.steady.problem import EquilibriumProblem
 from mbfmu.trial import MOST_STEPS, ran
 from solvers import SolverError, Statistics, Status, stepper
+from solvers.compiled.kernel import COMPILED
 from solvers.ledger import EXCHANGED
 from solvers.stepper import Samples, Stepper
 
@@ -196,7 +197,7 @@ class Simulation:
     def _rehearse(self, t0: float, q: Array, v: Array) -> None:
         """Have everything compiled that a run calls, once in a process for each kind of run."""
         kind = (type(self.stepper), self.plant.system.m > 0)
-        if kind in _compiled:
+        if kind in _compiled or not COMPILED:
             return
         options = replace(self._options, max_steps=MOST_STEPS)
         trial = stepper(self.pick.solver, self.plant.system, t0, q, v, options)
