@@ -12,23 +12,28 @@ It has no unit, is about 1 in most motions, and is at most 3 in a chain of 59 li
 it is large, as far as rounding allows: M is known to 2e-16, accelerations only to that times the square of the growth.
 
 Rates below the unit of their absolute tolerance are not considered. Neither are the coordinates of loops, where
-contributions cancel in every motion.
+contributions cancel in every motion, and large trees with loops or meshes.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from solvers.compiled.kernel import inlined, kernel
+from solvers.compiled.kernel import inlined, kernel, records
+
+from .system import Array, TreeSystem
 
 INERTIA = np.dtype(
     [
+        ("watched", "i8"),  # 1: of a large tree, whether the rate growth is computed
         ("energy", "f8"),  # J, largest v . M v so far
         ("growth", "f8"),  # rate growth where the last step ended; 0 before the first
         ("largest", "f8"),  # rate growth so far
         ("at", "f8"),  # s, time of the largest
+        ("since", "f8"),  # s, when it was above LARGE_GROWTH first; meaningless where the largest is not
     ],
     align=True,
 )
@@ -38,24 +43,69 @@ FINEST_TOLERANCE = 3e-13  # relative tolerance that rounding allows
 ROUNDING = 1e-16  # the same in units of the square of the rate growth
 
 
+class Growth(NamedTuple):
+    """What the rate growth of a large tree is computed with."""
+
+    size: Array  # (n,) units of the coordinates
+    pace: Array  # (n,) 1/s, of their rates
+    parts: Array  # (1 + n,) see solvers.system.TreeSystem.inertia_parts
+    inertia: NDArray[Any]  # (1,) record of INERTIA
+
+    @staticmethod
+    def of(system: TreeSystem, rate: float) -> Growth:
+        """Return the growth of a tree that moves at this rate, 1/s."""
+        growth = Growth(system.size, np.full(system.n, rate), np.zeros(1 + system.n), records(1, INERTIA))
+        growth.inertia["watched"] = system.watches_inertia
+        return growth
+
+
+@kernel
+def clear_growth(work: Any) -> None:
+    """Forget the motion so far."""
+    c = work.inertia[0]
+    c.energy, c.growth, c.largest, c.at = 0.0, 0.0, 0.0, 0.0
+
+
+@inlined
+def growth_of_rate(inertia: float, v: float, unit: float, energy: float) -> float:
+    """Return the growth of the errors of one rate v, whose absolute tolerance has this ``unit``."""
+    root = np.sqrt(inertia)
+    scale = np.sqrt(energy) + root * unit
+    return root * abs(v) / scale if scale > 0.0 else 0.0
+
+
+@inlined
+def note_growth(t: float, growth: float, c: Any) -> None:
+    """Note the rate growth at time t (s)."""
+    c.growth = growth
+    if growth > LARGE_GROWTH and not c.largest > LARGE_GROWTH:
+        c.since = t
+    if growth > c.largest:
+        c.largest, c.at = growth, t
+
+
 @kernel
 def update_growth(t: float, M: Any, v: Any, work: Any) -> None:
     """Update the rate growth at time t (s) with mass matrix M (n, n) and rates v (n,); ``work`` is a workspace."""
-    c, energy, looped = work.inertia[0], 0.0, work.row.shape[0] > 0
+    c, energy, growth, looped = work.inertia[0], 0.0, 0.0, work.row.shape[0] > 0
     for i in range(v.shape[0]):
         for j in range(v.shape[0]):
             energy += v[i] * M[i, j] * v[j]
     c.energy = max(c.energy, energy)
-    c.growth, usual = 0.0, np.sqrt(c.energy)
     for i in range(v.shape[0]):
         if not (looped and work.looped[i] == 1.0):
-            root = np.sqrt(M[i, i])
-            share = root * abs(v[i])
-            scale = usual + root * work.pace[i] * work.size[i]
-            if share > c.growth * scale:
-                c.growth = share / scale
-    if c.growth > c.largest:
-        c.largest, c.at = c.growth, t
+            growth = max(growth, growth_of_rate(M[i, i], v[i], work.pace[i] * work.size[i], c.energy))
+    note_growth(t, growth, c)
+
+
+@kernel
+def update_tree_growth(t: float, parts: Any, v: Any, work: Any) -> None:
+    """As :func:`update_growth`, from v . M v and the diagonal of M in ``parts`` (1 + n,)."""
+    c, growth = work.inertia[0], 0.0
+    c.energy = max(c.energy, parts[0])
+    for i in range(v.shape[0]):
+        growth = max(growth, growth_of_rate(parts[1 + i], v[i], work.pace[i] * work.size[i], c.energy))
+    note_growth(t, growth, c)
 
 
 @inlined
@@ -69,3 +119,14 @@ def finer_tolerance(rtol: float, power: float, work: Any) -> float:
         return 1.0
     finer = max(1.0 / growth, (HARMLESS_GROWTH / growth) ** 2) ** power
     return min(1.0, max(finer, max(FINEST_TOLERANCE, ROUNDING * growth * growth) / rtol))
+
+
+def describe_large_growth(inertia: NDArray[Any]) -> str:
+    """Return what a record of INERTIA says of a nearly singular mass matrix; empty: nothing."""
+    c = inertia[0]
+    if not c["largest"] > LARGE_GROWTH:
+        return ""
+    return (
+        f"from t = {c['since']:.6g} s on the mass matrix is nearly singular at times, as where a light body carries a "
+        f"heavy one: errors of rates grow more than {LARGE_GROWTH:g} times there"
+    )

@@ -95,6 +95,15 @@ def _nothing(data: Any) -> tuple[Callable[..., Any], Callable[..., Any]]:
     return work(no_power), callback(types.void(real, vector, vector, data, vector))(no_exposure)
 
 
+def no_parts(data: Any, out: Any) -> None:
+    """Of a system that does not compute its inertia."""
+
+
+@cache
+def _no_parts(data: Any) -> Callable[..., Any]:
+    return callback(types.void(data, types.float64[::1]))(no_parts) if COMPILED else no_parts
+
+
 def nothing_works() -> bool:
     """Of a system on which nothing ever does work."""
     return False
@@ -316,7 +325,19 @@ class TreeSystem(AnySystem):
     stepped: Callable[[], Stepped] | None = None  # (): the same on complex numbers
     meshed: NDArray[np.bool_] | None = None  # (n,) coordinates of which a mesh has many like them; None: all
     slip: Array | None = None  # (n,) rates at which friction of contact turns over; infinite: at none
+    inertia_parts: Callable[..., None] | None = None  # (data, out): v . M v and the diagonal of M where inverse or
+    # forward was called for last; it may lose what those found
     moves: Callable[[], bool] = nothing_works  # (): whether drives move: then inertia forces change with the positions
+
+    @property
+    def watches_inertia(self) -> bool:
+        """Whether the rate growth can be computed, see :mod:`solvers.inertia`: not with loops, and not in meshes."""
+        return self.inertia_parts is not None and not self.m and not (self.meshed is None or self.meshed.any())
+
+    @property
+    def parts_callback(self) -> Callable[..., None]:
+        """``inertia_parts`` as kernels take it."""
+        return self.inertia_parts if self.inertia_parts is not None else _no_parts(held_type(self.data))
 
     def allocate_terms(self, scalar: type = float) -> Terms:
         """Return zeroed terms; those of the constraints are the only ones a tree fills, and M has no entries."""

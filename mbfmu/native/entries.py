@@ -108,6 +108,7 @@ def instance_of(simulation: Simulation) -> Instance:
     eqs = family.equations(dict.fromkeys(family.callbacks, 0), system.held_data, *sizes)
     work = family.work(*sizes, system.placed)
     work.size[:] = system.size
+    work.inertia["watched"] = contents(given.work).inertia["watched"]
     assembly = plant.assembly
     scratch = Scratch.of(system, assembly.held(), assembly.given())._replace(size=work.size)
     if simulation.settings.start_at_equilibrium:

@@ -72,6 +72,20 @@ def light_cart(ratio: float = 1e-6, size: float = 1.0) -> Case:
     return Case(m, integrated(acceleration, (0.0, 0.5 * pi), (0.0, 0.0), lambda q, v: (q, v), None), stop_time)
 
 
+def light_cart_among(count: int, ratio: float = 1e-6) -> Case:
+    """:func:`light_cart` for 1.5 s beside rods at rest, ``count`` coordinates in all."""
+    case = light_cart(ratio)
+    for k in range(count - 2):
+        case.mechanism.body(f"rod{k}", case.mechanism.ground, Revolute(start=-0.5 * pi), **rod(mass=1.0, length=1.0))
+
+    def exact(times: Any, nudge: float = 0.0) -> tuple[Any, Any]:
+        q, v = case.exact(times, nudge)
+        rest = np.full((len(q), count - 2), -0.5 * pi)
+        return np.hstack((q, rest)), np.hstack((v, 0.0 * rest))
+
+    return Case(case.mechanism, exact, 1.5)
+
+
 def light_link(ratio: float = 1e-6, size: float = 1.0) -> Case:
     """Double pendulum with masses of ``ratio`` and 1 kg at the ends of two links of ``size`` and 0.7 ``size`` (m).
 

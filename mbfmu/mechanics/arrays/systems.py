@@ -18,6 +18,7 @@ from mbfmu.mechanics.elements import Shell
 from mbfmu.mechanics.records import Data
 from mbfmu.mechanics.recursions.dynamics import (
     callbacks,
+    inertia_callback,
     observe_all,
     resolves,
     stepped_callbacks,
@@ -105,6 +106,7 @@ class Systems:
             meshed=self._meshed(),
             slip=self._slip(),
             moves=self._moves,
+            inertia_parts=inertia_callback(),
             power=power,
             exposure=exposure,
         )

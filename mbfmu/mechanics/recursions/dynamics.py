@@ -23,6 +23,7 @@ from .applied import apply_loads
 from .constraints import evaluate_constraints, jacobian, load_constraints, right_hand_side
 from .crba import composite_inertia, mass_matrix
 from .energy import exposure as exposure_of
+from .energy import inertia_parts as inertia_parts_of
 from .energy import kinetic_energy, potential_energy
 from .energy import power as power_of
 from .kinematics import accelerations, positions, scatter, turn_inertia, velocities
@@ -192,6 +193,11 @@ def exposure(rtol: float, place: Any, rate: Any, data: Any, out: Any) -> None:
     exposure_of(rtol, place, rate, data.arrays, data.state, out)
 
 
+def inertia_parts(data: Any, out: Any) -> None:
+    """See :func:`.energy.inertia_parts`; :func:`inverse` or :func:`forward` was called last."""
+    inertia_parts_of(data.arrays, data.state, out)
+
+
 @inlined
 def gather_free(a: Any, arrays: Any, state: Any) -> None:
     """Put the free accelerations a (n,) beside those of the drives."""
@@ -348,3 +354,11 @@ def work_callbacks(tree: bool) -> tuple[Callable[..., Any], ...]:
     data, real, vector = held_type(empty_data()), types.float64, types.float64[::1]
     work = callback(types.float64(real, vector, vector, vector, vector, data))
     return work(solved_power if tree else power), callback(types.void(real, vector, vector, data, vector))(exposure)
+
+
+@cache
+def inertia_callback() -> Callable[..., Any]:
+    """Return :func:`inertia_parts` as a solver takes it; compiled on first use."""
+    if not COMPILED:
+        return inertia_parts
+    return callback(types.void(held_type(empty_data()), types.float64[::1]))(inertia_parts)

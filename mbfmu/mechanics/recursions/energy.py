@@ -8,10 +8,22 @@ import numpy as np
 
 from mbfmu.mechanics.flexible import modal
 from mbfmu.mechanics.records import RIGID, SECTION
-from mbfmu.mechanics.spatial import add_wrench, row_dot6, shift_wrench
+from mbfmu.mechanics.spatial import add_wrench, row_dot6, shift_motion, shift_wrench
 from solvers.compiled.kernel import inlined
 
 from .applied import load_powers, stored
+from .crba import composite_inertia, momentum_of
+
+
+@inlined
+def twice_energy(mass: float, here: Any, Y: Any) -> float:
+    """Twice the kinetic energy of a body that moves with Y (6,), J."""
+    Jc, c = here.Jc, here.com
+    x, y, z = Y[4] * c[2] - Y[5] * c[1], Y[5] * c[0] - Y[3] * c[2], Y[3] * c[1] - Y[4] * c[0]
+    total = mass * ((Y[0] + x) * (Y[0] + x) + (Y[1] + y) * (Y[1] + y) + (Y[2] + z) * (Y[2] + z))
+    for k in range(3):
+        total += Y[3 + k] * (Jc[k, 0] * Y[3] + Jc[k, 1] * Y[4] + Jc[k, 2] * Y[5])
+    return total
 
 
 @inlined
@@ -19,13 +31,7 @@ def kinetic_energy(arrays: Any, state: Any) -> float:
     """sum m v_c.v_c / 2 + w.Jc w / 2, J."""
     total = 0.0
     for i in range(1, arrays.bodies.shape[0]):
-        here = state.bodies[i]
-        Y, Jc, c = here.Y, here.Jc, here.com
-        x, y, z = Y[4] * c[2] - Y[5] * c[1], Y[5] * c[0] - Y[3] * c[2], Y[3] * c[1] - Y[4] * c[0]
-        square = (Y[0] + x) * (Y[0] + x) + (Y[1] + y) * (Y[1] + y) + (Y[2] + z) * (Y[2] + z)
-        total += 0.5 * arrays.bodies[i].mass * square
-        for k in range(3):
-            total += 0.5 * Y[3 + k] * (Jc[k, 0] * Y[3] + Jc[k, 1] * Y[4] + Jc[k, 2] * Y[5])
+        total += 0.5 * twice_energy(arrays.bodies[i].mass, state.bodies[i], state.bodies[i].Y)
     for i in range(arrays.flexibles.shape[0]):
         total += modal.kinetic(arrays.flexibles[i], state.bodies[arrays.flexibles[i].body], state, state.wrench)
     return total
@@ -140,6 +146,31 @@ def find_extent(place: Any, rate: Any, widest: float, fastest: float, arrays: An
             if not out[4 + body.vf + k] == out[4 + body.vf + k]:
                 out[4 + body.vf + k] = at
             out[2] = max(out[2], abs(at - out[4 + body.vf + k]) / place[body.vf + k])
+
+
+@inlined
+def inertia_parts(arrays: Any, state: Any, out: Any) -> None:
+    """out (1 + n,) = v . M v, J, and the diagonal of M over the free coordinates v (n,) of a tree of rigid bodies.
+
+    Composite inertias, joint wrenches and accelerations of the state are lost.
+    """
+    f, out[0] = state.wrench, 0.0
+    composite_inertia(arrays, state)
+    for k in range(6):
+        state.bodies[0].dY[k] = 0.0
+    for i in range(1, arrays.bodies.shape[0]):
+        body, here = arrays.bodies[i], state.bodies[i]
+        parent = state.bodies[body.parent]
+        for k in range(6):
+            here.dY[k] = parent.dY[k]
+        shift_motion(here, parent, parent.dY, here.dY)
+        if body.vf >= 0:
+            for c in range(body.nv):
+                momentum_of(here, state.S, body.si + c, f)
+                out[1 + body.vf + c] = row_dot6(state.S, body.si + c, f)
+                for k in range(6):
+                    here.dY[k] += state.S[body.si + c, k] * state.v[body.vi + c]
+        out[0] += twice_energy(body.mass, here, here.dY)
 
 
 @inlined

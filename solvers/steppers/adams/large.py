@@ -42,7 +42,9 @@ class TreeAdamsStepper(ExplicitStepper):
         self._control, self._held = self._history.control[0], hold(self._history)
         work = tree.Scratch.allocate(system.nq, system.n, system.positions)
         work.size[:] = system.size
-        callbacks = system.forward, system.inverse, system.retract, *audit_callbacks(system)
+        self._inertia = work.inertia
+        self._inertia["watched"] = system.watches_inertia
+        callbacks = system.forward, system.inverse, system.retract, *audit_callbacks(system), system.parts_callback
         eqs = hold(tree.TreeEquations(*callbacks, system.held_data))
         scales = hold(Scales.of(o.rtol, np.zeros(system.n), np.zeros(system.n)))
         own = eqs, self._settings, self._held, hold(work), scales
@@ -67,9 +69,10 @@ class TreeAdamsStepper(ExplicitStepper):
 
     def arrays(self) -> list[NDArray[Any]]:
         """As :meth:`solvers.stepper.Stepper.arrays`."""
-        return [self.clock, self._q, self._v, self._ledger, *self._history]
+        return [self.clock, self._q, self._v, self._ledger, *self._history, self._inertia]
 
     @property
     def statistics(self) -> Statistics:
         """What the run has cost so far."""
-        return Statistics(**counts(self._control))
+        c = self._inertia[0]
+        return Statistics(**counts(self._control), rate_growth=float(c["largest"]), rate_growth_at=float(c["at"]))

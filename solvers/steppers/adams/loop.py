@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
-from solvers.inertia import finer_tolerance, update_growth
+from solvers.inertia import clear_growth, finer_tolerance, update_growth
 from solvers.ledger import due, look, refuse_step, report
 from solvers.outcome import BRANCHES, COLLAPSED, MAX_STEPS, NOT_CLOSED, OK
 from solvers.projection.lu_partition import (
@@ -391,6 +391,7 @@ def set_up(g: Any, rank: int, absolute: float) -> None:
     c.rank, c.changed_at = rank, -g.settings[0].flicker_steps
     c.regime = PROJECTION if g.settings[0].partition == PROJECTION else LU
     set_units(H, absolute, work, g.scales)
+    clear_growth(work)
 
 
 @kernel

@@ -16,7 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solvers.compiled.kernel import inlined, kernel
+from solvers.compiled.kernel import inlined, kernel, records
+from solvers.inertia import INERTIA, clear_growth, finer_tolerance, update_tree_growth
 from solvers.ledger import due, look, refuse_step, report
 from solvers.outcome import COLLAPSED, MAX_STEPS, NO_MASS, NOT_FINITE, OK
 from solvers.positions import Positions, position_sizes
@@ -59,11 +60,14 @@ class TreeEquations(NamedTuple):
     retract: Any
     power: Any
     exposure: Any
+    inertia_parts: Any
     data: Any
 
 
 class Scratch(NamedTuple):
-    """Units, a state, its rates, and what inverse dynamics takes besides; but for units nothing outlives a call."""
+    """Units, a state, its rates, and what inverse dynamics takes besides; but for units and :meth:`memory` nothing
+    outlives a call.
+    """
 
     positions: Any  # solvers.positions.Positions
     size: Array  # (n,)   units of the coordinates
@@ -75,15 +79,18 @@ class Scratch(NamedTuple):
     qdot: Array  # (nq,)
     zero: Array  # (n,)
     lam: Array  # (0,)
+    parts: Array  # (1 + n,) see solvers.system.TreeSystem.inertia_parts
+    inertia: NDArray[Any]  # (1,) record of solvers.inertia.INERTIA
 
     @staticmethod
     def allocate(nq: int, n: int, positions: Positions) -> Scratch:
         """Return zeroed arrays."""
-        return Scratch(positions, *(np.zeros(k) for k in (n, nq, n, nq, n, n, nq, n, 0)))
+        sizes = n, nq, n, nq, n, n, nq, n, 0, 1 + n
+        return Scratch._make((positions, *(np.zeros(size) for size in sizes), records(1, INERTIA)))
 
     def memory(self) -> list[NDArray[Any]]:
-        """Return what goes on from step to step: nothing."""
-        return []
+        """Return what a motion cannot go on without."""
+        return [self.inertia]
 
 
 @inlined
@@ -108,12 +115,12 @@ def differentiate(eqs: Any, t: float, c: Any, H: Any, s: Any) -> int:
 
 
 @inlined
-def weigh(o: Any, H: Any) -> None:
-    """Error weights at y, such that the norm is a root mean square."""
+def weigh(o: Any, H: Any, s: Any) -> None:
+    """Error weights at y, such that in meshes the norm is a root mean square: they have many coordinates of a kind."""
     size = H.y.shape[0] - 1
-    count = np.sqrt(1.0 * size)
+    scale = finer_tolerance(o.rtol, 1.0, s) if s.inertia[0].watched == 1 else np.sqrt(1.0 * size)
     for i in range(size):
-        H.weight[i] = 1.0 / (count * (o.rtol * abs(H.y[i]) + o.atol * H.unit[i]))
+        H.weight[i] = 1.0 / (scale * (o.rtol * abs(H.y[i]) + o.atol * H.unit[i]))
 
 
 @inlined
@@ -128,6 +135,9 @@ def book(eqs: Any, t: float, c: Any, o: Any, scales: Any, s: Any) -> None:
     if o.audit == 1 and due(c):
         eqs.inverse(t, s.q, s.v, s.zero, s.lam, eqs.data, s.qdot, s.a)
         look(eqs.exposure, eqs.data, c, scales)
+    if s.inertia[0].watched == 1:
+        eqs.inertia_parts(eqs.data, s.parts)
+        update_tree_growth(t, s.parts, s.v, s)
 
 
 @kernel
@@ -149,7 +159,7 @@ def prepare(eqs: Any, c: Any, o: Any, H: Any, s: Any, scales: Any) -> int:
 def single_step(eqs: Any, c: Any, o: Any, H: Any, s: Any, scales: Any, target: float) -> int:
     """One step by the formulas of :mod:`solvers.steppers.adams.one_step`, not past ``target``; or why there is none."""
     last = H.y.shape[0] - 1
-    weigh(o, H)
+    weigh(o, H, s)
     while True:
         c.h = min(c.h, o.max_step)
         stop_at(c, target)
@@ -182,7 +192,7 @@ def single_step(eqs: Any, c: Any, o: Any, H: Any, s: Any, scales: Any, target: f
 @kernel
 def step(eqs: Any, c: Any, o: Any, H: Any, s: Any, scales: Any) -> int:
     """One accepted step, however often it has to be cut; or the code of what made it too small."""
-    weigh(o, H)
+    weigh(o, H, s)
     cuts = 0
     while True:
         coefficients(c)
@@ -227,7 +237,7 @@ def advance(eqs: Any, settings: Any, H: Any, s: Any, scales: Any, target: float,
             code = single_step(eqs, c, o, H, s, scales, target)
         else:
             if c.start == 1:
-                weigh(o, H)
+                weigh(o, H, s)
                 begin(c, H, o.max_step, o.rate)
             code = step(eqs, c, o, H, s, scales)
         if code != OK:
@@ -262,8 +272,9 @@ def set_up(g: Any, t: float, known: float) -> None:
     position_sizes(s.positions, s.size, s.size_q)
     for k in range(s.pace.shape[0]):
         s.pace[k] = RATE * o.rate
-    g.scales.mean[0] = H.y.shape[0] - 1
+    g.scales.mean[0] = 1 if s.inertia[0].watched == 1 else H.y.shape[0] - 1
     set_units(H, o.atol, s, g.scales)
+    clear_growth(s)
 
 
 @kernel

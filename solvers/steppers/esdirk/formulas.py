@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solvers.compiled.kernel import inlined, kernel, records
+from solvers.inertia import update_tree_growth
 from solvers.ledger import FIELDS, book_stray, due, look
 from solvers.positions import angular_velocity, as_motion, as_slope
 from solvers.system import Array, TreeSystem
@@ -336,6 +337,14 @@ def accept(h: float, after: float, M: Any, s: Any) -> None:
         M.lam[k] = s.lam[k]
     c.t, c.hold = after, h
     c.steps += 1
+
+
+@kernel
+def watch_inertia(eqs: Any, M: Any, s: Any, growth: Any) -> None:
+    """Update the rate growth where the last step ended, at the cost of an inverse dynamics; see solvers.inertia."""
+    eqs.inverse(M.control[0].t, M.q, M.v, s.zero, s.none, eqs.data, s.qdot, s.tau)
+    eqs.inertia_parts(eqs.data, growth.parts)
+    update_tree_growth(M.control[0].t, growth.parts, M.v, growth)
 
 
 @kernel

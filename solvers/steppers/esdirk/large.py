@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solvers.compiled.held import hold
+from solvers.inertia import Growth, describe_large_growth, finer_tolerance
 from solvers.ledger import WORK, Scales, look_anew, report
 from solvers.linalg.blocks import one_thread
 from solvers.options import Options, Statistics
@@ -49,6 +50,7 @@ from .formulas import (
     look_around,
     residual,
     size_of,
+    watch_inertia,
 )
 
 RATE = 150.0  # a rate counts as known to so many tolerances of its coordinate, in units of the motion's rate
@@ -79,6 +81,7 @@ class Callbacks(NamedTuple):
     retract: Any
     power: Any
     exposure: Any
+    inertia_parts: Any
     data: Any
 
 
@@ -94,12 +97,14 @@ class TreeESDIRKStepper(Stepper):
         self._memory, self._stage = Memory.allocate(system.nq, system.n, system.m), Stage.of(system)
         self._c = self._memory.control[0]
         self._held = hold(self._memory), hold(self._stage)
-        callbacks = system.inverse, system.retract, *audit_callbacks(system)
+        callbacks = system.inverse, system.retract, *audit_callbacks(system), system.parts_callback
         self._eqs = hold(Callbacks(*callbacks, system.held_data))
         self._rate = rate_of_motion(self._motion, self._t, self._q, self._v)
         require_resolved(self._t, self._rate, o.rtol)
         require_placed(self._q, system.position_sizes(system.size), o.rtol)
         self._absolute = o.absolute * system.size
+        self._growth = Growth.of(system, self._rate)
+        self._held_growth = hold(self._growth)
         rates = RATE * self._rate * self._absolute
         self._scales = hold(Scales.of_mesh(o.rtol, self._absolute, rates, system.n, RATE))
         self._works, self._longest = 0, np.inf
@@ -141,6 +146,8 @@ class TreeESDIRKStepper(Stepper):
         if code is Code.OK:
             M.A[0], M.lam[:] = self._motion.a, self._motion.lam
             begin_motion(self._eqs, float(c["t"]), self._works, *self._held)
+            if self.system.watches_inertia:
+                watch_inertia(self._eqs, *self._held, self._held_growth)
             self._look()
             c["start"] = 0
             c["starts"] += 1
@@ -157,6 +164,7 @@ class TreeESDIRKStepper(Stepper):
         c, M, s = self._c, self._memory, self._stage
         s.tol[:] = STRICTER * self._absolute
         s.tol[s.in_v] += STRICTER * self.options.rtol * np.abs(M.q[s.in_q])
+        s.tol[:] *= finer_tolerance(self.options.rtol, 1.3, self._held_growth)
         while True:
             c["h"] = min(c["h"], self._longest)
             h = self._stop_at(target) if c["ends"] else float(c["h"])
@@ -175,6 +183,8 @@ class TreeESDIRKStepper(Stepper):
         whole, longer = h >= c["h"], self._longer(h, max(error, TINY))
         c["error"], c["before"] = max(error, 1e-2), h
         accept(h, after, *self._held)
+        if self.system.watches_inertia:
+            watch_inertia(self._eqs, *self._held, self._held_growth)
         self._look()
         c["h"] = longer if whole else max(c["h"], longer)
         c["ends"] = max(0, c["ends"] - 1)
@@ -202,7 +212,7 @@ class TreeESDIRKStepper(Stepper):
         """Solve the stages of a step of h; return its error in tolerances."""
         t, M, s, held = float(self._c["t"]), self._memory, self._stage, self._held
         rate = 1.0 / (GAMMA * h)
-        exact = max(min(EXACT, DRIFT * (self._rate * h) ** 2), FINEST / (STRICTER * self.options.absolute))
+        exact = max(min(EXACT, DRIFT * (self._rate * h) ** 2), FINEST / float(np.max(s.tol / self.system.size)))
         if not self._factors_for(rate):
             return Code.COLLAPSED, np.inf
         s.q[:], s.v[:], s.lam[:] = M.q, M.v, M.lam
@@ -341,9 +351,17 @@ class TreeESDIRKStepper(Stepper):
         self._v += sized("dv", dv, self.system.n)
         self.renew()
 
+    @property
+    def notice(self) -> str:
+        """Whether errors may be far above the tolerance: the order is low for a nearly singular mass matrix."""
+        large = describe_large_growth(self._growth.inertia)
+        return (
+            large and f"{large}, and 'esdirk', of order 3, may be off by 100 times the tolerance. Use 'adams' or 'ida'"
+        )
+
     def arrays(self) -> list[NDArray[Any]]:
         """As :meth:`solvers.stepper.Stepper.arrays`."""
-        return [*self._memory, self.clock, self._q, self._v, self._ledger]
+        return [*self._memory, self.clock, self._q, self._v, self._ledger, self._growth.inertia]
 
     def restore(self, data: bytes) -> None:
         """Go back to where ``data`` was saved; factors are made anew from what they were made of."""
@@ -361,4 +379,6 @@ class TreeESDIRKStepper(Stepper):
             restarts=max(0, int(c["starts"]) - 1),
             order=3,
             step_size=float(c["hold"]),
+            rate_growth=float(self._growth.inertia["largest"][0]),
+            rate_growth_at=float(self._growth.inertia["at"][0]),
         )

@@ -41,9 +41,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from sksundae.ida import IDAPrecond
 
 from solvers.compiled.held import hold
+from solvers.inertia import Growth, describe_large_growth
 from solvers.ledger import Scales
 from solvers.linalg.blocks import one_thread
 from solvers.options import Options
@@ -100,6 +102,7 @@ class TreeIDAStepper(IDADriver):
         require_resolved(self._t, self._rate, self.options.rtol)
         require_placed(self._q, system.position_sizes(system.size), self.options.rtol)
         self._c["instant"] = STANDSTILL / self._rate
+        self._growth_data = Growth.of(system, self._rate)
         self._ida = self._new_ida()
         self.status = self._status(close(system, self._t, self._q, self._v))
 
@@ -116,7 +119,8 @@ class TreeIDAStepper(IDADriver):
                 s.inverse, s.retract, s.position, *audit_callbacks(s), s.held_data, self._terms, s.positions,
                 s.tangent.solve_one, s.tangent.inertia_one, s.tangent.data, self._scratch, self._reduced,
                 LENGTH_RATE * self._rate, len(atol), self._book, hold(self._scales(sizes, rates, len(atol))),
-                self._counts, self._course, self._tolerances(atol), self._imaginary(len(atol)),
+                self._counts, self._course, self._tolerances(atol, part * o.rtol),
+                self._imaginary(len(atol)), s.parts_callback, hold(self._growth_data),
             )
         )  # fmt: skip
         options: dict[str, Any] = {"rtol": part * o.rtol, "atol": atol, "max_order": order}
@@ -126,7 +130,9 @@ class TreeIDAStepper(IDADriver):
                 "functions of SUNDIALS 7 alone, which are not at hand; take 'esdirk'"
             )
         if serves():
-            exact: dict[str, Any] = {"times": call_times, "weigh": call_weigh} if s.cornered else {}
+            exact: dict[str, Any] = {"weigh": call_weigh} if s.cornered or s.watches_inertia else {}
+            if s.cornered:
+                exact["times"] = call_times
             callbacks = Callbacks(call_residual, InPython(self._set_up, len(atol)), call_precondition, **exact)
             return DirectIDA(callbacks, call_accept, given, max_step=o.max_step, krylov=KRYLOV, **options)
 
@@ -166,7 +172,7 @@ class TreeIDAStepper(IDADriver):
             Scratch.allocate(s.nq, s.n, s.m, complex), self._reduced, LENGTH_RATE * self._rate, np.zeros(COUNTS), *z,
         )  # fmt: skip
 
-    def _tolerances(self, atol: Array) -> Array:
+    def _tolerances(self, atol: Array, rtol: float) -> Array:
         """Return tolerances where they are weighed (3, N): relative, absolute, the largest.
 
         IDA's norm is the root of a mean square, in which one of N unknowns may be off by sqrt(N) tolerances. A mesh has
@@ -174,8 +180,9 @@ class TreeIDAStepper(IDADriver):
         friction turns over too: where it reverses within a step, that is what is left of it.
         """
         s, N = self.system, len(atol)
-        found = np.vstack((np.full(N, self.options.rtol), atol, np.full(N, np.inf)))
-        if s.meshed is not None and s.slip is not None:
+        relative = self.options.rtol if s.cornered else rtol
+        found = np.vstack((np.full(N, relative), atol, np.full(N, np.inf)))
+        if s.cornered and s.meshed is not None and s.slip is not None:
             parts = np.where(s.meshed, 1.0, N**-0.5)
             found[:2, : s.nq] *= s.position_sizes(parts) / s.position_sizes(np.ones(s.n))
             found[:2, self._v_at] *= parts
@@ -204,8 +211,22 @@ class TreeIDAStepper(IDADriver):
         A[:], X[:] = both[:, :m], both[:, m:]
         self._reduced.inverse[:] = np.linalg.inv(np.block([[J @ J.T + cj * d1, -d0], [-J @ X - d1, -J @ A]]))
 
+    @property
+    def notice(self) -> str:
+        """Whether the tolerance is coarser than the mass matrix requires."""
+        large = describe_large_growth(self._growth_data.inertia) if isinstance(self._ida, BoundIDA) else ""
+        return large and f"{large}, and 'ida' without the C functions of SUNDIALS 7 cannot use a finer tolerance"
+
     def _works(self) -> bool:
         return self.system.works()
+
+    def _growth(self) -> tuple[float, float]:
+        c = self._growth_data.inertia[0]
+        return float(c["largest"]), float(c["at"])
+
+    def arrays(self) -> list[NDArray[Any]]:
+        """As :meth:`solvers.stepper.Stepper.arrays`."""
+        return [*super().arrays(), self._growth_data.inertia]
 
     def _advance(self, t: float) -> Code:
         with one_thread():

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from sksundae.ida import IDAJacTimes, IDAPrecond
 
 from solvers.compiled.held import hold
-from solvers.inertia import LARGE_GROWTH, update_growth
+from solvers.inertia import describe_large_growth, update_growth
 from solvers.ledger import WORK, Scales, begin_work
 from solvers.options import Options
 from solvers.outcome import Code
@@ -252,12 +252,9 @@ class IDAStepper(IDADriver, DenseStepper):
     @property
     def notice(self) -> str:
         """Whether the tolerance is coarser than the one that was asked for, or than the mass matrix requires."""
-        if isinstance(self._ida, BoundIDA) and self._units.inertia["largest"][0] > LARGE_GROWTH:
-            return (
-                "the mass matrix is nearly singular at times, as where a light body carries a heavy one, and 'ida' "
-                "without the C functions of SUNDIALS 7 cannot use a finer tolerance there: errors of rates grow. Use "
-                "'adams'"
-            )
+        large = describe_large_growth(self._units.inertia) if isinstance(self._ida, BoundIDA) else ""
+        if large:
+            return f"{large}, and 'ida' without the C functions of SUNDIALS 7 cannot use a finer tolerance. Use 'adams'"
         if self._rtol == self.options.rtol:
             return ""
         return (

@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 
 from solvers.compiled.foreign import array_at
 from solvers.compiled.kernel import inlined, kernel
+from solvers.inertia import finer_tolerance, update_tree_growth
 from solvers.ledger import add_step, due, look
 from solvers.outcome import OK
 from solvers.positions import Positions, as_motion, as_slope
 from solvers.system import Array
 
+from .dense import POWER
 from .loop import BAD, RESIDUALS, STEPS
 from .sundials import data_of
 
@@ -80,6 +82,8 @@ class Given(NamedTuple):
     course: NDArray[Any]
     tolerances: Array  # (3, N) relative, absolute, the largest; where they are weighed
     stepped: Any  # where products are asked for
+    inertia_parts: Any
+    growth: Any  # solvers.inertia.Growth
 
 
 class Imaginary(NamedTuple):
@@ -165,8 +169,9 @@ def times(t: float, y: Any, slopes: Any, x: Any, c: float, out: Any, g: Any) -> 
 @kernel
 def weigh(y: Any, out: Any, g: Any) -> None:
     """out (N,) <- one over the tolerances of the unknowns."""
+    finer = finer_tolerance(g.tolerances[0, 0], POWER, g.growth)
     for i in range(out.shape[0]):
-        out[i] = 1.0 / min(g.tolerances[0, i] * abs(y[i]) + g.tolerances[1, i], g.tolerances[2, i])
+        out[i] = 1.0 / (finer * min(g.tolerances[0, i] * abs(y[i]) + g.tolerances[1, i], g.tolerances[2, i]))
 
 
 @kernel
@@ -225,6 +230,9 @@ def accept(t: float, y: Any, slopes: Any, g: Any) -> int:
     """Accept IDA's step to (t, y)."""
     g.counts[STEPS] += 1.0
     g.course[0].passed = t
+    if g.growth.inertia[0].watched == 1:  # where Newton's last correction began
+        g.inertia_parts(g.data, g.growth.parts)
+        update_tree_growth(t, g.growth.parts, g.scratch.v, g.growth)
     if g.course[0].audit == 1:
         note(t, y, slopes, g)
     return OK

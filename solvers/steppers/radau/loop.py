@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
-from solvers.inertia import finer_tolerance, update_growth
+from solvers.inertia import clear_growth, finer_tolerance, update_growth
 from solvers.ledger import book_stray, due, look, look_anew, refuse_step, report, set_scales
 from solvers.outcome import BRANCHES, COLLAPSED, MAX_STEPS, OK
 from solvers.projection.projection import acceleration, close
@@ -281,6 +281,7 @@ def set_up(g: Any, rank: int, absolute: float) -> None:
     """Take rank, units and paces as they were found at the start; ``absolute`` is the tolerance in those units."""
     g.memory.control[0].rank = rank
     set_scales(g.scales, absolute, g.work.size, g.work.pace)
+    clear_growth(g.work)
 
 
 @kernel
