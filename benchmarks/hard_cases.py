@@ -30,6 +30,7 @@ import matplotlib.pyplot as plt  # noqa: E402
 from hard_trees import TREES  # noqa: E402
 from judge import Verdict, judge, truth  # noqa: E402
 from mechanisms import CASES, GAPS, Case, grashof, n_four_bar, parallelogram  # noqa: E402
+from overconstrained import OVERCONSTRAINED  # noqa: E402
 
 import mbfmu as mb  # noqa: E402
 from mbfmu.mechanics import Mechanism  # noqa: E402
@@ -111,7 +112,7 @@ class Run(NamedTuple):
 
 def cases() -> Iterator[Hard]:
     """Every named mechanism, and both four-bars at every gap."""
-    for name, make in CASES.items():
+    for name, make in {**CASES, **OVERCONSTRAINED}.items():
         yield Hard(name, make, LOOPS)
     for name, make in TREES.items():
         yield Hard(name, make, WITHOUT_LOOPS)

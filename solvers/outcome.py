@@ -55,8 +55,9 @@ MESSAGES: dict[Code, tuple[str, str]] = {
     ),
     Code.BRANCHES: (
         "two branches of the motion are so close that no step is short enough to tell them apart",
-        "A loop is in a singular position, or very near one. Give its lengths the values they have exactly there, or "
-        "values farther from it, and do not let a drive stop or turn back there.",
+        "A loop is in a singular position, or very near one, or several loops are at slightly different times. If the "
+        "position is meant to be passed exactly, give lengths with all their digits; otherwise change them so that the "
+        "loop stays farther from it. Do not let a drive stop or turn back there. A finer tolerance may help{others}.",
     ),
 }
 

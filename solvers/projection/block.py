@@ -10,6 +10,11 @@ number is read from the largest gap in the diagonal of L, anew in each step. One
 symmetry, stands for all of them: where every entry of L_22 vanishes so does c^T L_22, and the other way round is
 examined at the end. The derivative of c^T L_22 in the directions Q_2 is square and symmetric. Where it has no full
 rank, as along curves of critical points, the shortest step is taken.
+
+The point may also lie in a surface of critical points in which fewer rows vanish, as where a plate on two folding legs
+lies flat and each leg may turn by itself. Then the search ends in one of those, and one combination of rows vanishes
+along curves. In that case a second search keeps the number of rows and lets several combinations c vanish, by the
+method of Gauss and Newton.
 """
 
 from __future__ import annotations
@@ -28,37 +33,99 @@ APART = 3.0  # least ratio of two successive pivots that separates equations wit
 LEAP = 10.0  # longest way ahead to where rows would vanish, in lengths of the last step
 CLOSER = 100.0  # so much better Phi~ must lie in the span of U than L_22 must vanish
 STRIDE, FAR = 0.3, 1.0  # longest step and way of any coordinate, in units of size
+COMBINATIONS = 3  # of rows that vanish, where their number is kept
 
 
 @kernel
-def seek_block(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
+def seek_block(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
     """Newton for the critical point next to q where several rows vanish, from where :func:`begin_block` has begun:
     fills ``work.q_c``, ``work.u`` and in its record time, gap, and the dimension of the critical points about it.
 
-    The gap is |Phi~| there, and u its direction where it is none of rounding.
+    The gap is |Phi~| there, and u its direction where it is none of rounding. Return the number of rows that do not
+    vanish; 0: no point was found.
     """
-    c = work.critical[0]
+    c, p = work.critical[0], work.size.shape[0] + 1
     for _ in range(NEWTON):
         eqs.position(c.t, work.q_c, eqs.data, eqs.terms)
         regular = factor_block(eqs.terms, rank, work)
         if regular in (0, rank):
-            return False
+            return 0
+        mix_forces(regular, 0, work)
         off = block_residual(eqs.terms, regular, work)
         if not off < np.inf or not block_matrix(eqs, work):
-            return False
+            return 0
         if off < EXACT:
-            return note_block(eqs, regular, work)
-        if not block_step(regular, work) or not move(eqs, work):
-            return False
+            note_block(eqs, p - regular - flat_directions(regular, work), work)
+            return regular
+        if not closing_step(regular, work) or not move(eqs, block_step(regular, work), work):
+            return 0
         if not farthest(q, t, work) < FAR:
-            return False
-    return False
+            return 0
+    return 0
+
+
+@kernel
+def seek_held(eqs: Any, t: float, q: Any, regular: int, rank: int, work: Any) -> int:
+    """As :func:`seek_block` for a point in which ``regular`` rows do not vanish, whatever lies around it."""
+    c, p = work.critical[0], work.size.shape[0] + 1 - regular
+    for _ in range(NEWTON):
+        eqs.position(c.t, work.q_c, eqs.data, eqs.terms)
+        factor_block(eqs.terms, rank, work)
+        if not abs(work.E[regular - 1, regular - 1]) > 0.0:
+            return 0
+        for i in range(p):
+            work.z[i] = 0.0
+            for k in range(p):
+                work.K_work[i, k] = 0.0
+        mix_forces(regular, 0, work)
+        off = block_residual(eqs.terms, regular, work)
+        if not off < np.inf or not closing_step(regular, work):
+            return 0
+        for combination in range(min(COMBINATIONS, rank - regular)):
+            mix_forces(regular, combination, work)
+            block_residual(eqs.terms, regular, work)
+            if not block_matrix(eqs, work):
+                return 0
+            add_squares(regular, work)
+        lq(work.K_work, p, p, work.K_tau, work.K_pivots, work.change)
+        for i in range(p):
+            work.change[i] = abs(work.K_work[i, i])
+        full = rank_at(work.change, p, FLAT * FLAT)
+        if off < EXACT:
+            note_block(eqs, p - full, work)
+            return regular
+        least_norm(work.z, p, full, work.K_work, work.K_tau, work.K_pivots, work.g)
+        if not move(eqs, turn_step(regular, work), work) or not farthest(q, t, work) < FAR:
+            return 0
+    return 0
+
+
+@kernel
+def add_squares(regular: int, work: Any) -> None:
+    """Add H^T H to work.K_work and H^T r to work.z: H the part of work.K in the directions Q_2, r what is to vanish."""
+    p = work.size.shape[0] + 1 - regular
+    for i in range(p):
+        rest = missing(i, regular, work)
+        for k in range(p):
+            work.z[k] += work.K[regular + k, regular + i] * rest
+            for other in range(p):
+                work.K_work[k, other] += work.K[regular + k, regular + i] * work.K[regular + other, regular + i]
+
+
+@inlined
+def missing(i: int, regular: int, work: Any) -> float:
+    """What a step in the directions Q_2 is to change entry i of c^T L_22 by, after the step that closes."""
+    rest = -work.g[regular + i]
+    for k in range(regular):
+        rest -= work.K[k, regular + i] * work.lam[k]
+    return rest
 
 
 @kernel
 def begin_block(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
-    """Let the search begin at q or where the smallest pivot vanishes on the line through the last good position, before
-    or behind q: where the gap in the pivots is widest. Return the number of rows that do not vanish there, 0: no gap.
+    """Let the search begin at q or where the smallest pivot vanishes on the line through the last good position,
+    between the two or beyond one of them: where the gap in the pivots is widest. Return the number of rows that do not
+    vanish there, 0: no gap.
 
     ``terms`` and factors belong to (t, q); terms move.
     """
@@ -72,8 +139,8 @@ def begin_block(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
         if trial == 1:
             part = -now / max(now + last, 1e-300)
         elif trial == 2:
-            part = now / (last - now) if last > now else np.inf
-        if part > LEAP:
+            part = now / (last - now) if last != now else np.inf
+        if abs(part) > LEAP:
             continue
         for i in range(q.shape[0]):
             work.q_try[i] = q[i] + part * (q[i] - work.q_last[i])
@@ -120,19 +187,19 @@ def gap_after(L: Any, r: int) -> float:
 
 
 @inlined
-def share(row: int) -> float:
+def share(row: int, combination: int) -> float:
     """Entry of c for a row: positive, and no two alike."""
-    return 1.0 + 0.5 * np.sin(7.3 * (row + 1.0))
+    return 1.0 + 0.5 * np.sin((7.3 + 2.9 * combination) * (row + 1.0))
 
 
 @inlined
-def mix_forces(regular: int, work: Any) -> None:
+def mix_forces(regular: int, combination: int, work: Any) -> None:
     """work.u = U c / |U c|."""
     m = work.u.shape[0]
     for k in range(regular):
         work.x[k] = 0.0
         for i in range(regular, m):
-            work.x[k] -= work.E[i, k] * share(work.E_pivots[i])
+            work.x[k] -= work.E[i, k] * share(work.E_pivots[i], combination)
     for back in range(regular):
         k = regular - 1 - back
         for i in range(k + 1, regular):
@@ -140,7 +207,7 @@ def mix_forces(regular: int, work: Any) -> None:
         work.x[k] /= work.E[k, k]
     square = 0.0
     for i in range(m):
-        entry = work.x[i] if i < regular else share(work.E_pivots[i])
+        entry = work.x[i] if i < regular else share(work.E_pivots[i], combination)
         work.u[work.E_pivots[i]] = entry
         square += entry * entry
     for i in range(m):
@@ -153,7 +220,6 @@ def block_residual(terms: Any, regular: int, work: Any) -> float:
     of L_22 all entries, of b a multiple, as the gap has the digits of Phi~.
     """
     m, n = terms.J.shape
-    mix_forces(regular, work)
     off = 0.0
     for k in range(n + 1):
         work.g[k] = 0.0
@@ -231,40 +297,51 @@ def flat_directions(regular: int, work: Any) -> int:
 
 
 @kernel
-def block_step(regular: int, work: Any) -> bool:
-    """work.change[:n + 1] = Newton's step in q and t: the shortest that closes what does not vanish, and in the
-    directions Q_2 what takes c^T L_22 to zero.
-    """
-    n, m = work.size.shape[0], work.row.shape[0]
-    p = n + 1 - regular
+def closing_step(regular: int, work: Any) -> bool:
+    """work.lam[:regular] = the shortest step that closes what does not vanish."""
+    m = work.row.shape[0]
     for i in range(regular):
         for k in range(i + 1):
             work.B[i, k] = 0.0
             for row in range(i, m):
                 work.B[i, k] += work.E[row, i] * work.E[row, k]
-        work.x[i] = -work.b[i]
-    if not solve_positive(work.B, regular, work.x):
-        return False
-    full = flat_directions(regular, work)
-    for i in range(p):
-        work.g_try[i] = -work.g[regular + i]
-        for k in range(regular):
-            work.g_try[i] -= work.K[k, regular + i] * work.x[k]
-    least_norm(work.g_try, p, full, work.K_work, work.K_tau, work.K_pivots, work.g)
-    for i in range(n + 1):
-        work.change[i] = work.x[i] if i < regular else work.g[i - regular]
-    turn_out(work.E, work.E_tau, min(m, n + 1), n + 1, work.change)
-    return True
+        work.lam[i] = -work.b[i]
+    return solve_positive(work.B, regular, work.lam)
 
 
 @kernel
-def move(eqs: Any, work: Any) -> bool:
-    """Go Newton's step, or a part of it; False where it has no number."""
-    n, largest = work.size.shape[0], 0.0
+def block_step(regular: int, work: Any) -> float:
+    """work.change[:n + 1] = Newton's step in q and t: the shortest that closes what does not vanish, and in the
+    directions Q_2 what takes c^T L_22 to zero. Return its largest entry.
+    """
+    p = work.size.shape[0] + 1 - regular
+    full = flat_directions(regular, work)
+    for i in range(p):
+        work.g_try[i] = missing(i, regular, work)
+    least_norm(work.g_try, p, full, work.K_work, work.K_tau, work.K_pivots, work.g)
+    return turn_step(regular, work)
+
+
+@kernel
+def turn_step(regular: int, work: Any) -> float:
+    """work.change[:n + 1] = the step in q and t from its parts work.lam and work.g; return its largest entry."""
+    n, m, largest = work.size.shape[0], work.row.shape[0], 0.0
+    for i in range(n + 1):
+        work.change[i] = work.lam[i] if i < regular else work.g[i - regular]
+    turn_out(work.E, work.E_tau, min(m, n + 1), n + 1, work.change)
     for i in range(n + 1):
         if not np.isfinite(work.change[i]):
-            return False
+            return np.inf
         largest = max(largest, abs(work.change[i]))
+    return largest
+
+
+@kernel
+def move(eqs: Any, largest: float, work: Any) -> bool:
+    """Go Newton's step, or a part of it; False where it has no number."""
+    n = work.size.shape[0]
+    if not largest < np.inf:
+        return False
     part = min(1.0, STRIDE / max(largest, 1e-300))
     for i in range(n):
         work.dq[i] = part * work.change[i] * work.size[i]
@@ -283,14 +360,13 @@ def farthest(q: Any, t: float, work: Any) -> float:
 
 
 @kernel
-def note_block(eqs: Any, regular: int, work: Any) -> bool:
-    """Note gap, forces and dimension of the point found, where ``terms``, factors and derivatives are at hand."""
-    c, n = work.critical[0], work.size.shape[0]
-    c.spread = n + 1 - regular - flat_directions(regular, work)
+def note_block(eqs: Any, spread: int, work: Any) -> None:
+    """Note gap, forces and dimension of the point found, where ``terms`` are at hand."""
+    c = work.critical[0]
+    c.spread = spread
     for i in range(work.row.shape[0]):
         work.b[i] = eqs.terms.Phi[i] / work.row[i]
     c.gap = length(work.b)
     if c.gap > EXACT:
         for i in range(work.row.shape[0]):
             work.u[i] = work.b[i] / c.gap
-    return True

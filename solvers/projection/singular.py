@@ -32,7 +32,7 @@ import numpy as np
 from solvers.compiled.kernel import inlined, kernel
 from solvers.linalg.dense import ratio
 
-from .block import begin_block, seek_block
+from .block import begin_block, farthest, seek_block, seek_held
 from .critical import FAR, dimension, moves, seek
 from .orientation import BENT, FLIPPED, STRAIGHT, TURNED, orientation
 from .passage import ACROSS, ASTRAY, hold_critical, may_pass, passage, scale_rows
@@ -54,6 +54,7 @@ AHEAD = 3.0  # steps ahead that a singular position is looked for
 JUMP = 0.7  # of the step before, to a crossing from where the next step jumps over it
 LEAD = 0.67  # of a longer way, that the step before the jump may go
 DARK = 1e-7  # ratio so near a crossing that any step leads out
+NO_FARTHER = 4.0  # a point in which more equations vanish counts, in ways to the one in which fewer do
 PART = 0.3  # of the way to a near miss that one step may go
 
 
@@ -81,9 +82,12 @@ def judge(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
 def find(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
     """Look for the critical point next to q, first for one of several rows where several pivots are small."""
     c, freedom = work.critical[0], eqs.terms.J.shape[1] - rank
-    several = rank > 2 and 0 < begin_block(eqs, t, q, rank, work) < rank - 1
-    if several and find_block(eqs, t, q, rank, work) != NONE:
+    begun = begin_block(eqs, t, q, rank, work) if rank > 2 else 0
+    several = 0 < begun < rank - 1
+    if several and find_block(eqs, t, q, begun, rank, work) != NONE:
         return CROSSING if c.gap <= GAP else MISS
+    if begun == 0 and rank > 2 and work.course[0].known == 1:  # no pivot is far below the others, here or ahead
+        return NONE
     eqs.position(t, q, eqs.data, eqs.terms)
     factor(eqs.terms, work)
     if seek(eqs, t, q, rank, work):
@@ -101,15 +105,27 @@ def find(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
         eqs.position(t, q, eqs.data, eqs.terms)
         factor(eqs.terms, work)
         begin_block(eqs, t, q, rank, work)
-        return find_block(eqs, t, q, rank, work)
+        return find_block(eqs, t, q, 0, rank, work)
     return NONE
 
 
 @kernel
-def find_block(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
-    """The same for one of several rows; NONE too where motions of more freedoms pass beside it."""
+def find_block(eqs: Any, t: float, q: Any, begun: int, rank: int, work: Any) -> int:
+    """The same for one of several rows, all but ``begun`` if that is not zero; NONE too where motions of more freedoms
+    pass beside it.
+    """
     c, freedom = work.critical[0], eqs.terms.J.shape[1] - rank
-    if not seek_block(eqs, t, q, rank, work) or c.spread < freedom:
+    regular = seek_block(eqs, t, q, rank, work)
+    if begun > 0 and regular != begun:
+        nearest = farthest(q, t, work) if regular > 0 else np.inf
+        begin_block(eqs, t, q, rank, work)
+        held = seek_held(eqs, t, q, begun, rank, work)
+        if held > 0 and farthest(q, t, work) <= NO_FARTHER * nearest:
+            regular = held
+        elif regular > 0:
+            begin_block(eqs, t, q, rank, work)
+            regular = seek_block(eqs, t, q, rank, work)
+    if regular == 0 or c.spread < freedom:
         return NONE
     c.lost = hold_critical(eqs, rank, work)
     if c.lost == 0:

@@ -9,9 +9,11 @@ import pytest
 from judge import conservative, energy_error, judge, truth
 from mechanisms import UNSCALED, Scale
 from overconstrained import OVERCONSTRAINED
+from watch import Watch
 
 from mbfmu.mechanics import Plant
 from solvers import Options, stepper
+from solvers.projection import singular
 
 SOLVERS = ("adams", "hybrid", "ida", "radau")
 REGULAR = ("bennett", "bennett, turning", "sarrus")
@@ -48,3 +50,41 @@ def test_redundant_equations_take_no_energy(rtol: float) -> None:
     lost = energy_error(mechanism, plant, motion, np.vstack((motion.q[:1], rows.q)), np.vstack((motion.v[:1], rows.v)))
     assert lost.max() < 20.0 * rtol
     assert run.statistics.rhs_evals < 2000
+
+
+@pytest.mark.parametrize("name", ["sarrus, folded flat", "sarrus, straight"])
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_sarrus_linkage_passes_its_singular_positions(solver: str, name: str) -> None:
+    mechanism, motion = known(name)
+    for rtol in (1e-4, 1e-6, 1e-7, 1e-8):
+        verdict = judge(mechanism, motion, solver, rtol)
+        assert verdict.word == "right", (rtol, verdict)
+
+
+def lifted(angle: float):
+    """Joint angles of Sarrus' linkage with its plate lifted."""
+    return np.array((angle, np.pi - 2.0 * angle, angle - np.pi, -angle, np.pi + 2.0 * angle))
+
+
+def resting(one: float, other: float):
+    """Joint angles with the plate on the ground and both legs folded and turned by themselves."""
+    return np.array((one, np.pi, -np.pi - one, -other, np.pi))
+
+
+@pytest.mark.parametrize("angle", [0.1, 0.01, 3e-3])
+def test_a_jump_to_the_branch_of_two_freedoms_is_found(angle: float) -> None:
+    """Flat, the plate may rise or rest: the positions at rest form a surface, each of them singular. Exact positions,
+    no integration.
+    """
+    watch = Watch(OVERCONSTRAINED["sarrus, folded flat"]().mechanism)
+    for sign in (1.0, -1.0):
+        q = lifted(sign * angle)
+        for part, accepted in ((-0.8, True), (0.5, True)):
+            assert watch.begin(q) == singular.CROSSING
+            assert watch.motion._units.critical["lost"] == 2
+            np.testing.assert_allclose(watch.motion._units.q_c, lifted(0.0), atol=1e-9)
+            assert watch.passes(lifted(part * sign * angle)) == accepted
+        for one in (0.8, 0.3, -0.3, -0.8):
+            for other in (0.8, 0.3, -0.3, -0.8):
+                watch.begin(q)
+                assert not watch.passes(resting(one * angle, other * angle)), (one, other)

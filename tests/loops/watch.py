@@ -1,0 +1,49 @@
+"""What a solver makes of positions without integrating: critical points, and which steps are accepted."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbfmu.mechanics import Mechanism, Plant
+from solvers import Options, stepper
+from solvers.compiled.kernel import kernel
+from solvers.projection import singular
+from solvers.projection.workspace import factor
+
+
+@kernel
+def begin(eqs, q, rank, work):
+    """Let q be the last good position; return the kind of the critical point next to it."""
+    c = work.critical[0]
+    c.kind, c.in_vain, work.course[0].ratio = singular.NONE, 0.0, 0.0
+    eqs.position(0.0, q, eqs.data, eqs.terms)
+    factor(eqs.terms, work)
+    kind = singular.judge(eqs, 0.0, q, rank, work)
+    singular.note(eqs, 0.0, q, 0.0, 0.0, rank, work)
+    return kind
+
+
+@kernel
+def passes(eqs, q, rank, work):
+    """Whether a step from the last good position to q is accepted."""
+    eqs.position(0.0, q, eqs.data, eqs.terms)
+    factor(eqs.terms, work)
+    return singular.passed(eqs, 0.0, q, singular.CLOSED, rank, work)
+
+
+class Watch:
+    """What a stepper knows of the motion so far, without any step."""
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        plant = Plant(mechanism)
+        self.motion = stepper("adams", plant.system, 0.0, *plant.assemble(), Options(rtol=1e-6))
+
+    def begin(self, q) -> int:
+        """As the function."""
+        return begin(self.motion._eqs, q, self.motion._rank, self.motion._work)
+
+    def passes(self, q) -> bool:
+        """As the function, for a closed position q."""
+        accepted = passes(self.motion._eqs, q, self.motion._rank, self.motion._work)
+        assert np.abs(self.motion._terms.Phi).max() < 1e-12
+        return bool(accepted)
