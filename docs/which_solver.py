@@ -1,4 +1,4 @@
-"""The picture of the page on solvers: ``python docs/which_solver.py`` writes ``docs/images/which_solver.svg``."""
+"""Draw the flowchart of the page on solvers: ``python docs/which_solver.py`` writes ``docs/images/which_solver.svg``."""
 
 from __future__ import annotations
 
@@ -6,20 +6,20 @@ from pathlib import Path
 from xml.sax.saxutils import escape
 
 PICTURE = Path(__file__).parent / "images" / "which_solver.svg"
-QUESTIONS = (  # lines of a question, and of what to take where the answer is yes
-    (("Do you want the state", "in which it comes to rest?"), ("mbfmu equilibrium", "no simulation at all")),
+QUESTIONS = (  # lines of a question, and of the answer if it is yes
+    (("Do you need the steady state", "instead of the motion?"), ("mbfmu equilibrium", "no simulation")),
+    (("Does it have cut joints and more", "than 1000 coordinates?"), ("ida", "tolerance: error / 100")),
     (
         (
-            "Is something in it far faster than",
-            "what you look at: a sheet, a mesh",
-            "of bodies, a stiff damped spring?",
+            "Is it stiff: a sheet, a mesh of bodies,",
+            "a stiff damped spring? (see",
+            "solver.stability_limited)",
         ),
-        ("ida", "sheets: 1e-5, fine grids 1e-4"),
+        ("radau; esdirk above 60 coordinates", "sheets: 1e-4 to 1e-5"),
     ),
-    (("Has it cut joints and more", "than 1000 coordinates?"), ("ida", "the only one that takes it")),
-    (("Has it large loops:", "dozens of coordinates in one?"), ("hybrid", "tolerance: error wanted / 100")),
+    (("Does it have 10 loop constraints", "or more?"), ("hybrid", "tolerance: error / 100")),
 )
-LAST = ("adams", "tolerance: error wanted / 100")
+LAST = ("adams", "tolerance: error / 100")
 WIDTH, ROW, LINE = 720, 108, 19  # pixels
 QUESTION, ANSWER = (20, 330), (440, 260)  # left edge and width of a column
 INK, BLUE, PAPER = "#1b2733", "#4269d0", "#ffffff"
@@ -64,7 +64,7 @@ def picture() -> str:
         parts.append(arrow(QUESTION[0] + QUESTION[1] / 2, top + height, 0, ROW - height - 8, "no"))
         top += ROW
     parts.append(box(QUESTION[0], top, QUESTION[1], LAST, strong=True))
-    note = ("Then run again at a tenth of the", "tolerance: the difference is the error.")
+    note = ("Repeat the run at a tenth of the", "tolerance: the difference is the error.")
     parts.append(box(ANSWER[0], top, ANSWER[1], note, strong=False))
     height = top + 2 * LINE + 22 + 20
     return "\n".join(
