@@ -72,77 +72,116 @@ class Feeder(Model):
         }
     )
 
-    length: float = parameter(0.297, unit="m", min=1e-3, doc="of the sheet, along the feed")
-    width: float = parameter(0.21, unit="m", min=1e-3, doc="of the sheet")
-    thickness: float = parameter(1e-4, unit="m", min=1e-6, doc="of the sheet")
+    length: float = parameter(0.297, unit="m", min=1e-3, doc="Length of the sheet in feed direction")
+    width: float = parameter(0.21, unit="m", min=1e-3, doc="Width of the sheet")
+    thickness: float = parameter(1e-4, unit="m", min=1e-6, doc="Thickness of the sheet")
     youngs_modulus: float = parameter(4e9, unit="Pa", min=1.0, doc="Young's modulus of the sheet")
     poisson: float = parameter(0.3, min=-0.99, max=0.5, doc="Poisson's ratio of the sheet")
-    density: float = parameter(800.0, unit="kg/m3", min=1e-3, doc="of the sheet")
-    nx: int = parameter(15, min=3, max=400, structural=True, resolution=(15, 22, 29), doc="nodes along the feed")
-    nz: int = parameter(11, min=3, max=400, structural=True, resolution=(11, 16, 21), doc="nodes across")
+    density: float = parameter(800.0, unit="kg/m3", min=1e-3, doc="Density of the sheet")
+    nx: int = parameter(
+        15, min=3, max=400, structural=True, resolution=(15, 22, 29), doc="Number of nodes in feed direction"
+    )
+    nz: int = parameter(
+        11, min=3, max=400, structural=True, resolution=(11, 16, 21), doc="Number of nodes across the feed direction"
+    )
     path: str = parameter(
         "s_bend",
         choices=("straight", "s_bend", "turn", "chute"),
-        doc="s_bend: two opposite arcs between lines 1 and 2; turn: one; chute: a guide askew behind the last line",
+        doc="Path of the sheet; s_bend: two opposite arcs between lines 1 and 2; turn: one arc; chute: an inclined guide after the last line",
     )
-    nips: int = parameter(2, min=1, max=4, structural=True, doc="lines of nips")
-    spacing: float = parameter(0.12, unit="m", min=1e-3, doc="from line to line along the path")
-    nip_width: float = parameter(0.02, unit="m", min=1e-4, doc="of each nip, across")
-    nip_distance: float = parameter(0.1, unit="m", min=1e-3, doc="from the left to the right nip of a line")
-    radius: float = parameter(0.01, unit="m", min=1e-4, doc="of the rollers")
-    roller_mass: float = parameter(0.05, unit="kg", min=1e-6, doc="of each roller, a solid cylinder")
-    speed: float = parameter(0.5, unit="m/s", min=-10.0, max=10.0, doc="of the sheet, and of line 1 until inputs say")
-    speed_ratio: float = parameter(1.0, min=0.1, max=10.0, doc="speed of each line to that of the line before")
-    speed_difference: float = parameter(0.0, min=-1.0, max=1.0, doc="right less left roller's speed, to their mean")
-    nip_force: float = parameter(4.0, unit="N", min=0.0, doc="of a line, half on each side, until inputs say")
-    uneven: float = parameter(0.0, min=-1.0, max=1.0, doc="part by which a nip presses more at its right end")
+    nips: int = parameter(2, min=1, max=4, structural=True, doc="Number of lines of roller nips")
+    spacing: float = parameter(0.12, unit="m", min=1e-3, doc="Distance between lines along the path")
+    nip_width: float = parameter(0.02, unit="m", min=1e-4, doc="Width of each nip across the feed direction")
+    nip_distance: float = parameter(
+        0.1, unit="m", min=1e-3, doc="Distance between the left and the right nip of a line"
+    )
+    radius: float = parameter(0.01, unit="m", min=1e-4, doc="Radius of the rollers")
+    roller_mass: float = parameter(0.05, unit="kg", min=1e-6, doc="Mass of each roller, a solid cylinder")
+    speed: float = parameter(
+        0.5,
+        unit="m/s",
+        min=-10.0,
+        max=10.0,
+        doc="Initial speed of the sheet and of line 1; start value of the roller speeds",
+    )
+    speed_ratio: float = parameter(
+        1.0, min=0.1, max=10.0, doc="Ratio of the speed of each line to that of the previous line"
+    )
+    speed_difference: float = parameter(
+        0.0, min=-1.0, max=1.0, doc="Difference of right and left roller speed, relative to their mean"
+    )
+    nip_force: float = parameter(
+        4.0, unit="N", min=0.0, doc="Normal force of a line, half on each side; start value of the inputs"
+    )
+    uneven: float = parameter(0.0, min=-1.0, max=1.0, doc="Relative increase of the nip pressure towards its right end")
     misalignment: float = parameter(
-        0.0, unit="rad", min=-0.5, max=0.5, doc="effect: of the rollers of line 1, which feed to the right"
+        0.0,
+        unit="rad",
+        min=-0.5,
+        max=0.5,
+        doc="Optional effect: misalignment angle of the rollers of line 1, positive to the right",
     )
     idler_mass: float = parameter(
         0.0, unit="kg", min=0.0, structural=True,
-        doc="effect: of each idler, a cylinder as large as its roller that turns freely; zero leaves its inertia out",
+        doc="Optional effect: mass of each idler, a freely rotating cylinder of the size of its roller; 0: no inertia",
     )  # fmt: skip
-    idler_drag: float = parameter(0.0, unit="N.m.s/rad", min=0.0, doc="of the bearing of an idler with a mass")
-    mu_idler: float = parameter(0.3, min=0.0, max=10.0, doc="friction of the idlers, sideways where they have no mass")
-    mu_roller: float = parameter(1.0, min=0.0, max=10.0, doc="friction of the rollers")
+    idler_drag: float = parameter(
+        0.0, unit="N.m.s/rad", min=0.0, doc="Coefficient of the bearing friction of an idler with mass"
+    )
+    mu_idler: float = parameter(
+        0.3, min=0.0, max=10.0, doc="Friction coefficient of the idlers; sideways only if they have no mass"
+    )
+    mu_roller: float = parameter(1.0, min=0.0, max=10.0, doc="Friction coefficient of the rollers")
     creep: float = parameter(
-        2e-3, min=0.0, max=1.0, doc="slip at seven tenths of a roller's traction, to its speed; 1 mm/s at rest"
+        2e-3, min=0.0, max=1.0, doc="Relative slip at which 70 % of the friction limit is transmitted; 1 mm/s at rest"
     )
-    mu_guide: float = parameter(0.2, min=0.0, max=10.0, doc="effect: friction of guides and wall; zero leaves it out")
-    guides: bool = parameter(True, structural=True, doc="effect: plates above and below the sheet")
+    mu_guide: float = parameter(
+        0.2, min=0.0, max=10.0, doc="Optional effect: friction coefficient of guides and wall; 0: no friction"
+    )
+    guides: bool = parameter(True, structural=True, doc="Optional effect: guide plates above and below the sheet")
     guide_damping: float = parameter(
-        5.0, unit="s/m", min=0.0, doc="of guides and wall: an impact at v loses (4/3) guide_damping v of its energy"
+        5.0,
+        unit="s/m",
+        min=0.0,
+        doc="Damping of contact with guides and wall: an impact at velocity v loses the part (4/3) guide_damping v of its energy",
     )
-    clearance: float = parameter(
-        5e-4, unit="m", min=1e-6, doc="between a face of the sheet on the path and the guide there"
+    clearance: float = parameter(5e-4, unit="m", min=1e-6, doc="Clearance between each face of the sheet and its guide")
+    bend_radius: float = parameter(0.04, unit="m", min=1e-3, doc="Radius of the path in a bend")
+    bend_angle: float = parameter(0.7854, unit="rad", min=0.01, max=3.0, doc="Angle of each arc")
+    chute_angle: float = parameter(
+        0.5, unit="rad", min=-1.4, max=1.4, doc="Angle of the chute after the last line, positive upward"
     )
-    bend_radius: float = parameter(0.04, unit="m", min=1e-3, doc="of the path in a bend")
-    bend_angle: float = parameter(0.7854, unit="rad", min=0.01, max=3.0, doc="of each arc")
-    chute_angle: float = parameter(0.5, unit="rad", min=-1.4, max=1.4, doc="of the guide behind the last line, upwards")
-    chute_distance: float = parameter(0.02, unit="m", min=1e-3, doc="from the last line to it")
-    lead: float = parameter(0.01, unit="m", min=0.0, doc="of the sheet behind line 1 at the start")
+    chute_distance: float = parameter(0.02, unit="m", min=1e-3, doc="Distance from the last line to the chute")
+    lead: float = parameter(
+        0.01, unit="m", min=0.0, doc="Initial distance of the leading edge from line 1, in feed direction"
+    )
     stop_at: float = parameter(
-        0.0, unit="m", min=0.0, doc="where a wall is across the path, from line 1 on; zero: none", structural=True
+        0.0, unit="m", min=0.0, doc="Distance of a wall across the path from line 1; 0: no wall", structural=True
     )
-    sensor_distance: float = parameter(0.03, unit="m", min=0.0, doc="from each line on to two sensors of the sheet")
-    sensor_spread: float = parameter(0.1, unit="m", min=1e-3, doc="from the left to the right sensor")
-    gravity_y: float = parameter(-9.81, unit="m/s2", doc="acceleration of gravity until the input gravity.y is set")
-    membrane: bool = parameter(True, structural=True, doc="effect: stretching and shear resist")
-    damping: float = parameter(5e-4, unit="s", min=0.0, doc="effect: material damping time of the sheet")
-    drag: float = parameter(0.0, unit="kg/m3", min=0.0, doc="effect: air density times drag coefficient")
-    curl: float = parameter(0.0, unit="1/m", doc="effect: natural curvature along the feed, positive upwards")
+    sensor_distance: float = parameter(0.03, unit="m", min=0.0, doc="Distance from each line to its two sheet sensors")
+    sensor_spread: float = parameter(0.1, unit="m", min=1e-3, doc="Distance between the left and the right sensor")
+    gravity_y: float = parameter(
+        -9.81, unit="m/s2", doc="Acceleration of gravity along y; start value of the input gravity.y"
+    )
+    membrane: bool = parameter(True, structural=True, doc="Optional effect: membrane stiffness (stretching and shear)")
+    damping: float = parameter(5e-4, unit="s", min=0.0, doc="Optional effect: material damping time of the sheet")
+    drag: float = parameter(0.0, unit="kg/m3", min=0.0, doc="Optional effect: air density times drag coefficient")
+    curl: float = parameter(
+        0.0, unit="1/m", doc="Optional effect: natural curvature in feed direction, positive upward"
+    )
     field: str = parameter(
         "none",
         choices=("none", "pressure"),
-        doc="what every cell feels of guides and wall: among the outputs, and the color of the sheet",
+        doc="Field with an output for every element, shown as the color of the sheet; pressure: contact pressure of guides and wall",
     )
 
     def build(self) -> Mechanism:
         """Return the mechanism."""
         self._refuse()
         route = self.route()
-        weight = Input(name="gravity.y", unit="m/s2", description="acceleration of gravity", start=self.gravity_y)
+        weight = Input(
+            name="gravity.y", unit="m/s2", description="Acceleration of gravity along y", start=self.gravity_y
+        )
         m = Mechanism(gravity=[0.0, weight, 0.0])
         sheet = add_sheet(
             m,
@@ -165,7 +204,7 @@ class Feeder(Model):
         m.surface("sheet", sheet.nodes, field=self._field)
         self._outputs(m, sheet)
         nips = [nip for line in range(self.nips) for nip in self._line(m, sheet, route, line)]
-        m.output("jam", jammed(nips), "1 while a loaded nip slips by more than half its surface speed")
+        m.output("jam", jammed(nips), "Jam indicator: 1 while a loaded nip slips by more than half its surface speed")
         touches = self._guide(m, sheet, route) if self.guides else []
         if self.stop_at:
             stop = Wall(**self._across(route, self.stop_at))
@@ -173,10 +212,10 @@ class Feeder(Model):
         if self._field:
             for i, k in sheet.cells:
                 felt = contact_pressure(touches, i, k)
-                m.output(f"{self._field}[{i},{k}]", felt, f"of guides and wall on cell {i}, {k}")
-        m.output("energy", m.energy, "kinetic and potential energy")
-        m.output("kinetic_energy", m.kinetic_energy, "kinetic energy")
-        m.output("potential_energy", m.potential_energy, "energy of weight, deformation and contact")
+                m.output(f"{self._field}[{i},{k}]", felt, f"Contact pressure of guides and wall on element {i}, {k}")
+        m.output("energy", m.energy, "Kinetic and potential energy")
+        m.output("kinetic_energy", m.kinetic_energy, "Kinetic energy")
+        m.output("potential_energy", m.potential_energy, "Potential energy of weight, deformation and contact")
         return m
 
     def arrays(self) -> dict[str, Sequence[Any]]:
@@ -271,7 +310,7 @@ class Feeder(Model):
         force = Input(
             name=f"{label}.force",
             unit="N",
-            description=f"with which the idlers of line {line + 1} press, half each; below zero it is none",
+            description=f"Normal force of the idlers of line {line + 1}, half each; negative values count as zero",
             start=self.nip_force,
         )
         found = []
@@ -308,7 +347,9 @@ class Feeder(Model):
                 m.output(f"{label}.{side}.{told}", sensor, meaning)
             (p, q), lean = route.at(line * self.spacing + self.sensor_distance)
             beam = sheet.covers((p, q, 0.5 * hand * self.sensor_spread), (-sin(lean), cos(lean), 0.0))
-            m.output(f"sensor[{line + 1}].{side}.covered", beam, "1 where the sheet is in its beam, else 0")
+            m.output(
+                f"sensor[{line + 1}].{side}.covered", beam, "Sheet sensor: 1 if the sheet covers its beam, otherwise 0"
+            )
         return found
 
     def _roller(
@@ -318,13 +359,13 @@ class Feeder(Model):
         speed = SpeedInput(
             name=f"{name}.speed",
             unit="rad/s",
-            description="speed of the roller; positive feeds",
+            description="Speed of the roller, positive in feed direction",
             start=self.speed * self.speed_ratio**line * (1.0 + 0.5 * hand * self.speed_difference) / self.radius,
         )
         middle = tuple(p - self.radius * n for p, n in zip(at, normal, strict=True))
         mass = cylinder(mass=self.roller_mass, radius=self.radius, length=self.nip_width, axis=axis)
         roller = m.body(name, m.ground, Revolute(at=middle, axis=axis, drive=speed), **mass)
-        m.output(f"{name}.torque", roller.effort(), "torque of the drive")
+        m.output(f"{name}.torque", roller.effort(), "Torque of the drive")
         return roller
 
     def _idler(self, m: Mechanism, name: str, at: tuple[float, ...], normal: Any, axis: Any, line: int) -> Body | None:
@@ -337,7 +378,7 @@ class Feeder(Model):
         idler = m.body(name, m.ground, axle, **mass)
         if self.idler_drag:
             m.force(f"{name}.drag", JointSpring(stiffness=0.0, damping=self.idler_drag), idler)
-        m.output(f"{name}.speed", idler.rate(), "speed of the idler; positive feeds")
+        m.output(f"{name}.speed", idler.rate(), "Speed of the idler, positive in feed direction")
         return idler
 
     def _guide(self, m: Mechanism, sheet: SheetHandle, route: Path) -> list[TouchHandle]:
@@ -370,8 +411,8 @@ class Feeder(Model):
             points=POINTS,
         )
         for axis in "xyz":
-            m.output(f"{name}.force.{axis}", touch.force(axis), "force on the sheet")
-        m.output(f"{name}.heat", touch.heat(), "power of friction and impacts, lost")
+            m.output(f"{name}.force.{axis}", touch.force(axis), "Force of this surface on the sheet")
+        m.output(f"{name}.heat", touch.heat(), "Power loss by friction and impacts")
         return touch
 
     def _hardness(self, sheet: SheetHandle) -> float | None:
@@ -387,10 +428,16 @@ class Feeder(Model):
         """Publish where the edges are."""
         for name, edge, row in (("lead", "x1", -1), ("trail", "x0", 0)):
             for axis in "xyz":
-                m.output(f"{name}.{axis}", sheet.edge(edge).position(axis), f"middle of the {name}ing edge")
+                m.output(
+                    f"{name}.{axis}", sheet.edge(edge).position(axis), f"Position of the middle of the {name}ing edge"
+                )
                 for side, k in zip(SIDES, (0, -1), strict=True):
                     corner = sheet.node(row, k).position(axis)
-                    m.output(f"{name}.{side}.{axis}", corner, f"{side} corner of the {name}ing edge")
-        m.output("sheet.skew", sheet.skew(), "angle of the leading edge about the sheet's normal")
+                    m.output(f"{name}.{side}.{axis}", corner, f"Position of the {side} corner of the {name}ing edge")
+        m.output("sheet.skew", sheet.skew(), "Skew angle of the leading edge about the normal of the sheet")
         m.readout("sheet.skew")
-        m.output("sheet.lateral", sheet.point(0.5 * self.length, 0.5 * self.width).position("z"), "its middle along z")
+        m.output(
+            "sheet.lateral",
+            sheet.point(0.5 * self.length, 0.5 * self.width).position("z"),
+            "Lateral position of the middle of the sheet",
+        )

@@ -40,33 +40,40 @@ class FourBar(Model):
         }
     )
 
-    ground_length: float = parameter(3.0, unit="m", min=1e-3, doc="distance of the two ground pivots")
-    crank_length: float = parameter(1.0, unit="m", min=1e-3, doc="crank, pivot to pin")
-    coupler_length: float = parameter(3.0, unit="m", min=1e-3, doc="coupler, pin to pin")
-    rocker_length: float = parameter(1.0, unit="m", min=1e-3, doc="rocker, pin to pivot")
-    crank_mass: float = parameter(8.019, unit="kg", min=0.0, doc="crank, a uniform slender bar")
-    coupler_mass: float = parameter(24.057, unit="kg", min=0.0, doc="coupler, a uniform slender bar")
-    rocker_mass: float = parameter(8.019, unit="kg", min=0.0, doc="rocker, a uniform slender bar")
-    start_angle: float = parameter(radians(10.0), unit="rad", doc="crank above the horizontal at the start")
-    start_rate: float = parameter(0.0, unit="rad/s", doc="angular velocity of the crank at the start")
-    gravity: float = parameter(9.81, unit="m/s2", doc="acceleration of gravity, downward", tunable=True)
-    crank_torque: float = parameter(0.0, unit="N.m", doc="start value of the input crank.torque")
+    ground_length: float = parameter(3.0, unit="m", min=1e-3, doc="Distance between the two ground pivots")
+    crank_length: float = parameter(1.0, unit="m", min=1e-3, doc="Length of the crank, from pivot to pin")
+    coupler_length: float = parameter(3.0, unit="m", min=1e-3, doc="Length of the coupler, from pin to pin")
+    rocker_length: float = parameter(1.0, unit="m", min=1e-3, doc="Length of the rocker, from pin to pivot")
+    crank_mass: float = parameter(8.019, unit="kg", min=0.0, doc="Mass of the crank, a uniform slender bar")
+    coupler_mass: float = parameter(24.057, unit="kg", min=0.0, doc="Mass of the coupler, a uniform slender bar")
+    rocker_mass: float = parameter(8.019, unit="kg", min=0.0, doc="Mass of the rocker, a uniform slender bar")
+    start_angle: float = parameter(radians(10.0), unit="rad", doc="Initial angle of the crank above the horizontal")
+    start_rate: float = parameter(0.0, unit="rad/s", doc="Initial angular velocity of the crank")
+    gravity: float = parameter(9.81, unit="m/s2", doc="Acceleration of gravity, downward", tunable=True)
+    crank_torque: float = parameter(0.0, unit="N.m", doc="Start value of the input crank.torque")
     coupler_modes: int = parameter(
         0,
         min=0,
         max=MODES,
         structural=True,
         resolution=(1, 2, 4),
-        doc="modes of bending of the coupler, pinned at both ends; 0: rigid",
+        doc="Number of bending modes of the coupler, pinned at both ends; 0: rigid",
     )
     coupler_elements: int = parameter(
-        10, min=1, max=1000, resolution=(5, 10, 20), doc="finite elements the modes are computed with"
+        10, min=1, max=1000, resolution=(5, 10, 20), doc="Number of finite elements with which the modes are computed"
     )
-    coupler_height: float = parameter(0.03, unit="m", min=1e-6, doc="section of an elastic coupler, in the plane")
-    coupler_width: float = parameter(0.03, unit="m", min=1e-6, doc="section of an elastic coupler, out of the plane")
+    coupler_height: float = parameter(
+        0.03, unit="m", min=1e-6, doc="Height of the cross-section of an elastic coupler, in the plane"
+    )
+    coupler_width: float = parameter(
+        0.03, unit="m", min=1e-6, doc="Width of the cross-section of an elastic coupler, out of the plane"
+    )
     youngs_modulus: float = parameter(117e9, unit="Pa", min=1.0, doc="Young's modulus of an elastic coupler")
     coupler_damping: float = parameter(
-        0.0, unit="s", min=0.0, doc="damping time of its material, moment = E I (curvature + time rate)"
+        0.0,
+        unit="s",
+        min=0.0,
+        doc="Damping time of the coupler material: moment = E I (curvature + damping time x curvature rate)",
     )
 
     def build(self) -> Mechanism:
@@ -100,7 +107,7 @@ class FourBar(Model):
             m.ground,
             rocker,
         )
-        torque = Input(name="crank.torque", unit="N.m", description="torque on the crank", start=self.crank_torque)
+        torque = Input(name="crank.torque", unit="N.m", description="Torque on the crank", start=self.crank_torque)
         m.force("motor", JointForce(magnitude=torque), crank)
         self._outputs(m, (crank, coupler, rocker), middle, at_middle, pivot)
         return m
@@ -110,34 +117,44 @@ class FourBar(Model):
     ) -> None:
         """Publish the bars' angles, the coupler's middle and its bending, the force at the pivot, energy, residuals."""
         for bar in bars:
-            m.output(f"{bar.name}.angle", m.turn(bar), f"{bar.name} above the horizontal")
+            m.output(f"{bar.name}.angle", m.turn(bar), f"Angle of the {bar.name} above the horizontal")
         for bar in bars:
-            m.output(f"{bar.name}.rate", m.turn_rate(bar), f"angular velocity of the {bar.name}")
+            m.output(f"{bar.name}.rate", m.turn_rate(bar), f"Angular velocity of the {bar.name}")
         for axis, direction in (("x", "horizontal"), ("y", "vertical")):
             m.output(
-                f"coupler.position.{axis}", middle.position(axis, at_middle), f"middle of the coupler, {direction}"
+                f"coupler.position.{axis}",
+                middle.position(axis, at_middle),
+                f"Position of the middle of the coupler, {direction}",
             )
-            m.output(f"coupler.velocity.{axis}", middle.velocity(axis, at_middle), f"its velocity, {direction}")
+            m.output(
+                f"coupler.velocity.{axis}",
+                middle.velocity(axis, at_middle),
+                f"Velocity of the middle of the coupler, {direction}",
+            )
             m.output(
                 f"coupler.acceleration.{axis}",
                 middle.point_acceleration(axis, at_middle),
-                f"its acceleration, {direction}",
+                f"Acceleration of the middle of the coupler, {direction}",
             )
             on_ground = pivot.joint_force(axis, on="a")
-            m.output(f"pivot.force.{axis}", on_ground, f"force of the rocker on its ground pivot, {direction}")
+            m.output(f"pivot.force.{axis}", on_ground, f"Force of the rocker on its ground pivot, {direction}")
         for elastic in m.flexible_bodies:
             for k in range(self.coupler_modes):
                 mode = f"coupler.mode[{k + 1}]"
-                m.output(f"{mode}.amplitude", elastic.modes.coordinate(k), "largest deflection by the mode")
-                m.output(f"{mode}.rate", elastic.modes.rate(k), "its rate")
-                m.output(f"{mode}.acceleration", elastic.modes.acceleration(k), "its acceleration")
+                m.output(
+                    f"{mode}.amplitude", elastic.modes.coordinate(k), f"Largest deflection of bending mode {k + 1}"
+                )
+                m.output(f"{mode}.rate", elastic.modes.rate(k), f"Rate of bending mode {k + 1}")
+                m.output(f"{mode}.acceleration", elastic.modes.acceleration(k), f"Acceleration of bending mode {k + 1}")
             x = 0.5 * self.coupler_length
             m.output(
-                "coupler.deflection", elastic.deflection(x), "deflection of the middle from the chord, to the left"
+                "coupler.deflection",
+                elastic.deflection(x),
+                "Deflection of the middle of the coupler from its chord, to the left",
             )
-            m.output("coupler.bending_moment", elastic.moment(x), "bending moment in the middle")
-        m.output("energy", m.energy, "kinetic and potential energy, zero at the height of the pivots")
-        m.output("position_residual", m.position_residual, "largest gap of the closed loop")
+            m.output("coupler.bending_moment", elastic.moment(x), "Bending moment in the middle of the coupler")
+        m.output("energy", m.energy, "Kinetic and potential energy, zero at the height of the pivots")
+        m.output("position_residual", m.position_residual, "Closure error of the loop")
         m.output("velocity_residual", m.velocity_residual, "largest rate at which the loop opens")
 
     def _beam(self) -> Beam:

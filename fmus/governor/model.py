@@ -49,30 +49,46 @@ class Governor(Model):
     output_interval = 0.01
     settling = MappingProxyType({"damping": 100.0})
 
-    driven: bool = parameter(True, structural=True, doc="spindle driven at a speed; false: free, with a torque input")
-    spindle_speed: float = parameter(11.0174, unit="rad/s", doc="speed of the spindle at the start; driven: constant")
-    gravity: float = parameter(9.81, unit="m/s2", doc="acceleration of gravity, downward", tunable=True)
-    start_angle: float = parameter(0.0, unit="rad", doc="arms below the horizontal at the start")
-    arm_length: float = parameter(0.16, unit="m", min=1e-3, doc="pivot to ball")
-    rod_position: float = parameter(0.08, unit="m", min=1e-3, doc="pivot to the rod's pin on the arm")
-    rod_length: float = parameter(0.10922, unit="m", min=1e-3, doc="rod between arm and collar")
-    pivot_height: float = parameter(0.2, unit="m", doc="height of the arms' pivot")
-    ball_mass: float = parameter(1.0, unit="kg", min=0.0, doc="each ball")
-    ball_inertia: float = parameter(0.1, unit="kg.m2", min=0.0, doc="each ball, about every axis of its center")
-    collar_mass: float = parameter(1.0, unit="kg", min=0.0, doc="collar")
-    collar_inertia: float = parameter(0.125, unit="kg.m2", min=0.0, doc="collar about the spindle")
-    spindle_inertia: float = parameter(
-        50.0, unit="kg.m2", min=0.0, doc="spindle about its axis; of use where it is free"
+    driven: bool = parameter(
+        True, structural=True, doc="Spindle driven at a speed; false: free spindle with a torque input"
     )
-    stiffness: float = parameter(1000.0, unit="N/m", min=0.0, doc="spring between spindle and collar", tunable=True)
-    free_length: float = parameter(0.15, unit="m", min=0.0, doc="its free length, from the arms' pivot", tunable=True)
-    damping: float = parameter(0.0, unit="N.s/m", min=0.0, doc="damper between spindle and collar", tunable=True)
+    spindle_speed: float = parameter(
+        11.0174, unit="rad/s", doc="Initial speed of the spindle; start value of the input spindle.drive if driven"
+    )
+    gravity: float = parameter(9.81, unit="m/s2", doc="Acceleration of gravity, downward", tunable=True)
+    start_angle: float = parameter(0.0, unit="rad", doc="Initial angle of the arms below the horizontal")
+    arm_length: float = parameter(0.16, unit="m", min=1e-3, doc="Length of an arm, from pivot to ball")
+    rod_position: float = parameter(
+        0.08, unit="m", min=1e-3, doc="Distance on the arm from pivot to the pin of the rod"
+    )
+    rod_length: float = parameter(0.10922, unit="m", min=1e-3, doc="Length of a rod between arm and collar")
+    pivot_height: float = parameter(0.2, unit="m", doc="Height of the pivots of the arms")
+    ball_mass: float = parameter(1.0, unit="kg", min=0.0, doc="Mass of each ball")
+    ball_inertia: float = parameter(
+        0.1, unit="kg.m2", min=0.0, doc="Moment of inertia of each ball about any axis through its center"
+    )
+    collar_mass: float = parameter(1.0, unit="kg", min=0.0, doc="Mass of the collar")
+    collar_inertia: float = parameter(
+        0.125, unit="kg.m2", min=0.0, doc="Moment of inertia of the collar about the spindle axis"
+    )
+    spindle_inertia: float = parameter(
+        50.0, unit="kg.m2", min=0.0, doc="Moment of inertia of the spindle about its axis; used if it is free"
+    )
+    stiffness: float = parameter(
+        1000.0, unit="N/m", min=0.0, doc="Stiffness of the spring between spindle and collar", tunable=True
+    )
+    free_length: float = parameter(
+        0.15, unit="m", min=0.0, doc="Free length of the spring, from the pivots of the arms", tunable=True
+    )
+    damping: float = parameter(
+        0.0, unit="N.s/m", min=0.0, doc="Coefficient of the damper between spindle and collar", tunable=True
+    )
 
     def build(self) -> Mechanism:
         """Return the mechanism: y upward, the spindle's foot at the origin."""
         m = Mechanism(gravity=(0.0, -self.gravity, 0.0))
         speed = SpeedInput(
-            name="spindle.drive", unit="rad/s", description="speed of the driven spindle", start=self.spindle_speed
+            name="spindle.drive", unit="rad/s", description="Speed of the driven spindle", start=self.spindle_speed
         )
         turn: dict[str, Any] = {"drive": speed} if self.driven else {"rate": self.spindle_speed}
         inertia = (0.5 * self.spindle_inertia, self.spindle_inertia, 0.5 * self.spindle_inertia)
@@ -102,25 +118,29 @@ class Governor(Model):
         ]
         m.force("spring", JointSpring(stiffness=self.stiffness, damping=self.damping, free=self.free_length), collar)
         if not self.driven:
-            torque = Input(name="spindle.torque", unit="N.m", description="torque on the spindle")
+            torque = Input(name="spindle.torque", unit="N.m", description="Torque on the spindle")
             m.force("motor", JointForce(magnitude=torque), spindle)
 
-        m.output("collar.height", collar.position("y"), "height of the collar")
-        m.output("collar.distance", collar.coordinate(), "collar below the arms' pivot")
-        m.output("collar.velocity", collar.velocity("y"), "velocity of the collar, upward")
+        m.output("collar.height", collar.position("y"), "Height of the collar")
+        m.output("collar.distance", collar.coordinate(), "Distance of the collar below the pivots of the arms")
+        m.output("collar.velocity", collar.velocity("y"), "Velocity of the collar, upward")
         for arm in arms:
-            m.output(f"{arm.name}.angle", arm.angle(), "arm below the horizontal")
-            m.output(f"{arm.name}.rate", arm.rate(), "its rate")
-        m.output("spindle.angle", spindle.angle(), "angle of the spindle")
-        m.output("spindle.speed", spindle.rate(), "angular velocity of the spindle")
+            m.output(f"{arm.name}.angle", arm.angle(), f"Angle of {arm.name} below the horizontal")
+            m.output(f"{arm.name}.rate", arm.rate(), f"Angular velocity of {arm.name}")
+        m.output("spindle.angle", spindle.angle(), "Angle of the spindle")
+        m.output("spindle.speed", spindle.rate(), "Angular velocity of the spindle")
         if self.driven:
-            m.output("spindle.effort", spindle.effort(), "torque of the drive")
+            m.output("spindle.effort", spindle.effort(), "Torque of the drive")
         for rod in rods:
-            m.output(f"{rod.name}.force", rod.force(), "force in the rod, positive where it pushes")
-        m.output("energy", m.energy, "kinetic and potential energy")
-        m.output("jacobi_integral", m.jacobi_integral, "energy less spindle speed times angular momentum, where driven")
-        m.output("position_residual", m.position_residual, "largest error of a rod's length")
-        m.output("velocity_residual", m.velocity_residual, "largest rate of it")
+            m.output(f"{rod.name}.force", rod.force(), f"Force in {rod.name}, positive in compression")
+        m.output("energy", m.energy, "Kinetic and potential energy")
+        m.output(
+            "jacobi_integral",
+            m.jacobi_integral,
+            "Jacobi integral: energy minus spindle speed times angular momentum if driven",
+        )
+        m.output("position_residual", m.position_residual, "Largest closure error of the rods")
+        m.output("velocity_residual", m.velocity_residual, "Largest rate of the closure error of the rods")
         return m
 
     def terminals(self) -> dict[str, Sequence[str]]:

@@ -34,24 +34,36 @@ class SwingPendulum(Model):
     output_interval = 0.01
     settling = MappingProxyType({"swing_damping": 10.0, "slider_damping": 100.0})
 
-    drive_speed: float = parameter(20.0, unit="rad/s", doc="speed of the crank at the start")
-    gravity: float = parameter(0.0, unit="m/s2", doc="acceleration of gravity, along -y", tunable=True)
-    crank_length: float = parameter(1.0, unit="m", min=1e-3, doc="crank, pivot to tip")
-    crank_mass: float = parameter(1.0, unit="kg", min=0.0, doc="crank, center of mass in its middle")
-    crank_inertia: float = parameter(0.1, unit="kg.m2", min=0.0, doc="crank about its center of mass")
-    slider_mass: float = parameter(1.0, unit="kg", min=1e-9, doc="slider, a point")
-    swing_stiffness: float = parameter(300.0, unit="N.m/rad", min=0.0, doc="spring of the swing", tunable=True)
-    swing_damping: float = parameter(0.0, unit="N.m.s/rad", min=0.0, doc="damper of the swing", tunable=True)
-    slider_stiffness: float = parameter(50000.0, unit="N/m", min=0.0, doc="spring of the slider", tunable=True)
-    slider_damping: float = parameter(0.0, unit="N.s/m", min=0.0, doc="damper of the slider", tunable=True)
-    free_length: float = parameter(1.0, unit="m", min=0.0, doc="free length of the slider's spring", tunable=True)
-    start_angle: float = parameter(0.0, unit="rad", doc="swing at the start, from the crank's direction")
-    start_distance: float = parameter(1.1, unit="m", doc="slider from the tip at the start")
+    drive_speed: float = parameter(
+        20.0, unit="rad/s", doc="Initial speed of the crank; start value of the input crank.drive"
+    )
+    gravity: float = parameter(0.0, unit="m/s2", doc="Acceleration of gravity, along -y", tunable=True)
+    crank_length: float = parameter(1.0, unit="m", min=1e-3, doc="Length of the crank, from pivot to tip")
+    crank_mass: float = parameter(1.0, unit="kg", min=0.0, doc="Mass of the crank, center of mass in its middle")
+    crank_inertia: float = parameter(
+        0.1, unit="kg.m2", min=0.0, doc="Moment of inertia of the crank about its center of mass"
+    )
+    slider_mass: float = parameter(1.0, unit="kg", min=1e-9, doc="Mass of the slider, a point mass")
+    swing_stiffness: float = parameter(
+        300.0, unit="N.m/rad", min=0.0, doc="Stiffness of the rotational spring of the rod", tunable=True
+    )
+    swing_damping: float = parameter(
+        0.0, unit="N.m.s/rad", min=0.0, doc="Coefficient of the rotational damper of the rod", tunable=True
+    )
+    slider_stiffness: float = parameter(
+        50000.0, unit="N/m", min=0.0, doc="Stiffness of the spring of the slider", tunable=True
+    )
+    slider_damping: float = parameter(
+        0.0, unit="N.s/m", min=0.0, doc="Coefficient of the damper of the slider", tunable=True
+    )
+    free_length: float = parameter(1.0, unit="m", min=0.0, doc="Free length of the spring of the slider", tunable=True)
+    start_angle: float = parameter(0.0, unit="rad", doc="Initial angle of the rod from the direction of the crank")
+    start_distance: float = parameter(1.1, unit="m", doc="Initial distance of the slider from the tip of the crank")
 
     def build(self) -> Mechanism:
         """Return the mechanism: motion in the x-y plane, crank pivot at the origin."""
         m = Mechanism(gravity=(0.0, -self.gravity, 0.0))
-        speed = SpeedInput(name="crank.drive", unit="rad/s", description="speed of the crank", start=self.drive_speed)
+        speed = SpeedInput(name="crank.drive", unit="rad/s", description="Speed of the crank", start=self.drive_speed)
         crank = m.body(
             "crank",
             m.ground,
@@ -68,15 +80,17 @@ class SwingPendulum(Model):
             JointSpring(stiffness=self.slider_stiffness, damping=self.slider_damping, free=self.free_length),
             slider,
         )
-        m.output("rod.angle", rod.angle(), "swing of the rod, from the crank's direction")
-        m.output("rod.rate", rod.rate(), "its rate")
-        m.output("slider.distance", slider.coordinate(), "slider from the crank's tip")
-        m.output("slider.velocity", slider.rate(), "its rate")
-        m.output("crank.angle", crank.angle(), "angle of the crank")
-        m.output("crank.speed", crank.rate(), "angular velocity of the crank")
-        m.output("crank.effort", crank.effort(), "torque of the drive")
-        m.output("energy", m.energy, "kinetic and potential energy")
-        m.output("jacobi_integral", m.jacobi_integral, "energy less crank speed times angular momentum")
+        m.output("rod.angle", rod.angle(), "Angle of the rod from the direction of the crank")
+        m.output("rod.rate", rod.rate(), "Angular velocity of the rod relative to the crank")
+        m.output("slider.distance", slider.coordinate(), "Distance of the slider from the tip of the crank")
+        m.output("slider.velocity", slider.rate(), "Velocity of the slider along the rod")
+        m.output("crank.angle", crank.angle(), "Angle of the crank")
+        m.output("crank.speed", crank.rate(), "Angular velocity of the crank")
+        m.output("crank.effort", crank.effort(), "Torque of the drive")
+        m.output("energy", m.energy, "Kinetic and potential energy")
+        m.output(
+            "jacobi_integral", m.jacobi_integral, "Jacobi integral: energy minus crank speed times angular momentum"
+        )
         return m
 
     def terminals(self) -> dict[str, Sequence[str]]:

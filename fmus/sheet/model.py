@@ -65,60 +65,86 @@ class Sheet(Model):
         }
     )
 
-    length: float = parameter(0.3, unit="m", min=1e-4, doc="along x, from the free edge to the held one")
-    width: float = parameter(0.21, unit="m", min=1e-4, doc="along z")
-    thickness: float = parameter(0.3e-3, unit="m", min=1e-7, doc="thickness")
-    youngs_modulus: float = parameter(1e10, unit="Pa", min=1.0, doc="Young's modulus; along the grain where it has one")
-    poisson: float = parameter(0.3, min=-0.99, max=0.5, doc="Poisson's ratio; across the grain for a pull along it")
-    youngs_modulus_cross: float = parameter(0.0, unit="Pa", min=0.0, doc="effect: across the grain; zero: no grain")
-    shear_modulus: float = parameter(0.0, unit="Pa", min=0.0, doc="effect: in the plane; zero: what the others make it")
-    angle: float = parameter(0.0, unit="rad", doc="of the grain from x towards z")
-    density: float = parameter(1000.0, unit="kg/m3", min=1e-3, doc="density")
-    nx: int = parameter(15, min=2, max=400, structural=True, resolution=(7, 10, 15), doc="nodes along x")
-    nz: int = parameter(11, min=2, max=400, structural=True, resolution=(5, 7, 11), doc="nodes along z")
+    length: float = parameter(
+        0.3, unit="m", min=1e-4, doc="Length of the sheet along x, from the free edge to the supported edge"
+    )
+    width: float = parameter(0.21, unit="m", min=1e-4, doc="Width of the sheet along z")
+    thickness: float = parameter(0.3e-3, unit="m", min=1e-7, doc="Thickness of the sheet")
+    youngs_modulus: float = parameter(
+        1e10, unit="Pa", min=1.0, doc="Young's modulus; in grain direction if the material is orthotropic"
+    )
+    poisson: float = parameter(
+        0.3, min=-0.99, max=0.5, doc="Poisson's ratio; contraction across the grain for tension in grain direction"
+    )
+    youngs_modulus_cross: float = parameter(
+        0.0, unit="Pa", min=0.0, doc="Optional effect: Young's modulus across the grain; 0: isotropic"
+    )
+    shear_modulus: float = parameter(
+        0.0, unit="Pa", min=0.0, doc="Optional effect: in-plane shear modulus; 0: computed from the other constants"
+    )
+    angle: float = parameter(0.0, unit="rad", doc="Angle of the grain from x towards z")
+    density: float = parameter(1000.0, unit="kg/m3", min=1e-3, doc="Density of the sheet")
+    nx: int = parameter(15, min=2, max=400, structural=True, resolution=(7, 10, 15), doc="Number of nodes along x")
+    nz: int = parameter(11, min=2, max=400, structural=True, resolution=(5, 7, 11), doc="Number of nodes along z")
     tree: str = parameter(
         "spine",
         choices=("spine", "rows", "master"),
-        doc="how nodes hang on each other; with stretch there is no choice",
+        doc="Topology of the joints between nodes; not used with stretch",
     )
     support: str = parameter(
         "clamped",
         choices=("clamped", "pinned", "moved", "turned", "two_edges", "all_edges", "free", "rails"),
-        doc="of the edge x = length; moved: clamped to an edge that inputs move; turned: and turn; two_edges: it and "
-        "x = 0 are hinged; all_edges: so are all four; rails: z = 0 and z = width are clamped, and it takes stretch",
+        doc="Support of the edge x = length; moved: clamped, moved by inputs; turned: moved and rotated by inputs; two_edges: it and "
+        "x = 0 are hinged; all_edges: all four are hinged; rails: z = 0 and z = width are clamped, requires stretch",
     )
-    shear: float = parameter(0.0, unit="m", doc="by which the rail at z = width slides along x from the start on")
-    shear_time: float = parameter(0.15, unit="s", min=1e-6, doc="in which it does so")
-    slide: bool = parameter(True, structural=True, doc="hinged edges may slide in the plane; if not, it takes stretch")
-    held_part: float = parameter(1.0, min=0.0, max=1.0, doc="part of the edge that is held, about its middle")
-    start_velocity: float = parameter(0.0, unit="m/s", doc="of a free sheet at the start, along y")
-    start_spin: float = parameter(0.0, unit="rad/s", doc="of a free sheet at the start, about x and half of it about z")
-    gravity_x: float = parameter(0.0, unit="m/s2", doc="acceleration of gravity until the input gravity.x is set")
-    gravity_y: float = parameter(-9.81, unit="m/s2", doc="acceleration of gravity until the input gravity.y is set")
-    gravity_z: float = parameter(0.0, unit="m/s2", doc="acceleration of gravity until the input gravity.z is set")
-    membrane: bool = parameter(True, structural=True, doc="effect: stretching and shear resist")
+    shear: float = parameter(0.0, unit="m", doc="Displacement of the rail at z = width along x, from the start on")
+    shear_time: float = parameter(0.15, unit="s", min=1e-6, doc="Duration of the displacement of the rail")
+    slide: bool = parameter(True, structural=True, doc="Hinged edges may slide in the plane; false requires stretch")
+    held_part: float = parameter(1.0, min=0.0, max=1.0, doc="Supported part of the edge, about its middle")
+    start_velocity: float = parameter(0.0, unit="m/s", doc="Initial velocity of a free sheet along y")
+    start_spin: float = parameter(
+        0.0, unit="rad/s", doc="Initial angular velocity of a free sheet about x, and half of it about z"
+    )
+    gravity_x: float = parameter(
+        0.0, unit="m/s2", doc="Acceleration of gravity along x; start value of the input gravity.x"
+    )
+    gravity_y: float = parameter(
+        -9.81, unit="m/s2", doc="Acceleration of gravity along y; start value of the input gravity.y"
+    )
+    gravity_z: float = parameter(
+        0.0, unit="m/s2", doc="Acceleration of gravity along z; start value of the input gravity.z"
+    )
+    membrane: bool = parameter(True, structural=True, doc="Optional effect: membrane stiffness (stretching and shear)")
     stretch: bool = parameter(
-        False, structural=True, doc="effect: gives way in its plane, for implicit solvers; membrane means nothing then"
+        False,
+        structural=True,
+        doc="Optional effect: in-plane deformation by shell elements; requires an implicit solver and replaces membrane",
     )
-    curl_x: float = parameter(0.0, unit="1/m", doc="effect: natural curvature along x, positive towards y")
-    curl_z: float = parameter(0.0, unit="1/m", doc="effect: natural curvature along z, positive towards y")
-    damping: float = parameter(0.0, unit="s", min=0.0, doc="effect: material damping time, stress = K (e + damping e')")
-    drag: float = parameter(0.0, unit="kg/m3", min=0.0, doc="effect: air density times drag coefficient")
+    curl_x: float = parameter(0.0, unit="1/m", doc="Optional effect: natural curvature along x, positive towards y")
+    curl_z: float = parameter(0.0, unit="1/m", doc="Optional effect: natural curvature along z, positive towards y")
+    damping: float = parameter(
+        0.0, unit="s", min=0.0, doc="Optional effect: material damping time, stress = K (e + damping e')"
+    )
+    drag: float = parameter(0.0, unit="kg/m3", min=0.0, doc="Optional effect: air density times drag coefficient")
     pressure: float = parameter(
-        0.0, unit="Pa", doc="effect: on the sheet, along its normal; zero leaves it out", tunable=True, optional=True
+        0.0,
+        unit="Pa",
+        doc="Optional effect: pressure on the sheet along its normal; 0: no pressure",
+        tunable=True,
+        optional=True,
     )
     load: str = parameter(
         "none",
         choices=("none", "tip", "free_edge", "middle"),
         structural=True,
-        doc="effect: where a force acts that inputs set, in the ground's axes; along an edge it is spread",
+        doc="Optional effect: point of application of a force set by inputs, in global axes; distributed along an edge",
     )
-    grid_outputs: bool = parameter(False, structural=True, doc="position of every node among the outputs")
+    grid_outputs: bool = parameter(False, structural=True, doc="Outputs of the positions of all nodes")
     field: str = parameter(
         "none",
         choices=("none", *FIELDS),
-        doc="what the middle of every cell feels: among the outputs, and the color of the sheet; strain, force (per "
-        "length) and stress take stretch",
+        doc="Field with an output for every element, shown as the color of the sheet; strain, force (per "
+        "length) and stress require stretch",
     )
 
     def build(self) -> Mechanism:
@@ -207,7 +233,9 @@ class Sheet(Model):
     def _gravity(self, axis: str) -> Input:
         """Return the input that sets one component of gravity."""
         start = getattr(self, f"gravity_{axis}")
-        return Input(name=f"gravity.{axis}", unit="m/s2", description="acceleration of gravity", start=start)
+        return Input(
+            name=f"gravity.{axis}", unit="m/s2", description=f"Acceleration of gravity along {axis}", start=start
+        )
 
     def _moduli(self) -> float | tuple[float, float]:
         """Return Young's modulus, or those along and across the grain."""
@@ -232,7 +260,7 @@ class Sheet(Model):
             motion = Input(
                 name=f"edge.{axis}",
                 unit="m",
-                description=f"displacement of the held edge along {axis}",
+                description=f"Displacement of the supported edge along {axis}",
                 rate_name=f"edge.v{axis}",
             )
             last = axis == "z" and self.support == "moved"
@@ -241,7 +269,7 @@ class Sheet(Model):
             turn = Input(
                 name="edge.angle",
                 unit="rad",
-                description="by which the held edge is turned about itself",
+                description="Rotation angle of the supported edge about itself",
                 rate_name="edge.omega",
             )
             body = m.body("edge", body, Revolute(drive=turn))
@@ -267,7 +295,7 @@ class Sheet(Model):
             ends = (0, self.nz - 1)
             shares = {sheet.node(0, k): (0.5 if k in ends else 1.0) / (self.nz - 1) for k in range(self.nz)}
         for axis in "xyz":
-            force = Input(name=f"force.{axis}", unit="N", description=f"force on the sheet along {axis}")
+            force = Input(name=f"force.{axis}", unit="N", description=f"Force on the sheet along {axis}")
             for node, share in shares.items():
                 part = force if share == 1.0 else Product(force, share)
                 m.force(f"force.{axis}.{node.name}", PointForce(magnitude=part, axis=axis), node)
@@ -277,30 +305,30 @@ class Sheet(Model):
         points = {"tip": sheet.node(0, self.nz // 2), "corner1": sheet.node(0, 0), "corner2": sheet.node(0, -1)}
         for name, node in points.items():
             for axis in "xyz":
-                m.output(f"{name}.{axis}", node.position(axis), f"{name} of the free edge")
+                m.output(f"{name}.{axis}", node.position(axis), f"Position of the {name} of the free edge")
         if self.support in ("two_edges", "all_edges", "rails"):
             middle = sheet.node(self.nx // 2, self.nz // 2)
             for axis in "xyz":
-                m.output(f"middle.{axis}", middle.position(axis), "middle of the sheet")
-        m.output("tip.velocity.y", points["tip"].velocity("y"), "velocity of the tip")
+                m.output(f"middle.{axis}", middle.position(axis), "Position of the middle of the sheet")
+        m.output("tip.velocity.y", points["tip"].velocity("y"), "Velocity of the tip")
         for k in range(self.nz):
-            m.output(f"free_edge[{k}].y", sheet.node(0, k).position("y"), f"node {k} of the free edge")
+            m.output(f"free_edge[{k}].y", sheet.node(0, k).position("y"), f"Height of node {k} of the free edge")
         if edge is not None:
             for axis in "xyz":
-                m.output(f"reaction.{axis}", edge.joint_force(axis), "force of the support on the sheet")
-        m.output("energy", m.energy, "kinetic and potential energy")
-        m.output("kinetic_energy", m.kinetic_energy, "kinetic energy")
-        m.output("potential_energy", m.potential_energy, "energy of weight and of deformation")
+                m.output(f"reaction.{axis}", edge.joint_force(axis), "Force of the support on the sheet")
+        m.output("energy", m.energy, "Kinetic and potential energy")
+        m.output("kinetic_energy", m.kinetic_energy, "Kinetic energy")
+        m.output("potential_energy", m.potential_energy, "Potential energy of weight and deformation")
         if self.grid_outputs:
             for i in range(self.nx):
                 for k in range(self.nz):
                     for axis in "xyz":
-                        m.output(f"node[{i},{k}].{axis}", sheet.node(i, k).position(axis), f"node {i}, {k}")
+                        m.output(f"node[{i},{k}].{axis}", sheet.node(i, k).position(axis), f"Position of node {i}, {k}")
         if self._field:
             for i in range(self.nx - 1):
                 for k in range(self.nz - 1):
                     felt = self._felt(sheet, (i + 0.5) * sheet.a, (k + 0.5) * sheet.b)
-                    m.output(f"{self.field}[{i},{k}]", felt, f"in the middle of cell {i}, {k}")
+                    m.output(f"{self.field}[{i},{k}]", felt, f"{self.field} in the middle of element {i}, {k}")
 
     def _felt(self, sheet: SheetHandle, x: float, z: float) -> Sensor:
         """Return the sensor of the field at a place of the flat sheet."""
