@@ -25,12 +25,12 @@ from mbfmu.settings import Settings
 from mbfmu.units import read_unit
 
 COUNTERS = {
-    "steps": "steps taken",
-    "rejected": "steps rejected",
-    "rhs_evals": "evaluations of the equations of motion",
-    "partition_switches": "changes between LU and projection partition",
-    "restarts": "restarts of the integrator",
-    "stability_limited": "steps of adams and hybrid whose length stability set, and not accuracy",
+    "steps": "Number of steps",
+    "rejected": "Number of rejected steps",
+    "rhs_evals": "Number of evaluations of the equations of motion",
+    "partition_switches": "Number of changes between LU and projection partition",
+    "restarts": "Number of restarts of the integrator",
+    "stability_limited": "Number of steps of adams and hybrid that are limited by stability instead of accuracy",
 }
 
 ILLEGIBLE = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -143,22 +143,29 @@ class ArrayVariable(ScalarVariable):
         return " x ".join(map(str, self.shape))
 
 
-CHANGES = {"tunable": "between steps", "constant": "not after export"}
+VARIABILITY = {"fixed": "fixed", "tunable": "tunable", "constant": "fixed at export"}  # of parameters
+EFFECT = "Optional effect: "  # begins the description of a parameter that switches an effect
 
 
 def columns(variables: Sequence[ScalarVariable]) -> dict[str, list[str]]:
-    """Return what is told of variables, by the titles of a table's columns; empty columns are left out."""
+    """Return the columns of a table of variables, by their titles; empty columns are omitted."""
     found = {
         "name": [v.name for v in variables],
         "size": [v.size for v in variables],
-        "start": [v.start_in_words for v in variables],
+        "start value": [v.start_in_words for v in variables],
         "unit": ["" if v.unit == "1" else v.unit for v in variables],
-        "allowed": [v.allowed for v in variables],
-        "changes": [CHANGES.get(v.variability, "") for v in variables],
-        "changed at once by": [", ".join(v.depends_on) for v in variables],
-        "meaning": [v.description for v in variables],
+        "range": [v.allowed for v in variables],
+        "variability": [VARIABILITY.get(v.variability, "") for v in variables],
+        "depends directly on": [", ".join(v.depends_on) for v in variables],
+        "effect": ["optional" if v.description.startswith(EFFECT) else "" for v in variables],
+        "description": [_capitalize(v.description.removeprefix(EFFECT)) for v in variables],
     }
     return {title: cells for title, cells in found.items() if any(cells)}
+
+
+def _capitalize(text: str) -> str:
+    """Return the text with an upper-case first letter."""
+    return text[:1].upper() + text[1:]
 
 
 def interface(model: Model, settings: Settings, plant: Plant | None = None) -> tuple[ScalarVariable, ...]:
@@ -293,7 +300,7 @@ def moving(v: mechanics.Variable, role: Role, **told: Any) -> ScalarVariable:
 
 def solver_outputs() -> Iterator[ScalarVariable]:
     """Yield what the solver reports of itself: local variables, which importers do not connect to others."""
-    said = "what went wrong, a stop or a lost energy balance, and what to try; or empty"
+    said = "Last error or warning and what to do; empty if there is none"
     told = [(name, Role.COUNTER, Type.INTEGER, text) for name, text in COUNTERS.items()]
     for name, role, kind, text in [*told, ("message", Role.MESSAGE, Type.STRING, said)]:
         yield ScalarVariable(

@@ -21,19 +21,21 @@ class Settings:
     The relative tolerance is the absolute one too, in units of each coordinate, unless that is given.
     """
 
-    solver: str = parameter("ida", choices=(*NAMES, AUTO), doc="method of integration")
-    tolerance: float = parameter(1e-6, min=1e-12, max=1e-2, doc="relative tolerance of the solver")
+    solver: str = parameter("ida", choices=(*NAMES, AUTO), doc="Integration method")
+    tolerance: float = parameter(1e-6, min=1e-12, max=1e-2, doc="Relative tolerance of the solver")
     absolute_tolerance: float = parameter(
-        0.0, min=0.0, max=1.0, doc="absolute tolerance in units of each coordinate; 0: the relative one"
+        0.0, min=0.0, max=1.0, doc="Absolute tolerance in units of each coordinate; 0: equal to the relative tolerance"
     )
-    max_order: int = parameter(0, min=0, max=12, doc="largest order; 0: 12, of ida 5, of ida on sheets 2")
-    max_steps: int = parameter(100_000, min=1, doc="most steps from one communication point to the next")
-    max_step: float = parameter(0.0, unit="s", min=0.0, doc="largest step; 0: no limit")
+    max_order: int = parameter(0, min=0, max=12, doc="Maximum order; 0: 12 (ida: 5, with sheets 2)")
+    max_steps: int = parameter(100_000, min=1, doc="Maximum number of steps between two communication points")
+    max_step: float = parameter(0.0, unit="s", min=0.0, doc="Maximum step size; 0: no limit")
     inputs: str = parameter(
-        "hold", choices=("hold", "linear"), doc="loads that a host sets: held between points, or going on as they came"
+        "hold",
+        choices=("hold", "linear"),
+        doc="Interpolation of loads between communication points: constant (hold) or linear extrapolation",
     )
-    start_at_equilibrium: bool = parameter(False, doc="start in the steady state next to the given start")
-    audit: bool = parameter(True, doc="check the energy against the work done, during the whole run")
+    start_at_equilibrium: bool = parameter(False, doc="Start in the steady state that is found from the start values")
+    audit: bool = parameter(True, doc="Check of the energy balance during the run")
 
     def __post_init__(self) -> None:
         """Check the names and numbers; raises UserError."""

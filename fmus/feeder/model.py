@@ -87,7 +87,8 @@ class Feeder(Model):
     path: str = parameter(
         "s_bend",
         choices=("straight", "s_bend", "turn", "chute"),
-        doc="Path of the sheet; s_bend: two opposite arcs between lines 1 and 2; turn: one arc; chute: an inclined guide after the last line",
+        doc="Path of the sheet; s_bend: two opposite arcs between lines 1 and 2; turn: one arc; "
+        "chute: an inclined guide after the last line",
     )
     nips: int = parameter(2, min=1, max=4, structural=True, doc="Number of lines of roller nips")
     spacing: float = parameter(0.12, unit="m", min=1e-3, doc="Distance between lines along the path")
@@ -123,7 +124,8 @@ class Feeder(Model):
     )
     idler_mass: float = parameter(
         0.0, unit="kg", min=0.0, structural=True,
-        doc="Optional effect: mass of each idler, a freely rotating cylinder of the size of its roller; 0: no inertia",
+        doc="Optional effect: mass of each idler, a freely rotating cylinder of the size of its "
+        "roller; 0: no inertia",
     )  # fmt: skip
     idler_drag: float = parameter(
         0.0, unit="N.m.s/rad", min=0.0, doc="Coefficient of the bearing friction of an idler with mass"
@@ -143,7 +145,7 @@ class Feeder(Model):
         5.0,
         unit="s/m",
         min=0.0,
-        doc="Damping of contact with guides and wall: an impact at velocity v loses the part (4/3) guide_damping v of its energy",
+        doc="Damping of guides and wall: an impact at v loses the part (4/3) guide_damping v of its energy",
     )
     clearance: float = parameter(5e-4, unit="m", min=1e-6, doc="Clearance between each face of the sheet and its guide")
     bend_radius: float = parameter(0.04, unit="m", min=1e-3, doc="Radius of the path in a bend")
@@ -172,7 +174,8 @@ class Feeder(Model):
     field: str = parameter(
         "none",
         choices=("none", "pressure"),
-        doc="Field with an output for every element, shown as the color of the sheet; pressure: contact pressure of guides and wall",
+        doc="Field with an output for every element, shown as the color of the sheet; "
+        "pressure: contact pressure of guides and wall",
     )
 
     def build(self) -> Mechanism:

@@ -94,7 +94,8 @@ class Sheet(Model):
     support: str = parameter(
         "clamped",
         choices=("clamped", "pinned", "moved", "turned", "two_edges", "all_edges", "free", "rails"),
-        doc="Support of the edge x = length; moved: clamped, moved by inputs; turned: moved and rotated by inputs; two_edges: it and "
+        doc="Support of the edge x = length; moved: clamped, moved by inputs; turned: moved and rotated by inputs; "
+        "two_edges: it and "
         "x = 0 are hinged; all_edges: all four are hinged; rails: z = 0 and z = width are clamped, requires stretch",
     )
     shear: float = parameter(0.0, unit="m", doc="Displacement of the rail at z = width along x, from the start on")
@@ -118,10 +119,10 @@ class Sheet(Model):
     stretch: bool = parameter(
         False,
         structural=True,
-        doc="Optional effect: in-plane deformation by shell elements; requires an implicit solver and replaces membrane",
+        doc="Optional effect: in-plane deformation by shell elements; requires an implicit solver",
     )
-    curl_x: float = parameter(0.0, unit="1/m", doc="Optional effect: natural curvature along x, positive towards y")
-    curl_z: float = parameter(0.0, unit="1/m", doc="Optional effect: natural curvature along z, positive towards y")
+    curl_x: float = parameter(0.0, unit="1/m", doc="Optional effect: natural curvature along x, positive in y")
+    curl_z: float = parameter(0.0, unit="1/m", doc="Optional effect: natural curvature along z, positive in y")
     damping: float = parameter(
         0.0, unit="s", min=0.0, doc="Optional effect: material damping time, stress = K (e + damping e')"
     )

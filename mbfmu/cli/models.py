@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 
-from mbfmu.interface import CHANGES, Role, columns, interface, parameters
-from mbfmu.model import Model, models
+from mbfmu.interface import Role, ScalarVariable, columns, interface, parameters
+from mbfmu.model import models
 from mbfmu.scene import load_scene
 from mbfmu.table import table
 
@@ -18,14 +19,15 @@ def add(commands: Commands) -> None:
     """Describe ``mbfmu models``."""
     p = commands.add_parser(
         "models",
-        help="list the models and their parameters, or all variables of one",
-        description="List the models that are installed, with their parameters. Of a model that is named, list every "
-        "variable its FMU has, with unit and range: parameters, settings of the solver, inputs and outputs; and its "
-        "scenes.",
+        help="list the models and their parameters, or all variables of a model",
+        description="List the installed models with their parameters. If a model is given, list all variables of its "
+        "FMU with units and ranges (parameters, settings of the solver, inputs and outputs) and its scenes. A tunable "
+        "parameter may be set between communication steps, a fixed one before the start, and one that is fixed at "
+        "export only before the export.",
         epilog="examples:\n  mbfmu models\n  mbfmu models governor\n  mbfmu models my_model.py:MyModel\n",
     )
     named = p.add_argument(
-        "scenes", metavar="model", nargs="*", help="a model, one of its scenes, a scene file, or my_model.py:MyModel"
+        "scenes", metavar="model", nargs="*", help="model, scene, scene file, or my_model.py:MyModel"
     )
     complete(named, scene_names)
     p.set_defaults(command=command_models)
@@ -38,23 +40,18 @@ def command_models(options: argparse.Namespace) -> int:
         print(f"{scene.model.name}: {scene.model.title()}")
         variables = interface(scene.model, scene.settings)
         for role in Role:
-            if told := columns([v for v in variables if v.role is role]):
-                print(f"\n{role.plural}\n{table(list(told), list(zip(*told.values(), strict=True)))}")
+            if chosen := [v for v in variables if v.role is role]:
+                print(f"\n{role.plural}\n{as_table(chosen)}")
         if scene.reference in models():
             print(f"\nScenes\n{scenes.as_text({scene.reference: type(scene.model)})}")
     if not options.scenes:
         for name, model in sorted(models().items()):
-            print(f"{name}: {model.title()}")
-            print("\n".join(brief(model)))
-        print("\n`mbfmu models NAME` lists all variables of a model, and its scenes; `mbfmu scenes` lists all scenes.")
+            print(f"{name}: {model.title()}\n\n{as_table(tuple(parameters(model())))}\n")
+        print("`mbfmu models NAME` lists all variables and scenes of a model. `mbfmu scenes` lists all scenes.")
     return 0
 
 
-def brief(model: type[Model]) -> list[str]:
-    """Return a line for every parameter of a model."""
-    lines = []
-    for v in parameters(model()):
-        unit = "" if v.unit == "1" else f" {v.unit}"
-        changes = f"; changes {CHANGES[v.variability]}" if v.variability in CHANGES else ""
-        lines.append(f"    {v.name} = {v.start_in_words}{unit}  {v.description} ({v.allowed}{changes})")
-    return lines
+def as_table(variables: Sequence[ScalarVariable]) -> str:
+    """Return the variables as a table."""
+    cells = columns(variables)
+    return table(list(cells), list(zip(*cells.values(), strict=True)))
