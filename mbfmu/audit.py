@@ -26,8 +26,8 @@ Place = tuple[float, Array]  # t, q
 NEAR = 0.05  # ratio of singular values of J, scaled by the bodies' inertia, that a message calls near
 
 VARIABLES = (
-    Variable("energy_imbalance", "J", "Energy error: change of the energy minus the work of drives, dampers and given forces"),
-    Variable("energy_exchanged", "J", "Energy throughput: range of the kinetic energy plus the work done in either direction"),
+    Variable("energy_imbalance", "J", "Energy error: change of energy minus work of drives, dampers and given forces"),
+    Variable("energy_exchanged", "J", "Energy throughput: range of the kinetic energy plus work in either direction"),
 )
 
 

@@ -46,7 +46,7 @@ class Settings:
             try:
                 object.__setattr__(self, p.name, check("the settings", p, getattr(self, p.name)))
             except UserError as error:
-                finite = "finite, " if p.max == inf else ""
+                finite = "finite, " if p.max == inf and not p.choices else ""
                 raise UserError(f"{p.name} is {getattr(self, p.name)!r}; allowed: {finite}{span(p)}") from error
         if 0.0 < self.absolute_tolerance < FINEST:
             raise UserError(f"absolute_tolerance is {self.absolute_tolerance!r}; allowed: 0, or {FINEST:g} to 1")

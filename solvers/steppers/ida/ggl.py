@@ -2,7 +2,7 @@
 
 Gear, Gupta and Leimkuhler's form, in unknowns y = (q, v, lambda, mu)::
 
-    q' - N(q) (v - S J~^T mu) + k (q - unit(q)) = 0      M v' + h + J~^T S^-1 lambda = 0
+    q' - N(q) (v - S J~^T mu) + k (q - unit(q)) = 0      M v' + h + S^-1 J~^T lambda = 0
     R^-1 (J v - nu) - D lambda = 0                       R^-1 Phi - d mu = 0
 
 in units of coordinates and rows, S and R, J~ = R^-1 J S (:mod:`solvers.projection.workspace`); lambda is in units of R.
