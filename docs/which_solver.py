@@ -1,4 +1,4 @@
-"""Draw the flowchart of the page on solvers: ``python docs/which_solver.py`` writes ``docs/images/which_solver.svg``."""
+"""Draw the flowchart of the page on solvers: ``python docs/which_solver.py`` writes the picture."""
 
 from __future__ import annotations
 
