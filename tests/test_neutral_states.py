@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 
 import mbfmu as mb
 
@@ -17,13 +18,12 @@ def repulsion(x: float) -> float:
     return -1.0 / x
 
 
-def points_on_a_sphere(count: int, seed: int, radius: float) -> mb.Mechanism:
-    """Point masses at random places on a sphere, each with a massless rod to its center."""
+def points_on_a_sphere(count: int, seed: int, radius: float, places: ArrayLike | None = None) -> mb.Mechanism:
+    """Point masses at ``places`` on a sphere, by default random, each with a massless rod to its center."""
     m = mb.Mechanism()
-    places = np.random.default_rng(seed).normal(size=(count, 3))
-    places *= radius / np.linalg.norm(places, axis=1)[:, np.newaxis]
+    directions = np.asarray(np.random.default_rng(seed).normal(size=(count, 3)) if places is None else places, float)
     bodies = list[Any]()
-    for i, place in enumerate(places):
+    for i, place in enumerate(radius * directions / np.linalg.norm(directions, axis=1)[:, np.newaxis]):
         body = m.ground
         for axis, start in zip("xyz", place, strict=True):
             joint = mb.Translational(axis=axis, start=float(start), fixed=True)
@@ -78,5 +78,47 @@ def test_a_force_that_nothing_balances_is_refused(count: int) -> None:
     m = chain_and_wheel(count, 1.0, "ground")
     sled = m.body("sled", m.ground, mb.Translational(axis="x"), mass=1.0)
     m.force("push", mb.JointForce(1e-3), sled)
+    with pytest.raises(mb.EquilibriumError, match="no equilibrium was found"):
+        mb.equilibrium(m)
+
+
+def test_a_saddle_in_a_family_is_unstable() -> None:
+    """Four points in a square on a great circle are balanced, but the tetrahedron has a lower potential."""
+    m = points_on_a_sphere(4, 0, 1.0, places=[(1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0)])
+    found = mb.equilibrium(m)
+    assert found.outputs["d10"] == pytest.approx(2.0**0.5, rel=1e-12)
+    assert found.stability == "unstable"
+
+
+def wheel_and_governor(count: int, length: float, speed: float) -> mb.Mechanism:
+    """A rod on a free spindle at ``speed`` (rad/s), a wheel at twice that, and pendulums: ``count`` coordinates."""
+    m = mb.Mechanism(gravity=(0.0, -9.81, 0.0))
+    spindle = m.body("spindle", m.ground, mb.Revolute(axis="y", rate=speed), mass=1.0, inertia=(0.1, 0.1, 0.1))
+    m.body("wheel", m.ground, mb.Revolute(axis="z", rate=2.0 * speed), mass=1.0, inertia=(0.1, 0.1, 0.2))
+    arm = m.body("arm", spindle, mb.Revolute(axis="z", start=-0.7), **mb.rod(mass=2.0, length=length))
+    m.output("arm", arm.angle())
+    for k in range(count - 3):
+        m.body(f"pendulum{k}", m.ground, mb.Revolute(start=-1.3), **mb.rod(mass=1.0, length=length))
+    return m
+
+
+@pytest.mark.parametrize("length", [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize("count", [59, 61, 131])
+def test_cyclic_coordinates_keep_their_rates(count: int, length: float) -> None:
+    """The arm stands where the moments of weight and centrifugal force are equal: sin(angle) = -3 g / (2 L w^2)."""
+    speed = (3.0 * 9.81 / length) ** 0.5
+    found = mb.equilibrium(wheel_and_governor(count, length, speed))
+    assert found.v[:2] == pytest.approx([speed, 2.0 * speed], rel=1e-14)
+    assert not np.any(found.v[2:])
+    assert found.outputs["arm"] == pytest.approx(-np.pi / 6.0, abs=1e-9)
+    assert found.notes == ()
+    assert found.iterations < 30  # without continuation
+
+
+@pytest.mark.parametrize("count", [59, 61])
+def test_a_torque_on_a_free_wheel_is_refused(count: int) -> None:
+    m = chain_and_wheel(count, 1.0, "ground")
+    wheel = next(body for body in m.bodies if body.name == "wheel")
+    m.force("motor", mb.JointForce(1e-3), wheel)
     with pytest.raises(mb.EquilibriumError, match="no equilibrium was found"):
         mb.equilibrium(m)

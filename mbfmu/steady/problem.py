@@ -27,6 +27,7 @@ from mbfmu.mechanics.numbers import finite
 from mbfmu.mechanics.tangent.inertia import even_negative
 from mbfmu.model import Model, of_user, suggest
 from mbfmu.steady.checks import STEADY, check
+from mbfmu.steady.cyclic import CYCLIC, find_cyclic
 from mbfmu.steady.linear import StateSpace
 from mbfmu.steady.modes import ModeShape
 from mbfmu.steady.periodic import Turned, describe_period
@@ -39,7 +40,6 @@ from solvers.statics.small import EPSILON, DenseEquilibriumSolver
 from solvers.system import Array
 
 SMALLEST_STEP = 1e-3  # of the continuation, relative to the full speed
-CYCLIC = 1e-10  # change with a coordinate, relative to the largest entry, below which there is none
 SAME = 1e-6  # states closer than this, in units of the coordinates, are one
 
 REASONS = {
@@ -96,7 +96,9 @@ class EquilibriumProblem:
         self._lay_out()
         if not plant.system.has_matrices:
             data = plant.data
-            self._solver: EquilibriumSolver = TreeEquilibriumSolver(plant.system, self._v)
+            self._cyclic = find_cyclic(plant.system, self._start)
+            self._v = self._steady_velocities()
+            self._solver: EquilibriumSolver = TreeEquilibriumSolver(plant.system, self._v, bool(self._cyclic.any()))
             self._solver.run_trial(self._start)
         else:
             self._complex = plant.complex_system()

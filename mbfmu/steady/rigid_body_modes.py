@@ -43,6 +43,7 @@ def in_words(plant: Plant, q: Array, motions: Matrix) -> str:
     for motion, twist in zip(motions.T, twists, strict=True):
         if twist is None:
             largest = np.argsort(-np.abs(motion), kind="stable")[:3]
+            largest = largest[np.abs(motion[largest]) > EXACT * np.abs(motion).max()]
             words.append(f"a motion that is largest in {', '.join(repr(names[k]) for k in sorted(largest))}")
     return "; ".join(words)
 

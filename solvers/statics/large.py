@@ -7,7 +7,7 @@ import numpy as np
 from solvers.projection.saddle import Saddle
 from solvers.system import Array, TreeSystem
 
-from .newton import CONVERGED, FASTER, ITERATIONS, EquilibriumSolver, Outcome, Relaxed, Unknowns
+from .newton import ASTRAY, CONVERGED, FARTHEST, FASTER, ITERATIONS, SOFT, EquilibriumSolver, Outcome, Relaxed, Unknowns
 
 ROUGH = 0.2  # a pseudo-transient step ends with a correction this small against its first
 # Where a correction is this part of the one before, the next step is as long as this one; how fast corrections shrink
@@ -26,10 +26,14 @@ class TreeEquilibriumSolver(EquilibriumSolver):
         The tree.
     v
         Velocities (n,) of the steady motion.
+    has_cyclic
+        Whether there are cyclic coordinates, so that the Jacobian is singular everywhere. A small part of the mass
+        matrix is then added to it from the start.
     """
 
-    def __init__(self, system: TreeSystem, v: Array) -> None:
+    def __init__(self, system: TreeSystem, v: Array, has_cyclic: bool = False) -> None:
         super().__init__(system)
+        self._has_cyclic = has_cyclic
         self.system, self._v, self._still = system, v, np.zeros(system.n)
         self._saddle = Saddle(system, exact=True)
         self.rows = np.arange(system.m)
@@ -54,6 +58,9 @@ class TreeEquilibriumSolver(EquilibriumSolver):
         self._saddle.weigh(t, q)
         return np.zeros(self.system.m)
 
+    def _strayed(self, moved: Array) -> bool:
+        return self._has_cyclic and bool(np.abs(moved / self._size).max(initial=0.0) > ASTRAY)
+
     def _all(self, lam: Array) -> Array:
         return lam
 
@@ -73,6 +80,8 @@ class TreeEquilibriumSolver(EquilibriumSolver):
 
     def _newton(self, t: float, at: Unknowns, c2: float, mass: float) -> tuple[Outcome, Unknowns, Array, int]:
         saddle, damping, moved = self._saddle, 1.0, self._still
+        if self._has_cyclic:
+            mass = max(mass, SOFT * self._rate**2)
         for iteration in range(1, ITERATIONS + 1):
             forces, gaps = saddle.residual(t, at.q, self._v, c2 * moved, at.lam)
             if not np.isfinite(forces).all():
@@ -83,6 +92,10 @@ class TreeEquilibriumSolver(EquilibriumSolver):
             size = float(np.linalg.norm(step / self._size))
             if not np.isfinite(size):
                 return Outcome.SINGULAR, at, moved, iteration
+            if (
+                iteration == 1 and self._has_cyclic and c2 == 0.0 and size > FARTHEST
+            ):  # what is farther may be another state
+                damping = FARTHEST / size
             if size <= CONVERGED * np.sqrt(len(step)):
                 return Outcome.FOUND, self._stepped(at, 1.0, step, reaction), moved + step, iteration
             while True:

@@ -39,6 +39,8 @@ from solvers.system import AnySystem, Array
 
 CONVERGED = 1e-10  # the last correction, in units of the coordinates; what it leaves is of the order of its square
 ITERATIONS = 60
+FARTHEST = 1.0  # length of the first step
+ASTRAY = 3.2  # units of size, half a turn: a state farther from the start is not the one next to it
 LEAST_DAMPING = 1e-4
 
 # In the time that gravity or the drives move the mechanism in, if they do, and units of the coordinates:

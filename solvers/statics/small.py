@@ -24,7 +24,9 @@ from solvers.linalg.svd import decompose, pseudo_inverse_transposed
 from solvers.system import Array, Equations, System
 
 from .newton import (
+    ASTRAY,
     CONVERGED,
+    FARTHEST,
     FOUND,
     ITERATIONS,
     LEAST_DAMPING,
@@ -40,8 +42,6 @@ from .newton import (
 EPSILON = 1e-30  # of the complex step; its square must vanish beside one
 PIVOT = 1e-12  # pivot of K relative to the first, below which an unknown is undetermined
 BALANCED = 1e-9  # residual left by the last correction
-FARTHEST = 1.0  # length of the first step
-ASTRAY = 3.2  # units of size, half a turn: a state farther from the start is not the one next to it
 SINGULAR_POSITION = 1e-7  # a singular value of J~ below which cut-joint forces are not determined, relative to the
 # largest where the mechanism is in general position: in a singular one they may vanish all together
 INDEPENDENT = 1e-8  # relative pivot of an independent constraint
