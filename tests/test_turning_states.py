@@ -200,7 +200,8 @@ class Spun(Model):
 
 
 def test_a_rate_that_is_not_kept_is_told() -> None:
-    (note,) = equilibrium(Spun()).notes
+    note, family = equilibrium(Spun()).notes
+    assert family == "neutral family: 1 direction in which nothing changes"  # it may turn about its axis
     assert "the given rate of 'top.wz' (30) is not kept" in note
     assert equilibrium(Governor(driven=False)).notes == ()  # its spindle spins on
 

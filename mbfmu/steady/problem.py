@@ -233,7 +233,7 @@ class EquilibriumProblem:
         """Return what was found, if it is a steady state."""
         check(self.model.name, self.plant, self._solver, self._v, solution)
         periodic = Turned(self.plant, solution.q, self._v, solution.lam, self._solver.rows).changes()
-        return Equilibrium(
+        found = Equilibrium(
             model=self.model,
             plant=self.plant,
             q=solution.q,
@@ -252,6 +252,18 @@ class EquilibriumProblem:
             ),
             periodic=periodic,
         )
+        family = self._describe_family(found)
+        return replace(found, notes=(*found.notes, family)) if family else found
+
+    def _describe_family(self, found: Equilibrium) -> str:
+        """Return a note if a state has others next to it, cyclic coordinates aside; else nothing."""
+        if not isinstance(self._solver, DenseEquilibriumSolver):
+            return ""
+        count = self._solver.count_null_directions(found.q, found.lam, np.flatnonzero(~self._cyclic))
+        with suppress(EquilibriumError):
+            if count and bool((found.spectrum.values == 0.0).any()):  # not only soft
+                return f"neutral family: {count} direction{'s' * (count > 1)} in which nothing changes"
+        return ""
 
     def _notes(self) -> tuple[str, ...]:
         """Return what the steady state is not, though the model's start may have meant it to be."""

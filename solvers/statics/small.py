@@ -44,6 +44,7 @@ PIVOT = 1e-12  # pivot of K relative to the first, below which an unknown is und
 BALANCED = 1e-9  # residual left by the last correction
 SINGULAR_POSITION = 1e-7  # a singular value of J~ below which cut-joint forces are not determined, relative to the
 # largest where the mechanism is in general position: in a singular one they may vanish all together
+NULL = 1e-10  # singular value of K relative to the largest, below which its direction is null
 INDEPENDENT = 1e-8  # relative pivot of an independent constraint
 
 
@@ -304,6 +305,16 @@ class DenseEquilibriumSolver(EquilibriumSolver):
         self._moved[:] = 0.0
         linearize(self._eqs, t, q, lam, self._moved, self.rows, 0.0, 0.0, 1.0, self._scratch)
         return self._K.copy()
+
+    def count_null_directions(self, q: Array, lam: Array, coordinates: NDArray[np.int64]) -> int:
+        """Return in how many directions, by which these coordinates (numbers) change, K of a steady state is null."""
+        K, n = self.jacobian(0.0, q, lam[self.rows]), self.system.n
+        K[:n, :n] /= float(np.abs(K[:n, :n]).max(initial=0.0)) or 1.0
+        if not np.isfinite(K).all():
+            return 0
+        sigma, Vt = np.linalg.svd(K)[1:]
+        null = Vt[sigma <= NULL * sigma.max(initial=0.0)][:, coordinates]
+        return int(np.linalg.matrix_rank(null, tol=np.sqrt(NULL))) if null.size else 0
 
     def singular(self, t: float, q: Array) -> bool:
         """See the base."""
