@@ -28,6 +28,7 @@ UNKNOWN_END = 8000  # steps after which other solvers are tried if the end of th
 CHEAPER = 4.0  # ratio of the costs from which on another solver is reported
 EXPLICIT_STEPS = 1500  # of a trial of an explicit solver, which must meet its limit of stability
 TRIAL_TIMES = tuple(2.0**k for k in range(-10, 4))  # ends of a trial's parts, in what ``ida`` has done since a check
+OPENING = "'ida' has taken "  # of the remark
 NEVER = np.iinfo(np.int64).max
 
 
@@ -86,7 +87,7 @@ class PaceCheck:
         names = sorted(costs, key=costs.__getitem__)
         factors = " and ".join(f"{name!r} needed {cost / costs[name]:.2g} times" for name in names)
         self._report(
-            f"'ida' has taken {done.steps} steps until t = {state[0]:.4g} s{whole}. In a trial from there {factors} "
+            f"{OPENING}{done.steps} steps until t = {state[0]:.4g} s{whole}. In a trial from there {factors} "
             "less computation for the same motion: fast undamped motions limit the steps of 'ida'. Use the solver "
             + " or ".join(map(repr, names))
         )

@@ -15,6 +15,7 @@ from mbfmu.interface import COUNTERS
 from mbfmu.interrupts import interrupts_held
 from mbfmu.mechanics import Variable
 from mbfmu.model import Model
+from mbfmu.pace import OPENING
 from mbfmu.settings import Settings
 from solvers.options import Statistics
 
@@ -31,8 +32,8 @@ def run_fmu(
 ) -> Result:
     """Drive the FMU of a model over ``times`` (s); stops where the FMU discards a step.
 
-    ``warn`` is told at once when the energy balance is lost, and of remarks made during the run; it goes on. Ctrl-C
-    ends it between two steps.
+    ``warn`` is told at once when the energy balance is lost, and when another solver would be far faster; the run
+    goes on. Ctrl-C ends it between two steps.
     """
     with (
         interrupts_held(fatal=True) as interrupt,
@@ -54,7 +55,7 @@ def run_fmu(
             if not warning and (warning := fmu.message()) and warn is not None:
                 warn(warning)
             for text in fmu.warnings[reported:]:
-                if warn is not None and text != warning:
+                if warn is not None and text.startswith(OPENING):
                     warn(text)
             reported = len(fmu.warnings)
             if progress is not None:
