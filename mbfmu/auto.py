@@ -30,6 +30,7 @@ from mbfmu.table import counted
 from solvers import stepper
 from solvers.compiled.kernel import COMPILED
 from solvers.options import Options
+from solvers.stepper import SLOWEST_RATE
 from solvers.system import LARGEST_DENSE, Array
 
 STEPS, IMPLICIT_STEPS = 300, 60  # of a trial, of the explicit solver and of the implicit one
@@ -107,8 +108,8 @@ def limit_order(plant: Plant, solver: str, state: State, options: Options) -> tu
     except UserError:
         return options, ""
     followed = found.followed(options.absolute)
-    if followed >= RESOLVED * found.undamped or not followed:  # at rest there is nothing to compare with
-        return options, ""
+    if followed >= RESOLVED * found.undamped or followed <= SLOWEST_RATE / options.duration:
+        return options, ""  # in the second case it is at rest, and nothing says what is to be followed
     return replace(options, max_order=LOW_ORDER), (
         f"'ida' uses orders 1 and 2 only: the fastest motion of this model ({found.undamped:.3g} rad/s, coordinate "
         f"{found.leading!r}) is hardly damped and faster than what the solver follows ({followed:.3g} rad/s), and "
@@ -118,7 +119,8 @@ def limit_order(plant: Plant, solver: str, state: State, options: Options) -> tu
 
 
 def _explicit(plant: Plant, solver: str, state: State, options: Options) -> _Trial:
-    return try_solver(plant, solver, state, options, [LONGEST / (_rate(plant, state) or 1.0)], STEPS)
+    rate = max(_rate(plant, state), SLOWEST_RATE / options.duration)
+    return try_solver(plant, solver, state, options, [LONGEST / rate], STEPS)
 
 
 def _costs(plant: Plant, first: str, other: str, state: State, before: _Trial, options: Options) -> tuple[float, float]:

@@ -139,7 +139,8 @@ def run(
     given = {name: value for name, value in (inputs or {}).items() if is_course(value)}
     numbers: dict[str, Any] = {name: value for name, value in (inputs or {}).items() if name not in given}
     courses = Courses(given, numbers, times, settings.tolerance)
-    simulation = Simulation(model, settings, float(times[0]), numbers, courses=courses)
+    start, duration = float(times[0]), float(times[-1] - times[0])
+    simulation = Simulation(model, settings, start, numbers, courses=courses, duration=duration or None)
     simulation.pace.end, simulation.report = float(times[-1]), report or warn
     varying = courses.held
     values = np.zeros((len(times), len(simulation.variables)))

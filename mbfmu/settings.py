@@ -51,8 +51,8 @@ class Settings:
         if 0.0 < self.absolute_tolerance < FINEST:
             raise UserError(f"absolute_tolerance is {self.absolute_tolerance!r}; allowed: 0, or {FINEST:g} to 1")
 
-    def options(self) -> Options:
-        """Return what the stepper takes."""
+    def options(self, duration: float = Options.duration) -> Options:
+        """Return what the stepper takes, for a run of ``duration`` (s)."""
         return Options(
             rtol=self.tolerance,
             atol=self.absolute_tolerance or None,
@@ -60,4 +60,5 @@ class Settings:
             max_order=self.max_order or None,
             max_steps=self.max_steps,
             audit=self.audit,
+            duration=duration,
         )

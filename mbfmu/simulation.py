@@ -63,6 +63,9 @@ class Simulation:
         and as fast as they say, and takes along what hangs on it: start velocities are relative.
     courses
         What inputs are given by for a whole run, see :mod:`mbfmu.mechanics.arrays.given`.
+    duration
+        Time for which it is to run, s; the stop time of the model if it is not given. It is the scale of time of a
+        start at rest of which nothing else says how fast it will move.
 
     Attributes
     ----------
@@ -100,6 +103,7 @@ class Simulation:
         *,
         begins: bool = True,
         courses: Courses | None = None,
+        duration: float | None = None,
     ) -> None:
         self.model = own = of_user(model)
         self.settings, self._courses = settings, courses
@@ -117,8 +121,9 @@ class Simulation:
         q, v = (found.q, found.v) if settings.start_at_equilibrium else self.plant.assemble(t0)
         beside = self.plant.check_meetings(t0, q) if begins else []
         self.start, found_out = (q, v), settings.solver == AUTO
-        self.pick = pick(self.plant, [(t0, q, v)], settings.options()) if found_out else SolverPick(settings.solver)
-        self._options, limited = limit_order(self.plant, self.pick.solver, (t0, q, v), settings.options())
+        options = settings.options(duration or own.stop_time)
+        self.pick = pick(self.plant, [(t0, q, v)], options) if found_out else SolverPick(settings.solver)
+        self._options, limited = limit_order(self.plant, self.pick.solver, (t0, q, v), options)
         self.pace = PaceCheck(self._copy_plant, self._options, self._report_pace)
         self.report: Callable[[str], None] | None = None
         self.stepper = self._stepper(t0, q, v)

@@ -16,7 +16,7 @@ from solvers.balance import BALANCE, find_lost, judge
 from solvers.compiled.held import hold
 from solvers.compiled.kernel import records
 from solvers.ledger import ROW
-from solvers.stepper import Stepper, swiftest
+from solvers.stepper import Stepper, rate_of_start
 
 SHORT = 1e-6  # of the time in which the motion changes
 MOST_STEPS = 30  # between two times of a trial
@@ -30,8 +30,8 @@ def interval_of(trial: Stepper, plant: Plant) -> float:
     except SolverError:
         a = np.zeros(n)
     size = np.ascontiguousarray(np.broadcast_to(plant.system.size, n), float)
-    rate = max(plant.system.rate, float(swiftest(size, trial.v, a)))
-    return max(SHORT / rate if np.isfinite(rate) and rate > 0.0 else SHORT, 1e4 * float(np.spacing(abs(trial.t))))
+    rate = float(rate_of_start(plant.system.rate, trial.options.duration, size, trial.v, a))
+    return max(SHORT / rate if np.isfinite(rate) else 0.0, 1e4 * float(np.spacing(abs(trial.t))))
 
 
 def ran(trial: Stepper, plant: Plant, outputs: int) -> bool:

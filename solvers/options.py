@@ -14,7 +14,7 @@ from solvers.compiled.kernel import records
 OPTIONS = np.dtype(
     [
         ("rtol", "f8"), ("absolute", "f8"), ("max_step", "f8"), ("max_order", "i8"), ("max_steps", "i8"),
-        ("audit", "i8"),
+        ("audit", "i8"), ("duration", "f8"),
     ],
     align=True,
 )  # fmt: skip
@@ -46,6 +46,7 @@ class Options:
     max_order: int | None = None  # None: 12 for Adams, 5 for IDA
     max_steps: int = 100_000  # in one call of advance
     audit: bool = True  # book work and what the tolerance explains
+    duration: float = 10.0  # s, for which the run is to go on: the scale of time of a start at rest
     switching: Switching = field(default_factory=Switching)
 
     def __post_init__(self) -> None:
@@ -55,6 +56,7 @@ class Options:
         require("atol", self.absolute, 0.0, math.inf)
         if not self.max_step > 0.0:
             raise ValueError(f"max_step is {self.max_step} s; allowed: greater than zero")
+        require("duration", self.duration, 0.0, math.inf)
         require("max_steps", self.max_steps, 0.0, math.inf)
         if self.max_order is not None and not 1 <= self.max_order <= 12:
             raise ValueError(f"max_order is {self.max_order}; allowed: 1 to 12")
@@ -69,7 +71,7 @@ class Options:
         found = records(1, OPTIONS)
         found["rtol"], found["absolute"], found["audit"] = self.rtol, self.absolute, self.audit
         found["max_step"], found["max_steps"] = self.max_step, self.max_steps
-        found["max_order"] = self.max_order or 0
+        found["max_order"], found["duration"] = self.max_order or 0, self.duration
         return found
 
 

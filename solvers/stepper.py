@@ -16,6 +16,7 @@ from .outcome import Code, SolverError, Status
 from .system import AnySystem, Array
 
 COARSEST = 0.1  # tolerances that numbers may be apart where a position starts
+SLOWEST_RATE = 0.1  # least rate of a motion, in units of one over the duration of the run
 
 
 def require_resolved(t0: float, rate: float, rtol: float) -> None:
@@ -46,12 +47,25 @@ def own_rate(size: float, v: float, a: float) -> float:
 
 
 @kernel
-def swiftest(size: Array, v: Array, a: Array) -> float:
-    """How fast the swiftest of all coordinates moves at rates v and accelerations a (n,), in units ``size``, 1/s."""
-    rate = 0.0
+def rate_of_start(known: float, duration: float, size: Array, v: Array, a: Array) -> float:
+    """Rate of a motion that starts with rates v and accelerations a (n,), in units ``size``, 1/s.
+
+    It is the largest of ``known`` (1/s, of gravity and drives), the rates of all coordinates, and SLOWEST_RATE over the
+    ``duration`` of the run (s). The last bounds it: of a start at rest, accelerations are rounding errors, and a motion
+    that is slower than that moves by less than its own unit in the whole run.
+    """
+    rate = max(known, SLOWEST_RATE / duration)
     for k in range(v.shape[0]):
         rate = max(rate, own_rate(size[k], v[k], a[k]))
     return rate
+
+
+@inlined
+def smallest_step(part: float, rate: float, max_step: float, t: float) -> float:
+    """Length of a step that is too short at time t, s: ``part`` of t, or of the time in which the motion of ``rate``
+    (1/s) or what varies with time (``max_step``, s) changes.
+    """
+    return part * max(min(1.0 / rate, max_step), abs(t))
 
 
 class Samples(NamedTuple):

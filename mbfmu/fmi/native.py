@@ -99,7 +99,7 @@ def _with_solver(model: Model, settings: Settings, tell: Callable[[str], None]) 
     if settings.solver in SOLVERS:
         return settings
     plant = model.plant()
-    found = pick(plant, [(0.0, *plant.assemble())], settings.options())
+    found = pick(plant, [(0.0, *plant.assemble())], settings.options(model.stop_time))
     implicit = "radau" if plant.system.has_matrices else "adams"  # which is all that large trees have
     solver = found.solver if found.solver in SOLVERS else implicit
     if refused := refusal(solver, plant.system):

@@ -87,7 +87,7 @@ def find_out(s: Any, t: float) -> tuple[int, int]:
     position_sizes(s.positions, g.work.size, g.work.size_q)
     rank = normal_rank(g.eqs, t, g.q, g.v, g.work)
     code = close(g.eqs, t, g.q, g.v, rank, g.work)
-    measure_pace(g.eqs, t, g.q, g.v, rank, s.known[0], s.known[1], g.work)
+    measure_pace(g.eqs, t, g.q, g.v, rank, s.known[0], s.known[1], s.options[0].duration, g.work)
     return code, rank
 
 
@@ -113,7 +113,7 @@ def begin_radau(s: Any, t: float) -> tuple[int, float]:
 def begin_tree(s: Any, t: float) -> tuple[int, float]:
     """As ``TreeAdamsStepper`` is made."""
     adams.take_options(s.options, s.given.settings)
-    tree.set_up(s.given, t, s.known[0])
+    tree.set_up(s.given, t, s.known[0], s.options[0].duration)
     return OK, s.given.settings[0].rate
 
 

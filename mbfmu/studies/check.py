@@ -234,7 +234,7 @@ class _Look:
         self._go(watch)
         reached, statistics, failure = run.t, run.statistics, run.failure
         warning = together(run.warning, run.lock)
-        options, some = self.scene.settings.options(), self._some()
+        options, some = self.scene.settings.options(self.scene.stop_time), self._some()
         return replace(
             found,
             solver=run.pick.solver,

@@ -69,7 +69,8 @@ class Watch:
     def __init__(self, plant: Plant, rank: int, simulation: Simulation) -> None:
         self._plant, self._rank = plant, rank
         start = simulation.t, simulation.stepper.q, simulation.stepper.v
-        coarse = Options(rtol=max(Options().rtol, simulation.settings.tolerance))  # accepts what the run accepts
+        rtol = max(Options().rtol, simulation.settings.tolerance)  # accepts what the run accepts
+        coarse = Options(rtol=rtol, duration=simulation.stepper.options.duration)
         self._judge = stepper("adams", plant.system, *start, coarse) if plant.system.has_matrices else None
         self._times: list[float] = []
         self._ratios: list[float] = []

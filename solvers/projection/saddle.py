@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from solvers.compiled.kernel import kernel
 from solvers.linalg.blocks import one_thread
 from solvers.outcome import Code
-from solvers.stepper import swiftest
+from solvers.stepper import rate_of_start
 from solvers.system import Array, TreeSystem
 
 from .products import Products
@@ -102,13 +102,16 @@ class Accelerations:
         return Code.OK if np.isfinite(self.a).all() else Code.NOT_FINITE
 
 
-def rate_of_motion(motion: Accelerations, t: float, q: Array, v: Array) -> float:
-    """Return the rate of a tree's motion, 1/s: by gravity and drives, or where there are none as it starts."""
+def rate_of_motion(motion: Accelerations, t: float, q: Array, v: Array, duration: float) -> float:
+    """Return the rate of a tree's motion, 1/s, for a run of ``duration`` (s): by gravity and drives, or if there are
+    none as it starts.
+    """
     s = motion.system
     if s.rate > 0.0:
-        return s.rate
-    a = motion.a if motion.solve(t, q, v) is Code.OK else np.zeros(s.n)
-    return float(swiftest(s.size, v, a)) or 1.0
+        v = a = np.zeros(0)
+    else:
+        a = motion.a if motion.solve(t, q, v) is Code.OK else np.zeros(s.n)
+    return float(rate_of_start(s.rate, duration, s.size, v, a))
 
 
 class Saddle:

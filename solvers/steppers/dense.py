@@ -16,7 +16,7 @@ from solvers.projection.rank import normal_rank
 from solvers.projection.reported import evaluate, unresolved
 from solvers.projection.singular import CROSSING, MISS, NONE, judge
 from solvers.projection.workspace import Workspace, factor
-from solvers.stepper import Stepper, own_rate, require_placed, require_resolved
+from solvers.stepper import Stepper, own_rate, rate_of_start, require_placed, require_resolved
 from solvers.system import Array, Equations, System, Terms
 
 # The pace of a coordinate: of its rate at the start, which is above that of a small oscillation by the root of its
@@ -34,16 +34,19 @@ def find_critical(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
 
 
 @kernel
-def measure_pace(eqs: Any, t: float, q: Any, v: Any, rank: int, rate: float, loop_rate: float, work: Any) -> None:
-    """Note the rate of the motion (1/s), what is known beforehand or that of its velocity or acceleration, and of every
-    coordinate's own part in it: a stiff spring at one of them is not to make the others' tolerances coarse.
+def measure_pace(
+    eqs: Any, t: float, q: Any, v: Any, rank: int, known: float, loop_rate: float, duration: float, work: Any
+) -> None:
+    """Note the rate of the motion (1/s, see :func:`solvers.stepper.rate_of_start`), and of every coordinate's own part
+    in it: a stiff spring at one of them is not to make the others' tolerances coarse.
     """
-    resting = evaluate(eqs, t, q, v, rank, work, work.slope, work.lam) != OK
+    if evaluate(eqs, t, q, v, rank, work, work.slope, work.lam) != OK:
+        for k in range(v.shape[0]):
+            work.slope[k] = 0.0
+    rate = rate_of_start(known, duration, work.size, v, work.slope)
     for k in range(v.shape[0]):
-        a = 0.0 if resting else work.slope[k]
-        own = own_rate(work.size[k], v[k], a)
-        work.pace[k], rate, loop_rate = own, max(rate, own), max(loop_rate, own * work.looped[k])
-    rate = rate if rate != 0.0 else 1.0
+        work.pace[k] = own_rate(work.size[k], v[k], work.slope[k])
+        loop_rate = max(loop_rate, work.pace[k] * work.looped[k])
     work.rate[0], work.rate[1] = rate, loop_rate if loop_rate != 0.0 else rate
     for k in range(v.shape[0]):
         work.pace[k] = max(SLOWER * work.pace[k], SLOWEST * rate)
@@ -66,7 +69,8 @@ class DenseStepper(Stepper):
         code = close(self._eqs, self._t, self._q, self._v, self._rank, self._work)
         self.starts_singular = self._loses_rank()
         self.status = self._status(Code(code))
-        measure_pace(self._eqs, self._t, self._q, self._v, self._rank, system.rate, system.loop_rate, self._work)
+        known = system.rate, system.loop_rate, self.options.duration
+        measure_pace(self._eqs, self._t, self._q, self._v, self._rank, *known, self._work)
         require_resolved(self._t, float(self._units.rate[0]), self.options.rtol)
 
     def _loses_rank(self) -> bool:

@@ -49,7 +49,7 @@ class TreeAdamsStepper(ExplicitStepper):
         scales = hold(Scales.of(o.rtol, np.zeros(system.n), np.zeros(system.n)))
         own = eqs, self._settings, self._held, hold(work), scales
         self.given = hold(Given(*own, self._q, self._v, self._ledger))
-        tree.set_up(self.given, self._t, system.rate)
+        tree.set_up(self.given, self._t, system.rate, o.duration)
         require_resolved(self._t, float(self._settings["rate"][0]), o.rtol)
         require_placed(self._q, work.size_q, o.rtol)
         self.restart()

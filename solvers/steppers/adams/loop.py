@@ -44,6 +44,7 @@ from solvers.projection.projection import (
 from solvers.projection.reported import tell
 from solvers.projection.singular import CLOSED, MISS, SINGULAR, note, passed, step_bound
 from solvers.projection.workspace import factor
+from solvers.stepper import smallest_step
 
 from .formulas import (
     HIGHEST,
@@ -77,7 +78,7 @@ RESOLVED = 3e-18  # rtol that rounding allows beside a near miss, times its gap;
 SLIGHT = 1e-3  # part of the tolerance: a correction of the position by less needs no new J
 FIRST_SINGLE = 0.1  # first of the single steps, in units of one over the rate of the motion
 CLEAR = 2.0  # times the ratio that is nearly singular, or the time to a singular position: single steps may be taken
-SMALLEST_STEP = 1e-11  # times the larger of t and one over the rate of the motion
+SMALLEST_STEP = 1e-11  # see solvers.stepper.smallest_step
 
 
 @inlined
@@ -244,7 +245,7 @@ def single_step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target
                 code, error = BRANCHES, np.inf
         refuse_step(c, 1.0 if code == OK else 0.0)
         change_step(c, error)
-        if not c.h > SMALLEST_STEP * max(1.0 / work.rate[0], abs(c.t)):
+        if not c.h > smallest_step(SMALLEST_STEP, work.rate[0], o.max_step, c.t):
             c.single = 0.0
             return COLLAPSED if code == OK else code
 
@@ -282,7 +283,7 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
         if o.partition == HYBRID and c.regime == LU and cuts >= o.collapse_cuts:
             give_up_lu(eqs, c, H, work)
             c.by_collapse += 1
-        if not c.h > SMALLEST_STEP * max(1.0 / work.rate[0], abs(c.t)):
+        if not c.h > smallest_step(SMALLEST_STEP, work.rate[0], o.max_step, c.t):
             return COLLAPSED if code == OK else code
 
 

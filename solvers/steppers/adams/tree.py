@@ -21,7 +21,7 @@ from solvers.inertia import INERTIA, clear_growth, finer_tolerance, update_tree_
 from solvers.ledger import due, look, refuse_step, report
 from solvers.outcome import COLLAPSED, MAX_STEPS, NO_MASS, NOT_FINITE, OK
 from solvers.positions import Positions, position_sizes
-from solvers.stepper import swiftest
+from solvers.stepper import rate_of_start, smallest_step
 from solvers.system import Array
 
 from .formulas import (
@@ -184,7 +184,7 @@ def single_step(eqs: Any, c: Any, o: Any, H: Any, s: Any, scales: Any, target: f
                 return OK
         refuse_step(c, 1.0 if code == OK else 0.0)
         change_step(c, error)
-        if not c.h > SMALLEST_STEP * max(1.0 / o.rate, abs(c.t)):
+        if not c.h > smallest_step(SMALLEST_STEP, o.rate, o.max_step, c.t):
             c.single = 0.0
             return COLLAPSED if code == OK else code
 
@@ -214,7 +214,7 @@ def step(eqs: Any, c: Any, o: Any, H: Any, s: Any, scales: Any) -> int:
         cuts += 1
         refuse_step(c, 1.0 if code == OK else 0.0)
         cut(cuts, c, H)
-        if not c.h > SMALLEST_STEP * max(1.0 / o.rate, abs(c.t)):
+        if not c.h > smallest_step(SMALLEST_STEP, o.rate, o.max_step, c.t):
             return COLLAPSED if code == OK else code
 
 
@@ -256,19 +256,18 @@ def advance(eqs: Any, settings: Any, H: Any, s: Any, scales: Any, target: float,
 
 
 @kernel
-def set_up(g: Any, t: float, known: float) -> None:
+def set_up(g: Any, t: float, known: float, duration: float) -> None:
     """Find units and the rate of the motion at the reported state, of time t (s); ``known`` (1/s) is what is known of
-    the rate beforehand.
+    the rate beforehand, ``duration`` (s) that of the run.
     """
     o, H, s = g.settings[0], g.memory, g.work
-    o.rate = known
-    if not known > 0.0:
+    if known > 0.0:
+        o.rate = rate_of_start(known, duration, s.size, g.v[:0], s.a[:0])
+    else:
         if evaluate(g, t, s.a) != OK:
             for k in range(s.a.shape[0]):
                 s.a[k] = 0.0
-        o.rate = swiftest(s.size, g.v, s.a)
-    if not o.rate > 0.0:
-        o.rate = 1.0
+        o.rate = rate_of_start(known, duration, s.size, g.v, s.a)
     position_sizes(s.positions, s.size, s.size_q)
     for k in range(s.pace.shape[0]):
         s.pace[k] = RATE * o.rate

@@ -29,7 +29,7 @@ from solvers.linalg.blocks import one_thread
 from solvers.options import Options, Statistics
 from solvers.outcome import Code
 from solvers.projection.saddle import Accelerations, Saddle, close, rate_of_motion
-from solvers.stepper import Stepper, require_placed, require_resolved, sized, swiftest
+from solvers.stepper import Stepper, rate_of_start, require_placed, require_resolved, sized, smallest_step
 from solvers.system import LARGEST_DENSE, Array, TreeSystem, audit_callbacks
 
 from .formulas import (
@@ -71,7 +71,7 @@ SAFETY, SHORTEST, LONGER, LONGEST = 0.9, 0.2, 2.0, 4.0  # of the next step in un
 TINY = 1e-8  # an error, in tolerances, that lets it be as long as any
 SAME = 1e-9  # part of a step: nearer to its end is there
 STOPS = 12  # steps after a change of the loads that end where they are asked to: another change is likely
-SMALLEST_STEP = 1e-11  # times the larger of t and one over the rate of the motion
+SMALLEST_STEP = 1e-11  # see solvers.stepper.smallest_step
 
 
 class Callbacks(NamedTuple):
@@ -99,7 +99,7 @@ class TreeESDIRKStepper(Stepper):
         self._held = hold(self._memory), hold(self._stage)
         callbacks = system.inverse, system.retract, *audit_callbacks(system), system.parts_callback
         self._eqs = hold(Callbacks(*callbacks, system.held_data))
-        self._rate = rate_of_motion(self._motion, self._t, self._q, self._v)
+        self._rate = rate_of_motion(self._motion, self._t, self._q, self._v, o.duration)
         require_resolved(self._t, self._rate, o.rtol)
         require_placed(self._q, system.position_sizes(system.size), o.rtol)
         self._absolute = o.absolute * system.size
@@ -152,7 +152,7 @@ class TreeESDIRKStepper(Stepper):
             c["start"] = 0
             c["starts"] += 1
             if not c["h"] > 0.0:
-                c["h"] = FIRST / max(self._rate, float(swiftest(self.system.size, M.v, M.A[0])))
+                c["h"] = FIRST / rate_of_start(self._rate, np.inf, self.system.size, M.v, M.A[0])
         return code
 
     def _look(self) -> None:
@@ -178,7 +178,7 @@ class TreeESDIRKStepper(Stepper):
                 c["h"] = h * max(SHORTEST, SAFETY * error ** (-1.0 / 3.0))
             else:
                 c["h"], c["hard"], c["wait"] = 0.5 * h, h, WAIT
-            if not c["h"] > SMALLEST_STEP * max(1.0 / self._rate, abs(c["t"])):
+            if not c["h"] > smallest_step(SMALLEST_STEP, self._rate, self._longest, float(c["t"])):
                 return Code.COLLAPSED if code is Code.OK else code
         whole, longer = h >= c["h"], self._longer(h, max(error, TINY))
         c["error"], c["before"] = max(error, 1e-2), h

@@ -100,7 +100,7 @@ class TreeIDAStepper(IDADriver):
         z = np.zeros
         self._reduced = Reduced(np.ones(1), z((2, m)), z((m, n)), z((n, m)), z((n, m)), z((2 * m, 2 * m)))
         self._motion = Accelerations(system)
-        self._rate = rate_of_motion(self._motion, self._t, self._q, self._v)
+        self._rate = rate_of_motion(self._motion, self._t, self._q, self._v, self.options.duration)
         require_resolved(self._t, self._rate, self.options.rtol)
         require_placed(self._q, system.position_sizes(system.size), self.options.rtol)
         self._c["instant"] = STANDSTILL / self._rate

@@ -23,6 +23,7 @@ from solvers.outcome import BRANCHES, COLLAPSED, MAX_STEPS, OK
 from solvers.projection.projection import acceleration, close
 from solvers.projection.reported import tell
 from solvers.projection.singular import CLOSED, MISS, note, passed, step_bound
+from solvers.stepper import smallest_step
 
 from .formulas import STAGES, A, error_of_step, error_of_work, factor_newton, interpolate
 from .stages import FARTHEST, at_state, power, solve_stages, take_derivatives
@@ -44,7 +45,7 @@ SAFETY, SHORTEST, LONGEST = 0.9, 0.2, FARTHEST  # of the next step in units of t
 TINY = 1e-8  # an error, in tolerances, that lets it be as long as any
 SAME = 1e-9  # part of a step: nearer to its end is there
 RESOLVED = 3e-18  # see solvers.steppers.adams.loop
-SMALLEST_STEP = 1e-11  # times the larger of t and one over the rate of the motion
+SMALLEST_STEP = 1e-11  # see solvers.stepper.smallest_step
 # The error that is estimated is that of a formula of order 3: its step is as tolerance^(1/4), and the motion's error,
 # of order 5, as that step^5. For an error in proportion to rtol the estimate is held to LOOSER rtol^POWER.
 LOOSER, POWER = 2.0, 0.8
@@ -190,7 +191,7 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target: float
         refuse_step(c, looser)
         if shorter < 1.0:
             c.h = shorter * h
-        if not c.h > SMALLEST_STEP * max(1.0 / work.rate[0], abs(c.t)):
+        if not c.h > smallest_step(SMALLEST_STEP, work.rate[0], o.max_step, c.t):
             return code
 
 
