@@ -170,16 +170,17 @@ def test_a_door_whose_hinges_do_not_meet_is_refused(tilt: float, offset: float) 
         Plant(door(tilt, offset=offset)).assemble()
 
 
-def skewed(tilt: float) -> Mechanism:
-    """A parallelogram in the plane of x and z, closed at its start; the axis of its rocker is off by ``tilt``."""
+def skewed(tilt: float, count: int = 1) -> Mechanism:
+    """Parallelograms in the plane of x and z, closed at their start; the axes of their rockers are off by ``tilt``."""
     m = Mechanism(gravity=(3.0, 0, -9.81))
-    crank = m.body("crank", m.ground, Revolute(axis="y"), mass=1, com=(0, 0, 0.5), inertia=(0.1, 0.1, 0.1))
-    coupler = m.body("coupler", crank, Revolute(axis="y", at=(0, 0, 1)), **rod(mass=1, length=2))
-    axis = np.array((tilt / 3.0, 1.0, tilt))
-    pivot = Revolute(axis=tuple(axis / np.linalg.norm(axis)), at=(2, 0, 0))
-    rocker = m.body("rocker", m.ground, pivot, mass=1, com=(0, 0, 0.5), inertia=(0.1, 0.1, 0.1))
-    m.cut("pin", SphericalCut(at_a=(2, 0, 0), at_b=(0, 0, 1)), coupler, rocker)
-    m.output("angle", crank.angle())
+    for k in (str(i) if i else "" for i in range(count)):
+        crank = m.body(f"crank{k}", m.ground, Revolute(axis="y"), mass=1, com=(0, 0, 0.5), inertia=(0.1, 0.1, 0.1))
+        coupler = m.body(f"coupler{k}", crank, Revolute(axis="y", at=(0, 0, 1)), **rod(mass=1, length=2))
+        axis = np.array((tilt / 3.0, 1.0, tilt))
+        pivot = Revolute(axis=tuple(axis / np.linalg.norm(axis)), at=(2, 0, 0))
+        rocker = m.body(f"rocker{k}", m.ground, pivot, mass=1, com=(0, 0, 0.5), inertia=(0.1, 0.1, 0.1))
+        m.cut(f"pin{k}", SphericalCut(at_a=(2, 0, 0), at_b=(0, 0, 1)), coupler, rocker)
+        m.output(f"angle{k}", crank.angle())
     return m
 
 
@@ -209,6 +210,20 @@ def test_where_it_does_the_axes_are_named(tilt: float) -> None:
     assert "joint 'rocker'" in told
     assert f"are {tilt * np.sqrt(10.0) / 3.0:.3g} rad from parallel" in told
     assert told in mb.check(skewed(tilt), 0.1, solver="adams").warning
+
+
+@pytest.mark.parametrize("solver", ["ida", "esdirk", "adams"])
+def test_large_systems_that_are_locked_name_the_axes_too(solver: str) -> None:
+    """35 loops have 105 coordinates, which are solved by recursions."""
+    assert not Plant(skewed(1e-3, 35)).system.has_matrices
+    run = mb.simulate(skewed(1e-3, 35), 0.1, solver=solver)
+    (told,) = [text for text in run.remarks if "nothing can move" in text]
+    assert "105 constraint equations leave no degree of freedom of 105 coordinates" in told
+    assert "joint 'rocker'" in told
+    assert "rad from parallel" in told
+    free = mb.simulate(skewed(0.0, 35), 0.5, interval=0.5, solver=solver, tolerance=1e-5)
+    assert not any("nothing can move" in text for text in free.remarks)
+    assert free["angle34"][-1] == pytest.approx(swing(0.5), abs=1e-3)
 
 
 def test_a_truss_says_that_nothing_moves_and_a_driven_loop_does_not() -> None:

@@ -26,6 +26,7 @@ from solvers.stepper import rate_of_start
 from solvers.system import Array, TreeSystem
 
 from .products import Products
+from .rank import REDUNDANT as REDUNDANT_ROW
 
 SPRING = 1e4  # (rad/s)^2, stiffness to effective mass of the springs alpha
 REDUNDANT = 1e-10  # eigenvalues of a scaled Schur complement below this part of the largest count as zero
@@ -100,6 +101,19 @@ class Accelerations:
                 self.lam = root * (pseudo_inverse(root[:, None] * S * root) @ (root * (terms.J @ self.a - terms.gamma)))
                 self.a -= self.lam @ X
         return Code.OK if np.isfinite(self.a).all() else Code.NOT_FINITE
+
+
+def count_freedom(system: TreeSystem, t: float, q: Array) -> int:
+    """Return in how many ways the constraints let a tree move about q (nq,) at most.
+
+    They are counted only if there are enough constraint equations to leave none.
+    """
+    if system.m < system.n:
+        return system.n
+    terms = system.allocate_terms()
+    system.fill_position(t, q, terms)
+    sigma = np.linalg.svd(terms.J * system.size / system.row_size[:, None], compute_uv=False)
+    return system.n - int(np.count_nonzero(sigma > REDUNDANT_ROW * sigma[0]))
 
 
 def rate_of_motion(motion: Accelerations, t: float, q: Array, v: Array, duration: float) -> float:

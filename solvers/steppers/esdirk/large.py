@@ -28,7 +28,7 @@ from solvers.ledger import WORK, Scales, look_anew, report
 from solvers.linalg.blocks import one_thread
 from solvers.options import Options, Statistics
 from solvers.outcome import Code
-from solvers.projection.saddle import Accelerations, Saddle, close, rate_of_motion
+from solvers.projection.saddle import Accelerations, Saddle, close, count_freedom, rate_of_motion
 from solvers.stepper import Stepper, rate_of_start, require_placed, require_resolved, sized, smallest_step
 from solvers.system import LARGEST_DENSE, Array, TreeSystem, audit_callbacks
 
@@ -319,6 +319,11 @@ class TreeESDIRKStepper(Stepper):
         if not good:
             c["c"] = 0.0
         return good
+
+    @property
+    def freedom(self) -> int:
+        """In how many ways the constraints let the mechanism move at most."""
+        return count_freedom(self.system, self._t, self._q)
 
     def _evaluate(self) -> tuple[Code, Array, Array]:
         code = self._motion.solve(self._t, self._q, self._v)

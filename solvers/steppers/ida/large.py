@@ -50,7 +50,7 @@ from solvers.ledger import Scales
 from solvers.linalg.blocks import one_thread
 from solvers.options import Options
 from solvers.outcome import Code
-from solvers.projection.saddle import Accelerations, close, inverse_squares, rate_of_motion
+from solvers.projection.saddle import Accelerations, close, count_freedom, inverse_squares, rate_of_motion
 from solvers.stepper import require_placed, require_resolved
 from solvers.system import LARGEST_DENSE, Array, TreeSystem, audit_callbacks
 
@@ -286,6 +286,11 @@ class TreeIDAStepper(IDADriver):
         if code is Code.OK:
             self._t, self._q, self._v = t, q, v
         return code
+
+    @property
+    def freedom(self) -> int:
+        """In how many ways the constraints let the mechanism move at most."""
+        return count_freedom(self.system, self._t, self._q)
 
     def _evaluate(self) -> tuple[Code, Array, Array]:
         code = self._motion.solve(self._t, self._q, self._v)
