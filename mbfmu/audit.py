@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics import Plant, Variable
-from solvers.balance import BALANCE, find_lost, judge, slowest
+from solvers.balance import BALANCE, KEPT, UNSURE, find_lost, judge, slowest
 from solvers.compiled.kernel import records
-from solvers.ledger import EXCHANGED
+from solvers.ledger import EXCHANGED, PASSAGE
 
 Array = NDArray[np.float64]
 Place = tuple[float, Array]  # t, q
@@ -42,12 +42,23 @@ class Audit:
         What kernels know of it: records (1,) of ``solvers.balance.BALANCE``.
     """
 
-    def __init__(self, plant: Plant, tolerance: float, base: float) -> None:
+    def __init__(self, plant: Plant, tolerance: float, base: float, freedom: int) -> None:
         self.plant, self.verdict, self.balance = plant, "", records(1, BALANCE)
         mass = float(plant.data.arrays.bodies["mass"].sum())
         self.balance["kept"], self.balance["level"], self.balance["tolerance"] = 1, base, tolerance
         self.balance["unseen"] = slowest(mass, plant.length, plant.system.rate, tolerance)
+        driven = any(body.joint.drive is not None for body in plant.mechanism.bodies)
+        self.balance["single"] = int(freedom == 1 and not driven)
         self._last: Place | None = None
+
+    @property
+    def state(self) -> tuple[float, str, float]:
+        """Base (J), verdict, and energy (J) of the last slow passage that was examined, to go back to."""
+        return self.base, self.verdict, float(self.balance["passage"][0])
+
+    @state.setter
+    def state(self, state: tuple[float, str, float]) -> None:
+        self.base, self.verdict, self.balance["passage"] = state
 
     @property
     def base(self) -> float:
@@ -59,35 +70,43 @@ class Audit:
         self.balance["level"] = base
 
     def look(self, t: float, q: Array, energy: float, ledger: Array) -> float:
-        """Return the imbalance of one state, J; q (nq,), and a ledger (7,)."""
-        imbalance, lost = judge(self.balance, energy, ledger)
-        if lost:
-            self._note((t, q), imbalance, ledger, self._last)
+        """Return the imbalance of one state, J; q (nq,), and a ledger (ROW,)."""
+        imbalance, kind = judge(self.balance, energy, ledger)
+        if kind != KEPT:
+            self._note((t, q), imbalance, kind, ledger, self._last)
         self._last = t, q
         return float(imbalance)
 
     def check(self, times: Array, q: Array, energies: Array, ledgers: Array) -> Array:
-        """Return the imbalance (k,) at ``times`` (k,) with positions q (k, nq), energies (k,) and ledgers (k, 7), J."""
+        """Return the imbalance (k,) at ``times`` (k,) with positions q (k, nq), energies and ledgers (k, ROW), J."""
         found = np.zeros(len(times))
-        i = find_lost(self.balance, np.ascontiguousarray(energies), ledgers, found)
+        i, kind = find_lost(self.balance, np.ascontiguousarray(energies), ledgers, found)
         if i < len(times):
             before = (float(times[i - 1]), q[i - 1]) if i else self._last
-            self._note((float(times[i]), q[i]), float(found[i]), ledgers[i], before)
+            self._note((float(times[i]), q[i]), float(found[i]), kind, ledgers[i], before)
         if len(times):
             self._last = float(times[-1]), q[-1].copy()
         return found
 
-    def _note(self, here: Place, imbalance: float, ledger: Array, before: Place | None) -> None:
-        """Say, once, that the balance is lost here; ``before`` it was not."""
+    def _note(self, here: Place, imbalance: float, kind: int, ledger: Array, before: Place | None) -> None:
+        """Say, once, that the balance is not kept here; ``before`` it was."""
         if not self.verdict:
-            self.verdict = self._tell(imbalance, ledger, before or here, here)
+            self.verdict = self._tell(imbalance, kind, ledger, before or here, here)
 
-    def _tell(self, imbalance: float, ledger: Array, before: Place, here: Place) -> str:
+    def _tell(self, imbalance: float, kind: int, ledger: Array, before: Place, here: Place) -> str:
+        more = "more" if imbalance > 0.0 else "less"
+        change = f"the energy has changed by {abs(imbalance):.3g} J {more} than the work done on it"
+        if kind == UNSURE:
+            return (
+                f"the energy balance is too inaccurate at t = {here[0]:.6g} s: {change}, "
+                f"{abs(imbalance) / ledger[PASSAGE]:.2g} of the {ledger[PASSAGE]:.3g} J by which the motion has just "
+                "passed an unstable equilibrium, or missed it. How long that takes, and the motion from here on, are "
+                "not to be trusted: tighten the tolerance, and compare"
+            )
         exchanged = ledger[EXCHANGED]
         part = f", {abs(imbalance) / exchanged:.2g} of the {exchanged:.3g} J exchanged so far" if exchanged else ""
         return (
-            f"the energy balance is lost at t = {here[0]:.6g} s: the energy has changed by {abs(imbalance):.3g} J "
-            f"{'more' if imbalance > 0.0 else 'less'} than the work done on it{part}, which the tolerance does not "
+            f"the energy balance is lost at t = {here[0]:.6g} s: {change}{part}, which the tolerance does not "
             f"explain{nearest(self.plant, before, here)}. The motion from here on is not to be trusted: tighten the "
             "tolerance or take another solver, and compare"
         )

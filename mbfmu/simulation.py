@@ -48,7 +48,7 @@ class Mark(NamedTuple):
     stepper: bytes  # all that it goes on from, its history and its counts too
     inputs: dict[str, list[Any]] | None  # where they remember anything
     work_of_jumps: float  # J
-    balance: tuple[float, str] | None  # base (J) and verdict of the audit
+    balance: tuple[float, str, float] | None  # state of the audit
     sharpest: Sharpest
     remarks: int  # how many there were
 
@@ -147,7 +147,7 @@ class Simulation:
             self._remark(told)
         # where nothing is free nothing is integrated but the work, whose error no tolerance controls
         audited = settings.audit and self.stepper.freedom > 0
-        self.audit = Audit(self.plant, settings.tolerance, self.energy()) if audited else None
+        self.audit = Audit(self.plant, settings.tolerance, self.energy(), self.stepper.freedom) if audited else None
         self._folds, self._told_undetermined, self._end = Folds(self.plant, t0, q), False, t0
         self._rehearse(t0, q, v)
 
@@ -452,7 +452,7 @@ class Simulation:
     def mark(self) -> Mark:
         """Return what :meth:`rewind` needs to discard what comes next; it costs less than :meth:`save`."""
         inputs = self.plant.inputs.state() if self.plant.inputs.remember else None
-        balance = (self.audit.base, self.audit.verdict) if self.audit else None
+        balance = self.audit.state if self.audit else None
         place = self.stepper.save()
         return Mark(place, inputs, self.work_of_jumps, balance, self._folds.sharpest, len(self.remarks))
 
@@ -469,7 +469,7 @@ class Simulation:
         self.work_of_jumps = mark.work_of_jumps
         self._folds.rewind(mark.sharpest)
         if self.audit and mark.balance:
-            self.audit.base, self.audit.verdict = mark.balance
+            self.audit.state = mark.balance
 
     @property
     def _owner(self) -> str:
@@ -482,7 +482,7 @@ class Simulation:
         """Return the whole state: solver, inputs and tunable parameters."""
         changed = {p.name: getattr(self.model, p.name) for p in self.model.parameters() if p.tunable}
         inputs, work = self.plant.inputs.state(), self.work_of_jumps
-        balance = [self.audit.base, self.audit.verdict] if self.audit else []
+        balance = list(self.audit.state) if self.audit else []
         head = {"parameters": changed, "inputs": inputs, "work_of_jumps": work, "balance": balance}
         head["bent"] = self._folds.state()
         head["pick"] = self.pick
@@ -509,5 +509,5 @@ class Simulation:
         self.stepper.restart()  # the equations may have changed
         self.stepper.restore(body)
         if self.audit:
-            self.audit.base, self.audit.verdict = head["balance"]
+            self.audit.state = head["balance"]
         self._folds.restore(head["bent"], self.t, self.stepper.q)

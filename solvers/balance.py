@@ -22,7 +22,7 @@ import numpy as np
 
 from solvers.compiled.kernel import kernel
 
-from .ledger import EXCHANGED, EXPOSURE, EXTENT, MOST, SLIPPED, STRAY, WORK
+from .ledger import EXCHANGED, EXPOSURE, EXTENT, MOST, PASSAGE, SLIPPED, STRAY, WORK
 
 BALANCE = np.dtype(
     [
@@ -30,12 +30,19 @@ BALANCE = np.dtype(
         ("level", np.float64),  # J, energy at the start and every jump since
         ("tolerance", np.float64),
         ("unseen", np.float64),  # J, of the slowest motion
+        ("single", np.int64),  # 1: the mechanism has one degree of freedom, and no drives
+        ("passage", np.float64),  # J, of the last slow passage that was examined
     ],
     align=True,
 )
 EXPLAINED = 0.25  # of what the steps could add up to
 FEW = 6.0  # times what the last step could add: errors of a few steps need not cancel each other
 PART = 0.02  # of the energy at work
+# Of the kinetic energy in a slow passage, which the imbalance may be. A motion that passes an unstable equilibrium at a
+# speed as cosh(k t), with too much energy by that part, is ahead afterwards by part / k (s). A pendulum moves at up to
+# 2 k (rad/s) later on, and is off by twice the part then: 0.1 rad.
+SLOW = 0.05
+KEPT, LOST, UNSURE = 0, 1, 2  # the balance is kept; it is lost; it is too inaccurate for a slow passage
 ROUNDING = 1e-13  # of every energy that was added up; besides, what moves as slowly as the tolerance has none
 
 
@@ -61,22 +68,27 @@ def bound(b: Any, energy: float, row: Any) -> float:
 
 
 @kernel
-def judge(balance: Any, energy: float, row: Any) -> tuple[float, bool]:
-    """Return the imbalance (J) of a state with this energy and reported row (7,), and whether the balance is lost: it
-    is more than explained, or no number. balance (1,) of BALANCE.
+def judge(balance: Any, energy: float, row: Any) -> tuple[float, int]:
+    """Return the imbalance (J) of a state with this energy and reported row (ROW,), and what it means: LOST where it is
+    more than explained, or no number, UNSURE where it is large for a slow passage since the last call, else KEPT.
+    balance (1,) of BALANCE.
     """
-    imbalance = energy - balance[0].level - row[WORK]
-    return imbalance, not abs(imbalance) <= bound(balance[0], energy, row)
+    b = balance[0]
+    imbalance, passes = energy - b.level - row[WORK], b.single == 1 and row[PASSAGE] != b.passage
+    b.passage = row[PASSAGE]
+    if not abs(imbalance) <= bound(b, energy, row):
+        return imbalance, LOST
+    return imbalance, UNSURE if passes and abs(imbalance) > SLOW * row[PASSAGE] else KEPT
 
 
 @kernel
-def find_lost(balance: Any, energies: Any, rows: Any, found: Any) -> int:
-    """Put the imbalance of states into ``found`` (k,); return the number of the first where the balance is lost, k
-    where none is.
+def find_lost(balance: Any, energies: Any, rows: Any, found: Any) -> tuple[int, int]:
+    """Put the imbalance of states into ``found`` (k,); return the number of the first where the balance is not kept, k
+    where it always is, and what :func:`judge` finds there.
     """
-    first = found.shape[0]
+    first, kind = found.shape[0], KEPT
     for i in range(found.shape[0]):
-        found[i], lost = judge(balance, energies[i], rows[i])
-        if lost and first == found.shape[0]:
-            first = i
-    return first
+        found[i], here = judge(balance, energies[i], rows[i])
+        if here != KEPT and kind == KEPT:
+            first, kind = i, here
+    return first, kind

@@ -24,6 +24,12 @@ to, which for 'radau' is looser than the one asked for.
 The *extent* of the motion is its largest displacement or velocity in absolute tolerances, whichever is less. A motion
 of a few tolerances is not known to a small part of its energy.
 
+A *slow passage* leads by an unstable equilibrium, as where a pendulum swings over its highest position, or turns just
+below it. Its energy is the kinetic energy where it is slowest, or what was lacking to pass. The momentum times the
+velocities of the look before changes its sign where the motion turns. Every step has to be looked at for that, so it is
+done at coarse tolerances, where steps are few. It counts when the kinetic energy has risen again: not where a motion
+comes to rest, and not where the work done is more than the kinetic energy, since inertia decides nothing there.
+
 ``exchanged`` is the range of the kinetic energy so far, and what W has moved either way.
 
 Where another one takes the steps, W is summed here: over each step the integral of the polynomial through the powers
@@ -40,7 +46,8 @@ from solvers.compiled.kernel import inlined, kernel
 
 from .system import Array
 
-FIELDS: list[tuple[str, str]] = [
+SPEEDS = 4  # by which a slow passage is found
+FIELDS: list[Any] = [
     ("exposure", "f8"),  # J a step, at the last look
     ("stray", "f8"),  # J, sum of the exposures
     ("most", "f8"),  # J, kinetic energy
@@ -48,6 +55,15 @@ FIELDS: list[tuple[str, str]] = [
     ("through", "f8"),  # J, sum of |changes of W|
     ("looks", "i8"),
     ("slip", "f8"),  # J, the largest estimated error of the work of one step
+    ("passage", "f8"),  # J, of the last slow passage; 0: there was none
+    ("lowest", "f8"),  # J, of one that the motion has yet to leave; 0: there is none
+    ("highest", "f8"),  # J, the largest kinetic energy since the last one
+    ("seen", "f8"),  # J, kinetic energy at the last look
+    ("every", "i8"),  # 1: every step is looked at
+    ("unread", "i8"),  # 1: the last look is of this step
+    ("sign", "f8"),  # of the speed; it changes where the motion turns
+    ("speeds", "f8", SPEEDS),  # root of twice the kinetic energy where the last steps ended, the last one last
+    ("lapses", "f8", SPEEDS - 1),  # s, between them; 0: it is not known
     ("corners", "f8"),  # refusals of the step that is being tried, each in tolerances that its error is held to
     ("reach", "f8"),
     ("pace", "f8"),  # the largest displacement and velocity so far, in absolute tolerances
@@ -62,11 +78,16 @@ BOOK = np.dtype(
     align=True,
 )  # fmt: skip
 NODES, WEIGHTS = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)]), np.array([5.0, 8.0, 5.0]) / 9.0  # of Gauss
-WORK, STRAY, EXCHANGED, MOST, EXPOSURE, SLIPPED, EXTENT = range(7)  # of a reported row
-ROW = 7
-# exposure in the norm of a sum, kinetic energy, J, displacement and velocity in absolute tolerances: entries of what a
-# look finds, before the positions at the first look (rad or m, nan before it)
-FOUND = 4
+WORK, STRAY, EXCHANGED, MOST, EXPOSURE, SLIPPED, EXTENT, PASSAGE = range(8)  # of a reported row
+ROW = 8
+# exposure in the norm of a sum, kinetic energy, J, displacement and velocity in absolute tolerances, and the momentum
+# times the velocities of the look before, J: entries of what a look finds, before the positions at the first look (rad
+# or m, nan before it) and the velocities at the last one
+FOUND = 5
+# Of the largest kinetic energy, and of what it was in a slow passage: above both the passage is left. Before it the
+# energy must have been above the latter, too: errors of a steady speed are no passages.
+LEFT, RISEN = 0.1, 4.0
+COARSE = 5e-4  # tolerance from which every step is looked at for slow passages
 EVERY, AT_FIRST, ANEW = 8, 24, 3  # steps between two looks; looks in a row after the start, and after a change
 SLIP = 12.0  # estimates of errors are multiplied by this where forces have corners
 MESH_ERROR = 100.0  # tolerances: error of a mesh's vibrations that is no reason for a warning
@@ -80,15 +101,13 @@ class Scales(NamedTuple):
     place: Array  # (n,)  absolute tolerances of the free coordinates, and of their rates
     rate: Array  # (n,)
     mean: Array  # (1,)  the error's norm is the root of its mean square over so many; 1: of its sum
-    found: (
-        Array  # (4 + n,)  see FOUND: exposure, kinetic energy, J; displacement, velocity; positions at the first look
-    )
+    found: Array  # (5 + 2 n,)  see FOUND
     extent: Array  # (2,)  by which displacement and velocity are multiplied, to be in tolerances of the motion
 
     @staticmethod
     def of(rtol: float, place: Array, rate: Array, mean: int = 1, extent: tuple[float, float] = (1.0, 1.0)) -> Scales:
         """Return the scales of these tolerances."""
-        found = np.concatenate((np.zeros(FOUND), np.full(len(place), np.nan)))
+        found = np.concatenate((np.zeros(FOUND), np.full(2 * len(place), np.nan)))
         return Scales(np.array([rtol]), place, rate, np.array([float(mean)]), found, np.array(extent))
 
     @staticmethod
@@ -103,7 +122,7 @@ def set_scales(s: Any, absolute: float, size: Any, pace: Any) -> None:
     for k in range(size.shape[0]):
         s.place[k] = absolute * size[k]
         s.rate[k] = pace[k] * s.place[k]
-        s.found[FOUND + k] = np.nan
+        s.found[FOUND + k], s.found[FOUND + size.shape[0] + k] = np.nan, np.nan
 
 
 @kernel
@@ -117,12 +136,17 @@ def look(exposure: Any, data: Any, c: Any, s: Any) -> None:
     c.most, c.least = max(c.most, kinetic), min(c.least, kinetic)
     c.exposure = s.found[0] * np.sqrt(s.mean[0])
     c.reach, c.pace = max(c.reach, s.extent[0] * s.found[2]), max(c.pace, s.extent[1] * s.found[3])
+    c.seen, c.unread, c.every = kinetic, 1, int(s.rtol[0] >= COARSE)
+    if c.sign == 0.0:
+        c.sign = 1.0
+    if s.found[4] < 0.0:
+        c.sign = -c.sign
 
 
 @kernel
 def due(c: Any) -> bool:
     """Whether a look at the energy is due: the exposure changes slowly, but at the start and where loads jump."""
-    return c.looks < AT_FIRST or c.steps % EVERY == 0 or c.corners > 0.0
+    return c.looks < AT_FIRST or c.steps % EVERY == 0 or c.corners > 0.0 or c.every == 1
 
 
 @kernel
@@ -130,6 +154,7 @@ def look_anew(books: Any) -> None:
     """Let the next steps be looked at one by one: loads have changed. books (1,) of FIELDS."""
     c = books[0]
     c.looks = min(c.looks, AT_FIRST - ANEW)
+    forget_speeds(c)
 
 
 @inlined
@@ -142,8 +167,49 @@ def refuse_step(c: Any, looser: float) -> None:
 
 
 @inlined
-def book_stray(c: Any, error: float) -> None:
-    """Add what a step may have changed the imbalance by; ``error`` is the estimated error of its work, J."""
+def forget_speeds(c: Any) -> None:
+    """Let slow passages be found in the steps from here on only."""
+    c.lowest, c.highest = 0.0, 0.0
+    for k in range(SPEEDS - 1):
+        c.lapses[k] = 0.0
+
+
+@inlined
+def note_passage(c: Any, taken: float) -> None:
+    """Note whether the steps before the last one, of ``taken`` (s), were a slow passage, and whether it is left.
+
+    Beside an unstable equilibrium speeds are as cosh(k t) where the motion passes, and as sinh(k t) where it turns.
+    """
+    s, h = c.speeds, c.lapses
+    for k in range(SPEEDS - 1):
+        s[k], h[k] = s[k + 1], h[k + 1] if k < SPEEDS - 2 else taken
+    s[SPEEDS - 1], low = c.sign * np.sqrt(2.0 * max(0.0, c.seen)), 0.0
+    if c.every == 1 and h[0] > 0.0 and c.through < c.most:
+        if s[1] * s[2] < 0.0:
+            slope = (s[2] - s[1]) / h[1]
+            left = 2.0 * (slope - (s[1] - s[0]) / h[0]) / (h[0] + h[1])
+            right = 2.0 * ((s[3] - s[2]) / h[2] - slope) / (h[1] + h[2])
+            growth = (left * s[1] + right * s[2]) / (s[1] * s[1] + s[2] * s[2])
+            low = 0.5 * slope * slope / growth if growth > 0.0 else 0.0
+        elif s[0] * s[1] > 0.0 and abs(s[1]) < min(abs(s[0]), abs(s[2])):
+            low = 0.5 * s[1] * s[1]
+    c.highest = max(c.highest, c.seen)
+    if 0.0 < low < c.highest / RISEN and (c.lowest == 0.0 or low < c.lowest):
+        c.lowest = low
+    if c.lowest > 0.0 and c.seen > max(LEFT * c.most, RISEN * c.lowest):
+        c.passage, c.lowest, c.highest = c.lowest, 0.0, c.seen
+
+
+@inlined
+def book_stray(c: Any, error: float, taken: float) -> None:
+    """Add what a step of ``taken`` (s) may have changed the imbalance by; ``error`` is the estimated error of its work,
+    J.
+    """
+    if c.unread == 1:
+        note_passage(c, taken)
+        c.unread = 0
+    else:
+        forget_speeds(c)
     c.slip = max(c.slip, abs(error))
     c.stray += (1.0 + SLIP * c.corners) * c.exposure + SLIP * abs(error)
     if c.corners > 0.0:
@@ -156,6 +222,7 @@ def begin_work(books: Any, work: float) -> None:
     c = books[0]
     c.known, c.work, c.before = 0, work, work
     c.looks = min(c.looks, AT_FIRST - ANEW)
+    forget_speeds(c)
 
 
 @kernel
@@ -172,7 +239,7 @@ def add_step(books: Any, t: float, power: float) -> None:
         c.work += done
         c.steps += 1
         c.through += abs(done)
-        book_stray(c, done - integral(c, t, c.known - 1))
+        book_stray(c, done - integral(c, t, c.known - 1), t - c.at[1])
 
 
 @kernel
@@ -200,10 +267,11 @@ def integral(c: Any, t: float, points: int) -> float:
 @kernel
 def report(c: Any, work: float, row: Any) -> None:
     """row (ROW,) = work, stray, exchanged and largest kinetic energy, exposure of a step, largest error of the work of
-    one, J, and the extent of the motion in absolute tolerances.
+    one, J, the extent of the motion in absolute tolerances, and the energy of the last slow passage, J.
     """
     row[0], row[1], row[2] = work, c.stray + BETWEEN * c.exposure, c.most - c.least + c.through
     row[3], row[4], row[5], row[6] = c.most, c.exposure, SLIP * c.slip, min(c.reach, c.pace)
+    row[7] = c.passage
 
 
 @kernel

@@ -75,7 +75,7 @@ class Samples(NamedTuple):
     v: Array  # (k, n)
     a: Array  # (k, n)  accelerations
     lam: Array  # (k, m)  multipliers
-    ledger: Array  # (k, 6)  as Stepper.ledger
+    ledger: Array  # (k, ROW)  as Stepper.ledger
 
 
 class Stepper(ABC):
@@ -168,7 +168,7 @@ class Stepper(ABC):
 
     @property
     def ledger(self) -> Array:
-        """What is booked at the reported state (7,), see :func:`solvers.ledger.report`."""
+        """What is booked at the reported state (ROW,), see :func:`solvers.ledger.report`."""
         return self._ledger.copy()
 
     def advance(self, t: float) -> Status:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from healthy_runs import FAMILIES, Draw, G
+from mechanisms import Scale, n_four_bar
 from scipy.integrate import solve_ivp
 
 from mbfmu import simulate
@@ -176,6 +177,70 @@ def test_loops_that_lose_energy_at_a_coarse_tolerance_are_reported(count: int, r
     result = simulate(row_of_loops(count, rate), 5.0, interval=0.05, solver="ida", tolerance=1e-2)
     wrong = np.abs(result["angle"] - exact[0][: len(result.t)]).max()
     assert bool(result.warning or result.failure) == bool(wrong > 0.5)
+
+
+@pytest.mark.parametrize("grounded", [False, True])
+@pytest.mark.parametrize("lengths", [1.0, 1e3, 1e-3])
+@pytest.mark.parametrize("count", [1, 2, 4])
+def test_loops_that_pass_their_highest_position_inaccurately_are_reported(
+    count: int, lengths: float, grounded: bool
+) -> None:
+    """They lose 1 to 3 % of their energy, which is most of what they pass the unstable equilibrium with."""
+    case, times = n_four_bar(count, grounded=grounded, scale=Scale(lengths=lengths)), np.linspace(0.0, 5.0, 101)
+    case.mechanism.output("angle", case.mechanism.bodies[1].angle())
+    exact, _ = case.exact(times)  # type: ignore[misc]
+    warned, silent = 0, 0
+    for solver in SOLVERS:
+        for tolerance in (1e-2, 3e-3, 1e-3, 1e-4):
+            result = simulate(case.mechanism, 5.0, interval=0.05, solver=solver, tolerance=tolerance)
+            off = np.abs(result["angle"] - exact[:, 0]).max()
+            if off > 0.2:
+                assert result.warning, (solver, tolerance, off)
+                warned += 1
+            if off < 0.08:
+                assert not result.warning, (solver, tolerance, off)
+                silent += 1
+    assert warned >= 4
+    assert silent >= 4
+
+
+def test_coarse_motions_past_an_unstable_equilibrium_are_reported() -> None:
+    """Random pendulums and parallelograms that turn and swing over, at 1e-3 to 1e-2: few are off without a warning."""
+    off: dict[bool, list[float]] = {True: [], False: []}
+    for seed in range(300):
+        family = FAMILIES[seed % len(FAMILIES)]
+        if family.__name__ not in ("pendulum", "loop"):
+            continue
+        rng = np.random.default_rng(seed)
+        solver, tolerance, draw = SOLVERS[int(rng.integers(4))], float(10.0 ** rng.uniform(-3.0, -2.0)), family(rng)
+        end, name = 3.0 * draw.end, draw.mechanism.outputs[0][0]
+        times = np.linspace(0.0, end, 201)
+        result = simulate(draw.mechanism, end, interval=end / 200.0, solver=solver, tolerance=tolerance)
+        off[bool(result.warning)].append(np.abs(result[name] - draw.exact(times)[:, 0]).max())
+    wrong = sum(x > 0.5 for x in off[True]), sum(x > 0.5 for x in off[False])
+    right = sum(x < 0.05 for x in off[True]), sum(x < 0.05 for x in off[False])
+    assert wrong[0] >= 20
+    assert wrong[1] == 0
+    assert right[0] <= 1
+    assert right[1] >= 35
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("damping", [0.0, 2.0, 30.0])
+def test_motions_that_turn_or_come_to_rest_raise_no_warning(solver: str, damping: float) -> None:
+    """A rod of 1 kg and 1 m swings about its lowest position, or falls into it through oil, from near the highest."""
+    m, times = Mechanism(gravity=(0.0, -G, 0.0)), np.linspace(0.0, 20.0, 401)
+    angle = -0.5 if damping == 0.0 else 1.5
+    bar = m.body("bar", m.ground, Revolute(start=angle, fixed=True), **rod(mass=1.0, length=1.0))
+    m.force("oil", JointSpring(damping=damping), bar)
+    m.output("angle", bar.angle())
+    exact = solve_ivp(
+        lambda _, y: [y[1], -3.0 * damping * y[1] - 1.5 * G * np.cos(y[0])], (0.0, 20.0), [angle, 0.0], "DOP853",
+        t_eval=times, rtol=1e-11, atol=1e-12,
+    ).y  # fmt: skip
+    result = simulate(m, 20.0, interval=0.05, solver=solver, tolerance=1e-3)
+    assert np.abs(result["angle"] - exact[0]).max() < 0.2
+    assert not result.warning
 
 
 def damped_loops(damping: float) -> Mechanism:

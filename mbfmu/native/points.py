@@ -9,9 +9,9 @@ import numpy as np
 from mbfmu.mechanics.arrays.bending import sharpest
 from mbfmu.mechanics.arrays.points import WEIGHS, begin_inputs, depart, set_input
 from mbfmu.mechanics.recursions.dynamics import energy
-from solvers.balance import judge, slowest
+from solvers.balance import KEPT, judge, slowest
 from solvers.compiled.kernel import kernel
-from solvers.ledger import EXCHANGED
+from solvers.ledger import EXCHANGED, PASSAGE
 from solvers.outcome import OK
 
 TOLD = np.dtype(
@@ -20,10 +20,11 @@ TOLD = np.dtype(
         ("unknown", np.int64),  # 1: the rate of a support that departs jumps where its impulse is not known
         ("jumps", np.int64),  # 1: a support has jumped in position, farther than its rate explains
         ("flaw", np.int64),  # what is wrong with the start, see starting.Flaw; zero: nothing
-        ("lost", np.int64),  # 1: the balance of energy and work was lost
+        ("lost", np.int64),  # what solvers.balance.judge has found of the balance of energy and work
         ("lost_at", np.float64),  # s, where that was seen first; by how much, and what was exchanged until then, J
         ("imbalance", np.float64),
         ("exchanged", np.float64),
+        ("passage", np.float64),  # J, of the last slow passage until then, see solvers.ledger
         ("before", np.float64),  # J, energy before parameters change
         ("bent", np.float64),  # rad, the sharpest angle of a plate's edge at the last communication point
     ],
@@ -46,6 +47,7 @@ def begin_points(s: Any, code: int) -> None:
     told.code, told.unknown, told.jumps, told.lost, told.bent = code, 0, 0, 0, 0.0
     for k in range(bodies.shape[0]):
         mass += bodies[k].mass
+    b.passage = 0.0
     b.level, b.unseen = energy_at(s), slowest(mass, s.known[2], s.known[0], b.tolerance)
 
 
@@ -91,11 +93,11 @@ def arrive(s: Any, t: float, code: int) -> None:
 @kernel
 def look(s: Any, now: float) -> float:
     """Hold the reported state, of energy ``now``, to its balance; return the imbalance, J."""
-    imbalance, lost = judge(s.balance, now, s.given.ledger)
+    imbalance, found = judge(s.balance, now, s.given.ledger)
     told = s.told[0]
-    if lost and told.lost == 0:
-        told.lost, told.lost_at = 1, s.clock[0]
-        told.imbalance, told.exchanged = imbalance, s.given.ledger[EXCHANGED]
+    if found != KEPT and told.lost == KEPT:
+        told.lost, told.lost_at = found, s.clock[0]
+        told.imbalance, told.exchanged, told.passage = imbalance, s.given.ledger[EXCHANGED], s.given.ledger[PASSAGE]
     return imbalance
 
 

@@ -101,7 +101,7 @@ def exposure(rtol: float, place: Any, rate: Any, arrays: Any, state: Any, out: A
     h is State.tau, the bias; dq = rtol |q| + place and dv = rtol |v| + rate with the absolute tolerances (n,) of the
     free coordinates, and the largest of them for driven ones. State.tau and the joint wrenches are lost.
 
-    A longer out (4 + n,) gets the extent of the motion, see :func:`find_extent`.
+    A longer out (5 + 2 n,) gets the extent of the motion, see :func:`find_extent`.
     """
     widest, fastest = 0.0, 0.0
     for k in range(place.shape[0]):
@@ -126,12 +126,13 @@ def exposure(rtol: float, place: Any, rate: Any, arrays: Any, state: Any, out: A
 
 @inlined
 def find_extent(place: Any, rate: Any, widest: float, fastest: float, arrays: Any, state: Any, out: Any) -> None:
-    """out[2:4] = the largest displacement and velocity of a coordinate in absolute tolerances; out[4:] = positions.
+    """out[2:5] = the largest displacement and velocity of a coordinate in absolute tolerances, and the momentum,
+    State.tau, times the velocities before, out[5 + n:] (n,), which become those of this state.
 
-    Displacements are those from out[4:] (n,), which is set where it is nan, of a quaternion those of twice its vector
+    Displacements are those from out[5:5 + n], which is set where it is nan, of a quaternion those of twice its vector
     part. For driven coordinates, which have no entry there, velocities stand for both.
     """
-    out[2], out[3] = 0.0, 0.0
+    out[2], out[3], out[4], before = 0.0, 0.0, 0.0, 5 + place.shape[0]
     for i in range(1, arrays.bodies.shape[0]):
         body = arrays.bodies[i]
         plain = body.nq - 4 * body.quaternion
@@ -143,9 +144,11 @@ def find_extent(place: Any, rate: Any, widest: float, fastest: float, arrays: An
                 out[2] = max(out[2], pace)
                 continue
             at = state.q[body.qi + k] if k < plain else 2.0 * state.q[body.qi + k + 1]
-            if not out[4 + body.vf + k] == out[4 + body.vf + k]:
-                out[4 + body.vf + k] = at
-            out[2] = max(out[2], abs(at - out[4 + body.vf + k]) / place[body.vf + k])
+            if not out[5 + body.vf + k] == out[5 + body.vf + k]:
+                out[5 + body.vf + k] = at
+            out[2] = max(out[2], abs(at - out[5 + body.vf + k]) / place[body.vf + k])
+            out[4] += state.tau[body.vi + k] * out[before + body.vf + k]
+            out[before + body.vf + k] = state.v[body.vi + k]
 
 
 @inlined

@@ -285,7 +285,7 @@ def book_step(c: Any, H: Any) -> None:
     part = c.g[c.k] - c.g[c.k + 1]
     if c.corners > 0.0:  # the difference of two orders is small, though the power is wrong by its correction
         part = max(part, 1.0 / SLIP)
-    book_stray(c, c.h * part * (H.yp[last] - H.phi[last, 1]))
+    book_stray(c, c.h * part * (H.yp[last] - H.phi[last, 1]), c.h)
 
 
 @inlined

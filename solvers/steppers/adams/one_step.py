@@ -93,7 +93,7 @@ def take_step(c: Any, H: Any, target: float, error: float) -> None:
     for k in range(STAGES):
         slip += E[k] * H.phi[last, k + 1]
     c.through += abs(H.trial[last] - H.y[last])
-    book_stray(c, c.h * slip)
+    book_stray(c, c.h * slip, c.h)
     c.t = target if abs(target - c.t - c.h) <= SAME * c.h else c.t + c.h
     c.hold = c.h
     for j in range(H.y.shape[0]):

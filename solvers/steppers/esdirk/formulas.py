@@ -323,7 +323,7 @@ def accept(h: float, after: float, M: Any, s: Any) -> None:
         done += h * B[j] * M.P[j]
         slip += h * (B[j] - LOWER[j]) * M.P[j]
     c.through += abs(done)
-    book_stray(c, slip)
+    book_stray(c, slip, h)
     M.ends[0], M.ends[1], M.ends[2], M.ends[3] = c.work, c.work + done, M.P[0], M.P[STAGES - 1]
     c.work, M.P[0] = c.work + done, M.P[STAGES - 1]
     for k in range(s.q.shape[0]):

@@ -214,7 +214,7 @@ def accept(c: Any, H: Any, h: float, after: float, error: float) -> None:
         done += h * A[STAGES - 1, s] * H.P[s]
     H.work[0] += done
     c.through += abs(done)
-    book_stray(c, error_of_work(h, H))
+    book_stray(c, error_of_work(h, H), h)
     whole = h >= c.h
     c.t, c.hold = after, h
     longer = h * grow(c, h, error)
