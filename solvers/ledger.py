@@ -90,7 +90,9 @@ LEFT, RISEN = 0.1, 4.0
 COARSE = 5e-4  # tolerance from which every step is looked at for slow passages
 EVERY, AT_FIRST, ANEW = 8, 24, 3  # steps between two looks; looks in a row after the start, and after a change
 SLIP = 12.0  # estimates of errors are multiplied by this where forces have corners
-MESH_ERROR = 100.0  # tolerances: error of a mesh's vibrations that is no reason for a warning
+# Tolerances: error of a mesh's vibrations that is no reason for a warning, as of other motions that count as right in
+# tests. Tips of released sheets were off by up to 88 of them between 3e-3 and 1e-4.
+MESH_ERROR = 100.0
 BETWEEN = 4.0  # exposures: a reported state is interpolated, and closed
 
 

@@ -11,6 +11,7 @@ from healthy_runs import FAMILIES, Draw, G
 from mechanisms import Scale, n_four_bar
 from scipy.integrate import solve_ivp
 
+from fmus.sheet import Sheet
 from mbfmu import simulate
 from mbfmu.direct import Result
 from mbfmu.mechanics import JointSpring, JointStop, Mechanism, Revolute, RevoluteCut, Translational, rod
@@ -241,6 +242,27 @@ def test_motions_that_turn_or_come_to_rest_raise_no_warning(solver: str, damping
     result = simulate(m, 20.0, interval=0.05, solver=solver, tolerance=1e-3)
     assert np.abs(result["angle"] - exact[0]).max() < 0.2
     assert not result.warning
+
+
+@pytest.mark.parametrize(
+    ("solver", "tolerance", "stretch", "keeps"),
+    [
+        ("ida", 1e-3, False, False),
+        ("ida", 1e-4, False, True),
+        ("ida", 1e-4, True, True),
+        ("esdirk", 1e-3, False, True),
+        ("esdirk", 1e-3, True, True),
+    ],
+)
+def test_released_sheets_are_reported_where_they_lose_a_large_part_of_their_energy(
+    solver: str, tolerance: float, stretch: bool, keeps: bool
+) -> None:
+    """An undamped sheet keeps its energy: that is the reference."""
+    sheet = Sheet(nx=13, nz=9, stretch=stretch)
+    result = simulate(sheet, 0.4, interval=0.004, solver=solver, tolerance=tolerance)
+    lost = np.abs(result["energy"] - result["energy"][0]).max() / result["kinetic_energy"].max()
+    assert lost < 0.03 if keeps else lost > 0.1
+    assert bool(result.verdict) != keeps
 
 
 def damped_loops(damping: float) -> Mechanism:
