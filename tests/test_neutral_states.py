@@ -125,3 +125,16 @@ def test_a_torque_on_a_free_wheel_is_refused(count: int) -> None:
     m.force("motor", mb.JointForce(1e-3), wheel)
     with pytest.raises(mb.EquilibriumError, match="no equilibrium was found"):
         mb.equilibrium(m)
+
+
+@pytest.mark.parametrize("stiffness", [1e2, 1e5, 1e8, 1e10])
+@pytest.mark.parametrize("others", [0, 60])
+def test_a_small_force_beside_a_stiff_spring_is_refused(stiffness: float, others: int) -> None:
+    m = mb.Mechanism()
+    sled = m.body("sled", m.ground, mb.Translational(axis="x"), mass=1.0)
+    m.force("push", mb.JointForce(0.01), sled)
+    for k in range(1 + others):
+        held = m.body(f"held{k}", m.ground, mb.Translational(axis="y"), mass=1.0)
+        m.force(f"spring{k}", mb.JointSpring(stiffness=stiffness), held)
+    with pytest.raises(mb.EquilibriumError, match="no equilibrium was found"):
+        mb.equilibrium(m)

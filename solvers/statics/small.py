@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from solvers.compiled.held import hold
 from solvers.compiled.kernel import kernel
-from solvers.linalg.dense import full_pivot, length, solve_full_pivot
+from solvers.linalg.dense import full_pivot, solve_full_pivot
 from solvers.linalg.svd import decompose, pseudo_inverse_transposed
 from solvers.system import Array, Equations, System
 
@@ -41,7 +41,7 @@ from .newton import (
 
 EPSILON = 1e-30  # of the complex step; its square must vanish beside one
 PIVOT = 1e-12  # pivot of K relative to the first, below which an unknown is undetermined
-BALANCED = 1e-9  # residual left by the last correction
+BALANCED, FLOOR = 1e-9, 1e-13  # residual left by the last correction: of what acts in its row, and of the stiffest
 SINGULAR_POSITION = 1e-7  # a singular value of J~ below which cut-joint forces are not determined, relative to the
 # largest where the mechanism is in general position: in a singular one they may vanish all together
 NULL = 1e-10  # singular value of K relative to the largest, below which its direction is null
@@ -134,6 +134,22 @@ def correction(s: Any, z: Any) -> float:
     for i in range(s.v.shape[0]):
         square += z[i] * z[i]
     return np.sqrt(square)
+
+
+@kernel
+def balanced(lam: Any, scale: float, s: Any) -> bool:
+    """Whether s.f is small against what s.K and the multipliers do in each row; where they do nothing, zero."""
+    n, N = s.v.shape[0], s.f.shape[0]
+    for i in range(N):
+        acts = 0.0 if i < n else 1.0
+        for k in range(N):
+            if i < n and k < n:
+                acts += abs(s.K[i, k])
+            elif i < n:
+                acts += abs(s.K[i, k] * lam[k - n] * s.row[k - n] / scale)
+        if abs(s.f[i]) > BALANCED * acts + FLOOR:
+            return False
+    return True
 
 
 @kernel
@@ -235,7 +251,7 @@ def newton(eqs: Any, t: float, q: Any, lam: Any, rows: Any, c2: float, mass: flo
             move(eqs, q, lam, 1.0, scale, s)
             take(q, lam, s)
             linearize(eqs, t, q, lam, s.moved, rows, c2, mass, scale, s)
-            if length(s.f) > BALANCED:
+            if not balanced(lam, scale, s):
                 return SINGULAR
             return FOUND if constraint_forces(rows, eqs.terms, s, s.lam_try) else UNDETERMINED
         if first:  # what is farther may be another state
