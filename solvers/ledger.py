@@ -192,7 +192,8 @@ def note_passage(c: Any, taken: float) -> None:
             left = 2.0 * (slope - (s[1] - s[0]) / h[0]) / (h[0] + h[1])
             right = 2.0 * ((s[3] - s[2]) / h[2] - slope) / (h[1] + h[2])
             growth = (left * s[1] + right * s[2]) / (s[1] * s[1] + s[2] * s[2])
-            low = 0.5 * slope * slope / growth if growth > 0.0 else 0.0
+            if min(left * s[1], right * s[2]) > 0.0:  # at a stop it is one of the two at most
+                low = 0.5 * slope * slope / growth
         elif s[0] * s[1] > 0.0 and abs(s[1]) < min(abs(s[0]), abs(s[2])):
             low = 0.5 * s[1] * s[1]
     c.highest = max(c.highest, c.seen)

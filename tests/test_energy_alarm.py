@@ -65,8 +65,8 @@ def test_errors_at_the_corners_of_a_stop_raise_no_warning() -> None:
 
     The seeds are a fixed sample of the runs with the largest of these errors.
     """
-    right, said = draws((123, 663, 1011, 1287, 1329, 1461, 1785, 2187, 2247, 2553, 3093, 3969, 4893, 5247))
-    assert right == 14
+    right, said = draws((123, 249, 663, 1011, 1287, 1329, 1461, 1785, 2187, 2247, 2553, 3093, 3969, 4893, 5247, 5571))
+    assert right == 16
     assert said == []
 
 
