@@ -141,7 +141,7 @@ def look(exposure: Any, data: Any, c: Any, s: Any) -> None:
     c.seen, c.unread, c.every = kinetic, 1, int(s.rtol[0] >= COARSE)
     if c.sign == 0.0:
         c.sign = 1.0
-    if s.found[4] < 0.0:
+    if c.every == 1 and s.found[4] < 0.0:
         c.sign = -c.sign
 
 

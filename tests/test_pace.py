@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -58,19 +57,12 @@ def links(stiffness: float = 1e3) -> Mechanism:
     return m
 
 
-def test_an_undamped_strip_released_bent_names_better_solvers_after_some_thousand_steps() -> None:
-    """The whole run takes 105 806 steps, and 2998 by esdirk."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", RuntimeWarning)
-        with pytest.raises(RuntimeWarning) as raised:
-            released("ida", 0.1)
-    told = str(raised.value)
-    assert f"'ida' has taken {EARLY} steps" in told
-    named = set(re.findall(r"'(\w+)' needed", told))
-    assert "esdirk" in named
-    steps = {name: released(name, 2e-3).statistics for name in (*named, "ida")}
-    for name in named:  # and these are cheaper
-        assert 3 * steps[name].rhs_evals < steps["ida"].rhs_evals, (name, steps)
+def test_an_undamped_strip_released_bent_takes_no_more_steps_than_its_motion() -> None:
+    """Tolerances of rates came from rounding at rest: 105 806 steps for 0.1 s, and 2998 by esdirk."""
+    result = released("ida", 0.01)
+    assert not result.failure
+    assert result.statistics.steps < 1000
+    assert not any("has taken" in text for text in result.remarks)
 
 
 def test_links_that_ida_follows_at_a_small_tolerance_are_reported_and_esdirk_is_not_recommended() -> None:
