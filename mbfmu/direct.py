@@ -121,8 +121,9 @@ def run(
     """Run a model directly, without an FMU, and record its outputs at ``times``; stops at a failure.
 
     ``inputs`` are as :func:`simulate` takes them. ``watch`` is shown
-    the simulation whenever its outputs have been read: its bodies are in place then. ``warn`` is told at once when the
-    energy balance is lost, ``report`` (else ``warn``) when another solver would be far faster; the run goes on.
+    the simulation whenever its outputs have been read: its bodies are in place then.
+    ``warn`` is called at once when the energy balance is lost, ``report`` (else ``warn``) when another solver would be
+    far faster; the run goes on.
 
     Raises
     ------

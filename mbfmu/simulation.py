@@ -64,8 +64,8 @@ class Simulation:
     courses
         What inputs are given by for a whole run, see :mod:`mbfmu.mechanics.arrays.given`.
     duration
-        Time for which it is to run, s; the stop time of the model if it is not given. It is the scale of time of a
-        start at rest of which nothing else says how fast it will move.
+        Time of the whole run, s; if it is not given or 0, the stop time of the model. It is the time scale of a
+        start at rest if no force, drive or rate gives another one.
 
     Attributes
     ----------
@@ -121,6 +121,8 @@ class Simulation:
         q, v = (found.q, found.v) if settings.start_at_equilibrium else self.plant.assemble(t0)
         beside = self.plant.check_meetings(t0, q) if begins else []
         self.start, found_out = (q, v), settings.solver == AUTO
+        if duration is not None and finite("duration", duration) < 0.0:
+            raise UserError(f"duration is {duration!r}; allowed: at least 0 s (0: the stop time of the model)")
         options = settings.options(duration or own.stop_time)
         self.pick = pick(self.plant, [(t0, q, v)], options) if found_out else SolverPick(settings.solver)
         self._options, limited = limit_order(self.plant, self.pick.solver, (t0, q, v), options)

@@ -24,7 +24,7 @@ to, which for 'radau' is looser than the one asked for.
 The *extent* of the motion is its largest displacement or velocity in absolute tolerances, whichever is less. A motion
 of a few tolerances is not known to a small part of its energy.
 
-A *slow passage* leads by an unstable equilibrium, as where a pendulum swings over its highest position, or turns just
+A *slow passage* leads past an unstable equilibrium: a pendulum swings over its highest position, or turns just
 below it. Its energy is the kinetic energy where it is slowest, or what was lacking to pass. The momentum times the
 velocities of the look before changes its sign where the motion turns. Every step has to be looked at for that, so it is
 done at coarse tolerances, where steps are few. It counts when the kinetic energy has risen again: not where a motion

@@ -6,12 +6,13 @@ References are closed forms: Newton's law for the mass center of a free body, an
 from __future__ import annotations
 
 from math import pi, sqrt
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mbfmu import Result, Settings, Simulation, simulate
+from mbfmu import Result, Settings, Simulation, UserError, simulate
 from mbfmu.mechanics import (
     Body,
     Floating,
@@ -186,3 +187,11 @@ def test_no_second_is_special_to_a_start_at_rest(solver: str) -> None:
     p, w, t = 8.0 * pi, sqrt(64.0), np.arange(17) / 16
     expected = -8.0 / (w**2 - p**2) * (np.sin(p * t) - p / w * np.sin(w * t))
     assert np.abs(found[0][1] - expected).max() < 1e-5
+
+
+@pytest.mark.parametrize("duration", [-1.0, float("nan"), float("inf"), "1"])
+def test_a_duration_that_is_none_is_refused(duration: Any) -> None:
+    m = Mechanism()
+    m.body("b", m.ground, Translational(axis="x"), mass=1.0)
+    with pytest.raises(UserError, match="duration is "):
+        Simulation(m, Settings(), duration=duration)

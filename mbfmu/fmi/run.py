@@ -32,7 +32,7 @@ def run_fmu(
 ) -> Result:
     """Drive the FMU of a model over ``times`` (s); stops where the FMU discards a step.
 
-    ``warn`` is told at once when the energy balance is lost, and when another solver would be far faster; the run
+    ``warn`` is called at once when the energy balance is lost, and when another solver would be far faster; the run
     goes on. Ctrl-C ends it between two steps.
     """
     with (

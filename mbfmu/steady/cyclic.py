@@ -10,7 +10,7 @@ from solvers.system import Array, TreeSystem
 
 CYCLIC = 1e-10  # change with a coordinate, relative to the largest entry, below which there is none
 ROUNDING = 1e-14  # of the largest change with any motion
-BESIDE = 0.01  # distance of the general position from the start, in units of the coordinates
+GENERAL_DISTANCE = 0.01  # distance of the general position from the start, in units of the coordinates
 POSITION, ACCELERATION = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)  # coefficients of the products
 
 
@@ -25,7 +25,7 @@ def find_cyclic(system: TreeSystem, start: Array) -> NDArray[np.bool_]:
     if system.stepped is None:
         return cyclic
     random, products, q = np.random.default_rng(2), Products(system), start.copy()
-    system.apply(q, BESIDE * random.uniform(-1.0, 1.0, n) * system.size)
+    system.apply(q, GENERAL_DISTANCE * random.uniform(-1.0, 1.0, n) * system.size)
     v, a, motion = (random.uniform(-1.0, 1.0, n) * system.size for _ in range(3))
     rate = system.rate or 1.0
     lam = random.uniform(-1.0, 1.0, m)

@@ -11,9 +11,9 @@ symmetry, stands for all of them: where every entry of L_22 vanishes so does c^T
 examined at the end. The derivative of c^T L_22 in the directions Q_2 is square and symmetric. Where it has no full
 rank, as along curves of critical points, the shortest step is taken.
 
-The point may also lie in a surface of critical points in which fewer rows vanish, as where a plate on two folding legs
-lies flat and each leg may turn by itself. Then the search ends in one of those, and one combination of rows vanishes
-along curves. In that case a second search keeps the number of rows and lets several combinations c vanish, by the
+The point may also lie in a surface of critical points in which fewer rows are zero, for example if a plate on
+two folding legs lies flat and each leg may turn by itself. Then the search ends in one of those, and one combination of
+rows is zero along curves. In that case a second search keeps the number of rows and uses several combinations c, by the
 method of Gauss and Newton.
 """
 

@@ -49,7 +49,9 @@ TURN = 0.75  # of the squared rate of fall: more than that must be lost before t
 CLOSED = 1e-5  # distance from a crossing, in units of size, at which closed positions are on one branch or on another
 ROUND, LINE = 0.3, 0.8  # so near a crossing, in units of size, branches are lines; cosine of what is still the same
 LEAST_TURN = 2.0  # ratio of the pivots per length of a step (in units of size) above which no equation loses its rank
-BESIDE = 1e-2  # distance from a critical point of several equations, in units of size, from which B is accurate
+ACCURATE_DISTANCE = (
+    1e-2  # distance from a critical point of several equations, in units of size, from which B is accurate
+)
 AHEAD = 3.0  # steps ahead that a singular position is looked for
 JUMP = 0.7  # of the step before, to a crossing from where the next step jumps over it
 LEAD = 0.67  # of a longer way, that the step before the jump may go
@@ -111,8 +113,8 @@ def find(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
 
 @kernel
 def find_block(eqs: Any, t: float, q: Any, begun: int, rank: int, work: Any) -> int:
-    """The same for one of several rows, all but ``begun`` if that is not zero; NONE too where motions of more freedoms
-    pass beside it.
+    """The same for one of several rows, all but ``begun`` if that is not zero; NONE too if motions of more degrees
+    of freedom pass near it.
     """
     c, freedom = work.critical[0], eqs.terms.J.shape[1] - rank
     regular = seek_block(eqs, t, q, rank, work)
@@ -158,7 +160,7 @@ def note(eqs: Any, t: float, q: Any, taken: float, next_: float, rank: int, work
     kind = NONE
     if here.ratio < SINGULAR or here.ahead < AHEAD * next_:
         kind = judge(eqs, t, q, rank, work)
-    several = kind == CROSSING and work.critical[0].lost > 1 and distance(work.q_c, q, work) > BESIDE
+    several = kind == CROSSING and work.critical[0].lost > 1 and distance(work.q_c, q, work) > ACCURATE_DISTANCE
     if here.ratio < SINGULAR and kind != MISS and not several:
         return
     here.known = 1

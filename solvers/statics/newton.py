@@ -20,7 +20,7 @@ is one, and Newton finishes there. A thin sheet, whose stiffness against stretch
 bending, gets from flat to hanging straight down in some thirty factorizations.
 
 **Families of states.** If a motion changes no force, such as that of a free spindle, the Jacobian is singular at every
-state of the family and nearly so beside it. Where Newton then fails after the continuation, a small part of the mass
+state of the family and nearly so near it. If Newton then fails after the continuation, a small part of the mass
 matrix is added to the Jacobian alone. Corrections along the family stay small, the others converge linearly, and what
 is found balances all forces as any state does.
 """

@@ -31,7 +31,7 @@ FIXES = {
 def check_joints(
     mechanism: Mechanism, called: list[Called | None], foreign: set[int], arrays: Arrays, state: State
 ) -> None:
-    """Raise UserError if the kernels of a user-defined joint contradict each other at the start or beside it.
+    """Raise UserError if the kernels of a user-defined joint contradict each other at the start or near it.
 
     Joints with a quaternion are left out: their positions have no derivatives by the velocities alone.
     """
