@@ -10,6 +10,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 PAGES = (  # those that follow the naming and language rules of CONTRIBUTING.md; the others are to follow
     "README.md",
+    "CHANGELOG.md",
     "CONTRIBUTING.md",
     "docs/balance.md",
     "docs/choosing.md",
