@@ -42,52 +42,48 @@ TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10)
 POINTS = 81
 PAGE, PICTURE = ROOT / "docs" / "hard_cases.md", ROOT / "docs" / "images" / "near_misses.png"
 
-INTRODUCTION = """# Hard cases
+INTRODUCTION = """# Hard cases: singular, redundant and ill-conditioned mechanisms
 
-This page is written by `benchmarks/hard_cases.py`. Each case is run by each solver and compared with a reference that
-shares no code with them: the motion in closed form or from equations written by hand if there is one, otherwise maximal
-coordinates with redundant constraints removed by rank, integrated by SciPy's DOP853 at 1e-11 with projection. A run is
+This page is written by `benchmarks/hard_cases.py`. Each case is run with each solver and compared with a reference
+that shares no code with the solvers: the motion in closed form or from equations derived by hand if available,
+otherwise maximal coordinates with redundant constraints removed by rank, integrated by SciPy's DOP853 at 1e-11 with
+projection. The results of a run are classified as follows:
 
-- **right** if its error stays below 100 rtol A(t). A(t) is the factor by which errors grow in this motion. The table
-  gives the largest error (in lengths of the mechanism or rad) and the time of the run on the machine that wrote this
-  page. Errors are compared while 100 rtol A is below 0.1; after that the loops must stay closed and the energy must be
-  kept.
-- **warned** if its error is larger and the run reports that its result may be wrong.
-- **refused** if it stops with a message; the message is printed below the table.
-- **wrong** otherwise.
+- **right**: the error is below 100 rtol A(t), where rtol is the tolerance and A(t) the factor by which errors grow
+  in this motion. The table gives the largest error (in lengths of the mechanism or rad) and the time of the run on
+  the machine that wrote this page. Errors are compared while 100 rtol A is below 0.1; after that the loops must be
+  closed and the energy must be conserved.
+- **warned**: the error is larger, and the run reports that its result may be wrong.
+- **refused**: the run stops with an error message, which is printed below the table.
+- **wrong**: none of these.
 
-If a singular position is missed by 1e-8 or less, rounding decides more than a tolerance of 1e-10 could: `adams` and
-`hybrid` then use a coarser tolerance, report it, and are compared at that one. `mbfmu check SCENE` reports whether a
-scene is such a case.
-"""
+If a singular configuration is missed by 1e-8 or less, rounding errors have a larger influence than a tolerance of
+1e-10: `adams` and `hybrid` then use a larger tolerance, report it, and are compared at that tolerance. `mbfmu check
+SCENE` reports whether a scene is such a case."""
 
 LOOPS = """## Loops that are singular, redundant, driven or long
 
-A four-bar *+ 1e-5* has a rod that is 10 um too long for its singular position. A case named *singular* passes through
-a singular position exactly.
-"""
+A four-bar *+ 1e-5* has a rod that is 10 um too long for its singular configuration. A case named *singular* passes
+exactly through a singular configuration."""
 
 WITHOUT_LOOPS = """## Trees: ill-conditioned mass matrices, many coordinates, turning bases, stops
 
-Above 60 coordinates the solvers use the structure of the tree and no dense matrices, so cases are run on both sides of
-that limit.
-"""
+Above 60 coordinates the solvers use the structure of the tree and no dense matrices. Cases on both sides of this
+limit are included."""
 
 AT_ONCE = """## Loops that are singular at the same instant
 
 Benchmark A02 of the IFToMM library: N four-bars in a row, 2 s, with the exact motion of one degree of freedom. All
-loops are singular at the same instant, first at 0.7 s. *Serial*: the tree is a chain with a cut joint at the foot of
-each column. *Grounded*: the columns are on the ground, with a cut joint at the end of each coupler. Cells give the
-number of runs over N = {counts}, and the largest error of those that are right.
-"""
+loops are singular at the same instant, first at 0.7 s. *Serial*: the tree is a chain with a loop-closing joint (cut
+joint) at the foot of each column. *Grounded*: the columns are connected to the ground, with a cut joint at the end
+of each coupler. Cells give the number of runs over N = {counts}, and the largest error of those that are right."""
 
 MISSES = """## Near misses
 
 ![Error against the gap, for every solver and tolerance](images/near_misses.png)
 
-*Largest error while errors are compared, which at loose tolerances is a shorter time. Circles: parallel four-bar;
-squares: Grashof four-bar.*
-"""
+*Largest error over the time in which errors are compared, which is shorter at large tolerances. Circles: parallel
+four-bar; squares: Grashof four-bar.*"""
 
 
 class Hard(NamedTuple):
