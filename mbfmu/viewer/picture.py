@@ -293,6 +293,8 @@ class _Artist:
             body, joint = bodies[0], bodies[0].joint
             if len(load.points()) == len(bodies) == 2:
                 yield bodies[0], load.points()[0], bodies[1], load.points()[1]
+            elif getattr(load, "stiffness", None) == 0.0:  # a damper in a joint
+                continue
             elif load.on_joint and joint.drawn == "slide" and joint.units == ("m",):
                 yield self.mechanism.bodies[body.parent], joint.at, body, (0.0, 0.0, 0.0)
 
