@@ -7,7 +7,7 @@ import sys
 
 
 def main() -> int:
-    """Run the command. Loading its modules takes a second, in which Ctrl-C is to be told like at any other time."""
+    """Run the command. Loading its modules takes a second, in which Ctrl-C is handled as at any other time."""
     prepare_streams()
     try:
         from mbfmu.cli import main as command

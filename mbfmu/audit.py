@@ -2,9 +2,9 @@
 
     imbalance(t) = E(t) - E(0) - W(t) - sum of jumps
 
-E is kinetic and potential energy, W the work of drives, dampers, given forces and pressures that the solver adds up
-beside the motion, a jump the change of E at one state where an input or a parameter changes. Along the exact motion the
-imbalance is zero; what the tolerance explains is told by :mod:`solvers.balance`. What has left that bound stays
+E is kinetic and potential energy, W the work of drives, dampers, given forces and pressures that the solver integrates
+with the motion, a jump the change of E at one state where an input or a parameter changes. Along the exact motion the
+imbalance is zero; the bound that the tolerance explains is computed by :mod:`solvers.balance`. Once exceeded, it stays
 reported: the motion from there on is another one.
 """
 
@@ -113,7 +113,7 @@ class Audit:
 
 
 def nearest(plant: Plant, before: Place, here: Place) -> str:
-    """Say which loops are near a singular position somewhere between two places; empty where none is."""
+    """Return which loops are near a singular configuration somewhere between two positions; empty if none is."""
     if plant.system.m == 0:
         return ""
     between = (
@@ -137,7 +137,8 @@ def loops_of(plant: Plant, rows: Array) -> tuple[str, ...]:
 def distance(plant: Plant, t: float, q: Array, rank: int | None = None) -> tuple[float, Array]:
     """Return the smallest singular value of J over the largest, and how much each row takes part in it (m,).
 
-    Rows that depend on others do not count: all beyond ``rank``, or where that is not known what is zero here. Singular
+    Redundant constraint equations do not count: all beyond ``rank``, or if that is unknown those that are zero here.
+    Singular
     values are those of J M^-1/2 (of a large tree, where M is not at hand, of J itself), a cut joint's rows in units of
     the longest of them, lengths and angles apart.
     """

@@ -1,7 +1,7 @@
 """The solver that ``auto`` stands for: found before the run by trying, from the model as it starts.
 
-Eigenvalues do not tell what a solver has to follow: something that turns at a constant speed needs no steps. So both
-families run for a while, at the settings of the run, and what they do is thrown away. The explicit solver goes first.
+Eigenvalues do not show which motion a solver must resolve: rotation at a constant speed requires no steps. So both
+families run for a short time with the settings of the run, and the results are discarded. The explicit solver is first.
 Where accuracy sets its steps it is the cheapest there is, and nothing else is tried. Where stability sets them the
 implicit one runs, some times as far, and the cheaper one is taken: by evaluations of the equations for a second of
 motion, which are the same on every machine and every day.
@@ -10,8 +10,9 @@ A trial of an implicit solver is dear while what is fast still dies out. So what
 done is estimated too, from eigenvalues and amplitudes (:mod:`mbfmu.spectrum`), and the lower number counts.
 Either may be too high: eigenvalues take a speed for a rate, a short trial the start for the whole.
 
-What rests at its start needs no evaluations by an implicit solver. It will not rest for ever, so that no fewer are
-counted than gravity and drives will ask for. What stiffens after the trial, such as a stop met later, is not seen.
+A model at rest needs no evaluations by an implicit solver. It will not remain at rest, so that no fewer are
+counted than gravity and drives will require. Stiffness after the trial, such as a stop that is reached later, is not
+detected.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ FAR = 10.0  # times as far as the explicit one the implicit one may go: decays a
 WEIGHT = {"radau": 1.5, "esdirk": 2.5, "ida": 1.8}  # of an evaluation, in those of an explicit solver
 RUNGS = 10  # of twice the length each, by which it goes there
 LEAST = 50.0  # evaluations of an implicit solver for every 1/s of gravity and drives
-OWN, SWING = 250.0, 15.0  # likewise for every 1/s of the motion's own rate, and of a fast swing that is followed
+OWN, SWING = 250.0, 15.0  # per 1/s of the rate of the motion, and of a fast oscillation that is resolved
 GAIN, GAIN_OF_TREES = 1.0 / 6.0, 0.45  # evaluations of radau, and of esdirk or ida on trees, grow as tolerance to this
 WIDE = 10  # rows of loops from which LU on the dependent coordinates pays
 COARSE = 1e-6  # tightest tolerance of esdirk
@@ -50,14 +51,14 @@ State = tuple[float, Array, Array]  # t (s), q (nq,), v (n,)
 
 
 class SolverPick(NamedTuple):
-    """A solver, and why ``auto`` took it; without a reason it was asked for."""
+    """A solver, and the reason why ``auto`` selected it; no reason if it was requested."""
 
     solver: str
     reason: str = ""  # a clause with the numbers that decided
     stiff: bool = False  # whether it was taken because an explicit one would take too many steps
 
     def __str__(self) -> str:
-        """Return both in a sentence; empty where it was asked for."""
+        """Return both as a message; empty if it was requested."""
         return f"auto took {self.solver!r}: {self.reason}" if self.reason else ""
 
 
@@ -109,7 +110,7 @@ def limit_order(plant: Plant, solver: str, state: State, options: Options) -> tu
         return options, ""
     followed = found.followed(options.absolute)
     if followed >= RESOLVED * found.undamped or followed <= SLOWEST_RATE / options.duration:
-        return options, ""  # in the second case it is at rest, and nothing says what is to be followed
+        return options, ""  # in the second case it is at rest, and the motion to be resolved is unknown
     return replace(options, max_order=LOW_ORDER), (
         f"'ida' uses orders 1 and 2 only: the fastest motion of this model ({found.undamped:.3g} rad/s, coordinate "
         f"{found.leading!r}) is hardly damped and faster than what the solver follows ({followed:.3g} rad/s), and "
@@ -160,12 +161,12 @@ def _later(plant: Plant, state: State, tolerance: float, after: float) -> float:
 
 
 def _rate(plant: Plant, state: State) -> float:
-    """Return the rate of the motion as gravity, drives and velocities tell it, 1/s; zero: it rests."""
+    """Return the rate of the motion by gravity, drives and velocities, 1/s; zero: at rest."""
     return max(float(plant.system.rate), float(np.abs(state[2] / plant.system.size).max()))
 
 
 def try_solver(plant: Plant, solver: str, state: State, options: Options, times: Sequence[float], steps: int) -> _Trial:
-    """Try a solver for these times (s) one after the other, until it has taken so many steps.
+    """Try a solver for these times (s) one after the other, until it has taken ``steps`` steps.
 
     A start that it refuses gets nowhere here; the run will say why.
     """

@@ -1,4 +1,4 @@
-"""Outputs over time as curves: a panel a quantity, residuals on an axis of their own."""
+"""Outputs over time as curves: a panel for each quantity, residuals on a separate axis."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ RESIDUALS = ("residual", "imbalance")  # how names end of what should be nothing
 MOST = 12  # curves in a panel
 ALIKE = 0.01  # of the height of a panel: curves nearer than this hide each other
 DASHES = ("-", (0, (6, 3)), (0, (2, 2)), (0, (8, 2, 2, 2)))
-COLORS = 10  # before they begin anew, with other dashes
+COLORS = 10  # before they are repeated with other dashes
 WIDTHS = (1.0, 3.0)  # points; of a curve, and of one under others that are dashed
 FLAT = 1e-6  # of the size of its values: a panel is not lower, or it would show their rounding
 DEEP = 1e-9  # of its largest value: how far down a logarithmic panel goes
@@ -40,7 +40,7 @@ FAILED = "#c62828"
 
 
 def matching(known: Sequence[str], asked: Sequence[str]) -> list[str]:
-    """Return the names asked for, in their order, each once; ``*`` and ``?`` in one stand for any letters.
+    """Return the requested names in their order, each once; ``*`` and ``?`` match any letters.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def size(result: Result, names: Sequence[str]) -> tuple[float, float]:
 def draw(figure: Any, result: Result, names: Sequence[str] = ()) -> None:
     """Draw these outputs, or the first of each panel, into a figure of :func:`size`.
 
-    The title says model, scene, solver and tolerance, and of a run that is not to be trusted why.
+    The title contains model, scene, solver and tolerance, and the reason if a run may be wrong.
     """
     groups = panels(result, names)
     marker = "o" if len(result.t) == 1 else None  # a point has no line
@@ -125,7 +125,7 @@ def entitle(figure: Any, result: Result) -> None:
 
 
 def logarithmic(ax: Any, curves: Any) -> None:
-    """Make an axis logarithmic, down to what still shows beside the largest value."""
+    """Make an axis logarithmic, down to values that are visible next to the largest one."""
     ax.set_yscale("log")
     largest = float(np.nanmax(np.abs(curves)))
     if 0.0 < largest < np.inf:

@@ -37,7 +37,7 @@ def communication_points(stop_time: float, interval: float) -> Array:
 
 
 def loops(model: Model) -> list[str]:
-    """Return in sentences which rows of the constraints of a model vanish or are redundant at its start."""
+    """Return messages on trivially satisfied and redundant constraint equations of a model at its start."""
     plant = model.plant()
     return plant.assembly.notes(0.0, plant.assemble()[0]) if plant.mechanism.constraints else []
 
@@ -57,7 +57,7 @@ def simulate(
     Parameters
     ----------
     model
-        A model, or a mechanism that has not one of its own.
+        A model, or a mechanism without a model.
     stop_time, interval
         End of the run and time between outputs, s; the model's own where they are not given.
     inputs
@@ -78,8 +78,8 @@ def simulate(
     Raises
     ------
     UserError
-        What is wrong with the model, the times, the inputs or the settings. A run that ends early does not raise:
-        ``failure`` of the result says why.
+        The model, the times, the inputs or the settings are invalid. A run that stops early does not raise:
+        ``failure`` of the result contains the reason.
 
     Warns
     -----
@@ -122,8 +122,8 @@ def run(
 
     ``inputs`` are as :func:`simulate` takes them. ``watch`` is shown
     the simulation whenever its outputs have been read: its bodies are in place then.
-    ``warn`` is called at once when the energy balance is lost, ``report`` (else ``warn``) when another solver would be
-    far faster; the run goes on.
+    ``warn`` is called at once when the energy balance is violated, ``report`` (else ``warn``) when another solver is
+    far faster. The run continues.
 
     Raises
     ------

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 LONGEST_MESSAGE = 3000  # characters that the command prints of an error
-LONGEST = 200  # characters of a value in a sentence
+LONGEST = 200  # characters of a value in a message
 
 
 class UserError(ValueError):
@@ -24,7 +24,7 @@ class EquilibriumError(UserError):
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Say in words that a file, or one in a folder, cannot be written; raises UserError."""
+    """Raise UserError if a file, or one in a folder, cannot be written."""
     try:
         yield
     except BrokenPipeError:  # of what is printed meanwhile

@@ -23,7 +23,8 @@ def replacing(path: Path | str) -> Iterator[Path]:
     """Yield the path of a new file, which takes the place of ``path`` when the block ends without an exception.
 
     The new file is in the same folder. Its content is on the disk before it is renamed. Permissions of a file that is
-    replaced are kept, and a symbolic link goes on pointing to the file. What is no regular file, such as ``/dev/null``
+    replaced are kept, and a symbolic link continues to point to the file. What is no regular file, such as
+    ``/dev/null``
     or a pipe, is written in place.
 
     Parameters

@@ -19,7 +19,7 @@ FRONT = DESCRIBED + OWNER + LENGTH  # what stands before the content
 
 
 def frame(owner: str, head: dict[str, Any], body: bytes) -> bytes:
-    """Return a state as bytes; ``owner`` says what can take it up."""
+    """Return a state as bytes; ``owner`` identifies what can restore it."""
     text = json.dumps(head).encode()
     content = len(text).to_bytes(LENGTH, "little") + text + body
     described = _digest(owner) + len(content).to_bytes(LENGTH, "little")

@@ -1,4 +1,4 @@
-"""The variables of a model at work, in one list: what a host sets and reads, and all that is told about them.
+"""List of the variables of a running model: values that an importing tool sets and reads, and their attributes.
 
 The FMU, its model description, its documentation page and ``mbfmu models`` are written from this list. A variable's
 place in it is its value reference.
@@ -48,7 +48,7 @@ class Type(Enum):
 
 
 class Role(Enum):
-    """What a variable is, in words."""
+    """Type of a variable, for messages and tables."""
 
     PARAMETER = "parameter"
     SETTING = "setting of the solver"
@@ -66,7 +66,7 @@ class Role(Enum):
 
 @dataclass(frozen=True, kw_only=True)
 class ScalarVariable:
-    """A variable as a host sees it; words are those of FMI 2.
+    """A variable of the interface, in the terms of FMI 2.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ class ScalarVariable:
     max: float = inf
     nominal: float | None = None
     choices: tuple[str, ...] = ()
-    allowed: str = ""  # in words
+    allowed: str = ""  # allowed values as text
     depends_on: tuple[str, ...] = ()
 
     @property
@@ -98,7 +98,7 @@ class ScalarVariable:
 
     @property
     def size(self) -> str:
-        """How many numbers it has, in words; empty: one."""
+        """Number of its values as text; empty: one."""
         return ""
 
     @property
@@ -139,7 +139,7 @@ class ArrayVariable(ScalarVariable):
 
     @property
     def size(self) -> str:
-        """How many numbers it has, in words."""
+        """Number of its values as text."""
         return " x ".join(map(str, self.shape))
 
 
@@ -284,7 +284,7 @@ def outputs(plant: Plant) -> Iterator[ScalarVariable]:
 
 
 def moving(v: mechanics.Variable, role: Role, **told: Any) -> ScalarVariable:
-    """Return an input or output of a plant, with what else is told of it."""
+    """Return an input or output of a plant with its attributes."""
     return ScalarVariable(
         name=v.name,
         role=role,
@@ -314,7 +314,7 @@ def solver_outputs() -> Iterator[ScalarVariable]:
 
 
 def check(variables: Iterable[ScalarVariable]) -> None:
-    """Refuse names that a host cannot read or that are taken, and units that nobody knows."""
+    """Refuse names that FMI does not allow, duplicate names, and unknown units."""
     seen: dict[str, ScalarVariable] = {}
     for v in variables:
         what = f"the {v.role.value} {v.name!r}"

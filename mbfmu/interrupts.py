@@ -13,9 +13,9 @@ TERMINATED = 143  # exit code of a process that was asked to end, as shells have
 
 @contextmanager
 def interrupts_held(*, fatal: bool = False) -> Iterator[Callable[[], None]]:
-    """Yield what raises the KeyboardInterrupt that Ctrl-C asked for meanwhile.
+    """Yield a function that raises the KeyboardInterrupt of a Ctrl-C that has occurred meanwhile.
 
-    Raised inside a callback of SUNDIALS it would be lost, and PythonFMU's wrapper does not survive it. A second Ctrl-C
+    Raised inside a callback of SUNDIALS it would be lost, and PythonFMU's wrapper would crash. A second Ctrl-C
     is not held; ``fatal``: it ends the process.
     """
     if current_thread() is not main_thread():  # signals go to the main thread alone

@@ -119,7 +119,7 @@ def parameter(
 
 @cache
 def declared(cls: Any) -> tuple[Parameter, ...]:
-    """Return the parameters of a dataclass in order; raises UserError for a declaration that says nothing."""
+    """Return the parameters of a dataclass in order; raises UserError for an incomplete declaration."""
     if any(isinstance(value, Field) for value in vars(cls).values()):
         raise UserError(f"model {cls.__name__}: write @dataclass(frozen=True, kw_only=True) above the class")
     found = tuple(Parameter(name=f.name, default=f.default, **f.metadata) for f in fields(cls) if f.metadata)  # type: ignore[arg-type]
@@ -164,7 +164,7 @@ class Model:
     Class attributes a subclass may set: ``name`` (of the command line and the FMU), ``stop_time`` and
     ``output_interval`` (s), ``tolerance`` and ``default_solver`` of the default experiment, ``settling``: parameters
     that damp the motion, with which a comparison lets it run into the steady state, ``viewing``: parameters that
-    ``mbfmu view`` sets unless it is told otherwise, and ``effects``: by name, the parameters that turn an effect on;
+    ``mbfmu view`` sets by default, and ``effects``: by name, the parameters that turn an effect on;
     zero turns it off.
     """
 
@@ -237,7 +237,7 @@ class Model:
         return None
 
     def independent(self, times: NDArray[np.float64]) -> dict[str, tuple[NDArray[np.float64], float]] | None:
-        """Return outputs by name as another code or an experiment has them at ``times`` (s), and what each may err."""
+        """Return outputs by name at ``times`` (s) from another code or an experiment, and the uncertainty of each."""
         return None
 
     def exact_equilibrium(self) -> dict[str, float] | None:
@@ -304,7 +304,7 @@ def check(model: str, declared: Parameter, value: Any) -> Any:
 
 
 def read_text(declared: Parameter, text: str) -> Any:
-    """Turn text into a value of the parameter's type as far as it can be; :func:`check` judges the rest."""
+    """Convert text to a value of the parameter's type if possible; :func:`check` checks the rest."""
     if declared.choices:
         return text
     if isinstance(declared.default, bool):
@@ -316,7 +316,7 @@ def read_text(declared: Parameter, text: str) -> Any:
 
 
 def span(declared: Parameter) -> str:
-    """Return the allowed range in words."""
+    """Return the allowed range as text."""
     if declared.choices:
         return ", ".join(map(repr, declared.choices))
     if isinstance(declared.default, bool):
@@ -376,7 +376,7 @@ def find(reference: str) -> type[Model]:
 
 def at_defaults(cls: type[Model]) -> Model:
     """Return the model with the defaults of all its parameters."""
-    declared(cls)  # type: ignore[arg-type]  # says what is wrong first
+    declared(cls)  # type: ignore[arg-type]  # reports errors of the declaration first
     try:
         return cls()
     except TypeError as error:

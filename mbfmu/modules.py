@@ -16,7 +16,7 @@ from mbfmu.errors import UserError
 def load_module(path: Path) -> ModuleType:
     """Import a file under a name made from its content, so that two files of one name never meet.
 
-    It may import what is beside it. Raises UserError where it cannot be imported.
+    It may import modules of its folder. Raises UserError if it cannot be imported.
     """
     name = f"{path.stem}_{sha256(path.read_bytes()).hexdigest()[:8]}"
     if name in sys.modules:

@@ -12,9 +12,9 @@ from mbfmu.mechanics.arrays.assembly import free_bodies
 from solvers.outcome import Code, Status
 from solvers.system import Array
 
-MARCH = 100  # pieces of the time asked for, in which loops are closed one after the other
+MARCH = 100  # intervals of the requested time, in which loops are closed one after the other
 EXACT = 1e-9  # of that time, to which the last position they reach is found
-BEYOND = (1e-6, 1e-4, 1e-2)  # of that time: where they are tried after it, as a singular position is no end
+BEYOND = (1e-6, 1e-4, 1e-2)  # of that time: where they are tried after it, as a run may pass a singular configuration
 OPEN = 1e-10  # singular values below this part of the largest are zero
 PART = 1e-6  # of the largest: what a joint has to do with a motion
 
@@ -22,14 +22,14 @@ PART = 1e-6  # of the largest: what a joint has to do with a motion
 def why(plant: Plant, status: Status, q: Array, end: float, starts_singular: bool) -> str:
     """Return why a run stopped at q (nq,) on its way to ``end`` (s), and what to do.
 
-    ``starts_singular`` tells whether loops do not determine all rates where it started.
+    ``starts_singular``: whether the loops do not determine all rates at the start.
     """
     stuck = status.code in (Code.BRANCHES, Code.COLLAPSED, Code.NOT_CLOSED)
     advice = to_choose(plant, status.t, q) if starts_singular else ""
     if advice and status.code in (Code.BRANCHES, Code.UNDECIDABLE):
         return f"{status.message}. {advice}"
     drives = [body.name for body in plant.mechanism.bodies if body.joint.drive is not None]
-    until = 2.0 * end - status.t  # beyond what was asked for: it may end right there
+    until = 2.0 * end - status.t  # beyond the requested time: it may end right there
     last = _last(plant, status.t, q, until) if stuck and drives and plant.system.has_matrices else until
     if last == until:
         return f"{status.message}. {status.remedy}"
@@ -63,7 +63,7 @@ def _last(plant: Plant, begin: float, q: Array, end: float) -> float:
 
 
 def to_choose(plant: Plant, t: float, q: Array) -> str:
-    """Return in a sentence which rates choose the branch in a singular position q (nq,); empty: all were given."""
+    """Return a message on the rates that choose the branch in a singular configuration q (nq,); empty: all given."""
     names = [repr(name) for name in open_rates(plant, t, q)]
     if not names:
         return ""
@@ -72,7 +72,8 @@ def to_choose(plant: Plant, t: float, q: Array) -> str:
 
 
 def explain_rates(plant: Plant, t: float, q: Array, v: Array, tolerance: float) -> str:
-    """Return why the rates v (n,) belong to no branch of the motion in a singular position q (nq,); empty: they do.
+    """Return why the rates v (n,) belong to no branch of the motion in a singular configuration q (nq,); empty: they
+    do.
 
     An acceleration exists if J v' = gamma has a solution: if u^T gamma = 0 for all u with u^T J = 0. In a singular
     position this is the tangent cone of the constraints. Deviations of the rates from it, relative to them, are

@@ -7,7 +7,7 @@ absolute_tolerance = 0.0   # in units of each coordinate; 0: the relative one
 max_step = 0.0             # s; 0: no limit
 max_order = 0              # 0: the solver's own
 max_steps = 100000         # between two outputs
-inputs = "hold"            # loads that a host of the FMU sets; or "linear": they go on as they came
+inputs = "hold"            # interpolation of loads that an importing tool sets; or "linear": extrapolated
 start_at_equilibrium = false
 audit = true               # hold energy against work all along
 stop_time = 10.0           # s
@@ -154,7 +154,7 @@ def from_content(path: Path, content: dict[str, Any]) -> Scene:
     reference = content.pop("model", None)
     if not isinstance(reference, str):
         raise UserError(f"model is {reference!r}; allowed: a model's name, or a file my_model.py:MyModel")
-    if ".py" in reference:  # beside the scene
+    if ".py" in reference:  # in the folder of the scene
         reference = str(path.parent / reference)
     parameters = content.pop("parameters", {})
     if not isinstance(parameters, dict):

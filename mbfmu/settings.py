@@ -16,7 +16,7 @@ FINEST = 1e-15  # absolute tolerance: numbers of size one are no finer
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """How a model is integrated; what each means says its declaration.
+    """Settings of the integration; the declaration of each one explains it.
 
     The relative tolerance is the absolute one too, in units of each coordinate, unless that is given.
     """

@@ -45,7 +45,7 @@ _compiled: set[tuple[type, bool]] = set()  # kinds of runs whose kernels this pr
 class Mark(NamedTuple):
     """A point that a simulation can be taken back to."""
 
-    stepper: bytes  # all that it goes on from, its history and its counts too
+    stepper: bytes  # state of the stepper, with history and counters
     inputs: dict[str, list[Any]] | None  # where they remember anything
     work_of_jumps: float  # J
     balance: tuple[float, str, float] | None  # state of the audit
@@ -59,8 +59,9 @@ class Simulation:
     Parameters
     ----------
     inputs
-        Values of inputs, by name or number, that differ from their start. A support that is moved by them starts where
-        and as fast as they say, and takes along what hangs on it: start velocities are relative.
+        Values of inputs, by name or number, that differ from their start. A support that is moved by them starts with
+        this
+        position and rate, and the bodies connected to it move with it: start velocities are relative.
     courses
         What inputs are given by for a whole run, see :mod:`mbfmu.mechanics.arrays.given`.
     duration
@@ -83,7 +84,7 @@ class Simulation:
     pace
         Check of the number of steps; its ``end`` is the end of the run, s, if that is known.
     report
-        Function that is given a remark about the pace at once, while :meth:`advance` goes on.
+        Function that receives a message about the computing time at once, while :meth:`advance` continues.
     variables
         What :meth:`outputs` returns: the plant's outputs, then those of the audit (not numbers where it is off, or
         nothing is free).
@@ -226,7 +227,7 @@ class Simulation:
         return self.stepper.statistics
 
     def loops(self) -> list[str]:
-        """Return in sentences which rows of the constraints vanish and which are redundant."""
+        """Return messages on trivially satisfied and on redundant constraint equations."""
         return self.plant.assembly.notes(self.t, self.stepper.q)
 
     def energy(self) -> float:
@@ -257,7 +258,7 @@ class Simulation:
     def advance(self, t: float) -> Status:
         """Advance to t (s), a communication point; on failure the last good state stays.
 
-        :attr:`failure` also tells of a folded sheet.
+        :attr:`failure` also reports a folded sheet.
         """
         t = finite("the time to advance to", t)
         if t < self.stepper.t:
@@ -329,7 +330,7 @@ class Simulation:
         """
         stepper = self.stepper
         try:
-            a, lam = stepper.accelerations()  # the limit along the motion in a singular position
+            a, lam = stepper.accelerations()  # the limit along the motion in a singular configuration
         except SolverError as error:
             raise UserError(f"model {self.model.name!r}: {error}") from error
         t, q, out = stepper.t, stepper.q, self._out
@@ -367,7 +368,7 @@ class Simulation:
     def record(self, times: Array, values: Array) -> int:
         """Advance to each of ``times`` (k,) and put the outputs into a row of ``values`` (k, outputs) each.
 
-        Returns the number of rows; where it is less than k :attr:`failure` says why.
+        Returns the number of rows; if it is less than k, :attr:`failure` contains the reason.
         """
         times = np.ascontiguousarray(times)
         if np.shape(values) != (len(times), len(self.variables)):
@@ -419,8 +420,8 @@ class Simulation:
     def set_input(self, key: int | str, value: float) -> None:
         """Take the value of an input, by its name or number, at the time reached.
 
-        What loads the mechanism holds from now on, or goes on, as the settings say. What moves a support is where the
-        support should be now, or how fast: the next step moves it, see :mod:`mbfmu.mechanics.arrays.motion`.
+        A load is held or extrapolated from now on, according to the settings. For a support the value is the position
+        the where it should be now, or its rate: the next step moves it, see :mod:`mbfmu.mechanics.arrays.motion`.
         """
         index, inputs = self._input(key), self.plant.inputs
         if inputs.moves_support(index):
@@ -462,7 +463,7 @@ class Simulation:
         """Discard all since ``mark``, work of the solver included; only values that were set stay.
 
         A solver with its whole history in its arrays continues bit for bit as if the discarded advance had not been
-        tried. ``ida``, whose history is inside SUNDIALS, is initialized anew at the state of the mark.
+        tried. ``ida``, whose history is inside SUNDIALS, is reinitialized at the state of the mark.
         """
         if mark.inputs is not None:
             self.plant.inputs.restore(mark.inputs)

@@ -1,10 +1,11 @@
-"""How fast a mechanism can move beside one of its motions: eigenvalues of the motion linearized about any state.
+"""Eigenvalues of the equations of motion, linearized about a state of a trajectory (estimate of stiffness).
 
     x' = y,    y' = A_x x + A_y y
 
 x are small changes along the motions that the constraints allow, in units of the coordinates, y those of their rates.
 The columns of A are central differences of accelerations, which need nothing but what a solver has: the states of a run
-are no steady ones, and their number counts more than the last digits. Of up to ``ALL`` freedoms all eigenvalues are
+are not steady, and their number is more important than the last digits. Of up to ``ALL`` degrees of freedom all
+eigenvalues are
 found, of more the largest, by Arnoldi's iteration. The frames of bodies that turn freely are taken as if they stood
 still: eigenvalues of the size of their rates are not exact.
 """
@@ -29,11 +30,11 @@ from solvers.system import Array
 
 Found = tuple[NDArray[np.complex128], NDArray[np.complex128], Array]  # eigenvalues, motions in columns, amplitudes
 
-ALL = 40  # freedoms up to which every column of A is taken
+ALL = 40  # degrees of freedom up to which every column of A is computed
 TURNS = 40  # of Arnoldi's iteration
 STEP = 1e-5  # of differences, in units of the coordinates: truncation and rounding are both some 1e-10 of the largest
 RANK = 1e-6  # singular values below this part of the largest are those of redundant rows
-WEAK = 1e-3  # singular values that may be those of a singular position
+WEAK = 1e-3  # singular values that may be those of a singular configuration
 WIDE = 20  # coordinates from which on more threads than one get in each other's way
 UNDAMPED = 0.6  # damping ratio below which BDF of higher orders is unstable on motions that the steps do not resolve
 GONE = 1e-9  # part of a vector of Arnoldi's: what is left of it is rounding
@@ -48,12 +49,12 @@ class Spectrum:
     t
         When, s.
     values
-        Eigenvalues (k,), 1/s, the largest first; of many freedoms the largest ones only.
+        Eigenvalues (k,), 1/s, the largest first; of many degrees of freedom the largest ones only.
     amplitudes
-        How far each of these motions swings about the course it would follow by itself (k,), in units of the
-        coordinates; zero where that is not known.
+        Amplitude of each of these modes about its quasi-static course (k,), in units of the
+        coordinates; zero if unknown.
     own
-        Rate of the motion as its velocities, drives and gravity tell it, or where it rests its accelerations, 1/s.
+        Rate of the motion by its velocities, drives and gravity, or at rest by its accelerations, 1/s.
     leading
         The coordinate that takes most part in the fastest of them, by name; empty where nothing is free.
     """
@@ -73,7 +74,7 @@ class Spectrum:
         return value if value.imag >= 0.0 else value.conjugate()
 
     def swinging(self, tolerance: float, after: float) -> float:
-        """Return the largest eigenvalue, 1/s, whose motion still swings farther than the tolerance ``after`` so many s.
+        """Return the largest eigenvalue, 1/s, whose mode still exceeds the tolerance ``after`` this time, s.
 
         It is zero where none does.
         """
@@ -95,14 +96,14 @@ class Spectrum:
 
 
 class _Beside:
-    """Accelerations beside one state, along the motions that the constraints allow.
+    """Accelerations of perturbed states, along the motions that the constraints allow.
 
     Attributes
     ----------
     count
-        Freedoms; of a large tree its coordinates, among which changes are kept to what constraints allow.
+        Degrees of freedom; of a large model its coordinates, with changes limited to what constraints allow.
     weak
-        Whether some row nearly depends on others: for good, or in a singular position.
+        Whether some constraint equation nearly depends on others: always, or in a singular configuration.
     """
 
     def __init__(self, plant: Plant, t: float, q: Array, v: Array) -> None:
@@ -170,7 +171,7 @@ class _Beside:
 def spectrum(plant: Plant, t: float, q: Array, v: Array) -> Spectrum:
     """Return the eigenvalues about the state (q (nq,), v (n,)) at time t, s, which must keep the constraints.
 
-    In a singular position, or very near one, they are those of a position beside it. Raises UserError where the
+    In a singular configuration, or very near one, they are those of a nearby position. Raises UserError if the
     accelerations there are not determined or not finite.
     """
     try:

@@ -121,7 +121,7 @@ def add_json(p: argparse.ArgumentParser) -> None:
 
 
 def add_steady(p: argparse.ArgumentParser) -> None:
-    """Add the model whose steady state is asked for, and where to look for it."""
+    """Add the model whose steady state is computed, and the start of the search."""
     add_scene(p)
     add_set(p)
     p.add_argument(

@@ -166,7 +166,7 @@ def resolutions(texts: list[str] | None) -> list[dict[str, str]] | None:
 
 
 def counting(options: argparse.Namespace, shown: Any) -> Callable[[str, float], None]:
-    """Return what tells of each run that is done, and moves a bar of 100 by its share of the whole."""
+    """Return the callback that reports each finished run and moves a progress bar of 100 by its share."""
     reached = 0.0
 
     def done(what: str, share: float) -> None:

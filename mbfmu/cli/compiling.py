@@ -15,7 +15,7 @@ BEFORE = "compiling, once on this machine: a minute or two; later runs start at 
 
 @contextmanager
 def compilation(tells: bool) -> Iterator[None]:
-    """Tell on standard error, where that is wanted, that this block waits for the compiler, and how long it did."""
+    """Report on standard error, if requested, that this block waits for the compiler, and how long it took."""
     with time_of_compiling() as taken:
         try:
             with when_compiling(lambda: say(BEFORE, tells)):

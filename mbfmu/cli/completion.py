@@ -28,7 +28,7 @@ def model_names(**_: Any) -> list[str]:
 
 
 def scene_names(prefix: str = "", **_: Any) -> list[str]:
-    """Return every model and its scenes, and files beside them."""
+    """Return every model and its scenes, and files."""
     shipped = [f"{name}/{scene}" for name, model in sorted(models().items()) for scene in scenes(model)]
     files = FilesCompleter(allowednames=(".toml", ".py"))(prefix)
     return [*model_names(), *shipped, *files]

@@ -1,4 +1,4 @@
-"""Where a command leaves its files: in a folder of its own, which no other run ever writes to."""
+"""Folder of the results of a command: a separate one, to which no other run writes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .common import file_name, folder
 
 
 class Results:
-    """Files on their way to ``root/model/what``: in a hidden folder beside it until :meth:`keep`.
+    """Files on their way to ``root/model/what``: in a hidden folder next to it until :meth:`keep`.
 
     So there is no folder with half the files of a run, and two processes that end at once do not meet.
     """

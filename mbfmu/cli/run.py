@@ -59,7 +59,7 @@ class CalledDirect(argparse.Action):
     """What was called ``--native`` until 0.2."""
 
     def __call__(self, _: Any, options: argparse.Namespace, *__: Any) -> None:
-        """Do as ``--direct`` does, and say so."""
+        """Act as ``--direct``, and report it."""
         options.direct = True
         print("mbfmu: --native is called --direct: native is machine code without Python", file=sys.stderr)
 
@@ -133,7 +133,7 @@ def command_run(options: argparse.Namespace) -> int:
 
 
 class Way(Enum):
-    """How a scene was run, in words."""
+    """Description of how a scene was run."""
 
     DIRECT = "directly"
     NATIVE = "as a native FMU"
@@ -163,7 +163,7 @@ def ran(scene: Scene, options: argparse.Namespace, recorder: Recorder) -> tuple[
 
 
 def repeated(scene: Scene, result: Result, *, compiles: bool) -> Recorder:
-    """Repeat a run directly for its poses and remarks, which an FMU does not tell; return what has recorded them.
+    """Repeat a run directly for its poses and messages, which an FMU does not return; return the recorder.
 
     Where it may compile nothing and would have to, it is left out.
     """
@@ -177,7 +177,7 @@ def repeated(scene: Scene, result: Result, *, compiles: bool) -> Recorder:
 
 
 def mark(result: Result) -> str:
-    """Return what the name of a folder says of a run that is not to be trusted; empty: nothing speaks against it."""
+    """Return the suffix of the folder name of a run that may be wrong; empty if no problem is known."""
     return "failed" if result.failure else "inaccurate" if result.verdict else ""
 
 
@@ -225,7 +225,7 @@ def summary(scene: Scene, result: Result, way: Way, total: float) -> str:
 
 
 def statistics(result: Result) -> str:
-    """Return all that the solver counted, and all that it was told."""
+    """Return all counters and all settings of the solver."""
     assert result.settings is not None
     told = "\n".join(f"    {name} = {value}" for name, value in asdict(result.settings).items())
     counts = "\n".join(f"    {name} = {value:g}" for name, value in asdict(result.statistics).items())

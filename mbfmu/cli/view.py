@@ -95,7 +95,7 @@ def add(commands: Commands) -> None:
 
 
 def command_view(options: argparse.Namespace) -> int:
-    """Write a page, or the pictures asked for."""
+    """Write a page, or the requested pictures."""
     check(options)
     motion, against, results, page = load(options)
     if options.scale != 1.0:
@@ -133,7 +133,7 @@ def check(options: argparse.Namespace) -> None:
 
 
 def load(options: argparse.Namespace) -> tuple[Motion, Motion | None, list[Result], Path]:
-    """Return the motion, the one beside it, the results of the runs that were made, and where the page goes."""
+    """Return the motion, the second motion, the results of the runs, and the path of the page."""
     source, against = Path(options.scene), options.against
     if source.suffix == ".npz":
         given = [name for name in OF_SCENES if getattr(options, name) not in (None, [])]
@@ -181,7 +181,7 @@ def recorded_run(scene: Scene) -> tuple[Motion, Result]:
 
 
 def write_page(motion: Motion, against: Motion | None, options: argparse.Namespace, path: Path) -> Path:
-    """Write the page, and open it where that is asked for; or the glTF."""
+    """Write the page, and open it on request; or the glTF file."""
     folder(path.parent)
     stride = write_glb(motion, path) if path.suffix == ".glb" else write_html(motion, path, against)
     if stride > 1 and not options.quiet:
@@ -192,7 +192,7 @@ def write_page(motion: Motion, against: Motion | None, options: argparse.Namespa
 
 
 def write_pictures(motion: Motion, options: argparse.Namespace) -> list[Path]:
-    """Write the pictures and films asked for."""
+    """Write the requested pictures and films."""
     if not (options.png or options.gif or options.mp4):
         return []
     from mbfmu.viewer.images import Shot, film_times, write_film, write_png

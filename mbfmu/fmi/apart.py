@@ -1,8 +1,8 @@
 """``python -m mbfmu.fmi.apart SCENE FMU [FMI PLATFORM ...]``: a scene as a native FMU, without a compiler.
 
-It is a process of its own, in which kernels are plain Python: making the FMU calls each a few times, and all of them
-together take less than compiling one. What it makes has the same bytes either way. It is told what to make by a scene
-file, and prints what is to be said, one sentence a line: of the export, or where no version of FMI is given and the FMU
+It is a separate process in which kernels are plain Python: the export calls each a few times, and all of these calls
+together take less than compiling one. The result has the same bytes. It is specified by a scene
+file. The process prints messages, one per line: of the export, or where no version of FMI is given and the FMU
 is for one run, of the loops.
 """
 

@@ -70,11 +70,11 @@ def coupled(model: Model, settings: Settings, experiment: Experiment) -> dict[st
 
 
 def write_script(model: Model, settings: Settings, experiment: Experiment, folder: Path) -> Path:
-    """Write the slave script, and beside it the source of a model that lives in a file of its own."""
+    """Write the slave script, and next to it the source of a model that is in a separate file."""
     cls, source = type(model), own_source(type(model))
     owner = identify(model, settings, experiment, source)
     module = cls.__module__
-    if source:  # under a name of its own: two FMUs in one process must not meet in sys.modules
+    if source:  # under a separate name: two FMUs in one process must not meet in sys.modules
         module = f"mbfmu_source_{owner.digest[:8]}"
         (folder / f"{module}.py").write_text(source, encoding="utf-8")
     script = folder / f"{owner.identifier}.py"

@@ -32,7 +32,7 @@ LOG_CATEGORIES = {
 
 @dataclass(frozen=True, kw_only=True)
 class Experiment:
-    """How long and how finely a host runs an FMU if nobody tells it, s, and with which tolerance."""
+    """Default experiment of an FMU: stop time and output interval, s, and tolerance."""
 
     stop_time: float
     step_size: float
@@ -41,9 +41,9 @@ class Experiment:
 
 @dataclass(frozen=True, kw_only=True)
 class Identity:
-    """Who an FMU is: names for people and for files, what it does, and the number that tells it from all others.
+    """Identity of an FMU: display name, file name, description, and identifier.
 
-    ``tool`` is what its binaries are made of beside mbfmu, and needs Python; empty: machine code.
+    ``tool`` is the tool besides mbfmu that its binaries contain, which requires Python; empty: machine code.
     """
 
     name: str

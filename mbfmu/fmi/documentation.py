@@ -19,7 +19,7 @@ STYLE = (
 
 
 def page(model: Model, variables: Sequence[ScalarVariable], *, needs_python: bool) -> str:
-    """Return a page that says what the model is and lists every variable."""
+    """Return a page that describes the model and lists every variable."""
     needs = ", which must be installed in the host's Python" if needs_python else "; it needs nothing else to run"
     tables = "".join(_table(role, [v for v in variables if v.role is role]) for role in Role)
     return (

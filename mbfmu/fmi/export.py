@@ -54,7 +54,8 @@ def export(
     platforms
         Of machine code: names of the machines it is for, of :data:`mbfmu.native.targets.TARGETS`. Empty: this one.
     tell
-        Is given a sentence for all that the export decides: another solver, parameters that become constant.
+        Function that receives a message on every decision of the export: another solver, parameters that become
+        constant.
 
     Raises
     ------

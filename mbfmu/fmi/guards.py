@@ -16,7 +16,7 @@ def finalize_at_exit(resources: str | None, identifier: str) -> None:
     It holds the interpreter in a static pointer. When the process ends the pointer is destroyed, which ends Python, and
     then the library's destructor resets it once more: it writes into memory that has been freed, and the host aborts
     with its results complete. What is registered last at exit comes first: the pointer is reset while all libraries
-    are whole, and nothing is left to do for the others. A host without Python of its own and one that is written in
+    are loaded, and nothing is left to do for the others. An importing tool without Python and one that is written in
     Python need the same.
     """
     if resources is None:

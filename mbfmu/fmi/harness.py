@@ -44,7 +44,7 @@ class Fmu:
     path
         The FMU file.
     values
-        Start values of parameters and inputs by name; choices, such as the solver, in words or by their number.
+        Start values of parameters and inputs by name; choices, such as the solver, by name or number.
     start_time
         s.
     tolerance
@@ -86,7 +86,7 @@ class Fmu:
         callbacks.logger = fmi2CallbackLoggerTYPE(self._note)
         callbacks.allocateMemory = fmi2CallbackAllocateMemoryTYPE(calloc)
         callbacks.freeMemory = fmi2CallbackFreeMemoryTYPE(free)
-        with suppress(Exception):  # FMPy cannot fill in numbers on every machine; texts of ours have none to fill in
+        with suppress(Exception):  # FMPy cannot fill in numbers on every machine; mbfmu's texts have none
             from fmpy.logging import addLoggerProxy
 
             addLoggerProxy(byref(callbacks))

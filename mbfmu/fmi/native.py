@@ -76,7 +76,7 @@ def _text(root: Element) -> bytes:
 
 
 def _targets(fmi: int, platforms: Sequence[str]) -> list[str]:
-    """Return the names of the targets asked for; this machine where none are."""
+    """Return the names of the requested targets; this machine if there are none."""
     if fmi not in VERSIONS:
         raise UserError(f"fmi is {fmi!r}; allowed: 2 or 3")
     names = list(dict.fromkeys(platforms)) or [host()]
@@ -95,7 +95,7 @@ def _known() -> str:
 
 
 def _with_solver(model: Model, settings: Settings, tell: Callable[[str], None]) -> Settings:
-    """Return settings whose solver machine code has: the cheaper of them where another was asked for."""
+    """Return settings with a solver that native FMUs support: the cheapest if another was requested."""
     if settings.solver in SOLVERS:
         return settings
     plant = model.plant()

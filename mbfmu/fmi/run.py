@@ -32,8 +32,8 @@ def run_fmu(
 ) -> Result:
     """Drive the FMU of a model over ``times`` (s); stops where the FMU discards a step.
 
-    ``warn`` is called at once when the energy balance is lost, and when another solver would be far faster; the run
-    goes on. Ctrl-C ends it between two steps.
+    ``warn`` is called at once when the energy balance is violated, and when another solver would be far faster; the run
+    continues. Ctrl-C ends it between two steps.
     """
     with (
         interrupts_held(fatal=True) as interrupt,

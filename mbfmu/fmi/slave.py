@@ -1,6 +1,7 @@
 """The FMI 2.0 co-simulation slave around any model.
 
-**What a host is told.** PythonFMU's wrapper gives this class one status to choose, that of fmi2DoStep: fmi2OK or
+**Errors of the importing tool.** PythonFMU's wrapper gives this class one status to choose, that of fmi2DoStep: fmi2OK
+or
 fmi2Discard. All other calls return fmi2OK, or fmi2Fatal where an exception leaves them. So what a host does wrong (a
 call that its state does not allow, a value that is refused, a state that is damaged) is logged at once as an error,
 changes nothing, and is the reason why the next step is discarded; what was refused stays the reason until it is given
@@ -35,7 +36,7 @@ from .values import Phase, Values, guarded, in_words
 Array = NDArray[np.float64]
 
 STATE_FORMAT = 6
-TOLD = 5  # mistakes that are told one by one
+TOLD = 5  # errors that are reported one by one
 AGREED = 1e-9  # s, or part of the time: so much may a host's clock differ from ours
 
 
@@ -119,7 +120,7 @@ class ModelSlave(Values):
             self._mistake(f"fmi2ExitInitializationMode was called when the FMU was {self._phase.name.lower()}")
             return
         try:
-            if self._refused:  # the host's other mistakes are told by its first step
+            if self._refused:  # other errors of the importing tool are reported by its first step
                 raise UserError("; ".join(self._refused.values()))
             if not self._fresh:
                 self._start_anew()
@@ -156,7 +157,7 @@ class ModelSlave(Values):
             return Simulation(model, settings, t0, inputs, begins=begins)
 
     def _tell_loops(self) -> None:
-        """Log what ``auto`` took, and which rows of the loops vanish or are redundant, unless that was said."""
+        """Log the choice of ``auto`` and trivially satisfied or redundant constraints, unless reported before."""
         assert self.simulation is not None
         taken = str(self.simulation.pick)
         told, self._loops = self._loops, [*([taken] if taken else []), *self.simulation.loops()]
@@ -276,14 +277,14 @@ class ModelSlave(Values):
             self._refuse("FMU state", f"the FMU state is refused: {in_words(error)}")
 
     def _go_back(self, head: dict[str, Any], body: bytes) -> None:
-        """Be what an instance was; a simulation that differs in what is fixed is built anew, without a steady state."""
+        """Restore an instance; a simulation that differs in fixed parameters is rebuilt, without a steady state."""
         values, t0, simulation = np.array(head["values"]), head["t0"], None
         if body:
             model, settings = self._model_of(values), self._settings_of(values)
             simulation = self.simulation if self._runs(model, settings) else None
             if simulation is None:
                 simulation = self._started(model, replace(settings, start_at_equilibrium=False), t0, {}, begins=False)
-                self._remarked = len(simulation.remarks)  # the instance that was saved has told them
+                self._remarked = len(simulation.remarks)  # the instance that was saved has reported them
             simulation.restore(body)
         self.simulation, self._t0, self._buffer[:] = simulation, t0, values
         self._changed, self._phase, self.message = set(head["changed"]), Phase[head["phase"]], head["message"]

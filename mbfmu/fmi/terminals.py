@@ -39,7 +39,7 @@ def terminals_and_icons(model: Model, variables: Iterable[ScalarVariable]) -> El
 
 
 def _flange(name: str, members: Iterable[str], known: dict[str, ScalarVariable]) -> list[tuple[str, str]]:
-    """Return name and kind of each member, which its unit tells."""
+    """Return name and kind of each member; the unit determines the kind."""
     for member in members:
         if member not in known:
             raise UserError(f"terminal {name!r} has {member!r}, which is no input and no output of its own in the FMU")

@@ -27,7 +27,7 @@ WHOLE = (Type.INTEGER, Type.ENUMERATION)  # what is read and set as a whole numb
 
 
 def guarded(callback: Callable[..., Any]) -> Callable[..., Any]:
-    """Let no exception escape a callback; :meth:`Values.fail` is told."""
+    """Let no exception escape a callback; :meth:`Values.fail` receives it."""
 
     @functools.wraps(callback)
     def safe(self: Values, *args: Any) -> Any:
@@ -85,7 +85,7 @@ class Values(Fmi2Slave):  # type: ignore[misc]
     # ---- reading ------------------------------------------------------------------------------------------------
 
     def get_real(self, vrs: list[int]) -> list[float]:
-        """Return real values; outputs are evaluated once a step, when first asked for."""
+        """Return real values; outputs are evaluated once per step, at the first request."""
         if not vrs or min(vrs) < 0 or max(vrs) >= len(self._buffer) or not self._are_real[vrs].all():
             return [self.get_real([r])[0] if self._known(r, Type.REAL) else nan for r in vrs]
         if not self._fresh and self._are_outputs[vrs].any():
@@ -128,15 +128,15 @@ class Values(Fmi2Slave):  # type: ignore[misc]
     # ---- setting ------------------------------------------------------------------------------------------------
 
     def set_real(self, vrs: list[int], values: list[float]) -> None:
-        """Take real values; one that is refused fails the next step unless it is given anew."""
+        """Set real values; one that is refused fails the next step unless it is set again."""
         self._set((Type.REAL,), vrs, values)
 
     def set_integer(self, vrs: list[int], values: list[int]) -> None:
-        """Take whole numbers, likewise."""
+        """Set integer values, see :meth:`set_real`."""
         self._set(WHOLE, vrs, values)
 
     def set_boolean(self, vrs: list[int], values: list[bool]) -> None:
-        """Take truth values, likewise."""
+        """Set Boolean values, see :meth:`set_real`."""
         self._set((Type.BOOLEAN,), vrs, values)
 
     def set_string(self, vrs: list[int], values: list[str]) -> None:

@@ -1,4 +1,4 @@
-"""What a mechanism is and how it moves; knows neither solvers' methods nor FMI."""
+"""Mechanisms and their motion; independent of the methods of solvers and of FMI."""
 
 from mbfmu.errors import AssemblyError, UserError
 from solvers.compiled.kernel import kernel

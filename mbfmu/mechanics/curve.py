@@ -2,7 +2,7 @@
 
 A row of ``Arrays.numbers`` is an interval: where it begins, the four coefficients from there on, lowest first, and the
 integral from the first point to there. The last row is the end, with its value and slope. Beyond both ends the curve
-goes on as a straight line; one that is periodic has its number of rows negative.
+continues as a straight line; the number of rows of a periodic curve is negative.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from .numbers import array_of
 
 ROW = 6  # numbers of an interval
 KINDS = ("spline", "monotone", "akima", "linear")
-ENDS = {"linear": "natural", "hold": "clamped", "periodic": "periodic"}  # how a spline ends where it goes on so beyond
+ENDS = {"linear": "natural", "hold": "clamped", "periodic": "periodic"}  # end conditions of a spline
 
 
 @kernel

@@ -116,5 +116,5 @@ def surface_gap(k: int, arrays: Any, state: Any) -> float:
 
 @inlined
 def read_sensor(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
-    """What a sensor tells; see :mod:`.sensors.base`."""
+    """Value of a sensor; see :mod:`.sensors.base`."""
     return number(arrays.kernels[sensor.kind + READ], arrays.memory, sensor.at, state.time, (lam, arrays, state))

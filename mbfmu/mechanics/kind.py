@@ -1,10 +1,11 @@
-"""What every kind of joint, cut joint, coupling, load, signal and sensor says of itself.
+"""Base class of element types: joints, cut joints, couplings, loads, signals, sensors and surfaces.
 
-A kind is a class in a file of its own, of this package or of a user. It has a *record* of parameters, which ``fill``
+An element type (kind) is a class in a separate file, of this package or of a user. It has a *record* of parameters,
+which ``fill``
 writes, and *kernels*, which read them; its role (:class:`.joints.Joint`, :class:`.cuts.Cut`,
 :class:`.couplings.Coupling`, :class:`.loads.Load`, :class:`.signals.Signal`, :class:`.sensors.Sensor`,
-:class:`.contact.surfaces.Surface`) says
-which, and what they do. Nothing else in the package knows what kinds there are: the recursions call kernels by their
+:class:`.contact.surfaces.Surface`) specifies
+them. The rest of the package is independent of the existing element types: the recursions call kernels by their
 address (:mod:`.dispatch`).
 """
 
@@ -53,7 +54,7 @@ class Kind:
     kernels: ClassVar[dict[str, str]]
 
     def check(self, what: str) -> None:
-        """Raise UserError where a parameter is not allowed; ``what`` says whose it is."""
+        """Raise UserError if a parameter is not allowed; ``what`` names the element."""
 
     def check_declaration(self, said: str) -> None:
         """Raise UserError if what the class declares does not fit together; ``said`` begins the message."""

@@ -1,7 +1,7 @@
 """Functions that users write in Python, or as an expression, as kernels.
 
-A law is compiled where it is used and not kept on disk: nobody can tell what a closure stands for tomorrow. A law may
-have kinks and absolute values, so where others are differentiated by complex steps it is by differences.
+A law is compiled where it is used and not stored on disk, because the meaning of a closure may change. A law may
+have kinks and absolute values, so it is differentiated by differences and not by complex steps.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def law_of(what: str, given: Any, names: tuple[str, ...]) -> Any:
     Raises
     ------
     UserError
-        It takes other arguments, or cannot be compiled; says why.
+        It has other arguments, or cannot be compiled; the message gives the reason.
     """
     law = from_text(what, given, names) if isinstance(given, str) else given
     count = arguments_of(what, law)

@@ -104,7 +104,7 @@ class Arrays(NamedTuple):
     signals: NDArray[Any]  # ITEM
     surfaces: NDArray[Any]  # ITEM
     sensors: NDArray[Any]  # SENSOR
-    kept: NDArray[np.int64]  # (rows,) number among the constraints of rows, cuts first, then couplings; -1: it vanishes
+    kept: NDArray[np.int64]  # (rows,) number among the constraints, cuts before couplings; -1: trivially satisfied
     reach: NDArray[np.float64]  # (rows,) what a residual of one counts for, m: the mechanism's length by the row's unit
     flexibles: NDArray[Any]  # FLEXIBLE
     nodes: NDArray[Any]  # NODE
@@ -179,7 +179,7 @@ class State(NamedTuple):
     U: NDArray[np.float64]  # (nv, 6) articulated body: (IA S)^T, with the joint's Cholesky factor taken out
     D: NDArray[np.float64]  # (nv, MODES + 1) articulated body: a joint's Cholesky factor, and last its right-hand side
     time: NDArray[np.float64]  # (1,) s, when the forces were applied last
-    damped: NDArray[np.float64]  # (1,) W, power that loads have told then, which :func:`power` would reckon again
+    damped: NDArray[np.float64]  # (1,) W, power already evaluated by loads, as by :func:`power`
     energy: NDArray[np.float64]  # (2,) J, kinetic and potential, where sensors are read
 
 

@@ -116,7 +116,7 @@ def way(A: Any, B: Any, Pa: Any, Pb: Any) -> Any:
 
 @kernel
 def way_rate(A: Any, B: Any, Pa: Any, Pb: Any) -> Any:
-    """Velocity of b's point as one on body a sees it, global axes."""
+    """Velocity of b's point relative to body a, global axes."""
     _, (x, y, z), (bx, by, bz) = way(A, B, Pa, Pb)
     a, b = A.Y, B.Y
     return (

@@ -17,7 +17,7 @@ from solvers.statics.modes import lowest_modes
 from solvers.statics.spectrum import Spectrum, spectrum_of
 from solvers.system import Array
 
-LOWEST = 8  # modes of a larger tree that its stability is judged by, and of which there is an equilibrium's list
+LOWEST = 8  # modes of a large model by which its stability is evaluated, and that are listed
 
 
 @dataclass(frozen=True, kw_only=True)

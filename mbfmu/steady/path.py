@@ -55,7 +55,7 @@ class PathState:
 
 @dataclass(frozen=True, kw_only=True)
 class PathBranch:
-    """States that follow from each other. ``ended`` tells why before the end, in words; empty where it came there."""
+    """States that follow from each other. ``ended`` is the reason if it stopped before the end; else empty."""
 
     states: list[PathState] = field(default_factory=list)
     ended: str = ""
@@ -85,7 +85,7 @@ class EquilibriumPath:
     units
         Of the outputs, by name.
     branches
-        First the one from the start; then, where asked for, two from each of its bifurcations. A branch has ``values``
+        First the one from the start; then, on request, two from each of its bifurcations. A branch has ``values``
         of the input, ``output(name)`` along it, and ``ended``: why it ended early. Its ``states`` have ``value``,
         ``outputs``, ``positions``, ``stability``, ``unstable`` motions, and ``kind``: ``limit point``,
         ``bifurcation`` or empty.
@@ -151,7 +151,7 @@ class PathProblem:
         self.problem.set_input(self._index, value)
 
     def passing(self, name: str, limit: float) -> Callable[[State], float]:
-        """Return what tells how far an output is above a limit."""
+        """Return the function that gives the distance of an output from a limit."""
         names, limit = [variable.name for variable in self.plant.outputs], finite(f"until of {name!r}", limit)
         if name not in names:
             model = self.problem.model.name

@@ -167,7 +167,7 @@ class EquilibriumProblem:
                 continue
 
     def _find_cyclic(self, q: Array) -> NDArray[np.bool_]:
-        """Return which coordinates (n,) the equations of motion do not depend on, judged at positions q (nq,)."""
+        """Return the coordinates (n,) on which the equations of motion do not depend, at positions q (nq,)."""
         system, n = self._complex, self.plant.system.n
         v, terms = np.random.default_rng(2).uniform(-1.0, 1.0, n).astype(complex), system.allocate_terms(complex)
         cyclic = np.zeros(n, bool)
@@ -329,7 +329,7 @@ class EquilibriumProblem:
         )
 
     def _describe_pushed(self) -> str:
-        """Return the motion of a large tree at the start that loads act on and nothing resists, in words."""
+        """Return a message on the motion of a large model at the start on which loads act without resistance."""
         if self.plant.system.has_matrices:
             return ""
         forces, _ = self._solver.residual(0.0, self._start, np.zeros(self.plant.system.m))

@@ -1,4 +1,4 @@
-"""Which motions a large tree is free to make, in words: from those its stiffness does not resist."""
+"""Messages on the free motions of a large model: those without stiffness."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mbfmu.mechanics.recursions.dynamics import move
 from mbfmu.steady.modes import shapes
 from solvers.system import Array
 
-COUNT = 8  # modes looked at: the six rigid ones of a free body, and two that tell how stiff it is
+COUNT = 8  # modes evaluated: the six rigid ones of a free body, and two for its stiffness
 RIGID = 1e-3  # what is left of a motion, relative, when the nearest rigid one is taken away
 EXACT = 1e-3  # components of directions below which they are nought
 
@@ -49,7 +49,7 @@ def in_words(plant: Plant, q: Array, motions: Matrix) -> str:
 
 
 def describe_pushed(plant: Plant, q: Array, forces: Array, least: float) -> str:
-    """Return the motion about q (nq,) that forces (n,) act on and nothing resists, in words; empty: there is none.
+    """Return a message on the motion about q (nq,) on which forces (n,) act without resistance; empty: none.
 
     ``least``: share of the forces from which on they act on a motion.
     """

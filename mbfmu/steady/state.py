@@ -39,11 +39,11 @@ class Equilibrium:
     solve_time
         s, of the solution alone: the plant was built before.
     found_from
-        Where Newton started, in words.
+        Start of Newton's method, as text.
     continued
         Whether Newton alone failed, and the state may be far from where it started.
     notes
-        What the state leaves out of the model's start, in words, and that coefficients are periodic.
+        Messages on differences from the model's start, and on periodic coefficients.
     periodic
         Whether the linearized motion changes with the positions of the drives.
     """
@@ -103,8 +103,9 @@ class Equilibrium:
 
     @property
     def stability(self) -> str:
-        """Of the linearized motion: ``stable`` (it decays), ``undamped`` (some of it oscillates for ever), ``neutral``
-        (some of it drifts), ``unstable``, or ``unknown`` where its coefficients are periodic and notes say why it was
+        """Of the linearized motion: ``stable`` (it decays), ``undamped`` (some of it oscillates undamped), ``neutral``
+        (some of it drifts), ``unstable``, or ``unknown`` if its coefficients are periodic and notes give the reason
+        why it was
         not found.
         """
         try:
@@ -116,14 +117,14 @@ class Equilibrium:
 
     @cached_property
     def free(self) -> str:
-        """The motions of a large tree that nothing resists, in words; empty where there are none."""
+        """Message on the motions of a large model without resistance; empty if there are none."""
         if self.stability != "neutral" or self.plant.system.has_matrices:
             return ""
         return in_words(self.plant, self.q, free_motions(self.plant, self.q, self.lam))
 
     @property
     def effort(self) -> str:
-        """What it took to find, in words."""
+        """Cost of the search, as text."""
         return (
             f"{self.iterations} Newton iterations ({1e3 * self.solve_time:.2f} ms), "
             f"residual {self.residual:.1e} N or N m"

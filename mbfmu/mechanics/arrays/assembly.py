@@ -20,7 +20,7 @@ from .rows import TOLD, dependent_rows, describe
 
 
 def free_bodies(mechanism: Mechanism) -> list[Body]:
-    """Return the bodies whose joints have free coordinates of their own."""
+    """Return the bodies whose joints have free coordinates."""
     return [body for body in mechanism.bodies if body.joint.drive is None and not shared(body)]
 
 
@@ -73,7 +73,7 @@ class Assembly:
         Raises
         ------
         AssemblyError
-            A loop cannot close (says which and by how much), or a free motion has no inertia.
+            A loop cannot be closed (with its name and the residual), or a free motion has no inertia.
         """
         held, given = self.held(), self.given()
         q = self.close(t, self.start_positions(), held, given)
@@ -115,7 +115,7 @@ class Assembly:
         Raises
         ------
         AssemblyError
-            A loop cannot close, or closes the wrong way round; says which and by how much.
+            A loop cannot be closed, or would close in the opposite direction; the message names it and the residual.
         """
         cuts = self._mechanism.cuts
         if not self._mechanism.constraints:
@@ -170,7 +170,7 @@ class Assembly:
     def beside(self, t: float, q: Array) -> Array:
         """Return a closed position near q (nq,) off singular ones, where the fewest rows depend on others; or q.
 
-        One coordinate is held where it was moved to: closing would lead back to a singular position else.
+        One coordinate is held at its changed value: otherwise projection would return to the singular configuration.
         """
         s = self._system
         best, random, fewest = q, np.random.default_rng(1), len(dependent_rows(s, t, q))
@@ -187,7 +187,7 @@ class Assembly:
         return best
 
     def notes(self, t: float, q: Array) -> list[str]:
-        """Return in sentences which rows of the constraints vanish and which are redundant about q (nq,)."""
+        """Return messages on trivially satisfied and on redundant constraint equations at q (nq,)."""
         names = self._system.constraint_names
         redundant = dependent_rows(self._system, t, self.beside(t, q))
         lines = describe(self._mechanism.constraints, self._vanishing_rows, [names[i] for i in redundant])

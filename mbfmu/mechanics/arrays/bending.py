@@ -1,7 +1,7 @@
-"""How sharply plate elements bend between neighboring nodes: what tells that a grid is too coarse for its motion.
+"""Bending angle of plate elements between neighboring nodes, which shows whether a mesh is too coarse.
 
-An element is a polynomial over its cell, so the angle between the normals of two nodes beside each other is what its
-error grows with. Some 15 degrees are good to a part in a hundred; at 40 a sheet has several states of rest; beyond 60 a
+An element is a polynomial over its cell, so the angle between the normals of neighboring nodes determines its
+error. At about 15 degrees the error is 1 %; at 40 a sheet has several states of rest; beyond 60 a
 cell is folded, and what it does means nothing.
 """
 

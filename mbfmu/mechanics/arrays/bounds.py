@@ -17,7 +17,7 @@ from solvers.compiled.kernel import COMPILED, bounds_checked
 from .own_joints import check_joints
 from .tables import Called
 
-OWN = ("mbfmu.", "fmus.")  # modules whose kernels have tests of their own
+OWN = ("mbfmu.", "fmus.")  # modules whose kernels have separate tests
 BIAS, POTENTIAL, POWER, LONGEST_STEP = 1, 1, 2, 1  # places among the kernels of a kind, see mbfmu.mechanics.dispatch
 
 

@@ -274,7 +274,7 @@ class Compiled:
         self.signals = self.signals_in(self.data)
 
     def stepped(self) -> Data:
-        """Return the same arrays beside a complex state: an imaginary step of it leaves derivatives along that."""
+        """Return the same arrays with a complex state, for derivatives by complex steps."""
         arrays = self.data.arrays._replace(kernels=self._tables.kernels(STEPPED))
         return Data(arrays, complex_state(self.data.state))
 
@@ -331,7 +331,7 @@ def filled_record(item: Kind, place: CompiledSite) -> NDArray[Any]:
 
 
 def observed(sensor: Sensor) -> tuple[Body, ...]:
-    """Return the bodies that a sensor is of: those it tells, or the one body that is its item."""
+    """Return the bodies of a sensor: those it lists, or the one body that is its item."""
     return sensor.bodies or ((sensor.item,) if isinstance(sensor.item, Body) else ())
 
 
@@ -404,7 +404,7 @@ def flexible_records(mechanism: Mechanism, numbering: Numbering) -> tuple[NDArra
 
 
 def check_rows(mechanism: Mechanism, kept: NDArray[np.int64]) -> None:
-    """Raise UserError where an output reads a row of a cut joint, or a coupling, that vanishes."""
+    """Raise UserError if an output reads a trivially satisfied equation of a cut joint or a coupling."""
     first = np.cumsum([0] + [len(c.rows) for c in mechanism.constraints])
     for name, sensor, *_ in mechanism.outputs:
         if isinstance(sensor, CouplingEffort) and kept[first[len(mechanism.cuts) + sensor.item.index]] < 0:

@@ -1,7 +1,8 @@
 """Whether the bodies at the corners of plates and shells are where those belong.
 
-An element knows its bodies by their order alone. Named crosswise or the wrong way round they span a cell that is turned
-inside out, which has forces, if it does not divide by zero, but means nothing. What tells is the attitudes: they turn
+An element identifies its bodies by their order. In crosswise or reversed order they span a cell that is turned
+inside out, which has forces, if it does not divide by zero, but has no meaning. The orientations reveal this: they
+rotate
 the element as it is when nothing strains it, and each of its edges must go about that way.
 """
 

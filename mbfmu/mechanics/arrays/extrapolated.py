@@ -49,7 +49,7 @@ def give_load(t: float, value: float, load: Any, course: Any) -> None:
 
 @kernel
 def load_departs(t: float, end: float, load: Any, course: Any) -> bool:
-    """Begin a step from t to ``end``, s; whether the load goes on otherwise than it did.
+    """Begin a step from t to ``end``, s; return whether the load changes its course.
 
     It changes by no more than it last did, however long the step.
     """

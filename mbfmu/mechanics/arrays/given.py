@@ -54,7 +54,7 @@ class Course:
     def __init__(self, name: str, given: Any, times: Array) -> None:
         self.name, self.times, self.held, self.used, self.remark = name, times, "", False, ""
         self._what, self._given = f"input {name!r}", given
-        self.jerk = ""  # what is said of a drive that is held and does not begin at rest
+        self.jerk = ""  # message about a drive that is held and does not begin at rest
         self._noted: Array | None = None
         if isinstance(given, Signal):
             if given.variables():
@@ -73,7 +73,7 @@ class Course:
 
     @property
     def kind(self) -> str:
-        """What it is, in words."""
+        """Description of the value for messages."""
         if self.is_function:
             return "function of time"
         return type(self._given).__name__ if isinstance(self._given, Signal) else "points"

@@ -91,7 +91,7 @@ class Drives:
             leaf.signal.run_at(leaf, speed)
 
     def steps(self, signals: list[InUse]) -> list[InUse]:
-        """Return those of all ``signals`` that are steps which drive, in an order of their own."""
+        """Return those of all ``signals`` that are driving steps, in a fixed order."""
         return [leaf for leaf in self._moving(signals) if type(leaf.signal) is Step]
 
     def _moving(self, signals: list[InUse]) -> list[InUse]:
@@ -211,7 +211,7 @@ class Inputs:
         return self._roles[index] == WEIGHS
 
     def start(self, index: int, value: float, t: float = 0.0) -> None:
-        """Let an input have another value at the start, t; raises UserError where that is not finite."""
+        """Set the value of an input at the start, t; raises UserError if it is not finite."""
         start_input(self._held, index, finite(self._names[index], value), t)
 
     def begin(self, t: float, given: Mapping[int, float]) -> None:
@@ -223,7 +223,7 @@ class Inputs:
             self.start(index, given.get(index, variable.start), t)
 
     def set(self, index: int, value: float, t: float = 0.0) -> None:
-        """Take the value of an input at time t; raises UserError where that is not finite."""
+        """Set the value of an input at time t; raises UserError if it is not finite."""
         set_input(self._held, index, finite(self._names[index], value), t)
 
     @property
@@ -233,7 +233,7 @@ class Inputs:
 
     @property
     def settled(self) -> bool:
-        """Whether every support and every load goes on as it does until an input is set."""
+        """Whether every support and every load continues unchanged until an input is set."""
         return bool(all_settled(self._held))
 
     def pass_by(self, t: float) -> None:

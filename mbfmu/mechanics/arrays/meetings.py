@@ -1,4 +1,4 @@
-"""Whether sheets start where what they meet can hold them: not through a surface, nor beside a nip.
+"""Check of the start of sheets in contact: not through a surface and not outside a nip.
 
 A point that starts deep in a surface is thrown out with an energy that nobody gave it, and one beyond the middle of a
 guide comes out on its other side. A little is no mistake: a sheet that rests on a table is in it. A thin guide may lie
@@ -83,7 +83,7 @@ def unfelt(mechanism: Mechanism, state: State) -> list[str]:
 
 
 def beside(mechanism: Mechanism, state: State) -> list[str]:
-    """Return in sentences which nips are beside the sheet that they are to drive, as ``state`` has placed it."""
+    """Return messages on nips that are not on the sheet that they drive, in the position of ``state``."""
     told = []
     for met in _of(mechanism, Nip):
         nip = met.loads[0].common

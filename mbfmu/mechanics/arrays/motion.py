@@ -8,8 +8,9 @@ the host's motion u will be by extrapolation. With the rate v given, and s the t
     a_1 = (v_n - v_(n-1)) / H,     a_2 = 2 ((u_n - u_(n-1)) / H - v_(n-1)) / H
     a = minmod(4 a_1 - 3 a_2, 2 a_1, 2 a_2)
 
-H is the step before; 4 a_1 - 3 a_2 is u'' now, of the cubic through both points. So x errs by O(h^3) and x' by O(h^2)
-at the end, and the next e takes that back by a motion that begins and ends at rest; in between x'' errs by O(h). Where
+H is the step before; 4 a_1 - 3 a_2 is u'' now, of the cubic through both points. The error of x is O(h^3) and that of
+x' O(h^2)
+at the end. The next e corrects it by a motion that begins and ends at rest; in between the error of x'' is O(h). Where
 u jumps in position or in rate a_1 and a_2 have nothing in common, and minmod (the smallest of numbers of one sign, else
 zero; a limiter after van Leer 1977) leaves out what would overshoot. Where the host gives the mean rate
 of the step to come a_2 and a are zero, and x is u interpolated linearly.
@@ -19,7 +20,7 @@ Where the host gives the acceleration too it is a, and x has a term j s^3 / 6::
     j = minmod(2 j_1, 2 j_2, (j_1 + j_2) / 2)
     j_1 = (a_n - a_(n-1)) / H,     j_2 = 2 ((v_n - v_(n-1)) / H - a_(n-1)) / H
 
-Then x'', and so the force of the support, errs by O(h^2) at the end of a step.
+Then the error of x'', and of the force of the support, is O(h^2) at the end of a step.
 
 Without a rate that of the step is what two differences of u agree in, and what has been missed::
 
@@ -44,8 +45,8 @@ SUPPORT = np.dtype(
         ("course", np.int64),  # number of the drive's polynomial
         ("speed", np.int64),  # 1: the host sets the speed alone, see mbfmu.mechanics.signals.SpeedInput
         ("position", np.float64),  # u, as the host has given it last, m or rad
-        ("rate", np.float64),  # v, likewise
-        ("acceleration", np.float64),  # likewise, m/s^2 or rad/s^2
+        ("rate", np.float64),  # v, its coefficients
+        ("acceleration", np.float64),  # its coefficients, m/s^2 or rad/s^2
         ("accelerated", np.int64),  # 1: the host gives accelerations
         ("given", np.int64),  # 1: a position was given since the last point
         ("rated", np.int64),  # 1: the host gives rates
@@ -63,7 +64,7 @@ SEGMENT = np.dtype(
         ("goal", np.float64),  # x at the end
         ("position", np.float64),  # u at the beginning
         ("rate", np.float64),  # v at the beginning, as the host gave it
-        ("acceleration", np.float64),  # likewise
+        ("acceleration", np.float64),  # its coefficients
         ("average", np.float64),  # rate of u over the segment before
         ("jumps", np.int64),  # 1: u is farther off than the rates given explain
     ],
@@ -79,7 +80,7 @@ def minmod(a: float, b: float, c: float) -> float:
 
 @kernel
 def start_motion(support: Any, segment: Any, course: Any) -> None:
-    """Begin as the polynomial says; nothing is known of the time before."""
+    """Begin with the polynomial, without a history."""
     x, v = course.c[0], course.c[1]
     support.position, support.rate, support.given, support.departs = x, v, 0, 0
     support.rated = 1 if v != 0.0 else 0
@@ -117,7 +118,7 @@ def position_and_rate(t: float, segment: Any, course: Any) -> tuple[float, float
 def plan_motion(t: float, end: float, support: Any, segment: Any, course: Any, ahead: Any) -> None:
     """Find the segment ``ahead`` from t to ``end`` (s), and whether the support departs for it.
 
-    It does not in the middle of a segment, nor where it goes on as it is, which is noted.
+    It does not in the middle of a segment, nor if it continues unchanged, which is recorded.
     """
     support.departs, support.jump = 0, 0.0
     same = support.rate == segment.rate and support.acceleration == segment.acceleration
@@ -135,7 +136,7 @@ def plan_motion(t: float, end: float, support: Any, segment: Any, course: Any, a
 
 @inlined
 def variation(segment: Any) -> float:
-    """Return how far a support has gone on a segment at most: extrapolation errs by a part of that."""
+    """Return the largest displacement of a support on a segment; the extrapolation error is a part of it."""
     if not segment.begin > -np.inf:
         return 0.0
     h, path = segment.end - segment.begin, segment.path
@@ -208,7 +209,7 @@ def perturb_motion(t: float, acceleration: float, segment: Any, course: Any) -> 
 
 @kernel
 def motion_settled(support: Any, segment: Any) -> bool:
-    """Whether the motion goes on as it does until the host sets another."""
+    """Whether the motion continues unchanged until the importing tool sets another."""
     path = segment.path
     arrived = path[1] == 0.0 and segment.goal == support.position
     if not arrived and support.speed == 0 and support.rated == 0:

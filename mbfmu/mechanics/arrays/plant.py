@@ -62,7 +62,7 @@ class Plant:
     vanishing_rows
         Names of rows of constraints that no free motion works against; dropped.
     rounded_rows
-        Those of them that vanish but for the rounding of the geometry, and a sentence on each.
+        Those that are trivially satisfied except for rounding of the geometry, with a message on each.
     """
 
     def __init__(self, mechanism: Mechanism, courses: Courses | None = None) -> None:
@@ -96,7 +96,7 @@ class Plant:
         check_rows(mechanism, self.data.arrays.kept)
 
     def _drop_vanishing_rows(self, names: list[str]) -> list[str]:
-        """Number the rows that do not vanish anew; return the names of those that are."""
+        """Renumber the constraint equations that are not trivially satisfied; return their names."""
         signals, before = self._compiled.signals, self.data.arrays.memory.copy()
         start = start_positions(self.mechanism)
         units = [unit for handle in self.mechanism.constraints for unit in handle.units]
@@ -134,7 +134,7 @@ class Plant:
         Raises
         ------
         AssemblyError
-            A loop cannot close (says which and by how much), or a free motion has no inertia.
+            A loop cannot be closed (with its name and the residual), or a free motion has no inertia.
         UserError
             The bodies at the corners of a plate do not span it.
         """
@@ -149,8 +149,8 @@ class Plant:
             check_corners(self.mechanism, self.data.state)
 
     def check_meetings(self, t: float, q: Array) -> list[str]:
-        """Raise UserError where a sheet that starts at free positions q (nq,) is through what it touches; return in
-        sentences which nips are beside theirs, and which edges are too narrow to be felt.
+        """Raise UserError if a sheet that starts at free positions q (nq,) penetrates a surface; return
+        messages on nips that are not on their sheet, and on edges that are too narrow to be detected.
         """
         if not self.mechanism.others:
             return []
@@ -230,7 +230,7 @@ class Plant:
         return terms.M
 
     def inverse_dynamics(self, t: float, q: Array, v: Array, a: Array, lam: Array | None = None) -> Array:
-        """Return the efforts M a + h + J^T lambda (n,) that a motion would need beside the loads there are.
+        """Return the generalized forces M a + h + J^T lambda (n,) that a motion requires in addition to the loads.
 
         q (nq,), v and a (n,), multipliers lam (m,), none by default. Zero where a and lam are those of the motion.
         """
@@ -293,7 +293,7 @@ class Plant:
         return bend(self.mechanism, self._cells, self.data.state)
 
     def residuals(self, t: float, q: Array, v: Array) -> tuple[float, float]:
-        """Largest constraint residual in position, m, and in velocity, m/s: what the residual outputs tell."""
+        """Largest constraint residual in position, m, and velocity, m/s, of the residual outputs."""
         if self.system.m == 0:
             return 0.0, 0.0
         terms = self.system.allocate_terms()

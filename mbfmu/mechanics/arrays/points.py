@@ -1,7 +1,7 @@
 """What communication points do with the inputs of a mechanism: kernels over the records of all its inputs.
 
 A host sets inputs at a point (:func:`set_input`), and lets the mechanism :func:`set_out` for the next one. Loads that
-go on as they came do so from there. Supports are told where to go, and :func:`depart` once it is known what that does.
+are extrapolated do so from there. Supports receive their target, and :func:`depart` is called once its effect is known.
 
 Where rates of supports jump, the free velocities do so all at once. Over an instant only what is unbounded counts:
 M dv + J^T dlambda = -m du, J dv = dnu, where m du is the part of h that the drives' accelerations make. The same
@@ -33,7 +33,7 @@ from .motion import (
     take_up,
 )
 
-HOLDS, WEIGHS, GOES_ON, MOVES = 0, 1, 2, 3  # roles: a load that is held, gravity, a load that goes on, a support
+HOLDS, WEIGHS, GOES_ON, MOVES = 0, 1, 2, 3  # roles: load that is held, gravity, load that is extrapolated, support
 CHANGED, DEPARTS, JUMPS = 1, 2, 4  # at a point: loads go on otherwise; supports depart; rates of them jump
 
 INPUT = np.dtype(
@@ -60,7 +60,7 @@ class InputRecords(NamedTuple):
 
     @staticmethod
     def allocate(inputs: int, loads: int, supports: int, courses: NDArray[Any], world: NDArray[Any]) -> InputRecords:
-        """Return zeroed records of so many, over the polynomials and the world there are."""
+        """Return zeroed records for the given numbers, with the existing polynomials and ground."""
         segments, ahead = records(supports, SEGMENT), records(supports, SEGMENT)
         before = records(supports, courses.dtype)
         moved = records(supports, SUPPORT), segments, ahead, courses, before
@@ -72,7 +72,7 @@ class InputRecords(NamedTuple):
         return InputRecords.allocate(1, 1, 1, records(1, record_of(Input)), records(1, WORLD))
 
     def memory(self) -> list[NDArray[Any]]:
-        """Return what they remember, beside the polynomials and gravity."""
+        """Return their history, without the polynomials and gravity."""
         return [self.loads, self.supports, self.segments]
 
 
@@ -87,7 +87,7 @@ def begin_inputs(i: Any) -> None:
 
 @kernel
 def hold(coefficient: int, value: float, t: float, course: Any) -> None:
-    """Let a coefficient have a value from t on; a polynomial with a rate goes on from what it has reached."""
+    """Set a coefficient from t on; a polynomial with a rate continues from its present value."""
     course.c[0] += (t - course.t0) * course.c[1]
     course.t0 = t
     course.c[coefficient] = 0.5 * value if coefficient == 2 else value
@@ -122,8 +122,8 @@ def start_input(i: Any, index: int, value: float, t: float) -> None:
 def set_input(i: Any, index: int, value: float, t: float) -> None:
     """Take the value of an input at time t.
 
-    What loads the mechanism holds from t on, or goes on; one with a rate goes on from what it has reached. What moves a
-    support is noted, for :func:`set_out`.
+    A load is held or extrapolated from t on; one with a rate continues from its present value. The target of a
+    support is recorded for :func:`set_out`.
     """
     own = i.inputs[index]
     if own.role == WEIGHS:
@@ -200,7 +200,7 @@ def pass_by(i: Any, t: float) -> None:
 
 @kernel
 def all_settled(i: Any) -> bool:
-    """Whether every support and every load goes on as it does until an input is set."""
+    """Whether every support and every load continues unchanged until an input is set."""
     settled = True
     for k in range(i.supports.shape[0]):
         settled = settled and motion_settled(i.supports[k], i.segments[k])

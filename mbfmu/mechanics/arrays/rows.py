@@ -1,7 +1,8 @@
 """What the rows of constraints are worth: those no motion works against, and those that say what others say.
 
-A row **vanishes** where its Jacobian is zero wherever the mechanism may be: a planar loop has three. It is dropped when
-the mechanism is compiled. So is one that vanishes but for the rounding of the geometry, see :mod:`.rounded`. A row is
+A constraint equation is **trivially satisfied** if its row of the Jacobian is zero in every position: a planar loop
+has three. It is dropped when
+the mechanism is compiled. So is one that is so except for the rounding of the geometry, see :mod:`.rounded`. A row is
 **redundant** where it depends on others: the loop is closed without it, and the forces between them are not determined.
 It stays, and its share is a matter of the solver.
 """
@@ -23,8 +24,8 @@ from .inputs import Drives, Inputs
 from .rounded import ROUNDED
 
 VANISHING = 1e-9  # of a Jacobian in units of row and coordinate, and of a gap: what rounding leaves of zero
-DEPENDENT = 1e-4  # of pivots, relative to the largest; a loop closed to 1e-11 is that far from a singular position
-TOLD = 4  # loops that are told one by one
+DEPENDENT = 1e-4  # of pivots, relative to the largest; a loop closed to 1e-11 is that far from a singular configuration
+TOLD = 4  # loops that are reported one by one
 
 
 Handle = CutHandle | CouplingHandle
@@ -71,8 +72,8 @@ class Probe:
     def vanishing(self, units: list[str], slack: Array, driven: bool, why: list[str]) -> NDArray[np.bool_]:
         """Return which rows (m,) no free motion works against; AssemblyError where one of them does not close.
 
-        ``slack`` (m,) is what rounding of the geometry may make of slopes and gaps, in units of the rows; ``why`` says
-        which axes are nearly parallel.
+        ``slack`` (m,) is the effect of rounding of the geometry on slopes and gaps, in units of the rows; ``why`` names
+        the axes that are nearly parallel.
         """
         s, limit = self._system, np.maximum(slack, VANISHING)
         vanishing = (self.slope < VANISHING) | ((self.slope <= limit) & (self.gap <= limit))
@@ -106,12 +107,12 @@ def find_vanishing_rows(
     slack: Array,
     why: list[str],
 ) -> tuple[NDArray[np.bool_], Array]:
-    """Return which rows (m,) vanish wherever the mechanism may be, and the largest gap of each, in units of the rows.
+    """Return the trivially satisfied constraint equations (m,) and the largest gap of each, in units of the rows.
 
     ``slack`` and ``why`` (m,) as for :meth:`Probe.vanishing`.
 
     A few random positions decide, of the free coordinates about ``start`` (nq,) and of the drives: those that are
-    functions of time where they are at some time, those that are inputs anywhere. Another row vanishes there with
+    functions of time where they are at some time, those that are inputs anywhere. Another row is zero there with
     probability zero. The inputs' signals are left elsewhere.
 
     Raises

@@ -19,7 +19,7 @@ from solvers.system import Array
 
 
 def characteristic_length(mechanism: Mechanism, arrays: Arrays) -> float:
-    """Return the largest distance between two points of one body that something hangs on, m.
+    """Return the largest distance between two connection points of one body, m.
 
     Points are origins of joints, centers of mass, and where cut joints and forces act; a rod between two points and an
     elastic body count with their length. A mechanism all of whose points coincide is measured by the springs and the
@@ -34,7 +34,7 @@ def characteristic_length(mechanism: Mechanism, arrays: Arrays) -> float:
 
 
 def spans(mechanism: Mechanism, arrays: Arrays) -> Array:
-    """Return the largest distance in every body that something hangs on, and every other length that counts, m."""
+    """Return the largest distance of connection points of every body, and every other relevant length, m."""
     points: defaultdict[int, list[Array]] = defaultdict(list)
     for i, body in enumerate(arrays.bodies[1:], 1):
         points[i] += [np.zeros(3), body["com"]]
@@ -65,7 +65,7 @@ def _length_without_points(mechanism: Mechanism, arrays: Arrays) -> float:
 
 
 def coordinate_sizes(bodies: list[Body], length: float) -> Array:
-    """Return the unit of every velocity coordinate of these bodies' joints: what is told, or 1 rad and ``length`` m."""
+    """Return the unit of every velocity coordinate of these joints: the given one, or 1 rad and ``length`` m."""
     return np.concatenate([np.zeros(0), *(joint_sizes(body.name, body.joint, length) for body in bodies)])
 
 

@@ -47,7 +47,7 @@ class Systems:
     Attributes
     ----------
     row_size
-        Units of the residuals of all rows, those that vanish too.
+        Units of the residuals of all constraint equations, including trivially satisfied ones.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class Systems:
         self._size = coordinate_sizes(free_bodies(mechanism), length)
         self.row_size = np.concatenate([np.zeros(0), *(row_sizes(c, length) for c in mechanism.constraints)])
         limit = LARGE_LOOPS if mechanism.constraints else LARGE
-        self._large = not mechanism.flexible_bodies and numbering.nv > limit  # the structured tangent knows no modes
+        self._large = not mechanism.flexible_bodies and numbering.nv > limit  # the structured tangent has no modes
 
     def make(self, constraint_names: list[str]) -> AnySystem:
         """Return the system with the rows that are kept today, by their names."""
@@ -126,7 +126,7 @@ class Systems:
         return Positions(in_q, in_v, np.array(quaternions, np.int64).reshape(-1, 2))
 
     def _stepped(self) -> Stepped:
-        """Return the recursions on complex numbers beside the arrays as they are, now and later."""
+        """Return the recursions on complex numbers with the arrays, which may change later."""
         inverse, position, retract = stepped_callbacks()
         return Stepped(inverse, position, retract, self._compiled.stepped())
 
@@ -146,7 +146,7 @@ class Systems:
     def _slip(self) -> Array:
         """Return rates (n,) that move sheets as a whole, or what they touch, by the slip at which friction turns over.
 
-        A node that a sheet hangs on by six coordinates turns as it rattles: that says nothing of the whole.
+        A node that carries a sheet by six coordinates rotates with its vibrations, which do not describe the whole.
         """
         loads = (acting.load for acting in self._mechanism.others)
         slowest = min((load.slip for load in loads if isinstance(load, Touch | Nip)), default=np.inf)

@@ -1,6 +1,7 @@
 """A beam as a chain of nodal bodies with relative coordinates and beam elements between them: no modes.
 
-Every node hangs on the one before by two displacements and a turn in the x-y plane (bodies without mass carry the
+Every node is connected to the previous one by two displacements and a rotation in the x-y plane (bodies without mass
+carry the
 displacements), so the chain may bend as far as it likes and stretch. It is the check of :class:`Beam`, which is cheaper
 by far: three coordinates a node, and a fastest motion along the axis that an explicit step must follow.
 """
@@ -40,7 +41,7 @@ def add_chain(
     name
         The nodes are ``name[0]``, ``name[1]`` and so on; the first is at x = 0.
     parent, joint
-        What the first node hangs on.
+        Body and joint to which the first node is connected.
     length, mass
         m and kg.
     axial, bending_stiffness

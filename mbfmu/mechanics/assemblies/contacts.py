@@ -1,4 +1,4 @@
-"""What a sheet meets, as the builder hands it out: of a touch and of a nip, what can be told."""
+"""Handles of the contacts of a sheet, with the sensors of surfaces and of nips."""
 
 from __future__ import annotations
 
@@ -113,7 +113,8 @@ def contact_pressure(touches: Sequence[TouchHandle], i: int, k: int) -> Pressed:
 def jammed(nips: Sequence[NipHandle]) -> Jammed:
     """Return what is 1 while a sheet slips in one of these nips by more than half the speed of the roller's surface.
 
-    A nip that less than half of is in the sheet does not count. It has no memory: what lasts is for the reader to tell.
+    A nip less than half of which is covered by the sheet does not count. It has no memory: the reader decides on the
+    duration.
     """
     if not nips or not all(isinstance(nip, NipHandle) for nip in nips):
         raise UserError(f"nips that jam are {nips!r}; allowed: a list of what add_nip returns")

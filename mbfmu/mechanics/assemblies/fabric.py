@@ -3,8 +3,9 @@
 A crease is a line across which the sheet bends like a hinge with a spring: a moment M per length along the line turns
 it by M / k. A cell takes a part of this angle, spread over its width a, in series with the sheet there: the compliance
 of its bending across the line grows by part / (k a). The parts are those of a linear interpolation between the middles
-of cells: all of a line in the middle of a cell, half of one on nodes. So the angle sees the moment where the line is,
-and the error goes with the square of the cell. A line within half a cell of an edge acts in the middle of the last one.
+of cells: all of a line in the middle of a cell, half of one on nodes. So the angle results from the moment at the line,
+and the error is proportional to the square of the cell size. A line within half a cell of an edge acts in the middle
+of the last one.
 """
 
 from __future__ import annotations
@@ -58,7 +59,7 @@ class Fabric:
     what
         Whose they are, for messages.
     plate
-        What is the same everywhere; its thickness, curl and creases are told here.
+        Properties that are equal everywhere; thickness, curl and creases are given here.
     shape
         Nodes along x and z.
     thickness
@@ -98,7 +99,7 @@ class Fabric:
         return self._plain(0.5 * (nx - 1) * p.a, 0.5 * (nz - 1) * p.b)
 
     def at(self, cell: Node) -> Plate:
-        """Return what cell (i, k) is of; one with nothing of its own is the sheet's."""
+        """Return the plate properties of cell (i, k); by default those of the sheet."""
         (i, k), p = cell, self.plate
         varies = callable(self.thickness) or callable(self.curl)
         plain = self._plain((i + 0.5) * p.a, (k + 0.5) * p.b) if varies else self.middle
@@ -144,7 +145,7 @@ class Fabric:
 
 
 def _told(role: str, function: Callable[[float, float], Any], x: float, z: float) -> Any:
-    """Return what a user's function says of a place, m."""
+    """Return the value of a user's function at a place, m."""
     try:
         return function(x, z)
     except Exception as error:

@@ -12,13 +12,15 @@ at x = i a, z = k b. A node has the mass of its cell, half a cell at a border an
 mass in the middle of the cell (so off the node at a border) and the rotary inertia m (c^2 + t^2) / 12 of a rigid one,
 which leaves explicit steps 12 to 95 times as long as the plate's own m t^2 / 12.
 
-**Trees.** ``spine`` and ``rows`` grow from the first support, whose nodes hang on its body: ``rows`` as chains across
+**Trees.** ``spine`` and ``rows`` grow from the first support, whose nodes are connected to its body: ``rows`` as
+chains across
 the sheet; ``spine`` as one chain from the middle of the support, with ribs to both sides. ``master`` is the paper's: a
-node in the middle floats, or hangs on a body of yours, with spine and ribs around it, and every support is made of cut
+node in the middle floats, or is connected to a given body, with spine and ribs around it, and every support is made of
+cut
 joints. A chain cannot stretch, so what resists stretching (membrane) matters across chains only. ``rows`` is the tree
 for load in the plane, which every row carries; of ``spine`` the spine carries it alone.
 
-**Effects.** Bending is always there; membrane, damping, drag and pressure where they are asked for. Bending alone
+**Effects.** Bending is always included; membrane, damping, drag and pressure are optional. Bending alone
 converges to a sheet that resists no Gaussian curvature, because nothing resists shear in its plane nor stretching
 across the chains; membrane does, and leaves out the strain along rows or ribs, of which there is none. It may see the
 strain along a chain only with joints that keep the length of the sheet (:mod:`.joints.geodesic`): those of projected
@@ -33,8 +35,8 @@ moves along curves in those, and Newton takes five times as many steps to its re
 
 **Paper.** Of a material with a grain, stiffness differs along and across it, and a grain askew couples bending with
 twist (:mod:`.elements.material`). A curled sheet is not flat where nothing bends it; it starts flat all the same, under
-stress, or at rest where an equilibrium is asked for. Thickness and curl may be functions of the place: a cell takes
-them in its middle, and so does the mass of a node in the middle of its own. Creases are lines that bend more easily
+stress, or at rest if an equilibrium is computed. Thickness and curl may be functions of the place: a cell takes
+them at its center, and the mass of a node at the center of its area. Creases are lines that bend more easily
 (:mod:`.assemblies.fabric`).
 
 **Rows of cells.** An element measures stretching by means over its edges. One row of cells across the chains has one
@@ -130,7 +132,7 @@ class Sheet:
         )
 
     def point(self, x: float, z: float) -> SheetPoint:
-        """Return the point (x, z) of the flat sheet, m, on the smooth surface that contact sees."""
+        """Return the point (x, z) of the flat sheet, m, on the smooth surface that is used for contact."""
         (i, xi), (k, zeta) = self._cell("x", x), self._cell("z", z)
         return SheetPoint(self.cells[i, k][1], (self.a, self.b), (xi, zeta))
 
@@ -284,7 +286,7 @@ def add_sheet(
         Resist shear and stretching across rows or ribs; or the strains you name, out of ``x``, ``z``, ``s`` (shear), as
         in :class:`.Plate`.
     stretch
-        Give way in the plane too: nodes of six motions and elements of a shell. It has joints of its own, resists all
+        In-plane deformation: nodes with six coordinates and shell elements. It has other joints, has stiffness for all
         strains, and grows as its supports have it: around a ``master`` or, without support, a floating one, else as a
         ``spine``. Another ``tree``, a ``joint`` and single strains of a ``membrane`` are refused.
     curl

@@ -19,7 +19,7 @@ UPRIGHT = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])  # cut f
 
 @dataclass(frozen=True)
 class Support:
-    """What holds an edge of a sheet, or a part of it; a node on two edges is held as the first one given says.
+    """Support of an edge of a sheet, or of a part of it; a node on two edges has the support that is given first.
 
     Parameters
     ----------
@@ -27,8 +27,8 @@ class Support:
         ``x0`` (x = 0), ``x1`` (x = length), ``z0`` (z = 0), ``z1`` (z = width).
     kind
         ``clamped``: neither moves nor turns; ``pinned``: turns about the edge; ``guided`` and ``supported``: the same
-        two, but free to slide and turn in the plane. A sheet that lies flat and hangs on one support cannot give way in
-        its plane to a second: there take ``guided`` or ``supported``.
+        two, but free to slide and turn in the plane. A flat sheet that is connected to one support cannot deform in
+        its plane for a second one: use ``guided`` or ``supported`` there.
     span
         First and last coordinate along the edge that is held, m; the nodes within are. None: the whole edge.
     body

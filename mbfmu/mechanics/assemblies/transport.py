@@ -31,7 +31,7 @@ from .sheet import Sheet
 COARSEST = 0.6  # side of a cell times the curvature of a surface, above which the sheet does not follow it
 SINK = 0.25  # of its thickness, that a leading edge sinks into a surface where it is pressed on as the sheet bends
 SHALLOW = 0.2  # of its thickness: depth below which the pressure goes with its square
-GIVE = 1e-3  # rad, that a nip gives way by to the moment that bends the sheet so far
+GIVE = 1e-3  # rad, rotation of a nip under the moment that bends the sheet by this angle
 HARDEST = 1e9  # of the usual stiffness
 MOST = 1000  # points or stations one way
 LEAST = 1e-6  # of the sheet's scale, of a length in the nip
@@ -277,7 +277,7 @@ def _fits(roller: Any, radius: float, place: Any, normal: Any, across: Any, what
     """Refuse a roller that does not turn where its nip is, a radius behind that against ``normal``."""
     if not isinstance(roller, Body) or not isinstance(roller.joint, Revolute):
         raise UserError(f"{what} is {getattr(roller, 'name', roller)!r}; allowed: a body on a Revolute")
-    if roller.parent != 0:  # on a carrier: where it is then, it alone says
+    if roller.parent != 0:  # on a moving carrier: its position is not known here
         return
     axle = rotation(f"rotation of {roller.name!r}", roller.joint.rotation) @ roller.joint.direction
     if abs(axle @ across) < 1.0 - ASKEW:

@@ -185,7 +185,7 @@ class Weaver:
         axes: Matrix,
         **options: Any,
     ) -> None:
-        """Add the bodies in the order of ``links``; those without a parent hang on the carrier."""
+        """Add the bodies in the order of ``links``; those without a parent are connected to the carrier."""
         for node, parent in links:
             if parent is None:
                 body = self.mechanism.ground if carrier is None else carrier

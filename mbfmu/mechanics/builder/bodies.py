@@ -93,7 +93,8 @@ class Body:
     def quaternion(self, k: int) -> Sensor:
         """Component k = 0 ... 3 of the attitude as a unit quaternion, scalar first.
 
-        The scalar is not negative, so that the attitude alone says the signs: all four jump where they change, half a
+        The scalar is not negative, so that the orientation determines the signs: all four are discontinuous where they
+        change, half a
         turn from the ground's axes.
         """
         if not is_whole(k) or not 0 <= k < 4:
@@ -142,7 +143,7 @@ def coordinate_of(what: str, body: Body, given: int | None) -> int:
     Raises
     ------
     UserError
-        There is none of that number, several and none is told, or it is one of a quaternion.
+        There is none of that number, there are several and none is given, or it is one of a quaternion.
     """
     joint, k = body.joint, given
     plain = joint.nv - 3 * joint.quaternion

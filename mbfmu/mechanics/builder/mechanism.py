@@ -361,7 +361,7 @@ class Mechanism(Appearance):
             raise UserError(f"corners of {what} are {[body.name for body in nodes]}; it needs four bodies")
 
     def turn(self, body: Body) -> Sensor:
-        """Absolute angle (rad) of a body that hangs on the ground by parallel revolutes; it counts whole turns."""
+        """Absolute angle (rad) of a body that is connected to the ground by parallel revolutes; counts full turns."""
         return Turn(unit="rad", item=self._planar(body))
 
     def turn_rate(self, body: Body) -> Sensor:
@@ -392,7 +392,7 @@ class Mechanism(Appearance):
         return RelativePosition(unit="m", bodies=(a, b), component=component, **points)
 
     def relative_velocity(self, b: Body, a: Body, axis: str, *, at_b: Vector = ORIGIN, at_a: Vector = ORIGIN) -> Sensor:
-        """Rate of :meth:`relative_position`, the velocity that one on body a sees, m/s."""
+        """Rate of :meth:`relative_position`, the velocity relative to body a, m/s."""
         component = axis_index(axis, f"of {_named(b)} relative to {_named(a)}")
         points = _points("the way", a, at_a, b, at_b)
         return RelativeVelocity(unit="m/s", bodies=(a, b), component=component, **points)
@@ -429,7 +429,7 @@ class Mechanism(Appearance):
         self.outputs.append((name, sensor, description, nominal))
 
     def readout(self, *names: str) -> None:
-        """Read outputs out beside the motion: large on the page, and in pictures and films."""
+        """Show outputs as text in animations: large on the page, and in pictures and films."""
         known = [output[0] for output in self.outputs]
         for name in names:
             if name not in known:

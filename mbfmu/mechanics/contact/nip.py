@@ -11,7 +11,7 @@ needed that a clamp comes out as stiff as it is, wherever in a cell it stands; w
 cell and meet the frequencies of the sheet.
 
 1. *What a cubic cannot follow.* The moment jumps in the nip. Between its nodes a cell is a beam clamped at both ends,
-   which gives way at x by G(x, u) under a unit force at u: in parts of the side h of the cell and with B the bending
+   whose deflection at x under a unit force at u is G(x, u): in parts of the side h of the cell and with B the bending
    stiffness that a pair stands for,
 
        G(x, u) = h^3 (1 - u)^2 x^2 (3 u - 3 u x - (1 - u) x) / (6 B),   x <= u.
@@ -20,7 +20,7 @@ cell and meet the frequencies of the sheet.
 2. *The sheet is flat across a nip*: the surface is straight there. The plate's bending along x does not vary across, so
    that nothing would balance the moments about x that a cubic's weights have.
 3. *A frictionless clamp pushes along the sheet's own normal*, n - s d - s_e e, s the slope of the surface as it is,
-   with what the cell gives way by. So the stations are the gradient of an energy. Along n they would do the work
+   with the deflection of the cell. So the stations are the gradient of an energy. Along n they would do the work
    M^2 / (2 B) for every length that is fed.
 
 A pair at +-c holds the sheet as a clamp at c/3 does, to first order.
@@ -94,7 +94,7 @@ NIP = np.dtype(
 
 @kernel
 def meet(nip: Any, t: float, arrays: Any, state: Any) -> None:
-    """Add what all stations that this cell has feel to the bodies, unless here.silent, and to here.told."""
+    """Add the forces at all stations in this cell to the bodies, unless ``here.silent``, and to ``here.told``."""
     here, bodies, pair = state.meeting[0], state.bodies, state.grip[0]
     middle(nip, bodies, here.r)
     x, y, z = here.r[0].real, here.r[1].real, here.r[2].real
@@ -271,9 +271,9 @@ def tell(nip: Any, t: float, arrays: Any, state: Any, k: int) -> Any:
 
 @kernel
 def apply(nip: Any, t: float, arrays: Any, state: Any) -> None:
-    """See :mod:`mbfmu.mechanics.loads.base`. The power on sheet and roller is told in passing."""
+    """See :mod:`mbfmu.mechanics.loads.base`. The power on sheet and roller is a by-product."""
     here, told = state.meeting[0], state.meeting[0].told
-    if here.silent == 0:  # else sensors add up what many tell
+    if here.silent == 0:  # else sensors add up the values of several contacts
         told[5] = 0.0
     meet(nip, t, arrays, state)
     state.damped[0] += told[5]

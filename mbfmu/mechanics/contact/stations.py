@@ -1,4 +1,4 @@
-"""Stations of a nip: where they are, what they find, what gives way between that and the roller; see :mod:`.nip`."""
+"""Stations of a nip: positions, material in contact, compliance between it and the roller; see :mod:`.nip`."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def opening(nip: Any, u: Any) -> Any:
 
 @kernel
 def wedged(y: Any, open: Any) -> Any:
-    """What of y rubber feels beside an opening, and its derivative: next to nothing within, nearly all outside."""
+    """Part of y that acts on rubber near an opening, and its derivative: almost zero within, almost all outside."""
     if open.real == 0.0:
         return y, 0.0 * y + 1.0
     square, both = y * y, y * y + open * open
@@ -94,7 +94,7 @@ def wedged(y: Any, open: Any) -> Any:
 
 @kernel
 def gives(x: Any, u: Any) -> Any:
-    """How a clamped beam of length 1 and stiffness 1 gives way at x under a unit force at u, and its slope there."""
+    """Deflection at x of a clamped beam of length 1 and stiffness 1 under a unit force at u, and its slope there."""
     if x.real <= u.real:
         free, v = (1.0 - u) * (1.0 - u) / 6.0, 3.0 * u - (1.0 + 2.0 * u) * x
         return free * x * x * v, free * (2.0 * x * v - (1.0 + 2.0 * u) * x * x)

@@ -86,7 +86,7 @@ def misses(touch: Any, clear: Any, bodies: Any, here: Any) -> bool:
 
 @kernel
 def meet(touch: Any, arrays: Any, state: Any) -> None:
-    """Add what all points feel to the bodies, unless here.silent, and to here.told."""
+    """Add the forces at all points to the bodies, unless ``here.silent``, and to ``here.told``."""
     here, bodies = state.meeting[0], state.bodies
     middle(touch, bodies, here.r)
     if misses(touch, gap(touch, arrays, state), bodies, here):
@@ -276,7 +276,7 @@ def tell(load: Any, arrays: Any, state: Any, k: int) -> Any:
 def sound(touches: Any, points: Any, arrays: Any, state: Any, found: Any) -> None:
     """found (k, 4) <- depth of the deepest point of each of k touches, m, zero where none is in, and its place.
 
-    ``points`` (k, 2) says how many there are along x and z.
+    ``points`` (k, 2) is their number along x and z.
     """
     here, bodies = state.meeting[0], state.bodies
     for e in range(found.shape[0]):
@@ -299,9 +299,9 @@ def sound(touches: Any, points: Any, arrays: Any, state: Any, found: Any) -> Non
 
 @kernel
 def apply(touch: Any, t: float, arrays: Any, state: Any) -> None:
-    """See :mod:`mbfmu.mechanics.loads.base`. The power of what is not stored is told in passing."""
+    """See :mod:`mbfmu.mechanics.loads.base`. The dissipated power is a by-product."""
     here, told = state.meeting[0], state.meeting[0].told
-    if here.silent == 0:  # else sensors add up what many tell
+    if here.silent == 0:  # else sensors add up the values of several contacts
         told[4] = 0.0
     meet(touch, arrays, state)
     state.damped[0] += told[4]

@@ -1,4 +1,4 @@
-"""What every coupling says of itself.
+"""Interface of couplings.
 
 A coupling ties a coordinate of one joint to a coordinate of another, q_a = f(q_b), wherever in the tree they are. Its
 kernel ``evaluate(coupling, x, arrays)`` returns f(x) and its first two derivatives, analytic in x. The constraint
@@ -26,7 +26,7 @@ class Coupling(Kind):
     evaluate: ClassVar[Any]
 
     def check_unit(self, what: str, unit: str) -> None:
-        """Refuse a second coordinate in ``unit``, m or rad, where it says too little about its law for that."""
+        """Refuse a second coordinate in ``unit``, m or rad, if the data of its law are not sufficient for it."""
 
     def steepness(self) -> float:
         """Return about how much the first coordinate moves per unit of the second; zero: about as much."""

@@ -50,8 +50,8 @@ class Cam(Coupling):
         turns on); a function ``lambda q: ...`` or an expression ``"0.01 * cos(3 * q)"``, compiled and differentiated by
         differences.
     width
-        Of a function: change of the second coordinate, rad or m, over which it changes noticeably; None: 1 rad. It must
-        be told where the second coordinate is a displacement.
+        Of a function: change of the second coordinate, rad or m, over which it changes noticeably; None: 1 rad. It is
+        required if the second coordinate is a displacement.
     """
 
     law: Any

@@ -26,7 +26,7 @@ class Gear(Coupling):
     """A gear, belt, chain drive, or rack and pinion: first coordinate = ``ratio`` * second + ``offset``.
 
     It holds positions, as Modelica's IdealGear does: unless both are fixed, assembly moves the joints whose starts do
-    not fit, and what was turned by so many teeth says so by its offset. Nothing is taken from where they start.
+    not fit, and a rotation by whole teeth is given by ``offset``. It is not determined from the start positions.
 
     Parameters
     ----------

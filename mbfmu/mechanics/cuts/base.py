@@ -1,4 +1,4 @@
-"""What every cut joint says of itself.
+"""Interface of cut joints.
 
 A cut joint ties point P of body a to point Q of body b. Its kernel ``evaluate(cut, A, B, row, state)``, A and B being
 the motions of the two bodies, writes its rows from ``state.rows[row]`` on: the residual Phi and the wrenches Ga, Gb
@@ -7,7 +7,7 @@ the motions of the two bodies, writes its rows from ``state.rows[row]`` on: the 
     Phi' = Ga . Y_a + Gb . Y_b,      Phi'' = Ga . Y'_a + Gb . Y'_b + bias.
 
 The multiplier lambda of a row is the force or moment with which body b must be pushed along Gb with reversed sign:
-the cut joint loads the bodies with -lambda Ga and -lambda Gb. Rows that vanish in a mechanism (out of the plane of a
+the cut joint loads the bodies with -lambda Ga and -lambda Gb. Trivially satisfied equations (out of the plane of a
 planar loop, say) are dropped when it is compiled.
 """
 
@@ -157,8 +157,9 @@ def hold_along(cut: Any, k: int, A: Any, way: Any, row: Any) -> None:
 
     Phi' = n.d' + (w_a x n).d,     Phi'' = n.d'' + (w'_a x n).d + (w_a x (w_a x n)).d + 2 (w_a x n).d'
 
-    n rests in body a and not in the ground, so that what is true of a row in one attitude of the mechanism (that it
-    vanishes, the size of its multiplier) is true in all.
+    n is fixed in body a and not in the ground, so that the properties of a row in one orientation of the mechanism
+    (that it
+    is trivially satisfied, the size of its multiplier) apply in all.
     """
     nx, ny, nz = arm(A, cut.Ra[:, k])
     (bx, by, bz), (x, y, z), (dx, dy, dz), (ux, uy, uz), (ex, ey, ez) = way

@@ -55,7 +55,7 @@ class PlaneStress:
     angle: float = 0.0
 
     def check(self, what: str) -> None:
-        """Raise UserError for what no material is; ``what`` says whose it is."""
+        """Raise UserError for invalid material data; ``what`` names the owner."""
         value, nu = self.youngs_modulus, self.poisson
         if np.shape(value) == (2,):
             for key, modulus in zip(("E1", "E2"), value, strict=True):  # type: ignore[arg-type]

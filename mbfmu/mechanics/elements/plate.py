@@ -1,4 +1,4 @@
-"""Thin plate: a rectangle between four bodies that resists bending and, where asked for, stretching in its plane."""
+"""Thin plate: a rectangle between four bodies with stiffness in bending and, optionally, in its plane."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class Plate(Load):
     drag: float = 0.0
 
     def check(self, what: str = "a plate") -> None:
-        """Raise UserError for a number that no plate has; ``what`` says whose it is."""
+        """Raise UserError for an invalid number; ``what`` names the plate."""
         for key in ("a", "b", "thickness"):
             positive(f"{key} of {what}", getattr(self, key))
         self.material.check(what)

@@ -11,7 +11,7 @@ by the angle theta; in element axes its slopes are
 
     (w_x, w_z) = -F (d_x, d_z),    F = theta / sin theta,    cos theta = d_y.
 
-The energy sees the normals only, so turning a node about its normal costs nothing.
+The energy depends on the normals only, so rotating a node about its normal requires no energy.
 
 **Bending** is the rectangle of Adini, Clough and Melosh (1963). Its 12 x 12 stiffness falls apart into four classes of
 symmetry of three unknowns each; of the deflections tau alone is left. With the sign patterns of the corners
@@ -29,12 +29,13 @@ half of  sum k_i e_i^2 + 2 c (e0 e1 + e2 e3 + e4 e5 + e6 e7) + 2 sum o_ij e_i e_
     k8 = 64 D66 / (a b),    o08 = 16 D16/a    o18 = 16 D26/b    o25 = 8 D16    o34 = 8 D26
     o35 = 8/3 (D16 b/a + D26 a/b);
 
-of an isotropic one D11 = D22 = D = E t^3 / (12 (1 - nu^2)), D12 = nu D, D66 = (1 - nu) D / 2. The o vanish but where
-the grain lies askew in the element.
+of an isotropic one D11 = D22 = D = E t^3 / (12 (1 - nu^2)), D12 = nu D, D66 = (1 - nu) D / 2. The o are zero unless
+the grain is inclined in the element.
 
 **Curl.** A plate that nothing bends may have the curvatures (k_x, k_z, k_xz) = (w,xx, w,zz, w,xz). Its strains are then
 e0 = a k_x / 2, e1 = b k_z / 2, e8 = a b k_xz / 4, exactly so for one that is curled one way, however far, since slopes
-are angles. Moments are measured from there; the membrane knows the present shape only, whose arcs keep their length.
+are angles. Moments are measured from there; the membrane depends on the present shape only, whose arcs keep their
+length.
 
 **Membrane**, where a scene calls for it: one stress for the element (plane stress). The strain along x is the mean over
 the two edges of that direction, and an edge is the cubic that bending draws between its corners: a chord, g1 - 2 t or
@@ -390,7 +391,7 @@ def differentiate(plate: Any, here: Any) -> None:
 
 @kernel
 def apply(plate: Any, t: float, arrays: Any, state: Any) -> None:
-    """See :mod:`mbfmu.mechanics.loads.base`. The power of the damping, -beta e'^T K e', is told in passing."""
+    """See :mod:`mbfmu.mechanics.loads.base`. The power of the damping, -beta e'^T K e', is a by-product."""
     bodies, here = state.bodies, state.element[0]
     shape(plate, bodies, here)
     strain(plate, here)

@@ -3,7 +3,7 @@
 A motion of a body is (dr, phi) in global axes, phi a small rotation of its present orientation: the directions of its
 velocity Y. The tangent is 24 x 24, six rows and columns a body, and holds minus the derivative of the wrenches that
 :func:`.plate_energy.apply` adds, by the positions and c1 times that by the velocities. By the positions it is that of
-the elastic wrenches. Small rotations do not commute, so it is symmetric only where the wrenches vanish.
+the elastic wrenches. Small rotations do not commute, so it is symmetric only if the wrenches are zero.
 """
 
 from __future__ import annotations

@@ -57,7 +57,7 @@ class Shell(Load):
     drag: float = 0.0
 
     def check(self, what: str = "a shell element") -> None:
-        """Raise UserError for what no shell is; ``what`` says whose it is."""
+        """Raise UserError for invalid data; ``what`` names the shell."""
         X = _matrix(f"corners of {what}", self.corners, (4, 3))
         if self.attitudes is not None:
             for axes in _matrix(f"attitudes of {what}", self.attitudes, (4, 3, 3)):

@@ -245,7 +245,7 @@ def clear(f: Any) -> None:
 
 @kernel
 def apply(shell: Any, t: float, arrays: Any, state: Any) -> None:
-    """See :mod:`mbfmu.mechanics.loads.base`. The power of the damping, -beta d'^T K d', is told in passing."""
+    """See :mod:`mbfmu.mechanics.loads.base`. The power of the damping, -beta d'^T K d', is a by-product."""
     bodies, here = state.bodies, state.shell[0]
     deform(shell, bodies, here)
     clear(here.f)

@@ -99,7 +99,7 @@ class Beam:
 
     @property
     def _rigid(self) -> int:
-        """Number of motions w = a + b x that the ends leave; rounding tells them badly from slow modes."""
+        """Number of free motions w = a + b x; by rounding errors they cannot be separated from slow modes."""
         held = np.concatenate([np.array([[1, x], [0, 1]])[list(ENDS[end])] for x, end in enumerate(self.ends)])
         return 2 - int(np.linalg.matrix_rank(held)) if len(held) else 2
 

@@ -5,9 +5,9 @@ In the body's frame E a point of the axis at x goes to (x - s, w, 0), with the m
     w(x) = phi(x).p,      s(x) = p^T G(x) p / 2,   G(x) = int_0^x phi'^T phi' dx,
 
 and a cross-section turns about z by phi'(x).p. s is the shortening by bending, which lets axial forces stiffen or
-soften the bending (geometric stiffening): an effect, and without it there is none (``shortens`` is 0). Whatever hangs
-on the body hangs on a *node* of it, a body of the tree whose joint has the amplitudes for coordinates; all nodes share
-them. The first node is the frame itself, phi = 0, and has the inertia.
+soften the bending (geometric stiffening): an optional effect, without which it is zero (``shortens`` is 0). Other
+bodies are connected to a *node* of it, which is a body of the tree whose joint has the amplitudes as coordinates; all
+nodes share them. The first node is the frame itself, phi = 0, and has the inertia.
 
 The nodes are not where the mass is: integrals of the shapes, taken once, make the dynamics cost what the modes cost and
 not what the elements cost, and are exact where lumped masses would be of second order.

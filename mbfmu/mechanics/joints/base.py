@@ -1,4 +1,4 @@
-"""What every tree joint says of itself.
+"""Interface of tree joints.
 
 A joint places its child in the joint frame F, which is fixed in the parent at the placement the builder was given. Its
 kernel ``place(joint, qi, state)`` reads the positions from ``state.q[qi]`` on and writes, in F axes,
@@ -41,7 +41,7 @@ class Joint(Kind):
     fixed
         Assembly keeps ``start`` and ``rate`` exactly, and fails if the loops cannot close with them.
     drive
-        Signal the coordinate follows (joints of one coordinate), which says where it starts and how fast; None: free.
+        Signal that the coordinate follows (joints of one coordinate), with its start position and rate; None: free.
     nominal
         Usual size of the coordinates, one number or (nv,), which tolerances are relative to; None: 1 rad, and for m the
         characteristic length of the mechanism.
@@ -67,7 +67,7 @@ class Joint(Kind):
     drawn: ClassVar[str] = ""  # how pictures show it: one of these; "free": nothing holds the child
 
     def __post_init__(self) -> None:
-        """Refuse what a drive says already."""
+        """Refuse values that the drive determines."""
         given = {"start": self.start is not None, "rate": self.rate is not None, "fixed": self.fixed}
         if self.drive is not None and any(given.values()):
             names = " and ".join(name for name, there in given.items() if there)

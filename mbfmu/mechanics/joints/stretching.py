@@ -58,7 +58,7 @@ def bias(joint: Any, qi: int, vi: int, state: Any) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Stretching(Geodesic):
-    """A geodesic joint that gives way in its plane too; ``at`` is the way to the node in the flat sheet."""
+    """Geodesic joint with in-plane deformation; ``at`` is the vector to the node in the flat sheet."""
 
     nq = 6
     nv = 6

@@ -1,4 +1,4 @@
-"""What every load says of itself: a force, an element between bodies, a load on a surface.
+"""Interface of loads: forces, elements between bodies, loads on surfaces.
 
 Its kernels:
 
@@ -10,9 +10,9 @@ Its kernels:
     tangent(load, c1, arrays, state, twin,   adds to K, six rows and columns a body, minus the derivative of what
             K)                               ``apply`` adds by the motions of its bodies and c1 times that by their
                                              velocities, and returns 1.0, or 0.0 where there is none; ``twin`` is a
-                                             complex state, scratch, for steps of its own
+                                             complex state, scratch, for complex steps
 
-A load without ``tangent`` of its own is differentiated by complex steps, so ``apply`` is analytic in every real
+A load without ``tangent`` is differentiated by complex steps, so ``apply`` is analytic in every real
 number it reads. What is too slight to be worth solving for has ``LEFT_OUT``. A load that a scene does not call for has
 no record, and so no cost.
 """
@@ -82,7 +82,7 @@ class Load(Kind):
         return 0
 
     def points(self) -> Points:
-        """Return where on its bodies it acts, m, body axes, as far as that says how large they are."""
+        """Return its points on the bodies, m, body axes, as far as they indicate the size of the bodies."""
         return ()
 
     def extent(self) -> float:

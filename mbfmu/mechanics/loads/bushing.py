@@ -3,7 +3,8 @@
 d is the way from the point of a to that of b in the axes of the frame E in a, e = (w, v) the unit quaternion of the
 attitude of the frame in b, E^T E_b, and p = 2 v its turn: along its axis, twice the sine of half its angle.
 
-    U = sum k_i d_i^2 / 2 + sum kappa_i p_i^2 / 2,    force k_i d_i + c_i d_i' and moment likewise,
+    U = sum k_i d_i^2 / 2 + sum kappa_i p_i^2 / 2,    force k_i d_i + c_i d_i', moment kappa_i p_i + gamma_i p_i' along
+    p_i,
 
 and p' = w u + u x v with the angular velocity u of b in a. Moments are thus the gradient of U however far b turns, and
 the same of e and -e: there is no attitude at which anything jumps. The force acts on both bodies at the point of b.

@@ -77,7 +77,7 @@ class DistanceStop(Force):
     at_b: Any = (0.0, 0.0, 0.0)
 
     def check(self, what: str) -> None:
-        """Refuse what leaves no room, and a distance below zero."""
+        """Refuse limits without a distance between them, and a negative distance."""
         check_limits(what, self)
         for key in ("lower", "upper"):
             if getattr(self, key) is not None:

@@ -47,7 +47,7 @@ def as_law(f: Any) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class ElasticForce(Force):
-    """A spring and a damper beside it.
+    """Spring and parallel damper.
 
     ``tabled`` are ``apply`` and ``potential`` of one with a table, ``made`` returns ``apply`` and ``power`` of one with
     a function of the time, the stretch and its rate.

@@ -59,7 +59,7 @@ class JointStop(Force):
     damping: float = 0.0
 
     def check(self, what: str) -> None:
-        """Refuse what leaves no room."""
+        """Refuse limits without a distance between them."""
         check_limits(what, self)
 
     def fill(self, record: Any, site: Site) -> None:

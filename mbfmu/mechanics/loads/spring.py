@@ -124,7 +124,7 @@ class Spring(ElasticForce):
         expression ``"3 * x**3"`` is it: the work of such a function is known, its energy is not.
     free
         Free length, m. Where the ends coincide the damper acts along their relative velocity, and the elastic force
-        has no direction and is left out; a remark says so where that is at a start and ``free`` is not zero.
+        has no direction and is omitted; a message reports this if it occurs at the start and ``free`` is not zero.
     """
 
     record = np.dtype(

@@ -78,7 +78,7 @@ def lost(force: Any, q: float, v: float) -> float:
 
 
 def check_limits(what: str, stop: Limits) -> None:
-    """Refuse what is no number, limits that leave no room, and stops without a limit."""
+    """Refuse values that are no numbers, limits without a distance between them, and stops without a limit."""
     not_negative(f"stiffness of {what}", stop.stiffness)
     not_negative(f"damping of {what}", stop.damping)
     limits = {"lower": stop.lower, "upper": stop.upper}

@@ -1,4 +1,4 @@
-"""What acts on a mechanism beside inertia, weight and joints: the sums over loads and flexible bodies."""
+"""Applied forces besides inertia, weight and joints: the sums over loads and flexible bodies."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from solvers.compiled.kernel import inlined, kernel
 
 @inlined
 def composite_inertia(arrays: Any, state: Any) -> None:
-    """Inertia of each body with all that hangs on it, about its origin."""
+    """Composite inertia of each body with its descendants, about its origin."""
     for i in range(1, arrays.bodies.shape[0]):
         here = state.bodies[i]
         mass, c = arrays.bodies[i].mass, here.com
@@ -92,7 +92,7 @@ def carry_up(i: int, row: int, f: Any, add: bool, arrays: Any, state: Any, M: An
 def mass_matrix(arrays: Any, state: Any, M: Any) -> None:
     """M (n, n) over the free coordinates, after :func:`composite_inertia`; zero between branches, and left so.
 
-    The amplitudes of an elastic body get its own inertia first, then that of what hangs on each of its sections.
+    The amplitudes of an elastic body get its inertia first, then that of the bodies on each of its sections.
     """
     f = state.wrench
     for e in range(arrays.flexibles.shape[0]):

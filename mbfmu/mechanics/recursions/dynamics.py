@@ -200,7 +200,7 @@ def inertia_parts(data: Any, out: Any) -> None:
 
 @inlined
 def gather_free(a: Any, arrays: Any, state: Any) -> None:
-    """Put the free accelerations a (n,) beside those of the drives."""
+    """Combine the free accelerations a (n,) with those of the drives."""
     for i in range(1, arrays.bodies.shape[0]):
         body = arrays.bodies[i]
         if body.vf >= 0:
@@ -226,7 +226,7 @@ def solve_moving(a: Any, lam: Any, arrays: Any, state: Any) -> None:
 
 @kernel
 def observe(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any, out: Any) -> None:
-    """The first outputs, as many as there is room for, at the solution (q, v, a, lam)."""
+    """The first outputs, up to the length of the array, at the solution (q, v, a, lam)."""
     move(t, q, v, data.arrays, data.state)
     tell(a, lam, data, out)
 
@@ -332,7 +332,7 @@ def tree_callbacks() -> tuple[Callable[..., Any], ...]:
 
 @cache
 def stepped_callbacks() -> tuple[Callable[..., Any], ...]:
-    """Return inverse, position and retract on a complex state beside real arrays; compiled on first use."""
+    """Return inverse, position and retract on a complex state with real arrays; compiled on first use."""
     if not COMPILED:
         return inverse, position, retract
     example = empty_data()

@@ -1,4 +1,4 @@
-"""What every sensor says of itself: a quantity that a mechanism tells, as an output of a model.
+"""Interface of sensors: quantities of a mechanism that are outputs of a model.
 
 Its kernel ``read(sensor, lam, arrays, state)`` returns it where the state holds a solution of the equations of motion
 with the multipliers ``lam`` (m,): positions, velocities, accelerations, joint wrenches, the effort of drives, and the
@@ -24,7 +24,7 @@ class Follows(IntEnum):
     MOTION = 0  # positions and rates: nothing, they take a step
     GRAVITY = 1  # potential energy: with gravity
     LOADS = 2  # accelerations: with every load
-    FORCES = 3  # likewise, and it is a force, a moment or an effort
+    FORCES = 3  # as LOADS, for a force, a moment or a generalized force
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,7 +43,7 @@ class Sensor(Kind):
     bodies
         Those that ``fill`` asks for, where they are not the one body that is the item.
     stiff
-        It is of what gives way so little that slight errors of positions are large ones of it.
+        It is of something so stiff that small errors of positions are large errors of its value.
     """
 
     kernels: ClassVar = {"read": "lam, arrays, state -> number"}
@@ -74,7 +74,7 @@ class Sensor(Kind):
 
 
 def axis_index(axis: str, of: str) -> int:
-    """Return 0, 1, 2 for 'x', 'y', 'z'; ``of`` says in messages whose component it is."""
+    """Return 0, 1, 2 for 'x', 'y', 'z'; ``of`` names the owner in messages."""
     if axis not in ("x", "y", "z"):
         raise UserError(f"component {of} is {axis!r}; allowed: 'x', 'y', 'z'")
     return "xyz".index(axis)

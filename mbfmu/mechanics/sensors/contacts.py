@@ -18,7 +18,7 @@ from .base import Follows, Sensor
 
 @kernel
 def sum_over(first: int, count: int, silent: int, arrays: Any, state: Any) -> None:
-    """State.meeting.told <- what ``count`` loads from ``first`` on tell, ``silent`` as there."""
+    """``State.meeting.told`` <- values of ``count`` loads from ``first`` on, ``silent`` as there."""
     here, damped = state.meeting[0], state.damped[0]
     for k in range(here.told.shape[0]):
         here.told[k] = 0.0
@@ -52,7 +52,7 @@ def pressed(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Met(Sensor):
-    """Sum ``component`` of what contacts tell, times ``scale``, in parts of sum ``over`` if that is not negative."""
+    """Sum of ``component`` of the contacts, times ``scale``, divided by the sum of ``over`` if that is not negative."""
 
     record = np.dtype(
         [("index", np.int64), ("component", np.int64), ("count", np.int64), ("over", np.int64), ("scale", np.float64)]

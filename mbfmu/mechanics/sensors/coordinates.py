@@ -92,6 +92,6 @@ class Effort(Rate):
 
 @dataclass(frozen=True, kw_only=True)
 class Turn(Sensor):
-    """Angle of a body that hangs on the ground by parallel revolutes and sections, whole turns counted, or its rate."""
+    """Angle of a body connected to the ground by parallel revolutes and sections, with full turns, or its rate."""
 
     read = turn

@@ -23,7 +23,7 @@ def distance(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
 
 @kernel
 def distance_rate(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
-    """See :mod:`.base`. What a sees: turning of the way changes no length. Points that coincide: zero."""
+    """See :mod:`.base`. In the frame of a: a rotation does not change the distance. Coincident points: zero."""
     A, B = state.bodies[sensor.a], state.bodies[sensor.b]
     (x, y, z), _, _ = way(A, B, sensor.Pa, sensor.Pb)
     vx, vy, vz = way_rate(A, B, sensor.Pa, sensor.Pb)
@@ -33,7 +33,7 @@ def distance_rate(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
 
 @kernel
 def angle(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
-    """See :mod:`.base`. By the lengths of both products: no cosine alone tells small angles."""
+    """See :mod:`.base`. By the lengths of both products: the cosine is inaccurate at small angles."""
     nx, ny, nz = arm(state.bodies[sensor.a], sensor.Pa)
     mx, my, mz = arm(state.bodies[sensor.b], sensor.Pb)
     x, y, z = ny * mz - nz * my, nz * mx - nx * mz, nx * my - ny * mx
@@ -105,6 +105,6 @@ class RelativePosition(Distance):
 
 @dataclass(frozen=True, kw_only=True)
 class RelativeVelocity(Distance):
-    """Its rate: the velocity of b's point as one on body a sees it."""
+    """Its rate: the velocity of b's point relative to body a."""
 
     read = place_rate

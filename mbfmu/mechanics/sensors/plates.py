@@ -58,7 +58,7 @@ class _InElement(Sensor):
     element
         The :class:`.Plate` or :class:`.Shell`.
     start, weights
-        What it is without strains, and by each of them, of the shape that the record says.
+        Value without strains, and coefficient of each strain, with the shape of the record.
     """
 
     element: Any

@@ -1,13 +1,13 @@
-"""What every signal says of itself: a known function of time that drives a joint or scales a load.
+"""Interface of signals: known functions of time that drive a joint or scale a load.
 
 Its kernels:
 
     evaluate(signal, t, arrays)       returns the value at time t (s) and its first two derivatives; t is always real
     longest_step(signal, t, arrays)   returns the longest step from t on that cannot miss how it varies, and until when
                                       it is the longest, s: a step that begins before that time may end so much later
-                                      than it; None: it varies with nothing but what a host sets, or any step sees it
+                                      than it; None: it varies with inputs only, or any step resolves it
 
-A solver that looks at a sine once a period, or passes a run-up in one step, sees nothing to be wrong about.
+A solver that evaluates a sine once per period, or passes a run-up in one step, cannot detect its error.
 
 A signal of others evaluates them by their numbers, :func:`mbfmu.mechanics.dispatch.signal`. They are signals of the
 mechanism too, and speak of steps for themselves.
@@ -47,8 +47,9 @@ class InUse(NamedTuple):
 class Signal(Kind):
     """A function of time; the base gives what holds for one of which no more is known.
 
-    One that varies by itself has a kernel ``longest_step(signal, t, arrays)`` beside ``evaluate``: it returns the
-    longest step from t on that cannot miss how it varies, and until when it is the longest, s.
+    One that varies with time has a kernel ``longest_step(signal, t, arrays)`` in addition to ``evaluate``: it returns
+    the
+    longest step from t on that resolves it, and the time until which this is valid, s.
     """
 
     kernels: ClassVar = {"evaluate": "time, arrays -> three", "longest_step": "time, arrays -> two"}
@@ -68,7 +69,7 @@ class Signal(Kind):
         """Let it be from now on what it becomes in the end, if it becomes anything."""
 
     def moving(self, own: InUse) -> list[InUse]:
-        """Return the signals whose speeds make up its own, in an order of their own: itself, or what it is a sum of."""
+        """Return the signals whose speeds add up to its speed, in a fixed order: itself, or the terms of its sum."""
         return [own]
 
     def run_at(self, own: InUse, speed: float) -> None:

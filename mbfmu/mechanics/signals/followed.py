@@ -147,7 +147,7 @@ class Followed(Signal):
         return self.smooth
 
     def __hash__(self) -> int:
-        """Arrays are told apart by themselves."""
+        """Arrays are compared by identity."""
         return id(self)
 
     def pace(self, own: InUse, size: float) -> float:

@@ -93,5 +93,5 @@ class Function(Signal):
         record["pace"] = self.time
 
     def pace(self, own: InUse, size: float) -> float:
-        """Return what was told."""
+        """Return the given value."""
         return self.time

@@ -1,6 +1,6 @@
 """Polynomials in time, and the inputs that a host sets: polynomials about the last communication point.
 
-What the coefficients of an input are while it runs is told by :mod:`mbfmu.mechanics.arrays.motion` and
+The coefficients of an input during a run are described in :mod:`mbfmu.mechanics.arrays.motion` and
 :mod:`mbfmu.mechanics.arrays.extrapolated`.
 """
 
@@ -88,8 +88,9 @@ class Input(Coefficients):
     rate_name
         Name of a second input, the time derivative; without it the rate is zero.
     acceleration_name
-        Name of a third input, the second derivative, of the drive of a joint. With it the force of the drive errs by
-        O(h^2) at communication points h apart, without it by O(h); without a rate inertia does not show in it.
+        Name of a third input, the second derivative, of the drive of a joint. With it the error of the force of the
+        drive is
+        O(h^2) at communication points at a distance h, without it O(h); without a rate it does not include inertia.
     start
         Value until the host sets one.
 
@@ -129,7 +130,7 @@ class Input(Coefficients):
 
     @property
     def force_error(self) -> str:
-        """How the force of a drive with this input errs at communication points, in words; empty: as the motion."""
+        """Message on the error of the force of a drive with this input at communication points; empty: none."""
         if self.acceleration_name:
             return ""
         if self.rate_name:
@@ -141,7 +142,8 @@ class Input(Coefficients):
 class SpeedInput(Coefficients):
     """A drive at the speed the host sets; the driven coordinate is its integral and never jumps.
 
-    A new value sets the speed at once, by an impulse that moves what hangs on the joint too. Held between communication
+    A new value sets the speed at once, by an impulse that also moves the bodies connected to the joint. Held between
+    communication
     points, a speed that changes smoothly lags behind by half a step.
 
     Parameters

@@ -88,7 +88,7 @@ class Step(Signal):
 
     @property
     def drives(self) -> bool:  # type: ignore[override]
-        """Whether it takes its time; what is no duration is told of where it is filled."""
+        """Whether it has a duration; an invalid duration is reported by ``fill``."""
         return self.duration != 0.0
 
     def pace(self, own: InUse, size: float) -> float:

@@ -46,12 +46,12 @@ class Table(Signal):
     y
         Values there.
     kind
-        ``spline``: twice differentiable, without curvature at its ends. ``monotone``: never beyond the points beside
+        ``spline``: twice differentiable, without curvature at its ends. ``monotone``: never beyond the points next to
         it, ``akima``: hardly ever; both with jumps of the second derivative. ``linear``: straight from point to point,
         which no joint can follow.
     beyond
-        How it goes on beyond both ends. ``linear``: as a straight line. ``hold``: with the value there; a spline or a
-        monotone curve comes to its ends without slope. ``periodic``: from the beginning again, for ever either way; the
+        Continuation beyond both ends. ``linear``: as a straight line. ``hold``: with the value there; a spline or a
+        monotone curve has zero slope at its ends. ``periodic``: repeated without limit in both directions; the
         last value must be the first, and a curve has no kink there.
     """
 
@@ -98,7 +98,7 @@ class Table(Signal):
         return self.kind != "linear" or np.size(self.x) == 2
 
     def __hash__(self) -> int:
-        """Arrays are told apart by themselves."""
+        """Arrays are compared by identity."""
         return id(self)
 
     def pace(self, own: InUse, size: float) -> float:

@@ -14,7 +14,7 @@ sheet. Steady states and modes while drives move need the rest too: :mod:`solver
 adds it by products of the whole residual by complex step.
 
 A cut joint adds what its reactions gain as its bodies move, lambda dG, so that T is the derivative of h + J^T lambda.
-Where asked for it adds springs that hold it: T + J^T alpha J, by which a saddle system is solved where T alone is
+On request it adds springs that hold it: T + J^T alpha J, with which a saddle-point system is solved if T is
 singular (:mod:`solvers.projection.saddle`).
 
 **Groups.** Every body belongs to a group; the groups form a tree such that joints and elements lie within a group or
@@ -25,11 +25,12 @@ the recursion itself, rows and columns alike, as in the composite-body algorithm
 nothing, so behind it y is no more unknowns than dq, and needs no folding: such bodies are outer wherever their parent
 moves. What is left has a block for every group and for every two neighbors (:mod:`solvers.linalg.blocks`).
 
-A body that a load ties to many groups, such as the roller of a nip that turns freely, is in one of its own, and what
-ties it to the others is a border (:mod:`.border`).
+A body that a load ties to many groups, such as the roller of a nip that turns freely, is in a separate group, and its
+coupling to the others is a border (:mod:`.border`).
 
 T is symmetric at rest without follower loads; in motion the change of the inertia forces with the positions, small
-beside c2 M, is not. Who corrects what it is off may have it taken as symmetric: by one triangle, at half the memory.
+compared with c2 M, is not. If its error is corrected iteratively it may be used as symmetric: one triangle, half the
+memory.
 """
 
 from __future__ import annotations

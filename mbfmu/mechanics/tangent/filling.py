@@ -48,7 +48,7 @@ def bodily(i: int, at: int, c2: float, arrays: Any, state: Any, F: Any) -> None:
 
 @inlined
 def clear(count: int, K: Any) -> None:
-    """K <- 0, so many rows and columns."""
+    """K <- 0 for the given numbers of rows and columns."""
     for row in range(count):
         for column in range(count):
             K[row, column] = 0.0
@@ -56,7 +56,7 @@ def clear(count: int, K: Any) -> None:
 
 @kernel
 def analytic(e: int, group: int, size: int, c1: float, L: Any, arrays: Any, state: Any, twin: Any, s: Any) -> None:
-    """A load between bodies of a group and its neighbor that knows its tangent; s.K is zero before and after."""
+    """A load with a tangent between bodies of a group and its neighbor; s.K is zero before and after."""
     if load_tangent(arrays.loads[e], c1, arrays, state, twin, s.K) == 0.0:
         return
     inner = L.inward[group] if L.home[e] == group else -1  # of a loose body away from home, its own rows alone

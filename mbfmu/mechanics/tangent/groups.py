@@ -83,7 +83,7 @@ def cell_of(mechanism: Mechanism, moving: list[bool]) -> tuple[dict[int, int], l
 
 
 def is_massless(body: Body) -> bool:
-    """Whether a body has no inertia of its own: a block of such alone is singular, the mass is in its child's."""
+    """Whether a body has no inertia: a block of such bodies is singular, the mass is in that of its child."""
     return body.mass == 0.0 and not body.inertia.any()
 
 
@@ -104,7 +104,7 @@ def neighbors(mechanism: Mechanism, moving: list[bool], cells: dict[int, int]) -
 
 
 def layers(near: dict[int, set[int]], roots: list[int]) -> dict[int, int]:
-    """Return the distance of every cell from the first of the ``roots`` that it hangs together with."""
+    """Return the distance of every cell from the first of the ``roots`` in its connected component."""
     layer: dict[int, int] = {}
     for root in roots:
         if root in layer:
@@ -123,7 +123,7 @@ def layers(near: dict[int, set[int]], roots: list[int]) -> dict[int, int]:
 
 def layering_tree(near: dict[int, set[int]], layer: dict[int, int]) -> tuple[dict[int, int], dict[int, int]]:
     """Return the group of every cell, named by one of its cells, and the neighbor inward of every group; -1: none."""
-    joined = {cell: cell for cell in near}  # towards the name of all that hangs together so far
+    joined = {cell: cell for cell in near}  # towards the representative of the connected component
 
     def name(cell: int) -> int:
         while joined[cell] != cell:

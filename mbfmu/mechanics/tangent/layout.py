@@ -33,13 +33,13 @@ class Layout(NamedTuple):
     members: NDArray[np.int64]  # bodies of every group, parents first
     home: NDArray[np.int64]  # (loads,) the first group that has one of the bodies that a load ties; -1: none
     first_load: NDArray[np.int64]  # (groups + 1,) into ``loads``
-    loads: NDArray[np.int64]  # those with a tangent of their own, at home, and where a loose body is elsewhere
+    loads: NDArray[np.int64]  # those with a tangent, at home, and where a loose body is elsewhere
     first_cut: NDArray[np.int64]  # (groups + 1,) into ``cuts``
-    cuts: NDArray[np.int64]  # cut joints, likewise
+    cuts: NDArray[np.int64]  # cut joints, at home and elsewhere
     first_coupling: NDArray[np.int64]  # (groups + 1,) into ``couplings``
-    couplings: NDArray[np.int64]  # likewise
+    couplings: NDArray[np.int64]  # couplings, at home and elsewhere
     first_step: NDArray[np.int64]  # (groups + 1,) into ``steps``
-    steps: NDArray[np.int64]  # loads that are differentiated by complex steps, likewise
+    steps: NDArray[np.int64]  # loads that are differentiated by complex steps, at home and elsewhere
     first_body: NDArray[np.int64]  # (loads + cuts + couplings + 1,) into ``bodies``
     bodies: NDArray[np.int64]  # of every load, every cut joint and every coupling: a, its parent, b, its parent
     along: NDArray[np.int64]  # (k, 2) loads along the coordinate of a joint, and whose

@@ -1,8 +1,9 @@
-"""What every surface says of itself: a rigid one, fixed to a body, that a sheet touches.
+"""Interface of surfaces: rigid, fixed to a body, in contact with a sheet.
 
 Its kernel ``gap(surface, state)`` returns the distance of the point ``state.meeting[0].p`` from it, m, positive
 outside, and writes the unit normal there, towards the outside, into ``state.meeting[0].n``, both in the axes of the
-body. The distance is that to the nearest point, so that it tells how far everything within a ball about the point is.
+body. The distance is that to the nearest point, so that it bounds the distances of all points of a ball about the
+point.
 Where a surface ends, ``state.meeting[0].part``, which is one, falls to zero over :data:`END`. The kernel is analytic in
 p.
 """
@@ -51,7 +52,7 @@ FRAME = (("origin", np.float64, (3,)), ("axes", np.float64, (3, 3)))  # of what 
 
 
 class Surface(Kind):
-    """A rigid surface: a frozen dataclass in a file of its own, as all kinds are."""
+    """Rigid surface: a frozen dataclass in a separate file, like all element types."""
 
     kernels: ClassVar = {"gap": "state -> number"}
     gap: ClassVar[Any]
