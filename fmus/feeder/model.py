@@ -234,11 +234,11 @@ class Feeder(Model):
 
     @property
     def _field(self) -> str:
-        """Name of the field that is told; empty: none, or nothing is there to touch."""
+        """Name of the field that is output; empty: none, or there is no surface."""
         return "" if self.field == "none" or not (self.guides or self.stop_at) else self.field
 
     def route(self) -> Path:
-        """Return the path, with room for the sheet before line 1 and behind the last line."""
+        """Return the path, long enough for the sheet before line 1 and behind the last line."""
         before, after = self.length, 1.3 * self.length
         rest = (self.nips - 2) * self.spacing + after  # behind line 2
         if self.path == "chute":
@@ -399,7 +399,7 @@ class Feeder(Model):
     def _touch(
         self, m: Mechanism, sheet: SheetHandle, name: str, surface: Surface, stiffness: float | None = None
     ) -> TouchHandle:
-        """Let the sheet touch a surface, and tell the force."""
+        """Add contact of the sheet with a surface, and the outputs of its force."""
         if stiffness is None:  # that of a touch by itself goes with the longer of the two spacings
             bent = float(sheet.plate.bending[0, 0]) * (6.0 / self.length) ** 2
             stiffness = bent / (sheet.a / POINTS[0] * SINK * self.thickness)

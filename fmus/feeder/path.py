@@ -77,7 +77,7 @@ class Path:
         return sum(part.length for part in self.parts) - self.before
 
     def at(self, s: float) -> Frame:
-        """Return the frame at s; the last part goes on for ever."""
+        """Return the frame at s; the last part has no end."""
         left = s + self.before
         for part in self.parts[:-1]:
             if left < part.length:

@@ -27,7 +27,7 @@ from mbfmu.model import Model, parameter
 
 @dataclass(frozen=True, kw_only=True)
 class FourBar(Model):
-    """Four-bar linkage in a vertical plane, swinging through its singular positions."""
+    """Four-bar linkage in a vertical plane that swings through its singular configurations."""
 
     name = "fourbar"
     stop_time = 10.0
@@ -158,7 +158,7 @@ class FourBar(Model):
         m.output("velocity_residual", m.velocity_residual, "largest rate at which the loop opens")
 
     def _beam(self) -> Beam:
-        """Return the elastic coupler: pinned in its chord, whose length it keeps and with it the singular positions."""
+        """Return the elastic coupler: its chord keeps its length, which preserves the singular configurations."""
         if self.coupler_mass == 0.0:
             raise UserError(
                 f"coupler_mass is 0.0 kg; with coupler_modes = {self.coupler_modes} it must be greater than zero"

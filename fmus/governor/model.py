@@ -1,6 +1,6 @@
 """Governor (Haug 1989, section 12.6): two arms with balls on a spindle lift a sprung collar as they swing out.
 
-The spindle turns about the vertical y axis. The arms hang on one point of it and swing in the plane x-y of the
+The spindle turns about the vertical y axis. The arms are hinged at one point of it and swing in the plane x-y of the
 spindle; two rods tie their middles to the collar. With phi the angle of both arms below the horizontal and s the
 collar's distance below the arms' pivot,
 

@@ -5,7 +5,7 @@ distance from the tip, the Jacobi integral
 
     J = m (d'^2 + d^2 theta'^2) / 2 + k_r theta^2 / 2 + k_t (d - d0)^2 / 2 - m w^2 (l^2 + d^2 + 2 l d cos theta) / 2
 
-is constant without damping and bounds theta: the undamped motion oscillates for ever and cannot diverge. The steady
+is constant without damping and bounds theta: the undamped motion oscillates and cannot diverge. The steady
 state is theta = 0, d = (k_t d0 + m w^2 l) / (k_t - m w^2).
 """
 

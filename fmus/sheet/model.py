@@ -216,7 +216,7 @@ class Sheet(Model):
         return found
 
     def independent(self, times: NDArray[np.float64]) -> dict[str, tuple[NDArray[np.float64], float]] | None:
-        """Return the tip as a shell code has it; None but for the default sheet at ``times`` that the code tells."""
+        """Return the tip by a shell code; None except for the default sheet at ``times`` within the data."""
         default = replace(Sheet(), nx=self.nx, nz=self.nz, tree=self.tree)
         if self != replace(default, grid_outputs=self.grid_outputs, field=self.field):
             return None
@@ -228,7 +228,7 @@ class Sheet(Model):
 
     @property
     def _field(self) -> str:
-        """Name of the field that is told; empty: none."""
+        """Name of the field that is output; empty: none."""
         return "" if self.field == "none" else self.field
 
     def _gravity(self, axis: str) -> Input:

@@ -69,8 +69,8 @@ KEYS = (
 LONGEST_LIMIT = 1e6  # s
 SOME = np.array([0.313, 0.5017, 0.7729])  # probabilities at which a distribution is tried
 NAME = re.compile(r"\w[\w .+-]{0,59}")  # of a measure, and so of files
-COLUMNS = ("run", "key", "status", "message", "imbalance", "seconds")  # of a table of runs, beside the study's own
-INDEX = ("run", "key", "time")  # of a table of histories, beside outputs
+COLUMNS = ("run", "key", "status", "message", "imbalance", "seconds")  # of a table of runs, without those of the study
+INDEX = ("run", "key", "time")  # of a table of histories, without outputs
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,7 +110,7 @@ class Definition:
         return replace(found, time_limit=self.time_limit)
 
     def identity(self) -> str:
-        """Return what tells its runs from those of another study, whatever is varied."""
+        """Return the identity of the runs of a study, independent of what is varied."""
         told = [(m.name, getattr(m, "told", None) or repr(m)) for m in self.measures]
         bare = self.subject.job(measures=b"", measure_files=(), keep=self.keep, fixed=self.fixed)
         return digest(bare.identity, bare.version, told)
@@ -131,7 +131,7 @@ def key_of(identity: str, point: Point) -> str:
 
 
 def read_study(path: Path) -> dict[str, Any]:
-    """Return what a study file says, with paths as they are found from here.
+    """Return the content of a study file, with paths relative to the working directory.
 
     Raises
     ------
@@ -255,7 +255,7 @@ def _check_some(subject: Subject, name: str, own: Drawn) -> None:
 
 
 def _refuse_inputs(subject: Subject, measures: Sequence[Measure], names: Sequence[str]) -> None:
-    """Refuse inputs beside measures of the steady state, which has them as they start."""
+    """Refuse inputs together with measures of the steady state, which uses their start values."""
     steady = next((measure.name for measure in measures if isinstance(measure, Steady)), None)
     given = next((name for name in names if isinstance(subject, ModelSubject) and name in subject.inputs), None)
     if steady is not None and given is not None:

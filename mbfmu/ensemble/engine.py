@@ -36,7 +36,7 @@ OFTEN = 60.0  # s between two sentences that say there is none
 BRIEFLY = 0.02  # s
 KILLED = "its process died in this run, each time that it was tried"
 
-log = logging.getLogger(__name__)  # what it says is on stderr where nobody asks for it elsewhere
+log = logging.getLogger(__name__)  # written to stderr by default
 ADDRESS = re.compile(r"((tcp|tls|ws|wss|ucx)://)?[^\s/]+:\d+")
 
 
@@ -64,7 +64,7 @@ class Workers:
             raise UserError(f"scheduler is {scheduler!r}; allowed: an address such as 'tcp://host:8786'")
         self._cluster: Any = None
         self._where = f"scheduler {scheduler!r}" if scheduler else "the pool of workers"
-        self._quiet = ExitStack()  # what is lost is told here, without tracebacks
+        self._quiet = ExitStack()  # losses are reported here, without tracebacks
         self._quiet.enter_context(distributed.utils.silence_logging_cmgr(logging.CRITICAL))
         try:
             if scheduler:
@@ -101,7 +101,7 @@ class Workers:
     def run(
         self, job: ModelJob | FmuJob, points: Iterable[tuple[int, Point]], seconds: float
     ) -> Iterator[list[Outcome]]:
-        """Make the runs of these numbers and points, and yield outcomes of batches as they come.
+        """Make the runs of these numbers and points, and yield outcomes of finished batches.
 
         ``seconds`` is about what a run takes. What a worker leaves undone when it dies, others do; a run in which its
         process dies again and again has failed. Where there is no worker for a while, that is logged as a warning.
@@ -229,7 +229,7 @@ def processors() -> int:
 
 
 def _given(job: ModelJob | FmuJob) -> ModelJob | FmuJob:
-    """Return a job: a task of its own, so that it travels to a worker once, and again where it was lost."""
+    """Return a job: a separate task, so that it is sent to a worker once, and again if it was lost."""
     return job
 
 

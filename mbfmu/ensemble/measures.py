@@ -160,7 +160,7 @@ class Own:
         raise UserError(f"measure {self.name!r} returns {value!r}; it must return a number")
 
     def unit(self, _: Mapping[str, str]) -> str:
-        """Return nothing: nobody knows it."""
+        """Return an empty unit: it is unknown."""
         return ""
 
 
@@ -170,7 +170,7 @@ Measure = History | Steady | Own
 def read_measure(name: str, given: Any, outputs: Sequence[str], steady: bool) -> Measure:
     """Return the measure that is written as a text or a table.
 
-    ``outputs`` are the names of what a run tells; ``steady`` states can be asked for of models, not of FMUs.
+    ``outputs`` are the names of the outputs of a run; ``steady`` states are available for models, not for FMUs.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""Where the runs of a study are kept: a folder of Parquet files, a row a run, written as they come.
+"""Storage of the runs of a study: a folder of Parquet files with one row per run, written during the study.
 
-While it goes on, rows lie in parts, each of which appears whole or not at all; where it has ended they are one table in
-the order of the runs. So a study that is killed at any time goes on from where it was.
+During the study the rows are in parts, each of which is complete or absent; at its end they are one table in
+the order of the runs. Therefore a study that was killed can continue.
 """
 
 from __future__ import annotations
@@ -229,7 +229,7 @@ def write_table(columns: Any, path: Path, identity: str) -> None:
 
 
 def read_told(folder: Path) -> dict[str, Any]:
-    """Return what a folder says of its study; raises UserError where it holds none."""
+    """Return the definition of the study in a folder; raises UserError if there is none."""
     try:
         told = json.loads((folder / TOLD).read_text("utf-8"))
     except OSError as error:
@@ -253,7 +253,7 @@ def read_table(folder: Path, *, others: bool = False) -> Any:
     Raises
     ------
     UserError
-        A file is none of ours, or nothing is there yet.
+        A file was not written by mbfmu, or no file exists yet.
     """
     identity = read_told(folder)["identity"]
     tables = [_read(file, identity) for file in files_of(folder, others=others)]
@@ -270,7 +270,7 @@ def read_histories(folder: Path, columns: list[str] | None = None) -> Any:
     Raises
     ------
     UserError
-        A file is none of ours.
+        A file was not written by mbfmu.
     """
     arrow, identity = optional("pyarrow", EXTRA), read_told(folder)["identity"]
     tables = [_read(file, identity, columns) for file in sorted((folder / KEPT).glob(WRITTEN))]

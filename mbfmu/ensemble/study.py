@@ -1,4 +1,4 @@
-"""A study from its definition to its table: many runs, made by workers, kept as they come."""
+"""A study from its definition to its table: many runs, made by workers and stored during the study."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .engine import Workers, check_place, merged
 from .records import KEPT, Records, Row, read_histories, read_table, read_told
 from .work import EXTRA, FAILED, OK, SUSPECT, FmuJob, ModelJob, Outcome
 
-Progress = Callable[[int, int, int], None]  # told runs that are done, of how many, and how many failed
+Progress = Callable[[int, int, int], None]  # arguments: finished runs, all runs, failed runs
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ def study(
     ----------
     given
         A scene or its name, a model, a mechanism, the path of an FMU, or that of a study file (``.toml`` with a table
-        ``[vary]``), which says the rest.
+        ``[vary]``), which contains the other arguments.
     vary
         What varies, by name: parameters, inputs, settings and ``stop_time``; see :mod:`mbfmu.ensemble.variation`.
     measure
@@ -129,7 +129,7 @@ def study(
     workers
         How many processes; 0: one a processor.
     progress
-        Told the number of runs that are done, of all, and of those that failed.
+        Function that receives the numbers of finished runs, of all runs, and of failed runs.
     **more
         The other keys of a study file, see :mod:`mbfmu.ensemble.definition`; ``runs`` stands for ``with``.
 
@@ -188,12 +188,12 @@ def run_study(
 
 
 class Campaign:
-    """Runs that are asked for, made by workers where no record of them is there yet; workers come when they are needed.
+    """Requested runs, made by workers unless a record exists; workers are started when they are needed.
 
     Attributes
     ----------
     keys
-        Of all runs that were asked for, in order.
+        Keys of all requested runs, in order.
     """
 
     def __init__(

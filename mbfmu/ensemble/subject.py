@@ -49,7 +49,7 @@ def digest(*content: Any) -> str:
 
 
 def number(what: str, value: Any, kind: type) -> Any:
-    """Return a value as a float, an int or a bool, whichever is asked for; raises UserError where it is none."""
+    """Return a value as the requested type (float, int, bool); raises UserError if that is not possible."""
     if kind is bool:
         if isinstance(value, bool | np.bool_):
             return bool(value)

@@ -68,7 +68,7 @@ class Outcome(NamedTuple):
 
 
 class Files(NamedTuple):
-    """A user's file that travels, with those that it imports from beside it."""
+    """A user's file that is sent to workers, with the modules that it imports from its folder."""
 
     name: str
     contents: tuple[tuple[str, bytes], ...]
@@ -178,7 +178,7 @@ class FmuJob(Job):
 
 
 class FmuRunner:
-    """Runs of an FMU in this process; each is an instance of its own."""
+    """Runs of an FMU in this process; each uses a separate instance."""
 
     def __init__(self, job: FmuJob, folder: Path) -> None:
         from fmpy import extract, read_model_description
@@ -196,7 +196,7 @@ class FmuRunner:
         job, told = self.job, []
         stop, reached = float(point.get(STOP, job.stop_time)), [-inf]
 
-        def went_on(t: float, _: Any) -> bool:  # FMPy tries a step that is discarded again, for ever
+        def went_on(t: float, _: Any) -> bool:  # FMPy repeats a discarded step without limit
             stuck = t <= reached[0]
             reached[0] = t
             return not stuck
@@ -303,7 +303,7 @@ def forget(job: ModelJob | FmuJob) -> None:
 
 
 def batch(job: ModelJob | FmuJob, points: Sequence[tuple[int, Point]], enough: float = inf) -> list[Outcome]:
-    """Make runs and measure them; what is wrong with a run is told in its outcome.
+    """Make runs and measure them; the outcome of a run contains its error message.
 
     No run is begun after ``enough`` seconds, but the first: outcomes may be fewer than points.
     """

@@ -1,4 +1,4 @@
-"""A model as data for the runtime: the file that stands in the resources of a native FMU."""
+"""A model as data for the runtime: the file in the resources of a native FMU."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class NativeModel(NamedTuple):
     Attributes
     ----------
     variables
-        As a host sees them; a place among them is the value reference.
+        In the order of the value references.
     arrays
         Outputs that are one variable in FMI 3; their value references come after that of the time, which comes after
         those of the variables.

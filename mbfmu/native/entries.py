@@ -61,7 +61,7 @@ class Start(NamedTuple):
     """What a mechanism is assembled from."""
 
     q: Array  # (nq,) first positions, as given to the builder
-    v: Array  # (n,) first velocities, likewise
+    v: Array  # (n,) first velocities, see q
     scratch: Any  # solvers.assembly.Scratch: units, what is held, and which rows or coordinates are wrong
 
 
@@ -74,7 +74,7 @@ class Instance(NamedTuple):
     lam: Array  # (m,) multipliers
     out: Array  # outputs
     clock: Array  # (1,) s, the reported time
-    known: Array  # (3,) what a system says of its rate and of its loops', 1/s; the characteristic length, m
+    known: Array  # (3,) rates of the system and of its loops, 1/s; the characteristic length, m
     options: NDArray[Any]  # (1,) solvers.options.OPTIONS
     counts: NDArray[np.int64]  # of the solver, by COUNTERS
     inputs: Any  # mbfmu.mechanics.arrays.points.InputRecords
@@ -220,7 +220,7 @@ def entries(name: str) -> dict[str, Entry]:
     def assemble(s: Any, t: float) -> int:
         """Let the reported state be the start with its loops closed at t (s); return a code of solvers.assembly.
 
-        Where it is not ASSEMBLED, ``worst`` or ``massless`` of the scratch says what is wrong, and there is no state.
+        If it is not ASSEMBLED, ``worst`` or ``massless`` of the scratch contains the cause, and there is no state.
         It may be TURNED too.
         """
         code: int = assembled(s, t)
@@ -249,7 +249,7 @@ def entries(name: str) -> dict[str, Entry]:
         return OK
 
     def retune(s: Any) -> int:
-        """Go on anew with other parameters, as ``Simulation.retune`` does."""
+        """Restart with other parameters, like ``Simulation.retune``."""
         s.balance[0].level += energy_at(s) - s.told[0].before
         renewed(s, True)
         return OK
@@ -299,7 +299,7 @@ def entries(name: str) -> dict[str, Entry]:
         return code
 
     def count(s: Any) -> int:
-        """Tell what the run has cost so far."""
+        """Write the cost of the run so far."""
         counted(s.given, s.counts)
         return OK
 

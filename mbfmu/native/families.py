@@ -56,7 +56,7 @@ class Family(NamedTuple):
 
 @kernel
 def assemble_small(s: Any, t: float) -> int:
-    """Where it is not ASSEMBLED, ``worst`` or ``massless`` of the scratch says what is wrong, and there is no state."""
+    """If it is not ASSEMBLED, ``worst`` or ``massless`` of the scratch contains the cause, and there is no state."""
     g, start, work = s.given, s.start, s.start.scratch
     code: int = close_positions(g.eqs, t, start.q, g.q, work)
     if code == ASSEMBLED:

@@ -17,7 +17,7 @@ NEAR = 0.02  # error, of the largest there is
 BOXES = (1.18, 1.1, 1.05)  # by what parts of its value a parameter may change, largest first
 ABOUT_ZERO = 1.5  # ... and in place of it by what, for every one of these parts, where it is zero: 0.27, 0.15, 0.075
 DEGREE = 3
-FRESH = 10  # points at random that have no part in a fit, beside all corners
+FRESH = 10  # random points that are not used in a fit, in addition to all corners
 MOST = 4  # parameters
 
 Box = dict[str, tuple[float, float]]

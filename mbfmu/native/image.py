@@ -1,6 +1,7 @@
 """All that one started model needs, in one block of memory: arrays, and the tuples by whose address kernels find them.
 
-Machine code knows types of arrays and no sizes, so the same code serves every model; a model is such a block. An
+Machine code depends on types of arrays and not on sizes, so the same code serves every model; a model is such a block.
+An
 instance is a copy of it in which the addresses are put right: of arrays and tuples within the block, and of the
 kernels of joints, loads and the like in the code. What a motion is saved and restored by comes first, and has no
 addresses.
@@ -30,7 +31,7 @@ class Relocation(NamedTuple):
     """A word that holds an address."""
 
     at: int  # bytes from the beginning of the block
-    target: int  # likewise; or the number of a kernel
+    target: int  # bytes from the beginning of the block, or the number of a kernel
 
 
 class Image:
@@ -66,7 +67,7 @@ class Image:
     ) -> None:
         self.size = 0
         self._arrays: dict[int, tuple[int, NDArray[Any]]] = {}  # place and array, by address in this process
-        self._tuples: dict[int, tuple[int, Any]] = {}  # likewise
+        self._tuples: dict[int, tuple[int, Any]] = {}  # place and tuple, by address
         self._words: list[tuple[int, bytes]] = []
         self.places: list[Relocation] = []
         for array in state:

@@ -1,6 +1,6 @@
 """``python -m mbfmu.native.kernels FOLDER TARGET ...``: the runtime's kernels as object files, one for each target.
 
-It is run in a process of its own, see :mod:`.runtime`: for another processor than this one everything is compiled anew.
+It runs in a separate process, see :mod:`.runtime`: everything is recompiled for another processor.
 """
 
 from __future__ import annotations

@@ -35,7 +35,7 @@ RELOCATION = np.dtype([("at", "i8"), ("target", "i8")])  # see image.Relocation
 VARIABLE = np.dtype(
     [
         ("name", "i8"),  # place in the text, in bytes
-        ("allowed", "i8"),  # likewise, in words
+        ("allowed", "i8"),  # allowed values as text
         ("type", "i8"),  # place in interface.Type
         ("role", "i8"),  # place in interface.Role
         ("number", "i8"),  # among those of its role

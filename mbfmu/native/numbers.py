@@ -112,7 +112,7 @@ class Reader:
 
 
 def _words(plant: Plant) -> NDArray[np.int64]:
-    """Return all arrays in words of eight bytes, one behind the other."""
+    """Return all arrays as consecutive words of eight bytes."""
     return np.concatenate([np.frombuffer(array.tobytes(), np.int64) for array in plant.data.arrays])
 
 
@@ -143,7 +143,7 @@ def _real_fields(dtype: np.dtype[Any]) -> NDArray[np.bool_]:
 
 
 def _told(plant: Plant) -> dict[str, Array]:
-    """Return what solvers are told beside the arrays, and what lengths and rates are made of."""
+    """Return the data of solvers besides the arrays, and the components of lengths and rates."""
     system, drives = plant.system, plant.drives
     squares = spans(plant.mechanism, plant.data.arrays) ** 2
     paces = [(drives.sizes[k], drives.pace(k)) for k in drives.signals]

@@ -20,7 +20,7 @@ TOLD = np.dtype(
         ("unknown", np.int64),  # 1: the rate of a support that departs jumps where its impulse is not known
         ("jumps", np.int64),  # 1: a support has jumped in position, farther than its rate explains
         ("flaw", np.int64),  # what is wrong with the start, see starting.Flaw; zero: nothing
-        ("lost", np.int64),  # what solvers.balance.judge has found of the balance of energy and work
+        ("lost", np.int64),  # result of the check of the energy balance in solvers.balance
         ("lost_at", np.float64),  # s, where that was seen first; by how much, and what was exchanged until then, J
         ("imbalance", np.float64),
         ("exchanged", np.float64),
@@ -41,7 +41,7 @@ def energy_at(s: Any) -> float:
 
 @kernel
 def begin_points(s: Any, code: int) -> None:
-    """Begin at the reported state; a ``code`` says how it was closed."""
+    """Begin at the reported state; ``code`` is the result of its assembly."""
     told, b, bodies, mass = s.told[0], s.balance[0], s.given.eqs.data.arrays.bodies, 0.0
     begin_inputs(s.inputs)
     told.code, told.unknown, told.jumps, told.lost, told.bent = code, 0, 0, 0, 0.0

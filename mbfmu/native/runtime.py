@@ -1,7 +1,8 @@
 """The runtime: kernels as machine code and FMI around them, built once for these sources and a machine.
 
-Kernels are compiled anew in a process of its own, for the oldest processor of a kind and without a cache. What is built
-is kept beside what Python compiles. Zig compiles C for every machine; for this one any C compiler does.
+Kernels are recompiled in a separate process, for the oldest processor of an architecture and without a cache. The
+result
+is stored next to the code that Python compiles. Zig compiles C for every machine; for this one any C compiler does.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ from .targets import TARGETS, host
 COMPILERS = ("cc", "gcc", "clang")
 HERE = Path(__file__).parent
 PACKED = HERE / "runtimes"  # that a wheel brings along
-# what machine code is made of, beside the kernels of other rooms
+# sources of the machine code, in addition to the kernels of other packages
 KERNELS = ("entries.py", "families.py", "kernels.py", "points.py", "starting.py", "targets.py")
 STRICT = ("-std=c2x", "-O2", "-Wall", "-Wextra", "-Werror", "-fvisibility=hidden", "-fPIC")
 EXPORTED = "{ global: fmi2*; fmi3*; local: *; };"  # for linkers of Linux; runtimes of two FMUs must not meet
@@ -123,7 +124,7 @@ def _file(name: str) -> str:
 
 
 def ingredients(name: str, work: Path) -> list[str]:
-    """Return what a C compiler is told of a runtime's sources; headers that are made of Python go into ``work``."""
+    """Return the arguments of a C compiler for a runtime's sources; generated headers are written to ``work``."""
     code = objects([name])[name]
     (work / "layout.h").write_text(declarations(FAMILIES, entries(next(iter(FAMILIES))).items()))
     looked_at = (work, HERE / "c", Path(fmpy.__file__).parent / "c-code")

@@ -56,7 +56,7 @@ class Search:
     live
         Parameters that are not frozen, in their order.
     frozen
-        Reason in words of every other.
+        Reason for every other parameter, as text.
     fits
         Sums of products of powers of the live ones; those of ``guessed`` columns are near only.
     clipped

@@ -60,7 +60,7 @@ class Frames(NamedTuple):
 
 @kernel
 def find_turned(frames: Any, data: Any, worst: Any) -> int:
-    """TURNED where a cut joint is closed the wrong way round as the bodies stand, which ``worst`` tells."""
+    """TURNED if a cut joint is closed in the opposite direction in this position; ``worst`` names it."""
     for k in range(frames.ways.shape[0]):
         if frames.ways[k] == 0:
             continue
@@ -95,7 +95,7 @@ def spacing(x: float) -> float:
 
 @kernel
 def judge_start(t: float, rate: float, q: Any, size_q: Any, rtol: float, worst: Any) -> int:
-    """Whether t (s) and q (nq,), in units ``size_q``, can be told to the tolerance in a motion of ``rate`` (1/s)."""
+    """Whether numbers resolve t (s) and q (nq,), in units ``size_q``, to the tolerance; ``rate`` in 1/s."""
     code, most = ASSEMBLED, COARSEST * rtol
     for k in range(q.shape[0]):
         apart = spacing(q[k]) / size_q[k]

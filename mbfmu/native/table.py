@@ -17,7 +17,7 @@ from .monomials import Fit
 from .numbers import Place
 from .search import Search
 
-LENGTH = "characteristic length"  # beside the names of parameters: of the mechanism, m; no parameter has such a name
+LENGTH = "characteristic length"  # of the mechanism, m, among the names of parameters; no parameter has this name
 
 SCALES = {"span", "drive size", "drive rate"}  # what lengths and rates are made of
 
@@ -141,7 +141,7 @@ class _Found:
 
 
 def _sum(search: Search, fit: Fit, k: int) -> Sum:
-    """Return one of the sums of a fit, in words of the parameters."""
+    """Return one of the sums of a fit, as text with the parameters."""
     return tuple(
         Term(float(c), tuple((n, float(e)) for n, e in zip(search.live, exponents, strict=True) if e))
         for c, exponents in zip(fit.coefficients[:, k], fit.exponents, strict=True)

@@ -12,7 +12,7 @@ class Target(NamedTuple):
     triple: str  # LLVM's
     processor: str  # the oldest that is served
     zig: str  # zig's
-    folder: str  # in an FMU of FMI 2; empty: it knows no such machine
+    folder: str  # in an FMU of FMI 2; empty: FMI 2 has no such machine
     suffix: str  # of a shared library
 
 

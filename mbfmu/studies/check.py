@@ -1,7 +1,8 @@
 """Whether a scene is hard, and why: from a run of it, watched, and from the eigenvalues about some of its states.
 
-A scene that cannot start, or fails, is what this is for: why stands in the findings, beside what can be told all the
-same. Nothing here is exact but what it says so of; the run is that of the scene's own solver and tolerance.
+Scenes that cannot start or that fail are included: the findings contain the reason and the other results that are
+available.
+Results are estimates unless marked as exact. The run uses the solver and the tolerance of the scene.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ class Stiffness:
     eigenvalue, t, coordinate
         Fastest eigenvalue over the states looked at, 1/s, when, s, and which coordinate takes most part in it.
     own
-        Rate of the motion as its velocities, drives and gravity tell it, at most, 1/s.
+        Largest rate of the motion by its velocities, drives and gravity, 1/s.
     followed
         Rate of what swings by more than the tolerance, at most, 1/s.
     tolerance
@@ -89,7 +90,7 @@ class Findings:
     redundant, vanishing
         Names of rows that depend on others, and of those that no motion works against.
     nearest
-        The singular position it came nearest to: its time ``t`` (s), the ``ratio`` of the smallest singular value of
+        The nearest singular configuration: its time ``t`` (s), the ``ratio`` of the smallest singular value of
         the constraints to the largest, the ``loops`` it is in, the ``gap`` by which it is missed, in units of the rows
         (zero: it is passed; not a number: that is not known), and ``passes``: how often it comes near. None without
         loops.
@@ -182,7 +183,7 @@ def check(
     Raises
     ------
     UserError
-        What is wrong with the arguments. A scene that cannot start, or fails, does not raise: ``failure`` says why.
+        The arguments are invalid. A scene that cannot start, or fails, does not raise: ``failure`` contains the reason.
     """
     scene = subject if isinstance(subject, Scene) else default_scene(of_user(subject))
     known = [p.name for p in declared(Settings)]
@@ -226,7 +227,7 @@ class _Look:
         self.states: list[State] = []
 
     def findings(self, found: Findings) -> Findings:
-        """Return what there is to tell."""
+        """Return the report."""
         s, run = self.plant.system, self.simulation
         redundant = redundant_rows(self.plant, run.t, run.stepper.q) if s.m else ()
         rank = s.m - len(redundant)
@@ -333,9 +334,9 @@ def stiffness(found: list[Spectrum], tolerance: float) -> Stiffness | None:
 
 
 def without_noise(value: complex, own: float) -> complex:
-    """Return an eigenvalue with zero in place of what is rounding, beside a motion of its ``own`` rate, 1/s.
+    """Return an eigenvalue with rounding errors, relative to the rate ``own`` of the motion, 1/s, set to zero.
 
-    Differences err in squares of rates: a double eigenvalue of zero comes out as the root of that.
+    Differences have errors in squares of rates: a double eigenvalue of zero results as the root of that.
     """
     if abs(value) ** 2 <= NOISE * own**2:
         return 0j

@@ -32,7 +32,7 @@ TIGHTEST, LOOSEST = 1e-12, 1e-2
 SAFETY = 0.5  # of the target: what the next tolerance aims at, as if errors were proportional to it
 STEP = 0.3  # of a tolerance: the next one is no more than that
 LEAP = 1e-3  # of a tolerance: nor less
-LEEWAY = 0.25  # of the target: what errs less may be run more loosely
+LEEWAY = 0.25  # of the target: runs with a smaller error may use a larger tolerance
 ENOUGH = 0.7  # of the last error: what improves by less is stuck
 FAILED = 30.0  # times the target: what a run that is not to be trusted counts for
 TRIES = 10  # of a solver at a resolution
@@ -40,8 +40,8 @@ MARGIN = 1.5  # times the cheapest: what has taken more is not followed
 QUICK = 1.0  # s; what takes less is not cut short, and run once more for its time
 FINALISTS = 3
 ROUNDS = 5
-SEARCHING = 0.6  # of the whole: what the search takes, beside the reference
-CLEAR = 0.5  # of the target: the reference must not err more, and what it may err is taken off the target
+SEARCHING = 0.6  # of the whole: share of the search, without the reference
+CLEAR = 0.5  # of the target: largest uncertainty of the reference, which is subtracted from the target
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +75,7 @@ class TargetChoice:
     scene
         The scene with its solver, tolerance and resolution.
     sentence
-        All of it in words.
+        The recommendation as text.
     rows
         Every run that was looked at, in the order of the search; each ran once but the last few.
     notes
@@ -150,7 +150,7 @@ def choose(
     tolerances
         Those to try; without them whatever the target asks for.
     outputs
-        Those that are held to the target; without them all that :func:`mbfmu.compare` judges by.
+        Outputs that must meet the target; by default all that :func:`mbfmu.compare` evaluates.
     progress
         Called with what is done and the share of the whole that it makes.
 
@@ -256,7 +256,7 @@ class Search:
         self._within: list[tuple[Case, Row]] = []
 
     def add(self, number: int, resolution: Resolution, solvers: Sequence[str], given: Sequence[float] | None) -> None:
-        """Take solvers at a resolution into the search, unless the resolution alone errs more than the target."""
+        """Add solvers at a resolution to the search, unless the error of the resolution exceeds the target."""
         own, words = self.right.tight[number], in_words(resolution) or "the scene"
         if own is None:
             self.notes.append(f"{words}: there is no reference in the time given")
@@ -364,7 +364,7 @@ class Search:
         return f"{self._amount(name, row.errors[name])} in {name}"
 
     def _amount(self, name: str, error: float) -> str:
-        """Return an error (in the unit of its output) as the target is told."""
+        """Return an error (in the unit of its output) in the unit of the target."""
         if not self.wanted.unit:
             return f"{error / self.right.motion.scale[name]:.1e} of the range"
         factor = read_unit(self.right.units[name]).factor / read_unit(self.wanted.unit).factor

@@ -49,15 +49,15 @@ class Row:
         Median CPU time of the integration alone, without compilation, start and outputs, s; distance of the quartiles
         over the median; number of runs.
     steps
-        None where the solver does not tell.
+        None if the solver does not report it.
     error, worst
-        Largest difference from the reference of any output that judges, over the whole run and of the output's range,
-        and which output that is. None where the run did not reach its end.
+        Largest difference of an evaluated output from the reference over the whole run, divided by the output's range,
+        and the name of that output. None if the run did not reach its end.
     time_error, space_error
         The same against a tight run of the same resolution, and of that run against the reference; the second is None
         where there is nothing to resolve.
     errors
-        Of every output that judges, by name, in its unit.
+        Error of every evaluated output by name, in its unit.
     energy_imbalance
         Largest difference between the energy and what work has made of it, J; None where it is not audited.
     position_residual, velocity_residual
@@ -115,7 +115,7 @@ class Comparison:
         Times and energy imbalance (J) of each solver at ``tolerance``, the one nearest the scene's, at the finest
         resolution it ran.
     reference
-        What the rows are judged by.
+        Reference with which the rows are compared.
     left_out
         What was not run, or not to its end, and why; sentences.
     held_inputs
@@ -176,11 +176,12 @@ def compare(
     budget: float = BUDGET,
     progress: Progress | None = None,
 ) -> Comparison:
-    """Run solvers at tolerances and resolutions: a scene, or a model for its own time.
+    """Run solvers at tolerances and resolutions: a scene, or a model for its default time.
 
-    Each row is judged by the largest error of an output over the run, as a part of the range of that output. The
-    reference is the exact motion where the model knows it, else that of two tight runs, over several resolutions their
-    limit. All rows are timed in turn, round by round.
+    The error of a row is the largest error of an output over the run, divided by the range of that output. The
+    reference is the exact motion if the model defines it, else that of two accurate runs, over several resolutions
+    their
+    limit. All rows are timed in interleaved rounds.
 
     Parameters
     ----------
@@ -193,7 +194,7 @@ def compare(
         Values of the model's parameters of resolution by name, such as ``[{"nx": 9, "nz": 7}]``; without them what the
         model declares, see :func:`mbfmu.parameter`. ``[{}]``: the model as it is.
     outputs
-        Those that judge; without them all that move freely and that the reference knows.
+        Evaluated outputs; by default all that move freely and that are known accurately in the reference.
     repeats
         Timed runs of each row, as far as the budget goes.
     budget
@@ -242,7 +243,7 @@ def asked(
     tolerances: Sequence[float] | None,
     values: Sequence[Resolution] | None,
 ) -> tuple[list[Resolution], Chosen, list[str]]:
-    """Return the resolutions, what to run at each, and why solvers among it are not run; what is not asked for is
+    """Return the resolutions, the runs at each, and the reasons why solvers are left out; what is not given is
     chosen by the mechanism.
     """
     for name, given in (("solvers", solvers), ("tolerances", tolerances)):

@@ -63,7 +63,7 @@ class Entry:
         The ranges, by name, in the units of the outputs: the larger one of both runs, and no less than a thousandth of
         the largest range in that unit.
     advice
-        What to do with the effect, in a sentence.
+        Recommendation for the effect, as text.
     """
 
     case: str
@@ -135,7 +135,7 @@ def costs(
     progress
         Called with every case that is done, and every timed run.
     judged
-        Outputs by which an effect is worth its cost; without them all.
+        Outputs by which the benefit of an effect is evaluated; by default all.
 
     Raises
     ------

@@ -1,7 +1,9 @@
-"""The singular position that a motion comes nearest to: when, how near, which loops, and whether it goes through.
+"""The nearest singular configuration of a motion: time, distance, loops, and whether it is passed.
 
-How near is told by singular values of the constraints, as messages tell it (:func:`mbfmu.audit.distance`): the smallest
-over the largest. It is nothing in a singular position and falls to it along a line, so its minimum between two samples
+The distance is measured by singular values of the constraints, as in messages (:func:`mbfmu.audit.distance`): the
+smallest
+divided by the largest. It is zero in a singular configuration and decreases linearly to it, so its minimum between two
+samples
 is found by golden section, on the run itself, taken up again at the sample before.
 """
 
@@ -29,7 +31,7 @@ SAME, ZERO = 3.0, 1e-5  # times the smallest ratio another one is as near, and b
 
 @dataclass(frozen=True, kw_only=True)
 class Nearest:
-    """The singular position that a motion comes nearest to.
+    """The nearest singular configuration of a motion.
 
     Attributes
     ----------
@@ -41,7 +43,7 @@ class Nearest:
         Names of the cut joints and couplings whose rows take most part.
     gap
         By how much the loop misses the singular one, in units of its rows: zero where it goes through, infinite where
-        motions of several freedoms pass beside it, not a number where none was found or it was not looked for.
+        motions of several degrees of freedom pass next to it, not a number if none was found or none was searched.
     passes
         How often the motion comes near enough for a message to call it so.
     """
@@ -54,7 +56,7 @@ class Nearest:
 
 
 class Watch:
-    """Looks, along a run, how near singular positions are.
+    """Measures the distance of singular configurations along a run.
 
     Parameters
     ----------
@@ -115,7 +117,7 @@ class Watch:
         return t <= simulation.t or simulation.advance(t).ok
 
     def _refined(self, simulation: Simulation, k: int) -> tuple[float, float]:
-        """Return time and ratio of the minimum beside sample k."""
+        """Return time and ratio of the minimum next to sample k."""
         times, here = self._times, (self._times[k], self._ratios[k])
         if here[1] > CLOSE or len(times) == 1:
             return here

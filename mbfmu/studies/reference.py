@@ -1,8 +1,9 @@
-"""What runs are judged by: the motion they should have given, how well that is known, and the outputs that tell.
+"""Reference of comparisons: the correct motion, its uncertainty, and the outputs that are evaluated.
 
-At each resolution a pair of tight runs gives the motion of the discretized model; their difference is its doubt. Over
-several resolutions these are extrapolated to the motion of the model itself. What the model knows better stands in
-place of either: :meth:`mbfmu.Model.exact`, :meth:`mbfmu.Model.independent`.
+At each resolution a pair of tight runs gives the motion of the discretized model; their difference is its uncertainty.
+Over
+several resolutions these are extrapolated to the motion of the model itself. Data of the model replace
+either: :meth:`mbfmu.Model.exact`, :meth:`mbfmu.Model.independent`.
 """
 
 from __future__ import annotations
@@ -28,10 +29,10 @@ from mbfmu.table import power
 from solvers.steppers import refusal
 
 Array = NDArray[np.float64]
-Runs = tuple[tuple[str, float], tuple[str, float]]  # solver and tolerance of the reference, and of the run beside it
+Runs = tuple[tuple[str, float], tuple[str, float]]  # solver and tolerance of the reference, and of the second run
 
-KNOWN = 0.01  # of its range: an output that is known worse judges nobody,
-SHARP = 100.0  # nor, where others are left, one that is known worse than so many times the finest tolerance
+KNOWN = 0.01  # of its range: an output with a larger uncertainty is not evaluated,
+SHARP = 100.0  # nor, if others are left, one with an uncertainty above this multiple of the smallest tolerance
 FLAT = 1e-9  # of its size: an output that moves less does not move
 TIGHT: tuple[Runs, ...] = (
     (("adams", 1e-12), ("adams", 1e-11)),
@@ -50,7 +51,7 @@ LAST = 1.0 / 4.0  # and for one of the last pair that there is to try
 
 @dataclass(frozen=True, kw_only=True)
 class Motion:
-    """Outputs over time by name, what each may err (in its unit), the ranges they are judged by, and their source."""
+    """Outputs over time by name, their uncertainties (in their units), their ranges, and their source."""
 
     values: dict[str, Array]
     doubt: dict[str, float]
@@ -60,7 +61,7 @@ class Motion:
 
 @dataclass(frozen=True, kw_only=True)
 class Reference:
-    """What runs are judged by.
+    """Reference with which runs are compared.
 
     Attributes
     ----------
@@ -69,9 +70,9 @@ class Reference:
     tight
         That of the model at each resolution; None: no tight run ended in its time.
     units
-        Of the outputs that are judged, by name.
+        Units of the evaluated outputs, by name.
     unjudged
-        Why an output judges nobody, by name.
+        Reasons why outputs are not evaluated, by name.
     orders
         Orders of convergence that were observed, by output.
     """
@@ -84,7 +85,7 @@ class Reference:
 
     @property
     def doubt(self) -> tuple[float, str]:
-        """What the reference may err at most, of an output's range, and which output that is."""
+        """Largest uncertainty of the reference, divided by an output's range, and the name of that output."""
         known = self.motion
         return max((known.doubt[name] / known.scale[name], name) for name in self.units)
 
@@ -127,7 +128,7 @@ def driven(plant: Plant) -> set[str]:
 
 
 def tight_runs(plant: Plant, finest: float) -> tuple[Runs, ...]:
-    """Return what to try for the motion of a mechanism, the best first; ``finest`` is the tolerance of its judges."""
+    """Return what to try for the motion of a mechanism, the best first; ``finest`` is its smallest tolerance."""
     system = plant.system
     if system.has_matrices:
         return tuple(pair for pair in TIGHT if not refusal(pair[0][0], system))
@@ -178,12 +179,12 @@ def reference(
     asked: Sequence[str] = (),
     progress: Callable[[str], None] | None = None,
 ) -> Reference:
-    """Return what runs of a scene at these resolutions are judged by; ``asked`` are outputs, all without them.
+    """Return the reference for runs of a scene at these resolutions; ``asked`` are outputs, by default all.
 
     Raises
     ------
     UserError
-        No tight run ends in its time, or no output judges, or one that is asked for does not.
+        No accurate run ends in its time, or no output can be evaluated, or a requested one cannot.
     """
     units = {v.name: v.unit for v in scene.model.with_values(steps[-1]).plant().outputs}
     for name in asked:
@@ -260,7 +261,7 @@ def _with_exact(model: Model, times: Array, motion: Motion) -> Motion:
 
 
 def _with_independent(model: Model, times: Array, motion: Motion) -> Motion:
-    """Put what another code or an experiment says in place of our own."""
+    """Replace the computed reference by that of another code or an experiment."""
     told = model.independent(times)
     if told is None:
         return motion

@@ -29,7 +29,7 @@ def resolutions_of(model: Model, asked: Sequence[Resolution] | None) -> list[Res
     Raises
     ------
     UserError
-        What is asked for is no parameter of resolution, or not allowed for it.
+        The request is no parameter of resolution, or not allowed for it.
     """
     declared = {p.name: p.resolution for p in model.parameters() if p.resolution}
     if asked is None:
@@ -76,7 +76,7 @@ def stem(name: str) -> str:
 
 
 def limit(values: Sequence[Array], sizes: Sequence[float]) -> tuple[Array, float, float | None]:
-    """Return where values lead to as sizes of cells go to zero, what that may err, and the order observed.
+    """Return the limit of values as sizes of cells go to zero, its uncertainty, and the observed order.
 
     Richardson's extrapolation of the last three, error = C size^p; p is that of their differences over the whole run.
     The doubt is what it corrects the finest by. Where no sane p is seen the finest stays as it is: None, and the doubt

@@ -38,7 +38,7 @@ class Settled:
     settle_time
         Time simulated, s: till the slowest mode has decayed to 1e-10.
     steps
-        Time steps, or Newton iterations; None where the solver does not tell.
+        Time steps, or Newton iterations; None if the solver does not report it.
     max_error
         Largest difference of an output from the closed form, or from Newton's where no closed form is known, rad or m.
     """

@@ -1,4 +1,4 @@
-"""What :func:`mbfmu.studies.check.check` found, in words with numbers."""
+"""Report of :func:`mbfmu.studies.check.check` as text."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from mbfmu.studies.nearest import Nearest
     from solvers import Statistics
 
-TOLD = 6  # loops that are told one by one
+TOLD = 6  # loops that are reported one by one
 MANY = 3  # outputs to a step from which on they cost more than it
 
 
@@ -75,7 +75,7 @@ def lines(found: Findings) -> Iterator[str]:
 
 
 def of_nearest(near: Nearest) -> str:
-    """Tell of the singular position that is nearest."""
+    """Report the nearest singular configuration."""
     names = some(near.loops)
     where = f"singular values of {near.ratio:.1e} at t = {near.t:.9g} s, in the loop of {names}"
     if near.ratio > NEAR:
@@ -101,7 +101,7 @@ def describe_growth(s: Statistics) -> str:
 
 
 def of_rows(found: Findings) -> str:
-    """Tell of the rows that are too many."""
+    """Report redundant constraint equations."""
     if not found.rows:
         return f"{len(found.vanishing)} of {len(found.vanishing)}; the joints alone keep them, and they are dropped"
     which = f" ({some(found.redundant)})" if found.redundant else ""
@@ -112,7 +112,7 @@ def of_rows(found: Findings) -> str:
 
 
 def of_stiffness(s: Stiffness) -> str:
-    """Tell how fast the fastest motion is against what is followed."""
+    """Report the fastest motion relative to the motion that is resolved."""
     value = s.eigenvalue
     imaginary = f" ± {abs(value.imag):.4g}i" if value.imag else ""
     times = f"{s.ratio:.3g} times as fast as" if s.ratio > 1.0 else "no faster than"
@@ -128,7 +128,7 @@ def of_stiffness(s: Stiffness) -> str:
 
 
 def of_steps(found: Findings, s: Statistics) -> str:
-    """Tell what sets the length of the steps."""
+    """Report what limits the step size."""
     why = {
         "accuracy": "accuracy sets their length",
         "stability": f"stability sets the length of {s.stability_limited}, not accuracy: no tolerance makes fewer",
@@ -158,7 +158,7 @@ def some(names: Sequence[str]) -> str:
 
 
 def of_loop(loop: Loop) -> str:
-    """Tell of a loop."""
+    """Report a loop."""
     path = " - ".join(loop.bodies) if len(loop.bodies) <= 2 * TOLD else f"{len(loop.bodies)} bodies"
     size = f"{loop.size:.4g} m"
     closed = f", closed to {loop.gap:.1e} of it" if isfinite(loop.gap) else ""

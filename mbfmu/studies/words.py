@@ -1,4 +1,4 @@
-"""A comparison in words: its table, and what is to be known of its reference."""
+"""A comparison as text: its table, and the reference."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ SHOWN = 6  # names in a list, before the rest is counted
 
 
 def as_text(found: Comparison) -> str:
-    """Return the rows as a table for people, and below it what they are judged by and what was left out."""
+    """Return the rows as a text table, with the reference and the omissions below it."""
     resolved = any(row.resolution for row in found.rows)
     split = any(row.space_error is not None for row in found.rows)
     best = found.best()

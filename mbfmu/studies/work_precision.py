@@ -17,7 +17,7 @@ from mbfmu.studies.words import label, listed
 from mbfmu.table import power
 
 MARKERS = "os^DvP*X"  # by resolution, coarse to fine
-NEAR = 100.0  # times: what the reference may err is drawn where errors come so near
+NEAR = 100.0  # times: the uncertainty of the reference is drawn if errors come this near
 BETTER = 0.9  # of the error of a best choice: the next one that gets a name
 WIDTH = 90  # letters of a line below the picture
 OTHER = "#606060"  # of what has no color
@@ -103,7 +103,7 @@ def _crosses(ax: Any, rows: Sequence[Row]) -> None:
 
 
 def _name(ax: Any, row: Row, *, above: bool) -> None:
-    """Write the tolerance beside a point: off the line, which falls to the right."""
+    """Write the tolerance next to a point: away from the line, which falls to the right."""
     side = 1 if above else -1
     place = {"ha": "left" if above else "right", "va": "bottom" if above else "top"}
     at = {"xytext": (5 * side, 4 * side), "textcoords": "offset points"}
@@ -111,7 +111,7 @@ def _name(ax: Any, row: Row, *, above: bool) -> None:
 
 
 def _doubt(ax: Any, found: Comparison, ended: Sequence[Row]) -> None:
-    """Shade what the reference may err where errors come near."""
+    """Shade the uncertainty of the reference if errors come near."""
     doubt, _ = found.reference.doubt
     if any(height(row) < NEAR * doubt for row in ended):
         least = min(doubt, *(height(row) for row in ended))

@@ -25,7 +25,7 @@ FLAT = 0.15  # thinner than this, against its size, a motion counts as plane
 class Stage:
     """The space a motion takes, along axes (right, up, front), and the direction to look at it from.
 
-    The camera stands in the direction cos(elevation) (cos(azimuth) front + sin(azimuth) right) + sin(elevation) up.
+    The camera is in the direction cos(elevation) (cos(azimuth) front + sin(azimuth) right) + sin(elevation) up.
     """
 
     axes: tuple[tuple[float, ...], ...]  # unit vectors right, up, front in global axes
@@ -37,7 +37,7 @@ class Stage:
 
     @classmethod
     def of(cls, *motions: Motion) -> Stage:
-        """Find the stage of a motion, or of some beside each other; up is that of the first."""
+        """Find the stage of one or more motions; up is that of the first."""
         axes = basis(np.array(motions[0].picture.up))
         clouds = [cloud for motion in motions for cloud in reached(motion)]
         cloud = np.concatenate(clouds or [np.zeros((1, 3))]) @ axes.T
@@ -68,7 +68,7 @@ class Camera:
 
     @classmethod
     def looking_at(cls, stage: Stage, aspect: float, azimuth: float, elevation: float) -> Camera:
-        """Return the camera that sees the whole stage in a picture of this width to height; angles in degrees."""
+        """Return the camera that shows the whole stage in a picture of this width to height; angles in degrees."""
         base = np.array(stage.axes)
         a, b = radians(azimuth), radians(elevation)
         back = np.array([cos(b) * sin(a), sin(b), cos(b) * cos(a)])

@@ -2,7 +2,7 @@
 
 A source is one of three: a cut joint, a force of :meth:`mbfmu.mechanics.Mechanism.force`, the joint of a driven body.
 It gets the force on one body (of two the first that is not the ground; of a cut joint b, of a force a comes first) and
-the moment about the point at which it takes hold.
+the moment about the point at which it is applied.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 NEGLIGIBLE = 1e-9  # of the largest force, or moment: rounding
 UNITS = ("N", "N.m")
-USUAL = 95  # percent of the forces are no larger than what sets the scale: near a singular position some are huge
+USUAL = 95  # percentile of the forces that sets the scale: near a singular configuration some are very large
 REACH = 0.15  # of the size of what is shown: about as long is an arrow
 
 

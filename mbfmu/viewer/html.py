@@ -32,7 +32,7 @@ LARGEST = 14_000_000  # bytes of numbers in a page, before they are packed
 def write_html(motion: Motion, path: Path, against: Motion | None = None) -> int:
     """Write the page; return the stride with which it takes frames (more than 1: it would have been too large).
 
-    ``against`` is the motion of another run, drawn beside the first and translucent.
+    ``against`` is the motion of another run, drawn with the first and translucent.
     """
     text, stride = page(motion, against)
     write_text(path, text)
@@ -75,7 +75,7 @@ def size(motion: Motion) -> int:
 
 
 def described(motion: Motion, *runs: Motion) -> dict[str, Any]:
-    """Return what a page of these runs says of one of them, but for its numbers over time."""
+    """Return the data of one of the runs of a page, without its values over time."""
     return {
         "title": motion.title,
         "bodies": motion.names,

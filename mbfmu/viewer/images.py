@@ -138,7 +138,7 @@ class _Artist:
             self._legend(field, 68.0 * k)
 
     def _legend(self, field: Field, above: float) -> None:
-        """Draw what the colors of a field mean into the lower right corner, so many pixels above the others."""
+        """Draw the color bar of a field into the lower right corner, ``above`` pixels above the others."""
         wide, high = self.shot.width, self.shot.height
         left, right, low = 1.0 - min(246.0 / wide, 0.6), 1.0 - 46.0 / wide, (36.0 + above) / high
         bar = self.figure.add_axes((left, low, right - left, 12.0 / high))

@@ -42,7 +42,7 @@ class Motion:
     times: Array  # (T,) s
     names: tuple[str, ...]  # (nb,)
     parents: tuple[int, ...]  # (nb,)
-    joints: tuple[str, ...]  # (nb,) by which a body hangs on its parent, in words
+    joints: tuple[str, ...]  # (nb,) joint between a body and its parent, as text
     r: Single  # (T, nb, 3) origins, m
     e: Single  # (T, nb, 4) unit quaternions, scalar first, body to global
     p: Single  # (T, na) amplitudes of the bars of the picture, one after the other, m
@@ -210,7 +210,7 @@ class Recorder:
 
 
 def joint_of(body: Body) -> str:
-    """Return the joint of a body in words, ``revolute, driven``; nothing for the ground."""
+    """Return the joint of a body as text, ``revolute, driven``; nothing for the ground."""
     words = re.sub(r"(?<!^)(?=[A-Z])", " ", type(body.joint).__name__).lower()
     return f"{words}{', driven' * (body.joint.drive is not None)}" if body.index else ""
 

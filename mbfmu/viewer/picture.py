@@ -1,8 +1,9 @@
-"""What a mechanism looks like, made from what it knows of itself.
+"""Shapes of a mechanism, derived from its definition.
 
 Everything drawn is one of four: a part, a solid fixed to a body; a link, a solid stretched between points of two
 bodies; a skin through a grid of bodies; a bar, an elastic body as it bends. A body the model gives no shapes gets bars
-from its joint to where other things take hold of it, and a ball in its center of mass whose volume goes with the mass.
+from its joint to the points of other connections, and a ball at its center of mass with a volume proportional to the
+mass.
 """
 
 from __future__ import annotations
@@ -299,7 +300,7 @@ class _Artist:
                 yield self.mechanism.bodies[body.parent], joint.at, body, (0.0, 0.0, 0.0)
 
     def _held_points(self) -> list[list[Matrix]]:
-        """Return, for every body, the points other bodies, cuts and springs take hold of, body axes."""
+        """Return, for every body, the connection points of other bodies, cuts and springs, body axes."""
         held: list[list[Matrix]] = [[] for _ in self.mechanism.bodies]
         for body in self.mechanism.bodies[1:]:
             if body.joint.drawn != "free":

@@ -36,14 +36,14 @@ def view(
     stop_time, **how
         As :func:`mbfmu.simulate` takes them.
     against
-        What is drawn beside it, translucent: another motion; or, of a model, how it is run once more:
+        Second motion, drawn translucent; or, for a model, the settings of a second run:
         ``"adams"``, ``"adams:1e-4"`` or ``":1e-4"``, solver and tolerance.
 
     Raises
     ------
     UserError
-        What :func:`mbfmu.simulate` raises; the run fails at its start; the file cannot be written; a glTF, which shows
-        one motion, is asked for two.
+        As :func:`mbfmu.simulate`; the run fails at its start; the file cannot be written; a glTF, which shows
+        one motion, is requested for two.
     """
     path = Path(path)
     if path.suffix == ".glb" and against is not None:
@@ -66,7 +66,7 @@ def view(
 def _runs(
     model: Model, stop_time: float | None, against: Motion | str | None, how: dict[str, Any]
 ) -> tuple[Motion, Motion | None]:
-    """Return the motion of a model and the one beside it."""
+    """Return the motion of a model and the second motion."""
     motion, result = _run(model, stop_time, how)
     if not isinstance(against, str):
         return motion, against

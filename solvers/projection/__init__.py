@@ -1,1 +1,1 @@
-"""Onto the constraints and along them: partitions of the coordinates, rank, singular positions, saddle systems."""
+"""Projection onto the constraints: coordinate partitions, rank, singular configurations, saddle-point systems."""

@@ -1,20 +1,21 @@
 """The search for critical points where several independent rows lose their rank at once, as in linkages of equal loops.
 
-Forces that balance with nothing behind them are not unique there, so Newton's method does not seek them: they follow
-from the position. With the factors of today's rows, time one more coordinate (units as in :mod:`.workspace`)::
+Left null vectors (self-stresses) are not unique there, so they are no unknowns of Newton's method: they follow
+from the position. With the factors of the present rows and time as a further coordinate (units as in
+:mod:`.workspace`)::
 
     [J~, -nu~] = L Q^T,  L = [[L_11, 0], [L_21, L_22]],  U^T = [-L_21 L_11^-1, I],  U^T [J~, -nu~] Q_2 = L_22
 
-the k rows of L_22 that are no redundant ones vanish in the critical point, and Phi~ lies in the span of U. Their
-number is read from the largest gap in the diagonal of L, anew in each step. One force u = U c, c fixed and with no
-symmetry, stands for all of them: where every entry of L_22 vanishes so does c^T L_22, and the other way round is
-examined at the end. The derivative of c^T L_22 in the directions Q_2 is square and symmetric. Where it has no full
-rank, as along curves of critical points, the shortest step is taken.
+the k rows of L_22 that are not redundant are zero in the critical point, and Phi~ lies in the span of U. Their
+number is determined from the largest gap in the diagonal of L in each step. One force u = U c, with fixed c without
+symmetry, represents all of them: if every entry of L_22 is zero so is c^T L_22; the converse is
+examined at the end. The derivative of c^T L_22 in the directions Q_2 is square and symmetric. If it does not have full
+rank, as along curves of critical points, the step of minimum norm is used.
 
 The point may also lie in a surface of critical points in which fewer rows are zero, for example if a plate on
-two folding legs lies flat and each leg may turn by itself. Then the search ends in one of those, and one combination of
-rows is zero along curves. In that case a second search keeps the number of rows and uses several combinations c, by the
-method of Gauss and Newton.
+two folding legs lies flat and each leg may rotate by itself. Then the search ends in one of those, and one combination
+of rows is zero along curves. In that case a second search keeps the number of rows and uses several combinations c, by
+the method of Gauss and Newton.
 """
 
 from __future__ import annotations
@@ -30,19 +31,19 @@ from .critical import EXACT, FLAT, NEWTON, PROBE, drive_rate, moves
 
 ROUNDED = 1e-10  # part of the first pivot: those below are alike
 APART = 3.0  # least ratio of two successive pivots that separates equations without rank from the others
-LEAP = 10.0  # longest way ahead to where rows would vanish, in lengths of the last step
-CLOSER = 100.0  # so much better Phi~ must lie in the span of U than L_22 must vanish
+LEAP = 10.0  # longest distance ahead to the loss of rank, in lengths of the last step
+CLOSER = 100.0  # factor by which Phi~ must lie better in the span of U than L_22 must be zero
 STRIDE, FAR = 0.3, 1.0  # longest step and way of any coordinate, in units of size
-COMBINATIONS = 3  # of rows that vanish, where their number is kept
+COMBINATIONS = 3  # of rows without rank, if their number is kept
 
 
 @kernel
 def seek_block(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
-    """Newton for the critical point next to q where several rows vanish, from where :func:`begin_block` has begun:
+    """Newton for the critical point next to q in which several rows lose their rank, started by :func:`begin_block`:
     fills ``work.q_c``, ``work.u`` and in its record time, gap, and the dimension of the critical points about it.
 
-    The gap is |Phi~| there, and u its direction where it is none of rounding. Return the number of rows that do not
-    vanish; 0: no point was found.
+    The gap is |Phi~| there, and u its direction if it is not rounding. Return the number of rows that keep their
+    rank; 0: no point was found.
     """
     c, p = work.critical[0], work.size.shape[0] + 1
     for _ in range(NEWTON):
@@ -66,7 +67,7 @@ def seek_block(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
 
 @kernel
 def seek_held(eqs: Any, t: float, q: Any, regular: int, rank: int, work: Any) -> int:
-    """As :func:`seek_block` for a point in which ``regular`` rows do not vanish, whatever lies around it."""
+    """As :func:`seek_block` for a point in which ``regular`` rows keep their rank, independent of its neighborhood."""
     c, p = work.critical[0], work.size.shape[0] + 1 - regular
     for _ in range(NEWTON):
         eqs.position(c.t, work.q_c, eqs.data, eqs.terms)
@@ -102,7 +103,7 @@ def seek_held(eqs: Any, t: float, q: Any, regular: int, rank: int, work: Any) ->
 
 @kernel
 def add_squares(regular: int, work: Any) -> None:
-    """Add H^T H to work.K_work and H^T r to work.z: H the part of work.K in the directions Q_2, r what is to vanish."""
+    """Add H^T H to work.K_work and H^T r to work.z: H the part of work.K in the directions Q_2, r the residual."""
     p = work.size.shape[0] + 1 - regular
     for i in range(p):
         rest = missing(i, regular, work)
@@ -123,9 +124,9 @@ def missing(i: int, regular: int, work: Any) -> float:
 
 @kernel
 def begin_block(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
-    """Let the search begin at q or where the smallest pivot vanishes on the line through the last good position,
-    between the two or beyond one of them: where the gap in the pivots is widest. Return the number of rows that do not
-    vanish there, 0: no gap.
+    """Start the search at q or where the smallest pivot is zero on the line through the last accepted position,
+    between the two or beyond one of them: where the gap in the pivots is widest. Return the number of rows that keep
+    their rank there, 0: no gap.
 
     ``terms`` and factors belong to (t, q); terms move.
     """
@@ -159,7 +160,7 @@ def begin_block(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
 
 @kernel
 def factor_block(terms: Any, rank: int, work: Any) -> int:
-    """Factor [J~, -nu~] in ``work.E``; return the number of rows that do not vanish, 0 where there is no gap."""
+    """Factor [J~, -nu~] in ``work.E``; return the number of rows that keep their rank, 0 if there is no gap."""
     m, n = terms.J.shape
     for i in range(m):
         for j in range(n):
@@ -216,7 +217,7 @@ def mix_forces(regular: int, combination: int, work: Any) -> None:
 
 @kernel
 def block_residual(terms: Any, regular: int, work: Any) -> float:
-    """Fill work.g = Q^T [J~, -nu~]^T u and work.b = L_1^T Phi~, which must vanish; return the largest that is left,
+    """Fill work.g = Q^T [J~, -nu~]^T u and work.b = L_1^T Phi~, which must be zero; return the largest entry,
     of L_22 all entries, of b a multiple, as the gap has the digits of Phi~.
     """
     m, n = terms.J.shape
@@ -298,7 +299,7 @@ def flat_directions(regular: int, work: Any) -> int:
 
 @kernel
 def closing_step(regular: int, work: Any) -> bool:
-    """work.lam[:regular] = the shortest step that closes what does not vanish."""
+    """work.lam[:regular] = the shortest step that closes the regular rows."""
     m = work.row.shape[0]
     for i in range(regular):
         for k in range(i + 1):
@@ -311,8 +312,8 @@ def closing_step(regular: int, work: Any) -> bool:
 
 @kernel
 def block_step(regular: int, work: Any) -> float:
-    """work.change[:n + 1] = Newton's step in q and t: the shortest that closes what does not vanish, and in the
-    directions Q_2 what takes c^T L_22 to zero. Return its largest entry.
+    """work.change[:n + 1] = Newton's step in q and t: the shortest that closes the regular rows, and in the
+    directions Q_2 that for c^T L_22 = 0. Return its largest entry.
     """
     p = work.size.shape[0] + 1 - regular
     full = flat_directions(regular, work)

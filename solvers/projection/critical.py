@@ -1,11 +1,13 @@
-"""The search for critical points, where the constraints lose a row of rank.
+"""The search for critical points, where the constraint Jacobian loses one rank (bifurcation points).
 
-There are forces u then that balance with nothing behind them::
+There is a unit left null vector u of the scaled Jacobian: constraint forces u produce no generalized force
+(self-stress)::
 
     J~^T u = 0,   nu~ . u = 0,   Phi~ = g u,   |u| = 1          (units as in :mod:`solvers.projection.workspace`)
 
-in the unknowns q, t, u and the *gap* g, the distance of the loop from one that is singular there. Newton's method in
-all unknowns, the shortest step where it is not unique (redundant rows, critical points that form curves), damped.
+in the unknowns q, t, u and the *gap* g, the distance of the loop from one that is singular there. Damped Newton's
+method in all unknowns, with the step of minimum norm if it is not unique (redundant rows, critical points that form
+curves).
 """
 
 from __future__ import annotations
@@ -34,8 +36,8 @@ NEWTON, EXACT = 30, 1e-11  # steps, and what they may leave: g is known to its p
 def seek(eqs: Any, t: float, q: Any, rank: int, work: Any) -> bool:
     """Newton for the critical point next to q: fills ``work.q_c``, and time and gap of its record.
 
-    Where several rows vanish at once the point is a double root: directions that matter have singular values as small
-    as the square root of what is left, and steps are damped by that (Levenberg, Marquardt).
+    If several rows lose their rank at once the point is a double root: relevant directions have singular values as
+    small as the square root of the residual, and steps are damped accordingly (Levenberg, Marquardt).
     """
     m, n = eqs.terms.J.shape
     c, N = work.critical[0], n + m + 2

@@ -5,13 +5,13 @@ Full pivoting of J (m, n) picks ``rank`` dependent coordinates d; only the other
     Newton on Phi for q_d with q_i held,   v_d = J_d^-1 (nu - J_i v_i)
     P = [-J_d^-1 J_i; I],   v' = [J_d^-1 gamma; 0] + P z',   P^T (M v' + h) = 0
 
-The paper starts Newton from the dependents of the last accepted step. The choice is made anew at a corrector when the
+The paper starts Newton from the dependents of the last accepted step. The choice is repeated at a corrector when the
 step has shrunk or has stayed equal for five steps; a changed choice restarts the paper's integrator, whose history is
 that of the independents: 'adams-lu'. The hybrid has the history of all coordinates and needs no restart. It evaluates
 first where the prediction lies, and closes the corrected position with the factors of that, as projection does.
 
-**What makes it fail.** Near a singular position the root wanted and a root on the crossing branch are about
-2 |sigma_m / sigma_1| apart. The start value is off by h |v|: once the step is longer than that distance
+**Why it fails.** Near a singular configuration the correct root and a root on the crossing branch are about
+2 |sigma_m / sigma_1| apart. The start value has an error of h |v|: once the step is longer than that distance
 Newton finds the other branch (the energy jumps), or J_d is so near singular that no step is short enough (the
 step collapses), while the largest pivot changes place all the time (each time the order falls to one). The
 projection partition has none of this because it predicts every coordinate. Where an orientation is a unit
@@ -202,7 +202,7 @@ def tangents_turned(rank: int, before: Any, work: Any) -> bool:
 
 @kernel
 def smallest_pivot(rank: int, work: Any) -> float:
-    """Smallest pivot of J_d relative to the largest: how far a singular position is, roughly."""
+    """Smallest pivot of J_d relative to the largest: approximate distance of a singular configuration."""
     low, high = np.inf, 0.0
     for i in range(rank):
         low, high = min(low, abs(work.D[i, i])), max(high, abs(work.D[i, i]))

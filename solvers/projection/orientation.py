@@ -16,7 +16,7 @@ LITTLE, SLOPE = 0.36, 1.7  # turns of a tangent in one step, as their tangents: 
 @kernel
 def orientation(terms: Any, rank: int, work: Any) -> int:
     """Compare ``terms``, whose factors are at hand, with the frame of the last good position: STRAIGHT or FLIPPED and
-    little turned, else BENT, or TURNED too far to tell.
+    little rotated, else BENT, or TURNED if rotated too far to decide.
     """
     few = 2 * rank < terms.J.shape[1]
     positive, steepest = by_normals(terms, rank, work) if few else by_tangents(terms, rank, work)
@@ -55,7 +55,7 @@ def by_normals(terms: Any, rank: int, work: Any) -> tuple[bool, float]:
 
 @kernel
 def by_tangents(terms: Any, rank: int, work: Any) -> tuple[bool, float]:
-    """The same for few freedoms, from N and T: what today's tangents, orthonormal, are in the frame's normals
+    """The same for few degrees of freedom, from N and T: the present orthonormal tangents in the frame's normals
     and tangents.
 
     The slope is N T^-1, so that its columns have the squares |T^-1 e_k|^2 - 1; and C_n = L (Q_1^T Q_1'), whose second

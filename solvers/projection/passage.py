@@ -130,8 +130,9 @@ def largest_singular(k: int, p: int, work: Any) -> float:
 
 @kernel
 def may_pass(terms: Any, rank: int, work: Any) -> bool:
-    """Whether rows may have vanished between the last good position and that of ``terms``: whether the straight line
-    from J~ there to J~ here, in normals and in units of J~ there, is not kept regular by a positive definite part.
+    """Whether rows may have lost their rank between the last accepted position and that of ``terms``: whether the
+    straight line from J~ there to J~ here, in normals and in units of J~ there, is not kept regular by a positive
+    definite part.
     """
     n = terms.J.shape[1]
     for i in range(rank):

@@ -1,31 +1,32 @@
-"""Projection partitioning: motion tangent to the constraints, through singular positions too.
+"""Projection partitioning: motion tangent to the constraints, also through singular configurations.
 
 Coordinates are measured in units S of their size, constraints in units R of their rows (the largest they have been), so
-that nothing below knows radians from meters: J~ = R^-1 J S. With J~ = L Q^T (:func:`solvers.linalg.dense.lq`) the first
+that radians and meters are comparable: J~ = R^-1 J S. With J~ = L Q^T (:func:`solvers.linalg.dense.lq`) the first
 ``rank`` columns of Q span the constraint normals and the others the motions the constraints allow, P = S Q_2::
 
     v' = J^+ gamma + P (P^T M P)^-1 P^T (-h - M J^+ gamma)       (projection, paper eq. 9-13)
     q <- q (+) -J^+ Phi,   v <- v - J^+ (J v - nu)               (Gauss-Newton, velocity correction)
 
 M itself is never factored, so bodies without mass are fine while P^T M P is positive definite. ``rank`` is the *normal
-rank*, the rank where the mechanism can move generically; rows that are redundant everywhere just lie beyond it, and
-which ones these are is decided anew at every position.
+rank*, the rank in generic positions; rows that are redundant everywhere are beyond it, and
+are identified at every position.
 
-**Singular positions.** Where the diagonal entry of L number ``rank`` is below ``SINGULAR`` times the first, J is nearly
-short of rank. Two things may be near: a *crossing*, where it loses rank on the way and a second branch of the motion
-crosses, or a *near miss*, where the branches part just before they meet and the motion turns sharply. Which of the two
-it is :mod:`.singular` decides. Near a miss everything above holds. At a crossing truncating J is wrong by O(1) in v',
-not truncating divides by zero. But the motion has a tangent e = v/|v| that is continuous, and with it v' has a
-limit. It is interpolated along the branch from both sides of the crossing, which lies at s = c, with regular
-accelerations only and v(s) = P P^T v + J^+ nu, e and |v| without the coordinates that constraints do not know::
+**Singular configurations.** If the diagonal entry of L number ``rank`` is below ``SINGULAR`` times the first, J nearly
+loses rank. This is either a *crossing*, where it loses rank on the way and a second branch of the motion
+crosses, or a *near miss*, where the branches part just before they meet and the motion turns sharply.
+:mod:`.singular` distinguishes the two. Near a miss the equations above are valid. At a crossing a truncation of J
+causes an error O(1) of v', and without truncation there is a division by zero. But the motion has a continuous tangent
+e = v/|v|, and with it v' has a limit. It is interpolated along the branch from both sides of the crossing, which lies
+at s = c, with regular accelerations only and v(s) = P P^T v + J^+ nu, e and |v| without the coordinates on which no
+constraint depends::
 
     v' = sum_k l_k(-c/d) a(c + k d) + O(d^4),   k = -2, -1, 1, 2,   a(s) at q(s) = close(q (+) s e)
 
-Where time moves constraints they are taken when the motion is there, at t + s/|v|. Loads are those of t, and what
-constraints do not know stays where it is: both may go through many periods on the way, or through much more of a way
+Constraints that depend on time are evaluated at t + s/|v|. Loads are those of t, and coordinates on which no
+constraint depends are not changed: both may go through many periods on the way, or move much farther
 than the loops.
 
-Without velocity there is no tangent: the branch cannot be decided.
+Without velocity there is no tangent, and the branch cannot be determined.
 """
 
 from __future__ import annotations
@@ -43,8 +44,8 @@ from .singular import CROSSING, SINGULAR, judge
 from .workspace import distance, factor, factor_here, factor_transposed, loop_speed
 
 AT_REST = 1e-9  # speed, in units of size and rate, below which there is no tangent; see UNRESOLVED
-UNRESOLVED = 1e-7  # ratio below which nothing is left of the digits of the smallest pivot after squaring
-CLUSTER = 10.0  # a pivot at most so many times SINGULAR vanishes at a crossing with a smaller one
+UNRESOLVED = 1e-7  # ratio below which the smallest pivot has no accurate digits after squaring
+CLUSTER = 10.0  # a pivot up to this multiple of SINGULAR is zero at a crossing together with a smaller one
 REACH = 1e-2  # d of the limit, in units of size
 PASSES = 12  # Gauss-Newton corrections of a position
 CLOSED = 1e-7  # a correction this small is the last: the next one would be its square
@@ -57,8 +58,8 @@ OPEN = 1e-8  # residual that a closed position must not have in any row, in unit
 def trusted(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
     """How many pivot rows can be divided by; ``terms`` and factors belong to (t, q).
 
-    What vanishes at a crossing is left alone: it would be divided by nearly zero. Where several rows vanish all of them
-    are: one that is closed while another is not moves the velocity to a branch that is not there.
+    Rows that lose their rank at a crossing are left out, because they would be divided by nearly zero. If there are
+    several, all of them are: closing one and not another would give the velocity of a branch that does not exist.
     """
     if rank_at(work.pivot, rank, SINGULAR) == rank:
         return rank
@@ -70,7 +71,7 @@ def trusted(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
 
 @inlined
 def close_to_crossing(rank: int, work: Any) -> bool:
-    """Whether a crossing that is known lies so near that pivots which vanish there are small."""
+    """Whether a known crossing is so near that pivots which are zero there are small."""
     return work.critical[0].kind == CROSSING and rank_at(work.pivot, rank, CLUSTER * SINGULAR) < rank
 
 
@@ -150,10 +151,11 @@ def close(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any) -> int:
 
 @kernel
 def settle(eqs: Any, t: float, q: Any, v: Any, near: Any, rank: int, slight: float, work: Any) -> int:
-    """As :func:`close`, where ``terms`` and the factors of J are those of the prediction ``near``.
+    """As :func:`close`, with ``terms`` and the factors of J at the prediction ``near`` (simplified Newton).
 
-    The constraints linearized there take q onto them but for the square of the distance; while that is not ``slight``
-    they are used again, new factors being dearer. v' depends on what stays by the inverse square of the smallest pivot.
+    The factors are used again until the correction is below ``slight``, since new factors cost more. J is refactored
+    only if the contraction is worse than ``CHORD``. v' depends on the residual by the inverse square of the smallest
+    pivot.
     """
     n = v.shape[0]
     if eqs.terms.Phi.shape[0] == 0:
@@ -226,7 +228,7 @@ def tangent_motion(terms: Any, freedom: int, work: Any, a: Any) -> bool:
 
 @kernel
 def regular_acceleration(terms: Any, rank: int, work: Any, a: Any) -> int:
-    """v' away from singular positions, from ``terms`` and the factors of their J."""
+    """v' away from singular configurations, from ``terms`` and the factors of their J."""
     m, n = terms.J.shape
     for i in range(m):
         work.b[i] = terms.gamma[i] / work.row[i]
@@ -316,7 +318,7 @@ def load_at(eqs: Any, t: float, work: Any) -> None:
 
 @kernel
 def limit(eqs: Any, t: float, q: Any, v: Any, velocity: bool, rank: int, work: Any, out: Any) -> int:
-    """``out`` = v', or v on the branch, beside a crossing, from both sides of it (module docstring)."""
+    """``out`` = v', or v on the branch, near a crossing, from both sides of it (module docstring)."""
     for i in range(v.shape[0]):
         out[i] = 0.0
     way = way_to_crossing(eqs, q, v, work)
@@ -351,8 +353,8 @@ def multipliers(terms: Any, rank: int, work: Any, a: Any, lam: Any) -> None:
     """Shortest lambda, in units of the rows, with J^T lambda = -(M a + h) in the directions of ``rank`` pivot rows, as
     far as there are digits; ``terms`` and factors belong together.
 
-    Beside a crossing no row is left out, as it is where v' is found: forces may be unbounded there, and what they do to
-    a drive is their product with an arm that vanishes.
+    Near a crossing no row is left out, as for v': forces may be unbounded there, and their effect on
+    a drive is their product with a lever arm that goes to zero.
     """
     m, n = terms.J.shape
     rank = rank_at(work.pivot, rank, UNRESOLVED)

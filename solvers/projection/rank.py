@@ -12,7 +12,7 @@ from solvers.linalg.dense import rank_at
 from .projection import CLOSED, PASSES, REACH, correct_position, span_tangents
 from .workspace import factor, scaled_length
 
-REDUNDANT = 1e-6  # ratio that tells a redundant constraint from a singular position nearby
+REDUNDANT = 1e-6  # ratio that separates a redundant constraint from a nearby singular configuration
 ROUNDING = 1e-12  # part of a row that is no more than that
 SAMPLES = 5  # positions that the units of the rows are taken from
 
@@ -21,7 +21,7 @@ SAMPLES = 5  # positions that the units of the rows are taken from
 def normal_rank(eqs: Any, t: float, q: Any, v: Any, work: Any) -> int:
     """Largest rank of J at q and at neighbors a finite move away, along v and along every allowed motion.
 
-    A start in a singular position has a smaller rank than the motion that leaves it; constraints that are
+    A start in a singular configuration has a smaller rank than the motion that leaves it; constraints that are
     redundant everywhere on the way do not count. The neighbors are closed first: off the constraints
     redundancy is hidden.
     """

@@ -1,4 +1,4 @@
-"""States as they are reported: on the constraints, with accelerations and multipliers, and what is told of them."""
+"""Reported states: on the constraints, with accelerations, multipliers and outputs."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def evaluate(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any, a: Any, l
 
 @inlined
 def tell(eqs: Any, t: float, q: Any, v: Any, rtol: float, c: Any, work: Any, a: Any, lam: Any, told: Any) -> int:
-    """Accelerations, multipliers and what the system tells at a state that was closed last, with its factors at hand.
+    """Accelerations, multipliers and outputs of the system at the last projected state, whose factors exist.
 
     The record ``c`` has the rank, and takes note of where forces are not known.
     """

@@ -59,7 +59,7 @@ def pseudo_inverse(S: Array) -> Array:
 
 
 def inverse_squares(squares: Array) -> Array:
-    """Return what scales rows of these squares (m,) to one; a row that vanishes here is left small."""
+    """Return the factors that scale rows of these squares (m,) to one; a row that is zero here remains small."""
     largest = squares.max(initial=0.0) or 1.0
     return np.asarray(1.0 / np.where(squares > VANISHING * largest, squares, largest))
 

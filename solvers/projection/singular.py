@@ -1,26 +1,29 @@
-"""Singular positions: what is a crossing, what a near miss, and whether a step has passed one.
+"""Singular configurations: crossings, near misses, and whether a step has passed one.
 
-At a *critical point* the constraints lose a row of rank: there are forces u that balance with nothing behind them,
+At a *critical point* the constraint Jacobian loses one rank (in the sense of bifurcation theory). There is a unit left
+null vector u of the scaled Jacobian: constraint forces u produce no generalized force (self-stress),
 
     J~^T u = 0,   nu~ . u = 0,   Phi~ = g u,   |u| = 1          (units as in :mod:`solvers.projection.workspace`)
 
-in the unknowns q, t, u and g. g = u . Phi~ is the *gap*: by so much the loop misses the one that is singular there. If
-it is nothing, branches of the motion cross in that point, and the motion goes straight on. If it is anything, they part
-before they meet, within sqrt(g) of the point, and the motion turns into one of them. No ratio of singular values tells
-the two apart, for a near miss has its ratio as small as sqrt(g); the gap does, and as g has no slope there it is known
-to rounding. :mod:`solvers.projection.critical` finds the point.
+in the unknowns q, t, u and g. g = u . Phi~ is the *gap*, the distance of the loop from one that is singular there
+(unfolding parameter). If it is zero, branches of the motion cross in that point, and the motion continues straight on.
+If it is not zero, the branches part within a distance sqrt(g) of the point, and the motion turns into one of them. No
+ratio of singular values distinguishes the two cases, since it is as small as sqrt(g) at a near miss. The gap does, and
+since g is stationary there, it is known to rounding. :mod:`solvers.projection.critical` finds the point.
 
-A motion of more than one freedom goes through critical points only where these divide what it can reach, that is where
-they have one dimension less. Else it passes beside them, as on a cone beside its tip: a near miss too.
+A motion of several degrees of freedom passes through critical points only if these divide the reachable positions, that
+is if their dimension is smaller by one. Otherwise it passes next to them, as next to the tip of a cone: a near miss
+too.
 
-A step that jumps from one branch to another shows in the *orientation*: seen from the axes of the last position, in the
-order normals, tangents, the rows of J~ are C = [C_n C_t]. While C_n = J~ Q_1 keeps the sign of its determinant no
-position between was singular, and y = -C_n^-1 C_t is the slope of the tangents now on those before. At a crossing the
-sign turns, and the slope stays small; where it does not the step went over to the other branch. In the crossing itself
-nothing can be told; what comes after it is compared with what was before.
+A step that jumps from one branch to another changes the *orientation*: in the axes of the last position, normals before
+tangents, the rows of J~ are C = [C_n C_t]. While C_n = J~ Q_1 keeps the sign of its determinant no position between was
+singular, and y = -C_n^-1 C_t is the slope of the new tangents relative to the previous ones. At a crossing the sign
+changes and the slope remains small. If the slope is large, the step has changed the branch. In the crossing itself the
+orientation is not determined; the position after it is compared with that before.
 
-Where several rows lose their rank at once (:mod:`.block`) the sign turns with each, and a jump of one loop of many
-turns tangents little: there :mod:`.passage` compares what vanishes in the critical point, before and after it.
+If several rows lose their rank at once (:mod:`.block`) the sign changes with each, and a jump of one loop of many
+changes the tangents only slightly. Then :mod:`.passage` compares the part of J~ that is zero in the critical point,
+before and after it.
 """
 
 from __future__ import annotations
@@ -42,27 +45,30 @@ NONE, CROSSING, MISS = 0, 1, 2
 
 SINGULAR = 1e-3  # ratio of the smallest pivot of J~ to the largest below which a position is nearly singular
 GAP = 1e-12  # largest gap of a crossing, in units of the rows; Phi is known to some 1e-16 of them
-NEAR = 30.0  # a critical point is that of this position when it is no farther than so many ratios
-AGAIN = 4.0  # by so much the ratio must have changed before a point that was not found is looked for again
-PASSED = 3.0  # a crossing that a step has passed lies within so many lengths of it
-TURN = 0.75  # of the squared rate of fall: more than that must be lost before the ratio is nothing, or it goes through
+NEAR = 30.0  # a critical point belongs to this position if its distance is at most this multiple of the ratio
+AGAIN = 4.0  # factor by which the ratio must change before a point that was not found is searched again
+PASSED = 3.0  # a crossing that a step has passed lies within this multiple of its length
+TURN = 0.75  # of the squared rate of decrease: if less is lost before the ratio is zero, the crossing is passed
 CLOSED = 1e-5  # distance from a crossing, in units of size, at which closed positions are on one branch or on another
-ROUND, LINE = 0.3, 0.8  # so near a crossing, in units of size, branches are lines; cosine of what is still the same
+ROUND, LINE = 0.3, 0.8  # distance from a crossing up to which branches are lines, in units of size; cosine
 LEAST_TURN = 2.0  # ratio of the pivots per length of a step (in units of size) above which no equation loses its rank
 ACCURATE_DISTANCE = (
     1e-2  # distance from a critical point of several equations, in units of size, from which B is accurate
 )
-AHEAD = 3.0  # steps ahead that a singular position is looked for
-JUMP = 0.7  # of the step before, to a crossing from where the next step jumps over it
-LEAD = 0.67  # of a longer way, that the step before the jump may go
-DARK = 1e-7  # ratio so near a crossing that any step leads out
-NO_FARTHER = 4.0  # a point in which more equations vanish counts, in ways to the one in which fewer do
+AHEAD = 3.0  # steps ahead for which a singular configuration is searched
+JUMP = 0.7  # of the previous step: distance to a crossing from which the next step jumps over it
+LEAD = 0.67  # of a longer distance, that the step before the jump may cover
+DARK = 1e-7  # ratio so near a crossing that any step leads away from it
+NO_FARTHER = 4.0  # largest distance of a point with more dependent equations, in distances of one with fewer
 PART = 0.3  # of the way to a near miss that one step may go
 
 
 @kernel
 def judge(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
-    """What the singular position near q is; ``terms`` (of positions) and factors belong to (t, q), and do so again."""
+    """Classify the singular configuration near q: NONE, CROSSING or MISS.
+
+    ``terms`` (of positions) and factors belong to (t, q) before and after the call.
+    """
     c, here = work.critical[0], ratio(work.pivot, rank)
     if c.kind != NONE and c.slope * apart(t, q, work, eqs.terms) <= NEAR * here:
         return c.kind
@@ -82,7 +88,7 @@ def judge(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
 
 @kernel
 def find(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
-    """Look for the critical point next to q, first for one of several rows where several pivots are small."""
+    """Search the critical point next to q, first one of several rows if several pivots are small."""
     c, freedom = work.critical[0], eqs.terms.J.shape[1] - rank
     begun = begin_block(eqs, t, q, rank, work) if rank > 2 else 0
     several = 0 < begun < rank - 1
@@ -113,7 +119,7 @@ def find(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
 
 @kernel
 def find_block(eqs: Any, t: float, q: Any, begun: int, rank: int, work: Any) -> int:
-    """The same for one of several rows, all but ``begun`` if that is not zero; NONE too if motions of more degrees
+    """The same for a point of several rows, all but ``begun`` if that is not zero; also NONE if motions of more degrees
     of freedom pass near it.
     """
     c, freedom = work.critical[0], eqs.terms.J.shape[1] - rank
@@ -137,7 +143,7 @@ def find_block(eqs: Any, t: float, q: Any, begun: int, rank: int, work: Any) -> 
 
 @kernel
 def apart(t: float, q: Any, work: Any, terms: Any) -> float:
-    """Distance to the critical point, in units of size; time counts where constraints move with it."""
+    """Distance to the critical point, in units of size; includes time if constraints depend on it."""
     far = distance(q, work.q_c, work)
     if moves(terms):
         far = np.sqrt(far * far + ((t - work.critical[0].t) * work.rate[0]) ** 2)
@@ -146,10 +152,10 @@ def apart(t: float, q: Any, work: Any, terms: Any) -> float:
 
 @kernel
 def note(eqs: Any, t: float, q: Any, taken: float, next_: float, rank: int, work: Any) -> None:
-    """Note the last good position (t, q), whose ``terms`` and factors are at hand, and what singular position is near.
+    """Record the last accepted position (t, q), with its ``terms`` and factors, and the nearest singular configuration.
 
-    It is looked for where the smallest pivot would vanish within a few steps, ``taken`` and ``next_`` being the last
-    step and the next one. In a crossing the axes are not determined: those before it stay.
+    It is searched if the smallest pivot would be zero within a few steps; ``taken`` and ``next_`` are the last
+    step and the next one. In a crossing the axes are not determined: the previous ones are kept.
     """
     if rank == 0:
         return
@@ -177,8 +183,11 @@ def note(eqs: Any, t: float, q: Any, taken: float, next_: float, rank: int, work
 
 @inlined
 def watch(here: Any, now: float, taken: float) -> None:
-    """Note the ratio and when it would vanish. Where it falls ever slower, and would hardly get there, the motion turns
-    back in a singular position or beside it: then when that is, for a step must jump over it too.
+    """Extrapolate the pivot ratio; ``ahead`` is the estimated time to the singular configuration (inf if none).
+
+    The extrapolation is linear. If the decrease slows down so that the ratio would just about reach zero, the motion
+    reverses in or near the singular configuration, and the minimum of the quadratic extrapolation is used instead,
+    because a step must jump over that as well.
     """
     here.ahead = time_left(here.ratio, now, taken)
     fall = (here.ratio - now) / taken if here.ratio > 0.0 and taken > 0.0 else 0.0
@@ -192,14 +201,17 @@ def watch(here: Any, now: float, taken: float) -> None:
 
 @inlined
 def time_left(before: float, now: float, taken: float) -> float:
-    """Time until what has fallen from ``before`` to ``now`` in ``taken`` is nothing if it goes on so; else infinite."""
+    """Time until a quantity that fell from ``before`` to ``now`` in ``taken`` is zero, linearly; else infinite."""
     return taken * now / (before - now) if now < before else np.inf
 
 
 @kernel
 def passed(eqs: Any, t: float, q: Any, exact: float, rank: int, work: Any) -> bool:
-    """Whether the way to (t, q), where ``terms`` are with their factors, stayed on its branch: it turned little or
-    crossed another. Nearer to a crossing than ``exact``, in units of size, branches are as good as one.
+    """Whether the step to (t, q), with its ``terms`` and factors, stayed on its branch: the orientation changed little,
+    or it crossed another branch.
+
+    Within the scaled distance ``exact`` of a bifurcation the branches cannot be distinguished numerically, and the step
+    is accepted.
     """
     if rank == 0 or work.course[0].known == 0:
         return True
@@ -208,9 +220,9 @@ def passed(eqs: Any, t: float, q: Any, exact: float, rank: int, work: Any) -> bo
 
 @kernel
 def goes_on(eqs: Any, t: float, q: Any, exact: float, rank: int, work: Any) -> bool:
-    """What orientation and the critical point at hand say of that.
+    """The same by the orientation and the known critical point.
 
-    An orientation that has stayed is no proof: an even number of rows may have vanished on the way.
+    An unchanged orientation is no proof: an even number of rows may have lost their rank on the way.
     """
     turn, c = orientation(eqs.terms, rank, work), work.critical[0]
     at_hand = c.kind == CROSSING and within_reach(q, work)
@@ -244,8 +256,8 @@ def goes_on(eqs: Any, t: float, q: Any, exact: float, rank: int, work: Any) -> b
 
 @inlined
 def within_reach(q: Any, work: Any) -> bool:
-    """Whether the step to q may have passed the critical point at hand. Where several rows vanish one loop of many may
-    have gone astray, and the coordinate that went farthest counts.
+    """Whether the step to q may have passed the known critical point. If several rows lose their rank one loop of many
+    may have left its branch, and the largest change of a coordinate is used.
     """
     if work.critical[0].lost > 1:
         far, went = 0.0, 0.0
@@ -258,15 +270,15 @@ def within_reach(q: Any, work: Any) -> bool:
 
 @inlined
 def suspicious(q: Any, rank: int, terms: Any, work: Any) -> bool:
-    """Whether the step to q was so long that rows may have vanished in pairs, and those of q do not deny it."""
+    """Whether the step to q was so long that pairs of rows may have lost their rank, unless excluded by the rows."""
     nearest = max(ratio(work.pivot, rank), work.course[0].ratio)
     return rank > 1 and nearest <= LEAST_TURN * distance(work.q_last, q, work) and may_pass(terms, rank, work)
 
 
 @inlined
 def comparable(q: Any, exact: float, terms: Any, work: Any) -> bool:
-    """Whether :func:`solvers.projection.passage.passage` decides the branch that q is on. For a single row other tests
-    tell it too: of these far from the crossing, where branches are no lines, and where drives may turn back.
+    """Whether :func:`solvers.projection.passage.passage` determines the branch of q. For a single row other tests are
+    used far from the crossing, where branches are not straight, and if drives may reverse.
     """
     c, here, last = work.critical[0], distance(work.q_c, q, work), distance(work.q_c, work.q_last, work)
     if c.lost == 0 or here < exact or last < exact:
@@ -276,8 +288,8 @@ def comparable(q: Any, exact: float, terms: Any, work: Any) -> bool:
 
 @kernel
 def goes_straight(eqs: Any, t: float, q: Any, side: int, turn: int, rank: int, work: Any) -> bool:
-    """Whether the side of the crossing at hand that q is on agrees with where it lies, and with the orientation, which
-    turns with each row that vanishes.
+    """Whether the side of the known crossing agrees with the position of q and with the orientation, whose sign changes
+    with each row that loses its rank.
     """
     c = work.critical[0]
     if eqs.terms.J.shape[1] - rank + moves(eqs.terms) == 1:
@@ -295,10 +307,10 @@ def goes_straight(eqs: Any, t: float, q: Any, side: int, turn: int, rank: int, w
 
 @kernel
 def strayed(q: Any, exact: float, rank: int, terms: Any, work: Any) -> bool:
-    """Whether q lies off the line through the last good position and a crossing at hand, and so on another branch.
+    """Whether q is not on the line through the last accepted position and the known crossing, and so on another branch.
 
-    The orientation does not tell that where only time moves, nor in the crossing itself; a line does, where the motion
-    has one freedom and no more.
+    The orientation does not show this if only time changes, nor in the crossing itself. The line does if the motion
+    has exactly one degree of freedom.
     """
     if work.critical[0].kind != CROSSING or terms.J.shape[1] - rank + moves(terms) != 1:
         return False
@@ -315,10 +327,11 @@ def strayed(q: Any, exact: float, rank: int, terms: Any, work: Any) -> bool:
 
 @kernel
 def turned_back(eqs: Any, t: float, q: Any, work: Any) -> bool:
-    """Whether the drives have reversed since the last good position: a crossing they turn back in is not passed.
+    """Whether the drives have reversed since the last accepted position: a crossing in which they reverse is not
+    passed.
 
-    What they would do now in that position is compared with what they did there: on the way their arms may have changed
-    sign. ``terms`` (of positions) belong to (t, q), and do so again.
+    Their present effect in that position is compared with their previous effect there, since their lever arms may have
+    changed sign on the way. ``terms`` (of positions) belong to (t, q) before and after the call.
     """
     if not moves(eqs.terms):
         return False
@@ -332,8 +345,11 @@ def turned_back(eqs: Any, t: float, q: Any, work: Any) -> bool:
 
 @kernel
 def step_bound(t: float, q: Any, v: Any, taken: float, terms: Any, work: Any) -> float:
-    """Longest step, s, after one of length ``taken``: the way to a near miss must not be jumped over, and a crossing
-    must, from half a step before it to half a step after; no step ends where there are no digits.
+    """Longest step, s, after one of length ``taken``.
+
+    A step must not jump over a near miss. It must jump over a crossing, from half a step before it to half a step after
+    it. A step must not end where the smallest pivot is below ``DARK`` of the largest, since the acceleration is not
+    resolved there.
     """
     c, here = work.critical[0], work.course[0]
     if c.kind == CROSSING and here.ahead > JUMP * taken and here.ratio > DARK:

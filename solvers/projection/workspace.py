@@ -15,7 +15,7 @@ from solvers.system import Array
 CRITICAL = np.dtype(
     [
         ("kind", "i8"),  # what the critical point q_c is: solvers.projection.singular.NONE, CROSSING, or MISS
-        ("lost", "i8"),  # number of independent rows that vanish there
+        ("lost", "i8"),  # number of independent rows that lose their rank there
         ("spread", "i8"),  # dimension of the set of critical points, in q and t, if several equations lose their rank
         ("slope", "f8"),  # of the ratio of the pivots by the distance, where it was found; 1 for one row
         ("gap", "f8"),  # distance of the loop from one that crosses, in units of the rows
@@ -34,7 +34,7 @@ COURSE = np.dtype(
         ("ratio", "f8"),  # of the pivots in the last position
         ("fall", "f8"),  # 1/s, of it in the last step
         ("taken", "f8"),  # s, that step
-        ("ahead", "f8"),  # s, when it would vanish, or come to a stop, if it goes on falling as it did
+        ("ahead", "f8"),  # s, when it would be zero, or stop, if it continues to decrease
     ],
     align=True,
 )
@@ -82,14 +82,14 @@ class Workspace(NamedTuple):
     columns: NDArray[np.int64]  # (n,)    candidate choice of coordinates, dependent ones first, int64
     critical: NDArray[Any]  # (1,)    record of CRITICAL
     q_c: Array  # (nq,)   critical point
-    q_try: Array  # (nq,)   position beside it
+    q_try: Array  # (nq,)   perturbed position
     u: Array  # (m,)    forces that balance there
     K: Array  # (N, N)  matrix of its equations, N = n + m + 2
     K_work: Array  # (N, N)  its factors, or those of its square
     K_tau: Array  # (N,)
     K_pivots: NDArray[np.int64]  # (N,)  int64
     g: Array  # (N,)    residual of its equations
-    g_try: Array  # (N,)    beside it
+    g_try: Array  # (N,)    perturbed residual
     change: Array  # (N,)
     E: Array  # (m, n + 1)  factors of [J~, -nu~], see solvers.projection.block
     E_tau: Array  # (m,)
@@ -99,7 +99,7 @@ class Workspace(NamedTuple):
     C_tau: Array  # (m,)
     C_pivots: NDArray[np.int64]  # (m,)  int64
     J_last: Array  # (m, n)  J~ in the last good position
-    slopes: Array  # (m, n)  its part that vanishes in the critical point
+    slopes: Array  # (m, n)  its part that is zero in the critical point
     course: NDArray[Any]  # (1,)    record of COURSE: the last good position
     frame: Array  # (m, n)  factors of J~ there, see solvers.projection.singular
     frame_tau: Array  # (m,)
