@@ -138,9 +138,8 @@ def distance(plant: Plant, t: float, q: Array, rank: int | None = None) -> tuple
     """Return the smallest singular value of J over the largest, and how much each row takes part in it (m,).
 
     Redundant constraint equations do not count: all beyond ``rank``, or if that is unknown those that are zero here.
-    Singular
-    values are those of J M^-1/2 (of a large tree, where M is not at hand, of J itself), a cut joint's rows in units of
-    the longest of them, lengths and angles apart.
+    Singular values are those of J M^-1/2 (of a large tree, where M is not at hand, of J itself), a cut joint's rows in
+    units of the longest of them, lengths and angles apart.
     """
     system: Any = plant.system
     terms = system.allocate_terms()

@@ -24,8 +24,7 @@ def replacing(path: Path | str) -> Iterator[Path]:
 
     The new file is in the same folder. Its content is on the disk before it is renamed. Permissions of a file that is
     replaced are kept, and a symbolic link continues to point to the file. What is no regular file, such as
-    ``/dev/null``
-    or a pipe, is written in place.
+    ``/dev/null`` or a pipe, is written in place.
 
     Parameters
     ----------

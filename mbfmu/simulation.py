@@ -60,8 +60,7 @@ class Simulation:
     ----------
     inputs
         Values of inputs, by name or number, that differ from their start. A support that is moved by them starts with
-        this
-        position and rate, and the bodies connected to it move with it: start velocities are relative.
+        this position and rate, and the bodies connected to it move with it: start velocities are relative.
     courses
         What inputs are given by for a whole run, see :mod:`mbfmu.mechanics.arrays.given`.
     duration
@@ -277,8 +276,9 @@ class Simulation:
         return status
 
     def _set_out(self, end: float) -> None:
-        """Let the supports that inputs move set out for where they are at ``end``; all jumps of their rates are one
-        impulse.
+        """Start the prescribed motion of input-driven supports over the communication step that ends at ``end``, s.
+
+        Velocity discontinuities of all supports are applied as a single impulse.
         """
         inputs, t = self.plant.inputs, self.t
         if not (inputs.remember and end > t):

@@ -1,4 +1,4 @@
-"""Numerical integration of constrained mechanical systems; knows arrays and callbacks, not bodies."""
+"""Numerical integration of constrained mechanical systems by arrays and callbacks, independent of bodies."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ trouble: z has as many entries as there are independent ones, and all rows take 
 Three sets of coordinates may change, one after the other until the loops close: those without a given value; all that
 are not held, given ones by ``GIVEN`` of what the others change by; and all that are not held, alike.
 
-The inertia of what is allowed is checked likewise: Q_2, the last columns of Q, spans these motions.
+The inertia of the allowed motions is checked in the same way: Q_2, the last columns of Q, spans them.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class Loops(NamedTuple):
 
     @staticmethod
     def of(system: AnySystem) -> Any:
-        """Return the loops of a system with terms of their own, held."""
+        """Return the loops of a system with separate terms, held."""
         return hold(Loops(system.position, system.retract, system.held_data, hold(system.allocate_terms())))
 
 
@@ -124,7 +124,8 @@ def close_positions(eqs: Any, t: float, start: Any, q: Any, work: Any) -> int:
     """q (nq,) = closed positions near ``start`` (nq,). Where there are none: the last that was tried.
 
     First by damped steps (Levenberg and Marquardt, the damping falling as the square of the gap), which stay near where
-    redundant rows contradict each other in an open loop; then without damping, which gets on beside singular positions.
+    redundant rows contradict each other in an open loop; then without damping, which converges near singular
+    configurations.
     """
     code = OPEN
     for stage in range(STAGES):
@@ -293,7 +294,7 @@ def opening(terms: Any, v: Any, work: Any) -> None:
 def move_mass(terms: Any, mass: Any, work: Any) -> int:
     """Whether all that the constraints allow moves mass, held or not; ``mass`` (n, n) is scratch.
 
-    Every motion is taken by its own measure: a light body may move beside a heavy one.
+    Every motion is scaled by itself: a light body may move together with a heavy one.
     """
     n = terms.M.shape[0]
     rank = factor(terms.J, True, work)

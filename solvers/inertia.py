@@ -122,7 +122,7 @@ def finer_tolerance(rtol: float, power: float, work: Any) -> float:
 
 
 def describe_large_growth(inertia: NDArray[Any]) -> str:
-    """Return what a record of INERTIA says of a nearly singular mass matrix; empty: nothing."""
+    """Return the message of a record of INERTIA on a nearly singular mass matrix; empty: none."""
     c = inertia[0]
     if not c["largest"] > LARGE_GROWTH:
         return ""

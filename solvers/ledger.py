@@ -1,7 +1,7 @@
-"""What a stepper books beside the motion: work, and how far the tolerance lets the energy stray from it.
+"""Energy accounting of a stepper: accumulated work W of forces without potential, and a bound of the energy error.
 
-Along an exact motion E - W is constant, W the work of all that has no potential. A step ends off the exact motion
-through its beginning by its local error e = (e_q, e_v), so to first order a run has
+Along an exact motion E - W is constant, where W is the work of all forces without a potential. A step ends off the
+exact motion through its beginning by its local error e = (e_q, e_v), so to first order a run has
 
     E(t) - E(0) - W(t) = sum over steps (g . e_q + p . e_v - e_W),      p = dE/dv,  g = dE/dq.
 
@@ -10,30 +10,31 @@ its *exposure*
 
     sqrt(sum (p_i tol_i)^2 + sum (g_i tol_i)^2),
 
-and the sum over the steps is what the tolerance explains (``stray``). p is the generalized momentum, all bodies and
-drives in it; for g stands the bias h of the equations of motion, which holds the forces of every potential and the same
-products of velocities. An energy that is a square of the error is covered: the exposure is taken where a step ends. No
-tolerance controls e_W. Driven coordinates count among the others as if they were integrated, since it is through their
-momentum and effort that the work errs; and what a formula for W estimates as its error is added. The largest such
-error of a step is ``slip``: at corners of a force, as where a stop releases a body, W errs by more than the motion.
+and the sum over the steps is the energy error that the tolerance explains (``stray``). p is the generalized momentum of
+all bodies, including drives. g is approximated by the bias h of the equations of motion, which contains the forces of
+all potentials and the same products of velocities. An energy that is a square of the error is covered, since the
+exposure is evaluated where a step ends. e_W is not controlled by a tolerance. Driven coordinates count among the others
+as if they were integrated, since the error of W results from their momentum and force; the error estimate of a formula
+for W is added. The largest such error of a step is ``slip``: at corners of a force, as where a stop releases a body,
+the error of W is larger than that of the motion.
 
-An error estimate is that of a smooth motion. A step that is refused shows that the force has a corner there: the
-estimates are then multiplied by the same factor as those of W, and taken in the tolerance that the solver holds them
-to, which for 'radau' is looser than the one asked for.
+Error estimates are those of a smooth motion. A rejected step shows that the force has a corner there: the estimates are
+then multiplied by the same factor as those of W, and use the tolerance of the solver's estimate, which for 'radau' is
+larger than the requested one.
 
-The *extent* of the motion is its largest displacement or velocity in absolute tolerances, whichever is less. A motion
-of a few tolerances is not known to a small part of its energy.
+The *extent* of the motion is its largest displacement or velocity in absolute tolerances, whichever is smaller. The
+energy of a motion of a few tolerances is not accurate.
 
 A *slow passage* leads past an unstable equilibrium: a pendulum swings over its highest position, or turns just
-below it. Its energy is the kinetic energy where it is slowest, or what was lacking to pass. The momentum times the
-velocities of the look before changes its sign where the motion turns. Every step has to be looked at for that, so it is
-done at coarse tolerances, where steps are few. It counts when the kinetic energy has risen again: not where a motion
-comes to rest, and not where the work done is more than the kinetic energy, since inertia decides nothing there.
+below it. Its energy is the kinetic energy where it is slowest, or the energy lacking to pass. The momentum times the
+velocities of the previous evaluation changes its sign where the motion turns. Every step must be evaluated for that, so
+it is done at large tolerances, where steps are few. A passage counts when the kinetic energy has risen again: not if a
+motion comes to rest, and not if the work done exceeds the kinetic energy, since inertia is not decisive there.
 
-``exchanged`` is the range of the kinetic energy so far, and what W has moved either way.
+``exchanged`` is the range of the kinetic energy so far plus the total variation of W.
 
-Where another one takes the steps, W is summed here: over each step the integral of the polynomial through the powers
-where the last steps ended.
+If another library takes the steps, W is accumulated here: over each step the integral of the polynomial through the
+powers at the ends of the last steps.
 """
 
 from __future__ import annotations
@@ -68,7 +69,7 @@ FIELDS: list[Any] = [
     ("reach", "f8"),
     ("pace", "f8"),  # the largest displacement and velocity so far, in absolute tolerances
 ]
-POINTS = 6  # powers that a polynomial goes through: as many as a formula of order 5 knows states
+POINTS = 6  # powers of the polynomial: the number of states of a formula of order 5
 BOOK = np.dtype(
     [
         *FIELDS, ("steps", "i8"),
@@ -102,7 +103,7 @@ class Scales(NamedTuple):
     rtol: Array  # (1,)
     place: Array  # (n,)  absolute tolerances of the free coordinates, and of their rates
     rate: Array  # (n,)
-    mean: Array  # (1,)  the error's norm is the root of its mean square over so many; 1: of its sum
+    mean: Array  # (1,)  number over which the error's norm takes the mean square; 1: sum of squares
     found: Array  # (5 + 2 n,)  see FOUND
     extent: Array  # (2,)  by which displacement and velocity are multiplied, to be in tolerances of the motion
 
@@ -161,8 +162,8 @@ def look_anew(books: Any) -> None:
 
 @inlined
 def refuse_step(c: Any, looser: float) -> None:
-    """Count a step that is refused; ``looser`` is the tolerance that its error exceeds in tolerances asked for, 0.0 if
-    another test refuses it.
+    """Count a rejected step; ``looser`` is the tolerance that its error exceeds, in requested tolerances, 0.0 if
+    another test rejects it.
     """
     c.rejected += 1
     c.corners += looser
@@ -180,7 +181,7 @@ def forget_speeds(c: Any) -> None:
 def note_passage(c: Any, taken: float) -> None:
     """Note whether the steps before the last one, of ``taken`` (s), were a slow passage, and whether it is left.
 
-    Beside an unstable equilibrium speeds are as cosh(k t) where the motion passes, and as sinh(k t) where it turns.
+    Near an unstable equilibrium speeds are proportional to cosh(k t) if the motion passes and to sinh(k t) if it turns.
     """
     s, h = c.speeds, c.lapses
     for k in range(SPEEDS - 1):
@@ -221,7 +222,7 @@ def book_stray(c: Any, error: float, taken: float) -> None:
 
 @kernel
 def begin_work(books: Any, work: float) -> None:
-    """Forget the powers: the motion goes on from another state, where W is ``work``, J. books (1,) of BOOK."""
+    """Discard the powers: the motion continues from another state, where W is ``work``, J. books (1,) of BOOK."""
     c = books[0]
     c.known, c.work, c.before = 0, work, work
     c.looks = min(c.looks, AT_FIRST - ANEW)
@@ -254,7 +255,7 @@ def work_at(books: Any, t: float) -> float:
 
 @kernel
 def integral(c: Any, t: float, points: int) -> float:
-    """Integral from where the last step began to t of the polynomial through so many powers, exactly."""
+    """Exact integral, from the beginning of the last step to t, of the polynomial through the last powers."""
     middle, half, total = 0.5 * (c.at[1] + t), 0.5 * (t - c.at[1]), 0.0
     for k in range(NODES.shape[0]):
         s = middle + half * NODES[k]

@@ -1,4 +1,4 @@
-"""What a run is asked for, and what it has cost."""
+"""Options of a run, and its statistics."""
 
 from __future__ import annotations
 
@@ -86,13 +86,13 @@ class Statistics:
     order: int = 0  # of the last step
     step_size: float = 0.0  # s, of the last step
     refused: int = 0  # of the rejected: steps that might have jumped to another branch
-    coarser: float = 1.0  # largest tolerance beside near misses in units of the one asked for, see Stepper.notice
+    coarser: float = 1.0  # largest tolerance near near misses in units of the requested one, see Stepper.notice
     rate_growth: float = 0.0  # largest growth of errors of rates, see solvers.inertia; 0: not known
     rate_growth_at: float = 0.0  # s, when
     stability_limited: int = 0  # of an explicit solver: steps whose length stability set, and not accuracy
     partition_switches: int = 0  # between LU and projection
     choices: int = 0  # changes of the independent coordinates under LU
-    left_by_turn: int = 0  # the branch turned, or a singular position was close ahead
+    left_by_turn: int = 0  # the branch turned, or a singular configuration was close ahead
     left_by_flicker: int = 0
     left_by_energy: int = 0
     left_by_collapse: int = 0

@@ -71,7 +71,7 @@ class Status(NamedTuple):
 
     @property
     def ok(self) -> bool:
-        """Whether the time asked for was reached."""
+        """Whether the requested time was reached."""
         return self.code is Code.OK
 
     @property
@@ -87,7 +87,7 @@ class Status(NamedTuple):
 
 
 class SolverError(ArithmeticError):
-    """A quantity was asked for that the solver cannot determine; the message names the remedy."""
+    """A requested quantity cannot be determined by the solver; the message names the remedy."""
 
     def __init__(self, status: Status) -> None:
         super().__init__(f"{status.message}. {status.remedy}")

@@ -30,7 +30,7 @@ def require_resolved(t0: float, rate: float, rtol: float) -> None:
 
 
 def require_placed(q: Array, size: Array, rtol: float) -> None:
-    """Raise where a position of q (nq,) is so far out that it cannot be told to the tolerance, in units of ``size``."""
+    """Raise if a position of q (nq,) is too large to be resolved to the tolerance, in units of ``size``."""
     apart = np.spacing(np.abs(q)) / size
     k = int(np.argmax(apart)) if len(q) else 0
     if len(q) and not apart[k] <= COARSEST * rtol:
@@ -97,10 +97,11 @@ class Stepper(ABC):
        ``renew()``: the solver keeps of its history what still holds. Where the velocities jump as well (an
        impulse) call ``jump(dv)`` instead, with dv that keeps J v = nu.
     6. ``accelerations()`` are those of the reported state and today's equations, with the shortest
-       multipliers; in a singular position their limit along the motion. Raises :class:`SolverError` where
+       multipliers; in a singular configuration their limit along the motion. Raises :class:`SolverError` where
        there is none.
-    7. ``sample(times)`` is 3 and 6 at each of the times; a state without accelerations ends it, and ``status`` tells.
-       Given an array it puts what the system tells of each state into a row of it.
+    7. ``sample(times)`` is 3 and 6 at each of the times; a state without accelerations ends it, and ``status``
+    contains the reason.
+       Given an array it writes the outputs of the system at each state into a row of it.
     8. ``ledger`` has, of the reported state, the work W that drives, dampers and given forces have done since
        construction, how far the tolerance lets the energy stray from it, what energy was exchanged, the largest
        kinetic energy, and what one step may add, now and at most so far (see :mod:`solvers.ledger`). No meaning where
@@ -112,9 +113,11 @@ class Stepper(ABC):
     others
         Names of the solvers to try where this one does not go on.
     undetermined_at
-        When forces were asked for last in a position so near a singular one that they are not resolved, s; else nan.
+        Last time at which forces were requested so near a singular configuration that they are not resolved, s; else
+        nan.
     starts_singular
-        Whether it was constructed in a singular position: rates may not be what the loops would make them beside it.
+        Whether it was constructed in a singular configuration: rates may differ from those that the loops require near
+        it.
     clock
         The reported time in an array (1,), s, as it was saved last.
     """
@@ -163,7 +166,7 @@ class Stepper(ABC):
 
     @property
     def notice(self) -> str:
-        """What the solver does otherwise than it was told; empty: nothing."""
+        """Message on deviations from the given options; empty: none."""
         return ""
 
     @property
@@ -185,7 +188,7 @@ class Stepper(ABC):
         return self.status
 
     def _limit_steps(self) -> float:
-        """Let no step from here on miss what varies by itself; return until when, s."""
+        """Apply the step-size limit of time-dependent inputs at the reported time; return when it expires, s."""
         longest, until = self._resolves(self._t)
         self._limit(min(longest, self.options.max_step))
         return until
@@ -218,9 +221,9 @@ class Stepper(ABC):
     def sample(self, times: Array, told: Array | None = None) -> Samples:
         """:meth:`advance` to each of ``times`` (k,), ascending, and take state and accelerations there.
 
-        What the system tells of each state is put into a row of ``told`` (k, outputs).
+        The outputs of the system at each state are written into a row of ``told`` (k, outputs).
 
-        Ends early where one of the two fails; ``status`` says why.
+        Ends early if one of the two fails; ``status`` contains the reason.
         """
         times = np.ascontiguousarray(times)  # a column of a table would be another type to the kernels
         if not np.all(np.diff(times, prepend=-np.inf) > 0.0) or np.any(times < self._t):
@@ -252,7 +255,7 @@ class Stepper(ABC):
         return done
 
     def _sample_states(self, times: Array, out: Samples) -> int:
-        """As :meth:`_sample`, one state after the other, and nothing told."""
+        """As :meth:`_sample`, one state after the other, without outputs."""
         for i, t in enumerate(times):
             if not self.advance(float(t)).ok:
                 return i
@@ -274,7 +277,7 @@ class Stepper(ABC):
         self.restart()
 
     def jump(self, dv: Array) -> None:
-        """Add dv (n,) to the reported velocities, and go on anew."""
+        """Add dv (n,) to the reported velocities, and restart."""
         self._v += sized("dv", dv, len(self._v))
         self.restart()
 

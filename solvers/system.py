@@ -1,4 +1,4 @@
-"""What a solver knows of a mechanism: arrays and callables, not bodies.
+"""Interface between solvers and mechanisms: arrays and callables, not bodies.
 
 The equations of motion of a constrained mechanical system in relative coordinates::
 
@@ -58,12 +58,12 @@ def no_power(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any) -> float:
 
 
 def no_exposure(rtol: float, place: Any, rate: Any, data: Any, out: Any) -> None:
-    """Of a system that does not tell its own: no bound on the error of its energy follows."""
+    """Default of a system without this function: no bound on the error of its energy follows."""
     out[0], out[1] = 0.0, 0.0
 
 
 def no_telling(a: Any, lam: Any, data: Any, out: Any) -> None:
-    """Of a system that tells nothing."""
+    """Default of a system without outputs."""
 
 
 def audit_callbacks(system: AnySystem) -> tuple[Callable[..., Any], Callable[..., Any]]:
@@ -74,7 +74,7 @@ def audit_callbacks(system: AnySystem) -> tuple[Callable[..., Any], Callable[...
 
 
 def telling_callback(system: System) -> Callable[..., Any]:
-    """Return what a system tells as kernels take it."""
+    """Return the output function of a system for kernels."""
     return system.tell if system.tell is not None else _no_telling(held_type(system.data))
 
 
@@ -135,13 +135,13 @@ def _inverse(
 
 
 def nothing_varies(t: float) -> tuple[float, float]:
-    """Of a system that time alone does not change: any step is short enough, for ever."""
+    """Default of a system that does not depend on time: any step is short enough, at any time."""
     return inf, inf
 
 
 @dataclass(frozen=True, kw_only=True)
 class AnySystem(ABC):
-    """A mechanism as a solver sees it, whatever its size.
+    """Interface of a mechanism for solvers, independent of its size.
 
     The callables are compiled callbacks (see :mod:`solvers.compiled.kernel`); ``data`` is whatever named tuple of
     arrays, or array, they need and is passed through untouched. They get named tuples held (see
@@ -158,12 +158,12 @@ class AnySystem(ABC):
     retract: Callable[[Array, Array, Any], None]  # (q, dq, data): q <- q (+) N dq in place, dq (n,)
     power: Callable[..., float] | None = None  # (t, q, v, a, lam, data): dE/dt, W
     exposure: Callable[..., None] | None = None  # (rtol, place, rate, data, out): see solvers.ledger
-    observe: Callable[..., None] | None = None  # (times, q, v, a, lam, data, out): tells of solutions, a row each
+    observe: Callable[..., None] | None = None  # (times, q, v, a, lam, data, out): outputs at solutions, a row each
     works: Callable[[], bool] = nothing_works  # (): whether power can differ from zero, as things are now
-    resolves: Callable[[float], tuple[float, float]] = nothing_varies  # (t): longest step that sees all that varies by
-    # itself from t on, and until when it does, s
+    resolves: Callable[[float], tuple[float, float]] = nothing_varies  # (t) -> (h_max, t_valid): largest step that
+    # resolves the explicitly time-dependent inputs from t on, valid up to t_valid, s
     size: Array  # (n,) unit of each coordinate: 1 rad, or a length of the mechanism in m; of v per second
-    row_size: Array  # (m,) unit of each constraint residual, likewise
+    row_size: Array  # (m,) unit of each constraint residual, see size
     positions: Positions | None = None  # which positions are quaternions; None: none is
     rate: float = 0.0  # 1/s, of motions of that size, as far as it is known beforehand: by gravity, by drives
     cornered: str = ""  # what forces turn sharply with, within what a tolerance allows; empty: with nothing
@@ -180,7 +180,7 @@ class AnySystem(ABC):
         """Fill the terms at (t, q, v), as many as the system has."""
 
     def observe_all(self, times: Array, q: Array, v: Array, a: Array, lam: Array, out: Array) -> None:
-        """Fill ``out`` (k, outputs) with what is told of the solutions at k times, if anything is."""
+        """Fill ``out`` (k, outputs) with the outputs at the solutions at k times, if there are any."""
         if self.observe is not None:
             self.observe(times, q, v, a, lam, self.held_data, out)
 

@@ -1,8 +1,12 @@
-"""Words that readers of the field do not understand are not in the pages that have been rewritten."""
+"""Words that readers of the field do not understand are neither in the pages nor in docstrings and comments."""
 
 from __future__ import annotations
 
+import ast
+import io
 import re
+import tokenize
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -51,6 +55,14 @@ PATTERNS = {  # what is found, and what to write instead
 }
 
 
+EXCEPTIONS = tomllib.loads((Path(__file__).with_suffix(".toml")).read_text())
+SOURCES = [
+    path.relative_to(ROOT).as_posix()
+    for package in ("mbfmu", "solvers", "fmus")
+    for path in sorted((ROOT / package).rglob("*.py"))
+]
+
+
 def prose(page: str) -> list[tuple[int, str]]:
     """Return the lines of a page outside blocks and spans of code, with their numbers."""
     found, code = [], False
@@ -62,13 +74,48 @@ def prose(page: str) -> list[tuple[int, str]]:
     return found
 
 
+def explanations(path: str) -> list[tuple[int, str]]:
+    """Return the lines of docstrings and comments of a module without spans of code, with their numbers."""
+    text = (ROOT / path).read_text()
+    lines, found = text.splitlines(), []
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node) is not None:
+            docstring = node.body[0]
+            assert docstring.end_lineno is not None
+            inside = [(number, lines[number - 1]) for number in range(docstring.lineno, docstring.end_lineno + 1)]
+            found += [(number, line) for number, line in inside if not re.fullmatch(r"\s*\w+(, \w+)*", line)]  # names
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type == tokenize.COMMENT:
+            found.append((token.start[0], token.string))
+    return [(number, re.sub(r"`+[^`]*`+", "", line)) for number, line in sorted(found)]
+
+
+def hits(path: str, lines: list[tuple[int, str]], patterns: dict[str, str]) -> list[str]:
+    """Return a message for every line that matches a pattern and is no exception."""
+    allowed = EXCEPTIONS.get(path, {})
+    return [
+        f"{path}:{number}: {match.group()!r}: write {instead}: {line.strip()}"
+        for number, line in lines
+        for pattern, instead in patterns.items()
+        for match in [re.search(pattern, line, re.IGNORECASE)]
+        if match and not any(text in line for text in allowed)
+    ]
+
+
 @pytest.mark.parametrize("page", PAGES)
 def test_pages_are_in_plain_technical_english(page: str) -> None:
-    hits = [
-        f"{page}:{number}: {match.group()!r}: write {instead}: {line.strip()}"
-        for number, line in prose(page)
-        for pattern, instead in PATTERNS.items()
-        for match in [re.search(pattern, line, re.IGNORECASE)]
-        if match
-    ]
-    assert not hits, "\n".join(hits)
+    assert not (found := hits(page, prose(page), PATTERNS)), "\n".join(found)
+
+
+def test_docstrings_and_comments_are_in_plain_technical_english() -> None:
+    patterns = {pattern: instead for pattern, instead in PATTERNS.items() if not pattern.startswith("^#")}
+    found = [line for path in SOURCES for line in hits(path, explanations(path), patterns)]
+    assert not found, "\n".join(found)
+
+
+def test_every_exception_is_needed() -> None:
+    for path, texts in EXCEPTIONS.items():
+        assert (ROOT / path).exists(), path
+        for text, reason in texts.items():
+            assert text in (ROOT / path).read_text(), f"{path}: {text!r} is not there any more"
+            assert reason, f"{path}: {text!r} has no reason"

@@ -1,9 +1,9 @@
 """``python -m mbfmu.fmi.apart SCENE FMU [FMI PLATFORM ...]``: a scene as a native FMU, without a compiler.
 
-It is a separate process in which kernels are plain Python: the export calls each a few times, and all of these calls
-together take less than compiling one. The result has the same bytes. It is specified by a scene
-file. The process prints messages, one per line: of the export, or where no version of FMI is given and the FMU
-is for one run, of the loops.
+Export in a separate process in which kernels are plain Python: assembling the model data calls each kernel a few times
+only, and all of these calls together take less time than compiling one kernel. The result has the same bytes. It is
+specified by a scene file. The process prints messages, one per line: of the export, or if no version of FMI is given
+and the FMU is for one run, of the loops.
 """
 
 from __future__ import annotations

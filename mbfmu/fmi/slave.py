@@ -1,8 +1,7 @@
 """The FMI 2.0 co-simulation slave around any model.
 
 **Errors of the importing tool.** PythonFMU's wrapper gives this class one status to choose, that of fmi2DoStep: fmi2OK
-or
-fmi2Discard. All other calls return fmi2OK, or fmi2Fatal where an exception leaves them. So what a host does wrong (a
+or fmi2Discard. All other calls return fmi2OK, or fmi2Fatal where an exception leaves them. So what a host does wrong (a
 call that its state does not allow, a value that is refused, a state that is damaged) is logged at once as an error,
 changes nothing, and is the reason why the next step is discarded; what was refused stays the reason until it is given
 right. Only where initialization fails, which must not look well, an exception leaves. A lost energy balance is logged

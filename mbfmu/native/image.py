@@ -1,8 +1,7 @@
 """All that one started model needs, in one block of memory: arrays, and the tuples by whose address kernels find them.
 
 Machine code depends on types of arrays and not on sizes, so the same code serves every model; a model is such a block.
-An
-instance is a copy of it in which the addresses are put right: of arrays and tuples within the block, and of the
+An instance is a copy of it in which the addresses are put right: of arrays and tuples within the block, and of the
 kernels of joints, loads and the like in the code. What a motion is saved and restored by comes first, and has no
 addresses.
 

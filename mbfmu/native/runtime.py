@@ -1,8 +1,8 @@
 """The runtime: kernels as machine code and FMI around them, built once for these sources and a machine.
 
 Kernels are recompiled in a separate process, for the oldest processor of an architecture and without a cache. The
-result
-is stored next to the code that Python compiles. Zig compiles C for every machine; for this one any C compiler does.
+result is stored next to the code that Python compiles. Zig compiles C for every machine; for this one any C compiler
+does.
 """
 
 from __future__ import annotations

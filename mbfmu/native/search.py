@@ -1,9 +1,9 @@
-"""How the numbers of a compiled mechanism follow the parameters of its model: found by building it, then verified.
+"""Identify how every number of a compiled mechanism depends on the parameters of its model.
 
-``build()`` may do anything, but nearly always it multiplies. One parameter at a time is moved to learn in which powers
-of it every number goes, then all at once to fit the coefficients of the products of these powers. What is found is
-compared with plants that had no part in it, inside the ranges it was fitted in and as far outside as it holds. A
-parameter that does not pass is frozen, with the reason.
+``build()`` is arbitrary Python code, but its numbers are nearly always sums of products of powers of parameters.
+``build()`` is sampled: with one parameter changed at a time to find the exponents, then with all of them to fit the
+coefficients. The result is validated on independent samples, inside the fitted ranges and as far outside as it
+holds. A parameter that does not pass is fixed at export, with the reason.
 """
 
 from __future__ import annotations

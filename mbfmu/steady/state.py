@@ -104,9 +104,8 @@ class Equilibrium:
     @property
     def stability(self) -> str:
         """Of the linearized motion: ``stable`` (it decays), ``undamped`` (some of it oscillates undamped), ``neutral``
-        (some of it drifts), ``unstable``, or ``unknown`` if its coefficients are periodic and notes give the reason
-        why it was
-        not found.
+        (some of it drifts), ``unstable``, or ``unknown`` if its coefficients are periodic and notes give the reason why
+        it was not found.
         """
         try:
             return self.spectrum.stability

@@ -1,8 +1,7 @@
 """Whether a scene is hard, and why: from a run of it, watched, and from the eigenvalues about some of its states.
 
 Scenes that cannot start or that fail are included: the findings contain the reason and the other results that are
-available.
-Results are estimates unless marked as exact. The run uses the solver and the tolerance of the scene.
+available. Results are estimates unless marked as exact. The run uses the solver and the tolerance of the scene.
 """
 
 from __future__ import annotations

@@ -180,8 +180,7 @@ def compare(
 
     The error of a row is the largest error of an output over the run, divided by the range of that output. The
     reference is the exact motion if the model defines it, else that of two accurate runs, over several resolutions
-    their
-    limit. All rows are timed in interleaved rounds.
+    their limit. All rows are timed in interleaved rounds.
 
     Parameters
     ----------

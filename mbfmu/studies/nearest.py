@@ -1,10 +1,8 @@
 """The nearest singular configuration of a motion: time, distance, loops, and whether it is passed.
 
 The distance is measured by singular values of the constraints, as in messages (:func:`mbfmu.audit.distance`): the
-smallest
-divided by the largest. It is zero in a singular configuration and decreases linearly to it, so its minimum between two
-samples
-is found by golden section, on the run itself, taken up again at the sample before.
+smallest divided by the largest. It is zero in a singular configuration and decreases linearly to it, so its minimum
+between two samples is found by golden section, on the run itself, taken up again at the sample before.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """Reference of comparisons: the correct motion, its uncertainty, and the outputs that are evaluated.
 
 At each resolution a pair of tight runs gives the motion of the discretized model; their difference is its uncertainty.
-Over
-several resolutions these are extrapolated to the motion of the model itself. Data of the model replace
-either: :meth:`mbfmu.Model.exact`, :meth:`mbfmu.Model.independent`.
+Over several resolutions these are extrapolated to the motion of the model itself. Data of the model replace either:
+:meth:`mbfmu.Model.exact`, :meth:`mbfmu.Model.independent`.
 """
 
 from __future__ import annotations

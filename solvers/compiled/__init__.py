@@ -1,1 +1,1 @@
-"""Compiled code: kernels, how they call each other, where machine code is kept. The only room that knows numba."""
+"""Compiled code: kernels, calls between them, cache of machine code. The only package that imports numba."""

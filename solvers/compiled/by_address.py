@@ -1,7 +1,7 @@
 """Kernels called by their address, with a record of parameters: how a recursion meets a kind that it does not know.
 
 A joint, a load or a signal is a number of a row in a table of addresses and a place among the bytes of all records. The
-caller is compiled once whatever kinds there are; a kind is compiled when something of it is there, for its own record.
+caller is compiled once for all element types; an element type is compiled for its record when it is first used.
 
     call(address, memory, place, (argument, ...))
 

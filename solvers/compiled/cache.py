@@ -35,7 +35,7 @@ _unwritable: list[str] = []  # what this process has warned of
 
 @cache
 def home() -> Path:
-    """Return the folder of all machine code of ours."""
+    """Return the folder of all machine code."""
     given = (os.environ.get(name) for name in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "LOCALAPPDATA"))
     place = next(filter(None, given), "")
     return (Path(place) if place else Path(os.path.expanduser("~/.cache"))) / "mbfmu"  # noqa: PTH111  # never raises
@@ -101,8 +101,8 @@ def imports_of(module: str) -> list[str]:
 
 @contextmanager
 def when_compiling(tell: Callable[[], None]) -> Iterator[None]:
-    """Have ``tell`` called in this block, once, before the first thing is compiled, unless the block around it, which
-    waits meanwhile, was told already.
+    """Call ``tell`` once in this block before the first compilation, unless the enclosing block, which
+    waits meanwhile, has been notified.
     """
     around = _listeners.copy()
     _listeners[:] = [tell] if around or not _blocks else []
@@ -120,8 +120,8 @@ class NotCompiled(BaseException):
 
 @contextmanager
 def compiling_nothing() -> Iterator[None]:
-    """Have :class:`NotCompiled` raised in this block before anything is compiled. Who listens around it hears nothing
-    of that, and is told when something is compiled after all.
+    """Have :class:`NotCompiled` raised in this block before anything is compiled. Enclosing blocks are not notified
+    of it, but when something is compiled later.
     """
 
     def refuse() -> None:
@@ -137,20 +137,20 @@ def compiling_nothing() -> Iterator[None]:
 
 @contextmanager
 def time_of_compiling() -> Iterator[Callable[[], float]]:
-    """Yield what tells for how long this block has compiled so far, s."""
+    """Yield a function that returns the compilation time of this block so far, s."""
     timer = TimingListener()
     with install_listener("numba:compile", timer):
         yield lambda: float(timer.duration) if timer.done else 0.0
 
 
 def tell_listeners() -> None:
-    """Tell who waits for it that compilation begins."""
+    """Notify the waiting block that compilation begins."""
     while _listeners:
         _listeners.pop()()
 
 
 class Locator(_CacheLocator):
-    """The folder of one module, whose functions are told apart by their lines."""
+    """The folder of one module, whose functions are identified by their lines."""
 
     def __init__(self, function: Any, source: str) -> None:
         self._line = str(function.__code__.co_firstlineno)
@@ -168,7 +168,7 @@ class Locator(_CacheLocator):
         return self._stamp
 
     def get_disambiguator(self) -> str:
-        """Return what tells functions of one name apart."""
+        """Return what distinguishes functions of one name."""
         return self._line
 
     @classmethod
@@ -184,7 +184,7 @@ class Locator(_CacheLocator):
 
 
 def stamp(source: str) -> str:
-    """Return what tells versions of a source apart, wherever it lies."""
+    """Return what identifies the version of a source, independent of its location."""
     status = Path(source).stat()
     return _content(source, status.st_mtime_ns, status.st_size)
 

@@ -3,7 +3,7 @@
 Numba's own functions can be called from C, ``int32 f(result *, void **, arguments ...)``; what it wraps around them for
 Python is left out, and so is what no entry point reaches. Kernels are linked as they were compiled, so that the module
 does what they do in Python, bit for bit, where it was compiled for the same processor and the same C library serves
-``sin`` and its like. For other processors compile in a process of its own with ``NUMBA_CPU_NAME=generic``, and without
+``sin`` and its like. For other processors compile in a separate process with ``NUMBA_CPU_NAME=generic``, and without
 a cache of its results (``NUMBA_CACHE_DIR`` at an empty folder): types of entry points are those of one process.
 """
 
@@ -49,7 +49,7 @@ def closed(entries: Mapping[str, tuple[Any, Any]], tables: Mapping[str, Iterable
     for number, symbol in enumerate(known):
         symbol.linkage = "external" if symbol.name in kept else "internal"
         if symbol.name not in kept:
-            symbol.name = f"inside_{number}"  # numba's names tell addresses of this process
+            symbol.name = f"inside_{number}"  # numba's names contain addresses of this process
     whole.verify()
     return whole
 

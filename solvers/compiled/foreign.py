@@ -1,7 +1,7 @@
 """C functions of a shared library: called from Python, from kernels, and kernels that they call back.
 
-What a function returns and takes is told in letters: a pointer ``p``, a whole number ``i`` (C's int), a real number
-``d``; what is returned comes first, such as ``"i pd"``.
+Return value and arguments of a function are given by letters: a pointer ``p``, a whole number ``i`` (C's int), a real
+number ``d``; the return value is first, such as ``"i pd"``.
 """
 
 from __future__ import annotations

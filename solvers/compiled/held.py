@@ -1,6 +1,6 @@
 """Named tuples of arrays and callbacks by their address.
 
-Python hands a kernel each array of a named tuple anew, 0.3 us apiece, and a kernel hands another one all their sizes
+Python passes each array of a named tuple to a kernel at every call, 0.3 us each, and a kernel passes all their sizes
 and strides, which costs more than small kernels do. What :func:`hold` makes is one address to both; kernels read the
 tuple's fields as attributes all the same.
 """

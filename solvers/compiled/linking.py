@@ -1,9 +1,9 @@
 """How compiled kernels call each other.
 
-Numba compiles a function together with all that it calls, at every level anew: of a chain of calls ten deep the last is
-compiled ten times. A :class:`Kernel` is compiled once for a signature and called by the name of a symbol, which is the
-same in every process; only what is small goes into its callers as well, where it may be worth more than a call. What a
-function on disk calls is written beside it and is there before it is loaded.
+Numba compiles a function together with all that it calls, at every level again: of a chain of calls ten deep the last
+is compiled ten times. A :class:`Kernel` is compiled once for a signature and called by the name of a symbol, which is
+the same in every process; only what is small goes into its callers as well, where it may be worth more than a call.
+What a function on disk calls is written next to it and exists before it is loaded.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class Inlined(CPUDispatcher):
         self._cache = cache_of(self.py_func, LinkedCache)
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
-        """Type a call; constants are no types of their own, for which all would be compiled once more."""
+        """Type a call; constants have no literal types, for which all would be compiled once more."""
         return super().get_call_template([types.unliteral(a) for a in args], kws)
 
 

@@ -1,6 +1,6 @@
 """Systems whose blocks form a tree, by block elimination from its leaves with LAPACK.
 
-With i the neighbor inward of block k, and c its neighbors outward, whose matrices L_c stand in the rows of k::
+With i the neighbor inward of block k, and c its neighbors outward, whose matrices L_c are in the rows of k::
 
     D_k x_k + U_k x_i + sum_c L_c x_c = b_k
     D_i <- D_i - L_k (D_k^-1 U_k),    pivoting inside a diagonal block

@@ -1,7 +1,7 @@
 """Small dense linear algebra as closed kernels: factorizations and solves for constraint Jacobians and mass matrices.
 
 Sizes are a mechanism's few degrees of freedom, so everything is plain loops over C-contiguous arrays; sizes
-are passed beside the arrays because scratch is allocated once at its largest.
+are passed with the arrays because scratch is allocated once at its largest.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ def lq(A: Any, m: int, n: int, tau: Any, pivots: Any, left: Any) -> None:
 
     L (m, min(m, n)) lies on and below the diagonal; row k right of it and ``tau`` (m,) hold reflector k, whose first
     entry is one, Q = H_0 H_1 ... |L_kk| is the distance of row k from the span of those before it, so that the
-    first rows are independent and the last diagonal entries tell how nearly the others are not. ``left`` (m,) is
+    first rows are independent and the last diagonal entries measure the dependence of the others. ``left`` (m,) is
     scratch: the squares of what is left of the rows, from those of the step before as long as they have digits.
     """
     for i in range(m):
@@ -158,7 +158,7 @@ def length(v: Any) -> float:
 
 @inlined
 def lift(A: Any, rank: int) -> None:
-    """Let no diagonal entry of a triangular factor be nothing beside the first, for inverse iteration."""
+    """Regularize the diagonal of a triangular factor relative to its first entry, for inverse iteration."""
     least = ROUNDING * abs(A[0, 0])
     for i in range(rank):
         if abs(A[i, i]) < least:

@@ -8,9 +8,9 @@ from the position. With the factors of the present rows and time as a further co
 
 the k rows of L_22 that are not redundant are zero in the critical point, and Phi~ lies in the span of U. Their
 number is determined from the largest gap in the diagonal of L in each step. One force u = U c, with fixed c without
-symmetry, represents all of them: if every entry of L_22 is zero so is c^T L_22; the converse is
-examined at the end. The derivative of c^T L_22 in the directions Q_2 is square and symmetric. If it does not have full
-rank, as along curves of critical points, the step of minimum norm is used.
+symmetry, represents all of them: if every entry of L_22 is zero so is c^T L_22; the converse is examined at the end.
+The derivative of c^T L_22 in the directions Q_2 is square and symmetric. If it does not have full rank, as along curves
+of critical points, the step of minimum norm is used.
 
 The point may also lie in a surface of critical points in which fewer rows are zero, for example if a plate on
 two folding legs lies flat and each leg may rotate by itself. Then the search ends in one of those, and one combination

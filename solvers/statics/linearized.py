@@ -116,8 +116,8 @@ class TreeLinearized(Linearized):
 
     Its negative eigenvalues are counted by the inertia of the factors where the structured tangent is exact and
     symmetric, else by those of the assembled matrix. Of more than LARGEST_ASSEMBLED coordinates they are those of the
-    inverse in a Krylov space (Arnoldi), where they are the farthest from the others. That their number is even or odd
-    the determinant tells too, where nothing moves; as long as it says otherwise the space grows.
+    inverse in a Krylov space (Arnoldi), where they are the farthest from the others. Whether their number is even or
+    odd is also determined by the determinant if nothing moves; the space grows until both agree.
 
     ``even`` returns whether the tangent, as it was last factored, has an even number of them, constraints aside.
     """

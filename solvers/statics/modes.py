@@ -1,8 +1,8 @@
 """The lowest modes of a very large tree about a steady state, by shifted inverse iteration.
 
 Where nothing moves or damps, and forces have a potential: K x = -s^2 M x by Lanczos, from below all eigenvalues, so
-that those nearest to the shift are the lowest. The inertia of the factors of K + shift M (Sylvester) says how many are
-below it. Otherwise the state matrix by Arnoldi, shifted to the right of the origin.
+that those nearest to the shift are the lowest. The inertia of the factors of K + shift M (Sylvester) is the number that
+are below it. Otherwise the state matrix by Arnoldi, shifted to the right of the origin.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ SLOW = 1e-10  # first shift relative to what the stiffness of a random motion is
 NEAR, USUAL = (1e-4, 1.0), 1e-2  # shifts relative to the largest eigenvalue found, which are good, and the one taken
 SOLVED = 1e-10  # of the shift: what the error of a motion may be worth
 FARTHER, FARTHEST = 16.0, 40  # from shift to shift as long as eigenvalues are below it, and how often
-SAMPLES = 3  # states beside this one, by which rounding is measured
+SAMPLES = 3  # perturbed states by which rounding is measured
 ITERATED, SETTLED = 1e-11, 1e-9  # of an eigenvalue by Arnoldi: its tolerance, and a bound of what is left of its error
-MORE = 8  # eigenvalues that are looked for by Arnoldi beyond twice the number asked for
+MORE = 8  # eigenvalues that Arnoldi computes beyond twice the requested number
 
 
 class LowestModes:

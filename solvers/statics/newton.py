@@ -60,7 +60,7 @@ class Outcome(IntEnum):
     NO_PROGRESS = 1
     SINGULAR = 2
     NOT_FINITE = 3
-    UNDETERMINED = 4  # in a singular position, where cut joints share forces in many ways
+    UNDETERMINED = 4  # in a singular configuration, where forces of cut joints are not unique
 
 
 FOUND, NO_PROGRESS, SINGULAR, NOT_FINITE, UNDETERMINED = map(int, Outcome)  # for kernels

@@ -39,7 +39,7 @@ ITERATIONS = 9  # of the corrector; more means that the step was too long
 EASY = 4  # after as many the next step may be longer
 ROUNDING = 1e-6  # a correction shorter than this, in units, that no longer shrinks is rounding
 FIRST, SHORTEST = 0.02, 1e-7  # steps, in the length of the path
-SIDEWAYS = 0.05  # of the longest, the first step off a path: beside it the other is only as well known as the crossing
+SIDEWAYS = 0.05  # of the longest, the first step off a path: near it the other is only as accurate as the crossing
 SEPARATE = 1e-4  # singular points nearer than this are taken for one
 LONGER, SHORTER = 1.6, 0.5  # changes of the step
 TURN = 0.35  # rad, of the tangent in one step
@@ -111,7 +111,7 @@ class Follower:
     start
         That state, with the tangent towards the load's end.
     ended
-        Why the last path ended before the load did, in words.
+        Reason if the last path ended before the load did.
     """
 
     def __init__(self, equations: Linearized, load: Load, q: Array, lam: Array) -> None:
@@ -192,7 +192,7 @@ class Follower:
         return x / equations.size, y
 
     def _arrive(self, at: State, before: State) -> State:
-        """Return a state with its tangent, which goes on as that of the one before, and how unstable it is."""
+        """Return a state with its tangent, in the direction of the previous one, and how unstable it is."""
         self._load.apply(at.p)
         unstable = self._equations.inspect(at.q, at.lam)
         x, y = self._response(at.q, at.lam, at.p)

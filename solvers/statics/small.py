@@ -39,11 +39,11 @@ from .newton import (
     Unknowns,
 )
 
-EPSILON = 1e-30  # of the complex step; its square must vanish beside one
+EPSILON = 1e-30  # of the complex step; its square must be negligible
 PIVOT = 1e-12  # pivot of K relative to the first, below which an unknown is undetermined
 BALANCED, FLOOR = 1e-9, 1e-13  # residual left by the last correction: of what acts in its row, and of the stiffest
 SINGULAR_POSITION = 1e-7  # a singular value of J~ below which cut-joint forces are not determined, relative to the
-# largest where the mechanism is in general position: in a singular one they may vanish all together
+# largest in a generic position: in a singular one they may all be zero
 NULL = 1e-10  # singular value of K relative to the largest, below which its direction is null
 INDEPENDENT = 1e-8  # relative pivot of an independent constraint
 
@@ -78,7 +78,7 @@ class Scratch(NamedTuple):
 
     @staticmethod
     def allocate(nq: int, size: Array, row: Array) -> Scratch:
-        """Return zeroed scratch for so many positions and these units of coordinates and constraints."""
+        """Return zeroed scratch for this number of positions and these units of coordinates and constraints."""
         n, rank, z = len(size), len(row), np.zeros
         N = n + rank
         return Scratch(
@@ -278,8 +278,8 @@ class DenseEquilibriumSolver(EquilibriumSolver):
     system
         The complex twin of a mechanism's system.
     q
-        A closed position (nq,) in general position, where the independent constraints are told from redundant ones.
-        Where a row vanishes there too, the mechanism cannot leave a singular position.
+        A closed position (nq,) in general position, where the independent constraints are separated from redundant
+        ones. If a row is zero there too, the mechanism cannot leave a singular configuration.
     v
         Velocities (n,) of the steady motion: zero but for cyclic coordinates.
     """

@@ -25,7 +25,7 @@ from solvers.system import Array
 from .matrices import MACHINE, Matrices, is_symmetric, is_undamped
 
 ALIKE = (
-    1e-6  # what is left of a motion, relative, when those before it are taken away, below which it is none of its own
+    1e-6  # what is left of a motion, relative, when those before it are taken away, below which it is not independent
 )
 IMPROVED = 1e-3  # longest step that improves an eigenvalue, relative to the fastest one
 
@@ -37,7 +37,7 @@ class Spectrum:
     Attributes
     ----------
     values
-        (k,) 1/s, those that rounding cannot tell from zero being zero: one for each motion that nothing resists.
+        (k,) 1/s; zero within their rounding error for each motion without resistance.
     motions
         (n, k) how the coordinates take part: real and of unit modal mass where nothing damps or turns, else complex and
         of any scale.

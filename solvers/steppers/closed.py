@@ -18,7 +18,7 @@ from .dense import DenseStepper
 
 
 class Given(NamedTuple):
-    """What a loop is given: all by one address, since Python hands every array over anew."""
+    """Arguments of a loop: all by one address, since Python passes every array again at each call."""
 
     eqs: Any
     settings: NDArray[Any]
@@ -71,7 +71,7 @@ class ClosedStepper(DenseStepper):
 
     @property
     def notice(self) -> str:
-        """Whether the tolerance was coarser than asked for beside a near miss."""
+        """Whether the tolerance was larger than requested near a near miss."""
         c = self._control
         if not c["coarsest"] > 1.0:
             return ""

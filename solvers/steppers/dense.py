@@ -27,7 +27,7 @@ UNDETERMINED = 1e-9  # singular value of J~, relative to the largest, below whic
 
 @kernel
 def find_critical(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
-    """What the singular position next to q is; see :func:`solvers.projection.singular.judge`."""
+    """Class of the singular configuration next to q; see :func:`solvers.projection.singular.judge`."""
     eqs.position(t, q, eqs.data, eqs.terms)
     factor(eqs.terms, work)
     return judge(eqs, t, q, rank, work)
@@ -81,10 +81,10 @@ class DenseStepper(Stepper):
         return bool(sigma[self._rank - 1] <= UNDETERMINED * sigma[0])
 
     def gap(self, t: float, q: Array) -> float:
-        """Return by how much the loops miss the singular position next to q (nq,) at time t, in units of the rows.
+        """Return the gap of the loops to the singular configuration next to q (nq,) at time t, in units of the rows.
 
-        Zero where they pass it exactly; infinite where motions of more than one freedom pass beside it; not a number
-        where there is none next to it. For a stepper that is not to be advanced: it forgets what it knew of others.
+        Zero where they pass it exactly; infinite if motions of several degrees of freedom pass next to it; not a number
+        where there is none next to it. For a stepper that is not to be advanced: its record of other points is lost.
         """
         if self._rank == 0:
             return nan

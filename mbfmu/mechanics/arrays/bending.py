@@ -1,8 +1,8 @@
 """Bending angle of plate elements between neighboring nodes, which shows whether a mesh is too coarse.
 
-An element is a polynomial over its cell, so the angle between the normals of neighboring nodes determines its
-error. At about 15 degrees the error is 1 %; at 40 a sheet has several states of rest; beyond 60 a
-cell is folded, and what it does means nothing.
+An element is a polynomial over its cell, so the angle between the normals of neighboring nodes determines its error. At
+about 15 degrees the error is 1 %; at 40 a sheet has several states of rest; beyond 60 a cell is folded, and what it
+does means nothing.
 """
 
 from __future__ import annotations

@@ -2,8 +2,7 @@
 
 An element identifies its bodies by their order. In crosswise or reversed order they span a cell that is turned
 inside out, which has forces, if it does not divide by zero, but has no meaning. The orientations reveal this: they
-rotate
-the element as it is when nothing strains it, and each of its edges must go about that way.
+rotate the element as it is when nothing strains it, and each of its edges must go about that way.
 """
 
 from __future__ import annotations

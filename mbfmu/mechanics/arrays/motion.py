@@ -9,10 +9,9 @@ the host's motion u will be by extrapolation. With the rate v given, and s the t
     a = minmod(4 a_1 - 3 a_2, 2 a_1, 2 a_2)
 
 H is the step before; 4 a_1 - 3 a_2 is u'' now, of the cubic through both points. The error of x is O(h^3) and that of
-x' O(h^2)
-at the end. The next e corrects it by a motion that begins and ends at rest; in between the error of x'' is O(h). Where
-u jumps in position or in rate a_1 and a_2 have nothing in common, and minmod (the smallest of numbers of one sign, else
-zero; a limiter after van Leer 1977) leaves out what would overshoot. Where the host gives the mean rate
+x' O(h^2) at the end. The next e corrects it by a motion that begins and ends at rest; in between the error of x'' is
+O(h). Where u jumps in position or in rate a_1 and a_2 have nothing in common, and minmod (the smallest of numbers of
+one sign, else zero; a limiter after van Leer 1977) leaves out what would overshoot. Where the host gives the mean rate
 of the step to come a_2 and a are zero, and x is u interpolated linearly.
 
 Where the host gives the acceleration too it is a, and x has a term j s^3 / 6::

@@ -1,10 +1,9 @@
 """What the rows of constraints are worth: those no motion works against, and those that say what others say.
 
-A constraint equation is **trivially satisfied** if its row of the Jacobian is zero in every position: a planar loop
-has three. It is dropped when
-the mechanism is compiled. So is one that is so except for the rounding of the geometry, see :mod:`.rounded`. A row is
-**redundant** where it depends on others: the loop is closed without it, and the forces between them are not determined.
-It stays, and its share is a matter of the solver.
+A constraint equation is **trivially satisfied** if its row of the Jacobian is zero in every position: a planar loop has
+three. It is dropped when the mechanism is compiled. So is one that is so except for the rounding of the geometry, see
+:mod:`.rounded`. A row is **redundant** where it depends on others: the loop is closed without it, and the forces
+between them are not determined. It stays, and its share is a matter of the solver.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """A beam as a chain of nodal bodies with relative coordinates and beam elements between them: no modes.
 
 Every node is connected to the previous one by two displacements and a rotation in the x-y plane (bodies without mass
-carry the
-displacements), so the chain may bend as far as it likes and stretch. It is the check of :class:`Beam`, which is cheaper
-by far: three coordinates a node, and a fastest motion along the axis that an explicit step must follow.
+carry the displacements), so the chain may bend as far as it likes and stretch. It is the check of :class:`Beam`, which
+is cheaper by far: three coordinates a node, and a fastest motion along the axis that an explicit step must follow.
 """
 
 from __future__ import annotations

@@ -12,13 +12,11 @@ at x = i a, z = k b. A node has the mass of its cell, half a cell at a border an
 mass in the middle of the cell (so off the node at a border) and the rotary inertia m (c^2 + t^2) / 12 of a rigid one,
 which leaves explicit steps 12 to 95 times as long as the plate's own m t^2 / 12.
 
-**Trees.** ``spine`` and ``rows`` grow from the first support, whose nodes are connected to its body: ``rows`` as
-chains across
-the sheet; ``spine`` as one chain from the middle of the support, with ribs to both sides. ``master`` is the paper's: a
-node in the middle floats, or is connected to a given body, with spine and ribs around it, and every support is made of
-cut
-joints. A chain cannot stretch, so what resists stretching (membrane) matters across chains only. ``rows`` is the tree
-for load in the plane, which every row carries; of ``spine`` the spine carries it alone.
+**Trees.** ``spine`` and ``rows`` grow from the first support, whose nodes are connected to its body: ``rows`` as chains
+across the sheet; ``spine`` as one chain from the middle of the support, with ribs to both sides. ``master`` is the
+paper's: a node in the middle floats, or is connected to a given body, with spine and ribs around it, and every support
+is made of cut joints. A chain cannot stretch, so what resists stretching (membrane) matters across chains only.
+``rows`` is the tree for load in the plane, which every row carries; of ``spine`` the spine carries it alone.
 
 **Effects.** Bending is always included; membrane, damping, drag and pressure are optional. Bending alone
 converges to a sheet that resists no Gaussian curvature, because nothing resists shear in its plane nor stretching

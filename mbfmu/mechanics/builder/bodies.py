@@ -94,8 +94,7 @@ class Body:
         """Component k = 0 ... 3 of the attitude as a unit quaternion, scalar first.
 
         The scalar is not negative, so that the orientation determines the signs: all four are discontinuous where they
-        change, half a
-        turn from the ground's axes.
+        change, half a turn from the ground's axes.
         """
         if not is_whole(k) or not 0 <= k < 4:
             raise UserError(

@@ -75,9 +75,10 @@ def gap(touch: Any, arrays: Any, state: Any) -> Any:
 
 @kernel
 def misses(touch: Any, clear: Any, bodies: Any, here: Any) -> bool:
-    """Whether none of a cell touches, whose middle here.r is ``clear`` of the surface, the normal there in here.f.
+    """Broad-phase test: whether a cell is separated, by the distance ``clear`` and the normal here.f at its center
+    here.r.
 
-    It is within a ball about that; and what is convex lies behind the plane that touches it where it is nearest.
+    The cell is within a ball about its center; a convex surface lies behind its tangent plane at the nearest point.
     """
     if clear.real > reach(touch).real:
         return True

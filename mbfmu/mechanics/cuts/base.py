@@ -158,8 +158,7 @@ def hold_along(cut: Any, k: int, A: Any, way: Any, row: Any) -> None:
     Phi' = n.d' + (w_a x n).d,     Phi'' = n.d'' + (w'_a x n).d + (w_a x (w_a x n)).d + 2 (w_a x n).d'
 
     n is fixed in body a and not in the ground, so that the properties of a row in one orientation of the mechanism
-    (that it
-    is trivially satisfied, the size of its multiplier) apply in all.
+    (that it is trivially satisfied, the size of its multiplier) apply in all.
     """
     nx, ny, nz = arm(A, cut.Ra[:, k])
     (bx, by, bz), (x, y, z), (dx, dy, dz), (ux, uy, uz), (ex, ey, ez) = way

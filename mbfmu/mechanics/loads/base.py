@@ -78,7 +78,7 @@ class Load(Kind):
 
     @property
     def loose(self) -> int:
-        """How many of its last bodies are in the structured tangent as if the others were held."""
+        """Number of trailing bodies whose coupling to the others is left out of the groups of the tangent (border)."""
         return 0
 
     def points(self) -> Points:

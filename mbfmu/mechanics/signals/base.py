@@ -48,8 +48,7 @@ class Signal(Kind):
     """A function of time; the base gives what holds for one of which no more is known.
 
     One that varies with time has a kernel ``longest_step(signal, t, arrays)`` in addition to ``evaluate``: it returns
-    the
-    longest step from t on that resolves it, and the time until which this is valid, s.
+    the longest step from t on that resolves it, and the time until which this is valid, s.
     """
 
     kernels: ClassVar = {"evaluate": "time, arrays -> three", "longest_step": "time, arrays -> two"}

@@ -89,8 +89,8 @@ class Input(Coefficients):
         Name of a second input, the time derivative; without it the rate is zero.
     acceleration_name
         Name of a third input, the second derivative, of the drive of a joint. With it the error of the force of the
-        drive is
-        O(h^2) at communication points at a distance h, without it O(h); without a rate it does not include inertia.
+        drive is O(h^2) at communication points at a distance h, without it O(h); without a rate it does not include
+        inertia.
     start
         Value until the host sets one.
 
@@ -143,8 +143,7 @@ class SpeedInput(Coefficients):
     """A drive at the speed the host sets; the driven coordinate is its integral and never jumps.
 
     A new value sets the speed at once, by an impulse that also moves the bodies connected to the joint. Held between
-    communication
-    points, a speed that changes smoothly lags behind by half a step.
+    communication points, a speed that changes smoothly lags behind by half a step.
 
     Parameters
     ----------

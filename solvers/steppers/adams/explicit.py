@@ -1,4 +1,4 @@
-"""What all steppers on Adams formulas share: how a history begins, goes on after a change, and ends."""
+"""Common part of all steppers on Adams formulas: start, continuation after a change, and end of a history."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class ExplicitStepper(Stepper):
         self._begin(0, 0, False)
 
     def renew(self) -> None:
-        """Go on in steps that need no history and end at the time asked for: the next change may come there."""
+        """Continue in steps that need no history and end at the requested time, at which the next change may occur."""
         self._begin(SINGLES, 1, self.status.ok)
 
     def _begin(self, singles: int, renew: int, kept: bool) -> None:

@@ -34,7 +34,7 @@ CONTROL = np.dtype(
         ("k", "i8"), ("kold", "i8"), ("ns", "i8"),  # next order, last order, steps taken with h
         ("phase1", "i8"), ("start", "i8"),  # still doubling and raising; history to be built from y
         ("singles", "i8"), ("single", "f8"),  # steps without history yet to take, and how long accuracy lets them be
-        ("renew", "i8"), ("placed", "i8"),  # y' at y is to be taken anew; such a step has ended at y
+        ("renew", "i8"), ("placed", "i8"),  # y' at y is to be evaluated again; such a step has ended at y
         ("knew", "i8"), ("erk", "f8"), ("erkm1", "f8"), ("erkm2", "f8"),  # order and error estimates of this step
         ("psi", "f8", ROWS),  # sums of steps, s
         ("alpha", "f8", ROWS), ("beta", "f8", ROWS), ("sig", "f8", ROWS), ("v", "f8", ROWS), ("w", "f8", ROWS),
@@ -49,9 +49,9 @@ CONTROL = np.dtype(
         ("time_lu", "f8"), ("time_projection", "f8"),
         ("positive", "i8"), ("pivot", "f8"),  # LU: det J_d at y is positive; its smallest pivot
         ("refused", "i8"),  # steps that might have jumped to another branch
-        ("coarser", "f8"), ("coarsest", "f8"),  # tolerance of this step in units of the one asked for, and its largest
+        ("coarser", "f8"), ("coarsest", "f8"),  # tolerance of this step in units of the requested one, and its largest
         ("narrowest", "f8"),  # the gap that made it so
-        ("undetermined", "i8"), ("undetermined_at", "f8"),  # 1: forces asked for were not resolved, and when last
+        ("undetermined", "i8"), ("undetermined_at", "f8"),  # 1: requested forces were not resolved, and the last time
         *FIELDS,
     ],
     align=True,

@@ -24,7 +24,7 @@ from solvers.projection.workspace import factor
 from .formulas import split
 
 PROJECTION, LU, HYBRID = 0, 1, 2  # partitions; the first two are regimes of the third
-CLEAR = 5.0  # steps to a singular position from which on LU is worth returning to
+CLEAR = 5.0  # steps to a singular configuration beyond which a return to LU is worthwhile
 
 
 @kernel
@@ -134,7 +134,7 @@ def leave_lu(eqs: Any, c: Any, o: Any, work: Any, H: Any) -> None:
 
 @inlined
 def due_for_choice(c: Any) -> bool:
-    """Whether the paper chooses anew: the step has shrunk, or stayed equal for five steps."""
+    """Whether the paper repeats the choice: the step has shrunk, or stayed equal for five steps."""
     c.equal = c.equal + 1 if c.hold == c.h_before else 0
     shrunk = c.hold < c.h_before
     c.h_before = c.hold
@@ -148,7 +148,7 @@ def due_for_choice(c: Any) -> bool:
 def return_to_lu(c: Any, o: Any, terms: Any, work: Any, H: Any) -> None:
     """After an accepted projection step of the hybrid: count steps in which LU would have kept its choice.
 
-    Where a singular position is a few steps ahead LU is not worth it.
+    If a singular configuration is a few steps ahead LU is not worthwhile.
     """
     here = work.course[0]
     calm = here.ratio >= SINGULAR and here.ahead >= CLEAR * c.h

@@ -8,12 +8,12 @@ In the projection regime closing is a correction of the size of the tolerance al
 regime the dependents are solved from the independents (:mod:`solvers.projection.lu_partition`); in 'adams-lu' at every
 evaluation, and they carry no error control, as in the paper. The hybrid changes regime by the rules of :mod:`.hybrid`.
 
-No step is accepted that may have jumped to another branch, and steps are kept short beside near misses; see
+No step is accepted that may have jumped to another branch, and steps are kept short near near misses; see
 :mod:`solvers.projection.singular`.
 
-A step may pass the time asked for; the reported state is then interpolated and closed, so what is computed
-does not depend on when results are asked for. Only where loads have just changed at such a time, and may again,
-one-step formulas take steps that end there (:mod:`.one_step`); beside a singular position they do not.
+A step may pass the requested time; the reported state is then interpolated and projected, so that the motion
+does not depend on the output times. Only if loads have just changed at such a time, and may change again,
+one-step formulas take steps that end there (:mod:`.one_step`), but not near a singular configuration.
 """
 
 from __future__ import annotations
@@ -74,18 +74,19 @@ SETTINGS = np.dtype(
     ],
     align=True,
 )  # fmt: skip
-RESOLVED = 3e-18  # rtol that rounding allows beside a near miss, times its gap; found by trial
+RESOLVED = 3e-18  # rtol that rounding allows near a near miss, times its gap; found by trial
 SLIGHT = 1e-3  # part of the tolerance: a correction of the position by less needs no new J
 FIRST_SINGLE = 0.1  # first of the single steps, in units of one over the rate of the motion
-CLEAR = 2.0  # times the ratio that is nearly singular, or the time to a singular position: single steps may be taken
+CLEAR = 2.0  # times the nearly singular ratio, or the time to a singular configuration: single steps are possible
 SMALLEST_STEP = 1e-11  # see solvers.stepper.smallest_step
 
 
 @inlined
 def weigh(c: Any, o: Any, H: Any, nq: int, n: int, work: Any) -> None:
-    """Error weights at y; where LU is alone its dependent coordinates have none.
+    """Error weights 1 / (rtol |y| + atol unit) at y; with 'adams-lu' dependent coordinates get none: they are not
+    controlled.
 
-    Beside a near miss rounding sets the accuracy: to ask for more is to make steps small for nothing.
+    Near a near miss rounding limits the accuracy: a smaller tolerance only makes steps smaller.
     """
     c.coarser = 1.0
     if work.critical[0].kind == MISS:
@@ -178,7 +179,7 @@ def settle_down(eqs: Any, c: Any, o: Any, H: Any, work: Any) -> int:
 
 @inlined
 def clear_way(c: Any, work: Any, target: float) -> bool:
-    """Whether no singular position lies beside the way to ``target``: a step may end there."""
+    """Whether no singular configuration is near the way to ``target``, so that a step may end there."""
     here = work.course[0]
     if c.rank == 0:
         return True
@@ -189,8 +190,9 @@ def clear_way(c: Any, work: Any, target: float) -> bool:
 
 @kernel
 def prepare(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
-    """Take y' at y, in ``H.yp`` and as the first stage; where no single step has just ended there close y and choose
-    coordinates first.
+    """Start or restart: evaluate y' at y, in ``H.yp`` and as the first stage.
+
+    Unless a single step has just ended at y, y is first projected and the coordinates are chosen.
     """
     q, v = work.q, work.v
     split(H.y, q, v)
@@ -252,7 +254,7 @@ def single_step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target
 
 @kernel
 def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
-    """One accepted step, however often it has to be cut; or the code of what made it too small."""
+    """Attempt steps, shorter after each rejection, until one is accepted; or return the code of the last rejection."""
     q, v = work.q, work.v
     weigh(c, o, H, q.shape[0], v.shape[0], work)
     cuts = 0
@@ -378,7 +380,7 @@ def advance(eqs: Any, settings: Any, H: Any, work: Any, scales: Any, target: flo
 
 @kernel
 def take_options(options: Any, settings: Any) -> None:
-    """Take what a run is asked for (``solvers.options.OPTIONS``)."""
+    """Set the options of a run (``solvers.options.OPTIONS``)."""
     asked, o = options[0], settings[0]
     o.rtol, o.atol = asked.rtol, asked.absolute
     o.max_step, o.max_steps, o.audit = asked.max_step, asked.max_steps, asked.audit
@@ -403,8 +405,8 @@ def advance_reported(g: Any, target: float) -> int:
 
 @kernel
 def sample(g: Any, times: Any, q: Any, v: Any, a: Any, lam: Any, ledger: Any, told: Any) -> tuple[int, int]:
-    """:func:`advance` to each of ``times`` in turn; state, accelerations, multipliers, what is booked and what the
-    system tells in a row each.
+    """:func:`advance` to each of ``times`` in turn; state, accelerations, multipliers, energy account and outputs of
+    the system in a row each.
 
     Returns the code and the number of complete rows; where ``advance`` failed the next row holds the last good state.
     """

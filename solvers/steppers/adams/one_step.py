@@ -1,9 +1,9 @@
 """The formulas of Dormand and Prince of orders 5(4): steps that need no history.
 
-An input that a host sets at every communication point makes y' jump there. A history of y' across the jumps says
-nothing of what comes: begun anew at every point it is a row of short steps of low order, and carried over it leaves
-errors of one sign that add up. One-step formulas see nothing but the smooth piece between two points. Steps end at the
-points, and the first stage of a step is the last one of the step before where nothing has jumped.
+An input that is set at every communication point makes y' discontinuous there. A history of y' across the jumps
+contains no information on what follows: restarted at every point it gives short steps of low order, and continued it
+leaves errors of one sign that add up. One-step formulas use only the smooth interval between two points. Steps end at
+the points, and the first stage of a step is the last one of the step before where nothing has jumped.
 
 The stages are kept where the history of :mod:`.formulas` would be, in columns 1 to 7 of ``phi``. Source:
 Dormand and Prince, J. Comp. Appl. Math. 6 (1980), 19-26, table 2; here in units of 1/h.

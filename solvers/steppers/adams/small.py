@@ -72,7 +72,7 @@ class AdamsStepper(ExplicitStepper, ClosedStepper):
 
 
 class AdamsLUStepper(AdamsStepper):
-    """Adams PECE with the LU partition, for comparison: it fails at singular positions.
+    """Adams PECE with the LU partition, for comparison: it fails at singular configurations.
 
     See :mod:`solvers.projection.lu_partition`.
     """
@@ -82,7 +82,7 @@ class AdamsLUStepper(AdamsStepper):
 
 
 class HybridStepper(AdamsStepper):
-    """Adams PECE with LU partition away from singular positions and projection near them."""
+    """Adams PECE with LU partition away from singular configurations and projection near them."""
 
     others = ("radau", "ida", "adams")
     partition = HYBRID

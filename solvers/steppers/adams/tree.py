@@ -1,12 +1,12 @@
 """Adams PECE on a large tree: the compiled step loop over its recursions.
 
 State y = (q, v), y' by the articulated-body recursion. The formulas, their error and order control, and the rule that a
-step may pass the time asked for, are those of :mod:`.loop`; there is nothing to close. Quaternions are brought
+step may pass the requested time, are those of :mod:`.loop`; there is nothing to close. Quaternions are brought
 back to unit length after each step, by a change of the size of the tolerance.
 
 Explicit steps are bounded by stability: on a mesh of plates the fastest mode turns some thousand times while the
 slowest moves. The error control keeps the step there, because an unstable step fails its test;
-:attr:`solvers.options.Statistics.stability_limited` tells how many.
+:attr:`solvers.options.Statistics.stability_limited` is their number.
 """
 
 from __future__ import annotations

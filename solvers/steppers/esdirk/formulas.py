@@ -4,7 +4,8 @@ The method is the implicit one of ARK3(2)4L[2]SA (Kennedy, Carpenter, Appl. Nume
 first explicit, L-stable, stiffly accurate: the last stage is where the step ends, and its slopes are the next step's
 first. With Q_j = N v and A_j = v' in stage j, stage i is at
 
-    q_i = q_e + h gamma Q_i,    v_i = v_e + h gamma A_i,    q_e = q + h sum_j<i a_ij Q_j,    v_e likewise.
+    q_i = q_e + h gamma Q_i,    v_i = v_e + h gamma A_i,    q_e = q + h sum_j<i a_ij Q_j,    v_e = v + h sum_j<i a_ij
+    A_j.
 
 Newton moves q_i alone: v_i and A_i follow from it, and where q is an angle or a length c = 1 / (h gamma) makes
 dv = c dq, dA = c^2 dq, so that T = c^2 M + c D + K takes the residual's place. A unit quaternion u stands for the
@@ -54,15 +55,15 @@ LOWER = np.array(  # weights of order 2
 )
 MOST = 20  # corrections of a stage
 SMALL = 1e-3  # part of the way to a first guess, over which the equations are linear
-NEW = 1e-4  # part of a change of corrections that must be left beside the others
+NEW = 1e-4  # part of a change of corrections that must be left after removal of the others
 CONTROL = np.dtype(
     [
         *FIELDS,
         ("t", "f8"), ("h", "f8"), ("hold", "f8"),  # s: where it stands, the next step, the last one
         ("error", "f8"), ("before", "f8"),  # of the last step, and its length, s; 0: there is none
         ("hard", "f8"), ("wait", "i8"),  # a length, s, at which Newton failed, and steps until it may be tried again
-        ("start", "i8"),  # 1: the slopes are to be taken anew
-        ("ends", "i8"),  # so many steps are yet to end at the time asked for
+        ("start", "i8"),  # 1: the slopes are to be evaluated again
+        ("ends", "i8"),  # number of steps that are yet to end at the requested time
         ("c", "f8"), ("at", "f8"),  # 1/s, s: of which T, taken when, the factors are; c = 0: there are none
         ("work", "f8"),  # J
         ("steps", "i8"), ("rejected", "i8"), ("evaluations", "i8"), ("starts", "i8"),
@@ -136,7 +137,7 @@ class Stage(NamedTuple):
 def begin_stage(eqs: Any, i: int, h: float, M: Any, s: Any) -> None:
     """q_e and v_e of stage i, and a first guess from the stage before it: on at its velocity.
 
-    What v' says of the unresolved modes would throw the guess far off.
+    The part of v' in unresolved modes would make the guess inaccurate.
     """
     for k in range(s.q.shape[0]):
         s.qe[k] = M.q[k]
@@ -184,7 +185,7 @@ def residual(eqs: Any, t: float, c: float, s: Any) -> bool:
 
 @kernel
 def foresee(eqs: Any, t: float, c: float, M: Any, s: Any) -> None:
-    """s.tau <- what the equations would say of the first guess of stage 1, at s.q, if they went on as they begin at the
+    """s.tau <- residual of the first guess of stage 1, at s.q, by linear extrapolation of the equations from the
     end of the last step: by their difference over a small part of the way, s.turn.
 
     Friction is saturated at the guess itself, though it is not where the stage ends: a correction that starts from

@@ -2,7 +2,7 @@
 
 For meshes of plates and beams, whose fastest modes an explicit method must follow and this one damps. Newton's matrix
 is the structured tangent, factored where the steps change or where corrections fall slowly, and kept over steps, times
-asked for and, out of contact, jumps of the loads. It is taken as symmetric, which halves what a correction reads, but
+at output and, without contact, jumps of the loads. It is taken as symmetric, which halves what a correction reads, but
 where there is friction; loads that follow the bodies cost some more of them. Corrections are accelerated, which makes
 up for most of what has changed since: a factorization costs as much as twenty of them. Cut joints are held by the
 accelerations of every stage, with the tree's saddle system; where a step ends it is brought onto them.
@@ -11,7 +11,7 @@ Positions alone are controlled: their error is filtered by (c^2 M + c D + K)^-1 
 method damps. A step is kept as long as the last one unless it must be shorter or may be twice as long, since another
 length needs other factors.
 
-A step may pass the time asked for, and is interpolated. After a jump of the loads the next ones end there: what a step
+A step may pass the requested time, and is interpolated. After a jump of the loads the next ones end there: what a step
 needs of the one before it are its accelerations alone.
 """
 
@@ -53,7 +53,7 @@ from .formulas import (
     watch_inertia,
 )
 
-RATE = 150.0  # a rate counts as known to so many tolerances of its coordinate, in units of the motion's rate
+RATE = 150.0  # tolerance of a rate in tolerances of its coordinate times the rate of the motion
 FIRST = 0.1  # first step, in units of one over the rate of the motion, or of the fastest coordinate
 STRICTER = 0.2  # of the tolerance, to which the estimated error of a step is held: that of the motion adds up to more
 # What Newton may leave of a stage, in these tolerances: EXACT, or DRIFT (h rate)^2. It has one sign in many steps, and
@@ -251,7 +251,7 @@ class TreeESDIRKStepper(Stepper):
     def _solve_stage(self, t: float, rate: float, exact: float) -> Code:
         """Solve the stage that has been begun, to ``exact`` tolerances.
 
-        Where corrections fall slowly, factors are made anew on the way; where they grow, at the first guess.
+        If corrections decrease slowly, factors are renewed on the way; if they grow, at the first guess.
         """
         s, held, slow, before, begun, renewed, fresh = self._stage, self._held[1], UNSEEN, 0.0, 0, 0, np.inf
         guess, reactions = s.q.copy(), s.lam.copy()
@@ -333,12 +333,12 @@ class TreeESDIRKStepper(Stepper):
         self._longest = longest
 
     def restart(self) -> None:
-        """Begin anew at the reported state, with nothing of what was known of it."""
+        """Restart at the reported state, without its history."""
         self._c["h"], self._c["c"] = 0.0, 0.0
         self._begin(0)
 
     def renew(self) -> None:
-        """Go on in steps that end at the time asked for: the next change may come there."""
+        """Continue in steps that end at the requested time, at which the next change may occur."""
         if self.system.cornered:  # friction in T goes with what is given; a restored run would have other factors
             self._c["c"] = 0.0
         self._begin(STOPS)
@@ -369,7 +369,7 @@ class TreeESDIRKStepper(Stepper):
         return [*self._memory, self.clock, self._q, self._v, self._ledger, self._growth.inertia]
 
     def restore(self, data: bytes) -> None:
-        """Go back to where ``data`` was saved; factors are made anew from what they were made of."""
+        """Return to the state in which ``data`` was saved; factors are recomputed from their data."""
         super().restore(data)
         self._works, self._mine = int(self.options.audit and self.system.works()), -1
 

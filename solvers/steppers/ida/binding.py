@@ -75,5 +75,5 @@ class BoundIDA:
         return found
 
     def told(self) -> Statistics:
-        """Return nothing: scikit-sundae does not tell."""
+        """Return nothing: scikit-sundae does not report it."""
         return Statistics()

@@ -22,8 +22,8 @@ from .loop import REFUSED, STEPS, TAKEN_BACK
 from .sundials import Callbacks, data_of, data_of_matrix
 
 POWER = 1.2  # of a motion's tolerance: IDA bounds the error of a step, see solvers.steppers.ida.small
-BELOW = 0.2  # part of a near miss's gap that the residual of a step beside it must stay below
-LESS = 1e-4  # of D beside a near miss, where redundant rows are all that needs it
+BELOW = 0.2  # part of a near miss's gap: bound of the residual of a step near it
+LESS = 1e-4  # of D near a near miss, where only redundant rows need it
 SHORTER = 0.25  # of a step that was taken back may be gone at once
 
 
@@ -122,7 +122,7 @@ def weigh(y: Any, out: Any, g: Any) -> None:
 
 @kernel
 def accept(t: float, y: Any, slopes: Any, g: Any) -> int:
-    """Accept IDA's step to (t, y), or have it begin anew where it began."""
+    """Accept IDA's step to (t, y), or restart it from its beginning."""
     c, u = g.course[0], g.u
     g.counts[STEPS] += 1.0
     if u.lam.shape[0] > 0:

@@ -70,7 +70,7 @@ class IDADriver(Stepper):
         return int(min(self._most, self._c["count"] + left))
 
     def _resume(self) -> Code:
-        """Begin anew where the last good step ended, after IDA could not go on."""
+        """Restart at the end of the last good step, after IDA could not continue."""
         return Code.COLLAPSED
 
     def _begin_with(self, y: Array, slopes: Array) -> None:
@@ -89,7 +89,7 @@ class IDADriver(Stepper):
         """Whether there is power to be booked."""
 
     def _count_failures(self) -> None:
-        """Count the steps whose error was too large: IDA forgets them where it begins anew."""
+        """Count the steps whose error was too large: IDA resets this counter at a restart."""
         if not self._pending:
             self._counts[FAILED] = self._failed_before + self._ida.told().rejected
 
@@ -132,7 +132,7 @@ class IDADriver(Stepper):
         report_at(self._book, self._t, self._ledger)
 
     def restart(self) -> None:
-        """Initialize IDA anew at the reported state before the next step."""
+        """Reinitialize IDA at the reported state before the next step."""
         self._pending, self._c["reach"] = True, np.inf
 
     def arrays(self) -> list[NDArray[Any]]:
@@ -141,7 +141,7 @@ class IDADriver(Stepper):
         return [self.clock, self._q, self._v, self._counts, self._begun, self._ledger, self._book]
 
     def restore(self, data: bytes) -> None:
-        """Take over a reported state; the history starts anew."""
+        """Set a reported state; the history restarts."""
         super().restore(data)
         self.restart()
         self._failed_before, self._c["stops"] = self._counts[FAILED], 0

@@ -1,4 +1,4 @@
-"""The equations that IDA solves, stabilized and regular in singular positions too, and their Newton matrix.
+"""The equations that IDA solves, stabilized and regular also in singular configurations, and their Newton matrix.
 
 Gear, Gupta and Leimkuhler's form, in unknowns y = (q, v, lambda, mu)::
 
@@ -6,16 +6,16 @@ Gear, Gupta and Leimkuhler's form, in unknowns y = (q, v, lambda, mu)::
     R^-1 (J v - nu) - D lambda = 0                       R^-1 Phi - d mu = 0
 
 in units of coordinates and rows, S and R, J~ = R^-1 J S (:mod:`solvers.projection.workspace`); lambda is in units of R.
-unit(q) is q with its quaternions normalized; k holds their length, and its term vanishes with that. Two small terms
-make the form regular where J~ loses rank:
+unit(q) is q with its quaternions normalized; k keeps their length, and its term is zero then. Two small terms
+make the form regular if J~ loses rank (eps is the unit roundoff, sigma a singular value):
 
-- d = MU u / rtol |J~|^2 / rate. mu vanishes on the solution, so d has no bias; residuals of positions just return
-  within d / sigma^2. It bounds what rounding in Phi does to v along a vanishing direction, u / (sigma^2 + d c_j) and
-  not u / sigma^2: to the tolerance, where steps are shorter than MU / rate. It must not be larger: what it leaves of
-  Phi at a crossing turns v by Phi / sigma^2.
-- D = LAMBDA a (1 + A / (FILTER tr A))^-2 / rate with A = J~ J~^T and a = tr J~ M~^-1 J~^T. lambda does not vanish on
-  the solution, it may even be unbounded, and D |lambda|^2 is a loss of power. D is of the size of a on rows without
-  rank only, redundant ones and those that vanish at a crossing, and nothing on others, however near.
+- d = MU eps / rtol |J~|^2 / rate. mu is zero on the solution, so d has no bias; residuals of positions return
+  within d / sigma^2. It bounds the effect of rounding of Phi on v along a direction that loses rank, eps / (sigma^2 + d
+  c_j) and not eps / sigma^2: by the tolerance if steps are shorter than MU / rate. It must not be larger: the remainder
+  of Phi at a crossing turns v by Phi / sigma^2.
+- D = LAMBDA a (1 + A / (FILTER tr A))^-2 / rate with A = J~ J~^T and a = tr J~ M~^-1 J~^T. lambda is not zero on
+  the solution and may be unbounded, and D |lambda|^2 is a loss of power. D has the size of a only on rows without
+  rank, redundant ones and those that lose it at a crossing, and is negligible on others, however near.
 
 Redundant constraint equations depend on each other only where the constraints are satisfied. A position that is off by
 e gives their combinations W^T J~ = O(e), and with D = LAMBDA a alone they act on the motion as friction of the rate
@@ -25,8 +25,8 @@ larger: what it loses by rounding counts at crossings. W is the left null space 
 singular; it may be out of date, as W^T (J v - nu) is zero on the solution for any W.
 
 Such small terms need a Newton matrix that is no older than the iterate in J and M: with a matrix kept from before a
-singular position the iteration contracts as the change of sigma to sqrt(sigma^2 + d c_j) and diverges. So J and M are
-taken where the residual has just been evaluated, and only K, the derivative of the rest, is kept. IDA's own direct
+singular configuration the iteration contracts as the change of sigma to sqrt(sigma^2 + d c_j) and diverges. So J and M
+are taken where the residual has just been evaluated, and only K, the derivative of the rest, is kept. IDA's own direct
 solvers keep their factors; what serves is its iterative one with an exact preconditioner. The product of matrix and
 vector is declared to be the vector, which the preconditioner then takes as solved: one iteration is exact.
 """
@@ -68,8 +68,8 @@ class Unknowns(NamedTuple):
     redundant: Array  # (2,)    s a / rate, s |J~|^2 / rate: coefficients of P in D and d
     P: Array  # (m, m)  projection onto forces W of redundant constraint equations
     noise: Array  # (1,)    rounding to IDA's relative tolerance
-    near: Array  # (1,)    distance at which branches are told apart, in units of size
-    lost: Array  # (1,)    speed that D has taken from the loops in the last singular position, in units of theirs
+    near: Array  # (1,)    distance at which branches are distinguished, in units of size
+    lost: Array  # (1,)    speed that D has taken from the loops in the last singular configuration, in units of theirs
     F: Array  # (m, m)  FILTER tr A + A, its factors
     Dlam: Array  # (m,)    D lambda
     lam: Array  # (m,)    lambda in its own units
@@ -87,7 +87,7 @@ class Unknowns(NamedTuple):
     order: NDArray[np.int64]  # (N,) int64
     right: Array  # (N,)
     left: Array  # (N,)
-    product: Array  # (N,)    the vector whose product was asked for
+    product: Array  # (N,)    the vector whose product was requested
     asked: Array  # (1,)    whether it was
     counts: Array  # (COUNTS,)  see solvers.steppers.ida.driver
 
@@ -197,10 +197,10 @@ def apply_filter(x: Any, scale: float, u: Any, work: Any) -> None:
 
 @inlined
 def velocity(i: int, t: float, y: Any, u: Any) -> float:
-    """v_i at t of IDA's unknowns y, which are velocities less a ramp.
+    """v_i at t by IDA's unknowns y, which are velocities minus a ramp.
 
-    v' jumps where a load does. The slope of the ramp jumps by as much, so that what IDA differentiates has a tangent
-    there, and its history goes on to hold.
+    v' is discontinuous where a load is. The slope of the ramp changes by the same amount, so that the function that IDA
+    differentiates has a tangent there, and its history remains valid.
     """
     return y[u.q.shape[0] + i] + u.lift[0, i] + (t - u.since[0]) * u.lift[1, i]
 
@@ -304,7 +304,7 @@ def assemble(eqs: Any, u: Any, work: Any, cj: float) -> None:
 
 @kernel
 def solve(eqs: Any, t: float, y: Any, yp: Any, right: Any, left: Any, cj: float, u: Any, work: Any) -> None:
-    """The preconditioner: left = matrix^-1 right with J and M of this iterate, or the vector asked for before."""
+    """The preconditioner: left = matrix^-1 right with J and M of this iterate, or the vector requested before."""
     N = y.shape[0]
     if u.asked[0] == 1.0:
         u.asked[0] = 0.0

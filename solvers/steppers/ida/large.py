@@ -22,7 +22,7 @@ theta0 = T^-1 (r2 + c M g) the constraints, the third less c times the fourth, l
     [ -(J X + d1)      -J A  ] [ dlambda ] = [ r4 - J theta0   ]
 
 **Order.** BDF of orders 3 to 5 are unstable on undamped motions faster than the steps resolve. A mesh has thousands of
-them, and its order is 2 unless a larger one is asked for. Other trees use orders up to 5; who creates the solver limits
+them, and its order is 2 unless a larger one is requested. Other trees use orders up to 5; who creates the solver limits
 the order if the tree has such motions.
 
 **Weights.** IDA's norm is the root of a mean square, in which one of N unknowns may have an error of sqrt(N)
@@ -176,7 +176,7 @@ class TreeIDAStepper(IDADriver):
         return self.system.meshed is not None and bool(self.system.meshed.any())
 
     def _scales(self, sizes: Array, rates: Array, count: int) -> Scales:
-        """Return what the energy may stray by: what was asked for, whatever the tolerances that IDA is given.
+        """Return the scales of the energy error: those of the requested tolerances, independent of those of IDA.
 
         The stiff modes of a mesh are damped on purpose, as far as IDA's own tolerances let them be.
         """
@@ -199,8 +199,8 @@ class TreeIDAStepper(IDADriver):
         """Return tolerances where they are weighed (3, N): relative, absolute, the largest.
 
         IDA's norm is the root of a mean square, in which one of N unknowns may be off by sqrt(N) tolerances. A mesh has
-        many of a kind, but few tell where a sheet is as a whole. Their rates are known to a part of the slip at which
-        friction turns over too: where it reverses within a step, that is what is left of it.
+        many similar ones, but few determine the position of a sheet as a whole. Their rates are accurate to a part of
+        the slip at which friction turns over too: where it reverses within a step, that is what is left of it.
         """
         s, N = self.system, len(atol)
         relative = self.options.rtol if s.cornered else rtol

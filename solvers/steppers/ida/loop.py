@@ -17,7 +17,7 @@ OFTEN = 5000
 STOOD = 10  # returns of IDA without a step, of which one is meant
 ONE_STEP = np.int32(2)  # SUNDIALS' IDA_ONE_STEP
 FAILURES = 30  # of convergence, in one step
-TAKEN_BACK = -1  # besides the codes of solvers.outcome: the step is not to be, IDA must begin anew
+TAKEN_BACK = -1  # besides the codes of solvers.outcome: the step is rejected, IDA must restart
 
 COUNTS = 6  # of a stepper: residuals, matrices, residuals not finite, steps, steps taken back, errors too large
 RESIDUALS, MATRICES, BAD, STEPS, REFUSED, FAILED = range(COUNTS)
@@ -26,7 +26,7 @@ COURSE = np.dtype(
         ("passed", "f8"), ("begun", "f8"),  # s, where IDA itself stands, and where its history begins
         ("taken", "f8"), ("reach", "f8"),  # s, its last step, and how long the next one may be
         ("longest", "f8"), ("instant", "f8"),  # s, of any step; of no account
-        ("stops", "i8"),  # times asked for at which steps are yet to end
+        ("stops", "i8"),  # requested times at which steps are yet to end
         ("count", "i8"), ("most", "i8"),  # steps in this call, and how many there may be
         ("works", "i8"), ("audit", "i8"),  # 1: power is to be booked; steps are
     ],
@@ -67,7 +67,7 @@ def go(ida: Any, given: Any, t: float) -> int:
         reached, stopped = ida.reached[0], NOT_FINITE if counts[BAD] > bad else COLLAPSED
         if flag < 0:
             return stopped
-        if reached <= before:  # it had interpolated, and tells where it stands first; or nothing moves t
+        if reached <= before:  # it had interpolated, and first reports its time; or t does not advance
             stood += 1
             if stood > STOOD:
                 return stopped

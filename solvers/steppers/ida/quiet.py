@@ -11,13 +11,13 @@ LOGS = ("SUNLOGGER_ERROR_FILENAME", "SUNLOGGER_WARNING_FILENAME")  # where SUNDI
 
 
 def silent() -> redirect_stdout[StringIO]:
-    """Let what is printed go nowhere: scikit-sundae prints what the status of a step says."""
+    """Discard printed text: scikit-sundae prints the content of a step's status."""
     return redirect_stdout(StringIO())
 
 
 @contextmanager
 def nowhere() -> Iterator[None]:
-    """Let logs that are opened now, and stay open, go nowhere, unless the environment says where."""
+    """Discard logs that are opened now and remain open, unless the environment sets their path."""
     given = [name for name in LOGS if name not in os.environ]
     os.environ.update(dict.fromkeys(given, os.devnull))
     try:

@@ -1,11 +1,11 @@
 """SUNDIALS IDA on the stabilized equations of constrained motion ('ida'): variable-order BDF on :mod:`.ggl`.
 
-After each step the way is looked over (:mod:`solvers.projection.singular`). A step that may have jumped to another
-branch is taken back: IDA starts anew where it began and does not step so far. A crossing is jumped over. Beside a near
-miss positions must be known better than its gap, or the other branch is as near: D goes but for redundant rows, and d
-as far as rounding lets it.
+After each step jumps between branches are detected (:mod:`solvers.projection.singular`). A step that may have jumped to
+another branch is rejected: IDA restarts from its beginning with a shorter step. A crossing is jumped over. Near a near
+miss positions must be more accurate than its gap, or the other branch is as near: D is removed except for redundant
+rows, and d as far as rounding lets it.
 
-Where a motion is slow within what D rounds off, as where it turns back in a singular position, D takes from it what it
+If a motion is so slow that D affects it, as where it reverses in a singular configuration, D takes from it what it
 should keep: the run stops when that is more than the tolerance forgives.
 
 Multipliers carry no error control: they may be unbounded where the motion is smooth. Reported states are IDA's,
@@ -54,12 +54,13 @@ FINEST = 1e-9  # a tighter rtol is run as this one: below it roundoff in J grows
 TIGHTER = 3.0
 UNCONTROLLED = 1e20  # absolute tolerance of the multipliers, in their units
 NEARER = 10.0  # times rtol: branches that are no farther apart, in units of size, are one
-# Times rtol: speed that D may take from loops in a singular position, in units of theirs. In a period of the motion
+# Times rtol: speed that D may take from loops in a singular configuration, in units of theirs. In a period of the
+# motion
 # that makes an error of some 60 rtol.
 LOSS = 10.0
 FRICTION = 1e-3  # rate of the friction by redundant constraint equations, in units of rtol and the rate of the motion
 NOISE = 3e-16  # relative rounding of a residual
-STOPS = 12  # times asked for at which steps end after a load has changed at one: another change is likely
+STOPS = 12  # requested times at which steps end after a load has changed at one: another change is likely
 HIGH = 3.0  # ramp of the velocities, in units of them and of their absolute tolerance to the relative one
 
 
@@ -234,7 +235,7 @@ class IDAStepper(IDADriver, DenseStepper):
         return [*super().arrays(), *self._units.memory()]
 
     def restore(self, data: bytes) -> None:
-        """Take over a reported state and the units it was integrated in; the history starts anew."""
+        """Set a reported state and the units of its integration; the history restarts."""
         super().restore(data)
         self._set_tolerances()
 
@@ -251,7 +252,7 @@ class IDAStepper(IDADriver, DenseStepper):
 
     @property
     def notice(self) -> str:
-        """Whether the tolerance is coarser than the one that was asked for, or than the mass matrix requires."""
+        """Whether the tolerance is larger than requested, or than the mass matrix requires."""
         large = describe_large_growth(self._units.inertia) if isinstance(self._ida, BoundIDA) else ""
         if large:
             return f"{large}, and 'ida' without the C functions of SUNDIALS 7 cannot use a finer tolerance. Use 'adams'"

@@ -31,7 +31,7 @@ from .quiet import nowhere
 
 SERIAL = 0  # SUN_COMM_NULL
 LEFT = 1  # SUN_PREC_LEFT
-# A dense matrix is factored anew where c_j has changed by this part. With IDA's 0.25 Newton stops as soon as positions
+# A dense matrix is refactored if c_j has changed by this part. With IDA's 0.25 Newton stops as soon as positions
 # are good to the tolerance, and the stiffest mode turns what is left in them into a speed that the error test refuses:
 # a loaded spring of 1e8 N/m had 97 % of its steps rejected.
 STALE = 0.05

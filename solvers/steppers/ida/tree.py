@@ -81,13 +81,13 @@ class Given(NamedTuple):
     counts: Array
     course: NDArray[Any]
     tolerances: Array  # (3, N) relative, absolute, the largest; where they are weighed
-    stepped: Any  # where products are asked for
+    stepped: Any  # where products are requested
     inertia_parts: Any
     growth: Any  # solvers.inertia.Growth
 
 
 class Imaginary(NamedTuple):
-    """What :func:`residual` is given beside an imaginary step of the unknowns, and these."""
+    """Arguments of :func:`residual` with an imaginary step of the unknowns, and these."""
 
     inverse: Any
     position: Any

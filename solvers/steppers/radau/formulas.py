@@ -44,9 +44,9 @@ FROM_REAL, FROM_COMPLEX = _vectors[:, _real].real.copy(), 2.0 * _vectors[:, _com
 CONTROL = np.dtype(
     [
         ("t", "f8"), ("h", "f8"), ("hold", "f8"),  # time reached, next step, last step
-        ("start", "i8"), ("placed", "i8"),  # y' at y is to be taken anew; y is closed
+        ("start", "i8"), ("placed", "i8"),  # y' at y is to be evaluated again; y is projected
         ("ends", "i8"),  # steps yet to take that end where asked
-        ("follows", "i8"),  # the last step's polynomial goes on to this one
+        ("follows", "i8"),  # the last step's polynomial continues to this one
         ("rate", "f8"),  # by which Newton's last correction fell
         ("known", "i8"), ("fresh", "i8"),  # derivatives of a are at hand; they were taken at y
         ("error", "f8"), ("before", "f8"),  # of the last accepted step, and its length: the controller's memory
@@ -231,7 +231,7 @@ def quintic(x: float) -> float:
 def interpolate(t: float, H: Any, q: Any, v: Any) -> float:
     """State (q, v) at t in the last step, and W, J: of order 5, as the ends of steps are.
 
-    The cubic through the stages errs by h^4 between the ends. To first order that error is a multiple of
+    The error of the cubic through the stages is O(h^4) between the ends. To first order that error is a multiple of
     :func:`quartic`, the multiple h times the difference of v' from the slope of the cubic where the step begins. The
     multiple is GAMMA times the filtered error of the step, ``H.e_v``: where the motion is stiff, v' itself is known to
     no digit that a long step leaves. q and W are integrals. What closing the end has changed is added gradually.

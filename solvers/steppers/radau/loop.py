@@ -2,11 +2,11 @@
 
 What is integrated is the motion that :mod:`solvers.projection.projection` makes of the equations: its accelerations are
 tangent to the constraints, so that stages need not be closed, and the end of every step is. Newton's matrix is kept
-while the corrections fall fast, over steps, times asked for and jumps of the loads; derivatives are by differences,
-and none are taken near a singular position, where v' turns within the step. What is known of the branch, and how short
-steps must be beside near misses, is as for Adams.
+while the corrections decrease fast, over steps, output times and jumps of the loads; derivatives are by differences,
+and are not evaluated near a singular configuration, where v' turns within the step. The check of the branch, and the
+step size near near misses, are as for Adams.
 
-A step may pass the time asked for; the reported state is then interpolated and closed. Where loads have just changed
+A step may pass the requested time; the reported state is then interpolated and projected. Where loads have just changed
 at such a time, and may again, steps end there: what a step needs of the one before it is a guess and no more.
 """
 
@@ -55,7 +55,7 @@ EXACT = 0.1  # rtol: what Newton leaves of every step has one sign in many, and 
 
 @inlined
 def weigh(c: Any, o: Any, H: Any, work: Any) -> None:
-    """Tolerances at (H.q, H.v), coarser beside a near miss, where rounding sets the accuracy."""
+    """Tolerances at (H.q, H.v), larger near a near miss, where rounding limits the accuracy."""
     c.coarser = 1.0
     if work.critical[0].kind == MISS:
         gap = abs(work.critical[0].gap)
@@ -269,7 +269,7 @@ def advance(eqs: Any, settings: Any, H: Any, work: Any, scales: Any, target: flo
 
 @kernel
 def take_options(options: Any, settings: Any) -> None:
-    """Take what a run is asked for (``solvers.options.OPTIONS``)."""
+    """Set the options of a run (``solvers.options.OPTIONS``)."""
     asked, o = options[0], settings[0]
     looser = LOOSER * asked.rtol**POWER
     o.rtol, o.atol = looser, asked.absolute * looser / asked.rtol
@@ -293,8 +293,8 @@ def advance_reported(g: Any, target: float) -> int:
 
 @kernel
 def sample(g: Any, times: Any, q: Any, v: Any, a: Any, lam: Any, ledger: Any, told: Any) -> tuple[int, int]:
-    """:func:`advance` to each of ``times`` in turn; state, accelerations, multipliers, what is booked and what the
-    system tells in a row each.
+    """:func:`advance` to each of ``times`` in turn; state, accelerations, multipliers, energy account and outputs of
+    the system in a row each.
 
     Returns the code and the number of complete rows; where ``advance`` failed the next row holds the last good state.
     """

@@ -20,7 +20,7 @@ STOPS = 12  # steps after a change of the loads that end where they are asked to
 
 
 class RadauStepper(ClosedStepper):
-    """Radau IIA of order 5; see :mod:`.loop`. For stiff models, and for loads that change at every time asked for."""
+    """Radau IIA of order 5; see :mod:`.loop`. For stiff models, and for loads that change at every requested time."""
 
     others: tuple[str, ...] = ("adams", "ida")
     loop: ClassVar = loop
@@ -37,12 +37,12 @@ class RadauStepper(ClosedStepper):
         self._settings["max_step"] = longest
 
     def restart(self) -> None:
-        """Begin anew at the reported state, with nothing of what was known of it."""
+        """Restart at the reported state, without its history."""
         self._begin(0, False)
         self._control["known"] = 0
 
     def renew(self) -> None:
-        """Go on in steps that end at the time asked for: the next change may come there."""
+        """Continue in steps that end at the requested time, at which the next change may occur."""
         self._begin(STOPS, self.status.ok)
 
     def _begin(self, ends: int, kept: bool) -> None:

@@ -119,7 +119,7 @@ def place_stages(eqs: Any, h: float, c: Any, H: Any, work: Any) -> float:
 
 @kernel
 def solve_stages(eqs: Any, h: float, c: Any, o: Any, H: Any, work: Any) -> int:
-    """Solve for the stages of a step of h from (H.q, H.v) with the factors at hand; ``c.rate`` tells how it went."""
+    """Solve for the stages of a step of h from (H.q, H.v) with the existing factors; ``c.rate``: convergence rate."""
     nq, n = H.q.shape[0], H.v.shape[0]
     goes_on = c.follows == 1 and h <= FARTHEST * c.hold  # farther out a polynomial is no guess
     for s in range(STAGES):

@@ -3,9 +3,8 @@
 Its kernel ``gap(surface, state)`` returns the distance of the point ``state.meeting[0].p`` from it, m, positive
 outside, and writes the unit normal there, towards the outside, into ``state.meeting[0].n``, both in the axes of the
 body. The distance is that to the nearest point, so that it bounds the distances of all points of a ball about the
-point.
-Where a surface ends, ``state.meeting[0].part``, which is one, falls to zero over :data:`END`. The kernel is analytic in
-p.
+point. Where a surface ends, ``state.meeting[0].part``, which is one, falls to zero over :data:`END`. The kernel is
+analytic in p.
 """
 
 from __future__ import annotations
