@@ -33,17 +33,21 @@ MANY = 300  # parts; more are drawn with fewer faces
 
 @dataclass(frozen=True)
 class Shot:
-    """How pictures are taken: size in pixels, angles of the camera in degrees (None: those that suit the motion)."""
+    """How pictures are taken: size in pixels, angles of the camera in degrees (None: those that suit the motion).
+
+    A picture with ``solids_only`` has no floor, shadow, title or time, and its background is transparent.
+    """
 
     width: int = 960
     height: int = 720
     azimuth: float | None = None
     elevation: float | None = None
+    solids_only: bool = False
 
 
 def write_png(motion: Motion, path: Path, time: float, shot: Shot) -> None:
     """Draw the recorded frame next to a time (s)."""
-    artist = _Artist(motion, shot)
+    artist = Artist(motion, shot)
     artist.draw(motion.frame(time))
     with replacing(path) as unfinished:
         artist.figure.savefig(unfinished, dpi=DPI, format="png")
@@ -64,7 +68,7 @@ def write_film(
         writer: Any = FFMpegWriter(fps=fps, extra_args=["-pix_fmt", "yuv420p"])
     else:
         writer = PillowWriter(fps=fps)
-    artist = _Artist(motion, shot)
+    artist = Artist(motion, shot)
     with replacing(path) as unfinished:
         try:
             with writer.saving(artist.figure, str(unfinished), DPI):
@@ -85,7 +89,7 @@ def film_times(motion: Motion, fps: int, speed: float) -> Array:
     return times
 
 
-class _Artist:
+class Artist:
     """Draws frames of a motion into one figure."""
 
     def __init__(self, motion: Motion, shot: Shot) -> None:
@@ -101,10 +105,11 @@ class _Artist:
         self.floor = stage.center[1] - stage.half[1] - 0.01 * float(np.linalg.norm(stage.half))
         picture = motion.picture
         fine = len(picture.parts) + len(picture.links) < MANY
-        self.solids = {"sphere": sphere(fine), "cylinder": cylinder(fine), "box": box(), "panel": PANEL}
+        self.solids = {"sphere": sphere(fine), "cylinder": cylinder(fine), "box": box(fine), "panel": PANEL}
         self.solids["coil"], self.wire = coil()
         self.colors = {c: np.array(to_rgb(c)) for c in self._colors()}
-        self.figure = Figure(figsize=(shot.width / DPI, shot.height / DPI), facecolor=BACKGROUND)
+        ground = "none" if shot.solids_only else BACKGROUND
+        self.figure = Figure(figsize=(shot.width / DPI, shot.height / DPI), facecolor=ground)
         self.grid = self._grid()
         self.fields = fields(motion)
 
@@ -122,13 +127,19 @@ class _Artist:
         aspect = self.shot.width / self.shot.height
         ax.set_xlim(-0.5 * aspect, 0.5 * aspect)
         ax.set_ylim(-0.5, 0.5)
-        ax.add_collection(LineCollection(self.grid, colors=GRID, linewidths=0.7, zorder=0))
+        if not self.shot.solids_only:
+            ax.add_collection(LineCollection(self.grid, colors=GRID, linewidths=0.7, zorder=0))
         faces, colors, both, opacity = self._faces(frame)
         clear = opacity < 1.0
-        if not clear.all():
+        if not clear.all() and not self.shot.solids_only:
             self._cast(ax, faces[~clear])
         for own in filter(np.any, (clear, ~clear)):  # what is led along glass stands before it, as it is seen through
             self._paint(ax, faces[own], colors[own], both[own], opacity[own])
+        if not self.shot.solids_only:
+            self._caption(frame)
+
+    def _caption(self, frame: int) -> None:
+        """Draw title, outputs, time and what the colors mean."""
         clock = "   ".join(filter(None, (f"{self.motion.times[frame]:.3f} s", self.motion.caption)))
         self.figure.text(0.02, 0.965, self.motion.title, color=INK, fontsize=12, va="center", weight="bold")
         below = 1.0 - 44.0 / self.shot.height
@@ -299,15 +310,18 @@ def cylinder(fine: bool) -> Array:
     return np.concatenate((patch(pieces, sides, side), cap(1.0), cap(-1.0)))
 
 
-def box() -> Array:
-    """Return the unit solid's faces."""
-    square = np.array([(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)])
+def box(fine: bool) -> Array:
+    """Return the unit solid's faces, in pieces for the order in depth."""
+    pieces = 6 if fine else 1
     faces = []
     for axis in range(3):
-        for side in (-1, 1):
-            face = np.column_stack((np.full(4, 0.5 * side), square[::side]))
-            faces.append(np.roll(face, axis, axis=1))
-    return np.array(faces)
+        for side in (-0.5, 0.5):
+
+            def face(u: Array, v: Array, side: float = side) -> Array:
+                return np.stack((np.full_like(u, side), u - 0.5, 2.0 * side * (v - 0.5)), axis=-1)
+
+            faces.append(np.roll(patch(pieces, pieces, face), axis, axis=2))
+    return np.concatenate(faces)
 
 
 def coil() -> tuple[Array, Array]:

@@ -1,0 +1,23 @@
+"""Draw the pictures of the page on elements: ``python docs/element_pictures.py`` draws all, names after it some."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from sketches.forces import PICTURES as FORCES
+from sketches.joints import PICTURES as JOINTS
+
+FOLDER = Path(__file__).parent / "figures" / "elements"
+PICTURES = JOINTS | FORCES
+
+
+def main(names: list[str]) -> None:
+    """Write the pictures of some elements, of all if none is named."""
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    for name in names or PICTURES:
+        (FOLDER / f"{name}.png").write_bytes(PICTURES[name]().png())
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,1 @@
+"""Sketches of the elements of the reference."""

@@ -1,0 +1,45 @@
+"""The pictures of the reference of elements: every element has one, and it is the one that the script draws."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+from element_pictures import FOLDER, PICTURES
+from PIL import Image
+
+from mbfmu import mechanics
+from mbfmu.mechanics import Coupling, Cut, Force, Joint, Surface
+
+ROOT = Path(__file__).parents[1]
+BASES = (Joint, Cut, Coupling, Force, Surface)
+ELEMENTS = {
+    name
+    for name, item in vars(mechanics).items()
+    if name in mechanics.__all__ and inspect.isclass(item) and issubclass(item, BASES) and item not in BASES
+} | {"Plate", "Shell", "pressure", "nip"}
+
+
+def test_every_element_has_a_picture_on_the_page() -> None:
+    page = (ROOT / "docs" / "kinds.md").read_text()
+    assert len(ELEMENTS) > 35
+    assert set(PICTURES) == ELEMENTS
+    assert sorted(re.findall(r"figures/elements/(\w+)\.png", page)) == sorted(ELEMENTS)
+    assert {path.stem for path in FOLDER.iterdir()} == ELEMENTS
+    assert sum(path.stat().st_size for path in FOLDER.iterdir()) < 600_000
+
+
+@pytest.mark.parametrize("name", sorted(PICTURES))
+def test_the_picture_is_what_the_script_draws(name: str) -> None:
+    """Pixels differ with the version of matplotlib, by less than what a moved arrow changes."""
+    drawn, kept = (
+        np.asarray(Image.open(file).convert("RGBA"), float)
+        for file in (BytesIO(PICTURES[name]().png()), FOLDER / f"{name}.png")
+    )
+    assert drawn.shape == kept.shape
+    assert np.abs(drawn - kept).mean() < 1.0
+    assert drawn[..., 3].mean() > 10.0  # something is drawn
