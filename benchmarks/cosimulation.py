@@ -70,7 +70,7 @@ def angle(step: float) -> float:
 
 def drive(solver: str, step: float, *, changing: bool = True, inputs: str = "hold") -> Simulation:
     """Run to the end in steps of ``step``, s."""
-    settings = Settings(solver=solver, tolerance=TOLERANCE, inputs=inputs)
+    settings = Settings(solver=solver, tolerance=TOLERANCE, input_interpolation=inputs)
     simulation = Simulation(FourBar(start_angle=START), settings)
     for k in range(round(END / step)):
         if changing:

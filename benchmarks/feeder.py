@@ -20,7 +20,7 @@ import numpy as np
 
 from fmus.feeder import Feeder
 from mbfmu.fmi import Fmu, export
-from mbfmu.mechanics import Wall, add_touch
+from mbfmu.mechanics import Wall, add_contact
 from mbfmu.scene import load_scene
 from mbfmu.simulation import Settings, Simulation
 from mbfmu.table import table
@@ -57,7 +57,7 @@ def found(run: Simulation) -> str:
     parts = [f"lead {1e3 * end['lead.x']:.3f} mm", f"skew {end['sheet.skew']:.4f} rad", f"slips {slips} mm/s"]
     if "stop.force.x" in end:
         parts.append(f"wall {end['stop.force.x']:.2f} N")
-    return ", ".join((*parts, f"imbalance {1e3 * end['energy_imbalance']:.3f} mJ"))
+    return ", ".join((*parts, f"energy error {1e3 * end['energy_error']:.3f} mJ"))
 
 
 def cost(name: str, model: Any, stop: float) -> Iterator[Row]:
@@ -76,7 +76,7 @@ def scenes() -> Iterator[Row]:
         model = Feeder(**FREE, speed_difference=part)
         yield from cost(f"free, {part:.0%} apart", model, 1.0)
         m = replace(model, gravity_y=-9.81, mu_guide=0.2).build()
-        add_touch(m, "table", m.sheets[0], Wall(at=(0.0, -1e-4, 0.0)), friction=0.2)
+        add_contact(m, "table", m.sheets[0], Wall(at=(0.0, -1e-4, 0.0)), friction=0.2)
         yield from cost(f"on a table, {part:.0%} apart", m, 1.0)
 
 

@@ -38,9 +38,9 @@ from mbfmu.mechanics import (
     Signal,
     Support,
     Wall,
+    add_contact,
     add_nip,
     add_sheet,
-    add_touch,
 )
 from mbfmu.result import Result
 from mbfmu.table import table
@@ -88,7 +88,7 @@ def channel(m: Mechanism, sheet: Sheet) -> None:
     """Guides behind x = 0."""
     for name, y in (("below", -0.5 * THICKNESS - 1.02e-3), ("above", 0.5 * THICKNESS + 1.3e-3)):
         plate = Guide(start=(-0.5, y, 0.0), end=(-2e-3, y, 0.0), radius=1e-3, width=0.1)
-        add_touch(m, name, sheet, plate, points=(6, 3), stiffness=2e6, depth=2e-5)
+        add_contact(m, name, sheet, plate, points=(6, 3), stiffness=2e6, depth=2e-5)
 
 
 def tell(m: Mechanism, sheet: Sheet) -> None:
@@ -158,7 +158,7 @@ def risen(nodes: int, friction: float, last: float) -> tuple[Any, ...]:
     nip, _ = drive(m, sheet, Polynomial((0.0, -speed / RADIUS)))
     channel(m, sheet)
     wall = Wall(at=np.array([0.04, 0.0, 0.0]) - 0.5 * THICKNESS * UP, normal=UP)
-    guide = add_touch(m, "guide", sheet, wall, points=(6, 3), stiffness=2e6, depth=2e-5, friction=friction)
+    guide = add_contact(m, "guide", sheet, wall, points=(6, 3), stiffness=2e6, depth=2e-5, friction=friction)
     for axis in "xy":
         m.output(f"guide.{axis}", guide.force(axis))
     m.output("traction", nip.traction())
@@ -227,7 +227,7 @@ def capstan(grids: list[int]) -> Iterator[Row]:
             sheet = strip(m, nodes, 0.1, length=0.16, youngs_modulus=4e7, damping=5e-3, drag=20.0)
             nip, _ = drive(m, sheet, RunUp(speed=-speed / RADIUS, duration=0.02), x=-0.03, stiffness=8e3)
             drum = Drum(radius=0.03, length=0.1, at=(0.0, -0.03 - 0.5 * THICKNESS, 0.0))
-            add_touch(m, "drum", sheet, drum, points=(4, 3), friction=0.3, stiffness=5e6, depth=2e-5)
+            add_contact(m, "drum", sheet, drum, points=(4, 3), friction=0.3, stiffness=5e6, depth=2e-5)
             for k, share in enumerate((0.25, 0.5, 0.25)):
                 pull = PointForce(magnitude=Ramp(height=share * load, duration=0.05), axis=(0.0, -1.0, 0.0))
                 m.force(f"load{k}", pull, sheet.node(-1, k))

@@ -81,7 +81,7 @@ class QuarterCar(mb.Model):
                 bushing = mb.Bushing(
                     stiffness=(0.2 * self.bushing, self.bushing, self.bushing),
                     damping=(1e2, 2e3, 2e3),
-                    turning_stiffness=self.bushing_turn,
+                    rotational_stiffness=self.bushing_turn,
                     at_a=(x, hinge[1], hinge[2]),
                     at_b=(x, 0, 0),
                 )

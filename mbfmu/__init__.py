@@ -13,8 +13,18 @@ A first session::
 What is named in ``__init__.pyi`` is loaded when it is first used.
 """
 
+from typing import Any
+
 import lazy_loader
+
+from mbfmu.errors import RENAMED, missing_attribute
 
 __version__ = "0.2.0"
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_load, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+
+def __getattr__(name: str) -> Any:
+    if name in RENAMED:
+        raise missing_attribute("mbfmu", name)
+    return _load(name)

@@ -63,9 +63,9 @@ from .mechanics import (
     Weld,
     WeldCut,
     add_chain,
+    add_contact,
     add_nip,
     add_sheet,
-    add_touch,
     box,
     cylinder,
     rod,
@@ -81,8 +81,8 @@ from .steady.path import EquilibriumPath, equilibrium_path
 from .steady.problem import equilibrium, linearize, modes
 from .steady.state import Equilibrium
 from .studies.check import Findings, check
-from .studies.choose import TargetChoice, choose
 from .studies.compare import Comparison, compare
+from .studies.recommendation import Recommendation, recommend_solver
 from .viewer.show import view
 
 __all__ = [
@@ -90,13 +90,13 @@ __all__ = [
     "Cylindrical", "CylindricalCut", "DistanceCut", "DistanceStop", "Drum", "Equilibrium", "EquilibriumError",
     "EquilibriumPath", "Findings", "Floating", "Function", "Gear", "Geodesic", "Guide", "Harmonic", "Input",
     "JointForce", "JointSpring", "JointStop", "Mechanism", "Model", "OutOfPlane", "Panel", "Planar", "PlanarCut",
-    "PlaneCut", "Plate", "PointForce", "Polynomial", "Product", "Ramp", "Result", "Revolute", "RevoluteCut",
-    "RunUp", "Screw", "Settings", "Shell", "Simulation", "SpeedInput", "Sphere", "Spherical", "SphericalCut",
-    "Spring", "StateSpace", "Step", "Stretching", "Study", "Sum", "Support", "Table", "TargetChoice", "Torque",
+    "PlaneCut", "Plate", "PointForce", "Polynomial", "Product", "Ramp", "Recommendation", "Result", "Revolute",
+    "RevoluteCut", "RunUp", "Screw", "Settings", "Shell", "Simulation", "SpeedInput", "Sphere", "Spherical",
+    "SphericalCut", "Spring", "StateSpace", "Step", "Stretching", "Study", "Sum", "Support", "Table", "Torque",
     "TorsionSpring", "Translational", "TranslationalCut", "Trough", "Universal", "UserError", "Wall", "Weld",
-    "WeldCut", "add_chain", "add_nip", "add_sheet", "add_touch", "box", "check", "choose", "compare", "cylinder",
+    "WeldCut", "add_chain", "add_contact", "add_nip", "add_sheet", "box", "check", "compare", "cylinder",
     "equilibrium", "equilibrium_path", "export", "find", "linearize", "load_study", "models", "modes", "parameter",
-    "rod", "simulate", "sphere", "study", "tube", "view",
+    "recommend_solver", "rod", "simulate", "sphere", "study", "tube", "view",
 ]  # fmt: skip
 
 __version__: str

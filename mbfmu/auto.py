@@ -172,7 +172,7 @@ def try_solver(plant: Plant, solver: str, state: State, options: Options, times:
     """
     begin = state[0]
     try:
-        trial = stepper(solver, plant.system, *state, replace(options, max_steps=steps, audit=False))
+        trial = stepper(solver, plant.system, *state, replace(options, max_steps=steps, energy_check=False))
     except ValueError:
         return _Trial(state, 0.0, inf, False)
     for t in times:

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mbfmu.errors import UserError
-from mbfmu.model import suggest
+from mbfmu.errors import UserError, suggest
 
 if TYPE_CHECKING:
     from mbfmu.result import Result
@@ -28,7 +27,7 @@ QUANTITIES = {
     "W": "power",
     "1": "number",
 }
-RESIDUALS = ("residual", "imbalance")  # how names end of what should be nothing
+RESIDUALS = ("residual", "energy_error")  # how names end of what should be nothing
 MOST = 12  # curves in a panel
 ALIKE = 0.01  # of the height of a panel: curves nearer than this hide each other
 DASHES = ("-", (0, (6, 3)), (0, (2, 2)), (0, (8, 2, 2, 2)))

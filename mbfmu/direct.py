@@ -15,7 +15,7 @@ from mbfmu.mechanics import Mechanism
 from mbfmu.mechanics.arrays.given import Courses, Given
 from mbfmu.mechanics.numbers import array_of, positive
 from mbfmu.mechanics.signals import Signal
-from mbfmu.model import Model, declared, of_user, suggest
+from mbfmu.model import Model, of_user
 from mbfmu.result import Result
 from mbfmu.settings import Settings
 from mbfmu.simulation import Array, Simulation
@@ -48,7 +48,6 @@ def simulate(
     *,
     interval: float | None = None,
     inputs: Mapping[str, Given] | None = None,
-    input_interpolation: str = "hold",
     watch: Callable[[Simulation], None] | None = None,
     **settings: Any,
 ) -> Result:
@@ -66,13 +65,11 @@ def simulate(
         evaluated at the solver's times, so that the result has the solver's accuracy at any ``interval``. Points of
         loads and of rates are joined by straight lines, those of driven positions by a cubic spline. A function must
         depend on time alone, and is called before the run. ``Result.inputs`` states how each input was treated.
-    input_interpolation
-        Of loads that ``watch`` sets by :meth:`.Simulation.set_input`, between two outputs: ``"hold"``, or ``"linear"``:
-        extrapolated from the last two values. It is the setting ``inputs`` of scenes and FMUs.
     watch
         Shown the simulation at every output.
     **settings
-        Of :class:`~mbfmu.settings.Settings`: ``solver``, ``tolerance``, ``max_step``, ``start_at_equilibrium`` and
+        Of :class:`~mbfmu.settings.Settings`: ``solver``, ``tolerance``, ``max_step``, ``start_at_equilibrium``,
+        ``input_interpolation`` (of loads that ``watch`` sets by :meth:`.Simulation.set_input`, between two outputs) and
         others.
 
     Raises
@@ -90,11 +87,7 @@ def simulate(
     times = communication_points(
         model.stop_time if stop_time is None else stop_time, model.output_interval if interval is None else interval
     )
-    known = [p.name for p in declared(Settings) if p.name != "inputs"]
-    for name in settings:
-        if name not in known:
-            raise UserError(f"there is no setting {name!r}{suggest(name, known)}")
-    own: dict[str, Any] = {"solver": model.default_solver, "tolerance": model.tolerance, "inputs": input_interpolation}
+    own: dict[str, Any] = {"solver": model.default_solver, "tolerance": model.tolerance}
     return run(model, Settings(**own | settings), times, watch=watch, inputs=inputs, report=warn_of_pace)
 
 
@@ -181,5 +174,5 @@ def run(
         verdict=simulation.verdict,
         coarse=coarse,
         remarks=tuple(filter(None, (str(simulation.pick), *simulation.remarks, *courses.remarks()))),
-        inputs=courses.summary(settings.inputs),
+        inputs=courses.summary(settings.input_interpolation),
     )

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from mbfmu import mechanics
-from mbfmu.audit import VARIABLES
+from mbfmu.energy_check import VARIABLES
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Plant
 from mbfmu.model import Model, Parameter, declared, span
@@ -276,7 +276,7 @@ def inputs(plant: Plant) -> Iterator[ScalarVariable]:
 
 
 def outputs(plant: Plant) -> Iterator[ScalarVariable]:
-    """Yield the outputs, and those of the audit."""
+    """Yield the outputs, and those of the energy check."""
     names = [v.name for v in plant.inputs.variables]
     reached = [*plant.feedthrough(), *(() for _ in VARIABLES)]
     for v, at_once in zip((*plant.outputs, *VARIABLES), reached, strict=True):

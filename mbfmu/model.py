@@ -17,7 +17,6 @@
 
 from __future__ import annotations
 
-import difflib
 import sys
 import traceback
 from collections.abc import Mapping, Sequence
@@ -32,7 +31,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.errors import UserError
+from mbfmu.errors import UserError, suggest
 from mbfmu.mechanics import Mechanism, Plant
 from mbfmu.mechanics.arrays.given import Courses
 from mbfmu.modules import load_module
@@ -328,12 +327,6 @@ def span(declared: Parameter) -> str:
     if declared.max == inf:
         return f"{kind}at least {declared.min:g}{unit}"
     return f"{kind}{declared.min:g} to {declared.max:g}{unit}"
-
-
-def suggest(name: str, known: Any) -> str:
-    """Return a hint at near names, or the list of all."""
-    near = difflib.get_close_matches(name, list(known), n=1)
-    return f"; did you mean {near[0]!r}?" if near else f"; allowed: {', '.join(sorted(known))}"
 
 
 def of_user(model: Any) -> Model:

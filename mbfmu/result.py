@@ -11,11 +11,10 @@ from typing import Any, Self
 
 import numpy as np
 
-from mbfmu.errors import UserError
+from mbfmu.errors import UserError, suggest
 from mbfmu.extras import optional
 from mbfmu.files import replacing
 from mbfmu.mechanics import Variable
-from mbfmu.model import suggest
 from mbfmu.settings import Settings
 from mbfmu.table import power
 from solvers import Statistics

@@ -7,9 +7,9 @@ absolute_tolerance = 0.0   # in units of each coordinate; 0: the relative one
 max_step = 0.0             # s; 0: no limit
 max_order = 0              # 0: the solver's own
 max_steps = 100000         # between two outputs
-inputs = "hold"            # interpolation of loads that an importing tool sets; or "linear": extrapolated
+input_interpolation = "hold"  # of loads that an importing tool sets: constant; or "linear": extrapolated
 start_at_equilibrium = false
-audit = true               # hold energy against work all along
+energy_check = true        # check of the energy balance during the run
 stop_time = 10.0           # s
 output_interval = 0.01     # s
 
@@ -30,8 +30,8 @@ from pathlib import Path
 from typing import Any
 
 from mbfmu.direct import MOST
-from mbfmu.errors import UserError
-from mbfmu.model import Model, at_defaults, declared, find, suggest
+from mbfmu.errors import UserError, suggest
+from mbfmu.model import Model, at_defaults, declared, find
 from mbfmu.settings import Settings
 from mbfmu.toml import read_toml
 
@@ -164,7 +164,7 @@ def from_content(path: Path, content: dict[str, Any]) -> Scene:
     for key in ("tolerance", "absolute_tolerance", "max_step", "max_order", "max_steps"):
         if key in content and (isinstance(content[key], bool) or not isinstance(content[key], int | float)):
             raise UserError(f"{key} is {content[key]!r}; allowed: a number")
-    for key in ("start_at_equilibrium", "audit"):
+    for key in ("start_at_equilibrium", "energy_check"):
         if not isinstance(content.get(key, False), bool):
             raise UserError(f"{key} is {content[key]!r}; allowed: true or false")
     return scene.changed(**content)

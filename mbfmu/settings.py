@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf
+from typing import Any, Self
 
-from mbfmu.errors import UserError
-from mbfmu.model import check, declared, parameter, span, suggest
+from mbfmu.errors import UserError, require_arguments, suggest
+from mbfmu.model import check, declared, parameter, span
 from solvers import Options
 from solvers.steppers import NAMES
 
@@ -29,13 +30,18 @@ class Settings:
     max_order: int = parameter(0, min=0, max=12, doc="Maximum order; 0: 12 (ida: 5, with sheets 2)")
     max_steps: int = parameter(100_000, min=1, doc="Maximum number of steps between two communication points")
     max_step: float = parameter(0.0, unit="s", min=0.0, doc="Maximum step size; 0: no limit")
-    inputs: str = parameter(
+    input_interpolation: str = parameter(
         "hold",
         choices=("hold", "linear"),
         doc="Interpolation of loads between communication points: constant (hold) or linear extrapolation",
     )
     start_at_equilibrium: bool = parameter(False, doc="Start in the steady state that is found from the start values")
-    audit: bool = parameter(True, doc="Check of the energy balance during the run")
+    energy_check: bool = parameter(True, doc="Check of the energy balance during the run")
+
+    def __new__(cls, **given: Any) -> Self:
+        """Check the names of the settings; raises UserError."""
+        require_arguments(cls, given)
+        return super().__new__(cls)
 
     def __post_init__(self) -> None:
         """Check the names and numbers; raises UserError."""
@@ -59,6 +65,6 @@ class Settings:
             max_step=self.max_step or inf,
             max_order=self.max_order or None,
             max_steps=self.max_steps,
-            audit=self.audit,
+            energy_check=self.energy_check,
             duration=duration,
         )

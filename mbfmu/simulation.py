@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.audit import VARIABLES, Audit
 from mbfmu.auto import SolverPick, limit_order, pick
+from mbfmu.energy_check import VARIABLES, EnergyCheck
 from mbfmu.errors import UserError
 from mbfmu.folds import Folds, Sharpest
 from mbfmu.frame import frame, unframe
@@ -30,7 +30,7 @@ from mbfmu.steady.problem import EquilibriumProblem
 from mbfmu.trial import MOST_STEPS, ran
 from solvers import SolverError, Statistics, Status, stepper
 from solvers.compiled.kernel import COMPILED
-from solvers.ledger import EXCHANGED
+from solvers.ledger import THROUGHPUT
 from solvers.stepper import Samples, Stepper
 
 __all__ = ["Settings", "Simulation"]
@@ -48,7 +48,7 @@ class Mark(NamedTuple):
     stepper: bytes  # state of the stepper, with history and counters
     inputs: dict[str, list[Any]] | None  # where they remember anything
     work_of_jumps: float  # J
-    balance: tuple[float, str, float] | None  # state of the audit
+    balance: tuple[float, str, float] | None  # state of the energy check
     sharpest: Sharpest
     remarks: int  # how many there were
 
@@ -85,8 +85,8 @@ class Simulation:
     report
         Function that receives a message about the computing time at once, while :meth:`advance` continues.
     variables
-        What :meth:`outputs` returns: the plant's outputs, then those of the audit (not numbers where it is off, or
-        nothing is free).
+        What :meth:`outputs` returns: the plant's outputs, then those of the energy check (NaN if it is off, or if no
+        degree of freedom is free).
 
     Raises
     ------
@@ -108,7 +108,7 @@ class Simulation:
         self.model = own = of_user(model)
         self.settings, self._courses = settings, courses
         self.plant = own.plant(courses)
-        if settings.inputs == "linear":
+        if settings.input_interpolation == "linear":
             self.plant.inputs.extrapolate()
         known = enumerate(self.plant.inputs.variables)
         self._inputs: dict[Hashable, int] = {key: k for k, v in known for key in (v.name, k)}
@@ -148,8 +148,10 @@ class Simulation:
         for told in (self.lock, *self.plant.rounded_rows.values(), *changed, self._too_loose(), limited, *beside):
             self._remark(told)
         # where nothing is free nothing is integrated but the work, whose error no tolerance controls
-        audited = settings.audit and self.stepper.freedom > 0
-        self.audit = Audit(self.plant, settings.tolerance, self.energy(), self.stepper.freedom) if audited else None
+        checked = settings.energy_check and self.stepper.freedom > 0
+        self.energy_check = (
+            EnergyCheck(self.plant, settings.tolerance, self.energy(), self.stepper.freedom) if checked else None
+        )
         self._folds, self._told_undetermined, self._end = Folds(self.plant, t0, q), False, t0
         self._rehearse(t0, q, v)
 
@@ -191,7 +193,7 @@ class Simulation:
     def _copy_plant(self) -> Plant:
         """Return another plant of the same model, whose inputs are what they are now."""
         plant = self.model.plant(self._courses)
-        if self.settings.inputs == "linear":
+        if self.settings.input_interpolation == "linear":
             plant.inputs.extrapolate()
         plant.inputs.restore(self.plant.inputs.state())
         return plant
@@ -242,7 +244,7 @@ class Simulation:
     @property
     def verdict(self) -> str:
         """When and how the energy balance was lost; empty while it holds."""
-        return self.audit.verdict if self.audit else ""
+        return self.energy_check.verdict if self.energy_check else ""
 
     @property
     def coarse(self) -> str:
@@ -269,7 +271,7 @@ class Simulation:
         stepper = self.stepper
         status = stepper.advance(t)
         t, q = stepper.t, stepper.q
-        if self.audit:
+        if self.energy_check:
             self._balance(t, q, self.plant.energy(t, q, stepper.v), stepper.ledger)
         self._folds.look(t, q)
         self._remark(stepper.notice)
@@ -345,25 +347,25 @@ class Simulation:
         return self._out.copy()
 
     def _balance(self, t: float, q: Array, energy: float, ledger: Array) -> tuple[float, float]:
-        """Return imbalance and exchanged energy of one state, J; not numbers where there is no audit."""
-        if self.audit is None:
+        """Return energy error and throughput of one state, J; NaN without energy check."""
+        if self.energy_check is None:
             return nan, nan
-        return self.audit.look(t, q, energy, ledger), float(ledger[EXCHANGED])
+        return self.energy_check.look(t, q, energy, ledger), float(ledger[THROUGHPUT])
 
     def _finish(self, times: Array, q: Array, ledgers: Array, values: Array) -> None:
-        """Put what the audit finds in place of the energies that ``values`` (k, outputs) end in."""
-        if self.audit is None:
+        """Put what the energy check finds in place of the energies that ``values`` (k, outputs) end in."""
+        if self.energy_check is None:
             values[:, -2:] = nan
             return
-        values[:, -2] = self.audit.check(times, q, values[:, -2], ledgers)
-        values[:, -1] = ledgers[:, EXCHANGED]
+        values[:, -2] = self.energy_check.check(times, q, values[:, -2], ledgers)
+        values[:, -1] = ledgers[:, THROUGHPUT]
 
     def _book_jump(self, before: float) -> None:
-        """Book what a change at one state has made of the energy ``before``, J; it is no imbalance."""
+        """Book what a change at one state has made of the energy ``before``, J; it is no energy error."""
         work = self.energy() - before
         self.work_of_jumps += work
-        if self.audit:
-            self.audit.base += work
+        if self.energy_check:
+            self.energy_check.base += work
 
     def record(self, times: Array, values: Array) -> int:
         """Advance to each of ``times`` (k,) and put the outputs into a row of ``values`` (k, outputs) each.
@@ -455,7 +457,7 @@ class Simulation:
     def mark(self) -> Mark:
         """Return what :meth:`rewind` needs to discard what comes next; it costs less than :meth:`save`."""
         inputs = self.plant.inputs.state() if self.plant.inputs.remember else None
-        balance = self.audit.state if self.audit else None
+        balance = self.energy_check.state if self.energy_check else None
         place = self.stepper.save()
         return Mark(place, inputs, self.work_of_jumps, balance, self._folds.sharpest, len(self.remarks))
 
@@ -471,21 +473,23 @@ class Simulation:
         del self.remarks[mark.remarks :]
         self.work_of_jumps = mark.work_of_jumps
         self._folds.rewind(mark.sharpest)
-        if self.audit and mark.balance:
-            self.audit.state = mark.balance
+        if self.energy_check and mark.balance:
+            self.energy_check.state = mark.balance
 
     @property
     def _owner(self) -> str:
         """What else must be the same where a state of this simulation is taken up."""
         fixed = {p.name: getattr(self.model, p.name) for p in self.model.parameters() if not p.tunable}
         how = self.settings
-        return json.dumps([self.model.name, fixed, how.solver, how.tolerance, how.audit, how.inputs])
+        return json.dumps(
+            [self.model.name, fixed, how.solver, how.tolerance, how.energy_check, how.input_interpolation]
+        )
 
     def save(self) -> bytes:
         """Return the whole state: solver, inputs and tunable parameters."""
         changed = {p.name: getattr(self.model, p.name) for p in self.model.parameters() if p.tunable}
         inputs, work = self.plant.inputs.state(), self.work_of_jumps
-        balance = list(self.audit.state) if self.audit else []
+        balance = list(self.energy_check.state) if self.energy_check else []
         head = {"parameters": changed, "inputs": inputs, "work_of_jumps": work, "balance": balance}
         head["bent"] = self._folds.state()
         head["pick"] = self.pick
@@ -511,6 +515,6 @@ class Simulation:
             self.stepper = self._stepper(self.t, self.stepper.q, self.stepper.v)
         self.stepper.restart()  # the equations may have changed
         self.stepper.restore(body)
-        if self.audit:
-            self.audit.state = head["balance"]
+        if self.energy_check:
+            self.energy_check.state = head["balance"]
         self._folds.restore(head["bent"], self.t, self.stepper.q)

@@ -1,4 +1,4 @@
-"""What imbalance between energy and work the tolerance explains.
+"""What difference between energy and work the tolerance explains.
 
 A run keeps its balance while
 
@@ -9,9 +9,10 @@ A run keeps its balance while
 
 with W, stray, exposure, slip and extent of a reported row of :mod:`.ledger`, and the ``level`` that E started from with
 every jump since. ``stray`` takes the local errors of all steps at their largest and all of one sign; of healthy runs
-the imbalance was at most 0.08 of it, and mostly 0.01. ``most`` is for runs in which that is more than there is: a part
-of the energy at work, which is the kinetic energy at its largest and what was exchanged. A motion whose extent is a few
-absolute tolerances is not known to that part: its first-order error of energy is the energy at work over the extent.
+the energy error was at most 0.08 of it, and mostly 0.01. ``most`` is for runs in which that is more than there is: a
+part of the energy at work, which is the kinetic energy at its largest and what was exchanged. A motion whose extent is
+a few absolute tolerances is not known to that part: its first-order error of energy is the energy at work over the
+extent.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ import numpy as np
 
 from solvers.compiled.kernel import kernel
 
-from .ledger import EXCHANGED, EXPOSURE, EXTENT, MOST, PASSAGE, SLIPPED, STRAY, WORK
+from .ledger import EXPOSURE, EXTENT, MOST, PASSAGE, SLIPPED, STRAY, THROUGHPUT, WORK
 
 BALANCE = np.dtype(
     [
@@ -38,9 +39,9 @@ BALANCE = np.dtype(
 EXPLAINED = 0.25  # of what the steps could add up to
 FEW = 6.0  # times what the last step could add: errors of a few steps need not cancel each other
 PART = 0.02  # of the energy at work
-# Of the kinetic energy in a slow passage, which the imbalance may be. A motion that passes an unstable equilibrium at a
-# speed as cosh(k t), with too much energy by that part, is ahead afterwards by part / k (s). A pendulum moves at up to
-# 2 k (rad/s) later on, and is off by twice the part then: 0.1 rad.
+# Of the kinetic energy in a slow passage, which the energy error may be. A motion that passes an unstable equilibrium
+# at a speed as cosh(k t), with too much energy by that part, is ahead afterwards by part / k (s). A pendulum moves at
+# up to 2 k (rad/s) later on, and is off by twice the part then: 0.1 rad.
 SLOW = 0.05
 KEPT, LOST, UNSURE = 0, 1, 2  # the balance is kept; it is lost; it is too inaccurate for a slow passage
 ROUNDING = 1e-13  # of every energy that was added up; besides, what moves as slowly as the tolerance has none
@@ -58,8 +59,8 @@ def slowest(mass: float, length: float, rate: float, tolerance: float) -> float:
 
 @kernel
 def bound(b: Any, energy: float, row: Any) -> float:
-    """What the tolerance and rounding explain of the imbalance of a state, J; b a record of BALANCE."""
-    stray, at_work = row[STRAY], row[MOST] + row[EXCHANGED]
+    """What the tolerance and rounding explain of the energy error of a state, J; b a record of BALANCE."""
+    stray, at_work = row[STRAY], row[MOST] + row[THROUGHPUT]
     rounding = ROUNDING * (abs(energy) + abs(b.level) + at_work + stray / b.tolerance)
     most = max(PART, 1.0 / max(1.0, row[EXTENT])) * at_work + row[SLIPPED]
     steps = max(EXPLAINED * stray, min(stray, FEW * (row[EXPOSURE] + row[SLIPPED])))
@@ -69,22 +70,22 @@ def bound(b: Any, energy: float, row: Any) -> float:
 
 @kernel
 def judge(balance: Any, energy: float, row: Any) -> tuple[float, int]:
-    """Return the imbalance (J) of a state with this energy and reported row (ROW,), and what it means: LOST where it is
+    """Return the energy error (J) of a state with this energy and reported row (ROW,), and what it means: LOST if it is
     more than explained, or no number, UNSURE where it is large for a slow passage since the last call, else KEPT.
     balance (1,) of BALANCE.
     """
     b = balance[0]
-    imbalance, passes = energy - b.level - row[WORK], b.single == 1 and row[PASSAGE] != b.passage
+    error, passes = energy - b.level - row[WORK], b.single == 1 and row[PASSAGE] != b.passage
     b.passage = row[PASSAGE]
-    if not abs(imbalance) <= bound(b, energy, row):
-        return imbalance, LOST
-    return imbalance, UNSURE if passes and abs(imbalance) > SLOW * row[PASSAGE] else KEPT
+    if not abs(error) <= bound(b, energy, row):
+        return error, LOST
+    return error, UNSURE if passes and abs(error) > SLOW * row[PASSAGE] else KEPT
 
 
 @kernel
 def find_lost(balance: Any, energies: Any, rows: Any, found: Any) -> tuple[int, int]:
-    """Put the imbalance of states into ``found`` (k,); return the number of the first where the balance is not kept, k
-    where it always is, and what :func:`judge` finds there.
+    """Put the energy error of states into ``found`` (k,); return the number of the first that is not KEPT, k if all
+    are, and what :func:`judge` finds there.
     """
     first, kind = found.shape[0], KEPT
     for i in range(found.shape[0]):

@@ -79,7 +79,7 @@ BOOK = np.dtype(
     align=True,
 )  # fmt: skip
 NODES, WEIGHTS = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)]), np.array([5.0, 8.0, 5.0]) / 9.0  # of Gauss
-WORK, STRAY, EXCHANGED, MOST, EXPOSURE, SLIPPED, EXTENT, PASSAGE = range(8)  # of a reported row
+WORK, STRAY, THROUGHPUT, MOST, EXPOSURE, SLIPPED, EXTENT, PASSAGE = range(8)  # of a reported row
 ROW = 8
 # exposure in the norm of a sum, kinetic energy, J, displacement and velocity in absolute tolerances, and the momentum
 # times the velocities of the look before, J: entries of what a look finds, before the positions at the first look (rad
@@ -206,8 +206,8 @@ def note_passage(c: Any, taken: float) -> None:
 
 @inlined
 def book_stray(c: Any, error: float, taken: float) -> None:
-    """Add what a step of ``taken`` (s) may have changed the imbalance by; ``error`` is the estimated error of its work,
-    J.
+    """Add the largest change of the energy error in a step of ``taken`` (s); ``error`` is the estimated error of its
+    work, J.
     """
     if c.unread == 1:
         note_passage(c, taken)

@@ -14,7 +14,7 @@ from solvers.compiled.kernel import records
 OPTIONS = np.dtype(
     [
         ("rtol", "f8"), ("absolute", "f8"), ("max_step", "f8"), ("max_order", "i8"), ("max_steps", "i8"),
-        ("audit", "i8"), ("duration", "f8"),
+        ("energy_check", "i8"), ("duration", "f8"),
     ],
     align=True,
 )  # fmt: skip
@@ -45,7 +45,7 @@ class Options:
     max_step: float = math.inf  # s
     max_order: int | None = None  # None: 12 for Adams, 5 for IDA
     max_steps: int = 100_000  # in one call of advance
-    audit: bool = True  # book work and what the tolerance explains
+    energy_check: bool = True  # book work and what the tolerance explains
     duration: float = 10.0  # s, for which the run is to go on: the scale of time of a start at rest
     switching: Switching = field(default_factory=Switching)
 
@@ -69,7 +69,7 @@ class Options:
     def record(self) -> NDArray[Any]:
         """Return them as kernels read them; an order of 0 is the highest that a solver has."""
         found = records(1, OPTIONS)
-        found["rtol"], found["absolute"], found["audit"] = self.rtol, self.absolute, self.audit
+        found["rtol"], found["absolute"], found["energy_check"] = self.rtol, self.absolute, self.energy_check
         found["max_step"], found["max_steps"] = self.max_step, self.max_steps
         found["max_order"], found["duration"] = self.max_order or 0, self.duration
         return found

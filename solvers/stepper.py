@@ -105,7 +105,7 @@ class Stepper(ABC):
     8. ``ledger`` has, of the reported state, the work W that drives, dampers and given forces have done since
        construction, how far the tolerance lets the energy stray from it, what energy was exchanged, the largest
        kinetic energy, and what one step may add, now and at most so far (see :mod:`solvers.ledger`). No meaning where
-       ``options.audit`` is off.
+       ``options.energy_check`` is off.
     9. ``save()`` gives bytes, ``restore()`` takes them into a stepper of the same system and options.
 
     Attributes
@@ -218,10 +218,10 @@ class Stepper(ABC):
     def _evaluate(self) -> tuple[Code, Array, Array]:
         """Return code, v' and lambda of the reported state."""
 
-    def sample(self, times: Array, told: Array | None = None) -> Samples:
+    def sample(self, times: Array, outputs: Array | None = None) -> Samples:
         """:meth:`advance` to each of ``times`` (k,), ascending, and take state and accelerations there.
 
-        The outputs of the system at each state are written into a row of ``told`` (k, outputs).
+        The outputs of the system at each state are written into a row of ``outputs`` (k, outputs).
 
         Ends early if one of the two fails; ``status`` contains the reason.
         """
@@ -229,29 +229,29 @@ class Stepper(ABC):
         if not np.all(np.diff(times, prepend=-np.inf) > 0.0) or np.any(times < self._t):
             raise ValueError(f"times must ascend from {self._t}, where the stepper stands; use restore() to go back")
         out = Samples(*(np.zeros((len(times), size)) for size in self._sizes))
-        given = np.zeros((len(times), 0)) if told is None else told
-        told = np.ascontiguousarray(given)
+        given = np.zeros((len(times), 0)) if outputs is None else outputs
+        outputs = np.ascontiguousarray(given)
         done, goes_on = 0, True
         while goes_on and done < len(times):
             until = self._limit_steps()
             count = int(np.searchsorted(times[done:], until, side="right"))
             if count:
                 rows = slice(done, done + count)
-                found = self._sample(times[rows], Samples(*(part[rows] for part in out)), told[rows])
+                found = self._sample(times[rows], Samples(*(part[rows] for part in out)), outputs[rows])
                 done, goes_on = done + found, found == count
             else:
                 goes_on = self.advance(until).ok
-        if told is not given:
-            given[:] = told
+        if outputs is not given:
+            given[:] = outputs
         return Samples(*(rows[:done] for rows in out))
 
-    def _sample(self, times: Array, out: Samples, told: Array) -> int:
-        """Fill the rows of ``out`` and ``told``, set the reported state and ``status``; return the number of complete
-        rows.
+    def _sample(self, times: Array, out: Samples, outputs: Array) -> int:
+        """Fill the rows of ``out`` and ``outputs``, set the reported state and ``status``; return how many rows are
+        complete.
         """
         done = self._sample_states(times, out)
-        if done and told.shape[1]:
-            self._observe(times[:done], out.q[:done], out.v[:done], out.a[:done], out.lam[:done], told[:done])
+        if done and outputs.shape[1]:
+            self._observe(times[:done], out.q[:done], out.v[:done], out.a[:done], out.lam[:done], outputs[:done])
         return done
 
     def _sample_states(self, times: Array, out: Samples) -> int:

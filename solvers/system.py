@@ -62,28 +62,28 @@ def no_exposure(rtol: float, place: Any, rate: Any, data: Any, out: Any) -> None
     out[0], out[1] = 0.0, 0.0
 
 
-def no_telling(a: Any, lam: Any, data: Any, out: Any) -> None:
+def no_outputs(a: Any, lam: Any, data: Any, out: Any) -> None:
     """Default of a system without outputs."""
 
 
-def audit_callbacks(system: AnySystem) -> tuple[Callable[..., Any], Callable[..., Any]]:
+def energy_callbacks(system: AnySystem) -> tuple[Callable[..., Any], Callable[..., Any]]:
     """Return power and exposure of a system as kernels take them."""
     if system.power is not None and system.exposure is not None:
         return system.power, system.exposure
     return _nothing(held_type(system.data))
 
 
-def telling_callback(system: System) -> Callable[..., Any]:
+def outputs_callback(system: System) -> Callable[..., Any]:
     """Return the output function of a system for kernels."""
-    return system.tell if system.tell is not None else _no_telling(held_type(system.data))
+    return system.evaluate_outputs if system.evaluate_outputs is not None else _no_outputs(held_type(system.data))
 
 
 @cache
-def _no_telling(data: Any) -> Callable[..., Any]:
+def _no_outputs(data: Any) -> Callable[..., Any]:
     if not COMPILED:
-        return no_telling
+        return no_outputs
     vector = types.float64[::1]
-    return callback(types.void(vector, vector, data, vector))(no_telling)
+    return callback(types.void(vector, vector, data, vector))(no_outputs)
 
 
 @cache
@@ -228,7 +228,7 @@ class System(AnySystem):
     dynamics: Callable[[float, Array, Array, Any, Terms], None]  # (t, q, v, data, terms): fills all terms
     motion: Callable[[float, Array, Array, Any, Terms], None]  # (t, q, v, data, terms): those that position leaves out
     energy: Callable[[float, Array, Array, Any], float]  # (t, q, v, data): kinetic and potential energy, J
-    tell: Callable[[Array, Array, Any, Array], None] | None = None  # (a, lam, data, out): as observe, of one solution
+    evaluate_outputs: Callable[[Array, Array, Any, Array], None] | None = None  # (a, lam, data, out): of one solution
     loop_rate: float = 0.0  # 1/s, as ``rate``, of what constraints know: by gravity and the drives that move it
 
     def allocate_terms(self, scalar: type = float) -> Terms:
@@ -250,7 +250,7 @@ class Equations(NamedTuple):
     energy: Any
     power: Any
     exposure: Any
-    tell: Any
+    evaluate_outputs: Any
     data: Any
     terms: Any
 
@@ -258,7 +258,7 @@ class Equations(NamedTuple):
     def of(system: System, terms: Terms) -> Any:
         """Return the equations of a system and the terms they are to fill, held."""
         s = system
-        callbacks = s.dynamics, s.position, s.motion, s.retract, s.energy, *audit_callbacks(s), telling_callback(s)
+        callbacks = s.dynamics, s.position, s.motion, s.retract, s.energy, *energy_callbacks(s), outputs_callback(s)
         return hold(Equations(*callbacks, s.held_data, hold(terms)))
 
 

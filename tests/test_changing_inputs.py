@@ -109,7 +109,7 @@ def test_a_load_that_goes_on_converges_with_the_square_of_the_step(solver: str, 
     goal = exact(sine, 1e-5, FourBar(), end=0.2)  # its own error is of first order: taken twice
     goal = tuple(2.0 * b - a for a, b in zip(exact(sine, 2e-5, FourBar(), end=0.2), goal, strict=True))
     steps = np.array([0.02, 0.01, 0.005])
-    settings = Settings(solver=solver, tolerance=1e-9, inputs=inputs)
+    settings = Settings(solver=solver, tolerance=1e-9, input_interpolation=inputs)
     errors = [off(moved(sine, step, settings, end=0.2), goal) for step in steps]
     orders = np.diff(np.log(errors)) / np.diff(np.log(steps))
     assert orders == pytest.approx(order, abs=0.25)
@@ -154,11 +154,11 @@ def test_points_that_are_recorded_are_points() -> None:
 
 
 def going_on() -> Simulation:
-    return Simulation(wheel(), Settings(solver="adams", tolerance=1e-9, inputs="linear"))
+    return Simulation(wheel(), Settings(solver="adams", tolerance=1e-9, input_interpolation="linear"))
 
 
 def test_what_a_load_was_is_part_of_the_state() -> None:
-    settings = Settings(solver="adams", inputs="linear")
+    settings = Settings(solver="adams", input_interpolation="linear")
     first, second = (Simulation(wheel(), settings) for _ in range(2))
     for t in (0.0, 0.1):
         first.set_input("torque", 1.0 + 5.0 * t)

@@ -42,7 +42,7 @@ def test_run_through_the_fmu_writes_csv_and_png(command: Command, tmp_path: Path
     code, out, _ = command("run", "fourbar", "--solver", "adams", "--stop-time", "0.5", "-o", str(tmp_path))
     assert code == 0
     assert "steps" in out
-    assert "energy imbalance" in out
+    assert "energy error" in out
     assert "loop 'pivot': 3 of 5 rows vanish (z, zx, zy)" in out
     folder = tmp_path / "fourbar" / "default-adams-1e-6"
     assert f"wrote {folder}\n" in out
@@ -385,7 +385,8 @@ def test_a_full_disk_is_told_in_words(command: Command, monkeypatch: pytest.Monk
 
 OTHER = {
     "solver": "adams-lu", "tolerance": 1e-5, "absolute_tolerance": 1e-7, "max_order": 4,
-    "max_steps": 5000, "max_step": 0.01, "inputs": "linear", "start_at_equilibrium": True, "audit": False,
+    "max_steps": 5000, "max_step": 0.01, "input_interpolation": "linear", "start_at_equilibrium": True,
+    "energy_check": False,
 }  # fmt: skip
 
 

@@ -21,8 +21,8 @@ from mbfmu.mechanics import Mechanism, Revolute, RunUp, rod
 from mbfmu.scene import Scene, default_scene, load_scene
 from mbfmu.settings import Settings
 from mbfmu.studies import work_precision
-from mbfmu.studies.choose import choose, one_digit, read_target
 from mbfmu.studies.compare import Comparison, Row, compare, solvers_of
+from mbfmu.studies.recommendation import one_digit, read_target, recommend_solver
 from mbfmu.studies.reference import driven
 from mbfmu.studies.resolution import limit, moving_places, resolutions_of
 from mbfmu.studies.timing import Budget, Spent, TooLong, in_turn
@@ -121,10 +121,10 @@ def test_an_output_that_cannot_judge_is_named() -> None:
         compare(short(SpinningArm(), 1.0), resolutions=[{}], outputs=["hub.angle"], repeats=1)
 
 
-def test_a_run_without_audit_has_no_imbalance() -> None:
-    scene = short(SwingPendulum(), 0.1).changed(audit=False)
+def test_a_run_without_energy_check_has_no_energy_error() -> None:
+    scene = short(SwingPendulum(), 0.1).changed(energy_check=False)
     found = compare(scene, solvers=["adams"], tolerances=[1e-6], repeats=1)
-    assert found.rows[0].energy_imbalance is None
+    assert found.rows[0].energy_error is None
     assert "NaN" not in json.dumps([r.as_dict() for r in found.rows])
 
 
@@ -182,7 +182,7 @@ def test_what_takes_too_long_is_left_out_and_said() -> None:
 def test_the_bar_of_a_search_comes_near_its_end() -> None:
     shares: list[float] = []
     scene = short(FourBar(), 0.5)
-    choose(scene, 1e-3, solvers=["adams", "radau"], progress=lambda _, share: shares.append(share))
+    recommend_solver(scene, 1e-3, solvers=["adams", "radau"], progress=lambda _, share: shares.append(share))
     assert 0.7 <= sum(shares) <= 1.0 + 1e-12
     assert sum(share > 0.0 for share in shares[1:]) >= 1
 
@@ -288,7 +288,7 @@ def test_tolerances_that_are_tried_have_one_digit(tolerance: float, said: float)
 @pytest.mark.parametrize(("target", "output"), [(1e-5, "crank.rate"), ("0.01 mm", "coupler.position.x")])
 def test_what_is_chosen_keeps_the_target(target: Any, output: str) -> None:
     scene = short(FourBar(), 1.0)
-    found = choose(scene, target, solvers=["adams", "ida"], outputs=[output])
+    found = recommend_solver(scene, target, solvers=["adams", "ida"], outputs=[output])
     assert found.scene.settings.solver == "adams"  # thirty times as cheap here
     times = np.arange(101) * 0.01
     own = run(scene.model, found.scene.settings, times)[output]
@@ -304,8 +304,8 @@ def test_what_is_chosen_keeps_the_target(target: Any, output: str) -> None:
 def test_a_coarse_grid_is_chosen_where_it_does() -> None:
     scene = short(SpinningArm(), 4.0, 0.05)
     steps = [{"modes": 1}, {"modes": 2}, {"modes": 4}]
-    rough = choose(scene, 0.05, solvers=["adams"], resolutions=steps, outputs=["tip.deflection"])
-    fine = choose(scene, 2e-3, solvers=["adams"], resolutions=steps, outputs=["tip.deflection"])
+    rough = recommend_solver(scene, 0.05, solvers=["adams"], resolutions=steps, outputs=["tip.deflection"])
+    fine = recommend_solver(scene, 2e-3, solvers=["adams"], resolutions=steps, outputs=["tip.deflection"])
     assert rough.row.resolution == {"modes": 1}
     assert fine.row.resolution["modes"] > 1
     assert any("at any tolerance" in note for note in fine.notes)
@@ -331,7 +331,7 @@ def test_a_coarse_grid_is_chosen_where_it_does() -> None:
 )
 def test_targets_that_are_not_reached(target: Any, more: dict[str, Any], message: str) -> None:
     with pytest.raises(UserError, match=message):
-        choose(short(FourBar(), 0.5), target, solvers=["adams"], **more)
+        recommend_solver(short(FourBar(), 0.5), target, solvers=["adams"], **more)
 
 
 def test_command_answers_in_a_sentence_and_saves_a_scene(command: Any, tmp_path: Path) -> None:

@@ -47,11 +47,11 @@ def test_a_choice_of_solvers_none_of_which_suits_is_refused() -> None:
     with pytest.raises(UserError, match=f"^nothing can be compared: {ADAMS}"):
         compare(scene(), resolutions=[{}], **(SMALL | {"solvers": ["adams"]}))
     with pytest.raises(UserError, match=f"^nothing can be compared: {ADAMS}"):
-        mb.choose(scene(), 1e-2, resolutions=[{}], solvers=["adams"])
+        mb.recommend_solver(scene(), 1e-2, resolutions=[{}], solvers=["adams"])
 
 
 def test_a_target_is_answered_by_what_suits() -> None:
-    found = mb.choose(scene(), "1 mm", resolutions=[{}], outputs=["lead.x"])
+    found = mb.recommend_solver(scene(), "1 mm", resolutions=[{}], outputs=["lead.x"])
     assert found.row.solver in {"esdirk", "ida"}
     assert found.sentence.startswith(f"take {found.row.solver} at a tolerance of ")
     assert any(note.startswith(ADAMS) for note in found.notes)

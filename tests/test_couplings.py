@@ -228,7 +228,7 @@ def test_a_drive_takes_the_effort_of_what_is_coupled_to_it(driven: str, solver: 
     inertia = 2.0 + 0.3 * 16.0 if driven == "a" else 0.3 + 2.0 / 16.0
     np.testing.assert_allclose(result["effort"], inertia * result["acceleration"], atol=1e-5)
     np.testing.assert_allclose(result["inner"], (0.3 if driven == "a" else 2.0) * result["other"], atol=1e-5)
-    assert np.abs(result["energy_imbalance"]).max() < 1e-5 * np.ptp(result["energy"])
+    assert np.abs(result["energy_error"]).max() < 1e-5 * np.ptp(result["energy"])
     assert np.ptp(result["energy"]) > 0.1
 
 

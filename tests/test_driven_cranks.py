@@ -87,5 +87,5 @@ def test_where_nothing_is_free_the_balance_is_not_held_against_the_motion(solver
     result = run(model, Settings(solver=solver, tolerance=tolerance), np.linspace(0.0, 1.0, 51))
     assert not result.failure
     assert not result.warning
-    assert np.isnan(result["energy_imbalance"]).all()
+    assert np.isnan(result["energy_error"]).all()
     np.testing.assert_allclose(result["link"] + 0.7 + 2.0 * result.t, 0.0, atol=1e-9)

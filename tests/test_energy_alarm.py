@@ -145,7 +145,7 @@ def test_errors_of_the_work_at_a_damped_stop_are_no_losses(
     angle, energy = loss_in_stop(*given, times)
     change = result["energy"] - result["energy"][0]
     assert np.abs(result["angle"] - angle).max() < 2e-4
-    assert np.abs(change - (energy - energy[0])).max() < 2e-3 * result["energy_exchanged"][-1]
+    assert np.abs(change - (energy - energy[0])).max() < 2e-3 * result["energy_throughput"][-1]
     assert not result.warning
 
 
@@ -312,6 +312,6 @@ def test_energy_that_is_lost_is_reported(
         assert not right.verdict
     monkeypatch.setattr(Systems, "_works", lambda self: False)
     result = simulate(build(damping), end, interval=0.02, solver=solver, tolerance=tolerance)
-    lost = np.abs(result["energy_imbalance"]).max()
-    assert lost > 0.05 * result["energy_exchanged"][-1]
+    lost = np.abs(result["energy_error"]).max()
+    assert lost > 0.05 * result["energy_throughput"][-1]
     assert "J less than the work done on it" in result.warning

@@ -15,7 +15,7 @@ from fmus.feeder.path import Arc, Path, lay
 from mbfmu.errors import UserError
 from mbfmu.fmi import export
 from mbfmu.mechanics import Mechanism, add_sheet, jammed
-from mbfmu.mechanics.contact.touch import Touch
+from mbfmu.mechanics.contact.surface_contact import SurfaceContact
 from mbfmu.scene import load_scene, scenes
 from mbfmu.simulation import Settings, Simulation
 
@@ -207,12 +207,12 @@ def test_effects_that_are_off_are_absent() -> None:
     bare = Feeder(path="straight", guides=False, gravity_y=0.0, mu_guide=0.0, damping=0.0, membrane=False, **SMALL)
     full = Feeder(path="straight", **SMALL)
     surfaces = [{type(acting.load).__name__ for acting in model.build().others} for model in (bare, full)]
-    assert surfaces == [{"Nip"}, {"Nip", "Touch"}]
+    assert surfaces == [{"Nip"}, {"Nip", "SurfaceContact"}]
     frictions = {
         mu: {
             acting.load.friction
             for acting in Feeder(path="straight", mu_guide=mu, **SMALL).build().others
-            if isinstance(acting.load, Touch)
+            if isinstance(acting.load, SurfaceContact)
         }
         for mu in (0.0, 0.2)
     }

@@ -116,13 +116,13 @@ def test_what_has_hardly_moved_is_not_called_inaccurate(solver: str):
     assert np.ptp(run["load"]) > 0.1
 
 
-def test_a_drive_of_one_short_jerk_does_not_blind_the_audit():
+def test_a_drive_of_one_short_jerk_does_not_blind_the_energy_check():
     m = Mechanism()
     m.body("sled", m.ground, Translational(axis="x", drive=Step(height=1.0, begin=1.0, duration=1e-6)), mass=1.0)
     m.body("load", m.ground, Translational(axis="x"), mass=1.0)
-    audit = Simulation(m, Settings(solver="adams", tolerance=TOLERANCE)).audit
-    assert audit is not None
-    assert bound(audit.balance[0], 0.0, np.zeros(ROW)) < 1e-11  # J
+    energy_check = Simulation(m, Settings(solver="adams", tolerance=TOLERANCE)).energy_check
+    assert energy_check is not None
+    assert bound(energy_check.balance[0], 0.0, np.zeros(ROW)) < 1e-11  # J
 
 
 def test_steps_are_halved_on_the_way_to_what_begins():

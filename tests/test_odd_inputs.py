@@ -87,7 +87,7 @@ def foreign_cut() -> CutHandle:
         (lambda m, bar: m.shape(bar, Box(size=(1, 1, 1), rotation=np.diag((1, 1, -1)))), "rotation of a box"),
         (lambda m, bar: m.surface("s", [[m.ground, bar], [m.ground, bar]], color=5), "color is 5"),
         (lambda m, bar: m.output("time", bar.angle()), "2 variables are named 'time'"),
-        (lambda m, bar: m.output("energy_imbalance", bar.rate()), "2 variables are named 'energy_imbalance'"),
+        (lambda m, bar: m.output("energy_error", bar.rate()), "2 variables are named 'energy_error'"),
         (
             lambda m, bar: m.force("f", JointForce(magnitude=Input(name="angle", unit="N.m")), bar),
             "2 variables are named 'angle'",
@@ -122,7 +122,7 @@ def test_times_that_are_none(times: Any) -> None:
         {"solver": None},
         {"solver": ["ida"]},
         {"solver": 5},
-        {"audit": None},
+        {"energy_check": None},
         {"absolute_tolerance": 1e-300},
         {"max_order": 2.5},
         {"start_at_equilibrium": "x"},

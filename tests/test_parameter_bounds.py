@@ -44,5 +44,5 @@ def test_a_run_at_the_end_of_a_range(model: Model, name: str, end: float, solver
         assert not result.failure or "two branches" in result.failure
     else:
         assert not result.failure
-    loss = np.abs(result["energy_imbalance"]).max()
-    assert loss < 1e-4 * np.abs(result["energy_exchanged"]).max()
+    loss = np.abs(result["energy_error"]).max()
+    assert loss < 1e-4 * np.abs(result["energy_throughput"]).max()

@@ -25,11 +25,11 @@ from mbfmu.mechanics import (
     Revolute,
     SpeedInput,
     Surface,
-    TouchHandle,
+    SurfaceContactHandle,
     Wall,
+    add_contact,
     add_nip,
     add_sheet,
-    add_touch,
     contact_pressure,
     cylinder,
     jammed,
@@ -208,13 +208,13 @@ class Feeder(Model):
         self._outputs(m, sheet)
         nips = [nip for line in range(self.nips) for nip in self._line(m, sheet, route, line)]
         m.output("jam", jammed(nips), "Jam indicator: 1 while a loaded nip slips by more than half its surface speed")
-        touches = self._guide(m, sheet, route) if self.guides else []
+        contacts = self._guide(m, sheet, route) if self.guides else []
         if self.stop_at:
             stop = Wall(**self._across(route, self.stop_at))
-            touches.append(self._touch(m, sheet, "stop", stop, self._hardness(sheet)))
+            contacts.append(self._contact(m, sheet, "stop", stop, self._hardness(sheet)))
         if self._field:
             for i, k in sheet.cells:
-                felt = contact_pressure(touches, i, k)
+                felt = contact_pressure(contacts, i, k)
                 m.output(f"{self._field}[{i},{k}]", felt, f"Contact pressure of guides and wall on element {i}, {k}")
         m.output("energy", m.energy, "Kinetic and potential energy")
         m.output("kinetic_energy", m.kinetic_energy, "Kinetic energy")
@@ -384,7 +384,7 @@ class Feeder(Model):
         m.output(f"{name}.speed", idler.rate(), "Speed of the idler, positive in feed direction")
         return idler
 
-    def _guide(self, m: Mechanism, sheet: SheetHandle, route: Path) -> list[TouchHandle]:
+    def _guide(self, m: Mechanism, sheet: SheetHandle, route: Path) -> list[SurfaceContactHandle]:
         """Add what is above and below each part of the path."""
         off, wide = self.clearance + 0.5 * self.thickness, BEYOND * self.width
         surfaces: dict[str, Surface] = {
@@ -394,16 +394,16 @@ class Feeder(Model):
         }
         if self.path == "chute":
             surfaces["chute"] = chute(route, self.chute_angle, self.length, off, wide)
-        return [self._touch(m, sheet, name, surface) for name, surface in surfaces.items()]
+        return [self._contact(m, sheet, name, surface) for name, surface in surfaces.items()]
 
-    def _touch(
+    def _contact(
         self, m: Mechanism, sheet: SheetHandle, name: str, surface: Surface, stiffness: float | None = None
-    ) -> TouchHandle:
+    ) -> SurfaceContactHandle:
         """Add contact of the sheet with a surface, and the outputs of its force."""
-        if stiffness is None:  # that of a touch by itself goes with the longer of the two spacings
+        if stiffness is None:  # that of a contact by itself goes with the longer of the two spacings
             bent = float(sheet.plate.bending[0, 0]) * (6.0 / self.length) ** 2
             stiffness = bent / (sheet.a / POINTS[0] * SINK * self.thickness)
-        touch = add_touch(
+        contact = add_contact(
             m,
             name,
             sheet,
@@ -414,14 +414,14 @@ class Feeder(Model):
             points=POINTS,
         )
         for axis in "xyz":
-            m.output(f"{name}.force.{axis}", touch.force(axis), "Force of this surface on the sheet")
-        m.output(f"{name}.heat", touch.heat(), "Power loss by friction and impacts")
-        return touch
+            m.output(f"{name}.force.{axis}", contact.force(axis), "Force of this surface on the sheet")
+        m.output(f"{name}.heat", contact.heat(), "Power loss by friction and impacts")
+        return contact
 
     def _hardness(self, sheet: SheetHandle) -> float | None:
         """Return the pressure for the depth of the stop, N/m^3: a line of nips pushes an edge in by its thickness.
 
-        An edge has half a row of points, which are a quarter of a cell apart. What a touch takes by itself is for a
+        An edge has half a row of points, which are a quarter of a cell apart. What a contact takes by itself is for a
         sheet that is pressed on as it bends, and a hundredth of that.
         """
         push = self.mu_roller * self.nip_force
@@ -438,7 +438,7 @@ class Feeder(Model):
                     corner = sheet.node(row, k).position(axis)
                     m.output(f"{name}.{side}.{axis}", corner, f"Position of the {side} corner of the {name}ing edge")
         m.output("sheet.skew", sheet.skew(), "Skew angle of the leading edge about the normal of the sheet")
-        m.readout("sheet.skew")
+        m.show_outputs("sheet.skew")
         m.output(
             "sheet.lateral",
             sheet.point(0.5 * self.length, 0.5 * self.width).position("z"),

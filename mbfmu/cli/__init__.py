@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import sys
 from collections.abc import Sequence
 from typing import NoReturn
@@ -12,7 +13,7 @@ from typing import NoReturn
 import argcomplete
 
 import mbfmu
-from mbfmu.errors import UserError, shorten
+from mbfmu.errors import RENAMED, UserError, shorten
 from mbfmu.interrupts import termination_raised
 
 from . import (
@@ -89,7 +90,10 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print how the command is used and what is wrong, and end with exit code 2."""
-        super().error(shorten(message))
+        words = re.findall(r"--(?:no-)?([a-z-]+)", message)
+        renamed = {word: RENAMED[name] for word in words if (name := word.replace("-", "_")) in RENAMED}
+        hints = [f"; {old!r} is now called {new.replace('_', '-')!r}" for old, new in renamed.items()]
+        super().error(shorten(message) + "".join(hints))
 
 
 class Formatter(argparse.HelpFormatter):

@@ -13,7 +13,7 @@ from mbfmu.steady.problem import EquilibriumProblem
 from solvers.compiled import cache, storage
 from solvers.steppers import NAMES
 
-from .common import Commands, bar, tell_more
+from .common import Commands, bar, show_more
 from .completion import complete, scene_names
 
 
@@ -100,7 +100,7 @@ def warm(references: list[str], options: argparse.Namespace) -> None:
         for model, solver in runs:
             shown.set_description(f"{model.name} {solver}")
             shown.update()
-            tell_more(options, f"{model.name} {solver}")
+            show_more(options, f"{model.name} {solver}")
             try:
                 if solver == "equilibrium":
                     EquilibriumProblem(model).solve().shapes(1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from .common import Commands, add_json, add_scene, add_set, add_solver, reader, scene_of, tell, writable, write_json
+from .common import Commands, add_json, add_scene, add_set, add_solver, reader, scene_of, show, writable, write_json
 
 
 def add(commands: Commands) -> None:
@@ -51,7 +51,7 @@ def command_check(options: argparse.Namespace) -> int:
     if options.json:
         write_json(found.as_dict(), options.json)
     if not options.json or str(options.json) != "-":
-        tell(options, found.as_text())
+        show(options, found.as_text())
     if options.quiet and found.failure:
         print(f"mbfmu: {found.failure}", file=sys.stderr)
     return 0

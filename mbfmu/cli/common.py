@@ -205,13 +205,13 @@ def bar(total: float, what: str, quiet: bool, unit: str = "it") -> Any:
     return tqdm(total=total, unit=unit, desc=what, leave=False, disable=quiet or not sys.stderr.isatty())
 
 
-def tell(options: argparse.Namespace, text: str) -> None:
+def show(options: argparse.Namespace, text: str) -> None:
     """Print what ``-q`` leaves out."""
     if not options.quiet:
         print(text)
 
 
-def tell_more(options: argparse.Namespace, text: str) -> None:
+def show_more(options: argparse.Namespace, text: str) -> None:
     """Print what ``-v`` asks for."""
     if options.verbose:
         print(text)

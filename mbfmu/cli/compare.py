@@ -25,8 +25,8 @@ from .common import (
     reader,
     scene_of,
     scene_part,
-    tell,
-    tell_more,
+    show,
+    show_more,
     writable,
     write_json,
     wrote,
@@ -171,7 +171,7 @@ def counting(options: argparse.Namespace, shown: Any) -> Callable[[str, float], 
 
     def done(what: str, share: float) -> None:
         nonlocal reached
-        tell_more(options, f"done: {what}")
+        show_more(options, f"done: {what}")
         reached += share
         shown.update(int(100.0 * reached) - shown.n)
 
@@ -211,7 +211,7 @@ def command_table(options: argparse.Namespace, scene: Scene) -> int:
         write_json(content, place.file("rows.json"))
         write_text(place.file("table.txt"), text + "\n")
         if str(options.json) != "-":
-            tell(options, text)
+            show(options, text)
         if options.json:
             write_json(content, options.json)
         kept = place.keep()
@@ -230,10 +230,10 @@ def draw(found: Any, scene: Scene, place: Results) -> None:
 
 def command_target(options: argparse.Namespace, scene: Scene) -> int:
     """Say what to take for a target; write it as a scene."""
-    from mbfmu.studies.choose import choose
+    from mbfmu.studies.recommendation import recommend_solver
 
     with bar(100, "compare", options.quiet, "%") as shown:
-        found = choose(scene, options.target, **asked(options), progress=counting(options, shown))
+        found = recommend_solver(scene, options.target, **asked(options), progress=counting(options, shown))
     if options.save:
         write_text(options.save, as_toml(found.scene))
     if options.json:
@@ -241,8 +241,8 @@ def command_target(options: argparse.Namespace, scene: Scene) -> int:
     if str(options.json) != "-":
         print(found.sentence)
         if found.held_inputs:
-            tell(options, f"not evaluated: {found.held_inputs}")
-        tell_more(options, "\n".join(found.notes))
+            show(options, f"not evaluated: {found.held_inputs}")
+        show_more(options, "\n".join(found.notes))
         if options.save:
             wrote(options, options.save)
     return 0

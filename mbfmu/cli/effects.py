@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import argparse
 
-from mbfmu.errors import UserError
-from mbfmu.model import suggest
+from mbfmu.errors import UserError, suggest
 
-from .common import Commands, add_solver, add_steady, bar, reader, scene_of, start_of, tell
+from .common import Commands, add_solver, add_steady, bar, reader, scene_of, show, start_of
 from .completion import complete, output_names
 
 
@@ -52,5 +51,5 @@ def command_effects(options: argparse.Namespace) -> int:
         entries = costs(
             scene.model, scene.settings, scene.stop_time, start_of(options), lambda _: seen.update(), options.show
         )
-    tell(options, as_text(entries, shown))
+    show(options, as_text(entries, shown))
     return 0

@@ -8,9 +8,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from mbfmu.errors import UserError
+from mbfmu.errors import UserError, suggest
 from mbfmu.files import replacing
-from mbfmu.model import suggest
 from mbfmu.scene import Scene
 from mbfmu.steady.linear import modes_as_text
 from mbfmu.steady.moved import WAY
@@ -31,9 +30,9 @@ from .common import (
     reader,
     scene_of,
     scene_part,
+    show,
+    show_more,
     start_of,
-    tell,
-    tell_more,
     write_json,
     wrote,
 )
@@ -94,7 +93,7 @@ def command_equilibrium(options: argparse.Namespace) -> int:
         write_json({**found.as_dict(), "others": [other.as_dict() for other in others]}, options.json)
     if not options.json or str(options.json) != "-":
         print(as_text(found, others))
-        tell_more(options, f"{1 + len(others)} steady states; the first took {found.effort}")
+        show_more(options, f"{1 + len(others)} steady states; the first took {found.effort}")
     return 0
 
 
@@ -144,7 +143,7 @@ def swept(scene: Scene, options: argparse.Namespace) -> int:
             write_json(content, options.json)
         kept = place.keep()
     if str(options.json) != "-":
-        tell(options, branches_as_text(branches, *axes, shown))
+        show(options, branches_as_text(branches, *axes, shown))
         wrote(options, kept)
     return 0
 

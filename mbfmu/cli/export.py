@@ -17,8 +17,8 @@ from .common import (
     file_name,
     scene_of,
     scene_part,
-    tell,
-    tell_more,
+    show,
+    show_more,
     wrote,
 )
 from .runtime import add_platforms
@@ -64,10 +64,10 @@ def command_export(options: argparse.Namespace) -> int:
     path = options.output or Path(f"{name}.fmu" if part == DEFAULT else f"{name}_{part}.fmu")
     asked: dict[str, Any] = {"fmi": options.fmi, "platforms": options.platforms}
     if options.native:
-        export_scene(scene, path, tell=lambda text: tell(options, text), **asked)
+        export_scene(scene, path, report=lambda text: show(options, text), **asked)
     else:
         asked |= {"stop_time": scene.stop_time, "output_interval": scene.output_interval}
         export(scene.model, path, scene.settings, **asked)
     wrote(options, path)
-    tell_more(options, f"{path.stat().st_size / 1e3:.0f} kB; `mbfmu models {options.scene}` lists its variables")
+    show_more(options, f"{path.stat().st_size / 1e3:.0f} kB; `mbfmu models {options.scene}` lists its variables")
     return 0

@@ -8,7 +8,7 @@ from pathlib import Path
 from mbfmu.steady.linear import modes_as_text
 from mbfmu.steady.problem import equilibrium
 
-from .common import AGAIN, RESULTS, Commands, add_steady, scene_of, scene_part, start_of, tell, tell_more, wrote
+from .common import AGAIN, RESULTS, Commands, add_steady, scene_of, scene_part, show, show_more, start_of, wrote
 from .results import results
 
 NAME = "state_space.npz"
@@ -49,17 +49,17 @@ def command_linearize(options: argparse.Namespace) -> int:
         with results(RESULTS, scene, f"{scene_part(scene)}-linear") as place:
             space.write(place.file(NAME))
             path = place.keep() / NAME
-    tell(options, f"{scene.name}: linearized about the steady state found from {found.found_from} ({found.stability})")
-    tell_more(options, found.effort)
+    show(options, f"{scene.name}: linearized about the steady state found from {found.found_from} ({found.stability})")
+    show_more(options, found.effort)
     for note in (*found.notes, *space.notes):
-        tell(options, f"note: {note}")
+        show(options, f"note: {note}")
     if space.periodic:
-        tell(
+        show(
             options,
             f"note: periodic coefficients: {', '.join(space.periodic)} hold at the drives' positions at time 0 only",
         )
     inputs = ", ".join(space.inputs) or "none"
-    tell(options, f"states {', '.join(space.states)}; inputs {inputs}; {len(space.outputs)} outputs")
-    tell(options, modes_as_text(space.modes()))
+    show(options, f"states {', '.join(space.states)}; inputs {inputs}; {len(space.outputs)} outputs")
+    show(options, modes_as_text(space.modes()))
     wrote(options, path)
     return 0

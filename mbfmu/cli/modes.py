@@ -16,9 +16,9 @@ from .common import (
     reader,
     scene_of,
     scene_part,
+    show,
+    show_more,
     start_of,
-    tell,
-    tell_more,
     wrote,
 )
 from .results import results
@@ -66,10 +66,10 @@ def command_modes(options: argparse.Namespace) -> int:
         if modes and (mechanism.surfaces or mechanism.flexible_bodies):
             plot = plot_shapes if mechanism.surfaces else plot_bars
             plot(found.plant, found.q, modes, f"{scene.name}: natural modes", place.file("shapes.png"))
-        tell(options, text)
-        tell_more(options, found.effort)
+        show(options, text)
+        show_more(options, found.effort)
         if found.stability == "unstable":
-            tell(
+            show(
                 options,
                 "`mbfmu equilibrium` lists the steady states it finds; --from COORDINATE=VALUE starts next to another",
             )

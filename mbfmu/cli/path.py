@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from mbfmu.errors import UserError
-from mbfmu.model import suggest
+from mbfmu.errors import UserError, suggest
 from mbfmu.steady.path import STEPS, EquilibriumPath, equilibrium_path
 from mbfmu.studies.report import plot_path
 from mbfmu.table import table
@@ -21,8 +20,8 @@ from .common import (
     reader,
     scene_of,
     scene_part,
+    show,
     start_of,
-    tell,
     write_json,
     wrote,
 )
@@ -85,7 +84,7 @@ def command_path(options: argparse.Namespace) -> int:
             write_json(found.as_dict(), options.json)
         kept = place.keep()
     if str(options.json) != "-":
-        tell(options, as_text(found, shown))
+        show(options, as_text(found, shown))
         wrote(options, kept)
     return 0
 

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from mbfmu.audit import VARIABLES
 from mbfmu.curves import matching
 from mbfmu.direct import Result, communication_points, loops, run
+from mbfmu.energy_check import VARIABLES
 from mbfmu.files import write_text
 from mbfmu.scene import Scene, as_toml
 from mbfmu.settings import AUTO
@@ -36,8 +36,8 @@ from .common import (
     run_part,
     scene_of,
     scene_part,
-    tell,
-    tell_more,
+    show,
+    show_more,
     wrote,
 )
 from .completion import complete, output_names
@@ -122,11 +122,11 @@ def command_run(options: argparse.Namespace) -> int:
         elif way is not Way.DIRECT and scene.settings.solver == AUTO:
             result.remarks = (str(Simulation(scene.model, scene.settings).pick),)
         write(place, scene, result, recorder, options.plot)
-        tell(options, "\n".join((summary(scene, result, way, total), *(f"  {line}" for line in notes))))
-        tell_more(options, statistics(result))
+        show(options, "\n".join((summary(scene, result, way, total), *(f"  {line}" for line in notes))))
+        show_more(options, statistics(result))
         wrote(options, place.keep(mark(result)))
     if not recorder.used:
-        tell(options, f"see the motion with `mbfmu view {options.scene}`, or after a run with --direct")
+        show(options, f"see the motion with `mbfmu view {options.scene}`, or after a run with --direct")
     for text in filter(None, (result.coarse and f"warning: {result.coarse}", result.failure)):
         print(f"mbfmu: {text}", file=sys.stderr)
     return 1 if mark(result) else 0
@@ -212,11 +212,11 @@ def summary(scene: Scene, result: Result, way: Way, total: float) -> str:
             f"  stability, not accuracy, set the length of {s.stability_limited} steps: a looser tolerance will not "
             "help; `mbfmu check` tells which solver takes fewer"
         )
-    if scene.settings.audit:
-        worst, exchanged = np.abs(outputs["energy_imbalance"]).max(), outputs["energy_exchanged"][-1]
+    if scene.settings.energy_check:
+        worst, exchanged = np.abs(outputs["energy_error"]).max(), outputs["energy_throughput"][-1]
         part = f", {worst / exchanged:.1e} of the {exchanged:.3g} J exchanged" if worst < exchanged else ""
         held = f"{worst:.2e} J{part}{': LOST' if result.verdict else ''}"
-        lines.append(f"  energy imbalance {held if np.isfinite(worst) else 'not held: the drives leave nothing free'}")
+        lines.append(f"  energy error {held if np.isfinite(worst) else 'not held: the drives leave nothing free'}")
     for key, unit in (("position_residual", "m"), ("velocity_residual", "m/s")):
         if key in outputs:
             lines.append(f"  largest {key.replace('_', ' ')} {outputs[key].max():.2e} {unit}")

@@ -6,7 +6,7 @@ import argparse
 
 from mbfmu.errors import UserError
 
-from .common import Commands, tell, tell_more
+from .common import Commands, show, show_more
 
 
 def add(commands: Commands) -> None:
@@ -59,6 +59,6 @@ def command_runtime(options: argparse.Namespace) -> int:
                 f"this machine is none of those that can be built for; give --platforms: {', '.join(TARGETS)}"
             )
         path = pack(name) if options.pack else library(name)
-        tell(options, f"{name}: {path}")
-        tell_more(options, f"{path.stat().st_size / 1e3:.0f} kB")
+        show(options, f"{name}: {path}")
+        show_more(options, f"{path.stat().st_size / 1e3:.0f} kB")
     return 0

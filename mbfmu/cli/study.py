@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from mbfmu.errors import UserError
 
-from .common import RESULTS, Commands, file_name, tell, tell_more, wrote
+from .common import RESULTS, Commands, file_name, show, show_more, wrote
 
 EXAMPLE = """scene = "fourbar"
 count = 200
@@ -41,7 +41,7 @@ range, mean, rms, crossing and settling of an output, equilibrium, frequency and
 "file.py:function". All of it is told in the documentation, page "Studies".
 
 The results are in a folder, written as they come:
-  runs.parquet   a row a run: what varied, measures, status, energy imbalance, CPU time
+  runs.parquet   a row a run: what varied, measures, status, energy error, CPU time
   study.json     the study
   *.png          measures over what varies, their distributions, what matters
 A run that fails is a row with the reason, and never the end of the study. Ctrl-C leaves what is done, and --resume goes
@@ -83,8 +83,8 @@ def command_study(options: argparse.Namespace) -> int:
         print(f"mbfmu: interrupted; what is done is in {folder}. Go on with: {again}", file=sys.stderr)
         return 130
     draw(study, definition, folder)
-    tell(options, summary(study, definition.aim))
-    tell_more(options, failures(study))
+    show(options, summary(study, definition.aim))
+    show_more(options, failures(study))
     wrote(options, folder)
     return 1 if study.count("failed") == len(study.rows) else 0
 

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from scipy import optimize
 
-from mbfmu.errors import UserError
-from mbfmu.model import suggest
+from mbfmu.errors import UserError, suggest
 from solvers.system import Array
 
 from .design import Point

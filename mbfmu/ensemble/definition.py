@@ -39,8 +39,7 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.errors import UserError, short
-from mbfmu.model import suggest
+from mbfmu.errors import UserError, short, suggest
 from mbfmu.modules import load_module
 from mbfmu.toml import read_toml
 
@@ -69,7 +68,7 @@ KEYS = (
 LONGEST_LIMIT = 1e6  # s
 SOME = np.array([0.313, 0.5017, 0.7729])  # probabilities at which a distribution is tried
 NAME = re.compile(r"\w[\w .+-]{0,59}")  # of a measure, and so of files
-COLUMNS = ("run", "key", "status", "message", "imbalance", "seconds")  # of a table of runs, without those of the study
+COLUMNS = ("run", "key", "status", "message", "energy_error", "seconds")  # of a table of runs, before the study's
 INDEX = ("run", "key", "time")  # of a table of histories, without outputs
 
 

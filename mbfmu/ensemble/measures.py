@@ -14,8 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from mbfmu.errors import UserError
-from mbfmu.model import suggest
+from mbfmu.errors import UserError, suggest
 from mbfmu.result import Result
 from mbfmu.steady.state import Equilibrium
 from solvers.system import Array

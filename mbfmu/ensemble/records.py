@@ -140,7 +140,7 @@ class Records:
             row = {"run": outcome.number, "key": self.key(point), **point}
             row |= dict(zip(self._names, outcome.measures, strict=True))
             row |= {"status": outcome.status, "message": outcome.message}
-            row |= {"imbalance": outcome.imbalance, "seconds": outcome.seconds}
+            row |= {"energy_error": outcome.energy_error, "seconds": outcome.seconds}
             self._new.append(row)
             self.done[row["key"]] = outcome.measures
             self.failed += outcome.status == FAILED

@@ -32,7 +32,7 @@ class Study:
     ----------
     rows
         A run each: what varied, what was measured, ``status`` ("ok", "suspect" or "failed") with the reason in
-        ``message``, the largest energy ``imbalance`` in J, and its CPU time in ``seconds``.
+        ``message``, the largest ``energy_error`` in J, and its CPU time in ``seconds``.
     units
         Of what varied and of what was measured, by name.
     folder

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 import mbfmu
-from mbfmu.audit import VARIABLES
-from mbfmu.errors import UserError
+from mbfmu.energy_check import VARIABLES
+from mbfmu.errors import UserError, suggest
 from mbfmu.mechanics import Mechanism
-from mbfmu.model import Model, check, declared, of_user, suggest
+from mbfmu.model import Model, check, declared, of_user
 from mbfmu.scene import Scene, check_times, default_scene, load_scene
 from mbfmu.settings import Settings
 
@@ -87,8 +87,8 @@ class ModelSubject:
         units |= {v.name: v.unit for v in plant.inputs.variables} | {p.name: p.unit for p in model.parameters()}
         object.__setattr__(self, "units", units)
         object.__setattr__(self, "inputs", frozenset(v.name for v in plant.inputs.variables))
-        audited = VARIABLES if self.scene.settings.audit else ()
-        object.__setattr__(self, "outputs", {v.name: v.unit for v in (*plant.outputs, *audited)})
+        checked = VARIABLES if self.scene.settings.energy_check else ()
+        object.__setattr__(self, "outputs", {v.name: v.unit for v in (*plant.outputs, *checked)})
 
     @property
     def name(self) -> str:

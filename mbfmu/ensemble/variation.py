@@ -21,8 +21,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from mbfmu.errors import LONGEST, UserError, short
-from mbfmu.model import suggest
+from mbfmu.errors import LONGEST, UserError, short, suggest
 from mbfmu.units import read_unit
 from solvers.system import Array
 

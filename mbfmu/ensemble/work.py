@@ -21,8 +21,8 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 import mbfmu
-from mbfmu.audit import VARIABLES
 from mbfmu.direct import communication_points, run
+from mbfmu.energy_check import VARIABLES
 from mbfmu.errors import UserError
 from mbfmu.extras import optional
 from mbfmu.mechanics import Variable
@@ -62,7 +62,7 @@ class Outcome(NamedTuple):
     measures: tuple[float, ...]
     status: str
     message: str  # why it failed, or is not to be trusted
-    imbalance: float  # J, the largest of the run
+    energy_error: float  # J, the largest of the run
     seconds: float  # CPU time
     kept: tuple[Array, Array] | None  # times, and the outputs that are kept (times, outputs)
 
@@ -235,7 +235,7 @@ class FmuRunner:
 
 
 def _lost(rows: Any, names: Sequence[str]) -> str:
-    """Return which output is no finite number first, and when; empty if all are. An audit that is off has none."""
+    """Return which output is no finite number first, and when; empty if all are."""
     for name in names:
         odd = ~np.isfinite(rows[name].astype(float))
         if odd.any() and name not in AUDITED:
@@ -346,13 +346,13 @@ def _limited(seconds: float) -> Iterator[None]:
 
 def _measured(known: Ready, number: int, point: Point) -> Outcome:
     found, of_runs = [nan] * len(known.measures), [not isinstance(m, Steady) for m in known.measures]
-    status, message, imbalance, kept = OK, "", nan, None
+    status, message, energy_error, kept = OK, "", nan, None
     if any(of_runs) or known.keep or not of_runs:
         result = known.runner.result(point)
         status = FAILED if result.failure else SUSPECT if result.warning else OK
         message = result.failure or result.warning
-        if "energy_imbalance" in result.names:
-            imbalance = float(np.abs(result["energy_imbalance"]).max())
+        if "energy_error" in result.names:
+            energy_error = float(np.abs(result["energy_error"]).max())
         if known.keep:
             kept = result.t, np.column_stack([result[name] for name in known.keep])
         for k, measure in enumerate(known.measures):
@@ -363,4 +363,4 @@ def _measured(known: Ready, number: int, point: Point) -> Outcome:
         for k, measure in enumerate(known.measures):
             if isinstance(measure, Steady):
                 found[k] = measure.of(state)
-    return Outcome(number, tuple(found), status, message, imbalance, 0.0, kept)
+    return Outcome(number, tuple(found), status, message, energy_error, 0.0, kept)

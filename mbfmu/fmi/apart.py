@@ -47,7 +47,9 @@ def make_for_a_run(scene: Scene, path: Path) -> list[str] | None:
         return done.stdout.splitlines() if done.returncode == 0 else None
 
 
-def export_scene(scene: Scene, path: Path, *, fmi: int, platforms: Sequence[str], tell: Callable[[str], None]) -> None:
+def export_scene(
+    scene: Scene, path: Path, *, fmi: int, platforms: Sequence[str], report: Callable[[str], None]
+) -> None:
     """Export a scene as a native FMU, see :func:`mbfmu.fmi.export`; apart, where that saves compiling.
 
     Raises
@@ -56,7 +58,7 @@ def export_scene(scene: Scene, path: Path, *, fmi: int, platforms: Sequence[str]
         As that does.
     """
     if not _needs_no_compiler(scene.settings, platforms or [host()]):
-        _export(scene, path, fmi, platforms, tell)
+        _export(scene, path, fmi, platforms, report)
         return
     told: list[str] = []
     try:
@@ -68,7 +70,7 @@ def export_scene(scene: Scene, path: Path, *, fmi: int, platforms: Sequence[str]
             raise UserError(done.stderr.strip()) from None
         told = done.stdout.splitlines()
     for line in told:
-        tell(line)
+        report(line)
 
 
 def _needs_no_compiler(settings: Settings, platforms: Sequence[str]) -> bool:
@@ -97,7 +99,7 @@ def _make(scene: Scene, path: Path) -> list[str]:
     return loops(scene.model)
 
 
-def _export(scene: Scene, path: Path, fmi: int, platforms: Sequence[str], tell: Callable[[str], None]) -> None:
+def _export(scene: Scene, path: Path, fmi: int, platforms: Sequence[str], report: Callable[[str], None]) -> None:
     export(
         scene.model,
         path,
@@ -107,7 +109,7 @@ def _export(scene: Scene, path: Path, fmi: int, platforms: Sequence[str], tell: 
         native=True,
         fmi=fmi,
         platforms=platforms,
-        tell=tell,
+        report=report,
     )
 
 

@@ -33,7 +33,7 @@ def export(
     native: bool = False,
     fmi: int = 2,
     platforms: Sequence[str] = (),
-    tell: Callable[[str], None] = lambda _: None,
+    report: Callable[[str], None] = lambda _: None,
 ) -> Path:
     """Write ``model`` as an FMU; its parameter values become the start values. Equal content gives equal bytes.
 
@@ -53,7 +53,7 @@ def export(
         Version of FMI, 2 or 3; the second for machine code alone.
     platforms
         Of machine code: names of the machines it is for, of :data:`mbfmu.native.targets.TARGETS`. Empty: this one.
-    tell
+    report
         Function that receives a message on every decision of the export: another solver, parameters that become
         constant.
 
@@ -83,7 +83,7 @@ def export(
     if not path.parent.is_dir():
         raise UserError(f"folder {str(path.parent)!r} does not exist")
     if native:
-        content = native_files(model, settings, experiment, fmi=fmi, platforms=platforms, tell=tell)
+        content = native_files(model, settings, experiment, fmi=fmi, platforms=platforms, report=report)
     else:
         if fmi != 2 or platforms:
             raise UserError("versions of FMI and platforms can be chosen for machine code alone: native=True")

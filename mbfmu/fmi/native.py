@@ -34,7 +34,7 @@ def native(
     *,
     fmi: int,
     platforms: Sequence[str],
-    tell: Callable[[str], None] = lambda _: None,
+    report: Callable[[str], None] = lambda _: None,
     for_one_run: bool = False,
 ) -> dict[str, bytes]:
     """Return the files of an FMU that runs by itself, by their names; see :func:`mbfmu.fmi.export`.
@@ -42,10 +42,10 @@ def native(
     ``for_one_run``: its parameters are constant, which saves the search for what follows them.
     """
     names = _targets(fmi, platforms)
-    settings = _with_solver(model, settings, tell)
+    settings = _with_solver(model, settings, report)
     made = native_model(model, settings, for_one_run)
     for name, why in made.frozen.items():
-        tell(f"parameter {name!r} is fixed by the export: {why}")
+        report(f"parameter {name!r} is fixed by the export: {why}")
     owner = identify(model, settings, experiment, "native", str(fmi), sha256(made.data).hexdigest())
     identity = Identity(name=model.name, identifier=owner.identifier, description=model.title(), guid=owner.guid)
     shown, terminals = list(made.variables), None
@@ -94,7 +94,7 @@ def _known() -> str:
     return ", ".join(TARGETS)
 
 
-def _with_solver(model: Model, settings: Settings, tell: Callable[[str], None]) -> Settings:
+def _with_solver(model: Model, settings: Settings, report: Callable[[str], None]) -> Settings:
     """Return settings with a solver that native FMUs support: the cheapest if another was requested."""
     if settings.solver in SOLVERS:
         return settings
@@ -110,9 +110,9 @@ def _with_solver(model: Model, settings: Settings, tell: Callable[[str], None]) 
         )
     why = found.reason if found.solver in SOLVERS else f"{found.solver!r} would serve it best, and is not there"
     if settings.solver == AUTO:
-        tell(f"the solver is {solver!r}: {why}")
+        report(f"the solver is {solver!r}: {why}")
     else:
-        tell(f"the solver is {solver!r} ({why}): {settings.solver!r} is not in machine code, which has {_solvers()}")
+        report(f"the solver is {solver!r} ({why}): {settings.solver!r} is not in machine code, which has {_solvers()}")
     return replace(settings, solver=solver)
 
 

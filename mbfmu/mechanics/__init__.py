@@ -1,16 +1,16 @@
 """Mechanisms and their motion; independent of the methods of solvers and of FMI."""
 
-from mbfmu.errors import AssemblyError, UserError
+from mbfmu.errors import AssemblyError, UserError, missing_attribute
 from solvers.compiled.kernel import kernel
 
 from .arrays.compile import Variable
 from .arrays.plant import Plant
 from .assemblies.chain import add_chain
-from .assemblies.contacts import NipHandle, TouchHandle, contact_pressure, jammed
+from .assemblies.contacts import NipHandle, SurfaceContactHandle, contact_pressure, jammed
 from .assemblies.fabric import Crease
 from .assemblies.sheet import Sheet, add_sheet
 from .assemblies.supports import Support
-from .assemblies.transport import add_nip, add_touch
+from .assemblies.transport import add_contact, add_nip
 from .builder.bodies import Body, CouplingHandle, CutHandle, FlexibleBody, ForceHandle
 from .builder.inertia import box, cylinder, rod, sphere, tube
 from .builder.mechanism import Mechanism
@@ -128,10 +128,10 @@ __all__ = [
     "Sum",
     "Support",
     "Surface",
+    "SurfaceContactHandle",
     "Table",
     "Torque",
     "TorsionSpring",
-    "TouchHandle",
     "Translational",
     "TranslationalCut",
     "Trough",
@@ -142,9 +142,9 @@ __all__ = [
     "Weld",
     "WeldCut",
     "add_chain",
+    "add_contact",
     "add_nip",
     "add_sheet",
-    "add_touch",
     "box",
     "contact_pressure",
     "cylinder",
@@ -155,3 +155,7 @@ __all__ = [
     "sphere",
     "tube",
 ]
+
+
+def __getattr__(name: str) -> object:
+    raise missing_attribute("mbfmu.mechanics", name)

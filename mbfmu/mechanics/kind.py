@@ -11,11 +11,11 @@ address (:mod:`.dispatch`).
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
 
-from mbfmu.errors import UserError, short
+from mbfmu.errors import UserError, require_arguments, short
 from solvers.compiled.kernel import COMPILED, is_kernel, raises
 
 NOTHING = np.dtype([("nothing", np.int64)])  # record of a kind without parameters
@@ -52,6 +52,11 @@ class Kind:
 
     record: ClassVar[np.dtype[Any]] = NOTHING
     kernels: ClassVar[dict[str, str]]
+
+    def __new__(cls, *_: Any, **given: Any) -> Self:
+        """Check the names of the parameters; raises UserError."""
+        require_arguments(cls, given)
+        return super().__new__(cls)
 
     def check(self, what: str) -> None:
         """Raise UserError if a parameter is not allowed; ``what`` names the element."""

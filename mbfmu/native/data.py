@@ -29,7 +29,7 @@ from .table import LENGTH, Entry, Term
 
 BAKED = {  # settings that are decided by the export, and why
     "solver": "it decides which machine code runs",
-    "inputs": "it decides what there is",
+    "input_interpolation": "it decides what there is",
     "start_at_equilibrium": "the steady state is found by the export",
 }
 

@@ -120,7 +120,7 @@ def instance_of(simulation: Simulation) -> Instance:
     known = np.array([system.rate, system.loop_rate if system.has_matrices else 0.0, plant.length])
     rooms = np.zeros(system.n), np.zeros(system.m), np.zeros(len(simulation.variables))
     settings = stepper.options.record(), np.zeros(len(COUNTERS), np.int64)
-    balance = simulation.audit.balance.copy() if simulation.audit else records(1, BALANCE)
+    balance = simulation.energy_check.balance.copy() if simulation.energy_check else records(1, BALANCE)
     books = plant.inputs.own, balance, records(1, TOLD), np.zeros(system.n), plant.mechanism.cells
     places = Frames.of(plant), system.placed
     return Instance(own, start, *rooms, np.array([simulation.t]), known, *settings, *books, *places)  # type: ignore[arg-type]
@@ -232,7 +232,7 @@ def entries(name: str) -> dict[str, Entry]:
         s.clock[0], g.scales.rtol[0] = t, s.options[0].rtol
         code, rate = begun(s, t)
         renewed(s, True)
-        s.balance[0].kept = 1 if s.options[0].audit == 1 and g.v.shape[0] > g.memory.control[0].rank else 0
+        s.balance[0].kept = 1 if s.options[0].energy_check == 1 and g.v.shape[0] > g.memory.control[0].rank else 0
         s.balance[0].tolerance = s.options[0].rtol
         begin_points(s, code)
         s.told[0].flaw = judge_start(t, rate, g.q, g.work.size_q, g.scales.rtol[0], s.start.scratch.worst[0])

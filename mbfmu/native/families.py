@@ -144,13 +144,13 @@ def renew_history(s: Any, fresh: bool, watched: bool) -> None:
 def renew_adams(s: Any, fresh: bool) -> None:
     """See :func:`renew_history`."""
     o = s.given.settings[0]
-    renew_history(s, fresh, o.audit == 1 or o.partition == HYBRID)
+    renew_history(s, fresh, o.energy_check == 1 or o.partition == HYBRID)
 
 
 @kernel
 def renew_tree(s: Any, fresh: bool) -> None:
     """See :func:`renew_history`."""
-    renew_history(s, fresh, s.given.settings[0].audit == 1)
+    renew_history(s, fresh, s.given.settings[0].energy_check == 1)
 
 
 @kernel
@@ -158,7 +158,7 @@ def renew_radau(s: Any, fresh: bool) -> None:
     """As ``RadauStepper.renew`` does; ``fresh``: as its ``restart``."""
     g, kept = s.given, not fresh and s.told[0].code == OK
     o = g.settings[0]
-    o.works = 1 if o.audit == 1 and g.eqs.data.arrays.world[0].works == 1 else 0
+    o.works = 1 if o.energy_check == 1 and g.eqs.data.arrays.world[0].works == 1 else 0
     radau.begin_anew(g.memory, s.clock[0], g.q, g.v, g.ledger[WORK], 0 if fresh else STOPS, kept)
     if fresh:
         g.memory.control[0].known = 0

@@ -11,7 +11,7 @@ from mbfmu.mechanics.arrays.points import WEIGHS, begin_inputs, depart, set_inpu
 from mbfmu.mechanics.recursions.dynamics import energy
 from solvers.balance import KEPT, judge, slowest
 from solvers.compiled.kernel import kernel
-from solvers.ledger import EXCHANGED, PASSAGE
+from solvers.ledger import PASSAGE, THROUGHPUT
 from solvers.outcome import OK
 
 TOLD = np.dtype(
@@ -22,7 +22,7 @@ TOLD = np.dtype(
         ("flaw", np.int64),  # what is wrong with the start, see starting.Flaw; zero: nothing
         ("lost", np.int64),  # result of the check of the energy balance in solvers.balance
         ("lost_at", np.float64),  # s, where that was seen first; by how much, and what was exchanged until then, J
-        ("imbalance", np.float64),
+        ("energy_error", np.float64),
         ("exchanged", np.float64),
         ("passage", np.float64),  # J, of the last slow passage until then, see solvers.ledger
         ("before", np.float64),  # J, energy before parameters change
@@ -71,7 +71,7 @@ def note_rates(s: Any, k: int) -> None:
 
 @kernel
 def leave(s: Any, before: float, jumps: bool) -> None:
-    """Let supports depart, with the impulse ``s.dv`` where rates of them jump; its work is no imbalance.
+    """Let supports depart, with the impulse ``s.dv`` where rates of them jump; its work is no energy error.
 
     ``before`` is the energy until then, J.
     """
@@ -92,13 +92,17 @@ def arrive(s: Any, t: float, code: int) -> None:
 
 @kernel
 def look(s: Any, now: float) -> float:
-    """Hold the reported state, of energy ``now``, to its balance; return the imbalance, J."""
-    imbalance, found = judge(s.balance, now, s.given.ledger)
+    """Hold the reported state, of energy ``now``, to its balance; return the energy error, J."""
+    energy_error, found = judge(s.balance, now, s.given.ledger)
     told = s.told[0]
     if found != KEPT and told.lost == KEPT:
         told.lost, told.lost_at = found, s.clock[0]
-        told.imbalance, told.exchanged, told.passage = imbalance, s.given.ledger[EXCHANGED], s.given.ledger[PASSAGE]
-    return imbalance
+        told.energy_error, told.exchanged, told.passage = (
+            energy_error,
+            s.given.ledger[THROUGHPUT],
+            s.given.ledger[PASSAGE],
+        )
+    return energy_error
 
 
 @kernel
@@ -111,11 +115,9 @@ def look_at_plates(s: Any) -> None:
 
 @kernel
 def tell_balance(s: Any) -> None:
-    """Put imbalance and exchanged energy in place of the energies that the outputs end in; not numbers where there is
-    no audit.
-    """
+    """Put energy error and throughput in place of the energies that the outputs end in; NaN without energy check."""
     out, last = s.out, s.out.shape[0] - 1
     if s.balance[0].kept == 1:
-        out[last - 1], out[last] = look(s, out[last - 1]), s.given.ledger[EXCHANGED]
+        out[last - 1], out[last] = look(s, out[last - 1]), s.given.ledger[THROUGHPUT]
     else:
         out[last - 1], out[last] = np.nan, np.nan

@@ -13,11 +13,11 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from mbfmu.errors import EquilibriumError, UserError
+from mbfmu.errors import EquilibriumError, UserError, suggest
 from mbfmu.files import replacing
 from mbfmu.mechanics import Mechanism
 from mbfmu.mechanics.numbers import finite
-from mbfmu.model import Model, suggest
+from mbfmu.model import Model
 from mbfmu.steady.problem import EquilibriumProblem
 from solvers.linalg.blocks import one_thread
 from solvers.statics.matrices import LARGEST_ASSEMBLED

@@ -20,12 +20,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.errors import AssemblyError, EquilibriumError, UserError
+from mbfmu.errors import AssemblyError, EquilibriumError, UserError, suggest
 from mbfmu.mechanics import Mechanism, Plant
 from mbfmu.mechanics.arrays.closing import least_change
 from mbfmu.mechanics.numbers import finite
 from mbfmu.mechanics.tangent.inertia import even_negative
-from mbfmu.model import Model, of_user, suggest
+from mbfmu.model import Model, of_user
 from mbfmu.steady.checks import STEADY, check
 from mbfmu.steady.cyclic import CYCLIC, find_cyclic
 from mbfmu.steady.linear import StateSpace

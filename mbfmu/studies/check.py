@@ -17,10 +17,9 @@ from mbfmu.auto import SolverPick, State, pick
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Mechanism, Plant
 from mbfmu.mechanics.numbers import finite
-from mbfmu.model import Model, declared, of_user, suggest
+from mbfmu.model import Model, of_user
 from mbfmu.result import together
 from mbfmu.scene import Scene, default_scene
-from mbfmu.settings import Settings
 from mbfmu.simulation import Simulation
 from mbfmu.spectrum import Spectrum, spectrum
 from mbfmu.studies.held import describe_held_inputs
@@ -185,10 +184,6 @@ def check(
         The arguments are invalid. A scene that cannot start, or fails, does not raise: ``failure`` contains the reason.
     """
     scene = subject if isinstance(subject, Scene) else default_scene(of_user(subject))
-    known = [p.name for p in declared(Settings)]
-    for name in settings:
-        if name not in known:
-            raise UserError(f"there is no setting {name!r}{suggest(name, known)}")
     scene = scene.changed(**settings, stop_time=stop_time)
     if not finite("patience", patience) > 0.0:
         raise UserError(f"patience is {patience!r} s; allowed: greater than zero")

@@ -58,8 +58,8 @@ class Row:
         where there is nothing to resolve.
     errors
         Error of every evaluated output by name, in its unit.
-    energy_imbalance
-        Largest difference between the energy and what work has made of it, J; None where it is not audited.
+    energy_error
+        Largest difference between the energy and what work has made of it, J; None where it is not checked.
     position_residual, velocity_residual
         Largest at the outputs, m and m/s.
     branch_jump
@@ -83,7 +83,7 @@ class Row:
     time_error: float | None
     space_error: float | None
     errors: dict[str, float]
-    energy_imbalance: float | None
+    energy_error: float | None
     position_residual: float
     velocity_residual: float
     partition_switches: int
@@ -112,7 +112,7 @@ class Comparison:
     rows
         Cheap resolutions and loose tolerances first.
     energies
-        Times and energy imbalance (J) of each solver at ``tolerance``, the one nearest the scene's, at the finest
+        Times and energy error (J) of each solver at ``tolerance``, the one nearest the scene's, at the finest
         resolution it ran.
     reference
         Reference with which the rows are compared.
@@ -331,7 +331,7 @@ def _first_runs(
 
 
 def _history(result: Result) -> History:
-    return result.t, result["energy_imbalance"]
+    return result.t, result["energy_error"]
 
 
 def judge(case: Case, spent: Spent, right: Reference) -> Row:
@@ -344,7 +344,7 @@ def judge(case: Case, spent: Spent, right: Reference) -> Row:
     worst = max(errors, key=lambda name: errors[name], default="")
     resolved = own is not right.motion
     gap = case.scene.model.branch_gap(outputs)
-    imbalance = float(np.abs(outputs["energy_imbalance"]).max())
+    energy_error = float(np.abs(outputs["energy_error"]).max())
     return Row(
         solver=case.scene.settings.solver,
         rtol=case.scene.settings.tolerance,
@@ -359,7 +359,7 @@ def judge(case: Case, spent: Spent, right: Reference) -> Row:
         time_error=max(right.errors(outputs, own).values()) if ended else None,
         space_error=max(right.errors(own.values).values()) if resolved else None,
         errors={name: error * right.motion.scale[name] for name, error in errors.items()},
-        energy_imbalance=imbalance if np.isfinite(imbalance) else None,
+        energy_error=energy_error if np.isfinite(energy_error) else None,
         position_residual=largest(outputs, "position_residual"),
         velocity_residual=largest(outputs, "velocity_residual"),
         partition_switches=result.statistics.partition_switches,

@@ -14,11 +14,11 @@ from math import log10
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.audit import VARIABLES
 from mbfmu.curves import RESIDUALS
-from mbfmu.errors import UserError
+from mbfmu.energy_check import VARIABLES
+from mbfmu.errors import UserError, suggest
 from mbfmu.mechanics import Plant
-from mbfmu.model import Model, suggest
+from mbfmu.model import Model
 from mbfmu.result import Result
 from mbfmu.scene import Scene
 from mbfmu.settings import Settings
@@ -97,7 +97,7 @@ class Reference:
 
 def scales(result: Result) -> dict[str, float]:
     """Return the range of every output that is no residual; of an energy at least what was exchanged."""
-    exchanged = float(np.nan_to_num(result["energy_exchanged"][-1]))
+    exchanged = float(np.nan_to_num(result["energy_throughput"][-1]))
     own = [v for v in result.variables if not v.name.endswith(RESIDUALS) and v not in VARIABLES]
     ranges = {v.name: float(np.ptp(result[v.name])) for v in own}
     return {v.name: max(ranges[v.name], exchanged) if v.unit == "J" else ranges[v.name] for v in own}
@@ -166,7 +166,9 @@ def tight(
 
 
 def _tight(scene: Scene, solver: str, tolerance: float) -> Settings:
-    return replace(scene.settings, solver=solver, tolerance=tolerance, absolute_tolerance=0.0, max_order=0, audit=True)
+    return replace(
+        scene.settings, solver=solver, tolerance=tolerance, absolute_tolerance=0.0, max_order=0, energy_check=True
+    )
 
 
 def reference(

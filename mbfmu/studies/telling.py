@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from math import isfinite, isinf, pi
 from typing import TYPE_CHECKING
 
-from mbfmu.audit import NEAR
+from mbfmu.energy_check import NEAR
 from mbfmu.table import counted, power
 from solvers.inertia import LARGE_GROWTH
 

@@ -30,7 +30,7 @@ def as_text(found: Comparison) -> str:
             _number(row.error),
             *([_number(row.time_error), _number(row.space_error)] if split else []),
             row.worst or "-",
-            _number(row.energy_imbalance),
+            _number(row.energy_error),
             str(row.partition_switches),
             outcome(row),
         )
@@ -41,7 +41,7 @@ def as_text(found: Comparison) -> str:
         *(["resolution"] if resolved else []),
         *("CPU [ms]", "spread", "steps", "evals", "error"),
         *(["in time", "in space"] if split else []),
-        *("worst output", "imbalance [J]", "switches", "outcome"),
+        *("worst output", "energy_error [J]", "switches", "outcome"),
     )
     return "\n".join([table(header, lines), "", *told(found)])
 

@@ -134,11 +134,11 @@ def _measure(found: Comparison) -> str:
 
 
 def plot_energy(found: Comparison, title: str, path: Path) -> None:
-    """Draw the energy's imbalance against time, one line a solver, from the first output after the start on."""
+    """Draw the energy's energy_error against time, one line a solver, from the first output after the start on."""
     figure, ax = subplots(size=(8.0, 4.5))
-    for solver, (times, imbalance) in found.energies.items():
-        if np.isfinite(imbalance).any():
-            shown = np.maximum(np.abs(imbalance[1:]), 1e-14)
+    for solver, (times, energy_error) in found.energies.items():
+        if np.isfinite(energy_error).any():
+            shown = np.maximum(np.abs(energy_error[1:]), 1e-14)
             ax.semilogy(times[1:], shown, lw=1.0, color=COLORS.get(solver, OTHER), label=solver)
     if not ax.lines:
         ax.text(0.5, 0.5, "no energy balance was held", transform=ax.transAxes, ha="center")

@@ -1,4 +1,4 @@
-"""What sheets meet, as shapes of bodies: the surfaces that they touch, and the rollers and idlers of nips.
+"""What sheets meet, as shapes of bodies: the surfaces that they contact, and the rollers and idlers of nips.
 
 A body other than the ground that the model gives shapes looks as those say, and gets none here.
 """
@@ -15,7 +15,7 @@ from mbfmu.mechanics.axes import along
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.checks import rotation
 from mbfmu.mechanics.contact.nip import Nip
-from mbfmu.mechanics.contact.touch import Touch
+from mbfmu.mechanics.contact.surface_contact import SurfaceContact
 from mbfmu.mechanics.shapes import Shape
 
 Poses = tuple[NDArray[np.float32], NDArray[np.float32]]  # origins (T, nb, 3), m, and axes (T, nb, 3, 3) of all bodies
@@ -29,17 +29,17 @@ def met(mechanism: Mechanism, poses: Poses | None) -> Iterator[tuple[Body, Shape
     """Yield bodies and shapes; without poses planes that have no end are left out."""
     own = {body.index for body, _ in mechanism.shapes if body.index}
     nips: dict[str, tuple[Nip, tuple[Body, ...]]] = {}
-    touches: dict[tuple[int, int], tuple[Touch, Body, set[int]]] = {}
+    contacts: dict[tuple[int, int], tuple[SurfaceContact, Body, set[int]]] = {}
     for _, load, bodies in mechanism.others:
         holder = bodies[4] if isinstance(load, Nip) else bodies[-1]
         if isinstance(load, Nip) and holder.index not in own:
             nips[load.name] = load, bodies[4:]
-        elif isinstance(load, Touch) and holder.index not in own:
-            nodes = touches.setdefault((id(load.surface), holder.index), (load, holder, set()))[2]
+        elif isinstance(load, SurfaceContact) and holder.index not in own:
+            nodes = contacts.setdefault((id(load.surface), holder.index), (load, holder, set()))[2]
             nodes.update(body.index for body in bodies[:-1])
-    for touch, holder, nodes in touches.values():
+    for contact, holder, nodes in contacts.values():
         near = np.zeros((1, 3)) if poses is None else relative(poses, sorted(nodes), holder.index)
-        yield from ((holder, shape) for shape in touch.surface.shapes(near))
+        yield from ((holder, shape) for shape in contact.surface.shapes(near))
     for nip, (roller, *idlers) in nips.values():
         yield from rolling(nip, roller, nip.common["radius"], RUBBER)
         for idler in idlers:

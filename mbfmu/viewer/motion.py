@@ -72,10 +72,10 @@ class Motion:
         return "" if self.scale == 1.0 else f"deflection × {self.scale:g}"
 
     def reading(self, frame: int) -> str:
-        """Return what the readouts are at a frame, a line each."""
+        """Return what the shown_outputs are at a frame, a line each."""
         told = {name: (unit, x) for (name, unit), x in zip(self.outputs, self.values[frame], strict=True)}
         lines = []
-        for name in self.picture.readouts:
+        for name in self.picture.shown_outputs:
             unit, value = told[name]
             lines.append(f"{name} {value:.4g}{'' if unit == '1' else f' {unit}'}")
         return "\n".join(lines)
@@ -145,7 +145,7 @@ class Motion:
         poses = (self.r.shape, self.e.shape, self.p.shape) == shapes
         told = (frames, len(self.outputs)), (frames, len(self.arrows), 3)
         outputs = {name for name, _ in self.outputs}
-        asked = (self.picture.readouts, *(skin.outputs for skin in self.picture.skins))
+        asked = (self.picture.shown_outputs, *(skin.outputs for skin in self.picture.skins))
         seen = all(map(outputs.issuperset, asked))
         return frames > 0 and poses and seen and (self.values.shape, self.forces.shape) == told
 

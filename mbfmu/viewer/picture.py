@@ -131,7 +131,7 @@ class Picture:
     skins: tuple[Skin, ...]
     bars: tuple[Bar, ...]
     unnamed: tuple[int, ...]  # cross-sections of elastic bodies, whose names would be in the way
-    readouts: tuple[str, ...] = ()  # outputs, by name
+    shown_outputs: tuple[str, ...] = ()  # outputs, by name
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain lists and numbers, for JSON."""
@@ -149,7 +149,7 @@ class Picture:
             skins=tuple(Skin(**skin) for skin in frozen["skins"]),
             bars=tuple(Bar(**bar) for bar in frozen["bars"]),
             unnamed=frozen["unnamed"],
-            readouts=frozen.get("readouts", ()),  # pose files from before there were any
+            shown_outputs=frozen.get("shown_outputs", ()),  # pose files from before there were any
         )
 
     def points(self) -> dict[int, Matrix]:
@@ -251,7 +251,7 @@ class _Artist:
             skins=skins,
             bars=self._bars(),
             unnamed=tuple(body.index for body in self.mechanism.bodies if isinstance(body.joint, Section)),
-            readouts=tuple(self.mechanism.readouts),
+            shown_outputs=tuple(self.mechanism.shown_outputs),
         )
 
     def _bars(self) -> tuple[Bar, ...]:

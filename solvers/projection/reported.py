@@ -60,7 +60,9 @@ def evaluate(eqs: Any, t: float, q: Any, v: Any, rank: int, work: Any, a: Any, l
 
 
 @inlined
-def tell(eqs: Any, t: float, q: Any, v: Any, rtol: float, c: Any, work: Any, a: Any, lam: Any, told: Any) -> int:
+def report_state(
+    eqs: Any, t: float, q: Any, v: Any, rtol: float, c: Any, work: Any, a: Any, lam: Any, outputs: Any
+) -> int:
     """Accelerations, multipliers and outputs of the system at the last projected state, whose factors exist.
 
     The record ``c`` has the rank, and takes note of where forces are not known.
@@ -73,6 +75,6 @@ def tell(eqs: Any, t: float, q: Any, v: Any, rtol: float, c: Any, work: Any, a: 
     multipliers(eqs.terms, c.rank, work, a, lam)
     if unresolved(rtol, c.rank, work):
         c.undetermined, c.undetermined_at = 1, t
-    if told.shape[0] > 0:
-        eqs.tell(a, lam, eqs.data, told)
+    if outputs.shape[0] > 0:
+        eqs.evaluate_outputs(a, lam, eqs.data, outputs)
     return OK

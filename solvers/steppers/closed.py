@@ -58,9 +58,9 @@ class ClosedStepper(DenseStepper):
         self._t = t if code is Code.OK else float(self._control["t"])
         return code
 
-    def _sample(self, times: Array, out: Samples, told: Array) -> int:
+    def _sample(self, times: Array, out: Samples, outputs: Array) -> int:
         self._control["undetermined"] = 0
-        code, done = self.loop.sample(self.given, times, *out, told)
+        code, done = self.loop.sample(self.given, times, *out, outputs)
         last = min(done, len(times) - 1)
         self._t = min(float(times[last]), float(self._control["t"]))
         self._q[:], self._v[:], self._ledger[:] = out.q[last], out.v[last], out.ledger[last]

@@ -15,7 +15,7 @@ from mbfmu.ensemble.variation import toleranced
 from mbfmu.ensemble.work import FAILED, Outcome
 from mbfmu.errors import UserError
 from mbfmu.scene import load_scene
-from mbfmu.studies.choose import read_target
+from mbfmu.studies.recommendation import read_target
 
 ODD = {
     "deep nesting": ("a = " + 5000 * "[" + 5000 * "]", "nested too deeply"),

@@ -84,7 +84,7 @@ def test_rows_are_the_runs_that_are_made_by_hand(cluster: Cluster, tmp_path: Pat
         result = mb.simulate(model, 0.5)
         assert row["status"] == OK
         assert row["fastest"] == result["crank.rate"].max()
-        assert row["imbalance"] == np.abs(result["energy_imbalance"]).max()
+        assert row["energy_error"] == np.abs(result["energy_error"]).max()
         assert np.array_equal(histories.loc[row["run"]]["crank.angle"], result["crank.angle"])
     frame = study.to_dataframe()
     assert frame.attrs["units"]["fastest"] == "rad/s"

@@ -21,7 +21,7 @@ from mbfmu.model import Model
 from mbfmu.settings import Settings
 from mbfmu.simulation import Simulation
 
-ADAMS = Settings(solver="adams", tolerance=1e-6, audit=False)
+ADAMS = Settings(solver="adams", tolerance=1e-6, energy_check=False)
 NEEDS = {  # of the excavator's outputs: inputs that change them at the moment they are set, by the laws of the forces
     "cylinder.force": {"cylinder.push"},
     "pressed.force": {"cylinder.push", "area"},

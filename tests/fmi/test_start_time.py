@@ -73,7 +73,7 @@ class Timed(Model):
 
 
 def named(simulation: Simulation) -> dict[str, float]:
-    """The outputs by their names, without those of the audit."""
+    """The outputs by their names, without those of the energy check."""
     return dict(zip([v.name for v in simulation.plant.outputs], simulation.outputs().tolist(), strict=False))
 
 
@@ -97,7 +97,7 @@ def test_a_speed_of_an_input_turns_its_joint_from_the_start_time_on(t0: float, s
 @pytest.mark.parametrize("interpolation", ["hold", "linear"])
 def test_inputs_of_every_kind_begin_at_the_start_time(t0: float, size: float, interpolation: str) -> None:
     """Nothing there depends on time itself, so the motion is that of time zero."""
-    settings = Settings(solver="adams", tolerance=1e-8, inputs=interpolation)
+    settings = Settings(solver="adams", tolerance=1e-8, input_interpolation=interpolation)
     given = {"torque.rate": 0.01 * size**2, "speed": -2.0, "sled.v": 0.5 * size, "torque": 0.2 * size**2}
     early, late = (Simulation(Carried(size=size), settings, t, given) for t in (0.0, t0))
     assert named(late)["table.at"] == 0.0

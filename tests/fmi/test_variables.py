@@ -67,7 +67,7 @@ class Moved(Model):
 @pytest.mark.parametrize("model", [*MODELS, Moved(gripped=False)], ids=repr)
 def test_dependencies_are_true(model: Model) -> None:
     """What an input changes at the moment it is set is declared."""
-    settings = Settings(solver="adams", tolerance=1e-6, audit=False)
+    settings = Settings(solver="adams", tolerance=1e-6, energy_check=False)
     variables = interface(model, settings)
     simulation = Simulation(model, settings)
     simulation.advance(1e-4)

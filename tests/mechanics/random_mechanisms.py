@@ -21,7 +21,7 @@ from mbfmu.mechanics.signals import Harmonic, Polynomial
 Generator = np.random.Generator
 JOINTS, CUTS, COUPLINGS = kinds_of(joints, Joint), kinds_of(cuts, Cut), kinds_of(couplings, Coupling)
 FORCES = kinds_of(loads, Force) + kinds_of(elements, Force)
-TURNING = ("turning_stiffness", "turning_damping")
+TURNING = ("rotational_stiffness", "rotational_damping")
 NUMBERS = ("stiffness", "damping", *TURNING, "free", "axial", "torsion", "bending_y", "bending_z")
 
 

@@ -16,7 +16,7 @@ from scipy.optimize import brentq, root
 from scipy.special import ellipe, ellipk
 
 import mbfmu as mb
-from mbfmu.mechanics import Body, Guide, Mechanism, NipHandle, Revolute, Sheet, Signal, add_nip, add_sheet, add_touch
+from mbfmu.mechanics import Body, Guide, Mechanism, NipHandle, Revolute, Sheet, Signal, add_contact, add_nip, add_sheet
 
 LENGTH, WIDTH, THICKNESS, DENSITY, GRAVITY, RADIUS = 0.297, 0.03, 1e-4, 800.0, 9.81, 0.01
 BENDING = 4e9 * THICKNESS**3 / 12.0  # N m
@@ -49,7 +49,7 @@ def add_channel(m: Mechanism, sheet: Sheet) -> None:
     """Guides behind x = 0, 20 um below the strip and 0.3 mm above it."""
     for name, y in (("below", -0.5 * THICKNESS - 1.02e-3), ("above", 0.5 * THICKNESS + 1.3e-3)):
         plate = Guide(start=(-0.5, y, 0.0), end=(-2e-3, y, 0.0), radius=1e-3, width=0.1)
-        add_touch(m, name, sheet, plate, points=(6, 3), stiffness=2e6, depth=2e-5)
+        add_contact(m, name, sheet, plate, points=(6, 3), stiffness=2e6, depth=2e-5)
 
 
 def run(

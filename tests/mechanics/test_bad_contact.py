@@ -26,9 +26,9 @@ from mbfmu.mechanics import (
     Translational,
     Trough,
     Wall,
+    add_contact,
     add_nip,
     add_sheet,
-    add_touch,
 )
 from mbfmu.simulation import Settings, Simulation
 
@@ -49,7 +49,7 @@ def scene(y: float = ABOVE, grid: tuple[int, int] = (5, 4), weight: float = 9.81
 def starts(surface: Surface, y: float, **given: Any) -> Simulation:
     """A sheet at a height that touches a surface, at its start."""
     m, sheet = scene(y)
-    add_touch(m, "table", sheet, surface, **given)
+    add_contact(m, "table", sheet, surface, **given)
     return Simulation(m, ESDIRK)
 
 
@@ -78,14 +78,16 @@ def test_a_sheet_may_start_a_little_in_what_it_touches(deep: float) -> None:
             r"\(0, 0, ",
             "0.0174",
         ),
-        # between the points that touch, 19 mm apart: one thinner than that would never be felt
+        # between the contact points, 19 mm apart: one thinner than that would never be felt
         (Guide(start=(0.1, -0.02, 0.1), end=(0.1, 0.02, 0.1), radius=5e-4, width=0.3), 0.0, r"\(0.09987, 0", "0.00041"),
     ],
 )
 def test_a_sheet_that_starts_through_what_it_touches_is_refused(
     surface: Surface, y: float, place: str, depth: str
 ) -> None:
-    message = rf"sheet 's' starts through what it touches: at {place}.* m it is {depth}\d* m deep in 'table'; allowed: "
+    message = (
+        rf"sheet 's' starts inside a contact surface: at {place}.* m it is {depth}\d* m deep in 'table'; allowed: "
+    )
     with refused(message):
         starts(surface, y)
 
@@ -102,9 +104,9 @@ def test_the_start_is_where_inputs_have_put_it() -> None:
     """A table that a support carries: where the input says at the start, and not where the model has it."""
     m, sheet = scene()
     lift = m.body("lift", m.ground, Translational(axis="y", drive=Input(name="lift", unit="m")), mass=1.0)
-    add_touch(m, "table", sheet, Wall(), body=lift)
+    add_contact(m, "table", sheet, Wall(), body=lift)
     Simulation(m, ESDIRK, inputs={"lift": -0.01})
-    with refused(r"sheet 's' starts through what it touches: at .* 0.003 m deep in 'table'"):
+    with refused(r"sheet 's' starts inside a contact surface: at .* 0.003 m deep in 'table'"):
         Simulation(m, ESDIRK, inputs={"lift": 0.003})
 
 
@@ -113,7 +115,7 @@ def test_a_start_at_equilibrium_is_where_that_is() -> None:
     m = Mechanism(gravity=(0.0, -9.81, 0.0))
     strip = PAPER | {"tree": "spine", "width": 0.03, "thickness": 1e-3}
     sheet = add_sheet(m, "s", grid=(7, 3), supports=[mb.Support("x0", "clamped")], **strip)
-    add_touch(m, "bar", sheet, Guide(start=(0.25, 0.002, 0.0), end=(0.35, 0.002, 0.0), radius=3e-3, width=0.1))
+    add_contact(m, "bar", sheet, Guide(start=(0.25, 0.002, 0.0), end=(0.35, 0.002, 0.0), radius=3e-3, width=0.1))
     m.output("tip", sheet.node(-1, 1).position("y"))
     with refused(r"sheet 's' starts through .* it is 0.0015 m deep in 'bar'; allowed: 0.001 m"):
         Simulation(m, ESDIRK)
@@ -125,8 +127,8 @@ def test_a_restored_state_is_no_start() -> None:
     """It may be deeper than a start, and taken up where the sheet would start through the table."""
     m, sheet = scene(rate=(0.0, -1.0, 0.0, 0.0, 0.0, 0.0))
     lift = Translational(axis="y", drive=Input(name="lift", unit="m", start=0.003))
-    touch = add_touch(m, "table", sheet, Wall(), body=m.body("lift", m.ground, lift, mass=1.0))
-    m.output("depth", touch.depth())
+    contact = add_contact(m, "table", sheet, Wall(), body=m.body("lift", m.ground, lift, mass=1.0))
+    m.output("depth", contact.depth())
     run = Simulation(m, ESDIRK, inputs={"lift": 0.0})
     run.advance(5e-4)
     deep = run.outputs()[0]
@@ -135,7 +137,7 @@ def test_a_restored_state_is_no_start() -> None:
     other = Simulation(m, ESDIRK, begins=False)
     other.restore(state)
     assert other.outputs()[0] == pytest.approx(deep, rel=1e-12)
-    with refused("sheet 's' starts through what it touches"):
+    with refused("sheet 's' starts inside a contact surface"):
         Simulation(m, ESDIRK)
 
 
@@ -159,8 +161,8 @@ def test_a_nip_beside_the_sheet_is_remarked_on(z: float, off: str) -> None:
 
 def test_a_stiffness_that_numbers_cannot_bear_is_refused() -> None:
     m, sheet = scene()
-    with refused(r"stiffness of touch 't' is 1e\+30 N/m\^3; allowed: up to [\d.e+]+"):
-        add_touch(m, "t", sheet, Wall(), stiffness=1e30)
+    with refused(r"stiffness of contact 't' is 1e\+30 N/m\^3; allowed: up to [\d.e+]+"):
+        add_contact(m, "t", sheet, Wall(), stiffness=1e30)
     with refused(r"stiffness of nip 'n' is 1e\+30 N/m; allowed: up to [\d.e+]+"):
         add_nip(m, "n", sheet, roller(m, 0.1), radius=0.01, at=(0.0, 0.0, 0.1), width=0.02, force=2.0, stiffness=1e30)
 
@@ -177,8 +179,8 @@ def test_an_edge_thinner_than_the_points_are_apart_is_remarked_on(
     m, sheet = scene(1e-3 + ABOVE)
     start, end = ((0.1, -0.05, 0.1), (0.1, -1e-3, 0.1))
     knife = Guide(start=start, end=end, radius=1e-3, width=0.4, across="x" if turn else "z")
-    add_touch(m, "knife", sheet, knife, points=points[::-1] if turn else points)
-    wanted = r"surface of touch 'knife' is 0\.002 m thick, where points of sheet 's' are 0\.01\d* m apart"
+    add_contact(m, "knife", sheet, knife, points=points[::-1] if turn else points)
+    wanted = r"surface of contact 'knife' is 0\.002 m thick, where points of sheet 's' are 0\.01\d* m apart"
     told = [text for text in Simulation(m, ESDIRK).remarks if "knife" in text]
     assert [re.match(wanted, text) is not None for text in told] == [True] * thick
 
@@ -186,10 +188,10 @@ def test_an_edge_thinner_than_the_points_are_apart_is_remarked_on(
 def test_a_narrow_rail_is_remarked_on() -> None:
     m, sheet = scene(1e-3 + ABOVE)
     rail = Guide(start=(-0.1, -0.02, 0.1), end=(0.4, -0.02, 0.1), radius=0.02, width=5e-3)
-    add_touch(m, "rail", sheet, rail)
+    add_contact(m, "rail", sheet, rail)
     told = [text for text in Simulation(m, ESDIRK).remarks if "rail" in text]
     assert told == [
-        "surface of touch 'rail' is 0.005 m wide, where points of sheet 's' are 0.0175 m apart: an edge of it that "
+        "surface of contact 'rail' is 0.005 m wide, where points of sheet 's' are 0.0175 m apart: an edge of it that "
         "comes between them is not felt; take more points than (4, 4) of a cell"
     ]
 
@@ -198,8 +200,8 @@ def test_a_narrow_rail_is_remarked_on() -> None:
 def test_an_edge_is_felt_wherever_it_is_among_points_that_are_close(x: float) -> None:
     m, sheet = scene(0.2e-3, grid=(9, 7))
     knife = Guide(start=(0.1485 + x, -0.051, 0.1), end=(0.1485 + x, -0.001, 0.1), radius=1e-3, width=0.4)
-    touch = add_touch(m, "knife", sheet, knife, points=(24, 2))
-    m.output("force", touch.force("y"))
+    contact = add_contact(m, "knife", sheet, knife, points=(24, 2))
+    m.output("force", contact.force("y"))
     m.output("y", sheet.point(0.1485 + x, 0.105).position("y"))
     found = mb.simulate(m, stop_time=0.02, interval=1e-3, solver="esdirk", tolerance=1e-4)
     assert found["force"].max() > 0.01
@@ -225,8 +227,8 @@ def test_every_argument_of_a_surface_is_looked_at(kind: type[Surface]) -> None:
     for key, good in GOOD[kind].items():
         bad: tuple[Any, ...] = NO_NUMBER if isinstance(good, float) else NO_AXIS if isinstance(good, str) else NO_VECTOR
         for value in bad:
-            with refused(rf".*{key} of the surface of touch 't'"):
-                add_touch(m, "t", sheet, kind(**(GOOD[kind] | {key: value})))
+            with refused(rf".*{key} of the surface of contact 't'"):
+                add_contact(m, "t", sheet, kind(**(GOOD[kind] | {key: value})))
 
 
 @pytest.mark.parametrize(
@@ -237,31 +239,31 @@ def test_every_argument_of_a_surface_is_looked_at(kind: type[Surface]) -> None:
         (Trough(**(GOOD[Trough] | {"angle": 4.0})), "angle .* is 4.0 rad; allowed: pi at most"),
         (Trough(**(GOOD[Trough] | {"towards": "z"})), "towards .* is 'z'; allowed: a direction normal to its axis"),
         (Drum(radius=0.02, length=1.0), r"grid \(5, 4\) of sheet 's' has cells of 0.0742 m, too coarse for a surface "
-         "of touch 't' that is bent by 50 1/m; allowed: 0.012 m at most, as of 26 x 19 nodes"),
-        (Wall, "surface of touch 't' is <class .*Wall'>; allowed: a Surface"),
-        (None, "surface of touch 't' is None; allowed: a Surface"),
+         "of contact 't' that is bent by 50 1/m; allowed: 0.012 m at most, as of 26 x 19 nodes"),
+        (Wall, "surface of contact 't' is <class .*Wall'>; allowed: a Surface"),
+        (None, "surface of contact 't' is None; allowed: a Surface"),
     ],
 )  # fmt: skip
 def test_surfaces_that_are_none_are_refused(surface: Any, message: str) -> None:
     m, sheet = scene()
     with refused(message):
-        add_touch(m, "t", sheet, surface)
+        add_contact(m, "t", sheet, surface)
 
 
 def test_the_grid_that_a_drum_takes_is_taken() -> None:
     m, sheet = scene(grid=(26, 19))
-    add_touch(m, "t", sheet, Drum(radius=0.02, length=1.0))
+    add_contact(m, "t", sheet, Drum(radius=0.02, length=1.0))
 
 
 @pytest.mark.parametrize("key", ["friction", "stiffness", "depth", "damping", "creep"])
 def test_numbers_of_a_touch_are_looked_at(key: str) -> None:
     m, sheet = scene()
     for value in (nan, inf, -0.1, True, "1", (1, 2)):
-        with refused(f"{key} of touch 't' is"):
-            add_touch(m, "t", sheet, Wall(), **{key: value})
+        with refused(f"{key} of contact 't' is"):
+            add_contact(m, "t", sheet, Wall(), **{key: value})
     for body in (sheet, "roller", Mechanism().ground, 3):
         with refused(".*load 't'"):
-            add_touch(m, "t", sheet, Wall(), body=body)  # type: ignore[arg-type]
+            add_contact(m, "t", sheet, Wall(), body=body)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -328,12 +330,12 @@ def test_what_is_no_sheet_is_named() -> None:
     driving = roller(m, 0.0)
     nip: dict[str, Any] = {"radius": 0.01, "at": (0.0, 0.0, 0.0), "width": 0.02, "force": 2.0}
     for given, told in ((None, "None"), ("s", "'s'"), (driving, "'roller0.0'"), (sheet.nodes, "a tuple"), (m, ".*")):
-        with refused(f"sheet of touch 't' is {told}; allowed: a sheet of this mechanism"):
-            add_touch(m, "t", given, Wall())  # type: ignore[arg-type]
+        with refused(f"sheet of contact 't' is {told}; allowed: a sheet of this mechanism"):
+            add_contact(m, "t", given, Wall())  # type: ignore[arg-type]
         with refused(f"sheet of nip 'n' is {told}; allowed: a sheet of this mechanism"):
             add_nip(m, "n", given, driving, **nip)  # type: ignore[arg-type]
-    with refused("surface of touch 't' is a Sheet; allowed: a Surface"):
-        add_touch(m, "t", sheet, sheet)  # type: ignore[arg-type]
+    with refused("surface of contact 't' is a Sheet; allowed: a Surface"):
+        add_contact(m, "t", sheet, sheet)  # type: ignore[arg-type]
 
 
 def test_speeds_and_forces_that_are_not_finite_are_refused() -> None:

@@ -23,9 +23,9 @@ from mbfmu.mechanics import (
     Translational,
     Trough,
     Wall,
+    add_contact,
     add_nip,
     add_sheet,
-    add_touch,
     contact_pressure,
 )
 from mbfmu.mechanics.arrays import systems
@@ -183,9 +183,9 @@ def flag(
     if surface is not None:
         body = m.body("carrier", m.ground, Floating(), mass=0.3, inertia=(0.1, 0.2, 0.15)) if moving else None
         law = {"stiffness": 1e5, "depth": 2e-3, "friction": 0.3, "creep": 0.05, "damping": 0.4}
-        touch = add_touch(m, "touch", sheet, surface, body=body, points=(2, 3), **law)
-        m.output("force.y", touch.force("y"))
-        m.output("depth", touch.depth())
+        contact = add_contact(m, "contact", sheet, surface, body=body, points=(2, 3), **law)
+        m.output("force.y", contact.force("y"))
+        m.output("depth", contact.depth())
     if nip:
         turning: dict[str, Any] = {"rate": -2.0} if idle else {"drive": Polynomial((0.0, -2.0))}
         inertia: dict[str, Any] = {"mass": 0.1, "inertia": (1e-4,) * 3}
@@ -316,10 +316,10 @@ def test_a_thrown_sheet_slides_as_far_as_friction_says() -> None:
     m, k, d0 = Mechanism(gravity=(0.0, -9.81, 0.0)), 2e6, 2e-5
     sunk = np.sqrt(2.0 * d0 * 800.0 * 9.81 * 1e-4 / k)
     sheet = add_sheet(m, "s", at=(0.0, -sunk, 0.0), grid=(5, 4), rate=(0.5, 0.0, 0.0, 0.0, 0.0, 0.0), **PAPER)
-    touch = add_touch(m, "table", sheet, Wall(at=(0.0, -5e-5, 0.0)), stiffness=k, depth=d0, friction=0.3)
+    contact = add_contact(m, "table", sheet, Wall(at=(0.0, -5e-5, 0.0)), stiffness=k, depth=d0, friction=0.3)
     m.output("x", sheet.node(0, 0).position("x"))
-    m.output("pressing", touch.force("y"))
-    m.output("heat", touch.heat())
+    m.output("pressing", contact.force("y"))
+    m.output("heat", contact.heat())
     m.output("energy", m.energy)
     found = mb.simulate(m, stop_time=0.25, interval=0.001, solver="esdirk", tolerance=1e-5)
     assert found["x"][-1] - found["x"][0] == pytest.approx(0.5**2 / (2.0 * 0.3 * 9.81), rel=2e-3)
@@ -333,17 +333,17 @@ def test_pressure_is_the_force_on_a_cell_over_its_area() -> None:
     m, k, d0, d, mu = Mechanism(), 2e6, 2e-5, 3e-5, 0.3
     sheet = add_sheet(m, "s", at=(0.0, -d, 0.0), grid=(4, 3), rate=(0.5, 0.0, 0.0, 0.0, 0.0, 0.0), **PAPER)
     wall = Wall(at=(0.0, -5e-5, 0.0))
-    touch = add_touch(m, "table", sheet, wall, stiffness=k, depth=d0, friction=mu, points=(4, 2))
+    contact = add_contact(m, "table", sheet, wall, stiffness=k, depth=d0, friction=mu, points=(4, 2))
     for i, j in np.ndindex(3, 2):
-        m.output(f"pressure[{i},{j}]", touch.pressure(i, j))
-    m.output("pressing", touch.force("y"))
+        m.output(f"pressure[{i},{j}]", contact.pressure(i, j))
+    m.output("pressing", contact.force("y"))
     found = mb.simulate(m, stop_time=1e-4, interval=1e-4, solver="radau", tolerance=1e-4)
     told = np.array([[found[f"pressure[{i},{j}]"][0] for j in range(2)] for i in range(3)])
     slid = np.sqrt(1.0 + mu**2 * 0.5**2 / (0.5**2 + 1e-3**2))
     np.testing.assert_allclose(told, k * (d - 0.5 * d0) * slid, rtol=1e-9)
     assert told.mean() * 0.297 * 0.21 == pytest.approx(slid * found["pressing"][0], rel=1e-12)
     with pytest.raises(UserError, match=r"sheet 's' has no cell \(3, 0\); allowed: \(2, 1\) at most"):
-        touch.pressure(3, 0)
+        contact.pressure(3, 0)
 
 
 def test_pressure_of_touches_on_both_sides_adds_up() -> None:
@@ -358,12 +358,12 @@ def test_pressure_of_touches_on_both_sides_adds_up() -> None:
         "edge": Wall(at=(0.297, 0.0, 0.0), normal=(-1.0, 1.0, 0.0)),
         "far": Wall(at=(0.0, -1.0, 0.0)),
     }
-    touches = [add_touch(m, name, sheet, wall, **kind) for name, wall in walls.items()]  # type: ignore[arg-type]
-    for touch in touches:
+    contacts = [add_contact(m, name, sheet, wall, **kind) for name, wall in walls.items()]  # type: ignore[arg-type]
+    for contact in contacts:
         for axis in "xyz":
-            m.output(f"{touch.name}.{axis}", touch.force(axis))
+            m.output(f"{contact.name}.{axis}", contact.force(axis))
     for i, k in sheet.cells:
-        m.output(f"pressure[{i},{k}]", contact_pressure(touches, i, k))
+        m.output(f"pressure[{i},{k}]", contact_pressure(contacts, i, k))
     found = Simulation(m, Settings(solver="radau"))
     told = dict(zip((variable.name for variable in found.variables), found.outputs(), strict=True))
     forces = {name: np.linalg.norm([told[f"{name}.{axis}"] for axis in "xyz"]) for name in walls}
@@ -376,11 +376,13 @@ def test_pressure_of_touches_on_both_sides_adds_up() -> None:
 
 def test_pressure_is_of_touches_of_one_sheet() -> None:
     m = Mechanism()
-    touches = [
-        add_touch(m, f"{name}.table", add_sheet(m, name, grid=(4, 3), **PAPER), Wall(at=(0.0, -5e-5, 0.0)))
+    contacts = [
+        add_contact(m, f"{name}.table", add_sheet(m, name, grid=(4, 3), **PAPER), Wall(at=(0.0, -5e-5, 0.0)))
         for name in ("s", "t")
     ]
-    with pytest.raises(UserError, match=r"touches that press are \[\]; allowed: a list of what add_touch returns"):
+    with pytest.raises(UserError, match=r"contacts that press are \[\]; allowed: a list of what add_contact returns"):
         contact_pressure([], 0, 0)
-    with pytest.raises(UserError, match=r"touch 't.table' is of sheet 't'; allowed beside 's.table': touches of 's'"):
-        contact_pressure(touches, 0, 0)
+    with pytest.raises(
+        UserError, match=r"contact 't.table' is of sheet 't'; allowed beside 's.table': contacts of 's'"
+    ):
+        contact_pressure(contacts, 0, 0)

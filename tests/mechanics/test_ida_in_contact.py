@@ -21,9 +21,9 @@ from mbfmu.mechanics import (
     Torque,
     Translational,
     Wall,
+    add_contact,
     add_nip,
     add_sheet,
-    add_touch,
 )
 from solvers.compiled.kernel import COMPILED
 from solvers.steppers.ida import large
@@ -43,7 +43,7 @@ def crowded() -> Mechanism:
     sheet = add_sheet(m, "s", length=0.2, width=0.1, grid=(7, 5), tree=tree, membrane=True, at=at, **PAPER)
     free = m.body("roller", m.ground, Revolute(at=(0.13, -0.01, 0.05)), mass=0.1, inertia=(1e-5, 1e-5, 1e-5))
     nip = add_nip(m, "nip", sheet, free, radius=0.01, at=(0.13, 0.0, 0.05), width=0.04, force=1.5)
-    add_touch(m, "table", sheet, Wall(at=(0.0, -6e-5, 0.0)), friction=0.3)
+    add_contact(m, "table", sheet, Wall(at=(0.0, -6e-5, 0.0)), friction=0.3)
     crank = m.body("crank", m.ground, Revolute(at=(0.3, 0.0, 0.0)), mass=0.1, com=(0.05, 0.0, 0.0))
     m.couple("gear", Gear(ratio=-2.0), free, crank)
     rod = m.body("rod", crank, Revolute(at=(0.1, 0.0, 0.0)), mass=0.1, com=(0.05, 0.01, 0.0))
@@ -118,7 +118,7 @@ def test_a_thrown_sheet_slides_as_far_as_friction_says(size: float) -> None:
     )  # fmt: skip
     wall = Wall(at=(0.0, -5e-5 * size, 0.0))
     given = {"stiffness": 2e6, "depth": 2e-5 * size, "creep": 1e-3 * np.sqrt(size)}
-    add_touch(m, "table", sheet, wall, friction=0.3, **given)
+    add_contact(m, "table", sheet, wall, friction=0.3, **given)
     m.output("x", sheet.node(4, 3).position("x"))
     last = 0.25 * np.sqrt(size)
     found = mb.simulate(m, last, interval=0.01 * last, solver="ida", tolerance=1e-5)
@@ -130,7 +130,7 @@ def test_a_held_sheet_rests_where_the_table_bears_it() -> None:
     m = Mechanism(gravity=(0.0, -9.81, 0.0))
     held = {"tree": "spine", "supports": [Support("x0", "clamped")]}
     sheet = add_sheet(m, "s", length=0.2, width=0.1, grid=(11, 5), at=(0.0, 1e-3, 0.0), **(PAPER | held))
-    add_touch(m, "table", sheet, Wall(at=(0.0, 0.0, 0.0)), damping=5.0)
+    add_contact(m, "table", sheet, Wall(at=(0.0, 0.0, 0.0)), damping=5.0)
     m.output("y", sheet.node(-1, 2).position("y"))
     found = run(m, 0.6, 0.1, 1e-5, "ida")
     assert found["y"][-1] == pytest.approx(5e-5, abs=5e-6)  # half the thickness less what it sinks in
@@ -151,7 +151,7 @@ def test_torques_drive_a_sheet_through_free_rollers(solver: str, tolerance: floa
     paper |= {"length": 0.297 * size, "width": 0.21 * size, "tree": "master", "membrane": True}
     sheet = add_sheet(m, "s", grid=(9, 7), at=size * np.array((-0.2, -5e-6, -0.105)), **paper)
     table = Wall(at=(0.0, -5e-5 * size, 0.0))
-    add_touch(m, "table", sheet, table, friction=mu, creep=1e-3 * pace, damping=1.0 / pace)
+    add_contact(m, "table", sheet, table, friction=mu, creep=1e-3 * pace, damping=1.0 / pace)
     for k, z in enumerate((-0.05 * size, 0.05 * size)):
         axle = Revolute(at=(0.0, -R, z))
         roller = m.body(f"roller{k}", m.ground, axle, mass=0.05 * size**3, inertia=(inertia,) * 3)

@@ -328,7 +328,7 @@ def test_a_body_on_a_bushing_has_the_frequencies_of_its_axes(size: float) -> Non
     m = Mechanism()
     start = np.r_[at, Rotation.from_matrix(R).as_quat(scalar_first=True)]
     body = m.body("block", m.ground, Floating(start=start), mass=2.0, inertia=inertia)
-    bushing = Bushing(stiffness=k, turning_stiffness=kappa, at_a=at, rotation_a=R)
+    bushing = Bushing(stiffness=k, rotational_stiffness=kappa, at_a=at, rotation_a=R)
     m.force("bushing", bushing, m.ground, body)
     expected = np.sqrt(np.r_[k / 2.0, kappa / inertia])
     found = [shape.mode.frequency for shape in modes(m)]
@@ -338,7 +338,12 @@ def test_a_body_on_a_bushing_has_the_frequencies_of_its_axes(size: float) -> Non
 def test_a_bushing_damps_along_each_axis_as_the_closed_form_says() -> None:
     m, c, gamma = Mechanism(), np.array((2.0, 3.0, 5.0)), np.array((1.0, 2.0, 4.0))
     body = m.body("block", m.ground, Floating(), mass=2.0, inertia=(1.0, 1.5, 2.0))
-    m.force("bushing", Bushing(stiffness=10.0, damping=c, turning_stiffness=8.0, turning_damping=gamma), m.ground, body)
+    m.force(
+        "bushing",
+        Bushing(stiffness=10.0, damping=c, rotational_stiffness=8.0, rotational_damping=gamma),
+        m.ground,
+        body,
+    )
     found = np.sort([-2.0 * shape.mode.eigenvalue.real for shape in modes(m)])
     np.testing.assert_allclose(found, np.sort(np.r_[c / 2.0, gamma / (1.0, 1.5, 2.0)]), rtol=1e-8)
 
@@ -348,13 +353,13 @@ def test_a_bushing_resists_a_turn_by_its_sine(angle: float) -> None:
     """About an axis of its frame: U = kappa (2 sin(phi / 2))^2 / 2."""
     R0 = random_rotation(np.random.default_rng(6))
     turned = Rotation.from_rotvec(angle * R0[:, 1]).as_matrix() @ R0
-    moment, stored = tilted(turned, Bushing(turning_stiffness=(2.0, 5.0, 9.0), rotation_a=R0))
+    moment, stored = tilted(turned, Bushing(rotational_stiffness=(2.0, 5.0, 9.0), rotation_a=R0))
     np.testing.assert_allclose(moment, -5.0 * np.sin(angle) * R0[:, 1], atol=1e-13)
     assert stored == pytest.approx(10.0 * np.sin(0.5 * angle) ** 2, abs=1e-13)
 
 
 def test_the_moment_of_a_bushing_is_the_gradient_of_its_potential_through_half_a_turn() -> None:
-    bushing = Bushing(turning_stiffness=(2.0, 5.0, 9.0))
+    bushing = Bushing(rotational_stiffness=(2.0, 5.0, 9.0))
     n, h = np.array((2.0, -1.0, 2.0)) / 3.0, 1e-4
     for angle in (np.pi - 1e-6, np.pi, np.pi + 1e-6):
         R = Rotation.from_rotvec(angle * n)
@@ -381,7 +386,7 @@ def test_a_bushing_exerts_its_force_at_its_point_on_both_bodies() -> None:
     np.testing.assert_allclose(out, expected, atol=1e-13)
 
 
-@pytest.mark.parametrize("key", ["stiffness", "damping", "turning_stiffness", "turning_damping"])
+@pytest.mark.parametrize("key", ["stiffness", "damping", "rotational_stiffness", "rotational_damping"])
 def test_what_is_no_bushing_is_refused(key: str) -> None:
     for wrong in (-1.0, (1.0, 2.0), (1.0, np.nan, 1.0), "stiff", True):
         m = Mechanism()

@@ -193,7 +193,9 @@ def loaded(m: Mechanism, rng: Any) -> dict[str, Any]:
     at = {"at_a": P, "at_b": Q}
     axes = {"rotation_a": random_rotation(rng), "rotation_b": random_rotation(rng)}
     ramp = Polynomial((0.4, 1.3))
-    bush = Bushing(stiffness=(3, 4, 5), damping=0.3, turning_stiffness=(1, 2, 3), turning_damping=0.2, **at, **axes)
+    bush = Bushing(
+        stiffness=(3, 4, 5), damping=0.3, rotational_stiffness=(1, 2, 3), rotational_damping=0.2, **at, **axes
+    )
     beam = BeamElement(length=1.5, axial=2.0, torsion=1.0, bending_y=0.5, bending_z=0.4, damping=0.2)
     twist = TorsionSpring(axis=N, stiffness=2.0, damping=0.3, free=0.2)
     given = {

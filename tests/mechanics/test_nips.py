@@ -17,9 +17,9 @@ from mbfmu.mechanics import (
     Revolute,
     Sheet,
     Wall,
+    add_contact,
     add_nip,
     add_sheet,
-    add_touch,
 )
 from mbfmu.mechanics.tangent import find_groups
 
@@ -98,16 +98,16 @@ def test_what_contact_refuses() -> None:
     roller = m.body("roller", m.ground, Revolute(at=(0.0, -0.01, 0.0), drive=Polynomial((0.0, 1.0))), mass=1.0)
     other = add_sheet(Mechanism(), "other", grid=(4, 3), **PAPER)
     nip: dict[str, Any] = {"radius": 0.01, "at": (0.0, 0.0, 0.0), "width": 0.02, "force": 2.0}
-    with pytest.raises(UserError, match=r"friction of touch 't' is -0.1"):
-        add_touch(m, "t", sheet, Wall(), friction=-0.1)
-    with pytest.raises(UserError, match="sheet of touch 't' is 'other'; allowed: a sheet of this mechanism"):
-        add_touch(m, "t", other, Wall())
+    with pytest.raises(UserError, match=r"friction of contact 't' is -0.1"):
+        add_contact(m, "t", sheet, Wall(), friction=-0.1)
+    with pytest.raises(UserError, match="sheet of contact 't' is 'other'; allowed: a sheet of this mechanism"):
+        add_contact(m, "t", other, Wall())
     with pytest.raises(
-        UserError, match=r"too coarse for a surface of touch 't' that is bent by 50 1/m; allowed: 0.012"
+        UserError, match=r"too coarse for a surface of contact 't' that is bent by 50 1/m; allowed: 0.012"
     ):
-        add_touch(m, "t", sheet, Drum(radius=0.02, length=1.0))
+        add_contact(m, "t", sheet, Drum(radius=0.02, length=1.0))
     with pytest.raises(UserError, match="a node of sheet 's' itself"):
-        add_touch(m, "t", sheet, Wall(), body=sheet.node(0, 0))
+        add_contact(m, "t", sheet, Wall(), body=sheet.node(0, 0))
     with pytest.raises(UserError, match="feed of nip 'n' is 'x'; allowed: a direction normal to its normal 'x'"):
         add_nip(m, "n", sheet, roller, normal="x", **nip)
     with pytest.raises(UserError, match="force of nip 'n' is -2"):
@@ -127,10 +127,10 @@ def test_what_contact_refuses() -> None:
     with pytest.raises(UserError, match=r"roller of nip 'n' is 's\.0\.0'; allowed: a body on a Revolute"):
         add_nip(m, "n", sheet, sheet.node(0, 0), **nip)
     for points in (3, None, (0, 2), (True, 2), (2, 2, 2)):
-        with pytest.raises(UserError, match="points of touch 't' are"):
-            add_touch(m, "t", sheet, Wall(), points=points)
+        with pytest.raises(UserError, match="points of contact 't' are"):
+            add_contact(m, "t", sheet, Wall(), points=points)
     add_nip(m, "n", sheet, roller, **nip)
-    stray = add_touch(m, "t", sheet, Wall()).depth()
+    stray = add_contact(m, "t", sheet, Wall()).depth()
     with pytest.raises(UserError, match="output 'depth' is of 't', which is of another mechanism"):
         Mechanism().output("depth", stray)
     with pytest.raises(UserError, match="load is named 'n'; allowed"):

@@ -131,7 +131,7 @@ def test_a_carrier_without_mass_stays_with_what_it_carries() -> None:
     slide = m.body("slide", m.ground, Translational(axis="x"))
     tilt = m.body("tilt", slide, Revolute(axis="y"))
     last = m.body("last", tilt, Revolute(axis="z"), **mass)
-    m.force("bushing", Bushing(stiffness=5.0, turning_stiffness=3.0), first, last)
+    m.force("bushing", Bushing(stiffness=5.0, rotational_stiffness=3.0), first, last)
     plant = Plant(m)
     T = differences(plant, plant.assembly.start_positions(), 2.0)
     tangent, a = plant.tangent(groups_of(plant, 1)), np.random.default_rng(0).normal(size=9)

@@ -20,9 +20,9 @@ from mbfmu.mechanics import (
     Sheet,
     Support,
     Wall,
+    add_contact,
     add_nip,
     add_sheet,
-    add_touch,
 )
 
 from .strips import (
@@ -295,9 +295,9 @@ def test_a_tip_slides_up_a_guide_with_friction() -> None:
     sheet = add_strip(m, 25, 0.0395, rate=(0.1, 0.0, 0.0, 0.0, 0.0, 0.0))
     add_driven(m, "nip", sheet, at_speed(0.1))
     wall = Wall(at=np.array((0.04, 0.0, 0.0)) - 0.5 * THICKNESS * up, normal=up)
-    touch = add_touch(m, "guide", sheet, wall, points=(6, 3), stiffness=2e6, depth=2e-5, friction=mu)
+    contact = add_contact(m, "guide", sheet, wall, points=(6, 3), stiffness=2e6, depth=2e-5, friction=mu)
     for axis in "xy":
-        m.output(axis, touch.force(axis))
+        m.output(axis, contact.force(axis))
     found = run(m, 0.05, 1e-3)
     normal, along = (found["y"] - found["x"]) / np.sqrt(2.0), (found["x"] + found["y"]) / np.sqrt(2.0)
     felt = normal > 1e-4
@@ -310,7 +310,7 @@ def test_a_drum_holds_back_as_a_capstan() -> None:
     m, load, drum = Mechanism(), 0.1, Drum(radius=0.03, length=0.1, at=(0.0, -0.03 - 0.5 * THICKNESS, 0.0))
     sheet = add_strip(m, 31, 0.09, length=0.14, youngs_modulus=4e7, damping=5e-3, drag=20.0)
     nip, _ = add_driven(m, "nip", sheet, RunUp(speed=0.03 / RADIUS, duration=0.02), x=-0.03, stiffness=8e3)
-    add_touch(m, "drum", sheet, drum, points=(4, 3), friction=0.3, stiffness=5e6, depth=2e-5)
+    add_contact(m, "drum", sheet, drum, points=(4, 3), friction=0.3, stiffness=5e6, depth=2e-5)
     for k, share in enumerate((0.25, 0.5, 0.25)):
         pull = PointForce(magnitude=Ramp(height=share * load, duration=0.05), axis=(0.0, -1.0, 0.0))
         m.force(f"load{k}", pull, sheet.node(-1, k))
@@ -324,10 +324,10 @@ def test_a_sheet_that_is_dropped_comes_to_rest() -> None:
     m, k, d0 = Mechanism(gravity=DOWN), 2e6, 2e-5
     paper = PAPER | {"length": 0.06, "width": 0.04}
     sheet = add_sheet(m, "s", at=(0.0, 5e-3, 0.0), grid=(9, 7), **paper)
-    touch = add_touch(m, "table", sheet, Wall(at=(0.0, -0.5 * THICKNESS, 0.0)), stiffness=k, depth=d0, damping=20.0)
+    contact = add_contact(m, "table", sheet, Wall(at=(0.0, -0.5 * THICKNESS, 0.0)), stiffness=k, depth=d0, damping=20.0)
     m.output("y", sheet.node(4, 3).position("y"))
     m.output("energy", m.energy)
-    m.output("force", touch.force("y"))
+    m.output("force", contact.force("y"))
     found = run(m, 0.15, 1e-3, 1e-6)
     energy = found["energy"]
     assert (energy - np.minimum.accumulate(energy)).max() < 1e-5 * energy[0]
@@ -353,7 +353,7 @@ def test_contact_keeps_momentum_and_its_moment(name: str) -> None:
     m = Mechanism()
     sheet = add_sheet(m, "s", grid=(8, 6), rate=(0.3, -0.1, 0.0, 0.2, 0.0, 0.3), **PAPER)
     carrier = m.body("carrier", m.ground, Floating(), mass=0.01, inertia=(1e-4, 2e-4, 1.5e-4))
-    touch = add_touch(m, "touch", sheet, SURFACES[name], body=carrier, friction=0.3, stiffness=1e5, depth=1e-4)
+    contact = add_contact(m, "contact", sheet, SURFACES[name], body=carrier, friction=0.3, stiffness=1e5, depth=1e-4)
     nodes = [node for row in sheet.nodes for node in row]
     points = [(body, *piece) for body in (carrier, *nodes) for piece in pieces(body)]
     for k, (body, _, place) in enumerate(points):
@@ -361,7 +361,7 @@ def test_contact_keeps_momentum_and_its_moment(name: str) -> None:
             m.output(f"r{k}{axis}", body.position(axis, place))
             m.output(f"a{k}{axis}", body.point_acceleration(axis, place))
     for axis in "xyz":
-        m.output(f"force.{axis}", touch.force(axis))
+        m.output(f"force.{axis}", contact.force(axis))
     found = run(m, 0.02, 1e-3)
     r, a = (np.stack([[found[f"{q}{k}{x}"] for x in "xyz"] for k in range(len(points))]) for q in "ra")
     pull = np.array([p[1] for p in points])[:, None, None] * a  # (points, 3, times)

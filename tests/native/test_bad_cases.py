@@ -219,7 +219,7 @@ def test_variables_are_those_of_the_fmu_that_calls_python(model: Model, opened: 
     native = {v.name: v for v in opened(model).description.modelVariables}
     assert list(native) == [v.name for v in other.modelVariables]
     structural = {p.name for p in model.parameters() if p.structural}
-    constant = {"solver", "inputs", "start_at_equilibrium"} | structural | LATER[model.name]
+    constant = {"solver", "input_interpolation", "start_at_equilibrium"} | structural | LATER[model.name]
     for v in other.modelVariables:
         mine = native[v.name]
         assert (mine.valueReference, mine.type, mine.unit, mine.start) == (v.valueReference, v.type, v.unit, v.start)

@@ -81,10 +81,10 @@ def test_outputs_are_those_of_a_simulation(name: str):
 
 
 @needs_linker
-@pytest.mark.parametrize("audit", [False, True])
+@pytest.mark.parametrize("energy_check", [False, True])
 @pytest.mark.parametrize("inputs", ["hold", "linear"])
-def test_gravity_and_an_edge_that_a_host_moves(inputs: str, audit: bool):
-    settings = Settings(solver="adams", tolerance=1e-5, inputs=inputs, audit=audit)
+def test_gravity_and_an_edge_that_a_host_moves(inputs: str, energy_check: bool):
+    settings = Settings(solver="adams", tolerance=1e-5, input_interpolation=inputs, energy_check=energy_check)
     simulation, native = pair(lambda: Sheet(**GRID, support="moved"), settings)
     numbers = {v.name: k for k, v in enumerate(simulation.plant.inputs.variables)}
     for k in range(12):

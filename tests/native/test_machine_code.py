@@ -17,7 +17,7 @@ from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
 from mbfmu.errors import UserError
 from mbfmu.fmi import export
-from mbfmu.mechanics import Mechanism, Revolute, Spring, Wall, add_sheet, add_touch, rod
+from mbfmu.mechanics import Mechanism, Revolute, Spring, Wall, add_contact, add_sheet, rod
 from mbfmu.native.entries import image_of
 from mbfmu.native.image import Image
 from mbfmu.native.runtime import objects
@@ -132,8 +132,10 @@ def test_a_kernel_of_the_model_s_own_is_refused():
 def test_contact_is_refused_as_what_is_not_there():
     m = Mechanism()
     paper = {"thickness": 1e-3, "youngs_modulus": 1e6, "density": 800.0, "grid": (4, 3), "tree": "master"}
-    add_touch(m, "table", add_sheet(m, "s", length=0.3, width=0.2, **paper), Wall(at=(0.0, -0.1, 0.0)))
-    with pytest.raises(UserError, match=r"kernel mbfmu.mechanics.contact.touch.apply is not in machine code; run it"):
+    add_contact(m, "table", add_sheet(m, "s", length=0.3, width=0.2, **paper), Wall(at=(0.0, -0.1, 0.0)))
+    with pytest.raises(
+        UserError, match=r"kernel mbfmu.mechanics.contact.surface_contact.apply is not in machine code; run it"
+    ):
         image_of(Simulation(m, Settings(solver="adams")))
 
 

@@ -322,7 +322,7 @@ def test_variables_are_those_of_the_fmu_that_calls_python(binary: Binary, tmp_pa
     other = read_model_description(str(export(FourBar(), tmp_path / "model.fmu", Settings(solver="adams"))))
     native = {v.name: v for v in binary.description.modelVariables}
     assert list(native) == [v.name for v in other.modelVariables]
-    constant = {"solver", "inputs", "start_at_equilibrium", "coupler_elements"}
+    constant = {"solver", "input_interpolation", "start_at_equilibrium", "coupler_elements"}
     for v in other.modelVariables:
         mine = native[v.name]
         assert (mine.valueReference, mine.type, mine.unit, mine.start) == (v.valueReference, v.type, v.unit, v.start)
@@ -369,7 +369,7 @@ def test_what_cannot_be_exported_is_refused(more: dict[str, Any], told: str, tmp
 
 def test_another_solver_than_was_asked_for_is_told(tmp_path: Path):
     told: list[str] = []
-    export(FourBar(), tmp_path / "model.fmu", Settings(solver="ida"), native=True, tell=told.append)
+    export(FourBar(), tmp_path / "model.fmu", Settings(solver="ida"), native=True, report=told.append)
     assert any("the solver is 'adams'" in line and "'ida' is not in machine code" in line for line in told)
     assert any("'coupler_elements' is fixed by the export" in line for line in told)
 

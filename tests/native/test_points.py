@@ -1,4 +1,4 @@
-"""Inputs, supports and the audit: machine code does at communication points what a simulation does, bit for bit."""
+"""Inputs, supports and energy check at communication points: machine code agrees with a simulation bit for bit."""
 
 from __future__ import annotations
 
@@ -53,7 +53,9 @@ def follow(
         assert native.call("step", (k + 1) * H) == codes[-1]
         assert native.call("read") == OK
         np.testing.assert_array_equal(native.out, simulation.outputs())
-    assert simulation.audit is None or native.view(native.instance.balance)["level"] == simulation.audit.base
+    assert (
+        simulation.energy_check is None or native.view(native.instance.balance)["level"] == simulation.energy_check.base
+    )
     assert native.told["lost"] == bool(simulation.verdict)
     assert set(codes) == set(ends)
 
@@ -67,12 +69,12 @@ def torque(k: int) -> list[tuple[int, float]]:
 @pytest.mark.parametrize("inputs", ["hold", "linear"])
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_a_torque_that_a_host_sets(solver: str, inputs: str):
-    follow(*pair(FourBar, Settings(solver=solver, inputs=inputs)), torque)
+    follow(*pair(FourBar, Settings(solver=solver, input_interpolation=inputs)), torque)
 
 
 @needs_linker
-def test_without_an_audit_its_outputs_are_no_numbers():
-    simulation, native = pair(FourBar, Settings(solver="adams", audit=False))
+def test_without_an_energy_check_its_outputs_are_no_numbers():
+    simulation, native = pair(FourBar, Settings(solver="adams", energy_check=False))
     follow(simulation, native, torque, last=5)
     assert np.isnan(native.out[-2:]).all()
 
@@ -97,7 +99,7 @@ def test_gravity_and_a_force_with_its_rate(solver: str, inputs: str):
     def given(k: int) -> list[tuple[int, float]]:
         return [(0, -9.81 - 0.3 * k), (1, 0.1 * k), (2, 10.0)] if k % 5 == 2 else [(1, 0.1 * k)]
 
-    simulation, native = pair(weighed, Settings(solver=solver, inputs=inputs))
+    simulation, native = pair(weighed, Settings(solver=solver, input_interpolation=inputs))
     assert [v.name for v in simulation.plant.inputs.variables] == ["weight", "pull", "pull_rate"]
     follow(simulation, native, given)
     assert simulation.work_of_jumps != 0.0
@@ -231,11 +233,11 @@ def test_balance_that_is_lost_is_told():
     follow(simulation, native, torque, last=10)
     assert not native.told["lost"]
     native.view(native.instance.balance)["level"] += 1.0
-    simulation.audit.base += 1.0
+    simulation.energy_check.base += 1.0
     follow(simulation, native, torque, first=10, last=12)
     told = native.told
     assert told["lost"]
-    words = f"at t = {told['lost_at']:.6g} s: the energy has changed by {-told['imbalance']:.3g} J less than"
+    words = f"at t = {told['lost_at']:.6g} s: the energy has changed by {-told['energy_error']:.3g} J less than"
     assert words in simulation.verdict
     assert f"of the {told['exchanged']:.3g} J exchanged so far" in simulation.verdict
 

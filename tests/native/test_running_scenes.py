@@ -160,9 +160,9 @@ def test_interpreted_kernels_make_the_bytes_of_compiled_ones(runtime: Path, tmp_
 def test_an_export_without_a_compiler_has_the_bytes_and_the_sentences_of_another_one(runtime: Path, tmp_path: Path):
     scene, told = load_scene("fourbar").changed(solver="radau"), ([], [])
     paths = tmp_path / "compiled.fmu", tmp_path / "interpreted.fmu"
-    apart.export_scene(scene, paths[0], fmi=3, platforms=[], tell=told[0].append)
+    apart.export_scene(scene, paths[0], fmi=3, platforms=[], report=told[0].append)
     with refused():
-        apart.export_scene(scene, paths[1], fmi=3, platforms=[], tell=told[1].append)
+        apart.export_scene(scene, paths[1], fmi=3, platforms=[], report=told[1].append)
     assert told[0] == told[1] == ["parameter 'coupler_elements' is fixed by the export: it is no real number"]
     assert paths[0].read_bytes() == paths[1].read_bytes()
 
@@ -170,6 +170,6 @@ def test_an_export_without_a_compiler_has_the_bytes_and_the_sentences_of_another
 def test_what_is_wrong_with_a_model_is_told_without_a_compiler_too(runtime: Path, tmp_path: Path):
     scene = load_scene("fourbar").changed(solver="radau", model=FourBar(ground_length=9.0))
     with refused(), pytest.raises(UserError, match=r"^loop cannot close: 'pivot.x' stays off by [^\n]*$"):
-        apart.export_scene(scene, tmp_path / "model.fmu", fmi=2, platforms=[], tell=print)
+        apart.export_scene(scene, tmp_path / "model.fmu", fmi=2, platforms=[], report=print)
     with refused():
         assert apart.make_for_a_run(scene, tmp_path / "model.fmu") is None

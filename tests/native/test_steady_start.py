@@ -128,5 +128,5 @@ def test_what_else_the_export_decides_cannot_be_set(opened: Opened) -> None:
         "max_step",
         "max_order",
         "max_steps",
-        "audit",
+        "energy_check",
     }

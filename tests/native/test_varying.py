@@ -151,7 +151,7 @@ def shaken_and_pulled() -> Mechanism:
 @pytest.mark.parametrize("inputs", ["hold", "linear"])
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_inputs_come_on_top(solver: str, inputs: str):
-    simulation, native = begun(shaken_and_pulled, Settings(solver=solver, inputs=inputs))
+    simulation, native = begun(shaken_and_pulled, Settings(solver=solver, input_interpolation=inputs))
     for k in range(60):
         simulation.set_input(0, float(np.sin(0.3 * k)))
         assert native.call("set", 0, float(np.sin(0.3 * k))) == OK

@@ -26,9 +26,9 @@ from mbfmu.mechanics import (
     Surface,
     Trough,
     Wall,
+    add_contact,
     add_nip,
     add_sheet,
-    add_touch,
 )
 from mbfmu.mechanics.contact.surfaces.guide import gap as guide_gap
 from mbfmu.mechanics.contact.surfaces.trough import gap as trough_gap
@@ -133,8 +133,8 @@ def feeder(surface: Surface, *, shaped: bool = False, turned: float = 0.0) -> Me
     roller = m.body("roller", m.ground, axle, mass=0.1, inertia=(1e-4, 1e-4, 1e-4))
     add_nip(m, "nip", sheet, roller, radius=0.05, at=(0.02, 0.0, 0.03), width=0.06, force=3.0)
     arm = m.body("arm", m.ground, Floating(), mass=0.1, inertia=(1e-4, 1e-4, 1e-4))
-    add_touch(m, "one", sheet, surface, body=arm)
-    add_touch(m, "other", sheet, surface)
+    add_contact(m, "one", sheet, surface, body=arm)
+    add_contact(m, "other", sheet, surface)
     if shaped:
         m.shape(roller, Box(size=(0.1, 0.1, 0.1)))
         m.shape(arm, Box(size=(0.1, 0.1, 0.1)))

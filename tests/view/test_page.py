@@ -347,17 +347,17 @@ def test_readouts_are_read_out_in_pictures_and_kept_in_pose_files(tmp_path: Path
     arm = m.body("arm", m.ground, Revolute(start=0.3), **rod(mass=1.0, length=1.0))
     m.output("angle", arm.angle())
     m.output("share", arm.direction("x", "x"))
-    with pytest.raises(UserError, match="readout is of 'angel', which is no output of this mechanism so far"):
-        m.readout("angel")
-    m.readout("angle", "share", "angle")
+    with pytest.raises(UserError, match="show_outputs is given 'angel', which is no output of this mechanism so far"):
+        m.show_outputs("angel")
+    m.show_outputs("angle", "share", "angle")
     recorder = Recorder()
     simulate(m, 0.2, interval=0.1, watch=recorder)
     motion = recorder.motion("arm")
     assert motion.reading(0) == f"angle 0.3 rad\nshare {np.cos(0.3):.4g}"
     motion.save(tmp_path / "arm.npz")
-    assert Motion.load(tmp_path / "arm.npz").picture.readouts == ("angle", "share")
+    assert Motion.load(tmp_path / "arm.npz").picture.shown_outputs == ("angle", "share")
     shots = []
-    for told in (motion, replace(motion, picture=replace(motion.picture, readouts=()))):
+    for told in (motion, replace(motion, picture=replace(motion.picture, shown_outputs=()))):
         images.write_png(told, tmp_path / "arm.png", 0.0, images.Shot(320, 240))
         shots.append(imread(tmp_path / "arm.png"))
     rows = np.nonzero((shots[0] != shots[1]).any(axis=(1, 2)))[0]
@@ -411,7 +411,7 @@ def opened(page: Path, *more: str) -> str:
 def test_line_of_the_clock_stays_where_it_is_as_axes_get_wider(tmp_path: Path) -> None:
     """An output of a second unit brings an axis; the page stands still, and nothing else draws it anew."""
     _, motion = recorded(FourBar(), 0.3)
-    motion = replace(motion, picture=replace(motion.picture, readouts=("crank.angle",)))
+    motion = replace(motion, picture=replace(motion.picture, shown_outputs=("crank.angle",)))
     page = tmp_path / "page.html"
     html.write_html(motion, page)
     told = """(viewer) => {

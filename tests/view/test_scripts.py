@@ -110,21 +110,22 @@ def test_curves_of_two_runs_share_their_times() -> None:
 def test_readouts_are_told_of_both_runs() -> None:
     motion, other = beside()
     names = ("coupler.angle", "energy")
-    motion, other = (replace(run, picture=replace(run.picture, readouts=names)) for run in (motion, other))
+    motion, other = (replace(run, picture=replace(run.picture, shown_outputs=names)) for run in (motion, other))
     viewer = (Path(html.__file__).parent / "page" / "viewer.js").read_text().replace("start().catch", "(() => {}).call")
     found = evaluated(
         f"""
         const root = {{ children: [], append(...own) {{ this.children.push(...own); }} }};
         const page = document.getElementById;
         document.createElement = () => ({{ ...root, children: [] }});
-        document.getElementById = (id) => (id === "readouts" ? root : page(id));
+        document.getElementById = (id) => (id === "shown_outputs" ? root : page(id));
         const Viewer = (() => {{ {viewer.replace("async function start", "return Viewer; async function start")} }})();
         const scene = JSON.parse(block("scene"));
         const motions = [new Motion(scene, await recorded()), new Motion(scene.against, await recorded("-against"))];
         const own = {{ scene, motions }};
         Viewer.prototype.prepareReadouts.call(own);
         const lines = root.children.map((line) => line.children[0].textContent);
-        return [lines, [0.105, 0.25].map((time) => own.readouts.map(({{ name }}) => reading(motions, name, time)))];
+        const read = (time) => own.shown_outputs.map(({{ name }}) => reading(motions, name, time));
+        return [lines, [0.105, 0.25].map(read)];
         """,
         html.page(motion, other)[0],
     )

@@ -2,7 +2,7 @@
 
 A point that starts deep in a surface is thrown out with an energy that nobody gave it, and one beyond the middle of a
 guide comes out on its other side. A little is no mistake: a sheet that rests on a table is in it. A thin guide may lie
-between the points that touch, which then never feel it: so near its middle nothing of the sheet may be.
+between the contact points, which then never feel it: so near its middle nothing of the sheet may be.
 """
 
 from __future__ import annotations
@@ -20,30 +20,33 @@ from mbfmu.errors import UserError
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.contact.nip import Nip
-from mbfmu.mechanics.contact.touch import Touch, sound
+from mbfmu.mechanics.contact.surface_contact import SurfaceContact, sound
 from mbfmu.mechanics.records import State
 
-K = TypeVar("K", Nip, Touch)
+K = TypeVar("K", Nip, SurfaceContact)
 
-DEEPEST = 5.0  # depths of a touch, or depths at which it bears the sheet's weight, that a sheet may start in
-CORE = 0.5  # radii of a guide, in which nothing of a sheet is, whether it is a point that touches or not
+DEEPEST = 5.0  # depths of a contact, or depths at which it bears the sheet's weight, that a sheet may start in
+CORE = 0.5  # radii of a guide, in which nothing of a sheet is, whether it is a contact point or not
 FINEST = 200  # points of a cell one way that are looked at for that
 
 
-def check_touches(mechanism: Mechanism, touches: NDArray[Any], arrays: Any, state: Any, gravity: float) -> None:
-    """Raise UserError for a sheet that is through what it touches, as ``state`` has placed the bodies.
+def check_surface_contacts(
+    mechanism: Mechanism, contacts: NDArray[Any], arrays: Any, state: Any, gravity: float
+) -> None:
+    """Raise UserError for a sheet that is through a contact surface, as ``state`` has placed the bodies.
 
-    ``touches`` are the records of all touches; arrays and state are as kernels take them, ``gravity`` is in m/s^2.
+    ``contacts`` are the records of all surface contacts; arrays and state are as kernels take them, ``gravity`` is in
+    m/s^2.
     """
-    if not len(touches):
+    if not len(contacts):
         return
-    meetings = list(_of(mechanism, Touch))
+    meetings = list(_of(mechanism, SurfaceContact))
     cores = np.array([load.surface.core() for met in meetings for load in met.loads])
     sides = np.array([load.sides for met in meetings for load in met.loads])
     finer = np.clip(np.ceil(sides / (CORE * cores[:, None])), 1, FINEST).astype(np.int64)  # a point in every half core
-    points, within = (np.zeros((len(touches), 4)) for _ in range(2))
-    sound(touches, touches["samples"].copy(), arrays, state, points)
-    sound(touches, finer, arrays, state, within)
+    points, within = (np.zeros((len(contacts), 4)) for _ in range(2))
+    sound(contacts, contacts["samples"].copy(), arrays, state, points)
+    sound(contacts, finer, arrays, state, within)
     first = 0
     for met in meetings:
         load, own = met.loads[0], slice(first, first + len(met.loads))
@@ -53,7 +56,7 @@ def check_touches(mechanism: Mechanism, touches: NDArray[Any], arrays: Any, stat
             depth, *place = found[found[:, 0].argmax()].tolist()
             if depth > allowed:
                 raise UserError(
-                    f"sheet {_sheet(mechanism, met.nodes)!r} starts through what it touches: at ({place[0]:.4g}, "
+                    f"sheet {_sheet(mechanism, met.nodes)!r} starts inside a contact surface: at ({place[0]:.4g}, "
                     f"{place[1]:.4g}, {place[2]:.4g}) m it is {depth:.3g} m deep in {met.name!r}; allowed: "
                     f"{allowed:.3g} m at most"
                 )
@@ -62,7 +65,7 @@ def check_touches(mechanism: Mechanism, touches: NDArray[Any], arrays: Any, stat
 def unfelt(mechanism: Mechanism, state: State) -> list[str]:
     """Return in sentences which edges of guides are so narrow that a sheet may come over them between its points."""
     told = []
-    for met in _of(mechanism, Touch):
+    for met in _of(mechanism, SurfaceContact):
         load, holder = met.loads[0], met.holder
         edges = load.surface.edges()
         if edges is None:
@@ -75,7 +78,7 @@ def unfelt(mechanism: Mechanism, state: State) -> list[str]:
         for size, what, gap in ((2.0 * radius, "thick", across.max()), (long, "wide", beside.max())):
             if size < gap:
                 told.append(
-                    f"surface of touch {met.name!r} is {size:.3g} m {what}, where points of sheet "
+                    f"surface of contact {met.name!r} is {size:.3g} m {what}, where points of sheet "
                     f"{_sheet(mechanism, met.nodes)!r} are {gap:.3g} m apart: an edge of it that comes between them is "
                     f"not felt; take more points than {tuple(load.samples)} of a cell"
                 )
@@ -100,7 +103,7 @@ def beside(mechanism: Mechanism, state: State) -> list[str]:
 
 @dataclass(frozen=True)
 class _Meeting(Generic[K]):
-    """A touch or a nip: the loads of its cells, the nodes of its sheet, and what those meet."""
+    """A surface contact or a nip: the loads of its cells, the nodes of its sheet, and what those meet."""
 
     name: str
     loads: list[K]
@@ -109,7 +112,7 @@ class _Meeting(Generic[K]):
 
 
 def _of(mechanism: Mechanism, kind: type[K]) -> Iterator[_Meeting[K]]:
-    """Yield every touch, or every nip."""
+    """Yield every contact, or every nip."""
     own = ((name, load, bodies) for name, load, bodies in mechanism.others if isinstance(load, kind))
     for name, cells in groupby(own, key=itemgetter(0)):
         _, loads, corners = zip(*cells, strict=True)
@@ -124,8 +127,8 @@ def _sheet(mechanism: Mechanism, nodes: Sequence[Body]) -> str:
     return next(own, node.name)
 
 
-def _resting(met: _Meeting[Touch], gravity: float) -> float:
-    """Return the depth at which a touch bears the weight of the sheet, m."""
+def _resting(met: _Meeting[SurfaceContact], gravity: float) -> float:
+    """Return the depth at which a surface contact bears the weight of the sheet, m."""
     law = met.loads[0]
     area = law.sides[0] * law.sides[1] * len(met.loads)
     depth = sum(body.mass for body in met.nodes) * gravity / area / law.stiffness

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mbfmu.errors import UserError
 from mbfmu.mechanics.builder.mechanism import Mechanism
-from mbfmu.mechanics.contact.touch import Touch
+from mbfmu.mechanics.contact.surface_contact import SurfaceContact
 from mbfmu.mechanics.kind import Kind
 from mbfmu.mechanics.loads import DistanceStop, Spring
 from mbfmu.mechanics.records import Data
@@ -31,7 +31,7 @@ from .compile import Compiled, Numbering, Variable, check_rows
 from .corners import check_corners
 from .given import Courses
 from .inputs import Drives, Inputs
-from .meetings import beside, check_touches, unfelt
+from .meetings import beside, check_surface_contacts, unfelt
 from .rounded import loop_length, nearly_parallel
 from .rows import VANISHING, find_vanishing_rows, row_names
 from .scale import characteristic_length
@@ -157,7 +157,7 @@ class Plant:
         self.energy(t, q, np.zeros(self.system.n))  # places them
         gravity = float(np.linalg.norm(self.data.arrays.world[0]["gravity"]))
         arrays, state = self.kernel_data
-        check_touches(self.mechanism, self.records(Touch), arrays, state, gravity)
+        check_surface_contacts(self.mechanism, self.records(SurfaceContact), arrays, state, gravity)
         return [*beside(self.mechanism, self.data.state), *unfelt(self.mechanism, self.data.state)]
 
     def feedthrough(self) -> list[tuple[int, ...]]:

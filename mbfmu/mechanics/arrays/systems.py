@@ -13,16 +13,16 @@ from mbfmu.errors import UserError
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.contact.nip import Nip
-from mbfmu.mechanics.contact.touch import Touch
+from mbfmu.mechanics.contact.surface_contact import SurfaceContact
 from mbfmu.mechanics.elements import Shell
 from mbfmu.mechanics.records import Data
 from mbfmu.mechanics.recursions.dynamics import (
     callbacks,
     inertia_callback,
     observe_all,
+    outputs_callback,
     resolves,
     stepped_callbacks,
-    telling_callback,
     tree_callbacks,
     work_callbacks,
 )
@@ -84,7 +84,7 @@ class Systems:
             loop_rate=self._loop_rate(),
             power=power,
             exposure=exposure,
-            tell=telling_callback() if scalar is float else None,
+            evaluate_outputs=outputs_callback() if scalar is float else None,
         )
 
     def _tree(self, constraint_names: list[str]) -> TreeSystem:
@@ -144,12 +144,13 @@ class Systems:
         return {body.index for sheet in self._mechanism.sheets for row in sheet.nodes for body in row}
 
     def _slip(self) -> Array:
-        """Return rates (n,) that move sheets as a whole, or what they touch, by the slip at which friction turns over.
+        """Return rates (n,) that move sheets as a whole, or bodies in contact with them, by the slip at which friction
+        turns over.
 
         A node that carries a sheet by six coordinates rotates with its vibrations, which do not describe the whole.
         """
         loads = (acting.load for acting in self._mechanism.others)
-        slowest = min((load.slip for load in loads if isinstance(load, Touch | Nip)), default=np.inf)
+        slowest = min((load.slip for load in loads if isinstance(load, SurfaceContact | Nip)), default=np.inf)
         carrying = carriers(self._mechanism, self._nodes)
         found = [np.zeros(0)]
         for body in free_bodies(self._mechanism):
@@ -182,7 +183,7 @@ class Systems:
 
     def _cornered(self) -> str:
         """Say where forces turn sharply; empty: nowhere."""
-        if any(isinstance(acting.load, Touch | Nip) for acting in self._mechanism.others):
+        if any(isinstance(acting.load, SurfaceContact | Nip) for acting in self._mechanism.others):
             return "those of contact turn within micrometers, and friction within millimeters per second"
         return ""
 

@@ -33,17 +33,17 @@ class Contact:
 
 
 @dataclass(frozen=True, eq=False)
-class TouchHandle(Contact):
-    """A surface that a sheet touches, as :func:`add_touch` returns it."""
+class SurfaceContactHandle(Contact):
+    """A surface that a sheet contacts, as :func:`add_contact` returns it."""
 
     sheet: Sheet
 
     def force(self, axis: str) -> Met:
         """Global component of the force on the sheet, N."""
-        return self._told("N", axis_index(axis, f"of the force of touch {self.name!r}"))
+        return self._told("N", axis_index(axis, f"of the force of contact {self.name!r}"))
 
     def depth(self) -> Met:
-        """How deep the deepest point of the sheet is in the surface, m; zero: it does not touch."""
+        """How deep the deepest point of the sheet is in the surface, m; zero: it does not contact."""
         return self._told("m", 5)
 
     def heat(self) -> Met:
@@ -88,26 +88,26 @@ class NipHandle(Contact):
         return self._told("1", 0, scale=1.0 / self.stations)
 
 
-def contact_pressure(touches: Sequence[TouchHandle], i: int, k: int) -> Pressed:
+def contact_pressure(contacts: Sequence[SurfaceContactHandle], i: int, k: int) -> Pressed:
     """Return how hard touches of one sheet press on its cell (i, k), Pa: sizes of their forces on it over its area.
 
     What presses from opposite sides adds up. It is the pressure where friction is none, and at most
     sqrt(1 + friction^2) of it.
     """
-    if not touches or not all(isinstance(touch, TouchHandle) for touch in touches):
-        raise UserError(f"touches that press are {touches!r}; allowed: a list of what add_touch returns")
-    sheet = touches[0].sheet
-    for touch in touches:
-        if touch.sheet is not sheet:
+    if not contacts or not all(isinstance(contact, SurfaceContactHandle) for contact in contacts):
+        raise UserError(f"contacts that press are {contacts!r}; allowed: a list of what add_contact returns")
+    sheet = contacts[0].sheet
+    for contact in contacts:
+        if contact.sheet is not sheet:
             raise UserError(
-                f"touch {touch.name!r} is of sheet {touch.sheet.name!r}; allowed beside {touches[0].name!r}: touches "
-                f"of {sheet.name!r}"
+                f"contact {contact.name!r} is of sheet {contact.sheet.name!r}; allowed beside {contacts[0].name!r}: "
+                f"contacts of {sheet.name!r}"
             )
     if (i, k) not in sheet.cells:
         raise UserError(f"sheet {sheet.name!r} has no cell {(i, k)}; allowed: {max(sheet.cells)} at most")
     cell = list(sheet.cells).index((i, k))
-    own = [touch.first + cell for touch in touches]
-    return Pressed(unit="Pa", item=touches[0], own=own, scale=1.0 / (sheet.a * sheet.b))
+    own = [contact.first + cell for contact in contacts]
+    return Pressed(unit="Pa", item=contacts[0], own=own, scale=1.0 / (sheet.a * sheet.b))
 
 
 def jammed(nips: Sequence[NipHandle]) -> Jammed:

@@ -1,4 +1,4 @@
-"""How a sheet is given surfaces to touch and nips to be driven by: a load for every cell, of one name.
+"""Contact of a sheet with surfaces and nips that drive it: one load for every cell, all of one name.
 
 Defaults go with the sheet: lengths with a sixth of its longer side, 50 mm of A4, below which paper is not bent, and
 forces with what bends it so far.
@@ -18,14 +18,14 @@ from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.checks import Vector, one_of, rotation, vector
 from mbfmu.mechanics.contact.nip import Nip
+from mbfmu.mechanics.contact.surface_contact import SurfaceContact
 from mbfmu.mechanics.contact.surfaces import Surface
-from mbfmu.mechanics.contact.touch import Touch
 from mbfmu.mechanics.joints import Revolute
 from mbfmu.mechanics.kind import check_kind
 from mbfmu.mechanics.loads.base import Load
 from mbfmu.mechanics.numbers import finite, not_negative, positive
 
-from .contacts import NipHandle, TouchHandle
+from .contacts import NipHandle, SurfaceContactHandle
 from .sheet import Sheet
 
 COARSEST = 0.6  # side of a cell times the curvature of a surface, above which the sheet does not follow it
@@ -41,7 +41,7 @@ WEDGE = 0.4  # of the roller's radius: way over which an edge comes in
 CALM = 0.03  # damping of a nip's rubber, to sqrt(stiffness times the sheet's mass)
 
 
-def add_touch(
+def add_contact(
     mechanism: Mechanism,
     name: str,
     sheet: Sheet,
@@ -54,8 +54,8 @@ def add_touch(
     damping: float = 1.0,
     creep: float = 1e-3,
     points: tuple[int, int] = (4, 4),
-) -> TouchHandle:
-    """Let a sheet touch a rigid surface, on either face.
+) -> SurfaceContactHandle:
+    """Add contact between a sheet, on either face, and a rigid surface.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def add_touch(
     points
         Of every cell along x and z.
     """
-    what = f"touch {name!r}"
+    what = f"contact {name!r}"
     check_kind(f"surface of {what}", surface, Surface)
     surface.check(f"the surface of {what}")
     _of(mechanism, sheet, what)
@@ -110,14 +110,14 @@ def add_touch(
     holder = mechanism.ground if body is None else body
     loads = [
         (
-            Touch(
+            SurfaceContact(
                 surface=surface, sides=(sheet.a, sheet.b), ends=ends, thickness=element.thickness, samples=points, **law
             ),
             (*corners, holder),
         )
         for element, corners, ends in _cells(sheet)
     ]
-    return TouchHandle(name, mechanism, *_load(mechanism, name, loads, (holder,), sheet), sheet)
+    return SurfaceContactHandle(name, mechanism, *_load(mechanism, name, loads, (holder,), sheet), sheet)
 
 
 def add_nip(
@@ -151,7 +151,7 @@ def add_nip(
     Parameters
     ----------
     mechanism, name, sheet
-        As those of :func:`add_touch`.
+        As those of :func:`add_contact`.
     roller
         Body that drives, on a ``Revolute`` whose axis is that of the roller.
     radius

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.errors import UserError
+from mbfmu.errors import UserError, missing_attribute
 from mbfmu.mechanics.axes import unit_axis
 from mbfmu.mechanics.checks import Vector, inertia_matrix, rotation, vector
 from mbfmu.mechanics.couplings import Coupling
@@ -118,7 +118,7 @@ class Mechanism(Appearance):
         self.pressures: list[tuple[str, Pressure, list[tuple[Body, ...]]]] = []
         self.others: list[Acting] = []  # loads, by their name
         self.outputs: list[tuple[str, Sensor, str, float | None]] = []
-        self.readouts: list[str] = []  # outputs, by name
+        self.shown_outputs: list[str] = []  # outputs, by name
         self.sheets: list[Sheet] = []  # what add_sheet has made
         self.energy: Sensor = Energy()
         self.kinetic_energy: Sensor = KineticEnergy()
@@ -428,13 +428,16 @@ class Mechanism(Appearance):
             raise UserError(f"output {name!r} is of force {sensor.item.name!r}, which is none of this mechanism")
         self.outputs.append((name, sensor, description, nominal))
 
-    def readout(self, *names: str) -> None:
+    def __getattr__(self, name: str) -> object:
+        raise missing_attribute("a Mechanism", name)
+
+    def show_outputs(self, *names: str) -> None:
         """Show outputs as text in animations: large on the page, and in pictures and films."""
         known = [output[0] for output in self.outputs]
         for name in names:
             if name not in known:
-                raise UserError(f"readout is of {name!r}, which is no output of this mechanism so far")
-        self.readouts = list(dict.fromkeys((*self.readouts, *names)))
+                raise UserError(f"show_outputs is given {name!r}, which is no output of this mechanism so far")
+        self.shown_outputs = list(dict.fromkeys((*self.shown_outputs, *names)))
 
     def _has(self, handle: ForceHandle) -> bool:
         """Whether a force is one of this mechanism."""

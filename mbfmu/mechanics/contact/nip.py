@@ -66,7 +66,7 @@ NIP = np.dtype(
         ("force", np.int64),  # number of the signal N
         ("pairs", np.int64),  # of stations, across the width
         ("way", np.int64),  # the feed is along x (0) or z (1) of the sheet
-        ("ends", np.int64, (2, 2)),  # as those of a touch
+        ("ends", np.int64, (2, 2)),  # as those of a surface contact
         ("node", np.int64, (4,)),
         ("a", np.float64),
         ("b", np.float64),
@@ -242,7 +242,7 @@ def member(nip: Any, p: int) -> int:
 @kernel
 def tangent(nip: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -> float:
     """See :mod:`mbfmu.mechanics.loads.base`: by complex steps of the bodies, where a cell has stations at all."""
-    if tell(nip, state.time[0], arrays, state, 0) == 0.0:
+    if quantity(nip, state.time[0], arrays, state, 0) == 0.0:
         return 0.0
     count = 6 if nip.idler > 0 else 5
     for j in range(6 * count):
@@ -258,7 +258,7 @@ def tangent(nip: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -> 
 
 
 @kernel
-def tell(nip: Any, t: float, arrays: Any, state: Any, k: int) -> Any:
+def quantity(nip: Any, t: float, arrays: Any, state: Any, k: int) -> Any:
     """Entry k of ``told`` by one cell alone, the bodies left as they are."""
     here = state.meeting[0]
     for j in range(8):
@@ -282,7 +282,7 @@ def apply(nip: Any, t: float, arrays: Any, state: Any) -> None:
 @kernel
 def potential(nip: Any, arrays: Any, state: Any) -> float:
     """Energy that rubber and cells store, J."""
-    return tell(nip, state.time[0].real, arrays, state, 6)
+    return quantity(nip, state.time[0].real, arrays, state, 6)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""The surface of a sheet that touches: smooth over cells and the borders between them.
+"""The surface of a sheet in contact: smooth over cells and the borders between them.
 
 Contact must not see the facets of the grid. Over every cell lies the bicubic patch of Ferguson, with the positions of
 the four nodes and their axes in the sheet, xi and zeta in [0, 1] along the sides a and b of the cell:

@@ -134,7 +134,7 @@ class Bushing(Force):
     ----------
     stiffness, damping
         N/m and N s/m along x, y, z of the frame; one number: along all.
-    turning_stiffness, turning_damping
+    rotational_stiffness, rotational_damping
         N m/rad and N m s/rad about them.
     at_a, at_b
         The points in the frames of the bodies, m.
@@ -161,8 +161,8 @@ class Bushing(Force):
 
     stiffness: Any = 0.0
     damping: Any = 0.0
-    turning_stiffness: Any = 0.0
-    turning_damping: Any = 0.0
+    rotational_stiffness: Any = 0.0
+    rotational_damping: Any = 0.0
     at_a: Any = (0.0, 0.0, 0.0)
     at_b: Any = (0.0, 0.0, 0.0)
     rotation_a: Any = None
@@ -170,7 +170,7 @@ class Bushing(Force):
 
     def check(self, what: str) -> None:
         """Refuse what is no stiffness."""
-        for key in ("stiffness", "damping", "turning_stiffness", "turning_damping"):
+        for key in ("stiffness", "damping", "rotational_stiffness", "rotational_damping"):
             _along_axes(f"{key} of {what}", getattr(self, key))
 
     def fill(self, record: Any, site: Site) -> None:
@@ -180,13 +180,13 @@ class Bushing(Force):
         record["Ea"] = rotation(f"rotation_a of {name}", self.rotation_a).T
         record["Eb"] = rotation(f"rotation_b of {name}", self.rotation_b).T
         for key in ("stiffness", "damping"):
-            onward, about = getattr(self, key), getattr(self, f"turning_{key}")
-            record[key] = [*_along_axes(f"{key} of {name}", onward), *_along_axes(f"turning_{key} of {name}", about)]
+            onward, about = getattr(self, key), getattr(self, f"rotational_{key}")
+            record[key] = [*_along_axes(f"{key} of {name}", onward), *_along_axes(f"rotational_{key} of {name}", about)]
 
     @property
     def works(self) -> bool:
         """Whether it is damped."""
-        return bool(np.any(self.damping) or np.any(self.turning_damping))
+        return bool(np.any(self.damping) or np.any(self.rotational_damping))
 
     def points(self) -> Points:
         """Return its two points."""

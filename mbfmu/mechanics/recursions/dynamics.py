@@ -228,11 +228,11 @@ def solve_moving(a: Any, lam: Any, arrays: Any, state: Any) -> None:
 def observe(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any, out: Any) -> None:
     """The first outputs, up to the length of the array, at the solution (q, v, a, lam)."""
     move(t, q, v, data.arrays, data.state)
-    tell(a, lam, data, out)
+    evaluate_outputs(a, lam, data, out)
 
 
 @kernel
-def tell(a: Any, lam: Any, data: Any, out: Any) -> None:
+def evaluate_outputs(a: Any, lam: Any, data: Any, out: Any) -> None:
     """:func:`observe` where the bodies move as at that solution."""
     arrays, state = data.arrays, data.state
     solve_moving(a, lam, arrays, state)
@@ -303,12 +303,12 @@ def callbacks(scalar: type = float) -> tuple[Callable[..., Any], ...]:
 
 
 @cache
-def telling_callback() -> Callable[..., Any]:
-    """Return :func:`tell` as a solver takes it; compiled on first use."""
+def outputs_callback() -> Callable[..., Any]:
+    """Return :func:`evaluate_outputs` as a solver takes it; compiled on first use."""
     if not COMPILED:
-        return tell
+        return evaluate_outputs
     vector = types.float64[::1]
-    return callback(types.void(vector, vector, held_type(empty_data()), vector))(cast("Any", tell).py_func)
+    return callback(types.void(vector, vector, held_type(empty_data()), vector))(cast("Any", evaluate_outputs).py_func)
 
 
 @cache

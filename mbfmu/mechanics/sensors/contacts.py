@@ -42,7 +42,7 @@ def read(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
 
 @kernel
 def pressed(sensor: Any, lam: Any, arrays: Any, state: Any) -> float:
-    """See :mod:`.base`: the sizes of the forces of single touches on their cells, added."""
+    """See :mod:`.base`: the sizes of the forces of single contacts on their cells, added."""
     told, total = state.meeting[0].told, 0.0
     for e in range(sensor.first, sensor.first + sensor.count):
         sum_over(int(arrays.numbers[e].real), 1, OWN, arrays, state)

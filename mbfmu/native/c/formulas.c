@@ -118,7 +118,7 @@ void put_options(Instance *own)
             o->max_step = value > 0.0 ? value : INFINITY;
             break;
         case SETTING_AUDIT:
-            o->audit = value != 0.0;
+            o->energy_check = value != 0.0;
             break;
         default: /* constant */
             break;

@@ -109,11 +109,11 @@ void tell_assembly(Instance *own, int64_t code, char text[SAYS])
 void tell_loss(const Instance *own, char text[SAYS])
 {
     const Told *told = (const Told *)(own->block + own->header->told_at);
-    double most = fabs(told->imbalance);
+    double most = fabs(told->energy_error);
     char at[32], lost[32], part[32], all[32];
     if (told->lost == UNSURE) {
         SAY(text, "the energy balance is too inaccurate at t = ", in_so_many(at, 6, told->lost_at),
-            " s: the energy has changed by ", in_so_many(lost, 3, most), " J ", told->imbalance > 0.0 ? "more" : "less",
+            " s: the energy has changed by ", in_so_many(lost, 3, most), " J ", told->energy_error > 0.0 ? "more" : "less",
             " than the work done on it, ", in_so_many(part, 2, most / told->passage), " of the ",
             in_so_many(all, 3, told->passage), " J by which the motion has just passed an unstable equilibrium, or missed ",
             "it. How long that takes, and the motion from here on, are not to be trusted: tighten the tolerance, and ",
@@ -121,7 +121,7 @@ void tell_loss(const Instance *own, char text[SAYS])
         return;
     }
     SAY(text, "the energy balance is lost at t = ", in_so_many(at, 6, told->lost_at), " s: the energy has changed by ",
-        in_so_many(lost, 3, most), " J ", told->imbalance > 0.0 ? "more" : "less", " than the work done on it");
+        in_so_many(lost, 3, most), " J ", told->energy_error > 0.0 ? "more" : "less", " than the work done on it");
     if (told->exchanged != 0.0) {
         const char *const parts[] = {", ", in_so_many(part, 2, most / told->exchanged), " of the ",
                                      in_so_many(all, 3, told->exchanged), " J exchanged so far"};

@@ -114,12 +114,12 @@ class Viewer {
 
   /** A line for each output that the model reads out. */
   prepareReadouts() {
-    this.readouts = this.scene.picture.readouts.map((name) => {
+    this.shown_outputs = this.scene.picture.shown_outputs.map((name) => {
       const line = document.createElement("div"), label = document.createElement("i");
       const value = document.createElement("output");
       label.textContent = name;
       line.append(label, value);
-      element("readouts").append(line);
+      element("shown_outputs").append(line);
       return { name, value };
     });
   }
@@ -240,7 +240,7 @@ class Viewer {
     this.placeLabels(look, show.labels);
     const digits = Math.min(Math.max(Math.ceil(-Math.log10(this.motion.interval) - 1e-9), 0), 9);
     this.plot.show(this.clock.time);
-    this.readouts.forEach(({ name, value }) => (value.textContent = reading(this.motions, name, this.clock.time)));
+    this.shown_outputs.forEach(({ name, value }) => (value.textContent = reading(this.motions, name, this.clock.time)));
     this.tell();
     element("legend").hidden = !show.forces;
     element("time").value = this.clock.time;

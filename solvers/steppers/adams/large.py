@@ -14,7 +14,7 @@ from solvers.options import Options, Statistics
 from solvers.outcome import CODES, Code
 from solvers.stepper import require_placed, require_resolved
 from solvers.steppers.closed import Given
-from solvers.system import Array, TreeSystem, audit_callbacks
+from solvers.system import Array, TreeSystem, energy_callbacks
 
 from . import tree
 from .explicit import ExplicitStepper
@@ -44,7 +44,7 @@ class TreeAdamsStepper(ExplicitStepper):
         work.size[:] = system.size
         self._inertia = work.inertia
         self._inertia["watched"] = system.watches_inertia
-        callbacks = system.forward, system.inverse, system.retract, *audit_callbacks(system), system.parts_callback
+        callbacks = system.forward, system.inverse, system.retract, *energy_callbacks(system), system.parts_callback
         eqs = hold(tree.TreeEquations(*callbacks, system.held_data))
         scales = hold(Scales.of(o.rtol, np.zeros(system.n), np.zeros(system.n)))
         own = eqs, self._settings, self._held, hold(work), scales
@@ -65,7 +65,7 @@ class TreeAdamsStepper(ExplicitStepper):
 
     @property
     def _watched(self) -> bool:
-        return self.options.audit
+        return self.options.energy_check
 
     def arrays(self) -> list[NDArray[Any]]:
         """As :meth:`solvers.stepper.Stepper.arrays`."""

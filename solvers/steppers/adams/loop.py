@@ -41,7 +41,7 @@ from solvers.projection.projection import (
     multipliers,
     settle,
 )
-from solvers.projection.reported import tell
+from solvers.projection.reported import report_state
 from solvers.projection.singular import CLOSED, MISS, SINGULAR, note, passed, step_bound
 from solvers.projection.workspace import factor
 from solvers.stepper import smallest_step
@@ -68,7 +68,7 @@ SETTINGS = np.dtype(
     [
         ("rtol", "f8"), ("atol", "f8"), ("max_step", "f8"), ("max_order", "i8"), ("max_steps", "i8"),
         ("partition", "i8"),  # PROJECTION, LU, or HYBRID
-        ("audit", "i8"), ("works", "i8"),  # 1: book energy and work; 1: something does work
+        ("energy_check", "i8"), ("works", "i8"),  # 1: book energy and work; 1: something does work
         ("flicker_steps", "i8"), ("flicker_count", "i8"), ("energy_jump", "f8"), ("collapse_cuts", "i8"),
         ("calm_steps", "i8"),
     ],
@@ -152,7 +152,7 @@ def power(eqs: Any, t: float, c: Any, o: Any, H: Any, work: Any) -> float:
 def book(eqs: Any, t: float, c: Any, o: Any, scales: Any, work: Any) -> None:
     """Book the energy at the state evaluated last, before :func:`power`; see :mod:`solvers.ledger`."""
     update_growth(t, eqs.terms.M, work.v, work)
-    if o.audit == 1 and due(c):
+    if o.energy_check == 1 and due(c):
         look(eqs.exposure, eqs.data, c, scales)
         c.exposure *= max(1.0, c.coarser)
 
@@ -383,7 +383,7 @@ def take_options(options: Any, settings: Any) -> None:
     """Set the options of a run (``solvers.options.OPTIONS``)."""
     asked, o = options[0], settings[0]
     o.rtol, o.atol = asked.rtol, asked.absolute
-    o.max_step, o.max_steps, o.audit = asked.max_step, asked.max_steps, asked.audit
+    o.max_step, o.max_steps, o.energy_check = asked.max_step, asked.max_steps, asked.energy_check
     o.max_order = asked.max_order if asked.max_order > 0 else HIGHEST
 
 
@@ -404,7 +404,7 @@ def advance_reported(g: Any, target: float) -> int:
 
 
 @kernel
-def sample(g: Any, times: Any, q: Any, v: Any, a: Any, lam: Any, ledger: Any, told: Any) -> tuple[int, int]:
+def sample(g: Any, times: Any, q: Any, v: Any, a: Any, lam: Any, ledger: Any, outputs: Any) -> tuple[int, int]:
     """:func:`advance` to each of ``times`` in turn; state, accelerations, multipliers, energy account and outputs of
     the system in a row each.
 
@@ -414,7 +414,7 @@ def sample(g: Any, times: Any, q: Any, v: Any, a: Any, lam: Any, ledger: Any, to
     for i in range(times.shape[0]):
         code = advance(eqs, g.settings, H, work, g.scales, times[i], q[i], v[i], ledger[i])
         if code == OK:
-            code = tell(eqs, times[i], q[i], v[i], o.rtol, H.control[0], work, a[i], lam[i], told[i])
+            code = report_state(eqs, times[i], q[i], v[i], o.rtol, H.control[0], work, a[i], lam[i], outputs[i])
         if code != OK:
             return code, i
     return OK, times.shape[0]

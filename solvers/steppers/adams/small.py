@@ -43,7 +43,7 @@ class AdamsStepper(ExplicitStepper, ClosedStepper):
 
     @property
     def _watched(self) -> bool:
-        return self.options.audit or self.partition == HYBRID  # which asks whether the energy jumps
+        return self.options.energy_check or self.partition == HYBRID  # which asks whether the energy jumps
 
     def arrays(self) -> list[NDArray[Any]]:
         """As :meth:`solvers.stepper.Stepper.arrays`."""

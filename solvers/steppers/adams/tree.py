@@ -44,7 +44,7 @@ SETTINGS = np.dtype(
     [
         ("rtol", "f8"), ("atol", "f8"), ("max_step", "f8"), ("max_order", "i8"), ("max_steps", "i8"),
         ("rate", "f8"),  # of the motion, 1/s
-        ("audit", "i8"), ("works", "i8"),  # 1: book energy and work; 1: something does work
+        ("energy_check", "i8"), ("works", "i8"),  # 1: book energy and work; 1: something does work
     ],
     align=True,
 )  # fmt: skip
@@ -132,7 +132,7 @@ def power(eqs: Any, t: float, o: Any, s: Any) -> float:
 @kernel
 def book(eqs: Any, t: float, c: Any, o: Any, scales: Any, s: Any) -> None:
     """Book the energy at (s.q, s.v), at the cost of an inverse dynamics; see :mod:`solvers.ledger`."""
-    if o.audit == 1 and due(c):
+    if o.energy_check == 1 and due(c):
         eqs.inverse(t, s.q, s.v, s.zero, s.lam, eqs.data, s.qdot, s.a)
         look(eqs.exposure, eqs.data, c, scales)
     if s.inertia[0].watched == 1:

@@ -30,7 +30,7 @@ from solvers.options import Options, Statistics
 from solvers.outcome import Code
 from solvers.projection.saddle import Accelerations, Saddle, close, count_freedom, rate_of_motion
 from solvers.stepper import Stepper, rate_of_start, require_placed, require_resolved, sized, smallest_step
-from solvers.system import LARGEST_DENSE, Array, TreeSystem, audit_callbacks
+from solvers.system import LARGEST_DENSE, Array, TreeSystem, energy_callbacks
 
 from .formulas import (
     GAMMA,
@@ -97,7 +97,7 @@ class TreeESDIRKStepper(Stepper):
         self._memory, self._stage = Memory.allocate(system.nq, system.n, system.m), Stage.of(system)
         self._c = self._memory.control[0]
         self._held = hold(self._memory), hold(self._stage)
-        callbacks = system.inverse, system.retract, *audit_callbacks(system), system.parts_callback
+        callbacks = system.inverse, system.retract, *energy_callbacks(system), system.parts_callback
         self._eqs = hold(Callbacks(*callbacks, system.held_data))
         self._rate = rate_of_motion(self._motion, self._t, self._q, self._v, o.duration)
         require_resolved(self._t, self._rate, o.rtol)
@@ -156,7 +156,7 @@ class TreeESDIRKStepper(Stepper):
         return code
 
     def _look(self) -> None:
-        if self.options.audit:
+        if self.options.energy_check:
             look_around(self._eqs, *self._held, self._scales)
 
     def _step(self, target: float) -> Code:
@@ -347,7 +347,7 @@ class TreeESDIRKStepper(Stepper):
         c, M = self._c, self._memory
         c["t"], c["start"], c["ends"], c["before"], c["work"] = self._t, 1, ends, 0.0, self._ledger[WORK]
         c["wait"] = 0
-        self._works = int(self.options.audit and self.system.works())
+        self._works = int(self.options.energy_check and self.system.works())
         look_anew(M.control)
         M.q[:], M.v[:] = self._q, self._v
 
@@ -371,7 +371,7 @@ class TreeESDIRKStepper(Stepper):
     def restore(self, data: bytes) -> None:
         """Return to the state in which ``data`` was saved; factors are recomputed from their data."""
         super().restore(data)
-        self._works, self._mine = int(self.options.audit and self.system.works()), -1
+        self._works, self._mine = int(self.options.energy_check and self.system.works()), -1
 
     @property
     def statistics(self) -> Statistics:

@@ -140,7 +140,7 @@ def accept(t: float, y: Any, slopes: Any, g: Any) -> int:
     for i in range(u.v.shape[0]):
         u.v[i] = velocity(i, t, y, u)
     update_growth(t, g.eqs.terms.M, u.v, g.work)  # M of Newton's last correction
-    if c.audit == 1:
+    if c.energy_check == 1:
         book(g.eqs, t, y, slopes, c.works == 1, u, g.work, g.book, g.scales)
     return OK
 

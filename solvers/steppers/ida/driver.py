@@ -44,7 +44,7 @@ class IDADriver(Stepper):
         self._most = min(self.options.max_steps, np.iinfo(np.int64).max)
         self._check_at: float = np.inf  # steps since construction at which ``_check`` is called
         self._check: Callable[[], float] = lambda: np.inf
-        c["most"], c["audit"] = self._most, int(self.options.audit)
+        c["most"], c["energy_check"] = self._most, int(self.options.energy_check)
 
     @abstractmethod
     def _begin(self) -> Code:

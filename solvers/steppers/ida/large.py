@@ -52,7 +52,7 @@ from solvers.options import Options
 from solvers.outcome import Code
 from solvers.projection.saddle import Accelerations, close, count_freedom, inverse_squares, rate_of_motion
 from solvers.stepper import require_placed, require_resolved
-from solvers.system import LARGEST_DENSE, Array, TreeSystem, audit_callbacks
+from solvers.system import LARGEST_DENSE, Array, TreeSystem, energy_callbacks
 
 from .binding import BoundIDA
 from .driver import IDADriver
@@ -118,7 +118,7 @@ class TreeIDAStepper(IDADriver):
         atol = np.concatenate((part * s.position_sizes(sizes), part * rates, np.full(2 * s.m, UNCONTROLLED)))
         given = self._given = hold(
             Given(
-                s.inverse, s.retract, s.position, *audit_callbacks(s), s.held_data, self._terms, s.positions,
+                s.inverse, s.retract, s.position, *energy_callbacks(s), s.held_data, self._terms, s.positions,
                 s.tangent.solve_one, s.tangent.inertia_one, s.tangent.data, self._scratch, self._reduced,
                 LENGTH_RATE * self._rate, len(atol), self._book, hold(self._scales(sizes, rates, len(atol))),
                 self._counts, self._course, self._tolerances(atol, part * o.rtol),
@@ -267,7 +267,7 @@ class TreeIDAStepper(IDADriver):
             y = np.concatenate((self._q, self._v, motion.lam, zeros))
             yp = np.concatenate((motion.qdot, motion.a, zeros, zeros))
             self._begin_with(y, yp)
-            if self.options.audit:
+            if self.options.energy_check:
                 note(self._t, y, yp, self._given)
         return code
 

@@ -28,7 +28,7 @@ COURSE = np.dtype(
         ("longest", "f8"), ("instant", "f8"),  # s, of any step; of no account
         ("stops", "i8"),  # requested times at which steps are yet to end
         ("count", "i8"), ("most", "i8"),  # steps in this call, and how many there may be
-        ("works", "i8"), ("audit", "i8"),  # 1: power is to be booked; steps are
+        ("works", "i8"), ("energy_check", "i8"),  # 1: power is to be booked; steps are
     ],
     align=True,
 )  # fmt: skip

@@ -185,7 +185,7 @@ class IDAStepper(IDADriver, DenseStepper):
         return (LAMBDA * lam, self._unknowns.noise[0] * MU * mu), (share * lam, share * mu)
 
     def _note(self, t: float, y: Array, yp: Array) -> None:
-        if self.options.audit:
+        if self.options.energy_check:
             book(self._eqs, t, y, yp, self._works(), self._held, self._work, self._book, self._scales)
 
     def _works(self) -> bool:

@@ -233,7 +233,7 @@ def accept(t: float, y: Any, slopes: Any, g: Any) -> int:
     if g.growth.inertia[0].watched == 1:  # where Newton's last correction began
         g.inertia_parts(g.data, g.growth.parts)
         update_tree_growth(t, g.growth.parts, g.scratch.v, g.growth)
-    if g.course[0].audit == 1:
+    if g.course[0].energy_check == 1:
         note(t, y, slopes, g)
     return OK
 

@@ -21,7 +21,7 @@ from solvers.inertia import clear_growth, finer_tolerance, update_growth
 from solvers.ledger import book_stray, due, look, look_anew, refuse_step, report, set_scales
 from solvers.outcome import BRANCHES, COLLAPSED, MAX_STEPS, OK
 from solvers.projection.projection import acceleration, close
-from solvers.projection.reported import tell
+from solvers.projection.reported import report_state
 from solvers.projection.singular import CLOSED, MISS, note, passed, step_bound
 from solvers.stepper import smallest_step
 
@@ -34,7 +34,7 @@ SETTINGS = np.dtype(
         ("asked", "f8"),  # rtol of the motion
         ("exact", "f8"),  # what Newton may leave, in tolerances of the estimated error
         ("max_step", "f8"), ("max_steps", "i8"),
-        ("audit", "i8"), ("works", "i8"),  # 1: book energy and work; 1: something does work
+        ("energy_check", "i8"), ("works", "i8"),  # 1: book energy and work; 1: something does work
     ],
     align=True,
 )  # fmt: skip
@@ -80,7 +80,7 @@ def arrive(eqs: Any, t: float, c: Any, o: Any, H: Any, work: Any, scales: Any) -
         for i in range(H.v.shape[0]):
             H.v[i], H.a[i] = work.v[i], work.slope[i]
         update_growth(t, eqs.terms.M, work.v, work)
-        if o.audit == 1 and due(c):
+        if o.energy_check == 1 and due(c):
             look(eqs.exposure, eqs.data, c, scales)
             c.exposure *= max(1.0, c.coarser)
         H.power[0] = power(eqs, t, c, o, work, work.slope)
@@ -274,7 +274,7 @@ def take_options(options: Any, settings: Any) -> None:
     looser = LOOSER * asked.rtol**POWER
     o.rtol, o.atol = looser, asked.absolute * looser / asked.rtol
     o.asked, o.exact = asked.rtol, EXACT * asked.rtol / looser
-    o.max_step, o.max_steps, o.audit = asked.max_step, asked.max_steps, asked.audit
+    o.max_step, o.max_steps, o.energy_check = asked.max_step, asked.max_steps, asked.energy_check
 
 
 @kernel
@@ -292,7 +292,7 @@ def advance_reported(g: Any, target: float) -> int:
 
 
 @kernel
-def sample(g: Any, times: Any, q: Any, v: Any, a: Any, lam: Any, ledger: Any, told: Any) -> tuple[int, int]:
+def sample(g: Any, times: Any, q: Any, v: Any, a: Any, lam: Any, ledger: Any, outputs: Any) -> tuple[int, int]:
     """:func:`advance` to each of ``times`` in turn; state, accelerations, multipliers, energy account and outputs of
     the system in a row each.
 
@@ -302,7 +302,7 @@ def sample(g: Any, times: Any, q: Any, v: Any, a: Any, lam: Any, ledger: Any, to
     for i in range(times.shape[0]):
         code = advance(eqs, g.settings, H, work, g.scales, times[i], q[i], v[i], ledger[i])
         if code == OK:
-            code = tell(eqs, times[i], q[i], v[i], o.asked, H.control[0], work, a[i], lam[i], told[i])
+            code = report_state(eqs, times[i], q[i], v[i], o.asked, H.control[0], work, a[i], lam[i], outputs[i])
         if code != OK:
             return code, i
     return OK, times.shape[0]

@@ -46,7 +46,7 @@ class RadauStepper(ClosedStepper):
         self._begin(STOPS, self.status.ok)
 
     def _begin(self, ends: int, kept: bool) -> None:
-        self._settings["works"] = self.options.audit and self.system.works()
+        self._settings["works"] = self.options.energy_check and self.system.works()
         loop.begin_anew(self._held, self._t, self._q, self._v, float(self._ledger[WORK]), ends, kept)
 
     def jump(self, dv: Array) -> None:

@@ -57,7 +57,7 @@ class Arm(Model):
 
 
 def loss(result: Result) -> float:
-    return float(np.abs(result["energy_imbalance"]).max())
+    return float(np.abs(result["energy_error"]).max())
 
 
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 1e-8, 1e-10])
@@ -71,7 +71,7 @@ def test_a_right_run_keeps_its_balance(model: Model, solver: str, tolerance: flo
     result = run(model, Settings(solver=solver, tolerance=tolerance), TIMES)
     assert not result.failure
     assert not result.warning
-    assert loss(result) < 100.0 * tolerance * result["energy_exchanged"][-1]
+    assert loss(result) < 100.0 * tolerance * result["energy_throughput"][-1]
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
@@ -79,7 +79,7 @@ def test_work_is_that_of_drive_and_damper(solver: str) -> None:
     times = np.linspace(0.0, 2.0, 2001)
     result = run(Arm(), Settings(solver=solver, tolerance=1e-9), times)
     power = result["upper.effort"] * result["upper.rate"] - 0.05 * result["lower.rate"] ** 2
-    booked = result["energy"] - result["energy"][0] - result["energy_imbalance"]
+    booked = result["energy"] - result["energy"][0] - result["energy_error"]
     assert abs(booked[-1]) > 0.1
     for end in (501, 1001, 2001):
         assert booked[end - 1] == pytest.approx(simpson(power[:end], x=times[:end]), abs=2e-7)
@@ -146,11 +146,11 @@ def test_the_balance_closes_over_changes_and_a_restored_state(solver: str) -> No
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
-def test_the_audit_leaves_the_motion_as_it_is_and_can_be_left_out(solver: str) -> None:
+def test_the_energy_check_leaves_the_motion_as_it_is_and_can_be_left_out(solver: str) -> None:
     with_it = run(Arm(), Settings(solver=solver), TIMES)
-    without = run(Arm(), Settings(solver=solver, audit=False), TIMES)
+    without = run(Arm(), Settings(solver=solver, energy_check=False), TIMES)
     np.testing.assert_array_equal(with_it.values[:, :-2], without.values[:, :-2])
-    assert np.isnan(without["energy_imbalance"]).all()
+    assert np.isnan(without["energy_error"]).all()
     assert not without.warning
 
 
@@ -160,10 +160,10 @@ def test_the_command_ends_with_an_error(tmp_path: Path, monkeypatch: Any, capsys
     for direct in ([], ["--direct"]):
         assert main(["run", "governor/damped", *end, *direct]) == 1
         out, err = capsys.readouterr()
-        assert "energy imbalance" in out
+        assert "energy error" in out
         assert "LOST" in out
         assert "the energy balance is lost at t = " in err
-    assert main(["run", "governor/damped", "--direct", "--no-audit", *end]) == 0
+    assert main(["run", "governor/damped", "--direct", "--no-energy-check", *end]) == 0
 
 
 def test_compare_marks_the_row(monkeypatch: Any) -> None:
@@ -177,7 +177,7 @@ def test_compare_marks_the_row(monkeypatch: Any) -> None:
     found = compare(scene, solvers=["adams"], tolerances=[1e-6], repeats=1)
     assert outcome(found.rows[0]).startswith("inaccurate")
     assert found.best() == []
-    assert found.rows[0].energy_imbalance == np.abs(found.energies["adams"][1]).max() > 0.0
+    assert found.rows[0].energy_error == np.abs(found.energies["adams"][1]).max() > 0.0
 
 
 def test_an_fmu_tells_in_its_message(tmp_path: Path, monkeypatch: Any) -> None:
@@ -186,8 +186,8 @@ def test_an_fmu_tells_in_its_message(tmp_path: Path, monkeypatch: Any) -> None:
     with Fmu(path) as fmu:
         fmu.step(0.5)
         assert "the energy balance is lost" in fmu.message()
-        assert abs(fmu["energy_imbalance"]) > 1e-3
-    with Fmu(path, {"audit": False}) as fmu:
+        assert abs(fmu["energy_error"]) > 1e-3
+    with Fmu(path, {"energy_check": False}) as fmu:
         fmu.step(0.5)
         assert fmu.message() == ""
 
@@ -227,5 +227,5 @@ def test_what_is_exchanged_is_not_less_than_what_can_be_seen(solver: str) -> Non
     result = run(swinging(), Settings(solver=solver), np.linspace(0.0, 0.5, 51))
     kinetic = 0.5 / 3.0 * result["rate"] ** 2
     seen = np.maximum.accumulate(kinetic) - np.minimum.accumulate(kinetic)
-    told = result["energy_exchanged"]
+    told = result["energy_throughput"]
     assert np.all(told[3:] >= 0.5 * seen[3:])

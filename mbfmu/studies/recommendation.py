@@ -65,7 +65,7 @@ class Target:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TargetChoice:
+class Recommendation:
     """What to take.
 
     Attributes
@@ -122,7 +122,7 @@ def read_target(target: float | str | Target) -> Target:
     return Target(value=value, unit=found.group(2))
 
 
-def choose(
+def recommend_solver(
     subject: Scene | Model | Mechanism,
     target: float | str | Target,
     *,
@@ -132,7 +132,7 @@ def choose(
     outputs: Sequence[str] = (),
     budget: float = BUDGET,
     progress: Progress | None = None,
-) -> TargetChoice:
+) -> Recommendation:
     """Return the cheapest solver, tolerance and resolution whose error is within a target, of those that were tried.
 
     Cheap runs come first: each solver at each resolution begins loosely and is tightened towards the target, and what
@@ -325,7 +325,7 @@ class Search:
         """Return the largest error over what is allowed of it."""
         return max(errors[name] / limit for name, limit in self.limits.items())
 
-    def choice(self) -> TargetChoice:
+    def choice(self) -> Recommendation:
         """Return the cheapest of what is within the target, by times taken in turn."""
         if not self._within:
             raise UserError(self._nothing())
@@ -340,7 +340,7 @@ class Search:
         k = min(range(len(rows)), key=lambda i: rows[i].cpu_s)
         notes = [in_sentence(self.right), *self.notes]
         row, scene = rows[k], last[k][0].scene
-        return TargetChoice(
+        return Recommendation(
             row=row, scene=scene, sentence=self._say(row), rows=self.rows, notes=notes,
             held_inputs=describe_held_inputs(scene.model.plant().inputs.variables),
         )  # fmt: skip

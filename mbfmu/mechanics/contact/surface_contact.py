@@ -1,4 +1,4 @@
-"""Touch: a cell of a sheet against a rigid surface, by points that are fixed in the cell.
+"""SurfaceContact: a cell of a sheet against a rigid surface, by points that are fixed in the cell.
 
 A point stands for its share w of the area. Where it is deeper than the surface by d, the pressure of Hunt and Crossley
 (1975) on a law without a corner, and Coulomb's friction, regularized at the slip v_r:
@@ -53,88 +53,88 @@ TOUCH = np.dtype(
 
 
 @kernel
-def gap(touch: Any, arrays: Any, state: Any) -> Any:
+def gap(contact: Any, arrays: Any, state: Any) -> Any:
     """Distance of the sheet's face at here.r from the surface; the normal in global axes is left in here.f."""
-    here, body = state.meeting[0], state.bodies[touch.body]
+    here, body = state.meeting[0], state.bodies[contact.body]
     here.part = 1.0
-    if touch.body == 0:  # the ground
+    if contact.body == 0:  # the ground
         for k in range(3):
             here.p[k] = here.r[k]
-        found = surface_gap(touch.surface, arrays, state) - touch.half
+        found = surface_gap(contact.surface, arrays, state) - contact.half
         for k in range(3):
             here.f[k] = here.n[k]
         return found
     x, y, z = here.r[0] - body.r[0], here.r[1] - body.r[1], here.r[2] - body.r[2]
     for k in range(3):
         here.p[k] = body.A[0, k] * x + body.A[1, k] * y + body.A[2, k] * z
-    found = surface_gap(touch.surface, arrays, state) - touch.half
+    found = surface_gap(contact.surface, arrays, state) - contact.half
     for k in range(3):
         here.f[k] = body.A[k, 0] * here.n[0] + body.A[k, 1] * here.n[1] + body.A[k, 2] * here.n[2]
     return found
 
 
 @kernel
-def misses(touch: Any, clear: Any, bodies: Any, here: Any) -> bool:
+def misses(contact: Any, clear: Any, bodies: Any, here: Any) -> bool:
     """Broad-phase test: whether a cell is separated, by the distance ``clear`` and the normal here.f at its center
     here.r.
 
     The cell is within a ball about its center; a convex surface lies behind its tangent plane at the nearest point.
     """
-    if clear.real > reach(touch).real:
+    if clear.real > reach(contact).real:
         return True
-    return touch.convex == 1 and clear.real > dip(touch, bodies, here.r, here.f)
+    return contact.convex == 1 and clear.real > dip(contact, bodies, here.r, here.f)
 
 
 @kernel
-def meet(touch: Any, arrays: Any, state: Any) -> None:
+def meet(contact: Any, arrays: Any, state: Any) -> None:
     """Add the forces at all points to the bodies, unless ``here.silent``, and to ``here.told``."""
     here, bodies = state.meeting[0], state.bodies
-    middle(touch, bodies, here.r)
-    if misses(touch, gap(touch, arrays, state), bodies, here):
+    middle(contact, bodies, here.r)
+    if misses(contact, gap(contact, arrays, state), bodies, here):
         return
-    nx, nz, own = touch.samples[0], touch.samples[1], here.silent == OWN
-    for i in range(nx + (1 if own else touch.ends[0, 1])):
-        lay_line(touch, i / nx, bodies, here.line)
-        for k in range(nz + (1 if own else touch.ends[1, 1])):
+    nx, nz, own = contact.samples[0], contact.samples[1], here.silent == OWN
+    for i in range(nx + (1 if own else contact.ends[0, 1])):
+        lay_line(contact, i / nx, bodies, here.line)
+        for k in range(nz + (1 if own else contact.ends[1, 1])):
             locate_on_line(here.line, k / nz, here.r)
-            d = -gap(touch, arrays, state)
+            d = -gap(contact, arrays, state)
             if d.real > 0.0 and here.part.real > 0.0:
-                weigh(touch, i / nx, k / nz, here.c)
-                drift(touch, here.c, bodies, here.v)
-                push(touch, area(touch, i, k, own), d, bodies[touch.body], here)
+                weigh(contact, i / nx, k / nz, here.c)
+                drift(contact, here.c, bodies, here.v)
+                push(contact, area(contact, i, k, own), d, bodies[contact.body], here)
                 if here.silent == 0:
-                    press(touch, here.c, bodies, here.f)
-                    if touch.body > 0:
-                        react(bodies[touch.body], here.r, here.f)
+                    press(contact, here.c, bodies, here.f)
+                    if contact.body > 0:
+                        react(bodies[contact.body], here.r, here.f)
 
 
 @kernel
-def area(touch: Any, i: int, k: int, own: bool) -> float:
+def area(contact: Any, i: int, k: int, own: bool) -> float:
     """Area that a point stands for, m^2; or its part of that in the cell."""
-    nx, nz = touch.samples[0], touch.samples[1]
-    share = touch.a * touch.b / (nx * nz)
-    if (i == 0 and (own or touch.ends[0, 0] == 1)) or i == nx:
+    nx, nz = contact.samples[0], contact.samples[1]
+    share = contact.a * contact.b / (nx * nz)
+    if (i == 0 and (own or contact.ends[0, 0] == 1)) or i == nx:
         share *= 0.5
-    if (k == 0 and (own or touch.ends[1, 0] == 1)) or k == nz:
+    if (k == 0 and (own or contact.ends[1, 0] == 1)) or k == nz:
         share *= 0.5
     return share
 
 
 @kernel
-def push(touch: Any, share: float, d: Any, body: Any, here: Any) -> None:
+def push(contact: Any, share: float, d: Any, body: Any, here: Any) -> None:
     """here.f <- what a point at here.r with the velocity here.v feels, the normal of the surface in here.f so far."""
     r, v, f, told = here.r, here.v, here.f, here.told
     x, y, z = r[0] - body.r[0], r[1] - body.r[1], r[2] - body.r[2]
     v[0] -= body.Y[0] + body.Y[4] * z - body.Y[5] * y
     v[1] -= body.Y[1] + body.Y[5] * x - body.Y[3] * z
     v[2] -= body.Y[2] + body.Y[3] * y - body.Y[4] * x
-    k, d0 = touch.stiffness * share * here.part, touch.depth
+    k, d0 = contact.stiffness * share * here.part, contact.depth
     if d.real < d0.real:
         spring, stored = k * d * d / (2.0 * d0), k * d * d * d / (6.0 * d0)
     else:
         spring, stored = k * (d - 0.5 * d0), k * (0.5 * d * d - 0.5 * d0 * d + d0 * d0 / 6.0)
     leaving = f[0] * v[0] + f[1] * v[1] + f[2] * v[2]
-    N = spring * (1.0 - touch.damping * leaving)
+    N = spring * (1.0 - contact.damping * leaving)
     if N.real < 0.0:
         N = 0.0 * N
     told[3] += stored
@@ -142,11 +142,11 @@ def push(touch: Any, share: float, d: Any, body: Any, here: Any) -> None:
     if d.real > told[5].real:
         told[5] = d
     rub = 0.0 * N
-    if touch.friction.real > 0.0:
+    if contact.friction.real > 0.0:
         for j in range(3):
             v[j] -= leaving * f[j]
         square = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
-        rub = touch.friction * N / np.sqrt(square + touch.creep * touch.creep)
+        rub = contact.friction * N / np.sqrt(square + contact.creep * contact.creep)
         told[4] -= rub * square
     for j in range(3):
         f[j] = N * f[j] - rub * v[j]
@@ -154,64 +154,64 @@ def push(touch: Any, share: float, d: Any, body: Any, here: Any) -> None:
 
 
 @kernel
-def tangent(touch: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -> float:
+def tangent(contact: Any, c1: float, arrays: Any, state: Any, twin: Any, K: Any) -> float:
     """See :mod:`mbfmu.mechanics.loads.base`: the law by complex steps of a point, the point by its weights."""
     here, bodies, there = state.meeting[0], state.bodies, twin.meeting[0]
-    body, moved = bodies[touch.body], twin.bodies[touch.body]
+    body, moved = bodies[contact.body], twin.bodies[contact.body]
     step(body, moved, -1, c1)
-    middle(touch, bodies, here.r)
+    middle(contact, bodies, here.r)
     for j in range(3):
         there.r[j] = here.r[j]
-    if misses(touch, gap(touch, arrays, twin), bodies, there):
+    if misses(contact, gap(contact, arrays, twin), bodies, there):
         return 0.0
     met = 0.0
-    nx, nz = touch.samples[0], touch.samples[1]
-    for i in range(nx + touch.ends[0, 1]):
-        lay_line(touch, i / nx, bodies, here.line)
-        for k in range(nz + touch.ends[1, 1]):
+    nx, nz = contact.samples[0], contact.samples[1]
+    for i in range(nx + contact.ends[0, 1]):
+        lay_line(contact, i / nx, bodies, here.line)
+        for k in range(nz + contact.ends[1, 1]):
             locate_on_line(here.line, k / nz, here.r)
             for j in range(3):
                 there.r[j] = here.r[j]
-            d = -gap(touch, arrays, twin)
+            d = -gap(contact, arrays, twin)
             if d.real > 0.0 and there.part.real > 0.0:
-                weigh(touch, i / nx, k / nz, here.c)
-                share = area(touch, i, k, False)
-                drift(touch, here.c, bodies, here.v)
+                weigh(contact, i / nx, k / nz, here.c)
+                share = area(contact, i, k, False)
+                drift(contact, here.c, bodies, here.v)
                 for j in range(6):
-                    felt(touch, share, j, arrays, here, twin)
+                    felt(contact, share, j, arrays, here, twin)
                     for row in range(3):
                         here.by[row, j] = -there.f[row].imag / EPSILON
                         here.f[row] = there.f[row].real
-                if touch.body > 0:
+                if contact.body > 0:
                     for j in range(6):
                         step(body, moved, j, c1)
-                        felt(touch, share, 6, arrays, here, twin)
+                        felt(contact, share, 6, arrays, here, twin)
                         for row in range(3):
                             here.df[row, j] = -there.f[row].imag / EPSILON
                             here.dr[row, j] = -1.0 if row == j else 0.0
-                    spread(touch, 24, bodies, here, K)
+                    spread(contact, 24, bodies, here, K)
                     step(body, moved, -1, c1)
-                by_nodes(touch, c1, bodies, here, K)
+                by_nodes(contact, c1, bodies, here, K)
                 met = 1.0
     return met
 
 
 @kernel
-def felt(touch: Any, share: float, j: int, arrays: Any, here: Any, twin: Any) -> None:
+def felt(contact: Any, share: float, j: int, arrays: Any, here: Any, twin: Any) -> None:
     """twin.meeting.f <- what a point feels after an imaginary step of its place (j < 3), its speed (j < 6) or none."""
     there = twin.meeting[0]
     for k in range(3):
         there.r[k] = here.r[k] + (EPSILON * 1j if k == j else 0.0)
         there.v[k] = here.v[k] + (EPSILON * 1j if k + 3 == j else 0.0)
-    push(touch, share, -gap(touch, arrays, twin), twin.bodies[touch.body], there)
+    push(contact, share, -gap(contact, arrays, twin), twin.bodies[contact.body], there)
 
 
 @kernel
-def by_nodes(touch: Any, c1: float, bodies: Any, here: Any, K: Any) -> None:
+def by_nodes(contact: Any, c1: float, bodies: Any, here: Any, K: Any) -> None:
     """Add to K what a point feels, by the motions of its nodes, from minus the derivatives of the law in here.by."""
     by, dr, df, f = here.by, here.dr, here.df, here.f
     for j in range(4):
-        node = bodies[touch.node[j]]
+        node = bodies[contact.node[j]]
         L, w = lever(node.A, here.c[j, 1], here.c[j, 2]), (node.Y[3], node.Y[4], node.Y[5])
         for k in range(3):
             p, q = (k + 1) % 3, (k + 2) % 3
@@ -226,7 +226,7 @@ def by_nodes(touch: Any, c1: float, bodies: Any, here: Any, K: Any) -> None:
                 df[i, k] = gx * dr[0, k] + gy * dr[1, k] + gz * dr[2, k]
                 k3 = 3 + k
                 df[i, k3] = (gx + tx) * dr[0, k3] + (gy + ty) * dr[1, k3] + (gz + tz) * dr[2, k3]
-        spread(touch, 6 * j, bodies, here, K)
+        spread(contact, 6 * j, bodies, here, K)
         for k in range(3, 6):  # the moment L x f turns with the node
             K[6 * j + 3, 6 * j + k] -= dr[1, k] * f[2] - dr[2, k] * f[1]
             K[6 * j + 4, 6 * j + k] -= dr[2, k] * f[0] - dr[0, k] * f[2]
@@ -234,13 +234,13 @@ def by_nodes(touch: Any, c1: float, bodies: Any, here: Any, K: Any) -> None:
 
 
 @kernel
-def spread(touch: Any, first: int, bodies: Any, here: Any, K: Any) -> None:
+def spread(contact: Any, first: int, bodies: Any, here: Any, K: Any) -> None:
     """Add six columns from ``first`` on to K: the nodes' wrenches from minus the changes of the force, here.df, and
     that of a moving body, relative to which the point moves by here.dr.
     """
     f, dr, df = here.f, here.dr, here.df
     for j in range(4):
-        x, y, z = lever(bodies[touch.node[j]].A, here.c[j, 1], here.c[j, 2])
+        x, y, z = lever(bodies[contact.node[j]].A, here.c[j, 1], here.c[j, 2])
         N = here.c[j, 0]
         for k in range(6):
             K[6 * j, first + k] += N * df[0, k]
@@ -249,8 +249,8 @@ def spread(touch: Any, first: int, bodies: Any, here: Any, K: Any) -> None:
             K[6 * j + 3, first + k] += y * df[2, k] - z * df[1, k]
             K[6 * j + 4, first + k] += z * df[0, k] - x * df[2, k]
             K[6 * j + 5, first + k] += x * df[1, k] - y * df[0, k]
-    if touch.body > 0:
-        body, r = bodies[touch.body], here.r
+    if contact.body > 0:
+        body, r = bodies[contact.body], here.r
         x, y, z = r[0] - body.r[0], r[1] - body.r[1], r[2] - body.r[2]
         for k in range(6):
             K[24, first + k] -= df[0, k]
@@ -262,7 +262,7 @@ def spread(touch: Any, first: int, bodies: Any, here: Any, K: Any) -> None:
 
 
 @kernel
-def tell(load: Any, arrays: Any, state: Any, k: int) -> Any:
+def quantity(load: Any, arrays: Any, state: Any, k: int) -> Any:
     """Entry k of ``told`` by one cell alone, the bodies left as they are."""
     here = state.meeting[0]
     for j in range(8):
@@ -274,24 +274,24 @@ def tell(load: Any, arrays: Any, state: Any, k: int) -> Any:
 
 
 @kernel
-def sound(touches: Any, points: Any, arrays: Any, state: Any, found: Any) -> None:
-    """found (k, 4) <- depth of the deepest point of each of k touches, m, zero where none is in, and its place.
+def sound(contacts: Any, points: Any, arrays: Any, state: Any, found: Any) -> None:
+    """found (k, 4) <- depth of the deepest point of each of k contacts, m, zero where none is in, and its place.
 
     ``points`` (k, 2) is their number along x and z.
     """
     here, bodies = state.meeting[0], state.bodies
     for e in range(found.shape[0]):
-        touch, nx, nz = touches[e], points[e, 0], points[e, 1]
+        contact, nx, nz = contacts[e], points[e, 0], points[e, 1]
         for j in range(4):
             found[e, j] = 0.0
-        middle(touch, bodies, here.r)
-        if gap(touch, arrays, state) > reach(touch):
+        middle(contact, bodies, here.r)
+        if gap(contact, arrays, state) > reach(contact):
             continue
         for i in range(nx + 1):
-            lay_line(touch, i / nx, bodies, here.line)
+            lay_line(contact, i / nx, bodies, here.line)
             for k in range(nz + 1):
                 locate_on_line(here.line, k / nz, here.r)
-                d = -gap(touch, arrays, state)
+                d = -gap(contact, arrays, state)
                 if d > found[e, 0] and here.part > 0.0:
                     found[e, 0] = d
                     for j in range(3):
@@ -299,24 +299,24 @@ def sound(touches: Any, points: Any, arrays: Any, state: Any, found: Any) -> Non
 
 
 @kernel
-def apply(touch: Any, t: float, arrays: Any, state: Any) -> None:
+def apply(contact: Any, t: float, arrays: Any, state: Any) -> None:
     """See :mod:`mbfmu.mechanics.loads.base`. The dissipated power is a by-product."""
     here, told = state.meeting[0], state.meeting[0].told
     if here.silent == 0:  # else sensors add up the values of several contacts
         told[4] = 0.0
-    meet(touch, arrays, state)
+    meet(contact, arrays, state)
     state.damped[0] += told[4]
 
 
 @kernel
-def potential(touch: Any, arrays: Any, state: Any) -> float:
+def potential(contact: Any, arrays: Any, state: Any) -> float:
     """Energy that the law of pressure stores, J."""
-    return tell(touch, arrays, state, 3)
+    return quantity(contact, arrays, state, 3)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Touch(Load):
-    """One cell of a sheet against a surface; :func:`.add_touch` makes those of a sheet."""
+class SurfaceContact(Load):
+    """One cell of a sheet against a surface; :func:`.add_contact` makes those of a sheet."""
 
     record = TOUCH
     apply = apply

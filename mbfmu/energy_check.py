@@ -1,10 +1,10 @@
 """The balance of a run: the energy it has against the energy it started with and the work that was done on it.
 
-    imbalance(t) = E(t) - E(0) - W(t) - sum of jumps
+    error(t) = E(t) - E(0) - W(t) - sum of jumps
 
 E is kinetic and potential energy, W the work of drives, dampers, given forces and pressures that the solver integrates
 with the motion, a jump the change of E at one state where an input or a parameter changes. Along the exact motion the
-imbalance is zero; the bound that the tolerance explains is computed by :mod:`solvers.balance`. Once exceeded, it stays
+error is zero; the bound that the tolerance explains is computed by :mod:`solvers.balance`. Once exceeded, it stays
 reported: the motion from there on is another one.
 """
 
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from mbfmu.mechanics import Plant, Variable
 from solvers.balance import BALANCE, KEPT, UNSURE, find_lost, judge, slowest
 from solvers.compiled.kernel import records
-from solvers.ledger import EXCHANGED, PASSAGE
+from solvers.ledger import PASSAGE, THROUGHPUT
 
 Array = NDArray[np.float64]
 Place = tuple[float, Array]  # t, q
@@ -26,12 +26,12 @@ Place = tuple[float, Array]  # t, q
 NEAR = 0.05  # ratio of singular values of J, scaled by the bodies' inertia, that a message calls near
 
 VARIABLES = (
-    Variable("energy_imbalance", "J", "Energy error: change of energy minus work of drives, dampers and given forces"),
-    Variable("energy_exchanged", "J", "Energy throughput: range of the kinetic energy plus work in either direction"),
+    Variable("energy_error", "J", "Energy error: change of energy minus work of drives, dampers and given forces"),
+    Variable("energy_throughput", "J", "Energy throughput: range of the kinetic energy plus work in either direction"),
 )
 
 
-class Audit:
+class EnergyCheck:
     """Holds the motion of a plant against its balance.
 
     Attributes
@@ -70,15 +70,15 @@ class Audit:
         self.balance["level"] = base
 
     def look(self, t: float, q: Array, energy: float, ledger: Array) -> float:
-        """Return the imbalance of one state, J; q (nq,), and a ledger (ROW,)."""
-        imbalance, kind = judge(self.balance, energy, ledger)
+        """Return the energy_error of one state, J; q (nq,), and a ledger (ROW,)."""
+        energy_error, kind = judge(self.balance, energy, ledger)
         if kind != KEPT:
-            self._note((t, q), imbalance, kind, ledger, self._last)
+            self._note((t, q), energy_error, kind, ledger, self._last)
         self._last = t, q
-        return float(imbalance)
+        return float(energy_error)
 
     def check(self, times: Array, q: Array, energies: Array, ledgers: Array) -> Array:
-        """Return the imbalance (k,) at ``times`` (k,) with positions q (k, nq), energies and ledgers (k, ROW), J."""
+        """Return the energy_error (k,) at ``times`` (k,) with positions q (k, nq), energies and ledgers (k, ROW), J."""
         found = np.zeros(len(times))
         i, kind = find_lost(self.balance, np.ascontiguousarray(energies), ledgers, found)
         if i < len(times):
@@ -88,23 +88,23 @@ class Audit:
             self._last = float(times[-1]), q[-1].copy()
         return found
 
-    def _note(self, here: Place, imbalance: float, kind: int, ledger: Array, before: Place | None) -> None:
+    def _note(self, here: Place, energy_error: float, kind: int, ledger: Array, before: Place | None) -> None:
         """Say, once, that the balance is not kept here; ``before`` it was."""
         if not self.verdict:
-            self.verdict = self._tell(imbalance, kind, ledger, before or here, here)
+            self.verdict = self._tell(energy_error, kind, ledger, before or here, here)
 
-    def _tell(self, imbalance: float, kind: int, ledger: Array, before: Place, here: Place) -> str:
-        more = "more" if imbalance > 0.0 else "less"
-        change = f"the energy has changed by {abs(imbalance):.3g} J {more} than the work done on it"
+    def _tell(self, energy_error: float, kind: int, ledger: Array, before: Place, here: Place) -> str:
+        more = "more" if energy_error > 0.0 else "less"
+        change = f"the energy has changed by {abs(energy_error):.3g} J {more} than the work done on it"
         if kind == UNSURE:
             return (
                 f"the energy balance is too inaccurate at t = {here[0]:.6g} s: {change}, "
-                f"{abs(imbalance) / ledger[PASSAGE]:.2g} of the {ledger[PASSAGE]:.3g} J by which the motion has just "
-                "passed an unstable equilibrium, or missed it. How long that takes, and the motion from here on, are "
-                "not to be trusted: tighten the tolerance, and compare"
+                f"{abs(energy_error) / ledger[PASSAGE]:.2g} of the {ledger[PASSAGE]:.3g} J by which the motion has "
+                "just passed an unstable equilibrium, or missed it. How long that takes, and the motion from here on, "
+                "are not to be trusted: tighten the tolerance, and compare"
             )
-        exchanged = ledger[EXCHANGED]
-        part = f", {abs(imbalance) / exchanged:.2g} of the {exchanged:.3g} J exchanged so far" if exchanged else ""
+        exchanged = ledger[THROUGHPUT]
+        part = f", {abs(energy_error) / exchanged:.2g} of the {exchanged:.3g} J exchanged so far" if exchanged else ""
         return (
             f"the energy balance is lost at t = {here[0]:.6g} s: {change}{part}, which the tolerance does not "
             f"explain{nearest(self.plant, before, here)}. The motion from here on is not to be trusted: tighten the "

@@ -1,0 +1,68 @@
+"""Names of earlier versions: the message gives the present name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import mbfmu as mb
+from mbfmu import mechanics
+from mbfmu.cli import main
+from mbfmu.errors import RENAMED, UserError
+from mbfmu.scene import KEYS, read_scene
+
+ATTRIBUTES: dict[str, Callable[[], object]] = {
+    "recommend_solver": lambda: mb.choose,
+    "Recommendation": lambda: mb.TargetChoice,
+    "add_contact": lambda: mechanics.add_touch,
+    "SurfaceContactHandle": lambda: mechanics.TouchHandle,
+    "show_outputs": lambda: mb.Mechanism().readout,
+}
+ARGUMENTS: dict[str, Callable[[], object]] = {
+    "energy_check": lambda: mb.Settings(audit=False),
+    "input_interpolation": lambda: mb.Settings(inputs="linear"),
+    "rotational_stiffness": lambda: mb.Bushing(turning_stiffness=1.0),
+    "rotational_damping": lambda: mb.Bushing(turning_damping=1.0),
+}
+
+
+@pytest.mark.parametrize("name", ATTRIBUTES)
+def test_an_attribute_that_was_renamed(name: str) -> None:
+    with pytest.raises(AttributeError, match=f"it is now called '{name}'"):
+        ATTRIBUTES[name]()
+
+
+@pytest.mark.parametrize("name", ARGUMENTS)
+def test_an_argument_that_was_renamed(name: str) -> None:
+    with pytest.raises(UserError, match=f"it is now called '{name}'"):
+        ARGUMENTS[name]()
+
+
+@pytest.mark.parametrize("old", sorted(RENAMED.keys() & {"audit", "inputs"}))
+def test_a_key_of_a_scene_file_that_was_renamed(tmp_path: Path, old: str) -> None:
+    assert RENAMED[old] in KEYS
+    (tmp_path / "old.toml").write_text(f'model = "pendulum"\n{old} = true\n')
+    with pytest.raises(UserError, match=f"unknown key '{old}'; it is now called '{RENAMED[old]}'"):
+        read_scene(tmp_path / "old.toml")
+
+
+def test_an_output_that_was_renamed() -> None:
+    m = mb.Mechanism()
+    arm = m.body("arm", m.ground, mb.Revolute(start=0.3), **mb.rod(mass=1.0, length=1.0))
+    m.output("arm.angle", arm.angle())
+    result = mb.simulate(m, 0.1)
+    with pytest.raises(UserError, match="it is now called 'energy_error'"):
+        result["energy_imbalance"]
+
+
+def test_an_option_of_the_command_that_was_renamed(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["run", "pendulum", "--no-audit"])
+    assert "'audit' is now called 'energy-check'" in capsys.readouterr().err
+
+
+def test_an_unknown_argument_is_named_with_the_nearest_one() -> None:
+    with pytest.raises(UserError, match="Spring has no argument 'stifness'; did you mean 'stiffness'"):
+        mb.Spring(stifness=1.0)
