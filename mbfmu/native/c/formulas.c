@@ -117,7 +117,7 @@ void put_options(Instance *own)
         case SETTING_MAX_STEP:
             o->max_step = value > 0.0 ? value : INFINITY;
             break;
-        case SETTING_AUDIT:
+        case SETTING_ENERGY_CHECK:
             o->energy_check = value != 0.0;
             break;
         default: /* constant */
