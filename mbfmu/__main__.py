@@ -12,7 +12,7 @@ def main() -> int:
     try:
         from mbfmu.cli import main as command
     except KeyboardInterrupt:
-        print("mbfmu: interrupted; nothing was begun", file=sys.stderr)  # noqa: T201
+        print("mbfmu: interrupted before the start", file=sys.stderr)  # noqa: T201
         return 130
     return command()
 

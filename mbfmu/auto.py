@@ -24,6 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mbfmu.codes import coded
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Plant
 from mbfmu.spectrum import spectrum
@@ -58,8 +59,8 @@ class SolverPick(NamedTuple):
     stiff: bool = False  # whether it was taken because an explicit one would take too many steps
 
     def __str__(self) -> str:
-        """Return both as a message; empty if it was requested."""
-        return f"auto took {self.solver!r}: {self.reason}" if self.reason else ""
+        """Return both as a message; empty if the solver was requested."""
+        return f"auto selected {self.solver!r}: {self.reason}" if self.reason else ""
 
 
 class _Trial(NamedTuple):
@@ -74,7 +75,7 @@ class _Trial(NamedTuple):
 def pick(plant: Plant, states: Sequence[State], options: Options) -> SolverPick:
     """Return the solver of the cheaper family for motions from these states, which must keep the constraints."""
     if not plant.system.n:
-        return SolverPick("adams", "drives say where everything is, and nothing is integrated")
+        return SolverPick("adams", "the drives determine the motion, and nothing is integrated")
     if plant.system.stiff:
         solver, size = implicit(plant, options.absolute)
         return SolverPick(solver, f"stiff: {plant.system.stiff}; {size}", True)
@@ -83,11 +84,11 @@ def pick(plant: Plant, states: Sequence[State], options: Options) -> SolverPick:
         return SolverPick(first, size)
     tried = [_explicit(plant, first, state, options) for state in states]
     if not any(trial.limited for trial in tried):
-        return SolverPick(first, f"not stiff: accuracy sets its steps; {size}")
+        return SolverPick(first, f"not stiff, the step size is limited by accuracy; {size}")
     other, other_size = implicit(plant, options.absolute)
     costs = [_costs(plant, first, other, *both, options) for both in zip(states, tried, strict=True)]
     cost, least = (sum(family) / len(states) for family in zip(*costs, strict=True))
-    numbers = f"a second costs {cost:.3g} evaluations by {first!r}, and as much as {least:.3g} by {other!r}"
+    numbers = f"per second of motion {cost:.3g} evaluations with {first!r}, and the cost of {least:.3g} with {other!r}"
     if least < cost:
         return SolverPick(other, f"stiff: {numbers}; {other_size}", True)
     return SolverPick(first, f"not stiff: {numbers}; {size}")
@@ -111,11 +112,12 @@ def limit_order(plant: Plant, solver: str, state: State, options: Options) -> tu
     followed = found.followed(options.absolute)
     if followed >= RESOLVED * found.undamped or followed <= SLOWEST_RATE / options.duration:
         return options, ""  # in the second case it is at rest, and the motion to be resolved is unknown
-    return replace(options, max_order=LOW_ORDER), (
+    return replace(options, max_order=LOW_ORDER), coded(
+        "limited-order",
         f"'ida' uses orders 1 and 2 only: the fastest motion of this model ({found.undamped:.3g} rad/s, coordinate "
-        f"{found.leading!r}) is hardly damped and faster than what the solver follows ({followed:.3g} rad/s), and "
+        f"{found.leading!r}) is hardly damped and faster than the resolved motion ({followed:.3g} rad/s), and "
         "higher orders are unstable there. The error may be several hundred times the tolerance: choose a tolerance "
-        "100 times smaller than the accuracy that is needed, or set max_order, or use 'adams' if the run is short"
+        "100 times smaller than the required accuracy, or set max_order, or use 'adams' if the run is short",
     )
 
 
@@ -185,25 +187,25 @@ def try_solver(plant: Plant, solver: str, state: State, options: Options, times:
 
 def explicit(plant: Plant) -> tuple[str, str]:
     """Return the solver to take where nothing is stiff, and what its size has to do with it."""
-    s, size = plant.system, counted(plant.system.n, "coordinate")
+    s, size = plant.system, counted(plant.system.n, "joint coordinate")
     if not s.has_matrices and not s.m:
-        return "adams", f"a tree of {size} without loops, by its recursions"
+        return "adams", f"a large open-chain model with {size}"
     if s.n > LARGEST_DENSE:
-        return "ida", f"the only one for {size} with loops"
+        return "ida", f"the only solver for {size} with loops"
     if s.m >= WIDE:
-        return "hybrid", f"{size} under {s.m} rows of loops, the dependent ones by LU"
-    return "adams", f"{size} under {counted(s.m, 'row')} of loops" if s.m else f"{size} without loops"
+        return "hybrid", f"{size} and {s.m} constraints"
+    return "adams", f"{size} and {counted(s.m, 'constraint')}" if s.m else f"{size} without loops"
 
 
 def implicit(plant: Plant, tolerance: float) -> tuple[str, str]:
     """Return the solver to take where something is stiff, and what its size has to do with it."""
-    s, size = plant.system, counted(plant.system.n, "coordinate")
+    s, size = plant.system, counted(plant.system.n, "joint coordinate")
     if s.has_matrices:
-        return "radau", f"{size}, by matrices"
+        return "radau", size
     if s.cornered:
-        return "esdirk", f"a tree of {size} in contact"
+        return "esdirk", f"a large model with {size} and contact"
     if s.m:
-        return "ida", f"a tree of {size} with {counted(s.m, 'row')} of loops"
+        return "ida", f"a large model with {size} and {counted(s.m, 'constraint')}"
     if tolerance < COARSE:
-        return "ida", f"a tree of {size}, and a tolerance below {COARSE:g}, for which esdirk is no good"
-    return "esdirk", f"a tree of {size} without loops, by its recursions"
+        return "ida", f"a large model with {size} and a tolerance below {COARSE:g}, which is too small for esdirk"
+    return "esdirk", f"a large open-chain model with {size}"

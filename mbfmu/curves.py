@@ -27,8 +27,12 @@ QUANTITIES = {
     "W": "power",
     "1": "number",
 }
-RESIDUALS = ("residual", "energy_error")  # how names end of what should be nothing
-MOST = 12  # curves in a panel
+ENERGY_ERROR = "energy_error"
+RESIDUALS = ("residual", ENERGY_ERROR)  # endings of the names of errors, whose exact value is zero
+CHECKS = (*RESIDUALS, "energy_throughput")  # endings of the names that are left out unless they are requested
+MAX_CURVES = 12  # in a panel
+PANEL_HEIGHT = 1.55  # inches
+MAX_PANELS = 6  # in a figure for which no names are given
 ALIKE = 0.01  # of the height of a panel: curves nearer than this hide each other
 DASHES = ("-", (0, (6, 3)), (0, (2, 2)), (0, (8, 2, 2, 2)))
 COLORS = 10  # before they are repeated with other dashes
@@ -56,36 +60,48 @@ def matching(known: Sequence[str], asked: Sequence[str]) -> list[str]:
     return list(found)
 
 
+def errors_of(result: Result) -> list[str]:
+    """Return the names of the outputs that are errors: residuals of the constraints, and the energy error if known."""
+    names = [name for name in reversed(result.names) if name.endswith(RESIDUALS)]
+    return [name for name in names if np.isfinite(result[name]).any()]
+
+
 def panels(result: Result, names: Sequence[str]) -> dict[tuple[str, str], list[int]]:
-    """Return the columns of every panel, by quantity and unit."""
+    """Return the columns of every panel, by quantity and unit; without names those of the outputs that are no checks.
+
+    If the model has no other outputs the checks are drawn.
+    """
+    shown = matching(result.names, names) or [name for name in result.names if not name.endswith(CHECKS)]
     found: dict[tuple[str, str], list[int]] = {}
-    for i in map(result.column, matching(result.names, names) or result.names):
+    for i in map(result.column, shown or result.names):
         variable = result.variables[i]
         if not np.isfinite(result.values[:, i]).any():
             continue  # it is not known in this run
-        residual = variable.name.endswith(RESIDUALS)
-        quantity = "residual" if residual else QUANTITIES.get(variable.unit, "")
+        quantity = "residual" if variable.name.endswith(RESIDUALS) else QUANTITIES.get(variable.unit, "")
+        quantity = "energy error" if variable.name == ENERGY_ERROR else quantity
         found.setdefault((quantity, variable.unit), []).append(i)
     return found
 
 
 def size(result: Result, names: Sequence[str]) -> tuple[float, float]:
     """Return width and height of the figure, inches."""
-    return 9.0, 1.0 + 0.5 * bool(trouble(result)) + 1.9 * max(1, len(panels(result, names)))
+    count = len(panels(result, names))
+    return 9.0, 1.0 + 0.5 * bool(trouble(result)) + PANEL_HEIGHT * max(1, count if names else min(count, MAX_PANELS))
 
 
 def draw(figure: Any, result: Result, names: Sequence[str] = ()) -> None:
-    """Draw these outputs, or the first of each panel, into a figure of :func:`size`.
+    """Draw these outputs, or the first of each unit, into a figure of :func:`size`.
 
     The title contains model, scene, solver and tolerance, and the reason if a run may be wrong.
     """
-    groups = panels(result, names)
+    every = panels(result, names)
+    groups = dict(list(every.items())[: None if names else MAX_PANELS])
     marker = "o" if len(result.t) == 1 else None  # a point has no line
     axes = figure.subplots(max(1, len(groups)), 1, sharex=True, squeeze=False)[:, 0]
     for ax, ((quantity, unit), columns) in zip(axes, groups.items(), strict=False):
-        shown = columns if names else columns[:MOST]
+        shown = columns if names else columns[:MAX_CURVES]
         curves = result.values[:, shown]
-        if quantity == "residual":
+        if quantity in ("residual", "energy error"):
             logarithmic(ax, curves)
             curves = np.where(curves == 0.0, np.nan, np.abs(curves))
         elif (span := extent(curves)) != (np.nanmin(curves), np.nanmax(curves)):
@@ -97,24 +113,25 @@ def draw(figure: Any, result: Result, names: Sequence[str] = ()) -> None:
         left = len(columns) - len(shown)
         ax.legend(
             fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, title_fontsize=7,
-            title=f"{left} more are not shown" if left else None,
+            title=f"{left} more not shown" if left else None,
         )  # fmt: skip
     if result.failure:
         for ax in axes:
             ax.axvline(result.t[-1], color=FAILED, lw=1.5)
-    axes[-1].set_xlabel("time [s]")
+    units = [key[1] for key in every if key not in groups]
+    axes[-1].set_xlabel(f"time [s]\nnot shown: outputs in {', '.join(units)}" if units else "time [s]")
     entitle(figure, result)
 
 
 def trouble(result: Result) -> str:
-    """Return in capitals how a run went wrong; empty: it did not."""
+    """Return in capitals how a run failed; empty: it did not."""
     if result.failure:
         return f"FAILED at {result.t[-1]:.6g} s"
-    return "INACCURATE: the energy balance is lost" if result.verdict else ""
+    return "INACCURATE: the energy error is larger than the tolerance explains" if result.verdict else ""
 
 
 def entitle(figure: Any, result: Result) -> None:
-    """Write the title; in red where a run went wrong, with the first sentence of the reason."""
+    """Write the title; in red with the first sentence of the reason if the run failed or is inaccurate."""
     wrong = trouble(result)
     if not wrong:
         figure.suptitle(result.title)

@@ -30,7 +30,9 @@ def communication_points(stop_time: float, interval: float) -> Array:
     """Return 0, interval, 2 interval, ... and the stop time, s; UserError where there are none or too many."""
     stop_time, interval = positive("stop time", stop_time), positive("interval", interval)
     if stop_time / interval > MOST:
-        raise UserError(f"interval is {interval!r} s for {stop_time!r} s; allowed: at most {MOST:g} points; enlarge it")
+        raise UserError(
+            f"interval is {interval!r} s for {stop_time!r} s; allowed: at most {MOST:g} points. Use a larger interval"
+        )
     count = int(np.ceil(stop_time / interval - 1e-9))
     times: Array = np.minimum(interval * np.arange(count + 1), stop_time)
     return times
@@ -125,7 +127,7 @@ def run(
     """
     times = array_of("times", times)
     if times.ndim != 1 or not len(times) or not np.isfinite(times).all() or np.any(np.diff(times) <= 0.0):
-        raise UserError(f"times are {times!r}; they must be finite numbers in one row, each later than the one before")
+        raise UserError(f"times are {times!r}; allowed: finite numbers, each greater than the one before")
     if watch is not None and not callable(watch):
         raise UserError(f"watch is {watch!r}; allowed: a function that is shown the simulation")
     if not isinstance(inputs or {}, Mapping):

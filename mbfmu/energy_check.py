@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mbfmu.codes import coded
 from mbfmu.mechanics import Plant, Variable
 from solvers.balance import BALANCE, KEPT, UNSURE, find_lost, judge, slowest
 from solvers.compiled.kernel import records
@@ -89,26 +90,31 @@ class EnergyCheck:
         return found
 
     def _note(self, here: Place, energy_error: float, kind: int, ledger: Array, before: Place | None) -> None:
-        """Say, once, that the balance is not kept here; ``before`` it was."""
+        """Report once that the energy error is too large here; it was not at ``before``."""
         if not self.verdict:
             self.verdict = self._tell(energy_error, kind, ledger, before or here, here)
 
     def _tell(self, energy_error: float, kind: int, ledger: Array, before: Place, here: Place) -> str:
         more = "more" if energy_error > 0.0 else "less"
-        change = f"the energy has changed by {abs(energy_error):.3g} J {more} than the work done on it"
+        change = f"the energy has changed by {abs(energy_error):.3g} J {more} than the work done on the mechanism"
         if kind == UNSURE:
-            return (
-                f"the energy balance is too inaccurate at t = {here[0]:.6g} s: {change}, "
-                f"{abs(energy_error) / ledger[PASSAGE]:.2g} of the {ledger[PASSAGE]:.3g} J by which the motion has "
-                "just passed an unstable equilibrium, or missed it. How long that takes, and the motion from here on, "
-                "are not to be trusted: tighten the tolerance, and compare"
+            return coded(
+                "slow-passage",
+                f"the energy error is too large at t = {here[0]:.6g} s: {change}, which is "
+                f"{abs(energy_error) / ledger[PASSAGE]:.2g} of the {ledger[PASSAGE]:.3g} J by which the motion "
+                "has just "
+                "passed an unstable equilibrium, or missed it. The time of the passage and the motion after it may be "
+                "wrong: reduce the tolerance and compare the results",
             )
         exchanged = ledger[THROUGHPUT]
-        part = f", {abs(energy_error) / exchanged:.2g} of the {exchanged:.3g} J exchanged so far" if exchanged else ""
-        return (
-            f"the energy balance is lost at t = {here[0]:.6g} s: {change}{part}, which the tolerance does not "
-            f"explain{nearest(self.plant, before, here)}. The motion from here on is not to be trusted: tighten the "
-            "tolerance or take another solver, and compare"
+        part = (
+            f", {abs(energy_error) / exchanged:.2g} of the {exchanged:.3g} J of energy exchanged" if exchanged else ""
+        )
+        return coded(
+            "energy-balance",
+            f"the energy error is too large at t = {here[0]:.6g} s: {change}{part}, and more than the tolerance "
+            f"explains{nearest(self.plant, before, here)}. The motion after this time may be wrong: reduce the "
+            "tolerance or use another solver, and compare the results",
         )
 
 
@@ -124,7 +130,7 @@ def nearest(plant: Plant, before: Place, here: Place) -> str:
     if ratio > NEAR:
         return ""
     loops = " and ".join(map(repr, loops_of(plant, rows)))
-    return f"; the loop that {loops} closes is near a singular position (singular values {ratio:.1e})"
+    return f"; the loop closed by {loops} is near a singular configuration (ratio of singular values {ratio:.1e})"
 
 
 def loops_of(plant: Plant, rows: Array) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 RENAMED = {  # names of earlier versions, and what each is called now
     "TargetChoice": "Recommendation",
@@ -31,15 +31,34 @@ LONGEST = 200  # characters of a value in a message
 
 
 class UserError(ValueError):
-    """Base of every error the command line prints without a traceback."""
+    """Base of every error that the command line prints without a traceback; the message ends in its code.
+
+    Parameters
+    ----------
+    message
+        What is wrong (name, value, time), what is allowed or why, and what to do.
+    code
+        Key of :data:`mbfmu.codes.TITLES`; by default that of the class. A quoted message keeps its own.
+    """
+
+    code: ClassVar[str] = "invalid-value"
+
+    def __init__(self, message: str = "", code: str = "") -> None:
+        from mbfmu.codes import coded  # not before it is needed: it loads the solvers
+
+        super().__init__(coded(code or self.code, message))
 
 
 class AssemblyError(UserError):
     """The loops of a mechanism cannot be closed, or its start is not consistent."""
 
+    code = "cannot-assemble"
+
 
 class EquilibriumError(UserError):
     """No steady state was found, or what was found is none; the message gives the residual."""
+
+    code = "no-steady-state"
 
 
 @contextmanager
@@ -52,11 +71,11 @@ def writing(path: Path) -> Iterator[None]:
     except OSError as error:
         inside = error.filename is not None and path in Path(error.filename).parents
         where = str(error.filename if inside else path)
-        raise UserError(f"{where!r} cannot be written: {error.strerror or error}") from error
+        raise UserError(f"{where!r} cannot be written: {error.strerror or error}", "file-access") from error
 
 
 def short(value: object) -> str:
-    """Return what a sentence calls a value: as Python writes it, or its class where that is long."""
+    """Return a value as Python writes it, or its class if that is long."""
     text = repr(value)
     return text if len(text) <= LONGEST and "\n" not in text else f"a {type(value).__name__}"
 

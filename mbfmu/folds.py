@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from mbfmu.codes import coded
 from mbfmu.mechanics import Plant
 from mbfmu.mechanics.arrays.bending import COARSE, FOLDED, Bend
 from solvers.system import Array
 
-UNFOLD = "Move it more slowly, damp it or make it stiffer; if the motion is intended, use a finer grid."
+UNFOLD = "Move it more slowly, damp it or make it stiffer; if the motion is intended, use a finer grid"
 Sharpest = tuple[Bend | None, float, Array]
 
 
@@ -33,7 +34,9 @@ class Folds:
     def coarse(self) -> str:
         """Where, when and how far cells have bent most, if too far for their grid; empty: they have not."""
         bend, t, _ = self.sharpest
-        return f"{bend} (t = {t:.9g} s)" if bend is not None and bend.largest > COARSE else ""
+        if bend is None or not bend.largest > COARSE:
+            return ""
+        return coded("coarse-mesh", f"the mesh is too coarse at t = {t:.9g} s: {bend}")
 
     def look(self, t: float, q: Array) -> bool:
         """Note how sharply plates bend at positions q (nq,); False where a cell is folded."""
@@ -42,8 +45,11 @@ class Folds:
             return True
         if here.largest > most.largest:
             self.sharpest = here, t, q
-        self.folded = f"A cell is folded: {self.coarse}. {UNFOLD}" if here.largest > FOLDED else ""
+        self.folded = self._describe_fold(here, t) if here.largest > FOLDED else ""
         return not self.folded
+
+    def _describe_fold(self, bend: Bend, t: float) -> str:
+        return coded("folded-cell", f"a cell is folded at t = {t:.9g} s: {bend}. {UNFOLD}")
 
     def unfolded(self, times: Array, q: Array) -> int:
         """Return how many of the positions q (k, nq) at ``times`` come before the first with a folded cell."""

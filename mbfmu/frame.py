@@ -29,17 +29,22 @@ def frame(owner: str, head: dict[str, Any], body: bytes) -> bytes:
 def unframe(owner: str, framed: bytes) -> tuple[dict[str, Any], bytes]:
     """Return head and body of :func:`frame`; raises UserError where the state is damaged or another owner's."""
     if not isinstance(framed, bytes):
-        raise UserError(f"{framed!r} was given as a saved state; allowed: bytes that were saved")
+        raise UserError(f"a saved state is {framed!r}; allowed: bytes that save() returned", "saved-state")
     if len(framed) < FRONT or framed[: len(MAGIC)] != MAGIC:
-        raise UserError(f"{len(framed)} bytes were given as a saved state; they are none of this version of mbfmu")
+        raise UserError(f"a saved state of {len(framed)} bytes is not one of this version of mbfmu", "saved-state")
     length = int.from_bytes(framed[DESCRIBED + OWNER : FRONT], "little")
     if length != len(framed) - FRONT:
-        raise UserError(f"a saved state of {length} bytes has {len(framed) - FRONT}: it is damaged")
+        raise UserError(
+            f"a saved state is damaged: it has {len(framed) - FRONT} bytes instead of {length}", "saved-state"
+        )
     if crc32(memoryview(framed)[DESCRIBED:]) != int.from_bytes(framed[len(MAGIC) : DESCRIBED], "little"):
-        raise UserError("a saved state is damaged: its checksum does not fit")
+        raise UserError("a saved state is damaged: its checksum differs", "saved-state")
     if framed[DESCRIBED : DESCRIBED + OWNER] != _digest(owner):
         raise UserError(
-            "a saved state is that of another model, of other parameters that are fixed, or of another solver"
+            "a saved state belongs to another model, to other values of fixed parameters, or to another solver; "
+            "restore "
+            "a state of the same model, parameters and solver",
+            "saved-state",
         )
     split = FRONT + LENGTH + int.from_bytes(framed[FRONT : FRONT + LENGTH], "little")
     return json.loads(framed[FRONT + LENGTH : split]), framed[split:]

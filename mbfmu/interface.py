@@ -208,7 +208,9 @@ def _array(name: str, nested: Any, known: dict[str, ScalarVariable]) -> ArrayVar
     elements = []
     for own in names:
         if own not in known:
-            raise UserError(f"array {name!r} has {own!r}, which is no output of the model, or in an array already")
+            raise UserError(
+                f"array {name!r} has {own!r}, which is not an output of the model or already in another array"
+            )
         elements.append(known.pop(own))
     first = elements[0]
     for element in elements:
@@ -320,12 +322,13 @@ def check(variables: Iterable[ScalarVariable]) -> None:
         what = f"the {v.role.value} {v.name!r}"
         if not NAME.fullmatch(v.name):
             raise UserError(
-                f"{what} cannot be named so in an FMU; allowed: letters, digits and _, with dots between parts and "
+                f"{what} has a name that is not allowed in an FMU; allowed: letters, digits and _, with dots "
+                "between parts and "
                 "indices such as [1,2]"
             )
         if v.name == "time" or v.name in seen:
             other = "the time" if v.name == "time" else f"the {seen[v.name].role.value}"
-            raise UserError(f"{what} is named as {other}; give it another name")
+            raise UserError(f"{what} has the same name as {other}; choose another name")
         seen[v.name] = v
         legible(f"the description of {what}", v.description)
         if v.nominal is not None and not (isinstance(v.nominal, int | float) and 0.0 < v.nominal < inf):

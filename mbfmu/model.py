@@ -132,7 +132,7 @@ def declared(cls: Any) -> tuple[Parameter, ...]:
     lengths = {p.name: len(p.resolution) for p in found if p.resolution}
     if len(set(lengths.values())) > 1:
         told = ", ".join(f"{name} has {count}" for name, count in lengths.items())
-        raise UserError(f"model {cls.__name__}: its resolutions go together, so they need as many values each; {told}")
+        raise UserError(f"model {cls.__name__}: its lists of resolutions must have equal lengths; {told}")
     return found
 
 
@@ -149,11 +149,14 @@ def check_declaration(model: str, p: Parameter) -> None:
         raise UserError(f"{what}: resolution is {p.resolution!r}; allowed: numbers, each no less than the one before")
     real = isinstance(p.default, float)
     if p.unit != "1" and not real:
-        raise UserError(f"{what}: unit is {p.unit!r}, but it is no real number; make its default one, or leave it out")
+        raise UserError(
+            f"{what}: unit is {p.unit!r}, but the parameter is not a real number; give a real "
+            "default, or leave out unit"
+        )
     if isinstance(p.default, int) and not isinstance(p.default, bool):
         for name, value in (("default", p.default), ("min", p.min), ("max", p.max)):
             if isfinite(value) and not (value == int(value) and abs(value) <= LARGEST):
-                raise UserError(f"{what}: {name} is {value!r}; allowed for a whole number: whole, at most {LARGEST}")
+                raise UserError(f"{what}: {name} is {value!r}; allowed: a whole number, at most {LARGEST}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -190,7 +193,7 @@ class Model:
 
     def build(self) -> Mechanism:
         """Return the mechanism for these parameters."""
-        raise UserError(f"model {self.name!r} does not say how it is built; write its build()")
+        raise UserError(f"model {self.name!r} has no method build(); write one that returns a Mechanism")
 
     def built(self) -> Mechanism:
         """Return the mechanism that ``build`` returns.
@@ -373,7 +376,9 @@ def at_defaults(cls: type[Model]) -> Model:
     try:
         return cls()
     except TypeError as error:
-        raise UserError(f"model {cls.__name__} cannot be made without values: {error}; give each a default") from error
+        raise UserError(
+            f"model {cls.__name__} has a parameter without default: {error}; give each parameter a default"
+        ) from error
 
 
 def load(path: Path, name: str = "") -> type[Model]:

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mbfmu.auto import COARSE, IMPLICIT_STEPS, WEIGHT, State, try_solver
+from mbfmu.codes import coded
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Plant
 from solvers.options import Options
@@ -86,11 +87,12 @@ class PaceCheck:
         whole = f" and will take about {expected:.1g} for the whole run" if self.end is not None else ""
         names = sorted(costs, key=costs.__getitem__)
         factors = " and ".join(f"{name!r} needed {cost / costs[name]:.2g} times" for name in names)
-        self._report(
-            f"{OPENING}{done.steps} steps until t = {state[0]:.4g} s{whole}. In a trial from there {factors} "
-            "less computation for the same motion: fast undamped motions limit the steps of 'ida'. Use the solver "
+        text = (
+            f"{OPENING}{done.steps} steps until t = {state[0]:.4g} s{whole}. In a trial from this time {factors} less "
+            "computation for the same motion: fast undamped oscillations limit the step size of 'ida'. Use the solver "
             + " or ".join(map(repr, names))
         )
+        self._report(coded("slow-solver", text))
         return NEVER
 
     def _costs(self, state: State, took: float) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""What loops say to drives and to rates: where a drive is out of their reach, and which rates they leave open."""
+"""Drives and rates that loops cannot follow: unreachable positions, and rates that are not determined."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from mbfmu.codes import coded
 from mbfmu.errors import AssemblyError
 from mbfmu.mechanics import Plant
 from mbfmu.mechanics.arrays.assembly import free_bodies
@@ -27,16 +28,17 @@ def why(plant: Plant, status: Status, q: Array, end: float, starts_singular: boo
     stuck = status.code in (Code.BRANCHES, Code.COLLAPSED, Code.NOT_CLOSED)
     advice = to_choose(plant, status.t, q) if starts_singular else ""
     if advice and status.code in (Code.BRANCHES, Code.UNDECIDABLE):
-        return f"{status.message}. {advice}"
+        return status.explain(advice)
     drives = [body.name for body in plant.mechanism.bodies if body.joint.drive is not None]
     until = 2.0 * end - status.t  # beyond the requested time: it may end right there
     last = _last(plant, status.t, q, until) if stuck and drives and plant.system.has_matrices else until
     if last == until:
-        return f"{status.message}. {status.remedy}"
-    whose = f"the drive of {drives[0]!r} asks" if len(drives) == 1 else "the drives ask"
-    return (
-        f"{whose} for a position that the loops cannot reach after t = {last:.6g} s (t = {status.t:.9g} s). Shorten "
-        "the motion of the drive, or give the loops other lengths."
+        return status.explain()
+    whose = f"the drive of {drives[0]!r} requires" if len(drives) == 1 else "the drives require"
+    return coded(
+        "unreachable-drive",
+        f"{whose} a position that the loops cannot reach after t = {last:.6g} s (the run stopped at "
+        f"t = {status.t:.9g} s). Shorten the motion of the drive, or change the lengths of the loops.",
     )
 
 
@@ -93,8 +95,8 @@ def explain_rates(plant: Plant, t: float, q: Array, v: Array, tolerance: float) 
         values += [f"{body.name!r} {x:.6g}" for x in v[first : first + body.joint.nv]]
         first += body.joint.nv
     return (
-        "the start is a singular position, in which several branches of the motion cross, and the rates belong to none "
-        f"of them ({', '.join(values)}). {to_choose(plant, t, q) or 'Give other rates'}"
+        "the start is a singular configuration, in which several branches of the motion cross, and the given rates are "
+        f"not those of any branch ({', '.join(values)}). {to_choose(plant, t, q) or 'Give other rates'}"
     )
 
 

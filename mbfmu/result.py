@@ -96,15 +96,19 @@ class Result:
         return xarray.Dataset(outputs, coords={"time": ("time", self.t, {"units": "s"})}, attrs={"title": self.title})
 
     def plot(self, *names: str) -> Any:
-        """Return a matplotlib figure of outputs over time: a panel a quantity, residuals on logarithmic axes.
+        """Return a matplotlib figure of outputs over time with one panel per unit.
 
-        Without names all are drawn, but no more than a dozen in one panel. A name may be a pattern:
-        ``plot("coupler.*")`` draws what begins so, and ``plot("*")`` everything.
+        Parameters
+        ----------
+        *names
+            Names of outputs, or patterns: ``plot("coupler.*")`` draws the outputs whose names begin with
+            ``coupler.``, and ``plot("*")`` all. Without names the first twelve outputs of each unit are drawn, but no
+            residuals and no energy error. These have logarithmic axes.
 
         Raises
         ------
         UserError
-            A name is no output, and no pattern that one fits.
+            A name is not an output, and no output matches it as a pattern.
         """
         import matplotlib.pyplot as plt
 
@@ -173,7 +177,7 @@ class Result:
                 raise ValueError(f"times {t.shape} and values {values.shape} do not belong together")
             return cls(t, values, **told | {name: tuple(told.get(name, ())) for name in ("remarks", "inputs")})
         except Exception as error:  # a file of another kind fails in any of these
-            raise UserError(f"{str(path)!r} is no saved result: {error}") from error
+            raise UserError(f"{str(path)!r} is not a saved result: {error}") from error
 
 
 def together(*warnings: str) -> str:

@@ -80,7 +80,9 @@ def check_times(stop_time: Any, output_interval: Any) -> None:
         if not number or not 0.0 < value < inf or value > sys.float_info.max:
             raise UserError(f"{key} is {value!r}; allowed: a number of seconds greater than zero")
     if stop_time / output_interval > MOST:
-        raise UserError(f"output_interval is {output_interval!r} s: more than ten million outputs; enlarge it")
+        raise UserError(
+            f"output_interval is {output_interval!r} s: allowed: at most ten million outputs. Use a larger interval"
+        )
 
 
 def load_scene(reference: str) -> Scene:
@@ -173,7 +175,7 @@ def from_content(path: Path, content: dict[str, Any]) -> Scene:
 def as_toml(scene: Scene) -> str:
     """Return a scene as the text of a file, whatever it was changed by; raises UserError for a mechanism's."""
     if not scene.reference:
-        raise UserError(f"scene {scene.name!r} has a model that no name and no file leads to")
+        raise UserError(f"scene {scene.name!r} has a model without name or file, which a scene file cannot contain")
     settings = {name: getattr(scene.settings, name) for name in SETTINGS}
     times = {name: getattr(scene, name) for name in ("stop_time", "output_interval")}
     parameters = {p.name: getattr(scene.model, p.name) for p in scene.model.parameters()}

@@ -35,7 +35,7 @@ class Settings:
         choices=("hold", "linear"),
         doc="Interpolation of loads between communication points: constant (hold) or linear extrapolation",
     )
-    start_at_equilibrium: bool = parameter(False, doc="Start in the steady state that is found from the start values")
+    start_at_equilibrium: bool = parameter(False, doc="Start in the steady state nearest to the start values")
     energy_check: bool = parameter(True, doc="Check of the energy balance during the run")
 
     def __new__(cls, **given: Any) -> Self:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.auto import SolverPick, limit_order, pick
+from mbfmu.codes import coded
 from mbfmu.energy_check import VARIABLES, EnergyCheck
 from mbfmu.errors import UserError
 from mbfmu.folds import Folds, Sharpest
@@ -79,7 +80,7 @@ class Simulation:
         What jumps of inputs and of tunable parameters have put into the mechanism, J: the work of the impulses of its
         supports, changes of the potential energy where it is.
     remarks
-        What is unusual and stops nothing, in sentences.
+        Warnings and notes that do not stop the run.
     pace
         Check of the number of steps; its ``end`` is the end of the run, s, if that is known.
     report
@@ -138,10 +139,15 @@ class Simulation:
         self._remark(self.stepper.notice)
         if self.stepper.starts_singular:
             if self.plant.system.has_matrices and (off := explain_rates(self.plant, t0, q, v, settings.tolerance)):
-                raise UserError(f"model {self.model.name!r}: {off}")
+                raise UserError(f"model {self.model.name!r}: {off}", "singular-start")
             if advice := to_choose(self.plant, t0, q):
-                told = "the start is a singular position, in which the loops do not determine all rates"
-                self._remark(f"{told}; the rates nearest to those given are used. {advice}")
+                self._remark(
+                    coded(
+                        "singular-start",
+                        "the start is a singular configuration, in which the loops do not determine all rates; the "
+                        f"rates nearest to the given ones are used. {advice}",
+                    )
+                )
         changed = [] if settings.start_at_equilibrium else self.plant.assembly.changes(q, v, settings.tolerance)
         self.lock = self.plant.assembly.explain_lock(t0, q) if self.stepper.freedom == 0 else ""
         beside = [*beside, *self.plant.coincident(t0, q)]
@@ -184,9 +190,10 @@ class Simulation:
         except ValueError as error:
             told = str(error)
             if t == 0.0 and told.startswith("t0 is"):  # the clock resolves everything there but what is no number
-                told = (
+                told = coded(
+                    "clock-resolution",
                     "rates or accelerations at the start are too large for floating-point numbers; reduce gravity, "
-                    "forces, stiffness or velocities, or enlarge masses and lengths"
+                    "forces, stiffness or velocities, or increase masses and lengths",
                 )
             raise UserError(f"model {self.model.name!r}: {told}") from error
 
@@ -264,7 +271,8 @@ class Simulation:
         t = finite("the time to advance to", t)
         if t < self.stepper.t:
             raise UserError(
-                f"the time to advance to is {t!r} s, but it stands at {self.t!r} s; restore a state to go back"
+                f"the time to advance to is {t!r} s, but the simulation has reached {self.t!r} s; restore a saved "
+                "state to go back"
             )
         self._end = t
         self._set_out(t)
@@ -295,7 +303,9 @@ class Simulation:
             dv = inputs.impulse(t, lambda: self.stepper.accelerations()[0]) if found & JUMPS else None
         except SolverError as error:
             names = ", ".join(map(repr, inputs.jumping()))
-            raise UserError(f"the rate of input {names} jumps where its impulse is not known: {error}") from error
+            raise UserError(
+                f"the rate of input {names} jumps at t = {t:.9g} s, where the impulse is not determined: {error}"
+            ) from error
         jumped = inputs.depart(self.settings.tolerance)
         if dv is None:
             self.stepper.renew()
@@ -306,19 +316,25 @@ class Simulation:
             if name not in self._told_jumps:
                 self._told_jumps.add(name)
                 self._remark(
-                    f"input {name!r} jumps in position by {size} at t = {t:.9g} s, farther than its rate explains; "
-                    "the support moves there within a communication step"
+                    coded(
+                        "input-jump",
+                        f"input {name!r} at t = {t:.9g} s: its position differs by {size} from the value that its rate "
+                        "gives; the joint is moved there within the next communication step. Set position and rate "
+                        "consistently, or use a smaller communication step",
+                    )
                 )
 
     def _too_loose(self) -> str:
-        """Say that outputs want a tighter tolerance; empty: none does."""
+        """Return a warning that outputs need a smaller tolerance; empty: none does."""
         names = self.plant.stiff_outputs
         if not names or self.settings.tolerance <= FOR_STIFF:
             return ""
         more = f" and {len(names) - 1} more" if names[1:] else ""
-        return (
-            f"output {names[0]!r}{more}: a sheet in motion is so stiff in its plane that errors of positions which the "
-            f"tolerance {self.settings.tolerance:g} allows are large ones of its forces; take {FOR_STIFF:g} or less"
+        return coded(
+            "loose-tolerance",
+            f"output {names[0]!r}{more} depends on the in-plane strains of a sheet, whose stiffness amplifies "
+            f"the position errors that the tolerance of {self.settings.tolerance:g} allows; use {FOR_STIFF:g} or "
+            "less",
         )
 
     def _remark(self, text: str) -> None:
@@ -375,7 +391,7 @@ class Simulation:
         times = np.ascontiguousarray(times)
         if np.shape(values) != (len(times), len(self.variables)):
             wanted = (len(times), len(self.variables))
-            raise UserError(f"values have the shape {np.shape(values)}; needed is {wanted}: times, outputs")
+            raise UserError(f"values have the shape {np.shape(values)}; allowed: {wanted} (times, outputs)")
         done, self._end = 0, float(max(times, default=self._end))
         while done < len(times):
             self._set_out(times[done])
@@ -397,13 +413,17 @@ class Simulation:
         return done
 
     def _tell_undetermined(self) -> None:
-        """Remark, once, that forces were read where they are not known."""
+        """Warn once that forces were read at a time at which they are not determined."""
         if isnan(self.stepper.undetermined_at) or self._told_undetermined or not self.plant.tells_forces:
             return
         self._told_undetermined = True
         self._remark(
-            f"at t = {self.stepper.undetermined_at:.9g} s outputs of forces or efforts were read in a singular "
-            "position, or too near one: forces are not determined there and may be unbounded"
+            coded(
+                "undetermined-forces",
+                f"outputs of forces at t = {self.stepper.undetermined_at:.9g} s are not determined and may be "
+                "unbounded, because the mechanism is in a singular configuration or too near to one. Read them at "
+                "other times, or change the lengths of the loop",
+            )
         )
 
     def _input(self, key: int | str) -> int:

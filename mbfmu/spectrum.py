@@ -148,7 +148,7 @@ class _Beside:
             v -= s.size * (inverse @ ((self._terms.J @ v - self._terms.nu) / s.row_size))
         if self._tree:
             if self._tree.solve(self.t, q, v) is not Code.OK:
-                raise UserError("the accelerations beside the motion are not determined")
+                raise UserError("the accelerations of perturbed states are not determined")
             return np.asarray(self._tree.a / s.size)
         s.fill(self.t, q, v, self._held)
         T, a = self._terms, np.zeros(s.n)
@@ -177,7 +177,7 @@ def spectrum(plant: Plant, t: float, q: Array, v: Array) -> Spectrum:
         with one_thread() if plant.system.n > WIDE else nullcontext():
             return _about(plant, t, q, v)
     except np.linalg.LinAlgError as error:
-        raise UserError("the accelerations beside the motion are not determined") from error
+        raise UserError("the accelerations of perturbed states are not determined") from error
 
 
 def _about(plant: Plant, t: float, q: Array, v: Array) -> Spectrum:
@@ -208,7 +208,7 @@ def _all(beside: _Beside, a: Array) -> Found:
     for k in range(f):
         A[f:, k], A[f:, f + k] = beside.change(unit[k], none), beside.change(none, unit[k])
     if not np.isfinite(A).all():
-        raise UserError("the accelerations beside the motion are not finite")
+        raise UserError("the accelerations of perturbed states are not finite")
     values, left, right = linalg.eig(A, left=True)
     y = beside.as_changes(beside.v / beside.system.size)
     rates = np.concatenate((y, beside.as_changes(a)))
@@ -256,7 +256,7 @@ def _arnoldi(beside: _Beside, w: float, start: Array) -> tuple[NDArray[np.comple
             H[: k + 1, k] += part
         H[k + 1, k] = left = np.linalg.norm(new)
         if not np.isfinite(left):
-            raise UserError("the accelerations beside the motion are not finite")
+            raise UserError("the accelerations of perturbed states are not finite")
         if left <= GONE * whole:
             turns = k + 1
             break

@@ -127,6 +127,6 @@ def describe_large_growth(inertia: NDArray[Any]) -> str:
     if not c["largest"] > LARGE_GROWTH:
         return ""
     return (
-        f"from t = {c['since']:.6g} s on the mass matrix is nearly singular at times, as where a light body carries a "
-        f"heavy one: errors of rates grow more than {LARGE_GROWTH:g} times there"
+        f"the mass matrix is nearly singular at times from t = {c['since']:.6g} s on, as if a light body carries a "
+        f"heavy one; errors of velocities are amplified by a factor above {LARGE_GROWTH:g}"
     )

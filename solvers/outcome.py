@@ -1,9 +1,11 @@
-"""How an advance ends, in a code, a sentence, and what to try next."""
+"""How an advance ends: a code, a message and what to try next."""
 
 from __future__ import annotations
 
 from enum import IntEnum
 from typing import NamedTuple
+
+from .codes import coded
 
 
 class Code(IntEnum):
@@ -23,42 +25,53 @@ CODES = tuple(Code)  # by number
 OK, NOT_CLOSED, NO_MASS, UNDECIDABLE, NOT_FINITE, MAX_STEPS, COLLAPSED, BRANCHES = map(int, Code)  # for kernels
 
 MESSAGES: dict[Code, tuple[str, str]] = {
-    Code.OK: ("reached the time asked for", ""),
+    Code.OK: ("reached the requested time", ""),
     Code.NOT_CLOSED: (
-        "no position or rate nearby satisfies the constraints",
-        "At the start: give positions nearer to a closed loop, or other rates. Later: see whether a drive moves its "
-        "loop out of reach, or turns back in a singular position{others}.",
+        "no position or velocity near the present one satisfies the constraints",
+        "At the start: give positions nearer to a closed loop, or other rates. Later: check whether a drive requires a "
+        "position that its loop cannot reach, or reverses in a singular configuration{others}.",
     ),
     Code.NO_MASS: (
-        "a motion that the constraints allow moves no mass",
+        "a coordinate can move without moving mass",
         "Give a mass or inertia to the bodies that move freely, or lock the coordinate.",
     ),
     Code.UNDECIDABLE: (
-        "the mechanism is in a singular position where branches of the motion cross, and nothing tells which to "
-        "follow: it is at rest, or several loops are singular at once",
-        "Start slightly off the singular position, or with a velocity along the branch that is meant.",
+        "the mechanism is in a singular configuration where several branches of the motion cross, and its velocity "
+        "does not determine the branch: it is at rest, or several loops are singular at the same time",
+        "Start slightly outside the singular configuration, or with a velocity along the intended branch.",
     ),
     Code.NOT_FINITE: (
-        "the equations of motion gave a value that is not finite",
-        "Look at forces and signals for a division by zero or an overflow near the time reached.",
+        "the equations of motion returned a value that is not finite",
+        "Check forces and signals for a division by zero or an overflow near this time.",
     ),
     Code.MAX_STEPS: (
-        "the largest number of steps for one call was taken",
-        "Check whether something moves far faster than intended. Else loosen the tolerance, allow more steps "
-        "(max_steps), or divide the interval into shorter ones.",
+        "the maximum number of steps was reached before the end of the interval",
+        "Check whether a body moves far faster than intended. Otherwise use a larger tolerance, increase max_steps, or "
+        "use shorter intervals between outputs (communication steps).",
     ),
     Code.COLLAPSED: (
         "the step has become so small that the time no longer changes",
-        "A force may jump or have a kink here, a singular position may be near, a drive may move its loop out of "
+        "A force may jump or have a kink here, a singular configuration may be near, a drive may move its loop out of "
         "reach, or a body of next to no mass may carry a heavy one. Smooth the force, shorten the motion of the drive, "
         "or give the light body more mass{others}.",
     ),
     Code.BRANCHES: (
         "two branches of the motion are so close that no step is short enough to tell them apart",
-        "A loop is in a singular position, or very near one, or several loops are at slightly different times. If the "
+        "A loop is in a singular configuration, or very near one, or several loops are at slightly different "
+        "times. If the "
         "position is meant to be passed exactly, give lengths with all their digits; otherwise change them so that the "
         "loop stays farther from it. Do not let a drive stop or turn back there. A finer tolerance may help{others}.",
     ),
+}
+
+KEYS: dict[Code, str] = {  # of :data:`solvers.codes.TITLES`
+    Code.NOT_CLOSED: "loop-not-closed",
+    Code.NO_MASS: "no-inertia",
+    Code.UNDECIDABLE: "undetermined-branch",
+    Code.NOT_FINITE: "not-finite",
+    Code.MAX_STEPS: "too-many-steps",
+    Code.COLLAPSED: "collapsed-step",
+    Code.BRANCHES: "close-branches",
 }
 
 
@@ -85,10 +98,14 @@ class Status(NamedTuple):
         names = " or ".join(repr(name) for name in self.others)
         return MESSAGES[self.code][1].format(others=f", or try {names}" if names else "")
 
+    def explain(self, advice: str = "") -> str:
+        """Return what happened, when, and what to do (``advice`` instead of the general remedy), with the code."""
+        return coded(KEYS[self.code], f"{self.message}. {advice or self.remedy}")
+
 
 class SolverError(ArithmeticError):
     """A requested quantity cannot be determined by the solver; the message names the remedy."""
 
     def __init__(self, status: Status) -> None:
-        super().__init__(f"{status.message}. {status.remedy}")
+        super().__init__(status.explain())
         self.status = status

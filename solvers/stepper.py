@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .codes import coded
 from .compiled.kernel import inlined, kernel
 from .ledger import ROW
 from .options import Options, Statistics
@@ -24,19 +25,27 @@ def require_resolved(t0: float, rate: float, rtol: float) -> None:
     apart = float(np.spacing(abs(t0)))
     if not apart * rate <= rtol:
         raise ValueError(
-            f"t0 is {t0:g} s: numbers there are {apart:.1e} s apart, and in that time the motion changes by more than "
-            f"the tolerance of {rtol:g}; start at a smaller time"
+            coded(
+                "clock-resolution",
+                f"t0 is {t0:g} s, where the spacing of floating-point numbers is {apart:.1e} s; in that time the "
+                f"motion changes by more than the tolerance of {rtol:g}. Use a start time nearer to zero",
+            )
         )
 
 
-def require_placed(q: Array, size: Array, rtol: float) -> None:
+def require_placed(q: Array, size: Array, rtol: float, names: tuple[str, ...] = ()) -> None:
     """Raise if a position of q (nq,) is too large to be resolved to the tolerance, in units of ``size``."""
     apart = np.spacing(np.abs(q)) / size
     k = int(np.argmax(apart)) if len(q) else 0
     if len(q) and not apart[k] <= COARSEST * rtol:
+        name = f"coordinate {names[k]!r}" if len(names) == len(q) else f"position {k}"
         raise ValueError(
-            f"position {k} starts at {q[k]:g}: numbers there are {apart[k] * size[k]:.1e} apart, too coarse for a "
-            f"tolerance of {rtol:g}; start nearer to zero (an angle less its whole turns is the same)"
+            coded(
+                "clock-resolution",
+                f"{name} starts at {q[k]:g}, where the spacing of floating-point numbers is {apart[k] * size[k]:.1e}; "
+                f"this is too coarse for a tolerance of {rtol:g}. Start nearer to zero (an angle minus a multiple of "
+                "2 pi is the same position)",
+            )
         )
 
 

@@ -150,7 +150,7 @@ def test_auto_takes_the_cheapest_family_and_says_why(case: str) -> None:
     settings = mb.Settings(solver="auto", tolerance=tolerance)
     simulation = mb.Simulation(make(), settings)
     assert simulation.pick.solver == solver
-    assert str(simulation.pick).startswith(f"auto took {solver!r}: ")
+    assert str(simulation.pick).startswith(f"auto selected {solver!r}: ")
     assert mb.Simulation(make(), settings).pick == simulation.pick  # as it would be on any other day
 
 
@@ -181,7 +181,7 @@ def test_the_absolute_tolerance_decides_what_is_followed() -> None:
 def test_a_run_is_that_of_the_solver_it_takes_and_says_so() -> None:
     auto, named = (mb.simulate(FourBar(), 1.0, solver=solver) for solver in ("auto", "adams"))
     np.testing.assert_array_equal(auto.values, named.values)
-    assert auto.remarks[0].startswith("auto took 'adams': not stiff")
+    assert auto.remarks[0].startswith("auto selected 'adams': not stiff")
     assert not named.remarks
 
 
@@ -228,7 +228,7 @@ def test_an_fmu_takes_auto_and_tells_its_log(fourbar_fmu: Path) -> None:
         debug_logging=True,
         logger=lambda _env, _name, _status, _category, message: said.append(message.decode()),
     )
-    assert any("auto took 'adams': not stiff" in line for line in said), said
+    assert any("auto selected 'adams': not stiff" in line for line in said), said
 
 
 def test_the_command_tells_what_was_taken(
@@ -237,8 +237,8 @@ def test_the_command_tells_what_was_taken(
     monkeypatch.chdir(tmp_path)
     code, out, _ = command("run", "governor", "--solver", "auto", "--stop-time", "0.1", "--direct")
     assert code == 0
-    assert "note: auto took 'adams': not stiff" in out
+    assert "note: auto selected 'adams': not stiff" in out
     assert "default-auto-1e-6" in out
     monkeypatch.setattr("mbfmu.cli.run.QUICK", -1.0)  # an FMU that is slow is not repeated directly
     _, out, _ = command("run", "governor", "--solver", "auto", "--stop-time", "0.1")
-    assert "note: auto took 'adams': not stiff" in out
+    assert "note: auto selected 'adams': not stiff" in out

@@ -36,7 +36,7 @@ def test_the_redundant_row_is_reported() -> None:
     assert (plant.system.n, plant.system.m) == (5, 5)
     assert len(dependent_rows(plant.system, 0.0, q)) == 1
     (line,) = plant.assembly.notes(0.0, q)
-    assert line.startswith("loop 'hinge': 1 of 5 rows is redundant (")
+    assert line.startswith("loop 'hinge': 1 of its 5 constraints is redundant (")
 
 
 @pytest.mark.parametrize(("solver", "bound"), [("ida", 1e-4), ("adams", 1e-6), ("hybrid", 1e-6), ("adams-lu", 1e-6)])

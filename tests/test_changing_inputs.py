@@ -173,7 +173,7 @@ def test_what_a_load_was_is_part_of_the_state() -> None:
         simulation.advance(0.3)
     assert second.outputs()[0] == pytest.approx(first.outputs()[0], rel=1e-9)
     held = Simulation(wheel(), Settings(solver="adams"))
-    with pytest.raises(UserError, match="that of another model"):
+    with pytest.raises(UserError, match="belongs to another model"):
         held.restore(first.save())
 
 

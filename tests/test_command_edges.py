@@ -139,7 +139,7 @@ def test_a_study_has_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.Mon
     options = SimpleNamespace(output=None, study=Path("governor.toml"), resume=False)
     assert place(options) == Path("results/governor-study")  # type: ignore[arg-type]
     options.resume = True
-    with pytest.raises(UserError, match="nothing to go on with"):
+    with pytest.raises(UserError, match="--resume: folder"):
         place(options)  # type: ignore[arg-type]
     (tmp_path / "results" / "governor-study").mkdir()
     (tmp_path / "results" / "governor-study" / "study.json").write_text("{}")

@@ -18,7 +18,7 @@ from solvers.steppers import refusal
 
 SMALL: dict[str, Any] = {"solvers": None, "tolerances": [1e-3], "repeats": 1, "outputs": ["lead.x"]}
 FREE: dict[str, Any] = {"path": "straight", "nips": 1, "guides": False}
-ADAMS = "solver 'adams' is explicit, and nips hold a sheet"
+ADAMS = "solver 'adams' is explicit, but the contact stiffness of nips"
 
 
 def scene(nx: int = 5) -> Scene:
@@ -32,7 +32,7 @@ def test_solvers_that_do_not_suit_contact_are_left_out_in_a_sentence() -> None:
     assert found.reference.motion.source == "esdirk at 1e-4"
     (adams,) = found.left_out
     assert adams.startswith(ADAMS)
-    assert adams.endswith("take 'ida' or 'esdirk'")
+    assert adams.endswith("use 'ida' or 'esdirk' [unsuitable-solver]")
 
 
 def test_what_suits_one_grid_need_not_suit_another() -> None:
@@ -53,7 +53,7 @@ def test_a_choice_of_solvers_none_of_which_suits_is_refused() -> None:
 def test_a_target_is_answered_by_what_suits() -> None:
     found = mb.recommend_solver(scene(), "1 mm", resolutions=[{}], outputs=["lead.x"])
     assert found.row.solver in {"esdirk", "ida"}
-    assert found.sentence.startswith(f"take {found.row.solver} at a tolerance of ")
+    assert found.sentence.startswith(f"recommended: solver {found.row.solver}, tolerance ")
     assert any(note.startswith(ADAMS) for note in found.notes)
 
 
@@ -69,5 +69,7 @@ def test_sheets_without_contact_are_compared_as_they_were() -> None:
 
 
 def test_a_sheet_that_nothing_holds_has_no_equilibrium_and_is_told_so() -> None:
-    with pytest.raises(EquilibriumError, match=r"^no equilibrium was found .* friction of contact goes by slip"):
+    with pytest.raises(
+        EquilibriumError, match=r"^no equilibrium was found .* friction of contacts is proportional to slip"
+    ):
         mb.equilibrium(Feeder(path="straight", nips=1, nx=5, nz=4, speed=0.0, guides=False))

@@ -24,7 +24,7 @@ def entries() -> dict[str, Entry]:
 
 
 def test_effects_of_the_fourbar(entries: dict[str, Entry]) -> None:
-    assert list(entries) == ["as it is", "without gravity", "without elastic coupler", "with material damping"]
+    assert list(entries) == ["as defined", "without gravity", "without elastic coupler", "with material damping"]
     bare, weightless, rigid, damped = entries.values()
     assert (bare.stability, weightless.stability, damped.stability) == ("undamped", "neutral", "undamped")
     assert weightless.result["crank.angle"] == pytest.approx(FourBar().start_angle)
@@ -47,17 +47,17 @@ def test_changes_are_those_over_the_whole_run(entries: dict[str, Entry]) -> None
 @pytest.mark.parametrize(
     ("was_on", "change", "noise", "message"),
     [
-        (False, 4e-4, 0.0, "drag changes nothing above 0.1 %: leave it off"),
-        (True, 4e-4, 0.0, "drag changes nothing above 0.1 %: turn it off"),
-        (False, 0.2, 1e-4, "drag changes tip.y by 20 % of its range: turn it on where it acts"),
+        (False, 4e-4, 0.0, "drag changes no output by more than 0.1 %: leave it off"),
+        (True, 4e-4, 0.0, "drag changes no output by more than 0.1 %: switch it off"),
+        (False, 0.2, 1e-4, "drag changes tip.y by 20 % of its range: switch it on where it acts"),
         (True, 0.2, 1e-4, "drag changes tip.y by 20 % of its range: keep it on"),
-        (False, 2e-3, 3e-3, "by more than the tolerance leaves open, 0.3 % of the range of tip.y: tighten it"),
+        (False, 2e-3, 3e-3, "by more than the integration error, 0.3 % of the range of tip.y: use a smaller"),
     ],
 )
 def test_advice(entries: dict[str, Entry], was_on: bool, change: float, noise: float, message: str) -> None:
     case = Case(name="with drag", effect="drag", was_on=was_on, values="", model=FourBar())
     found = {"tip.y": change, "energy": 0.5}
-    assert message in advice(case, entries["as it is"].result, found, {"tip.y": noise}, ["tip.y"])
+    assert message in advice(case, entries["as defined"].result, found, {"tip.y": noise}, ["tip.y"])
 
 
 def test_first_frequency_is_that_of_an_oscillation(entries: dict[str, Entry]) -> None:
@@ -74,7 +74,7 @@ def test_first_frequency_is_that_of_an_oscillation(entries: dict[str, Entry]) ->
 def test_unstable_state_has_no_first_frequency() -> None:
     model = FourBar()
     text = as_text(costs(model, Settings(), 0.01), ["crank.angle"])
-    line = next(line for line in text.splitlines() if line.startswith("as it is"))
+    line = next(line for line in text.splitlines() if line.startswith("as defined"))
     assert "unstable" in line
 
 
@@ -82,7 +82,7 @@ def test_command_of_an_example(command: Any) -> None:
     code, out, _ = command("effects", "examples/spinning_arm.py:SpinningArm", "--stop-time=0.1")
     assert code == 0
     assert "tip.deflection" in out.splitlines()[0]
-    assert [line.split("  ")[0] for line in out.splitlines()[2:4]] == ["as it is", "without stiffening"]
+    assert [line.split("  ")[0] for line in out.splitlines()[2:4]] == ["as defined", "without stiffening"]
     assert "unstable" in out.splitlines()[3]
     assert "unstable" not in out.splitlines()[2]
 
@@ -100,5 +100,5 @@ def test_an_effect_without_values_is_refused() -> None:
 
         effects: ClassVar[Any] = {"damper": ("damping",)}
 
-    with pytest.raises(UserError, match=r"'damper' is \('damping',\); allowed: values that turn it on"):
+    with pytest.raises(UserError, match=r"'damper' is \('damping',\); allowed: values that switch it on"):
         cases(Odd())

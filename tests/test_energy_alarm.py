@@ -314,4 +314,4 @@ def test_energy_that_is_lost_is_reported(
     result = simulate(build(damping), end, interval=0.02, solver=solver, tolerance=tolerance)
     lost = np.abs(result["energy_error"]).max()
     assert lost > 0.05 * result["energy_throughput"][-1]
-    assert "J less than the work done on it" in result.warning
+    assert "J less than the work done on the mechanism" in result.warning

@@ -335,7 +335,7 @@ def test_what_cannot_be_followed_is_refused() -> None:
 
 def test_a_path_tells_why_it_ended_early() -> None:
     (branch,) = mb.equilibrium_path(truss(), "force", (0.0, -5.0), steps=3).branches
-    assert branch.ended == "3 steps were made"
+    assert branch.ended == "the maximum of 3 steps was reached"
     assert len(branch.states) == 4
 
 
@@ -356,7 +356,7 @@ def test_the_command_leaves_a_picture_and_a_table(tmp_path: Path, capsys: pytest
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (["--over", "spindle.drive=5"], "write INPUT=FROM:TO"),
+        (["--over", "spindle.drive=5"], "allowed: INPUT=FROM:TO"),
         (["--over", "spindle.drive=5:x"], "'x' is not a number"),
         (["--over", "spindle.drive=5:9", "--until", "collar.heigth=1"], "did you mean 'collar.height'"),
         (["--over", "gravity=5:9"], "is a parameter"),

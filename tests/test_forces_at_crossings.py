@@ -57,7 +57,7 @@ def test_the_effort_is_what_virtual_work_says(speed: float, beside: bool, solver
 @pytest.mark.parametrize("solver", ["adams", "ida"])
 def test_forces_in_the_singular_position_itself_are_remarked(solver: str) -> None:
     result = run(Lifted(), Settings(solver=solver, tolerance=1e-6), np.array([0.0, 0.3, 0.6, 0.9]))
-    assert [text for text in result.remarks if "forces are not determined there" in text]
+    assert [text for text in result.remarks if "are not determined and may be" in text]
     assert "t = 0.6 s" in result.remarks[-1]
     quiet = run(Lifted(), Settings(solver=solver, tolerance=1e-6), np.array([0.0, 0.3, 0.59, 0.9]))
     assert not quiet.remarks

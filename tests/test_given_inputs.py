@@ -185,7 +185,7 @@ def test_a_function_that_depends_on_the_run_is_noticed() -> None:
 def test_a_rate_that_is_not_that_of_the_position_is_noticed() -> None:
     drive = mb.Input(name="u", unit="m", rate_name="v")
     (told,) = remarks_of(base(drive), u=np.sin, v=lambda t: 1.01 * np.cos(t))
-    assert "input 'v' is 1.01 at t = 0 s, and the derivative of input 'u' is 1 there" in told
+    assert "input 'v' is 1.01 at t = 0 s, but the derivative of input 'u' is 1 at this time" in told
 
 
 def no(t: float) -> float:
@@ -195,7 +195,7 @@ def no(t: float) -> float:
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        (([0.0, 0.5], [1.0, 2.0]), r"input 'F' is given by points from 0 to 0.5 s, and the run goes from 0 to 1 s"),
+        (([0.0, 0.5], [1.0, 2.0]), r"input 'F' is given by points from 0 to 0.5 s, but the run is from 0 to 1 s"),
         (([0.0, 0.0], [1.0, 2.0]), r"input 'F'"),
         ([1.0], "input 'F' is .*; allowed: a finite number, a function"),
         (lambda t: np.nan, "input 'F' is nan at t = 0"),

@@ -1,4 +1,4 @@
-"""Words that readers of the field do not understand are neither in the pages nor in docstrings and comments."""
+"""Words that readers of the field do not understand are not in pages, docstrings, comments and messages."""
 
 from __future__ import annotations
 
@@ -119,3 +119,59 @@ def test_every_exception_is_needed() -> None:
         for text, reason in texts.items():
             assert text in (ROOT / path).read_text(), f"{path}: {text!r} is not there any more"
             assert reason, f"{path}: {text!r} has no reason"
+
+
+# ---- messages, help texts and descriptions --------------------------------------------------------------------------
+
+SHORTEST = 3  # words of a text that is checked: shorter ones are names and keys
+IN_MESSAGES = {pattern: instead for pattern, instead in PATTERNS.items() if not pattern.startswith("^#")} | {
+    r"\bgo on\b": "continue",
+    r"\bnot to be trusted\b": "may be wrong",
+    r"\blooked at\b": "examined",
+    r"\brows? of (its |the )?loops?\b": "constraint",
+    r"\bby (its )?matrices\b|\bby its recursions\b": "details of the solver",
+    r"\bimbalance\b": "energy error",
+    r"\bwhat (varies|matters|is measured|is held|was done|it takes)\b": "a noun",
+    r"\bno good\b": "not suitable",
+    r"\btakes? (the )?'(ida|adams|radau|esdirk|hybrid)'": "use",
+    r"\bturn(s|ed)? (it )?(on|off)\b": "switch on, switch off",
+}
+
+
+def texts(path: str) -> list[tuple[int, str]]:
+    """Return the string literals of a module that are texts, with their numbers; values in them are left out."""
+    tree = ast.parse((ROOT / path).read_text())
+    scopes = ast.Module | ast.ClassDef | ast.FunctionDef
+    bodies = [node.body for node in ast.walk(tree) if isinstance(node, scopes)]
+    docstrings = {id(body[0].value) for body in bodies if body and isinstance(body[0], ast.Expr)}
+    inside = {id(part) for node in ast.walk(tree) if isinstance(node, ast.JoinedStr) for part in ast.walk(node)}
+    found = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.JoinedStr):
+            text = "".join(str(part.value) if isinstance(part, ast.Constant) else "{}" for part in node.values)
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in inside | docstrings:
+            text = node.value
+        else:
+            continue
+        if len(text.split()) >= SHORTEST:
+            found.append((node.lineno, re.sub(r"`[^`]*`", "", text)))
+    return found
+
+
+def test_messages_are_in_plain_technical_english() -> None:
+    found = [line for path in SOURCES for line in hits(path, texts(path), IN_MESSAGES)]
+    assert not found, "\n".join(found)
+
+
+def test_messages_of_native_fmus_are_in_plain_technical_english() -> None:
+    found = []
+    for path in sorted((ROOT / "mbfmu" / "native" / "c").glob("*.c")):
+        lines = [re.sub(r'"[^"]*$', "", line) for line in path.read_text().splitlines()]
+        literals = [(number, text) for number, line in enumerate(lines, 1) for text in re.findall(r'"([^"]*)"', line)]
+        found += hits(path.relative_to(ROOT).as_posix(), literals, IN_MESSAGES)
+    assert not found, "\n".join(found)
+
+
+@pytest.mark.parametrize("text", ["loop 'a': 3 of 5 rows vanish", "an imbalance of 1 J", "what is held"])
+def test_private_words_in_messages_are_found(text: str) -> None:
+    assert hits("x", [(1, text)], IN_MESSAGES)

@@ -60,7 +60,7 @@ def test_inputs_are_numbers_or_functions_of_time() -> None:
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"solvr": "ida"}, "there is no setting 'solvr'; did you mean 'solver'"),
+        ({"solvr": "ida"}, "has no argument 'solvr'; did you mean 'solver'"),
         ({"solver": "id"}, "solver is 'id'"),
         ({"interval": 0.0}, r"interval is .*; allowed: finite and greater than zero"),
         ({"inputs": {"force": 1.0}}, "there is no input 'force'"),
@@ -83,7 +83,7 @@ def test_a_result_is_saved_and_loaded_whole(result: mb.Result, tmp_path: Path) -
         assert getattr(again, name) == getattr(result, name)
     for content in (b"", b"no archive"):
         (tmp_path / "bad.npz").write_bytes(content)
-        with pytest.raises(mb.UserError, match="is no saved result"):
+        with pytest.raises(mb.UserError, match="is not a saved result"):
             mb.Result.load(tmp_path / "bad.npz")
 
 
@@ -93,7 +93,7 @@ def test_arrays_that_do_not_belong_together_are_no_result(result: mb.Result, tmp
     with np.load(tmp_path / "run.npz") as file:
         arrays = dict(file) | change
     np.savez(tmp_path / "bad.npz", **arrays)
-    with pytest.raises(mb.UserError, match=r"is no saved result: times .* do not belong together"):
+    with pytest.raises(mb.UserError, match=r"is not a saved result: times .* do not belong together"):
         mb.Result.load(tmp_path / "bad.npz")
 
 
@@ -138,9 +138,11 @@ def test_a_result_shows_itself(result: mb.Result) -> None:
     assert "<td>arm.angle</td><td>rad</td><td>0</td><td>1.5</td>" in page
     figure = result.plot()
     assert [ax.get_ylabel() for ax in figure.axes] == [
-        "angle [rad]", "angular velocity [rad/s]", "residual [J]", "energy [J]",
+        "angle [rad]", "angular velocity [rad/s]",
     ]  # fmt: skip
-    assert figure.axes[2].get_yscale() == "log"
+    checks = result.plot("energy_*").axes
+    assert [ax.get_ylabel() for ax in checks] == ["energy error [J]", "energy [J]"]
+    assert [ax.get_yscale() for ax in checks] == ["log", "linear"]
     assert figure.get_suptitle() == "mechanism, adams, tolerance 1e-8"
     assert len(result.plot("arm.rate").axes) == 1
 
@@ -187,14 +189,14 @@ def test_a_dozen_curves_are_drawn_in_a_panel_and_the_rest_on_request() -> None:
     result = made({f"node[{k}].x": float(k) for k in range(15)} | {"tip.y": 3.0})
     ax = result.plot().axes[0]
     assert len(ax.lines) == 12
-    assert ax.get_legend().get_title().get_text() == "4 more are not shown"
+    assert ax.get_legend().get_title().get_text() == "4 more not shown"
     assert len(result.plot("*").axes[0].lines) == 16
     assert len(result.plot("node[1?].x", "tip.y", "tip.*", "node[3].x").axes[0].lines) == 7
     with pytest.raises(mb.UserError, match=r"no output 'top\.\*'"):
         result.plot("top.*")
 
 
-@pytest.mark.parametrize(("field", "word"), [("failure", "FAILED at 9 s"), ("verdict", "INACCURATE: the energy bal")])
+@pytest.mark.parametrize(("field", "word"), [("failure", "FAILED at 9 s"), ("verdict", "INACCURATE: the energy err")])
 def test_a_picture_says_that_a_run_went_wrong(field: str, word: str) -> None:
     figure = made({"x": 1.0}, **{field: "it broke. Try again."}).plot()
     lines = figure.get_suptitle().splitlines()
@@ -202,6 +204,17 @@ def test_a_picture_says_that_a_run_went_wrong(field: str, word: str) -> None:
     assert lines[1].startswith(word)
     assert lines[2] == "it broke"
     assert len(figure.axes[0].lines) == 1 + (field == "failure")
+
+
+def test_a_picture_of_many_units_has_a_limited_height() -> None:
+    units = ("m", "m/s", "m/s2", "rad", "rad/s", "rad/s2", "N", "N.m")
+    values, variables = np.ones((10, 8)), tuple(Variable(f"x{k}", unit, "") for k, unit in enumerate(units))
+    result = mb.Result(np.arange(10.0), values, variables, Statistics(), 1.0)
+    figure = result.plot()
+    assert len(figure.axes) == 6
+    assert figure.get_figheight() < 25.4 / 2.54 + 1.0
+    assert figure.axes[-1].get_xlabel() == "time [s]\nnot shown: outputs in N, N.m"
+    assert len(result.plot("*").axes) == 8
 
 
 def test_drawing_leaves_the_backend_alone() -> None:

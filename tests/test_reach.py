@@ -32,7 +32,7 @@ def pushed(scale: float, rate: float, arms: int) -> mb.Mechanism:
 def test_a_drive_out_of_reach_is_called_that(solver: str, scale: float, arms: int) -> None:
     simulation = mb.Simulation(pushed(scale, 0.5 * arms, arms), mb.Settings(solver=solver))
     assert not simulation.advance(4.0).ok
-    assert simulation.failure.startswith("the drive of 'pusher' asks for a position that the loops cannot reach after")
+    assert simulation.failure.startswith("the drive of 'pusher' requires a position that the loops cannot reach after")
     told = float(simulation.failure.partition("after t = ")[2].partition(" s")[0])
     assert told == pytest.approx(2.0, abs=1e-4)  # stretched out
     assert "Shorten the motion of the drive" in simulation.failure
@@ -40,7 +40,7 @@ def test_a_drive_out_of_reach_is_called_that(solver: str, scale: float, arms: in
 
 def test_it_is_called_that_where_a_run_ends_right_there() -> None:
     found = mb.check(pushed(1.0, 0.5, 1), 2.0)
-    assert "the drive of 'pusher' asks for a position that the loops cannot reach after t = 2 s" in found.failure
+    assert "the drive of 'pusher' requires a position that the loops cannot reach after t = 2 s" in found.failure
 
 
 def flat(coupler: float | None = None, rocker: float | None = None) -> mb.Mechanism:
@@ -78,9 +78,9 @@ def test_rates_that_belong_to_no_branch_are_refused(solver: str, scale: float, o
     settings = mb.Settings(solver=solver)
     advice = "Give the rates of 'coupler' and 'rocker' to choose the branch"
     for rates, last in (((1.0, None, None), advice), ((1.0, 0.0, 0.0), "Give other rates")):
-        with pytest.raises(mb.UserError, match="the rates belong to none of them") as told:
+        with pytest.raises(mb.UserError, match="the given rates are not those of any branch") as told:
             mb.Simulation(flat_row(rates, scale, others), settings)
-        assert str(told.value).endswith(last)
+        assert str(told.value).endswith(f"{last} [singular-start]")
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
@@ -96,7 +96,7 @@ def test_rates_of_either_branch_are_kept_silently(solver: str, scale: float, rat
 
 def test_one_of_two_open_rates_is_asked_for() -> None:
     one = mb.Simulation(flat(coupler=-1.0), mb.Settings(solver="adams"))
-    assert one.remarks[0].endswith("Give the rate of 'rocker' to choose the branch")
+    assert one.remarks[0].endswith("Give the rate of 'rocker' to choose the branch [singular-start]")
 
 
 def test_with_all_rates_given_nothing_is_asked_for() -> None:

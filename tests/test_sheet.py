@@ -112,7 +112,7 @@ def test_sheet_without_a_field_publishes_none() -> None:
     plain, told = (Plant(Sheet(nx=5, nz=4, field=field).build()).outputs for field in ("none", "moment.zz"))
     assert told[: len(plain)] == plain
     assert [v.name for v in told[len(plain) :]] == [f"moment.zz[{i},{k}]" for i in range(4) for k in range(3)]
-    with pytest.raises(UserError, match="it does with stretch=True"):
+    with pytest.raises(UserError, match="use stretch=True"):
         Sheet(field="force.xx").build()
 
 

@@ -98,8 +98,8 @@ def test_the_error_is_listed_with_the_input() -> None:
     def told(m: mb.Mechanism) -> str:
         return Plant(m).inputs.variables[0].description
 
-    assert "force of the drive shows no inertia" in told(base())
-    assert "errs by O(h)" in told(base(rate_name="v"))
+    assert "force of the drive without inertia" in told(base())
+    assert "an error of O(h)" in told(base(rate_name="v"))
     both = Plant(base(rate_name="v", acceleration_name="a"))
     assert both.inputs.variables[0].description == ""
     assert [(v.name, v.unit) for v in both.inputs.variables] == [("u", "m"), ("v", "m/s"), ("a", "m/s2")]

@@ -78,7 +78,10 @@ def test_radau_is_refused_where_its_matrices_are_too_large(count: int) -> None:
     if count <= LARGEST_RADAU:
         assert refused == ""
         return
-    assert refused == f"solver 'radau' is given {count} coordinates under 0 constraints; allowed: 200; take 'ida'"
+    assert refused == (
+        f"solver 'radau' is given {count} joint coordinates and 0 constraints; allowed: at most 200 coordinates; use "
+        "'ida' [unsuitable-solver]"
+    )
     assert refusal("ida", plant.system) == refusal("adams", plant.system) == ""
     with pytest.raises(UserError, match="solver 'radau' is given"):
         Simulation(chain(count), Settings(solver="radau"))
@@ -92,5 +95,5 @@ def test_a_run_of_the_feeder_by_radau_is_refused_at_once(
     code, _, err = command("run", "feeder", "--solver", "radau", "--direct")
     assert code == 2
     assert "solver 'radau' is given" in err
-    assert "take 'ida'" in err
+    assert "use 'ida'" in err
     assert started == []

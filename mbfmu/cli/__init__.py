@@ -55,32 +55,34 @@ COMMANDS = (
 )
 
 EXAMPLES = f"""examples:
-  mbfmu run fourbar                        export the FMU, run it through FMPy, write CSV and pictures
+  mbfmu run fourbar                        simulate a model through its FMU; write CSV and pictures
   mbfmu run fourbar --solver adams --direct
-  mbfmu run fourbar/paper                  a scene that ships with a model
+  mbfmu run fourbar/paper                  a scene that is part of a model
   mbfmu run my_scene.toml
-  mbfmu check fourbar                      whether it is hard, and why; which solver suits
-  mbfmu view governor/damped               3-D animation of a run, an HTML file for any browser
+  mbfmu check fourbar                      numerical difficulties of a model, and a suitable solver
+  mbfmu view governor/damped               3-D animation of a run as an HTML file
   mbfmu export fourbar --set crank_length=0.8 -o fourbar.fmu
-  mbfmu export fourbar --native            machine code: no Python where it runs
+  mbfmu export fourbar --native            FMU with machine code, which needs no Python
   mbfmu export my_model.py:MyModel
-  mbfmu equilibrium governor               steady state at constant speed, and whether it is stable
+  mbfmu equilibrium governor               steady state at constant speed, with its stability
   mbfmu equilibrium governor --sweep spindle_speed=5:20:0.5
   mbfmu path governor --over spindle.drive=5:20
-                                           steady states over a load or a speed, through limit points
-  mbfmu linearize governor                 state matrices about the steady state
-  mbfmu modes sheet -n 8                   natural frequencies and shapes
-  mbfmu effects sheet                      what each effect costs and changes
-  mbfmu compare fourbar                    what accuracy costs in time
-  mbfmu compare fourbar --target 1e-6      what to take for this error
-  mbfmu study tolerances.toml              many runs at once, on this machine or on a cluster
+                                           steady states over a load or a speed, past limit points
+  mbfmu linearize governor                 state matrices at the steady state
+  mbfmu modes sheet -n 8                   natural frequencies and mode shapes
+  mbfmu effects sheet                      cost and influence of the optional effects of a model
+  mbfmu compare fourbar                    accuracy and CPU time of the solvers
+  mbfmu compare fourbar --target 1e-6      recommended solver and tolerance for a required accuracy
+  mbfmu study tolerances.toml              Monte Carlo, sweeps and sensitivity, on this machine or a cluster
   mbfmu models governor                    all variables of a model, and its scenes
-  mbfmu cache warm                         compile everything beforehand
+  mbfmu cache warm                         compile everything now
 
-The exit code is 0 where all is well, 1 for a run that ended early or lost its energy balance, 2 for a mistake in what
-was asked for, and 130 after Ctrl-C.
+Warnings and errors end in a code such as [energy-balance]; see the page "Warnings and errors" of the documentation.
 
-This line in ~/.bashrc or ~/.zshrc has the shell complete commands, models, scenes, parameters and solvers:
+The exit code is 0 for success, 1 for a run that ended early or whose energy error is too large, 2 for an invalid
+argument, and 130 after Ctrl-C.
+
+For completion of commands, models, scenes, parameters and solvers in the shell, add this line to ~/.bashrc or ~/.zshrc:
   {HOW}
 """
 
@@ -116,7 +118,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"mbfmu: {shorten(str(error))}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print("mbfmu: interrupted; what was not finished is not kept", file=sys.stderr)
+        print("mbfmu: interrupted; unfinished results are deleted", file=sys.stderr)
         return 130
     except BrokenPipeError:  # the reader of a pipe, such as head, has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -131,7 +133,7 @@ def parser() -> argparse.ArgumentParser:
     """Return the parser of all subcommands."""
     top = Parser(
         prog="mbfmu",
-        description="Multibody mechanisms in relative coordinates, as FMUs.",
+        description="Simulation of multibody mechanisms, and their export as FMUs.",
         epilog=EXAMPLES,
         formatter_class=Formatter,
     )
@@ -151,7 +153,7 @@ def add_loudness(p: argparse.ArgumentParser) -> None:
     """Add ``-q`` and ``-v``, which may stand before or after the subcommand."""
     either = p.add_mutually_exclusive_group()
     for letter, name, about in (
-        ("-q", "--quiet", "print the path of what is written, and what goes wrong; no summary and no progress"),
-        ("-v", "--verbose", "print more, such as all statistics and settings, and say when something is compiled"),
+        ("-q", "--quiet", "print only the paths of written files, and errors"),
+        ("-v", "--verbose", "print details, such as all settings, statistics of the solver, and compilation"),
     ):
         either.add_argument(letter, name, action="store_true", default=argparse.SUPPRESS, help=about)

@@ -21,18 +21,19 @@ def add(commands: Commands) -> None:
     """Describe ``mbfmu cache``."""
     p = commands.add_parser(
         "cache",
-        help="compile beforehand, or remove what was compiled",
-        description="Machine code is compiled when it is first needed and kept for all later processes, of any "
-        "environment with this version of mbfmu and of numba. Without an argument the command says where that is, and "
-        "how much.",
+        help="compile all kernels now, or remove compiled code",
+        description="Kernels are compiled when they are first needed. The machine code is kept in a cache folder "
+        "and used by "
+        "all environments with the same versions of mbfmu and numba. Without an argument the command prints the folder "
+        "and its size.",
         epilog="examples:\n  mbfmu cache\n  mbfmu cache warm fourbar governor\n  mbfmu cache clear --old\n",
     )
     p.add_argument(
         "what",
         nargs="?",
         choices=("warm", "clear"),
-        help="warm: compile all that the models need, so that no run has to wait; clear: remove the machine code; "
-        "other files in its folder stay",
+        help="warm: compile everything that the models need; clear: remove the machine code, but no other files in "
+        "its folder",
     )
     p.add_argument(
         "--old",
@@ -41,7 +42,7 @@ def add(commands: Commands) -> None:
         "environments or checkouts",
     )
     named = p.add_argument(
-        "scenes", metavar="model", nargs="*", help="compile for these models or scenes; for all models without it"
+        "scenes", metavar="model", nargs="*", help="model or scene to compile for (default: all models)"
     )
     complete(named, scene_names)
     p.set_defaults(command=command_cache)
@@ -50,18 +51,18 @@ def add(commands: Commands) -> None:
 def command_cache(options: argparse.Namespace) -> int:
     """Report on the machine code, compile it or remove it."""
     if options.old and options.what != "clear":
-        raise UserError("--old goes with `mbfmu cache clear`")
+        raise UserError("--old is an option of `mbfmu cache clear` only")
     if options.what == "warm":
         warm(options.scenes or sorted(models()), options)
     elif options.what == "clear":
         if options.scenes:
-            raise UserError(f"cache clear {options.scenes[0]!r}: it removes everything, and takes no model")
+            raise UserError(f"`mbfmu cache clear` removes the code of all models; leave out {options.scenes[0]!r}")
         clear(keep_current=options.old)
     folders = storage.find_code_folders()
     print(f"{cache.home()}: {in_megabytes(sum(folder.size for folder in folders))} of machine code")
     if old := sum(folder.size for folder in folders if not folder.is_current):
         print(
-            f"{in_megabytes(old)} of it are of other versions of mbfmu or numba: `mbfmu cache clear --old` removes that"
+            f"{in_megabytes(old)} of it is from other versions of mbfmu or numba; `mbfmu cache clear --old` removes it"
         )
     return 0
 

@@ -12,29 +12,28 @@ def add(commands: Commands) -> None:
     """Describe ``mbfmu check``."""
     p = commands.add_parser(
         "check",
-        help="whether a scene is hard, and why; which solver suits it",
-        description="""Run a scene, watched, and tell in words with numbers whether it is hard, and why:
+        help="report numerical difficulties of a scene and recommend a solver",
+        description="""Simulate a scene, monitor the run, and report numerical difficulties with their size:
 
-  singular positions  the nearest one: when, how near, in which loop, and whether it is passed exactly or missed
-  redundant rows      constraints that say what others say: the forces between them are not determined
-  stiffness           the fastest eigenvalue of the linearized motion against the rate of what moves
-  steps               what sets their length: accuracy, stability, singular positions, drives, or max_step
-  loops               through which bodies each goes, its size, and how well it is closed
-  solver              the one that suits, as --solver auto would take it at these states
+  singular configurations  the nearest one: time, distance, loop, and whether it is passed or missed
+  redundant constraints    constraints that depend on others; their reaction forces are not unique
+  stiffness                fastest eigenvalue of the linearized motion, compared with the rate of the motion
+  steps                    what limits the step size: accuracy, stability, singular configurations, drives or max_step
+  loops                    bodies of each loop, its size, and its residual
+  solver                   recommended solver, as --solver auto selects it at these states
 
-A scene that cannot start or fails is no mistake here: check says why. What it did not look at it says too. The exit
-code is 0 whatever is found, and 2 for a mistake in what you ask for.""",
+A scene that fails is reported too. Aspects that were not examined are listed.""",
         epilog="examples:\n  mbfmu check fourbar\n  mbfmu check fourbar/flexible --solver adams --stop-time 2\n"
         "  mbfmu check my_model.py:MyModel --json findings.json\n",
     )
     add_scene(p)
     add_set(p)
-    p.add_argument("--stop-time", type=reader(float), metavar="S", help="end of the run, s")
+    p.add_argument("--stop-time", type=reader(float), metavar="S", help="stop time, s")
     p.add_argument(
         "--patience",
         type=reader(float),
         metavar="S",
-        help="leave the run where it is after so long, s of this machine (default 10)",
+        help="stop the run after this wall-clock time, s (default 10)",
     )
     add_json(p)
     add_solver(p)

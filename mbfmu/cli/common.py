@@ -23,7 +23,7 @@ from mbfmu.table import power
 from .completion import complete, parameter_names, scene_names
 
 Commands = Any  # argparse's collection of subparsers, whose class is private
-AGAIN = "A folder that is there is left alone: the next one of its name ends in -2, then -3"
+AGAIN = "An existing folder is kept; the new one gets the suffix -2, -3, ..."
 RESULTS = Path("results")  # where results go that are sent nowhere else
 LONGEST = 80  # characters of a model's or a scene's name in that of a folder
 METAVARS = {"s": "S"}  # what stands for a value, by its unit
@@ -36,7 +36,7 @@ def add_set(p: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="NAME=VALUE",
-        help="give a parameter of the model another value, as in --set crank_mass=2; may be repeated",
+        help="value of a parameter of the model, as in --set crank_mass=2; may be repeated",
     )
     complete(given, parameter_names)
 
@@ -44,7 +44,8 @@ def add_set(p: argparse.ArgumentParser) -> None:
 def add_solver(p: argparse.ArgumentParser) -> None:
     """Add every setting: what is not given stays as the scene has it."""
     group = p.add_argument_group(
-        "settings", "What is not given here stays as the scene has it, or the model; the defaults are those of most."
+        "settings",
+        "Settings not given here are those of the scene or the model; the defaults shown apply to most models.",
     )
     for setting in declared(Settings):
         option = f"--{setting.name.replace('_', '-')}"
@@ -104,7 +105,7 @@ def add_output(p: argparse.ArgumentParser, what: str) -> None:
         type=Path,
         default=RESULTS,
         metavar="DIR",
-        help=f"write the folder DIR/{what}; without this DIR is {RESULTS}. {AGAIN}",
+        help=f"write the folder DIR/{what} (DIR: {RESULTS}). {AGAIN}",
     )
 
 
@@ -116,7 +117,7 @@ def add_json(p: argparse.ArgumentParser) -> None:
         nargs="?",
         const=Path("-"),
         metavar="FILE",
-        help="write all that is found as JSON; to standard output without FILE",
+        help="write all results as JSON; to standard output without FILE",
     )
 
 
@@ -130,7 +131,9 @@ def add_steady(p: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="COORDINATE=VALUE",
-        help="search from here instead of from the model's start, as in --from arm1=0.8 (rad or m); may be repeated",
+        help="start the search at this coordinate instead of the start of the model, as in --from arm1=0.8 (rad "
+        "or m); may "
+        "be repeated",
     )
 
 
@@ -145,9 +148,12 @@ def assignments(option: str, texts: list[str]) -> dict[str, str]:
     for text in texts:
         name, equals, value = text.partition("=")
         if not equals:
-            raise UserError(f"{option} {text!r}: write NAME=VALUE")
+            raise UserError(f"{option} {text!r}; allowed: NAME=VALUE")
         if name.strip() in values:
-            raise UserError(f"{option} {text!r}: {name.strip()} is {values[name.strip()]} already; allowed: one value")
+            raise UserError(
+                f"{option} {text!r}: {name.strip()} is given twice, before as {values[name.strip()]}; allowed: "
+                "one value"
+            )
         values[name.strip()] = value.strip()
     return values
 
@@ -227,7 +233,7 @@ def folder(path: Path) -> Path:
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise UserError(f"folder {str(path)!r} cannot be made: {error.strerror}") from error
+        raise UserError(f"folder {str(path)!r} cannot be created: {error.strerror}", "file-access") from error
     return path
 
 

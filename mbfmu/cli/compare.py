@@ -41,8 +41,8 @@ EXAMPLES = """examples:
   mbfmu compare governor/damped --repeats 1
   mbfmu compare fourbar --solver adams --solver hybrid --tolerance 1e-5 --tolerance 1e-7
   mbfmu compare sheet --output tip.y --resolution nx=7,nz=5 --resolution nx=13,nz=9
-  mbfmu compare sheet --resolution own --tolerance 1e-4    the scene's own grid: errors in time alone
-  mbfmu compare fourbar --target 1e-6                      which solver and tolerance to take for this error
+  mbfmu compare sheet --resolution own --tolerance 1e-4    the grid of the scene: only errors of the time integration
+  mbfmu compare fourbar --target 1e-6                      recommended solver and tolerance for this error
   mbfmu compare sheet --target "1 mm" --output tip.y --save quick.toml
 """
 
@@ -51,34 +51,34 @@ def add(commands: Commands) -> None:
     """Describe ``mbfmu compare``."""
     p = commands.add_parser(
         "compare",
-        help="what accuracy costs in time, or what to take for a target",
-        description="""Run solvers at several tolerances, and at several resolutions where the model declares some
-(grids, numbers of modes); show the error of each run against its CPU time. A small model that settles when it is damped
-is also run into its steady state, beside the solution of the equilibrium equations.
+        help="compare accuracy and CPU time of the solvers, or recommend one for a required accuracy",
+        description="""Simulate a scene with several solvers and tolerances, and with several discretisations if the
+model declares them (grid sizes, numbers of modes). Print and plot the error of each run against its CPU time. Small
+models that settle if they are damped are also run into their steady state, which is compared with the equilibrium.
 
-The error is the largest of any output over the run, as a part of the range of that output. What it is against, how well
-that is known, which outputs do not judge and what was left out for its time is printed below the table. In it * marks
-the best choices: nothing that is cheaper is as accurate.
+The error of a run is the largest error of any output, relative to the range of that output. The text below the table
+lists the reference and its uncertainty, the outputs that are excluded, and the runs that were omitted to save time.
+Pareto-optimal runs (no cheaper run is as accurate) are marked by *.
 
 The results are in a folder such as results/fourbar/default-compare:
-  work_precision.png  error against time, with the hull of best choices
-  energy.png          the energy balance at the scene's tolerance
-  rows.json           a row a run
-  table.txt           what is printed
+  work_precision.png  error against CPU time, with the Pareto front
+  energy.png          energy error at the tolerance of the scene
+  rows.json           one entry per run
+  table.txt           the printed table
 
-With --target nothing is written: one sentence says which solver, tolerance and resolution to take, what a run costs and
-which error to expect; --save writes that as a scene.""",
+With --target no folder is written. One line recommends a solver, a tolerance and a discretisation, with the CPU time
+and the expected error; --save writes the recommendation as a scene.""",
         epilog=EXAMPLES,
     )
     add_scene(p)
     add_set(p)
-    add_times(p, "end of the runs", "time between outputs")
+    add_times(p, "stop time", "interval between outputs")
     names = next(setting.choices for setting in declared(Settings) if setting.name == "solver")
     named = p.add_argument(
         "--solver",
         action="append",
         metavar="NAME",
-        help=f"try this solver; may be repeated: {', '.join(names)} (all that differ on the model)",
+        help=f"solver; may be repeated (default: all that differ for the model): {', '.join(names)}",
     )
     complete(named, list(names))
     p.add_argument(
@@ -86,14 +86,15 @@ which error to expect; --save writes that as a scene.""",
         action="append",
         type=reader(float),
         metavar="X",
-        help="try this tolerance; may be repeated (1e-4 to 1e-10; fewer at several resolutions, looser in large trees)",
+        help="tolerance; may be repeated (default: 1e-4 to 1e-10; fewer with several discretisations, larger for large "
+        "models)",
     )
     p.add_argument(
         "--resolution",
         action="append",
         metavar="NAME=N[,NAME=N]",
-        help="try these values of the parameters of resolution; may be repeated, and three or more tell the order of "
-        f"convergence (what the model declares). {OWN}: as the scene is",
+        help="values of the discretisation parameters; may be repeated, three or more give the order of convergence "
+        f"(default: those that the model declares; {OWN}: those of the scene)",
     )
     judged = p.add_argument(
         "--output",
@@ -101,37 +102,49 @@ which error to expect; --save writes that as a scene.""",
         action="append",
         default=[],
         metavar="OUTPUT",
-        help="judge by this output; may be repeated (all that move freely). Where results go says -o",
+        help="output that is compared; may be repeated (default: all that are not prescribed). For the folder use -o",
     )
     complete(judged, output_names)
-    p.add_argument("--repeats", type=reader(int), default=5, metavar="N", help="take the median time of N runs (5)")
+    p.add_argument(
+        "--repeats",
+        type=reader(int),
+        default=5,
+        metavar="N",
+        help="number of timed runs, of which the median is used (default 5)",
+    )
     p.add_argument(
         "--budget",
         type=reader(float),
         default=120.0,
         metavar="S",
-        help="CPU time for all runs, s (120); what does not fit is left out, and named",
+        help="CPU time for all runs, s (default 120); runs that exceed it are omitted and listed",
     )
     p.add_argument(
         "--target",
         metavar="ERROR",
-        help="find the cheapest that errs no more: 1e-4 of the range of an output, or absolute as in '0.2 mm'",
+        help="recommend the cheapest settings with at most this error, relative to the range of an output (1e-4) or "
+        "absolute ('0.2 mm')",
     )
-    p.add_argument("--save", type=Path, metavar="FILE.toml", help="write what --target found as a scene")
-    p.add_argument("--json", type=Path, metavar="FILE", help="write the rows here too; - is standard output")
+    p.add_argument("--save", type=Path, metavar="FILE.toml", help="write the recommendation of --target as a scene")
+    p.add_argument(
+        "--json",
+        type=Path,
+        metavar="FILE",
+        help="also write the results of all runs to this file; - is standard output",
+    )
     p.add_argument(
         "-o",
         dest="output",
         type=Path,
         default=RESULTS,
         metavar="DIR",
-        help=f"write the folder DIR/MODEL/SCENE-compare; without this DIR is {RESULTS}. {AGAIN}",
+        help=f"write the folder DIR/MODEL/SCENE-compare (DIR: {RESULTS}). {AGAIN}",
     )
     p.set_defaults(command=command_compare)
 
 
 def command_compare(options: argparse.Namespace) -> int:
-    """Compare; print a table and draw two plots, or say what to take for a target."""
+    """Compare: print a table and draw two plots, or recommend settings for a target."""
     scene = scene_of_compare(options)
     for path in filter(None, (options.json, options.save)):
         writable(path)
@@ -141,14 +154,14 @@ def command_compare(options: argparse.Namespace) -> int:
 def scene_of_compare(options: argparse.Namespace) -> Scene:
     """Return the scene; solvers and tolerances are many here, and not the scene's."""
     if options.save and options.target is None:
-        raise UserError("--save writes what --target finds; give a target, as in --target 1e-4")
+        raise UserError("--save needs --target, as in --target 1e-4")
     if options.save and options.save.suffix != ".toml":
-        raise UserError(f"--save {str(options.save)!r}: a scene must end in .toml")
+        raise UserError(f"--save is {str(options.save)!r}; allowed: a file whose name ends in .toml")
     return scene_of(argparse.Namespace(**vars(options) | {"solver": None, "tolerance": None}))
 
 
 def asked(options: argparse.Namespace) -> dict[str, Any]:
-    """Return what both ways to compare take."""
+    """Return the arguments that both ways to compare have in common."""
     return {
         "solvers": options.solver,
         "tolerances": options.tolerance,
@@ -204,7 +217,7 @@ def command_table(options: argparse.Namespace, scene: Scene) -> int:
                 )
         text = as_text(found)
         if settled:
-            text += f"\n\ninto the steady state, with {', '.join(f'{k} = {v:g}' for k, v in settling.items())}:\n"
+            text += f"\n\nruns into the steady state, with {', '.join(f'{k} = {v:g}' for k, v in settling.items())}:\n"
             text += settled_as_text(settled)
         content = [*(row.as_dict() for row in found.rows), *(row.as_dict() for row in settled)]
         draw(found, scene, place)
@@ -225,11 +238,11 @@ def draw(found: Any, scene: Scene, place: Results) -> None:
     from mbfmu.studies.work_precision import plot_energy, plot_work_precision
 
     plot_work_precision(found, f"{scene.name}: error against CPU time", place.file("work_precision.png"))
-    plot_energy(found, f"{scene.name}: energy balance", place.file("energy.png"))
+    plot_energy(found, f"{scene.name}: energy error", place.file("energy.png"))
 
 
 def command_target(options: argparse.Namespace, scene: Scene) -> int:
-    """Say what to take for a target; write it as a scene."""
+    """Recommend settings for a target; write them as a scene."""
     from mbfmu.studies.recommendation import recommend_solver
 
     with bar(100, "compare", options.quiet, "%") as shown:
@@ -241,7 +254,7 @@ def command_target(options: argparse.Namespace, scene: Scene) -> int:
     if str(options.json) != "-":
         print(found.sentence)
         if found.held_inputs:
-            show(options, f"not evaluated: {found.held_inputs}")
+            show(options, f"not examined: {found.held_inputs}")
         show_more(options, "\n".join(found.notes))
         if options.save:
             wrote(options, options.save)

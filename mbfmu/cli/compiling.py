@@ -10,7 +10,7 @@ from tqdm import tqdm
 
 from solvers.compiled.cache import time_of_compiling, when_compiling
 
-BEFORE = "compiling, once on this machine: a minute or two; later runs start at once"
+BEFORE = "compiling; this takes a minute or two, once per machine"
 
 
 @contextmanager
@@ -22,7 +22,7 @@ def compilation(tells: bool) -> Iterator[None]:
                 yield
         finally:
             if taken():
-                say(f"compiled for {taken():.1f} s; that is kept", tells)
+                say(f"compiled in {taken():.1f} s", tells)
 
 
 def say(text: str, tells: bool) -> None:

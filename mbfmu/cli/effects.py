@@ -14,22 +14,23 @@ def add(commands: Commands) -> None:
     """Describe ``mbfmu effects``."""
     p = commands.add_parser(
         "effects",
-        help="what each effect of a model costs, and what it changes",
-        description="Run a model as it is, and with one of its effects switched at a time. Print the parameters, the "
-        "CPU time of an evaluation and of the run, the first natural frequency about the steady state next to the "
-        "start, and by how much outputs change at most over the run, of their ranges; and what to do with each effect: "
-        "leave it off where it changes nothing above 0.1 %.",
+        help="cost and influence of each optional effect of a model",
+        description="Simulate a model with its own effects, and with one effect switched on or off at a time. "
+        "Print the CPU "
+        "time of an evaluation and of the run, the first natural frequency at the steady state, and the largest change "
+        "of outputs relative to their ranges. An effect that changes no output by more than 0.1 % is recommended to "
+        "be switched off.",
         epilog="examples:\n  mbfmu effects sheet\n  mbfmu effects sheet --stop-time 0.1 --show tip.y --show energy\n",
     )
     add_steady(p)
     add_solver(p)
-    p.add_argument("--stop-time", type=reader(float), metavar="S", help="end of the run, s")
+    p.add_argument("--stop-time", type=reader(float), metavar="S", help="stop time, s")
     shown = p.add_argument(
         "--show",
         action="append",
         default=[],
         metavar="OUTPUT",
-        help="show this output, and judge effects by it; may be repeated (all judge)",
+        help="output whose change is shown and decides on the recommendation; may be repeated (default: all outputs)",
     )
     complete(shown, output_names)
     p.set_defaults(command=command_effects)
@@ -43,7 +44,7 @@ def command_effects(options: argparse.Namespace) -> int:
     known = [variable.name for variable in scene.model.plant().outputs]
     for name in options.show:
         if name not in known:
-            raise UserError(f"--show {name!r}: no such output{suggest(name, known)}")
+            raise UserError(f"--show: there is no output {name!r}{suggest(name, known)}")
     first = ["tip.y"] if "tip.y" in known else known[:1]
     shown = options.show or [*first, *({"energy"}.intersection(known).difference(first))]
     total = (1 + len(scene.model.effects)) * (1 + ROUNDS)

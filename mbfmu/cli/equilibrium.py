@@ -41,11 +41,11 @@ from .results import Results, results
 
 SHOWN = 60  # modes that are printed
 WORDS = {
-    "stable": "stable: every mode decays",
-    "undamped": "stable, undamped: some modes oscillate for ever",
-    "neutral": "neutral: some modes drift",
+    "stable": "stable: all modes are damped",
+    "undamped": "marginally stable: undamped oscillation",
+    "neutral": "neutral: some modes have neither stiffness nor growth",
     "unstable": "UNSTABLE: some modes grow",
-    "unknown": "stability is not known, see the note",
+    "unknown": "stability is not determined, see the note",
 }
 
 
@@ -54,14 +54,14 @@ def add(commands: Commands) -> None:
     p = commands.add_parser(
         "equilibrium",
         help="steady state at constant drive speed, or at rest, with its stability",
-        description="""Find where a model stays while its drives turn at constant speed, or at rest where it has none;
-how it moves about that state, and which other steady states there are. This is printed, and --json writes it.
+        description="""Find the steady state of a model at constant drive speeds (at rest if there are no drives), its
+stability, the natural modes about it, and other steady states. The results are printed; --json writes them to a file.
 
-With --sweep the steady states are followed over a parameter. Each branch is a line of the table that is printed, and
-the results are in a folder such as results/governor/default-sweep-spindle_speed:
+With --sweep the steady states are followed over a parameter. Each branch is a line of the printed table. The results
+are in a folder such as results/governor/default-sweep-spindle_speed:
   branches.png   an output over the parameter
-  branches.csv   every state: the parameter, the outputs and the stability
-  branches.json  and all that is known of it""",
+  branches.csv   all states: parameter, outputs and stability
+  branches.json  all states with all details""",
         epilog="examples:\n  mbfmu equilibrium governor\n  mbfmu equilibrium governor --from arm1=0.8 --from arm2=0.8\n"
         "  mbfmu equilibrium governor --sweep spindle_speed=5:20:0.25 --plot collar.height\n",
     )
@@ -70,10 +70,14 @@ the results are in a folder such as results/governor/default-sweep-spindle_speed
         "--others",
         type=reader(int),
         metavar="N",
-        help="look for other states from N more starts (24, and 4 on large trees)",
+        help="number of further start points for the search of other states (default 24; 4 for large models)",
     )
-    p.add_argument("--sweep", metavar="PARAMETER=FROM:TO:STEP", help="follow the steady states over a parameter")
-    shown = p.add_argument("--plot", metavar="OUTPUT", help="show this output over the sweep (the model's first)")
+    p.add_argument(
+        "--sweep", metavar="PARAMETER=FROM:TO:STEP", help="parameter over which the steady states are followed"
+    )
+    shown = p.add_argument(
+        "--plot", metavar="OUTPUT", help="output to plot over the parameter (default: the first of the model)"
+    )
     complete(shown, output_names)
     add_json(p)
     add_output(p, "MODEL/SCENE-sweep-PARAMETER")
@@ -106,12 +110,12 @@ def as_text(found: Equilibrium, others: Sequence[Equilibrium]) -> str:
         *(f"note: {note}" for note in found.notes),
         values,
         "",
-        WORDS[found.stability] + (f"; nothing resists {found.free}" if found.free else ""),
+        WORDS[found.stability] + (f"; no force resists {found.free}" if found.free else ""),
     ]
     modes = [] if found.stability == "unknown" else found.modes
     lines += [modes_as_text(modes[:SHOWN])] if modes else []
     if len(modes) > SHOWN:
-        lines.append(f"{len(modes) - SHOWN} faster modes are in the file that --json writes")
+        lines.append(f"{len(modes) - SHOWN} modes of higher frequency not shown; --json writes all")
     if found.warning:
         lines += ["", f"warning: {found.warning}"]
     if others:
@@ -128,7 +132,7 @@ def swept(scene: Scene, options: argparse.Namespace) -> int:
     outputs = {variable.name: variable.unit for variable in model.plant().outputs}
     shown = options.plot or next(iter(outputs))
     if shown not in outputs:
-        raise UserError(f"--plot {shown!r}: no such output{suggest(shown, outputs)}")
+        raise UserError(f"--plot: there is no output {shown!r}{suggest(shown, outputs)}")
     model.with_values({parameter: values[0]})  # complains of the parameter
     unit = next(p.unit for p in model.parameters() if p.name == parameter)
     axes = f"{parameter} [{unit}]", f"{shown} [{outputs[shown]}]"
@@ -195,9 +199,9 @@ def read_sweep(text: str) -> tuple[str, list[float]]:
     ((name, span),) = assignments("--sweep", [text]).items()
     parts = [number("--sweep", part) for part in span.split(":")]
     if len(parts) != 3 or not np.isfinite(parts).all() or parts[2] == 0.0 or (parts[1] - parts[0]) / parts[2] < 0.0:
-        raise UserError(f"--sweep {text!r}: write PARAMETER=FROM:TO:STEP with a step that leads from FROM to TO")
+        raise UserError(f"--sweep is {text!r}; allowed: PARAMETER=FROM:TO:STEP with a step from FROM towards TO")
     begin, end, step = parts
     count = int((end - begin) / step + 1e-9) + 1
     if count > 10_000:
-        raise UserError(f"--sweep {text!r} asks for {count} values; allowed: at most 10000")
+        raise UserError(f"--sweep is {text!r}, which has {count} values; allowed: at most 10000")
     return name, [begin + step * k for k in range(count)]

@@ -28,10 +28,12 @@ def add(commands: Commands) -> None:
     """Describe ``mbfmu export``."""
     p = commands.add_parser(
         "export",
-        help="write a model as an FMU for co-simulation",
-        description="Write a model as an FMU for co-simulation. What you give here are the values it starts with; a "
-        "host may set them before a run. `mbfmu models NAME` lists its variables. With --native the FMU is machine "
-        "code that runs by itself; without it the host needs Python and this version of mbfmu.",
+        help="export a model as an FMU for co-simulation",
+        description="Export a model or a scene as an FMU for co-simulation. Values given here are the start "
+        "values of its "
+        "variables, which the importing tool can change; `mbfmu models NAME` lists them. With --native the FMU "
+        "contains "
+        "machine code and needs nothing else; otherwise the importing tool needs Python with this version of mbfmu.",
         epilog="examples:\n  mbfmu export fourbar\n  mbfmu export fourbar --native\n"
         "  mbfmu export fourbar --native --fmi 3 --platforms x86_64-linux x86_64-windows\n"
         "  mbfmu export fourbar --set crank_mass=2 -o heavy.fmu\n"
@@ -39,18 +41,18 @@ def add(commands: Commands) -> None:
     )
     add_scene(p)
     add_set(p)
-    add_times(p, "end of the default experiment", "its time between communication points")
+    add_times(p, "stop time of the default experiment", "its communication step size")
     p.add_argument(
         "-o",
         "--output",
         type=Path,
         metavar="FILE",
-        help="write this file; MODEL.fmu without it, or MODEL_SCENE.fmu. A file that is there is replaced",
+        help="FMU file (default: MODEL.fmu or MODEL_SCENE.fmu); an existing file is overwritten",
     )
     add_solver(p)
-    p.add_argument("--native", action="store_true", help="as machine code, which needs no Python where it runs")
-    p.add_argument("--fmi", type=int, choices=(2, 3), default=2, help="version of FMI; 3 with --native alone")
-    add_platforms(p, "of --native: machines it is for; this one without it")
+    p.add_argument("--native", action="store_true", help="export machine code, which needs no Python")
+    p.add_argument("--fmi", type=int, choices=(2, 3), default=2, help="version of FMI (default 2); 3 requires --native")
+    add_platforms(p, "platforms of a native FMU (default: this machine)")
     p.set_defaults(command=command_export)
 
 

@@ -18,10 +18,11 @@ def add(commands: Commands) -> None:
     """Describe ``mbfmu linearize``."""
     p = commands.add_parser(
         "linearize",
-        help="state matrices about a steady state",
-        description="Find the steady state next to the start, and write A, B, C, D of the motion about it, from the "
-        "inputs to the outputs. numpy.load reads them for scipy.signal.StateSpace and control.ss; MATLAB and Octave "
-        "read a .mat.",
+        help="state matrices at a steady state",
+        description="Find the steady state nearest to the start and write the state matrices A, B, C, D at this "
+        "state, from "
+        "the inputs to the outputs. numpy.load reads .npz files for scipy.signal.StateSpace and control.ss; MATLAB and "
+        "Octave read .mat files.",
         epilog="examples:\n  mbfmu linearize governor\n  mbfmu linearize governor/free --set stiffness=2000\n"
         "  mbfmu linearize governor -o governor.mat\n",
     )
@@ -31,8 +32,8 @@ def add(commands: Commands) -> None:
         "--output",
         type=Path,
         metavar="FILE",
-        help="write this file, .npz or .mat; one that is there is replaced. Without it the matrices go to "
-        f"{RESULTS}/MODEL/SCENE-linear/{NAME}. {AGAIN}",
+        help=f"file, .npz or .mat (default: {RESULTS}/MODEL/SCENE-linear/{NAME}); an existing file is overwritten. "
+        f"{AGAIN}",
     )
     p.set_defaults(command=command_linearize)
 

@@ -28,18 +28,20 @@ def add(commands: Commands) -> None:
     """Describe ``mbfmu modes``."""
     p = commands.add_parser(
         "modes",
-        help="natural frequencies and damping about a steady state, and the shapes of sheets and beams",
-        description="""Find the steady state next to the start, and the natural modes about it: all of a small
-mechanism, the lowest of a large one. A drive that runs up has done so.
+        help="natural frequencies, damping and mode shapes at a steady state",
+        description="""Find the steady state nearest to the start and the natural modes about it: all modes of a
+small model, the lowest of a large one. Drives have their final speed.
 
 The results are in a folder such as results/sheet/default-modes:
-  modes.txt   what is printed
-  shapes.png  the shapes of a sheet, or of elastic bodies, where the model has these""",
+  modes.txt   the printed table
+  shapes.png  mode shapes of sheets or elastic bodies, if the model has any""",
         epilog="examples:\n  mbfmu modes sheet -n 4\n"
-        "  mbfmu modes fourbar --set coupler_modes=2 --from crank=-1.5    about the state that hangs\n",
+        "  mbfmu modes fourbar --set coupler_modes=2 --from crank=-1.5    at the hanging position\n",
     )
     add_steady(p)
-    p.add_argument("-n", "--count", type=reader(int), default=8, metavar="N", help="show at most N modes (8)")
+    p.add_argument(
+        "-n", "--count", type=reader(int), default=8, metavar="N", help="maximum number of modes (default 8)"
+    )
     add_output(p, "MODEL/SCENE-modes")
     p.set_defaults(command=command_modes)
 

@@ -33,27 +33,36 @@ def add(commands: Commands) -> None:
     """Describe ``mbfmu path``."""
     p = commands.add_parser(
         "path",
-        help="equilibrium path over a load or another input, through limit points (snap-through, buckling)",
-        description="""Follow the steady states of a model while one of its inputs changes: a force, gravity, the place
-of a support, the speed of a drive. The path is followed along itself, by pseudo-arc-length: where the load reaches a
-limit point and falls again, so does the path, and what is unstable is on it too. Limit points and bifurcations are
-printed; --second follows the paths that cross at bifurcations, such as a buckled column's. The results are in a folder
-such as
+        help="follow the equilibrium over a load or another input, past limit points (snap-through, buckling)",
+        description="""Follow the steady states of a model while one of its inputs changes: a force, gravity, the
+position of a support, the speed of a drive. The path is followed by pseudo-arc-length continuation, which passes
+limit points and includes unstable states. Limit points and bifurcations are printed; --second also follows the paths
+that cross at bifurcations, such as that of a buckled column. The results are in a folder such as
 results/sheet/default-path-force.y:
-  path.png   the input against an output: unstable parts dashed, limit points and bifurcations marked
-  path.csv   every state: the input, the outputs, stability, and how many motions are unstable
-A parameter that the model is built anew for is no input: mbfmu equilibrium --sweep varies those.""",
+  path.png   the input against an output; unstable parts dashed, limit points and bifurcations marked
+  path.csv   all states: input, outputs, stability, and number of unstable motions
+Use `mbfmu equilibrium --sweep` for parameters, which require a new model for each value.""",
         epilog="examples:\n"
         "  mbfmu path sheet --set stretch=true --set load=tip --over force.y=0:-2\n"
         "  mbfmu path governor --over spindle.drive=5:20 --plot collar.height\n"
         "  mbfmu path my_model.py:Truss --over force=0:-500 --until apex.y=-0.2 --second\n",
     )
     add_steady(p)
-    p.add_argument("--over", required=True, metavar="INPUT=FROM:TO", help="the input to follow, and its range")
-    p.add_argument("--until", metavar="OUTPUT=VALUE", help="end the path where an output has this value, if before")
-    p.add_argument("--second", action="store_true", help="follow the paths that cross at bifurcations, to both sides")
-    p.add_argument("--steps", type=reader(int), default=STEPS, metavar="N", help=f"of a branch, at most ({STEPS})")
-    shown = p.add_argument("--plot", metavar="OUTPUT", help="show this output (that of --until, or the model's first)")
+    p.add_argument("--over", required=True, metavar="INPUT=FROM:TO", help="input that changes, and its range")
+    p.add_argument("--until", metavar="OUTPUT=VALUE", help="end the path earlier, where an output has this value")
+    p.add_argument(
+        "--second", action="store_true", help="also follow, in both directions, the paths that cross at bifurcations"
+    )
+    p.add_argument(
+        "--steps",
+        type=reader(int),
+        default=STEPS,
+        metavar="N",
+        help=f"maximum number of steps of a branch (default {STEPS})",
+    )
+    shown = p.add_argument(
+        "--plot", metavar="OUTPUT", help="output to plot (default: that of --until, or the first of the model)"
+    )
     complete(shown, output_names)
     add_json(p)
     add_output(p, "MODEL/SCENE-path-INPUT")
@@ -109,6 +118,6 @@ def read_range(text: str) -> tuple[str, tuple[float, float]]:
     ((name, span),) = assignments("--over", [text]).items()
     parts = span.split(":")
     if len(parts) != 2:
-        raise UserError(f"--over {text!r}: write INPUT=FROM:TO, as in --over force.y=0:-3000")
+        raise UserError(f"--over is {text!r}; allowed: INPUT=FROM:TO, as in --over force.y=0:-3000")
     begin, end = (number("--over", part) for part in parts)
     return name, (begin, end)

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from mbfmu.curves import matching
+from mbfmu.codes import code_of
+from mbfmu.curves import errors_of, matching
 from mbfmu.direct import Result, communication_points, loops, run
 from mbfmu.energy_check import VARIABLES
 from mbfmu.files import write_text
@@ -44,12 +45,12 @@ from .completion import complete, output_names
 from .results import Results, results
 
 QUICK = 5.0  # s; an FMU's run that took less is repeated for its poses
-CSV, PICTURE, SAVED, POSES = "outputs.csv", "outputs.png", "result.npz", "motion.npz"
+CSV, PICTURE, ERRORS, SAVED, POSES = "outputs.csv", "outputs.png", "residuals.png", "result.npz", "motion.npz"
 
 EXAMPLES = """examples:
-  mbfmu run fourbar                                                      the model as it is
-  mbfmu run fourbar/paper --direct                                       a scene that ships with it, without the FMU
-  mbfmu run fourbar --solver adams --tolerance 1e-8 --set crank_mass=2   other settings, and another parameter
+  mbfmu run fourbar                                                      the model with its default values
+  mbfmu run fourbar/paper --direct                                       a scene of the model, without an FMU
+  mbfmu run fourbar --solver adams --tolerance 1e-8 --set crank_mass=2   other settings, and another parameter value
   mbfmu run governor --plot 'rod*.force' --plot energy                   a picture of these outputs only
   cat "$(mbfmu -q run fourbar)/outputs.csv"                              the path of the results in a script
 """
@@ -61,58 +62,59 @@ class CalledDirect(argparse.Action):
     def __call__(self, _: Any, options: argparse.Namespace, *__: Any) -> None:
         """Act as ``--direct``, and report it."""
         options.direct = True
-        print("mbfmu: --native is called --direct: native is machine code without Python", file=sys.stderr)
+        print("mbfmu: the option --native of `mbfmu run` is now --direct", file=sys.stderr)
 
 
 def add(commands: Commands) -> None:
     """Describe ``mbfmu run``."""
     p = commands.add_parser(
         "run",
-        help="run a scene or a model; write its outputs, a picture and the motion",
-        description=f"""Run a scene or a model: export it as an FMU, and drive that through FMPy.
+        help="run a scene or a model and write its outputs, pictures and motion",
+        description=f"""Export a scene or a model as an FMU, simulate the FMU with FMPy, and write the results.
 
-The FMU is machine code where the runtime is there (`mbfmu runtime`) and solver and model go into it; else it calls
-Python. The summary says which it was.
+A native FMU (machine code) is used if its runtime is installed (`mbfmu runtime`) and supports the model and the solver;
+otherwise the FMU calls Python. The summary names which of them was used.
 
 The results are in a folder such as results/fourbar/paper-hybrid-1e-4:
-  {CSV}  every output over time
-  {PICTURE}  the outputs as curves
-  {SAVED}   all of it, for mbfmu.Result.load
-  {POSES}   where the bodies were, for `mbfmu view`
-  paper.toml   the scene with every value, for `mbfmu run`
+  {CSV}    all outputs over time
+  {PICTURE}    curves of the outputs
+  {ERRORS}  residuals of the constraints and the energy error over time
+  {SAVED}     outputs, statistics and messages, for mbfmu.Result.load
+  {POSES}     positions of the bodies, for `mbfmu view`
+  paper.toml     the scene with all parameters and settings, for `mbfmu run`
 
-The folder of a run that ended early ends in -failed. That of a run that lost its energy balance ends in -inaccurate.
-The exit code of both is 1. A mistake in what you ask for gives 2, and an interrupted run 130; these write nothing.
+The name of the folder ends in -failed if the run ended early, and in -inaccurate if the energy error is too large. The
+exit code is 1 in both cases, 2 for an invalid argument, and 130 for an interrupted run. The last two write no files.
 
-An FMU does not tell poses. They come from a direct repeat of the run, which is left out where the FMU took more than
-{QUICK:g} s, and where all went without compiling and the repeat would not.""",
+An FMU does not provide the positions of bodies. They are computed by a direct repeat of the run. It is omitted if the
+FMU took more than {QUICK:g} s, or if the repeat would need compilation that the FMU did not.""",
         epilog=EXAMPLES,
     )
     add_scene(p)
-    p.add_argument("--direct", action="store_true", help="run without the FMU: faster, with the same numbers")
+    p.add_argument("--direct", action="store_true", help="simulate without an FMU: faster, with the same numbers")
     p.add_argument("--native", action=CalledDirect, dest="direct", nargs=0, help=argparse.SUPPRESS)
     shown = p.add_argument(
         "--plot",
         action="append",
         default=[],
         metavar="OUTPUT",
-        help="draw this output, or all that a pattern such as 'coupler.*' fits; may be repeated. Without it all are "
-        "drawn, but no more than a dozen in one panel",
+        help="output to plot, or a pattern such as 'coupler.*'; may be repeated. By default all outputs are plotted, "
+        "the first twelve of each unit",
     )
     complete(shown, output_names)
     add_set(p)
-    add_times(p, "end of the run", "time between outputs")
+    add_times(p, "stop time", "interval between outputs")
     add_output(p, "MODEL/SCENE-SOLVER-TOLERANCE")
     add_solver(p)
     p.set_defaults(command=command_run)
 
 
 def command_run(options: argparse.Namespace) -> int:
-    """Run a scene; write what it gives into a folder; print a summary."""
+    """Run a scene, write the results into a folder, print a summary."""
     begin = time.perf_counter()
     scene = scene_of(options)
     outputs = [name for name, *_ in scene.model.built().outputs]
-    matching([*outputs, *(v.name for v in VARIABLES)], options.plot)  # complains before the run
+    matching([*outputs, *(v.name for v in VARIABLES)], options.plot)  # raises before the run
     with results(options.output, scene, run_part(scene, options.set)) as place:
         recorder = Recorder()
         result, way, notes = ran(scene, options, recorder)
@@ -122,11 +124,13 @@ def command_run(options: argparse.Namespace) -> int:
         elif way is not Way.DIRECT and scene.settings.solver == AUTO:
             result.remarks = (str(Simulation(scene.model, scene.settings).pick),)
         write(place, scene, result, recorder, options.plot)
-        show(options, "\n".join((summary(scene, result, way, total), *(f"  {line}" for line in notes))))
-        show_more(options, statistics(result))
+        show(options, summary(scene, result, way, total))
+        show_more(options, "\n".join([*(f"  {line}" for line in notes if not code_of(line)), statistics(result)]))
+        for line in (*filter(code_of, notes), *result.remarks):
+            show(options, f"  {'warning' if code_of(line) else 'note'}: {line}")
         wrote(options, place.keep(mark(result)))
     if not recorder.used:
-        show(options, f"see the motion with `mbfmu view {options.scene}`, or after a run with --direct")
+        show(options, f"no motion was recorded: use `mbfmu view {options.scene}`, or run with --direct")
     for text in filter(None, (result.coarse and f"warning: {result.coarse}", result.failure)):
         print(f"mbfmu: {text}", file=sys.stderr)
     return 1 if mark(result) else 0
@@ -135,13 +139,13 @@ def command_run(options: argparse.Namespace) -> int:
 class Way(Enum):
     """Description of how a scene was run."""
 
-    DIRECT = "directly"
-    NATIVE = "as a native FMU"
-    COUPLED = "as an FMU that calls Python"
+    DIRECT = "direct run"
+    NATIVE = "native FMU"
+    COUPLED = "FMU that calls Python"
 
 
 def ran(scene: Scene, options: argparse.Namespace, recorder: Recorder) -> tuple[Result, Way, list[str]]:
-    """Return the result of a scene, through its FMU or directly, and what is to be said of its loops."""
+    """Return the result of a scene, through its FMU or directly, and messages about its loops."""
     times = communication_points(scene.stop_time, scene.output_interval)
     with progress(scene, options.quiet) as bar:
         if options.direct:
@@ -165,7 +169,7 @@ def ran(scene: Scene, options: argparse.Namespace, recorder: Recorder) -> tuple[
 def repeated(scene: Scene, result: Result, *, compiles: bool) -> Recorder:
     """Repeat a run directly for its poses and messages, which an FMU does not return; return the recorder.
 
-    Where it may compile nothing and would have to, it is left out.
+    It is omitted if it would have to compile and may not.
     """
     recorder = Recorder()
     try:
@@ -188,45 +192,53 @@ def write(place: Results, scene: Scene, result: Result, recorder: Recorder, show
     result.write_csv(place.file(CSV))
     result.save(place.file(SAVED))
     plot_result(result, place.file(PICTURE), shown)
+    if errors := errors_of(result):
+        plot_result(result, place.file(ERRORS), errors)
     write_text(place.file(f"{scene_part(scene)}.toml"), as_toml(scene))
     if recorder.used:
         recorder.motion(scene.name).save(place.file(POSES))
 
 
 def warn(text: str) -> None:
-    """Print at once that the energy balance is lost, or that another solver is far cheaper."""
+    """Print at once that the energy error is too large, or that another solver is far cheaper."""
     tqdm.write(f"mbfmu: {text}", file=sys.stderr)
 
 
 def summary(scene: Scene, result: Result, way: Way, total: float) -> str:
-    """Return how a scene was run, what that cost, and how well it kept its invariants."""
+    """Return how a scene was run, what that cost and how large the errors of its invariants are: six lines at most."""
     outputs, s = result.as_dict(), result.statistics
+    steps = f"{s.steps} steps ({s.rejected} rejected), {s.rhs_evals} evaluations of the equations of motion"
+    switches = f", {s.partition_switches} partition switches" if s.partition_switches else ""
+    made = "including start-up and compilation" if way is Way.DIRECT else "including start-up, compilation and export"
     lines = [
         f"{result.title}: {result.t[-1]:g} s simulated",
-        f"  run {way.value} in {result.wall_time:.3f} s; in all {total:.2f} s with start, compilation and export",
-        f"  {s.steps} steps ({s.rejected} rejected), {s.rhs_evals} evaluations, "
-        f"{s.partition_switches} partition switches",
+        f"  {way.value}: {result.wall_time:.3g} s; total {total:.3g} s {made}",
+        f"  {steps}{switches}",
     ]
     if 2 * s.stability_limited > s.steps:
         lines.append(
-            f"  stability, not accuracy, set the length of {s.stability_limited} steps: a looser tolerance will not "
-            "help; `mbfmu check` tells which solver takes fewer"
+            f"  the step size was limited by stability in {s.stability_limited} steps: a larger tolerance does not "
+            "help; `mbfmu check` recommends a solver"
         )
     if scene.settings.energy_check:
-        worst, exchanged = np.abs(outputs["energy_error"]).max(), outputs["energy_throughput"][-1]
-        part = f", {worst / exchanged:.1e} of the {exchanged:.3g} J exchanged" if worst < exchanged else ""
-        held = f"{worst:.2e} J{part}{': LOST' if result.verdict else ''}"
-        lines.append(f"  energy error {held if np.isfinite(worst) else 'not held: the drives leave nothing free'}")
-    for key, unit in (("position_residual", "m"), ("velocity_residual", "m/s")):
-        if key in outputs:
-            lines.append(f"  largest {key.replace('_', ' ')} {outputs[key].max():.2e} {unit}")
-    lines += [f"  note: {remark}" for remark in result.remarks]
-    return "\n".join(lines)
+        lines.append(f"  {energy_line(result)}")
+    residuals = (("position_residual", "m"), ("velocity_residual", "m/s"))
+    found = [f"{key.replace('_', ' ')} {outputs[key].max():.1e} {unit}" for key, unit in residuals if key in outputs]
+    return "\n".join([*lines, f"  largest {', '.join(found)}"] if found else lines)
+
+
+def energy_line(result: Result) -> str:
+    """Return the largest energy error, J, and its ratio to the energy that was exchanged."""
+    worst, exchanged = np.abs(result["energy_error"]).max(), result["energy_throughput"][-1]
+    if not np.isfinite(worst):
+        return "energy balance not checked: the model has no degree of freedom (all joints are driven)"
+    part = f" ({worst / exchanged:.1e} of the {exchanged:.3g} J of energy exchanged)" if worst < exchanged else ""
+    return f"energy error {worst:.1e} J{part}{'; LARGER than the tolerance explains' if result.verdict else ''}"
 
 
 def statistics(result: Result) -> str:
     """Return all counters and all settings of the solver."""
     assert result.settings is not None
-    told = "\n".join(f"    {name} = {value}" for name, value in asdict(result.settings).items())
+    settings = "\n".join(f"    {name} = {value}" for name, value in asdict(result.settings).items())
     counts = "\n".join(f"    {name} = {value:g}" for name, value in asdict(result.statistics).items())
-    return f"  settings\n{told}\n  statistics of the solver\n{counts}"
+    return f"  settings\n{settings}\n  statistics of the solver\n{counts}"

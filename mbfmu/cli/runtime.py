@@ -13,20 +13,23 @@ def add(commands: Commands) -> None:
     """Describe ``mbfmu runtime``."""
     p = commands.add_parser(
         "runtime",
-        help="build the machine code that native FMUs run by",
-        description="A native FMU (`mbfmu export --native`) is a model as data and a runtime, a library of machine "
-        "code that is the same for all models. The one for this machine is built by the first export that needs it; "
-        "this command builds it beforehand, or those of other machines, which takes `pip install mbfmu[native]`. "
-        "Without `build` it says which are there.",
+        help="build the runtime library of native FMUs",
+        description="A native FMU (`mbfmu export --native`) consists of the data of the model and of a runtime "
+        "library, "
+        "which is the same for all models. The library for this machine is built by the first native export. `mbfmu "
+        "runtime build` builds it now, also for other platforms, which requires `pip install mbfmu[native]`. Without "
+        "`build` the command lists the libraries that exist.",
         epilog="examples:\n  mbfmu runtime\n  mbfmu runtime build\n"
         "  mbfmu runtime build --platforms x86_64-linux x86_64-windows aarch64-linux\n",
     )
-    p.add_argument("what", nargs="?", choices=("build",), help="build what is not there yet, in minutes")
-    add_platforms(p, "build for these machines; for this one without it")
+    p.add_argument(
+        "what", nargs="?", choices=("build",), help="build the libraries that do not exist yet; takes minutes"
+    )
+    add_platforms(p, "platforms to build for (default: this machine)")
     p.add_argument(
         "--pack",
         action="store_true",
-        help="put them into the package too, so that a wheel that is built from it brings them along",
+        help="also copy the libraries into the package, so that wheels built from it include them",
     )
     p.set_defaults(command=command_runtime)
 
@@ -48,7 +51,7 @@ def command_runtime(options: argparse.Namespace) -> int:
 
     if options.what is None:
         if options.platforms or options.pack:
-            raise UserError("--platforms and --pack go with `mbfmu runtime build`")
+            raise UserError("--platforms and --pack are options of `mbfmu runtime build` only")
         for name in TARGETS:
             path = there(name)
             print(f"{name}: {path if path else 'not built'}")
@@ -56,7 +59,7 @@ def command_runtime(options: argparse.Namespace) -> int:
     for name in options.platforms or [host()]:
         if not name:
             raise UserError(
-                f"this machine is none of those that can be built for; give --platforms: {', '.join(TARGETS)}"
+                f"no runtime can be built for this machine; use --platforms with one of {', '.join(TARGETS)}"
             )
         path = pack(name) if options.pack else library(name)
         show(options, f"{name}: {path}")

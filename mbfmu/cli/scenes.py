@@ -17,11 +17,12 @@ def add(commands: Commands) -> None:
     p = commands.add_parser(
         "scenes",
         help="list the scenes of the models",
-        description="List the scenes that ship with the models: how each is integrated, for how long, and what it "
-        "shows. Run one by its name, as in `mbfmu run fourbar/paper`.",
+        description="List the scenes of the models with solver, tolerance, stop time and purpose. `mbfmu run "
+        "fourbar/paper` "
+        "simulates one of them.",
         epilog="examples:\n  mbfmu scenes\n  mbfmu scenes fourbar sheet\n",
     )
-    named = p.add_argument("models", metavar="model", nargs="*", help="a model's name; all models without it")
+    named = p.add_argument("models", metavar="model", nargs="*", help="model (default: all models)")
     complete(named, model_names)
     p.set_defaults(command=command_scenes)
 
@@ -39,7 +40,7 @@ def as_text(chosen: dict[str, type[Model]]) -> str:
         for case, path in scenes(cls).items():
             scene = load_scene(f"{model}/{case}")
             first = path.read_text("utf-8").partition("\n")[0] if path else ""
-            about = first.removeprefix("#").strip() if first.startswith("#") else "" if path else "the model as it is"
+            about = first.removeprefix("#").strip() if first.startswith("#") else "" if path else "default values"
             how = (scene.settings.solver, power(scene.settings.tolerance), f"{scene.stop_time:g} s")
             rows.append((f"{model}/{case}", *how, about))
-    return table(("scene", "solver", "tolerance", "until", "what it shows"), rows)
+    return table(("scene", "solver", "tolerance", "stop time", "purpose"), rows)

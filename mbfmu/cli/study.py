@@ -31,32 +31,39 @@ def add(commands: Commands) -> None:
     """Describe ``mbfmu study``."""
     p = commands.add_parser(
         "study",
-        help="many runs: what varies, what is measured, what matters",
-        description=f"""Make many runs of a scene or of an FMU, on all processors of this machine or on a Dask cluster,
-and measure each. What varies and what is measured is in a TOML file such as
+        help="Monte Carlo, parameter sweeps, sensitivity and optimization",
+        description=f"""Simulate a scene or an FMU many times with varied parameters, on all processors of this
+machine or on a Dask cluster, and evaluate each run. A TOML file defines the study:
 
 {EXAMPLE}
-Lists make all combinations, tolerances and distributions are sampled `count` times. Measures are end, largest, least,
-range, mean, rms, crossing and settling of an output, equilibrium, frequency and damping of the steady state, or
-"file.py:function". All of it is told in the documentation, page "Studies".
+All combinations of lists are run; tolerances and distributions are sampled `count` times. Measures are end, largest,
+least, range, mean, rms, crossing and settling of an output, equilibrium, frequency and damping of the steady state, or
+"file.py:function". See the page "Studies" of the documentation.
 
-The results are in a folder, written as they come:
-  runs.parquet   a row a run: what varied, measures, status, energy error, CPU time
-  study.json     the study
-  *.png          measures over what varies, their distributions, what matters
-A run that fails is a row with the reason, and never the end of the study. Ctrl-C leaves what is done, and --resume goes
-on.""",
+The results are in a folder and are written during the study:
+  runs.parquet   one row per run: parameters, measures, status, energy error, CPU time
+  study.json     the definition of the study
+  *.png          measures over parameters, distributions, sensitivities
+A failed run is recorded with its reason and does not end the study. After Ctrl-C, --resume continues.""",
         epilog="examples:\n  mbfmu study tolerances.toml\n  mbfmu study tolerances.toml --resume\n"
         "  mbfmu study tolerances.toml --with native --workers 8\n"
         "  mbfmu study tolerances.toml --scheduler tcp://cluster:8786\n",
     )
     p.add_argument("study", type=Path, help="study file, .toml")
-    p.add_argument("--resume", action="store_true", help="go on with the folder of this study; no run is made twice")
-    p.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="folder of the results (results/STUDY-study)")
-    p.add_argument("--workers", type=int, default=0, metavar="N", help="processes (one a processor)")
-    p.add_argument("--scheduler", default="", metavar="ADDRESS", help="of a Dask cluster that is there")
-    p.add_argument("--count", type=int, metavar="N", help="samples, in place of those the file says")
-    p.add_argument("--with", dest="runs", metavar="KIND", help="make runs with simulation, fmu or native")
+    p.add_argument(
+        "--resume", action="store_true", help="continue the study in its folder; finished runs are not repeated"
+    )
+    p.add_argument(
+        "-o", "--output", type=Path, metavar="FOLDER", help="folder of the results (default: results/STUDY-study)"
+    )
+    p.add_argument(
+        "--workers", type=int, default=0, metavar="N", help="number of processes (default: one per processor)"
+    )
+    p.add_argument(
+        "--scheduler", default="", metavar="ADDRESS", help="address of the scheduler of a running Dask cluster"
+    )
+    p.add_argument("--count", type=int, metavar="N", help="number of samples, instead of that in the file")
+    p.add_argument("--with", dest="runs", metavar="KIND", help="way to run: simulation, fmu or native")
     p.set_defaults(command=command_study)
 
 
@@ -80,7 +87,7 @@ def command_study(options: argparse.Namespace) -> int:
         given = {"--scheduler": options.scheduler, "--workers": options.workers, "--count": options.count}
         more = [f"{key}={value}" for key, value in (given | {"--with": options.runs}).items() if value]
         again = shlex.join(["mbfmu", "study", str(options.study), "--resume", "-o", str(folder), *more])
-        print(f"mbfmu: interrupted; what is done is in {folder}. Go on with: {again}", file=sys.stderr)
+        print(f"mbfmu: interrupted; finished runs are in {folder}. Continue with: {again}", file=sys.stderr)
         return 130
     draw(study, definition, folder)
     show(options, summary(study, definition.aim))
@@ -106,7 +113,7 @@ def place(options: argparse.Namespace) -> Path:
     if not options.resume:
         return folder
     if not taken:
-        raise UserError(f"there is nothing to go on with: folder {str(root)!r} does not exist")
+        raise UserError(f"--resume: folder {str(root)!r} does not exist")
     return taken[-1]
 
 
@@ -134,7 +141,7 @@ def summary(study: Any, aim: Any = None) -> str:
     import numpy as np
 
     lines = [f"{study.name}: {len(study.rows)} runs in {study.wall_time:.1f} s; {study.summed_time:.1f} s of CPU time"]
-    for status, meaning in (("failed", "failed"), ("suspect", "ran, and are not to be trusted")):
+    for status, meaning in (("failed", "failed"), ("suspect", "finished with an energy error that is too large")):
         if study.count(status):
             first = next(row for row in study.rows if row["status"] == status)
             lines.append(f"  {study.count(status)} {meaning}; run {first['run']}: {first['message']}")

@@ -52,8 +52,8 @@ def add(commands: Commands) -> None:
     p = commands.add_parser(
         "view",
         help="3-D animation of a run: an HTML file for any browser, glTF, PNG, GIF or MP4",
-        description="Write an animation of a run as one HTML file that needs no network. Give the pose file "
-        "motion.npz that `mbfmu run` wrote, or what `mbfmu run` takes, which is then run directly.",
+        description="Write an animation of a run as one HTML file, which needs no network. The argument is a "
+        "pose file motion.npz of `mbfmu run`, or a scene or model, which is then simulated directly.",
         epilog=EXAMPLES,
     )
     p.add_argument(
@@ -64,32 +64,38 @@ def add(commands: Commands) -> None:
         "--output",
         type=Path,
         metavar="FILE",
-        help="HTML file, or .glb for a binary glTF; a page under results/, or beside a pose file, unless pictures are "
-        "asked for",
+        help="HTML file, or .glb for binary glTF (default: a page in results/ or next to the pose file, unless "
+        "pictures are requested)",
     )
     p.add_argument(
         "--against",
         metavar="SOLVER[:RTOL]",
-        help="show a second run too, translucent: of another solver, another tolerance (:1e-4), both (ida:1e-4), or a "
+        help="second run, shown translucent: another solver, another tolerance (:1e-4), both (ida:1e-4), or a "
         "pose file .npz",
     )
-    p.add_argument("--scale", type=float, default=1.0, metavar="F", help="magnify the deflection of elastic bodies (1)")
+    p.add_argument(
+        "--scale", type=float, default=1.0, metavar="F", help="scale of the deflection of elastic bodies (default 1)"
+    )
     p.add_argument("--open", action="store_true", help="open the page in the browser")
-    p.add_argument("--png", type=Path, metavar="FILE", help="write a picture")
-    p.add_argument("--time", type=float, metavar="S", help="time the picture shows, s (the start)")
+    p.add_argument("--png", type=Path, metavar="FILE", help="write an image")
+    p.add_argument("--time", type=float, metavar="S", help="time of the image, s (default: the start)")
     p.add_argument("--gif", type=Path, metavar="FILE", help="write a GIF")
-    p.add_argument("--mp4", type=Path, metavar="FILE", help="write a film; needs ffmpeg")
-    p.add_argument("--fps", type=int, default=25, metavar="N", help="pictures a second of GIF and MP4 (25)")
-    p.add_argument("--speed", type=float, default=1.0, metavar="X", help="their speed against real time (1)")
-    p.add_argument("--size", default="960x720", metavar="WxH", help="pixels of pictures and films (960x720)")
+    p.add_argument("--mp4", type=Path, metavar="FILE", help="write an MP4 film; needs ffmpeg")
+    p.add_argument("--fps", type=int, default=25, metavar="N", help="frames per second of GIF and MP4 (default 25)")
+    p.add_argument(
+        "--speed", type=float, default=1.0, metavar="X", help="speed of GIF and MP4 relative to real time (default 1)"
+    )
+    p.add_argument(
+        "--size", default="960x720", metavar="WxH", help="size of images and films in pixels (default 960x720)"
+    )
     p.add_argument(
         "--camera",
         metavar="AZIMUTH,ELEVATION",
-        help="where pictures and films are seen from, degrees, as in --camera=-30,20 (what suits the motion)",
+        help="view direction of images and films in degrees, as in --camera=-30,20 (default: chosen from the motion)",
     )
     add_set(p)
     add_solver(p)
-    p.add_argument("--stop-time", type=float, metavar="S", help="end of the run, s")
+    p.add_argument("--stop-time", type=float, metavar="S", help="stop time, s")
     p.add_argument("--interval", type=float, metavar="S", help="time between frames, s")
     p.set_defaults(command=command_view)
 
@@ -127,7 +133,7 @@ def check(options: argparse.Namespace) -> None:
         )
     pictures = options.png or options.gif or options.mp4
     if options.against is not None and pictures and not (options.output or options.open):
-        raise UserError("--against goes with a page: pictures and films show one run; add -o FILE.html")
+        raise UserError("--against requires an HTML page: images and films show one run; add -o FILE.html")
     if options.output and options.output.suffix == ".glb" and (options.open or options.against is not None):
         raise UserError(f"--{'open' if options.open else 'against'} goes with a page, and {options.output} is a glTF")
 
@@ -140,7 +146,7 @@ def load(options: argparse.Namespace) -> tuple[Motion, Motion | None, list[Resul
         if given:
             raise UserError(f"--{given[0].replace('_', '-')} changes a run, and {options.scene!r} is the record of one")
         if against is not None and not against.endswith(".npz"):
-            raise UserError(f"--against {against!r}: {options.scene!r} is the record of a run; write another one, .npz")
+            raise UserError(f"--against {against!r}: {options.scene!r} is a recorded run; give another pose file, .npz")
         beside = Motion.load(Path(against)) if against is not None else None
         return Motion.load(source), beside, [], source.with_suffix(".html")
     scene = seen(scene_of(options), options)

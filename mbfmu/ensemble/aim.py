@@ -74,7 +74,9 @@ class Found:
         missed = self.cost**0.5 if aim.targets else 0.0
         found = [f"the targets are missed by {100.0 * missed:.3g} % of their size"] if missed > MISSED else []
         ends = " and ".join(map(repr, self.at_ends))
-        return found + ([f"it is at the end of the range of {ends}, beyond which it may be better"] if ends else [])
+        return found + (
+            [f"it is at the limit of the range of {ends}; a wider range may give a better value"] if ends else []
+        )
 
 
 def read_aim(given: Any, vary: Mapping[str, Variation], measures: Mapping[str, Any]) -> Aim | None:
@@ -109,12 +111,14 @@ def read_aim(given: Any, vary: Mapping[str, Variation], measures: Mapping[str, A
         allowed = METHODS if targets else METHODS[:2]
         raise UserError(f"aim: method is {method!r}; allowed: {', '.join(allowed)}")
     if isinstance(most, bool) or not isinstance(most, int) or most < 1:
-        raise UserError(f"aim: most is {most!r}; allowed: a number of runs, one at least")
+        raise UserError(f"aim: most is {most!r}; allowed: a number of runs, at least 1")
     for name, own in vary.items():
         if not isinstance(own, Drawn):
             raise UserError(f"aim: {name!r} is a list; give it a range, {{from = ..., to = ...}}")
         if own.whole:
-            raise UserError(f"aim: {name!r} is drawn from whole numbers; allowed: a range, {{from = ..., to = ...}}")
+            raise UserError(
+                f"aim: {name!r} is a whole number; allowed: a range of real numbers, {{from = ..., to = ...}}"
+            )
     sign = -1.0 if "maximize" in given else 1.0
     measure = given.get("minimize", given.get("maximize", ""))
     return Aim(measure=measure, sign=sign, targets=tuple(targets.items()), method=method, most=most)
@@ -171,7 +175,7 @@ def _descended(aim: Aim, start: Array, measured: Measured, _: int) -> tuple[Arra
     """Descend by finite differences, all runs of one gradient at once."""
     count = len(start)
     if not isfinite(aim.cost(measured(start[None])[0])):
-        raise UserError("aim: the run in the middle of all ranges failed, where a search by differences begins")
+        raise UserError("aim: the run in the middle of all ranges failed, at which the optimization starts")
 
     def around(u: Array) -> tuple[list[dict[str, float]], Array]:
         """Return the measures at a point and at its neighbors, and the steps to them; inward at the upper ends."""

@@ -170,11 +170,11 @@ def define(content: Mapping[str, Any]) -> Definition:
             raise UserError(f"a study has no key {key!r}{suggest(str(key), KEYS)}")
     given = content.get("fmu") or content.get("scene")
     if given is None or ("fmu" in content and "scene" in content):
-        raise UserError("a study needs a scene or an fmu, one of the two")
+        raise UserError("a study needs either a scene or an fmu")
     if "fmu" in content and not str(given).endswith(".fmu"):
         raise UserError(f"fmu is {given!r}; allowed: the path of a file whose name ends in .fmu")
     if "fmu" in content and content.get("with", "fmu") != "fmu":
-        raise UserError(f"runs are made with {content['with']!r}, and of an fmu; leave out one of the two")
+        raise UserError(f"with = {content['with']!r} and an fmu are given; leave out one of the two")
     subject = subject_of(
         given, content.get("with", "simulation"), content.get("stop_time"), content.get("output_interval")
     )
@@ -183,7 +183,9 @@ def define(content: Mapping[str, Any]) -> Definition:
     aim = read_aim(content.get("aim"), vary, content.get("measure") or {})
     for key in ("sampling", "correlated"):
         if aim and key in content:
-            raise UserError(f"{key} is given beside an aim, which looks without sampling; leave out one of the two")
+            raise UserError(
+                f"{key} and an aim are given, but an optimization does not sample; leave out one of the two"
+            )
     measures, files = _measures(subject, content.get("measure") or {}, vary)
     _refuse_inputs(subject, measures, (*vary, *fixed))
     given_sampling = {("method" if k == "sampling" else k): content[k] for k in SAMPLING if k in content}
@@ -208,7 +210,9 @@ def _time_limit(given: Any) -> float:
     if given is None:
         return 0.0
     if isinstance(given, bool) or not isinstance(given, int | float) or not 0.0 < given <= LONGEST_LIMIT:
-        raise UserError(f"time_limit is {short(given)}; allowed: a number of seconds from above 0 to {LONGEST_LIMIT:g}")
+        raise UserError(
+            f"time_limit is {short(given)}; allowed: a number of seconds above 0, at most {LONGEST_LIMIT:g}"
+        )
     return float(given)
 
 
@@ -223,14 +227,15 @@ def _legible(value: Any) -> Any:
 
 def _vary(subject: Subject, given: Any) -> dict[str, Variation]:
     if not isinstance(given, Mapping) or not given:
-        raise UserError(f"vary is {given!r}; allowed: a table with at least one name of what varies")
+        raise UserError(f"vary is {given!r}; allowed: a table with at least one parameter or input")
     found: dict[str, Variation] = {}
     for name, value in given.items():
         if name not in subject.units:
             raise unknown(subject, str(name))
         if name in COLUMNS:
             raise UserError(
-                f"{name!r} cannot vary: a column that every study has is called so; allowed: one value, in fixed"
+                f"{name!r} cannot vary, because every table of results has a column of this name; allowed: one "
+                "value, in fixed"
             )
         own = read_variation(name, value, subject.units[name])
         if isinstance(own, Listed):
@@ -259,8 +264,8 @@ def _refuse_inputs(subject: Subject, measures: Sequence[Measure], names: Sequenc
     given = next((name for name in names if isinstance(subject, ModelSubject) and name in subject.inputs), None)
     if steady is not None and given is not None:
         raise UserError(
-            f"measure {steady!r} is of the steady state, where the input {given!r} is as it starts; vary a parameter "
-            "that it starts from, or measure runs"
+            f"measure {steady!r} is evaluated at the steady state, at which the input {given!r} has its start "
+            "value; vary a parameter that determines the start value, or measure runs"
         )
 
 
@@ -284,11 +289,12 @@ def _measures(
     files: dict[str, Files] = {}
     for name, value in given.items():
         if name in vary or name in COLUMNS:
-            what = "varies" if name in vary else "is a column that every study has"
-            raise UserError(f"measure {name!r} has the name of what {what}; give it another")
+            what = "varies" if name in vary else "every table of results has"
+            raise UserError(f"measure {name!r} has a name that {what}; give it another name")
         if not NAME.fullmatch(str(name)):
             raise UserError(
-                f"measure {name!r} has a name that files cannot have; allowed: letters, digits, . + - _, 60 at most"
+                f"measure {name!r} has a name that is not a valid file name; allowed: at most 60 letters, "
+                "digits, . + - _"
             )
         if callable(value):
             found.append(Own(name, value, digest(pickled(value))))
@@ -321,6 +327,6 @@ def _kept(subject: Subject, given: Any) -> tuple[str, ...]:
             raise UserError(f"keep: there is no output {name!r}{suggest(name, subject.outputs)}")
         if name in INDEX:
             raise UserError(
-                f"keep: output {name!r} cannot be kept: a column that every table of histories has is called so"
+                f"keep: output {name!r} cannot be kept, because every table of histories has a column of this name"
             )
     return names

@@ -27,8 +27,8 @@ METHODS = {
     "random": "independent samples",
     "latin": "a Latin hypercube",
     "sobol": "Sobol's sequence, scrambled",
-    "sensitivity": "what Sobol's indices need: count times two more than there are numbers",
-    "tornado": "one number at a time at its ends, all others in the middle",
+    "sensitivity": "samples for Sobol's indices: count * (number of parameters + 2) runs",
+    "tornado": "one parameter at a time at its limits, all others in the middle",
 }
 MOST = 10_000_000  # runs of a study
 LOW, HIGH = 0.05, 0.95  # probabilities of the ends in a tornado
@@ -88,17 +88,17 @@ def points(vary: Mapping[str, Variation], sampling: Sampling) -> list[Point]:
         raise UserError(f"sampling is {sampling.method!r}, which is of independent numbers; leave out correlated")
     for name in (name for one, other, _ in sampling.correlated for name in (one, other)):
         if name not in drawn:
-            known = suggest(name, drawn) if drawn else "; nothing that varies has one"
+            known = suggest(name, drawn) if drawn else "; no parameter has one"
             raise UserError(f"correlated names {name!r}, which has no distribution{known}")
     if sampling.method == "tornado":
         return _one_at_a_time(vary)
     if sampling.method == "sensitivity" and (listed or not drawn):
-        told = f"{next(iter(listed))!r} is a list" if listed else "nothing has one"
-        raise UserError(f"sampling is 'sensitivity', which needs a distribution of all that varies; {told}")
+        told = f"{next(iter(listed))!r} is a list" if listed else "no parameter has one"
+        raise UserError(f"sampling is 'sensitivity', which needs a distribution of every parameter; {told}")
     lengths = {name: len(values) for name, values in listed.items()}
     if sampling.together and len(set(lengths.values())) > 1:
         told = ", ".join(f"{name!r} has {count}" for name, count in lengths.items())
-        raise UserError(f"lists go together, so they need as many values each; {told}")
+        raise UserError(f"lists that are combined by together must have equal lengths; {told}")
     size = max(lengths.values(), default=1) if sampling.together else prod(lengths.values())
     if size * (sampling.count if drawn else 1) > MOST:
         raise UserError(f"the study has more than {MOST} runs; vary less, or sample it: {{from, to}} without count")

@@ -34,7 +34,7 @@ ANSWER = 15.0  # s to wait for a scheduler, and for a first worker
 LOOK = 5.0  # s between two looks at whether there is a worker, while no batch comes
 OFTEN = 60.0  # s between two sentences that say there is none
 BRIEFLY = 0.02  # s
-KILLED = "its process died in this run, each time that it was tried"
+KILLED = "the process of this run ended unexpectedly in all attempts"
 
 log = logging.getLogger(__name__)  # written to stderr by default
 ADDRESS = re.compile(r"((tcp|tls|ws|wss|ucx)://)?[^\s/]+:\d+")
@@ -59,7 +59,7 @@ class Workers:
     def __init__(self, scheduler: str = "", count: int = 0) -> None:
         distributed = optional("distributed", EXTRA)
         if isinstance(count, bool) or not isinstance(count, int) or count < 0:
-            raise UserError(f"workers is {count!r}; allowed: a number of processes, or 0 for one a processor")
+            raise UserError(f"workers is {count!r}; allowed: a number of processes, or 0 for one per processor")
         if scheduler and not ADDRESS.fullmatch(scheduler):
             raise UserError(f"scheduler is {scheduler!r}; allowed: an address such as 'tcp://host:8786'")
         self._cluster: Any = None
@@ -154,7 +154,7 @@ class Workers:
             except (CancelledError, Exception) as error:
                 if future.status == "error":
                     told = f"{type(error).__name__}: {error}"
-                    raise UserError(f"a worker cannot make runs of this study: {told}") from error
+                    raise UserError(f"a worker cannot run this study: {told}") from error
                 raise self._gone(error) from error
             finally:
                 future.release()
@@ -192,7 +192,7 @@ class Workers:
 
     def _gone(self, error: BaseException) -> UserError:
         told = str(error).splitlines() or [type(error).__name__]
-        return UserError(f"{self._where} has gone: {told[0]}; go on with --resume where there is one")
+        return UserError(f"{self._where} has stopped: {told[0]}; start another scheduler and continue with --resume")
 
     def count(self) -> int:
         """Return how many workers there are now, one at least."""

@@ -186,7 +186,7 @@ def read_measure(name: str, given: Any, outputs: Sequence[str], steady: bool) ->
     take = options.pop("take", None)
     known = (*TAKES, *(STEADY if steady else ()))
     if take not in known:
-        no = f"; an FMU tells no steady states: {', '.join(TAKES)}" if take in STEADY else suggest(str(take), known)
+        no = f"; an FMU provides no steady states: {', '.join(TAKES)}" if take in STEADY else suggest(str(take), known)
         raise UserError(f"{what} takes {take!r}{no}")
     if take in STEADY[1:]:
         return Steady(name, take, mode=_mode(what, options))
@@ -201,7 +201,7 @@ def _mode(what: str, options: dict[str, Any]) -> int:
     if isinstance(mode, str) and mode.isdecimal() and len(mode) <= 9:
         mode = int(mode)
     if set(options) - {"mode"} or isinstance(mode, bool) or not isinstance(mode, int) or mode < 1:
-        raise UserError(f"{what} is of mode {mode!r}; allowed: a number from one up, and nothing else")
+        raise UserError(f"{what} is of mode {mode!r}; allowed: a whole number from 1 on")
     return mode
 
 
@@ -215,8 +215,8 @@ def _options(what: str, take: str, given: dict[str, Any]) -> tuple[tuple[str, An
         whole = isinstance(value, int) and not isinstance(value, bool) and value >= 1
         if {float: not number, int: not whole, str: value not in DIRECTIONS}[known[key]]:
             allowed = {
-                float: "a number" + (", zero or more" if key == "within" else ""),
-                int: "a whole number from one up",
+                float: "a number" + (", at least 0" if key == "within" else ""),
+                int: "a whole number from 1 on",
                 str: ", ".join(DIRECTIONS),
             }[known[key]]
             raise UserError(f"{what}: {key} is {value!r}; allowed: {allowed}")

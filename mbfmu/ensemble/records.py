@@ -82,7 +82,7 @@ class Records:
             if resume:
                 self._take_up()
             elif any(self.folder.iterdir()):
-                more = "it holds a study: go on with it by --resume, or name" if told.exists() else "name"
+                more = "it contains a study; continue it with --resume, or choose" if told.exists() else "name"
                 raise UserError(f"folder {str(self.folder)!r} is not empty; {more} another")
             content = {"format": FORMAT, "mbfmu": mbfmu.__version__, "identity": self.identity}
             content |= {"name": self.definition.subject.name, "units": self.definition.units()}
@@ -104,7 +104,9 @@ class Records:
         try:
             fcntl.flock(self._held, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
-            raise UserError(f"folder {str(self.folder)!r} is that of a study that another process makes now") from error
+            raise UserError(
+                f"folder {str(self.folder)!r} belongs to a study that is running in another process"
+            ) from error
         except OSError:
             return  # no locks there
 
@@ -124,8 +126,9 @@ class Records:
         before = read_told(self.folder)
         if before["identity"] != self.identity:
             raise UserError(
-                f"folder {str(self.folder)!r} holds another study, of {before['name']!r} by mbfmu {before['mbfmu']}: "
-                "what runs or what is measured differs; name another folder"
+                f"folder {str(self.folder)!r} contains another study, of {before['name']!r} by mbfmu "
+                f"{before['mbfmu']}: "
+                "the scene or the measures differ; choose another folder"
             )
 
     # ---- rows --------------------------------------------------------------------------------------------------------
@@ -233,11 +236,11 @@ def read_told(folder: Path) -> dict[str, Any]:
     try:
         told = json.loads((folder / TOLD).read_text("utf-8"))
     except OSError as error:
-        raise UserError(f"folder {str(folder)!r} holds no study: {error.strerror}") from error
+        raise UserError(f"folder {str(folder)!r} contains no study: {error.strerror}") from error
     except (ValueError, RecursionError) as error:
         raise UserError(f"{str(folder / TOLD)!r} is damaged: {error}") from error
     if not isinstance(told, dict) or told.get("format") != FORMAT or not told.keys() >= SAID:
-        raise UserError(f"folder {str(folder)!r} holds a study that this mbfmu cannot read")
+        raise UserError(f"folder {str(folder)!r} contains a study of another version of mbfmu")
     return told
 
 
@@ -258,7 +261,7 @@ def read_table(folder: Path, *, others: bool = False) -> Any:
     identity = read_told(folder)["identity"]
     tables = [_read(file, identity) for file in files_of(folder, others=others)]
     if not tables:
-        raise UserError(f"folder {str(folder)!r} holds no runs yet")
+        raise UserError(f"folder {str(folder)!r} contains no runs yet")
     table = _joined(tables).sort_by("run")
     first = np.unique(table.column("key").to_numpy(), return_index=True)[1]
     return table if len(first) == len(table) else table.take(np.sort(first))  # one that was killed may have some twice
@@ -283,10 +286,10 @@ def _read(file: Path, identity: str, columns: list[str] | None = None) -> Any:
         table = parquet.read_table(file, columns=columns)
         table.column("key")
     except Exception as error:  # a file of another kind fails in many ways
-        again = "move it away, and --resume makes its runs again"
-        raise UserError(f"{str(file)!r} is no table of runs: {error}; {again}") from error
+        again = "move it to another folder; --resume repeats its runs"
+        raise UserError(f"{str(file)!r} is not a table of runs: {error}; {again}") from error
     if (table.schema.metadata or {}).get(STUDY, identity.encode()) != identity.encode():
-        raise UserError(f"{str(file)!r} is of another study; move it away")
+        raise UserError(f"{str(file)!r} belongs to another study; move it to another folder")
     return table
 
 

@@ -36,7 +36,9 @@ def sobol_indices(study: Study, measure: str, count: int) -> Indices:
     names, y = study.varied, study.column(measure)
     if not np.isfinite(y).all():
         odd = int(np.sum(~np.isfinite(y)))
-        raise UserError(f"{odd} of {len(y)} runs have no {measure!r}, which its indices need; narrow what varies")
+        raise UserError(
+            f"{odd} of {len(y)} runs have no {measure!r}, which is needed for its indices; use narrower ranges"
+        )
     a, b, mixed = y[:count], y[count : 2 * count], y[2 * count :].reshape(len(names), 1, count)
     if np.ptp(y) == 0.0:
         none = np.zeros(len(names))

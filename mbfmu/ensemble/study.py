@@ -83,7 +83,7 @@ class Study:
         """Return a pandas DataFrame of the outputs that were kept, by run and time in s."""
         optional("pandas", EXTRA)
         if not (self.folder / KEPT).exists():
-            raise UserError("the study keeps no trajectories; name outputs in its keep")
+            raise UserError("the study contains no trajectories; list outputs in keep")
         frame = read_histories(self.folder).to_pandas()
         runs = {row["key"]: row["run"] for row in self.rows}
         frame = frame[frame["key"].isin(runs)]
@@ -153,7 +153,9 @@ def content_of(
         kind = "fmu" if str(given).endswith(".fmu") else "scene"
         return {kind: given, "vary": vary} | ({"measure": measure} if measure is not None else {}) | own
     if not str(given).endswith(".toml"):
-        raise UserError(f"vary is not given for {given!r}; allowed: a table of what varies, or a study file")
+        raise UserError(
+            f"vary is not given for {given!r}; allowed: a table of parameters and their variations, or a study file"
+        )
     return read_study(Path(given)) | own
 
 

@@ -173,7 +173,7 @@ def subject_of(given: Any, runs: str, stop_time: float | None, interval: float |
         It is none of these, or it cannot be built or read.
     """
     if runs not in RUNS:
-        raise UserError(f"runs are made with {runs!r}{suggest(str(runs), RUNS)}")
+        raise UserError(f"with is {runs!r}{suggest(str(runs), RUNS)}")
     if isinstance(given, str | Path) and str(given).endswith(".fmu"):
         return read_fmu(Path(given), stop_time, interval)
     if isinstance(given, Model | Mechanism):
@@ -207,18 +207,18 @@ def read_fmu(path: Path, stop_time: float | None, interval: float | None) -> Fmu
     except OSError as error:
         raise UserError(f"FMU {str(path)!r} cannot be read: {error.strerror or error}") from error
     except Exception as error:
-        raise UserError(f"{str(path)!r} is no FMU: {error}") from error
+        raise UserError(f"{str(path)!r} is not an FMU: {error}") from error
     if described.coSimulation is None:
-        raise UserError(f"{str(path)!r} is no FMU for co-simulation")
+        raise UserError(f"{str(path)!r} is not an FMU for co-simulation")
     single = [v for v in described.modelVariables if v.type in NUMBERS and not getattr(v, "dimensions", None)]
     settable = [v for v in single if v.causality in ("parameter", "input") and v.variability != "constant"]
     outputs = {v.name: v.unit or "1" for v in single if v.causality == "output"}
     if not outputs:
-        raise UserError(f"FMU {str(path)!r} has no output that is a number")
+        raise UserError(f"FMU {str(path)!r} has no numerical output")
     usual = described.defaultExperiment
     stop = float(getattr(usual, "stopTime", None) or 0.0) if stop_time is None else stop_time
     if stop_time is None and not stop > 0.0:
-        raise UserError(f"FMU {str(path)!r} says no stop time; give stop_time")
+        raise UserError(f"FMU {str(path)!r} has no stop time; give stop_time")
     check_times(stop, stop if interval is None else interval)
     step = float(getattr(usual, "stepSize", None) or stop / 500.0) if interval is None else interval
     units = {v.name: v.unit or "1" for v in settable} | {STOP: "s"}
@@ -233,7 +233,7 @@ def check_point(subject: Subject, point: Point) -> Point:
 
 def unknown(subject: Subject, name: str) -> UserError:
     """Return the complaint that nothing of this name may vary."""
-    return UserError(f"{subject.name!r} has nothing called {name!r} that may vary{suggest(name, subject.units)}")
+    return UserError(f"{subject.name!r} has no parameter or input {name!r} that can vary{suggest(name, subject.units)}")
 
 
 __all__ = ["FmuSubject", "Job", "ModelSubject", "Subject", "subject_of"]

@@ -116,7 +116,7 @@ def _factor(what: str, given: str, unit: str) -> float:
     except UserError as error:
         raise UserError(f"{what}: {error}") from error
     if one.exponents != other.exponents:
-        raise UserError(f"{what} is in {given!r}; allowed: what is measured in {unit!r}")
+        raise UserError(f"{what} is in {given!r}; allowed: units that can be converted to {unit!r}")
     return one.factor / other.factor
 
 
@@ -135,10 +135,10 @@ def _of_table(what: str, given: dict[str, Any]) -> Variation:
         raise UserError(f"{what}: log is {by_ratio!r}; allowed: true or false")
     for end in (low, high):
         if isinstance(end, bool) or not isinstance(end, int | float) or not abs(end) <= LARGEST:
-            raise UserError(f"{what}: {end!r} is no end of a range; allowed: finite numbers")
+            raise UserError(f"{what}: {end!r} is not allowed as a limit; allowed: finite numbers")
     if not low < high or (by_ratio and low <= 0.0) or not high - low <= LARGEST:
         positive = " greater than zero" if by_ratio else ""
-        raise UserError(f"{what} is from {low!r} to {high!r}; allowed: from a number{positive} to a larger one")
+        raise UserError(f"{what} is from {low!r} to {high!r}; allowed: from a number{positive} to a larger number")
     if "count" not in given:
         return Drawn(stats.loguniform(low, high) if by_ratio else stats.uniform(low, high - low))
     count = given["count"]

@@ -231,7 +231,7 @@ class FmuRunner:
 
     def steady(self, point: Point) -> Equilibrium:
         """Refuse."""
-        raise UserError("an FMU tells no steady state")
+        raise UserError("an FMU provides no steady states")
 
 
 def _lost(rows: Any, names: Sequence[str]) -> str:
@@ -240,7 +240,8 @@ def _lost(rows: Any, names: Sequence[str]) -> str:
         odd = ~np.isfinite(rows[name].astype(float))
         if odd.any() and name not in AUDITED:
             return (
-                f"output {name!r} is {rows[name][odd][0]} at t = {rows['time'][odd][0]:g} s, which is no finite number"
+                f"output {name!r} is {rows[name][odd][0]} at t = {rows['time'][odd][0]:g} s, which is not a "
+                "finite number"
             )
     return ""
 
@@ -277,7 +278,7 @@ def ready(job: ModelJob | FmuJob) -> Ready:
     """
     if mbfmu.__version__ != job.version:
         there = mbfmu.__version__
-        raise UserError(f"a worker has mbfmu {there}, and the study is of {job.version}; install that there")
+        raise UserError(f"a worker has mbfmu {there}, but the study needs {job.version}; install that version there")
     if job.identity not in _ready:
         folder = Path(tempfile.mkdtemp(prefix="study-", dir=_room()))
         for k, files in enumerate(job.measure_files):

@@ -81,7 +81,7 @@ def write_script(model: Model, settings: Settings, experiment: Experiment, folde
     script.write_text(
         SCRIPT.format(
             version=mbfmu.__version__,
-            where=" and, for this one, beside this file" if source else "",
+            where=" and, for this model, next to this file" if source else "",
             module=module,
             name=cls.__qualname__,
             values=repr({p.name: getattr(model, p.name) for p in model.parameters()}),
@@ -109,8 +109,9 @@ def own_source(cls: type[Model]) -> str:
     beside = getattr(sys.modules.get(cls.__module__), "__mbfmu_beside__", ())
     if beside:
         raise UserError(
-            f"model {cls.__name__!r} imports {', '.join(map(repr, beside))} from beside its file, which an FMU does "
-            "not carry; put all of it into one file or into an installed package, or run it with --direct"
+            f"model {cls.__name__!r} imports {', '.join(map(repr, beside))} from the folder of its file, which "
+            "is not part of an FMU; move everything into one file or into an installed package, or run it with "
+            "--direct"
         )
     return importlib.util.decode_source(Path(file).read_bytes())
 

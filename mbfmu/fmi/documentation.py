@@ -50,4 +50,4 @@ def _license(package: str) -> str:
     for file in distribution(package).files or ():
         if file.name.startswith("LICENSE") and ".dist-info" in str(file):
             return file.read_text("utf-8")
-    raise UserError(f"package {package!r} is installed without its license; install it anew")
+    raise UserError(f"package {package!r} is installed without its license; install it again")

@@ -45,7 +45,7 @@ def native(
     settings = _with_solver(model, settings, report)
     made = native_model(model, settings, for_one_run)
     for name, why in made.frozen.items():
-        report(f"parameter {name!r} is fixed by the export: {why}")
+        report(f"parameter {name!r} is a constant in this FMU: {why}")
     owner = identify(model, settings, experiment, "native", str(fmi), sha256(made.data).hexdigest())
     identity = Identity(name=model.name, identifier=owner.identifier, description=model.title(), guid=owner.guid)
     shown, terminals = list(made.variables), None
@@ -81,10 +81,10 @@ def _targets(fmi: int, platforms: Sequence[str]) -> list[str]:
         raise UserError(f"fmi is {fmi!r}; allowed: 2 or 3")
     names = list(dict.fromkeys(platforms)) or [host()]
     if names == [""]:
-        raise UserError(f"this machine is none of those that machine code is made for; give platforms: {_known()}")
+        raise UserError(f"native FMUs are not available for this machine; choose platforms: {_known()}", "not-native")
     for name in names:
         if name not in TARGETS:
-            raise UserError(f"platform {name!r} is not known; allowed: {_known()}")
+            raise UserError(f"unknown platform {name!r}; allowed: {_known()}")
         if fmi == 2 and not TARGETS[name].folder:
             raise UserError(f"FMI 2 has no name for platform {name!r}; export for FMI 3")
     return names
@@ -105,14 +105,19 @@ def _with_solver(model: Model, settings: Settings, report: Callable[[str], None]
     if refused := refusal(solver, plant.system):
         why = f", since {plant.system.stiff}" if plant.system.stiff else f" ({refused})"
         raise UserError(
-            f"model {model.name!r} takes 'ida' or 'esdirk'{why}, and machine code has neither, but {_solvers()}; "
-            "export it without native"
+            f"model {model.name!r} needs the solver 'ida' or 'esdirk'{why}, but native FMUs support {_solvers()} only; "
+            "export it without --native",
+            "not-native",
         )
-    why = found.reason if found.solver in SOLVERS else f"{found.solver!r} would serve it best, and is not there"
+    why = found.reason if found.solver in SOLVERS else f"{found.solver!r} would be better, but is not supported"
     if settings.solver == AUTO:
-        report(f"the solver is {solver!r}: {why}")
+        report(f"solver {solver!r} selected: {why}")
     else:
-        report(f"the solver is {solver!r} ({why}): {settings.solver!r} is not in machine code, which has {_solvers()}")
+        report(
+            f"solver changed from {settings.solver!r} to {solver!r}: native FMUs support {_solvers()} only; the "
+            "model is "
+            f"{why}"
+        )
     return replace(settings, solver=solver)
 
 

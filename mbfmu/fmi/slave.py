@@ -60,7 +60,7 @@ class ModelSlave(Values):
         import_once(self.resources)
 
     def _tell_compiling(self) -> None:
-        text = "compiling, once on this machine: a minute or two"
+        text = "compiling; this takes a minute or two, once per machine"
         self._print(text)
         self.log(text, Fmi2Status.ok, "logAll")
 
@@ -77,13 +77,16 @@ class ModelSlave(Values):
     def setup_experiment(self, start_time: float, stop_time: float | None, tolerance: float | None) -> None:
         """Note the start time, and the host's tolerance unless the parameter was set."""
         if self._phase is not Phase.INSTANTIATED:
-            self._mistake("fmi2SetupExperiment comes before the initialization; it was called later")
+            self._mistake("fmi2SetupExperiment was called after the initialization; allowed: before it")
             return
         if not isfinite(start_time):
             self._refuse("experiment", f"the start time is {start_time!r}; allowed: a finite number")
             return
         if stop_time is not None and not stop_time >= start_time:
-            self._refuse("experiment", f"the experiment stops at {stop_time!r} s, before its start at {start_time!r} s")
+            self._refuse(
+                "experiment",
+                f"the stop time is {stop_time!r} s; allowed: not before the start time of {start_time!r} s",
+            )
             return
         self._refused.pop("experiment", None)
         self._t0 = start_time
@@ -109,14 +112,14 @@ class ModelSlave(Values):
     def enter_initialization_mode(self) -> None:
         """Outputs may be read from now on: the model is started whenever one is."""
         if self._phase is not Phase.INSTANTIATED:
-            self._mistake(f"fmi2EnterInitializationMode was called when the FMU was {self._phase.name.lower()}")
+            self._mistake(f"fmi2EnterInitializationMode is not allowed while the FMU is {self._phase.name.lower()}")
             return
         self._phase, self._fresh = Phase.INITIALIZING, False
 
     def exit_initialization_mode(self) -> None:
         """Build, assemble and start the model from the parameters as they are now."""
         if self._phase is not Phase.INITIALIZING:
-            self._mistake(f"fmi2ExitInitializationMode was called when the FMU was {self._phase.name.lower()}")
+            self._mistake(f"fmi2ExitInitializationMode is not allowed while the FMU is {self._phase.name.lower()}")
             return
         try:
             if self._refused:  # other errors of the importing tool are reported by its first step
@@ -196,14 +199,19 @@ class ModelSlave(Values):
         """Return the simulation where a step from t may be made; else say why not."""
         if self._phase is not Phase.RUNNING or self.simulation is None:
             reason = self.message if self._phase is Phase.FAILED else ""
-            raise UserError(reason or f"no step can be made: the FMU is {self._phase.name.lower()}")
+            raise UserError(reason or f"a step is not allowed while the FMU is {self._phase.name.lower()}", "fmi-call")
         if not (isfinite(t) and step >= 0.0 and isfinite(step)):
-            raise UserError(f"a step from {t!r} s by {step!r} s was asked for; allowed: finite times, and forward")
+            raise UserError(
+                f"a step from {t!r} s by {step!r} s was requested; allowed: finite times, and a step size that is not "
+                "negative",
+                "fmi-call",
+            )
         here = self.simulation.t
         if not abs(t - here) <= AGREED * max(1.0, abs(here)):
             raise UserError(
-                f"a step from {t!r} s was asked for, but the FMU stands at {here!r} s; go on from there, or restore a "
-                "state saved at the other time"
+                f"a step from {t!r} s was requested, but the FMU has reached {here!r} s; continue from this time, or "
+                "restore an FMU state saved at the other time",
+                "fmi-call",
             )
         return self.simulation
 
@@ -238,7 +246,7 @@ class ModelSlave(Values):
 
     def _raise_refused(self) -> None:
         made = [f"{text} ({n} times)" if n > 1 else text for text, n in self._mistakes.items()]
-        left = f"{len(made) - TOLD} other mistakes" if len(made) > TOLD else ""
+        left = f"{len(made) - TOLD} other errors" if len(made) > TOLD else ""
         reasons = [*self._refused.values(), *made[:TOLD], *filter(None, [left])]
         self._mistakes.clear()
         if reasons:
@@ -273,7 +281,7 @@ class ModelSlave(Values):
         try:
             self._go_back(*unframe(self._owner, state))
         except Exception as error:
-            self._refuse("FMU state", f"the FMU state is refused: {in_words(error)}")
+            self._refuse("FMU state", f"the FMU state cannot be restored: {in_words(error)}")
 
     def _go_back(self, head: dict[str, Any], body: bytes) -> None:
         """Restore an instance; a simulation that differs in fixed parameters is rebuilt, without a steady state."""

@@ -14,6 +14,7 @@ import numpy as np
 from pythonfmu import Fmi2Slave
 from pythonfmu.enums import Fmi2Status
 
+from mbfmu.codes import coded
 from mbfmu.errors import UserError
 from mbfmu.interface import Role, ScalarVariable, Type, interface
 from mbfmu.mechanics import Plant
@@ -117,8 +118,8 @@ class Values(Fmi2Slave):  # type: ignore[misc]
         if there and self.variables[reference].type in kinds:
             return True
         v = self.variables[reference] if there else None
-        what = f"{v.name!r}, of type {v.type.value}" if v else "no variable"
-        self._mistake(f"value reference {reference} is {what}; it was used as one of type {kinds[0].value}")
+        what = f"{v.name!r} of type {v.type.value}" if v else "not a variable of this FMU"
+        self._mistake(f"value reference {reference} is {what}, but it was accessed as type {kinds[0].value}")
         return False
 
     def _refresh(self) -> None:
@@ -162,13 +163,13 @@ class Values(Fmi2Slave):  # type: ignore[misc]
         if v.role is Role.OUTPUT:
             return "it is an output"
         if v.role in (Role.COUNTER, Role.MESSAGE):
-            return "the solver reports it"
+            return "it is an output of the solver"
         if v.variability == "constant":
-            return "it is fixed since the export"
+            return "it is a constant in this FMU; export the FMU again to change it"
         if self._phase is Phase.TERMINATED:
-            return "the FMU is terminated"
+            return "the FMU is terminated; reset it first"
         if v.variability == "fixed" and self._phase not in (Phase.INSTANTIATED, Phase.INITIALIZING):
-            return "it is fixed since the initialization"
+            return "it can be changed only before the end of the initialization"
         return ""
 
     def _wrong(self, v: ScalarVariable, value: float) -> str:
@@ -196,12 +197,14 @@ class Values(Fmi2Slave):  # type: ignore[misc]
             self._fresh = False
 
     def _refuse(self, what: str, why: str) -> None:
-        """Note what was given and not taken: no step is made until it is given right."""
+        """Note a value that is not allowed: no step is made until an allowed one is set."""
+        why = coded("fmi-call", why)
         self._refused[what] = why
         self._report(why)
 
     def _mistake(self, text: str) -> None:
-        """Note what the host did wrong: the next step is discarded for it."""
+        """Note a wrong call of the importing tool: the next step is discarded for it."""
+        text = coded("fmi-call", text)
         self._mistakes[text] += 1
         if self._mistakes[text] == 1:
             self._report(text)

@@ -76,7 +76,7 @@ def inertia_matrix(body: str, value: Any) -> Matrix:
         raise UserError(f"{what}; it needs three principal values or a symmetric 3x3 matrix, kg m^2")
     p = np.linalg.eigvalsh(J)
     if p[0] < -rounding or p[2] > p[0] + p[1] + rounding:
-        raise UserError(f"{what}; principal values must not be negative, nor one exceed the sum of the others")
+        raise UserError(f"{what}; principal values must not be negative, and none may exceed the sum of the others")
     return J
 
 

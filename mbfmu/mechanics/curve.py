@@ -68,7 +68,9 @@ def rows(what: str, x: Any, y: Any, kind: str, beyond: str = "linear") -> NDArra
     if beyond not in ENDS:
         raise UserError(f"beyond of {what} is {beyond!r}; allowed: {', '.join(map(repr, ENDS))}")
     if beyond == "periodic" and ys[0] != ys[-1]:
-        raise UserError(f"{what} is periodic, and begins at {ys[0]:g} and ends at {ys[-1]:g}; allowed: the same value")
+        raise UserError(
+            f"{what} is periodic, but its first value is {ys[0]:g} and its last {ys[-1]:g}; allowed: equal values"
+        )
     found = _pieces(xs, ys, kind, beyond)
     table = np.zeros((len(xs), ROW))
     table[:, 0], table[:-1, 1:5] = xs, found.c[::-1].T

@@ -98,10 +98,11 @@ def check_kind(what: str, given: Any, role: type[Kind]) -> None:
         if function is None and not optional:
             raise UserError(f"{said}, which has no kernel {name!r}")
         if COMPILED and function is not None and not is_kernel(function):
-            raise UserError(f"{said}, whose {name!r} is no kernel; decorate it with mbfmu.mechanics.kernel")
+            raise UserError(f"{said}, whose {name!r} is not a kernel; decorate it with mbfmu.mechanics.kernel")
         if function is not None and raises(function):
             raise UserError(
-                f"{said}, whose kernel {name!r} raises; a kernel has nobody to tell: let it write nan, which ends a run"
+                f"{said}, whose kernel {name!r} raises an exception, which compiled code cannot handle; write "
+                "nan instead, which ends the run"
             )
     for name, meant in vars(role).get("__annotations__", {}).items():
         said_there = hasattr(type(given), name) or name in vars(given)  # a property is not to be asked yet

@@ -34,7 +34,7 @@ def arguments_of(what: str, law: Any) -> int:
     try:
         return len(inspect.signature(law.py_func if is_kernel(law) else law).parameters)
     except (TypeError, ValueError) as error:
-        raise UserError(f"{what} is {law!r}, whose arguments cannot be told: {error}") from error
+        raise UserError(f"{what} is {law!r}, whose arguments cannot be determined: {error}") from error
 
 
 def from_text(what: str, text: str, names: tuple[str, ...]) -> Callable[..., Any]:
@@ -43,7 +43,7 @@ def from_text(what: str, text: str, names: tuple[str, ...]) -> Callable[..., Any
     try:
         tree = ast.parse(text, mode="eval")
     except (SyntaxError, ValueError, RecursionError) as error:
-        raise UserError(f"{what} is {text[:200]!r}, which is no expression: {error}") from error
+        raise UserError(f"{what} is {text[:200]!r}, which is not an expression: {error}") from error
     for node in ast.walk(tree):
         if isinstance(node, ast.Name) and node.id not in allowed:
             raise UserError(f"{what} is {text!r}, where {node.id!r} is not known; allowed: {', '.join(allowed)}")
@@ -86,7 +86,9 @@ def law_of(what: str, given: Any, names: tuple[str, ...]) -> Any:
     if count != len(names):
         raise UserError(f"{what} takes {count} arguments; allowed: {len(names)} ({', '.join(names)})")
     if raises(law):
-        raise UserError(f"{what} raises an exception; let it return nan instead, which ends a run there")
+        raise UserError(
+            f"{what} raises an exception, which compiled code cannot handle; return nan instead, which ends the run"
+        )
     try:
         return compiled(law, count)
     except NumbaError as error:

@@ -17,7 +17,8 @@ from mbfmu.model import Model, declared, span
 from mbfmu.settings import Settings
 from mbfmu.simulation import Simulation
 from solvers.assembly import Outcome
-from solvers.outcome import CODES, MESSAGES, Status
+from solvers.codes import coded
+from solvers.outcome import CODES, KEYS, MESSAGES, Status
 
 from . import layout, starting
 from .entries import Instance, family_of, image_of
@@ -28,9 +29,9 @@ from .parameters import Live, find_live
 from .table import LENGTH, Entry, Term
 
 BAKED = {  # settings that are decided by the export, and why
-    "solver": "it decides which machine code runs",
-    "input_interpolation": "it decides what there is",
-    "start_at_equilibrium": "the steady state is found by the export",
+    "solver": "it selects the machine code",
+    "input_interpolation": "it changes the structure of the model",
+    "start_at_equilibrium": "the steady state is computed at export",
 }
 
 
@@ -66,9 +67,9 @@ def native_model(model: Model, settings: Settings, for_one_run: bool = False) ->
     """
     simulation = _Resting(model, settings)
     instance, image = image_of(simulation)
-    why = "it is made for one run" if for_one_run else ""
+    why = "the FMU is made for one run" if for_one_run else ""
     if settings.start_at_equilibrium:
-        why = "the steady state that it starts in follows it"
+        why = "the initial steady state, which is computed at export, depends on it"
     live = _nothing_live(model, why) if why else find_live(model)
     frozen = {name: why for name, why in live.frozen.items() if not _structural(model, name)}
     variables = tuple(_native(v, model, live) for v in interface(model, settings, simulation.plant))
@@ -218,8 +219,9 @@ class _File:
         return self._image.at(array) + place.offset
 
     def _sentence(self, code: Any) -> tuple[int, int]:
-        others = [name for name in self._simulation.stepper.others if name != "ida"]
-        return self._say(MESSAGES[code][0]), self._say(Status(code, 0.0, tuple(others)).remedy)
+        others = tuple(name for name in self._simulation.stepper.others if name != "ida")
+        remedy = coded(KEYS[code], Status(code, 0.0, others).remedy) if code in KEYS else ""
+        return self._say(MESSAGES[code][0]), self._say(remedy)
 
     def _failure(self, template: str) -> tuple[int, int, int]:
         """Return the parts of a sentence around a name and a number."""

@@ -136,20 +136,28 @@ def image_of(simulation: Simulation) -> tuple[Instance, Image]:
     """
     family, system = family_of(simulation), simulation.plant.system
     if not family:
-        raise UserError(f"machine code has no solver {simulation.pick.solver!r}; it has {', '.join(SOLVERS)}")
+        raise UserError(
+            f"native FMUs do not support the solver {simulation.pick.solver!r}; allowed: {', '.join(SOLVERS)}",
+            "not-native",
+        )
     if family != "tree" and not system.has_matrices:
         what = f"{simulation.pick.solver!r}" if not system.m else f"{system.m} constraints"
         raise UserError(
-            f"a large tree, here of {system.n} coordinates, runs in machine code by 'adams' and without constraints; "
-            f"this one has {what}; run it as an FMU that calls Python"
+            f"native FMUs support large models, here with {system.n} joint coordinates, only with 'adams' and without "
+            f"constraints; this one has {what}. Export it without --native",
+            "not-native",
         )
     known, numbers = {own: k for k, own in enumerate(kinds())}, []
     for own in simulation.plant.called():
         if own is not None and own not in known:
             what = f"{own.function.__module__}.{own.function.__qualname__}"
             foreign = "<locals>" in what or not what.startswith("mbfmu.")  # or made of a function of the model
-            why = "the model's own, and machine code has those of mbfmu" if foreign else "not in machine code"
-            raise UserError(f"kernel {what} is {why}; run it as an FMU that calls Python")
+            why = "user-defined" if foreign else "not in the runtime"
+            raise UserError(
+                f"kernel {what} is {why}, and native FMUs support those of mbfmu only; export the model without "
+                "--native",
+                "not-native",
+            )
         numbers.append(-1 if own is None else known[own])
     instance, arrays = instance_of(simulation), simulation.plant.data.arrays
     own, start = instance.given, instance.start

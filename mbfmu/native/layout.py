@@ -134,7 +134,7 @@ def declarations(families: Iterable[str], entries: Iterable[tuple[str, Entry]]) 
     lines = ["/* Made of mbfmu/native/layout.py. */", "#include <stdint.h>", ""]
     lines += [f"#define MAGIC INT64_C({MAGIC})", f"#define LENGTH ({LENGTH})"]
     lines += [f"#define COARSE {float(COARSE)!r} /* rad */", f"#define FOLDED {float(FOLDED)!r}"]
-    lines.append(f"#define UNSURE {UNSURE} /* of Told.lost */")
+    lines.append(f"#define UNSURE {UNSURE}")
     lines += [f"#define UNFOLD {json.dumps(UNFOLD)}", f"#define KINDS {len(kinds())}", ""]
     lines += [_struct(name, record) for name, record in STRUCTS.items()]
     lines += [

@@ -107,7 +107,7 @@ class Reader:
             raise UserError(STRUCTURE)
         found = np.concatenate([_words(plant)[self._real].view(np.float64), *told.values()])
         if not np.isfinite(found).all():
-            raise UserError("it leads to numbers that are not finite")
+            raise UserError("other values lead to numbers that are not finite")
         return found
 
 

@@ -158,7 +158,7 @@ def _run(command: list[str], more: dict[str, str]) -> None:
     done = subprocess.run(command, env={**os.environ, **more}, capture_output=True, text=True, check=False)
     if done.returncode:
         said = done.stderr.strip().splitlines()[-1:] or [f"exit code {done.returncode}"]
-        raise UserError(f"the runtime cannot be built: {Path(command[0]).name} says {said[0]!r}")
+        raise UserError(f"the runtime cannot be built: {Path(command[0]).name} reports {said[0]!r}")
 
 
 def _keep(made: Path, path: Path) -> None:

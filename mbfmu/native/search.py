@@ -103,13 +103,17 @@ class Search:
     def _take(self, p: Parameter, value: float) -> None:
         """Let a parameter be live for now, with a value about which it is probed, or freeze it."""
         if p.structural or not isinstance(p.default, float):
-            self.frozen[p.name] = "it decides what there is" if p.structural else "it is no real number"
+            self.frozen[p.name] = (
+                "it changes the structure of the model"
+                if p.structural
+                else "integer, Boolean and text parameters cannot be changed after a native export"
+            )
             return
         apart = self.random.uniform(0.9, 1.1)  # from values that happen to be equal
         tries = (apart * value, 0.93 * value, 1.07 * value, SOME, -SOME, 0.5 * (p.min + p.max))
         center = next((x for x in tries if x != 0.0 and p.min < x < p.max), 0.0)
         if center == 0.0:
-            self.frozen[p.name] = "its range leaves no room to try it"
+            self.frozen[p.name] = "its allowed range is too small for the identification"
             return
         low, high = sorted((NEAR[0] * center, NEAR[1] * center))
         self.live.append(p.name)
@@ -215,7 +219,10 @@ class Search:
     def _no_sum(self, columns: Iterable[int]) -> str:
         words = dict.fromkeys(WORDS.get(self.reader.places[i].array, "the rate of the mechanism") for i in columns)
         follow = "follows" if len(words) == 1 else "follow"
-        return f"{' and '.join(words)} {follow} it in another way than by sums of products of powers"
+        return (
+            f"{' and '.join(words)} {follow} it in a way that a native FMU cannot represent (only sums of "
+            "products of powers)"
+        )
 
     def _fit(self) -> bool:
         """Fit all sums and compare them with fresh plants; false where that froze a parameter."""
@@ -360,7 +367,9 @@ class Search:
         known = {n: (float(getattr(self._model, n)), self.declared[n].min, self.declared[n].max) for n in names}
         found = fit_guesses(self.reader.read, known, columns, self.random)
         if found is None:
-            self._freeze(names, "a start position that closes the loops follows it in no simple way")
+            self._freeze(
+                names, "a start position of the loops depends on it in a way that a native FMU cannot represent"
+            )
             return False
         guess, box = found
         exponents = np.zeros((len(guess.exponents), len(self.live)))

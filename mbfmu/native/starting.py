@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mbfmu.codes import coded
 from mbfmu.mechanics import Plant
 from mbfmu.mechanics.cuts.base import CUT
 from solvers.assembly import ASSEMBLED, Outcome
@@ -36,12 +37,22 @@ class Flaw(IntEnum):
 TURNED, UNRESOLVED, UNPLACED = map(int, Flaw)  # for kernels
 
 SENTENCES = {
-    Flaw.TURNED: "loop {name!r} closes the wrong way round: the frames of its cut joint are {gap:.0f} deg apart; turn "
-    "rotation_a or rotation_b of the cut joint, or start nearer to the closed loop",
-    Flaw.UNRESOLVED: "the start time is {gap:g} s, where numbers are so far apart that the motion changes by more than "
-    "the tolerance in between; start at a smaller time",
-    Flaw.UNPLACED: "a position starts at {gap:g}, where numbers are too far apart for the tolerance; start nearer to "
-    "zero (an angle less its whole turns is the same)",
+    Flaw.TURNED: coded(
+        "cannot-assemble",
+        "loop {name!r} closes with a wrong orientation: the frames of its cut joint are rotated by {gap:.0f} deg from "
+        "each other; allowed: 0 deg. Change rotation_a or rotation_b of the cut joint, or start nearer to the closed "
+        "loop",
+    ),
+    Flaw.UNRESOLVED: coded(
+        "clock-resolution",
+        "the start time is {gap:g} s, where the spacing of floating-point numbers is a time in which the motion "
+        "changes by more than the tolerance; use a start time nearer to zero",
+    ),
+    Flaw.UNPLACED: coded(
+        "clock-resolution",
+        "a joint coordinate starts at {gap:g}, where the spacing of floating-point numbers is too coarse for the "
+        "tolerance; start nearer to zero (an angle minus a multiple of 2 pi is the same position)",
+    ),
 }
 
 

@@ -27,7 +27,7 @@ def check(name: str, plant: Plant, solver: EquilibriumSolver, v: Array, solution
         if gaps.max() > CLOSED:
             worst = int(gaps.argmax())
             raise EquilibriumError(
-                f"what was found for {name!r} leaves {system.constraint_names[worst]!r} open by "
+                f"the state found for {name!r} leaves {system.constraint_names[worst]!r} open by "
                 f"{gaps[worst]:.2g} of its size, allowed is {CLOSED:g}: try another start (--from)"
             )
         opening = np.abs(terms.J @ v - terms.nu)
@@ -35,13 +35,13 @@ def check(name: str, plant: Plant, solver: EquilibriumSolver, v: Array, solution
         worst = int(np.argmax(opening / system.row_size))
         if opening[worst] > STEADY * rates * system.row_size[worst]:
             raise EquilibriumError(
-                f"{name!r} has no steady state: with the free joints at rest the drive opens a loop, "
-                f"{system.constraint_names[worst]!r} by {opening[worst]:.3g} per second"
+                f"{name!r} has no steady state: with the free joints at rest the drive violates the constraints "
+                f"of a loop, {system.constraint_names[worst]!r} by {opening[worst]:.3g} per second"
             )
         try:
             plant.assembly.check_frames(0.0, solution.q)
         except AssemblyError as error:
-            raise EquilibriumError(f"what was found for {name!r} is no steady state: {error}") from error
+            raise EquilibriumError(f"what was found for {name!r} is not a steady state: {error}") from error
     for turn in TURNS:
         check_turned(name, plant, solver, v, solution, turn, turn / (fastest or 1.0))
 

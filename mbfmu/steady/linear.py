@@ -190,7 +190,9 @@ def linearize(
     columns = [np.concatenate(line.respond(*direction)) for direction in directions]
     slope = np.array(columns).reshape(len(columns), 2 * freedom + len(plant.outputs)).T
     if not np.isfinite(slope[: 2 * freedom]).all():
-        raise EquilibriumError("the linearized motion is not finite: forces and masses are too far apart")
+        raise EquilibriumError(
+            "the linearized motion is not finite, because forces and masses differ by too many orders of magnitude"
+        )
     least = NOTHING * np.abs(slope[np.isfinite(slope)]).max(initial=0.0)
     matters = [True] * len(free) + [bool((np.abs(slope[:, len(free) + k]) > least).any()) for k in range(len(speeds))]
     if driven is not None:
@@ -213,7 +215,8 @@ def linearize(
         outputs=tuple(v.name for v in plant.outputs),
         coordinates=line.coordinates(),
         notes=tuple(
-            f"input {name!r} moves a support and its {DERIVATIVES[k]} is no input: what depends on it is left out"
+            f"input {name!r} moves a support and its {DERIVATIVES[k]} is not an input: terms that depend on it "
+            "are left out"
             for signal, (name, given, _) in supports.items()
             for k in (1, 2)
             if k not in given and (np.abs(np.concatenate(line.respond(*line.along_drive(signal, k)))) > least).any()

@@ -132,8 +132,9 @@ class PathProblem:
         if over not in inputs:
             if over in {p.name for p in self.problem.model.parameters()}:
                 raise UserError(
-                    f"{over!r} is a parameter of model {name!r}, which is built anew for each value, and a path is "
-                    f"followed over an input; allowed: {', '.join(inputs) or 'nothing, there is no input'} "
+                    f"{over!r} is a parameter of model {name!r}, which needs a new model for each value, but a "
+                    "path is followed over an input; allowed: "
+                    f"{', '.join(inputs) or 'nothing, there is no input'} "
                     "(a sweep takes parameters)"
                 )
             raise UserError(f"model {name!r} has no input {over!r}{suggest(over, inputs)}")
@@ -258,7 +259,7 @@ def follow(
                 crossings.append(at)
             if progress is not None:
                 progress(at.p)
-        ended = follower.ended or (f"{steps} steps were made" if len(states) > steps else "")
+        ended = follower.ended or (f"the maximum of {steps} steps was reached" if len(states) > steps else "")
     except EquilibriumError as error:
         ended = str(error)
     return PathBranch(states=states, ended=ended), crossings

@@ -121,7 +121,9 @@ class Turned:
         cycles = period * sum(abs(speed) for _, speed, _ in self.plant.drives.speeds()) / (2.0 * pi)
         if not system.has_matrices and system.n > LARGEST_ASSEMBLED:
             raise EquilibriumError(
-                UNKNOWN.format(reason=f"they are found up to {LARGEST_ASSEMBLED} coordinates, and there are {system.n}")
+                UNKNOWN.format(
+                    reason=f"they are computed for up to {LARGEST_ASSEMBLED} coordinates, but the model has {system.n}"
+                )
             )
         with one_thread():
             try:
@@ -181,9 +183,7 @@ def common_period(plant: Plant) -> float:
     moving = [(name, abs(speed)) for name, speed, _ in plant.drives.speeds() if speed]
     for name, _ in moving:
         if units[name] != "rad":
-            raise EquilibriumError(
-                UNKNOWN.format(reason=f"the drive of {name!r} moves on and never comes back, so there is no period")
-            )
+            raise EquilibriumError(UNKNOWN.format(reason=f"the drive of {name!r} is not periodic"))
     fastest = max(speed for _, speed in moving)
     ratios = [Fraction(speed / fastest).limit_denominator(LARGEST_RATIO) for _, speed in moving]
     for (name, speed), ratio in zip(moving, ratios, strict=True):

@@ -43,15 +43,17 @@ SMALLEST_STEP = 1e-3  # of the continuation, relative to the full speed
 SAME = 1e-6  # states closer than this, in units of the coordinates, are one
 
 REASONS = {
-    Outcome.NO_PROGRESS: "Newton made no progress, and pseudo-transient continuation came to no rest",
-    Outcome.SINGULAR: "the Jacobian is singular and a force is left that no position nearby balances",
-    Outcome.UNDETERMINED: "it ended in a singular position, where the forces of the cut joints are not determined",
+    Outcome.NO_PROGRESS: "neither Newton iteration nor pseudo-transient continuation converged",
+    Outcome.SINGULAR: "the Jacobian is singular, and no position nearby balances the remaining force",
+    Outcome.UNDETERMINED: "the search ended in a singular configuration, in which the forces of the loop-closing "
+    "joints are not determined",
     Outcome.NOT_FINITE: "the equations gave a value that is not finite",
 }
 
 SLIDES = (
-    "friction of contact goes by slip and holds nothing at rest, so that a sheet which nothing else holds has no one "
-    "place to rest: add a support, try another start (--from), or run it until it has settled"
+    "the friction of contacts is proportional to slip and holds nothing at rest, so that a sheet without "
+    "supports has no unique steady state: add a support, try another start (--from), or run it until it has "
+    "settled"
 )
 
 
@@ -210,8 +212,9 @@ class EquilibriumProblem:
         if self._solver.singular(0.0, q):
             forces, _ = self._solver.residual(0.0, q, np.zeros(self.plant.system.m))
             raise EquilibriumError(
-                f"the start of {self.model.name!r} is a singular position: the cut joints lose rank there, so their "
-                f"forces are not determined (residual {np.abs(forces).max():.3g} N or N m without them); "
+                f"the start of {self.model.name!r} is a singular configuration: the constraints lose rank, so "
+                f"that their forces are not determined (residual {np.abs(forces).max():.3g} N or N m without "
+                "them); "
                 "give another start (--from)"
             )
         begin = time.perf_counter()

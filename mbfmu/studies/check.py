@@ -14,12 +14,13 @@ from typing import Any
 import numpy as np
 
 from mbfmu.auto import SolverPick, State, pick
-from mbfmu.errors import UserError
+from mbfmu.errors import UserError, require_arguments
 from mbfmu.mechanics import Mechanism, Plant
 from mbfmu.mechanics.numbers import finite
 from mbfmu.model import Model, of_user
 from mbfmu.result import together
 from mbfmu.scene import Scene, default_scene
+from mbfmu.settings import Settings
 from mbfmu.simulation import Simulation
 from mbfmu.spectrum import Spectrum, spectrum
 from mbfmu.studies.held import describe_held_inputs
@@ -184,6 +185,7 @@ def check(
         The arguments are invalid. A scene that cannot start, or fails, does not raise: ``failure`` contains the reason.
     """
     scene = subject if isinstance(subject, Scene) else default_scene(of_user(subject))
+    require_arguments(Settings, settings)
     scene = scene.changed(**settings, stop_time=stop_time)
     if not finite("patience", patience) > 0.0:
         raise UserError(f"patience is {patience!r} s; allowed: greater than zero")
@@ -193,12 +195,12 @@ def check(
     try:
         plant = scene.model.plant()
     except UserError as error:
-        return replace(found, failure=str(error), unseen=("nothing could be looked at: there is no mechanism",))
+        return replace(found, failure=str(error), unseen=("everything, because the mechanism cannot be built",))
     found = _of_plant(found, plant)
     try:
         simulation = Simulation(scene.model, scene.settings)
     except UserError as error:
-        unseen = "singular positions, stiffness and steps, for want of a start"
+        unseen = "singular configurations, stiffness and steps, because the run does not start"
         at_rest = loops(plant, (), np.full(plant.system.m, nan))
         return replace(found, failure=str(error), loops=at_rest, unseen=(unseen,))
     return _Look(scene, plant, simulation, patience).findings(found)
@@ -293,7 +295,7 @@ class _Look:
         if 2 * s.stability_limited > s.steps:
             return "stability"
         if 5 * s.refused > s.steps or s.coarser > 1.0:
-            return "singular positions"
+            return "singular configurations"
         if self.scene.settings.max_step and mean > 0.5 * self.scene.settings.max_step:
             return "max_step"
         return "drives" if mean > 0.5 * self.longest else "accuracy"
@@ -301,13 +303,15 @@ class _Look:
     def _unseen(self, reached: float, failure: str) -> tuple[str, ...]:
         s = self.plant.system
         if reached < self.scene.stop_time and not failure:
-            self.unseen.append(f"what comes after {reached:g} s: the run takes longer than {self.patience:g} s")
+            self.unseen.append(
+                f"the motion after t = {reached:g} s, because the run takes longer than {self.patience:g} s"
+            )
         if held := describe_held_inputs(self.plant.inputs.variables):
             self.unseen.append(held)
         if not s.has_matrices:
-            self.unseen.append("all but the fastest eigenvalues: the tree is large")
+            self.unseen.append("eigenvalues other than the largest (large model)")
             if s.m:
-                self.unseen.append("by how much singular positions are missed: the tree is large")
+                self.unseen.append("the distance from singular configurations (large model)")
         return tuple(self.unseen)
 
 

@@ -254,7 +254,7 @@ def asked(
     usual = LOOSE if not small else TOLERANCES if len(steps) == 1 else COARSE
     tried = dict.fromkeys(usual if tolerances is None else tolerances)
     if not tried or (solvers is not None and not solvers):
-        raise UserError(f"there is nothing to compare: solvers are {solvers!r} and tolerances {tolerances!r}")
+        raise UserError(f"nothing to compare: solvers are {solvers!r} and tolerances {tolerances!r}")
     for tolerance in tried:
         scene.changed(tolerance=tolerance)
     for solver in solvers or ():
@@ -311,9 +311,9 @@ def _first_runs(
         at = slow.get(solver)
         try:
             if right.tight[k] is None:
-                left_out.append(f"{named}: there is no reference")
+                left_out.append(f"{named}: no reference")
             elif at and tolerance <= at[0] and k >= at[1]:
-                left_out.append(f"{named}: a looser or coarser one took too long")
+                left_out.append(f"{named}: a run with a larger tolerance or coarser mesh took too long")
             elif budget.left < 0.5 * budget.seconds:
                 left_out.append(f"{named}: half of the budget of {budget.seconds:g} s was used")
             else:
@@ -377,7 +377,7 @@ def largest(outputs: dict[str, NDArray[np.float64]], name: str) -> float:
 
 def outcome(row: Row) -> str:
     """Say in a few words how a run ended."""
-    jump = "left its branch" if row.branch_jump else ""
+    jump = "wrong branch" if row.branch_jump else ""
     lost = "inaccurate" if row.warning else ""
     stop = "" if row.status == "ok" else f"stopped: {row.status.partition('. ')[0]}"
     return "; ".join(filter(None, (lost, jump, stop))) or "ok"

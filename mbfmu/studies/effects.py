@@ -95,8 +95,8 @@ def cases(model: Model) -> list[Case]:
     for effect, on in model.effects.items():
         if not isinstance(on, Mapping):
             raise UserError(
-                f"effects of model {model.name!r}: {effect!r} is {on!r}; allowed: values that turn it on, by the "
-                "names of parameters, such as {'damping': 2.0}"
+                f"effects of model {model.name!r}: {effect!r} is {on!r}; allowed: values that switch it on, by "
+                "the names of parameters, such as {'damping': 2.0}"
             )
         active = any(getattr(model, name) != 0 for name in on)
         off = {name: type(getattr(model, name))(0) for name in on}
@@ -104,7 +104,7 @@ def cases(model: Model) -> list[Case]:
         on_now += [in_words(model, on)] if active else []
         name, values = f"{'without' if active else 'with'} {effect}", in_words(other, on)
         found.append(Case(name=name, effect=effect, was_on=active, values=values, model=other))
-    as_is = Case(name="as it is", effect="", was_on=True, values=", ".join(on_now) or "all off", model=model)
+    as_is = Case(name="as defined", effect="", was_on=True, values=", ".join(on_now) or "all off", model=model)
     return [as_is, *found]
 
 
@@ -143,7 +143,7 @@ def costs(
         The model has no effects.
     """
     if not model.effects:
-        raise UserError(f"model {model.name!r} has no effects to turn on or off")
+        raise UserError(f"model {model.name!r} has no optional effects")
     told = progress or (lambda _: None)
     times = communication_points(end, min(model.output_interval, end))
     found = cases(model)
@@ -206,7 +206,7 @@ def changes(before: Result, after: Result, plant: Plant, other: Plant) -> dict[s
 def advice(
     case: Case, result: Result, found: Mapping[str, float], noise: Mapping[str, float], judged: Sequence[str]
 ) -> str:
-    """Say what to do with an effect: keep it, turn it on or off, or leave it off."""
+    """Return the recommendation for an effect: keep it, switch it on or off, or leave it off."""
     if not case.effect:
         return ""
     if not found:
@@ -216,16 +216,16 @@ def advice(
     clear = {name: change for name, change in large.items() if change > 2.0 * noise.get(name, 0.0)}
     if clear:
         name = max(clear, key=lambda name: clear[name])
-        what = "keep it on" if case.was_on else "turn it on where it acts"
+        what = "keep it on" if case.was_on else "switch it on where it acts"
         return f"{case.effect} changes {name} by {100.0 * clear[name]:.3g} % of its range: {what}"
     if large:
         name = max(large, key=lambda name: large[name])
         return (
-            f"{case.effect} changes nothing by more than the tolerance leaves open, {100.0 * noise[name]:.2g} % of the "
-            f"range of {name}: tighten it to tell"
+            f"{case.effect} changes no output by more than the integration error, {100.0 * noise[name]:.2g} % of the "
+            f"range of {name}: use a smaller tolerance to decide"
         )
-    what = "turn it off" if case.was_on else "leave it off"
-    return f"{case.effect} changes nothing above {100.0 * LEAST:g} %: {what}"
+    what = "switch it off" if case.was_on else "leave it off"
+    return f"{case.effect} changes no output by more than {100.0 * LEAST:g} %: {what}"
 
 
 def oscillation(model: Model, start: Mapping[str, float]) -> tuple[float | None, str]:
@@ -294,8 +294,8 @@ def as_text(entries: Sequence[Entry], shown: Sequence[str]) -> str:
     heads = [f"{name} (range {bare.scale[name]:.3g} {units[name]})" if name in bare.scale else name for name in shown]
     header = ("case", "parameters", "evaluation [us]", "CPU time of the run [s]", "first mode [Hz]", *heads)
     told = (
-        "changes: the largest difference from the model as it is over the whole run, of the range of the output there; "
-        "in its own line what the tolerance leaves open"
+        "changes: largest difference from the first line over the whole run, relative to the range of the output; in "
+        "the first line the integration error"
     )
     return "\n".join([table(header, rows), "", told, *(e.advice for e in entries if e.advice)])
 

@@ -22,7 +22,7 @@ def describe_held_inputs(inputs: Sequence[Variable]) -> str:
     values = [f"{v.name!r} ({v.start or 0.0:g}{f' {v.unit}' if v.unit != '1' else ''})" for v in inputs[:SHOWN]]
     more = f" and {len(inputs) - SHOWN} more" if len(inputs) > SHOWN else ""
     return (
-        f"a motion or change of {'inputs' if inputs[1:] else 'input'} {', '.join(values)}{more}: constant at the start "
-        "value in all runs, so that a road, for example, does not move; to evaluate it, replace an input in the model "
-        "by a signal, such as mb.Harmonic, mb.Table or a function of time"
+        f"other values of {'inputs' if inputs[1:] else 'input'} {', '.join(values)}{more}, which are constant in "
+        "all runs "
+        "(a road, for example, does not move); replace the input in the model by a signal to include its changes"
     )

@@ -195,10 +195,11 @@ def narrowed(right: Reference, wanted: Target, asked_for: Sequence[str]) -> Refe
         doubt, name = worst((known_to[name] / limits[name], name) for name in suited if name not in clear)
         least = replace(wanted, value=doubt * wanted.value / CLEAR)
         raise UserError(
-            f"target {wanted} is finer than the reference is known: {name} is known to {known_to[name]:.1g} of its "
+            f"target {wanted} is smaller than the uncertainty of the reference: {name} is known to "
+            f"{known_to[name]:.1g} of its "
             f"range; allowed: from {least} on, or finer resolutions, or a larger budget"
         )
-    unclear = {n: f"known to {known_to[n]:.0e} of its range only" for n in suited if n not in clear}
+    unclear = {n: f"uncertainty {known_to[n]:.0e} of its range" for n in suited if n not in clear}
     return replace(right, units=clear, unjudged=right.unjudged | unclear)
 
 
@@ -326,7 +327,7 @@ class Search:
         return max(errors[name] / limit for name, limit in self.limits.items())
 
     def choice(self) -> Recommendation:
-        """Return the cheapest of what is within the target, by times taken in turn."""
+        """Return the cheapest settings within the target, by interleaved timing."""
         if not self._within:
             raise UserError(self._nothing())
         last = sorted(self._within, key=lambda found: found[0].taken)[:FINALISTS]
@@ -348,11 +349,11 @@ class Search:
     def _say(self, row: Row) -> str:
         resolution = f" with {in_words(row.resolution)}" if row.resolution else ""
         doubt = self.right.motion.doubt[self._worst(row)]
-        known = f"known to {self._amount(self._worst(row), doubt)}" if doubt else "exact"
+        known = f"Uncertainty of the reference {self._amount(self._worst(row), doubt)}" if doubt else "Exact reference"
         return (
-            f"take {row.solver} at a tolerance of {power(row.rtol)}{resolution}: "
-            f"{time_in_words(row.cpu_s)} of CPU time, error {self._error(row)} to be expected, target {self.wanted}; "
-            f"the reference is {known}, and {len(self.rows)} runs were looked at"
+            f"recommended: solver {row.solver}, tolerance {power(row.rtol)}{resolution} "
+            f"({time_in_words(row.cpu_s)} CPU "
+            f"time). Expected error {self._error(row)}, target {self.wanted}. {known}. {len(self.rows)} runs tried"
         )
 
     def _worst(self, row: Row) -> str:
@@ -371,11 +372,11 @@ class Search:
         return f"{error * factor:.2g} {self.wanted.unit}"
 
     def _nothing(self) -> str:
-        """Say that nothing is within the target, and how near the nearest is."""
+        """Report that no run is within the target, and the error of the nearest one."""
         ended = [row for row in self.rows if row.trusted]
         near = min(ended, key=lambda row: self._ratio(self._errors(row)), default=None)
-        nearest = f"the nearest is {near.solver} {label(near)}, {self._error(near)}; " if near else ""
-        return f"nothing that was tried keeps the target {self.wanted}; {nearest}{'; '.join(self.notes)}".rstrip("; ")
+        nearest = f"The nearest is {near.solver} {label(near)}, error {self._error(near)}. " if near else ""
+        return f"no run reached the target {self.wanted}. {nearest}{'; '.join(self.notes)}".rstrip(";. ")
 
 
 def one_digit(tolerance: float) -> float:

@@ -220,12 +220,12 @@ def reference(
     motion, orders = converged(there)
     motion = _with_independent(scene.model.with_values(there[-1][0]), times, motion)
     for name in sorted(moving_places([list(known.values) for _, known in there])):
-        unjudged[name] = "has another place at each resolution"
+        unjudged[name] = "its position depends on the mesh"
     doubts = {name: doubt / motion.scale[name] for name, doubt in motion.doubt.items() if name not in unjudged}
     sharp = min(KNOWN, SHARP * finest) if len(there) == 1 and not asked else KNOWN
     if not any(doubt <= sharp for doubt in doubts.values()):
         sharp = KNOWN
-    unjudged |= {name: f"known to {doubt:.0e} of its range only" for name, doubt in doubts.items() if doubt > sharp}
+    unjudged |= {name: f"uncertainty {doubt:.0e} of its range" for name, doubt in doubts.items() if doubt > sharp}
     judges = [name for name in doubts if name not in unjudged]
     return Reference(
         motion=motion,
@@ -239,11 +239,13 @@ def reference(
 def _of_asked(model: Model, judges: list[str], unjudged: dict[str, str], asked: Sequence[str]) -> list[str]:
     for name in asked:
         if name not in judges:
-            why = unjudged.get(name, "it is a residual, which should be nothing")
-            raise UserError(f"output {name!r} of model {model.name!r} judges no run: {why}; {_allowed(judges)}")
+            why = unjudged.get(name, "it is a residual, whose exact value is zero")
+            raise UserError(f"output {name!r} of model {model.name!r} cannot be compared: {why}; {_allowed(judges)}")
     if not judges:
-        told = "; ".join(f"{name}: {why}" for name, why in unjudged.items()) or "it has none"
-        raise UserError(f"no output of model {model.name!r} tells runs apart ({told}); give it one that moves freely")
+        told = "; ".join(f"{name}: {why}" for name, why in unjudged.items()) or "the model has no output"
+        raise UserError(
+            f"no output of model {model.name!r} distinguishes the runs ({told}); give it one that moves freely"
+        )
     return list(asked) or judges
 
 

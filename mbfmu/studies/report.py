@@ -40,7 +40,7 @@ def subplots(rows: int = 1, columns: int = 1, *, size: tuple[float, float], **op
 
 
 def plot_result(result: Result, path: Path, names: Sequence[str] = ()) -> None:
-    """Draw outputs against time as :meth:`mbfmu.Result.plot` does."""
+    """Draw outputs over time as :meth:`mbfmu.Result.plot` does."""
     figure = Figure(figsize=size(result, names), layout="constrained")
     draw(figure, result, names)
     finish(figure, path)

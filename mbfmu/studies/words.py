@@ -41,7 +41,7 @@ def as_text(found: Comparison) -> str:
         *(["resolution"] if resolved else []),
         *("CPU [ms]", "spread", "steps", "evals", "error"),
         *(["in time", "in space"] if split else []),
-        *("worst output", "energy_error [J]", "switches", "outcome"),
+        *("worst output", "energy error [J]", "switches", "outcome"),
     )
     return "\n".join([table(header, lines), "", *told(found)])
 
@@ -51,38 +51,38 @@ def _number(value: float | None) -> str:
 
 
 def told(found: Comparison) -> list[str]:
-    """Return what a table does not say."""
+    """Return the explanations below the table."""
     right = found.reference
     runs = {row.runs for row in found.rows}
     most = f"{min(runs)} to {max(runs)}" if len(runs) > 1 else f"{max(runs)}"
     lines = [
-        "error: the largest of an output over the run, as a part of the range of that output (of an energy: of what "
-        "was exchanged, if that is more)",
-        f"CPU: median of {most} runs in turn, and the distance of their quartiles over it",
-        f"judged by {listed(right.units)}",
+        "error: largest error of an output over the run, relative to the range of the output (energies: relative to "
+        "the energy exchanged, if that is larger)",
+        f"CPU time: median of {most} interleaved runs; spread: interquartile range relative to the median",
+        f"compared outputs: {listed(right.units)}",
         in_sentence(right),
     ]
     reasons: dict[str, list[str]] = {}
     for name, why in right.unjudged.items():
         reasons.setdefault(why, []).append(name)
-    lines += [f"not judged: {listed(names)} ({why})" for why, names in reasons.items()]
+    lines += [f"excluded outputs: {listed(names)} ({why})" for why, names in reasons.items()]
     if doubtful := [row for row in found.rows if row.error is not None and row.error < right.doubt[0]]:
-        lines.append(f"errors below what the reference may err itself: {len(doubtful)} of {len(found.rows)}")
-    lines += [f"left out: {text}" for text in found.left_out]
-    return [*lines, *([f"not evaluated: {found.held_inputs}"] if found.held_inputs else [])]
+        lines.append(f"runs with an error below the uncertainty of the reference: {len(doubtful)} of {len(found.rows)}")
+    lines += [f"omitted: {text}" for text in found.left_out]
+    return [*lines, *([f"not examined: {found.held_inputs}"] if found.held_inputs else [])]
 
 
 def in_sentence(right: Reference) -> str:
-    """Say what the reference is and how well it is known."""
+    """Return the reference and its uncertainty."""
     doubt, name = right.doubt
-    text = f"reference: {right.motion.source}; known to {doubt:.0e} of the range ({name})"
+    text = f"reference: {right.motion.source}; uncertainty {doubt:.0e} of the range ({name})"
     if orders := sorted(right.orders[name] for name in right.units if name in right.orders):
         extrapolated = f"{orders[0]:.1f} to {orders[-1]:.1f} in {len(orders)} of {len(right.units)} outputs"
-        text += f"; extrapolated by the orders observed, {extrapolated}"
+        text += f"; extrapolated with the observed orders of convergence, {extrapolated}"
     elif len(right.tight) > 1:
-        text += "; no order of convergence is seen, so in space the finest is judged by itself"
+        text += "; no order of convergence observed, so the error in space is relative to the finest discretisation"
     tight = dict.fromkeys(motion.source for motion in right.tight if motion is not None)
-    return f"{text}; error in time against {', '.join(tight)}" if right.motion.source not in tight else text
+    return f"{text}; error in time relative to {', '.join(tight)}" if right.motion.source not in tight else text
 
 
 def listed(names: Iterable[str]) -> str:

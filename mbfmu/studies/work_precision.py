@@ -46,7 +46,7 @@ def plot_work_precision(found: Comparison, title: str, path: Path) -> None:
         for step, marker in zip(steps, MARKERS * len(steps), strict=False):
             ax.plot([], [], marker, color=OTHER, label=step)
     if any(not row.trusted for row in ended):
-        ax.plot([], [], "x", color=OTHER, label="inaccurate or off the branch")
+        ax.plot([], [], "x", color=OTHER, label="inaccurate or on a wrong branch")
     for row in ended if len(steps) == 1 else apart(best):
         _name(ax, row, above=solvers.index(row.solver) % 2 == 0 or len(steps) > 1)
     _doubt(ax, found, ended)
@@ -116,7 +116,7 @@ def _doubt(ax: Any, found: Comparison, ended: Sequence[Row]) -> None:
     if any(height(row) < NEAR * doubt for row in ended):
         least = min(doubt, *(height(row) for row in ended))
         shade = {"color": "#808080", "alpha": 0.12, "lw": 0.0, "zorder": 0.5}
-        ax.axhspan(0.5 * least, doubt, label="what the reference may err", **shade)
+        ax.axhspan(0.5 * least, doubt, label="uncertainty of the reference", **shade)
 
 
 def _not_drawn(rows: Sequence[Row]) -> str:
@@ -128,9 +128,9 @@ def _measure(found: Comparison) -> str:
     """Return what the error is of."""
     names = list(found.reference.units)
     if len(names) > 1:
-        return "largest error of an output, part of its range"
+        return "largest error of an output, relative to its range"
     scale, unit = found.reference.motion.scale[names[0]], found.reference.units[names[0]]
-    return f"largest error of {names[0]}, part of its range {scale:.3g} {unit}"
+    return f"largest error of {names[0]}, relative to its range {scale:.3g} {unit}"
 
 
 def plot_energy(found: Comparison, title: str, path: Path) -> None:
@@ -141,7 +141,7 @@ def plot_energy(found: Comparison, title: str, path: Path) -> None:
             shown = np.maximum(np.abs(energy_error[1:]), 1e-14)
             ax.semilogy(times[1:], shown, lw=1.0, color=COLORS.get(solver, OTHER), label=solver)
     if not ax.lines:
-        ax.text(0.5, 0.5, "no energy balance was held", transform=ax.transAxes, ha="center")
+        ax.text(0.5, 0.5, "the energy balance was not checked", transform=ax.transAxes, ha="center")
     else:
         ax.legend()
     ax.set_xlabel("time [s]")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from solvers.codes import coded
 from solvers.options import Options
 from solvers.stepper import Stepper
 from solvers.system import LARGEST_DENSE, AnySystem, Array, TreeSystem
@@ -62,20 +63,22 @@ def refusal(name: str, system: AnySystem) -> str:
     large = isinstance(system, TreeSystem)
     if system.stiff and name in UNTIED:
         implicit = "'ida' or 'esdirk'" if large else "'radau' or 'ida'"
-        return f"solver {name!r} is explicit, and {system.stiff}; take {implicit}"
+        return coded("unsuitable-solver", f"solver {name!r} is explicit, but {system.stiff}; use {implicit}")
     if not isinstance(system, TreeSystem):
         if system.n and name not in SOLVERS:
-            return (
-                f"solver {name!r} is for large trees; this system has {system.n} coordinates and is solved by its "
-                "matrices; take 'radau'"
+            return coded(
+                "unsuitable-solver",
+                f"solver {name!r} is for large models only, and this model has {system.n} joint coordinates; use "
+                "'radau'",
             )
         return ""
     if name in LARGE or (not system.m and name in UNTIED):
         return ""
     if system.dense is None or system.n > size_limit(name):
-        return (
-            f"solver {name!r} is given {system.n} coordinates under {system.m} constraints; allowed: "
-            f"{size_limit(name)}; take 'ida'"
+        return coded(
+            "unsuitable-solver",
+            f"solver {name!r} is given {system.n} joint coordinates and {system.m} constraints; allowed: at most "
+            f"{size_limit(name)} coordinates; use 'ida'",
         )
     return ""
 

@@ -8,6 +8,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from solvers.codes import coded
 from solvers.compiled.held import hold
 from solvers.ledger import Scales
 from solvers.outcome import CODES, Code
@@ -75,7 +76,9 @@ class ClosedStepper(DenseStepper):
         c = self._control
         if not c["coarsest"] > 1.0:
             return ""
-        return (
-            f"the tolerance was {c['coarsest'] * self.options.rtol:.0e}, not {self.options.rtol:g}, beside a singular "
-            f"position that the loop misses by {c['narrowest']:.0e} of its size: rounding allows no finer"
+        return coded(
+            "limited-tolerance",
+            f"the tolerance was {c['coarsest'] * self.options.rtol:.0e} instead of {self.options.rtol:g} near a "
+            f"singular configuration that the loop misses by {c['narrowest']:.0e} of its size, because rounding errors "
+            "allow no smaller one there. Change the lengths of the loop if the error is too large",
         )

@@ -64,7 +64,7 @@ class DenseStepper(Stepper):
         self._units = self._work.value if COMPILED else self._work
         self._units.size[:] = system.size
         self._units.size_q[:] = system.position_sizes(system.size)
-        require_placed(self._q, self._units.size_q, self.options.rtol)
+        require_placed(self._q, self._units.size_q, self.options.rtol, system.coordinate_names)
         self._rank = normal_rank(self._eqs, self._t, self._q, self._v, self._work)
         code = close(self._eqs, self._t, self._q, self._v, self._rank, self._work)
         self.starts_singular = self._loses_rank()

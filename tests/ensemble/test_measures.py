@@ -80,10 +80,10 @@ def test_functions_of_the_user_give_numbers():
         ({"take": "crossing", "output": "y"}, "needs a threshold"),
         ({"take": "crossing", "output": "y", "threshold": "high"}, "threshold is 'high'"),
         ({"take": "crossing", "output": "y", "threshold": 0.0, "direction": "left"}, "any, up, down"),
-        ({"take": "crossing", "output": "y", "threshold": 0.0, "number": 0}, "from one up"),
+        ({"take": "crossing", "output": "y", "threshold": 0.0, "number": 0}, "from 1 on"),
         ({"take": "largest", "output": "y", "threshold": 0.0}, "'threshold'"),
-        ({"take": "settling", "output": "y", "within": -1.0}, "zero or more"),
-        ("frequency 0", "from one up"), ("frequency x", "'x'"),
+        ({"take": "settling", "output": "y", "within": -1.0}, "at least 0"),
+        ("frequency 0", "from 1 on"), ("frequency x", "'x'"),
     ],
 )  # fmt: skip
 def test_what_is_no_measure_is_told(given: Any, told: str):
@@ -127,5 +127,7 @@ def test_a_tornado_has_its_longest_bar_first():
 
 
 def test_steady_states_have_inputs_as_they_start():
-    with pytest.raises(UserError, match=r"measure 'f' is of the steady state, where the input 'crank.torque' is as it"):
+    with pytest.raises(
+        UserError, match=r"measure 'f' is evaluated at the steady state, at which the input 'crank.torque'"
+    ):
         define({"scene": "fourbar", "vary": {"crank.torque": [1.0, 2.0]}, "measure": {"f": "frequency 1"}})

@@ -96,7 +96,7 @@ def test_what_fails_is_told(oscillator: Path):
 def test_what_is_asked_wrongly_is_told(oscillator: Path, tmp_path: Path):
     told = {"fmu": str(oscillator), "vary": {"k": [1.0]}, "measure": {"end": "end x"}}
     for change, text in (
-        ({"vary": {"q": [1.0]}}, "nothing called 'q'"), ({"measure": {"end": "end y"}}, "no output 'y'"),
+        ({"vary": {"q": [1.0]}}, "no parameter or input 'q'"), ({"measure": {"end": "end y"}}, "no output 'y'"),
         ({"measure": {"f": "frequency 1"}}, "no steady states"), ({"vary": {"k": ["soft"]}}, "'soft'"),
         ({"vary": {"k": [True]}}, "finite number"), ({"fixed": {"n": 1.5}}, "whole number"),
         ({"stop_time": "a"}, "'a'"), ({"fmu": "."}, "ends in"),
@@ -107,7 +107,7 @@ def test_what_is_asked_wrongly_is_told(oscillator: Path, tmp_path: Path):
         with pytest.raises(UserError, match=text):
             define({**told, **change})
     (tmp_path / "odd.fmu").write_text("no zip")
-    with pytest.raises(UserError, match="is no FMU"):
+    with pytest.raises(UserError, match="is not an FMU"):
         define({**told, "fmu": str(tmp_path / "odd.fmu")})
 
 

@@ -172,7 +172,7 @@ def test_what_ends_its_process_ends_its_run_alone(tmp_path: Path):
     )
     told = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=True, timeout=300.0)
     assert told.stdout.startswith(
-        "['ok', 'ok', 'ok', 'failed', 'ok', 'failed'] its process died in this run, each time"
+        "['ok', 'ok', 'ok', 'failed', 'ok', 'failed'] the process of this run ended unexpectedly"
     )
     assert "SystemExit: 4" in told.stdout
 
@@ -312,13 +312,13 @@ def test_a_pool_of_its_own(tmp_path: Path):
     ("change", "told"),
     [
         ({"vary": {"crank_lenght": [1.0]}}, "did you mean 'crank_length'"),
-        ({"vary": {}}, "at least one name"),
+        ({"vary": {}}, "at least one parameter"),
         ({"fixed": {"gravity": 1.0}}, "fixed and varies"),
         ({"fixed": {"grafity": 1.0}}, "did you mean 'gravity'"),
         ({"fixed": {"crank_mass": -1.0}}, "'crank_mass'"),
         ({"vary": {"crank_length": [-1.0]}}, "'crank_length'"),
         ({"vary": {"solver": ["euler"]}}, "euler"),
-        ({"vary": {"crank_length": {"from": 2.0, "to": 1.0}}}, "to a larger one"),
+        ({"vary": {"crank_length": {"from": 2.0, "to": 1.0}}}, "to a larger number"),
         ({"measure": {"a": "largest crank.rat"}}, "did you mean 'crank.rate'"),
         ({"measure": {"status": "largest crank.rate"}}, "'status'"),
         ({"measure": {"gravity": "largest crank.rate"}}, "'gravity'"),
@@ -336,7 +336,7 @@ def test_a_pool_of_its_own(tmp_path: Path):
         ({"aim": {}}, "nothing to aim at"),
         ({"vary": {"coupler_modes": {"from": 0.0, "to": 2.0}}}, "a whole number"),
         ({"vary": {"solver": {"from": 0.0, "to": 2.0}}}, "solver"),
-        ({"measure": {"a/b": "largest crank.rate"}}, "that files cannot have"),
+        ({"measure": {"a/b": "largest crank.rate"}}, "that is not a valid file name"),
         ({"aim": {"target": {"fastest": "high"}}}, "finite"),
         ({"aim": {"minimize": ["fastest"]}}, "no measure"),
         ({"vary": {"gravity": {"from": 1.0, "to": 2.0}}, "aim": {"minimize": "fastest"}, "sampling": "latin"}, "aim"),
@@ -368,7 +368,7 @@ def test_folders_are_never_written_over(tmp_path: Path, monkeypatch: pytest.Monk
         mb.study("fourbar", {"gravity": [1.0]}, FASTEST, folder=out, **known)
     with pytest.raises(UserError, match="another study"):
         mb.study("fourbar", {"gravity": [1.0]}, {"other": "end crank.rate"}, folder=out, resume=True, **known)
-    with pytest.raises(UserError, match="holds no study"):
+    with pytest.raises(UserError, match="contains no study"):
         mb.study("fourbar", {"gravity": [1.0]}, FASTEST, folder=tmp_path / "none", resume=True, **known)
     assert (out / TABLE).read_bytes() == before
     more = mb.study("fourbar", {"gravity": [1.0, 2.0]}, FASTEST, folder=out, resume=True, **known)  # grows
@@ -417,10 +417,10 @@ def test_files_that_are_not_of_the_study_are_told(tmp_path: Path):
     assert len(mb.load_study(tmp_path / "a").rows) == 1
     (odd,) = (tmp_path / "b" / PARTS).iterdir()
     part.with_name("odd.parquet").write_bytes(odd.read_bytes())
-    with pytest.raises(UserError, match="of another study"):
+    with pytest.raises(UserError, match="belongs to another study"):
         mb.load_study(tmp_path / "a")
     part.with_name("odd.parquet").write_bytes(part.read_bytes()[:100])
-    with pytest.raises(UserError, match="makes its runs again"):
+    with pytest.raises(UserError, match="repeats its runs"):
         own.begin(resume=True)
     own.close()
 

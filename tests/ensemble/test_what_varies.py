@@ -66,7 +66,7 @@ def test_distributions_are_those_of_scipy():
         ("1 m +- 0 mm", "greater than zero"),
         ("1 m +- 1 kg", "'kg'"),
         ("1 parsec +- 1 m", "parsec"),
-        ({"from": 1.0, "to": 1.0}, "to a larger one"),
+        ({"from": 1.0, "to": 1.0}, "to a larger number"),
         ({"from": -1.0, "to": 1.0, "log": True}, "greater than zero"),
         ({"from": 0.0, "to": 1.0, "count": 1}, "count is 1"),
         ({"from": 0.0, "to": 1.0, "count": 2.0}, "count is 2.0"),

@@ -108,7 +108,7 @@ def test_what_the_solver_reports_is_local(fourbar_fmu: Path) -> None:
         assert not [name for name in fmu.outputs if name.startswith("solver.")]
         reference = fmu.variables["solver.steps"].valueReference
         fmu.slave.setInteger([reference], [3])
-        with pytest.raises(ValueError, match=r"'solver\.steps' was set to 3, but the solver reports it"):
+        with pytest.raises(ValueError, match=r"'solver\.steps' was set to 3, but it is an output of the solver"):
             fmu.step(0.1)
 
 

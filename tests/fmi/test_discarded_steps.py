@@ -76,7 +76,7 @@ def test_it_leaves_outputs_counts_and_the_run_to_come_as_they_were(name: str, ma
         assert go(tried, 8, length, name) == go(other, 8, length, name)
         before = told(tried)
         for _ in range(3):
-            with pytest.raises(UserError, match="largest number of steps"):
+            with pytest.raises(UserError, match="maximum number of steps"):
                 tried.step(1e4 * length)
             assert told(tried) == before
         for first, second in zip(go(tried, 12, length, name), go(other, 12, length, name), strict=True):
@@ -111,7 +111,7 @@ def test_it_leaves_supports_on_their_way() -> None:
     mark = tried.mark()
     tried.set_input("sled.x", 1e3)
     assert not tried.advance(100.0).ok
-    assert any("'sled.x' jumps in position" in text for text in tried.remarks)
+    assert any("input 'sled.x' at t = " in text for text in tried.remarks)
     tried.rewind(mark)
     assert tried.failure == ""
     assert tried.remarks == []
@@ -131,7 +131,7 @@ def test_ida_goes_on_within_its_tolerance_and_counts_no_discarded_work(tmp_path:
             for _ in range(10):
                 fmu.step(0.02)
         before = told(tried)
-        with pytest.raises(UserError, match="largest number of steps"):
+        with pytest.raises(UserError, match="maximum number of steps"):
             tried.step(1e4)
         assert told(tried) == before
         rows: list[NDArray[np.float64]] = []

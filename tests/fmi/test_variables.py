@@ -167,12 +167,12 @@ def made(build: Callable[[], Mechanism], **parameters: Any) -> Model:
 @pytest.mark.parametrize(
     ("model", "message"),
     [
-        (Named(), "the setting of the solver 'solver' is named as the parameter"),
-        (made(lambda: swing("length"), length="m"), "the output 'length' is named as the parameter"),
-        (made(lambda: swing("bad name <&> ü")), "cannot be named so in an FMU"),
-        (made(lambda: swing("bar..angle")), "cannot be named so in an FMU"),
-        (made(lambda: swing("time")), "named 'time'|named as the time"),
-        (made(lambda: swing("solver.steps")), "the count of the solver 'solver.steps' is named as the output"),
+        (Named(), "the setting of the solver 'solver' has the same name as the parameter"),
+        (made(lambda: swing("length"), length="m"), "the output 'length' has the same name as the parameter"),
+        (made(lambda: swing("bad name <&> ü")), "has a name that is not allowed in an FMU"),
+        (made(lambda: swing("bar..angle")), "has a name that is not allowed in an FMU"),
+        (made(lambda: swing("time")), "same name as the time|name 'time'"),
+        (made(lambda: swing("solver.steps")), "the count of the solver 'solver.steps' has the same name as the output"),
         (made(lambda: swing("a", Input(name="torque", unit="furlong"))), "the input 'torque': unit is 'furlong'"),
         (made(lambda: swing("a"), length="cubit"), "the parameter 'length': unit is 'cubit'"),
         (made(lambda: swing("a"), length="m999"), "the parameter 'length': unit is 'm999'"),
@@ -208,7 +208,7 @@ def test_choices_are_read_and_set_in_words(fourbar_fmu: Path, tmp_path: Path) ->
         assert fmu["color"] == "green"
         assert fmu["solver"] == "adams-lu"
         fmu["color"] = 1
-        with pytest.raises(UserError, match="'color' was set to 1, but it is fixed since the export"):
+        with pytest.raises(UserError, match="'color' was set to 1, but it is a constant in this FMU"):
             fmu.step(0.01)
 
 

@@ -85,9 +85,7 @@ def test_a_sheet_may_start_a_little_in_what_it_touches(deep: float) -> None:
 def test_a_sheet_that_starts_through_what_it_touches_is_refused(
     surface: Surface, y: float, place: str, depth: str
 ) -> None:
-    message = (
-        rf"sheet 's' starts inside a contact surface: at {place}.* m it is {depth}\d* m deep in 'table'; allowed: "
-    )
+    message = rf"sheet 's' penetrates 'table' at the start by {depth}\d* m at {place}.* m; allowed: "
     with refused(message):
         starts(surface, y)
 
@@ -96,7 +94,7 @@ def test_a_sheet_may_rest_on_what_is_soft() -> None:
     """Its weight of 0.785 Pa sinks 0.27 mm in, some times the depth of the law, to where it starts at equilibrium."""
     soft = {"stiffness": 3e3, "depth": 2e-5}
     assert starts(Wall(), ABOVE - 2.7e-4, **soft).t == 0.0
-    with refused("sheet 's' starts through .* allowed: 0.00136 m"):
+    with refused("sheet 's' penetrates .* allowed: 0.00136 m"):
         starts(Wall(), ABOVE - 2e-3, **soft)
 
 
@@ -106,7 +104,7 @@ def test_the_start_is_where_inputs_have_put_it() -> None:
     lift = m.body("lift", m.ground, Translational(axis="y", drive=Input(name="lift", unit="m")), mass=1.0)
     add_contact(m, "table", sheet, Wall(), body=lift)
     Simulation(m, ESDIRK, inputs={"lift": -0.01})
-    with refused(r"sheet 's' starts inside a contact surface: at .* 0.003 m deep in 'table'"):
+    with refused(r"sheet 's' penetrates 'table' at the start by 0.003 m"):
         Simulation(m, ESDIRK, inputs={"lift": 0.003})
 
 
@@ -117,7 +115,7 @@ def test_a_start_at_equilibrium_is_where_that_is() -> None:
     sheet = add_sheet(m, "s", grid=(7, 3), supports=[mb.Support("x0", "clamped")], **strip)
     add_contact(m, "bar", sheet, Guide(start=(0.25, 0.002, 0.0), end=(0.35, 0.002, 0.0), radius=3e-3, width=0.1))
     m.output("tip", sheet.node(-1, 1).position("y"))
-    with refused(r"sheet 's' starts through .* it is 0.0015 m deep in 'bar'; allowed: 0.001 m"):
+    with refused(r"sheet 's' penetrates 'bar' at the start by 0.0015 m .* allowed: 0.001 m"):
         Simulation(m, ESDIRK)
     hanging = Simulation(m, Settings(solver="radau", start_at_equilibrium=True))
     assert hanging.outputs()[0] == pytest.approx(-0.0226, rel=0.05)  # rho g t L^4 / (8 B)
@@ -137,7 +135,7 @@ def test_a_restored_state_is_no_start() -> None:
     other = Simulation(m, ESDIRK, begins=False)
     other.restore(state)
     assert other.outputs()[0] == pytest.approx(deep, rel=1e-12)
-    with refused("sheet 's' starts inside a contact surface"):
+    with refused("sheet 's' penetrates "):
         Simulation(m, ESDIRK)
 
 
@@ -154,8 +152,8 @@ def roller(m: Mechanism, z: float, drive: Any = None) -> Body:
 def test_a_nip_beside_the_sheet_is_remarked_on(z: float, off: str) -> None:
     m, sheet = scene(0.0)
     add_nip(m, "n", sheet, roller(m, z), radius=0.01, at=(0.0, 0.0, z), width=0.02, force=2.0)
-    told = [text for text in Simulation(m, ESDIRK).remarks if "beside" in text]
-    wanted = f"nip 'n' is {off} m beside sheet 's' as that starts, across the feed: it meets it only if the sheet moves"
+    told = [text for text in Simulation(m, ESDIRK).remarks if "nip" in text]
+    wanted = f"nip 'n' is {off} m away from the edge of sheet 's' at the start, across the feed direction"
     assert [text.startswith(wanted) for text in told] == [True] * bool(off)
 
 
@@ -180,7 +178,7 @@ def test_an_edge_thinner_than_the_points_are_apart_is_remarked_on(
     start, end = ((0.1, -0.05, 0.1), (0.1, -1e-3, 0.1))
     knife = Guide(start=start, end=end, radius=1e-3, width=0.4, across="x" if turn else "z")
     add_contact(m, "knife", sheet, knife, points=points[::-1] if turn else points)
-    wanted = r"surface of contact 'knife' is 0\.002 m thick, where points of sheet 's' are 0\.01\d* m apart"
+    wanted = r"surface of contact 'knife' is 0\.002 m thick, but the contact points of sheet 's' are 0\.01\d* m apart"
     told = [text for text in Simulation(m, ESDIRK).remarks if "knife" in text]
     assert [re.match(wanted, text) is not None for text in told] == [True] * thick
 
@@ -191,8 +189,8 @@ def test_a_narrow_rail_is_remarked_on() -> None:
     add_contact(m, "rail", sheet, rail)
     told = [text for text in Simulation(m, ESDIRK).remarks if "rail" in text]
     assert told == [
-        "surface of contact 'rail' is 0.005 m wide, where points of sheet 's' are 0.0175 m apart: an edge of it that "
-        "comes between them is not felt; take more points than (4, 4) of a cell"
+        "surface of contact 'rail' is 0.005 m wide, but the contact points of sheet 's' are 0.0175 m apart: an edge "
+        "between two points causes no contact force; use more points per cell than (4, 4) [contact-at-start]"
     ]
 
 
@@ -239,7 +237,7 @@ def test_every_argument_of_a_surface_is_looked_at(kind: type[Surface]) -> None:
         (Trough(**(GOOD[Trough] | {"angle": 4.0})), "angle .* is 4.0 rad; allowed: pi at most"),
         (Trough(**(GOOD[Trough] | {"towards": "z"})), "towards .* is 'z'; allowed: a direction normal to its axis"),
         (Drum(radius=0.02, length=1.0), r"grid \(5, 4\) of sheet 's' has cells of 0.0742 m, too coarse for a surface "
-         "of contact 't' that is bent by 50 1/m; allowed: 0.012 m at most, as of 26 x 19 nodes"),
+         "of contact 't' with a curvature of 50 1/m; allowed: 0.012 m at most, as of 26 x 19 nodes"),
         (Wall, "surface of contact 't' is <class .*Wall'>; allowed: a Surface"),
         (None, "surface of contact 't' is None; allowed: a Surface"),
     ],
@@ -302,14 +300,17 @@ def test_an_idler_turns_where_its_nip_is() -> None:
     for given, told in (
         (
             {"idler": driving},
-            r"the axis of 'roller0.0' is 0.02 m beside where the idler of nip 'n' has it: 0.01 m from",
+            r"the axis of 'roller0.0' is 0.02 m away from its place at idler of nip 'n': 0.01 m from",
         ),
-        ({"idler": bodies["above"], "idler_radius": 0.02}, "the axis of 'above' is 0.01 m beside where the idler of"),
+        (
+            {"idler": bodies["above"], "idler_radius": 0.02},
+            "the axis of 'above' is 0.01 m away from its place at idler of",
+        ),
         ({"idler": bodies["askew"]}, "axis of 'askew' is .* allowed as idler of nip 'n': across its feed"),
         ({"idler": bodies["slides"]}, "idler of nip 'n' is 'slides'; allowed: a body on a Revolute"),
         ({"idler": node}, "idler of nip 'n' is '.*'; allowed: a body on a Revolute"),
         ({"idler": "above"}, "idler of nip 'n' is 'above'; allowed: a body on a Revolute"),
-        ({"idler_radius": 0.01}, "idler_radius of nip 'n' is 0.01, and its idler is no body; allowed: both or none"),
+        ({"idler_radius": 0.01}, "idler_radius of nip 'n' is 0.01, but no idler is given; allowed: both or none"),
         ({"idler": bodies["above"], "idler_radius": -0.01}, "idler_radius of nip 'n' is -0.01"),
     ):
         with refused(told):

@@ -77,5 +77,7 @@ def test_a_buffer_without_direction_is_remarked() -> None:
     m.force("stop", mb.DistanceStop(lower=0.1, stiffness=10.0, damping=0.5), m.ground, body)
     m.output("x", body.coordinate())
     found = mb.simulate(m, 0.1, solver="adams")
-    assert any("the ends of force 'stop' coincide, and its lower limit is 0.1 m" in text for text in found.remarks)
+    assert any(
+        "the ends of force 'stop' coincide at the start, but its lower limit is 0.1 m" in text for text in found.remarks
+    )
     np.testing.assert_array_equal(found["x"], 0.0)

@@ -383,6 +383,6 @@ def test_pressure_is_of_touches_of_one_sheet() -> None:
     with pytest.raises(UserError, match=r"contacts that press are \[\]; allowed: a list of what add_contact returns"):
         contact_pressure([], 0, 0)
     with pytest.raises(
-        UserError, match=r"contact 't.table' is of sheet 't'; allowed beside 's.table': contacts of 's'"
+        UserError, match=r"contact 't.table' is one of sheet 't'; allowed together with 's.table': contacts of 's'"
     ):
         contact_pressure(contacts, 0, 0)

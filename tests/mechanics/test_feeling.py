@@ -169,10 +169,10 @@ def test_the_twist_of_a_square_pulled_down_at_a_corner(model: str) -> None:
 @pytest.mark.parametrize(
     ("ask", "message"),
     [
-        (lambda s: s.moment("yy", 0.1, 0.1), "component of what sheet 'sheet' feels is 'yy'"),
+        (lambda s: s.moment("yy", 0.1, 0.1), "component of the loads in sheet 'sheet' is 'yy'"),
         (lambda s: s.moment("xx", -0.1, 0.1), r"x on sheet 'sheet' is -0.1 m; allowed: 0 to 0.3"),
         (lambda s: s.moment("xx", 0.1, float("nan")), "z on sheet 'sheet' is nan m"),
-        (lambda s: s.strain("xx", 0.1, 0.1), "it does with stretch=True"),
+        (lambda s: s.strain("xx", 0.1, 0.1), "use stretch=True"),
         (lambda s: s.stress("xx", 0.1, 0.1, face="left"), "face of sheet 'sheet' is 'left'"),
     ],
 )

@@ -444,7 +444,7 @@ def test_a_rail_carries_what_leans_on_it(cut: Any, axis: str) -> None:
         expected = force @ ways[0] if len(row) == 1 else moment @ np.cross(ways[1], ways[0])  # "zx" is about x cross z
         assert value == pytest.approx(expected, rel=1e-12, abs=1e-12)
     assert len(found) == (5 if cut is TranslationalCut else 4)
-    with pytest.raises(UserError, match=f"cut 'rail' has no row '{axis}'"):
+    with pytest.raises(UserError, match=f"cut 'rail' has no component '{axis}'"):
         rail.force(axis)
 
 
@@ -496,10 +496,10 @@ def test_rows_of_a_cut_joint_about_z_are_called_as_ever() -> None:
 @pytest.mark.parametrize(
     ("cut", "turn", "words"),
     [
-        (RevoluteCut(axis="x"), pi * Y, "the x axes of its cut joint are 180 deg apart"),
-        (RevoluteCut(axis=(0, 1, 1)), pi * X, "the n axes of its cut joint are 180 deg apart"),
-        (CylindricalCut(axis="y"), pi * X, "the y axes of its cut joint are 180 deg apart"),
-        (TranslationalCut(axis="y"), pi * Y, "the frames of its cut joint are 180 deg apart"),
+        (RevoluteCut(axis="x"), pi * Y, "the x axes of its cut joint are rotated by 180 deg"),
+        (RevoluteCut(axis=(0, 1, 1)), pi * X, "the n axes of its cut joint are rotated by 180 deg"),
+        (CylindricalCut(axis="y"), pi * X, "the y axes of its cut joint are rotated by 180 deg"),
+        (TranslationalCut(axis="y"), pi * Y, "the frames of its cut joint are rotated by 180 deg"),
         (RevoluteCut(axis="x"), 2.0 * X, ""),
         (RevoluteCut(axis=(0, 1, 1)), pi / 2**0.5 * (Y + Z), ""),
         (PlanarCut(axis="y"), -1.5 * Y, ""),
@@ -514,7 +514,7 @@ def test_frames_agree_about_the_axis_that_is_told(cut: Any, turn: Any, words: st
     m.body("box", m.ground, Floating(start=(0, 0, 0, *quaternion)), mass=1.0, inertia=(1, 1, 1))
     m.cut("c", cut, m.ground, m.bodies[1])
     if words:
-        with pytest.raises(AssemblyError, match=f"loop 'c' closes the wrong way round: {words}"):
+        with pytest.raises(AssemblyError, match=f"loop 'c' closes with a wrong orientation: {words}"):
             Plant(m).assemble()
     else:
         q, _ = Plant(m).assemble()

@@ -435,8 +435,8 @@ def test_what_cannot_be_told_is_refused() -> None:
         (lambda: m.output("o", theirs.force("x")), "body of output 'o' is"),
         (lambda: spring.force("x", on="c"), "body of force 'spring' is 'c'; allowed: 'a', 'b'"),
         (lambda: spring.force("r"), "component of force 'spring' is 'r'"),
-        (spring.effort, "force 'spring' acts on bodies and along no coordinate"),
-        (lambda: motor.moment("x"), "force 'motor' acts along the coordinate of a joint; effort tells it"),
+        (spring.effort, "force 'spring' acts on bodies and not along a joint coordinate"),
+        (lambda: motor.moment("x"), "force 'motor' acts along a joint coordinate; use effort()"),
     ):
         with pytest.raises(UserError, match=message):
             make()

@@ -452,10 +452,15 @@ def test_says_what_is_wrong_with_a_plate(options: dict[str, Any], message: str) 
 @pytest.mark.parametrize(
     ("order", "lift", "message"),
     [
-        ("adcb", 0.0, "from 'a' to 'd' its edge goes 90 degrees off"),  # clockwise
-        ("acbd", 0.0, "from 'c' to 'b' its edge goes 180 degrees off|from 'd' to 'a' its edge goes 180"),  # crossing
-        ("bcda", 0.0, "its edge goes 90 degrees off"),  # begun at the wrong corner
-        ("abcd", 2.0, "to 'c' its edge goes 69 degrees off"),  # a corner far out of the plane
+        ("adcb", 0.0, "from 'a' to 'd' the direction of its edge differs by 90"),  # clockwise
+        (
+            "acbd",
+            0.0,
+            "from 'c' to 'b' the direction of its edge differs by 180|from 'd' to 'a' the direction of its edge "
+            "differs by 180",
+        ),  # crossing
+        ("bcda", 0.0, "the direction of its edge differs by 90"),  # begun at the wrong corner
+        ("abcd", 2.0, "to 'c' the direction of its edge differs by 69"),  # a corner far out of the plane
         ("abcd", 0.2, ""),
     ],
 )
@@ -485,7 +490,7 @@ def test_bodies_at_one_place_span_no_plate() -> None:
     m = Mechanism()
     nodes = [m.body(f"n{i}", m.ground, Floating(), mass=1.0, inertia=(1.0, 1.0, 1.0)) for i in range(4)]
     m.plate(Plate(**BENDING), *nodes)
-    with pytest.raises(UserError, match="from 'n0' to 'n1' its edge goes 90 degrees off"):
+    with pytest.raises(UserError, match="from 'n0' to 'n1' the direction of its edge differs by 90"):
         Plant(m).assemble()
 
 

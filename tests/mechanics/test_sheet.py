@@ -363,13 +363,13 @@ def add(m: Mechanism, **options: Any) -> Sheet:
         ({"grid": 7}, "grid of sheet 'sheet' is 7"),
         (
             {"grid": (4, 2), "membrane": True},
-            r"is \(4, 2\): one row of cells across .* along z; .* at least 3 nodes along z",
+            r"is \(4, 2\): only one row of cells across .* along z, .* at least 3 nodes along z",
         ),
         (
             {"grid": (2, 4), "membrane": True, "supports": [Support("z0")]},
-            "one row of cells across its chains, along x",
+            "only one row of cells across its chains, along x",
         ),
-        ({"grid": (2, 4), "membrane": True, "tree": "master"}, "one row of cells across its chains, along x"),
+        ({"grid": (2, 4), "membrane": True, "tree": "master"}, "only one row of cells across its chains, along x"),
         ({"length": "long"}, "length of sheet 'sheet' is 'long'"),
         ({"tree": "bush"}, "tree of sheet 'sheet' is 'bush'; allowed: 'spine', 'rows', 'master'"),
         ({"joint": "ball"}, "joint of sheet 'sheet' is 'ball'; allowed: 'geodesic', 'paper'"),
@@ -382,7 +382,8 @@ def add(m: Mechanism, **options: Any) -> Sheet:
         ({"supports": [Support("x0", span=(0.0, float("nan")))]}, "span of .* it needs two finite numbers"),
         (
             {"supports": [Support("x0"), Support("x1", "pinned")]},
-            "hold it in its plane twice: clamped 'x0' and pinned 'x1'; .* make one 'guided' or 'supported'",
+            "constrain its in-plane motion twice: clamped 'x0' and pinned 'x1'; .* change one to 'guided' or "
+            "'supported'",
         ),
         (
             {"supports": [Support("z0"), Support("z1")], "tree": "master"},
@@ -392,28 +393,28 @@ def add(m: Mechanism, **options: Any) -> Sheet:
         ({"rotation": np.ones((3, 3))}, "rotation of sheet 'sheet'"),
         ({"damping": -1.0}, r"damping of sheet 'sheet' is -1\.0"),
         ({"membrane": "w"}, "membrane of sheet 'sheet' is 'w'"),
-        ({"membrane": True, "joint": "paper"}, "membrane True on chains of projected length, which locks"),
-        ({"membrane": "x", "tree": "rows", "joint": "paper"}, "which locks"),
+        ({"membrane": True, "joint": "paper"}, "membrane True on chains of projected length, which causes locking"),
+        ({"membrane": "x", "tree": "rows", "joint": "paper"}, "which causes locking"),
         ({"membrane": 1.0}, "membrane of sheet 'sheet' is 1.0; allowed: True, False"),
         ({"stretch": "yes"}, "stretch of sheet 'sheet' is 'yes'; allowed: True, False"),
         ({"stretch": 1.0}, "stretch of sheet 'sheet' is 1.0; allowed: True, False"),
         ({"stretch": None}, "stretch of sheet 'sheet' is None; allowed: True, False"),
         (
             {"stretch": True, "tree": "rows"},
-            "tree of sheet 'sheet' is 'rows', but with stretch it grows from its first",
+            "tree of sheet 'sheet' is 'rows', but with stretch=True it grows from its first",
         ),
         (
             {"stretch": True, "tree": "master", "supports": [Support("x0")]},
-            "tree of sheet 'sheet' is 'master', but with stretch it grows from its",
+            "tree of sheet 'sheet' is 'master', but with stretch=True it grows from its",
         ),
-        ({"stretch": True, "tree": "rows", "supports": []}, "'rows', but with stretch it grows from its middle"),
+        ({"stretch": True, "tree": "rows", "supports": []}, "'rows', but with stretch=True it grows from its middle"),
         (
             {"stretch": True, "joint": "paper"},
-            "joint of sheet 'sheet' is 'paper', but with stretch it has joints of its",
+            "joint of sheet 'sheet' is 'paper', but with stretch=True the joints",
         ),
         (
             {"stretch": True, "membrane": "s"},
-            "membrane of sheet 'sheet' is 's', but with stretch it resists all strains",
+            "membrane of sheet 'sheet' is 's', but with stretch=True all in-plane strains",
         ),
         ({"grid": (True, 4)}, r"grid of sheet 'sheet' is \(True, 4\); allowed: two whole numbers"),
     ],
@@ -453,8 +454,8 @@ def test_sharpest_bend_is_the_angle_of_the_joint() -> None:
     assert bend is not None
     assert bend.largest == pytest.approx(0.6, abs=1e-12)
     assert re.fullmatch(
-        r"cells bend by up to 34 degrees, between 'sheet.1.(\d)' and 'sheet.2.\1', and are good to about 15: "
-        "refine the grid of 'sheet' to 8 x 5 nodes",
+        r"adjacent cells are rotated by up to 34 deg between nodes 'sheet.1.(\d)' and 'sheet.2.\1'; "
+        r"allowed: about 15 deg\. Refine the grid of 'sheet' to 8 x 5 nodes",
         str(bend),
     )
     hinge = Mechanism()

@@ -68,8 +68,11 @@ class Swing(Model):
         ([], "array 'all' is .*; allowed: names of outputs, in lists of equal lengths"),
         ("tip.x", "allowed: names of outputs"),
         ([["tip.x", "tip.y"], ["angle"]], "allowed: names of outputs"),
-        (["tip.x", "tip.z"], "array 'all' has 'tip.z', which is no output"),
-        (["tip.x", "tip.x"], "array 'all' has 'tip.x', which is no output of the model, or in an array already"),
+        (["tip.x", "tip.z"], "array 'all' has 'tip.z', which is not an output"),
+        (
+            ["tip.x", "tip.x"],
+            "array 'all' has 'tip.x', which is not an output of the model or already in another array",
+        ),
         (["tip.x", "angle"], "array 'all' has 'tip.x' in m and 'angle' in rad"),
     ],
 )
@@ -81,7 +84,7 @@ def test_what_is_no_array_is_refused(names: Any, told: str):
 
 def test_the_name_of_an_array_is_no_other_variable_s():
     model = Swing(several={"angle": ["tip.x", "tip.y"]}.items())
-    with pytest.raises(UserError, match="'angle' is named as the output"):
+    with pytest.raises(UserError, match="'angle' has the same name as the output"):
         arrays(model, interface(model, ADAMS))
 
 
@@ -235,8 +238,8 @@ def test_fmi_2_and_models_without_terminals_have_no_file_of_them(tmp_path: Path)
 @pytest.mark.parametrize(
     ("several", "members", "told"),
     [
-        ({}, ("angle", "torque"), "terminal 'shaft' has 'torque', which is no input and no output of its own"),
-        ({"tip": ("tip.x", "tip.y")}, ("tip.x",), "terminal 'shaft' has 'tip.x', which is no input"),
+        ({}, ("angle", "torque"), "terminal 'shaft' has 'torque', which is not an input or output of the FMU"),
+        ({"tip": ("tip.x", "tip.y")}, ("tip.x",), "terminal 'shaft' has 'tip.x', which is not an input"),
         ({}, ("angle", "tip.x"), "terminal 'shaft' has variables in rad, m; allowed: one each in rad"),
         ({}, (), "terminal 'shaft' has variables in no unit"),
     ],

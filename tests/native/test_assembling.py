@@ -127,7 +127,7 @@ def test_a_loop_that_cannot_close_is_told_by_row_and_gap():
     adopt(native, plant)
     assert assembled(native, *guess(plant, 0.0)) == OPEN
     row, gap = native.view(native.instance.start.scratch.worst)[0]
-    assert f"{plant.system.constraint_names[row]!r} stays off by {gap:.3g} in" in refused(plant)
+    assert f"{plant.system.constraint_names[row]!r} is violated by {gap:.3g} (SI units) in" in refused(plant)
 
 
 def test_rates_that_open_a_loop_are_told_by_row_and_rate():
@@ -137,7 +137,7 @@ def test_rates_that_open_a_loop_are_told_by_row_and_rate():
     native, plant = Running(Simulation(cranks(1.0), Settings(solver="adams"))), Plant(cranks(1.5))
     assert assembled(native, *guess(plant, 0.0)) == OPENS
     row, gap = native.view(native.instance.start.scratch.worst)[0]
-    assert f"{plant.system.constraint_names[row]!r} opens at {gap:.3g} per second" in refused(plant)
+    assert f"{plant.system.constraint_names[row]!r} changes by {gap:.3g} (SI units) per second" in refused(plant)
 
 
 def test_a_motion_without_inertia_is_told_by_its_coordinates():
@@ -174,7 +174,10 @@ def test_a_weld_that_closes_turned_is_told_by_cut_joint_and_angle(turn: float, a
     assert assembled(native, *guess(plant, 0.0)) == Flaw.TURNED
     cut, angle = native.view(native.instance.start.scratch.worst)[0]
     assert (cut, angle) == (1, turn)
-    assert f"loop 'glue' closes the wrong way round: the frames of its cut joint are {turn:.0f} deg" in refused(plant)
+    assert (
+        f"loop 'glue' closes with a wrong orientation: the frames of its cut joint are rotated by {turn:.0f} deg"
+        in refused(plant)
+    )
 
 
 def pair(options: Callable[[int], dict[str, Any]]) -> Mechanism:

@@ -128,5 +128,5 @@ def test_a_file_that_changes_while_the_fmu_runs_is_noticed_where_it_is_read_agai
     assert fmu.step(0.0, 0.01) == OK  # its own copy is whole
     assert fmu.call("Reset") == fmu.set_up() == fmu.call("EnterInitializationMode") == OK
     assert fmu.call("ExitInitializationMode") == ERROR
-    assert "is gone or was changed" in binary.logged[-1][1]
+    assert "is missing or was changed" in binary.logged[-1][1]
     fmu.free()

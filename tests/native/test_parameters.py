@@ -215,7 +215,7 @@ def test_what_is_no_product_is_frozen_or_ranged():
     assert set(live.frozen) == {"bent", "curved", "whole", "count", "damping"}
     assert live.frozen["whole"] == STRUCTURE
     assert "another value than zero" in live.frozen["damping"]
-    assert "no real number" in live.frozen["count"]
+    assert "cannot be changed after a native export" in live.frozen["count"]
     assert "sums of products" in live.frozen["curved"]
     assert 1.0 < live.ranges["far"][1] <= 5.0
     assert 5.0 < live.ranges["farther"][1] <= 1e5

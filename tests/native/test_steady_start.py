@@ -71,9 +71,11 @@ def test_another_input_than_that_of_the_steady_state_is_refused(
     assert status == ERROR
     ((name, value),) = values.items()
     said = fmu.binary.logged[-1][1]
-    assert said.startswith(f"'{name}' was set to {value:.9g} in the initialization, but the steady state")
+    assert said.startswith(
+        f"'{name}' was set to {value:.9g} before the end of the initialization, but the steady state"
+    )
     own = next(float(v.start) for v in fmu.binary.description.modelVariables if v.name == name)
-    assert f"was found at the export, for {own:.9g}. Set it after the initialization" in said
+    assert f"was computed at the export for {own:.9g}. Set it after the initialization" in said
     assert fmu.call("Reset") == OK  # and as it is exported it starts
     assert fmu.set_up() == fmu.call("EnterInitializationMode") == fmu.call("ExitInitializationMode") == OK
     assert fmu.step(0.0, 0.01) == OK

@@ -223,5 +223,5 @@ def test_a_host_changes_parameters_of_signals(solver: str):
 
 
 def test_a_function_of_time_is_refused():
-    with pytest.raises(UserError, match="is the model's own"):
+    with pytest.raises(UserError, match="is user-defined"):
         image_of(Simulation(pushed("sin(t)"), Settings(solver="adams")))

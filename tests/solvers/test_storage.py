@@ -177,4 +177,4 @@ def test_the_command_reports_what_it_removed(home: Path, command: Callable[..., 
 def test_old_goes_with_clear(what: tuple[str, ...], command: Callable[..., Any]) -> None:
     code, _, err = command(*what)
     assert code == 2
-    assert "--old goes with `mbfmu cache clear`" in err
+    assert "--old is an option of `mbfmu cache clear` only" in err

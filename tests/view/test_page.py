@@ -305,9 +305,9 @@ def test_film_without_ffmpeg_says_what_to_install(command: Command, tmp_path: Pa
         (("good.npz", "-o", "x.glb", "--against=good.npz"), "--against goes with a page, and x.glb is a glTF"),
         (
             ("good.npz", "--against=good.npz", "--png=x.png"),
-            "--against goes with a page: pictures and films show one run",
+            "--against requires an HTML page: images and films show one run",
         ),
-        (("good.npz", "--against=adams"), "--against 'adams': 'good.npz' is the record of a run; write another one"),
+        (("good.npz", "--against=adams"), "--against 'adams': 'good.npz' is a recorded run; give another pose file"),
         (("good.npz", "--against=none.npz"), "pose file 'none.npz' cannot be read"),
         (("fourbar", "--against=ida"), "--against 'ida' is the run itself: ida, 1e-06"),
         (("fourbar", "--against=:1e-6"), "--against ':1e-6' is the run itself: ida, 1e-06"),
@@ -321,7 +321,7 @@ def test_film_without_ffmpeg_says_what_to_install(command: Command, tmp_path: Pa
         (("good.npz", "--gif=x.gif", "--speed=nan"), "--speed is nan"),
         (("good.npz", "--scale=0"), "--scale is 0.0; allowed: finite and greater than zero"),
         (("good.npz", "--scale=inf"), "--scale is inf; allowed: finite and greater than zero"),
-        (("good.npz", "--scale=2"), "scale of the deflection is 2, but 'fourbar' has no elastic body to bend"),
+        (("good.npz", "--scale=2"), "scale of the deflection is 2, but 'fourbar' has no elastic body"),
         (("good.npz", "--png=x.png", "--size=big"), "--size 'big'"),
         (("good.npz", "--png=x.png", "--camera=1"), "--camera '1'"),
         (("good.npz", "--png=no/folder/x.png"), "'no/folder/x.png' cannot be written"),
@@ -347,7 +347,7 @@ def test_readouts_are_read_out_in_pictures_and_kept_in_pose_files(tmp_path: Path
     arm = m.body("arm", m.ground, Revolute(start=0.3), **rod(mass=1.0, length=1.0))
     m.output("angle", arm.angle())
     m.output("share", arm.direction("x", "x"))
-    with pytest.raises(UserError, match="show_outputs is given 'angel', which is no output of this mechanism so far"):
+    with pytest.raises(UserError, match="show_outputs is given 'angel', which is not an output of this mechanism"):
         m.show_outputs("angel")
     m.show_outputs("angle", "share", "angle")
     recorder = Recorder()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from mbfmu.codes import coded
 from mbfmu.errors import AssemblyError, UserError
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.mechanism import Mechanism
@@ -104,8 +105,10 @@ class Assembly:
             most = max(fastest, float(np.abs(first_v[own_v] / size[own_v]).max(initial=0.0)))
             if joint.rate is not None and np.any(moved > tolerance * most):
                 found.append(_changed("rate", body, first_v[own_v], v[own_v]))
-        more = [f"{len(found) - TOLD} more given starts and rates are changed"] if len(found) > TOLD else []
-        return found[:TOLD] + more
+        if len(found) <= TOLD:
+            return found
+        more = f"{len(found) - TOLD} more given starts and rates are changed"
+        return [*found[:TOLD], coded("changed-start", more)]
 
     def close(self, t: float, start: Array, held: NDArray[np.bool_], given: NDArray[np.bool_] | None = None) -> Array:
         """Return positions (nq,) with closed loops near ``start``; ``held`` coordinates (n,) stay.
@@ -129,11 +132,11 @@ class Assembly:
                 axes = self.nearly_parallel()
                 if not axes:
                     raise
-                raise AssemblyError(f"{error}; {axes}: if they are meant to be parallel, {ROUNDED}") from error
+                raise AssemblyError(f"{error}; {axes}: if they are intended to be parallel, {ROUNDED}") from error
             worst = int(np.argmax(drawn))
             raise AssemblyError(
-                f"{error}; the frames of cut joint {cuts[worst].name!r} are drawn "
-                f"{np.degrees(drawn[worst]):.0f} deg apart"
+                f"{error}; in the start positions the frames of cut joint {cuts[worst].name!r} are rotated by "
+                f"{np.degrees(drawn[worst]):.0f} deg from each other"
             ) from error
         self.check_frames(t, q, drawn)
         return q
@@ -160,9 +163,13 @@ class Assembly:
             return ""
         self._place(t, q)
         axes = self.nearly_parallel()
-        why = f": {axes}. If they are meant to be parallel, {ROUNDED}" if axes else ""
+        why = f": {axes}. If they are intended to be parallel, {ROUNDED}" if axes else ""
         rows = "1 constraint equation leaves" if s.m == 1 else f"{s.m} constraint equations leave"
-        return f"nothing can move: {rows} no degree of freedom of {s.n} coordinates{why}"
+        return coded(
+            "locked-mechanism",
+            f"the mechanism cannot move: {rows} no degree of freedom of its {s.n} joint coordinates{why}"
+            + ("" if axes else ". Check the joints of its loops, or drive a joint if no motion is intended"),
+        )
 
     def _place(self, t: float, q: Array) -> None:
         self._system.fill_position(t, q, self._system.allocate_terms())
@@ -193,16 +200,17 @@ class Assembly:
         lines = describe(self._mechanism.constraints, self._vanishing_rows, [names[i] for i in redundant])
         lost = len(dependent_rows(self._system, t, q)) - len(redundant)
         if lost > 0:
-            rows = "1 more row depends" if lost == 1 else f"{lost} more rows depend"
-            lines.append(f"a singular position: {rows} on the others there")
+            more = "1 more constraint equation depends" if lost == 1 else f"{lost} more constraint equations depend"
+            lines.append(coded("singular-start", f"singular configuration: {more} on the others here"))
         return lines
 
 
 def _changed(what: str, body: Body, given: Array, found: Array) -> str:
     before, after = (", ".join(f"{x:.6g}" for x in values) for values in (given, found))
-    return (
+    return coded(
+        "changed-start",
         f"{what} of body {body.name!r} is changed from {before} to {after}, because the loops cannot close with all "
-        "given values; give consistent values, or set fixed=True for the joints whose values must be kept"
+        "given values; give consistent values, or declare as fixed the start values that must be kept",
     )
 
 

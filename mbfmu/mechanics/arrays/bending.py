@@ -49,8 +49,8 @@ class Bend:
         a, b = self.nodes[np.unravel_index(self.angles.argmax(), self.angles.shape)]
         names = [self.mechanism.bodies[k].name for k in (a, b)]
         return (
-            f"cells bend by up to {np.degrees(self.largest):.0f} degrees, between {names[0]!r} and {names[1]!r}, and "
-            f"are good to about {np.degrees(COARSE):.0f}: {self._advice(a)}"
+            f"adjacent cells are rotated by up to {np.degrees(self.largest):.0f} deg between nodes {names[0]!r} and "
+            f"{names[1]!r}; allowed: about {np.degrees(COARSE):.0f} deg. {self._advice(a)}"
         )
 
     def _advice(self, node: int) -> str:
@@ -62,8 +62,8 @@ class Bend:
                 sharp = self.angles[inside].reshape(-1, 2, 2).max(axis=(0, 2))  # along x, along z
                 cells = np.array([len(sheet.nodes), len(sheet.nodes[0])]) - 1
                 finer = np.ceil(cells * np.maximum(1.0, sharp / COARSE)).astype(int) + 1
-                return f"refine the grid of {sheet.name!r} to {finer[0]} x {finer[1]} nodes"
-        return "refine the mesh"
+                return f"Refine the grid of {sheet.name!r} to {finer[0]} x {finer[1]} nodes"
+        return "Refine the mesh"
 
 
 def bend(mechanism: Mechanism, cells: NDArray[np.int64], state: State) -> Bend:

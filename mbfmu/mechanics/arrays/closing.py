@@ -1,6 +1,6 @@
-"""Consistent positions and velocities from approximate ones, or a sentence on the loop that cannot close.
+"""Consistent positions and velocities from approximate ones, or an error that names the loop that cannot close.
 
-How is in :mod:`solvers.assembly`.
+The method is that of :mod:`solvers.assembly`.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from mbfmu.codes import coded
 from mbfmu.errors import AssemblyError
 from mbfmu.mechanics.builder.bodies import CutHandle
 from mbfmu.mechanics.records import State
@@ -18,14 +19,27 @@ from solvers.assembly import least_change as find_least_change
 from solvers.compiled.held import hold
 from solvers.system import AnySystem, Array
 
-SENTENCES = {  # with the name of a row and its gap in SI units, or the names of coordinates
-    Outcome.OPEN: "loop cannot close: {name!r} stays off by {gap:.3g} in the nearest position that was found; check "
-    "lengths and start positions, or hold fewer joints fixed",
-    Outcome.NOT_FINITE: "{name!r} or its slope is not finite on the way to a closed position; start elsewhere",
-    Outcome.OPENS: "start velocities are not consistent: {name!r} opens at {gap:.3g} per second; hold fewer joints "
-    "fixed or give consistent rates",
-    Outcome.NO_MASS: "no inertia: coordinate(s) {names} can move without moving mass; give a body mass or inertia "
-    "there, or drive or weld the joint",
+SENTENCES = {  # with the name of a constraint and its violation in SI units, or the names of coordinates
+    Outcome.OPEN: coded(
+        "cannot-assemble",
+        "loop cannot close: constraint {name!r} is violated by {gap:.3g} (SI units) in the nearest position that was "
+        "found; check lengths and start positions, or keep fewer start values fixed",
+    ),
+    Outcome.NOT_FINITE: coded(
+        "cannot-assemble",
+        "constraint {name!r} or its derivative is not finite during the assembly of the loops; choose other start "
+        "positions",
+    ),
+    Outcome.OPENS: coded(
+        "cannot-assemble",
+        "start velocities are not consistent: constraint {name!r} changes by {gap:.3g} (SI units) per second; "
+        "keep fewer start values fixed, or give consistent rates",
+    ),
+    Outcome.NO_MASS: coded(
+        "no-inertia",
+        "no inertia: coordinate(s) {names} can move without moving mass; give the body a mass or inertia, or drive or "
+        "weld the joint",
+    ),
 }
 
 
@@ -106,12 +120,12 @@ def check_frames(cuts: Sequence[CutHandle], state: State, drawn: Array | None) -
     for i, (handle, angle) in enumerate(zip(cuts, frame_angles(cuts, state), strict=True)):
         if angle < 1.0:  # rad: zero; else it is pi or 2 pi / 3
             continue
-        before = "" if drawn is None else f" (as drawn {np.degrees(drawn[i]):.0f} deg)"
+        before = "" if drawn is None else f" ({np.degrees(drawn[i]):.0f} deg in the start positions)"
         what = "frames" if handle.cut.parallel == "xyz" else f"{handle.cut.letters[2]} axes"
         raise AssemblyError(
-            f"loop {handle.name!r} closes the wrong way round: the {what} of its cut joint are "
-            f"{np.degrees(angle):.0f} deg apart{before}; turn rotation_a or rotation_b of the cut joint, or start "
-            "nearer to the closed loop"
+            f"loop {handle.name!r} closes with a wrong orientation: the {what} of its cut joint are rotated by "
+            f"{np.degrees(angle):.0f} deg from each other{before}; allowed: 0 deg. Change rotation_a or rotation_b of "
+            "the cut joint, or start nearer to the closed loop"
         )
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mbfmu.codes import coded
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.loads import DistanceStop, Spring
 
@@ -14,7 +15,7 @@ COINCIDENT = 1e-14  # distance relative to the length of the mechanism
 
 
 def find_coincident(mechanism: Mechanism, bodies: NDArray[Any], length: float) -> list[str]:
-    """Return a sentence for every elastic force without direction where ``bodies`` are; ``length`` is in m."""
+    """Return a warning for every elastic force without direction where ``bodies`` are; ``length`` is in m."""
     found = []
     for acting in mechanism.loads():
         load = acting.load
@@ -30,7 +31,11 @@ def find_coincident(mechanism: Mechanism, bodies: NDArray[Any], length: float) -
         if np.linalg.norm(ends[1] - ends[0]) <= COINCIDENT * length:
             what = "free length" if isinstance(load, Spring) else "lower limit"
             found.append(
-                f"the ends of {acting.what} coincide, and its {what} is {unloaded:g} m: its elastic force has no "
-                "direction there and is left out; let the ends start apart"
+                coded(
+                    "coincident-ends",
+                    f"the ends of {acting.what} coincide at the start, but its {what} is {unloaded:g} m: its elastic "
+                    "force has no direction there and is omitted; choose start positions with a distance between the "
+                    "ends",
+                )
             )
     return found

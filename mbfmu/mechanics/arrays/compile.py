@@ -120,7 +120,10 @@ class Numbering:
         what = f"drive of body {body.name!r}"
         signal = self._given(signal_of(body.joint.drive, what, drive=True), what, drive=True)
         if not signal.drives:
-            raise UserError(f"{what} is {signal!r}; its value or its rate jumps, and no joint can follow that")
+            raise UserError(
+                f"{what} is {signal!r}; its value or its rate is discontinuous, which no joint can "
+                "follow. Use a smooth signal"
+            )
         return signal
 
     def _given(self, signal: Signal, what: str, *, drive: bool = False) -> Signal:
@@ -156,7 +159,8 @@ class Numbering:
     def _slot(self, variable: Variable, signal: int, coefficient: int) -> None:
         if variable.name in [slot.variable.name for slot in self.slots]:
             raise UserError(
-                f"input {variable.name!r} is used twice; give one Input object to all that it loads, or other names"
+                f"input {variable.name!r} is used twice; use one Input object for all loads and drives with this "
+                "input, or choose other names"
             )
         self.slots.append(Slot(variable, signal, coefficient))
 
@@ -409,11 +413,13 @@ def check_rows(mechanism: Mechanism, kept: NDArray[np.int64]) -> None:
     for name, sensor, *_ in mechanism.outputs:
         if isinstance(sensor, CouplingEffort) and kept[first[len(mechanism.cuts) + sensor.item.index]] < 0:
             raise UserError(
-                f"output {name!r} reads coupling {sensor.item.name!r}, which vanishes in this mechanism: both its "
+                f"output {name!r} reads coupling {sensor.item.name!r}, whose constraint is trivially satisfied "
+                "in this mechanism: both its "
                 "coordinates are driven"
             )
         if isinstance(sensor, RowForce) and kept[first[sensor.item.index] + sensor.component] < 0:
             raise UserError(
-                f"output {name!r} reads row {sensor.item.cut.rows[sensor.component]!r} of cut {sensor.item.name!r}, "
-                "which vanishes in this mechanism: no free motion works against it"
+                f"output {name!r} reads component {sensor.item.cut.rows[sensor.component]!r} of cut "
+                f"{sensor.item.name!r}, which is trivially satisfied in this mechanism: no free motion violates "
+                "it. Read another component"
             )

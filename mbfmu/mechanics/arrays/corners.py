@@ -32,8 +32,9 @@ def check_corners(mechanism: Mechanism, state: State) -> None:
     if off[p, c] > ASKEW:
         names = [mechanism.bodies[k].name for k in cells[p]]
         raise UserError(
-            f"corners of a plate are {names}: from {names[c]!r} to {names[(c + 1) % 4]!r} its edge goes "
-            f"{np.degrees(off[p, c]):.0f} degrees off the way that the attitudes of its bodies give it; allowed: at "
+            f"corners of a plate are {names}: from {names[c]!r} to {names[(c + 1) % 4]!r} the direction of its "
+            f"edge differs by {np.degrees(off[p, c]):.0f} degrees from the one that the orientations of its "
+            "bodies give; allowed: at "
             f"most {np.degrees(ASKEW):.0f}, and the bodies at (0, 0), (a, 0), (a, b), (0, b) of their x-z plane, in "
             "this order"
         )

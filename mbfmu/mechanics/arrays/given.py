@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from mbfmu.codes import coded
 from mbfmu.errors import UserError, short
 from mbfmu.mechanics import law
 from mbfmu.mechanics.checks import signal_of
@@ -95,7 +96,7 @@ class Course:
         first, last, begin, end = table.x[0], table.x[-1], self.times[0], self.times[-1]
         if begin < first or end > last:
             raise UserError(
-                f"{self._what} is given by points from {first:g} to {last:g} s, and the run goes from {begin:g} to "
+                f"{self._what} is given by points from {first:g} to {last:g} s, but the run is from {begin:g} to "
                 f"{end:g} s; give points for the whole run, or mbfmu.Table(times, values, beyond=...)"
             )
 
@@ -149,9 +150,9 @@ class Course:
         rate = (self.value(t + step) - self.value(t)) / step
         if abs(rate) * step > AGREE * SHORT * float(np.ptp(values)):
             self.jerk = (
-                f". The joint that it moves starts at rest although the input starts with the rate {rate:.4g}: what is "
-                "connected to the joint receives an impulse at the first output. Give a function whose rate is "
-                "continuous, or a constant value at first"
+                f". The joint that it moves starts at rest although the input starts with the rate {rate:.4g}, so "
+                "that the bodies connected to the joint receive an impulse at the first output. Give a function whose "
+                "derivative is continuous and zero at the start"
             )
 
     def note(self) -> None:
@@ -170,10 +171,11 @@ class Course:
         off = np.abs(self._values() - self._noted).max(initial=0.0)
         if not off > REPEATS * np.abs(self._noted).max(initial=0.0):
             return ""
-        return (
+        return coded(
+            "sampled-input",
             f"the function of {self._what} does not depend on time alone: called again for the same times it returned "
-            f"values that differ by {off:.3g}. It was called before the run; what depends on the run has to be set by "
-            "Simulation.set_input in the function `watch`"
+            f"values that differ by {off:.3g}. It is called before the run; set values that depend on the run by "
+            "Simulation.set_input in the function `watch`",
         )
 
 
@@ -209,8 +211,12 @@ class Courses:
     def remarks(self) -> list[str]:
         """Return what is unusual about them, after a run."""
         found = [
-            f"input {course.name!r} cannot be evaluated at the solver's times ({course.held}): it was set at every "
-            f"output, and the result depends on the interval between them{course.jerk}"
+            coded(
+                "sampled-input",
+                f"input {course.name!r} cannot be evaluated at the solver's times ({course.held}): it was set at every "
+                f"output only, and the result depends on the interval between outputs{course.jerk}. Reduce the "
+                "interval, or give a smooth function",
+            )
             for course in self.held
         ]
         for course in self.by_name.values():
@@ -292,9 +298,11 @@ class Courses:
         off = np.abs(found.at(times) - np.array([given.value(float(t)) for t in times]))
         k = int(off.argmax())
         if off[k] > AGREE * np.abs(found.series).sum(axis=1).max():
-            given.remark = (
-                f"input {given.name!r} is {given.value(float(times[k])):.6g} at t = {times[k]:.6g} s, and the "
-                f"derivative of input {course.name!r} is {found.at(times[[k]])[0]:.6g} there; the derivative is used"
+            given.remark = coded(
+                "sampled-input",
+                f"input {given.name!r} is {given.value(float(times[k])):.6g} at t = {times[k]:.6g} s, but the "
+                f"derivative of input {course.name!r} is {found.at(times[[k]])[0]:.6g} at this time. The derivative is "
+                f"used; do not give {given.name!r}, or give consistent values",
             )
 
 

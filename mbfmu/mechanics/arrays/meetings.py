@@ -16,6 +16,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from mbfmu.codes import coded
 from mbfmu.errors import UserError
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.mechanism import Mechanism
@@ -33,7 +34,7 @@ FINEST = 200  # points of a cell one way that are looked at for that
 def check_surface_contacts(
     mechanism: Mechanism, contacts: NDArray[Any], arrays: Any, state: Any, gravity: float
 ) -> None:
-    """Raise UserError for a sheet that is through a contact surface, as ``state`` has placed the bodies.
+    """Raise UserError for a sheet that penetrates a contact surface, as ``state`` has placed the bodies.
 
     ``contacts`` are the records of all surface contacts; arrays and state are as kernels take them, ``gravity`` is in
     m/s^2.
@@ -56,14 +57,15 @@ def check_surface_contacts(
             depth, *place = found[found[:, 0].argmax()].tolist()
             if depth > allowed:
                 raise UserError(
-                    f"sheet {_sheet(mechanism, met.nodes)!r} starts inside a contact surface: at ({place[0]:.4g}, "
-                    f"{place[1]:.4g}, {place[2]:.4g}) m it is {depth:.3g} m deep in {met.name!r}; allowed: "
-                    f"{allowed:.3g} m at most"
+                    f"sheet {_sheet(mechanism, met.nodes)!r} penetrates {met.name!r} at the start by {depth:.3g} m at "
+                    f"({place[0]:.4g}, {place[1]:.4g}, {place[2]:.4g}) m; allowed: {allowed:.3g} m at most. Move the "
+                    "sheet or the surface apart",
+                    "contact-at-start",
                 )
 
 
 def unfelt(mechanism: Mechanism, state: State) -> list[str]:
-    """Return in sentences which edges of guides are so narrow that a sheet may come over them between its points."""
+    """Return warnings about edges of guides that may lie between the contact points of a sheet."""
     told = []
     for met in _of(mechanism, SurfaceContact):
         load, holder = met.loads[0], met.holder
@@ -78,9 +80,12 @@ def unfelt(mechanism: Mechanism, state: State) -> list[str]:
         for size, what, gap in ((2.0 * radius, "thick", across.max()), (long, "wide", beside.max())):
             if size < gap:
                 told.append(
-                    f"surface of contact {met.name!r} is {size:.3g} m {what}, where points of sheet "
-                    f"{_sheet(mechanism, met.nodes)!r} are {gap:.3g} m apart: an edge of it that comes between them is "
-                    f"not felt; take more points than {tuple(load.samples)} of a cell"
+                    coded(
+                        "contact-at-start",
+                        f"surface of contact {met.name!r} is {size:.3g} m {what}, but the contact points of sheet "
+                        f"{_sheet(mechanism, met.nodes)!r} are {gap:.3g} m apart: an edge between two points causes no "
+                        f"contact force; use more points per cell than {tuple(load.samples)}",
+                    )
                 )
     return told
 
@@ -95,8 +100,12 @@ def beside(mechanism: Mechanism, state: State) -> list[str]:
         off = max(float(across.min()) - middle, middle - float(across.max())) - half
         if off > 0.0:
             told.append(
-                f"nip {met.name!r} is {off:.3g} m beside sheet {_sheet(mechanism, met.nodes)!r} as that starts, across "
-                "the feed: it meets it only if the sheet moves sideways"
+                coded(
+                    "contact-at-start",
+                    f"nip {met.name!r} is {off:.3g} m away from the edge of sheet {_sheet(mechanism, met.nodes)!r} at "
+                    "the start, across the feed direction; it drives the sheet only if the sheet moves sideways. Check "
+                    "the position and width of the nip",
+                )
             )
     return told
 

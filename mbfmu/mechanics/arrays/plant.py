@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mbfmu.codes import coded
 from mbfmu.errors import UserError
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.contact.surface_contact import SurfaceContact
@@ -75,7 +76,7 @@ class Plant:
             self._compiled = compiled = Compiled(mechanism, numbering)
         except MemoryError as error:
             count = len(mechanism.bodies)
-            raise UserError(f"a mechanism of {count} bodies needs more memory than there is") from error
+            raise UserError(f"a mechanism of {count} bodies needs more memory than is available") from error
         self.data = compiled.data
         check_bounds(mechanism, compiled.called(), self.data)
         self.length = characteristic_length(mechanism, self.data.arrays)
@@ -105,10 +106,12 @@ class Plant:
         vanishing, gaps = find_vanishing_rows(system, start, self.drives, self.inputs, signals, units, slack, why)
         rounded = vanishing & (gaps > VANISHING)
         self.rounded_rows = {
-            names[
-                i
-            ]: f"{names[i]!r} is left out: it opens by at most {gaps[i] * system.row_size[i]:.2g} {units[i]}, which "
-            f"is within the assembly tolerance of {self.mechanism.assembly_tolerance:g}{why[i]}"
+            names[i]: coded(
+                "nearly-parallel-axes",
+                f"constraint {names[i]!r} is left out: it is violated by at most {gaps[i] * system.row_size[i]:.2g} "
+                f"{units[i]}, which is within the assembly tolerance of {self.mechanism.assembly_tolerance:g}{why[i]}. "
+                "Reduce the assembly tolerance of the mechanism if the constraint is intended",
+            )
             for i in np.flatnonzero(rounded)
         }
         self.data.arrays.memory[:] = before

@@ -18,8 +18,8 @@ from mbfmu.mechanics.records import State
 from solvers.system import Array
 
 ROUNDED = (
-    "give their directions with more digits, take a cut joint that leaves free what the others hold, or enlarge the "
-    "assembly_tolerance of the Mechanism"
+    "give their directions with more digits, use a cut joint that does not constrain what the other joints already "
+    "constrain, or increase the assembly tolerance of the mechanism"
 )
 PARALLEL = 1e-13  # rad: below this axes are parallel to rounding
 NEARLY_PARALLEL = 0.02  # rad: above this axes are meant to be at an angle

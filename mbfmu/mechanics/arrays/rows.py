@@ -1,9 +1,9 @@
-"""What the rows of constraints are worth: those no motion works against, and those that say what others say.
+"""Constraint equations that are trivially satisfied, and those that are redundant.
 
-A constraint equation is **trivially satisfied** if its row of the Jacobian is zero in every position: a planar loop has
-three. It is dropped when the mechanism is compiled. So is one that is so except for the rounding of the geometry, see
-:mod:`.rounded`. A row is **redundant** where it depends on others: the loop is closed without it, and the forces
-between them are not determined. It stays, and its share is a matter of the solver.
+A constraint equation is **trivially satisfied** if its Jacobian is zero at every position of the mechanism: a planar
+loop has three. It is removed when the mechanism is compiled. So is one whose Jacobian differs from zero only by the
+rounding of the geometry, see :mod:`.rounded`. A constraint equation is **redundant** if it depends on others: the loop
+is closed without it, and the distribution of the reaction forces among them is not unique. It is kept.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
+from mbfmu.codes import coded
 from mbfmu.errors import AssemblyError
 from mbfmu.mechanics.builder.bodies import CouplingHandle, CutHandle
 from mbfmu.mechanics.signals import InUse
@@ -24,7 +25,13 @@ from .rounded import ROUNDED
 
 VANISHING = 1e-9  # of a Jacobian in units of row and coordinate, and of a gap: what rounding leaves of zero
 DEPENDENT = 1e-4  # of pivots, relative to the largest; a loop closed to 1e-11 is that far from a singular configuration
-TOLD = 4  # loops that are reported one by one
+CHECK_LOOP = "; check the positions and axes of the joints of this loop, or add a joint"
+NOT_UNIQUE = coded(
+    "redundant-constraints",
+    "The motion is not affected, but the distribution of the reaction forces among them is not unique. Choose a joint "
+    "that constrains fewer directions if these forces are needed",
+)
+TOLD = 4  # loops that are listed one by one
 
 
 Handle = CutHandle | CouplingHandle
@@ -37,7 +44,7 @@ def row_names(handles: Iterable[Handle]) -> list[str]:
 
 def advice(why: str) -> str:
     """Return which axes are nearly parallel, with what to do about it; empty: none are."""
-    return f"{why}; if they are meant to be parallel, {ROUNDED}" if why else ""
+    return f"{why}; if they are intended to be parallel, {ROUNDED}" if why else ""
 
 
 class Probe:
@@ -81,17 +88,18 @@ class Probe:
             if self.at_start[i] > VANISHING:
                 off = self.at_start[i] * s.row_size[i]
                 raise AssemblyError(
-                    f"loop cannot close: {name!r} is off by {off:.3g} {unit} and no free joint can change that"
-                    f"{advice(why[i])}"
+                    f"loop cannot close: constraint {name!r} is violated by {off:.3g} {unit} and no free joint can "
+                    f"change that{advice(why[i]) or CHECK_LOOP}"
                 )
             if not driven:
                 raise AssemblyError(
-                    f"loop cannot move: {name!r} opens to {self.gap[i] * s.row_size[i]:.3g} {unit} as its joints move"
-                    f"{advice(why[i])}"
+                    f"loop cannot move: constraint {name!r} is violated by {self.gap[i] * s.row_size[i]:.3g} {unit} "
+                    f"when its joints move{advice(why[i]) or CHECK_LOOP}"
                 )
             raise AssemblyError(
-                f"the drives break a loop: as they move, {name!r} opens to {self.gap[i] * s.row_size[i]:.3g} {unit} "
-                "and no free joint can follow; free a joint of this loop, or drive it otherwise"
+                f"the drives open a loop: when they move, constraint {name!r} is violated by "
+                f"{self.gap[i] * s.row_size[i]:.3g} {unit} and no free joint can follow; free a joint of this loop, or "
+                "choose another drive"
             )
         return vanishing
 
@@ -145,23 +153,27 @@ def dependent_rows(system: AnySystem, t: float, q: Array) -> NDArray[np.int64]:
 
 
 def describe(handles: Iterable[Handle], vanishing: Collection[str], redundant: Collection[str]) -> list[str]:
-    """Return a sentence for every cut joint or coupling with vanishing or redundant rows; few where there are many."""
-    lines = []
+    """Return a line for every cut joint or coupling with removed constraints, and one with a code for every one with
+    redundant ones; the first few of each.
+    """
+    removed: list[str] = []
+    dependent: list[str] = []
     for handle in handles:
         rows = dict(zip(row_names([handle]), handle.rows, strict=True))
-        found = [
-            (verbs, [row for name, row in rows.items() if name in those])
-            for verbs, those in (
-                (("vanishes", "vanish"), vanishing),
-                (("is redundant", "are redundant"), redundant),
-            )
-        ]
-        parts = [
-            f"{len(those)} of {len(rows)} rows {verbs[len(those) > 1]}"
-            + (f" ({', '.join(those)})" if len(rows) > 1 else "")
-            for verbs, those in found
-            if those
-        ]
-        if parts:
-            lines.append(f"{handle.what} {handle.name!r}: {', '.join(parts)}")
-    return lines if len(lines) <= TOLD else [*lines[:TOLD], f"{len(lines) - TOLD} more loops have such rows"]
+        for lines, those, what in (
+            (removed, vanishing, "trivially satisfied{which} and removed"),
+            (dependent, redundant, f"redundant{{which}}. {NOT_UNIQUE}"),
+        ):
+            named = [row for name, row in rows.items() if name in those]
+            if named:
+                which = f" ({', '.join(named)})" if len(rows) > 1 else ""
+                count = f"{len(named)} of its {len(rows)} constraints {'is' if len(named) == 1 else 'are'}"
+                lines.append(f"{handle.what} {handle.name!r}: {count} {what.format(which=which)}")
+    return [
+        *_first(removed, "loops with constraints that are trivially satisfied"),
+        *_first(dependent, "loops with redundant constraints"),
+    ]
+
+
+def _first(lines: list[str], rest: str) -> list[str]:
+    return lines if len(lines) <= TOLD else [*lines[:TOLD], f"{len(lines) - TOLD} more {rest}"]

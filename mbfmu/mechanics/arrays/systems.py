@@ -182,17 +182,17 @@ class Systems:
         }
 
     def _cornered(self) -> str:
-        """Say where forces turn sharply; empty: nowhere."""
+        """Return where forces change within short distances; empty: nowhere."""
         if any(isinstance(acting.load, SurfaceContact | Nip) for acting in self._mechanism.others):
-            return "those of contact turn within micrometers, and friction within millimeters per second"
+            return "contact forces change within micrometers, and friction forces within millimeters per second"
         return ""
 
     def _stiff(self) -> str:
-        """Say what is so stiff that no explicit step may outrun it; empty: nothing is."""
+        """Return what makes the system too stiff for explicit solvers; empty: nothing does."""
         if any(isinstance(plate, Shell) for plate, _ in self._mechanism.plates):
-            return "shell elements vibrate in their plane hundreds of times faster than they bend"
+            return "shell elements vibrate in their plane hundreds of times faster than in bending"
         if any(isinstance(acting.load, Nip) for acting in self._mechanism.others):
-            return "nips hold a sheet between rollers thousands of times stiffer than it bends"
+            return "the contact stiffness of nips is thousands of times the bending stiffness of the sheet"
         return ""
 
     def tangent(self, groups: Groups | None = None) -> Tangent:
@@ -208,9 +208,9 @@ class Systems:
         members = np.flatnonzero(groups.of == widest)
         if len(members) > WIDEST:
             raise UserError(
-                f"joints, forces and elements tie {len(members)} bodies to each other, "
+                f"joints, forces and elements connect {len(members)} bodies, "
                 f"{self._mechanism.bodies[members[-1]].name!r} among them, so that they must be solved at once; "
-                f"allowed: {WIDEST}; tie bodies that are near each other in the tree"
+                f"allowed: {WIDEST}; connect bodies that are near each other in the tree"
             )
         return groups
 

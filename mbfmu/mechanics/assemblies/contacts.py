@@ -100,8 +100,8 @@ def contact_pressure(contacts: Sequence[SurfaceContactHandle], i: int, k: int) -
     for contact in contacts:
         if contact.sheet is not sheet:
             raise UserError(
-                f"contact {contact.name!r} is of sheet {contact.sheet.name!r}; allowed beside {contacts[0].name!r}: "
-                f"contacts of {sheet.name!r}"
+                f"contact {contact.name!r} is one of sheet {contact.sheet.name!r}; allowed together with "
+                f"{contacts[0].name!r}: contacts of {sheet.name!r}"
             )
     if (i, k) not in sheet.cells:
         raise UserError(f"sheet {sheet.name!r} has no cell {(i, k)}; allowed: {max(sheet.cells)} at most")

@@ -150,7 +150,7 @@ def _told(role: str, function: Callable[[float, float], Any], x: float, z: float
         return function(x, z)
     except Exception as error:
         raise UserError(
-            f"{role} cannot be told, {type(error).__name__}: {error}; allowed: a function of x and z, m"
+            f"{role} fails with {type(error).__name__}: {error}; allowed: a function of x and z, m"
         ) from error
 
 

@@ -197,12 +197,12 @@ class Sheet:
 
     def _felt(self, unit: str, component: str, x: float, z: float, **parts: float) -> Sensor:
         """Return a sensor of these parts of what the element at (x, z) feels."""
-        one_of(f"component of what sheet {self.name!r} feels", component, COMPONENTS)
+        one_of(f"component of the loads in sheet {self.name!r}", component, COMPONENTS)
         (i, x), (k, z) = self._cell("x", x), self._cell("z", z)
         element, corners = self.cells[i, k]
         felt, row = element.felt(x, z), COMPONENTS[component]
         if not parts.keys() <= felt.keys():
-            raise UserError(f"sheet {self.name!r} does not feel all strains in its plane; it does with stretch=True")
+            raise UserError(f"sheet {self.name!r} has no output of in-plane strains; use stretch=True")
         start = sum(part * felt[key].start[row] for key, part in parts.items())
         weights = sum(part * felt[key].weights[row] for key, part in parts.items())
         kind = InPlate if isinstance(element, Plate) else InShell
@@ -347,11 +347,16 @@ def _refuse_what_stretches(what: str, tree: str, joint: str, membrane: bool | st
     """Refuse what a sheet with stretch would not follow; ``held``: it grows from a support."""
     if tree == "rows" or (tree == "master" and held):
         grows = "from its first support" if held else "from its middle"
-        raise UserError(f"tree of {what} is {tree!r}, but with stretch it grows {grows}; leave tree out")
+        raise UserError(f"tree of {what} is {tree!r}, but with stretch=True it grows {grows}; leave out tree")
     if joint != "geodesic":
-        raise UserError(f"joint of {what} is {joint!r}, but with stretch it has joints of its own; leave joint out")
+        raise UserError(
+            f"joint of {what} is {joint!r}, but with stretch=True the joints are determined; leave out joint"
+        )
     if isinstance(membrane, str):
-        raise UserError(f"membrane of {what} is {membrane!r}, but with stretch it resists all strains; leave it out")
+        raise UserError(
+            f"membrane of {what} is {membrane!r}, but with stretch=True all in-plane strains have "
+            "stiffness; leave out membrane"
+        )
 
 
 def _resisted(what: str, membrane: bool | str, tree: str, joint: str, supports: Sequence[Support]) -> str:
@@ -365,8 +370,8 @@ def _resisted(what: str, membrane: bool | str, tree: str, joint: str, supports: 
     locked = set(strains) & ({spine} if tree == "rows" else {"x", "z"})
     if joint == "paper" and locked:
         raise UserError(
-            f"{what} has membrane {membrane!r} on chains of projected length, which locks: it would be several times "
-            "too stiff; take joint 'geodesic' or no membrane"
+            f"{what} has membrane {membrane!r} on chains of projected length, which causes locking (several "
+            "times too stiff); use joint 'geodesic' or no membrane"
         )
     return strains
 
@@ -377,8 +382,8 @@ def _refuse_one_row(what: str, shape: tuple[int, int], plate: Plate, tree: str, 
     for axis, count in zip("xz", shape, strict=True):
         if plate.strains and axis != along and count < 3:
             raise UserError(
-                f"grid of {what} is {shape}: one row of cells across its chains, along {axis}; with membrane it folds "
-                f"there instead of bending; allowed: at least 3 nodes along {axis}, or no membrane"
+                f"grid of {what} is {shape}: only one row of cells across its chains, along {axis}, which with "
+                f"membrane folds instead of bending; allowed: at least 3 nodes along {axis}, or no membrane"
             )
 
 

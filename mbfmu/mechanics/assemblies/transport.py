@@ -94,8 +94,9 @@ def add_contact(
         longest, (nx, nz) = COARSEST / surface.curvature(), (len(sheet.nodes), len(sheet.nodes[0]))
         finer = [max(n, ceil(h * (n - 1) / longest) + 1) for n, h in ((nx, sheet.a), (nz, sheet.b))]
         raise UserError(
-            f"grid ({nx}, {nz}) of sheet {sheet.name!r} has cells of {side:.3g} m, too coarse for a surface of {what} "
-            f"that is bent by {surface.curvature():g} 1/m; allowed: {longest:.3g} m at most, as of {finer[0]} x "
+            f"grid ({nx}, {nz}) of sheet {sheet.name!r} has cells of {side:.3g} m, too coarse for a surface of "
+            f"{what} with a curvature of {surface.curvature():g} 1/m; allowed: {longest:.3g} m at most, as of "
+            f"{finer[0]} x "
             f"{finer[1]} nodes"
         )
     spacing = max(sheet.a / points[0], sheet.b / points[1])
@@ -203,7 +204,7 @@ def add_nip(
     place, across = vector(f"at of {what}", at), np.cross(d, n)
     _fits(roller, radius, place, n, across, f"roller of {what}")
     if idler is None and idler_radius is not None:
-        raise UserError(f"idler_radius of {what} is {idler_radius!r}, and its idler is no body; allowed: both or none")
+        raise UserError(f"idler_radius of {what} is {idler_radius!r}, but no idler is given; allowed: both or none")
     beyond = 0.0
     if idler is not None:
         beyond = radius if idler_radius is None else positive(f"idler_radius of {what}", idler_radius)
@@ -289,7 +290,7 @@ def _fits(roller: Any, radius: float, place: Any, normal: Any, across: Any, what
     beside = float(np.linalg.norm(np.cross(off, axle)))
     if beside > OFF * radius:
         raise UserError(
-            f"the axis of {roller.name!r} is {beside:.3g} m beside where the {what} has it: {radius:g} m from "
+            f"the axis of {roller.name!r} is {beside:.3g} m away from its place at {what}: {radius:g} m from "
             f"{place.tolist()} along {(0.0 - normal).round(6).tolist()}"
         )
 

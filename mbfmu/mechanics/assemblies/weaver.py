@@ -90,7 +90,7 @@ class Weaver:
                 given = supports[0].kind if supports else "missing"
                 raise UserError(
                     f"first support of {self.what} is {given}; tree {tree!r} grows from one that is clamped or pinned: "
-                    "put it first, or take tree 'master'"
+                    "list it first, or use tree 'master'"
                 )
             self._refuse_taut(supports, None)
             root = supports.pop(0)
@@ -167,8 +167,8 @@ class Weaver:
                 i = self.mechanism.bodies[i].parent
             if i in first:
                 raise UserError(
-                    f"supports of {self.what} hold it in its plane twice: {first[i]} and {name}; it cannot stretch, so "
-                    "it could not bend between them; make one 'guided' or 'supported'"
+                    f"supports of {self.what} constrain its in-plane motion twice: {first[i]} and {name}; it "
+                    "cannot stretch and could not bend between them; change one to 'guided' or 'supported'"
                 )
             first[i] = name
 

@@ -148,7 +148,7 @@ def coordinate_of(what: str, body: Body, given: int | None) -> int:
     plain = joint.nv - 3 * joint.quaternion
     names = ", ".join(f"{k}: {name or joint.units[k]}" for k, name in enumerate(joint.coordinates[:plain]))
     if plain == 0:
-        why = "turns by a quaternion" if joint.quaternion else "has none"
+        why = "has an orientation given by a quaternion" if joint.quaternion else "has none"
         raise UserError(f"{what}: the joint of body {body.name!r} {why}; allowed: an angle or a displacement")
     if k is None and plain == joint.nv == 1:
         return 0
@@ -183,7 +183,9 @@ class CutHandle:
         a, which turn with it, that of a distance joint along the line from a to b.
         """
         if row not in self.cut.rows:
-            raise UserError(f"cut {self.name!r} has no row {row!r}; allowed: {', '.join(map(repr, self.cut.rows))}")
+            raise UserError(
+                f"cut {self.name!r} has no component {row!r}; allowed: {', '.join(map(repr, self.cut.rows))}"
+            )
         k = self.cut.rows.index(row)
         return RowForce(unit=self.cut.units[k], item=self, component=k)
 
@@ -241,7 +243,9 @@ class ForceHandle:
     def effort(self) -> Sensor:
         """What it exerts along the coordinate of the joint it acts on, N or N m."""
         if not self.load.on_joint:
-            raise UserError(f"force {self.name!r} acts on bodies and along no coordinate; force and moment tell it")
+            raise UserError(
+                f"force {self.name!r} acts on bodies and not along a joint coordinate; use force() or moment()"
+            )
         return LoadEffort(unit=effort_unit(self.a.joint.units[0]), item=self, bodies=(self.a,))
 
     def _axis(self, axis: str) -> int:
@@ -250,7 +254,7 @@ class ForceHandle:
     def _wrench(self, unit: str, component: int, on: str) -> Sensor:
         one_of(f"body of force {self.name!r}", on, ("a", "b"))
         if self.load.on_joint:
-            raise UserError(f"force {self.name!r} acts along the coordinate of a joint; effort tells it")
+            raise UserError(f"force {self.name!r} acts along a joint coordinate; use effort()")
         return LoadWrench(unit=unit, item=self, component=component + (6 if on == "b" else 0), bodies=(self.a, self.b))
 
 

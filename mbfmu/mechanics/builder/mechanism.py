@@ -157,7 +157,7 @@ class Mechanism(Appearance):
         self._new_name("body", name, self._bodies_named)
         self._member(parent, f"parent of body {name!r}")
         if isinstance(joint, Section):
-            raise UserError(f"joint of body {name!r} is of class Section, which FlexibleBody.section alone makes")
+            raise UserError(f"joint of body {name!r} is of class Section; use FlexibleBody.section")
         check_kind(f"joint of body {name!r}", joint, Joint)
         joint.check(f"body {name!r}")
         if joint.drive is not None and joint.nv != 1:
@@ -208,7 +208,7 @@ class Mechanism(Appearance):
         self._member(a, f"body a of cut {name!r}")
         self._member(b, f"body b of cut {name!r}")
         if a is b:
-            raise UserError(f"cut {name!r} ties body {a.name!r} to itself; it needs two bodies")
+            raise UserError(f"cut {name!r} connects body {a.name!r} to itself; it needs two bodies")
         cut.check(f"cut {name!r}")
         self.cuts.append(CutHandle(name, len(self.cuts), cut, a, b))
         return self.cuts[-1]
@@ -244,7 +244,7 @@ class Mechanism(Appearance):
         k = coordinate_of(f"coordinate_a of {what}", a, coordinate_a)
         l = coordinate_of(f"coordinate_b of {what}", b, coordinate_b)
         if a is b and k == l:
-            raise UserError(f"{what} ties the coordinate of body {a.name!r} to itself; it needs two coordinates")
+            raise UserError(f"{what} connects the coordinate of body {a.name!r} to itself; it needs two coordinates")
         coupling.check(what)
         coupling.check_unit(what, b.joint.units[l])
         self.couplings.append(CouplingHandle(name, len(self.couplings), coupling, a, b, k, l))
@@ -421,11 +421,11 @@ class Mechanism(Appearance):
         for body in sensor.bodies or ((sensor.item,) if isinstance(sensor.item, Body) else ()):
             self._member(body, f"body of output {name!r}")
         if isinstance(sensor.item, CutHandle | CouplingHandle) and not any(sensor.item is c for c in self.constraints):
-            raise UserError(f"output {name!r} is of {sensor.item.name!r}, which is no constraint of this mechanism")
+            raise UserError(f"output {name!r} is of {sensor.item.name!r}, which is not a constraint of this mechanism")
         if getattr(sensor.item, "mechanism", self) is not self:
             raise UserError(f"output {name!r} is of {sensor.item.name!r}, which is of another mechanism")
         if isinstance(sensor.item, ForceHandle) and not self._has(sensor.item):
-            raise UserError(f"output {name!r} is of force {sensor.item.name!r}, which is none of this mechanism")
+            raise UserError(f"output {name!r} is of force {sensor.item.name!r}, which is not one of this mechanism")
         self.outputs.append((name, sensor, description, nominal))
 
     def __getattr__(self, name: str) -> object:
@@ -436,7 +436,7 @@ class Mechanism(Appearance):
         known = [output[0] for output in self.outputs]
         for name in names:
             if name not in known:
-                raise UserError(f"show_outputs is given {name!r}, which is no output of this mechanism so far")
+                raise UserError(f"show_outputs is given {name!r}, which is not an output of this mechanism")
         self.shown_outputs = list(dict.fromkeys((*self.shown_outputs, *names)))
 
     def _has(self, handle: ForceHandle) -> bool:

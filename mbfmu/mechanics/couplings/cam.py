@@ -80,15 +80,15 @@ class Cam(Coupling):
                 raise UserError(f"law of {what} is {self.law!r}; its slope jumps, and no joint can follow that")
         elif not law.resolved(self._function(), self._width * RANGE * np.array((-1.0, 1.0)), self._width):
             raise UserError(
-                f"law of {what} changes faster than differences over thousandths of {self._width:g} can tell; "
-                "say Cam(..., width=...) with the change of its coordinate, rad or m, over which it changes"
+                f"law of {what} changes faster than differences over thousandths of {self._width:g} resolve; use "
+                "Cam(..., width=...) with the change of its coordinate, rad or m, over which it changes"
             )
 
     def check_unit(self, what: str, unit: str) -> None:
         """Refuse a function of a displacement that does not say over what it changes."""
         if unit == "m" and self.width is None and not isinstance(self.law, Table):
             raise UserError(
-                f"law of {what} is a function of a displacement; say Cam(..., width=...) with the displacement, m, "
+                f"law of {what} is a function of a displacement; use Cam(..., width=...) with the displacement, m, "
                 "over which it changes"
             )
 

@@ -72,8 +72,7 @@ class Joint(Kind):
         if self.drive is not None and any(given.values()):
             names = " and ".join(name for name, there in given.items() if there)
             raise UserError(
-                f"{type(self).__name__}: drive and {names} are given; leave out {names}, the drive says where it is "
-                "and how fast"
+                f"{type(self).__name__}: drive and {names} are given; leave out {names}, which the drive determines"
             )
 
     def check_declaration(self, said: str) -> None:

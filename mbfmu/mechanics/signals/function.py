@@ -78,8 +78,8 @@ class Function(Signal):
         function = law.law_of(self.what, self.law, ("t",))
         if self.differentiate and not law.resolved(function, (0.0, RANGE * self.time), self.time):
             raise UserError(
-                f"{self.what} changes faster than differences over thousandths of {self.time:g} s can tell; "
-                "say Function(..., time=...) with the time in which it changes, s, or give a signal"
+                f"{self.what} changes faster than differences over thousandths of {self.time:g} s resolve; use "
+                "Function(..., time=...) with the time in which it changes, s, or give a signal"
             )
         object.__setattr__(self, "evaluate", (kernel_of_motion if self.differentiate else kernel_of_value)(function))
 

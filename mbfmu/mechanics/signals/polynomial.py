@@ -134,8 +134,11 @@ class Input(Coefficients):
         if self.acceleration_name:
             return ""
         if self.rate_name:
-            return f"force of the drive errs by O(h) at communication points h apart ({self.name} without acceleration)"
-        return f"force of the drive shows no inertia ({self.name} without rate and acceleration)"
+            return (
+                f"force of the drive has an error of O(h) for a communication step size h ({self.name} "
+                "without acceleration)"
+            )
+        return f"force of the drive without inertia ({self.name} without rate and acceleration)"
 
 
 @dataclass(frozen=True, kw_only=True)

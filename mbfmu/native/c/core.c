@@ -39,7 +39,7 @@ Instance *create(const char *token, const char *folder, Log *log, void *host, ch
 {
     Instance *own = calloc(1, sizeof *own);
     if (!own) {
-        SAY(text, "there is no memory for the instance");
+        SAY(text, "the memory for the instance cannot be allocated [out-of-memory]");
         return NULL;
     }
     own->log = log;
@@ -69,7 +69,7 @@ void destroy(Instance *own)
 Outcome refuse(Instance *own, const char *call)
 {
     char text[SAYS];
-    SAY(text, call, " is not allowed while the FMU is ", phases[own->phase]);
+    SAY(text, call, " is not allowed in the present state of the FMU: it is ", phases[own->phase]);
     return mistake(own, text);
 }
 
@@ -77,7 +77,7 @@ Outcome refuse(Instance *own, const char *call)
 Outcome not_offered(Instance *own, const char *call)
 {
     char text[SAYS];
-    SAY(text, call, " is not supported: this FMU is for co-simulation, and modelDescription.xml lists what it can do");
+    SAY(text, call, " is not supported: this FMU is for co-simulation; its capabilities are in modelDescription.xml");
     return mistake(own, text);
 }
 
@@ -92,8 +92,8 @@ Outcome set_up(Instance *own, double start, bool ends, double stop, bool toleran
         return mistake(own, text);
     }
     if (ends && !(stop >= start)) {
-        SAY(text, "the experiment stops at ", in_digits(one, stop), " s, before its start at ", in_digits(two, start),
-            " s");
+        SAY(text, "the stop time of the experiment is ", in_digits(one, stop), " s; allowed: not before its start at ",
+            in_digits(two, start), " s");
         return mistake(own, text);
     }
     own->start = own->reached = start;
@@ -150,13 +150,13 @@ static bool may_step(Instance *own, double t, double length)
     double here = clock_of(own);
     if (!isfinite(t) || !isfinite(length) || length < 0.0) {
         SAY(text, "a step from ", in_digits(one, t), " s by ", in_digits(two, length),
-            " s was asked for; allowed: finite times, and forward");
+            " s was requested; allowed: finite times, and a step size that is not negative");
         fail(own, DISCARD, text);
         return false;
     }
     if (!(fabs(t - here) <= AGREED * fmax(1.0, fabs(here)))) {
-        SAY(text, "a step from ", in_digits(one, t), " s was asked for, but the FMU stands at ", in_digits(two, here),
-            " s; go on from there, or restore a state saved at the other time");
+        SAY(text, "a step from ", in_digits(one, t), " s was requested, but the FMU has reached ", in_digits(two, here),
+            " s; continue from this time, or restore an FMU state saved at the other time");
         fail(own, DISCARD, text);
         return false;
     }
@@ -168,8 +168,9 @@ static void look_around(Instance *own, const Told *told)
 {
     if (told->jumps && !own->warned_jump) {
         own->warned_jump = true;
-        warn(own, "an input jumps in position, farther than its rate explains; the support moves there within a "
-                  "communication step");
+        warn(own, "the position of an input differs from the value that its rate gives; the joint is moved there within "
+                  "the next communication step. Set position and rate consistently, or use a smaller communication step "
+                  "[input-jump]");
     }
     if (told->lost) {
         tell_loss(own, own->message);
@@ -179,7 +180,7 @@ static void look_around(Instance *own, const Told *told)
     }
     if (told->bent > COARSE && !own->warned_coarse) {
         char text[SAYS];
-        tell_bend(own, "", "", text);
+        tell_bend(own, "the mesh is too coarse", " [coarse-mesh]", text);
         warn(own, text);
         own->warned_coarse = true;
     }
@@ -202,14 +203,14 @@ static Outcome go(Instance *own, double t, double length)
         tell_stop(own, code, text);
         if (told->unknown) {
             char what[SAYS];
-            SAY(what, "the rate of an input jumps where its impulse is not known: ", text);
+            SAY(what, "the rate of an input jumps at a time at which the impulse is not determined: ", text);
             memcpy(text, what, sizeof text);
         }
         memcpy(own->block, own->kept, saved);
         return fail(own, DISCARD, text);
     }
     if (told->bent > FOLDED) {
-        tell_bend(own, "a cell is folded: ", ". " UNFOLD, text);
+        tell_bend(own, "a cell is folded", ". " UNFOLD " [folded-cell]", text);
         memcpy(own->block, own->kept, saved);
         return fail(own, DISCARD, text);
     }

@@ -67,31 +67,32 @@ static bool read_tables(Instance *own, FILE *file, const char *token, char text[
     Header header;
     int64_t length = length_of(file);
     if (fread(&header, sizeof header, 1, file) != 1 || header.magic != MAGIC) {
-        SAY(text, "file '", own->path, "' is no model of this version; export the FMU anew");
+        SAY(text, "file '", own->path, "' is not a model of this version of mbfmu; export the FMU again [fmu-files]");
         return false;
     }
     if (!has_length(&header, length)) {
-        SAY(text, "file '", own->path, "' is damaged: its length is not that of its header; unzip the FMU anew");
+        SAY(text, "file '", own->path, "' is damaged: its length is not that of its header; unzip the FMU again [fmu-files]");
         return false;
     }
     own->tables = malloc((size_t)header.block);
     if (!own->tables) {
-        SAY(text, "there is no memory for the instance");
+        SAY(text, "the memory for the instance cannot be allocated [out-of-memory]");
         return false;
     }
     if (fseek(file, 0, SEEK_SET) || fread(own->tables, (size_t)header.block, 1, file) != 1 ||
         !are_whole(own->tables, (const Header *)own->tables)) {
-        SAY(text, "file '", own->path, "' is damaged: the checksum of its tables differs; unzip the FMU anew");
+        SAY(text, "file '", own->path, "' is damaged: the checksum of its tables differs; unzip the FMU again [fmu-files]");
         return false;
     }
     own->header = (const Header *)own->tables;
     if (strncmp(own->header->token, token, sizeof own->header->token) != 0) {
-        SAY(text, "the FMU was given the identity '", token, "', but its model is another one; unzip it anew");
+        SAY(text, "the importing tool gives the GUID '", token, "', but the model file has another one; unzip the FMU again "
+                                                          "[fmu-files]");
         return false;
     }
     own->variables = section(own, own->header->variables);
     if (!within_bounds(own)) {
-        SAY(text, "file '", own->path, "' refers to what is not in it; export the FMU anew");
+        SAY(text, "file '", own->path, "' is damaged: it refers to data outside the file; export the FMU again [fmu-files]");
         return false;
     }
     own->family = &families[own->header->family];
@@ -136,14 +137,14 @@ bool open_model(Instance *own, const char *folder, const char *token, char text[
         length--;
     own->path = malloc(length + sizeof FILE_NAME);
     if (!own->path) {
-        SAY(text, "there is no memory for the instance");
+        SAY(text, "the memory for the instance cannot be allocated [out-of-memory]");
         return false;
     }
     memcpy(own->path, folder, length);
     memcpy(own->path + length, FILE_NAME, sizeof FILE_NAME);
     FILE *file = open_file(own->path);
     if (!file) {
-        SAY(text, "file '", own->path, "' cannot be read: the FMU needs the folder of its resources");
+        SAY(text, "file '", own->path, "' cannot be read; the FMU needs the folder of its resources [fmu-files]");
         return false;
     }
     bool well = read_tables(own, file, token, text);
@@ -157,9 +158,9 @@ bool open_model(Instance *own, const char *folder, const char *token, char text[
         if (well)
             own->block = own->room + (ALIGNED - (uintptr_t)own->room % ALIGNED) % ALIGNED;
         if (!well)
-            SAY(text, "there is no memory for the instance");
+            SAY(text, "the memory for the instance cannot be allocated [out-of-memory]");
         else if (!(well = read_block(own, file)))
-            SAY(text, "file '", own->path, "' is damaged: the checksum of its model differs; unzip the FMU anew");
+            SAY(text, "file '", own->path, "' is damaged: the checksum of its model differs; unzip the FMU again [fmu-files]");
     }
     fclose(file);
     return well;

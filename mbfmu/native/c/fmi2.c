@@ -101,7 +101,7 @@ static void read_location(const char *location, char *path)
 fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String location,
                               const fmi2CallbackFunctions *callbacks, fmi2Boolean, fmi2Boolean logging)
 {
-    char text[SAYS] = "there is no memory for the instance";
+    char text[SAYS] = "the memory for the instance cannot be allocated [out-of-memory]";
     Host *host = host_named(name, callbacks);
     char *folder = malloc(strlen(location ? location : "") + 1);
     if (host && folder) {
@@ -110,7 +110,7 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
         if (type == fmi2CoSimulation)
             host->own = create(guid ? guid : "", folder, tell, host, text);
         else
-            strcpy(text, "model exchange is not supported: this FMU is for co-simulation");
+            strcpy(text, "model exchange is not supported: this FMU is for co-simulation [fmi-call]");
     }
     free(folder);
     if (!host || host->own)
@@ -231,7 +231,7 @@ fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference[], size_t n, 
 {
     if (!c)
         return fmi2Error;
-    const char *text = "a text was set; no variable of this FMU is a text that can be set";
+    const char *text = "a string variable was set; this FMU has no string variable that can be set";
     return n ? (fmi2Status)mistake(instance(c), text) : fmi2OK;
 }
 

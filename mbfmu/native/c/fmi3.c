@@ -51,7 +51,7 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String, fmi3String token, fmi3Strin
                                          size_t, fmi3InstanceEnvironment environment, fmi3LogMessageCallback log,
                                          fmi3IntermediateUpdateCallback)
 {
-    char text[SAYS] = "there is no memory for the instance";
+    char text[SAYS] = "the memory for the instance cannot be allocated [out-of-memory]";
     Host *host = calloc(1, sizeof *host);
     if (!host)
         return no_instance(log, environment, text);
@@ -68,7 +68,7 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String, fmi3String token, fmi3Strin
 fmi3Instance fmi3InstantiateModelExchange(fmi3String, fmi3String, fmi3String, fmi3Boolean, fmi3Boolean,
                                           fmi3InstanceEnvironment environment, fmi3LogMessageCallback log)
 {
-    return no_instance(log, environment, "model exchange is not supported: this FMU is for co-simulation");
+    return no_instance(log, environment, "model exchange is not supported: this FMU is for co-simulation [fmi-call]");
 }
 
 fmi3Instance fmi3InstantiateScheduledExecution(fmi3String, fmi3String, fmi3String, fmi3Boolean, fmi3Boolean,
@@ -76,7 +76,7 @@ fmi3Instance fmi3InstantiateScheduledExecution(fmi3String, fmi3String, fmi3Strin
                                                fmi3ClockUpdateCallback, fmi3LockPreemptionCallback,
                                                fmi3UnlockPreemptionCallback)
 {
-    return no_instance(log, environment, "scheduled execution is not supported: this FMU is for co-simulation");
+    return no_instance(log, environment, "scheduled execution is not supported: this FMU is for co-simulation [fmi-call]");
 }
 
 void fmi3FreeInstance(fmi3Instance c)
@@ -135,7 +135,7 @@ fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 t, fmi3Float64 length, fmi3Boo
 
 static fmi3Status wrong_count(fmi3Instance c)
 {
-    const char *text = "the number of values is not that of the variables that were named, or NULL was given for them";
+    const char *text = "the number of values is not that of the value references, or NULL was given for them";
     return c ? (fmi3Status)mistake(instance(c), text) : fmi3Error;
 }
 
@@ -155,7 +155,7 @@ static Outcome read(Instance *own, fmi3ValueReference reference, unsigned types,
     if (reference != time_reference(own))
         return get(own, reference, types, value);
     if (!(types & 1u << TYPE_REAL))
-        return mistake(own, "'time' is of type Float64; it was used as another one");
+        return mistake(own, "'time' is of type Float64, but it was accessed as another type");
     *value = last_successful_time(own);
     return OK;
 }
@@ -163,7 +163,7 @@ static Outcome read(Instance *own, fmi3ValueReference reference, unsigned types,
 static Outcome assign(Instance *own, fmi3ValueReference reference, unsigned types, double value)
 {
     if (reference == time_reference(own))
-        return mistake(own, "'time' was set, but it is the independent variable, which follows the steps");
+        return mistake(own, "'time' was set, but it is the independent variable and determined by the steps");
     return set(own, reference, types, value);
 }
 
@@ -223,7 +223,7 @@ fmi3Status fmi3GetString(fmi3Instance c, const fmi3ValueReference references[], 
     Outcome worst = OK;
     for (size_t k = 0; worst == OK && k < n; k++)
         if (references[k] == time_reference(instance(c)))
-            worst = mistake(instance(c), "'time' is of type Float64; it was used as another one");
+            worst = mistake(instance(c), "'time' is of type Float64, but it was accessed as another type");
         else
             worst = get_text(instance(c), references[k], &values[k]);
     return (fmi3Status)worst;

@@ -24,7 +24,7 @@ Outcome choose_logging(Instance *own, unsigned *logged, bool on, size_t count, c
 {
     unsigned named = count ? 0 : LOG_ALL;
     if (count && !names)
-        return mistake(own, "categories of the log were announced, and NULL was given");
+        return mistake(own, "the number of log categories is not zero, but NULL was given for them");
     for (size_t k = 0; k < count; k++) {
         unsigned bits = category_of(names[k]);
         if (!bits) {

@@ -84,9 +84,8 @@ static Outcome fail_moved(Instance *own, const Variable *v)
 {
     char text[SAYS], one[32], two[32];
     SAY(text, "'", text_at(own, v->name), "' was set to ", in_digits(one, own->values[v - own->variables]),
-        " in the initialization, but the steady state that the FMU starts in was found at the export, for ",
-        in_digits(two, v->start), ". Set it after the initialization, export the FMU with this value as the start, or "
-        "export it without --native, which finds the steady state of the values that are set");
+        " before the end of the initialization, but the steady state in which this FMU starts was computed at the export "
+        "for ", in_digits(two, v->start), ". Set it after the initialization, or export the FMU again with this value");
     return fail(own, ERROR, text);
 }
 
@@ -98,7 +97,7 @@ Outcome start_anew(Instance *own)
     if (wrong)
         return fail_refused(own, ERROR, wrong);
     if (!own->untouched && !load_block(own)) {
-        SAY(text, "file '", own->path, "', from which the FMU starts anew, is gone or was changed; unzip the FMU anew");
+        SAY(text, "file '", own->path, "', which is needed to reset the FMU, is missing or was changed; unzip the FMU again [fmu-files]");
         return fail(own, ERROR, text);
     }
     own->untouched = false;

@@ -47,7 +47,7 @@ static bool ours(const Instance *own, const State *state)
 
 static Outcome refuse_state(Instance *own)
 {
-    return mistake(own, "an FMU state was given that is damaged, or none of this FMU; allowed: one that it saved");
+    return mistake(own, "the given FMU state is damaged or not one of this FMU; allowed: a state that it saved [saved-state]");
 }
 
 /* Take a state; one that is given is used again. */
@@ -56,7 +56,7 @@ Outcome save(Instance *own, State **state)
     if (*state && !ours(own, *state))
         return refuse_state(own);
     if (!*state && !(*state = malloc(bytes_of(own))))
-        return mistake(own, "there is no memory for a state");
+        return mistake(own, "the memory for an FMU state cannot be allocated [out-of-memory]");
     State *s = *state;
     size_t count = count_of(own), saved = (size_t)own->header->saved;
     s->magic = MAGIC;
@@ -96,7 +96,7 @@ Outcome write_state(Instance *own, const State *state, void *bytes, size_t count
     if (!ours(own, state))
         return refuse_state(own);
     if (!bytes || count < state->bytes)
-        return mistake(own, "there is less room than an FMU state needs; ask for its size");
+        return mistake(own, "the array for an FMU state is too small; allowed: the size that fmi2SerializedFMUstateSize or fmi3SerializedFMUStateSize returns");
     memcpy(bytes, state, (size_t)state->bytes);
     uint64_t sum = checksum((const char *)bytes + BEFORE, (size_t)state->bytes - BEFORE);
     memcpy((char *)bytes + offsetof(State, checked), &sum, sizeof sum);

@@ -32,7 +32,7 @@ const Variable *refused_value(const Instance *own)
 Outcome fail_refused(Instance *own, Outcome outcome, const Variable *v)
 {
     char text[SAYS];
-    SAY(text, "'", text_at(own, v->name), "' was given a value that is not allowed; allowed: ",
+    SAY(text, "'", text_at(own, v->name), "' was set to a value that is not allowed; allowed: ",
         text_at(own, v->allowed));
     return fail(own, outcome, text);
 }
@@ -65,13 +65,13 @@ static const Variable *known(Instance *own, uint32_t reference, unsigned wanted)
 {
     char text[SAYS], digits[32];
     if (reference >= count_of(own)) {
-        SAY(text, "value reference ", in_digits(digits, reference), " is no variable of this FMU");
+        SAY(text, "value reference ", in_digits(digits, reference), " is not a variable of this FMU");
         mistake(own, text);
         return NULL;
     }
     const Variable *v = &own->variables[reference];
     if (!(wanted & 1u << v->type)) {
-        SAY(text, "'", text_at(own, v->name), "' is of type ", types[v->type], "; it was used as another one");
+        SAY(text, "'", text_at(own, v->name), "' is of type ", types[v->type], ", but it was accessed as another type");
         mistake(own, text);
         return NULL;
     }
@@ -116,13 +116,13 @@ static const char *locked(const Instance *own, const Variable *v)
     if (v->role == ROLE_OUTPUT)
         return "it is an output";
     if (v->role == ROLE_COUNTER || v->role == ROLE_MESSAGE)
-        return "the solver reports it";
+        return "it is an output of the solver";
     if (v->settable == SETTABLE_NEVER)
-        return "it is fixed since the export";
+        return "it is a constant in this FMU; export the FMU again to change it";
     if (own->phase == TERMINATED)
-        return "the FMU is terminated";
+        return "the FMU is terminated; reset it first";
     if (v->settable == SETTABLE_BEFORE && own->phase != INSTANTIATED && own->phase != INITIALIZING)
-        return "it is fixed since the initialization";
+        return "it can be changed only before the end of the initialization";
     return NULL;
 }
 

@@ -46,19 +46,28 @@ static void keep(Instance *own, const char *text)
         SAY(own->message, text);
 }
 
-/* Tell what the host did wrong; nothing has changed. */
-Outcome mistake(Instance *own, const char *text)
+/* Copy a message, with the code of wrong calls at its end if it has none. */
+static void copy_coded(char coded[SAYS], const char *text)
 {
-    keep(own, text);
-    own->log(own->host, ERROR, "logStatusError", text);
-    return ERROR;
+    size_t length = strlen(text);
+    SAY(coded, text);
+    if (!length || text[length - 1] != ']')
+        add(coded, " [fmi-call]");
 }
 
-/* Tell what went wrong. */
+/* Report a wrong call of the importing tool; nothing has changed. */
+Outcome mistake(Instance *own, const char *text)
+{
+    return fail(own, ERROR, text);
+}
+
+/* Report an error: in the log, and in the variable for messages. */
 Outcome fail(Instance *own, Outcome outcome, const char *text)
 {
-    keep(own, text);
-    own->log(own->host, outcome, "logStatusError", text);
+    char coded[SAYS];
+    copy_coded(coded, text);
+    keep(own, coded);
+    own->log(own->host, outcome, "logStatusError", coded);
     return outcome;
 }
 
@@ -112,23 +121,24 @@ void tell_loss(const Instance *own, char text[SAYS])
     double most = fabs(told->energy_error);
     char at[32], lost[32], part[32], all[32];
     if (told->lost == UNSURE) {
-        SAY(text, "the energy balance is too inaccurate at t = ", in_so_many(at, 6, told->lost_at),
+        SAY(text, "the energy error is too large at t = ", in_so_many(at, 6, told->lost_at),
             " s: the energy has changed by ", in_so_many(lost, 3, most), " J ", told->energy_error > 0.0 ? "more" : "less",
-            " than the work done on it, ", in_so_many(part, 2, most / told->passage), " of the ",
+            " than the work done on the mechanism, which is ", in_so_many(part, 2, most / told->passage), " of the ",
             in_so_many(all, 3, told->passage), " J by which the motion has just passed an unstable equilibrium, or missed ",
-            "it. How long that takes, and the motion from here on, are not to be trusted: tighten the tolerance, and ",
-            "compare");
+            "it. The time of the passage and the motion after it may be wrong: reduce the tolerance and compare the ",
+            "results [slow-passage]");
         return;
     }
-    SAY(text, "the energy balance is lost at t = ", in_so_many(at, 6, told->lost_at), " s: the energy has changed by ",
-        in_so_many(lost, 3, most), " J ", told->energy_error > 0.0 ? "more" : "less", " than the work done on it");
+    SAY(text, "the energy error is too large at t = ", in_so_many(at, 6, told->lost_at),
+        " s: the energy has changed by ", in_so_many(lost, 3, most), " J ", told->energy_error > 0.0 ? "more" : "less",
+        " than the work done on the mechanism");
     if (told->exchanged != 0.0) {
         const char *const parts[] = {", ", in_so_many(part, 2, most / told->exchanged), " of the ",
-                                     in_so_many(all, 3, told->exchanged), " J exchanged so far"};
+                                     in_so_many(all, 3, told->exchanged), " J of energy exchanged"};
         add_all(text, parts, sizeof parts / sizeof parts[0]);
     }
-    add(text, ", which the tolerance does not explain. The motion from here on is not to be trusted: tighten the "
-              "tolerance or take another solver, and compare");
+    add(text, ", and more than the tolerance explains. The motion after this time may be wrong: reduce the tolerance or "
+              "use another solver, and compare the results [energy-balance]");
 }
 
 /* Say how far cells of a sheet bend where the model stands, too far for their grid. */
@@ -137,9 +147,9 @@ void tell_bend(Instance *own, const char *before, const char *after, char text[S
     const Told *told = (const Told *)(own->block + own->header->told_at);
     const double *clock = (const double *)(own->block + own->header->clock_at);
     char most[32], good[32], digits[32];
-    SAY(text, before, "cells bend by up to ", in_digits(most, round(told->bent * DEGREES)),
-        " degrees, and are good to about ", in_digits(good, round(COARSE * DEGREES)), ": refine the grid (t = ",
-        in_digits(digits, *clock), " s)", after);
+    SAY(text, before, " at t = ", in_digits(digits, *clock), " s: adjacent cells are rotated by up to ",
+        in_digits(most, round(told->bent * DEGREES)), " deg; allowed: about ", in_digits(good, round(COARSE * DEGREES)),
+        " deg. Refine the grid", after);
 }
 
 /* Tell what is unusual and stops nothing. */

@@ -120,7 +120,7 @@ class Renderer {
     this.canvas = canvas;
     this.gl = canvas.getContext("webgl2", { alpha: false, antialias: true, stencil: true });
     if (!this.gl) {
-      throw new Error("This browser offers no WebGL 2, which the animation is drawn with.");
+      throw new Error("The animation needs WebGL 2, which this browser does not support. Use a current browser.");
     }
     this.programs = { solid: this.program(SOLID), skin: this.program(SKIN), line: this.program(LINE) };
     this.corners = this.buffer(new Float32Array([0, -1, 1, -1, 0, 1, 1, 1]));

@@ -46,7 +46,7 @@ class Viewer {
 
   prepareControls() {
     const { note, bodies, picture } = this.scene;
-    const beside = this.scene.against && `beside it ${this.scene.against.title}`;
+    const beside = this.scene.against && `compared with ${this.scene.against.title}`;
     const grid = `grid ${figures(this.stage.floor.spacing)} m`;
     element("note").textContent = [note, beside, grid].filter((text) => text).join(" · ");
     const slider = element("time");

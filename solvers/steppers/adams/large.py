@@ -51,7 +51,7 @@ class TreeAdamsStepper(ExplicitStepper):
         self.given = hold(Given(*own, self._q, self._v, self._ledger))
         tree.set_up(self.given, self._t, system.rate, o.duration)
         require_resolved(self._t, float(self._settings["rate"][0]), o.rtol)
-        require_placed(self._q, work.size_q, o.rtol)
+        require_placed(self._q, work.size_q, o.rtol, system.coordinate_names)
         self.restart()
 
     def _advance(self, t: float) -> Code:

@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from solvers.codes import coded
 from solvers.compiled.held import hold
 from solvers.inertia import Growth, describe_large_growth, finer_tolerance
 from solvers.ledger import WORK, Scales, look_anew, report
@@ -101,7 +102,7 @@ class TreeESDIRKStepper(Stepper):
         self._eqs = hold(Callbacks(*callbacks, system.held_data))
         self._rate = rate_of_motion(self._motion, self._t, self._q, self._v, o.duration)
         require_resolved(self._t, self._rate, o.rtol)
-        require_placed(self._q, system.position_sizes(system.size), o.rtol)
+        require_placed(self._q, system.position_sizes(system.size), o.rtol, system.coordinate_names)
         self._absolute = o.absolute * system.size
         self._growth = Growth.of(system, self._rate)
         self._held_growth = hold(self._growth)
@@ -360,9 +361,8 @@ class TreeESDIRKStepper(Stepper):
     def notice(self) -> str:
         """Whether errors may be far above the tolerance: the order is low for a nearly singular mass matrix."""
         large = describe_large_growth(self._growth.inertia)
-        return (
-            large and f"{large}, and 'esdirk', of order 3, may be off by 100 times the tolerance. Use 'adams' or 'ida'"
-        )
+        text = f"{large}, and errors of 'esdirk' (order 3) may be 100 times the tolerance. Use 'adams' or 'ida'"
+        return coded("ill-conditioned-mass", text) if large else ""
 
     def arrays(self) -> list[NDArray[Any]]:
         """As :meth:`solvers.stepper.Stepper.arrays`."""

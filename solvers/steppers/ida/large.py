@@ -44,6 +44,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sksundae.ida import IDAPrecond
 
+from solvers.codes import coded
 from solvers.compiled.held import hold
 from solvers.inertia import Growth, describe_large_growth
 from solvers.ledger import Scales
@@ -102,7 +103,7 @@ class TreeIDAStepper(IDADriver):
         self._motion = Accelerations(system)
         self._rate = rate_of_motion(self._motion, self._t, self._q, self._v, self.options.duration)
         require_resolved(self._t, self._rate, self.options.rtol)
-        require_placed(self._q, system.position_sizes(system.size), self.options.rtol)
+        require_placed(self._q, system.position_sizes(system.size), self.options.rtol, system.coordinate_names)
         self._c["instant"] = STANDSTILL / self._rate
         self._growth_data = Growth.of(system, self._rate)
         self._ida = self._new_ida()
@@ -128,8 +129,11 @@ class TreeIDAStepper(IDADriver):
         options: dict[str, Any] = {"rtol": part * o.rtol, "atol": atol, "max_order": order}
         if s.cornered and not serves():
             raise ValueError(
-                f"solver 'ida' is given the products and weights that it needs here, where {s.cornered}, by the C "
-                "functions of SUNDIALS 7 alone, which are not at hand; take 'esdirk'"
+                coded(
+                    "unsuitable-solver",
+                    "solver 'ida' needs the C functions of SUNDIALS 7 for this model, which are not installed "
+                    f"({s.cornered}); use 'esdirk'",
+                )
             )
         if serves():
             exact: dict[str, Any] = {"weigh": call_weigh} if s.cornered or s.watches_inertia else {}
@@ -164,11 +168,11 @@ class TreeIDAStepper(IDADriver):
         if error < REPORTED_ERROR:
             return ""
         finer = f", or 'ida' at a tolerance of {needed:.0e}" if needed >= LEAST_TOLERANCE else ""
-        return (
-            "'ida' uses orders 1 and 2 only where a model has a sheet: errors of its coordinates may be about "
-            f"{float(f'{error:.1g}'):.0f} times the tolerance of {rtol:g}, and several times that if "
-            "vibrations are undamped or the run is long. If this is too much, use 'esdirk' at a tolerance from 1e-6 on"
-            f"{finer}"
+        return coded(
+            "large-error",
+            "'ida' uses only orders 1 and 2 for a model with a sheet: the errors of its coordinates may be about "
+            f"{float(f'{error:.1g}'):.0f} times the tolerance of {rtol:g}, and several times that if vibrations are "
+            f"undamped or the run is long. If this is too large, use 'esdirk' at a tolerance of 1e-6 or more{finer}",
         )
 
     @property
@@ -239,7 +243,8 @@ class TreeIDAStepper(IDADriver):
         """Whether the mass matrix requires a finer tolerance, and how large the errors of a sheet may be."""
         large = describe_large_growth(self._growth_data.inertia) if isinstance(self._ida, BoundIDA) else ""
         if large:
-            large = f"{large}, and 'ida' without the C functions of SUNDIALS 7 cannot use a finer tolerance"
+            text = f"{large}, and 'ida' without the C functions of SUNDIALS 7 cannot compensate that. Use 'adams'"
+            large = coded("ill-conditioned-mass", text)
         return ". ".join(filter(None, (self._describe_sheet_error(), large)))
 
     def _works(self) -> bool:

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sksundae.ida import IDAJacTimes, IDAPrecond
 
+from solvers.codes import coded
 from solvers.compiled.held import hold
 from solvers.inertia import describe_large_growth, update_growth
 from solvers.ledger import WORK, Scales, begin_work
@@ -255,11 +256,14 @@ class IDAStepper(IDADriver, DenseStepper):
         """Whether the tolerance is larger than requested, or than the mass matrix requires."""
         large = describe_large_growth(self._units.inertia) if isinstance(self._ida, BoundIDA) else ""
         if large:
-            return f"{large}, and 'ida' without the C functions of SUNDIALS 7 cannot use a finer tolerance. Use 'adams'"
+            text = f"{large}, and 'ida' without the C functions of SUNDIALS 7 cannot compensate that. Use 'adams'"
+            return coded("ill-conditioned-mass", text)
         if self._rtol == self.options.rtol:
             return ""
-        return (
-            f"'ida' runs a loop at a tolerance of {self._rtol:g}, not {self.options.rtol:g}: rounding allows no finer"
+        return coded(
+            "limited-tolerance",
+            f"'ida' uses a tolerance of {self._rtol:g} instead of {self.options.rtol:g}, because rounding errors of "
+            "closed loops allow no smaller one. Use 'adams' if this is too large",
         )
 
     def _evaluations(self) -> int:

@@ -57,7 +57,7 @@ class Trough(Surface):
         for key in ("radius", "length", "angle"):
             positive(f"{key} of {what}", getattr(self, key))
         if finite(f"angle of {what}", self.angle) > np.pi:
-            raise UserError(f"angle of {what} is {self.angle!r} rad; allowed: pi at most; put two beside each other")
+            raise UserError(f"angle of {what} is {self.angle!r} rad; allowed: pi at most; use two troughs for more")
         vector(f"at of {what}", self.at)
         axis, towards = unit_axis(self.axis, f"axis of {what}"), unit_axis(self.towards, f"towards of {what}")
         if abs(axis @ towards) > 1e-9:
