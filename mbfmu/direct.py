@@ -60,17 +60,18 @@ def simulate(
     model
         A model, or a mechanism without a model.
     stop_time, interval
-        End of the run and time between outputs, s; the model's own where they are not given.
+        End of the run and time between outputs, s; by default those of the model.
     inputs
-        By name: a number, or what is known for the whole run: a function of time (s), an expression such as
+        Values by name: a number, or a motion for the whole run: a function of time (s), an expression such as
         ``"10 * sin(30 * t)"``, a pair (times, values) of arrays, a :class:`.Table` or another signal. These are
         evaluated at the solver's times, so that the result has the solver's accuracy at any ``interval``. Points of
         loads and of rates are joined by straight lines, those of driven positions by a cubic spline. A function must
         depend on time alone, and is called before the run. ``Result.inputs`` states how each input was treated.
     watch
-        Shown the simulation at every output.
+        Function that receives the simulation at every output.
     **settings
-        Of :class:`~mbfmu.settings.Settings`: ``solver``, ``tolerance``, ``max_step``, ``start_at_equilibrium``,
+        Settings, see :class:`~mbfmu.settings.Settings`: ``solver``, ``tolerance``, ``max_step``,
+        ``start_at_equilibrium``,
         ``input_interpolation`` (of loads that ``watch`` sets by :meth:`.Simulation.set_input`, between two outputs) and
         others.
 

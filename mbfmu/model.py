@@ -90,25 +90,26 @@ def parameter(
     Parameters
     ----------
     default
-        Its value unless set; its type (float, int, bool, or str with ``choices``) is the parameter's.
+        Default value; its type (float, int, bool, or str with ``choices``) is the type of the parameter.
     unit
         FMI unit; ``"1"`` for a pure number.
     min, max
         Allowed range, ends included.
     doc
-        Meaning, in a few words.
+        Description in a few words, starting with a noun.
     tunable
-        It may change during a run; it must not change the mechanism's structure.
+        Whether it may change during a run; it must not change the structure of the mechanism.
     optional
-        With zero there is nothing in the mechanism that it could change during a run.
+        Whether the mechanism has no corresponding element if it is zero, so that it cannot change during a run.
     structural
-        It decides which inputs and outputs there are, so an FMU has it fixed from its export on.
+        Whether it determines the inputs and outputs; an FMU has it fixed at export.
     choices
-        Words that are allowed; such a parameter is structural.
+        Allowed words; such a parameter is structural.
     resolution
-        Of a parameter that is no physics but how finely that is resolved: the values a comparison tries, coarse to
-        fine. Those of a model are refined together, the first value of each with the first of all others. Sizes of
-        cells go as one over the values. While one of them is zero nothing is resolved, and nothing tried.
+        For a parameter of the discretization: values of a comparison, from coarse to
+        fine. All such parameters of a model are refined together, the first value of each with the first of all others.
+        Sizes of cells are proportional to the inverse of the values. If one of them is zero, nothing is discretized and
+        nothing is tried.
     """
     about = {"unit": unit, "min": min, "max": max, "doc": doc, "choices": choices, "resolution": resolution}
     about |= {"tunable": tunable, "optional": optional}
@@ -161,7 +162,7 @@ def check_declaration(model: str, p: Parameter) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Model:
-    """Base of all models. Subclass it as a frozen dataclass, declare parameters, and write :meth:`build`.
+    """Base class of all models. Subclass it as a frozen dataclass, declare parameters, and write :meth:`build`.
 
     Class attributes a subclass may set: ``name`` (of the command line and the FMU), ``stop_time`` and
     ``output_interval`` (s), ``tolerance`` and ``default_solver`` of the default experiment, ``settling``: parameters
@@ -201,7 +202,7 @@ class Model:
         Raises
         ------
         UserError
-            ``build`` fails, or returns something else than a mechanism.
+            ``build`` fails, or does not return a mechanism.
         """
         try:
             mechanism = self.build()
@@ -218,9 +219,9 @@ class Model:
         return mechanism
 
     def plant(self, courses: Courses | None = None) -> Plant:
-        """Return the mechanism as arrays, ready to be moved; raises what :meth:`built` does.
+        """Return the compiled mechanism; raises the errors of :meth:`built`.
 
-        ``courses``: what inputs are given by for a whole run, see :mod:`mbfmu.mechanics.arrays.given`.
+        ``courses``: values of inputs for a whole run, see :mod:`mbfmu.mechanics.arrays.given`.
         """
         return Plant(self.built(), courses)
 
@@ -229,8 +230,8 @@ class Model:
         return {}
 
     def terminals(self) -> Mapping[str, Sequence[str]]:
-        """Return where others hold on to a joint, in FMI 3: names of inputs and outputs along one coordinate, by a name
-        for all. Their units say what they are: position (rad, m), rate (rad/s, m/s), torque (N.m) or force (N) on it.
+        """Return the terminals of FMI 3: names of inputs and outputs along one joint coordinate, by the name of the
+        terminal. Their units identify them: position (rad, m), rate (rad/s, m/s), torque (N.m) or force (N) on it.
         """
         return {}
 
@@ -247,7 +248,7 @@ class Model:
         return None
 
     def branch_gap(self, outputs: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64] | None:
-        """Return the distance from the right branch of the motion, zero on it; None: there is no other branch."""
+        """Return the distance from the correct branch of the motion, zero on it; None: there is no other branch."""
         return None
 
     @classmethod

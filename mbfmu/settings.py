@@ -19,7 +19,7 @@ FINEST = 1e-15  # absolute tolerance: numbers of size one are no finer
 class Settings:
     """Settings of the integration; the declaration of each one explains it.
 
-    The relative tolerance is the absolute one too, in units of each coordinate, unless that is given.
+    The absolute tolerance, in units of each coordinate, equals the relative one unless it is given.
     """
 
     solver: str = parameter("ida", choices=(*NAMES, AUTO), doc="Integration method")
@@ -58,7 +58,7 @@ class Settings:
             raise UserError(f"absolute_tolerance is {self.absolute_tolerance!r}; allowed: 0, or {FINEST:g} to 1")
 
     def options(self, duration: float = Options.duration) -> Options:
-        """Return what the stepper takes, for a run of ``duration`` (s)."""
+        """Return the options of the stepper for a run of ``duration`` (s)."""
         return Options(
             rtol=self.tolerance,
             atol=self.absolute_tolerance or None,

@@ -22,7 +22,7 @@ OPTIONS = np.dtype(
 
 @dataclass(frozen=True, kw_only=True)
 class Switching:
-    """When the hybrid changes between LU and projection."""
+    """Criteria of 'hybrid' for switching between LU and projection."""
 
     flicker_steps: int = 20  # changes of the independents within fewer steps count as flicker
     flicker_count: int = 3  # that many leave LU
@@ -38,7 +38,7 @@ class Switching:
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """Options of every solver; those a solver has no use for it ignores."""
+    """Options of all solvers; a solver ignores those that it does not use."""
 
     rtol: float = 1e-6  # relative tolerance of positions and velocities
     atol: float | None = None  # absolute tolerance, in units of each coordinate; None: rtol
@@ -63,11 +63,11 @@ class Options:
 
     @property
     def absolute(self) -> float:
-        """The absolute tolerance in force."""
+        """Absolute tolerance that is used."""
         return self.rtol if self.atol is None else self.atol
 
     def record(self) -> NDArray[Any]:
-        """Return them as kernels read them; an order of 0 is the highest that a solver has."""
+        """Return the options as a record for kernels; an order of 0 is the highest of a solver."""
         found = records(1, OPTIONS)
         found["rtol"], found["absolute"], found["energy_check"] = self.rtol, self.absolute, self.energy_check
         found["max_step"], found["max_steps"] = self.max_step, self.max_steps
@@ -77,7 +77,7 @@ class Options:
 
 @dataclass(frozen=True, kw_only=True)
 class Statistics:
-    """What a run has cost so far; counts since construction, kept by save and restore."""
+    """Counters of a run since construction; included in save and restore."""
 
     steps: int = 0
     rejected: int = 0

@@ -9,7 +9,7 @@ from .codes import coded
 
 
 class Code(IntEnum):
-    """How an :meth:`Stepper.advance` ended; the numbers are those the kernels return."""
+    """Result codes of :meth:`Stepper.advance`; the numbers are those of the kernels."""
 
     OK = 0
     NOT_CLOSED = 1
@@ -89,12 +89,12 @@ class Status(NamedTuple):
 
     @property
     def message(self) -> str:
-        """What happened, and when."""
+        """Error message with the time; empty if there is none."""
         return f"{MESSAGES[self.code][0]} (t = {self.t:.9g} s)"
 
     @property
     def remedy(self) -> str:
-        """What to try next; empty where nothing is wrong."""
+        """Advice; empty if nothing is wrong."""
         names = " or ".join(repr(name) for name in self.others)
         return MESSAGES[self.code][1].format(others=f", or try {names}" if names else "")
 

@@ -100,27 +100,27 @@ class Stepper(ABC):
        After a status that is not ok the reported state is the last good one reached, and ``advance`` may be
        called again.
     4. ``advance`` to a time before the reported one raises ValueError; to the same time it does nothing.
-    5. After the equations have changed by a jump (an input, a parameter) call ``restart()``: whatever has
-       been computed beyond the reported time is discarded and the next step begins at the reported state. Where
-       the change is one of many and small, as of an input that a host sets at every communication point, call
-       ``renew()``: the solver keeps of its history what still holds. Where the velocities jump as well (an
+    5. After a discontinuity of the equations (an input, a parameter) call ``restart()``: everything that has
+       been computed beyond the reported time is discarded and the next step begins at the reported state. If
+       the change is one of many and small, as of an input that is set at every communication point, call
+       ``renew()``: the solver keeps the valid part of its history. If the velocities are discontinuous as well (an
        impulse) call ``jump(dv)`` instead, with dv that keeps J v = nu.
-    6. ``accelerations()`` are those of the reported state and today's equations, with the shortest
+    6. ``accelerations()`` are those of the reported state and the present equations, with the minimum-norm
        multipliers; in a singular configuration their limit along the motion. Raises :class:`SolverError` where
        there is none.
     7. ``sample(times)`` is 3 and 6 at each of the times; a state without accelerations ends it, and ``status``
-    contains the reason.
+       contains the reason.
        Given an array it writes the outputs of the system at each state into a row of it.
     8. ``ledger`` has, of the reported state, the work W that drives, dampers and given forces have done since
-       construction, how far the tolerance lets the energy stray from it, what energy was exchanged, the largest
-       kinetic energy, and what one step may add, now and at most so far (see :mod:`solvers.ledger`). No meaning where
+       construction, the bound of the energy error by the tolerance, the energy that was exchanged, the largest
+       kinetic energy, and the bound of one step, now and the largest so far (see :mod:`solvers.ledger`). No meaning if
        ``options.energy_check`` is off.
-    9. ``save()`` gives bytes, ``restore()`` takes them into a stepper of the same system and options.
+    9. ``save()`` returns bytes, ``restore()`` loads them into a stepper of the same system and options.
 
     Attributes
     ----------
     others
-        Names of the solvers to try where this one does not go on.
+        Names of the solvers to try if this one cannot continue.
     undetermined_at
         Last time at which forces were requested so near a singular configuration that they are not resolved, s; else
         nan.
@@ -128,7 +128,7 @@ class Stepper(ABC):
         Whether it was constructed in a singular configuration: rates may differ from those that the loops require near
         it.
     clock
-        The reported time in an array (1,), s, as it was saved last.
+        The reported time in an array (1,), s, as saved last.
     """
 
     others: tuple[str, ...]
@@ -170,7 +170,7 @@ class Stepper(ABC):
 
     @property
     def freedom(self) -> int:
-        """In how many ways the mechanism can move at most; in none where drives say all."""
+        """Largest number of degrees of freedom; zero if drives prescribe the motion."""
         return len(self._v)
 
     @property
@@ -180,11 +180,11 @@ class Stepper(ABC):
 
     @property
     def ledger(self) -> Array:
-        """What is booked at the reported state (ROW,), see :func:`solvers.ledger.report`."""
+        """Energy account of the reported state (ROW,), see :func:`solvers.ledger.report`."""
         return self._ledger.copy()
 
     def advance(self, t: float) -> Status:
-        """Go to time ``t``, s."""
+        """Advance to time ``t``, s."""
         if not t >= self._t:
             raise ValueError(f"the time to advance to is {t} s, but it stands at {self._t} s; use restore() to go back")
         if t > self._t or not self.status.ok:
@@ -282,7 +282,7 @@ class Stepper(ABC):
         """Discard the history; the equations have changed."""
 
     def renew(self) -> None:
-        """Go on with equations that have changed a little."""
+        """Continue with equations that have changed slightly."""
         self.restart()
 
     def jump(self, dv: Array) -> None:
@@ -292,15 +292,15 @@ class Stepper(ABC):
 
     @abstractmethod
     def arrays(self) -> list[NDArray[Any]]:
-        """Return the arrays that hold all there is to go on from here; ``clock`` is one of them."""
+        """Return the arrays that contain the complete state of the stepper; ``clock`` is one of them."""
 
     def save(self) -> bytes:
-        """Return all that is needed to go on from here."""
+        """Return the complete state of the stepper."""
         self.clock[0] = self._t
         return pack(self.arrays())
 
     def restore(self, data: bytes) -> None:
-        """Go back to where ``data`` was saved: bit for bit where the arrays hold the solver's history."""
+        """Restore the state in which ``data`` was saved: bit for bit if the arrays contain the solver's history."""
         unpack(data, self.arrays())
         self._t, self.undetermined_at = float(self.clock[0]), math.nan
         self.status = self._status(Code.OK)
@@ -308,7 +308,7 @@ class Stepper(ABC):
     @property
     @abstractmethod
     def statistics(self) -> Statistics:
-        """What the run has cost so far."""
+        """Counters of the run so far."""
 
 
 def sized(name: str, values: Array, size: int) -> Array:

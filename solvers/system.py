@@ -35,7 +35,7 @@ LARGEST_DENSE = 1000  # coordinates of a large tree with constraints whose matri
 class Terms(NamedTuple):
     """The terms of the equations at one state; allocated once, filled by :attr:`System.dynamics`.
 
-    What is zero at every state may be left as it was allocated.
+    Terms that are always zero may remain as allocated.
     """
 
     qdot: Array  # (nq,)   N(q) v
@@ -105,7 +105,7 @@ def _no_parts(data: Any) -> Callable[..., Any]:
 
 
 def nothing_works() -> bool:
-    """Of a system on which nothing ever does work."""
+    """Default of a system without work of forces."""
     return False
 
 
@@ -216,9 +216,9 @@ class AnySystem(ABC):
 
 @dataclass(frozen=True, kw_only=True)
 class System(AnySystem):
-    """A mechanism by the matrices of its equations of motion.
+    """Mechanism by the matrices of its equations of motion.
 
-    ``motion`` may rely on ``position`` having been called last of all, for the same t and q. Where there is nothing to
+    ``motion`` may rely on ``position`` having been called last, for the same t and q. If there is nothing to
     gain from that it is ``dynamics``. ``power`` may rely on ``dynamics`` or ``motion`` having been called last for the
     same (t, q, v), ``tell`` and ``exposure`` too, which leaves nothing ``power`` needs undone.
     """

@@ -26,21 +26,21 @@ Progress = Callable[[int, int, int], None]  # arguments: finished runs, all runs
 
 @dataclass(frozen=True)
 class Study:
-    """The runs of a study, in order.
+    """Results of a study, in the order of its runs.
 
     Attributes
     ----------
     rows
-        A run each: what varied, what was measured, ``status`` ("ok", "suspect" or "failed") with the reason in
+        One dictionary per run: varied values, measures, ``status`` ("ok", "suspect" or "failed") with the reason in
         ``message``, the largest ``energy_error`` in J, and its CPU time in ``seconds``.
     units
-        Of what varied and of what was measured, by name.
+        Units of varied values and measures, by name.
     folder
-        Where it is kept.
+        Folder of the study.
     found
-        What was aimed at, and its point; None: nothing was.
+        Best value of the aim, and its point; None without an aim.
     wall_time, summed_time
-        s: of the study as a whole, and of its runs together.
+        Time of the study, s, and sum of the CPU times of its runs, s.
     """
 
     name: str
@@ -58,15 +58,15 @@ class Study:
         return float(sum(row["seconds"] for row in self.rows))
 
     def count(self, status: str) -> int:
-        """Return how many runs are "ok", "suspect" or "failed"."""
+        """Return the number of runs with a status: "ok", "suspect" or "failed"."""
         return sum(row["status"] == status for row in self.rows)
 
     def column(self, name: str) -> Any:
-        """Return what varied or was measured, over the runs."""
+        """Return a varied value or a measure over the runs."""
         return np.array([row[name] for row in self.rows])
 
     def to_dataframe(self) -> Any:
-        """Return a pandas DataFrame: a row a run, by its number; units in ``attrs["units"]``."""
+        """Return a pandas DataFrame with one row per run; units in ``attrs["units"]``."""
         pandas = optional("pandas", EXTRA)
         frame = pandas.DataFrame(list(self.rows)).set_index("run")
         frame.attrs["units"] = dict(self.units)
@@ -80,7 +80,7 @@ class Study:
         return dataset
 
     def trajectories(self) -> Any:
-        """Return a pandas DataFrame of the outputs that were kept, by run and time in s."""
+        """Return a pandas DataFrame of the stored outputs, by run and time in s."""
         optional("pandas", EXTRA)
         if not (self.folder / KEPT).exists():
             raise UserError("the study contains no trajectories; list outputs in keep")
@@ -117,26 +117,27 @@ def study(
         A scene or its name, a model, a mechanism, the path of an FMU, or that of a study file (``.toml`` with a table
         ``[vary]``), which contains the other arguments.
     vary
-        What varies, by name: parameters, inputs, settings and ``stop_time``; see :mod:`mbfmu.ensemble.variation`.
+        Varied quantities by name: parameters, inputs, settings and ``stop_time``; see :mod:`mbfmu.ensemble.variation`.
     measure
-        What is measured, by name; see :mod:`mbfmu.ensemble.measures`.
+        Measures by name; see :mod:`mbfmu.ensemble.measures`.
     folder
-        For the results.
+        Folder for the results.
     resume
-        Whether the folder is that of the same study, whose runs are not made again; else it is new or empty.
+        Whether to continue the same study in this folder without repeating its runs; else the folder must be new or
+        empty.
     scheduler
         Address of a Dask scheduler; empty: processes of this machine.
     workers
-        How many processes; 0: one a processor.
+        Number of processes; 0: one per processor.
     progress
         Function that receives the numbers of finished runs, of all runs, and of failed runs.
     **more
-        The other keys of a study file, see :mod:`mbfmu.ensemble.definition`; ``runs`` stands for ``with``.
+        Other keys of a study file, see :mod:`mbfmu.ensemble.definition`; ``runs`` stands for ``with``.
 
     Raises
     ------
     UserError
-        What is wrong with the study, the folder or the workers. A run that fails is a row with its reason.
+        The study, the folder or the workers are invalid. A failed run is a row with its reason.
     """
     return run_study(
         define(content_of(given, vary, measure, more)), Path(folder), resume=resume, scheduler=scheduler,
@@ -250,12 +251,12 @@ class Campaign:
 
 
 def load_study(folder: Path | str) -> Study:
-    """Return the study that is kept in a folder, as far as it has come.
+    """Return the study that is stored in a folder, with its completed runs.
 
     Raises
     ------
     UserError
-        The folder holds none.
+        The folder contains no study.
     """
     folder = Path(folder)
     told = read_told(folder)

@@ -40,19 +40,19 @@ def export(
     Parameters
     ----------
     model
-        With the parameter values to start from; what decides its structure is fixed from now on.
+        Model with the start values of its parameters; structural parameters are fixed at export.
     path
-        Of the file, in a folder that exists; it must end in ``.fmu``.
+        Path of the file in an existing folder; it must end in ``.fmu``.
     settings
         Start values of the solver's settings; None: the defaults, with the model's tolerance.
     stop_time, output_interval
-        s, of the experiment that a host runs by default; None: the model's own.
+        Stop time and output interval of the default experiment, s; None: those of the model.
     native
-        Whether the FMU is machine code, which runs without Python; else it calls the mbfmu that is installed.
+        Whether the FMU is machine code that runs without Python; else it calls the installed mbfmu.
     fmi
-        Version of FMI, 2 or 3; the second for machine code alone.
+        Version of FMI, 2 or 3; version 3 for native FMUs only.
     platforms
-        Of machine code: names of the machines it is for, of :data:`mbfmu.native.targets.TARGETS`. Empty: this one.
+        Platforms of a native FMU, by the names in :data:`mbfmu.native.targets.TARGETS`. Empty: this machine.
     report
         Function that receives a message on every decision of the export: another solver, parameters that become
         constant.

@@ -88,7 +88,7 @@ class Cylinder(Shape):
 
 @dataclass(frozen=True, kw_only=True)
 class Box(Shape):
-    """A box with edges ``size`` (m) along the columns of ``rotation``, a 3x3 rotation matrix; None: the body's axes."""
+    """Box with edges ``size`` (m) along the columns of ``rotation``, a 3x3 rotation matrix; None: the body's axes."""
 
     size: Vector
     rotation: Any = None
@@ -101,7 +101,7 @@ class Box(Shape):
 
 @dataclass(frozen=True, kw_only=True)
 class Panel(Shape):
-    """A rectangle without thickness, seen from both sides, of ``size`` (m) along the first two columns of
+    """Rectangle without thickness, visible from both sides, with edges ``size`` (m) along the first two columns of
     ``rotation``, a 3x3 rotation matrix; None: the body's axes x and y.
     """
 

@@ -38,7 +38,7 @@ Direction = tuple[Array, Array, "tuple[Any, int, float] | None"]  # of coordinat
 
 @dataclass(frozen=True, kw_only=True)
 class StateSpace:
-    """State matrices with the names of what they relate.
+    """State matrices with the names of states, inputs and outputs.
 
     Attributes
     ----------
@@ -48,11 +48,11 @@ class StateSpace:
     states, inputs, outputs
         Names; the rate of state ``x`` is ``der(x)``.
     coordinates
-        Change of all coordinates (n, f) with each of the independent ones.
+        Derivatives of all coordinates with respect to the independent ones (n, f).
     periodic
-        Names of the matrices that are others at other positions of the drives; these are those of time zero.
+        Names of the matrices that depend on the positions of the drives; the values are those at time zero.
     notes
-        What of the inputs is left out, in sentences.
+        Messages on inputs that are left out.
     """
 
     A: Array
@@ -68,17 +68,17 @@ class StateSpace:
 
     @property
     def free(self) -> Array:
-        """The part (2f, 2f) of A without driven positions, which the host determines."""
+        """The part (2f, 2f) of A without driven positions."""
         size = 2 * self.coordinates.shape[1]
         return self.A[:size, :size]
 
     def modes(self) -> list[Mode]:
-        """Return the eigenvalues, slowest first; of a conjugate pair the one above the real axis."""
+        """Return the eigenvalues, slowest first; for a conjugate pair the one with positive imaginary part."""
         values = linalg.eigvals(self.free) if self.free.size else np.zeros(0)
         return [Mode(complex(values[k])) for k in slowest_first(values)]
 
     def shapes(self) -> list[tuple[Mode, NDArray[np.complex128]]]:
-        """Return the modes as :meth:`modes` orders them, and how all coordinates (n,) take part; any scale."""
+        """Return the modes in the order of :meth:`modes` with their shapes (n,), arbitrarily scaled."""
         values, vectors = linalg.eig(self.free) if self.free.size else (np.zeros(0), np.zeros((0, 0)))
         motions = self.coordinates @ vectors[: self.coordinates.shape[1]]
         return [(Mode(complex(values[k])), motions[:, k]) for k in slowest_first(values)]
@@ -90,7 +90,7 @@ class StateSpace:
         return Continuous(self.A, self.B, self.C, self.D)
 
     def to_control(self) -> Any:
-        """Return python-control's ``StateSpace``, names included; needs the package ``control``."""
+        """Return a ``StateSpace`` of python-control with names; requires the package ``control``."""
         control = optional("control")
         named = {"states": list(self.states), "inputs": list(self.inputs), "outputs": list(self.outputs)}
         return control.ss(self.A, self.B, self.C, self.D, **named)

@@ -76,18 +76,18 @@ class PathBranch:
 
 @dataclass(frozen=True, kw_only=True)
 class EquilibriumPath:
-    """What :func:`equilibrium_path` found.
+    """Result of :func:`equilibrium_path`.
 
     Attributes
     ----------
     input, unit
-        What it was followed over.
+        Name of the input over which the path was followed, and its unit.
     units
-        Of the outputs, by name.
+        Units of the outputs, by name.
     branches
-        First the one from the start; then, on request, two from each of its bifurcations. A branch has ``values``
-        of the input, ``output(name)`` along it, and ``ended``: why it ended early. Its ``states`` have ``value``,
-        ``outputs``, ``positions``, ``stability``, ``unstable`` motions, and ``kind``: ``limit point``,
+        Branch from the start; then, on request, two from each of its bifurcations. A branch has ``values``
+        of the input, ``output(name)`` along it, and ``ended``: the reason if it ended early. Its ``states`` have
+        ``value``, ``outputs``, ``positions``, ``stability``, ``unstable`` motions, and ``kind``: ``limit point``,
         ``bifurcation`` or empty.
     """
 
@@ -98,20 +98,20 @@ class EquilibriumPath:
 
     @property
     def limit_points(self) -> list[PathState]:
-        """Where the first branch turns back."""
+        """Limit points of the first branch."""
         return self.branches[0].of_kind("limit point")
 
     @property
     def bifurcations(self) -> list[PathState]:
-        """Where other branches cross the first one."""
+        """Bifurcations of the first branch."""
         return self.branches[0].of_kind("bifurcation")
 
     def as_dict(self) -> dict[str, Any]:
-        """Return everything for JSON."""
+        """Return all results as a dictionary for JSON."""
         return asdict(self)
 
     def write_csv(self, path: Path | str) -> None:
-        """Write a line for every state; the header names input and outputs with their units."""
+        """Write one line per state; the header names input and outputs with their units."""
         with replacing(path) as unfinished, unfinished.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
             outputs = [f"{name} [{unit}]" for name, unit in self.units.items()]
@@ -191,33 +191,33 @@ def equilibrium_path(
 ) -> EquilibriumPath:
     """Return the steady states of a model or a mechanism along a path over one of its inputs.
 
-    The path may turn back in the input, and be unstable. It ends where the input leaves the range, or earlier.
+    The path may pass limit points and be unstable. It ends where the input leaves the range, or earlier.
 
     Parameters
     ----------
     model
-        With its drives at constant speed, or without drives for static equilibrium.
+        Model with drives at constant speed, or without drives for static equilibrium.
     over
         Name of the input: a load, gravity, the position of a support or the speed of a drive.
     values
-        Of the input: where the path begins, and where it ends.
+        Values of the input at the begin and at the end of the path.
     until
-        Name and value of an output at which the path ends too.
+        Name and value of an output at which the path also ends.
     second
-        Whether to follow the paths that cross at bifurcations, to both sides.
+        Whether to follow the paths that cross at bifurcations, in both directions.
     start
-        Coordinates by name that the search for the first state starts from.
+        Coordinates by name from which the search for the first state starts.
     steps
-        At most, on every branch.
+        Largest number of steps on each branch.
     progress
-        Called with the input after every state.
+        Function that receives the value of the input after every state.
 
     Raises
     ------
     UserError
         No such input, or no range.
     EquilibriumError
-        There is no steady state to begin with.
+        There is no steady state at the beginning.
     """
     begin, end = (finite(f"{which} of {over!r}", v) for which, v in zip(("begin", "end"), values, strict=True))
     if begin == end:

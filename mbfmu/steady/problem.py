@@ -398,15 +398,15 @@ class EquilibriumProblem:
 def equilibrium(model: Model | Mechanism, start: Mapping[str, float] | None = None) -> Equilibrium:
     """Return a steady state of a model or a mechanism.
 
-    Supports that move by a step have moved. If no stable state is found there from the start, the state before is
-    followed through their motion, see :mod:`mbfmu.steady.moved`.
+    Supports that are moved by a step are at its end. If no stable state is found there from the start, the state before
+    the step is followed through their motion, see :mod:`mbfmu.steady.moved`.
 
     Parameters
     ----------
     model
-        With its drives at constant speed, or without drives for static equilibrium.
+        Model with drives at constant speed, or without drives for static equilibrium.
     start
-        Coordinates by name that Newton starts from instead of the model's own.
+        Coordinates by name from which Newton's method starts; by default those of the model.
 
     Raises
     ------

@@ -33,15 +33,15 @@ class Equilibrium:
     q, v, lam
         Positions (nq,), velocities (n,) and multipliers (m,) of the model's plant.
     iterations
-        Jacobians Newton factored.
+        Number of factorized Jacobians of Newton's method.
     residual
         Largest unbalanced force or moment, N or N m.
     solve_time
-        s, of the solution alone: the plant was built before.
+        Time of the solution, s, without building the mechanism.
     found_from
         Start of Newton's method, as text.
     continued
-        Whether Newton alone failed, and the state may be far from where it started.
+        Whether Newton's method alone failed; the state may then be far from the start.
     notes
         Messages on differences from the model's start, and on periodic coefficients.
     periodic
@@ -96,14 +96,15 @@ class Equilibrium:
         return [shape.mode for shape in shapes_of(self.spectrum)]
 
     def shapes(self, count: int) -> list[ModeShape]:
-        """Return the lowest modes and how the coordinates take part."""
+        """Return the lowest modes with their shapes in the coordinates."""
         enough = self.spectrum.complete or count <= LOWEST
         found = self.spectrum if enough else find_spectrum(self.plant, self.q, self.v, self.lam, count)
         return shapes_of(found)[:count]
 
     @property
     def stability(self) -> str:
-        """Of the linearized motion: ``stable`` (it decays), ``undamped`` (some of it oscillates undamped), ``neutral``
+        """Stability of the linearized motion: ``stable`` (it decays), ``undamped`` (some of it oscillates undamped),
+        ``neutral``
         (some of it drifts), ``unstable``, or ``unknown`` if its coefficients are periodic and notes give the reason why
         it was not found.
         """
@@ -141,7 +142,7 @@ class Equilibrium:
         return dict(zip(names, map(float, self.q), strict=True))
 
     def as_dict(self) -> dict[str, Any]:
-        """Return everything for JSON."""
+        """Return all results as a dictionary for JSON."""
         return {
             "model": self.model.name,
             "parameters": {p.name: getattr(self.model, p.name) for p in self.model.parameters()},

@@ -69,49 +69,50 @@ class Stiffness:
 
 @dataclass(frozen=True, kw_only=True)
 class Findings:
-    """What :func:`mbfmu.check` found.
+    """Result of :func:`mbfmu.check`.
 
     Attributes
     ----------
     name, solver, tolerance
-        Of the scene, and what ran; of ``auto`` the solver it took.
+        Name of the scene, and solver and tolerance of the run; with ``auto`` the selected solver.
     stop_time, reached
-        Until when it was to run, and until when it was looked at, s.
+        End time of the scene, and time up to which it was examined, s.
     coordinates, rows, freedom
-        Free coordinates, rows of the constraints (vanishing ones are dropped before), ways to move; the last is None
-        where it did not start.
+        Numbers of free coordinates, of constraint equations (without trivially satisfied ones) and of degrees of
+        freedom; the last is None if the model did not start.
     tree
-        Whether it is solved by the recursions of a large tree, and not by matrices.
+        Whether it is a large model that is solved by recursions and not by dense matrices.
     loops
-        A loop for every cut joint: its ``name``, the ``bodies`` it goes through, its ``size`` (the largest distance
-        between two joints of one of them, m), how many ``rows`` it has, which of them are ``vanishing`` and
-        ``redundant``, and the largest ``gap`` it had, in units of its size or in rad.
+        One entry per cut joint: its ``name``, the ``bodies`` of the loop, its ``size`` (the largest distance
+        between two joints of one of them, m), its number of ``rows``, those that are ``vanishing`` (trivially
+        satisfied) and ``redundant``, and the largest ``gap`` it had, in units of its size or in rad.
     redundant, vanishing
-        Names of rows that depend on others, and of those that no motion works against.
+        Names of redundant and of trivially satisfied constraint equations.
     nearest
         The nearest singular configuration: its time ``t`` (s), the ``ratio`` of the smallest singular value of
         the constraints to the largest, the ``loops`` it is in, the ``gap`` by which it is missed, in units of the rows
-        (zero: it is passed; not a number: that is not known), and ``passes``: how often it comes near. None without
+        (zero: it is passed; not a number: unknown), and ``passes``: the number of approaches. None without
         loops.
     stiffness
-        The fastest ``eigenvalue`` (1/s) of the states that were looked at, its time ``t`` (s), the ``coordinate`` that
-        takes most part in it, the motion's ``own`` rate and that of what must be ``followed`` (1/s), as it swings by
-        more than the absolute ``tolerance``, their ``ratio``, and of how many ``states``. None where nothing is free.
+        Largest ``eigenvalue`` (1/s) of the examined states, its time ``t`` (s), the ``coordinate`` with the
+        largest part in it, the rate ``own`` of the motion and that of the modes that must be ``followed`` (1/s) because
+        their amplitude exceeds the absolute ``tolerance``, their ``ratio``, and the number of ``states``. None without
+        degrees of freedom.
     limit
-        What set the length of the steps: ``accuracy``, ``stability``, ``singular positions``, ``drives``,
-        ``max_step``, or ``nothing`` where no step was taken.
+        What limited the step size: ``accuracy``, ``stability``, ``singular positions``, ``drives``,
+        ``max_step``, or ``nothing`` if no step was taken.
     statistics
-        Of the solver; None where it did not start.
+        Statistics of the solver; None if it did not start.
     outputs
-        How many the scene asks for in the time that was run.
+        Number of output times of the scene in the examined time.
     failure
-        Why it cannot start or stopped, and what to try; empty: neither.
+        Reason if it cannot start or stopped, and what to do; else empty.
     warning
-        Why the motion is not to be trusted though it ran; empty: nothing speaks against it.
+        Warning if the result may be wrong; else empty.
     suits
-        The solver to take, and why.
+        Recommended solver, and the reason.
     unseen
-        What was not looked at, in sentences.
+        Messages on what was not examined.
     """
 
     name: str
@@ -138,11 +139,11 @@ class Findings:
 
     @property
     def hard(self) -> tuple[str, ...]:
-        """What makes the scene hard, in a few words each; empty: nothing does."""
+        """Reasons why the scene is numerically difficult, a few words each; empty if it is not."""
         return reasons(self)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return everything for JSON; what is no number is None."""
+        """Return all results as a dictionary for JSON; NaN is None."""
         found = asdict(self) | {"hard": list(self.hard)}
         found["suits"] = self.suits._asdict() if self.suits else None
         if self.stiffness is not None:
@@ -151,7 +152,7 @@ class Findings:
         return dict(_for_json(found))
 
     def as_text(self) -> str:
-        """Return it in sentences for people."""
+        """Return the report as text."""
         return in_words(self)
 
 
@@ -166,18 +167,18 @@ def _for_json(value: Any) -> Any:
 def check(
     subject: Scene | Model | Mechanism, stop_time: float | None = None, patience: float = PATIENCE, **settings: Any
 ) -> Findings:
-    """Find out whether a scene, a model or a mechanism is hard, and why.
+    """Check whether a scene, a model or a mechanism is numerically difficult, and why.
 
     Parameters
     ----------
     subject
-        What is to be run.
+        Scene, model or mechanism.
     stop_time
-        End of the run, s; the scene's or the model's own where it is not given.
+        End of the run, s; by default that of the scene or the model.
     patience
-        How long the run may take, s; what it has not come to by then is not looked at.
+        Time limit of the run, s; later parts of the motion are not examined.
     **settings
-        Of :class:`~mbfmu.settings.Settings`, as ``solver``: other than the scene's.
+        Settings that differ from the scene, such as ``solver``; see :class:`~mbfmu.settings.Settings`.
 
     Raises
     ------

@@ -105,21 +105,21 @@ class Row:
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison:
-    """What was compared.
+    """Result of a comparison.
 
     Attributes
     ----------
     rows
-        Cheap resolutions and loose tolerances first.
+        Runs, with coarse resolutions and large tolerances first.
     energies
         Times and energy error (J) of each solver at ``tolerance``, the one nearest the scene's, at the finest
         resolution it ran.
     reference
         Reference with which the rows are compared.
     left_out
-        What was not run, or not to its end, and why; sentences.
+        Messages on runs that were omitted or stopped early, with reasons.
     held_inputs
-        What follows from inputs that stay at their start values; empty: there are none.
+        Message on inputs that remain at their start values; empty: there are none.
     """
 
     rows: list[Row]
@@ -130,9 +130,9 @@ class Comparison:
     held_inputs: str = ""
 
     def best(self) -> list[Row]:
-        """Return the best choices: nothing that is cheaper is as accurate. The cheapest comes first.
+        """Return the Pareto front: runs for which no cheaper run is as accurate. The cheapest is first.
 
-        A run that is the reference itself, of no error, is none of them.
+        A run that is the reference itself, without error, is not included.
         """
         front: list[Row] = []
         for row in sorted(
@@ -187,19 +187,20 @@ def compare(
     subject
         A scene, a model or a mechanism.
     solvers, tolerances
-        Without them all that differ on this mechanism, and 1e-4 to 1e-10, 1e-4 and 1e-6 at several resolutions, or
-        1e-2 to 1e-4 of large trees.
+        Solvers and tolerances. Default: all solvers that differ on this mechanism, and 1e-4 to 1e-10, 1e-4 and 1e-6 at
+        several resolutions, or 1e-2 to 1e-4 for large models.
     resolutions
-        Values of the model's parameters of resolution by name, such as ``[{"nx": 9, "nz": 7}]``; without them what the
-        model declares, see :func:`mbfmu.parameter`. ``[{}]``: the model as it is.
+        Values of the model's parameters of resolution by name, such as ``[{"nx": 9, "nz": 7}]``; by default those that
+        the model declares, see :func:`mbfmu.parameter`. ``[{}]``: the model unchanged.
     outputs
         Evaluated outputs; by default all that move freely and that are known accurately in the reference.
     repeats
-        Timed runs of each row, as far as the budget goes.
+        Number of timed runs of each row, within the budget.
     budget
-        CPU time of all runs, s; cheap ones run first. What takes more than a twentieth of it is left out, and said.
+        CPU time of all runs, s; cheap ones run first. Runs that take more than a twentieth of it are omitted and
+        listed.
     progress
-        Called with what is done and the share of the whole that it makes.
+        Function that receives the name of a finished run and its share of the whole.
 
     Raises
     ------

@@ -66,22 +66,22 @@ class Target:
 
 @dataclass(frozen=True, kw_only=True)
 class Recommendation:
-    """What to take.
+    """Recommended solver, tolerance and resolution.
 
     Attributes
     ----------
     row
-        The run that was chosen: what it took and how far it was off.
+        Recommended run, with its computing time and error.
     scene
-        The scene with its solver, tolerance and resolution.
+        Scene with its solver, tolerance and resolution.
     sentence
         The recommendation as text.
     rows
-        Every run that was looked at, in the order of the search; each ran once but the last few.
+        All evaluated runs in the order of the search; each ran once except the last few.
     notes
-        How the reference is known, and what was left out.
+        Messages on the reference and on omissions.
     held_inputs
-        What follows from inputs that stay at their start values; empty: there are none.
+        Message on inputs that remain at their start values; empty: there are none.
     """
 
     row: Row
@@ -135,29 +135,32 @@ def recommend_solver(
 ) -> Recommendation:
     """Return the cheapest solver, tolerance and resolution whose error is within a target, of those that were tried.
 
-    Cheap runs come first: each solver at each resolution begins loosely and is tightened towards the target, and what
-    costs more than what has reached it already is not followed. The few best are timed in turn.
+    Cheap runs are first: each solver at each resolution begins with a large tolerance that is reduced towards the
+    target, and runs that
+    cost more than one that has met the target are skipped. The best ones are timed in interleaved runs.
 
     Parameters
     ----------
     subject
         A scene, a model or a mechanism.
     target
-        A part of the range of each output (``1e-4``), or an absolute error with its unit (``"0.2 mm"``), which holds
-        for the outputs of that kind.
+        Error relative to the range of each output (``1e-4``), or an absolute error with its unit (``"0.2 mm"``), which
+        applies
+        to the outputs with that unit.
     solvers, resolutions, budget
-        As :func:`mbfmu.compare` takes them.
+        Arguments of :func:`mbfmu.compare`.
     tolerances
-        Those to try; without them whatever the target asks for.
+        Tolerances to try; by default those that the target requires.
     outputs
         Outputs that must meet the target; by default all that :func:`mbfmu.compare` evaluates.
     progress
-        Called with what is done and the share of the whole that it makes.
+        Function that receives the name of a finished run and its share of the whole.
 
     Raises
     ------
     UserError
-        The target is none, does not suit the outputs, is finer than the reference is known, or nothing reaches it.
+        The target is invalid, does not suit the outputs, is smaller than the uncertainty of the reference, or is not
+        reached.
     """
     wanted, scene = read_target(target), of_subject(subject)
     steps, chosen, refused = asked(scene, solvers, tolerances, resolutions)

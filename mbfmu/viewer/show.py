@@ -30,11 +30,11 @@ def view(
     Parameters
     ----------
     model
-        Or a motion that was recorded.
+        Model, mechanism, or recorded motion.
     path
-        Of the page; one that ends in ``.glb`` gets a binary glTF.
+        Path of the page; with the suffix ``.glb`` a binary glTF is written.
     stop_time, **how
-        As :func:`mbfmu.simulate` takes them.
+        Arguments of :func:`mbfmu.simulate`.
     against
         Second motion, drawn translucent; or, for a model, the settings of a second run:
         ``"adams"``, ``"adams:1e-4"`` or ``":1e-4"``, solver and tolerance.

@@ -86,8 +86,8 @@ def refusal(name: str, system: AnySystem) -> str:
 def stepper(name: str, system: AnySystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> Stepper:
     """Return a stepper by its name.
 
-    A large tree is advanced by its recursions where the solver has a way to, else by its matrices. Raises ValueError
-    where these would be too large, and for a name that is none.
+    A large model is advanced by its recursions if the solver supports this, else by its matrices. Raises ValueError
+    if these would be too large, and for an unknown name.
     """
     if name not in NAMES:
         raise ValueError(f"there is no solver {name!r}; allowed: {', '.join(map(repr, NAMES))}")

@@ -45,7 +45,7 @@ from .tables import COMPLEX, STEPPED, TANGENT, Called, Tables
 
 @dataclass(frozen=True)
 class Variable:
-    """An input or output of a mechanism."""
+    """Input or output of a mechanism."""
 
     name: str
     unit: str

@@ -41,27 +41,27 @@ from .tables import Called
 
 
 class Plant:
-    """A mechanism as arrays, with its inputs, its outputs and the system a solver takes.
+    """Compiled mechanism: arrays, inputs, outputs, and the system of equations for solvers.
 
     Parameters
     ----------
     courses
-        What inputs are given by for a whole run; those are no inputs of the plant.
+        Values of inputs for a whole run; these are not inputs of the plant.
 
     Attributes
     ----------
     system
         The equations of motion over the free coordinates.
     assembly
-        How its loops are closed at a start.
+        Assembly of its loops at the start.
     drives, inputs
-        What moves and loads the mechanism from outside.
+        Drives and inputs of the mechanism.
     outputs
         Variables in the order of :meth:`observe`.
     length
         Characteristic length, m; see :func:`.scale.characteristic_length`.
     vanishing_rows
-        Names of rows of constraints that no free motion works against; dropped.
+        Names of trivially satisfied constraint equations, which are removed.
     rounded_rows
         Those that are trivially satisfied except for rounding of the geometry, with a message on each.
     """
@@ -132,7 +132,7 @@ class Plant:
         return slack, why
 
     def assemble(self, t: float = 0.0) -> tuple[Array, Array]:
-        """Close the loops from the start given to the builder; return consistent positions (nq,), velocities (n,).
+        """Close the loops from the given start; return consistent positions (nq,) and velocities (n,).
 
         Raises
         ------
@@ -146,7 +146,7 @@ class Plant:
         return q, v
 
     def check_corners(self, t: float, q: Array) -> None:
-        """Raise UserError where bodies at free positions q (nq,) are not where the plates between them belong."""
+        """Raise UserError if bodies at free positions q (nq,) do not span the plates between them."""
         if len(self._cells):
             self.energy(t, q, np.zeros(self.system.n))  # places them
             check_corners(self.mechanism, self.data.state)
@@ -164,7 +164,7 @@ class Plant:
         return [*beside(self.mechanism, self.data.state), *unfelt(self.mechanism, self.data.state)]
 
     def feedthrough(self) -> list[tuple[int, ...]]:
-        """Return for every output which inputs change it at the moment they are set, by number."""
+        """Return for every output the numbers of the inputs with direct feedthrough."""
         behind = Behind(self.mechanism, self._compiled)
         return [
             tuple(k for k in range(len(self.inputs)) if self.inputs.changes(k, sensor.follows, behind.signals(sensor)))
@@ -173,16 +173,16 @@ class Plant:
 
     @property
     def tells_forces(self) -> bool:
-        """Whether some output is a force, a moment or an effort."""
+        """Whether some output is a force, a moment or a generalized force."""
         return any(sensor.follows is Follows.FORCES for _, sensor, *_ in self.mechanism.outputs)
 
     @property
     def stiff_outputs(self) -> list[str]:
-        """Names of the outputs that slight errors of positions are large errors of."""
+        """Names of the outputs with large errors due to small errors of positions."""
         return [name for name, sensor, *_ in self.mechanism.outputs if sensor.stiff]
 
     def nominal(self, unit: str) -> float:
-        """Return the order of magnitude of what has this unit: of the heaviest body, the length and the pace here."""
+        """Return the order of magnitude of quantities with this unit: by the heaviest body, the length and the rate."""
         exponents, factor = read_unit(unit)
         mass = float(self.data.arrays.bodies["mass"].max()) or 1.0
         sizes = {"kg": mass, "m": self.length, "s": 1.0 / (self.system.rate or 1.0), "rad": 1.0}
@@ -190,21 +190,21 @@ class Plant:
         return 10.0 ** round(log10(size))
 
     def records(self, kind: type[Kind]) -> NDArray[Any]:
-        """Return the records of a kind of joint, cut joint, load, signal or sensor, in the order they were added."""
+        """Return the records of a type of joint, cut joint, load, signal or sensor, in the order of their addition."""
         return self._compiled.table(kind)
 
     @property
     def tables(self) -> list[NDArray[Any]]:
-        """The records of every kind that is there, as they lie in ``data.arrays.memory``."""
+        """The records of all element types in the order of ``data.arrays.memory``."""
         return self._compiled.tables
 
     @property
     def kernel_data(self) -> Any:
-        """Arrays and state as kernels take them; see :mod:`solvers.compiled.held`."""
+        """Arrays and state for kernels; see :mod:`solvers.compiled.held`."""
         return contents(self.system.held_data)
 
     def called(self) -> list[Called | None]:
-        """Return which kernels of joints, loads and the like the arrays of this plant have the addresses of."""
+        """Return the kernels of element types whose addresses are in the arrays of this plant."""
         return self._compiled.called()
 
     def signals(self, data: Data) -> list[InUse]:
@@ -226,7 +226,7 @@ class Plant:
         return bodies["r"].copy(), bodies["A"].copy()
 
     def mass_matrix(self, t: float, q: Array) -> Array:
-        """Return M (n, n) of the free velocities at positions q (nq,), whatever loops there are."""
+        """Return M (n, n) of the free velocities at positions q (nq,), independent of loops."""
         system = self._with_matrices()
         terms = system.allocate_terms()
         system.fill(t, q, np.zeros(system.n), terms)
@@ -248,7 +248,7 @@ class Plant:
         return self.system if self.system.has_matrices else self.system.dense()
 
     def cut_wrenches(self, t: float, q: Array, v: Array, lam: Array) -> Array:
-        """Return what every cut joint exerts on its bodies a and b (cuts, 2, 6), each in the axes of that body."""
+        """Return the wrench of every cut joint on its bodies a and b (cuts, 2, 6), in the axes of that body."""
         self.system.fill(t, q, v, self.system.allocate_terms())
         arrays, state = self.data
         rows, load = state.rows, np.zeros(len(arrays.kept))
@@ -282,14 +282,14 @@ class Plant:
         return float(energy(t, q, v, self.system.held_data))
 
     def coincident(self, t: float, q: Array) -> list[str]:
-        """Return a sentence for every spring or stop whose elastic force has no direction at free positions q (nq,)."""
+        """Return a message for every spring or stop whose elastic force has no direction at free positions q (nq,)."""
         if not any(isinstance(acting.load, Spring | DistanceStop) for acting in self.mechanism.loads()):
             return []
         self.energy(t, q, np.zeros(self.system.n))  # places the bodies
         return find_coincident(self.mechanism, self.data.state.bodies, self.length)
 
     def bend(self, t: float, q: Array) -> Bend | None:
-        """Return how plates bend at free positions q (nq,); None where there are none."""
+        """Return the bending of plates at free positions q (nq,); None if there are no plates."""
         if not len(self._cells):
             return None
         self.energy(t, q, np.zeros(self.system.n))  # places them
@@ -304,7 +304,7 @@ class Plant:
         return tuple(float(largest_residual(which, *self.kernel_data)) for which in (False, True))  # type: ignore[return-value]
 
     def adopt(self, other: Plant) -> None:
-        """Take over the numbers of a plant of the same structure, built with other parameter values.
+        """Copy the numbers of a plant of the same structure, built with other parameter values.
 
         Inputs keep their values. Raises UserError where the structures differ.
         """

@@ -31,22 +31,22 @@ def add_chain(
     elements: int = 10,
     damping: float = 0.0,
 ) -> tuple[Body, ...]:
-    """Hang a beam on its parent, along x of its first node and bending along y.
+    """Add a beam of nodal bodies, along x of its first node, with bending along y.
 
     Parameters
     ----------
     m
-        The mechanism.
+        Mechanism to which the chain is added.
     name
-        The nodes are ``name[0]``, ``name[1]`` and so on; the first is at x = 0.
+        Name of the nodes ``name[0]``, ``name[1]`` and so on; the first is at x = 0.
     parent, joint
         Body and joint to which the first node is connected.
     length, mass
-        m and kg.
+        Length, m, and mass, kg.
     axial, bending_stiffness
-        E A, N, and E I, N m^2.
+        Axial stiffness E A, N, and bending stiffness E I, N m^2.
     elements
-        One less than the nodes.
+        Number of elements, one less than the nodes.
     damping
         Damping time of the material, s.
 

@@ -34,7 +34,7 @@ class Contact:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceContactHandle(Contact):
-    """A surface that a sheet contacts, as :func:`add_contact` returns it."""
+    """Contact of a sheet with a surface, as returned by :func:`add_contact`."""
 
     sheet: Sheet
 
@@ -43,32 +43,32 @@ class SurfaceContactHandle(Contact):
         return self._told("N", axis_index(axis, f"of the force of contact {self.name!r}"))
 
     def depth(self) -> Met:
-        """How deep the deepest point of the sheet is in the surface, m; zero: it does not contact."""
+        """Largest penetration of the sheet into the surface, m; zero: no contact."""
         return self._told("m", 5)
 
     def heat(self) -> Met:
-        """What friction and damping of the touch turn into heat, W."""
+        """Power dissipated by friction and damping of the contact, W."""
         return self._told("W", 4, scale=-1.0)
 
     def pressure(self, i: int, k: int) -> Pressed:
-        """What :func:`.contact_pressure` returns of this touch alone."""
+        """As :func:`.contact_pressure` for this contact alone."""
         return contact_pressure([self], i, k)
 
 
 @dataclass(frozen=True, eq=False)
 class NipHandle(Contact):
-    """A nip that drives a sheet, as :func:`add_nip` returns it."""
+    """Roller nip, as returned by :func:`add_nip`."""
 
     stations: int
     roller: Body
     radius: float  # m
 
     def slip(self) -> Met:
-        """Speed of the sheet along the feed less that of the roller, mean over what is loaded, m/s."""
+        """Speed of the sheet along the feed minus that of the roller, mean over the loaded part, m/s."""
         return self._told("m/s", 1, over=0)
 
     def traction(self) -> Met:
-        """Force with which the sheet pulls at the roller, along the feed, N."""
+        """Force of the sheet on the roller along the feed, N."""
         return self._told("N", 2)
 
     def lateral(self) -> Met:
@@ -76,22 +76,23 @@ class NipHandle(Contact):
         return self._told("N", 3)
 
     def normal(self) -> Met:
-        """Force that holds the sheet in the plane of the nip, towards the idler, N."""
+        """Normal force that keeps the sheet in the plane of the nip, towards the idler, N."""
         return self._told("N", 4)
 
     def heat(self) -> Met:
-        """What friction and damping of the nip turn into heat, W."""
+        """Power dissipated by friction and damping of the nip, W."""
         return self._told("W", 5, scale=-1.0)
 
     def loaded(self) -> Met:
-        """Part of the nip in which the sheet is, 0 to 1."""
+        """Part of the nip that the sheet covers, 0 to 1."""
         return self._told("1", 0, scale=1.0 / self.stations)
 
 
 def contact_pressure(contacts: Sequence[SurfaceContactHandle], i: int, k: int) -> Pressed:
-    """Return how hard touches of one sheet press on its cell (i, k), Pa: sizes of their forces on it over its area.
+    """Return the pressure of contacts of one sheet on its cell (i, k), Pa: magnitudes of their forces divided by its
+    area.
 
-    What presses from opposite sides adds up. It is the pressure where friction is none, and at most
+    Pressures from opposite sides are added. It is the pressure if there is no friction, and at most
     sqrt(1 + friction^2) of it.
     """
     if not contacts or not all(isinstance(contact, SurfaceContactHandle) for contact in contacts):
@@ -111,7 +112,8 @@ def contact_pressure(contacts: Sequence[SurfaceContactHandle], i: int, k: int) -
 
 
 def jammed(nips: Sequence[NipHandle]) -> Jammed:
-    """Return what is 1 while a sheet slips in one of these nips by more than half the speed of the roller's surface.
+    """Return a sensor that is 1 while a sheet slips in one of these nips by more than half the surface speed of the
+    roller.
 
     A nip less than half of which is covered by the sheet does not count. It has no memory: the reader decides on the
     duration.

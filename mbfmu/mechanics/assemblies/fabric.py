@@ -33,16 +33,16 @@ Curl = Sequence[float] | Callable[[float, float], Sequence[float]]
 
 @dataclass(frozen=True)
 class Crease:
-    """A straight crease across a sheet, from edge to edge: less stiff in bending, and nothing else.
+    """Straight crease across a sheet, from edge to edge, with reduced bending stiffness.
 
     Parameters
     ----------
     axis
-        What it lies across: ``x``, the line x = ``at``, or ``z``, the line z = ``at``.
+        ``x`` for the line x = ``at``, or ``z`` for the line z = ``at``.
     at
-        Where, m.
+        Position of the line, m.
     stiffness
-        Of its angle: moment per length along the line, N m/m per rad.
+        Rotational stiffness of the crease: moment per length along the line, N m/m per rad.
     """
 
     axis: str

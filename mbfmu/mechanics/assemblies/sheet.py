@@ -85,24 +85,24 @@ class SheetPoint:
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    """A sheet of a mechanism, as :func:`add_sheet` returns it.
+    """Sheet of a mechanism, as returned by :func:`add_sheet`.
 
     Attributes
     ----------
     nodes
-        Bodies by grid index, ``nodes[i][k]`` at x = i a, z = k b; each frame's x-z plane is the sheet's.
+        Bodies by grid index, ``nodes[i][k]`` at x = i a, z = k b; the x-z plane of each frame is that of the sheet.
     a, b
         Sides of a cell, m.
     plate
-        What every cell is of, or the one in the middle where they differ; with stretch elements are shells of that.
+        Plate of every cell, or of the middle one if they differ; with stretch the elements are shells of it.
     fabric
-        What each is of.
+        Plate properties of each cell.
     cells
         Elements and the four bodies at their corners, by grid index of the first.
     cuts
-        Cut joints of supports that the tree does not grow from.
+        Cut joints of the supports other than the root of the tree.
     along
-        Which way the tree grows: its columns lie across x (0) or z (1).
+        Direction of the tree: its columns are across x (0) or z (1).
     """
 
     name: str
@@ -144,7 +144,7 @@ class Sheet:
     def skew(self, edge: str = "x1", across: str | Sequence[float] = "z") -> Sensor:
         """Angle of an edge, ``x0`` or ``x1``, corner to corner, about the normal there against a direction, rad.
 
-        A flat sheet in the plane x-z that has turned about y by an angle is skewed by that.
+        A flat sheet in the plane x-z that is rotated about y by an angle has this skew.
         """
         one_of(f"edge of the skew of sheet {self.name!r}", edge, ("x0", "x1"))
         row = 0 if edge == "x0" else -1
@@ -152,9 +152,9 @@ class Sheet:
         return Skew(unit="rad", bodies=(self.node(row, 0), self.node(row, -1)), across=direction)
 
     def covers(self, point: Vector, direction: str | Sequence[float] = "y") -> Sensor:
-        """Part of a beam of light through a point (m) along a direction that the sheet covers, 0 to 1.
+        """Part of a light beam through a point (m) along a direction that the sheet covers, 0 to 1.
 
-        It rises over 1 mm at the edges, where the beam passes their middle.
+        It is smoothed over 1 mm at the edges.
         """
         what = f"of the beam that sheet {self.name!r} covers"
         cells = sorted(self.cells)
@@ -171,22 +171,22 @@ class Sheet:
     def curvature(self, component: str, x: float, z: float) -> Sensor:
         """Curvature ``xx``, ``zz`` or the twist ``xz`` at (x, z) of the flat sheet, 1/m: w,xx and so on, w along its y.
 
-        This and the following are those of the element there, exact in the mean over it and best in its middle: of two
-        cells across, a hanging strip's force is off by half at the edge. On a line between two it is that of the one
-        beyond.
+        This and the following are values of the element at that point, exact in the mean over it and best at its
+        center: with two cells across, the force in a hanging strip has an error of 50 % at the edge. On a line between
+        two it is that of the second one.
         """
         return self._felt("1/m", component, x, z, curvature=1.0)
 
     def moment(self, component: str, x: float, z: float) -> Sensor:
-        """Moment per length, N m/m, that goes with that curvature; of the elastic material, without its damping."""
+        """Moment per length, N m/m, conjugate to that curvature; of the elastic material, without its damping."""
         return self._felt("N.m/m", component, x, z, moment=1.0)
 
     def strain(self, component: str, x: float, z: float) -> Sensor:
-        """Strain of the mid-plane; ``xz`` is half the shear angle. It needs stretch."""
+        """Strain of the mid-plane; ``xz`` is half the shear angle. Requires stretch."""
         return self._felt("1", component, x, z, strain=1.0)
 
     def force_per_length(self, component: str, x: float, z: float) -> Sensor:
-        """Force per length in the plane, N/m, positive where it pulls; elastic, as all of these."""
+        """In-plane force per length, N/m, positive in tension; elastic part."""
         return self._felt("N/m", component, x, z, force=1.0)
 
     def stress(self, component: str, x: float, z: float, face: str = "top") -> Sensor:
@@ -252,50 +252,52 @@ def add_sheet(
     Parameters
     ----------
     mechanism
-        What the sheet is added to.
+        Mechanism to which the sheet is added.
     name
-        Nodes are the bodies ``name.i.k``.
+        Name of the sheet; its nodes are the bodies ``name.i.k``.
     length, width, thickness
-        Along x, z and y, m; the thickness may be a function of x and z.
+        Dimensions along x, z and y, m; the thickness may be a function of x and z.
     youngs_modulus, poisson, density
-        Pa, 1, kg/m^3; moduli (E1, E2) along and across the grain, and poisson nu12: how much the sheet contracts across
-        for a pull along the grain.
+        Young's modulus, Pa, Poisson's ratio, density, kg/m^3; moduli (E1, E2) along and across the grain, and Poisson's
+        ratio nu12: contraction across the grain under tension along it.
     shear_modulus
-        In the plane, Pa; None: that of an isotropic material, or of papers, sqrt(E1 E2) / (2 (1 + sqrt(nu12 nu21))).
+        In-plane shear modulus, Pa; None: isotropic material, or estimate for paper, sqrt(E1 E2) / (2 (1 + sqrt(nu12
+        nu21))).
     angle
-        Of the grain (the machine direction) from x towards z, rad.
+        Angle of the grain (machine direction) from x towards z, rad.
     grid
-        Nodes along x and z, at least 2 each; with membrane at least 3 across the chains (in both directions where the
-        tree is ``master``).
+        Numbers of nodes along x and z, at least 2 each; with membrane at least 3 across the chains (in both directions
+        if the tree is ``master``).
     tree
         ``spine``, ``rows`` or ``master``; see the module.
     supports
-        What holds the edges; the trees ``spine`` and ``rows`` grow from the first, which must not slide.
+        Supports of the edges; the trees ``spine`` and ``rows`` start at the first, which must not slide.
     at, rotation
-        Frame of the flat sheet in that of a support's body, of ``master``, or in the ground: m and 3x3 axes.
+        Frame of the flat sheet in the frame of a support's body, of ``master``, or of the ground: m and 3x3 axes.
     master
-        Body the master node is fixed to; None: it floats. Of the tree ``master`` only.
+        Body to which the master node is fixed; None: it floats. For the tree ``master`` only.
     rate
         Velocity of a floating master node at the start, m/s and rad/s in the axes of the flat sheet, which moves like a
         rigid body.
     joint
         ``geodesic`` keeps the lengths and angles of the sheet; ``paper`` the projected length of its chains.
     membrane
-        Resist shear and stretching across rows or ribs; or the strains you name, out of ``x``, ``z``, ``s`` (shear), as
+        Whether shear and stretching across rows or ribs have stiffness; or the names of such strains, out of ``x``,
+        ``z``, ``s`` (shear), as
         in :class:`.Plate`.
     stretch
         In-plane deformation: nodes with six coordinates and shell elements. It has other joints, has stiffness for all
-        strains, and grows as its supports have it: around a ``master`` or, without support, a floating one, else as a
-        ``spine``. Another ``tree``, a ``joint`` and single strains of a ``membrane`` are refused.
+        strains, and its tree follows from its supports: around a ``master`` or, without support, a floating one, else
+        as a ``spine``. Another ``tree``, a ``joint`` and single strains of a ``membrane`` are refused.
     curl
-        Curvatures (w,xx, w,zz) or (w,xx, w,zz, w,xz) of the sheet that nothing bends, 1/m, or a function of x and z
+        Curvatures (w,xx, w,zz) or (w,xx, w,zz, w,xz) of the unloaded sheet, 1/m, or a function of x and z
         that returns them; positive ones bend its edges up, along y.
     creases
         Lines along which it bends more easily; see :class:`Crease`.
     damping, drag
-        Material damping time, s, and density times drag coefficient of the air, kg/m^3.
+        Damping time of the material, s, and density times drag coefficient of the air, kg/m^3.
     pressure
-        On the sheet, along its normal as that turns, Pa: a number (zero: none), a signal or an input.
+        Pressure on the sheet, along the normal of the deformed sheet, Pa: number (zero: none), signal or input.
     """
     what = f"sheet {name!r}"
     shape = _grid(what, grid)

@@ -26,15 +26,15 @@ class Support:
     edge
         ``x0`` (x = 0), ``x1`` (x = length), ``z0`` (z = 0), ``z1`` (z = width).
     kind
-        ``clamped``: neither moves nor turns; ``pinned``: turns about the edge; ``guided`` and ``supported``: the same
-        two, but free to slide and turn in the plane. A flat sheet that is connected to one support cannot deform in
-        its plane for a second one: use ``guided`` or ``supported`` there.
+        ``clamped``: no translation and rotation; ``pinned``: rotates about the edge; ``guided`` and ``supported``: the
+        same two, but free to slide and rotate in the plane. A flat sheet that is connected to one support cannot deform
+        in its plane for a second one: use ``guided`` or ``supported`` there.
     span
-        First and last coordinate along the edge that is held, m; the nodes within are. None: the whole edge.
+        First and last coordinate along the edge, m; nodes between them are held. None: the whole edge.
     body
-        What it is held by; a body at the end of driven joints prescribes the motion. None: the ground.
+        Body that holds the edge; a body at the end of driven joints prescribes its motion. None: the ground.
     at, rotation
-        Frame of the sheet in that of ``body``: where the held nodes are. None: as given to the sheet.
+        Frame of the sheet in the frame of ``body``. None: as given for the sheet.
     """
 
     edge: str

@@ -55,29 +55,29 @@ def add_contact(
     creep: float = 1e-3,
     points: tuple[int, int] = (4, 4),
 ) -> SurfaceContactHandle:
-    """Add contact between a sheet, on either face, and a rigid surface.
+    """Add contact between a sheet, on both faces, and a rigid surface.
 
     Parameters
     ----------
     mechanism, name
-        Where the loads go, and what they are called.
+        Mechanism to which the contact is added, and name of its loads.
     sheet
-        Of that mechanism.
+        Sheet of that mechanism.
     surface
-        Such as ``Wall(normal="y")``, in the axes of ``body``.
+        Surface, such as ``Wall(normal="y")``, in the axes of ``body``.
     body
-        That the surface is fixed to; None: the ground.
+        Body to which the surface is fixed; None: the ground.
     friction
         Coefficient of Coulomb friction; zero: none.
     stiffness, depth
-        Pressure for the depth, N/m^3, and the depth (m) below which it falls with its square; None: those of a sheet
-        like this, whose leading edge sinks in by a quarter of its thickness.
+        Pressure per depth, N/m^3, and the depth (m) below which the pressure is quadratic; None: defaults for the
+        sheet, whose leading edge sinks in by a quarter of its thickness.
     damping
-        s/m: an impact at v loses some (4/3) damping v of its energy.
+        Damping of Hunt and Crossley, s/m: an impact at v loses about the part (4/3) damping v of its energy.
     creep
-        Slip, m/s, at which friction has seven tenths of its force.
+        Slip velocity, m/s, at which friction has 70 % of its largest force.
     points
-        Of every cell along x and z.
+        Number of contact points of every cell along x and z.
     """
     what = f"contact {name!r}"
     check_kind(f"surface of {what}", surface, Surface)
@@ -147,45 +147,47 @@ def add_nip(
     idler: Body | None = None,
     idler_radius: float | None = None,
 ) -> NipHandle:
-    """Let a roller and an idler drive a sheet.
+    """Add a roller nip that drives a sheet by a roller and an idler.
 
     Parameters
     ----------
     mechanism, name, sheet
-        As those of :func:`add_contact`.
+        As for :func:`add_contact`.
     roller
-        Body that drives, on a ``Revolute`` whose axis is that of the roller.
+        Body of the driving roller, on a ``Revolute`` whose axis is that of the roller.
     radius
-        Of the roller, m.
+        Radius of the roller, m.
     at
-        Middle of the nip in the ground's axes, where sheet and roller meet, m.
+        Middle of the nip in global axes, at the contact of sheet and roller, m.
     width
-        Of the contact across the feed, m.
+        Width of the contact across the feed, m.
     force
-        With which the idler presses, N: a number, a signal or an input; below zero it is none.
+        Normal force of the idler, N: number, signal or input; negative values are zero.
     feed, normal
-        Direction in which a sheet is fed, and from the roller to the idler.
+        Feed direction, and direction from the roller to the idler.
     along
-        Which way of the sheet is fed, ``x`` or ``z``.
+        Axis of the sheet in feed direction, ``x`` or ``z``.
     uneven
-        By which part the force per width is more at the end along feed x normal, and less at the other.
+        Relative increase of the force per width at the end in direction feed x normal, and decrease at the other.
     friction, idler_friction
-        Of the roller on the sheet, and of the idler, sideways where it has no body.
+        Friction coefficients of the roller and of the idler (sideways only if it has no body).
     creep, least
-        Slip at which the roller has seven tenths of its traction: a part of its speed, and m/s at rest; together the
+        Slip at which the roller has 70 % of its largest traction: relative to its speed, and m/s at rest; together the
         root of the sum of their squares.
     contact, entry
-        Distance of the two stations along the feed, and the way over which an edge comes in, m; None: 1/300 of the
-        longer side of the sheet, and 0.4 of the radius, where roller and idler leave it open by 0.16 of that.
+        Distance of the two contact points along the feed, and length over which an edge enters, m; None: 1/300 of the
+        longer side of the sheet, and 0.4 of the radius, where the gap of the rollers is 0.16 of the radius.
     stiffness, damping
-        Of the rubber, N/m and N s/m; None: 1 mrad to the moment that bends the sheet most, and little.
+        Stiffness, N/m, and damping, N s/m, of the rubber; None: 1 mrad under the largest bending moment of the sheet,
+        and small damping.
     pairs
-        Of stations across the width; None: two for every cell, and two at least, which resist turning.
+        Number of pairs of contact points across the width; None: two per cell, and at least two, which resist rotation.
     idler
-        Body that turns beyond the sheet, on a ``Revolute`` too; the sheet must turn it, and it may slip. None: it has
-        no inertia and turns as the sheet moves.
+        Body of the idler on the other side of the sheet, on a ``Revolute``; it is driven by the sheet and may slip.
+        None: it has
+        no inertia and follows the sheet.
     idler_radius
-        Of that, m; None: as the roller's.
+        Radius of the idler, m; None: that of the roller.
     """
     what = f"nip {name!r}"
     _of(mechanism, sheet, what)

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A body of a mechanism, as :meth:`Mechanism.body` returns it."""
+    """Body of a mechanism, as returned by :meth:`Mechanism.body`."""
 
     name: str
     index: int
@@ -68,7 +68,7 @@ class Body:
         return Acceleration(unit=self._unit(k) + "/s2", item=self, component=k)
 
     def effort(self, k: int = 0) -> Sensor:
-        """Force or torque that drives a driven joint."""
+        """Generalized force of the drive of a driven joint, N or N m."""
         return Effort(unit=effort_unit(self._unit(k)), item=self, component=k)
 
     angle = coordinate
@@ -78,11 +78,11 @@ class Body:
         return PointPosition(unit="m", item=self, component=self._axis(axis), point=self._point(point))
 
     def velocity(self, axis: str, point: Vector = (0.0, 0.0, 0.0)) -> Sensor:
-        """... of its velocity, m/s."""
+        """Global component of the velocity of a body-fixed point, m/s."""
         return PointVelocity(unit="m/s", item=self, component=self._axis(axis), point=self._point(point))
 
     def point_acceleration(self, axis: str, point: Vector = (0.0, 0.0, 0.0)) -> Sensor:
-        """... of its acceleration, m/s2."""
+        """Global component of the acceleration of a body-fixed point, m/s2."""
         return PointAcceleration(
             unit="m/s2",
             item=self,
@@ -91,7 +91,7 @@ class Body:
         )
 
     def quaternion(self, k: int) -> Sensor:
-        """Component k = 0 ... 3 of the attitude as a unit quaternion, scalar first.
+        """Component k = 0 ... 3 of the orientation as a unit quaternion, scalar first.
 
         The scalar is not negative, so that the orientation determines the signs: all four are discontinuous where they
         change, half a turn from the ground's axes.
@@ -107,16 +107,16 @@ class Body:
         return DirectionCosine(item=self, component=self._axis(i), axis=self._axis(j))
 
     def angular_velocity(self, axis: str, frame: str = "global") -> Sensor:
-        """Component of the angular velocity along an axis of the ground, or with ``frame="body"`` of this, rad/s."""
+        """Component of the angular velocity along a global axis, or with ``frame="body"`` a body axis, rad/s."""
         one_of(f"frame of the angular velocity of body {self.name!r}", frame, ("global", "body"))
         return AngularVelocity(item=self, component=self._axis(axis) + (3 if frame == "body" else 0))
 
     def joint_force(self, axis: str) -> Sensor:
-        """Global component of the force the tree joint exerts on this body, N."""
+        """Global component of the force of the tree joint on this body, N."""
         return JointForce(unit="N", item=self, component=self._axis(axis))
 
     def joint_moment(self, axis: str) -> Sensor:
-        """Global component of the moment it exerts about the body's origin, N m."""
+        """Global component of the moment of the tree joint on this body about its origin, N m."""
         return JointForce(unit="N.m", item=self, component=3 + self._axis(axis))
 
     def _axis(self, axis: str) -> int:
@@ -159,7 +159,7 @@ def coordinate_of(what: str, body: Body, given: int | None) -> int:
 
 @dataclass(frozen=True, eq=False)
 class CutHandle:
-    """A cut joint of a mechanism, as :meth:`Mechanism.cut` returns it."""
+    """Cut joint of a mechanism, as returned by :meth:`Mechanism.cut`."""
 
     name: str
     index: int
@@ -170,17 +170,17 @@ class CutHandle:
 
     @property
     def rows(self) -> tuple[str, ...]:
-        """Suffix of each row's name."""
+        """Suffix of the name of each constraint equation."""
         return self.cut.rows
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Unit of each row's residual."""
+        """Unit of the residual of each constraint equation."""
         return tuple("rad" if unit == "N.m" else "m" for unit in self.cut.units)
 
     def force(self, row: str = "") -> Sensor:
-        """Force (N) or moment (N m) of one row on body b: ``x``, ``y``, ``z`` along the axes of the cut frame in body
-        a, which turn with it, that of a distance joint along the line from a to b.
+        """Force (N) or moment (N m) of one constraint equation on body b: ``x``, ``y``, ``z`` along the axes of the cut
+        frame, which are fixed in body a; for a distance constraint along the line from a to b.
         """
         if row not in self.cut.rows:
             raise UserError(
@@ -198,7 +198,7 @@ class CutHandle:
 
 @dataclass(frozen=True, eq=False)
 class CouplingHandle:
-    """A coupling of two coordinates, as :meth:`Mechanism.couple` returns it."""
+    """Coupling of two coordinates, as returned by :meth:`Mechanism.couple`."""
 
     name: str
     index: int
@@ -216,7 +216,7 @@ class CouplingHandle:
         return (self.a.joint.units[self.coordinate_a],)
 
     def effort(self, on: str = "a") -> Sensor:
-        """What it exerts along the coordinate of body ``"a"`` or ``"b"``, N or N m."""
+        """Generalized force on the coordinate of body ``"a"`` or ``"b"``, N or N m."""
         one_of(f"body of coupling {self.name!r}", on, ("a", "b"))
         unit = (self.a.joint.units[self.coordinate_a], self.b.joint.units[self.coordinate_b])["ab".index(on)]
         return CouplingEffort(unit=effort_unit(unit), item=self, component="ab".index(on), bodies=(self.a, self.b))
@@ -224,7 +224,7 @@ class CouplingHandle:
 
 @dataclass(frozen=True, eq=False)
 class ForceHandle:
-    """A force of a mechanism, as :meth:`Mechanism.force` returns it."""
+    """Force of a mechanism, as returned by :meth:`Mechanism.force`."""
 
     name: str
     index: int  # among the forces, and so among all loads
@@ -233,15 +233,15 @@ class ForceHandle:
     b: Body
 
     def force(self, axis: str, on: str = "a") -> Sensor:
-        """Global component of what it exerts on body ``"a"`` or ``"b"``, N."""
+        """Global component of the force on body ``"a"`` or ``"b"``, N."""
         return self._wrench("N", self._axis(axis), on)
 
     def moment(self, axis: str, on: str = "a") -> Sensor:
-        """Global component of its moment about the origin of that body, N m."""
+        """Global component of the moment on that body about its origin, N m."""
         return self._wrench("N.m", 3 + self._axis(axis), on)
 
     def effort(self) -> Sensor:
-        """What it exerts along the coordinate of the joint it acts on, N or N m."""
+        """Generalized force on the coordinate of its joint, N or N m."""
         if not self.load.on_joint:
             raise UserError(
                 f"force {self.name!r} acts on bodies and not along a joint coordinate; use force() or moment()"
@@ -260,14 +260,14 @@ class ForceHandle:
 
 @dataclass(frozen=True, eq=False)
 class FlexibleBody:
-    """An elastic body, as :meth:`Mechanism.flexible_body` returns it.
+    """Elastic body, as returned by :meth:`Mechanism.flexible_body`.
 
     Attributes
     ----------
     body
-        Its frame as a body of the tree, without mass: what the joint to the parent moves.
+        Frame of the beam as a body of the tree without mass, connected to the parent by the joint.
     modes
-        Its first section: coordinate k is the amplitude of mode k + 1, m.
+        First section: coordinate k is the amplitude of mode k + 1, m.
     """
 
     name: str
@@ -279,7 +279,7 @@ class FlexibleBody:
     _sections: dict[float, Body] = field(default_factory=dict)
 
     def section(self, x: float) -> Body:
-        """Return the cross-section at x (m) as a body, to hang others on, to cut, to load, to observe."""
+        """Return the cross-section at x (m) as a body, for joints, cut joints, loads and outputs."""
         if x not in self._sections:
             self.beam.shape(x)
             joint = Section(beam=self.beam, x=float(x), frame=self.modes)

@@ -35,11 +35,11 @@ def box(*, mass: float, size: Vector, com: Vector = ORIGIN, rotation: Any = None
     mass
         kg.
     size
-        Edges along x, y, z, m.
+        Lengths of the edges along x, y, z, m.
     com
         Its center in the body's frame, m; the body's origin by default.
     rotation
-        3x3 rotation matrix whose columns the edges are along; None: the body's axes.
+        3x3 rotation matrix whose columns are the directions of the edges; None: the body's axes.
     """
     x, y, z = lengths("size of a box", size)
     R = rotation_matrix("rotation of a box", rotation)
@@ -57,7 +57,7 @@ def cylinder(*, mass: float, radius: float, length: float, axis: Axis = "z", com
     radius, length
         m.
     axis
-        Which it is long along, in the body's frame.
+        Axis of the cylinder in the body's frame.
     com
         Its center in the body's frame, m; the body's origin by default.
     """
@@ -74,11 +74,11 @@ def tube(
     mass
         kg.
     outer, inner
-        Radii, m; inner is less than outer, or equal for a thin wall.
+        Outer and inner radius, m; inner is less than outer, or equal for a thin wall.
     length
         m.
     axis, com
-        As those of :func:`cylinder`.
+        As for :func:`cylinder`.
     """
     if positive("outer radius of a tube", outer) < positive("inner radius of a tube", inner):
         raise UserError(f"inner radius of a tube is {inner!r} m; allowed: no more than the outer one, {outer!r} m")
@@ -86,7 +86,7 @@ def tube(
 
 
 def sphere(*, mass: float, radius: float, com: Vector = ORIGIN) -> dict[str, Any]:
-    """Mass properties of a uniform solid ball of ``radius`` (m), its center ``com`` at the body's origin by default."""
+    """Mass properties of a uniform solid sphere of ``radius`` (m); its center ``com`` is the origin by default."""
     r = positive("radius of a sphere", radius)
     moment = 0.4 * not_negative("mass of a sphere", mass) * r * r
     return {"mass": float(mass), "com": vector("com of a sphere", com), "inertia": (moment, moment, moment)}

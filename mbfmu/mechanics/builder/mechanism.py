@@ -73,12 +73,12 @@ ASSEMBLY_TOLERANCE, LARGEST_ASSEMBLY_TOLERANCE = 2e-5, 1e-2
 
 
 class Mechanism(Appearance):
-    """Bodies on tree joints from the ground, closed by cut joints, moved by forces and drives.
+    """Mechanism: bodies connected by tree joints from the ground, loop-closing (cut) joints, forces and drives.
 
     Parameters
     ----------
     gravity
-        Acceleration of gravity, global axes, m/s^2; zero: none. A component may be an input without rate: it holds
+        Acceleration of gravity, global axes, m/s^2; zero: none. A component may be an input without rate, which is held
         between steps.
     assembly_tolerance
         Constraint equations of a loop that no free motion changes by more than this are left out and reported, as the
@@ -88,9 +88,9 @@ class Mechanism(Appearance):
     Attributes
     ----------
     gravity
-        (3,), m/s^2; of inputs the start.
+        Acceleration of gravity (3,), m/s^2; start values of inputs.
     gravity_inputs
-        By component.
+        Inputs of gravity, by component.
     """
 
     def __init__(
@@ -137,22 +137,22 @@ class Mechanism(Appearance):
         com: Vector = (0.0, 0.0, 0.0),
         inertia: Any = (0.0, 0.0, 0.0),
     ) -> Body:
-        """Hang a body on its parent.
+        """Add a body that is connected to a parent body by a joint.
 
         Parameters
         ----------
         name
-            New among the bodies.
+            Unique name among the bodies.
         parent
-            A body of this mechanism or its ground.
+            Body of this mechanism or its ground.
         joint
-            Tree joint; places the body's frame in the parent's.
+            Tree joint, which places the frame of the body in that of the parent.
         mass
-            kg; zero is allowed where the motion has inertia from other bodies.
+            Mass, kg; zero is allowed if the motion has inertia from other bodies.
         com
             Center of mass in the body's frame, m.
         inertia
-            About the center of mass, body axes, kg m^2: three principal values or a 3x3 matrix.
+            Inertia about the center of mass, body axes, kg m^2: three principal values or a 3x3 matrix.
         """
         self._new_name("body", name, self._bodies_named)
         self._member(parent, f"parent of body {name!r}")
@@ -177,14 +177,14 @@ class Mechanism(Appearance):
         return self._append(new)
 
     def flexible_body(self, name: str, parent: Body, joint: Joint, beam: Beam) -> FlexibleBody:
-        """Hang a beam on its parent: a body that bends.
+        """Add a flexible body (beam) that is connected to a parent body by a joint.
 
         Parameters
         ----------
         name
-            New among the bodies; its frame is a body of this name.
+            Unique name among the bodies; its frame is a body of this name.
         parent, joint
-            As those of :meth:`body`; the joint places the frame the beam bends in, which x runs along.
+            As for :meth:`body`; the joint places the frame of the beam, whose axis is along x.
         beam
             The beam and its modes.
         """
@@ -196,7 +196,7 @@ class Mechanism(Appearance):
         return self.flexible_bodies[-1]
 
     def add_section(self, name: str, parent: Body, joint: Section) -> Body:
-        """Append a cross-section of an elastic body; :meth:`FlexibleBody.section` is the way to one."""
+        """Append a cross-section of an elastic body; use :meth:`FlexibleBody.section`."""
         self._new_name("body", name, self._bodies_named)
         new = Body(name, len(self.bodies), parent.index, joint)
         return self._append(new)
@@ -223,18 +223,18 @@ class Mechanism(Appearance):
         coordinate_a: int | None = None,
         coordinate_b: int | None = None,
     ) -> CouplingHandle:
-        """Let a coordinate of body a's joint follow one of body b's, wherever in the tree the two are.
+        """Constrain a coordinate of body a's joint as a function of one of body b's joint, anywhere in the tree.
 
         Parameters
         ----------
         name
-            New among the couplings and cuts.
+            Unique name among the couplings and cut joints.
         coupling
-            The law, such as ``Gear(ratio=-2.0)`` or ``Cam(table)``.
+            Coupling law, such as ``Gear(ratio=-2.0)`` or ``Cam(table)``.
         a, b
             Bodies of this mechanism; either joint may be driven.
         coordinate_a, coordinate_b
-            Which coordinate, counted from 0, where the joint has several; never one of a quaternion.
+            Number of the coordinate, from 0, if the joint has several; not one of a quaternion.
         """
         what = f"coupling {name!r}"
         self._new_name("coupling", name, [c.name for c in self.constraints])
@@ -252,11 +252,11 @@ class Mechanism(Appearance):
 
     @property
     def constraints(self) -> list[CutHandle | CouplingHandle]:
-        """What has rows among the constraints, in their order."""
+        """Cut joints and couplings, in the order of their constraint equations."""
         return [*self.cuts, *self.couplings]
 
     def force(self, name: str, force: Force, a: Body, b: Body | None = None) -> ForceHandle:
-        """Let a force act on body a (and b); joint forces act on a's tree joint."""
+        """Add a force on body a (and b); joint forces act on the tree joint of a."""
         self._new_name("force", name, self._loads_named())
         check_kind(f"force {name!r}", force, Force)
         self._member(a, f"body a of force {name!r}")
@@ -271,7 +271,7 @@ class Mechanism(Appearance):
         return ForceHandle(name, len(self.forces) - 1, force, a, other)
 
     def plate(self, plate: Plate | Shell, a: Body, b: Body, c: Body, d: Body) -> None:
-        """Span an element between bodies at its corners (0, 0), (a, 0), (a, b), (0, b) of their x-z plane."""
+        """Add a plate element between bodies at its corners (0, 0), (a, 0), (a, b), (0, b) of their x-z plane."""
         if not isinstance(plate, Plate | Shell):
             raise UserError(f"plate is {plate!r}; it must be a Plate or a Shell")
         plate.check("a plate")
@@ -280,16 +280,16 @@ class Mechanism(Appearance):
         self.plates.append((plate, nodes))
 
     def pressure(self, name: str, magnitude: Any, faces: Iterable[Sequence[Body]]) -> None:
-        """Let a pressure act on surfaces, along their normals as they turn.
+        """Add a pressure on surfaces, along their normals in the deformed position.
 
         Parameters
         ----------
         name
-            New among the pressures.
+            Unique name among the pressures.
         magnitude
-            Pa, a number, a signal or an input; positive along y of a flat face.
+            Pressure, Pa: number, signal or input; positive along y of a flat face.
         faces
-            Four bodies each, in the order of a plate's corners.
+            Four bodies per face, in the order of the corners of a plate.
         """
         self._new_name("pressure", name, [p[0] for p in self.pressures])
         quads = [tuple(face) for face in faces]
@@ -298,16 +298,16 @@ class Mechanism(Appearance):
         self.pressures.append((name, Pressure(magnitude=magnitude), quads))
 
     def load(self, name: str, load: Load, *bodies: Body) -> None:
-        """Let a load of any kind act on as many bodies as it takes; :meth:`force` and :meth:`plate` are shorter.
+        """Add a load of any type on the required number of bodies; :meth:`force` and :meth:`plate` are shorter.
 
         Parameters
         ----------
         name
-            New among the forces and loads.
+            Unique name among the forces and loads.
         load
-            For instance an element of your own.
+            Load, for instance a user-defined element.
         bodies
-            Of this mechanism, in the order in which the load takes them.
+            Bodies of this mechanism, in the order that the load requires.
         """
         self._new_name("load", name, self._loads_named())
         check_kind(f"load {name!r}", load, Load)
@@ -319,7 +319,7 @@ class Mechanism(Appearance):
         self.others.append(Acting(name, load, bodies))
 
     def load_all(self, name: str, loads: Sequence[tuple[Load, tuple[Body, ...]]]) -> int:
-        """Let loads of one name act, each on its bodies, such as those of the cells of a sheet; return the number of
+        """Add loads of one name, each on its bodies, such as those of the cells of a sheet; return the number of
         the first among ``others``.
         """
         self._new_name("load", name, self._loads_named())
@@ -334,7 +334,7 @@ class Mechanism(Appearance):
         return [*(f[0] for f in self.forces), *(a.what for a in self.others)]
 
     def loads(self) -> Iterator[Acting]:
-        """Yield what acts on the mechanism: forces, then plates, then what acts on surfaces, then other loads."""
+        """Yield the loads: forces, then plates, then pressures, then other loads."""
         for name, force, a, b in self.forces:
             yield Acting(f"force {name!r}", force, (a, b))
         for plate, corners in self.plates:
@@ -386,7 +386,7 @@ class Mechanism(Appearance):
         return AngleBetween(bodies=(a, b), **axes)
 
     def relative_position(self, b: Body, a: Body, axis: str, *, at_b: Vector = ORIGIN, at_a: Vector = ORIGIN) -> Sensor:
-        """Component along an axis of body a of the way from a point of a to one of b (m, body frames), m."""
+        """Component along an axis of body a of the vector from a point of a to one of b (m, body frames), m."""
         component = axis_index(axis, f"of {_named(b)} relative to {_named(a)}")
         points = _points("the way", a, at_a, b, at_b)
         return RelativePosition(unit="m", bodies=(a, b), component=component, **points)
@@ -411,7 +411,7 @@ class Mechanism(Appearance):
         return body
 
     def output(self, name: str, sensor: Sensor, description: str = "", nominal: float | None = None) -> None:
-        """Publish a quantity under a structured name such as ``crank.angle``."""
+        """Add an output with a structured name such as ``crank.angle``."""
         self._new_name("output", name, [o[0] for o in self.outputs])
         if not isinstance(sensor, Sensor):
             raise UserError(f"output {name!r} is {sensor!r}; it must be a sensor, such as Body.angle()")

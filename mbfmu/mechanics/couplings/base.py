@@ -20,7 +20,7 @@ from mbfmu.mechanics.kind import Kind
 
 @dataclass(frozen=True, kw_only=True)
 class Coupling(Kind):
-    """A coordinate that follows another."""
+    """Base class of couplings: one coordinate as a function of another."""
 
     kernels: ClassVar = {"evaluate": "coordinate, arrays -> three"}
     evaluate: ClassVar[Any]
@@ -29,5 +29,5 @@ class Coupling(Kind):
         """Refuse a second coordinate in ``unit``, m or rad, if the data of its law are not sufficient for it."""
 
     def steepness(self) -> float:
-        """Return about how much the first coordinate moves per unit of the second; zero: about as much."""
+        """Return the approximate change of the first coordinate per unit of the second; zero: about one."""
         return 0.0

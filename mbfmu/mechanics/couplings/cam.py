@@ -41,16 +41,16 @@ def kernel_of(f: Any) -> Any:
 
 @dataclass(frozen=True)
 class Cam(Coupling):
-    """A cam and its follower, or any other law: first coordinate = law(second).
+    """Cam and follower, or another law: first coordinate = law(second coordinate).
 
     Parameters
     ----------
     law
-        A ``Table`` of the first coordinate over the second, which must be smooth (``beyond="periodic"`` for a cam that
-        turns on); a function ``lambda q: ...`` or an expression ``"0.01 * cos(3 * q)"``, compiled and differentiated by
-        differences.
+        ``Table`` of the first coordinate over the second, which must be smooth (``beyond="periodic"`` for a cam that
+        rotates without limit); a function ``lambda q: ...`` or an expression ``"0.01 * cos(3 * q)"``, compiled and
+        differentiated by differences.
     width
-        Of a function: change of the second coordinate, rad or m, over which it changes noticeably; None: 1 rad. It is
+        For a function: change of the second coordinate, rad or m, over which it changes noticeably; None: 1 rad. It is
         required if the second coordinate is a displacement.
     """
 

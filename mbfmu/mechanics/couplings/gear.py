@@ -23,7 +23,7 @@ def evaluate(gear: Any, x: Any, arrays: Any) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class Gear(Coupling):
-    """A gear, belt, chain drive, or rack and pinion: first coordinate = ``ratio`` * second + ``offset``.
+    """Gear, belt, chain drive, or rack and pinion: first coordinate = ``ratio`` * second + ``offset``.
 
     It holds positions, as Modelica's IdealGear does: unless both are fixed, assembly moves the joints whose starts do
     not fit, and a rotation by whole teeth is given by ``offset``. It is not determined from the start positions.
@@ -31,10 +31,11 @@ class Gear(Coupling):
     Parameters
     ----------
     ratio
-        Of two outer gears about parallel axes -(teeth of the second) / (teeth of the first), of an inner gear, a belt
-        or a chain without the sign; of a rack on a pinion the pitch radius, m/rad, of a pinion on a rack its inverse.
+        Transmission ratio: -(teeth of the second) / (teeth of the first) for two external gears about parallel axes,
+        for an internal gear, a belt
+        or a chain without the sign; for a rack on a pinion the pitch radius, m/rad, for a pinion on a rack its inverse.
     offset
-        First coordinate where the second is zero, rad or m.
+        First coordinate if the second is zero, rad or m.
     """
 
     record = np.dtype([("ratio", np.float64), ("offset", np.float64)], align=True)

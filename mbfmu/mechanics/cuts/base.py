@@ -38,14 +38,15 @@ TURNS = {"x": "yzx", "y": "zxy", "z": "xyz"}  # axes of a frame in a right-hande
 
 @dataclass(frozen=True, kw_only=True)
 class Cut(Kind):
-    """A joint that closes a loop.
+    """Base class of loop-closing joints (cut joints).
 
     Parameters
     ----------
     at_a, at_b
-        The point in the frames of bodies a and b, m.
+        Points of the joint in the frames of bodies a and b, m.
     rotation_a, rotation_b
-        3x3 axes of the cut frame in the two bodies; identity by default. Rows are named by the axes of that in body a.
+        3x3 axes of the cut frame in the two bodies; identity by default. Constraint equations are named by the axes in
+        body a.
     """
 
     at_a: Any = (0.0, 0.0, 0.0)
@@ -81,7 +82,7 @@ class Cut(Kind):
         record["Ra"], record["Rb"] = self.frames(site.name)
 
     def extent(self) -> float:
-        """Return how far from each other it holds the two points, m."""
+        """Return the distance between the two points that it maintains, m."""
         return 0.0
 
 

@@ -22,7 +22,7 @@ def evaluate(cut: Any, A: Any, B: Any, row: int, state: Any) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class CylindricalCut(AxisCut):
-    """A sleeve on a shaft: body b slides along ``axis`` of the cut frames and turns about it."""
+    """Cylindrical cut joint: body b translates along ``axis`` of the cut frames and rotates about it."""
 
     named = ("x", "y", "zx", "zy")
     units = ("N", "N", "N.m", "N.m")

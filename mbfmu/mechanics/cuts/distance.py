@@ -46,7 +46,7 @@ def evaluate(cut: Any, A: Any, B: Any, row: int, state: Any) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class DistanceCut(Cut):
-    """A massless rod of ``length`` (m) with a ball at each end."""
+    """Distance constraint: massless rod of ``length`` (m) with a spherical joint at each end."""
 
     record = np.dtype([*CUT.descr, ("length", np.float64)], align=True)
     rows = ("",)

@@ -20,7 +20,7 @@ def evaluate(cut: Any, A: Any, B: Any, row: int, state: Any) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class PlanarCut(AxisCut):
-    """Two plates that slide and turn on each other; normal: ``axis`` of the cut frames."""
+    """Planar cut joint: two planes that slide and rotate on each other; normal: ``axis`` of the cut frames."""
 
     named = ("z", "xz", "yz")
     units = ("N", "N.m", "N.m")

@@ -18,7 +18,7 @@ def evaluate(cut: Any, A: Any, B: Any, row: int, state: Any) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class PlaneCut(AxisCut):
-    """Holds a point of body b in a plane through that of body a; normal: ``axis`` of the cut frame in body a."""
+    """Point in a plane: a point of body b remains in a plane of body a; normal: ``axis`` of the cut frame in body a."""
 
     named = ("z",)
     units = ("N",)

@@ -20,7 +20,7 @@ def evaluate(cut: Any, A: Any, B: Any, row: int, state: Any) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class RevoluteCut(AxisCut):
-    """A hinge about ``axis`` of the cut frames, which points the same way on both bodies."""
+    """Revolute cut joint (hinge) about ``axis`` of the cut frames, which has the same direction on both bodies."""
 
     named = ("x", "y", "z", "zx", "zy")
     units = ("N", "N", "N", "N.m", "N.m")

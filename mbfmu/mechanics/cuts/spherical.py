@@ -18,7 +18,7 @@ def evaluate(cut: Any, A: Any, B: Any, row: int, state: Any) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class SphericalCut(Cut):
-    """A ball joint."""
+    """Spherical cut joint: the points of both bodies coincide."""
 
     rows = ("x", "y", "z")
     units = ("N", "N", "N")

@@ -23,7 +23,7 @@ def evaluate(cut: Any, A: Any, B: Any, row: int, state: Any) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class TranslationalCut(AxisCut):
-    """A slider: body b slides along ``axis`` of the cut frames and does not turn against body a."""
+    """Translational cut joint: body b translates along ``axis`` of the cut frames, without relative rotation."""
 
     named = ("x", "y", "xy", "yz", "zx")
     units = ("N", "N", "N.m", "N.m", "N.m")

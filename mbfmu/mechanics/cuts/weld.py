@@ -21,7 +21,7 @@ def evaluate(cut: Any, A: Any, B: Any, row: int, state: Any) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class WeldCut(Cut):
-    """Glues two bodies together."""
+    """Weld cut joint: rigid connection of two bodies."""
 
     rows = ("x", "y", "z", "xy", "yz", "zx")
     units = ("N", "N", "N", "N.m", "N.m", "N.m")

@@ -136,16 +136,16 @@ def power(force: Any, t: float, arrays: Any, state: Any) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class BeamElement(Force):
-    """A straight uniform beam from body a along its x axis to body b.
+    """Straight uniform beam element from body a along its x axis to body b.
 
     Parameters
     ----------
     length
-        m.
+        Length, m.
     axial, torsion
-        E A, N, and G I_t, N m^2.
+        Axial stiffness E A, N, and torsional stiffness G I_t, N m^2.
     bending_y, bending_z
-        E I for bending along y and along z, N m^2.
+        Bending stiffness E I for deflections along y and along z, N m^2.
     damping
         Damping time of the material, s.
     """
@@ -178,7 +178,7 @@ class BeamElement(Force):
             not_negative(f"{name} of a beam element", getattr(self, name))
 
     def fill(self, record: Any, site: Site) -> None:
-        """Write its bodies, and how much."""
+        """Write its bodies and stiffnesses."""
         record["a"], record["b"] = site.bodies
         record["length"], record["damping"] = self.length, self.damping
         record["stiffness"] = self.axial, self.torsion, self.bending_y, self.bending_z

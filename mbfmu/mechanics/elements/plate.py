@@ -23,25 +23,26 @@ from .plate_tangent import tangent
 
 @dataclass(frozen=True, kw_only=True)
 class Plate(Load):
-    """A rectangular element of a thin plate; the builder is given the bodies at its corners.
+    """Rectangular element of a thin plate; the bodies at its corners are given to the builder.
 
     Parameters
     ----------
     a, b
         Sides along x and z of the bodies' frames in the flat plate, m.
     thickness
-        m.
+        Thickness, m.
     youngs_modulus, poisson, shear_modulus, angle
-        Pa, 1, Pa and rad: one modulus, or (E1, E2) along and across a grain that lies at ``angle`` from x towards z.
+        Elastic moduli, Pa, Poisson's ratio and angle of the grain, rad: one modulus, or (E1, E2) along and across a
+        grain at ``angle`` from x towards z.
     membrane
-        Resist stretching in the plane. A string picks strains: any of ``x``, ``z`` and ``s`` (shear); a single normal
-        strain has the stiffness of a plate whose edges across are free, as in general no stress goes with the rest.
+        Whether it has in-plane stiffness. A string selects strains: any of ``x``, ``z`` and ``s`` (shear); a single
+        normal strain has the stiffness of a plate with free transverse edges, since the other stresses are zero.
     curl
-        Curvatures (w,xx, w,zz, w,xz) of the plate that nothing bends, 1/m; positive ones lift its edges along y.
+        Curvatures (w,xx, w,zz, w,xz) of the unloaded plate, 1/m; positive ones lift its edges along y.
     creases
-        Angle per moment of the hinges across x and across z that go through the element, rad/N; zero: none.
+        Compliance (angle per moment) of creases across x and across z through the element, rad/N; zero: none.
     damping
-        Time beta of the material damping, stress = K (e + beta e'), s; zero: none.
+        Damping time beta of the material, stress = K (e + beta e'), s; zero: none.
     drag
         Density of the air times drag coefficient, kg/m^3; zero: none.
     """
@@ -83,7 +84,7 @@ class Plate(Load):
 
     @property
     def natural(self) -> tuple[Matrix, Matrix]:
-        """Where its bodies are when nothing strains it (4, 3), m, and their axes there (4, 3, 3), columns."""
+        """Unstrained positions of its bodies (4, 3), m, and their axes (4, 3, 3), columns."""
         corners = np.array([(0.0, 0.0, 0.0), (self.a, 0.0, 0.0), (self.a, 0.0, self.b), (0.0, 0.0, self.b)])
         return corners, np.broadcast_to(np.eye(3), (4, 3, 3))
 
@@ -94,7 +95,7 @@ class Plate(Load):
 
     @property
     def strains(self) -> str:
-        """The membrane strains that the element resists."""
+        """The membrane strains with stiffness."""
         return self.membrane if isinstance(self.membrane, str) else "xzs" * self.membrane
 
     @cached_property
@@ -104,7 +105,7 @@ class Plate(Load):
 
     @property
     def stretching(self) -> Matrix:
-        """Forces per length (3, 3) by (e_xx, e_zz, gamma), N/m, whatever ``membrane`` resists."""
+        """Forces per length (3, 3) by (e_xx, e_zz, gamma), N/m, independent of ``membrane``."""
         return self.material.Q * self.thickness
 
     @property
@@ -166,10 +167,10 @@ class Plate(Load):
         return unit * self.creases[0] / self.a, unit * self.creases[1] / self.b
 
     def felt(self, x: float, z: float) -> dict[str, Felt]:
-        """Return what is felt at a point, by the generalized strains (12,).
+        """Return curvature, moment, strain and force at a point, as functions of the generalized strains (12,).
 
         x and z are parts of a and b, from 0 to 1. See :func:`.feeling.felt`; strains are means over the element, and
-        there where it resists them all.
+        local values if all strains have stiffness.
         """
         bent, natural = np.zeros((3, 12)), np.array(self.curl) * (1.0, 1.0, 2.0)
         bent[:, :9] = curvature(self.a, self.b, x * self.a, z * self.b)

@@ -26,20 +26,20 @@ WARPED = np.radians(45.0)  # between the normal at a corner and that of its body
 
 @dataclass(frozen=True, kw_only=True)
 class Shell(Load):
-    """An element of a thin shell, flat or nearly so; the builder is given the bodies at its corners, all six motions of
-    which are free.
+    """Element of a thin shell, flat or nearly flat; the bodies at its corners are given to the builder, with six free
+    coordinates each.
 
     Parameters
     ----------
     corners
-        (4, 3), m, where the bodies are when it is not strained, in any axes; counter to its normal, like a plate's.
+        Unstrained positions of the bodies (4, 3), m, in any axes; clockwise about its normal, like those of a plate.
     attitudes
-        (4, 3, 3), how their axes (columns) then lie in the same axes; None: parallel to them.
+        Unstrained axes of the bodies (4, 3, 3), columns, in the same axes; None: parallel to them.
     stretching, bending
-        (3, 3), N/m and N m, symmetric: of strains (e_xx, e_zz, gamma) the forces per length, and of curvatures
-        (k_xx, k_zz, 2 k_xz) the moments. x is along the mean of the first and the third edge.
+        Stiffness matrices (3, 3), N/m and N m, symmetric: forces per length by strains (e_xx, e_zz, gamma), and moments
+        per length by curvatures (k_xx, k_zz, 2 k_xz). x is along the mean of the first and the third edge.
     damping
-        Time beta of the material damping, stress = K (e + beta e'), s; zero: none.
+        Damping time beta of the material, stress = K (e + beta e'), s; zero: none.
     drag
         Density of the air times drag coefficient, kg/m^3; zero: none.
     """
@@ -93,7 +93,8 @@ class Shell(Load):
         record["damped"], record["damping"] = self.damping > 0.0, self.damping
 
     def felt(self, x: float, z: float) -> dict[str, Felt]:
-        """Return what is felt at a point, by displacements and turns (4, 6) of the corners; in element axes.
+        """Return curvature, moment, strain and force at a point, by displacements and rotations (4, 6) of the corners,
+        in element axes.
 
         x and z are parts of the cell, from 0 at the first corner to 1 along the first and the last edge. See
         :func:`.feeling.felt`.
@@ -112,7 +113,7 @@ class Shell(Load):
 
     @property
     def natural(self) -> tuple[Matrix, Matrix]:
-        """Where its bodies are when nothing strains it (4, 3), m, and their axes there (4, 3, 3), columns."""
+        """Unstrained positions of its bodies (4, 3), m, and their axes (4, 3, 3), columns."""
         return np.asarray(self.corners, float), self._axes
 
     @property

@@ -31,27 +31,28 @@ POINTS, WEIGHTS = np.polynomial.legendre.leggauss(4)
 
 @dataclass(frozen=True, kw_only=True)
 class Beam:
-    """A uniform beam from x = 0 to ``length``.
+    """Uniform beam from x = 0 to ``length``, described by its bending modes.
 
     Parameters
     ----------
     length
-        m.
+        Length, m.
     mass
-        Of the whole beam, kg.
+        Mass of the whole beam, kg.
     bending_stiffness
-        E I for bending along y, N m^2.
+        Bending stiffness E I for deflections along y, N m^2.
     modes
-        How many, from the lowest.
+        Number of modes, from the lowest.
     elements
-        Finite elements, 1 to 100.
+        Number of finite elements, 1 to 100.
     ends
-        What holds it at x = 0 and x = length in the body's frame: ``pinned``, ``clamped``, ``guided`` (no turning) or
-        ``free``. Two pinned ends keep the chord; a body that closes a loop wants those.
+        Supports at x = 0 and x = length in the body's frame: ``pinned``, ``clamped``, ``guided`` (no rotation) or
+        ``free``. Two pinned ends keep the chord, which is required if the body closes a loop.
     damping
         Damping time beta of the material, s: moment = E I (curvature + beta rate). Damping ratio beta omega / 2.
     stiffening
-        Effect: axial forces stiffen or soften bending, which shortens the beam. Not for a beam in a loop by both ends.
+        Optional effect: axial forces stiffen or soften bending, which shortens the beam. Not for a beam in a loop by
+        both ends.
     """
 
     length: float
@@ -181,7 +182,7 @@ class Beam:
         return w @ shapes, slope @ shapes
 
     def moment(self, x: float) -> Array:
-        """Return the bending moment E I phi'' (modes,) at x, N; between nodes linear.
+        """Return the bending moment E I phi'' (modes,) at x, N; linear between nodes.
 
         At a node from the balance of its element with the inertia of the mode, which is of the order of the shapes;
         curvatures of the shapes themselves are of second order only.
@@ -209,7 +210,7 @@ class Beam:
         return x, lengths, np.array([s[0] for s in shapes]), np.array([s[1] for s in shapes])
 
     def shortening(self, x: float) -> Array:
-        """Return G(x) (modes, modes), 1/m: bending takes the point at x back by p^T G p / 2."""
+        """Return G(x) (modes, modes), 1/m: bending shifts the point at x back by p^T G p / 2."""
         if x == 0.0:
             return np.zeros((self.modes, self.modes))
         _, lengths, _, slope = self._integrate(x)

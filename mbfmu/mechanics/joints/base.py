@@ -29,21 +29,21 @@ MOST_COORDINATES = 6  # of a joint
 
 @dataclass(frozen=True, kw_only=True)
 class Joint(Kind):
-    """A tree joint at rest in its start position.
+    """Base class of tree joints.
 
     Parameters
     ----------
     at, rotation
         Origin (m) and 3x3 axes of the joint frame in the parent's frame.
     start, rate
-        First position (nq,) and velocity (nv,); a single number where there is one coordinate. Assembly changes given
+        Initial position (nq,) and velocity (nv,); a single number for one coordinate. Assembly changes given
         values only if the loops cannot close by the other coordinates.
     fixed
         Assembly keeps ``start`` and ``rate`` exactly, and fails if the loops cannot close with them.
     drive
         Signal that the coordinate follows (joints of one coordinate), with its start position and rate; None: free.
     nominal
-        Usual size of the coordinates, one number or (nv,), which tolerances are relative to; None: 1 rad, and for m the
+        Typical size of the coordinates, one number or (nv,), for tolerances; None: 1 rad, and for m the
         characteristic length of the mechanism.
     """
 

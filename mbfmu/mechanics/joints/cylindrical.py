@@ -26,7 +26,7 @@ def place(joint: Any, qi: int, state: Any) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Cylindrical(AxisJoint):
-    """Turns about ``axis`` and slides along it; coordinates: angle in rad, displacement in m."""
+    """Cylindrical joint: rotation about and translation along ``axis``; coordinates: angle (rad), displacement (m)."""
 
     nq = 2
     nv = 2

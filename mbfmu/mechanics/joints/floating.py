@@ -30,7 +30,7 @@ def place(joint: Any, qi: int, state: Any) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Floating(Joint):
-    """Moves freely; positions: x, y, z in m and unit quaternion, velocities: m/s and rad/s in the child's axes."""
+    """Free motion; positions: x, y, z in m and unit quaternion, velocities: m/s and rad/s in the child's axes."""
 
     nq = 7
     nv = 6

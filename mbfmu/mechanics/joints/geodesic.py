@@ -79,7 +79,7 @@ def bias(joint: Any, qi: int, vi: int, state: Any) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Geodesic(OutOfPlane):
-    """An out-of-plane joint that keeps lengths and angles; ``at`` is the way to the node in the flat sheet."""
+    """Out-of-plane joint that keeps lengths and angles; ``at`` is the vector to the node in the flat sheet."""
 
     record = np.dtype([("b", np.float64, (3,))], align=True)  # s' / |s'|^2 in the joint frame, 1/m
     place = place

@@ -54,7 +54,7 @@ def bias(joint: Any, qi: int, vi: int, state: Any) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class OutOfPlane(Joint):
-    """The paper's: lets a sheet's node leave its neighbor's plane; ``at`` is the way to the node in the flat sheet."""
+    """Out-of-plane joint [BC] between nodes of a sheet; ``at`` is the vector to the node in the flat sheet."""
 
     nq = 3
     nv = 3

@@ -29,11 +29,11 @@ def place(joint: Any, qi: int, state: Any) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Planar(AxisJoint):
-    """Slides in the plane normal to ``axis`` and turns about it; coordinates: x and y in m, angle in rad.
+    """Planar joint: translation normal to ``axis`` and rotation about it; coordinates: x and y in m, angle in rad.
 
-    x and y are displacements along two axes that rest in the joint frame: for ``axis`` z its x and y. For any other
-    axis x is along the joint frame's x, projected into the plane, or along its y where ``axis`` is the frame's x; y is
-    along ``axis`` cross that. So for ``axis`` y they are along the frame's x and -z, for x along its y and z.
+    x and y are displacements along two axes that are fixed in the joint frame: for ``axis`` z its x and y. For any
+    other axis x is along the joint frame's x, projected into the plane, or along its y where ``axis`` is the frame's x;
+    y is along ``axis`` cross that. So for ``axis`` y they are along the frame's x and -z, for x along its y and z.
     """
 
     record = np.dtype(

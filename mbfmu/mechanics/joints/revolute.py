@@ -25,7 +25,7 @@ def place(joint: Any, qi: int, state: Any) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Revolute(AxisJoint):
-    """Turns about ``axis``; coordinate: angle in rad."""
+    """Revolute joint: rotation about ``axis``; coordinate: angle in rad."""
 
     nq = 1
     nv = 1

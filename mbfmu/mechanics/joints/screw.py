@@ -28,12 +28,12 @@ def place(joint: Any, qi: int, state: Any) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Screw(AxisJoint):
-    """A nut on a screw: turns about ``axis`` and moves along it as it turns; coordinate: angle in rad.
+    """Screw joint: rotation about ``axis`` with proportional translation along it; coordinate: angle in rad.
 
     Parameters
     ----------
     lead
-        Way along ``axis`` per turn, m; negative: a left-handed thread.
+        Displacement along ``axis`` per revolution, m; negative: left-handed thread.
     """
 
     record = np.dtype([("axis", np.float64, (3,)), ("rise", np.float64)], align=True)  # h, m/rad

@@ -27,7 +27,7 @@ def place(joint: Any, qi: int, state: Any) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Spherical(Joint):
-    """Turns about a point; positions: unit quaternion (scalar first), velocities: rad/s in the child's axes."""
+    """Spherical joint; positions: unit quaternion (scalar first), velocities: rad/s in the child's axes."""
 
     nq = 4
     nv = 3

@@ -23,7 +23,7 @@ def place(joint: Any, qi: int, state: Any) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Translational(AxisJoint):
-    """Slides along ``axis``; coordinate: displacement in m."""
+    """Translational (prismatic) joint along ``axis``; coordinate: displacement in m."""
 
     nq = 1
     nv = 1

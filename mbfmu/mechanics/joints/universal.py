@@ -50,12 +50,12 @@ def bias(joint: Any, qi: int, vi: int, state: Any) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Universal(AxisJoint):
-    """A cross: turns about ``axis``, then about ``second``, which turns with the first; coordinates: two angles in rad.
+    """Universal joint: rotation about ``axis``, then about ``second``, which rotates with the first; two angles in rad.
 
     Parameters
     ----------
     axis, second
-        Perpendicular axes, in the joint frame as they are where both angles are zero.
+        Perpendicular axes in the joint frame, for zero angles.
     """
 
     record = np.dtype([("axis", np.float64, (3,)), ("second", np.float64, (3,))], align=True)

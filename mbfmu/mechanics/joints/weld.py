@@ -22,7 +22,7 @@ def place(joint: Any, qi: int, state: Any) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Weld(Joint):
-    """Fixes a body to its parent."""
+    """Rigid connection of a body to its parent."""
 
     nq = 0
     nv = 0

@@ -54,7 +54,7 @@ def fill_points(force: Any, record: Any, site: Site) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Load(Kind):
-    """What acts on a mechanism; the bodies it acts on are given to the builder."""
+    """Base class of loads on a mechanism; the bodies are given to the builder."""
 
     kernels: ClassVar = {
         "apply": "time, arrays, state",
@@ -73,7 +73,7 @@ class Load(Kind):
 
     @property
     def works(self) -> bool:
-        """Whether it brings or takes energy that no potential has."""
+        """Whether it is non-conservative: it does work that no potential contains."""
         return self.power is not None
 
     @property
@@ -86,13 +86,13 @@ class Load(Kind):
         return ()
 
     def extent(self) -> float:
-        """Return a length that it has unloaded, m; zero: none."""
+        """Return its unloaded length, m; zero: none."""
         return 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Force(Load):
-    """A load on one body, or between two."""
+    """Base class of forces on one body or between two."""
 
     def points(self) -> Points:
         """Return a point on each body: its own, or the origin."""

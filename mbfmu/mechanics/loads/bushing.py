@@ -125,19 +125,20 @@ def power(force: Any, t: float, arrays: Any, state: Any) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Bushing(Force):
-    """Springs and dampers along and about the axes of a frame in body a, between a point of it and one of body b.
+    """Bushing: springs and dampers along and about the axes of a frame in body a, between points of bodies a and b.
 
-    It is unloaded where the points and the frames coincide. Any turn closes the energy, but the moment goes with the
-    sine of the turn: it is largest at a right angle, and nothing at half a turn.
+    It is unloaded if the points and the frames coincide. The moment has a potential at any rotation and is
+    proportional to the
+    sine of the rotation angle: it is largest at 90 degrees and zero at 180 degrees.
 
     Parameters
     ----------
     stiffness, damping
-        N/m and N s/m along x, y, z of the frame; one number: along all.
+        Translational stiffness, N/m, and damping, N s/m, along x, y, z of the frame; a single number applies to all.
     rotational_stiffness, rotational_damping
-        N m/rad and N m s/rad about them.
+        Rotational stiffness, N m/rad, and damping, N m s/rad, about x, y, z of the frame.
     at_a, at_b
-        The points in the frames of the bodies, m.
+        Points in the frames of the bodies, m.
     rotation_a, rotation_b
         3x3 axes of the frame in the two bodies; identity by default.
     """
@@ -174,7 +175,7 @@ class Bushing(Force):
             _along_axes(f"{key} of {what}", getattr(self, key))
 
     def fill(self, record: Any, site: Site) -> None:
-        """Write points and frames, and how much."""
+        """Write points, frames, stiffness and damping."""
         name = site.name
         fill_points(self, record, site)
         record["Ea"] = rotation(f"rotation_a of {name}", self.rotation_a).T

@@ -43,16 +43,17 @@ def power(force: Any, t: float, arrays: Any, state: Any) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class DistanceStop(Force):
-    """Limits of the distance from ``at_a`` on body a to ``at_b`` on body b (m, body frames).
+    """End stops of the distance between ``at_a`` on body a and ``at_b`` on body b (m, body frames).
 
     Parameters
     ----------
     lower, upper
-        m; with upper alone it is a rope of that length, with lower alone a buffer. None: there is none on that side.
+        Limits of the distance, m; upper alone is a rope of that length, lower alone a buffer. None: no limit on that
+        side.
     stiffness
-        N/m.
+        Contact stiffness, N/m.
     damping
-        Share of the elastic force that is added per rate of penetration, s/m; see :class:`.JointStop`.
+        Damping c of the contact (Hunt and Crossley), s/m; see :class:`.JointStop`.
     """
 
     record = np.dtype(
@@ -84,7 +85,7 @@ class DistanceStop(Force):
                 not_negative(f"{key} of {what}", getattr(self, key))
 
     def fill(self, record: Any, site: Site) -> None:
-        """Write the two points, between what, and how much."""
+        """Write the two points, the limits, stiffness and damping."""
         fill_points(self, record, site)
         fill_limits(record, self)
 

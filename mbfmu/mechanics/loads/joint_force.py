@@ -44,12 +44,12 @@ def kernels_of(f: Any) -> tuple[Any, Any]:
 
 @dataclass(frozen=True)
 class JointForce(Force):
-    """Torque (N m) or force (N) on a joint's coordinate.
+    """Torque (N m) or force (N) on a joint coordinate.
 
     Parameters
     ----------
     magnitude
-        A number, a signal, an input; a function or expression of the time t (s), or of t, the coordinate q (rad or m)
+        Number, signal or input; function or expression of the time t (s), or of t, the coordinate q (rad or m)
         and its rate v: ``lambda t, q, v: -3.0 * v * abs(v)`` or ``"-3 * v * abs(v)"``.
     """
 
@@ -74,7 +74,7 @@ class JointForce(Force):
         return callable(self.magnitude) and law.arguments_of("magnitude of a JointForce", self.magnitude) != 1
 
     def fill(self, record: Any, site: Site) -> None:
-        """Write where it acts, and by what signal."""
+        """Write its coordinate and its signal."""
         record["q"], record["v"] = site.q, site.v
         if not self._is_law():
             record["signal"] = site.signal(self.magnitude, f"magnitude of {site.name}")

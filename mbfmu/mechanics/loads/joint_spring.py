@@ -71,9 +71,9 @@ class JointSpring(ElasticForce):
     Parameters
     ----------
     stiffness, damping
-        N m/rad and N m s/rad in a revolute, N/m and N s/m in a translational joint; a ``Table`` in place of a
-        stiffness has the force over the stretch x, ``lambda x: ...`` or an expression ``"3 * x**3"`` is it: the work of
-        such a function is known, its energy is not.
+        Stiffness and damping: N m/rad and N m s/rad for an angle, N/m and N s/m for a displacement; a ``Table`` in
+        place of a stiffness gives the force over the deflection x, as does a function ``lambda x: ...`` or an
+        expression ``"3 * x**3"``: the work of such a function is computed, its energy is not.
     free
         Unloaded coordinate, rad or m.
     """

@@ -34,17 +34,18 @@ def power(force: Any, t: float, arrays: Any, state: Any) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class JointStop(Force):
-    """Limits of the joint coordinate of a body.
+    """End stops of the joint coordinate of a body.
 
     Parameters
     ----------
     lower, upper
-        Where the stops begin, rad or m; None: there is none on that side.
+        Limits of the coordinate, rad or m; None: no limit on that side.
     stiffness
-        N m/rad in a revolute, N/m in a translational joint.
+        Contact stiffness, N m/rad for an angle, N/m for a displacement.
     damping
-        Share of the elastic force that is added per rate of penetration, s/rad or s/m. From a speed v, slow for 1 / c,
-        the joint comes back with about v (1 - 2 c v / 3).
+        Damping c of the contact force k x (1 + c x') (Hunt and Crossley), s/rad or s/m. After an impact at a speed v,
+        slow for 1 / c,
+        the rebound speed is about v (1 - 2 c v / 3).
     """
 
     record = np.dtype([("q", np.int64), ("v", np.int64), *LIMITS], align=True)
@@ -63,7 +64,7 @@ class JointStop(Force):
         check_limits(what, self)
 
     def fill(self, record: Any, site: Site) -> None:
-        """Write where it acts, between what, and how much."""
+        """Write its coordinate, the limits, stiffness and damping."""
         record["q"], record["v"] = site.q, site.v
         fill_limits(record, self)
 

@@ -46,13 +46,13 @@ class PointForce(Force):
     Parameters
     ----------
     magnitude
-        N: number, signal or input.
+        Force, N: number, signal or input.
     axis
-        Along which it acts.
+        Direction of the force.
     fixed_in
-        ``"ground"``: the axis is a global one; ``"body"``: it is of the body and turns with it, a follower force.
+        ``"ground"``: the axis is global; ``"body"``: the axis is fixed in the body (follower force).
     at_a
-        The point, m, body frame.
+        Point of application, m, body frame.
     """
 
     record = np.dtype(
@@ -78,7 +78,7 @@ class PointForce(Force):
         one_of(f"fixed_in of {what}", self.fixed_in, FIXED_IN)
 
     def fill(self, record: Any, site: Site) -> None:
-        """Write where it acts, along what, and by what signal."""
+        """Write its point, its axis and its signal."""
         record["a"], record["signal"] = site.bodies[0], site.signal(self.magnitude, f"magnitude of {site.name}")
         record["Pa"] = vector(f"at_a of {site.name}", self.at_a)
         record["axis"] = unit_axis(self.axis, f"axis of {site.name}")

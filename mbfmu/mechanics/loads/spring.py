@@ -120,10 +120,11 @@ class Spring(ElasticForce):
     Parameters
     ----------
     stiffness, damping
-        N/m and N s/m; a ``Table`` in place of a stiffness has the force over the stretch x, ``lambda x: ...`` or an
-        expression ``"3 * x**3"`` is it: the work of such a function is known, its energy is not.
+        Stiffness, N/m, and damping, N s/m; a ``Table`` in place of a stiffness gives the force over the elongation x,
+        as does a function ``lambda x: ...`` or an
+        expression ``"3 * x**3"``: the work of such a function is computed, its energy is not.
     free
-        Free length, m. Where the ends coincide the damper acts along their relative velocity, and the elastic force
+        Free length, m. If the ends coincide the damper acts along their relative velocity, and the elastic force
         has no direction and is omitted; a message reports this if it occurs at the start and ``free`` is not zero.
     """
 

@@ -40,11 +40,11 @@ class Torque(Force):
     Parameters
     ----------
     magnitude
-        N m: number, signal or input.
+        Torque, N m: number, signal or input.
     axis
-        About which it acts.
+        Axis of the torque.
     fixed_in
-        ``"ground"``: the axis is a global one; ``"body"``: it is of the body and turns with it.
+        ``"ground"``: the axis is global; ``"body"``: the axis is fixed in the body.
     """
 
     record = np.dtype(
@@ -68,7 +68,7 @@ class Torque(Force):
         one_of(f"fixed_in of {what}", self.fixed_in, FIXED_IN)
 
     def fill(self, record: Any, site: Site) -> None:
-        """Write where it acts, about what, and by what signal."""
+        """Write its body, its axis and its signal."""
         record["a"], record["signal"] = site.bodies[0], site.signal(self.magnitude, f"magnitude of {site.name}")
         record["axis"] = unit_axis(self.axis, f"axis of {site.name}")
         record["turns"] = int(self.fixed_in == "body")

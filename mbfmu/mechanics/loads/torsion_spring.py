@@ -115,21 +115,22 @@ def kernels_of(f: Any) -> tuple[Any, Any]:
 class TorsionSpring(ElasticForce):
     """Torsional spring-damper between bodies a and b about an axis of body a.
 
-    The angle is that of a hinge about the axis, from -pi to pi, where it jumps and the torque with it; what turns
-    further wants a :class:`.JointSpring`. Where b is tilted from a it is the twist that is left without the tilt, and
-    there is none, and no torque, where b has the axis upside down.
+    The angle is that of a hinge about the axis, from -pi to pi, where angle and torque are discontinuous; for larger
+    rotations use a :class:`.JointSpring`. If b is tilted relative to a, it is the twist without the tilt;
+    it is zero, and so is the torque, if the axis in b has the opposite direction.
 
     Parameters
     ----------
     axis
-        In the frame of body a.
+        Axis in the frame of body a.
     stiffness, damping
-        N m/rad and N m s/rad; a ``Table`` in place of a stiffness has the torque over the turn x from ``free``,
-        ``lambda x: ...`` or an expression is it: the work of such a function is known, its energy is not.
+        Stiffness, N m/rad, and damping, N m s/rad; a ``Table`` in place of a stiffness gives the torque over the
+        rotation x from ``free``, as does a function ``lambda x: ...`` or an expression: the work of such a function is
+        computed, its energy is not.
     free
         Unloaded angle of b in a, rad.
     rotation
-        3x3 axes of b in a where the angle is zero, such as the ``rotation`` of a joint; None: parallel.
+        3x3 axes of b in a at the angle zero, such as the ``rotation`` of a joint; None: parallel.
     """
 
     record = np.dtype(

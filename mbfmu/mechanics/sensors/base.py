@@ -29,19 +29,19 @@ class Follows(IntEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Sensor(Kind):
-    """A quantity of a mechanism; made by the methods of ``Body``, ``CutHandle``, ``ForceHandle`` and
+    """Quantity of a mechanism; created by the methods of ``Body``, ``CutHandle``, ``ForceHandle`` and
     ``Mechanism``.
 
     Parameters
     ----------
     unit
-        Of the quantity.
+        Unit of the quantity.
     item
-        The body, cut joint or force it belongs to, if any.
+        Body, cut joint or force to which it belongs, if any.
     component
-        Which, where there are several.
+        Number of the component, if there are several.
     bodies
-        Those that ``fill`` asks for, where they are not the one body that is the item.
+        Bodies that ``fill`` uses, if they are not the one body that is the item.
     stiff
         It is of something so stiff that small errors of positions are large errors of its value.
     """
@@ -65,7 +65,7 @@ class Sensor(Kind):
     stiff: bool = False
 
     def loads(self) -> Sequence[int] | None:
-        """Return the numbers of the loads that alone decide the quantity at a given motion; None: it follows all."""
+        """Return the numbers of the loads on which the quantity depends at a given motion; None: all."""
         return None
 
     def fill(self, record: Any, site: Site) -> None:

@@ -45,7 +45,7 @@ class InUse(NamedTuple):
 
 @dataclass(frozen=True)
 class Signal(Kind):
-    """A function of time; the base gives what holds for one of which no more is known.
+    """Base class of functions of time, with default properties.
 
     One that varies with time has a kernel ``longest_step(signal, t, arrays)`` in addition to ``evaluate``: it returns
     the longest step from t on that resolves it, and the time until which this is valid, s.
@@ -61,19 +61,19 @@ class Signal(Kind):
         return 0.0
 
     def steady(self, own: InUse) -> tuple[float, bool]:
-        """Return the constant speed it has from its start on, and whether it has one."""
+        """Return its constant speed from the start on, and whether it has one."""
         return 0.0, False
 
     def run_on(self, own: InUse) -> None:
-        """Let it be from now on what it becomes in the end, if it becomes anything."""
+        """Set it to its final state, if it has one."""
 
     def moving(self, own: InUse) -> list[InUse]:
         """Return the signals whose speeds add up to its speed, in a fixed order: itself, or the terms of its sum."""
         return [own]
 
     def run_at(self, own: InUse, speed: float) -> None:
-        """Let it go at another constant speed; asked only of one that has one."""
+        """Set another constant speed; only for a signal that has one."""
 
     def variables(self) -> list[tuple[str, str, str, float]]:
-        """Return name, unit, description and start of what a host sets; entry k is coefficient k of the record."""
+        """Return name, unit, description and start of its inputs; entry k is coefficient k of the record."""
         return []

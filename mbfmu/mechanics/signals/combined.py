@@ -69,7 +69,7 @@ class Combined(Signal):
 
 
 class Sum(Combined):
-    """The sum of signals."""
+    """Sum of signals."""
 
     evaluate = total
 
@@ -84,7 +84,7 @@ class Sum(Combined):
 
 
 class Product(Combined):
-    """The product of signals."""
+    """Product of signals."""
 
     evaluate = product
 

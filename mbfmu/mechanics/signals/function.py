@@ -49,19 +49,19 @@ def kernel_of_motion(function: Any) -> Any:
 
 @dataclass(frozen=True)
 class Function(Signal):
-    """A function of time, ``lambda t: ...`` or ``"sin(2*pi*t)"``; wherever a signal may stand it may stand as it is.
+    """A function of time, ``lambda t: ...`` or ``"sin(2*pi*t)"``; it may be given directly instead of a signal.
 
     Parameters
     ----------
     law
-        Takes the time in s.
+        Function of the time in s, or expression in t.
     differentiate
-        It drives a joint: its derivatives are taken by differences. It must be smooth then.
+        Whether it drives a joint. Its derivatives are then computed by differences, and it must be smooth.
     time
         Time in which it changes noticeably, s: no step is longer than a third of it, and differences are taken over
         some thousandths of it.
     what
-        What messages call it.
+        Name in messages.
     """
 
     law: Any

@@ -75,16 +75,16 @@ class Polynomial(Coefficients):
 
 @dataclass(frozen=True, kw_only=True)
 class Input(Coefficients):
-    """A value the host sets between steps.
+    """Input: a value that the importing tool sets between steps.
 
-    A load is held, or continued with ``rate_name`` where the host gives the rate too. The drive of a joint is a motion
-    instead: the coordinate moves to where the host's motion will be at the end of the step, without a jump of its
+    A load is held, or continued with ``rate_name`` if the rate is given too. The drive of a joint is a motion
+    instead: the coordinate moves to the position of the given motion at the end of the step, without a jump of its
     position, see :mod:`mbfmu.mechanics.arrays.motion`.
 
     Parameters
     ----------
     name, unit, description
-        Of the FMU's input variable.
+        Name, unit and description of the input variable of the FMU.
     rate_name
         Name of a second input, the time derivative; without it the rate is zero.
     acceleration_name
@@ -92,7 +92,7 @@ class Input(Coefficients):
         drive is O(h^2) at communication points at a distance h, without it O(h); without a rate it does not include
         inertia.
     start
-        Value until the host sets one.
+        Value until the importing tool sets one.
 
     Raises
     ------
@@ -143,7 +143,7 @@ class Input(Coefficients):
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedInput(Coefficients):
-    """A drive at the speed the host sets; the driven coordinate is its integral and never jumps.
+    """Drive at a speed that the importing tool sets; the driven coordinate is its integral and is continuous.
 
     A new value sets the speed at once, by an impulse that also moves the bodies connected to the joint. Held between
     communication points, a speed that changes smoothly lags behind by half a step.
@@ -151,9 +151,9 @@ class SpeedInput(Coefficients):
     Parameters
     ----------
     name, unit, description
-        Of the FMU's input variable; ``unit`` is rad/s or m/s.
+        Name, unit and description of the input variable of the FMU; ``unit`` is rad/s or m/s.
     start
-        Speed until the host sets one.
+        Speed until the importing tool sets one.
     """
 
     name: str

@@ -50,7 +50,7 @@ def longest_step(signal: Any, t: float, arrays: Any) -> tuple[float, float]:
 
 @dataclass(frozen=True, kw_only=True)
 class RunUp(Signal):
-    """Runs up from rest to ``speed`` (rad/s or m/s) within ``duration`` (s); the coordinate starts at ``start``."""
+    """Run-up from rest to ``speed`` (rad/s or m/s) within ``duration`` (s); the coordinate starts at ``start``."""
 
     record = np.dtype(
         [
@@ -86,7 +86,7 @@ class RunUp(Signal):
         return (float(own.record["speed"]), True) if own.record["over"] else (0.0, not own.record["speed"])
 
     def run_on(self, own: InUse) -> None:
-        """Let it have its full speed."""
+        """Set it to its full speed."""
         own.record["over"] = 1
 
     def run_at(self, own: InUse, speed: float) -> None:

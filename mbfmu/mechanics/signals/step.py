@@ -56,9 +56,9 @@ def longest_step(signal: Any, t: float, arrays: Any) -> tuple[float, float]:
 
 @dataclass(frozen=True, kw_only=True)
 class Step(Signal):
-    """Rises from ``offset`` by ``height`` at ``begin`` (s), within ``duration`` (s); at once where that is zero.
+    """Rise from ``offset`` by ``height`` at ``begin`` (s) within ``duration`` (s); a jump if the duration is zero.
 
-    A rise that takes its time has neither a jump nor a kink, so a joint can follow it.
+    With a duration it is smooth and can drive a joint.
     """
 
     record = np.dtype(
@@ -101,16 +101,17 @@ class Step(Signal):
         return 0.0, not own.record["height"]
 
     def run_on(self, own: InUse) -> None:
-        """Let it have risen."""
+        """Set it to its final value."""
         own.record["offset"] += own.record["height"]
         own.record["height"] = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Ramp(Step):
-    """Rises from ``offset`` by ``height`` from ``begin`` (s) on, along a straight line within ``duration`` (s).
+    """Linear rise from ``offset`` by ``height``, from ``begin`` (s) on within ``duration`` (s).
 
-    Its rate jumps, so that it is for loads; a joint follows a :class:`Step` that takes its time, or a ``RunUp``.
+    Its rate is discontinuous, so it can be used for loads only; for joints use a :class:`Step` with a duration, or a
+    ``RunUp``.
     """
 
     evaluate = straight

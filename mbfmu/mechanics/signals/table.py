@@ -34,21 +34,21 @@ def longest_step(signal: Any, t: float, arrays: Any) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Table(Signal):
-    """A curve through points.
+    """Curve through points.
 
-    Of a spring it is the force over the stretch, see ``JointSpring`` and ``Spring``; of a ``Cam`` the one coordinate
+    For a spring it is the force over the elongation, see ``JointSpring`` and ``Spring``; for a ``Cam`` one coordinate
     over the other.
 
     Parameters
     ----------
     x
-        Where the points are, ascending: s, or of a spring or cam m or rad.
+        Abscissas, ascending: s, or m or rad for a spring or a cam.
     y
-        Values there.
+        Values at the points.
     kind
         ``spline``: twice differentiable, without curvature at its ends. ``monotone``: never beyond the points next to
-        it, ``akima``: hardly ever; both with jumps of the second derivative. ``linear``: straight from point to point,
-        which no joint can follow.
+        it, ``akima``: almost never beyond them; both with jumps of the second derivative. ``linear``: straight from
+        point to point, which cannot drive a joint.
     beyond
         Continuation beyond both ends. ``linear``: as a straight line. ``hold``: with the value there; a spline or a
         monotone curve has zero slope at its ends. ``periodic``: repeated without limit in both directions; the

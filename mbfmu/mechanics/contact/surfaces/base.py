@@ -65,15 +65,15 @@ class Surface(Kind):
         return ()
 
     def curvature(self) -> float:
-        """Return the curvature that a sheet takes which lies on it, 1/m; zero: it lies flat, or on edges alone."""
+        """Return the curvature of a sheet that lies on it, 1/m; zero: it lies flat, or on edges only."""
         return 0.0
 
     def edges(self) -> tuple[float, float, Matrix] | None:
-        """Return the radius of its edges, how long they are, m, and along which unit vector in the axes of its body;
-        None: it has none that points of a sheet may miss.
+        """Return the radius and the length of its edges, m, and their unit vector in the axes of its body;
+        None: it has no edges that may lie between contact points of a sheet.
         """
         return None
 
     def core(self) -> float:
-        """Return how deep in it its middle is, beyond which it pushes to the other side, m; infinite: it has none."""
+        """Return the depth of its middle, beyond which it pushes to the other side, m; infinite: it has none."""
         return float("inf")

@@ -32,7 +32,7 @@ def gap(drum: Any, state: Any) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Drum(Surface):
-    """The outside of a cylinder of ``radius`` and ``length`` (m) about an ``axis`` through its middle ``at``."""
+    """Outer surface of a cylinder of ``radius`` and ``length`` (m) about an ``axis`` through its middle ``at``."""
 
     record = np.dtype([*FRAME, ("radius", np.float64), ("length", np.float64)])
     gap = gap

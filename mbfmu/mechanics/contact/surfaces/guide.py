@@ -39,10 +39,10 @@ def gap(guide: Any, state: Any) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Guide(Surface):
-    """A plate from ``start`` to ``end`` (m), rounded by ``radius`` all around, and ``width`` long across.
+    """Plate from ``start`` to ``end`` (m), rounded by ``radius`` at all edges, with ``width`` (m) across.
 
-    ``across`` is the direction of its width, normal to the way from start to end, in the middle of which both are. Some
-    that meet end to end lead a sheet around a bend.
+    ``across`` is the direction of its width, normal to the line from start to end, which lie in the middle of the
+    width. Several plates end to end guide a sheet around a bend.
     """
 
     record = np.dtype([*FRAME, ("length", np.float64), ("radius", np.float64), ("width", np.float64)])

@@ -38,8 +38,8 @@ def gap(trough: Any, state: Any) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Trough(Surface):
-    """The inside of a cylinder of ``radius`` and ``length`` (m) about an ``axis`` through ``at``, where it is within
-    ``angle`` / 2 (rad, pi at most) of the direction ``towards``.
+    """Inner surface of a cylinder of ``radius`` and ``length`` (m) about an ``axis`` through ``at``, within
+    ``angle`` / 2 (rad, at most pi) of the direction ``towards``.
     """
 
     record = np.dtype([("half", np.float64), *FRAME, ("radius", np.float64), ("length", np.float64)])

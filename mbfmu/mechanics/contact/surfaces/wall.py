@@ -31,7 +31,7 @@ def gap(wall: Any, state: Any) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Wall(Surface):
-    """A plane without end through ``at`` (m), from which ``normal`` points to the sheet, in the axes of its body."""
+    """Infinite plane through ``at`` (m) whose ``normal`` points to the sheet, in the axes of its body."""
 
     record = np.dtype([("origin", np.float64, (3,)), ("normal", np.float64, (3,))])
     gap = gap
