@@ -14,6 +14,8 @@ TITLES = OF_SOLVERS | {
     "locked-mechanism": "The constraints leave no degree of freedom",
     "redundant-constraints": "Constraints are redundant",
     "nearly-parallel-axes": "Constraint equations are left out because axes are nearly parallel",
+    "corrected-geometry": "Joint frames are corrected so that redundant constraints close",
+    "locked-loop": "Joints cannot move because lengths or axes of their loops have errors",
     "coincident-ends": "The ends of an elastic force coincide",
     "contact-at-start": "A sheet penetrates or misses a contact surface at the start",
     "unreachable-drive": "A drive requires a position that the loops cannot reach",

@@ -149,9 +149,10 @@ class Simulation:
                     )
                 )
         changed = [] if settings.start_at_equilibrium else self.plant.assembly.changes(q, v, settings.tolerance)
-        self.lock = self.plant.assembly.explain_lock(t0, q) if self.stepper.freedom == 0 else ""
+        self.lock = self.plant.explain_lock(t0, q, self.stepper.freedom)
         beside = [*beside, *self.plant.coincident(t0, q)]
-        for told in (self.lock, *self.plant.rounded_rows.values(), *changed, self._too_loose(), limited, *beside):
+        rounded = (*self.plant.rounded_rows.values(), *self.plant.corrections)
+        for told in (self.lock, *rounded, *changed, self._too_loose(), limited, *beside):
             self._remark(told)
         # where nothing is free nothing is integrated but the work, whose error no tolerance controls
         checked = settings.energy_check and self.stepper.freedom > 0
@@ -443,7 +444,7 @@ class Simulation:
         """Take the value of an input, by its name or number, at the time reached.
 
         A load is held or extrapolated from now on, according to the settings. For a support the value is the position
-        the where it should be now, or its rate: the next step moves it, see :mod:`mbfmu.mechanics.arrays.motion`.
+        its position, or its rate: the next step moves it, see :mod:`mbfmu.mechanics.arrays.motion`.
         """
         index, inputs = self._input(key), self.plant.inputs
         if inputs.moves_support(index):

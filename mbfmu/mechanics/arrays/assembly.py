@@ -53,8 +53,7 @@ class Assembly:
 
     def held(self) -> NDArray[np.bool_]:
         """Return which free velocity coordinates (n,) must be left as they are."""
-        parts = [np.full(body.joint.nv, body.joint.fixed) for body in free_bodies(self._mechanism)]
-        return np.concatenate([np.zeros(0, bool), *parts])
+        return held_coordinates(self._mechanism)
 
     def given(self) -> NDArray[np.bool_]:
         """Return which positions and which velocities (2, n) of the free coordinates the joints give values for."""
@@ -154,21 +153,21 @@ class Assembly:
         told = (nearly_parallel(self._mechanism, self._state, handle) for handle in self._mechanism.cuts)
         return " and ".join([text for text in told if text][:TOLD])
 
-    def explain_lock(self, t: float, q: Array) -> str:
-        """Say why nothing can move about q (nq,), where constraints leave no freedom; empty: joints are driven, or no
-        coordinate is free.
+    def explain_lock(self, t: float, q: Array, why: str) -> str:
+        """Say why nothing can move about q (nq,), where constraints leave no freedom: ``why``, or axes that are nearly
+        parallel; empty: joints are driven, or no coordinate is free.
         """
         s, driven = self._system, any(body.joint.drive is not None for body in self._mechanism.bodies)
         if not s.m or not s.n or driven:
             return ""
         self._place(t, q)
-        axes = self.nearly_parallel()
-        why = f": {axes}. If they are intended to be parallel, {ROUNDED}" if axes else ""
+        if not why and (axes := self.nearly_parallel()):
+            why = f"{axes}. If they are intended to be parallel, {ROUNDED}"
         rows = "1 constraint equation leaves" if s.m == 1 else f"{s.m} constraint equations leave"
         return coded(
             "locked-mechanism",
-            f"the mechanism cannot move: {rows} no degree of freedom of its {s.n} joint coordinates{why}"
-            + ("" if axes else ". Check the joints of its loops, or drive a joint if no motion is intended"),
+            f"the mechanism cannot move: {rows} no degree of freedom of its {s.n} joint coordinates"
+            + (f": {why}" if why else ". Check the joints of its loops, or drive a joint if no motion is intended"),
         )
 
     def _place(self, t: float, q: Array) -> None:
@@ -217,6 +216,12 @@ def _changed(what: str, body: Body, given: Array, found: Array) -> str:
 def start_positions(mechanism: Mechanism) -> Array:
     """Return the first free positions (nq,) as given to the builder, loops not closed yet."""
     return _gathered(mechanism, "start", "nq", "rest")
+
+
+def held_coordinates(mechanism: Mechanism) -> NDArray[np.bool_]:
+    """Return which free velocity coordinates (n,) must be left as they are."""
+    parts = [np.full(body.joint.nv, body.joint.fixed) for body in free_bodies(mechanism)]
+    return np.concatenate([np.zeros(0, bool), *parts])
 
 
 def _gathered(mechanism: Mechanism, attribute: str, count: str, default: str | None) -> Array:

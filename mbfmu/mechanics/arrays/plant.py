@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.codes import coded
-from mbfmu.errors import UserError
+from mbfmu.errors import AssemblyError, UserError
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.contact.surface_contact import SurfaceContact
 from mbfmu.mechanics.kind import Kind
@@ -33,7 +32,9 @@ from .corners import check_corners
 from .given import Courses
 from .inputs import Drives, Inputs
 from .meetings import beside, check_surface_contacts, unfelt
-from .rounded import loop_length, nearly_parallel
+from .redundant import Course, drive_courses
+from .rounded import left_out, measure_rows
+from .rounding import Rounding
 from .rows import VANISHING, find_vanishing_rows, row_names
 from .scale import characteristic_length
 from .systems import Systems
@@ -64,6 +65,8 @@ class Plant:
         Names of trivially satisfied constraint equations, which are removed.
     rounded_rows
         Those that are trivially satisfied except for rounding of the geometry, with a message on each.
+    corrections
+        Messages on the loops whose joints are shifted and turned so that redundant equations close.
     """
 
     def __init__(self, mechanism: Mechanism, courses: Courses | None = None) -> None:
@@ -92,6 +95,8 @@ class Plant:
         if names:
             self.vanishing_rows = self._drop_vanishing_rows(names)
             self.system = self._systems.make([n for n in names if n not in self.vanishing_rows])
+        self._rounding = Rounding(mechanism, self.data, self.system, self._systems.row_size, self._courses())
+        self.corrections = self._rounding.correct()
         self.assembly = Assembly(mechanism, self.system, self.data.state, self.vanishing_rows)
         self.outputs = tuple(Variable(n, s.unit, d, 0.0, nominal) for n, s, d, nominal in mechanism.outputs)
         check_rows(mechanism, self.data.arrays.kept)
@@ -99,37 +104,22 @@ class Plant:
     def _drop_vanishing_rows(self, names: list[str]) -> list[str]:
         """Renumber the constraint equations that are not trivially satisfied; return their names."""
         signals, before = self._compiled.signals, self.data.arrays.memory.copy()
-        start = start_positions(self.mechanism)
-        units = [unit for handle in self.mechanism.constraints for unit in handle.units]
-        slack, why = self._slack(start)
-        system = self.system
+        start, system, mechanism = start_positions(self.mechanism), self.system, self.mechanism
+        self.energy(0.0, start, np.zeros(system.n))  # places the bodies
+        measures = measure_rows(mechanism, self.data.state, system.row_size)
+        units = [unit for handle in mechanism.constraints for unit in handle.units]
+        slack, why = measures.allowed(mechanism.assembly_tolerance) / system.row_size, measures.axes
         vanishing, gaps = find_vanishing_rows(system, start, self.drives, self.inputs, signals, units, slack, why)
-        rounded = vanishing & (gaps > VANISHING)
-        self.rounded_rows = {
-            names[i]: coded(
-                "nearly-parallel-axes",
-                f"constraint {names[i]!r} is left out: it is violated by at most {gaps[i] * system.row_size[i]:.2g} "
-                f"{units[i]}, which is within the assembly tolerance of {self.mechanism.assembly_tolerance:g}{why[i]}. "
-                "Reduce the assembly tolerance of the mechanism if the constraint is intended",
+        for i in np.flatnonzero(vanishing & (gaps > VANISHING)):
+            self.rounded_rows[names[i]] = left_out(
+                names[i], f"{gaps[i] * system.row_size[i]:.2g} {units[i]}", mechanism.assembly_tolerance, why[i]
             )
-            for i in np.flatnonzero(rounded)
-        }
         self.data.arrays.memory[:] = before
         self.data.arrays.kept[:] = np.where(vanishing, -1, np.cumsum(~vanishing) - 1)
         return [names[i] for i in np.flatnonzero(vanishing)]
 
-    def _slack(self, start: Array) -> tuple[Array, list[str]]:
-        """Return for each row its largest part from rounded geometry, in its unit, and which axes are not parallel."""
-        self.energy(0.0, start, np.zeros(self.system.n))  # places the bodies
-        mechanism, state = self.mechanism, self.data.state
-        slack, why = np.zeros(len(self._systems.row_size)), [""] * len(self._systems.row_size)
-        for handle, record in zip(mechanism.cuts, self.data.arrays.cuts, strict=True):
-            length, axes = loop_length(mechanism, handle, state), nearly_parallel(mechanism, state, handle)
-            for i, unit in zip(range(int(record["row"]), int(record["end"])), handle.units, strict=True):
-                size = 1.0 if unit == "rad" else length / self._systems.row_size[i]
-                slack[i] = mechanism.assembly_tolerance * size
-                why[i] = f": {axes}" if axes else ""
-        return slack, why
+    def _courses(self) -> list[Course]:
+        return drive_courses(self.drives, self.inputs, self._compiled.signals)
 
     def assemble(self, t: float = 0.0) -> tuple[Array, Array]:
         """Close the loops from the given start; return consistent positions (nq,) and velocities (n,).
@@ -141,9 +131,19 @@ class Plant:
         UserError
             The bodies at the corners of a plate do not span it.
         """
-        q, v = self.assembly.assemble(t)
+        try:
+            q, v = self.assembly.assemble(t)
+        except AssemblyError as error:
+            raise AssemblyError(". ".join([str(error), *self._rounding.explain_open(t)])) from error
         self.check_corners(t, q)
         return q, v
+
+    def explain_lock(self, t: float, q: Array, freedom: int) -> str:
+        """Say which joints cannot move about q (nq,) because of the given numbers, or why nothing can if there is no
+        ``freedom``; empty: nothing is locked so.
+        """
+        locked = ". ".join(self._rounding.explain_lock(t, q))
+        return (self.assembly.explain_lock(t, q, locked) if freedom == 0 else "") or locked
 
     def check_corners(self, t: float, q: Array) -> None:
         """Raise UserError if bodies at free positions q (nq,) do not span the plates between them."""

@@ -7,9 +7,11 @@ make rows of its cut joint depend on the coordinates by that angle, which would 
 from __future__ import annotations
 
 from itertools import combinations, pairwise
+from typing import NamedTuple
 
 import numpy as np
 
+from mbfmu.codes import coded
 from mbfmu.mechanics.builder.bodies import CutHandle
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.checks import rotation
@@ -49,6 +51,47 @@ def loop_length(mechanism: Mechanism, handle: CutHandle, state: State) -> float:
     joints = [r[k] for k in path if mechanism.bodies[k].parent in path and k > 0]
     corners = [ends[0], *joints, ends[1]]
     return float(sum(np.linalg.norm(b - a) for a, b in pairwise(corners)))
+
+
+class Measures(NamedTuple):
+    """What the residuals of all rows are measured by where geometry is rounded."""
+
+    units: Array  # (rows,) 1 rad, or the length of the loop in m; of a coupling the unit of its row
+    relative: Array  # (rows,) 1, or 0 where no rounding is allowed: of couplings
+    names: list[str]  # of the units
+    axes: list[str]  # which axes of the loop are not parallel
+
+    def allowed(self, tolerance: float) -> Array:
+        """Return the largest gap (rows,) from rounded geometry, in SI units."""
+        return tolerance * self.relative * self.units
+
+    def describe(self, row: int, gap: float) -> str:
+        """Return a gap, given in units, with its unit."""
+        return f"{gap * self.units[row]:.2g} {self.names[row]}"
+
+
+def measure_rows(mechanism: Mechanism, state: State, row_size: Array) -> Measures:
+    """Return the measures of all rows, whose units are ``row_size``, where ``state`` places the bodies."""
+    units, relative = row_size.copy(), np.zeros(len(row_size))
+    names = [unit for handle in mechanism.constraints for unit in handle.units]
+    axes, row = [""] * len(units), 0
+    for handle in mechanism.cuts:
+        length, which = loop_length(mechanism, handle, state), nearly_parallel(mechanism, state, handle)
+        for unit in handle.units:
+            units[row] = length if unit == "m" and length > 0.0 else row_size[row]
+            relative[row] = 1.0 if unit == "rad" or length > 0.0 else 0.0
+            axes[row], row = which, row + 1
+    return Measures(units, relative, names, axes)
+
+
+def left_out(name: str, violation: str, tolerance: float, axes: str) -> str:
+    """Return a message on a constraint equation that is left out."""
+    why = f": {axes}" if axes else ""
+    return coded(
+        "nearly-parallel-axes",
+        f"constraint {name!r} is left out: it is violated by at most {violation}, which is within the assembly "
+        f"tolerance of {tolerance:g}{why}. Reduce the assembly tolerance of the mechanism if it is intended",
+    )
 
 
 def nearly_parallel(mechanism: Mechanism, state: State, handle: CutHandle) -> str:

@@ -44,7 +44,7 @@ def row_names(handles: Iterable[Handle]) -> list[str]:
 
 def advice(why: str) -> str:
     """Return which axes are nearly parallel, with what to do about it; empty: none are."""
-    return f"{why}; if they are intended to be parallel, {ROUNDED}" if why else ""
+    return f": {why}; if they are intended to be parallel, {ROUNDED}" if why else ""
 
 
 class Probe:

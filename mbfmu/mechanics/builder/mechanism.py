@@ -81,9 +81,10 @@ class Mechanism(Appearance):
         Acceleration of gravity, global axes, m/s^2; zero: none. A component may be an input without rate, which is held
         between steps.
     assembly_tolerance
-        Constraint equations of a loop that no free motion changes by more than this are left out and reported, as the
-        geometry is taken to be rounded; so are redundant ones that close within it. Angles in rad, lengths relative to
-        that of the way around the loop. 0: only what is zero to rounding.
+        Largest error of redundant constraint equations, by rounding of the geometry: angles in rad, lengths relative
+        to the length of the loop. Equations that no free motion changes by more than this are left out. If
+        combinations of equations are redundant within it, joint frames are corrected so that they close. Both are
+        reported. 0: no errors but those of floating-point numbers.
 
     Attributes
     ----------
