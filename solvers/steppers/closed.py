@@ -48,8 +48,8 @@ class ClosedStepper(DenseStepper):
     def _set_up(self, memory: Any) -> None:
         """Let the loop have what it remembers, a tuple of arrays, and begin."""
         self._held, n = hold(memory), self.system.n
-        scales = Scales.of(self.options.rtol, np.zeros(n), np.zeros(n))
-        own = self._eqs, self._settings, self._held, self._work, hold(scales)
+        self._scales = Scales.of(self.options.rtol, np.zeros(n), np.zeros(n))
+        own = self._eqs, self._settings, self._held, self._work, hold(self._scales)
         self.given = hold(Given(*own, self._q, self._v, self._ledger))
         self.loop.set_up(self.given, self._rank, self.options.absolute)
         self.restart()

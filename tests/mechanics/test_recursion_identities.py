@@ -11,6 +11,7 @@ from random_mechanisms import MOVING, build
 from mbfmu.mechanics import Harmonic, JointForce, JointSpring, Mechanism, Plant, Revolute, Spherical, Translational
 from mbfmu.mechanics.recursions.aba import drive_efforts, forward_dynamics, unforced
 from mbfmu.mechanics.recursions.dynamics import move, solved
+from mbfmu.mechanics.recursions.energy import exposure, inertia_parts
 
 SEVERAL = [joint for joint in MOVING if joint.nv >= 2]
 PLAIN = [joint for joint in MOVING if joint.nv == joint.nq]
@@ -111,3 +112,44 @@ def test_the_rate_of_the_mass_matrix_less_twice_the_coriolis_matrix_is_skew(seed
     skew = slope - 2.0 * np.array(columns).T
     np.testing.assert_allclose(skew, -skew.T, atol=1e-8 * max(1.0, float(np.abs(slope).max())))
     assert np.abs(slope).max() > 1e-3
+
+
+@pytest.mark.parametrize("joint", MOVING)
+def test_kinetic_energy_and_diagonal_of_the_mass_matrix_without_the_matrix(joint: Any) -> None:
+    case = build(4, [joint, Revolute, joint], [], False, False)
+    system = case.plant.system
+    terms, parts = system.allocate_terms(), np.zeros(1 + system.n)
+    system.fill(case.t, case.q, case.v, terms)
+    solved(case.t, case.q, case.v, case.a, np.zeros(0), case.plant.kernel_data)
+    inertia_parts(*case.plant.kernel_data, parts)
+    np.testing.assert_allclose(parts[0], case.v @ terms.M @ case.v, rtol=1e-11)
+    np.testing.assert_allclose(parts[1:], np.diag(terms.M), rtol=1e-11)
+
+
+@pytest.mark.parametrize("joint", MOVING)
+def test_extent_of_a_motion_is_measured_in_tolerances(joint: Any) -> None:
+    """Two states one after the other: displacement, velocity, and the momentum times the velocity before."""
+    case = build(9, [Revolute, joint], [], False, False)
+    plant, random = case.plant, np.random.default_rng(2)
+    system, n = plant.system, plant.system.n
+    terms, place, rate = system.allocate_terms(), random.uniform(0.5, 2.0, n), random.uniform(0.5, 2.0, n)
+    found = np.concatenate((np.zeros(5), np.full(n, np.nan), np.zeros(n)))
+    q, v = case.q.copy(), 2.0 * case.v
+    system.apply(q, random.normal(size=n))
+    for at, speed in ((case.q, case.v), (q, v)):
+        system.fill(case.t, at, speed, terms)
+        exposure(1e-3, place, rate, *plant.kernel_data, found)
+        assert found[3] == pytest.approx(np.max(np.abs(speed) / rate), rel=1e-12)
+        assert found[2] == pytest.approx(np.max(np.abs(along(plant, at) - along(plant, case.q)) / place), rel=1e-12)
+    assert found[4] == pytest.approx(v @ terms.M @ case.v, rel=1e-10)
+    np.testing.assert_array_equal(found[5 + n :], v)
+
+
+def along(plant: Plant, q: Any) -> Any:
+    """Displacements (n,) of the free coordinates; of a quaternion twice its vector part."""
+    found: list[float] = []
+    for body in plant.data.arrays.bodies[1:]:
+        plain = int(body["nq"] - 4 * body["quaternion"])
+        here = q[int(body["qf"]) :][: int(body["nq"])]
+        found += [*here[:plain], *(2.0 * here[plain + 1 :])]
+    return np.array(found)

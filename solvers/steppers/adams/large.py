@@ -46,8 +46,8 @@ class TreeAdamsStepper(ExplicitStepper):
         self._inertia["watched"] = system.watches_inertia
         callbacks = system.forward, system.inverse, system.retract, *energy_callbacks(system), system.parts_callback
         eqs = hold(tree.TreeEquations(*callbacks, system.held_data))
-        scales = hold(Scales.of(o.rtol, np.zeros(system.n), np.zeros(system.n)))
-        own = eqs, self._settings, self._held, hold(work), scales
+        self._scales = Scales.of(o.rtol, np.zeros(system.n), np.zeros(system.n))
+        own = eqs, self._settings, self._held, hold(work), hold(self._scales)
         self.given = hold(Given(*own, self._q, self._v, self._ledger))
         tree.set_up(self.given, self._t, system.rate, o.duration)
         require_resolved(self._t, float(self._settings["rate"][0]), o.rtol)
@@ -69,7 +69,7 @@ class TreeAdamsStepper(ExplicitStepper):
 
     def arrays(self) -> list[NDArray[Any]]:
         """As :meth:`solvers.stepper.Stepper.arrays`."""
-        return [self.clock, self._q, self._v, self._ledger, *self._history, self._inertia]
+        return [self.clock, self._q, self._v, self._ledger, self._scales.found, *self._history, self._inertia]
 
     @property
     def statistics(self) -> Statistics:

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solvers.codes import coded
-from solvers.compiled.held import hold
+from solvers.compiled.held import contents, hold
 from solvers.inertia import Growth, describe_large_growth, finer_tolerance
 from solvers.ledger import WORK, Scales, look_anew, report
 from solvers.linalg.blocks import one_thread
@@ -366,7 +366,8 @@ class TreeESDIRKStepper(Stepper):
 
     def arrays(self) -> list[NDArray[Any]]:
         """As :meth:`solvers.stepper.Stepper.arrays`."""
-        return [*self._memory, self.clock, self._q, self._v, self._ledger, self._growth.inertia]
+        seen = contents(self._scales).found
+        return [*self._memory, self.clock, self._q, self._v, self._ledger, seen, self._growth.inertia]
 
     def restore(self, data: bytes) -> None:
         """Return to the state in which ``data`` was saved; factors are recomputed from their data."""

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solvers.compiled.held import contents
 from solvers.compiled.kernel import records
 from solvers.ledger import BOOK, WORK, begin_work, report_at
 from solvers.options import Options, Statistics
@@ -31,6 +32,7 @@ class IDADriver(Stepper):
     others: tuple[str, ...] = ("radau", "adams", "hybrid")
 
     _ida: DirectIDA | BoundIDA
+    _scales: Any  # solvers.ledger.Scales, held
 
     def __init__(self, system: AnySystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
         super().__init__(system, t0, q0, v0, options)
@@ -138,7 +140,8 @@ class IDADriver(Stepper):
     def arrays(self) -> list[NDArray[Any]]:
         """As :meth:`solvers.stepper.Stepper.arrays`."""
         self._count_failures()
-        return [self.clock, self._q, self._v, self._counts, self._begun, self._ledger, self._book]
+        seen = contents(self._scales).found
+        return [self.clock, self._q, self._v, self._counts, self._begun, self._ledger, self._book, seen]
 
     def restore(self, data: bytes) -> None:
         """Set a reported state; the history restarts."""

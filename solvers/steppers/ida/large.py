@@ -117,11 +117,12 @@ class TreeIDAStepper(IDADriver):
         sizes = o.absolute * s.size
         rates = (RATE if order > MESH_ORDER else MESH_RATE) * self._rate * sizes
         atol = np.concatenate((part * s.position_sizes(sizes), part * rates, np.full(2 * s.m, UNCONTROLLED)))
+        self._scales = hold(self._find_scales(sizes, rates, len(atol)))
         given = self._given = hold(
             Given(
                 s.inverse, s.retract, s.position, *energy_callbacks(s), s.held_data, self._terms, s.positions,
                 s.tangent.solve_one, s.tangent.inertia_one, s.tangent.data, self._scratch, self._reduced,
-                LENGTH_RATE * self._rate, len(atol), self._book, hold(self._scales(sizes, rates, len(atol))),
+                LENGTH_RATE * self._rate, len(atol), self._book, self._scales,
                 self._counts, self._course, self._tolerances(atol, part * o.rtol),
                 self._imaginary(len(atol)), s.parts_callback, hold(self._growth_data),
             )
@@ -179,7 +180,7 @@ class TreeIDAStepper(IDADriver):
     def _has_mesh(self) -> bool:
         return self.system.meshed is not None and bool(self.system.meshed.any())
 
-    def _scales(self, sizes: Array, rates: Array, count: int) -> Scales:
+    def _find_scales(self, sizes: Array, rates: Array, count: int) -> Scales:
         """Return the scales of the energy error: those of the requested tolerances, independent of those of IDA.
 
         The stiff modes of a mesh are damped on purpose, as far as IDA's own tolerances let them be.

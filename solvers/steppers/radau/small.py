@@ -56,7 +56,8 @@ class RadauStepper(ClosedStepper):
 
     def arrays(self) -> list[NDArray[Any]]:
         """As :meth:`solvers.stepper.Stepper.arrays`."""
-        return [*self._memory, self.clock, self._q, self._v, self._ledger, *self._units.memory()]
+        seen = self._scales.found
+        return [*self._memory, self.clock, self._q, self._v, self._ledger, seen, *self._units.memory()]
 
     @property
     def statistics(self) -> Statistics:
