@@ -29,7 +29,12 @@ FORM = re.compile(r" \[([a-z]+(?:-[a-z]+)+)\]")
 def coded(code: str, text: str) -> str:
     """Return a message that ends in its code; one that quotes another message takes over the code of that."""
     quoted: list[str] = FORM.findall(text)
-    return f"{FORM.sub('', text)} [{quoted[-1] if quoted else code}]"
+    return f"{without_code(text)} [{quoted[-1] if quoted else code}]"
+
+
+def without_code(text: str) -> str:
+    """Return a message without codes, as part of another one."""
+    return FORM.sub("", text)
 
 
 def code_of(text: str) -> str:

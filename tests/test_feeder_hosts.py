@@ -180,7 +180,7 @@ def test_what_is_no_number_is_refused_and_the_run_goes_on(binary: Binary, refere
         for value in (nan, inf):
             run.set(name, value)
             assert run.fmu.step(3 * STEP, STEP) == DISCARD
-            assert binary.logged[-1][1] == f"{name!r} was set to {value}; allowed: a finite number"
+            assert binary.logged[-1][1] == f"{name!r} was set to {value}; allowed: a finite number [fmi-call]"
         run.set(name, {SPEED: 50.0, FORCE: 4.0}[name])
     assert run.told() == before
     assert run.fmu.step(3 * STEP, 0.0) == OK

@@ -204,7 +204,10 @@ def declaring(what: str, decorated: bool = True) -> str:
 @pytest.mark.parametrize(
     ("what", "message"),
     [
-        ("name: float = parameter(1.0)", "'name' of model Pendulum has the name of an attribute of the class Model"),
+        (
+            "name: float = parameter(1.0)",
+            "'name' of model Pendulum is named as an attribute that every model has",
+        ),
         ("p: float = parameter(1.0, doc=3)", "parameter 'p' of model Pendulum: doc is 3; allowed: text"),
         ("p: str = parameter('a', choices=('a', 'a'))", "choices are ('a', 'a'); allowed: words, each once"),
         ("p: int = parameter(1, choices=(1, 2))", "choices are (1, 2); allowed: words"),

@@ -162,13 +162,13 @@ def test_an_advance_to_nowhere_or_back() -> None:
     with pytest.raises(UserError, match="time to advance to is nan"):
         simulation.advance(float("nan"))
     simulation.advance(0.1)
-    with pytest.raises(UserError, match=r"time to advance to is 0\.05 s, but it stands at 0\.1 s"):
+    with pytest.raises(UserError, match=r"time to advance to is 0\.05 s, but the simulation has reached 0\.1 s"):
         simulation.advance(0.05)
 
 
 def test_a_state_and_a_table_of_another_kind() -> None:
     simulation = Simulation(Made(), Settings())
-    with pytest.raises(UserError, match="None was given as a saved state"):
+    with pytest.raises(UserError, match="a saved state is None; allowed: bytes"):
         simulation.restore(None)  # type: ignore[arg-type]
     with pytest.raises(UserError, match="values have the shape"):
         simulation.record(TIMES, np.zeros((1, 1)))

@@ -92,7 +92,7 @@ def test_a_law_without_a_slope_where_it_starts_is_named() -> None:
     m = Mechanism()
     a, b = (m.body(name, m.ground, Translational(), mass=1.0) for name in "ab")
     m.couple("mesh", Cam("sqrt(q)", width=0.1), a, b)
-    with pytest.raises(UserError, match="'mesh' or its slope is not finite"):
+    with pytest.raises(UserError, match="'mesh' or its derivative is not finite"):
         simulate(m, 0.01)
 
 

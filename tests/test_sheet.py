@@ -390,7 +390,7 @@ def test_ledger_of_effects(command: Any) -> None:
     )
     assert code == 0
     assert [line.split("  ")[0] for line in out.splitlines()[2:9]] == [
-        "as it is", "without gravity", "without membrane", "with stretch", "with damping", "with drag",
+        "as defined", "without gravity", "without membrane", "with stretch", "with damping", "with drag",
         "with pressure",
     ]  # fmt: skip
     assert "tip.y (range 0.000" in out.splitlines()[0]

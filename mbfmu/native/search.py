@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from mbfmu.errors import UserError
 from mbfmu.model import Model, Parameter
+from solvers.codes import without_code
 from solvers.system import Array
 
 from .clipped import Clipped, fit_clipped
@@ -135,7 +136,7 @@ class Search:
         try:
             self.reader.read(values)
         except UserError as error:
-            return str(error)
+            return without_code(str(error))
         return ""
 
     def _settle(self) -> None:
@@ -174,7 +175,7 @@ class Search:
             if len(odd):
                 found |= dict(zip(odd.tolist(), self._sums(name, u, y, odd), strict=True))
         except UserError as error:
-            self._freeze([name], str(error))
+            self._freeze([name], without_code(str(error)))
             return
         unknown = {i for i in odd.tolist() if found[i] is None}
         self._powers[name] = {i: powers or CONSTANT for i, powers in found.items()}
@@ -242,7 +243,7 @@ class Search:
             try:
                 rows.append(self.reader.read(point))
             except UserError as error:
-                self._freeze(*self.culprits(point, str(error), self.live, self.refused))
+                self._freeze(*self.culprits(point, without_code(str(error)), self.live, self.refused))
                 return False
         x, center, y = self._vectors(points[:count]), np.array([self.center[n] for n in self.live]), np.array(rows)
         self.fits = []
@@ -307,7 +308,7 @@ class Search:
         try:
             row = self.reader.read(point)
         except UserError as error:
-            return str(error), []
+            return without_code(str(error)), []
         wanted, size = self._predicted(point)
         with np.errstate(invalid="ignore"):
             off = ~(np.abs(wanted - row) <= good * size)

@@ -45,7 +45,7 @@ class Entry:
     Attributes
     ----------
     case
-        ``as it is``, ``with drag``, ``without gravity``.
+        ``as defined``, ``with drag``, ``without gravity``.
     values
         Parameters of the effect with their units, as they are in this case; of the model as it is those that are on.
     evaluation, run

@@ -119,7 +119,7 @@ def test_an_output_that_is_no_number_makes_its_run_suspect(oscillator: Path):
     assert lost.status == SUSPECT
     assert lost.message.startswith("output ")
     assert "is nan at t = 0.5" in lost.message
-    assert "no finite number" in lost.message
+    assert "not a finite number" in lost.message
     forget(job)
 
 

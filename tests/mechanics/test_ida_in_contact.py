@@ -76,7 +76,7 @@ def test_products_are_derivatives_of_the_residual() -> None:
 def test_the_library_that_takes_products_must_be_there(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(large, "serves", lambda: False)
     plant = Plant(crowded())
-    with pytest.raises(ValueError, match=r"^solver 'ida' .* SUNDIALS 7 .* contact forces .* use 'esdirk' "):
+    with pytest.raises(ValueError, match=r"^solver 'ida' .* SUNDIALS 7 .*contact forces .* use 'esdirk' "):
         large.TreeIDAStepper(plant.system, 0.0, *plant.assemble())
 
 

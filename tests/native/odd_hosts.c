@@ -165,7 +165,7 @@ static void another_s_state(Fmu *fmus)
     WELL(&fmus[1], GetFMUstate, other, &state);
     WRONG(&fmus[0], SetFMUstate, c, state);
     WRONG(&fmus[0], GetFMUstate, c, &state); /* which has not room for it */
-    need(strstr(message, "none of this FMU") != NULL, "what is wrong with a state");
+    need(strstr(message, "not one of this FMU") != NULL, "what is wrong with a state");
     read_row(&fmus[0], c, &found[0], 0);
     go(&fmus[0], c, &found[0], 1, STEPS);
 }

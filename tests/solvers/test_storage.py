@@ -162,7 +162,7 @@ def test_the_command_reports_what_it_removed(home: Path, command: Callable[..., 
     kept = write(home, *SOURCES)
     out = command("cache")[1]
     assert f"{home}: 0 MB of machine code" in out
-    assert "0 MB of it are of other versions" in out
+    assert "0 MB of it is from other versions" in out
     code, out, _ = command("cache", "clear", "--old")
     assert code == 0
     assert f"removed {len(ours(OTHER))} files" in out
