@@ -31,8 +31,10 @@ from .rows import row_names
 
 ITERATIONS = 40
 CLOSED, ACCEPTED = 1e-13, 1e-11  # closure errors in units: no further steps; small enough for all solvers
+NOISE = 1e-14  # of closure errors; a step from noise is damped so that it is no longer than the closure error
 ROUNDS = 3  # each with new motions, along which the corrected equations must stay closed
 MOST_CORRECTED = 20.0  # largest shift or turn of a joint frame, in tolerances
+MOST_AMPLIFIED = 100.0  # ... and in closure errors
 
 
 class Place(NamedTuple):
@@ -153,7 +155,8 @@ def correct(
             break
         if max(near_singular(p, fresh[0]) * float(np.abs(p.gaps).max()) for p in fresh) < ACCEPTED:
             found = placements.corrected(given)
-            if max(found.shift / length, found.turn) <= MOST_CORRECTED * tolerance:
+            allowed = min(MOST_CORRECTED * tolerance, MOST_AMPLIFIED * float(part.gap.max()))
+            if max(found.shift / length, found.turn) <= allowed:
                 return found
             break
         positions = [*closed, *fresh]
@@ -173,13 +176,14 @@ def describe_correction(
     axes = measures.axes[rows[worst]]
     count = len(rows) - part.rank
     redundant = "1 redundant constraint is" if count == 1 else f"{count} redundant constraints are"
+    why = f": {axes}" if axes else ""
     return coded(
         "corrected-geometry",
         f"{redundant} not satisfied by the given numbers: {names[rows[worst]]!r} is violated by up to "
         f"{measures.describe(rows[worst], part.gap[worst])}, which is within the assembly tolerance of "
-        f"{mechanism.assembly_tolerance:g}{': ' + axes if axes else ''}. The joint frames of these loops are shifted "
-        f"by at most {done.shift:.2g} m and rotated by at most {done.turn:.2g} rad so that they close. Give lengths "
-        "and directions with more digits to avoid this",
+        f"{mechanism.assembly_tolerance:g}{why}. The joint frames of these loops are shifted by at most "
+        f"{done.shift:.2g} m and rotated by at most {done.turn:.2g} rad so that they close. Give lengths and "
+        "directions with more digits to avoid this",
     )
 
 
@@ -217,14 +221,14 @@ def _close(
                 found.append(at)
         return _Gaps(found, np.concatenate(gaps or [np.full(1, np.inf)]), np.vstack(slopes or [np.zeros((1, 1))]))
 
-    now, damping = measure(), 0.0
+    now, damping, least = measure(), 0.0, NOISE / float(part.gap.max())
     for _ in range(ITERATIONS):
         largest = float(np.abs(now.gaps).max(initial=0.0))
         if not CLOSED < largest < np.inf:
             break
         before = placements.save()
         left, sigma, right = linalg.svd(now.slopes, full_matrices=False)
-        damping = max(damping, largest)
+        damping = max(damping, largest, least)
         placements.change(-right.T @ (left.T @ now.gaps * sigma / (sigma**2 + damping**2)), length)
         then = measure()
         if len(then.positions) == len(now.positions) and np.linalg.norm(then.gaps) < np.linalg.norm(now.gaps):
