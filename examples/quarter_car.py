@@ -203,7 +203,7 @@ def drive(fmu: Path, law: Law, profile: CubicSpline) -> Run:
 
 
 def draw(runs: dict[str, Run], path: Path) -> None:
-    """Draw the accelerations over time, and the camber over the travel beside that of rigid hinges."""
+    """Draw the accelerations over time, and the camber over the travel together with that of rigid hinges."""
     figure, axes = plt.subplot_mosaic(
         [["road", "camber"], ["body", "camber"]], figsize=(10.0, 4.6), layout="constrained"
     )

@@ -151,8 +151,7 @@ class Simulation:
         changed = [] if settings.start_at_equilibrium else self.plant.assembly.changes(q, v, settings.tolerance)
         self.lock = self.plant.explain_lock(t0, q, self.stepper.freedom)
         beside = [*beside, *self.plant.coincident(t0, q)]
-        rounded = (*self.plant.rounded_rows.values(), *self.plant.corrections)
-        for told in (self.lock, *rounded, *changed, self._too_loose(), limited, *beside):
+        for told in (self.lock, *self.plant.rounding, *changed, self._too_loose(), limited, *beside):
             self._remark(told)
         # where nothing is free nothing is integrated but the work, whose error no tolerance controls
         checked = settings.energy_check and self.stepper.freedom > 0

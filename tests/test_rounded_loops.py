@@ -100,6 +100,15 @@ def test_parallel_cranks_move_as_exact_ones(name: str, off: float, size: float) 
     assert all(text.startswith(f"{redundant} redundant constraint") for text in told)
 
 
+def test_of_many_messages_the_first_are_given() -> None:
+    """Nine cranks leave out three equations at each of eight pins."""
+    plant = Plant(cranks(3e-6, count=9))
+    left_out = [text for text in plant.rounding if text.endswith("[nearly-parallel-axes]")]
+    assert len(plant.rounded_rows) == 24
+    assert len(left_out) == 5
+    assert left_out[-1].startswith("20 more constraints are left out")
+
+
 @pytest.mark.parametrize("solver", ["hybrid", "ida", "radau"])
 def test_every_solver_moves_them_so(solver: str) -> None:
     for off in (1e-11, 3e-6):

@@ -18,14 +18,14 @@ def compilation(tells: bool) -> Iterator[None]:
     """Report on standard error, if requested, that this block waits for the compiler, and how long it took."""
     with time_of_compiling() as taken:
         try:
-            with when_compiling(lambda: say(BEFORE, tells)):
+            with when_compiling(lambda: print_if(BEFORE, tells)):
                 yield
         finally:
             if taken():
-                say(f"compiled in {taken():.1f} s", tells)
+                print_if(f"compiled in {taken():.1f} s", tells)
 
 
-def say(text: str, tells: bool) -> None:
+def print_if(text: str, shown: bool) -> None:
     """Write a line, above the bar where there is one."""
-    if tells:
+    if shown:
         tqdm.write(text, file=sys.stderr)

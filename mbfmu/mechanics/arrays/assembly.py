@@ -17,7 +17,7 @@ from solvers.system import AnySystem, Array
 from .closing import assemble_positions, assemble_velocities, check_frames, check_inertia, frame_angles
 from .compile import shared
 from .rounded import ROUNDED, nearly_parallel
-from .rows import TOLD, dependent_rows, describe
+from .rows import TOLD, dependent_rows, describe, first_lines
 
 
 def free_bodies(mechanism: Mechanism) -> list[Body]:
@@ -104,10 +104,7 @@ class Assembly:
             most = max(fastest, float(np.abs(first_v[own_v] / size[own_v]).max(initial=0.0)))
             if joint.rate is not None and np.any(moved > tolerance * most):
                 found.append(_changed("rate", body, first_v[own_v], v[own_v]))
-        if len(found) <= TOLD:
-            return found
-        more = f"{len(found) - TOLD} more given starts and rates are changed"
-        return [*found[:TOLD], coded("changed-start", more)]
+        return first_lines(found, "given starts and rates are changed", "changed-start")
 
     def close(self, t: float, start: Array, held: NDArray[np.bool_], given: NDArray[np.bool_] | None = None) -> Array:
         """Return positions (nq,) with closed loops near ``start``; ``held`` coordinates (n,) stay.
@@ -206,10 +203,12 @@ class Assembly:
 
 def _changed(what: str, body: Body, given: Array, found: Array) -> str:
     before, after = (", ".join(f"{x:.6g}" for x in values) for values in (given, found))
+    largest = np.abs(found - given).max()
     return coded(
         "changed-start",
-        f"{what} of body {body.name!r} is changed from {before} to {after}, because the loops cannot close with all "
-        "given values; give consistent values, or declare as fixed the start values that must be kept",
+        f"{what} of body {body.name!r} is changed from {before} to {after} (by at most {largest:.2g}), because the "
+        "loops cannot close with all given values; give consistent values, or declare as fixed the start values that "
+        "must be kept",
     )
 
 

@@ -35,7 +35,7 @@ from .meetings import beside, check_surface_contacts, unfelt
 from .redundant import Course, drive_courses
 from .rounded import left_out, measure_rows
 from .rounding import Rounding
-from .rows import VANISHING, find_vanishing_rows, row_names
+from .rows import VANISHING, find_vanishing_rows, first_lines, row_names
 from .scale import characteristic_length
 from .systems import Systems
 from .tables import Called
@@ -117,6 +117,12 @@ class Plant:
         self.data.arrays.memory[:] = before
         self.data.arrays.kept[:] = np.where(vanishing, -1, np.cumsum(~vanishing) - 1)
         return [names[i] for i in np.flatnonzero(vanishing)]
+
+    @property
+    def rounding(self) -> list[str]:
+        """Messages on constraint equations that are left out, and on corrected joint frames; of many the first."""
+        dropped = first_lines([*self.rounded_rows.values()], "constraints are left out", "nearly-parallel-axes")
+        return [*dropped, *first_lines(self.corrections, "groups of loops are corrected", "corrected-geometry")]
 
     def _courses(self) -> list[Course]:
         return drive_courses(self.drives, self.inputs, self._compiled.signals)

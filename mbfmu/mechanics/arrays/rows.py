@@ -170,10 +170,14 @@ def describe(handles: Iterable[Handle], vanishing: Collection[str], redundant: C
                 count = f"{len(named)} of its {len(rows)} constraints {'is' if len(named) == 1 else 'are'}"
                 lines.append(f"{handle.what} {handle.name!r}: {count} {what.format(which=which)}")
     return [
-        *_first(removed, "loops with constraints that are trivially satisfied"),
-        *_first(dependent, "loops with redundant constraints"),
+        *first_lines(removed, "loops with constraints that are trivially satisfied"),
+        *first_lines(dependent, "loops with redundant constraints"),
     ]
 
 
-def _first(lines: list[str], rest: str) -> list[str]:
-    return lines if len(lines) <= TOLD else [*lines[:TOLD], f"{len(lines) - TOLD} more {rest}"]
+def first_lines(lines: list[str], rest: str, code: str = "") -> list[str]:
+    """Return the first of many messages, and how many more ``rest`` there are, with a code if one is given."""
+    if len(lines) <= TOLD:
+        return lines
+    more = f"{len(lines) - TOLD} more {rest}"
+    return [*lines[:TOLD], coded(code, more) if code else more]
