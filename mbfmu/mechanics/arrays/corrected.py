@@ -33,8 +33,8 @@ ITERATIONS = 40
 CLOSED, ACCEPTED = 1e-13, 1e-11  # closure errors in units: no further steps; small enough for all solvers
 NOISE = 1e-14  # of closure errors; a step from noise is damped so that it is no longer than the closure error
 ROUNDS = 3  # each with new motions, along which the corrected equations must stay closed
-MOST_CORRECTED = 20.0  # largest shift or turn of a joint frame, in tolerances
-MOST_AMPLIFIED = 100.0  # ... and in closure errors
+MAX_CORRECTION = 20.0  # largest shift or turn of a joint frame, in tolerances
+MAX_AMPLIFICATION = 100.0  # ... and in closure errors
 
 
 class Place(NamedTuple):
@@ -155,7 +155,7 @@ def correct(
             break
         if max(near_singular(p, fresh[0]) * float(np.abs(p.gaps).max()) for p in fresh) < ACCEPTED:
             found = placements.corrected(given)
-            allowed = min(MOST_CORRECTED * tolerance, MOST_AMPLIFIED * float(part.gap.max()))
+            allowed = min(MAX_CORRECTION * tolerance, MAX_AMPLIFICATION * float(part.gap.max()))
             if max(found.shift / length, found.turn) <= allowed:
                 return found
             break

@@ -29,14 +29,14 @@ from .inputs import Drives, Inputs
 
 EXACT = 1e-12  # of singular values and gaps, in units: what is zero to rounding
 REGULAR = 50.0  # singular values beyond this many tolerances are no rounding
-LEAST_REGULAR, MOST_REGULAR = 1e-3, 0.1  # ... within these limits
+MIN_REGULAR, MAX_REGULAR = 1e-3, 0.1  # ... within these limits
 NO_ENTRY = 1e-13  # entries of J~ that tie no equation to a coordinate
-STEP, STEPS = 0.3, 12  # of a move, in units; steps of a walk: about a turn, forwards and backwards
+WALK_STEP, WALK_STEPS = 0.3, 12  # of a move, in units; steps of a walk: about a turn, forwards and backwards
 DIRECTIONS = 3  # walks, each forwards and backwards, if there are several degrees of freedom
-LARGEST_CORRECTION = 0.5  # of a coordinate in one iteration, in units
+MAX_NEWTON_STEP = 0.5  # of a coordinate in one iteration, in units
 ITERATIONS, CONVERGED = 60, 1e-12
-RANKS = 4  # that are tried at most in one part
-WIDEST = 400  # equations of a part that is examined
+MAX_RANKS = 4  # that are tried at most in one part
+MAX_PART_EQUATIONS = 400  # equations of a part that is examined
 
 
 class Course(NamedTuple):
@@ -53,10 +53,10 @@ def drive_courses(drives: Drives, inputs: Inputs, signals: list[InUse]) -> list[
 
     def place(step: int) -> None:
         for k in given:
-            signals[k].record["c"][0] = centers[k] + STEP * step * drives.sizes[k]
+            signals[k].record["c"][0] = centers[k] + WALK_STEP * step * drives.sizes[k]
 
     def course(pace: float) -> Course:
-        return Course(lambda step: STEP * step * pace, place)
+        return Course(lambda step: WALK_STEP * step * pace, place)
 
     paces = {drives.pace(k) for k in drives.signals if k not in given}
     return [course(pace) for pace in sorted(paces)] or [course(0.0)]
@@ -102,7 +102,7 @@ class Redundancy:
         self._system, self._units, self._courses = system, units, courses
         self._allowed = np.maximum(allowed, EXACT)
         self._terms, self._random = system.allocate_terms(), np.random.default_rng(0)
-        self._regular = max(LEAST_REGULAR, min(MOST_REGULAR, REGULAR * float(allowed.max(initial=0.0))))
+        self._regular = max(MIN_REGULAR, min(MAX_REGULAR, REGULAR * float(allowed.max(initial=0.0))))
 
     def find(self, start: Array, held: NDArray[np.bool_]) -> Iterator[Part]:
         """Yield every part with redundant equations that open by more than rounding; ``held`` (n,) coordinates stay
@@ -110,7 +110,7 @@ class Redundancy:
         """
         for rows, columns in self.parts(start):
             q = start.copy()
-            if len(rows) <= WIDEST and len(columns) and self.close(q, 0.0, rows, columns[~held[columns]]):
+            if len(rows) <= MAX_PART_EQUATIONS and len(columns) and self.close(q, 0.0, rows, columns[~held[columns]]):
                 part = self._examine(q, rows, columns)
                 if part is not None:
                     yield part
@@ -137,7 +137,7 @@ class Redundancy:
             step = np.zeros(self._system.n)
             step[columns] = -Vt[:r].T @ ((U[:, :r].T @ gaps[rows]) / np.maximum(sigma[:r], EXACT))
             largest = float(np.abs(step).max(initial=0.0))
-            step *= min(1.0, LARGEST_CORRECTION / max(largest, 1e-300))
+            step *= min(1.0, MAX_NEWTON_STEP / max(largest, 1e-300))
             self._system.apply(q, step * self._system.size)
             if largest < CONVERGED:
                 return True
@@ -154,7 +154,7 @@ class Redundancy:
             if k % 2 == 0:
                 wanted = self._random.normal(size=len(columns))
             along = sign * wanted
-            for step in range(STEPS + 1):
+            for step in range(WALK_STEPS + 1):
                 position = self.position_at(q, rows, columns, rank, course, sign * step)
                 if position is None:
                     break  # the end of the range of the motion
@@ -218,14 +218,14 @@ class Redundancy:
         return None
 
     def _move(self, q: Array, J: Array, columns: NDArray[np.int64], rank: int, along: Array) -> Array:
-        """Move q in place by ``STEP`` in the allowed direction nearest to ``along``; return that."""
+        """Move q in place by ``WALK_STEP`` in the allowed direction nearest to ``along``; return that."""
         T = linalg.svd(J)[2][rank:]
         direction = T.T @ (T @ along)
         largest = float(np.abs(direction).max(initial=0.0))
         if not largest > 0.0:
             return along
         step = np.zeros(self._system.n)
-        step[columns] = STEP * direction / largest
+        step[columns] = WALK_STEP * direction / largest
         self._system.apply(q, step * self._system.size)
         return direction
 
@@ -239,4 +239,4 @@ def _likely_ranks(sigma: Array, first: int) -> list[int]:
     """Return ranks from ``first`` on, in order: those before the largest gaps of the singular values (m,)."""
     floor = np.maximum(sigma, 1e-2 * EXACT)
     gaps = {r: (floor[r - 1] if r else 1.0) / floor[r] for r in range(first, len(sigma))}
-    return sorted(sorted((r for r in gaps if r == first or gaps[r] > 1.0), key=lambda r: -gaps[r])[:RANKS])
+    return sorted(sorted((r for r in gaps if r == first or gaps[r] > 1.0), key=lambda r: -gaps[r])[:MAX_RANKS])
