@@ -75,6 +75,11 @@ def simulate(
         ``input_interpolation`` (of loads that ``watch`` sets by :meth:`.Simulation.set_input`, between two outputs) and
         others.
 
+    Returns
+    -------
+    Result
+        Outputs over time, statistics of the solver, and ``failure``, ``warning`` and ``remarks``.
+
     Raises
     ------
     UserError

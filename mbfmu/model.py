@@ -110,6 +110,11 @@ def parameter(
         fine. All such parameters of a model are refined together, the first value of each with the first of all others.
         Sizes of cells are proportional to the inverse of the values. If one of them is zero, nothing is discretized and
         nothing is tried.
+
+    Returns
+    -------
+    dataclasses.Field
+        Field of the dataclass; errors of the declaration are reported when the model is first used.
     """
     about = {"unit": unit, "min": min, "max": max, "doc": doc, "choices": choices, "resolution": resolution}
     about |= {"tunable": tunable, "optional": optional}
@@ -221,12 +226,15 @@ class Model:
     def plant(self, courses: Courses | None = None) -> Plant:
         """Return the compiled mechanism; raises the errors of :meth:`built`.
 
-        ``courses``: values of inputs for a whole run, see :mod:`mbfmu.mechanics.arrays.given`.
+        Parameters
+        ----------
+        courses
+            Inputs given for the whole run, see :mod:`mbfmu.mechanics.arrays.given`.
         """
         return Plant(self.built(), courses)
 
     def arrays(self) -> Mapping[str, Sequence[Any]]:
-        """Return which outputs are one array in FMI 3: nested lists of their names, by the name of the array."""
+        """Return outputs that are one array in FMI 3: nested lists of their names, by the name of the array."""
         return {}
 
     def terminals(self) -> Mapping[str, Sequence[str]]:
@@ -236,11 +244,33 @@ class Model:
         return {}
 
     def exact(self, times: NDArray[np.float64]) -> dict[str, NDArray[np.float64]] | None:
-        """Return outputs whose exact motion is known, by name, at ``times`` (s); None: none is."""
+        """Return outputs whose exact motion is known, as a reference of comparisons.
+
+        Parameters
+        ----------
+        times
+            Times (k,), s.
+
+        Returns
+        -------
+        dict[str, Array] or None
+            Exact outputs (k,) by name; None: none is known.
+        """
         return None
 
     def independent(self, times: NDArray[np.float64]) -> dict[str, tuple[NDArray[np.float64], float]] | None:
-        """Return outputs by name at ``times`` (s) from another code or an experiment, and the uncertainty of each."""
+        """Return outputs from another code or an experiment, as a reference of comparisons.
+
+        Parameters
+        ----------
+        times
+            Times (k,), s.
+
+        Returns
+        -------
+        dict[str, tuple[Array, float]] or None
+            Outputs (k,) and their uncertainty, in their unit, by name; None: there is no such reference.
+        """
         return None
 
     def exact_equilibrium(self) -> dict[str, float] | None:
@@ -248,7 +278,18 @@ class Model:
         return None
 
     def branch_gap(self, outputs: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64] | None:
-        """Return the distance from the correct branch of the motion, zero on it; None: there is no other branch."""
+        """Return the distance from the correct branch of the motion.
+
+        Parameters
+        ----------
+        outputs
+            Outputs (k,) of a run, by name.
+
+        Returns
+        -------
+        Array or None
+            Distance (k,), zero on the correct branch; None: the motion has no other branch.
+        """
         return None
 
     @classmethod
@@ -262,7 +303,18 @@ class Model:
         return ((cls.__doc__ or "").strip() or cls.name).splitlines()[0]
 
     def with_values(self, values: Mapping[str, Any]) -> Self:
-        """Return a copy with other parameter values; text is read as a number."""
+        """Return a copy with other parameter values.
+
+        Parameters
+        ----------
+        values
+            Values by parameter name; text is read as a number, a Boolean or a choice.
+
+        Raises
+        ------
+        UserError
+            There is no such parameter, or the value is not allowed.
+        """
         known = {p.name: p for p in self.parameters()}
         changes = {}
         for name, value in values.items():
@@ -345,7 +397,13 @@ def of_user(model: Any) -> Model:
 
 
 def models() -> dict[str, type[Model]]:
-    """Return every model registered under the entry-point group ``mbfmu.models``."""
+    """Return all models registered under the entry-point group ``mbfmu.models``.
+
+    Returns
+    -------
+    dict[str, type[Model]]
+        Classes of the models, by name.
+    """
     found = {}
     for point in entry_points(group=GROUP):
         found[point.name] = _model_class(point.load(), f"entry point {point.name!r}")
@@ -353,7 +411,18 @@ def models() -> dict[str, type[Model]]:
 
 
 def find(reference: str) -> type[Model]:
-    """Return the model of a registered name, or of ``path/to/file.py:Class``.
+    """Return the model of a registered name or of a Python file.
+
+    Parameters
+    ----------
+    reference
+        Name of a registered model, or path of a Python file and class: ``path/to/file.py:Class``; the class may be
+        left out if the file has one model.
+
+    Returns
+    -------
+    type[Model]
+        Class of the model; ``find("fourbar")(crank_mass=2.0)`` is a model.
 
     Raises
     ------

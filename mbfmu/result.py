@@ -1,4 +1,4 @@
-"""What a run gives: outputs over time, and how it went."""
+"""Result of a run: outputs over time, statistics of the solver, failure, warnings and remarks."""
 
 from __future__ import annotations
 
@@ -25,23 +25,50 @@ FORMAT = 1  # of a saved result
 
 @dataclass
 class Result:
-    """Outputs over time, and how the run went.
+    """Result of a run: outputs over time, statistics of the solver, failure, warnings and remarks.
 
     ``result["crank.angle"]`` is one output over ``result.t``.
+
+    Attributes
+    ----------
+    t
+        Times (k,), s.
+    values
+        Outputs (k, n), one column per variable.
+    variables
+        Name, unit and description of each column of ``values``.
+    statistics
+        Counts of steps, evaluations and other work of the solver.
+    wall_time
+        Time between the first and the last output, s.
+    name
+        Name of the model or of the scene.
+    settings
+        Settings of the integration; None: unknown.
+    failure
+        Reason why the run ended early, and advice; empty: it did not.
+    verdict
+        Time and size of the first violation of the energy balance; empty: there is none.
+    coarse
+        Place where cells of a sheet bend too far for their grid; empty: there is none, or the run ended early.
+    remarks
+        Warnings and notes that do not stop the run.
+    inputs
+        One message per given input: how it was interpolated.
     """
 
-    t: Array  # (k,) s
-    values: Array  # (k, outputs)
-    variables: tuple[Variable, ...]  # of the columns of values
+    t: Array
+    values: Array
+    variables: tuple[Variable, ...]
     statistics: Statistics
-    wall_time: float  # s, between the first and the last output
-    name: str = ""  # of the model, or of the scene
-    settings: Settings | None = None  # how it was integrated
-    failure: str = ""  # why the run ended early and what to try; empty: it did not
-    verdict: str = ""  # when and how the energy balance was lost; empty: it was not
-    coarse: str = ""  # where cells bend too far for their grid; empty: nowhere, or the run ended early
-    remarks: tuple[str, ...] = ()  # what is unusual and stops nothing, in sentences
-    inputs: tuple[str, ...] = ()  # how each input that was given was treated
+    wall_time: float
+    name: str = ""
+    settings: Settings | None = None
+    failure: str = ""
+    verdict: str = ""
+    coarse: str = ""
+    remarks: tuple[str, ...] = ()
+    inputs: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -50,7 +77,7 @@ class Result:
 
     @property
     def warning(self) -> str:
-        """Why it is not to be trusted though it ran; empty: nothing speaks against it."""
+        """Reason why the result may be wrong although the run has reached its end; empty: there is none."""
         return together(self.verdict, self.coarse)
 
     @property
@@ -64,30 +91,57 @@ class Result:
         return self.values[:, self.column(name)]
 
     def column(self, name: str) -> int:
-        """Return which column of ``values`` an output is."""
+        """Return the number of the column of ``values`` that contains an output.
+
+        Parameters
+        ----------
+        name
+            Name of the output.
+
+        Returns
+        -------
+        int
+            Number of the column, from 0.
+
+        Raises
+        ------
+        UserError
+            There is no such output; the message contains similar names.
+        """
         if name not in self.names:
             raise UserError(f"no output {name!r}{suggest(str(name), self.names)}")
         return self.names.index(name)
 
     def unit(self, name: str) -> str:
-        """Return the unit of an output."""
+        """Return the unit of an output.
+
+        Parameters
+        ----------
+        name
+            Name of the output.
+
+        Returns
+        -------
+        str
+            Unit in the notation of FMI, such as ``rad/s``.
+        """
         return self.variables[self.column(name)].unit
 
     def as_dict(self) -> dict[str, Array]:
-        """Return every output over time, by name."""
+        """Return a dictionary of all outputs: arrays (k,) by name."""
         return {name: self.values[:, i] for i, name in enumerate(self.names)}
 
     # ---- for other tools ----------------------------------------------------------------------------------------
 
     def to_dataframe(self) -> Any:
-        """Return a pandas DataFrame: a column an output, over time in s; units in ``attrs["units"]``."""
+        """Return a pandas DataFrame with one column per output; index: time in s; units in ``attrs["units"]``."""
         pandas = optional("pandas")
         frame = pandas.DataFrame(self.values, index=pandas.Index(self.t, name="time"), columns=list(self.names))
         frame.attrs["units"] = {v.name: v.unit for v in self.variables}
         return frame
 
     def to_xarray(self) -> Any:
-        """Return an xarray Dataset: a variable an output over the coordinate ``time``, with its unit and meaning."""
+        """Return an xarray Dataset with one variable per output over ``time`` in s, with unit and description."""
         xarray = optional("xarray")
         outputs = {
             v.name: ("time", self.values[:, i], {"units": v.unit, "long_name": v.description})
@@ -142,7 +196,18 @@ class Result:
     # ---- files --------------------------------------------------------------------------------------------------
 
     def write_csv(self, path: Path | str) -> None:
-        """Write time and outputs; the header names each with its unit."""
+        """Write time and outputs as comma-separated values; the header contains names and units.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
+
+        Raises
+        ------
+        UserError
+            The file cannot be written.
+        """
         with replacing(path) as unfinished, unfinished.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
             writer.writerow(["time [s]", *(f"{v.name} [{v.unit}]" for v in self.variables)])
@@ -150,7 +215,18 @@ class Result:
                 writer.writerow([repr(float(t)), *(repr(float(x)) for x in row)])
 
     def save(self, path: Path | str) -> None:
-        """Write all of it as ``.npz``, for :meth:`load`."""
+        """Write the whole result to a file, for :meth:`load`.
+
+        Parameters
+        ----------
+        path
+            Path of the file, with the suffix ``.npz``.
+
+        Raises
+        ------
+        UserError
+            The file cannot be written.
+        """
         told = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("t", "values")}
         told |= {"variables": [asdict(v) for v in self.variables], "statistics": asdict(self.statistics)}
         told["settings"] = asdict(self.settings) if self.settings else None
@@ -159,7 +235,23 @@ class Result:
 
     @classmethod
     def load(cls, path: Path | str) -> Self:
-        """Return what :meth:`save` wrote; raises UserError where the file is none of those."""
+        """Return the result in a file that :meth:`save` has written.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
+
+        Returns
+        -------
+        Result
+            The result, equal to the saved one.
+
+        Raises
+        ------
+        UserError
+            The file is not a saved result.
+        """
         try:
             with np.load(path) as file:
                 told = json.loads(str(file["told"]))
@@ -181,5 +273,5 @@ class Result:
 
 
 def together(*warnings: str) -> str:
-    """Return as one text what there is of several."""
+    """Return several messages as one text, without the empty ones."""
     return ". ".join(filter(None, warnings))

@@ -44,7 +44,7 @@ _compiled: set[tuple[type, bool]] = set()  # kinds of runs whose kernels this pr
 
 
 class Mark(NamedTuple):
-    """A point that a simulation can be taken back to."""
+    """State that a simulation can be rewound to."""
 
     stepper: bytes  # state of the stepper, with history and counters
     inputs: dict[str, list[Any]] | None  # where they remember anything
@@ -55,15 +55,23 @@ class Mark(NamedTuple):
 
 
 class Simulation:
-    """A model started at ``t0``: advance it, read its outputs, change inputs and tunable parameters between steps.
+    """Simulation of a model that is advanced step by step, with inputs and parameters that change between steps.
 
     Parameters
     ----------
+    model
+        Model, or a mechanism without a model.
+    settings
+        Solver, tolerance and other settings of the run.
+    t0
+        Start time, s.
+    begins
+        Whether the model is checked for contacts at the start; False for a run that continues another one.
     inputs
         Values of inputs, by name or number, that differ from their start. A support that is moved by them starts with
         this position and rate, and the bodies connected to it move with it: start velocities are relative.
     courses
-        What inputs are given by for a whole run, see :mod:`mbfmu.mechanics.arrays.given`.
+        Inputs given for the whole run as functions of time or tables, see :mod:`mbfmu.mechanics.arrays.given`.
     duration
         Time of the whole run, s; if it is not given or 0, the stop time of the model. It is the time scale of a
         start at rest if no force, drive or rate gives another one.
@@ -71,14 +79,14 @@ class Simulation:
     Attributes
     ----------
     pick
-        The solver that goes, and why: that of the settings, or what ``auto`` stands for here.
+        Solver in use and the reason: that of the settings, or the one that ``auto`` has chosen.
     start
-        Positions (nq,) and velocities (n,) that it began with, loops closed.
+        Positions (nq,) and velocities (n,) at the start, with closed loops.
     lock
-        Why nothing can move though nothing is driven; empty: something can.
+        Reason why nothing can move although nothing is driven; empty: something can move.
     work_of_jumps
-        What jumps of inputs and of tunable parameters have put into the mechanism, J: the work of the impulses of its
-        supports, changes of the potential energy where it is.
+        Work done on the mechanism by jumps of inputs and of tunable parameters, J: work of impulses of supports, and
+        changes of potential energy at constant position.
     remarks
         Warnings and notes that do not stop the run.
     pace
@@ -231,7 +239,7 @@ class Simulation:
 
     @property
     def statistics(self) -> Statistics:
-        """What the solver has done so far."""
+        """Counts of steps, evaluations and other work of the solver so far."""
         return self.stepper.statistics
 
     def loops(self) -> list[str]:
@@ -244,29 +252,43 @@ class Simulation:
 
     @property
     def failure(self) -> str:
-        """Why the last :meth:`advance` or :meth:`record` ended early and what to try; empty: it did not."""
+        """Reason why the last :meth:`advance` or :meth:`record` ended early, and advice; empty: it did not."""
         s = self.stepper
         return self._folds.folded if s.status.ok else why(self.plant, s.status, s.q, self._end, s.starts_singular)
 
     @property
     def verdict(self) -> str:
-        """When and how the energy balance was lost; empty while it holds."""
+        """Time and size of the first violation of the energy balance; empty: there is none."""
         return self.energy_check.verdict if self.energy_check else ""
 
     @property
     def coarse(self) -> str:
-        """Where, when and how far cells have bent most, if too far for their grid; empty: they have not."""
+        """Place, time and angle of the largest bending of cells, if it is too large for the grid; empty: it is not."""
         return self._folds.coarse
 
     @property
     def warning(self) -> str:
-        """Why the motion so far is not to be trusted; empty: nothing speaks against it."""
+        """Reason why the result may be wrong; empty: there is none."""
         return together(self.verdict, self.coarse)
 
     def advance(self, t: float) -> Status:
-        """Advance to t (s), a communication point; on failure the last good state stays.
+        """Advance to a communication point.
 
-        :attr:`failure` also reports a folded sheet.
+        Parameters
+        ----------
+        t
+            Time of the communication point, s, not before the time reached.
+
+        Returns
+        -------
+        Status
+            Whether the solver has reached t. If it has not, the last good state remains. :attr:`failure` contains the
+            reason; it also reports a folded sheet, which the status does not.
+
+        Raises
+        ------
+        UserError
+            t is before the time reached.
         """
         t = finite("the time to advance to", t)
         if t < self.stepper.t:
@@ -342,9 +364,17 @@ class Simulation:
             self.remarks.append(text)
 
     def outputs(self) -> Array:
-        """Return the outputs at the time reached, in the order of ``variables``; the array is used again.
+        """Return the outputs at the time reached.
 
-        Raises UserError where the accelerations are not determined.
+        Returns
+        -------
+        Array
+            Outputs (k,) in the order of ``variables``; the next call overwrites the array.
+
+        Raises
+        ------
+        UserError
+            The accelerations are not determined.
         """
         stepper = self.stepper
         try:
@@ -359,7 +389,7 @@ class Simulation:
 
     @property
     def last_outputs(self) -> Array:
-        """What :meth:`outputs` or :meth:`record` has read last, in the order of ``variables``."""
+        """Outputs of the last call of :meth:`outputs` or :meth:`record`, in the order of ``variables``."""
         return self._out.copy()
 
     def _balance(self, t: float, q: Array, energy: float, ledger: Array) -> tuple[float, float]:
@@ -384,9 +414,24 @@ class Simulation:
             self.energy_check.base += work
 
     def record(self, times: Array, values: Array) -> int:
-        """Advance to each of ``times`` (k,) and put the outputs into a row of ``values`` (k, outputs) each.
+        """Advance through several communication points and store the outputs at each.
 
-        Returns the number of rows; if it is less than k, :attr:`failure` contains the reason.
+        Parameters
+        ----------
+        times
+            Times (k,), increasing, s.
+        values
+            Array (k, outputs) that receives the outputs, one line per time.
+
+        Returns
+        -------
+        int
+            Number of lines written; if it is less than k, :attr:`failure` contains the reason.
+
+        Raises
+        ------
+        UserError
+            The shape of ``values`` is another one.
         """
         times = np.ascontiguousarray(times)
         if np.shape(values) != (len(times), len(self.variables)):
@@ -440,10 +485,23 @@ class Simulation:
         return index
 
     def set_input(self, key: int | str, value: float) -> None:
-        """Take the value of an input, by its name or number, at the time reached.
+        """Set an input at the time reached.
 
-        A load is held or extrapolated from now on, according to the settings. For a support the value is the position
-        its position, or its rate: the next step moves it, see :mod:`mbfmu.mechanics.arrays.motion`.
+        The input of a load is held or extrapolated from this time on, according to the settings. The input of a driven
+        joint is its position or rate at the end of the next communication step, which moves the joint there; see
+        :mod:`mbfmu.mechanics.arrays.motion`.
+
+        Parameters
+        ----------
+        key
+            Name or number of the input.
+        value
+            Value in the unit of the input.
+
+        Raises
+        ------
+        UserError
+            There is no such input, it is given for the whole run, or the value is not finite.
         """
         index, inputs = self._input(key), self.plant.inputs
         if inputs.moves_support(index):
@@ -456,7 +514,12 @@ class Simulation:
         self.stepper.renew()
 
     def retune(self, model: Model) -> None:
-        """Go on with other values of the tunable parameters.
+        """Change tunable parameters at the time reached.
+
+        Parameters
+        ----------
+        model
+            Model of the same class, with the new values.
 
         Raises
         ------
@@ -475,17 +538,22 @@ class Simulation:
         self.stepper.restart()
 
     def mark(self) -> Mark:
-        """Return what :meth:`rewind` needs to discard what comes next; it costs less than :meth:`save`."""
+        """Return a mark of the present state for :meth:`rewind`; it costs less than :meth:`save`."""
         inputs = self.plant.inputs.state() if self.plant.inputs.remember else None
         balance = self.energy_check.state if self.energy_check else None
         place = self.stepper.save()
         return Mark(place, inputs, self.work_of_jumps, balance, self._folds.sharpest, len(self.remarks))
 
     def rewind(self, mark: Mark) -> None:
-        """Discard all since ``mark``, work of the solver included; only values that were set stay.
+        """Return to a mark and discard everything after it, except values of inputs that were set.
 
-        A solver with its whole history in its arrays continues bit for bit as if the discarded advance had not been
-        tried. ``ida``, whose history is inside SUNDIALS, is reinitialized at the state of the mark.
+        Solvers that keep their history in arrays continue bit for bit as if the discarded advance had not been tried.
+        ``ida``, whose history is inside SUNDIALS, is reinitialized at the state of the mark.
+
+        Parameters
+        ----------
+        mark
+            Mark of this simulation.
         """
         if mark.inputs is not None:
             self.plant.inputs.restore(mark.inputs)
@@ -498,7 +566,7 @@ class Simulation:
 
     @property
     def _owner(self) -> str:
-        """What else must be the same where a state of this simulation is taken up."""
+        """Model and settings that a simulation must have in common with this one to restore its states."""
         fixed = {p.name: getattr(self.model, p.name) for p in self.model.parameters() if not p.tunable}
         how = self.settings
         return json.dumps(
@@ -506,7 +574,13 @@ class Simulation:
         )
 
     def save(self) -> bytes:
-        """Return the whole state: solver, inputs and tunable parameters."""
+        """Return the whole state.
+
+        Returns
+        -------
+        bytes
+            State of solver, inputs and tunable parameters, for :meth:`restore` in this or another process.
+        """
         changed = {p.name: getattr(self.model, p.name) for p in self.model.parameters() if p.tunable}
         inputs, work = self.plant.inputs.state(), self.work_of_jumps
         balance = list(self.energy_check.state) if self.energy_check else []
@@ -516,12 +590,17 @@ class Simulation:
         return frame(self._owner, head, self.stepper.save())
 
     def restore(self, state: bytes) -> None:
-        """Take up a state saved by a simulation of the same model and settings.
+        """Continue from a state that a simulation of the same model and settings has saved.
+
+        Parameters
+        ----------
+        state
+            State from :meth:`save`.
 
         Raises
         ------
         UserError
-            It is damaged, or none of such a simulation; nothing has changed then.
+            The state is damaged, or of another model or other settings; nothing has changed then.
         """
         head, body = unframe(self._owner, state)
         model = self.model.with_values(head["parameters"])

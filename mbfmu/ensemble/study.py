@@ -30,11 +30,15 @@ class Study:
 
     Attributes
     ----------
+    name
+        Name of the model, scene or FMU.
     rows
         One dictionary per run: varied values, measures, ``status`` ("ok", "suspect" or "failed") with the reason in
         ``message``, the largest ``energy_error`` in J, and its CPU time in ``seconds``.
     units
         Units of varied values and measures, by name.
+    varied, measures
+        Names of varied values and of measures.
     folder
         Folder of the study.
     found
@@ -58,11 +62,33 @@ class Study:
         return float(sum(row["seconds"] for row in self.rows))
 
     def count(self, status: str) -> int:
-        """Return the number of runs with a status: "ok", "suspect" or "failed"."""
+        """Return the number of runs with a status.
+
+        Parameters
+        ----------
+        status
+            ``"ok"``, ``"suspect"`` or ``"failed"``.
+
+        Returns
+        -------
+        int
+            Number of runs.
+        """
         return sum(row["status"] == status for row in self.rows)
 
     def column(self, name: str) -> Any:
-        """Return a varied value or a measure over the runs."""
+        """Return a varied value or a measure over the runs.
+
+        Parameters
+        ----------
+        name
+            Name of the column.
+
+        Returns
+        -------
+        Array
+            Values (runs,) in the order of the runs.
+        """
         return np.array([row[name] for row in self.rows])
 
     def to_dataframe(self) -> Any:
@@ -73,7 +99,7 @@ class Study:
         return frame
 
     def to_xarray(self) -> Any:
-        """Return an xarray Dataset: a variable for each column over ``run``, with its unit."""
+        """Return an xarray Dataset with one variable per column over ``run``, with units."""
         dataset = self.to_dataframe().to_xarray()
         for name, unit in self.units.items():
             dataset[name].attrs["units"] = unit
@@ -133,6 +159,11 @@ def study(
         Function that receives the numbers of finished runs, of all runs, and of failed runs.
     **more
         Other keys of a study file, see :mod:`mbfmu.ensemble.definition`; ``runs`` stands for ``with``.
+
+    Returns
+    -------
+    Study
+        Results of all runs, in the order of the runs.
 
     Raises
     ------
@@ -252,6 +283,16 @@ class Campaign:
 
 def load_study(folder: Path | str) -> Study:
     """Return the study that is stored in a folder, with its completed runs.
+
+    Parameters
+    ----------
+    folder
+        Folder of the study.
+
+    Returns
+    -------
+    Study
+        Results of the completed runs; ``found`` is None.
 
     Raises
     ------

@@ -35,11 +35,11 @@ class Shape:
     Parameters
     ----------
     at
-        Its center in the body's frame, m.
+        Center in the body's frame, m.
     color
-        ``"#rrggbb"``; empty: the color the body is given.
+        Color ``"#rrggbb"``; empty: the color of the body.
     opacity
-        From 0, not seen, to 1; what is translucent casts no shadow.
+        Opacity from 0 (invisible) to 1 (opaque); translucent shapes cast no shadow.
     """
 
     at: Vector = (0.0, 0.0, 0.0)
@@ -61,7 +61,13 @@ class Shape:
 
 @dataclass(frozen=True, kw_only=True)
 class Sphere(Shape):
-    """A ball of ``radius`` (m)."""
+    """Sphere.
+
+    Parameters
+    ----------
+    radius
+        Radius, m.
+    """
 
     radius: float
     solid = "sphere"
@@ -73,7 +79,15 @@ class Sphere(Shape):
 
 @dataclass(frozen=True, kw_only=True)
 class Cylinder(Shape):
-    """A cylinder of ``radius`` and ``length`` (m) along ``axis`` in the body's frame."""
+    """Circular cylinder.
+
+    Parameters
+    ----------
+    radius, length
+        Radius and length, m.
+    axis
+        Axis in the body's frame: ``"x"``, ``"y"``, ``"z"``, or a vector (3,).
+    """
 
     radius: float
     length: float
@@ -88,7 +102,15 @@ class Cylinder(Shape):
 
 @dataclass(frozen=True, kw_only=True)
 class Box(Shape):
-    """Box with edges ``size`` (m) along the columns of ``rotation``, a 3x3 rotation matrix; None: the body's axes."""
+    """Rectangular box.
+
+    Parameters
+    ----------
+    size
+        Lengths of the edges (3,), m.
+    rotation
+        3x3 rotation matrix whose columns are the directions of the edges in the body's frame; None: the body's axes.
+    """
 
     size: Vector
     rotation: Any = None
@@ -101,8 +123,15 @@ class Box(Shape):
 
 @dataclass(frozen=True, kw_only=True)
 class Panel(Shape):
-    """Rectangle without thickness, visible from both sides, with edges ``size`` (m) along the first two columns of
-    ``rotation``, a 3x3 rotation matrix; None: the body's axes x and y.
+    """Rectangle without thickness, visible from both sides.
+
+    Parameters
+    ----------
+    size
+        Lengths of the edges (2,), m.
+    rotation
+        3x3 rotation matrix whose first two columns are the directions of the edges in the body's frame; None: the
+        body's axes.
     """
 
     size: Vector

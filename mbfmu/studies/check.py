@@ -180,6 +180,12 @@ def check(
     **settings
         Settings that differ from the scene, such as ``solver``; see :class:`~mbfmu.settings.Settings`.
 
+    Returns
+    -------
+    Findings
+        Loops, redundant constraints, singular configurations, stiffness, what limits the step size, and a recommended
+        solver.
+
     Raises
     ------
     UserError

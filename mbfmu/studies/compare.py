@@ -112,8 +112,9 @@ class Comparison:
     rows
         Runs, with coarse resolutions and large tolerances first.
     energies
-        Times and energy error (J) of each solver at ``tolerance``, the one nearest the scene's, at the finest
-        resolution it ran.
+        Times and energy error (J) of each solver at ``tolerance`` and the finest resolution it ran at.
+    tolerance
+        Of the compared tolerances, the one nearest that of the scene.
     reference
         Reference with which the rows are compared.
     left_out
@@ -201,6 +202,11 @@ def compare(
         listed.
     progress
         Function that receives the name of a finished run and its share of the whole.
+
+    Returns
+    -------
+    Comparison
+        Runs with computing times, errors and energy errors, and the reference. ``best()`` is the Pareto front.
 
     Raises
     ------

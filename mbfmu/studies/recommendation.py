@@ -156,6 +156,11 @@ def recommend_solver(
     progress
         Function that receives the name of a finished run and its share of the whole.
 
+    Returns
+    -------
+    Recommendation
+        Recommended run, and the scene with its solver, tolerance and resolution.
+
     Raises
     ------
     UserError

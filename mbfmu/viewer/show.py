@@ -39,6 +39,11 @@ def view(
         Second motion, drawn translucent; or, for a model, the settings of a second run:
         ``"adams"``, ``"adams:1e-4"`` or ``":1e-4"``, solver and tolerance.
 
+    Returns
+    -------
+    Path
+        Path of the page.
+
     Raises
     ------
     UserError

@@ -47,11 +47,11 @@ from .tables import COMPLEX, STEPPED, TANGENT, Called, Tables
 class Variable:
     """Input or output of a mechanism."""
 
-    name: str
-    unit: str
-    description: str = ""
-    start: float = 0.0
-    nominal: float | None = None
+    name: str  # unique, structured as ``crank.angle``
+    unit: str  # in the notation of FMI, such as ``rad/s``
+    description: str = ""  # empty: none
+    start: float = 0.0  # start value of an input
+    nominal: float | None = None  # typical size in the unit; None: it follows from unit and mechanism
 
 
 GRAVITY = -1  # in place of a signal's number

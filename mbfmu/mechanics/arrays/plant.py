@@ -46,8 +46,10 @@ class Plant:
 
     Parameters
     ----------
+    mechanism
+        Complete mechanism.
     courses
-        Values of inputs for a whole run; these are not inputs of the plant.
+        Inputs given for the whole run; these are not inputs of the plant.
 
     Attributes
     ----------

@@ -15,11 +15,21 @@ from .sheet import Sheet
 
 @dataclass(frozen=True, eq=False)
 class Contact:
-    """A sheet that meets something, as loads of its cells."""
+    """Contact of a sheet, which consists of loads on its cells.
+
+    Attributes
+    ----------
+    name
+        Name of the loads.
+    mechanism
+        Mechanism to which they were added.
+    first, count
+        Number of the first load among ``Mechanism.others``, and number of loads.
+    """
 
     name: str
     mechanism: Mechanism
-    first: int  # of them among Mechanism.others
+    first: int
     count: int
 
     @property
@@ -36,10 +46,16 @@ class Contact:
 class SurfaceContactHandle(Contact):
     """Contact of a sheet with a surface, as returned by :func:`add_contact`."""
 
-    sheet: Sheet
+    sheet: Sheet  # the sheet in contact
 
     def force(self, axis: str) -> Met:
-        """Global component of the force on the sheet, N."""
+        """Global component of the force on the sheet, N.
+
+        Parameters
+        ----------
+        axis
+            Global axis: ``"x"``, ``"y"`` or ``"z"``.
+        """
         return self._told("N", axis_index(axis, f"of the force of contact {self.name!r}"))
 
     def depth(self) -> Met:
@@ -51,7 +67,13 @@ class SurfaceContactHandle(Contact):
         return self._told("W", 4, scale=-1.0)
 
     def pressure(self, i: int, k: int) -> Pressed:
-        """As :func:`.contact_pressure` for this contact alone."""
+        """Pressure of this contact on a cell of the sheet, Pa; see :func:`.contact_pressure`.
+
+        Parameters
+        ----------
+        i, k
+            Numbers of the cell along x and z, from 0.
+        """
         return contact_pressure([self], i, k)
 
 
@@ -59,8 +81,8 @@ class SurfaceContactHandle(Contact):
 class NipHandle(Contact):
     """Roller nip, as returned by :func:`add_nip`."""
 
-    stations: int
-    roller: Body
+    stations: int  # number of contact points of one side
+    roller: Body  # the driving roller
     radius: float  # m
 
     def slip(self) -> Met:
@@ -89,11 +111,22 @@ class NipHandle(Contact):
 
 
 def contact_pressure(contacts: Sequence[SurfaceContactHandle], i: int, k: int) -> Pressed:
-    """Return the pressure of contacts of one sheet on its cell (i, k), Pa: magnitudes of their forces divided by its
-    area.
+    """Return a sensor of the pressure of several contacts on a cell of a sheet, Pa.
 
-    Pressures from opposite sides are added. It is the pressure if there is no friction, and at most
-    sqrt(1 + friction^2) of it.
+    It is the sum of the magnitudes of their forces divided by the area of the cell; forces on opposite faces are added.
+    Without friction this is the normal pressure, with friction at most sqrt(1 + friction^2) times that.
+
+    Parameters
+    ----------
+    contacts
+        Contacts of one sheet, from :func:`add_contact`.
+    i, k
+        Numbers of the cell along x and z, from 0.
+
+    Returns
+    -------
+    Sensor
+        Sensor for :meth:`Mechanism.output`.
     """
     if not contacts or not all(isinstance(contact, SurfaceContactHandle) for contact in contacts):
         raise UserError(f"contacts that press are {contacts!r}; allowed: a list of what add_contact returns")
@@ -112,11 +145,20 @@ def contact_pressure(contacts: Sequence[SurfaceContactHandle], i: int, k: int) -
 
 
 def jammed(nips: Sequence[NipHandle]) -> Jammed:
-    """Return a sensor that is 1 while a sheet slips in one of these nips by more than half the surface speed of the
-    roller.
+    """Return a sensor that is 1 while the sheet slips in a nip by more than half the surface speed of its roller.
 
-    A nip less than half of which is covered by the sheet does not count. It has no memory: the reader decides on the
-    duration.
+    Nips that are covered by the sheet to less than one half are ignored. The sensor has no memory: how long a slip must
+    last to be a jam is decided by the controller that reads it.
+
+    Parameters
+    ----------
+    nips
+        Nips from :func:`add_nip`.
+
+    Returns
+    -------
+    Sensor
+        Sensor for :meth:`Mechanism.output`.
     """
     if not nips or not all(isinstance(nip, NipHandle) for nip in nips):
         raise UserError(f"nips that jam are {nips!r}; allowed: a list of what add_nip returns")

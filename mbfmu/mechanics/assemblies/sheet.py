@@ -78,7 +78,13 @@ class SheetPoint:
     at: tuple[float, float]
 
     def position(self, axis: str) -> Sensor:
-        """Global component of its position, m."""
+        """Global component of the position of the point, m.
+
+        Parameters
+        ----------
+        axis
+            Global axis: ``"x"``, ``"y"`` or ``"z"``.
+        """
         component = axis_index(axis, "of the position of a point of a sheet")
         return SheetPosition(unit="m", component=component, bodies=self.corners, sides=self.sides, at=self.at)
 
@@ -89,6 +95,8 @@ class Sheet:
 
     Attributes
     ----------
+    name
+        Name of the sheet.
     nodes
         Bodies by grid index, ``nodes[i][k]`` at x = i a, z = k b; the x-z plane of each frame is that of the sheet.
     a, b
@@ -116,35 +124,96 @@ class Sheet:
     along: int
 
     def node(self, i: int, k: int) -> Body:
-        """Return the node at x = i a, z = k b; negative numbers count from the far edge."""
+        """Return a node.
+
+        Parameters
+        ----------
+        i, k
+            Numbers of the node along x and z: it is at x = i a, z = k b; negative numbers count from the far edge.
+
+        Returns
+        -------
+        Body
+            Body of the node, for joints, loads and sensors.
+
+        Raises
+        ------
+        UserError
+            The grid has no such node.
+        """
         shape = len(self.nodes), len(self.nodes[0])
         if not (is_whole(i) and is_whole(k) and -shape[0] <= i < shape[0] and -shape[1] <= k < shape[1]):
             raise UserError(f"sheet {self.name!r} has no node {(i, k)}; its grid is {shape}")
         return self.nodes[i][k]
 
     def nearest(self, x: float, z: float) -> Body:
-        """Return the node nearest to (x, z) of the flat sheet, m."""
+        """Return the node nearest to a point of the flat sheet.
+
+        Parameters
+        ----------
+        x, z
+            Position in the flat sheet, m.
+
+        Returns
+        -------
+        Body
+            Body of the node.
+        """
         return self.node(
             min(range(len(self.nodes)), key=lambda i: abs(i * self.a - x)),
             min(range(len(self.nodes[0])), key=lambda k: abs(k * self.b - z)),
         )
 
     def point(self, x: float, z: float) -> SheetPoint:
-        """Return the point (x, z) of the flat sheet, m, on the smooth surface that is used for contact."""
+        """Return a point of the sheet on the smooth surface that is used for contact.
+
+        Parameters
+        ----------
+        x, z
+            Position in the flat sheet, m.
+
+        Returns
+        -------
+        SheetPoint
+            Point whose sensors give its position.
+
+        Raises
+        ------
+        UserError
+            The position is not on the sheet.
+        """
         (i, xi), (k, zeta) = self._cell("x", x), self._cell("z", z)
         return SheetPoint(self.cells[i, k][1], (self.a, self.b), (xi, zeta))
 
     def edge(self, name: str) -> SheetPoint:
-        """Return the middle of an edge, ``x0``, ``x1``, ``z0`` or ``z1``."""
+        """Return the middle of an edge.
+
+        Parameters
+        ----------
+        name
+            Edge: ``"x0"``, ``"x1"``, ``"z0"`` or ``"z1"``.
+
+        Returns
+        -------
+        SheetPoint
+            Point whose sensors give its position.
+        """
         one_of(f"edge of sheet {self.name!r}", name, EDGES)
         ends = {"x": self.a * (len(self.nodes) - 1), "z": self.b * (len(self.nodes[0]) - 1)}
         place = {axis: 0.5 * end for axis, end in ends.items()} | {name[0]: ends[name[0]] * int(name[1])}
         return self.point(place["x"], place["z"])
 
     def skew(self, edge: str = "x1", across: str | Sequence[float] = "z") -> Sensor:
-        """Angle of an edge, ``x0`` or ``x1``, corner to corner, about the normal there against a direction, rad.
+        """Skew angle: angle between the line through the corners of an edge and a direction, about the normal, rad.
 
-        A flat sheet in the plane x-z that is rotated about y by an angle has this skew.
+        The skew of a flat sheet in the plane x-z that is rotated about y is the angle of rotation.
+
+        Parameters
+        ----------
+        edge
+            Edge, ``"x0"`` or ``"x1"``.
+        across
+            Direction of the edge at zero skew, global axes: ``"x"``, ``"y"``, ``"z"``, or a vector (3,).
         """
         one_of(f"edge of the skew of sheet {self.name!r}", edge, ("x0", "x1"))
         row = 0 if edge == "x0" else -1
@@ -152,9 +221,14 @@ class Sheet:
         return Skew(unit="rad", bodies=(self.node(row, 0), self.node(row, -1)), across=direction)
 
     def covers(self, point: Vector, direction: str | Sequence[float] = "y") -> Sensor:
-        """Part of a light beam through a point (m) along a direction that the sheet covers, 0 to 1.
+        """Fraction of a light beam that the sheet covers, 0 to 1, smoothed over 1 mm at the edges.
 
-        It is smoothed over 1 mm at the edges.
+        Parameters
+        ----------
+        point
+            Point of the beam (3,), global axes, m.
+        direction
+            Direction of the beam, global axes: ``"x"``, ``"y"``, ``"z"``, or a vector (3,).
         """
         what = f"of the beam that sheet {self.name!r} covers"
         cells = sorted(self.cells)
@@ -169,34 +243,83 @@ class Sheet:
         )
 
     def curvature(self, component: str, x: float, z: float) -> Sensor:
-        """Curvature ``xx``, ``zz`` or the twist ``xz`` at (x, z) of the flat sheet, 1/m: w,xx and so on, w along its y.
+        """Curvature or twist of the sheet, 1/m: the second derivative of the deflection along y of the flat sheet.
 
-        This and the following are values of the element at that point, exact in the mean over it and best at its
-        center: with two cells across, the force in a hanging strip has an error of 50 % at the edge. On a line between
-        two it is that of the second one.
+        Curvature, moment, strain, force per length and stress are values of the element at the point. Their mean over
+        the element is exact and they are most accurate at its center: with two cells across the width, the force in a
+        hanging strip has an error of 50 % at the edge. On a line between two elements, the value is that of the second
+        one.
+
+        Parameters
+        ----------
+        component
+            ``"xx"``, ``"zz"`` (curvatures) or ``"xz"`` (twist), in the axes of the flat sheet.
+        x, z
+            Position in the flat sheet, m.
         """
         return self._felt("1/m", component, x, z, curvature=1.0)
 
     def moment(self, component: str, x: float, z: float) -> Sensor:
-        """Moment per length, N m/m, conjugate to that curvature; of the elastic material, without its damping."""
+        """Bending or twisting moment per length, N m/m; elastic part, without material damping.
+
+        Parameters
+        ----------
+        component, x, z
+            As for :meth:`curvature`.
+        """
         return self._felt("N.m/m", component, x, z, moment=1.0)
 
     def strain(self, component: str, x: float, z: float) -> Sensor:
-        """Strain of the mid-plane; ``xz`` is half the shear angle. Requires stretch."""
+        """Strain of the mid-plane; ``"xz"`` is half the shear angle.
+
+        Parameters
+        ----------
+        component, x, z
+            As for :meth:`curvature`.
+
+        Raises
+        ------
+        UserError
+            The sheet has no in-plane strains; use ``stretch=True``.
+        """
         return self._felt("1", component, x, z, strain=1.0)
 
     def force_per_length(self, component: str, x: float, z: float) -> Sensor:
-        """In-plane force per length, N/m, positive in tension; elastic part."""
+        """In-plane force per length, N/m, positive in tension; elastic part, without material damping.
+
+        Parameters
+        ----------
+        component, x, z
+            As for :meth:`curvature`.
+
+        Raises
+        ------
+        UserError
+            The sheet has no in-plane strains; use ``stretch=True``.
+        """
         return self._felt("N/m", component, x, z, force=1.0)
 
     def stress(self, component: str, x: float, z: float, face: str = "top") -> Sensor:
-        """Stress, Pa, on the face ``top`` (along y), in the ``middle``, or on the ``bottom``."""
+        """Stress, Pa, positive in tension; elastic part, without material damping.
+
+        Parameters
+        ----------
+        component, x, z
+            As for :meth:`curvature`.
+        face
+            ``"top"`` (on the side of y), ``"middle"`` or ``"bottom"``.
+
+        Raises
+        ------
+        UserError
+            The sheet has no in-plane strains; use ``stretch=True``.
+        """
         one_of(f"face of sheet {self.name!r}", face, FACES)
         t = self.fabric.at((self._cell("x", x)[0], self._cell("z", z)[0])).thickness
         return self._felt("Pa", component, x, z, force=1.0 / t, moment=-6.0 * FACES[face] / t**2)
 
     def _felt(self, unit: str, component: str, x: float, z: float, **parts: float) -> Sensor:
-        """Return a sensor of these parts of what the element at (x, z) feels."""
+        """Return a sensor of a weighted sum of strains and stress resultants of the element at (x, z)."""
         one_of(f"component of the loads in sheet {self.name!r}", component, COMPONENTS)
         (i, x), (k, z) = self._cell("x", x), self._cell("z", z)
         element, corners = self.cells[i, k]
@@ -298,6 +421,16 @@ def add_sheet(
         Damping time of the material, s, and density times drag coefficient of the air, kg/m^3.
     pressure
         Pressure on the sheet, along the normal of the deformed sheet, Pa: number (zero: none), signal or input.
+
+    Returns
+    -------
+    Sheet
+        Handle of the sheet: its nodes carry joints and loads, its points and cells have sensors.
+
+    Raises
+    ------
+    UserError
+        A value is invalid, or options exclude each other; the message names both.
     """
     what = f"sheet {name!r}"
     shape = _grid(what, grid)

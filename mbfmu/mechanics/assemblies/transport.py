@@ -73,11 +73,22 @@ def add_contact(
         Pressure per depth, N/m^3, and the depth (m) below which the pressure is quadratic; None: defaults for the
         sheet, whose leading edge sinks in by a quarter of its thickness.
     damping
-        Damping of Hunt and Crossley, s/m: an impact at v loses about the part (4/3) damping v of its energy.
+        Damping of Hunt and Crossley, s/m: an impact at velocity v loses about the fraction (4/3) damping v of its
+        energy.
     creep
         Slip velocity, m/s, at which friction has 70 % of its largest force.
     points
         Number of contact points of every cell along x and z.
+
+    Returns
+    -------
+    SurfaceContactHandle
+        Handle whose sensors give force, depth, pressure and frictional heat.
+
+    Raises
+    ------
+    UserError
+        A value is invalid, or the cells of the sheet are too large for the curvature of the surface.
     """
     what = f"contact {name!r}"
     check_kind(f"surface of {what}", surface, Surface)
@@ -172,8 +183,8 @@ def add_nip(
     friction, idler_friction
         Friction coefficients of the roller and of the idler (sideways only if it has no body).
     creep, least
-        Slip at which the roller has 70 % of its largest traction: relative to its speed, and m/s at rest; together the
-        root of the sum of their squares.
+        Slip at which the roller has 70 % of its largest traction: relative to its speed, and at rest, m/s. The slip
+        velocity used is the root of the sum of the squares of both.
     contact, entry
         Distance of the two contact points along the feed, and length over which an edge enters, m; None: 1/300 of the
         longer side of the sheet, and 0.4 of the radius, where the gap of the rollers is 0.16 of the radius.
@@ -184,10 +195,19 @@ def add_nip(
         Number of pairs of contact points across the width; None: two per cell, and at least two, which resist rotation.
     idler
         Body of the idler on the other side of the sheet, on a ``Revolute``; it is driven by the sheet and may slip.
-        None: it has
-        no inertia and follows the sheet.
+        None: the idler has no inertia and follows the sheet.
     idler_radius
         Radius of the idler, m; None: that of the roller.
+
+    Returns
+    -------
+    NipHandle
+        Handle whose sensors give normal force, traction, slip and frictional heat.
+
+    Raises
+    ------
+    UserError
+        A value is invalid, or a roller is not on a revolute joint about the axis of the nip.
     """
     what = f"nip {name!r}"
     _of(mechanism, sheet, what)

@@ -1,4 +1,4 @@
-"""What the builder hands back: bodies, cut joints, elastic bodies, and how they are observed and drawn."""
+"""Handles that the builder returns (bodies, cut joints, couplings, forces, elastic bodies) and their sensors."""
 
 from __future__ import annotations
 
@@ -45,7 +45,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """Body of a mechanism, as returned by :meth:`Mechanism.body`."""
+    """Body of a mechanism, as returned by :meth:`Mechanism.body`.
+
+    Attributes
+    ----------
+    name
+        Name, unique in the mechanism.
+    index, parent
+        Numbers of the body and of its parent; the ground is number 0.
+    joint
+        Tree joint that connects the body to its parent.
+    mass, com, inertia
+        Mass, kg, center of mass (3,), m, and inertia about it (3, 3), kg m^2, in the body's frame.
+    """
 
     name: str
     index: int
@@ -56,33 +68,101 @@ class Body:
     inertia: Matrix = field(default_factory=lambda: np.zeros((3, 3)))
 
     def coordinate(self, k: int = 0) -> Sensor:
-        """Joint position k, rad or m."""
+        """Joint position k, rad or m.
+
+        Parameters
+        ----------
+        k
+            Number of the coordinate of the joint, from 0.
+
+        Raises
+        ------
+        UserError
+            The joint has no coordinate of this number.
+        """
         return Coordinate(unit=self._unit(k), item=self, component=k)
 
     def rate(self, k: int = 0) -> Sensor:
-        """Joint velocity k, rad/s or m/s."""
+        """Joint velocity k, rad/s or m/s.
+
+        Parameters
+        ----------
+        k
+            Number of the coordinate of the joint, from 0.
+
+        Raises
+        ------
+        UserError
+            The joint has no coordinate of this number.
+        """
         return Rate(unit=self._unit(k) + "/s", item=self, component=k)
 
     def acceleration(self, k: int = 0) -> Sensor:
-        """Joint acceleration k, rad/s2 or m/s2."""
+        """Joint acceleration k, rad/s2 or m/s2.
+
+        Parameters
+        ----------
+        k
+            Number of the coordinate of the joint, from 0.
+
+        Raises
+        ------
+        UserError
+            The joint has no coordinate of this number.
+        """
         return Acceleration(unit=self._unit(k) + "/s2", item=self, component=k)
 
     def effort(self, k: int = 0) -> Sensor:
-        """Generalized force of the drive of a driven joint, N or N m."""
+        """Generalized force of the drive of a driven joint, N or N m.
+
+        Parameters
+        ----------
+        k
+            Number of the coordinate of the joint, from 0.
+
+        Raises
+        ------
+        UserError
+            The joint has no coordinate of this number.
+        """
         return Effort(unit=effort_unit(self._unit(k)), item=self, component=k)
 
     angle = coordinate
 
     def position(self, axis: str, point: Vector = (0.0, 0.0, 0.0)) -> Sensor:
-        """Global component of the position of a body-fixed point, m."""
+        """Global component of the position of a body-fixed point, m.
+
+        Parameters
+        ----------
+        axis
+            Global axis: ``"x"``, ``"y"`` or ``"z"``.
+        point
+            Point in the frame of the body (3,), m; its origin by default.
+        """
         return PointPosition(unit="m", item=self, component=self._axis(axis), point=self._point(point))
 
     def velocity(self, axis: str, point: Vector = (0.0, 0.0, 0.0)) -> Sensor:
-        """Global component of the velocity of a body-fixed point, m/s."""
+        """Global component of the velocity of a body-fixed point, m/s.
+
+        Parameters
+        ----------
+        axis
+            Global axis: ``"x"``, ``"y"`` or ``"z"``.
+        point
+            Point in the frame of the body (3,), m; its origin by default.
+        """
         return PointVelocity(unit="m/s", item=self, component=self._axis(axis), point=self._point(point))
 
     def point_acceleration(self, axis: str, point: Vector = (0.0, 0.0, 0.0)) -> Sensor:
-        """Global component of the acceleration of a body-fixed point, m/s2."""
+        """Global component of the acceleration of a body-fixed point, m/s2.
+
+        Parameters
+        ----------
+        axis
+            Global axis: ``"x"``, ``"y"`` or ``"z"``.
+        point
+            Point in the frame of the body (3,), m; its origin by default.
+        """
         return PointAcceleration(
             unit="m/s2",
             item=self,
@@ -91,10 +171,20 @@ class Body:
         )
 
     def quaternion(self, k: int) -> Sensor:
-        """Component k = 0 ... 3 of the orientation as a unit quaternion, scalar first.
+        """Component of the orientation as a unit quaternion, scalar first.
 
-        The scalar is not negative, so that the orientation determines the signs: all four are discontinuous where they
-        change, half a turn from the ground's axes.
+        The scalar is not negative, so that the orientation determines the signs. Where the sign changes, half a turn
+        from the ground's axes, all four components are discontinuous.
+
+        Parameters
+        ----------
+        k
+            Number of the component, 0 to 3; 0: the scalar.
+
+        Raises
+        ------
+        UserError
+            k is not 0, 1, 2 or 3.
         """
         if not is_whole(k) or not 0 <= k < 4:
             raise UserError(
@@ -103,20 +193,46 @@ class Body:
         return Quaternion(item=self, component=k)
 
     def direction(self, i: str, j: str) -> Sensor:
-        """Direction cosine A[i, j]: the component along the global axis i of this body's axis j."""
+        """Direction cosine A[i, j]: the component along the global axis i of this body's axis j.
+
+        Parameters
+        ----------
+        i, j
+            Global axis and axis of the body: ``"x"``, ``"y"`` or ``"z"``.
+        """
         return DirectionCosine(item=self, component=self._axis(i), axis=self._axis(j))
 
     def angular_velocity(self, axis: str, frame: str = "global") -> Sensor:
-        """Component of the angular velocity along a global axis, or with ``frame="body"`` a body axis, rad/s."""
+        """Component of the absolute angular velocity, rad/s.
+
+        Parameters
+        ----------
+        axis
+            Axis ``"x"``, ``"y"`` or ``"z"`` of ``frame``.
+        frame
+            ``"global"`` or ``"body"``: the frame whose axis is meant.
+        """
         one_of(f"frame of the angular velocity of body {self.name!r}", frame, ("global", "body"))
         return AngularVelocity(item=self, component=self._axis(axis) + (3 if frame == "body" else 0))
 
     def joint_force(self, axis: str) -> Sensor:
-        """Global component of the force of the tree joint on this body, N."""
+        """Global component of the force of the tree joint on this body, N.
+
+        Parameters
+        ----------
+        axis
+            Global axis: ``"x"``, ``"y"`` or ``"z"``.
+        """
         return JointForce(unit="N", item=self, component=self._axis(axis))
 
     def joint_moment(self, axis: str) -> Sensor:
-        """Global component of the moment of the tree joint on this body about its origin, N m."""
+        """Global component of the moment of the tree joint on this body about its origin, N m.
+
+        Parameters
+        ----------
+        axis
+            Global axis: ``"x"``, ``"y"`` or ``"z"``.
+        """
         return JointForce(unit="N.m", item=self, component=3 + self._axis(axis))
 
     def _axis(self, axis: str) -> int:
@@ -159,7 +275,19 @@ def coordinate_of(what: str, body: Body, given: int | None) -> int:
 
 @dataclass(frozen=True, eq=False)
 class CutHandle:
-    """Cut joint of a mechanism, as returned by :meth:`Mechanism.cut`."""
+    """Loop-closing joint (cut joint) of a mechanism, as returned by :meth:`Mechanism.cut`.
+
+    Attributes
+    ----------
+    name
+        Name, unique among the cut joints and couplings.
+    index
+        Number among the cut joints.
+    cut
+        Type of the joint and its frames.
+    a, b
+        Bodies that it connects.
+    """
 
     name: str
     index: int
@@ -179,8 +307,19 @@ class CutHandle:
         return tuple("rad" if unit == "N.m" else "m" for unit in self.cut.units)
 
     def force(self, row: str = "") -> Sensor:
-        """Force (N) or moment (N m) of one constraint equation on body b: ``x``, ``y``, ``z`` along the axes of the cut
-        frame, which are fixed in body a; for a distance constraint along the line from a to b.
+        """Force (N) or moment (N m) of one constraint equation on body b.
+
+        Parameters
+        ----------
+        row
+            Name of the constraint equation, one of ``rows``: ``x``, ``y``, ``z`` are forces along the axes of the cut
+            frame, which are fixed in body a. A :class:`.DistanceCut` has one equation, ``""``, along the line from a
+            to b.
+
+        Raises
+        ------
+        UserError
+            The joint has no constraint equation of this name.
         """
         if row not in self.cut.rows:
             raise UserError(
@@ -190,7 +329,17 @@ class CutHandle:
         return RowForce(unit=self.cut.units[k], item=self, component=k)
 
     def joint_force(self, axis: str, on: str = "b") -> Sensor:
-        """Global component of the force the cut joint exerts on body ``"a"`` or ``"b"``, N; none by vanishing rows."""
+        """Global component of the force that the cut joint exerts on a body, N.
+
+        Constraint equations that are always satisfied exert no force.
+
+        Parameters
+        ----------
+        axis
+            Global axis: ``"x"``, ``"y"`` or ``"z"``.
+        on
+            Body on which the force acts, ``"a"`` or ``"b"``.
+        """
         one_of(f"body of cut {self.name!r}", on, ("a", "b"))
         component = axis_index(axis, f"of cut {self.name!r}") + (3 if on == "a" else 0)
         return CutForce(unit="N", item=self, component=component)
@@ -198,7 +347,21 @@ class CutHandle:
 
 @dataclass(frozen=True, eq=False)
 class CouplingHandle:
-    """Coupling of two coordinates, as returned by :meth:`Mechanism.couple`."""
+    """Coupling of two joint coordinates, as returned by :meth:`Mechanism.couple`.
+
+    Attributes
+    ----------
+    name
+        Name, unique among the cut joints and couplings.
+    index
+        Number among the couplings.
+    coupling
+        Coupling law.
+    a, b
+        Bodies whose joints are coupled.
+    coordinate_a, coordinate_b
+        Numbers of the coordinates of their joints, from 0.
+    """
 
     name: str
     index: int
@@ -216,7 +379,13 @@ class CouplingHandle:
         return (self.a.joint.units[self.coordinate_a],)
 
     def effort(self, on: str = "a") -> Sensor:
-        """Generalized force on the coordinate of body ``"a"`` or ``"b"``, N or N m."""
+        """Generalized force of the coupling on a joint coordinate, N or N m.
+
+        Parameters
+        ----------
+        on
+            Body whose coordinate is meant, ``"a"`` or ``"b"``.
+        """
         one_of(f"body of coupling {self.name!r}", on, ("a", "b"))
         unit = (self.a.joint.units[self.coordinate_a], self.b.joint.units[self.coordinate_b])["ab".index(on)]
         return CouplingEffort(unit=effort_unit(unit), item=self, component="ab".index(on), bodies=(self.a, self.b))
@@ -224,24 +393,61 @@ class CouplingHandle:
 
 @dataclass(frozen=True, eq=False)
 class ForceHandle:
-    """Force of a mechanism, as returned by :meth:`Mechanism.force`."""
+    """Force element of a mechanism, as returned by :meth:`Mechanism.force`.
+
+    Attributes
+    ----------
+    name
+        Name, unique among the forces and loads.
+    index
+        Number among the forces.
+    load
+        Type of the force and its data.
+    a, b
+        Bodies on which it acts; b is the ground if none was given.
+    """
 
     name: str
-    index: int  # among the forces, and so among all loads
+    index: int
     load: Load
     a: Body
     b: Body
 
     def force(self, axis: str, on: str = "a") -> Sensor:
-        """Global component of the force on body ``"a"`` or ``"b"``, N."""
+        """Global component of the force on a body, N.
+
+        Parameters
+        ----------
+        axis
+            Global axis: ``"x"``, ``"y"`` or ``"z"``.
+        on
+            Body on which the force acts, ``"a"`` or ``"b"``.
+
+        Raises
+        ------
+        UserError
+            The element acts along a joint coordinate; use :meth:`effort`.
+        """
         return self._wrench("N", self._axis(axis), on)
 
     def moment(self, axis: str, on: str = "a") -> Sensor:
-        """Global component of the moment on that body about its origin, N m."""
+        """Global component of the moment on a body about the origin of the body, N m.
+
+        Parameters
+        ----------
+        axis, on
+            As for :meth:`force`.
+        """
         return self._wrench("N.m", 3 + self._axis(axis), on)
 
     def effort(self) -> Sensor:
-        """Generalized force on the coordinate of its joint, N or N m."""
+        """Generalized force on the coordinate of its joint, N or N m.
+
+        Raises
+        ------
+        UserError
+            The element acts on bodies; use :meth:`force` or :meth:`moment`.
+        """
         if not self.load.on_joint:
             raise UserError(
                 f"force {self.name!r} acts on bodies and not along a joint coordinate; use force() or moment()"
@@ -264,6 +470,10 @@ class FlexibleBody:
 
     Attributes
     ----------
+    name, index
+        Name, and number among the elastic bodies.
+    beam
+        Beam and its modes.
     body
         Frame of the beam as a body of the tree without mass, connected to the parent by the joint.
     modes
@@ -279,7 +489,18 @@ class FlexibleBody:
     _sections: dict[float, Body] = field(default_factory=dict)
 
     def section(self, x: float) -> Body:
-        """Return the cross-section at x (m) as a body, for joints, cut joints, loads and outputs."""
+        """Return a cross-section as a body, for joints, cut joints, loads and outputs.
+
+        Parameters
+        ----------
+        x
+            Position along the beam from its origin, m.
+
+        Returns
+        -------
+        Body
+            Body without mass, whose frame moves and rotates with the cross-section.
+        """
         if x not in self._sections:
             self.beam.shape(x)
             joint = Section(beam=self.beam, x=float(x), frame=self.modes)
@@ -287,11 +508,23 @@ class FlexibleBody:
         return self._sections[x]
 
     def deflection(self, x: float) -> Sensor:
-        """Deflection along y at x, m."""
+        """Deflection along y at x, m.
+
+        Parameters
+        ----------
+        x
+            Position along the beam from its origin, m.
+        """
         return Deflection(unit="m", item=self.section(x))
 
     def moment(self, x: float) -> Sensor:
-        """Bending moment E I w'' about z at x, N m; without the damping of the material."""
+        """Bending moment E I w'' about z, N m; without the damping of the material.
+
+        Parameters
+        ----------
+        x
+            Position along the beam from its origin, m.
+        """
         return BendingMoment(unit="N.m", item=self.section(x))
 
 

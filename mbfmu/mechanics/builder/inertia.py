@@ -1,6 +1,6 @@
 """Mass properties of uniform solids, to hand to a body: ``m.body("link", m.ground, joint, **rod(mass=1, length=1))``.
 
-Each returns mass (kg), center of mass (m) and inertia about it (kg m^2) in the body's frame.
+Each function returns mass (kg), center of mass (m) and inertia about it (kg m^2) in the body's frame.
 """
 
 from __future__ import annotations
@@ -21,7 +21,25 @@ ORIGIN = (0.0, 0.0, 0.0)
 
 
 def rod(*, mass: float, length: float) -> dict[str, Any]:
-    """Mass properties of a uniform slender rod along x from the body's origin (along -x for a negative length)."""
+    """Mass properties of a uniform slender rod along x from the body's origin.
+
+    Parameters
+    ----------
+    mass
+        Mass, kg.
+    length
+        Length, m; negative: the rod extends along -x.
+
+    Returns
+    -------
+    dict
+        ``mass`` (kg), ``com`` (3,) (m) and ``inertia`` about it (kg m^2), in the body's frame.
+
+    Raises
+    ------
+    UserError
+        A value is not finite.
+    """
     mass, length = finite("mass of a rod", mass), finite("length of a rod", length)
     transverse = mass * length * length / 12.0
     return {"mass": mass, "com": (0.5 * length, 0.0, 0.0), "inertia": (0.0, transverse, transverse)}
@@ -33,13 +51,23 @@ def box(*, mass: float, size: Vector, com: Vector = ORIGIN, rotation: Any = None
     Parameters
     ----------
     mass
-        kg.
+        Mass, kg.
     size
         Lengths of the edges along x, y, z, m.
     com
-        Its center in the body's frame, m; the body's origin by default.
+        Center of the box in the body's frame, m; the body's origin by default.
     rotation
         3x3 rotation matrix whose columns are the directions of the edges; None: the body's axes.
+
+    Returns
+    -------
+    dict
+        ``mass`` (kg), ``com`` (3,) (m) and ``inertia`` about it (kg m^2), in the body's frame.
+
+    Raises
+    ------
+    UserError
+        A mass or a length is negative or not finite.
     """
     x, y, z = lengths("size of a box", size)
     R = rotation_matrix("rotation of a box", rotation)
@@ -53,13 +81,23 @@ def cylinder(*, mass: float, radius: float, length: float, axis: Axis = "z", com
     Parameters
     ----------
     mass
-        kg.
+        Mass, kg.
     radius, length
-        m.
+        Radius and length, m.
     axis
         Axis of the cylinder in the body's frame.
     com
-        Its center in the body's frame, m; the body's origin by default.
+        Center of the cylinder in the body's frame, m; the body's origin by default.
+
+    Returns
+    -------
+    dict
+        ``mass`` (kg), ``com`` (3,) (m) and ``inertia`` about it (kg m^2), in the body's frame.
+
+    Raises
+    ------
+    UserError
+        A mass or a length is negative or not finite.
     """
     return _round("cylinder", mass, radius, 0.0, length, axis, com)
 
@@ -72,13 +110,23 @@ def tube(
     Parameters
     ----------
     mass
-        kg.
+        Mass, kg.
     outer, inner
         Outer and inner radius, m; inner is less than outer, or equal for a thin wall.
     length
-        m.
+        Length, m.
     axis, com
         As for :func:`cylinder`.
+
+    Returns
+    -------
+    dict
+        ``mass`` (kg), ``com`` (3,) (m) and ``inertia`` about it (kg m^2), in the body's frame.
+
+    Raises
+    ------
+    UserError
+        A mass or a length is negative or not finite, or the inner radius is the larger one.
     """
     if positive("outer radius of a tube", outer) < positive("inner radius of a tube", inner):
         raise UserError(f"inner radius of a tube is {inner!r} m; allowed: no more than the outer one, {outer!r} m")
@@ -86,7 +134,27 @@ def tube(
 
 
 def sphere(*, mass: float, radius: float, com: Vector = ORIGIN) -> dict[str, Any]:
-    """Mass properties of a uniform solid sphere of ``radius`` (m); its center ``com`` is the origin by default."""
+    """Mass properties of a uniform solid sphere.
+
+    Parameters
+    ----------
+    mass
+        Mass, kg.
+    radius
+        Radius, m.
+    com
+        Center of the sphere in the body's frame, m; the body's origin by default.
+
+    Returns
+    -------
+    dict
+        ``mass`` (kg), ``com`` (3,) (m) and ``inertia`` about it (kg m^2), in the body's frame.
+
+    Raises
+    ------
+    UserError
+        A mass or a length is negative or not finite.
+    """
     r = positive("radius of a sphere", radius)
     moment = 0.4 * not_negative("mass of a sphere", mass) * r * r
     return {"mass": float(mass), "com": vector("com of a sphere", com), "inertia": (moment, moment, moment)}

@@ -154,6 +154,16 @@ class Mechanism(Appearance):
             Center of mass in the body's frame, m.
         inertia
             Inertia about the center of mass, body axes, kg m^2: three principal values or a 3x3 matrix.
+
+        Returns
+        -------
+        Body
+            Handle of the body: parent of other bodies, and source of sensors.
+
+        Raises
+        ------
+        UserError
+            The name is used already, the parent is not a body of this mechanism, or a value is invalid.
         """
         self._new_name("body", name, self._bodies_named)
         self._member(parent, f"parent of body {name!r}")
@@ -187,7 +197,17 @@ class Mechanism(Appearance):
         parent, joint
             As for :meth:`body`; the joint places the frame of the beam, whose axis is along x.
         beam
-            The beam and its modes.
+            Beam and its modes.
+
+        Returns
+        -------
+        FlexibleBody
+            Handle of the elastic body: its cross-sections carry joints, loads and sensors.
+
+        Raises
+        ------
+        UserError
+            As for :meth:`body`; ``beam`` is not a Beam.
         """
         if not isinstance(beam, Beam):
             raise UserError(f"beam of elastic body {name!r} is {beam!r}; it must be a Beam")
@@ -197,13 +217,43 @@ class Mechanism(Appearance):
         return self.flexible_bodies[-1]
 
     def add_section(self, name: str, parent: Body, joint: Section) -> Body:
-        """Append a cross-section of an elastic body; use :meth:`FlexibleBody.section`."""
+        """Append a cross-section of an elastic body; users call :meth:`FlexibleBody.section`.
+
+        Parameters
+        ----------
+        name
+            Unique name among the bodies.
+        parent
+            Body of the modes.
+        joint
+            Cross-section.
+        """
         self._new_name("body", name, self._bodies_named)
         new = Body(name, len(self.bodies), parent.index, joint)
         return self._append(new)
 
     def cut(self, name: str, cut: Cut, a: Body, b: Body) -> CutHandle:
-        """Close a loop with a cut joint between bodies a and b."""
+        """Close a loop with a cut joint between bodies a and b.
+
+        Parameters
+        ----------
+        name
+            Unique name among the cut joints and couplings.
+        cut
+            Loop-closing joint (cut joint), such as ``RevoluteCut(at_a=..., at_b=...)``.
+        a, b
+            Bodies of this mechanism or its ground.
+
+        Returns
+        -------
+        CutHandle
+            Handle whose sensors give the forces of the joint.
+
+        Raises
+        ------
+        UserError
+            The name is used already, a body is not one of this mechanism, or the joint is invalid.
+        """
         self._new_name("cut", name, [c.name for c in self.constraints])
         check_kind(f"cut {name!r}", cut, Cut)
         self._member(a, f"body a of cut {name!r}")
@@ -236,6 +286,16 @@ class Mechanism(Appearance):
             Bodies of this mechanism; either joint may be driven.
         coordinate_a, coordinate_b
             Number of the coordinate, from 0, if the joint has several; not one of a quaternion.
+
+        Returns
+        -------
+        CouplingHandle
+            Handle whose sensors give the generalized forces.
+
+        Raises
+        ------
+        UserError
+            The name is used already, a coordinate does not exist, or the law does not fit its unit.
         """
         what = f"coupling {name!r}"
         self._new_name("coupling", name, [c.name for c in self.constraints])
@@ -257,7 +317,28 @@ class Mechanism(Appearance):
         return [*self.cuts, *self.couplings]
 
     def force(self, name: str, force: Force, a: Body, b: Body | None = None) -> ForceHandle:
-        """Add a force on body a (and b); joint forces act on the tree joint of a."""
+        """Add a force on body a (and b); joint forces act on the tree joint of a.
+
+        Parameters
+        ----------
+        name
+            Unique name among the forces and loads.
+        force
+            Force element, such as :class:`.Spring` or :class:`.JointForce`.
+        a, b
+            Bodies of this mechanism; b is the ground by default. Elements of a joint coordinate, such as
+            :class:`.JointForce`, act on the tree joint of a, which has one coordinate.
+
+        Returns
+        -------
+        ForceHandle
+            Handle whose sensors give the force.
+
+        Raises
+        ------
+        UserError
+            The name is used already, a body is not one of this mechanism, or the element is invalid.
+        """
         self._new_name("force", name, self._loads_named())
         check_kind(f"force {name!r}", force, Force)
         self._member(a, f"body a of force {name!r}")
@@ -272,7 +353,15 @@ class Mechanism(Appearance):
         return ForceHandle(name, len(self.forces) - 1, force, a, other)
 
     def plate(self, plate: Plate | Shell, a: Body, b: Body, c: Body, d: Body) -> None:
-        """Add a plate element between bodies at its corners (0, 0), (a, 0), (a, b), (0, b) of their x-z plane."""
+        """Add a plate element between bodies at its corners (0, 0), (a, 0), (a, b), (0, b) of their x-z plane.
+
+        Parameters
+        ----------
+        plate
+            Plate or shell element.
+        a, b, c, d
+            Four different bodies at the corners, in this order.
+        """
         if not isinstance(plate, Plate | Shell):
             raise UserError(f"plate is {plate!r}; it must be a Plate or a Shell")
         plate.check("a plate")
@@ -320,8 +409,19 @@ class Mechanism(Appearance):
         self.others.append(Acting(name, load, bodies))
 
     def load_all(self, name: str, loads: Sequence[tuple[Load, tuple[Body, ...]]]) -> int:
-        """Add loads of one name, each on its bodies, such as those of the cells of a sheet; return the number of
-        the first among ``others``.
+        """Add loads of one name, each on its bodies, such as those of the cells of a sheet.
+
+        Parameters
+        ----------
+        name
+            Unique name among the forces and loads.
+        loads
+            Pairs of a load and the bodies on which it acts.
+
+        Returns
+        -------
+        int
+            Number of the first of these loads among ``others``.
         """
         self._new_name("load", name, self._loads_named())
         for load, bodies in loads:
@@ -362,23 +462,62 @@ class Mechanism(Appearance):
             raise UserError(f"corners of {what} are {[body.name for body in nodes]}; it needs four bodies")
 
     def turn(self, body: Body) -> Sensor:
-        """Absolute angle (rad) of a body that is connected to the ground by parallel revolutes; counts full turns."""
+        """Absolute angle (rad) of a body that is connected to the ground by parallel revolutes; counts full turns.
+
+        Parameters
+        ----------
+        body
+            Body of this mechanism.
+
+        Raises
+        ------
+        UserError
+            A joint between the body and the ground is not a parallel revolute joint or a beam.
+        """
         return Turn(unit="rad", item=self._planar(body))
 
     def turn_rate(self, body: Body) -> Sensor:
-        """Rate of :meth:`turn`, rad/s."""
+        """Rate of :meth:`turn`, rad/s.
+
+        Parameters
+        ----------
+        body
+            As for :meth:`turn`.
+        """
         return Turn(unit="rad/s", item=self._planar(body), component=1)
 
     def distance(self, a: Body, b: Body, *, at_a: Vector = ORIGIN, at_b: Vector = ORIGIN) -> Sensor:
-        """Distance between a point of body a and one of body b (m, body frames), m."""
+        """Distance between a point of body a and one of body b (m, body frames), m.
+
+        Parameters
+        ----------
+        a, b
+            Bodies of this mechanism or its ground.
+        at_a, at_b
+            Points in the frames of the bodies (3,), m; their origins by default.
+        """
         return Distance(unit="m", bodies=(a, b), **_points("the distance", a, at_a, b, at_b))
 
     def distance_rate(self, a: Body, b: Body, *, at_a: Vector = ORIGIN, at_b: Vector = ORIGIN) -> Sensor:
-        """Rate of :meth:`distance`, m/s; zero where the points coincide."""
+        """Rate of :meth:`distance`, m/s; zero where the points coincide.
+
+        Parameters
+        ----------
+        a, b, at_a, at_b
+            As for :meth:`distance`.
+        """
         return DistanceRate(unit="m/s", bodies=(a, b), **_points("the distance", a, at_a, b, at_b))
 
     def angle_between(self, a: Body, axis_a: str | Sequence[float], b: Body, axis_b: str | Sequence[float]) -> Sensor:
-        """Angle between an axis of body a and one of body b, from 0 to pi, rad; it has a kink at both."""
+        """Angle between an axis of body a and one of body b, from 0 to pi, rad; it has a kink at both.
+
+        Parameters
+        ----------
+        a, b
+            Bodies of this mechanism or its ground.
+        axis_a, axis_b
+            Axes in the frames of the bodies: ``"x"``, ``"y"``, ``"z"``, or a vector (3,).
+        """
         what = f"the angle between {_named(a)} and {_named(b)}"
         axes: dict[str, Any] = {
             "at_a": unit_axis(axis_a, f"axis_a of {what}"),
@@ -387,13 +526,29 @@ class Mechanism(Appearance):
         return AngleBetween(bodies=(a, b), **axes)
 
     def relative_position(self, b: Body, a: Body, axis: str, *, at_b: Vector = ORIGIN, at_a: Vector = ORIGIN) -> Sensor:
-        """Component along an axis of body a of the vector from a point of a to one of b (m, body frames), m."""
+        """Component along an axis of body a of the vector from a point of a to one of b (m, body frames), m.
+
+        Parameters
+        ----------
+        b, a
+            Bodies of this mechanism or its ground: the position of b relative to a.
+        axis
+            Axis of body a: ``"x"``, ``"y"`` or ``"z"``.
+        at_b, at_a
+            Points in the frames of the bodies (3,), m; their origins by default.
+        """
         component = axis_index(axis, f"of {_named(b)} relative to {_named(a)}")
         points = _points("the way", a, at_a, b, at_b)
         return RelativePosition(unit="m", bodies=(a, b), component=component, **points)
 
     def relative_velocity(self, b: Body, a: Body, axis: str, *, at_b: Vector = ORIGIN, at_a: Vector = ORIGIN) -> Sensor:
-        """Rate of :meth:`relative_position`, the velocity relative to body a, m/s."""
+        """Rate of :meth:`relative_position`, the velocity relative to body a, m/s.
+
+        Parameters
+        ----------
+        b, a, axis, at_b, at_a
+            As for :meth:`relative_position`.
+        """
         component = axis_index(axis, f"of {_named(b)} relative to {_named(a)}")
         points = _points("the way", a, at_a, b, at_b)
         return RelativeVelocity(unit="m/s", bodies=(a, b), component=component, **points)
@@ -412,7 +567,25 @@ class Mechanism(Appearance):
         return body
 
     def output(self, name: str, sensor: Sensor, description: str = "", nominal: float | None = None) -> None:
-        """Add an output with a structured name such as ``crank.angle``."""
+        """Add an output with a structured name such as ``crank.angle``.
+
+        Parameters
+        ----------
+        name
+            Unique name of the output, in the FMU and in results.
+        sensor
+            Sensor, such as ``body.angle()`` or ``mechanism.energy``; it determines the unit.
+        description
+            Description of the output variable of the FMU.
+        nominal
+            Nominal value that the FMU states for the output: a typical size in the unit of the sensor; None: it follows
+            from the unit and the mechanism.
+
+        Raises
+        ------
+        UserError
+            The name is used already, or the sensor is not one of this mechanism.
+        """
         self._new_name("output", name, [o[0] for o in self.outputs])
         if not isinstance(sensor, Sensor):
             raise UserError(f"output {name!r} is {sensor!r}; it must be a sensor, such as Body.angle()")
@@ -433,7 +606,18 @@ class Mechanism(Appearance):
         raise missing_attribute("a Mechanism", name)
 
     def show_outputs(self, *names: str) -> None:
-        """Show outputs as text in animations: large on the page, and in pictures and films."""
+        """Show outputs as text in animations: large on the page, and in pictures and films.
+
+        Parameters
+        ----------
+        *names
+            Names of outputs.
+
+        Raises
+        ------
+        UserError
+            A name is not an output of this mechanism.
+        """
         known = [output[0] for output in self.outputs]
         for name in names:
             if name not in known:

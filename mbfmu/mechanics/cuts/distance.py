@@ -46,7 +46,13 @@ def evaluate(cut: Any, A: Any, B: Any, row: int, state: Any) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class DistanceCut(Cut):
-    """Distance constraint: massless rod of ``length`` (m) with a spherical joint at each end."""
+    """Distance constraint: massless rod with a spherical joint at each end.
+
+    Parameters
+    ----------
+    length
+        Length of the rod, m.
+    """
 
     record = np.dtype([*CUT.descr, ("length", np.float64)], align=True)
     rows = ("",)

@@ -174,7 +174,18 @@ class Beam:
         return np.sqrt(self._solved[0])
 
     def shape(self, x: float) -> tuple[Array, Array]:
-        """Return deflection and slope (modes,) of every mode at x (m)."""
+        """Return deflection and slope of every mode at a cross-section.
+
+        Parameters
+        ----------
+        x
+            Position along the beam from its origin, m.
+
+        Returns
+        -------
+        tuple[Array, Array]
+            Deflections (modes,), dimensionless, and slopes (modes,), 1/m, for an amplitude of 1 m.
+        """
         if not 0.0 <= finite("place on a beam", x) <= self.length:
             raise UserError(f"place on a beam is {x!r} m; allowed: 0 to {self.length}")
         w, slope = self._hermite(x)
@@ -182,8 +193,20 @@ class Beam:
         return w @ shapes, slope @ shapes
 
     def moment(self, x: float) -> Array:
-        """Return the bending moment E I phi'' (modes,) at x, N; linear between nodes.
+        """Return the bending moment E I phi'' of every mode at a cross-section; linear between nodes.
 
+        Parameters
+        ----------
+        x
+            Position along the beam from its origin, m.
+
+        Returns
+        -------
+        Array
+            Moments (modes,), N m per m of amplitude.
+
+        Notes
+        -----
         At a node from the balance of its element with the inertia of the mode, which is of the order of the shapes;
         curvatures of the shapes themselves are of second order only.
         """
@@ -210,7 +233,18 @@ class Beam:
         return x, lengths, np.array([s[0] for s in shapes]), np.array([s[1] for s in shapes])
 
     def shortening(self, x: float) -> Array:
-        """Return G(x) (modes, modes), 1/m: bending shifts the point at x back by p^T G p / 2."""
+        """Return the geometric shortening of the beam by bending at a cross-section.
+
+        Parameters
+        ----------
+        x
+            Position along the beam from its origin, m.
+
+        Returns
+        -------
+        Array
+            G (modes, modes), 1/m: amplitudes p (m) shift the point at x back by p^T G p / 2.
+        """
         if x == 0.0:
             return np.zeros((self.modes, self.modes))
         _, lengths, _, slope = self._integrate(x)
@@ -218,7 +252,13 @@ class Beam:
         return G
 
     def fill(self, record: Any) -> None:
-        """Write mass, modes and stiffness into an ``FLEXIBLE`` record."""
+        """Write mass, modes and stiffness into a record for kernels.
+
+        Parameters
+        ----------
+        record
+            Record of the type ``FLEXIBLE``.
+        """
         L, n = self.length, self.modes
         x, lengths, phi, slope = self._integrate(L)
         rho = self.mass / L * lengths
@@ -232,7 +272,15 @@ class Beam:
         record["g1"][:n, :n] = np.einsum("x,xk,xl->kl", 0.5 * rho * (L**2 - x**2), slope, slope)
 
     def fill_node(self, x: float, record: Any) -> None:
-        """Write the cross-section at x into a ``NODE`` record."""
+        """Write a cross-section into a record for kernels.
+
+        Parameters
+        ----------
+        x
+            Position along the beam from its origin, m.
+        record
+            Record of the type ``NODE``.
+        """
         n = self.modes
         phi, slope = self.shape(x)
         record["x"], record["phi"][:n], record["slope"][:n] = x, phi, slope

@@ -124,7 +124,13 @@ class Joint(Kind):
 
 @dataclass(frozen=True, kw_only=True)
 class AxisJoint(Joint):
-    """A joint with an axis."""
+    """Base class of joints with an axis.
+
+    Parameters
+    ----------
+    axis
+        Axis in the joint frame: ``"x"``, ``"y"``, ``"z"``, or a vector (3,) of any length.
+    """
 
     record = np.dtype([("axis", np.float64, (3,))], align=True)  # unit vector in the joint frame
 

@@ -43,10 +43,12 @@ def power(force: Any, t: float, arrays: Any, state: Any) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class DistanceStop(Force):
-    """End stops of the distance between ``at_a`` on body a and ``at_b`` on body b (m, body frames).
+    """End stops of the distance between a point of body a and a point of body b.
 
     Parameters
     ----------
+    at_a, at_b
+        Points in the frames of bodies a and b, m.
     lower, upper
         Limits of the distance, m; upper alone is a rope of that length, lower alone a buffer. None: no limit on that
         side.

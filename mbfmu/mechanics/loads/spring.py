@@ -115,16 +115,19 @@ def kernels_of(f: Any) -> tuple[Any, Any]:
 
 @dataclass(frozen=True, kw_only=True)
 class Spring(ElasticForce):
-    """Translational spring-damper from ``at_a`` on body a to ``at_b`` on body b (m, body frames).
+    """Translational spring-damper between a point of body a and a point of body b.
 
     Parameters
     ----------
-    stiffness, damping
-        Stiffness, N/m, and damping, N s/m; a ``Table`` in place of a stiffness gives the force over the elongation x,
-        as does a function ``lambda x: ...`` or an
-        expression ``"3 * x**3"``: the work of such a function is computed, its energy is not.
+    stiffness
+        Stiffness, N/m. A ``Table``, a function ``lambda x: ...`` or an expression ``"3 * x**3"`` gives the force (N)
+        over the elongation x (m) instead; for functions and expressions work is computed, energy is not.
+    damping
+        Damping, N s/m.
+    at_a, at_b
+        End points in the frames of bodies a and b, m.
     free
-        Free length, m. If the ends coincide the damper acts along their relative velocity, and the elastic force
+        Free length, m. If the ends coincide, the damper acts along their relative velocity, and the elastic force
         has no direction and is omitted; a message reports this if it occurs at the start and ``free`` is not zero.
     """
 

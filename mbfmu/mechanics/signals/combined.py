@@ -35,7 +35,13 @@ def product(signal: Any, t: float, arrays: Any) -> tuple[float, float, float]:
 
 @dataclass(frozen=True, init=False)
 class Combined(Signal):
-    """Two or more signals, numbers among them."""
+    """Base class of sums and products.
+
+    Parameters
+    ----------
+    *parts
+        Two or more signals or numbers.
+    """
 
     record = PAIR
 

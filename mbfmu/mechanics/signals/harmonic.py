@@ -37,7 +37,17 @@ def longest_step(signal: Any, t: float, arrays: Any) -> tuple[float, float]:
 
 @dataclass(frozen=True, kw_only=True)
 class Harmonic(Signal):
-    """mean + amplitude sin(2 pi frequency t + phase); frequency in Hz, phase in rad."""
+    """Harmonic: mean + amplitude sin(2 pi frequency t + phase).
+
+    Parameters
+    ----------
+    amplitude, mean
+        Amplitude and mean value, in the unit of the driven quantity.
+    frequency
+        Frequency, Hz.
+    phase
+        Phase at t = 0, rad.
+    """
 
     record = np.dtype(
         [

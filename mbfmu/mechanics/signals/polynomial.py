@@ -62,7 +62,13 @@ class Coefficients(Signal):
 
 @dataclass(frozen=True)
 class Polynomial(Coefficients):
-    """c0 + c1 t + c2 t^2 + c3 t^3."""
+    """Polynomial of time: c0 + c1 t + c2 t^2 + c3 t^3, t in s.
+
+    Parameters
+    ----------
+    c
+        One to four coefficients, from the constant one; unit of the driven quantity per s^k.
+    """
 
     c: Sequence[float]
 
@@ -92,7 +98,7 @@ class Input(Coefficients):
         drive is O(h^2) at communication points at a distance h, without it O(h); without a rate it does not include
         inertia.
     start
-        Value until the importing tool sets one.
+        Value until the importing tool sets one, in ``unit``.
 
     Raises
     ------
@@ -153,7 +159,7 @@ class SpeedInput(Coefficients):
     name, unit, description
         Name, unit and description of the input variable of the FMU; ``unit`` is rad/s or m/s.
     start
-        Speed until the importing tool sets one.
+        Speed until the importing tool sets one, in ``unit``.
     """
 
     name: str

@@ -50,7 +50,17 @@ def longest_step(signal: Any, t: float, arrays: Any) -> tuple[float, float]:
 
 @dataclass(frozen=True, kw_only=True)
 class RunUp(Signal):
-    """Run-up from rest to ``speed`` (rad/s or m/s) within ``duration`` (s); the coordinate starts at ``start``."""
+    """Run-up of a driven joint from rest to constant speed.
+
+    Parameters
+    ----------
+    speed
+        Final speed, rad/s or m/s.
+    duration
+        Duration of the run-up, s.
+    start
+        Position of the coordinate at t = 0, rad or m.
+    """
 
     record = np.dtype(
         [

@@ -56,9 +56,20 @@ def longest_step(signal: Any, t: float, arrays: Any) -> tuple[float, float]:
 
 @dataclass(frozen=True, kw_only=True)
 class Step(Signal):
-    """Rise from ``offset`` by ``height`` at ``begin`` (s) within ``duration`` (s); a jump if the duration is zero.
+    """Step: smooth rise from one value to another, or a jump.
 
     With a duration it is smooth and can drive a joint.
+
+    Parameters
+    ----------
+    height
+        Difference of final and initial value, in the unit of the driven quantity.
+    begin
+        Time at which the rise begins, s.
+    duration
+        Duration of the rise, s; 0: a jump.
+    offset
+        Initial value, in the unit of the driven quantity.
     """
 
     record = np.dtype(
@@ -108,7 +119,7 @@ class Step(Signal):
 
 @dataclass(frozen=True, kw_only=True)
 class Ramp(Step):
-    """Linear rise from ``offset`` by ``height``, from ``begin`` (s) on within ``duration`` (s).
+    """Ramp: linear rise, with the parameters of :class:`Step`.
 
     Its rate is discontinuous, so it can be used for loads only; for joints use a :class:`Step` with a duration, or a
     ``RunUp``.

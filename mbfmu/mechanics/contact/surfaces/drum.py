@@ -32,7 +32,17 @@ def gap(drum: Any, state: Any) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Drum(Surface):
-    """Outer surface of a cylinder of ``radius`` and ``length`` (m) about an ``axis`` through its middle ``at``."""
+    """Outer surface of a circular cylinder, such as a roller.
+
+    Parameters
+    ----------
+    radius, length
+        Radius and length, m.
+    at
+        Center in the frame of the body that carries the surface, m.
+    axis
+        Axis in that frame: ``"x"``, ``"y"``, ``"z"``, or a vector (3,).
+    """
 
     record = np.dtype([*FRAME, ("radius", np.float64), ("length", np.float64)])
     gap = gap

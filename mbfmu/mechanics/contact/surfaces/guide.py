@@ -39,10 +39,19 @@ def gap(guide: Any, state: Any) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Guide(Surface):
-    """Plate from ``start`` to ``end`` (m), rounded by ``radius`` at all edges, with ``width`` (m) across.
+    """Straight guide plate with rounded edges; several plates end to end guide a sheet around a bend.
 
-    ``across`` is the direction of its width, normal to the line from start to end, which lie in the middle of the
-    width. Several plates end to end guide a sheet around a bend.
+    Parameters
+    ----------
+    start, end
+        Ends of the plate, in the middle of its width, m, in the frame of the body that carries the surface.
+    radius
+        Radius of the rounded edges, half the thickness of the plate, m.
+    width
+        Width, m.
+    across
+        Direction of the width in that frame, normal to the line from ``start`` to ``end``: ``"x"``, ``"y"``,
+        ``"z"``, or a vector (3,).
     """
 
     record = np.dtype([*FRAME, ("length", np.float64), ("radius", np.float64), ("width", np.float64)])

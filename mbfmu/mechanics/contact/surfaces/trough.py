@@ -38,8 +38,20 @@ def gap(trough: Any, state: Any) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Trough(Surface):
-    """Inner surface of a cylinder of ``radius`` and ``length`` (m) about an ``axis`` through ``at``, within
-    ``angle`` / 2 (rad, at most pi) of the direction ``towards``.
+    """Part of the inner surface of a circular cylinder, such as a curved guide.
+
+    Parameters
+    ----------
+    radius, length
+        Radius and length, m.
+    angle
+        Angle of the arc, rad, at most pi: it extends by half of this to both sides of ``towards``.
+    towards
+        Direction from the axis to the middle of the arc, normal to ``axis``.
+    at
+        Center of the cylinder in the frame of the body that carries the surface, m.
+    axis
+        Axis of the cylinder in that frame: ``"x"``, ``"y"``, ``"z"``, or a vector (3,).
     """
 
     record = np.dtype([("half", np.float64), *FRAME, ("radius", np.float64), ("length", np.float64)])

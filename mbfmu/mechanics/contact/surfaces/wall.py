@@ -31,7 +31,15 @@ def gap(wall: Any, state: Any) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Wall(Surface):
-    """Infinite plane through ``at`` (m) whose ``normal`` points to the sheet, in the axes of its body."""
+    """Infinite plane.
+
+    Parameters
+    ----------
+    at
+        Point of the plane in the frame of the body that carries the surface, m.
+    normal
+        Normal that points to the sheet, in that frame: ``"x"``, ``"y"``, ``"z"``, or a vector (3,).
+    """
 
     record = np.dtype([("origin", np.float64, (3,)), ("normal", np.float64, (3,))])
     gap = gap
