@@ -8,11 +8,13 @@ solvers. ``--cases`` and ``--solvers`` restrict what is run; then nothing is wri
 from __future__ import annotations
 
 import argparse
+import platform
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from datetime import date
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -33,57 +35,101 @@ from mechanisms import CASES, GAPS, Case, grashof, n_four_bar, parallelogram  # 
 from overconstrained import OVERCONSTRAINED  # noqa: E402
 
 import mbfmu as mb  # noqa: E402
-from mbfmu.mechanics import Mechanism  # noqa: E402
+from mbfmu.mechanics import Mechanism, Plant  # noqa: E402
+from mbfmu.table import power  # noqa: E402
 
 SOLVERS = ("ida", "adams", "hybrid", "radau", "esdirk")
 LOOPS_AT_ONCE = (*range(1, 13), 15, 20, 25, 30, 35, 40)
-LARGE_TREE = 60  # coordinates up to which solvers use dense matrices
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10)
 POINTS = 81
 PAGE, PICTURE = ROOT / "docs" / "hard_cases.md", ROOT / "docs" / "images" / "near_misses.png"
 
-INTRODUCTION = """# Hard cases: singular, redundant and ill-conditioned mechanisms
+INTRODUCTION = """# Hard cases: validation of singular, redundant and ill-conditioned mechanisms
 
-This page is written by `benchmarks/hard_cases.py`. Each case is run with each solver and compared with a reference
-that shares no code with the solvers: the motion in closed form or from equations derived by hand if available,
-otherwise maximal coordinates with redundant constraints removed by rank, integrated by SciPy's DOP853 at 1e-11 with
-projection. The results of a run are classified as follows:
+This page is written by `benchmarks/hard_cases.py`. Each mechanism is simulated with each solver that accepts it, and
+compared with a reference that shares no code with mbfmu: the motion in closed form or from equations derived by hand
+if available, otherwise maximal coordinates with redundant constraints removed by rank, integrated by SciPy's DOP853
+at 1e-11 with projection. For mechanisms of your own `mbfmu check SCENE` reports whether they are such cases,
+[choosing](choosing.md) helps to select a solver, and [limitations](limitations.md#loops) lists what is known to fail.
 
-- **right**: the error is below 100 rtol A(t), where rtol is the tolerance and A(t) the factor by which errors grow
-  in this motion. The table gives the largest error (in lengths of the mechanism or rad) and the time of the run on
-  the machine that wrote this page. Errors are compared while 100 rtol A is below 0.1; after that the loops must be
-  closed and the energy must be conserved.
-- **warned**: the error is larger, and the run reports that its result may be wrong.
-- **refused**: the run stops with an error message, which is printed below the table.
-- **wrong**: none of these.
+## How runs are classified
 
-If a singular configuration is missed by 1e-8 or less, rounding errors have a larger influence than a tolerance of
-1e-10: `adams` and `hybrid` then use a larger tolerance, report it, and are compared at that tolerance. `mbfmu check
-SCENE` reports whether a scene is such a case."""
+A(t) is the factor by which errors grow in the motion: the reference is repeated with a random error of 1e-7 at each
+output time, and A is the largest deviation until t divided by 1e-7. A run at the relative tolerance rtol is
+
+- **right** if its error is at most 100 rtol A(t) at all times until 100 rtol A exceeds 0.1, its loops remain closed,
+  and a system without damping and drives conserves its energy within 2 %. After that time errors may have grown so
+  far that positions are not compared; a change to another branch would then be noticed only by its energy. If it is
+  before the end, the cell gives it.
+- **warned** if the error is larger and the run reports that its result may be wrong,
+- **refused** if the run stops with an error message,
+- **wrong** otherwise.
+
+If a singular configuration is missed by 1e-8 lengths or less, rounding errors have a larger influence than a
+tolerance of 1e-10. `adams` and `hybrid` then use a larger tolerance and report it. They are compared at that
+tolerance, which is given in the cell.
+
+Cells contain the largest error, in rad or in lengths of the mechanism, and the CPU time without compilation, a single
+measurement that may be off by a factor of two. Lower tolerances are compared for a longer time, so that an error may
+grow from column to column."""
 
 LOOPS = """## Loops that are singular, redundant, driven or long
 
-A four-bar *+ 1e-5* has a rod that is 10 um too long for its singular configuration. A case named *singular* passes
-exactly through a singular configuration."""
+Columns give the relative tolerance. *+ 1e-5*: the last link is 1e-5 m longer than in the mechanism that passes
+exactly through its singular configuration, so that it misses this configuration."""
 
-WITHOUT_LOOPS = """## Trees: ill-conditioned mass matrices, many coordinates, turning bases, stops
+WITHOUT_LOOPS = """## Trees: light bodies, many coordinates, driven rotating bases, stops
 
-Above 60 coordinates the solvers use the structure of the tree and no dense matrices. Cases on both sides of this
-limit are included."""
+Mechanisms without loops and with more than 60 coordinates are solved by recursions along the tree and not by dense
+matrices. Cases on both sides of this limit are included. `esdirk` accepts large models only."""
 
 AT_ONCE = """## Loops that are singular at the same instant
 
 Benchmark A02 of the IFToMM library: N four-bars in a row, 2 s, with the exact motion of one degree of freedom. All
 loops are singular at the same instant, first at 0.7 s. *Serial*: the tree is a chain with a loop-closing joint (cut
-joint) at the foot of each column. *Grounded*: the columns are connected to the ground, with a cut joint at the end
-of each coupler. Cells give the number of runs over N = {counts}, and the largest error of those that are right."""
+joint) at the foot of each column. *Grounded*: the columns are connected to the ground, with a cut joint at the end of
+each coupler. Cells give the number of runs over N = {counts}, and the largest error of those that are right."""
 
 MISSES = """## Near misses
 
 ![Error against the gap, for every solver and tolerance](images/near_misses.png)
 
-*Largest error over the time in which errors are compared, which is shorter at large tolerances. Circles: parallel
-four-bar; squares: Grashof four-bar.*"""
+*Largest error over the compared time, which is shorter at large tolerances. Circles: parallelogram; squares: Grashof
+four-bar. A link is too long or too short by the gap; both are drawn. The error decreases with the tolerance at every
+gap. At 1e-9 m rounding limits it to about 1e-5.*"""
+
+SOURCES = {
+    "parallelogram": (
+        "four-bar, links 1, 3, 1, 3 m",
+        "passes 17 times in 10 s the configuration with all links in line",
+    ),
+    "grashof": ("four-bar, links 1, 2.5, 2, 3.5 m", "passes near the configuration with all links in line"),
+    "three cranks": (
+        "coupler on three parallel cranks",
+        "one crank is redundant; *singular*: passes the line of all links",
+    ),
+    "table": ("plate on four equal cranks, three by ball joints", "six constraint equations of rank four"),
+    "double parallelogram": (
+        "two parallelograms, one on the coupler of the other",
+        "*singular*: one of them passes its singularity",
+    ),
+    "slider-crank": ("crank and rod of equal length", "the slider passes the center of the crank"),
+    "bricard": ("six rods along the edges of a cube (Bricard)", "one of five constraint equations is redundant"),
+    "ladder": ("parallelograms one below the other", "many loops"),
+    "four-bars": ("four-bars in a row, links 1 m (IFToMM A02)", "all loops are singular at the same instant"),
+    "squeezer": ("Andrews' squeezing mechanism (IVP test set)", "seven bodies, three loops, fast motion"),
+    "crane": ("boom with cylinder and spring on a driven base", "loop on a rotating base"),
+    "bennett": ("Bennett's linkage", "five constraint equations of rank two"),
+    "sarrus": ("Sarrus' linkage", "rank four of five; *folded flat* and *straight* are singular"),
+    "cart": ("pole of 1 kg on a light cart (proposed to IFToMM)", "nearly singular mass matrix at each passage"),
+    "double pendulum": ("second mass 1 kg", "nearly singular mass matrix when stretched or folded"),
+    "rotor": ("rotor in two rings of 1e-6 kg m2", "nearly singular mass matrix near gimbal lock"),
+    "pendulum among": ("one swinging rod, the others at rest", "one moving coordinate among many"),
+    "chain": ("hanging chain of 1 m, 1 kg", "dense matrices below, recursions above 60 coordinates"),
+    "rods on": ("rods on hinges of a driven vertical spindle", "rotating base at 5 rad/s"),
+    "slider on": ("mass falls 1 m onto a damped stop", "impacts"),
+    "rod between": ("rod swings between two stiff stops", "impacts without damping"),
+}  # words of a name, and the mechanism and its difficulty
 
 
 class Hard(NamedTuple):
@@ -103,22 +149,28 @@ class Run(NamedTuple):
     gap: float | None
     solver: str
     rtol: float
+    stop_time: float
     verdict: Verdict
 
 
 def cases() -> Iterator[Hard]:
     """Every named mechanism, and both four-bars at every gap."""
+    misses = {
+        f"{name} {'+' if gap > 0.0 else '-'} {power(abs(gap))}": (partial(make, gap), gap)
+        for gap in GAPS
+        for name, make in (("parallelogram", parallelogram), ("grashof", grashof))
+    }
     for name, make in {**CASES, **OVERCONSTRAINED}.items():
-        yield Hard(name, make, LOOPS)
+        if name not in misses:
+            yield Hard(name, make, LOOPS)
     for name, make in TREES.items():
         yield Hard(name, make, WITHOUT_LOOPS)
     for grounded in (False, True):
         for loops in LOOPS_AT_ONCE:
             name = f"{'grounded' if grounded else 'serial'}, N = {loops}"
             yield Hard(name, partial(at_once, loops, grounded), AT_ONCE)
-    for gap in GAPS:
-        yield Hard(f"1/3/1{gap:+.0e}/3", partial(parallelogram, gap), MISSES, gap)
-        yield Hard(f"1/2.5/2/3.5{gap:+.0e}", partial(grashof, gap), MISSES, gap)
+    for name, (make, gap) in misses.items():
+        yield Hard(name, make, MISSES, gap)
 
 
 def at_once(loops: int, grounded: bool) -> Case:
@@ -127,11 +179,9 @@ def at_once(loops: int, grounded: bool) -> Case:
 
 
 def solvers_of(mechanism: Mechanism, chosen: Sequence[str]) -> list[str]:
-    """Return the chosen solvers that this mechanism can have: `esdirk` is for large trees, `hybrid` for loops."""
-    large = len(mechanism.bodies) > LARGE_TREE
-    return [
-        s for s in chosen if not (s == "esdirk" and not large) and not (s == "hybrid" and not mechanism.constraints)
-    ]
+    """Return the chosen solvers that accept this mechanism: `esdirk` is for large trees, `hybrid` for loops."""
+    small = Plant(mechanism).system.has_matrices
+    return [s for s in chosen if not (s == "esdirk" and small) and not (s == "hybrid" and not mechanism.constraints)]
 
 
 def run(name: str, solvers: Sequence[str]) -> list[Run]:
@@ -148,7 +198,7 @@ def run(name: str, solvers: Sequence[str]) -> list[Run]:
                 warning = warning_of(mechanism, stop_time, solver, rtol)
                 verdict = replace(verdict, word="warned", why=warning) if warning else verdict
             print(f"{hard.name:32s} {solver:7s} {rtol:.0e} {verdict}", flush=True)
-            rows.append(Run(hard.name, hard.section, hard.gap, solver, rtol, verdict))
+            rows.append(Run(hard.name, hard.section, hard.gap, solver, rtol, stop_time, verdict))
     return rows
 
 
@@ -161,7 +211,7 @@ def warning_of(mechanism: Mechanism, stop_time: float, solver: str, rtol: float)
 def table(rows: list[Run]) -> str:
     """The runs as Markdown, one line a case and solver; messages below."""
     lines = [
-        "| case | solver | " + " | ".join(f"{rtol:.0e}" for rtol in TOLERANCES) + " |",
+        "| case | solver | " + " | ".join(power(rtol) for rtol in TOLERANCES) + " |",
         "|---|---|" + "---|" * len(TOLERANCES),
     ]
     messages: list[str] = []
@@ -174,7 +224,7 @@ def table(rows: list[Run]) -> str:
 def families(rows: list[Run]) -> str:
     """The runs of families as Markdown: one line a family and solver, whose members are the part before the comma."""
     lines = [
-        "| tree | solver | " + " | ".join(f"{rtol:.0e}" for rtol in TOLERANCES) + " |",
+        "| tree | solver | " + " | ".join(power(rtol) for rtol in TOLERANCES) + " |",
         "|---|---|" + "---|" * len(TOLERANCES),
     ]
     messages: list[str] = []
@@ -183,10 +233,11 @@ def families(rows: list[Run]) -> str:
         for rtol in TOLERANCES:
             members = [r for r in rows if (r.name.split(",")[0], r.solver, r.rtol) == (family, solver, rtol)]
             counts = Counter(r.verdict.word for r in members)
-            worst = max((r.verdict.error for r in members if r.verdict.word == "right"), default=np.nan)
-            cells.append(", ".join(f"{n} {word}" for word, n in counts.items()) + f"; {worst:.0e}")
+            worst = max((r.verdict.error for r in members if r.verdict.word == "right"), default=None)
+            told = "" if worst is None else f"; {power(float(f'{worst:.0e}'))}"
+            cells.append(", ".join(f"{n} {word}" for word, n in counts.items()) + told)
             messages += [
-                f"- {r.name}, {r.solver} at {r.rtol:.0e}, {r.verdict.word}: {r.verdict.why}."
+                f"- {r.name}, {r.solver} at {power(r.rtol)}, {r.verdict.word}: {r.verdict.why}."
                 for r in members
                 if r.verdict.word != "right"
             ]
@@ -198,9 +249,56 @@ def cell(row: Run, messages: list[str]) -> str:
     """Error and time of a run, or the number of its message."""
     v = row.verdict
     if v.word == "right":
-        return f"{v.error:.0e}, {1e3 * v.seconds:.0f} ms"
-    messages.append(f"{row.name}, {row.solver} at {row.rtol:.0e}: {v.why}.")
+        until = f" until {v.until:.2g} s" if v.until < (1.0 - 1e-9) * row.stop_time else ""
+        coarser = f" at {power(float(f'{v.rtol:.0e}'))}" if v.rtol > 1.01 * row.rtol else ""
+        return f"{power(float(f'{v.error:.0e}'))}{coarser}{until}, {1e3 * v.seconds:.0f} ms"
+    size = f"; the largest error is {v.ratio:.0f} rtol A" if v.word != "refused" else ""
+    messages.append(f"{row.name}, {row.solver} at {power(row.rtol)}: {v.why}{size}.")
     return f"**{v.word}** ({len(messages)})"
+
+
+def counted_by_solver(rows: list[Run]) -> str:
+    """The counts of each solver as Markdown."""
+    words = ("right", "warned", "refused", "wrong")
+    lines = ["| solver | runs | " + " | ".join(words) + " |", "|---|---|" + "---|" * len(words)]
+    for solver in [*dict.fromkeys(r.solver for r in rows), "all"]:
+        counts = Counter(r.verdict.word for r in rows if solver in (r.solver, "all"))
+        cells = [str(counts.total()), *(str(counts[word]) for word in words)]
+        lines.append(f"| {solver} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def described() -> str:
+    """What each mechanism is, as Markdown: one line for the cases of one kind."""
+    kinds: dict[str, list[Hard]] = {}
+    for hard in cases():
+        if hard.section != AT_ONCE:
+            kinds.setdefault(max((words for words in SOURCES if words in hard.name), key=len), []).append(hard)
+    lines = [
+        "| cases | mechanism | difficulty | coordinates | constraint equations | duration, s | reference |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for kind, own in kinds.items():
+        made = [hard.make() for hard in own]
+        systems = [Plant(case.mechanism).system for case in made]
+        names = [hard.name for hard in own if hard.gap is None] + [f"{kind} +, -"] * any(hard.gap for hard in own)
+        columns = (
+            [str(s.n) for s in systems],
+            [str(s.m) for s in systems],
+            [f"{case.stop_time:.3g}" for case in made],
+            ["maximal coordinates" if case.exact is None else "hand-derived" for case in made],
+        )
+        cells = [", ".join(dict.fromkeys(column)) for column in columns]
+        lines.append(f"| {'; '.join(names)} | {' | '.join((*SOURCES[kind], *cells))} |")
+    return "\n".join(lines)
+
+
+def machine() -> str:
+    """Date, version and processor of the measurement."""
+    lines = Path("/proc/cpuinfo").read_text().splitlines() if Path("/proc/cpuinfo").exists() else []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    processor = names[0] if names else platform.machine()
+    return f"Measured on {date.today():%Y-%m-%d} with mbfmu {mb.__version__}, one core of {processor}."
 
 
 def draw(rows: list[Run]) -> None:
@@ -210,15 +308,17 @@ def draw(rows: list[Run]) -> None:
     for axis, solver in zip(axes, solvers, strict=True):
         for k, rtol in enumerate(TOLERANCES):
             chosen = [r for r in rows if r.solver == solver and r.rtol == rtol and r.verdict.word == "right"]
-            for mark, kind in (("o", "1/3/1"), ("s", "1/2.5")):
+            for mark, kind in (("o", "parallelogram"), ("s", "grashof")):
                 alike = [r for r in chosen if r.name.startswith(kind)]
                 gaps = [abs(r.gap or np.nan) for r in alike]
                 errors = [r.verdict.error for r in alike]
-                axis.loglog(gaps, errors, mark, ms=4, color=f"C{k}", label=f"rtol {rtol:.0e}" if mark == "o" else None)
+                axis.loglog(
+                    gaps, errors, mark, ms=4, color=f"C{k}", label=f"tolerance {power(rtol)}" if mark == "o" else None
+                )
         axis.set_title(solver)
-        axis.set_xlabel("gap to the singular position, m")
+        axis.set_xlabel("gap [m]")
         axis.grid(alpha=0.3)
-    axes[0].set_ylabel("largest error, rad")
+    axes[0].set_ylabel("largest error [rad]")
     figure.legend(*axes[-1].get_legend_handles_labels(), loc="outside right upper")
     figure.savefig(PICTURE, dpi=120)
 
@@ -234,18 +334,20 @@ def main() -> None:
     names = [hard.name for hard in cases() if not options.cases or options.cases in hard.name]
     with ProcessPoolExecutor(options.jobs, get_context("fork")) as pool:
         rows = [row for found in pool.map(partial(run, solvers=solvers), names) for row in found]
-    counts = Counter(r.verdict.word for r in rows)
-    summary = ", ".join(f"{counts[word]} {word}" for word in ("right", "warned", "refused", "wrong"))
-    print(summary)
+    print(counted_by_solver(rows))
     if options.cases or options.solvers:
         return
     draw([r for r in rows if r.gap])
     by_section = {s: [r for r in rows if r.section == s] for s in (LOOPS, WITHOUT_LOOPS, AT_ONCE, MISSES)}
-    parts = [f"{INTRODUCTION}\n{summary}.\n", f"{LOOPS}\n{table(by_section[LOOPS])}\n"]
-    parts.append(f"{WITHOUT_LOOPS}\n{table(by_section[WITHOUT_LOOPS])}\n")
     at_once = AT_ONCE.format(counts=", ".join(map(str, LOOPS_AT_ONCE)))
-    parts.append(f"{at_once}\n{families(by_section[AT_ONCE])}\n")
-    parts.append(f"{MISSES}\n{table(by_section[MISSES])}\n")
+    parts = [
+        f"{INTRODUCTION}\n\n## Counts\n\n{machine()}\n\n{counted_by_solver(rows)}\n",
+        f"## Mechanisms\n\n{described()}\n",
+        f"{LOOPS}\n\n{table(by_section[LOOPS])}\n",
+        f"{WITHOUT_LOOPS}\n\n{table(by_section[WITHOUT_LOOPS])}\n",
+        f"{at_once}\n\n{families(by_section[AT_ONCE])}\n",
+        f"{MISSES}\n\n{table(by_section[MISSES])}\n",
+    ]
     PAGE.write_text("\n".join(parts))
 
 

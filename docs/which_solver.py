@@ -8,16 +8,16 @@ from xml.sax.saxutils import escape
 PICTURE = Path(__file__).parent / "images" / "which_solver.svg"
 QUESTIONS = (  # lines of a question, and of the answer if it is yes
     (("Do you need the steady state", "instead of the motion?"), ("mbfmu equilibrium", "no simulation")),
-    (("Does it have cut joints and more", "than 1000 coordinates?"), ("ida", "tolerance: error / 100")),
+    (("Does it have cut joints and more", "than 1000 coordinates?"), ("ida", "tolerance: error / 1000")),
     (
         (
             "Is it stiff: a sheet, a mesh of bodies,",
-            "a stiff damped spring? (see",
-            "solver.stability_limited)",
+            "a stiff damped spring? (mbfmu run",
+            "reports stability-limited steps)",
         ),
-        ("radau; esdirk above 60 coordinates", "sheets: 1e-4 to 1e-5"),
+        ("radau; large: esdirk", "large with loops: ida"),
     ),
-    (("Does it have 10 loop constraints", "or more?"), ("hybrid", "tolerance: error / 100")),
+    (("Do its loops have 10 constraint", "equations or more?"), ("hybrid", "tolerance: error / 100")),
 )
 LAST = ("adams", "tolerance: error / 100")
 WIDTH, ROW, LINE = 720, 108, 19  # pixels
@@ -64,7 +64,7 @@ def picture() -> str:
         parts.append(arrow(QUESTION[0] + QUESTION[1] / 2, top + height, 0, ROW - height - 8, "no"))
         top += ROW
     parts.append(box(QUESTION[0], top, QUESTION[1], LAST, strong=True))
-    note = ("Repeat the run at a tenth of the", "tolerance: the difference is the error.")
+    note = ("Repeat the run at a tenth of the", "tolerance: the difference is about the error.")
     parts.append(box(ANSWER[0], top, ANSWER[1], note, strong=False))
     height = top + 2 * LINE + 22 + 20
     return "\n".join(

@@ -18,17 +18,17 @@ from mbfmu.table import power
 
 MARKERS = "os^DvP*X"  # by resolution, coarse to fine
 NEAR = 100.0  # times: the uncertainty of the reference is drawn if errors come this near
-BETTER = 0.9  # of the error of a best choice: the next one that gets a name
+BETTER = 0.9  # largest error of the next labeled run of the Pareto front, relative to the last one
 WIDTH = 90  # letters of a line below the picture
 OTHER = "#606060"  # of what has no color
 HULL = "#b8b8b8"
 
 
 def plot_work_precision(found: Comparison, title: str, path: Path) -> None:
-    """Draw error against CPU time, log-log: a line for each solver at each resolution, and the hull of best choices.
+    """Draw error against CPU time, log-log: a line for each solver at each resolution, and the Pareto front.
 
-    Points say their tolerance, at several resolutions those of the best choices alone. What is inaccurate or off its
-    branch is a faint cross; what did not reach its end has no error, and is named below.
+    Points are labeled by their tolerance, at several resolutions those of the Pareto front alone. Runs that are
+    inaccurate or on a wrong branch are faint crosses. Runs that ended early have no error and are listed below.
     """
     figure, ax = subplots(size=(7.4, 5.8))
     best = found.best()
@@ -67,7 +67,7 @@ def plot_work_precision(found: Comparison, title: str, path: Path) -> None:
 
 
 def apart(best: Sequence[Row]) -> list[Row]:
-    """Return those of the best choices that are better than the one named before by more than a little."""
+    """Return the runs of the Pareto front whose error is clearly below that of the run before."""
     found: list[Row] = []
     for row in best:
         if not found or height(row) < BETTER * height(found[-1]):
@@ -85,7 +85,7 @@ def _hull(ax: Any, best: Sequence[Row]) -> None:
     if best:
         at, errors = [row.cpu_s for row in best], [height(row) for row in best]
         style = {"color": HULL, "lw": 6.0, "alpha": 0.6, "zorder": 1.0, "solid_joinstyle": "round"}
-        ax.plot(at, errors, drawstyle="steps-post", label="best choices", **style)
+        ax.plot(at, errors, drawstyle="steps-post", label="Pareto front", **style)
 
 
 def _line(ax: Any, rows: Sequence[Row], marker: str, k: int) -> None:

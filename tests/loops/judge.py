@@ -89,6 +89,8 @@ class Verdict:
         Up to when positions were judged, s.
     evaluations, seconds
         What the run took.
+    rtol
+        Tolerance with which the run was compared; larger than the requested one if the solver has reported so.
     """
 
     word: str
@@ -99,6 +101,7 @@ class Verdict:
     until: float = 0.0
     evaluations: int = 0
     seconds: float = 0.0
+    rtol: float = np.nan
 
     def __str__(self) -> str:
         return (
@@ -220,7 +223,15 @@ def _weigh(
     word = "wrong" if faults else "refused" if why else "right"
     until = float(times[last - 1]) if last else float(times[0])
     return Verdict(
-        word, "; ".join([*faults, why] if why else faults), error, ratio, float(lost.max()), until, evaluations, seconds
+        word,
+        "; ".join([*faults, why] if why else faults),
+        error,
+        ratio,
+        float(lost.max()),
+        until,
+        evaluations,
+        seconds,
+        rtol,
     )
 
 
