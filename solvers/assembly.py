@@ -124,7 +124,7 @@ def close_positions(eqs: Any, t: float, start: Any, q: Any, work: Any) -> int:
     """q (nq,) = closed positions near ``start`` (nq,). Where there are none: the last that was tried.
 
     First by damped steps (Levenberg and Marquardt, the damping falling as the square of the gap), which stay near where
-    redundant rows contradict each other in an open loop; then without damping, which converges near singular
+    redundant constraints contradict each other in an open loop; then without damping, which converges near singular
     configurations.
     """
     code = OPEN

@@ -39,6 +39,8 @@ PATTERNS = {  # what is found, and what to write instead
     r"\bwhere that is (not|missing)\b": "if it is not",
     r"\bin words\b": "message",
     r"\bsingular positions?\b": "singular configuration",
+    r"\b(vanishing|constraint|redundant|cut-joint) rows?\b": "constraint equation",
+    r"\brows? of (a |the |its )?(cut|loop|constraint)": "constraint equation",
     r"\bhangs? (together|from)\b": "is connected to",
     r"\bknows\b": "is independent of, uses",
     r"\bsees\b": "detects",

@@ -159,7 +159,7 @@ class State(NamedTuple):
     """What the recursions read and write."""
 
     bodies: NDArray[Any]  # (nb,) MOTION
-    rows: NDArray[Any]  # (rows of cut joints,) ROW
+    rows: NDArray[Any]  # (constraint equations of cut joints,) ROW
     coupled: NDArray[Any]  # (couplings,) COUPLED
     element: NDArray[Any]  # (1,) ELEMENT, a plate element at work
     shell: NDArray[Any]  # (1,) WORK, a shell element at work

@@ -61,7 +61,7 @@ class Watch:
     plant
         One of the same model, that is not the run's.
     rank
-        Rows of the constraints that do not depend on others.
+        Constraint equations that do not depend on others.
     simulation
         The run, where it starts.
     """

@@ -6,8 +6,8 @@ There is a unit left null vector u of the scaled Jacobian: constraint forces u p
     J~^T u = 0,   nu~ . u = 0,   Phi~ = g u,   |u| = 1          (units as in :mod:`solvers.projection.workspace`)
 
 in the unknowns q, t, u and the *gap* g, the distance of the loop from one that is singular there. Damped Newton's
-method in all unknowns, with the step of minimum norm if it is not unique (redundant rows, critical points that form
-curves).
+method in all unknowns, with the step of minimum norm if it is not unique (redundant constraints, critical
+points that form curves).
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ f + J^T alpha g, and is regular where T alone is not (a tree that floats until i
 
     S y = J T_alpha^-1 (f + J^T alpha g) - g,     x = T_alpha^-1 (f + J^T alpha g - J^T y),     S = J T_alpha^-1 J^T
 
-A redundant row makes S singular; y is then the shortest, in units of alpha. alpha counts only for rounding: the
+A redundant constraint makes S singular; y is then the shortest, in units of alpha. alpha counts only for rounding: the
 effective mass of each row, (J M^-1 J^T)_ii^-1, times SPRING.
 """
 
@@ -30,7 +30,7 @@ from .rank import REDUNDANT as REDUNDANT_ROW
 
 SPRING = 1e4  # (rad/s)^2, stiffness to effective mass of the springs alpha
 REDUNDANT = 1e-10  # eigenvalues of a scaled Schur complement below this part of the largest count as zero
-ZERO = 1e-13  # eigenvalues of its inverse below this part of the largest are those of redundant rows
+ZERO = 1e-13  # eigenvalues of its inverse below this part of the largest are those of redundant constraints
 # Square of a row to that of the largest below which nothing works against it here: rounding is 1e-32, units make 1e-6.
 VANISHING = 1e-20
 KRYLOV, PRECISE = (
@@ -191,7 +191,7 @@ class Saddle:
 
     @property
     def positive(self) -> bool:
-        """Whether det S is, redundant rows aside; T has on J x = 0 the determinant det T_alpha det S / det J J^T."""
+        """Whether det S > 0 without redundant constraints; det T on J x = 0 is det T_alpha det S / det J J^T."""
         return bool(np.sum(self._signs() < 0) % 2 == 0)
 
     @property
@@ -203,7 +203,7 @@ class Saddle:
         return self.system.tangent.negative - int(np.sum(self._signs() < 0))
 
     def _signs(self) -> NDArray[np.int64]:
-        """Return the signs of the real eigenvalues of S (m,), zero of redundant rows."""
+        """Return the signs of the real eigenvalues of S (m,), zero for redundant constraints."""
         if self.system.m == 0:
             return np.zeros(0, np.int64)
         root = np.sqrt(self._alpha)

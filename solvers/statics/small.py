@@ -69,7 +69,7 @@ class Scratch(NamedTuple):
     order: NDArray[np.int64]  # (N,) of its rows
     columns: NDArray[np.int64]  # (N,)
     rank: NDArray[np.int64]  # (1,)
-    J: Array  # (rank, n) independent rows of the constraint Jacobian, in units
+    J: Array  # (rank, n) the independent rows of J = Phi_q, in units
     A: Array  # (n, rank) scratch of its decomposition
     pivots: NDArray[np.int64]  # (rank,)
     U: Array  # (n, n)

@@ -37,7 +37,7 @@ class Assembly:
     state
         Where they place the bodies.
     vanishing_rows
-        Names of rows of constraints that no free motion works against; the system has none of them.
+        Names of constraint equations that no free motion can violate; the system has none of them.
     """
 
     def __init__(self, mechanism: Mechanism, system: AnySystem, state: State, vanishing_rows: list[str]) -> None:

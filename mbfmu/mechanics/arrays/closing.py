@@ -115,7 +115,7 @@ def frame_angles(cuts: Sequence[CutHandle], state: State) -> Array:
 def check_frames(cuts: Sequence[CutHandle], state: State, drawn: Array | None) -> None:
     """Raise AssemblyError where closed frames agree only in that their axes are perpendicular.
 
-    The rows of a cut joint are products of axes, which are also zero for frames rotated by 180 or 120 degrees.
+    The equations of a cut joint are products of axes, which are also zero for frames rotated by 180 or 120 degrees.
     """
     for i, (handle, angle) in enumerate(zip(cuts, frame_angles(cuts, state), strict=True)):
         if angle < 1.0:  # rad: zero; else it is pi or 2 pi / 3

@@ -208,7 +208,7 @@ class Compiled:
     Attributes
     ----------
     data
-        Arrays and state; every cut-joint row is kept for now.
+        Arrays and state; every constraint equation is kept for now.
     signals
         By number.
     sensors

@@ -1,7 +1,7 @@
 """Loops whose geometry is rounded: how long they are, and which of their axes are nearly parallel.
 
 A planar loop closes out of its plane by parallel axes alone. Axes that are off by a rounding (1.5708 for a right angle)
-make rows of its cut joint depend on the coordinates by that angle, which would lock the loop.
+make equations of its cut joint depend on the coordinates by that angle, which would lock the loop.
 """
 
 from __future__ import annotations

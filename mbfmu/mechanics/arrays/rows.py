@@ -125,7 +125,7 @@ def find_vanishing_rows(
     Raises
     ------
     AssemblyError
-        A vanishing row is not closed, or the drives open it.
+        A trivially satisfied equation is not closed at the start, or the drives open it.
     """
     probe = Probe(system)
     given = [k for k in drives.signals if k in inputs.signals]
@@ -140,7 +140,7 @@ def find_vanishing_rows(
 
 
 def dependent_rows(system: AnySystem, t: float, q: Array) -> NDArray[np.int64]:
-    """Return the constraint rows that depend on the others at q (nq,), in order: by pivoting, in units of rows."""
+    """Return the constraint equations that depend on the others at q (nq,), in order: by pivoting, in their units."""
     terms = system.allocate_terms()
     system.fill_position(t, q, terms)
     if system.m == 0 or system.n == 0:

@@ -1,8 +1,8 @@
-"""Constraints of the free coordinates: Phi, J = Phi_q, nu and gamma; rows of cut joints first, then of couplings.
+"""Constraints of the free coordinates: Phi, J = Phi_q, nu and gamma; those of cut joints, then of couplings.
 
-A row of a cut joint is a pair of wrenches on two bodies (see ``cuts``); carried inward to the root it meets every joint
-whose coordinate moves the body, and J[row, k] is its power on that joint's motion subspace. A coupling has one row, of
-two coordinates (see ``couplings``):
+An equation of a cut joint is a pair of wrenches on two bodies (see ``cuts``); carried inward to the root it meets every
+joint whose coordinate moves the body, and J[row, k] is its power on that joint's motion subspace. A coupling has one
+equation, of two coordinates (see ``couplings``):
 
     Phi = q_a - f(q_b),    Phi' = v_a - f' v_b,    Phi'' = v'_a - f' v'_b - f'' v_b^2.
 """

@@ -50,7 +50,7 @@ class JointForce(Sensor):
 
 @dataclass(frozen=True, kw_only=True)
 class RowForce(Sensor):
-    """Force or moment of one row of a cut joint on its body b."""
+    """Force or moment of one constraint equation of a cut joint on its body b."""
 
     read = row_force
     follows = Follows.FORCES

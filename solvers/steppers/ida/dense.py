@@ -23,7 +23,7 @@ from .sundials import Callbacks, data_of, data_of_matrix
 
 POWER = 1.2  # of a motion's tolerance: IDA bounds the error of a step, see solvers.steppers.ida.small
 BELOW = 0.2  # part of a near miss's gap: bound of the residual of a step near it
-LESS = 1e-4  # of D near a near miss, where only redundant rows need it
+LESS = 1e-4  # of D near a near miss, where only redundant constraints need it
 SHORTER = 0.25  # of a step that was taken back may be gone at once
 
 
