@@ -1,4 +1,4 @@
-"""The examples of the README, docs/extending.md and docs/equilibrium.md, run as they are printed."""
+"""The examples of the README and of the pages on models, elements and steady states, run as they are printed."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ from pathlib import Path
 
 import pytest
 
+import mbfmu
 from mbfmu import mechanics
 from mbfmu.cli import main
+from mbfmu.interface import arrays, interface
 from mbfmu.mechanics import (
     Coupling,
     Cut,
@@ -26,6 +28,7 @@ from mbfmu.mechanics import (
 )
 from mbfmu.mechanics.contact import surfaces
 from mbfmu.mechanics.kind import kinds_of
+from mbfmu.studies.resolution import resolutions_of
 
 DOCS = Path(__file__).parents[1] / "docs"
 
@@ -35,23 +38,39 @@ def blocks(page: str) -> list[tuple[str, str, str]]:
     return re.findall(r"```(\w+)([^\n]*)\n(.*?)```", (DOCS / page).read_text(), flags=re.DOTALL)
 
 
-def test_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def printed(text: str) -> list[str]:
+    """Return the comments on the lines of a block that print: what they print, and after a colon what it is."""
+    return re.findall(r"^ *print\(.*\)  # (.*)$", text, re.MULTILINE)
+
+
+@pytest.mark.parametrize("page", ["extending.md", "modelling.md"])
+def test_examples_run(
+    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
-    seen = []
-    for language, options, text in blocks("extending.md"):
+    for language, options, text in blocks(page):
         if "file=" in options:
             Path(options.split("file=")[1].strip()).write_text(text)
         elif language == "python":
-            exec(compile(text, "docs/extending.md", "exec"), {})
+            capsys.readouterr()
+            exec(compile(text, page, "exec"), {})
+            lines = capsys.readouterr().out.splitlines()
+            for line, comment in zip(lines, printed(text), strict=True):
+                assert comment == line or comment.startswith(f"{line}: ")
         elif language == "bash":
             for line in text.splitlines():
                 assert main(shlex.split(line)[1:]) == 0, line
-        seen.append(language)
-    assert seen.count("bash") == 2
-    assert (tmp_path / "slider.fmu").is_file()
-    assert (tmp_path / "lamp.fmu").is_file()
-    assert (tmp_path / "results" / "slidercrank" / "default-ida-1e-6-crank=0.12" / "outputs.png").is_file()
+    if page == "extending.md":
+        assert (tmp_path / "slider.fmu").is_file()
+        assert (tmp_path / "lamp.fmu").is_file()
+        assert (tmp_path / "results" / "slidercrank" / "default-ida-1e-6-crank_length=0.12" / "outputs.png").is_file()
+        flap = mbfmu.find("flap.py")
+        assert resolutions_of(flap(), None)[0] == {"nx": 5, "nz": 3}
+        assert not flap(nx=5, nz=3).plant().system.m
+        piston = mbfmu.find("piston.py:Piston")()
+        (joints,) = arrays(piston, interface(piston, mbfmu.Settings()))
+        assert joints.shape == (2, 2)
 
 
 def test_the_page_of_kinds_has_every_kind_and_no_other() -> None:
