@@ -25,6 +25,7 @@ TITLES = OF_SOLVERS | {
     "coarse-mesh": "The mesh of a sheet is too coarse for its deformation",
     "folded-cell": "A mesh cell of a sheet is folded",
     "loose-tolerance": "The tolerance is too large for an output",
+    "coarse-tolerance": "Errors at this tolerance may be large",
     "limited-order": "The solver 'ida' is limited to orders 1 and 2",
     "slow-solver": "Another solver needs far less computation",
     "input-jump": "An input changes discontinuously",

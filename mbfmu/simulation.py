@@ -28,6 +28,7 @@ from mbfmu.reach import explain_rates, to_choose, why
 from mbfmu.result import together
 from mbfmu.settings import AUTO, Settings
 from mbfmu.steady.problem import EquilibriumProblem
+from mbfmu.tolerances import describe_coarse, describe_loose
 from mbfmu.trial import MOST_STEPS, ran
 from solvers import SolverError, Statistics, Status, stepper
 from solvers.compiled.kernel import COMPILED
@@ -37,8 +38,6 @@ from solvers.stepper import Samples, Stepper
 __all__ = ["Settings", "Simulation"]
 
 Array = NDArray[np.float64]
-
-FOR_STIFF = 1e-7  # tolerance at which forces in the plane of a sheet in motion are good to some percents
 
 _compiled: set[tuple[type, bool]] = set()  # kinds of runs whose kernels this process has compiled
 
@@ -159,7 +158,9 @@ class Simulation:
         changed = [] if settings.start_at_equilibrium else self.plant.assembly.changes(q, v, settings.tolerance)
         self.lock = self.plant.explain_lock(t0, q, self.stepper.freedom)
         beside = [*beside, *self.plant.coincident(t0, q)]
-        for told in (self.lock, *self.plant.rounding, *changed, self._too_loose(), limited, *beside):
+        loose = describe_loose(self.plant, settings.tolerance)
+        coarse = describe_coarse(self.plant, settings.tolerance, self.stepper.freedom)
+        for told in (self.lock, *self.plant.rounding, *changed, loose, coarse, limited, *beside):
             self._remark(told)
         # where nothing is free nothing is integrated but the work, whose error no tolerance controls
         checked = settings.energy_check and self.stepper.freedom > 0
@@ -345,19 +346,6 @@ class Simulation:
                         "consistently, or use a smaller communication step",
                     )
                 )
-
-    def _too_loose(self) -> str:
-        """Return a warning that outputs need a smaller tolerance; empty: none does."""
-        names = self.plant.stiff_outputs
-        if not names or self.settings.tolerance <= FOR_STIFF:
-            return ""
-        more = f" and {len(names) - 1} more" if names[1:] else ""
-        return coded(
-            "loose-tolerance",
-            f"output {names[0]!r}{more} depends on the in-plane strains of a sheet, whose stiffness amplifies "
-            f"the position errors that the tolerance of {self.settings.tolerance:g} allows; use {FOR_STIFF:g} or "
-            "less",
-        )
 
     def _remark(self, text: str) -> None:
         if text and text not in self.remarks:

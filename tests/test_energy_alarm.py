@@ -265,6 +265,49 @@ def test_released_sheets_are_reported_where_they_lose_a_large_part_of_their_ener
     assert bool(result.verdict) != keeps
 
 
+KINDS: dict[str, dict[str, Any]] = {
+    "inextensible": {},
+    "rows": {"tree": "rows"},
+    "no membrane": {"membrane": False},
+    "stretch": {"stretch": True},
+}
+
+
+def released(scale: float, tolerance: float, solver: str, damping: float = 0.0, **kind: Any) -> Result:
+    """A sheet that is ``scale`` times as long, wide and thick, and deforms alike under its weight."""
+    sizes = {"length": 0.3 * scale, "width": 0.21 * scale, "thickness": 0.3e-3 * scale, "youngs_modulus": 1e10 * scale}
+    sheet = Sheet(nx=7, nz=5, damping=damping * scale**0.5, **sizes, **kind)
+    end = 0.4 * scale**0.5
+    return simulate(sheet, end, interval=0.01 * end, solver=solver, tolerance=tolerance)
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_sheet_that_loses_a_twentieth_of_the_energy_exchanged_is_reported(kind: str, scale: float) -> None:
+    """Undamped: the energy itself is the reference."""
+    warned, silent = 0, 0
+    for tolerance in (1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5):
+        result = released(scale, tolerance, "ida", **KINDS[kind])
+        lost = np.abs(result["energy"] - result["energy"][0])[20:] / result["energy_throughput"][20:]
+        if lost.max() > 0.05:
+            assert result.verdict, (tolerance, lost.max())
+            warned += 1
+        if lost.max() < 0.03:
+            assert not result.verdict, (tolerance, lost.max())
+            silent += 1
+    assert warned >= 2
+    assert silent >= 1
+
+
+@pytest.mark.parametrize(("solver", "tolerance"), [("ida", 1e-4), ("esdirk", 1e-3)])
+@pytest.mark.parametrize("damping", [2e-4, 2e-2])
+@pytest.mark.parametrize("stretch", [False, True])
+def test_damped_sheets_raise_no_warning(stretch: bool, damping: float, solver: str, tolerance: float) -> None:
+    result = released(1.0, tolerance, solver, damping, stretch=stretch)
+    assert np.ptp(result["energy"]) > 0.01 * result["energy_throughput"][-1]  # the damping counts
+    assert not result.verdict
+
+
 def damped_loops(damping: float) -> Mechanism:
     """:func:`row_of_loops` of four, damped at the first crank."""
     m = row_of_loops(4, -2.0)

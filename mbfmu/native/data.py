@@ -16,6 +16,7 @@ from mbfmu.mechanics.arrays.closing import SENTENCES
 from mbfmu.model import Model, declared, span
 from mbfmu.settings import Settings
 from mbfmu.simulation import Simulation
+from mbfmu.tolerances import COARSE_TOLERANCE, describe_coarse
 from solvers.assembly import Outcome
 from solvers.codes import coded
 from solvers.outcome import CODES, KEYS, MESSAGES, Status
@@ -154,6 +155,8 @@ class _File:
         header["magic"], header["block"] = layout.MAGIC, at
         header["family"] = list(FAMILIES).index(family_of(self._simulation))
         header["size"], header["saved"], header["root"] = self._image.size, self._image.saved, self._image.root
+        plant, freedom = self._simulation.plant, self._simulation.stepper.freedom
+        header["reports_coarse"] = bool(describe_coarse(plant, COARSE_TOLERANCE, freedom))
         for name, place in self._places.items():
             header[f"{name}_at"] = place
         return b"".join((header.tobytes(), *parts, self._block))

@@ -11,11 +11,13 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from mbfmu.codes import coded
 from mbfmu.folds import UNFOLD
 from mbfmu.interface import Role, Type
 from mbfmu.mechanics.arrays.bending import COARSE, FOLDED
 from mbfmu.model import declared
 from mbfmu.settings import Settings
+from mbfmu.tolerances import COARSE_TEXT, COARSE_TOLERANCE
 from solvers.assembly import WORST, Outcome
 from solvers.balance import UNSURE
 from solvers.compiled.kernel import types
@@ -28,7 +30,7 @@ from .points import TOLD
 from .starting import Flaw
 
 WORDS = {types.float64: "double", types.int64: "int64_t"}  # what entry points are called with
-MAGIC = int.from_bytes(b"mbfmu18a", "little")
+MAGIC = int.from_bytes(b"mbfmu19a", "little")
 TOKEN = 40  # bytes of the identity of an FMU
 
 RELOCATION = np.dtype([("at", "i8"), ("target", "i8")])  # see image.Relocation
@@ -107,6 +109,7 @@ HEADER = np.dtype(
         ("size", "i8"),
         ("saved", "i8"),  # of it, what is saved and restored
         ("root", "i8"),
+        ("reports_coarse", "i8"),  # 1: a coarse tolerance is reported at the start
         *((f"{name}_at", "i8") for name in PLACES),
         *(field for name in SECTIONS for field in ((name, "i8"), (f"{name}_count", "i8"))),
     ]
@@ -135,6 +138,8 @@ def declarations(families: Iterable[str], entries: Iterable[tuple[str, Entry]]) 
     lines += [f"#define MAGIC INT64_C({MAGIC})", f"#define LENGTH ({LENGTH})"]
     lines += [f"#define COARSE {float(COARSE)!r} /* rad */", f"#define FOLDED {float(FOLDED)!r}"]
     lines.append(f"#define UNSURE {UNSURE}")
+    lines.append(f"#define COARSE_TOLERANCE {COARSE_TOLERANCE!r}")
+    lines.append(f"#define COARSE_TEXT {json.dumps(coded('coarse-tolerance', COARSE_TEXT))}")
     lines += [f"#define UNFOLD {json.dumps(UNFOLD)}", f"#define KINDS {len(kinds())}", ""]
     lines += [_struct(name, record) for name, record in STRUCTS.items()]
     lines += [

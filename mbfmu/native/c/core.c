@@ -117,6 +117,17 @@ Outcome enter_initialization(Instance *own)
     return OK;
 }
 
+/* Tell how large errors may be at a coarse tolerance. */
+static void warn_coarse_tolerance(Instance *own)
+{
+    const Options *options = (const Options *)(own->block + own->header->options_at);
+    char text[SAYS], digits[32];
+    if (!own->header->reports_coarse || options->rtol < COARSE_TOLERANCE)
+        return;
+    SAY(text, "the tolerance is ", in_digits(digits, options->rtol), ": " COARSE_TEXT);
+    warn(own, text);
+}
+
 Outcome exit_initialization(Instance *own)
 {
     if (own->phase != INITIALIZING)
@@ -128,6 +139,7 @@ Outcome exit_initialization(Instance *own)
     }
     own->phase = RUNNING;
     memset(own->flags, 0, count_of(own));
+    warn_coarse_tolerance(own);
     return OK;
 }
 
