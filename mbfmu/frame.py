@@ -31,14 +31,17 @@ def unframe(owner: str, framed: bytes) -> tuple[dict[str, Any], bytes]:
     if not isinstance(framed, bytes):
         raise UserError(f"a saved state is {framed!r}; allowed: bytes that save() returned", "saved-state")
     if len(framed) < FRONT or framed[: len(MAGIC)] != MAGIC:
-        raise UserError(f"a saved state of {len(framed)} bytes is not one of this version of mbfmu", "saved-state")
+        raise UserError(
+            f"a saved state of {len(framed)} bytes is not one of this version of mbfmu; save it again", "saved-state"
+        )
     length = int.from_bytes(framed[DESCRIBED + OWNER : FRONT], "little")
     if length != len(framed) - FRONT:
         raise UserError(
-            f"a saved state is damaged: it has {len(framed) - FRONT} bytes instead of {length}", "saved-state"
+            f"a saved state is damaged: it has {len(framed) - FRONT} bytes instead of {length}; save it again",
+            "saved-state",
         )
     if crc32(memoryview(framed)[DESCRIBED:]) != int.from_bytes(framed[len(MAGIC) : DESCRIBED], "little"):
-        raise UserError("a saved state is damaged: its checksum differs", "saved-state")
+        raise UserError("a saved state is damaged: its checksum differs; save it again", "saved-state")
     if framed[DESCRIBED : DESCRIBED + OWNER] != _digest(owner):
         raise UserError(
             "a saved state belongs to another model, to other values of fixed parameters, or to another solver; "

@@ -209,7 +209,9 @@ def _array(name: str, nested: Any, known: dict[str, ScalarVariable]) -> ArrayVar
     for own in names:
         if own not in known:
             raise UserError(
-                f"array {name!r} has {own!r}, which is not an output of the model or already in another array"
+                f"array {name!r} has {own!r}, which is not an output of the model or already in another array; "
+                "allowed: names "
+                "of outputs, each in one array"
             )
         elements.append(known.pop(own))
     first = elements[0]

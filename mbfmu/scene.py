@@ -175,7 +175,10 @@ def from_content(path: Path, content: dict[str, Any]) -> Scene:
 def as_toml(scene: Scene) -> str:
     """Return a scene as the text of a file, whatever it was changed by; raises UserError for a mechanism's."""
     if not scene.reference:
-        raise UserError(f"scene {scene.name!r} has a model without name or file, which a scene file cannot contain")
+        raise UserError(
+            f"scene {scene.name!r} has a model without name or file, which a scene file cannot contain; write "
+            "the model in a file"
+        )
     settings = {name: getattr(scene.settings, name) for name in SETTINGS}
     times = {name: getattr(scene, name) for name in ("stop_time", "output_interval")}
     parameters = {p.name: getattr(scene.model, p.name) for p in scene.model.parameters()}

@@ -31,7 +31,7 @@ def read_toml(path: Path, what: str) -> dict[str, Any]:
     except OSError as error:
         raise UserError(f"{what} {str(path)!r} cannot be read: {error.strerror}") from error
     except RecursionError as error:
-        raise UserError(f"{what} {str(path)!r} is not valid TOML: it is nested too deeply") from error
+        raise UserError(f"{what} {str(path)!r} is not valid TOML: it is nested too deeply; use fewer levels") from error
     except ValueError as error:  # of tomllib, of decoding, and of numbers with thousands of digits
         raise UserError(f"{what} {str(path)!r} is not valid TOML: {error}") from error
     _check_numbers(content, f"{what} {str(path)!r}")

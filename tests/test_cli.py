@@ -299,7 +299,7 @@ def test_compare_writes_rows(command: Command, tmp_path: Path) -> None:
         (("compare", "sheet", "--resolution", "nx=1,nz=5"), "parameter 'nx' of 'sheet' is 1.0; allowed"),
         (("compare", "fourbar", "--target", "-1"), "target is '-1'; allowed: a number above zero"),
         (("compare", "fourbar", "--target", "1 mi"), "target is '1 mi': unit is 'mi'; allowed"),
-        (("compare", "fourbar", "--save", "x.toml"), "--save needs --target"),
+        (("compare", "fourbar", "--save", "x.toml"), "--save is given without --target"),
         (("compare", "fourbar", "--target", "1e-3", "--save", "x.txt"), "a file whose name ends in .toml"),
         (("cache", "warm", "nothing"), "unknown model 'nothing'"),
         (

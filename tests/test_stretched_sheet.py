@@ -206,7 +206,7 @@ def test_the_model_takes_no_tree_that_stretch_does_not_follow() -> None:
 
 
 def test_what_holds_a_sheet_does_not_float() -> None:
-    with pytest.raises(mb.UserError, match="it is held and does not float"):
+    with pytest.raises(mb.UserError, match="and does not float; leave rate out"):
         hanging((5, 5), rate=(0.0, 0.0, 0.0, 1.0, 0.0, 0.0))
 
 

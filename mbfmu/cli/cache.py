@@ -51,7 +51,7 @@ def add(commands: Commands) -> None:
 def command_cache(options: argparse.Namespace) -> int:
     """Report on the machine code, compile it or remove it."""
     if options.old and options.what != "clear":
-        raise UserError("--old is an option of `mbfmu cache clear` only")
+        raise UserError("--old is an option of `mbfmu cache clear` only; leave it out")
     if options.what == "warm":
         warm(options.scenes or sorted(models()), options)
     elif options.what == "clear":

@@ -163,7 +163,7 @@ def number(option: str, text: str) -> float:
     try:
         return float(text)
     except ValueError as error:
-        raise UserError(f"{option}: {text!r} is not a number") from error
+        raise UserError(f"{option}: {text!r} is not a number; give a number such as 0.5 or 1e-3") from error
 
 
 def scene_of(options: argparse.Namespace) -> Scene:

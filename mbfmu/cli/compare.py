@@ -154,7 +154,7 @@ def command_compare(options: argparse.Namespace) -> int:
 def scene_of_compare(options: argparse.Namespace) -> Scene:
     """Return the scene; solvers and tolerances are many here, and not the scene's."""
     if options.save and options.target is None:
-        raise UserError("--save needs --target, as in --target 1e-4")
+        raise UserError("--save is given without --target; add a target, as in --target 1e-4")
     if options.save and options.save.suffix != ".toml":
         raise UserError(f"--save is {str(options.save)!r}; allowed: a file whose name ends in .toml")
     return scene_of(argparse.Namespace(**vars(options) | {"solver": None, "tolerance": None}))

@@ -51,7 +51,7 @@ def command_runtime(options: argparse.Namespace) -> int:
 
     if options.what is None:
         if options.platforms or options.pack:
-            raise UserError("--platforms and --pack are options of `mbfmu runtime build` only")
+            raise UserError("--platforms and --pack are options of `mbfmu runtime build` only; leave them out")
         for name in TARGETS:
             path = there(name)
             print(f"{name}: {path if path else 'not built'}")

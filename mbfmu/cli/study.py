@@ -113,7 +113,9 @@ def place(options: argparse.Namespace) -> Path:
     if not options.resume:
         return folder
     if not taken:
-        raise UserError(f"--resume: folder {str(root)!r} does not exist")
+        raise UserError(
+            f"--resume: folder {str(root)!r} does not exist; name the folder of an earlier study, or leave out --resume"
+        )
     return taken[-1]
 
 

@@ -121,7 +121,7 @@ def check(options: argparse.Namespace) -> None:
     for name in ("fps", "speed", "scale"):
         positive(f"--{name}", getattr(options, name))
     if options.time is not None and not options.png:
-        raise UserError("--time needs --png FILE")
+        raise UserError("--time is given without --png; add --png FILE, the picture to write")
     for kind in ("png", "gif", "mp4"):
         path = getattr(options, kind)
         if path and path.suffix != f".{kind}":
@@ -135,7 +135,8 @@ def check(options: argparse.Namespace) -> None:
     if options.against is not None and pictures and not (options.output or options.open):
         raise UserError("--against requires an HTML page: images and films show one run; add -o FILE.html")
     if options.output and options.output.suffix == ".glb" and (options.open or options.against is not None):
-        raise UserError(f"--{'open' if options.open else 'against'} goes with a page, and {options.output} is a glTF")
+        given = "open" if options.open else "against"
+        raise UserError(f"--{given} requires an HTML page, but -o is {options.output}; write a file .html")
 
 
 def load(options: argparse.Namespace) -> tuple[Motion, Motion | None, list[Result], Path]:
@@ -144,7 +145,11 @@ def load(options: argparse.Namespace) -> tuple[Motion, Motion | None, list[Resul
     if source.suffix == ".npz":
         given = [name for name in OF_SCENES if getattr(options, name) not in (None, [])]
         if given:
-            raise UserError(f"--{given[0].replace('_', '-')} changes a run, and {options.scene!r} is the record of one")
+            raise UserError(
+                f"--{given[0].replace('_', '-')} changes a run, but {options.scene!r} is a recorded one; give a "
+                "scene, or "
+                "leave the option out"
+            )
         if against is not None and not against.endswith(".npz"):
             raise UserError(f"--against {against!r}: {options.scene!r} is a recorded run; give another pose file, .npz")
         beside = Motion.load(Path(against)) if against is not None else None
@@ -172,7 +177,11 @@ def against_of(scene: Scene, text: str) -> Scene:
     """Return the scene with the solver, the tolerance or both of ``SOLVER:RTOL``."""
     other = scene.changed(**changes(text))
     if other.settings == scene.settings:
-        raise UserError(f"--against {text!r} is the run itself: {scene.settings.solver}, {scene.settings.tolerance:g}")
+        raise UserError(
+            f"--against {text!r} is the run itself: {scene.settings.solver}, {scene.settings.tolerance:g}; give "
+            "another "
+            "solver or tolerance"
+        )
     return other
 
 
@@ -217,7 +226,7 @@ def size(text: str) -> tuple[int, int]:
     """Read ``WIDTHxHEIGHT``; even numbers, which films need."""
     match = re.fullmatch(r"(\d{2,4})x(\d{2,4})", text)
     if not match:
-        raise UserError(f"--size {text!r}: write WIDTHxHEIGHT in pixels, 10 to 9999 each")
+        raise UserError(f"--size is {text!r}; allowed: WIDTHxHEIGHT in pixels, 10 to 9999 each, such as 1280x720")
     return int(match[1]) // 2 * 2, int(match[2]) // 2 * 2
 
 
@@ -227,5 +236,5 @@ def angles(text: str | None) -> tuple[float | None, float | None]:
         return None, None
     parts = [number("--camera", part) for part in text.split(",")]
     if len(parts) != 2 or not all(map(isfinite, parts)):
-        raise UserError(f"--camera {text!r}: write AZIMUTH,ELEVATION in degrees")
+        raise UserError(f"--camera is {text!r}; allowed: AZIMUTH,ELEVATION in degrees, such as 30,20")
     return parts[0], parts[1]

@@ -175,7 +175,11 @@ def _descended(aim: Aim, start: Array, measured: Measured, _: int) -> tuple[Arra
     """Descend by finite differences, all runs of one gradient at once."""
     count = len(start)
     if not isfinite(aim.cost(measured(start[None])[0])):
-        raise UserError("aim: the run in the middle of all ranges failed, at which the optimization starts")
+        raise UserError(
+            "aim: the optimization starts in the middle of all ranges, and the run there failed; change the "
+            "ranges, or run "
+            "this point by itself to see why"
+        )
 
     def around(u: Array) -> tuple[list[dict[str, float]], Array]:
         """Return the measures at a point and at its neighbors, and the steps to them; inward at the upper ends."""

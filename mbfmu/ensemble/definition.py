@@ -170,7 +170,7 @@ def define(content: Mapping[str, Any]) -> Definition:
             raise UserError(f"a study has no key {key!r}{suggest(str(key), KEYS)}")
     given = content.get("fmu") or content.get("scene")
     if given is None or ("fmu" in content and "scene" in content):
-        raise UserError("a study needs either a scene or an fmu")
+        raise UserError("a study contains both scene and fmu, or neither; give one of them")
     if "fmu" in content and not str(given).endswith(".fmu"):
         raise UserError(f"fmu is {given!r}; allowed: the path of a file whose name ends in .fmu")
     if "fmu" in content and content.get("with", "fmu") != "fmu":
@@ -303,7 +303,9 @@ def _measures(
             files[path] = files.get(path) or _loaded(name, Path(path))
             own = getattr(load_module(Path(path)), function, None)
             if not callable(own):
-                raise UserError(f"measure {name!r}: {path!r} has no function {function!r}")
+                raise UserError(
+                    f"measure {name!r}: {path!r} has no function {function!r}; name one that the file defines"
+                )
             found.append(Own(name, own, digest(value.rpartition("/")[2], files[path].contents)))
         else:
             found.append(read_measure(name, value, tuple(subject.outputs), subject.steady))

@@ -143,7 +143,11 @@ def _correlate(u: Array, names: Sequence[str], sampling: Sampling) -> Array:
     try:
         factor = np.linalg.cholesky(matrix)
     except np.linalg.LinAlgError as error:
-        raise UserError("the correlations contradict each other: their matrix is not positive definite") from error
+        raise UserError(
+            "the correlations contradict each other: their matrix is not positive definite; use smaller "
+            "values, or fewer of "
+            "them"
+        ) from error
     found: Array = stats.norm.cdf(stats.norm.ppf(np.clip(u, INSIDE, 1.0 - INSIDE)) @ factor.T)
     return found
 

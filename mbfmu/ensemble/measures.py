@@ -221,5 +221,5 @@ def _options(what: str, take: str, given: dict[str, Any]) -> tuple[tuple[str, An
             }[known[key]]
             raise UserError(f"{what}: {key} is {value!r}; allowed: {allowed}")
     if take == "crossing" and "threshold" not in given:
-        raise UserError(f"{what}: crossing needs a threshold")
+        raise UserError(f"{what}: take is 'crossing' without threshold; add threshold, the value that is crossed")
     return tuple(given.items())

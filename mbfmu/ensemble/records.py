@@ -105,7 +105,8 @@ class Records:
             fcntl.flock(self._held, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
             raise UserError(
-                f"folder {str(self.folder)!r} belongs to a study that is running in another process"
+                f"folder {str(self.folder)!r} belongs to a study that is running in another process; wait until it has "
+                "ended, or use another folder"
             ) from error
         except OSError:
             return  # no locks there
@@ -240,7 +241,7 @@ def read_told(folder: Path) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         raise UserError(f"{str(folder / TOLD)!r} is damaged: {error}") from error
     if not isinstance(told, dict) or told.get("format") != FORMAT or not told.keys() >= SAID:
-        raise UserError(f"folder {str(folder)!r} contains a study of another version of mbfmu")
+        raise UserError(f"folder {str(folder)!r} contains a study of another version of mbfmu; make the study again")
     return told
 
 
@@ -261,7 +262,7 @@ def read_table(folder: Path, *, others: bool = False) -> Any:
     identity = read_told(folder)["identity"]
     tables = [_read(file, identity) for file in files_of(folder, others=others)]
     if not tables:
-        raise UserError(f"folder {str(folder)!r} contains no runs yet")
+        raise UserError(f"folder {str(folder)!r} contains no runs yet; start the study with --resume")
     table = _joined(tables).sort_by("run")
     first = np.unique(table.column("key").to_numpy(), return_index=True)[1]
     return table if len(first) == len(table) else table.take(np.sort(first))  # one that was killed may have some twice

@@ -209,12 +209,12 @@ def read_fmu(path: Path, stop_time: float | None, interval: float | None) -> Fmu
     except Exception as error:
         raise UserError(f"{str(path)!r} is not an FMU: {error}") from error
     if described.coSimulation is None:
-        raise UserError(f"{str(path)!r} is not an FMU for co-simulation")
+        raise UserError(f"{str(path)!r} is not an FMU for co-simulation; a study requires one")
     single = [v for v in described.modelVariables if v.type in NUMBERS and not getattr(v, "dimensions", None)]
     settable = [v for v in single if v.causality in ("parameter", "input") and v.variability != "constant"]
     outputs = {v.name: v.unit or "1" for v in single if v.causality == "output"}
     if not outputs:
-        raise UserError(f"FMU {str(path)!r} has no numerical output")
+        raise UserError(f"FMU {str(path)!r} has no numerical output; a study requires at least one")
     usual = described.defaultExperiment
     stop = float(getattr(usual, "stopTime", None) or 0.0) if stop_time is None else stop_time
     if stop_time is None and not stop > 0.0:

@@ -231,7 +231,9 @@ class FmuRunner:
 
     def steady(self, point: Point) -> Equilibrium:
         """Refuse."""
-        raise UserError("an FMU provides no steady states")
+        raise UserError(
+            "an FMU provides no steady states; use a measure of the motion, or the model in place of its FMU"
+        )
 
 
 def _lost(rows: Any, names: Sequence[str]) -> str:

@@ -42,7 +42,11 @@ def _flange(name: str, members: Iterable[str], known: dict[str, ScalarVariable])
     """Return name and kind of each member; the unit determines the kind."""
     for member in members:
         if member not in known:
-            raise UserError(f"terminal {name!r} has {member!r}, which is not an input or output of the FMU")
+            raise UserError(
+                f"terminal {name!r} has {member!r}, which is not an input or output of the FMU; allowed: names "
+                "of inputs and "
+                "outputs"
+            )
     units = [known[member].unit for member in members]
     for flange in FLANGES:
         if len(set(units)) == len(units) > 0 and set(units) <= set(flange):

@@ -261,7 +261,9 @@ def asked(
     usual = LOOSE if not small else TOLERANCES if len(steps) == 1 else COARSE
     tried = dict.fromkeys(usual if tolerances is None else tolerances)
     if not tried or (solvers is not None and not solvers):
-        raise UserError(f"nothing to compare: solvers are {solvers!r} and tolerances {tolerances!r}")
+        raise UserError(
+            f"nothing to compare: solvers are {solvers!r} and tolerances {tolerances!r}; give at least one of each"
+        )
     for tolerance in tried:
         scene.changed(tolerance=tolerance)
     for solver in solvers or ():

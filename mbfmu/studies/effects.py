@@ -143,7 +143,9 @@ def costs(
         The model has no effects.
     """
     if not model.effects:
-        raise UserError(f"model {model.name!r} has no optional effects")
+        raise UserError(
+            f"model {model.name!r} has no optional effects; a model declares them in its class attribute effects"
+        )
     told = progress or (lambda _: None)
     times = communication_points(end, min(model.output_interval, end))
     found = cases(model)

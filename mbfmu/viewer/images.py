@@ -78,7 +78,9 @@ def write_film(
                     if progress is not None:
                         progress()
         except (CalledProcessError, BrokenPipeError) as error:
-            raise UserError(f"{str(path)!r} cannot be written: the program ffmpeg fails") from error
+            raise UserError(
+                f"{str(path)!r} cannot be written: the program ffmpeg fails; check its installation, or write a .gif"
+            ) from error
 
 
 def film_times(motion: Motion, fps: int, speed: float) -> Array:

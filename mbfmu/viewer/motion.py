@@ -84,13 +84,18 @@ class Motion:
         """Return the motion with the deflection of its elastic bodies magnified in pictures."""
         positive("scale of the deflection", scale)
         if not self.picture.bars:
-            raise UserError(f"scale of the deflection is {scale:g}, but {self.title!r} has no elastic body to bend")
+            raise UserError(
+                f"scale of the deflection is {scale:g}, but {self.title!r} has no elastic body; leave the scale out"
+            )
         return replace(self, scale=scale)
 
     def frame(self, time: float) -> int:
         """Return the recorded frame nearest to a time (s); raises UserError outside the motion."""
         if not self.times[0] <= time <= self.times[-1]:
-            raise UserError(f"time {time:g} s is outside the motion, {self.times[0]:g} to {self.times[-1]:g} s")
+            raise UserError(
+                f"time {time:g} s is outside the motion, {self.times[0]:g} to {self.times[-1]:g} s; give a time "
+                "within it"
+            )
         return int(np.argmin(np.abs(self.times - time)))
 
     def save(self, path: Path) -> None:
@@ -116,11 +121,15 @@ class Motion:
                 about = json.loads(str(file["about"]))
                 motion = cls._of_file(about, file) if about["format"] == FORMAT else None
         except OSError as error:
-            raise UserError(f"pose file {str(path)!r} cannot be read: {error.strerror or error}") from error
+            raise UserError(
+                f"pose file {str(path)!r} cannot be read: {error.strerror or error}; check path and permissions"
+            ) from error
         except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
-            raise UserError(f"{str(path)!r} is not a pose file as `mbfmu run` writes them") from error
+            raise UserError(
+                f"{str(path)!r} is not a pose file; give a file that `mbfmu run` has written, named *.npz"
+            ) from error
         if motion is None or not motion._complete:
-            raise UserError(f"{str(path)!r} is not a pose file this version of mbfmu can read")
+            raise UserError(f"{str(path)!r} is a pose file of another version of mbfmu; make it again with `mbfmu run`")
         return motion
 
     @classmethod

@@ -52,7 +52,7 @@ def view(
     """
     path = Path(path)
     if path.suffix == ".glb" and against is not None:
-        raise UserError(f"against goes with a page, and {str(path)!r} is a glTF")
+        raise UserError(f"against requires an HTML page, but path is {str(path)!r}; write a file .html")
     if isinstance(model, Motion):
         if isinstance(against, str):
             raise UserError(f"against is {against!r}, but {model.title!r} is the record of a run; give another motion")
@@ -60,7 +60,7 @@ def view(
     else:
         motion, beside = _runs(of_user(model), stop_time, against, how)
     if not path.parent.is_dir():
-        raise UserError(f"folder {str(path.parent)!r} does not exist")
+        raise UserError(f"folder {str(path.parent)!r} does not exist; create it first")
     if path.suffix == ".glb":
         write_glb(motion, path)
     else:
@@ -96,7 +96,9 @@ def changes(text: str) -> dict[str, Any]:
     try:
         found = ({"solver": solver} if solver else {}) | ({"tolerance": float(tolerance)} if colon else {})
     except ValueError as error:
-        raise UserError(f"against {text!r}: {tolerance!r} is no number; write SOLVER, SOLVER:RTOL or :RTOL") from error
+        raise UserError(
+            f"against is {text!r}, whose {tolerance!r} is not a number; allowed: SOLVER, SOLVER:RTOL or :RTOL"
+        ) from error
     if not found:
-        raise UserError(f"against {text!r}: write SOLVER, SOLVER:RTOL or :RTOL")
+        raise UserError(f"against is {text!r}; allowed: SOLVER, SOLVER:RTOL or :RTOL")
     return found

@@ -77,7 +77,7 @@ def test_functions_of_the_user_give_numbers():
     ("given", "told"),
     [
         ("biggest y", "'biggest'"), ("largest w", "no output 'w'"), ("largest", "no output None"), (3, "is 3"),
-        ({"take": "crossing", "output": "y"}, "needs a threshold"),
+        ({"take": "crossing", "output": "y"}, "without threshold"),
         ({"take": "crossing", "output": "y", "threshold": "high"}, "threshold is 'high'"),
         ({"take": "crossing", "output": "y", "threshold": 0.0, "direction": "left"}, "any, up, down"),
         ({"take": "crossing", "output": "y", "threshold": 0.0, "number": 0}, "from 1 on"),

@@ -145,7 +145,7 @@ def test_pose_file_keeps_a_field(tmp_path: Path) -> None:
     assert again.picture.skins[0].field == "push"
     assert fields(again) == fields(motion)
     replace(motion, outputs=motion.outputs[:-1], values=motion.values[:, :-1]).save(tmp_path / "less.npz")
-    with pytest.raises(UserError, match="is not a pose file this version of mbfmu can read"):
+    with pytest.raises(UserError, match="is a pose file of another version of mbfmu"):
         Motion.load(tmp_path / "less.npz")
 
 

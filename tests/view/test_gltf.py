@@ -224,5 +224,5 @@ def test_folder_that_is_not_there_is_named(tmp_path: Path) -> None:
     _, motion = recorded(FourBar(), 0.05)
     with pytest.raises(UserError, match="cannot be written"):
         gltf.write_glb(motion, tmp_path / "no" / "x.glb")
-    with pytest.raises(UserError, match="against goes with a page"):
+    with pytest.raises(UserError, match="against requires an HTML page"):
         mb.view(motion, tmp_path / "x.glb", against=motion)

@@ -164,7 +164,7 @@ def test_pose_file_keeps_everything(tmp_path: Path) -> None:
 
 def test_pose_file_of_another_version_is_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "old.npz", about=json.dumps({"format": 1, "title": "old"}), times=np.zeros(1))
-    with pytest.raises(UserError, match="is not a pose file this version of mbfmu can read"):
+    with pytest.raises(UserError, match="is a pose file of another version of mbfmu"):
         Motion.load(tmp_path / "old.npz")
 
 

@@ -81,7 +81,9 @@ class Plant:
             self._compiled = compiled = Compiled(mechanism, numbering)
         except MemoryError as error:
             count = len(mechanism.bodies)
-            raise UserError(f"a mechanism of {count} bodies needs more memory than is available") from error
+            raise UserError(
+                f"a mechanism of {count} bodies needs more memory than is available; use fewer bodies"
+            ) from error
         self.data = compiled.data
         check_bounds(mechanism, compiled.called(), self.data)
         self.length = characteristic_length(mechanism, self.data.arrays)

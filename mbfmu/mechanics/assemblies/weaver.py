@@ -76,16 +76,22 @@ class Weaver:
     def weave(
         self, tree: str, supports: list[Support], master: Body | None, rate: Vector | None, pressure: Any
     ) -> None:
-        """Hang the nodes, span the elements, close the supports."""
+        """Add the nodes, the elements and the supports."""
         if rate is not None and (tree != "master" or master is not None):
-            raise UserError(f"rate of {self.what} is {rate!r}, but it has no floating master node to move")
+            raise UserError(
+                f"rate of {self.what} is {rate!r}, but it has no floating master node; leave it out, or use "
+                "tree='master' without master"
+            )
         if tree == "master":
             self._refuse_taut(supports, master)
             kind, options = (Floating, {"rate": rate}) if master is None else (Weld, {})
             self._hang(around(self.shape), kind, master, self.at, self.rotation, **options)
         else:
             if master is not None:
-                raise UserError(f"master of {self.what} is {master.name!r}, but its tree {tree!r} has no master node")
+                raise UserError(
+                    f"master of {self.what} is {master.name!r}, but its tree {tree!r} has no master node; use "
+                    "tree='master', or leave master out"
+                )
             if not supports or supports[0].kind not in ("clamped", "pinned"):
                 given = supports[0].kind if supports else "missing"
                 raise UserError(
@@ -110,7 +116,9 @@ class Weaver:
     def weave_free(self, supports: list[Support], master: Body | None, rate: Vector | None, pressure: Any) -> None:
         """Give every node all six motions against its neighbor, or those its support leaves; span shells."""
         if rate is not None and (supports or master is not None):
-            raise UserError(f"rate of {self.what} is {rate!r}, but it is held and does not float")
+            raise UserError(
+                f"rate of {self.what} is {rate!r}, but it has supports or a master and does not float; leave rate out"
+            )
         joints: dict[str, tuple[type[Joint], dict[str, Any]]] = {
             "clamped": (Weld, {}),
             "pinned": (Revolute, {}),

@@ -86,7 +86,10 @@ class Appearance(Members):
             self._member(body, f"a body of surface {name!r}")
         columns = {len(row) for row in bodies}
         if len(bodies) < 2 or len(columns) != 1 or min(columns) < 2:
-            raise UserError(f"surface {name!r} needs at least 2 rows of at least 2 bodies, all of one length")
+            raise UserError(
+                f"surface {name!r} has rows of {sorted(columns)} bodies; allowed: 2 rows or more of equal "
+                "length, 2 or more"
+            )
         if not isinstance(field, str):
             raise UserError(f"field of surface {name!r} is {field!r}; allowed: text, as its outputs begin")
         grid = np.array([[body.index for body in row] for row in bodies], np.int64)

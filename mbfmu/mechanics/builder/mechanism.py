@@ -561,7 +561,9 @@ class Mechanism(Appearance):
             axis, turned = own if axis is None else axis, rotation("rotation", joint.rotation) @ own
             if not isinstance(joint, Revolute | Section) or abs(abs(turned @ axis) - 1.0) > 1e-12:
                 raise UserError(
-                    f"turn of body {body.name!r} needs parallel revolutes down to the ground, or beams between"
+                    f"turn of body {body.name!r} requires parallel revolute joints (or beams) from the ground "
+                    "to the body; use a "
+                    "sensor of its orientation, such as direction()"
                 )
             here = self.bodies[here.parent]
         return body
@@ -595,11 +597,17 @@ class Mechanism(Appearance):
         for body in sensor.bodies or ((sensor.item,) if isinstance(sensor.item, Body) else ()):
             self._member(body, f"body of output {name!r}")
         if isinstance(sensor.item, CutHandle | CouplingHandle) and not any(sensor.item is c for c in self.constraints):
-            raise UserError(f"output {name!r} is of {sensor.item.name!r}, which is not a constraint of this mechanism")
+            raise UserError(
+                f"output {name!r} is of {sensor.item.name!r}, which is not a constraint of this mechanism; use its own"
+            )
         if getattr(sensor.item, "mechanism", self) is not self:
-            raise UserError(f"output {name!r} is of {sensor.item.name!r}, which is of another mechanism")
+            raise UserError(
+                f"output {name!r} is of {sensor.item.name!r}, which is of another mechanism; use one of this mechanism"
+            )
         if isinstance(sensor.item, ForceHandle) and not self._has(sensor.item):
-            raise UserError(f"output {name!r} is of force {sensor.item.name!r}, which is not one of this mechanism")
+            raise UserError(
+                f"output {name!r} is of force {sensor.item.name!r}, which is not one of this mechanism; use its own"
+            )
         self.outputs.append((name, sensor, description, nominal))
 
     def __getattr__(self, name: str) -> object:
@@ -621,7 +629,10 @@ class Mechanism(Appearance):
         known = [output[0] for output in self.outputs]
         for name in names:
             if name not in known:
-                raise UserError(f"show_outputs is given {name!r}, which is not an output of this mechanism")
+                raise UserError(
+                    f"show_outputs is given {name!r}, which is not an output of this mechanism; add it with "
+                    "output() first"
+                )
         self.shown_outputs = list(dict.fromkeys((*self.shown_outputs, *names)))
 
     def _has(self, handle: ForceHandle) -> bool:
