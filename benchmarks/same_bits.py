@@ -51,7 +51,7 @@ from mbfmu.mechanics import (
 from mbfmu.scene import load_scene
 from mbfmu.settings import Settings
 from mbfmu.simulation import Simulation
-from mbfmu.steady.problem import EquilibriumProblem
+from mbfmu.steady.equilibrium import build_problem
 
 SCENES = (
     "fourbar", "fmus/fourbar/scenes/flexible.toml", "governor", "fmus/governor/scenes/damped.toml", "pendulum", "sheet",
@@ -188,7 +188,7 @@ def moved(model: Any, stop: float, **settings: Any) -> list[Any]:
 
 def steady(model: Any) -> list[Any]:
     """Find a steady state, and the state matrices about it."""
-    state = EquilibriumProblem(model).solve()
+    state = build_problem(model).solve()
     space = state.state_space
     return [state.q, state.lam, space.A, space.B, space.C, space.D]
 

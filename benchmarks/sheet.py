@@ -18,7 +18,7 @@ from fmus.sheet import Sheet
 from fmus.sheet.model import RELEASE
 from mbfmu.mechanics import Plant
 from mbfmu.simulation import Settings, Simulation
-from mbfmu.steady.problem import equilibrium
+from mbfmu.steady.equilibrium import equilibrium
 from mbfmu.studies.effects import time_of_evaluation
 from mbfmu.table import table
 from solvers import Code

@@ -11,7 +11,7 @@ from pathlib import Path
 from fmus.sheet import Sheet
 from mbfmu.direct import communication_points, run
 from mbfmu.simulation import Settings
-from mbfmu.steady.problem import equilibrium
+from mbfmu.steady.equilibrium import equilibrium
 from mbfmu.studies.report import finish, subplots
 
 FIGURES = Path("fmus/sheet/figures")

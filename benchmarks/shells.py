@@ -19,7 +19,7 @@ import shell_problems as problems  # noqa: E402
 from shell_problems import Problem  # noqa: E402
 
 from mbfmu.errors import EquilibriumError  # noqa: E402
-from mbfmu.steady.problem import EquilibriumProblem, equilibrium  # noqa: E402
+from mbfmu.steady.equilibrium import build_problem, equilibrium  # noqa: E402
 from mbfmu.table import table  # noqa: E402
 
 Mesh = tuple[int, int]
@@ -32,7 +32,7 @@ def converge(what: str, build: Callable[[Mesh], Problem], meshes: tuple[Mesh, ..
     for mesh in meshes:
         problem, name = build(mesh), f"{mesh[0]} x {mesh[1]}"
         try:
-            found = EquilibriumProblem(problem.mechanism).solve()
+            found = build_problem(problem.mechanism).solve()
         except EquilibriumError as error:
             print(f"{what}, {name}: {error}")
             continue

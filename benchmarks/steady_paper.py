@@ -18,7 +18,7 @@ from fmus.pendulum import SwingPendulum
 from mbfmu.direct import communication_points, run
 from mbfmu.model import Model
 from mbfmu.simulation import Settings
-from mbfmu.steady.problem import equilibrium
+from mbfmu.steady.equilibrium import equilibrium
 from mbfmu.studies.report import finish, subplots
 
 SETTINGS = Settings(solver="ida", tolerance=1e-8)

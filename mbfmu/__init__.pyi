@@ -76,9 +76,9 @@ from .model import Model, find, models, parameter
 from .result import Result
 from .settings import Settings
 from .simulation import Simulation
+from .steady.equilibrium import equilibrium, linearize, modes
 from .steady.linear import StateSpace
 from .steady.path import EquilibriumPath, equilibrium_path
-from .steady.problem import equilibrium, linearize, modes
 from .steady.state import Equilibrium
 from .studies.check import Findings, check
 from .studies.compare import Comparison, compare

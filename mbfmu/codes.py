@@ -11,6 +11,7 @@ TITLES = OF_SOLVERS | {
     "cannot-assemble": "The loops of the mechanism cannot be closed at the start",
     "changed-start": "Given start values are changed by the assembly",
     "singular-start": "The start is a singular configuration",
+    "unstable-start": "The steady state in which a run starts is unstable",
     "locked-mechanism": "The constraints leave no degree of freedom",
     "redundant-constraints": "Constraints are redundant",
     "nearly-parallel-axes": "Constraint equations are left out because axes are nearly parallel",

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.auto import SolverPick, limit_order, pick
-from mbfmu.codes import coded
+from mbfmu.codes import code_of, coded
 from mbfmu.energy_check import VARIABLES, EnergyCheck
 from mbfmu.errors import UserError
 from mbfmu.folds import Folds, Sharpest
@@ -27,7 +27,7 @@ from mbfmu.pace import PaceCheck
 from mbfmu.reach import explain_rates, to_choose, why
 from mbfmu.result import together
 from mbfmu.settings import AUTO, Settings
-from mbfmu.steady.problem import EquilibriumProblem
+from mbfmu.steady.equilibrium import build_problem, find_state, report_unstable
 from mbfmu.tolerances import describe_coarse, describe_loose
 from mbfmu.trial import MOST_STEPS, ran
 from solvers import SolverError, Statistics, Status, stepper
@@ -122,9 +122,10 @@ class Simulation:
         self._inputs: dict[Hashable, int] = {key: k for k, v in known for key in (v.name, k)}
         if not isinstance(inputs or {}, Mapping):
             raise UserError(f"inputs are {inputs!r}; allowed: values by the names or the numbers of inputs")
-        given = self._starts(inputs or {}, t0)
+        given, unstable = self._starts(inputs or {}, t0), ""
         if settings.start_at_equilibrium:  # whose time is zero; the drives are where they are at the start time
-            found = EquilibriumProblem(own, self._held_plant(inputs or {}, given)).solve()
+            found = find_state(build_problem(own, self._held_plant(inputs or {}, given)))
+            unstable = report_unstable(found)
         self.plant.inputs.begin(t0, given)
         q, v = (found.q, found.v) if settings.start_at_equilibrium else self.plant.assemble(t0)
         beside = self.plant.check_meetings(t0, q) if begins else []
@@ -160,7 +161,7 @@ class Simulation:
         beside = [*beside, *self.plant.coincident(t0, q)]
         loose = describe_loose(self.plant, settings.tolerance)
         coarse = describe_coarse(self.plant, settings.tolerance, self.stepper.freedom)
-        for told in (self.lock, *self.plant.rounding, *changed, loose, coarse, limited, *beside):
+        for told in (unstable, self.lock, *self.plant.rounding, *changed, loose, coarse, limited, *beside):
             self._remark(told)
         # where nothing is free nothing is integrated but the work, whose error no tolerance controls
         checked = settings.energy_check and self.stepper.freedom > 0
@@ -250,6 +251,10 @@ class Simulation:
     def energy(self) -> float:
         """Kinetic and potential energy at the time reached, J."""
         return self.plant.energy(self.stepper.t, self.stepper.q, self.stepper.v)
+
+    def start_remarks(self) -> list[str]:
+        """Return the remarks on a singular and on an unstable start."""
+        return [text for text in self.remarks if code_of(text) in ("singular-start", "unstable-start")]
 
     @property
     def failure(self) -> str:
@@ -605,3 +610,10 @@ class Simulation:
         if self.energy_check:
             self.energy_check.state = head["balance"]
         self._folds.restore(head["bent"], self.t, self.stepper.q)
+
+
+class RestingSimulation(Simulation):
+    """A simulation that is not to run: nothing is compiled for that, and its arrays are as they are at the start."""
+
+    def _rehearse(self, *_: Any) -> None:
+        """Rest."""

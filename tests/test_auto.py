@@ -19,7 +19,7 @@ from mbfmu.fmi import Fmu
 from mbfmu.model import declared, of_user
 from mbfmu.scene import load_scene
 from mbfmu.spectrum import spectrum
-from mbfmu.steady.problem import equilibrium
+from mbfmu.steady.equilibrium import equilibrium
 
 DOWN = {"crank": -1.5, "coupler": 1.5, "rocker": -1.5}
 

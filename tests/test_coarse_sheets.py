@@ -12,7 +12,7 @@ from fmus.sheet import Sheet
 from mbfmu.direct import run
 from mbfmu.fmi import export
 from mbfmu.simulation import Settings, Simulation
-from mbfmu.steady.problem import equilibrium
+from mbfmu.steady.equilibrium import equilibrium
 
 
 def test_a_coarse_grid_is_told_of_and_a_fine_one_is_not(command: Any, tmp_path: Path) -> None:

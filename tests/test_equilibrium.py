@@ -24,7 +24,7 @@ from mbfmu.errors import EquilibriumError, UserError
 from mbfmu.mechanics import DistanceCut, Input, JointSpring, Mechanism, Revolute, RevoluteCut, Translational, rod
 from mbfmu.model import Model, parameter
 from mbfmu.simulation import Settings, Simulation
-from mbfmu.steady.problem import EquilibriumProblem, equilibrium
+from mbfmu.steady.equilibrium import build_problem, equilibrium
 from mbfmu.steady.sweep import Branch, sweep
 
 
@@ -307,7 +307,7 @@ def test_sweep_follows_the_speed_curve() -> None:
 
 
 def test_scattered_starts_find_both_sides_once() -> None:
-    problem = EquilibriumProblem(FourBar())
+    problem = build_problem(FourBar())
     found = problem.solve()
     others = problem.others(found, 40)
     states = [found, *others]

@@ -18,7 +18,7 @@ from mbfmu.mechanics.tangent import find_groups
 from mbfmu.mechanics.tangent.groups import BLOCK
 from mbfmu.model import Model, parameter
 from mbfmu.simulation import Settings, Simulation
-from mbfmu.steady.problem import EquilibriumProblem
+from mbfmu.steady.equilibrium import build_problem
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,7 +141,7 @@ def test_numbers_out_of_all_proportion_end_in_a_message(stiffness: float) -> Non
             return m
 
     with pytest.raises(EquilibriumError), np.errstate(all="ignore"):
-        _ = EquilibriumProblem(Odd()).solve().stability
+        _ = build_problem(Odd()).solve().stability
 
 
 @pytest.mark.parametrize("solver", ["ida", "adams", "hybrid", "adams-lu", "esdirk"])

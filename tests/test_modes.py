@@ -13,7 +13,7 @@ from examples.spinning_arm import SpinningArm
 from fmus.fourbar import FourBar
 from mbfmu.errors import EquilibriumError
 from mbfmu.simulation import Settings, Simulation
-from mbfmu.steady.problem import equilibrium
+from mbfmu.steady.equilibrium import equilibrium
 from mbfmu.steady.state import Equilibrium
 from mbfmu.studies.report import displacements
 from mbfmu.viewer.picture import draw

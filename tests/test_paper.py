@@ -14,8 +14,8 @@ from scipy.special import fresnel
 import mbfmu as mb
 from fmus.sheet import Sheet
 from mbfmu.mechanics import Crease, Mechanism, Plant, Plate, Support, add_sheet
+from mbfmu.steady.equilibrium import equilibrium
 from mbfmu.steady.modes import shapes
-from mbfmu.steady.problem import equilibrium
 
 LENGTH, WIDTH, THICKNESS, DENSITY = 0.3, 0.21, 0.3e-3, 1000.0
 PAPER: dict[str, Any] = {"youngs_modulus": (6e9, 2.5e9), "poisson": 0.35}

@@ -21,7 +21,7 @@ from mbfmu.mechanics import (
     rod,
 )
 from mbfmu.model import Model
-from mbfmu.steady.problem import equilibrium
+from mbfmu.steady.equilibrium import equilibrium
 from mbfmu.steady.state import position_names
 
 SCALES = [(1e-3, 1.0, 1.0), (1e3, 1.0, 1.0), (1.0, 1e-6, 1.0), (1e-3, 1e-6, 1e-2), (1e3, 1e6, 1e2), (1e-3, 1e3, 10.0)]

@@ -19,7 +19,7 @@ from mbfmu.mechanics.loads import Drag
 from mbfmu.mechanics.recursions.rnea import momentum
 from mbfmu.simulation import Settings, Simulation
 from mbfmu.steady import rigid_body_modes
-from mbfmu.steady.problem import EquilibriumProblem, equilibrium
+from mbfmu.steady.equilibrium import build_problem, equilibrium
 from mbfmu.studies.report import without_rounding
 
 DATA = Path(__file__).parent / "data" / "sheet"
@@ -69,7 +69,7 @@ def test_rounding_in_a_heavy_plate_is_no_force_that_changes_with_time() -> None:
 
 def test_downhill_ends_lower_than_the_unstable_state_next_to_the_start() -> None:
     """Gravity along the sheet, towards its clamp: Newton alone finds it standing, long steps led there too."""
-    balance = EquilibriumProblem(Sheet(gravity_x=9.81, gravity_y=-0.05, thickness=0.15e-3))
+    balance = build_problem(Sheet(gravity_x=9.81, gravity_y=-0.05, thickness=0.15e-3))
     standing = balance.solve()
     assert standing.stability == "unstable"
     (fallen,) = balance.others(standing, 1)[:1]

@@ -33,8 +33,8 @@ from mbfmu.mechanics.arrays import systems
 from mbfmu.mechanics.assemblies.supports import UPRIGHT
 from mbfmu.model import Model, parameter
 from mbfmu.simulation import Settings, Simulation
+from mbfmu.steady.equilibrium import build_problem
 from mbfmu.steady.modes import shapes
-from mbfmu.steady.problem import EquilibriumProblem
 from mbfmu.steady.state import Equilibrium
 from solvers.projection.saddle import Accelerations, Saddle
 from solvers.system import System, TreeSystem
@@ -95,7 +95,7 @@ class Fixed(Model):
 
 
 def still(model: Model) -> Equilibrium:
-    return EquilibriumProblem(model).solve()
+    return build_problem(model).solve()
 
 
 def dense(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -435,7 +435,7 @@ def test_springs_and_forces_on_a_large_sheet_are_those_of_the_dense_way(monkeypa
         m.output("hinge", hinge.coordinate())
         return m
 
-    balance = EquilibriumProblem(Fixed(build()))
+    balance = build_problem(Fixed(build()))
     found = balance.solve()
     assert isinstance(found.plant.system, TreeSystem)
     near = found.q + 1e-7 * np.random.default_rng(0).normal(size=len(found.q))

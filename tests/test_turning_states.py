@@ -30,7 +30,7 @@ from mbfmu.mechanics import (
 )
 from mbfmu.model import Model
 from mbfmu.simulation import Settings
-from mbfmu.steady.problem import EquilibriumProblem, equilibrium
+from mbfmu.steady.equilibrium import build_problem, equilibrium
 
 UP = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])  # z of the cut frame along y of the body
 ARM, LINK, PIN = 1.0, 0.7, 0.6  # m: the arm, the link that carries it, and where on the arm
@@ -207,11 +207,11 @@ def test_a_rate_that_is_not_kept_is_told() -> None:
 
 
 def test_whole_turns_signs_and_cyclic_angles_are_no_new_states() -> None:
-    problem = EquilibriumProblem(Governor(driven=False, damping=20.0))
+    problem = build_problem(Governor(driven=False, damping=20.0))
     a = problem.solve().q
     b = a + np.array([1.234, 2.0 * pi, -4.0 * pi, 0.0])  # the spindle's angle means nothing
     assert problem.same(a, b)
     assert not problem.same(a, a + np.array([0.0, 0.1, 0.0, 0.0]))
-    problem = EquilibriumProblem(Spun())
+    problem = build_problem(Spun())
     e = problem.solve().q
     assert problem.same(e, -e)

@@ -9,7 +9,7 @@ from mbfmu.model import models
 from mbfmu.scene import load_scene
 from mbfmu.settings import AUTO, Settings
 from mbfmu.simulation import Simulation
-from mbfmu.steady.problem import EquilibriumProblem
+from mbfmu.steady.equilibrium import equilibrium
 from solvers.compiled import cache, storage
 from solvers.steppers import NAMES
 
@@ -104,7 +104,7 @@ def warm(references: list[str], options: argparse.Namespace) -> None:
             show_more(options, f"{model.name} {solver}")
             try:
                 if solver == "equilibrium":
-                    EquilibriumProblem(model).solve().shapes(1)
+                    equilibrium(model).shapes(1)
                 elif solver == "check":
                     check(model, 1e-4 * model.stop_time, solver=AUTO)
                 else:

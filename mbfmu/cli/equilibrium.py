@@ -11,10 +11,10 @@ import numpy as np
 from mbfmu.errors import UserError, suggest
 from mbfmu.files import replacing
 from mbfmu.scene import Scene
+from mbfmu.steady.equilibrium import build_problem, equilibrium
 from mbfmu.steady.linear import modes_as_text
-from mbfmu.steady.moved import WAY
-from mbfmu.steady.problem import EquilibriumProblem, equilibrium
 from mbfmu.steady.state import Equilibrium
+from mbfmu.steady.supports import FOLLOWED
 from mbfmu.steady.sweep import Branch, sweep
 from mbfmu.studies.report import plot_branches
 from mbfmu.table import table
@@ -92,7 +92,7 @@ def command_equilibrium(options: argparse.Namespace) -> int:
     if options.sweep:
         return swept(scene, options)
     found = equilibrium(scene.model, start_of(options))
-    others = [] if found.found_from == WAY else EquilibriumProblem(scene.model).others(found, options.others)
+    others = [] if found.found_from == FOLLOWED else build_problem(scene.model).others(found, options.others)
     if options.json:
         write_json({**found.as_dict(), "others": [other.as_dict() for other in others]}, options.json)
     if not options.json or str(options.json) != "-":

@@ -65,8 +65,9 @@ def command_export(options: argparse.Namespace) -> int:
     name, part = file_name(scene.model.name), scene_part(scene)
     path = options.output or Path(f"{name}.fmu" if part == DEFAULT else f"{name}_{part}.fmu")
     asked: dict[str, Any] = {"fmi": options.fmi, "platforms": options.platforms}
+    asked["report"] = lambda text: show(options, text)
     if options.native:
-        export_scene(scene, path, report=lambda text: show(options, text), **asked)
+        export_scene(scene, path, **asked)
     else:
         asked |= {"stop_time": scene.stop_time, "output_interval": scene.output_interval}
         export(scene.model, path, scene.settings, **asked)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from mbfmu.steady.equilibrium import equilibrium
 from mbfmu.steady.linear import modes_as_text
-from mbfmu.steady.problem import equilibrium
 
 from .common import AGAIN, RESULTS, Commands, add_steady, scene_of, scene_part, show, show_more, start_of, wrote
 from .results import results

@@ -6,8 +6,8 @@ import argparse
 
 from mbfmu.errors import UserError
 from mbfmu.files import write_text
+from mbfmu.steady.equilibrium import equilibrium
 from mbfmu.steady.linear import modes_as_text
-from mbfmu.steady.problem import equilibrium
 
 from .common import (
     Commands,

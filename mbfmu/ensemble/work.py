@@ -30,7 +30,7 @@ from mbfmu.model import Model, find
 from mbfmu.modules import load_module
 from mbfmu.result import Result
 from mbfmu.settings import Settings
-from mbfmu.steady.problem import equilibrium
+from mbfmu.steady.equilibrium import equilibrium
 from mbfmu.steady.state import Equilibrium
 from solvers import Statistics
 from solvers.system import Array

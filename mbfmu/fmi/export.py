@@ -14,7 +14,7 @@ from mbfmu.interface import interface, legible
 from mbfmu.mechanics import Mechanism, Plant
 from mbfmu.model import Model, of_user
 from mbfmu.settings import Settings
-from mbfmu.steady.problem import EquilibriumProblem
+from mbfmu.simulation import RestingSimulation
 from solvers.steppers import refusal
 
 from .coupled import coupled
@@ -54,8 +54,8 @@ def export(
     platforms
         Platforms of a native FMU, by the names in :data:`mbfmu.native.targets.TARGETS`. Empty: this machine.
     report
-        Function that receives a message on every decision of the export: another solver, parameters that become
-        constant.
+        Function that receives a message on every decision of the export (another solver, parameters that become
+        constant) and on a start that is singular or unstable.
 
     Raises
     ------
@@ -68,7 +68,8 @@ def export(
     model = of_user(model)
     settings = settings or Settings(solver=model.default_solver, tolerance=model.tolerance)
     plant = model.plant()
-    check_start(model, settings, plant, native)
+    for text in check_start(model, settings, plant, native):
+        report(text)
     variables = interface(model, settings, plant)
     legible(f"the first line of the docstring of model {model.name!r}", model.title())
     experiment = Experiment(
@@ -97,19 +98,24 @@ def export(
     return path
 
 
-def check_start(model: Model, settings: Settings, plant: Plant, native: bool) -> None:
-    """Refuse what could not start: an open mechanism, a solver that does not suit it, a steady state that is not found.
+def check_start(model: Model, settings: Settings, plant: Plant, native: bool) -> list[str]:
+    """Return remarks on a singular or an unstable start. Those of a native FMU are in :class:`.NativeModel`.
 
     Raises
     ------
     UserError
-        As a simulation of the model with these settings raises it.
+        A run with these settings could not start: a solver that does not suit the model, loops that cannot be closed, a
+        singular start, or no steady state.
     """
-    if not native and (refused := refusal(settings.solver, plant.system)):  # a native FMU chooses its own solver
+    if native:  # which chooses its own solver, and builds the start
+        plant.check_meetings(0.0, plant.assemble()[0])
+        return []
+    if refused := refusal(settings.solver, plant.system):
         raise UserError(f"model {model.name!r}: {refused}")
+    if plant.system.m or settings.start_at_equilibrium:
+        return RestingSimulation(model, settings).start_remarks()
     plant.check_meetings(0.0, plant.assemble()[0])
-    if settings.start_at_equilibrium and not native:  # which solves for it anyway
-        EquilibriumProblem(model, model.plant()).solve()
+    return []
 
 
 def pack(path: Path, content: Mapping[str, bytes]) -> None:

@@ -44,6 +44,8 @@ def native(
     names = _targets(fmi, platforms)
     settings = _with_solver(model, settings, report)
     made = native_model(model, settings, for_one_run)
+    for text in made.remarks:
+        report(text)
     for name, why in made.frozen.items():
         report(f"parameter {name!r} is a constant in this FMU: {why}")
     owner = identify(model, settings, experiment, "native", str(fmi), sha256(made.data).hexdigest())

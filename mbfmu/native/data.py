@@ -15,7 +15,7 @@ from mbfmu.interface import ArrayVariable, Role, ScalarVariable, Type, arrays, i
 from mbfmu.mechanics.arrays.closing import SENTENCES
 from mbfmu.model import Model, declared, span
 from mbfmu.settings import Settings
-from mbfmu.simulation import Simulation
+from mbfmu.simulation import RestingSimulation, Simulation
 from mbfmu.tolerances import COARSE_TOLERANCE, describe_coarse
 from solvers.assembly import Outcome
 from solvers.codes import coded
@@ -48,11 +48,14 @@ class NativeModel(NamedTuple):
         those of the variables.
     frozen
         Parameters that are constant, though a model that is built could change them, and why.
+    remarks
+        On a singular or an unstable start.
     """
 
     variables: tuple[ScalarVariable, ...]
     arrays: tuple[ArrayVariable, ...]
     frozen: dict[str, str]
+    remarks: list[str]
     data: bytes
 
 
@@ -66,7 +69,7 @@ def native_model(model: Model, settings: Settings, for_one_run: bool = False) ->
     UserError
         The model cannot be built, or the runtime cannot run it.
     """
-    simulation = _Resting(model, settings)
+    simulation = RestingSimulation(model, settings)
     instance, image = image_of(simulation)
     why = "the FMU is made for one run" if for_one_run else ""
     if settings.start_at_equilibrium:
@@ -76,14 +79,7 @@ def native_model(model: Model, settings: Settings, for_one_run: bool = False) ->
     variables = tuple(_native(v, model, live) for v in interface(model, settings, simulation.plant))
     several = arrays(model, variables)
     file = _File(simulation, instance, image, live, variables, several)
-    return NativeModel(variables, several, frozen, file.write())
-
-
-class _Resting(Simulation):
-    """A simulation that is not to run: nothing is compiled for that, and its arrays are as they are at the start."""
-
-    def _rehearse(self, *_: Any) -> None:
-        """Rest."""
+    return NativeModel(variables, several, frozen, simulation.start_remarks(), file.write())
 
 
 def _nothing_live(model: Model, why: str) -> Live:

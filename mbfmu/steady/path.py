@@ -18,7 +18,7 @@ from mbfmu.files import replacing
 from mbfmu.mechanics import Mechanism
 from mbfmu.mechanics.numbers import finite
 from mbfmu.model import Model
-from mbfmu.steady.problem import EquilibriumProblem
+from mbfmu.steady.equilibrium import build_problem, find_state
 from solvers.linalg.blocks import one_thread
 from solvers.statics.matrices import LARGEST_ASSEMBLED
 from solvers.statics.path import Follower, Load, State
@@ -126,7 +126,7 @@ class PathProblem:
     """One model over one of its inputs."""
 
     def __init__(self, model: Model | Mechanism, over: str) -> None:
-        self.problem = EquilibriumProblem(model)
+        self.problem = build_problem(model)
         self.plant, name = self.problem.plant, self.problem.model.name
         inputs = [variable.name for variable in self.plant.inputs.variables]
         if over not in inputs:
@@ -144,7 +144,10 @@ class PathProblem:
     def follower(self, begin: float, end: float, start: Mapping[str, float] | None) -> Follower:
         """Return what follows the path from the steady state at the begin."""
         self.apply(begin)
-        found = self.problem.solve(self.problem.start(start), "the start")
+        if start:
+            found = self.problem.solve(self.problem.start(start), "the start given")
+        else:
+            found = find_state(self.problem)
         return Follower(self.problem.linearized(), Load(self.apply, begin, end), found.q, found.lam[found.rows])
 
     def apply(self, value: float) -> None:

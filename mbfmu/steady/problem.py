@@ -21,18 +21,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.errors import AssemblyError, EquilibriumError, UserError, suggest
-from mbfmu.mechanics import Mechanism, Plant
+from mbfmu.mechanics import Plant
 from mbfmu.mechanics.arrays.closing import least_change
 from mbfmu.mechanics.numbers import finite
 from mbfmu.mechanics.tangent.inertia import even_negative
-from mbfmu.model import Model, of_user
+from mbfmu.model import Model
 from mbfmu.steady.checks import STEADY, check
 from mbfmu.steady.cyclic import CYCLIC, find_cyclic
-from mbfmu.steady.linear import StateSpace
-from mbfmu.steady.modes import ModeShape
 from mbfmu.steady.periodic import Turned, describe_period
 from mbfmu.steady.rigid_body_modes import describe_pushed
 from mbfmu.steady.state import Equilibrium, position_names
+from mbfmu.steady.supports import Supports
 from solvers.statics.large import TreeEquilibriumSolver
 from solvers.statics.linearized import DenseLinearized, Linearized, TreeLinearized
 from solvers.statics.newton import EquilibriumSolver, Outcome, Solution
@@ -57,13 +56,10 @@ SLIDES = (
 )
 
 
-def has_moved_supports(plant: Plant) -> bool:
-    """Whether a drive is a step that goes anywhere."""
-    return any(step.record["height"] for step in plant.drives.steps(plant.signals(plant.data)))
-
-
 class EquilibriumProblem:
     """The equilibrium problem of one model, built once and solved from any number of starts.
+
+    Made by :func:`mbfmu.steady.equilibrium.build_problem`.
 
     Raises
     ------
@@ -72,17 +68,12 @@ class EquilibriumProblem:
 
     Attributes
     ----------
-    has_moved_supports
-        Whether steps that drive have been taken to their ends.
+    supports
+        Supports that steps and inputs move.
     """
 
-    def __init__(self, model: Model | Mechanism, plant: Plant | None = None) -> None:
-        self.model = model = of_user(model)
-        own = plant is None
-        self.plant = plant = plant or model.plant()
-        self.has_moved_supports = own and has_moved_supports(plant)
-        if own:
-            plant.drives.finish_run_ups()
+    def __init__(self, model: Model, plant: Plant, supports: Supports) -> None:
+        self.model, self.plant, self.supports = model, plant, supports
         if plant.system.n == 0:
             raise EquilibriumError(f"model {model.name!r} has no free coordinate; there is no steady state to look for")
         for name, speed, constant in plant.drives.speeds():
@@ -93,7 +84,6 @@ class EquilibriumProblem:
                 )
         self._names = position_names(plant)
         self._start = self.start()
-        plant.check_corners(0.0, self._start)
         self._v, self._cyclic = np.zeros(plant.system.n), np.zeros(plant.system.n, bool)
         self._lay_out()
         if not plant.system.has_matrices:
@@ -110,11 +100,18 @@ class EquilibriumProblem:
             self._v = self._steady_velocities()
             self._solver = DenseEquilibriumSolver(self._complex, 0.0, general, self._v)
             self._solver.run_trial(self._start)
+            supports.add_twin(data.arrays, plant.signals(data))
         self.signals = plant.signals(data)
         self._full_speeds = plant.drives.full_speeds()
 
     def start(self, given: Mapping[str, float] | None = None) -> Array:
-        """Return closed positions (nq,): the model's start with coordinates ``given`` by name instead, held."""
+        """Return closed positions (nq,): the model's start with coordinates ``given`` by name instead, held.
+
+        Raises
+        ------
+        UserError
+            No such coordinate, or the loops cannot be closed, or a sheet is folded there.
+        """
         q, held = self.plant.assembly.start_positions(), self.plant.assembly.held()
         if not isinstance(given or {}, Mapping):
             raise UserError(f"start is {given!r}; allowed: positions by the names of coordinates")
@@ -126,7 +123,9 @@ class EquilibriumProblem:
             q[self._names.index(name)] = finite(f"start of coordinate {name!r}", value)
         if given:
             held[:] = [name in given for name in self.plant.system.coordinate_names]
-        return self.plant.assembly.close(0.0, q, held)
+        q = self.plant.assembly.close(0.0, q, held)
+        self.plant.check_corners(0.0, q)
+        return q
 
     def set_input(self, index: int, value: float) -> None:
         """Let an input have another value, here and in the complex twin."""
@@ -393,59 +392,3 @@ class EquilibriumProblem:
             self._quaternions += [k + own] * joint.quaternion
             k, i = k + joint.nq, i + joint.nv
         self._plain = np.array(plain, np.int64).reshape(-1, 2).T
-
-
-def equilibrium(model: Model | Mechanism, start: Mapping[str, float] | None = None) -> Equilibrium:
-    """Return a steady state of a model or a mechanism.
-
-    Supports that are moved by a step are at its end. If no stable state is found there from the start, the state before
-    the step is followed through their motion, see :mod:`mbfmu.steady.moved`.
-
-    Parameters
-    ----------
-    model
-        Model with drives at constant speed, or without drives for static equilibrium.
-    start
-        Coordinates by name from which Newton's method starts; by default those of the model.
-
-    Raises
-    ------
-    EquilibriumError
-        None is found, or what is found is none; with the residual.
-    """
-    from mbfmu.steady.moved import follow_supports
-
-    model = of_user(model)
-    if start:
-        problem = EquilibriumProblem(model)
-        return problem.solve(problem.start(start), "the start given")
-    try:
-        problem = EquilibriumProblem(model)
-        found = problem.solve()
-    except UserError:
-        if not has_moved_supports(model.plant()):
-            raise
-        with suppress(UserError):
-            return follow_supports(model)
-        raise
-    if problem.has_moved_supports and found.stability == "unstable":
-        with suppress(UserError):
-            followed = follow_supports(model)
-            return found if followed.stability == "unstable" else followed
-    return found
-
-
-def linearize(model: Model | Mechanism, start: Mapping[str, float] | None = None) -> StateSpace:
-    """Return the state matrices of the motion about a steady state, from the inputs to the outputs; see
-    :func:`equilibrium`.
-    """
-    return equilibrium(model, start).state_space
-
-
-def modes(model: Model | Mechanism, count: int = 8, start: Mapping[str, float] | None = None) -> list[ModeShape]:
-    """Return natural modes and their shapes about a steady state, the lowest or slowest first; see
-    :func:`equilibrium`.
-    """
-    if not isinstance(count, int) or count < 1:
-        raise UserError(f"count of modes is {count!r}; allowed: a whole number from 1 on")
-    return equilibrium(model, start).shapes(count)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from mbfmu.errors import EquilibriumError
 from mbfmu.model import Model
+from mbfmu.steady.equilibrium import build_problem, find_states
 from mbfmu.steady.problem import EquilibriumProblem
 from mbfmu.steady.state import Equilibrium
 from solvers.system import Array
@@ -38,14 +39,14 @@ def sweep(
     EquilibriumError
         No steady state at any value; the message is that of the last one.
     """
-    problems = [EquilibriumProblem(model.with_values({parameter: value})) for value in values]
+    problems = [build_problem(model.with_values({parameter: value})) for value in values]
     branches: list[Branch] = []
     failure: EquilibriumError | None = None
     for i, problem in enumerate(problems):
         for branch in branches:
             extend(branch, problem, values[i], branches)
         try:
-            found = [problem.solve()]
+            found = find_states(problem)
             found += problem.others(found[0], scattered)
         except EquilibriumError as error:
             found, failure = [], error

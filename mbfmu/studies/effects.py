@@ -21,7 +21,7 @@ from mbfmu.model import Model
 from mbfmu.result import Result
 from mbfmu.scene import Scene, default_scene
 from mbfmu.settings import Settings
-from mbfmu.steady.problem import equilibrium
+from mbfmu.steady.equilibrium import equilibrium
 from mbfmu.studies.reference import scales, still
 from mbfmu.studies.timing import Budget, Spent, cpu_time, in_turn
 from mbfmu.table import table

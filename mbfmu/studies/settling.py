@@ -15,7 +15,7 @@ import numpy as np
 from mbfmu.model import Model
 from mbfmu.settings import Settings
 from mbfmu.simulation import Simulation
-from mbfmu.steady.problem import EquilibriumProblem
+from mbfmu.steady.equilibrium import build_problem, find_state
 from mbfmu.studies.timing import Spent, cpu_time, in_turn
 from mbfmu.table import power, table
 from solvers import SOLVERS
@@ -70,8 +70,8 @@ def settle(
 
     ``model`` must be damped: :attr:`Model.settling` holds parameters that see to it.
     """
-    balance = EquilibriumProblem(model)
-    found = balance.solve()
+    balance = build_problem(model)
+    found = find_state(balance)
     exact = model.exact_equilibrium()
     decay = -max(mode.eigenvalue.real for mode in found.modes)
     end = float(-np.log(LEFT) / decay)
@@ -82,7 +82,7 @@ def settle(
 
     settings = [Settings(solver=solver, tolerance=tolerance) for solver in solvers for tolerance in tolerances]
     runs = [_Run(model, own) for own in settings]
-    newtons: list[Callable[[], float]] = [lambda: balance.solve().solve_time]
+    newtons: list[Callable[[], float]] = [lambda: find_state(balance).solve_time]
     methods = newtons + [partial(run.settle, end) for run in runs]
     times = in_turn(methods, repeats, progress=progress)
     newton = Settled(

@@ -264,6 +264,8 @@ class Follower:
         for _ in range(POWERS):
             x = x / np.linalg.norm(x)
             before, x = x, self._equations.solve(x / size, none)[0] / size
+            if not np.linalg.norm(x) > 0.0:  # exactly singular, and nothing else moves
+                return before, 0.0
         value = 1.0 / abs(float(before @ x))
         x = x / np.linalg.norm(x)
         return x * np.sign(x[np.argmax(np.abs(x))]), value

@@ -17,7 +17,7 @@ from mbfmu.errors import UserError
 from mbfmu.fmi import Fmu, export
 from mbfmu.model import Model
 from mbfmu.simulation import Settings
-from mbfmu.steady.problem import equilibrium
+from mbfmu.steady.equilibrium import equilibrium
 
 MODELS = {"governor": Governor(), "free": Governor(driven=False), "pendulum": SwingPendulum()}
 

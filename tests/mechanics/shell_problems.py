@@ -38,7 +38,7 @@ from mbfmu.mechanics import (
     add_sheet,
 )
 from mbfmu.mechanics.elements.material import PlaneStress
-from mbfmu.steady.problem import equilibrium
+from mbfmu.steady.equilibrium import equilibrium
 
 Node = tuple[int, int]
 

@@ -16,7 +16,7 @@ from mbfmu.mechanics.elements.plate_energy import bending_strain, lean, stress
 from mbfmu.mechanics.loads import Drag
 from mbfmu.mechanics.records import complex_state
 from mbfmu.mechanics.recursions.dynamics import energy, move
-from mbfmu.steady.problem import equilibrium
+from mbfmu.steady.equilibrium import equilibrium
 from solvers.compiled.held import contents, hold
 
 A, B, NU = 2.0, 1.5, 0.3

@@ -43,7 +43,7 @@ from mbfmu.mechanics.recursions.aba import forward_dynamics
 from mbfmu.mechanics.recursions.dynamics import move, solved
 from mbfmu.mechanics.tangent import find_groups
 from mbfmu.model import Model
-from mbfmu.steady.problem import equilibrium
+from mbfmu.steady.equilibrium import equilibrium
 
 TREES = ["spine", "rows", "master"]
 EVERYTHING = {"membrane": True, "damping": 1e-3, "drag": 0.6, "pressure": 0.4}

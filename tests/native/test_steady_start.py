@@ -17,7 +17,7 @@ from fmus.governor import Governor
 from mbfmu.fmi import Fmu, export
 from mbfmu.model import Model
 from mbfmu.simulation import Settings
-from mbfmu.steady.problem import equilibrium
+from mbfmu.steady.equilibrium import equilibrium
 
 pytestmark = needs_linker
 

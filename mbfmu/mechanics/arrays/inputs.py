@@ -194,6 +194,10 @@ class Inputs:
         """Whether an input is the position or the rate of a driven coordinate."""
         return self._roles[index] == MOVES
 
+    def positions(self) -> list[int]:
+        """Return the numbers of the inputs that are the position of a driven coordinate."""
+        return [k for k, slot in enumerate(self._slots) if self.moves_support(k) and not slot.coefficient]
+
     def changes(self, index: int, follows: Follows, signals: Set[int] | None = None) -> bool:
         """Whether an input changes, at the moment it is set, what follows so: a support and a rate take a step.
 

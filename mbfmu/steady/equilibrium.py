@@ -1,0 +1,140 @@
+"""The steady state of a model: one way to build the problem and to solve it, for every use of a steady state."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import suppress
+
+from mbfmu.codes import coded
+from mbfmu.errors import EquilibriumError, UserError
+from mbfmu.mechanics import Mechanism, Plant
+from mbfmu.model import Model, of_user
+from mbfmu.steady.linear import StateSpace
+from mbfmu.steady.modes import ModeShape
+from mbfmu.steady.problem import EquilibriumProblem
+from mbfmu.steady.state import Equilibrium
+from mbfmu.steady.supports import Supports, follow_supports
+
+
+def build_problem(model: Model | Mechanism, plant: Plant | None = None) -> EquilibriumProblem:
+    """Return the equilibrium problem of a model, or of a plant of it whose inputs are set.
+
+    Steps and run-ups of drives are taken to their ends, unless the plant is given: a run starts before them. If the
+    model cannot be assembled with the supports where they are, it is laid out as it was before they moved.
+
+    Raises
+    ------
+    UserError
+        The model cannot be assembled, has no free coordinate, or a drive is not at constant speed.
+    """
+    model = of_user(model)
+    made = plant or model.plant()
+    supports = Supports(made, finishes=plant is None)
+    if plant is None:
+        made.drives.finish_run_ups()
+    try:
+        return EquilibriumProblem(model, made, supports)
+    except UserError:
+        here = supports.positions()
+        for begin in supports.beginnings():
+            supports.move(begin)
+            with suppress(UserError):
+                problem = EquilibriumProblem(model, made, supports)
+                supports.move(here)
+                return problem
+        raise
+
+
+def find_states(problem: EquilibriumProblem) -> list[Equilibrium]:
+    """Return the steady state of a problem, and the unstable one that was found before it from the start, if any.
+
+    The problem is solved from its start. If that fails, or if the state is unstable, the motion of supports that steps
+    or inputs have moved is followed from where they start, then from zero. An unstable state is returned if no other
+    is found.
+
+    Raises
+    ------
+    UserError
+        No steady state is found; the message is that of the search from the start.
+    """
+    found: list[Equilibrium] = []
+    failure: UserError | None = None
+    try:
+        found.append(problem.solve(problem.start()))
+    except UserError as error:
+        failure = error
+    for begin in problem.supports.beginnings():
+        if found and not is_unstable(found[0]):
+            break
+        with suppress(UserError):
+            followed = follow_supports(problem, begin)
+            if not found or not is_unstable(followed):
+                found.insert(0, followed)
+    if not found and failure is not None:
+        raise failure
+    return found
+
+
+def find_state(problem: EquilibriumProblem) -> Equilibrium:
+    """Return the steady state of a problem, see :func:`find_states`."""
+    return find_states(problem)[0]
+
+
+def is_unstable(state: Equilibrium) -> bool:
+    """Whether a motion grows, as far as the eigenvalues can be found."""
+    with suppress(EquilibriumError):
+        return state.stability == "unstable"
+    return False
+
+
+def report_unstable(state: Equilibrium) -> str:
+    """Return a message if a run that starts in this state leaves it; else nothing."""
+    if not is_unstable(state):
+        return ""
+    growth = max(mode.eigenvalue.real for mode in state.modes)
+    return coded(
+        "unstable-start",
+        f"the steady state in which {state.model.name!r} starts is unstable: deviations, at first those of rounding, "
+        f"grow by exp({growth:.3g} t), t in s. Other start values may lead to a stable state; `mbfmu equilibrium` "
+        "lists those it finds",
+    )
+
+
+def equilibrium(model: Model | Mechanism, start: Mapping[str, float] | None = None) -> Equilibrium:
+    """Return a steady state of a model or a mechanism.
+
+    Supports that are moved by a step are at its end. If no stable state is found there from the start, the state before
+    the supports moved is followed through their motion, see :mod:`mbfmu.steady.supports`.
+
+    Parameters
+    ----------
+    model
+        Model with drives at constant speed, or without drives for static equilibrium.
+    start
+        Coordinates by name from which Newton's method starts; by default those of the model.
+
+    Raises
+    ------
+    EquilibriumError
+        None is found, or what is found is none; with the residual.
+    """
+    problem = build_problem(model)
+    if start:
+        return problem.solve(problem.start(start), "the start given")
+    return find_state(problem)
+
+
+def linearize(model: Model | Mechanism, start: Mapping[str, float] | None = None) -> StateSpace:
+    """Return the state matrices of the motion about a steady state, from the inputs to the outputs; see
+    :func:`equilibrium`.
+    """
+    return equilibrium(model, start).state_space
+
+
+def modes(model: Model | Mechanism, count: int = 8, start: Mapping[str, float] | None = None) -> list[ModeShape]:
+    """Return natural modes and their shapes about a steady state, the lowest or slowest first; see
+    :func:`equilibrium`.
+    """
+    if not isinstance(count, int) or count < 1:
+        raise UserError(f"count of modes is {count!r}; allowed: a whole number from 1 on")
+    return equilibrium(model, start).shapes(count)

@@ -1,0 +1,129 @@
+"""Steady states with supports that have moved: where none is found there, or one that is not stable, they are followed.
+
+A thin sheet whose clamps come together has many steady states, of which only those that are bent are stable. From its
+start, drawn where the clamps were, Newton finds a flat one, or none. The state before the motion is followed while all
+supports go to their positions together, along the path of steady states (:mod:`solvers.statics.path`), and at the first
+bifurcation onto the path that crosses there, if the first path does not end in a stable state.
+
+A support moves by a :class:`~mbfmu.mechanics.signals.Step`, which starts at its offset, or by an input of position,
+which starts at its start value. It is followed from there, then from zero. A constant position of a drive is part of
+the geometry, not a motion.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from itertools import islice
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mbfmu.errors import EquilibriumError
+from mbfmu.mechanics import Plant
+from mbfmu.mechanics.signals import InUse
+from mbfmu.steady.state import Equilibrium
+from solvers.linalg.blocks import one_thread
+from solvers.statics.path import Follower, Load, State
+from solvers.system import Array
+
+if TYPE_CHECKING:
+    from mbfmu.steady.problem import EquilibriumProblem
+
+STEPS = 400  # states on a path, at most
+FOLLOWED = "the supports where they start, by following their motion"
+
+
+class Supports:
+    """Positions of the supports of a plant that steps and inputs move, those of steps first.
+
+    Parameters
+    ----------
+    plant
+        Plant whose steps have not been taken to their ends yet.
+    finishes
+        Whether they will be. Else the drive of a step has no constant speed, and there is no steady state.
+    """
+
+    def __init__(self, plant: Plant, *, finishes: bool) -> None:
+        signals = plant.signals(plant.data)
+        steps = [step.record for step in plant.drives.steps(signals)] if finishes else []
+        self._before = [float(record["offset"]) for record in steps]
+        self._fixed = [0.0 if record["height"] else float(record["offset"]) for record in steps]
+        self._steps, self._plant, self._inputs = [steps], plant, plant.inputs.positions()
+        self._places = [plant.inputs.places(plant.data.arrays, signals)]
+
+    def add_twin(self, arrays: Any, signals: list[InUse]) -> None:
+        """Let the supports of the complex twin of the plant move as well."""
+        if self._before:
+            self._steps.append([step.record for step in self._plant.drives.steps(signals)])
+        self._places.append(self._plant.inputs.places(arrays, signals))
+
+    def positions(self) -> Array:
+        """Return where the supports are, m or rad."""
+        inputs = [array[k] for array, k in (self._places[0][index] for index in self._inputs)]
+        return np.array([*(record["offset"] for record in self._steps[0]), *inputs], float)
+
+    def beginnings(self) -> list[Array]:
+        """Return from where the supports have come to their positions: from where they start, then from zero."""
+        here, found = self.positions(), list[Array]()
+        starts = [self._plant.inputs.variables[index].start for index in self._inputs]
+        for places in ([*self._before, *starts], [*self._fixed, *(0.0 for _ in starts)]):
+            begin = np.array(places)
+            if not any(np.array_equal(begin, other) for other in (here, *found)):
+                found.append(begin)
+        return found
+
+    def move(self, positions: Array) -> None:
+        """Let the supports be at positions, m or rad."""
+        count = len(self._before)
+        for records in self._steps:
+            for record, position in zip(records, positions[:count], strict=True):
+                record["offset"] = position
+        for index, position in zip(self._inputs, positions[count:], strict=True):
+            self._plant.inputs.start(index, float(position))
+            for places in self._places[1:]:
+                array, k = places[index]
+                array[k] = position
+
+
+def follow_supports(problem: EquilibriumProblem, begin: Array) -> Equilibrium:
+    """Return the steady state that the one with the supports at ``begin`` becomes.
+
+    Raises
+    ------
+    UserError
+        There is none at the beginning, or the path ends earlier.
+    """
+    supports, started = problem.supports, time.perf_counter()
+    here = supports.positions()
+
+    def apply(part: float) -> None:
+        """Let the supports have gone a part of their way."""
+        supports.move(here if part == 1.0 else begin + part * (here - begin))
+
+    try:
+        apply(0.0)
+        before = problem.solve(problem.start())
+        with one_thread():
+            follower = Follower(problem.linearized(), Load(apply, 0.0, 1.0), before.q, before.lam[before.rows])
+            states = list(islice(follower.follow(follower.start), STEPS))
+            end = arrived(states)
+            crossings = [state for state in states if state.kind == "bifurcation"]
+            if (end is None or end.unstable) and crossings:
+                side = list(islice(follower.follow(follower.second(crossings[0], 1.0)), STEPS))
+                end = arrived(side) or end
+        if end is None:
+            reached = f": {follower.ended}" if follower.ended else ""
+            raise EquilibriumError(
+                f"no steady state of {problem.model.name!r} was found by following the motion of its supports{reached}"
+            )
+    finally:
+        apply(1.0)
+    found = problem.state(end.q, end.lam, FOLLOWED)
+    return replace(found, solve_time=time.perf_counter() - started)
+
+
+def arrived(states: list[State]) -> State | None:
+    """Return the last state if the supports are at the end of their motion there."""
+    return states[-1] if states and states[-1].p == 1.0 else None
