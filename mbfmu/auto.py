@@ -33,6 +33,7 @@ from solvers import stepper
 from solvers.compiled.kernel import COMPILED
 from solvers.options import Options
 from solvers.stepper import SLOWEST_RATE
+from solvers.steppers import order_refusal
 from solvers.system import LARGEST_DENSE, Array
 
 STEPS, IMPLICIT_STEPS = 300, 60  # of a trial, of the explicit solver and of the implicit one
@@ -46,7 +47,7 @@ GAIN, GAIN_OF_TREES = 1.0 / 6.0, 0.45  # evaluations of radau, and of esdirk or 
 WIDE = 10  # constraint equations from which LU on the dependent coordinates pays
 COARSE = 1e-6  # tightest tolerance of esdirk
 RESOLVED = 0.3  # part of the fastest undamped motion's rate that must be followed for orders of BDF above LOW_ORDER
-LOW_ORDER = 2
+LOW_ORDER = 2  # of BDF, up to which undamped motions of any speed are stable
 
 State = tuple[float, Array, Array]  # t (s), q (nq,), v (n,)
 
@@ -95,14 +96,17 @@ def pick(plant: Plant, states: Sequence[State], options: Options) -> SolverPick:
 
 
 def limit_order(plant: Plant, solver: str, state: State, options: Options) -> tuple[Options, str]:
-    """Return the options of a run, and a remark if they limit the order of `ida`.
+    """Return the options of a run, and a remark if they limit the order of `ida`, or if a higher one was set.
 
     Orders from 3 on are unstable on undamped motions that the steps do not resolve. A large tree without a mesh has
     such motions if its fastest undamped one is much faster than what the solver has to follow.
     """
     s = plant.system
-    if solver != "ida" or s.has_matrices or options.max_order is not None or s.meshed is None or s.meshed.any():
+    asked = options.max_order
+    if solver != "ida" or s.has_matrices or (asked or LOW_ORDER + 1) <= LOW_ORDER or s.meshed is None:
         return options, ""
+    if s.meshed.any():  # of itself, it uses low orders there
+        return options, asked_order(asked, "the membrane motions of sheets are", "or use 'esdirk'") if asked else ""
     if not COMPILED:  # the eigenvalues would take longer than most runs; without a limit the error is as small
         return options, ""
     try:
@@ -112,12 +116,24 @@ def limit_order(plant: Plant, solver: str, state: State, options: Options) -> tu
     followed = found.followed(options.absolute)
     if followed >= RESOLVED * found.undamped or followed <= SLOWEST_RATE / options.duration:
         return options, ""  # in the second case it is at rest, and the motion to be resolved is unknown
+    if asked:
+        what = f"the fastest motion of this model ({found.undamped:.3g} rad/s, coordinate {found.leading!r}) is"
+        return options, asked_order(asked, what, "or use 'adams' if the run is short")
     return replace(options, max_order=LOW_ORDER), coded(
         "limited-order",
         f"'ida' uses orders 1 and 2 only: the fastest motion of this model ({found.undamped:.3g} rad/s, coordinate "
         f"{found.leading!r}) is hardly damped and faster than the resolved motion ({followed:.3g} rad/s), and "
         "higher orders are unstable there. The error may be several hundred times the tolerance: choose a tolerance "
         "100 times smaller than the required accuracy, or set max_order, or use 'adams' if the run is short",
+    )
+
+
+def asked_order(order: int, what: str, other: str) -> str:
+    """Return the remark on an order that was set, where `ida` would use lower ones."""
+    return coded(
+        "unstable-order",
+        f"max_order is {order}, but {what} faster than the resolved motion, and orders from 3 on are unstable there if "
+        f"it is hardly damped: the run may take very many steps. Leave max_order at 0 (orders 1 and 2), {other}",
     )
 
 
@@ -173,8 +189,10 @@ def try_solver(plant: Plant, solver: str, state: State, options: Options, times:
     A start that it refuses gets nowhere here; the run will say why.
     """
     begin = state[0]
+    order = None if order_refusal(solver, options.max_order) else options.max_order
+    options = replace(options, max_steps=steps, max_order=order, energy_check=False)
     try:
-        trial = stepper(solver, plant.system, *state, replace(options, max_steps=steps, energy_check=False))
+        trial = stepper(solver, plant.system, *state, options)
     except ValueError:
         return _Trial(state, 0.0, inf, False)
     for t in times:

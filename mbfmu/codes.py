@@ -28,6 +28,7 @@ TITLES = OF_SOLVERS | {
     "loose-tolerance": "The tolerance is too large for an output",
     "coarse-tolerance": "Errors at this tolerance may be large",
     "limited-order": "The solver 'ida' is limited to orders 1 and 2",
+    "unstable-order": "An order was set that may be unstable for the model",
     "slow-solver": "Another solver needs far less computation",
     "input-jump": "An input changes discontinuously",
     "sampled-input": "An input is set at the outputs only",

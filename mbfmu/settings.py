@@ -9,7 +9,7 @@ from typing import Any, Self
 from mbfmu.errors import UserError, require_arguments, suggest
 from mbfmu.model import check, declared, parameter, span
 from solvers import Options
-from solvers.steppers import NAMES
+from solvers.steppers import NAMES, order_refusal
 
 AUTO = "auto"  # of the solvers: the one that :mod:`mbfmu.auto` takes for the model
 FINEST = 1e-15  # absolute tolerance: numbers of size one are no finer
@@ -27,7 +27,9 @@ class Settings:
     absolute_tolerance: float = parameter(
         0.0, min=0.0, max=1.0, doc="Absolute tolerance in units of each coordinate; 0: equal to the relative tolerance"
     )
-    max_order: int = parameter(0, min=0, max=12, doc="Maximum order; 0: 12 (ida: 5, with sheets 2)")
+    max_order: int = parameter(
+        0, min=0, max=12, doc="Maximum order, 1 to 12 (ida: 1 to 5); 0: the largest (ida with sheets: 2)"
+    )
     max_steps: int = parameter(100_000, min=1, doc="Maximum number of steps between two communication points")
     max_step: float = parameter(0.0, unit="s", min=0.0, doc="Maximum step size; 0: no limit")
     input_interpolation: str = parameter(
@@ -49,11 +51,9 @@ class Settings:
         if not isinstance(self.solver, str) or self.solver not in known:
             raise UserError(f"solver is {self.solver!r}{suggest(str(self.solver), known)}")
         for p in declared(Settings):
-            try:
-                object.__setattr__(self, p.name, check("the settings", p, getattr(self, p.name)))
-            except UserError as error:
-                finite = "finite, " if p.max == inf and not p.choices else ""
-                raise UserError(f"{p.name} is {getattr(self, p.name)!r}; allowed: {finite}{span(p)}") from error
+            object.__setattr__(self, p.name, check_setting(p.name, getattr(self, p.name)))
+        if refused := order_refusal(self.solver, self.max_order or None):
+            raise UserError(refused)
         if 0.0 < self.absolute_tolerance < FINEST:
             raise UserError(f"absolute_tolerance is {self.absolute_tolerance!r}; allowed: 0, or {FINEST:g} to 1")
 
@@ -68,3 +68,13 @@ class Settings:
             energy_check=self.energy_check,
             duration=duration,
         )
+
+
+def check_setting(name: str, value: Any) -> Any:
+    """Return the value of one setting in its type; raises UserError if it is invalid whatever the others are."""
+    declaration = next(p for p in declared(Settings) if p.name == name)
+    try:
+        return check("the settings", declaration, value)
+    except UserError as error:
+        finite = "finite, " if declaration.max == inf and not declaration.choices else ""
+        raise UserError(f"{name} is {value!r}; allowed: {finite}{span(declaration)}") from error

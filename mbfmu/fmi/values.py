@@ -19,7 +19,7 @@ from mbfmu.errors import UserError
 from mbfmu.interface import Role, ScalarVariable, Type, interface
 from mbfmu.mechanics import Plant
 from mbfmu.model import Model
-from mbfmu.settings import Settings
+from mbfmu.settings import Settings, check_setting
 from mbfmu.simulation import Simulation
 
 Phase = Enum("Phase", ["INSTANTIATED", "INITIALIZING", "RUNNING", "FAILED", "TERMINATED"])
@@ -179,12 +179,12 @@ class Values(Fmi2Slave):  # type: ignore[misc]
         if v.choices and not 1 <= value <= len(v.choices):
             allowed = ", ".join(f"{i} ({word})" for i, word in enumerate(v.choices, 1))
             return f"{v.name!r} was set to {value!r}; allowed: {allowed}"
-        given = {v.name: v.value_of(value)}
+        given = v.value_of(value)
         try:
             if v.role is Role.PARAMETER:
-                self.model.with_values(given)
-            elif v.role is Role.SETTING:
-                Settings(**given)
+                self.model.with_values({v.name: given})
+            elif v.role is Role.SETTING:  # whether it suits the other settings is checked when all are set
+                check_setting(v.name, given)
         except UserError as error:
             return str(error)
         return ""

@@ -20,6 +20,7 @@ from mbfmu.tolerances import COARSE_TOLERANCE, describe_coarse
 from solvers.assembly import Outcome
 from solvers.codes import coded
 from solvers.outcome import CODES, KEYS, MESSAGES, Status
+from solvers.steppers import ORDERS
 
 from . import layout, starting
 from .entries import Instance, family_of, image_of
@@ -76,7 +77,7 @@ def native_model(model: Model, settings: Settings, for_one_run: bool = False) ->
         why = "the initial steady state, which is computed at export, depends on it"
     live = _nothing_live(model, why) if why else find_live(model)
     frozen = {name: why for name, why in live.frozen.items() if not _structural(model, name)}
-    variables = tuple(_native(v, model, live) for v in interface(model, settings, simulation.plant))
+    variables = tuple(_native(v, model, live, settings.solver) for v in interface(model, settings, simulation.plant))
     several = arrays(model, variables)
     file = _File(simulation, instance, image, live, variables, several)
     return NativeModel(variables, several, frozen, simulation.start_remarks(), file.write())
@@ -91,9 +92,14 @@ def _structural(model: Model, name: str) -> bool:
     return next(p.structural for p in model.parameters() if p.name == name)
 
 
-def _native(v: ScalarVariable, model: Model, live: Live) -> ScalarVariable:
+def _native(v: ScalarVariable, model: Model, live: Live, solver: str) -> ScalarVariable:
     """Return a variable as it is without Python: what is baked is a constant, and ranges may be narrower."""
     baked = v.name in BAKED if v.role is Role.SETTING else v.role is Role.PARAMETER and v.name in live.frozen
+    if v.role is Role.SETTING and v.name == "max_order":
+        lowest, highest = ORDERS[solver]
+        if lowest < highest:
+            return replace(v, max=highest, allowed=f"0, or {lowest} to {highest} with solver {solver!r}")
+        baked = True  # the method has one order
     if baked:
         return replace(v, causality="local", variability="constant", allowed="")
     if v.role is not Role.PARAMETER or v.name not in live.ranges:

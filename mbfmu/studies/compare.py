@@ -21,7 +21,7 @@ from mbfmu.studies.reference import Reference, reference
 from mbfmu.studies.resolution import Resolution, in_words, resolutions_of
 from mbfmu.studies.timing import Budget, Spent, TooLong, check_repeats, in_turn
 from mbfmu.table import power
-from solvers.steppers import LARGE, SOLVERS, UNTIED, refusal, size_limit
+from solvers.steppers import LARGE, SOLVERS, UNTIED, order_refusal, refusal, size_limit
 
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10)
 COARSE = (1e-4, 1e-6)  # at several resolutions
@@ -270,7 +270,11 @@ def asked(
         scene.changed(solver=solver)
     ordered = sorted(tried, reverse=True)
     names = [dict.fromkeys(solvers or solvers_of(plant)) for plant in plants]
-    why = [{name: refusal(name, plant.system) for name in own} for plant, own in zip(plants, names, strict=True)]
+    order = scene.settings.max_order or None
+    why = [
+        {name: refusal(name, plant.system) or order_refusal(name, order) for name in own}
+        for plant, own in zip(plants, names, strict=True)
+    ]
     chosen = {
         k: [(name, tolerance) for tolerance in ordered for name in own if not own[name]] for k, own in enumerate(why)
     }

@@ -44,6 +44,14 @@ LARGE: dict[str, Callable[..., Stepper]] = {  # on a tree's recursions, with con
 # on those of a tree without constraints: there is nothing to partition
 UNTIED: dict[str, Callable[..., Stepper]] = dict.fromkeys(("adams", "hybrid", "adams-lu"), TreeAdamsStepper)
 NAMES = tuple(dict.fromkeys((*SOLVERS, *LARGE)))
+ORDERS = {  # lowest and highest order that a run can be limited to; one number: the method has this order
+    "ida": (1, 5),
+    "adams": (1, 12),
+    "hybrid": (1, 12),
+    "adams-lu": (1, 12),
+    "radau": (5, 5),
+    "esdirk": (3, 3),
+}
 LARGEST_RADAU = 200  # coordinates; a Newton matrix of that size takes seconds, and grows with more than the third power
 
 
@@ -83,15 +91,30 @@ def refusal(name: str, system: AnySystem) -> str:
     return ""
 
 
+def order_refusal(name: str, order: int | None) -> str:
+    """Return why a solver cannot be limited to an order; empty: it can, or there is no limit.
+
+    A name that is no solver's, such as ``auto``, is not refused here.
+    """
+    low, high = ORDERS.get(name, (1, 12))
+    if order is None or low <= order <= high:
+        return ""
+    allowed = f"{low} to {high}" if low < high else f"{high}"
+    return (
+        f"max_order is {order}; allowed for solver {name!r}: {allowed}, or 0 for no limit. Change max_order or the "
+        "solver"
+    )
+
+
 def stepper(name: str, system: AnySystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> Stepper:
     """Return a stepper by its name.
 
     A large model is advanced by its recursions if the solver supports this, else by its matrices. Raises ValueError
-    if these would be too large, and for an unknown name.
+    if these would be too large, for an order that the solver does not have, and for an unknown name.
     """
     if name not in NAMES:
         raise ValueError(f"there is no solver {name!r}; allowed: {', '.join(map(repr, NAMES))}")
-    if refused := refusal(name, system):
+    if refused := refusal(name, system) or order_refusal(name, options.max_order if options else None):
         raise ValueError(refused)
     given: tuple[Any, ...] = t0, q0, v0, options
     if not isinstance(system, TreeSystem):

@@ -112,7 +112,7 @@ class TreeIDAStepper(IDADriver):
     def _new_ida(self) -> DirectIDA | BoundIDA:
         s, o = self.system, self.options
         mesh = self._has_mesh
-        order = self._order = min(ORDER, o.max_order or (MESH_ORDER if mesh else ORDER))
+        order = self._order = o.max_order or (MESH_ORDER if mesh else ORDER)
         part = 1.0 if mesh else (s.nq + s.n + 2 * s.m) ** -0.5
         sizes = o.absolute * s.size
         rates = (RATE if order > MESH_ORDER else MESH_RATE) * self._rate * sizes

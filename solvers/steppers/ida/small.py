@@ -53,6 +53,7 @@ FINEST = 1e-9  # a tighter rtol is run as this one: below it roundoff in J grows
 # IDA bounds the error of a step and the errors add up. At order 5 a step is as rtol^(1/6) and so the sum as the step's
 # error^(5/6): for a motion's error in proportion to rtol IDA is given TIGHTER rtol^POWER, and atol in proportion.
 TIGHTER = 3.0
+HIGHEST_ORDER = 5  # of BDF
 UNCONTROLLED = 1e20  # absolute tolerance of the multipliers, in their units
 NEARER = 10.0  # times rtol: branches that are no farther apart, in units of size, are one
 # Times rtol: speed that D may take from loops in a singular configuration, in units of theirs. In a period of the
@@ -99,7 +100,7 @@ class IDAStepper(IDADriver, DenseStepper):
             self._eqs, self._held, self._work, self._rank, count, self._book, self._scales, self._counts, self._course,
             self._good, np.array([LOSS * self._rtol]), self._tight, self._atol,
         )  # fmt: skip
-        order = 5 if o.max_order is None else min(5, o.max_order)
+        order = o.max_order or HIGHEST_ORDER
         options: dict[str, Any] = {"rtol": self._tight, "atol": self._atol, "max_order": order}
         if serves():
             callbacks = DIRECT if self.system.m else FACTORED

@@ -1,0 +1,133 @@
+"""Orders that a run can be limited to: those of the methods, by every way in which a setting is given."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import mbfmu as mb
+from fmus.pendulum import SwingPendulum
+from fmus.sheet import Sheet
+from mbfmu.codes import code_of
+from mbfmu.fmi import Fmu
+from mbfmu.native.data import native_model
+from mbfmu.scene import load_scene
+from solvers import Options
+from solvers.steppers import NAMES, stepper
+
+RANGES = {  # BDF of SUNDIALS IDA, Adams of Shampine and Gordon, Radau IIA of three stages, the ESDIRK formula
+    "ida": (1, 5),
+    "adams": (1, 12),
+    "hybrid": (1, 12),
+    "adams-lu": (1, 12),
+    "radau": (5, 5),
+    "esdirk": (3, 3),
+}
+WRONG = [(name, k) for name, (low, high) in RANGES.items() for k in (1, 2, 4, 5, 6, 8, 12) if not low <= k <= high]
+
+
+def by_settings(solver: str, order: int, _: Path) -> None:
+    mb.Settings(solver=solver, max_order=order)
+
+
+def by_simulate(solver: str, order: int, _: Path) -> None:
+    mb.simulate(SwingPendulum(), 0.1, solver=solver, max_order=order)
+
+
+def by_scene(solver: str, order: int, folder: Path) -> None:
+    file = folder / "scene.toml"
+    file.write_text(f'model = "pendulum"\nsolver = "{solver}"\nmax_order = {order}\n')
+    load_scene(str(file))
+
+
+def by_stepper(solver: str, order: int, _: Path) -> None:
+    plant = (Sheet(nx=7, nz=5) if solver == "esdirk" else SwingPendulum()).plant()
+    try:
+        stepper(solver, plant.system, 0.0, *plant.assemble(), Options(max_order=order))
+    except ValueError as error:
+        raise mb.UserError(str(error)) from error
+
+
+@pytest.mark.parametrize("way", [by_settings, by_simulate, by_scene, by_stepper])
+@pytest.mark.parametrize(("solver", "order"), WRONG)
+def test_an_order_that_a_solver_does_not_have_is_refused(
+    way: Callable[..., None], solver: str, order: int, tmp_path: Path
+) -> None:
+    low, high = RANGES[solver]
+    allowed = f"{low} to {high}" if low < high else f"{high}"
+    with pytest.raises(
+        mb.UserError, match=re.escape(f"max_order is {order}; allowed for solver {solver!r}: {allowed},")
+    ):
+        way(solver, order, tmp_path)
+
+
+@pytest.mark.parametrize("solver", sorted(set(NAMES) - {"esdirk"}))
+def test_an_order_that_it_has_is_kept(solver: str) -> None:
+    low, high = RANGES[solver]
+    for order in {low, high}:
+        result = mb.simulate(SwingPendulum(), 1.0, solver=solver, max_order=order)
+        assert not result.failure
+        assert result.statistics.order <= order
+
+
+def test_the_table_has_every_solver() -> None:
+    assert set(RANGES) == set(NAMES)
+    assert mb.Settings(solver="auto", max_order=12).max_order == 12
+    assert not mb.simulate(SwingPendulum(), 0.1, solver="auto", max_order=12).failure
+
+
+def test_the_command_and_a_comparison(command: Callable[..., Any], tmp_path: Path) -> None:
+    out = str(tmp_path / "out")
+    code, _, err = command("run", "pendulum", "--direct", "--solver", "ida", "--max-order", "8", "-o", out)
+    assert (code, "max_order is 8; allowed for solver 'ida': 1 to 5" in err) == (2, True)
+    scene = load_scene("pendulum").changed(solver="adams", max_order=8, stop_time=0.2)
+    compared = mb.compare(scene, tolerances=[1e-4])
+    assert {row.solver for row in compared.rows} <= {"adams", "hybrid", "adams-lu"}
+    assert any("max_order is 8; allowed for solver 'ida'" in text for text in compared.left_out)
+
+
+def test_an_fmu_checks_its_parameters_together(fourbar_fmu: Path) -> None:
+    """In any order: 8 belongs to 'adams', with which it was exported."""
+    with Fmu(fourbar_fmu, {"max_order": 8}) as fmu:
+        fmu.step(0.01)
+    for given in ({"max_order": 8, "solver": "ida"}, {"solver": "ida", "max_order": 8}):
+        with pytest.raises(mb.UserError, match="max_order is 8; allowed for solver 'ida': 1 to 5"):
+            Fmu(fourbar_fmu, given)
+
+
+@pytest.mark.parametrize(("solver", "high"), [("adams", 12), ("hybrid", 12), ("radau", None)])
+def test_a_native_fmu_offers_the_orders_of_its_solver(solver: str, high: int | None) -> None:
+    made = native_model(SwingPendulum(), mb.Settings(solver=solver), for_one_run=True)
+    (order,) = (v for v in made.variables if v.name == "max_order")
+    assert order.settable == (high is not None)
+    if high is not None:
+        assert (order.min, order.max) == (0, high)
+        assert f"1 to 12 with solver {solver!r}" in order.allowed
+
+
+def stiff_joints(others: int = 69) -> mb.Mechanism:
+    """A pendulum, and masses on undamped springs of 1000 rad/s."""
+    m = mb.Mechanism(gravity=(0.0, -9.81, 0.0))
+    m.body("bob", m.ground, mb.Revolute(start=0.5), **mb.rod(mass=1.0, length=1.0))
+    for k in range(others):
+        slide = m.body(f"mass{k}", m.ground, mb.Translational(axis="x"), mass=1.0)
+        m.force(f"spring{k}", mb.JointSpring(stiffness=1e6), slide)
+    return m
+
+
+def codes(model: Any, **settings: Any) -> list[str]:
+    return [code_of(text) for text in mb.Simulation(model, mb.Settings(**settings)).remarks]
+
+
+@pytest.mark.parametrize(("model", "default"), [(stiff_joints(), "limited-order"), (Sheet(nx=7, nz=5), "large-error")])
+def test_an_order_that_would_have_been_lowered_is_reported(model: Any, default: str) -> None:
+    assert default in codes(model, solver="ida")
+    for order in (1, 2):
+        assert "unstable-order" not in codes(model, solver="ida", max_order=order)
+    for order in (3, 5):
+        assert "unstable-order" in codes(model, solver="ida", max_order=order)
+    assert "unstable-order" not in codes(stiff_joints(5), solver="ida", max_order=5)
