@@ -1,8 +1,8 @@
-"""What inputs cost that change at every communication point: ``python benchmarks/cosimulation.py [-o FOLDER]``.
+"""Error and cost of inputs that change at every communication point: ``python benchmarks/cosimulation.py [-o FOLDER]``.
 
-The four-bar under a sine torque that is held between points, or goes on as it came. Its cranks are equal, so that the
-coupler translates and the motion is that of one inertia: the error is against SciPy's integration of that, under the
-torque as it was held (the solver's own error) and under the sine itself (what holding or going on costs).
+Four-bar with a sinusoidal torque that is held between points, or extrapolated linearly. The cranks are equal, so that
+the coupler translates and the motion is that of one inertia. The reference is SciPy's integration of this motion: with
+the torque as it was held (integration error) and with the sine (error of holding or extrapolating the torque).
 
 Prints a table, medians of several runs with the kernels compiled, and writes ``cosimulation.png``.
 """
@@ -107,19 +107,19 @@ def picture(rows: dict[tuple[str, float], Row], path: Path) -> None:
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 5), layout="constrained")
     for solver in SOLVERS:
         own = [rows[solver, step] for step in STEPS]
-        left.loglog(STEPS, [row.own for row in own], "o-", label=f"{solver}, its own error")
+        left.loglog(STEPS, [row.own for row in own], "o-", label=f"integration error, {solver}")
         right.loglog(STEPS, [row.time for row in own], "o-", label=solver)
-    left.loglog(STEPS, [rows["adams", step].held for step in STEPS], "k--", label="of holding the torque")
-    left.loglog(STEPS, [rows["adams", step].gone_on for step in STEPS], "k:", label="of letting it go on")
+    left.loglog(STEPS, [rows["adams", step].held for step in STEPS], "k--", label="error of the held torque")
+    left.loglog(STEPS, [rows["adams", step].gone_on for step in STEPS], "k:", label="error of linear extrapolation")
     left.set_xlabel("communication step [s]")
     left.set_ylabel("error of the angle after 1 s [rad]")
     right.set_xlabel("communication step [s]")
-    right.set_ylabel("time a point [us]")
+    right.set_ylabel("CPU time per communication point [us]")
     right.set_ylim(10.0, 1000.0)
     for axes in (left, right):
         axes.grid(visible=True, which="both", alpha=0.3)
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.15), ncols=2)
-    figure.suptitle(f"four-bar, a sine torque set at every point, tolerance {TOLERANCE:g}")
+    figure.suptitle(f"Four-bar, sinusoidal torque set at every communication point, tolerance {TOLERANCE:g}")
     finish(figure, path)
 
 
@@ -143,7 +143,17 @@ def main() -> None:
                     f"{constant:.1f}", f"{row.evaluations:.1f}", f"{row.steps:.2f}",
                 )
             )  # fmt: skip
-    header = ("solver", "step", "own error, rad", "held", "going on", "us a point", "constant", "evaluations", "steps")
+    header = (
+        "solver",
+        "step",
+        "integration error, rad",
+        "hold",
+        "linear",
+        "us per point",
+        "constant",
+        "evaluations",
+        "steps",
+    )
     print(table(header, lines))
     picture(rows, folder / "cosimulation.png")
 
