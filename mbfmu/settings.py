@@ -17,9 +17,17 @@ FINEST = 1e-15  # absolute tolerance: numbers of size one are no finer
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """Settings of the integration; the declaration of each one explains it.
+    """Settings of the integration.
 
-    The absolute tolerance, in units of each coordinate, equals the relative one unless it is given.
+    Parameters
+    ----------
+    **given
+        Values of settings by name, as listed with their descriptions by ``mbfmu models``; others keep their defaults.
+
+    Raises
+    ------
+    UserError
+        There is no such setting, or its value is not allowed.
     """
 
     solver: str = parameter("ida", choices=(*NAMES, AUTO), doc="Integration method")
@@ -58,7 +66,13 @@ class Settings:
             raise UserError(f"absolute_tolerance is {self.absolute_tolerance!r}; allowed: 0, or {FINEST:g} to 1")
 
     def options(self, duration: float = Options.duration) -> Options:
-        """Return the options of the stepper for a run of ``duration`` (s)."""
+        """Return the options of the stepper.
+
+        Parameters
+        ----------
+        duration
+            Time of the whole run, s.
+        """
         return Options(
             rtol=self.tolerance,
             atol=self.absolute_tolerance or None,

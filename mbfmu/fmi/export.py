@@ -57,6 +57,11 @@ def export(
         Function that receives a message on every decision of the export (another solver, parameters that become
         constant) and on a start that is singular or unstable.
 
+    Returns
+    -------
+    Path
+        Path of the file.
+
     Raises
     ------
     UserError

@@ -111,12 +111,17 @@ def equilibrium(model: Model | Mechanism, start: Mapping[str, float] | None = No
     model
         Model with drives at constant speed, or without drives for static equilibrium.
     start
-        Coordinates by name from which Newton's method starts; by default those of the model.
+        Coordinates by name (rad or m) from which Newton's method starts; by default those of the model.
+
+    Returns
+    -------
+    Equilibrium
+        Coordinates, outputs, stability, natural modes and linear model of the steady state.
 
     Raises
     ------
     EquilibriumError
-        None is found, or what is found is none; with the residual.
+        No steady state is found; the message contains the residual.
     """
     problem = build_problem(model)
     if start:
@@ -125,15 +130,47 @@ def equilibrium(model: Model | Mechanism, start: Mapping[str, float] | None = No
 
 
 def linearize(model: Model | Mechanism, start: Mapping[str, float] | None = None) -> StateSpace:
-    """Return the state matrices of the motion about a steady state, from the inputs to the outputs; see
-    :func:`equilibrium`.
+    """Return the linear model of the motion about a steady state, from the inputs to the outputs.
+
+    Parameters
+    ----------
+    model, start
+        As for :func:`equilibrium`.
+
+    Returns
+    -------
+    StateSpace
+        Matrices A, B, C, D with the names of states, inputs and outputs, in SI units.
+
+    Raises
+    ------
+    EquilibriumError
+        No steady state is found, or the model is too large for state matrices.
     """
     return equilibrium(model, start).state_space
 
 
 def modes(model: Model | Mechanism, count: int = 8, start: Mapping[str, float] | None = None) -> list[ModeShape]:
-    """Return natural modes and their shapes about a steady state, the lowest or slowest first; see
-    :func:`equilibrium`.
+    """Return the natural modes about a steady state, the slowest first.
+
+    Parameters
+    ----------
+    model, start
+        As for :func:`equilibrium`.
+    count
+        Largest number of modes.
+
+    Returns
+    -------
+    list[ModeShape]
+        Eigenvalues (1/s), frequencies (Hz), damping ratios and shapes in the coordinates.
+
+    Raises
+    ------
+    EquilibriumError
+        No steady state is found, or its modes are not found.
+    UserError
+        ``count`` is not a positive whole number.
     """
     if not isinstance(count, int) or count < 1:
         raise UserError(f"count of modes is {count!r}; allowed: a whole number from 1 on")

@@ -96,8 +96,20 @@ class StateSpace:
         return control.ss(self.A, self.B, self.C, self.D, **named)
 
     def write(self, path: Path | str) -> None:
-        """Write ``.npz`` (numpy) or ``.mat`` (MATLAB, Octave); scipy.signal and python-control take A, B, C, D.
+        """Write the matrices and the names to a file for NumPy, MATLAB or Octave.
 
+        Parameters
+        ----------
+        path
+            Path of the file, with the suffix ``.npz`` (NumPy) or ``.mat`` (MATLAB, Octave).
+
+        Raises
+        ------
+        UserError
+            The suffix is another one, or the file cannot be written.
+
+        Examples
+        --------
         >>> # with numpy.load(path) as f: control.ss(f["A"], f["B"], f["C"], f["D"])
         """
         matrices = {"A": self.A, "B": self.B, "C": self.C, "D": self.D}

@@ -111,7 +111,18 @@ class EquilibriumPath:
         return asdict(self)
 
     def write_csv(self, path: Path | str) -> None:
-        """Write one line per state; the header names input and outputs with their units."""
+        """Write the states as comma-separated values; the header contains names and units.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
+
+        Raises
+        ------
+        UserError
+            The file cannot be written.
+        """
         with replacing(path) as unfinished, unfinished.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
             outputs = [f"{name} [{unit}]" for name, unit in self.units.items()]
@@ -214,6 +225,11 @@ def equilibrium_path(
         Largest number of steps on each branch.
     progress
         Function that receives the value of the input after every state.
+
+    Returns
+    -------
+    EquilibriumPath
+        Branches of steady states with their outputs, stability, limit points and bifurcations.
 
     Raises
     ------

@@ -30,8 +30,12 @@ class Equilibrium:
 
     Attributes
     ----------
+    model, plant
+        Model, and its compiled mechanism with the drives and inputs of the steady state.
     q, v, lam
-        Positions (nq,), velocities (n,) and multipliers (m,) of the model's plant.
+        Positions (nq,), velocities (n,) and multipliers (m,).
+    rows
+        Numbers of the constraint equations that are independent in the steady state.
     iterations
         Number of factorized Jacobians of Newton's method.
     residual
@@ -96,7 +100,13 @@ class Equilibrium:
         return [shape.mode for shape in shapes_of(self.spectrum)]
 
     def shapes(self, count: int) -> list[ModeShape]:
-        """Return the lowest modes with their shapes in the coordinates."""
+        """Return the slowest natural modes with their shapes in the coordinates.
+
+        Parameters
+        ----------
+        count
+            Largest number of modes.
+        """
         enough = self.spectrum.complete or count <= LOWEST
         found = self.spectrum if enough else find_spectrum(self.plant, self.q, self.v, self.lam, count)
         return shapes_of(found)[:count]

@@ -34,7 +34,19 @@ _OPTIONS: dict[str, Any] = {"boundscheck": None, "error_model": "numpy", "_nrt":
 
 
 def kernel(function: F) -> F:
-    """Compile a closed function on first use and keep the machine code on disk."""
+    """Compile a function on its first call and keep the machine code on disk.
+
+    Parameters
+    ----------
+    function
+        Function that uses no other Python objects than kernels, constants and its arguments. It must not allocate
+        arrays.
+
+    Returns
+    -------
+    function
+        Compiled function; with ``NUMBA_DISABLE_JIT=1`` the function itself.
+    """
     return _made(Kernel, function) if COMPILED else function
 
 
