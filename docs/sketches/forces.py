@@ -141,6 +141,23 @@ def joint_force() -> Sketch:
     return s
 
 
+@element("LineForce")
+def line_force() -> Sketch:
+    """A force that pushes points of two free bodies apart, along the line between them."""
+    s = Sketch(20.0, 20.0)
+    b = s.other((1.1, 0.0, 0.5), (0.0, -0.35, 0.0))
+    start, end = np.array((-0.95, -0.4, -0.35)), np.array((0.95, -0.4, 0.45))
+    s.mechanism.force("f", mbm.LineForce(magnitude=1.0), s.a, b)
+    s.show(s.a, GRAY, block((0.7, 0.7, 0.7), (-1.2, 0.0, -0.45)))
+    s.show(s.a, DARK, ball(0.09, tuple(start)), ball(0.09, tuple(end)))
+    s.show(b, BLUE, block((0.7, 0.7, 0.7), (0.15, 0.0, 0.0)))
+    way = (end - start) / np.linalg.norm(end - start)
+    s.line([tuple(start), tuple(end)], LINE, width=2.0)
+    s.push(tuple(start + 0.75 * way), tuple(start + 0.05 * way))
+    s.push(tuple(end - 0.75 * way), tuple(end - 0.05 * way))
+    return s
+
+
 @element("PointForce")
 def point_force() -> Sketch:
     """A force at a point of a body."""

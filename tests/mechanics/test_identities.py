@@ -202,6 +202,8 @@ def non_conservative_power(case: Case) -> float:
             power += magnitude * state.v[int(f["v"])]
         elif name == "PointForce":
             power += magnitude * fixed(force, f, A) @ velocity(A, f["Pa"])
+        elif name == "LineForce":
+            power += magnitude * distance(f, A, B)[1]
         elif name == "JointStop":
             q, rate = state.q[int(f["q"])], state.v[int(f["v"])]
             power -= f["stiffness"] * f["damping"] * max(f["lower"] - q, q - f["upper"], 0.0) * rate**2

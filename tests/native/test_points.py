@@ -15,6 +15,7 @@ from mbfmu.errors import UserError
 from mbfmu.mechanics import (
     Input,
     JointSpring,
+    LineForce,
     Mechanism,
     PointForce,
     Revolute,
@@ -103,6 +104,24 @@ def test_gravity_and_a_force_with_its_rate(solver: str, inputs: str):
     assert [v.name for v in simulation.plant.inputs.variables] == ["weight", "pull", "pull_rate"]
     follow(simulation, native, given)
     assert simulation.work_of_jumps != 0.0
+
+
+def lifted() -> Mechanism:
+    """A bar on a hinge, with a cylinder whose force is an input."""
+    m = Mechanism(gravity=(0.0, -9.81, 0.0))
+    bar = m.body("bar", m.ground, Revolute(start=0.3), **rod(mass=1.0, length=1.0))
+    push = LineForce(magnitude=Input(name="push", unit="N"), at_a=(0.4, -0.6, 0.1), at_b=(0.8, 0.0, 0.0))
+    cylinder = m.force("cylinder", push, m.ground, bar)
+    m.output("length", cylinder.length())
+    m.output("rate", cylinder.length_rate())
+    m.output("force", cylinder.force("y", on="b"))
+    return m
+
+
+@needs_linker
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_a_cylinder_whose_force_a_host_sets(solver: str):
+    follow(*pair(lifted, Settings(solver=solver)), lambda k: [(0, 8.0 + 0.5 * (k > 30) + 0.1 * np.sin(0.3 * k))])
 
 
 def hub() -> Mechanism:

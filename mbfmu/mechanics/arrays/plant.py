@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.errors import AssemblyError, UserError
+from mbfmu.mechanics.builder.bodies import BETWEEN_POINTS
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.contact.surface_contact import SurfaceContact
 from mbfmu.mechanics.kind import Kind
-from mbfmu.mechanics.loads import DistanceStop, Spring
 from mbfmu.mechanics.records import Data
 from mbfmu.mechanics.recursions.dynamics import energy, observe
 from mbfmu.mechanics.sensors import Follows, largest_residual
@@ -292,8 +292,8 @@ class Plant:
         return float(energy(t, q, v, self.system.held_data))
 
     def coincident(self, t: float, q: Array) -> list[str]:
-        """Return a message for every spring or stop whose elastic force has no direction at free positions q (nq,)."""
-        if not any(isinstance(acting.load, Spring | DistanceStop) for acting in self.mechanism.loads()):
+        """Return a message for every force between points that has no direction at free positions q (nq,)."""
+        if not any(isinstance(acting.load, BETWEEN_POINTS) for acting in self.mechanism.loads()):
             return []
         self.energy(t, q, np.zeros(self.system.n))  # places the bodies
         return find_coincident(self.mechanism, self.data.state.bodies, self.length)

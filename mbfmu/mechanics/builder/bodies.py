@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from mbfmu.mechanics.couplings import Coupling
 from mbfmu.mechanics.cuts import Cut
 from mbfmu.mechanics.flexible import Beam
 from mbfmu.mechanics.joints import Joint, Section
-from mbfmu.mechanics.loads import Load
+from mbfmu.mechanics.loads import DistanceStop, LineForce, Load, Spring
 from mbfmu.mechanics.numbers import is_whole
 from mbfmu.mechanics.sensors import (
     Acceleration,
@@ -25,6 +25,8 @@ from mbfmu.mechanics.sensors import (
     CutForce,
     Deflection,
     DirectionCosine,
+    Distance,
+    DistanceRate,
     Effort,
     JointForce,
     LoadEffort,
@@ -41,6 +43,8 @@ from mbfmu.mechanics.sensors import (
 
 if TYPE_CHECKING:
     from .mechanism import Mechanism
+
+BETWEEN_POINTS = (DistanceStop, LineForce, Spring)  # forces along the line that joins their two points
 
 
 @dataclass(frozen=True, eq=False)
@@ -453,6 +457,30 @@ class ForceHandle:
                 f"force {self.name!r} acts on bodies and not along a joint coordinate; use force() or moment()"
             )
         return LoadEffort(unit=effort_unit(self.a.joint.units[0]), item=self, bodies=(self.a,))
+
+    def length(self) -> Sensor:
+        """Distance of the two points of a force that acts along the line between them, m.
+
+        Raises
+        ------
+        UserError
+            The element is not a ``Spring``, a ``DistanceStop`` or a ``LineForce``; use :meth:`.Mechanism.distance`.
+        """
+        return Distance(unit="m", bodies=(self.a, self.b), **self._ends())
+
+    def length_rate(self) -> Sensor:
+        """Rate of :meth:`length`, m/s; zero where the points coincide."""
+        return DistanceRate(unit="m/s", bodies=(self.a, self.b), **self._ends())
+
+    def _ends(self) -> dict[str, Any]:
+        """Return its points, body axes, m; raises UserError for a force that is not along a line between two."""
+        load = self.load
+        if not isinstance(load, BETWEEN_POINTS):
+            raise UserError(
+                f"force {self.name!r} is of class {type(load).__name__}, which has no length; allowed: "
+                f"{', '.join(kind.__name__ for kind in BETWEEN_POINTS)}. Use Mechanism.distance for other points"
+            )
+        return {key: vector(f"{key} of force {self.name!r}", getattr(load, key)) for key in ("at_a", "at_b")}
 
     def _axis(self, axis: str) -> int:
         return axis_index(axis, f"of force {self.name!r}")

@@ -9,6 +9,7 @@ from .drag import Drag
 from .joint_force import JointForce
 from .joint_spring import JointSpring
 from .joint_stop import JointStop
+from .line_force import LineForce
 from .point_force import PointForce
 from .pressure import Pressure
 from .spring import Spring
@@ -23,6 +24,7 @@ __all__ = [
     "JointForce",
     "JointSpring",
     "JointStop",
+    "LineForce",
     "Load",
     "PointForce",
     "Pressure",

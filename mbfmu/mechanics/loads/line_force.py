@@ -1,0 +1,78 @@
+"""Given force between two points, along the line that joins them: an actuator such as a cylinder or a cable."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mbfmu.mechanics.dispatch import signal_value
+from mbfmu.mechanics.kind import Site
+from mbfmu.mechanics.spatial import add_force
+from solvers.compiled.kernel import kernel
+
+from .base import Force, Points, fill_points
+from .spring import pull
+
+
+@kernel
+def apply(force: Any, t: float, arrays: Any, state: Any) -> None:
+    """See :mod:`.base`. Points that coincide have no line of action: there is no force."""
+    A, B = state.bodies[force.a], state.bodies[force.b]
+    (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, _ = pull(force, A, B)
+    f = signal_value(force.signal, t, arrays) if length != 0.0 else 0.0 * length
+    add_force(A.F, ax, ay, az, -f * dx, -f * dy, -f * dz)
+    add_force(B.F, bx, by, bz, f * dx, f * dy, f * dz)
+
+
+@kernel
+def power(force: Any, t: float, arrays: Any, state: Any) -> float:
+    """Force times rate of the distance."""
+    _, _, _, length, rate = pull(force, state.bodies[force.a], state.bodies[force.b])
+    return signal_value(force.signal, t, arrays) * rate if length != 0.0 else 0.0 * length
+
+
+@dataclass(frozen=True, kw_only=True)
+class LineForce(Force):
+    """Force between ``at_a`` on body a and ``at_b`` on body b (m, body frames), along the line that joins the points.
+
+    Its generalized force on a coordinate q is the force times the derivative of the distance of the points by q.
+
+    Parameters
+    ----------
+    magnitude
+        Force, N: number, signal or input. A positive force pushes the points apart, as the pressure in a
+        cylinder does; a negative one pulls them together, as a cable does.
+
+    Notes
+    -----
+    Points that coincide have no line of action, and the force is omitted; a message reports this if it occurs at the
+    start. Outputs of distance and rate: ``ForceHandle.length`` and ``ForceHandle.length_rate``.
+    """
+
+    record = np.dtype(
+        [
+            ("a", np.int64),
+            ("b", np.int64),
+            ("signal", np.int64),
+            ("Pa", np.float64, (3,)),  # body axes, m
+            ("Pb", np.float64, (3,)),
+        ],
+        align=True,
+    )
+    apply = apply
+    power = power
+
+    magnitude: Any
+    at_a: Any = (0.0, 0.0, 0.0)
+    at_b: Any = (0.0, 0.0, 0.0)
+
+    def fill(self, record: Any, site: Site) -> None:
+        """Write the two points and the signal."""
+        fill_points(self, record, site)
+        record["signal"] = site.signal(self.magnitude, f"magnitude of {site.name}")
+
+    def points(self) -> Points:
+        """Return its two points."""
+        return self.at_a, self.at_b
