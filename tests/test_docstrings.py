@@ -76,9 +76,9 @@ def methods() -> Iterator[tuple[str, Callable[..., Any]]]:
     """Yield the public methods of classes that users call, by name."""
     for name, found in public():
         if is_class(found) and not issubclass(found, HOOKED):
-            for key, method in vars(found).items():
-                if not key.startswith("_") and inspect.isfunction(getattr(method, "__func__", method)):
-                    yield f"{name}.{key}", getattr(found, key)
+            for key, method in inspect.getmembers(found, lambda one: inspect.isfunction(one) or inspect.ismethod(one)):
+                if not key.startswith("_") and method.__module__.startswith("mbfmu."):
+                    yield f"{name}.{key}", method
 
 
 PUBLIC, METHODS = dict(public()), dict(methods())

@@ -11,7 +11,8 @@ from .assemblies.fabric import Crease
 from .assemblies.sheet import Sheet, add_sheet
 from .assemblies.supports import Support
 from .assemblies.transport import add_contact, add_nip
-from .builder.bodies import Body, CouplingHandle, CutHandle, FlexibleBody, ForceHandle
+from .builder.bodies import Body, FlexibleBody
+from .builder.handles import CouplingHandle, CutHandle, ForceHandle
 from .builder.inertia import box, cylinder, rod, sphere, tube
 from .builder.mechanism import Mechanism
 from .contact.surfaces import Drum, Guide, Surface, Trough, Wall

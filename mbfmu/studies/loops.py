@@ -10,7 +10,7 @@ import numpy as np
 from mbfmu.mechanics import Mechanism, Plant
 from mbfmu.mechanics.arrays.rounded import loop_path
 from mbfmu.mechanics.arrays.rows import dependent_rows, row_names
-from mbfmu.mechanics.builder.bodies import CutHandle
+from mbfmu.mechanics.builder.handles import CutHandle
 from solvers.system import Array
 
 

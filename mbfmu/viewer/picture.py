@@ -18,7 +18,9 @@ from numpy.typing import NDArray
 from mbfmu.errors import UserError
 from mbfmu.mechanics import Mechanism
 from mbfmu.mechanics.axes import along
-from mbfmu.mechanics.builder.bodies import Body, CutHandle, FlexibleBody, Surface
+from mbfmu.mechanics.builder.appearance import Surface
+from mbfmu.mechanics.builder.bodies import Body, FlexibleBody
+from mbfmu.mechanics.builder.handles import CutHandle
 from mbfmu.mechanics.cuts import Cut
 from mbfmu.mechanics.joints.section import Section
 

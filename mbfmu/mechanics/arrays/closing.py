@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mbfmu.codes import coded
 from mbfmu.errors import AssemblyError
-from mbfmu.mechanics.builder.bodies import CutHandle
+from mbfmu.mechanics.builder.handles import CutHandle
 from mbfmu.mechanics.records import State
 from solvers.assembly import ASSEMBLED, Loops, Outcome, Scratch, close_positions, close_velocities, move_mass
 from solvers.assembly import least_change as find_least_change

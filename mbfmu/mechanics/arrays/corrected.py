@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from mbfmu.codes import coded
-from mbfmu.mechanics.builder.bodies import CutHandle
+from mbfmu.mechanics.builder.handles import CutHandle
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.joints.section import Section
 from mbfmu.mechanics.records import Data

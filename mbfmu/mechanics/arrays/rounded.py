@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mbfmu.codes import coded
-from mbfmu.mechanics.builder.bodies import CutHandle
+from mbfmu.mechanics.builder.handles import CutHandle
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.checks import rotation
 from mbfmu.mechanics.joints.base import AxisJoint

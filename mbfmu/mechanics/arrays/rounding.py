@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from mbfmu.codes import coded
-from mbfmu.mechanics.builder.bodies import CutHandle
+from mbfmu.mechanics.builder.handles import CutHandle
 from mbfmu.mechanics.builder.mechanism import LARGEST_ASSEMBLY_TOLERANCE, Mechanism
 from mbfmu.mechanics.records import Data
 from solvers.system import AnySystem, Array

@@ -16,7 +16,7 @@ from scipy import linalg
 
 from mbfmu.codes import coded
 from mbfmu.errors import AssemblyError
-from mbfmu.mechanics.builder.bodies import CouplingHandle, CutHandle
+from mbfmu.mechanics.builder.handles import CouplingHandle, CutHandle
 from mbfmu.mechanics.signals import InUse
 from solvers.system import AnySystem, Array
 

@@ -50,7 +50,8 @@ from typing import Any
 
 from mbfmu.errors import UserError
 from mbfmu.mechanics.axes import unit_axis
-from mbfmu.mechanics.builder.bodies import Body, CutHandle
+from mbfmu.mechanics.builder.bodies import Body
+from mbfmu.mechanics.builder.handles import CutHandle
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.checks import Vector, flag, one_of, vector
 from mbfmu.mechanics.elements import Plate

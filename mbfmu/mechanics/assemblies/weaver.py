@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from mbfmu.errors import UserError
-from mbfmu.mechanics.builder.bodies import Body, CutHandle
+from mbfmu.mechanics.builder.bodies import Body
+from mbfmu.mechanics.builder.handles import CutHandle
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.checks import Matrix, Vector, rotation, vector
 from mbfmu.mechanics.cuts import Cut, PlaneCut

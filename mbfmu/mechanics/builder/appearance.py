@@ -1,22 +1,44 @@
-"""How a mechanism is drawn where its bodies' default pictures are not wanted."""
+"""Appearance of a mechanism in pictures, in place of the default pictures of its bodies."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mbfmu.errors import UserError
-from mbfmu.mechanics.checks import Vector, vector
+from mbfmu.mechanics.checks import Matrix, Vector, vector
 from mbfmu.mechanics.numbers import positive
 from mbfmu.mechanics.shapes import Shape, check_color
 
-from .bodies import Body, FlexibleBody, Profile, Surface
+from .bodies import Body, FlexibleBody
 from .members import Members
 
 
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Grid of bodies that is drawn as one surface, see :meth:`Mechanism.surface`."""
+
+    name: str
+    bodies: NDArray[np.int64]  # (rows, columns) indices
+    at: Matrix  # the point of every body it passes through, body axes, m
+    color: str
+    field: str = ""  # cell (i, k) is colored by the output field[i,k]; empty: by none
+
+
+@dataclass(frozen=True, kw_only=True)
+class Profile:
+    """Rectangular cross-section of an elastic body in pictures, see :meth:`Mechanism.profile`."""
+
+    height: float  # along y, in which it bends, m
+    width: float  # along z, m
+    color: str
+
+
 class Appearance(Members):
-    """Base of :class:`.Mechanism`: shapes of bodies, cross-sections of elastic ones, skins over grids of them."""
+    """Base of :class:`.Mechanism`: shapes, cross-sections of elastic bodies, grids of bodies drawn as surfaces."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -26,7 +48,15 @@ class Appearance(Members):
         self.surfaces: list[Surface] = []
 
     def shape(self, body: Body, *shapes: Shape) -> None:
-        """Draw a body with these shapes instead of the picture it gets by default."""
+        """Draw a body with these shapes instead of its default picture.
+
+        Parameters
+        ----------
+        body
+            Body of this mechanism.
+        *shapes
+            Shapes in the frame of the body, such as :class:`.Box`.
+        """
         self._member(body, "body of a shape")
         for shape in shapes:
             if not isinstance(shape, Shape):
@@ -41,11 +71,11 @@ class Appearance(Members):
         Parameters
         ----------
         flexible_body
-            Of this mechanism.
+            Elastic body of this mechanism.
         height, width
-            Along y, in which it bends, and along z, m.
+            Size along y, the direction of bending, and along z, m.
         color
-            ``"#rrggbb"``; empty: the one the body is given.
+            Color ``"#rrggbb"``; empty: the color of the body.
         """
         if not any(flexible_body is own for own in self.flexible_bodies):
             named = getattr(flexible_body, "name", flexible_body)
@@ -65,21 +95,22 @@ class Appearance(Members):
         color: str = "",
         field: str = "",
     ) -> None:
-        """Draw a grid of bodies as one skin, and not one by one.
+        """Draw a grid of bodies as one surface instead of separate bodies.
 
         Parameters
         ----------
         name
-            New among the surfaces.
+            Unique name among the surfaces.
         bodies
-            Rows of bodies, all of one length, at least 2 by 2.
+            Rows of bodies of equal length, at least 2 by 2.
         at
-            The point of every body the skin passes through, in the body's frame, m.
+            Point of each body that is on the surface, in the frame of the body, m.
         color
-            ``"#rrggbb"``; empty: one is chosen.
+            Color ``"#rrggbb"``; empty: a color is chosen.
         field
-            Name of a field: the cell between rows i and i + 1, columns k and k + 1 gets the color that goes with the
-            output ``field[i,k]``. All of these must be there when the mechanism is drawn, in one unit; empty: no field.
+            Name of a field: the cell between rows i and i + 1 and columns k and k + 1 is colored by the output
+            ``field[i,k]``. When the mechanism is drawn, all of these outputs must exist and have one unit. Empty: no
+            field.
         """
         self._new_name("surface", name, [s.name for s in self.surfaces])
         for body in (body for row in bodies for body in row):

@@ -1,4 +1,4 @@
-"""The builder: a mechanism in a dozen lines.
+"""The class with which users build a mechanism.
 
 >>> from mbfmu.mechanics import Mechanism, Plant, Revolute, rod
 >>> m = Mechanism(gravity=(0, -9.81, 0))
@@ -6,47 +6,39 @@
 >>> m.output("bob.angle", bob.angle(), "angle from the horizontal")
 >>> plant = Plant(m)
 
-A body's frame is where its tree joint puts it: at rest it lies on the joint frame in the parent.
+The tree joint places the frame of a body: if all coordinates are zero it coincides with the joint frame.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mbfmu.errors import UserError, missing_attribute
-from mbfmu.mechanics.axes import unit_axis
-from mbfmu.mechanics.checks import Vector, inertia_matrix, rotation, vector
+from mbfmu.mechanics.checks import Vector, inertia_matrix, vector
 from mbfmu.mechanics.couplings import Coupling
 from mbfmu.mechanics.cuts import Cut
-from mbfmu.mechanics.elements import Plate, Shell
 from mbfmu.mechanics.flexible import Beam
-from mbfmu.mechanics.joints import Joint, Revolute, Section
+from mbfmu.mechanics.joints import Joint, Section
 from mbfmu.mechanics.kind import check_kind
-from mbfmu.mechanics.loads import Drag, Force, Load, Pressure
 from mbfmu.mechanics.numbers import not_negative
 from mbfmu.mechanics.sensors import (
-    AngleBetween,
-    Distance,
-    DistanceRate,
     Energy,
     JacobiIntegral,
     KineticEnergy,
     PotentialEnergy,
-    RelativePosition,
-    RelativeVelocity,
     Residual,
     Sensor,
-    Turn,
-    axis_index,
 )
 from mbfmu.mechanics.signals import Input, Signal
 
 from .appearance import Appearance
-from .bodies import Body, CouplingHandle, CutHandle, FlexibleBody, ForceHandle, coordinate_of
+from .bodies import Body, FlexibleBody, coordinate_of
+from .handles import CouplingHandle, CutHandle, ForceHandle
+from .loading import Loading
+from .measurements import Measurements
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.assemblies.sheet import Sheet
@@ -55,24 +47,11 @@ if TYPE_CHECKING:
 ORIGIN = (0.0, 0.0, 0.0)
 
 
-class Acting(NamedTuple):
-    """A load, what messages call it, and the bodies it acts on."""
-
-    what: str
-    load: Load
-    bodies: tuple[Body, ...]
-
-    @property
-    def tied(self) -> tuple[Body, ...]:
-        """Those that the structured tangent ties to each other."""
-        return self.bodies[: len(self.bodies) - self.load.loose]
-
-
 # Numbers of five digits: 1.5708 for a right angle is off by 3.7e-6 rad, and a loop has several.
 ASSEMBLY_TOLERANCE, LARGEST_ASSEMBLY_TOLERANCE = 2e-5, 1e-2
 
 
-class Mechanism(Appearance):
+class Mechanism(Appearance, Loading, Measurements):
     """Mechanism: bodies connected by tree joints from the ground, loop-closing (cut) joints, forces and drives.
 
     Parameters
@@ -114,10 +93,6 @@ class Mechanism(Appearance):
         super().__init__()
         self.cuts: list[CutHandle] = []
         self.couplings: list[CouplingHandle] = []
-        self.forces: list[tuple[str, Load, Body, Body]] = []
-        self.plates: list[tuple[Plate | Shell, tuple[Body, Body, Body, Body]]] = []
-        self.pressures: list[tuple[str, Pressure, list[tuple[Body, ...]]]] = []
-        self.others: list[Acting] = []  # loads, by their name
         self.outputs: list[tuple[str, Sensor, str, float | None]] = []
         self.shown_outputs: list[str] = []  # outputs, by name
         self.sheets: list[Sheet] = []  # what add_sheet has made
@@ -316,258 +291,6 @@ class Mechanism(Appearance):
         """Cut joints and couplings, in the order of their constraint equations."""
         return [*self.cuts, *self.couplings]
 
-    def force(self, name: str, force: Force, a: Body, b: Body | None = None) -> ForceHandle:
-        """Add a force on body a (and b); joint forces act on the tree joint of a.
-
-        Parameters
-        ----------
-        name
-            Unique name among the forces and loads.
-        force
-            Force element, such as :class:`.Spring` or :class:`.JointForce`.
-        a, b
-            Bodies of this mechanism; b is the ground by default. Elements of a joint coordinate, such as
-            :class:`.JointForce`, act on the tree joint of a, which has one coordinate.
-
-        Returns
-        -------
-        ForceHandle
-            Handle whose sensors give the force.
-
-        Raises
-        ------
-        UserError
-            The name is used already, a body is not one of this mechanism, or the element is invalid.
-        """
-        self._new_name("force", name, self._loads_named())
-        check_kind(f"force {name!r}", force, Force)
-        self._member(a, f"body a of force {name!r}")
-        other = self.ground if b is None else b
-        self._member(other, f"body b of force {name!r}")
-        if force.on_joint and a.joint.nv != 1:
-            raise UserError(f"force {name!r} needs a joint of one coordinate; that of {a.name!r} has {a.joint.nv}")
-        if not force.on_joint and a is other:
-            raise UserError(f"force {name!r} acts between body {a.name!r} and itself; it needs two bodies")
-        force.check(f"force {name!r}")
-        self.forces.append((name, force, a, other))
-        return ForceHandle(name, len(self.forces) - 1, force, a, other)
-
-    def plate(self, plate: Plate | Shell, a: Body, b: Body, c: Body, d: Body) -> None:
-        """Add a plate element between bodies at its corners (0, 0), (a, 0), (a, b), (0, b) of their x-z plane.
-
-        Parameters
-        ----------
-        plate
-            Plate or shell element.
-        a, b, c, d
-            Four different bodies at the corners, in this order.
-        """
-        if not isinstance(plate, Plate | Shell):
-            raise UserError(f"plate is {plate!r}; it must be a Plate or a Shell")
-        plate.check("a plate")
-        nodes = (a, b, c, d)
-        self._corners("a plate", nodes)
-        self.plates.append((plate, nodes))
-
-    def pressure(self, name: str, magnitude: Any, faces: Iterable[Sequence[Body]]) -> None:
-        """Add a pressure on surfaces, along their normals in the deformed position.
-
-        Parameters
-        ----------
-        name
-            Unique name among the pressures.
-        magnitude
-            Pressure, Pa: number, signal or input; positive along y of a flat face.
-        faces
-            Four bodies per face, in the order of the corners of a plate.
-        """
-        self._new_name("pressure", name, [p[0] for p in self.pressures])
-        quads = [tuple(face) for face in faces]
-        for corners in quads:
-            self._corners(f"a face of pressure {name!r}", corners)
-        self.pressures.append((name, Pressure(magnitude=magnitude), quads))
-
-    def load(self, name: str, load: Load, *bodies: Body) -> None:
-        """Add a load of any type on the required number of bodies; :meth:`force` and :meth:`plate` are shorter.
-
-        Parameters
-        ----------
-        name
-            Unique name among the forces and loads.
-        load
-            Load, for instance a user-defined element.
-        bodies
-            Bodies of this mechanism, in the order that the load requires.
-        """
-        self._new_name("load", name, self._loads_named())
-        check_kind(f"load {name!r}", load, Load)
-        for body in bodies:
-            self._member(body, f"a body of load {name!r}")
-        if not bodies:
-            raise UserError(f"load {name!r} acts on no body; give it the bodies it acts on")
-        load.check(f"load {name!r}")
-        self.others.append(Acting(name, load, bodies))
-
-    def load_all(self, name: str, loads: Sequence[tuple[Load, tuple[Body, ...]]]) -> int:
-        """Add loads of one name, each on its bodies, such as those of the cells of a sheet.
-
-        Parameters
-        ----------
-        name
-            Unique name among the forces and loads.
-        loads
-            Pairs of a load and the bodies on which it acts.
-
-        Returns
-        -------
-        int
-            Number of the first of these loads among ``others``.
-        """
-        self._new_name("load", name, self._loads_named())
-        for load, bodies in loads:
-            check_kind(f"load {name!r}", load, Load)
-            for body in bodies:
-                self._member(body, f"a body of load {name!r}")
-        self.others += [Acting(name, load, bodies) for load, bodies in loads]
-        return len(self.others) - len(loads)
-
-    def _loads_named(self) -> list[str]:
-        return [*(f[0] for f in self.forces), *(a.what for a in self.others)]
-
-    def loads(self) -> Iterator[Acting]:
-        """Yield the loads: forces, then plates, then pressures, then other loads."""
-        for name, force, a, b in self.forces:
-            yield Acting(f"force {name!r}", force, (a, b))
-        for plate, corners in self.plates:
-            yield Acting("a plate", plate, corners)
-        for plate, corners in self.plates:
-            if plate.drag > 0.0:
-                yield Acting("drag on a plate", Drag(density=plate.drag, area=plate.area), corners)
-        for name, pressure, faces in self.pressures:
-            for face in faces:
-                yield Acting(f"pressure {name!r}", pressure, face)
-        for name, load, bodies in self.others:
-            yield Acting(f"load {name!r}", load, bodies)
-
-    @property
-    def cells(self) -> NDArray[np.int64]:
-        """(P, 4), bodies at the corners of the plates."""
-        return np.array([[body.index for body in corners] for _, corners in self.plates], np.int64).reshape(-1, 4)
-
-    def _corners(self, what: str, nodes: tuple[Body, ...]) -> None:
-        """Refuse what does not span a surface."""
-        for body in nodes:
-            self._member(body, f"corner of {what}")
-        if len({body.index for body in nodes}) < 4 or len(nodes) > 4:
-            raise UserError(f"corners of {what} are {[body.name for body in nodes]}; it needs four bodies")
-
-    def turn(self, body: Body) -> Sensor:
-        """Absolute angle (rad) of a body that is connected to the ground by parallel revolutes; counts full turns.
-
-        Parameters
-        ----------
-        body
-            Body of this mechanism.
-
-        Raises
-        ------
-        UserError
-            A joint between the body and the ground is not a parallel revolute joint or a beam.
-        """
-        return Turn(unit="rad", item=self._planar(body))
-
-    def turn_rate(self, body: Body) -> Sensor:
-        """Rate of :meth:`turn`, rad/s.
-
-        Parameters
-        ----------
-        body
-            As for :meth:`turn`.
-        """
-        return Turn(unit="rad/s", item=self._planar(body), component=1)
-
-    def distance(self, a: Body, b: Body, *, at_a: Vector = ORIGIN, at_b: Vector = ORIGIN) -> Sensor:
-        """Distance between a point of body a and one of body b (m, body frames), m.
-
-        Parameters
-        ----------
-        a, b
-            Bodies of this mechanism or its ground.
-        at_a, at_b
-            Points in the frames of the bodies (3,), m; their origins by default.
-        """
-        return Distance(unit="m", bodies=(a, b), **_points("the distance", a, at_a, b, at_b))
-
-    def distance_rate(self, a: Body, b: Body, *, at_a: Vector = ORIGIN, at_b: Vector = ORIGIN) -> Sensor:
-        """Rate of :meth:`distance`, m/s; zero where the points coincide.
-
-        Parameters
-        ----------
-        a, b, at_a, at_b
-            As for :meth:`distance`.
-        """
-        return DistanceRate(unit="m/s", bodies=(a, b), **_points("the distance", a, at_a, b, at_b))
-
-    def angle_between(self, a: Body, axis_a: str | Sequence[float], b: Body, axis_b: str | Sequence[float]) -> Sensor:
-        """Angle between an axis of body a and one of body b, from 0 to pi, rad; it has a kink at both.
-
-        Parameters
-        ----------
-        a, b
-            Bodies of this mechanism or its ground.
-        axis_a, axis_b
-            Axes in the frames of the bodies: ``"x"``, ``"y"``, ``"z"``, or a vector (3,).
-        """
-        what = f"the angle between {_named(a)} and {_named(b)}"
-        axes: dict[str, Any] = {
-            "at_a": unit_axis(axis_a, f"axis_a of {what}"),
-            "at_b": unit_axis(axis_b, f"axis_b of {what}"),
-        }
-        return AngleBetween(bodies=(a, b), **axes)
-
-    def relative_position(self, b: Body, a: Body, axis: str, *, at_b: Vector = ORIGIN, at_a: Vector = ORIGIN) -> Sensor:
-        """Component along an axis of body a of the vector from a point of a to one of b (m, body frames), m.
-
-        Parameters
-        ----------
-        b, a
-            Bodies of this mechanism or its ground: the position of b relative to a.
-        axis
-            Axis of body a: ``"x"``, ``"y"`` or ``"z"``.
-        at_b, at_a
-            Points in the frames of the bodies (3,), m; their origins by default.
-        """
-        component = axis_index(axis, f"of {_named(b)} relative to {_named(a)}")
-        points = _points("the way", a, at_a, b, at_b)
-        return RelativePosition(unit="m", bodies=(a, b), component=component, **points)
-
-    def relative_velocity(self, b: Body, a: Body, axis: str, *, at_b: Vector = ORIGIN, at_a: Vector = ORIGIN) -> Sensor:
-        """Rate of :meth:`relative_position`, the velocity relative to body a, m/s.
-
-        Parameters
-        ----------
-        b, a, axis, at_b, at_a
-            As for :meth:`relative_position`.
-        """
-        component = axis_index(axis, f"of {_named(b)} relative to {_named(a)}")
-        points = _points("the way", a, at_a, b, at_b)
-        return RelativeVelocity(unit="m/s", bodies=(a, b), component=component, **points)
-
-    def _planar(self, body: Body) -> Body:
-        here, axis = body, None
-        while here.index > 0:
-            joint = here.joint
-            own = joint.direction if isinstance(joint, Revolute) else np.array((0.0, 0.0, 1.0))
-            axis, turned = own if axis is None else axis, rotation("rotation", joint.rotation) @ own
-            if not isinstance(joint, Revolute | Section) or abs(abs(turned @ axis) - 1.0) > 1e-12:
-                raise UserError(
-                    f"turn of body {body.name!r} requires parallel revolute joints (or beams) from the ground "
-                    "to the body; use a "
-                    "sensor of its orientation, such as direction()"
-                )
-            here = self.bodies[here.parent]
-        return body
-
     def output(self, name: str, sensor: Sensor, description: str = "", nominal: float | None = None) -> None:
         """Add an output with a structured name such as ``crank.angle``.
 
@@ -638,14 +361,3 @@ class Mechanism(Appearance):
     def _has(self, handle: ForceHandle) -> bool:
         """Whether a force is one of this mechanism."""
         return handle.index < len(self.forces) and self.forces[handle.index][1] is handle.load
-
-
-def _named(body: Any) -> str:
-    """Return what messages call a body; it need not be one."""
-    return repr(getattr(body, "name", body))
-
-
-def _points(what: str, a: Body, at_a: Vector, b: Body, at_b: Vector) -> dict[str, Any]:
-    """Return the two points of a sensor between bodies, checked."""
-    between = f"{what} between {_named(a)} and {_named(b)}"
-    return {"at_a": vector(f"at_a of {between}", at_a), "at_b": vector(f"at_b of {between}", at_b)}

@@ -25,7 +25,7 @@ from .layout import lay_out
 from .loads import along_joints
 
 if TYPE_CHECKING:
-    from mbfmu.mechanics.builder.mechanism import Acting
+    from mbfmu.mechanics.builder.loading import Acting
 
 
 NOTHING = np.zeros((0, 0))

@@ -14,7 +14,7 @@ from mbfmu.mechanics.loads.base import LEFT_OUT
 from .groups import Groups
 
 if TYPE_CHECKING:
-    from mbfmu.mechanics.builder.mechanism import Acting
+    from mbfmu.mechanics.builder.loading import Acting
 
 FIXED, INNER, OUTER = 0, 1, 2  # does not move; folded onto its parent, in its group; tied to it by its own motion
 

@@ -1,0 +1,242 @@
+"""Handles of loop-closing joints, couplings and forces, and their sensors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from mbfmu.errors import UserError
+from mbfmu.mechanics.checks import one_of, vector
+from mbfmu.mechanics.couplings import Coupling
+from mbfmu.mechanics.cuts import Cut
+from mbfmu.mechanics.loads import DistanceStop, LineForce, Load, Spring
+from mbfmu.mechanics.sensors import (
+    CouplingEffort,
+    CutForce,
+    Distance,
+    DistanceRate,
+    LoadEffort,
+    LoadWrench,
+    RowForce,
+    Sensor,
+    axis_index,
+)
+
+from .bodies import Body, effort_unit
+
+BETWEEN_POINTS = (DistanceStop, LineForce, Spring)  # forces along the line that joins their two points
+
+
+@dataclass(frozen=True, eq=False)
+class CutHandle:
+    """Loop-closing joint (cut joint) of a mechanism, as returned by :meth:`Mechanism.cut`.
+
+    Attributes
+    ----------
+    name
+        Name, unique among the cut joints and couplings.
+    index
+        Number among the cut joints.
+    cut
+        Type of the joint and its frames.
+    a, b
+        Bodies that it connects.
+    """
+
+    name: str
+    index: int
+    cut: Cut
+    a: Body
+    b: Body
+    what: ClassVar[str] = "loop"  # as messages call it
+
+    @property
+    def rows(self) -> tuple[str, ...]:
+        """Suffix of the name of each constraint equation."""
+        return self.cut.rows
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Unit of the residual of each constraint equation."""
+        return tuple("rad" if unit == "N.m" else "m" for unit in self.cut.units)
+
+    def force(self, row: str = "") -> Sensor:
+        """Force (N) or moment (N m) of one constraint equation on body b.
+
+        Parameters
+        ----------
+        row
+            Name of the constraint equation, one of ``rows``: ``x``, ``y``, ``z`` are forces along the axes of the cut
+            frame, which are fixed in body a. A :class:`.DistanceCut` has one equation, ``""``, along the line from a
+            to b.
+
+        Raises
+        ------
+        UserError
+            The joint has no constraint equation of this name.
+        """
+        if row not in self.cut.rows:
+            raise UserError(
+                f"cut {self.name!r} has no component {row!r}; allowed: {', '.join(map(repr, self.cut.rows))}"
+            )
+        k = self.cut.rows.index(row)
+        return RowForce(unit=self.cut.units[k], item=self, component=k)
+
+    def joint_force(self, axis: str, on: str = "b") -> Sensor:
+        """Global component of the force that the cut joint exerts on a body, N.
+
+        Constraint equations that are always satisfied exert no force.
+
+        Parameters
+        ----------
+        axis
+            Global axis: ``"x"``, ``"y"`` or ``"z"``.
+        on
+            Body on which the force acts, ``"a"`` or ``"b"``.
+        """
+        one_of(f"body of cut {self.name!r}", on, ("a", "b"))
+        component = axis_index(axis, f"of cut {self.name!r}") + (3 if on == "a" else 0)
+        return CutForce(unit="N", item=self, component=component)
+
+
+@dataclass(frozen=True, eq=False)
+class CouplingHandle:
+    """Coupling of two joint coordinates, as returned by :meth:`Mechanism.couple`.
+
+    Attributes
+    ----------
+    name
+        Name, unique among the cut joints and couplings.
+    index
+        Number among the couplings.
+    coupling
+        Coupling law.
+    a, b
+        Bodies whose joints are coupled.
+    coordinate_a, coordinate_b
+        Numbers of the coordinates of their joints, from 0.
+    """
+
+    name: str
+    index: int
+    coupling: Coupling
+    a: Body
+    b: Body
+    coordinate_a: int
+    coordinate_b: int
+    what: ClassVar[str] = "coupling"
+    rows: ClassVar[tuple[str, ...]] = ("",)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Unit of its residual: that of the first coordinate."""
+        return (self.a.joint.units[self.coordinate_a],)
+
+    def effort(self, on: str = "a") -> Sensor:
+        """Generalized force of the coupling on a joint coordinate, N or N m.
+
+        Parameters
+        ----------
+        on
+            Body whose coordinate is meant, ``"a"`` or ``"b"``.
+        """
+        one_of(f"body of coupling {self.name!r}", on, ("a", "b"))
+        unit = (self.a.joint.units[self.coordinate_a], self.b.joint.units[self.coordinate_b])["ab".index(on)]
+        return CouplingEffort(unit=effort_unit(unit), item=self, component="ab".index(on), bodies=(self.a, self.b))
+
+
+@dataclass(frozen=True, eq=False)
+class ForceHandle:
+    """Force element of a mechanism, as returned by :meth:`Mechanism.force`.
+
+    Attributes
+    ----------
+    name
+        Name, unique among the forces and loads.
+    index
+        Number among the forces.
+    load
+        Type of the force and its data.
+    a, b
+        Bodies on which it acts; b is the ground if none was given.
+    """
+
+    name: str
+    index: int
+    load: Load
+    a: Body
+    b: Body
+
+    def force(self, axis: str, on: str = "a") -> Sensor:
+        """Global component of the force on a body, N.
+
+        Parameters
+        ----------
+        axis
+            Global axis: ``"x"``, ``"y"`` or ``"z"``.
+        on
+            Body on which the force acts, ``"a"`` or ``"b"``.
+
+        Raises
+        ------
+        UserError
+            The element acts along a joint coordinate; use :meth:`effort`.
+        """
+        return self._wrench("N", self._axis(axis), on)
+
+    def moment(self, axis: str, on: str = "a") -> Sensor:
+        """Global component of the moment on a body about the origin of the body, N m.
+
+        Parameters
+        ----------
+        axis, on
+            As for :meth:`force`.
+        """
+        return self._wrench("N.m", 3 + self._axis(axis), on)
+
+    def effort(self) -> Sensor:
+        """Generalized force on the coordinate of its joint, N or N m.
+
+        Raises
+        ------
+        UserError
+            The element acts on bodies; use :meth:`force` or :meth:`moment`.
+        """
+        if not self.load.on_joint:
+            raise UserError(
+                f"force {self.name!r} acts on bodies and not along a joint coordinate; use force() or moment()"
+            )
+        return LoadEffort(unit=effort_unit(self.a.joint.units[0]), item=self, bodies=(self.a,))
+
+    def length(self) -> Sensor:
+        """Distance of the two points of a force that acts along the line between them, m.
+
+        Raises
+        ------
+        UserError
+            The element is not a ``Spring``, a ``DistanceStop`` or a ``LineForce``; use :meth:`.Mechanism.distance`.
+        """
+        return Distance(unit="m", bodies=(self.a, self.b), **self._ends())
+
+    def length_rate(self) -> Sensor:
+        """Rate of :meth:`length`, m/s; zero where the points coincide."""
+        return DistanceRate(unit="m/s", bodies=(self.a, self.b), **self._ends())
+
+    def _ends(self) -> dict[str, Any]:
+        """Return its points, body axes, m; raises UserError for a force that is not along a line between two."""
+        load = self.load
+        if not isinstance(load, BETWEEN_POINTS):
+            raise UserError(
+                f"force {self.name!r} is of class {type(load).__name__}, which has no length; allowed: "
+                f"{', '.join(kind.__name__ for kind in BETWEEN_POINTS)}. Use Mechanism.distance for other points"
+            )
+        return {key: vector(f"{key} of force {self.name!r}", getattr(load, key)) for key in ("at_a", "at_b")}
+
+    def _axis(self, axis: str) -> int:
+        return axis_index(axis, f"of force {self.name!r}")
+
+    def _wrench(self, unit: str, component: int, on: str) -> Sensor:
+        one_of(f"body of force {self.name!r}", on, ("a", "b"))
+        if self.load.on_joint:
+            raise UserError(f"force {self.name!r} acts along a joint coordinate; use effort()")
+        return LoadWrench(unit=unit, item=self, component=component + (6 if on == "b" else 0), bodies=(self.a, self.b))
