@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.codes import coded
-from mbfmu.mechanics.builder.bodies import BETWEEN_POINTS
+from mbfmu.mechanics.builder.handles import BETWEEN_POINTS
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.loads import LineForce, Load, Spring
 

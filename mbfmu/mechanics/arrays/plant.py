@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.errors import AssemblyError, UserError
-from mbfmu.mechanics.builder.bodies import BETWEEN_POINTS
+from mbfmu.mechanics.builder.handles import BETWEEN_POINTS
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.contact.surface_contact import SurfaceContact
 from mbfmu.mechanics.kind import Kind
