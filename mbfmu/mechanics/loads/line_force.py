@@ -35,7 +35,7 @@ def power(force: Any, t: float, arrays: Any, state: Any) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class LineForce(Force):
-    """Force between ``at_a`` on body a and ``at_b`` on body b (m, body frames), along the line that joins the points.
+    """Force between a point of body a and a point of body b, along the line that joins them.
 
     Its generalized force on a coordinate q is the force times the derivative of the distance of the points by q.
 
@@ -44,6 +44,8 @@ class LineForce(Force):
     magnitude
         Force, N: number, signal or input. A positive force pushes the points apart, as the pressure in a
         cylinder does; a negative one pulls them together, as a cable does.
+    at_a, at_b
+        Points in the frames of bodies a and b, m.
 
     Notes
     -----
