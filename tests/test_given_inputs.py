@@ -66,6 +66,32 @@ def test_a_load_has_the_accuracy_of_the_solver(solver: str, size: float, others:
         assert not [remark for remark in found.remarks if "input" in remark]
 
 
+@pytest.mark.parametrize(("solver", "ratio"), [("ida", 100.0), ("ida", 1e3), ("adams", 1e3), ("radau", 100.0)])
+@pytest.mark.parametrize("order", [2, 3])
+def test_a_rotor_behind_a_gear_follows_a_rise_to_rest(solver: str, ratio: float, order: int) -> None:
+    """The next derivative jumps where the motion ends, and the gear multiplies errors of the rate by its ratio."""
+    slope = {2: np.poly1d([30.0, -60.0, 30.0, 0.0, 0.0]), 3: np.poly1d([-140.0, 420.0, -420.0, 140.0, 0.0, 0.0, 0.0])}
+    rise, end = slope[order].integ(), 0.7
+    m = mb.Mechanism()
+    arm = m.body("arm", m.ground, mb.Revolute(drive=mb.Input(name="u", unit="rad")), mass=1.0, inertia=(0.1, 0.1, 0.1))
+    rotor = m.body("rotor", m.ground, mb.Revolute(start=0.0, rate=0.0, fixed=True), inertia=(1e-4, 1e-4, 1e-4))
+    m.couple("gear", mb.Gear(ratio=ratio), rotor, arm)
+    m.output("speed", rotor.rate())
+    m.output("torque", arm.effort())
+    for tolerance in (1e-6, 1e-9):
+        found = mb.simulate(
+            m, 1.0, solver=solver, tolerance=tolerance, inputs={"u": lambda t: float(rise(min(t / end, 1.0)))}
+        )
+        assert not found.failure
+        assert not found.warning
+        x = np.minimum(found.t / end, 1.0)
+        speed = ratio * slope[order](x) / end
+        torque = (0.1 + 1e-4 * ratio**2) * slope[order].deriv()(x) / end**2
+        apart = np.abs(found.t - end) > 0.02  # from the series in which the motion ends
+        assert np.abs(found["speed"] - speed).max() < 1e-7 * speed.max()
+        assert np.abs(found["torque"] - torque)[apart].max() < 1e-7 * torque.max()
+
+
 @pytest.mark.parametrize("kind", ["position", "position and rate", "rate", "speed", "points"])
 def test_a_driven_base_has_the_accuracy_of_the_solver(kind: str) -> None:
     omega, w, a = 10.0, 30.0, 0.02

@@ -281,7 +281,8 @@ class Courses:
         if drive:
             refuse_jump(value, "it")
             refuse_jump(rate, "its rate")
-        return Followed(value=value, rate=rate, acceleration=rate.derivative(), smooth=drive)
+        joined = value.joined_derivative() if drive else rate
+        return Followed(value=value, rate=joined, acceleration=rate.derivative(), smooth=drive)
 
     def _integrated(self, course: Course, signal: Input | SpeedInput, drive: bool) -> Followed:
         """Return the integral of a rate from where the input starts."""

@@ -81,6 +81,23 @@ class Pieces(NamedTuple):
         found[:, 0] += start + np.concatenate(([0.0], np.cumsum(gains)[:-1]))
         return self._replace(series=found)
 
+    def joined_derivative(self) -> Pieces:
+        """Return the derivative with equal values where intervals meet, and zero at the begin of a motion from rest.
+
+        The differences are errors of the approximation. In the rate of a drive they would be jumps of velocities,
+        which a gear multiplies by its ratio, and across which an integrator of velocities cannot step. Every interval
+        takes half of the difference at its ends, and less linearly towards its other end.
+        """
+        found = self.derivative()
+        first, last = (np.asarray(chebyshev.chebval(z, found.series.T), float) for z in (-1.0, 1.0))
+        half = 0.5 * (first[1:] - last[:-1])
+        error = RESOLVED * np.abs(self.series).sum(axis=1).max() * DEGREE**2 / self.half_widths[0, 0]
+        at_begin = np.append(-first[0] if abs(first[0]) <= error else 0.0, -half)
+        at_end = np.append(half, 0.0)
+        found.series[:, 0] += 0.5 * (at_end + at_begin)
+        found.series[:, 1] += 0.5 * (at_end - at_begin)
+        return found
+
     def at(self, times: Array) -> Array:
         """Return the values at ``times`` within the intervals."""
         k = np.clip(np.searchsorted(self.begins, times, side="right") - 1, 0, len(self.begins) - 1)
