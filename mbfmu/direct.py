@@ -38,6 +38,15 @@ def communication_points(stop_time: float, interval: float) -> Array:
     return times
 
 
+def check_interval(stop_time: float, interval: float) -> None:
+    """Refuse an interval, s, that was given for a run and is longer than it; raises UserError."""
+    if interval > stop_time:
+        raise UserError(
+            f"interval is {interval!r} s, longer than the run of {stop_time!r} s; allowed: at most the stop time. Give "
+            "a shorter interval or a later stop time"
+        )
+
+
 def loops(model: Model) -> list[str]:
     """Return messages on trivially satisfied and redundant constraint equations of a model at its start."""
     plant = model.plant()
@@ -95,6 +104,8 @@ def simulate(
     times = communication_points(
         model.stop_time if stop_time is None else stop_time, model.output_interval if interval is None else interval
     )
+    if interval is not None:
+        check_interval(float(times[-1]), interval)
     own: dict[str, Any] = {"solver": model.default_solver, "tolerance": model.tolerance}
     return run(model, Settings(**own | settings), times, watch=watch, inputs=inputs, report=warn_of_pace)
 

@@ -31,7 +31,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from mbfmu.errors import UserError, suggest
+from mbfmu.errors import UserError, require_arguments, suggest
 from mbfmu.mechanics import Mechanism, Plant
 from mbfmu.mechanics.arrays.given import Courses
 from mbfmu.modules import load_module
@@ -126,7 +126,10 @@ def parameter(
 def declared(cls: Any) -> tuple[Parameter, ...]:
     """Return the parameters of a dataclass in order; raises UserError for an incomplete declaration."""
     if any(isinstance(value, Field) for value in vars(cls).values()):
-        raise UserError(f"model {cls.__name__}: write @dataclass(frozen=True, kw_only=True) above the class")
+        raise UserError(
+            f"model {cls.__name__} declares parameters, but is not a dataclass, which gives them their values: write "
+            "@dataclass(frozen=True, kw_only=True) above the class"
+        )
     found = tuple(Parameter(name=f.name, default=f.default, **f.metadata) for f in fields(cls) if f.metadata)  # type: ignore[arg-type]
     for p in found:
         if p.name in OWN or (p.name == "tolerance" and issubclass(cls, Model)):
@@ -184,6 +187,12 @@ class Model:
     settling: ClassVar[Mapping[str, float]] = MappingProxyType({})
     viewing: ClassVar[Mapping[str, Any]] = MappingProxyType({})
     effects: ClassVar[Mapping[str, Mapping[str, float]]] = MappingProxyType({})
+
+    def __new__(cls, **given: Any) -> Self:
+        """Check that the class is a dataclass, and the names of the parameters; raises UserError."""
+        declared(cls)  # type: ignore[arg-type]  # classes are hashable
+        require_arguments(cls, given)
+        return super().__new__(cls)
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ MARCH = 100  # intervals of the requested time, in which loops are closed one af
 EXACT = 1e-9  # of that time, to which the last position they reach is found
 BEYOND = (1e-6, 1e-4, 1e-2)  # of that time: where they are tried after it, as a run may pass a singular configuration
 OPEN = 1e-10  # singular values below this part of the largest are zero
+LIGHT = 1e-3  # mass of a body, relative to the heaviest that it carries, below which the inertia is nearly singular
 PART = 1e-6  # of the largest: what a joint has to do with a motion
 
 
@@ -29,17 +31,68 @@ def why(plant: Plant, status: Status, q: Array, end: float, starts_singular: boo
     advice = to_choose(plant, status.t, q) if starts_singular else ""
     if advice and status.code in (Code.BRANCHES, Code.UNDECIDABLE):
         return status.explain(advice)
-    drives = [body.name for body in plant.mechanism.bodies if body.joint.drive is not None]
+    drives = driven_bodies(plant)
     until = 2.0 * end - status.t  # beyond the requested time: it may end right there
     last = _last(plant, status.t, q, until) if stuck and drives and plant.system.has_matrices else until
     if last == until:
-        return status.explain()
+        return status.explain(advise(plant, status))
     whose = f"the drive of {drives[0]!r} requires" if len(drives) == 1 else "the drives require"
     return coded(
         "unreachable-drive",
         f"{whose} a position that the loops cannot reach after t = {last:.6g} s (the run stopped at "
         f"t = {status.t:.9g} s). Shorten the motion of the drive, or change the lengths of the loops.",
     )
+
+
+def driven_bodies(plant: Plant) -> list[str]:
+    """Return the names of the bodies whose joints are driven."""
+    return [body.name for body in plant.mechanism.bodies if body.joint.drive is not None]
+
+
+def advise(plant: Plant, status: Status) -> str:
+    """Return what to do after a step that collapsed, or near branches, by what the model has; of other ends nothing."""
+    if status.code is Code.COLLAPSED:
+        causes = [*_causes(plant)]
+        if not causes:
+            return f"Use a larger tolerance{status.alternatives}."
+        what, remedies = (" or ".join(texts) for texts in zip(*causes, strict=True))
+        return f"Possible cause: {what}. Possible remedy: {remedies}{status.alternatives}."
+    if status.code is Code.BRANCHES:
+        several = ", or several loops are at slightly different times" if len(plant.mechanism.constraints) > 1 else ""
+        turns = "Do not let a drive stop or turn back there. " if driven_bodies(plant) else ""
+        return (
+            f"A loop is in a singular configuration, or very near one{several}. If the position is meant to be passed "
+            "exactly, give lengths with all their digits; otherwise change them so that the loop stays farther from "
+            f"it. {turns}A finer tolerance may help{status.alternatives}."
+        )
+    return ""
+
+
+def _causes(plant: Plant) -> Iterator[tuple[str, str]]:
+    """Yield what may make a step collapse in a model, and what helps."""
+    if any(True for _ in plant.mechanism.loads()):
+        yield "a force that jumps or has a kink", "smooth the force"
+    if plant.system.m:
+        yield "a singular configuration nearby", "change the lengths so that the loops stay farther from it"
+        if driven_bodies(plant):
+            yield "a drive that moves its loop out of reach", "shorten the motion of the drive"
+    if light := light_body(plant):
+        yield light, "give it more mass"
+
+
+def light_body(plant: Plant) -> str:
+    """Return the body that is lightest compared with the heaviest body that it carries; empty: none is light."""
+    bodies, masses = plant.mechanism.bodies, plant.data.arrays.bodies["mass"]
+    carried = np.zeros(len(bodies))
+    for body in reversed(bodies[1:]):
+        k = body.index
+        carried[body.parent] = max(carried[body.parent], carried[k], float(masses[k]))
+    own = np.array([float(masses[body.index]) for body in bodies])
+    ratios = np.divide(own, carried, out=np.full(len(bodies), np.inf), where=(own > 0.0) & (carried > 0.0))
+    k = int(np.argmin(ratios))
+    if not ratios[k] < LIGHT:
+        return ""
+    return f"body {bodies[k].name!r} of {own[k]:.3g} kg, which carries one of {carried[k]:.3g} kg"
 
 
 def _last(plant: Plant, begin: float, q: Array, end: float) -> float:

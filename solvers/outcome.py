@@ -51,16 +51,14 @@ MESSAGES: dict[Code, tuple[str, str]] = {
     ),
     Code.COLLAPSED: (
         "the step has become so small that the time no longer changes",
-        "A force may jump or have a kink here, a singular configuration may be near, a drive may move its loop out of "
-        "reach, or a body of next to no mass may carry a heavy one. Smooth the force, shorten the motion of the drive, "
-        "or give the light body more mass{others}.",
+        "A force may jump here, or the constraints or the inertia may be nearly singular. Smooth the force, or change "
+        "the mechanism{others}.",
     ),
     Code.BRANCHES: (
         "two branches of the motion are so close that no step is short enough to tell them apart",
-        "A loop is in a singular configuration, or very near one, or several loops are at slightly different "
-        "times. If the "
-        "position is meant to be passed exactly, give lengths with all their digits; otherwise change them so that the "
-        "loop stays farther from it. Do not let a drive stop or turn back there. A finer tolerance may help{others}.",
+        "A loop is in a singular configuration, or very near one. If the position is meant to be passed exactly, give "
+        "lengths with all their digits; otherwise change them so that the loop stays farther from it. A finer "
+        "tolerance may help{others}.",
     ),
 }
 
@@ -95,8 +93,13 @@ class Status(NamedTuple):
     @property
     def remedy(self) -> str:
         """Advice; empty if nothing is wrong."""
+        return MESSAGES[self.code][1].format(others=self.alternatives)
+
+    @property
+    def alternatives(self) -> str:
+        """Other solvers to try, as the end of a sentence; empty if there are none."""
         names = " or ".join(repr(name) for name in self.others)
-        return MESSAGES[self.code][1].format(others=f", or try {names}" if names else "")
+        return f", or try {names}" if names else ""
 
     def explain(self, advice: str = "") -> str:
         """Return what happened, when, and what to do (``advice`` instead of the general remedy), with the code."""

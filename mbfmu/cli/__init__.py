@@ -79,8 +79,8 @@ EXAMPLES = f"""examples:
 
 Warnings and errors end in a code such as [energy-balance]; see the page "Warnings and errors" of the documentation.
 
-The exit code is 0 for success, 1 for a run that ended early or whose energy error is too large, 2 for an invalid
-argument, and 130 after Ctrl-C.
+The exit code is 0 for success, 1 for a run (`run`, `check`) that ended early or whose energy error is too large, 2 for
+an invalid argument, and 130 after Ctrl-C.
 
 For completion of commands, models, scenes, parameters and solvers in the shell, add this line to ~/.bashrc or ~/.zshrc:
   {HOW}

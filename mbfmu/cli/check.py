@@ -22,7 +22,10 @@ def add(commands: Commands) -> None:
   loops                    bodies of each loop, its size, and its residual
   solver                   recommended solver, as --solver auto selects it at these states
 
-A scene that fails is reported too. Aspects that were not examined are listed.""",
+A scene that fails is reported too. Aspects that were not examined are listed.
+
+The exit code is 1 if the scene cannot start, if its run ends early, or if its energy error is too large. It is 0
+otherwise: difficulties are findings and no failures, and neither is the end of the run by --patience a failure.""",
         epilog="examples:\n  mbfmu check fourbar\n  mbfmu check fourbar/flexible --solver adams --stop-time 2\n"
         "  mbfmu check my_model.py:MyModel --json findings.json\n",
     )
@@ -41,7 +44,7 @@ A scene that fails is reported too. Aspects that were not examined are listed.""
 
 
 def command_check(options: argparse.Namespace) -> int:
-    """Check a scene; print the findings."""
+    """Check a scene and print the findings; return 1 if it fails or its energy error is too large."""
     from mbfmu.studies.check import PATIENCE, check
 
     if options.json:
@@ -53,4 +56,4 @@ def command_check(options: argparse.Namespace) -> int:
         show(options, found.as_text())
     if options.quiet and found.failure:
         print(f"mbfmu: {found.failure}", file=sys.stderr)
-    return 0
+    return 1 if found.failure or found.inaccurate else 0

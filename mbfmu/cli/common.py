@@ -13,6 +13,7 @@ from typing import Any
 
 from tqdm import tqdm
 
+from mbfmu.direct import check_interval
 from mbfmu.errors import UserError
 from mbfmu.files import check_writable, write_text
 from mbfmu.model import Parameter, declared
@@ -169,12 +170,15 @@ def number(option: str, text: str) -> float:
 def scene_of(options: argparse.Namespace) -> Scene:
     """Return the scene with the command line's changes."""
     scene = load_scene(options.scene)
-    return scene.changed(
+    changed = scene.changed(
         model=scene.model.with_values(assignments("--set", options.set)),
         **{name: getattr(options, name, None) for name in SETTINGS},
         stop_time=getattr(options, "stop_time", None),
         output_interval=getattr(options, "interval", None),
     )
+    if getattr(options, "interval", None) is not None:
+        check_interval(changed.stop_time, changed.output_interval)
+    return changed
 
 
 def scene_part(scene: Scene) -> str:

@@ -12,7 +12,6 @@ from mbfmu.errors import UserError, suggest
 from mbfmu.files import replacing
 from mbfmu.scene import Scene
 from mbfmu.steady.equilibrium import build_problem, equilibrium
-from mbfmu.steady.linear import modes_as_text
 from mbfmu.steady.state import Equilibrium
 from mbfmu.steady.supports import FOLLOWED
 from mbfmu.steady.sweep import Branch, sweep
@@ -38,15 +37,6 @@ from .common import (
 )
 from .completion import complete, output_names
 from .results import Results, results
-
-SHOWN = 60  # modes that are printed
-WORDS = {
-    "stable": "stable: all modes are damped",
-    "undamped": "marginally stable: undamped oscillation",
-    "neutral": "neutral: some modes have neither stiffness nor growth",
-    "unstable": "UNSTABLE: some modes grow",
-    "unknown": "stability is not determined, see the note",
-}
 
 
 def add(commands: Commands) -> None:
@@ -102,27 +92,11 @@ def command_equilibrium(options: argparse.Namespace) -> int:
 
 
 def as_text(found: Equilibrium, others: Sequence[Equilibrium]) -> str:
-    """Describe a steady state to people."""
-    units = {v.name: v.unit for v in found.plant.outputs}
-    values = table(("output", "value", "unit"), [(k, f"{x:.12g}", units[k]) for k, x in found.outputs.items()])
-    lines = [
-        f"{found.model.name}: steady state found from {found.found_from} in {found.effort}",
-        *(f"note: {note}" for note in found.notes),
-        values,
-        "",
-        WORDS[found.stability] + (f"; no force resists {found.free}" if found.free else ""),
-    ]
-    modes = [] if found.stability == "unknown" else found.modes
-    lines += [modes_as_text(modes[:SHOWN])] if modes else []
-    if len(modes) > SHOWN:
-        lines.append(f"{len(modes) - SHOWN} modes of higher frequency not shown; --json writes all")
-    if found.warning:
-        lines += ["", f"warning: {found.warning}"]
-    if others:
-        names = list(found.positions())
-        rows = [[f"{x:.9g}" for x in other.positions().values()] + [other.stability] for other in others]
-        lines += ["", "other steady states:", table([*names, "stability"], rows)]
-    return "\n".join(lines)
+    """Return a steady state as text, and a table of the others."""
+    if not others:
+        return str(found)
+    rows = [[f"{x:.9g}" for x in other.positions().values()] + [other.stability] for other in others]
+    return "\n".join((str(found), "", "other steady states:", table([*found.positions(), "stability"], rows)))
 
 
 def swept(scene: Scene, options: argparse.Namespace) -> int:
@@ -182,7 +156,7 @@ def span(values: Sequence[float]) -> str:
 
 def stability_of(branch: Branch) -> str:
     """Return the stability along a branch, and the values of the parameter from which on it is another."""
-    told = [branch.states[0].stability]
+    told: list[str] = [branch.states[0].stability]
     for value, before, state in zip(branch.values[1:], branch.states, branch.states[1:], strict=False):
         if state.stability != before.stability:
             told.append(f"{state.stability} from {value:g}")

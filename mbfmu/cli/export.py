@@ -60,6 +60,7 @@ def command_export(options: argparse.Namespace) -> int:
     """Write an FMU."""
     from mbfmu.fmi import export
     from mbfmu.fmi.apart import export_scene
+    from mbfmu.fmi.native import refuse_solver
 
     scene = scene_of(options)
     name, part = file_name(scene.model.name), scene_part(scene)
@@ -67,6 +68,8 @@ def command_export(options: argparse.Namespace) -> int:
     asked: dict[str, Any] = {"fmi": options.fmi, "platforms": options.platforms}
     asked["report"] = lambda text: show(options, text)
     if options.native:
+        if options.solver is not None:
+            refuse_solver(options.solver)
         export_scene(scene, path, **asked)
     else:
         asked |= {"stop_time": scene.stop_time, "output_interval": scene.output_interval}

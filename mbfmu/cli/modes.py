@@ -7,7 +7,7 @@ import argparse
 from mbfmu.errors import UserError
 from mbfmu.files import write_text
 from mbfmu.steady.equilibrium import equilibrium
-from mbfmu.steady.linear import modes_as_text
+from solvers.statics.spectrum import Stability
 
 from .common import (
     Commands,
@@ -60,7 +60,7 @@ def command_modes(options: argparse.Namespace) -> int:
             (
                 f"{scene.name}: modes about the steady state found from {found.found_from} ({found.stability})",
                 *(f"note: {note}" for note in found.notes),
-                modes_as_text([shape.mode for shape in modes]),
+                str(modes),
             )
         )
         write_text(place.file("modes.txt"), text + "\n")
@@ -70,7 +70,7 @@ def command_modes(options: argparse.Namespace) -> int:
             plot(found.plant, found.q, modes, f"{scene.name}: natural modes", place.file("shapes.png"))
         show(options, text)
         show_more(options, found.effort)
-        if found.stability == "unstable":
+        if found.stability is Stability.UNSTABLE:
             show(
                 options,
                 "`mbfmu equilibrium` lists the steady states it finds; --from COORDINATE=VALUE starts next to another",

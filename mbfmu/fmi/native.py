@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from hashlib import sha256
 from xml.etree.ElementTree import Element, indent, tostring
@@ -46,8 +46,8 @@ def native(
     made = native_model(model, settings, for_one_run)
     for text in made.remarks:
         report(text)
-    for name, why in made.frozen.items():
-        report(f"parameter {name!r} is a constant in this FMU: {why}")
+    for text in describe_constants(made.frozen):
+        report(text)
     owner = identify(model, settings, experiment, "native", str(fmi), sha256(made.data).hexdigest())
     identity = Identity(name=model.name, identifier=owner.identifier, description=model.title(), guid=owner.guid)
     shown, terminals = list(made.variables), None
@@ -69,6 +69,18 @@ def native(
         folder = target.folder if fmi == 2 else name
         content[f"binaries/{folder}/{owner.identifier}{target.suffix}"] = library(name).read_bytes()
     return content
+
+
+def describe_constants(frozen: Mapping[str, str]) -> list[str]:
+    """Return messages on the parameters that are constant, one for each reason; ``frozen``: reasons by name."""
+    found = []
+    for why in dict.fromkeys(frozen.values()):
+        names = [repr(name) for name, own in frozen.items() if own == why]
+        what = (
+            f"parameter {names[0]} is a constant" if len(names) == 1 else f"parameters {', '.join(names)} are constants"
+        )
+        found.append(f"{what} in this FMU: {why}")
+    return found
 
 
 def _text(root: Element) -> bytes:
@@ -96,10 +108,28 @@ def _known() -> str:
     return ", ".join(TARGETS)
 
 
+def refuse_solver(solver: str) -> None:
+    """Raise UserError if a solver that was requested is not in native FMUs; ``auto`` selects one that is."""
+    if solver not in (*SOLVERS, AUTO):
+        raise UserError(
+            f"solver is {solver!r}; allowed in a native FMU: {_solvers()}, or {AUTO}. Choose one of these, or export "
+            "without --native",
+            "not-native",
+        )
+
+
 def _with_solver(model: Model, settings: Settings, report: Callable[[str], None]) -> Settings:
-    """Return settings with a solver that native FMUs support: the cheapest if another was requested."""
+    """Return settings with a solver that native FMUs support: the cheapest in place of the model's default.
+
+    Raises
+    ------
+    UserError
+        Another solver was requested that they do not support, or none of those that they support suits the model.
+    """
     if settings.solver in SOLVERS:
         return settings
+    if settings.solver not in (AUTO, model.default_solver):
+        refuse_solver(settings.solver)
     plant = model.plant()
     found = pick(plant, [(0.0, *plant.assemble())], settings.options(model.stop_time))
     implicit = "radau" if plant.system.has_matrices else "adams"  # which is all that large trees have

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from mbfmu.errors import UserError
 
@@ -42,12 +43,12 @@ def vector(what: str, value: Vector) -> Matrix:
 
 
 def rotation(what: str, value: Any) -> Matrix:
-    """Check a rotation matrix; None is the identity."""
+    """Check a 3x3 rotation matrix or a ``scipy.spatial.transform.Rotation``; None is the identity."""
     if value is None:
         return np.eye(3)
-    R = array_of(what, value)
+    R = array_of(what, value.as_matrix() if isinstance(value, Rotation) else value)
     if R.shape != (3, 3) or not np.allclose(R @ R.T, np.eye(3), atol=1e-9) or np.linalg.det(R) < 0.0:
-        raise UserError(f"{what} is {value!r}; it must be a 3x3 rotation matrix")
+        raise UserError(f"{what} is {value!r}; allowed: a 3x3 rotation matrix or one scipy.spatial.transform.Rotation")
     return R
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from mbfmu.interface import ArrayVariable, Role, ScalarVariable, Type, arrays, interface
 from mbfmu.mechanics.arrays.closing import SENTENCES
 from mbfmu.model import Model, declared, span
+from mbfmu.reach import advise
 from mbfmu.settings import Settings
 from mbfmu.simulation import RestingSimulation, Simulation
 from mbfmu.tolerances import COARSE_TOLERANCE, describe_coarse
@@ -225,7 +226,9 @@ class _File:
 
     def _sentence(self, code: Any) -> tuple[int, int]:
         others = tuple(name for name in self._simulation.stepper.others if name != "ida")
-        remedy = coded(KEYS[code], Status(code, 0.0, others).remedy) if code in KEYS else ""
+        status = Status(code, 0.0, others)
+        advice = advise(self._simulation.plant, status) or status.remedy
+        remedy = coded(KEYS[code], advice) if code in KEYS else ""
         return self._say(MESSAGES[code][0]), self._say(remedy)
 
     def _failure(self, template: str) -> tuple[int, int, int]:

@@ -10,10 +10,11 @@ from mbfmu.errors import EquilibriumError, UserError
 from mbfmu.mechanics import Mechanism, Plant
 from mbfmu.model import Model, of_user
 from mbfmu.steady.linear import StateSpace
-from mbfmu.steady.modes import ModeShape
+from mbfmu.steady.modes import ModeShapes
 from mbfmu.steady.problem import EquilibriumProblem
 from mbfmu.steady.state import Equilibrium
 from mbfmu.steady.supports import Supports, follow_supports
+from solvers.statics.spectrum import Stability
 
 
 def build_problem(model: Model | Mechanism, plant: Plant | None = None) -> EquilibriumProblem:
@@ -83,7 +84,7 @@ def find_state(problem: EquilibriumProblem) -> Equilibrium:
 def is_unstable(state: Equilibrium) -> bool:
     """Whether a motion grows, as far as the eigenvalues can be found."""
     with suppress(EquilibriumError):
-        return state.stability == "unstable"
+        return state.stability is Stability.UNSTABLE
     return False
 
 
@@ -92,11 +93,11 @@ def report_unstable(state: Equilibrium) -> str:
     if not is_unstable(state):
         return ""
     growth = max(mode.eigenvalue.real for mode in state.modes)
+    rate = f" by exp({growth:.3g} t), t in s" if growth > 0.0 else ""  # large models: the lowest modes only
     return coded(
         "unstable-start",
         f"the steady state in which {state.model.name!r} starts is unstable: deviations, at first those of rounding, "
-        f"grow by exp({growth:.3g} t), t in s. Other start values may lead to a stable state; `mbfmu equilibrium` "
-        "lists those it finds",
+        f"grow{rate}. Other start values may lead to a stable state; `mbfmu equilibrium` lists those it finds",
     )
 
 
@@ -150,7 +151,7 @@ def linearize(model: Model | Mechanism, start: Mapping[str, float] | None = None
     return equilibrium(model, start).state_space
 
 
-def modes(model: Model | Mechanism, count: int = 8, start: Mapping[str, float] | None = None) -> list[ModeShape]:
+def modes(model: Model | Mechanism, count: int = 8, start: Mapping[str, float] | None = None) -> ModeShapes:
     """Return the natural modes about a steady state, the slowest first.
 
     Parameters
@@ -162,8 +163,9 @@ def modes(model: Model | Mechanism, count: int = 8, start: Mapping[str, float] |
 
     Returns
     -------
-    list[ModeShape]
-        Eigenvalues (1/s), frequencies (Hz), damping ratios and shapes in the coordinates.
+    ModeShapes
+        List of modes: eigenvalues (1/s), frequencies (Hz), damping ratios and shapes in the coordinates. ``print``
+        writes it as a table without the shapes.
 
     Raises
     ------

@@ -10,7 +10,7 @@ import numpy as np
 from mbfmu.errors import EquilibriumError
 from mbfmu.mechanics import Plant
 from mbfmu.mechanics.arrays.closing import check_inertia
-from mbfmu.steady.linear import Mode
+from mbfmu.steady.linear import Mode, modes_as_text
 from solvers.linalg.blocks import one_thread
 from solvers.statics.matrices import LARGEST_ASSEMBLED, linearized_matrices
 from solvers.statics.modes import lowest_modes
@@ -33,6 +33,14 @@ class ModeShape:
 
     mode: Mode
     motion: Any
+
+
+class ModeShapes(list[ModeShape]):
+    """Modes with their shapes, the lowest or slowest first; ``str`` returns a table of their eigenvalues."""
+
+    def __str__(self) -> str:
+        """Return eigenvalues, frequencies and damping ratios as a table."""
+        return modes_as_text([shape.mode for shape in self])
 
 
 def find_spectrum(plant: Plant, q: Array, v: Array, lam: Array, count: int = LOWEST) -> Spectrum:

@@ -22,6 +22,7 @@ from mbfmu.steady.equilibrium import build_problem, find_state
 from solvers.linalg.blocks import one_thread
 from solvers.statics.matrices import LARGEST_ASSEMBLED
 from solvers.statics.path import Follower, Load, State
+from solvers.statics.spectrum import Stability
 
 STEPS = 500  # of a branch, at most
 
@@ -49,7 +50,7 @@ class PathState:
     outputs: Mapping[str, float]
     positions: Mapping[str, float]
     unstable: int
-    stability: str
+    stability: Stability
     kind: str = ""
 
 
@@ -187,7 +188,7 @@ class PathProblem:
             outputs=found.outputs,
             positions=found.positions(),
             unstable=at.unstable,
-            stability=found.stability if known else "unstable" if at.unstable else "stable",
+            stability=found.stability if known else Stability.UNSTABLE if at.unstable else Stability.STABLE,
             kind=at.kind,
         )
 

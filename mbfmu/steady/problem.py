@@ -36,6 +36,7 @@ from solvers.statics.large import TreeEquilibriumSolver
 from solvers.statics.linearized import DenseLinearized, Linearized, TreeLinearized
 from solvers.statics.newton import EquilibriumSolver, Outcome, Solution
 from solvers.statics.small import EPSILON, DenseEquilibriumSolver
+from solvers.statics.spectrum import Stability
 from solvers.system import Array
 
 SMALLEST_STEP = 1e-3  # of the continuation, relative to the full speed
@@ -345,7 +346,7 @@ class EquilibriumProblem:
             count = 4 if not self.plant.system.has_matrices else 24
         states = [found]
         searches = [(q, "a scattered start", False) for q in self.scattered(count)]
-        if count and found.stability == "unstable":
+        if count and found.stability is Stability.UNSTABLE:
             searches.insert(0, (self._start, "the model's start", True))
         for q, found_from, pseudo_transient in searches:
             try:

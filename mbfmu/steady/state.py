@@ -16,12 +16,15 @@ from mbfmu.errors import EquilibriumError
 from mbfmu.mechanics import Plant
 from mbfmu.mechanics.arrays.bending import COARSE
 from mbfmu.model import Model
-from mbfmu.steady.linear import Mode, StateSpace
-from mbfmu.steady.modes import LOWEST, ModeShape, find_spectrum, shapes_of
+from mbfmu.steady.linear import Mode, StateSpace, modes_as_text
+from mbfmu.steady.modes import LOWEST, ModeShapes, find_spectrum, shapes_of
 from mbfmu.steady.periodic import Turned
 from mbfmu.steady.rigid_body_modes import free_motions, in_words
-from solvers.statics.spectrum import Spectrum
+from mbfmu.table import table
+from solvers.statics.spectrum import Spectrum, Stability
 from solvers.system import Array
+
+SHOWN = 60  # modes that are printed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,8 +102,13 @@ class Equilibrium:
         """
         return [shape.mode for shape in shapes_of(self.spectrum)]
 
-    def shapes(self, count: int) -> list[ModeShape]:
-        """Return the slowest natural modes with their shapes in the coordinates.
+    @property
+    def known_modes(self) -> list[Mode]:
+        """The modes; empty if they were not found because the coefficients are periodic."""
+        return [] if self.stability is Stability.UNKNOWN else self.modes
+
+    def shapes(self, count: int) -> ModeShapes:
+        """Return the slowest natural modes with their shapes in the coordinates; ``print`` writes a table.
 
         Parameters
         ----------
@@ -109,28 +117,46 @@ class Equilibrium:
         """
         enough = self.spectrum.complete or count <= LOWEST
         found = self.spectrum if enough else find_spectrum(self.plant, self.q, self.v, self.lam, count)
-        return shapes_of(found)[:count]
+        return ModeShapes(shapes_of(found)[:count])
 
     @property
-    def stability(self) -> str:
-        """Stability of the linearized motion: ``stable`` (it decays), ``undamped`` (some of it oscillates undamped),
-        ``neutral``
-        (some of it drifts), ``unstable``, or ``unknown`` if its coefficients are periodic and notes give the reason why
-        it was not found.
+    def stability(self) -> Stability:
+        """Stability of the linearized motion, a text: ``stable`` (it decays), ``undamped`` (some of it oscillates
+        undamped), ``neutral`` (some of it drifts), ``unstable``, or ``unknown`` if its coefficients are periodic and
+        notes give the reason why it was not found.
         """
         try:
             return self.spectrum.stability
         except EquilibriumError:
             if not self.periodic:
                 raise
-            return "unknown"
+            return Stability.UNKNOWN
 
     @cached_property
     def free(self) -> str:
         """Message on the motions of a large model without resistance; empty if there are none."""
-        if self.stability != "neutral" or self.plant.system.has_matrices:
+        if self.stability is not Stability.NEUTRAL or self.plant.system.has_matrices:
             return ""
         return in_words(self.plant, self.q, free_motions(self.plant, self.q, self.lam))
+
+    def __str__(self) -> str:
+        """Return outputs with their units, stability and modes as tables."""
+        units = {v.name: v.unit for v in self.plant.outputs}
+        rows = [(name, f"{x:.12g}", units[name]) for name, x in self.outputs.items()]
+        lines = [
+            f"{self.model.name}: steady state found from {self.found_from} in {self.effort}",
+            *(f"note: {note}" for note in self.notes),
+            table(("output", "value", "unit"), rows),
+            "",
+            self.stability.text + (f"; no force resists {self.free}" if self.free else ""),
+        ]
+        modes = self.known_modes
+        lines += [modes_as_text(modes[:SHOWN])] if modes else []
+        if len(modes) > SHOWN:
+            lines.append(f"{len(modes) - SHOWN} modes of higher frequency not shown; as_dict() and --json have all")
+        if self.warning:
+            lines += ["", f"warning: {self.warning}"]
+        return "\n".join(lines)
 
     @property
     def effort(self) -> str:
@@ -168,7 +194,7 @@ class Equilibrium:
             "stability": self.stability,
             "free_motions": self.free,
             "warning": self.warning,
-            "stable": self.stability in ("stable", "undamped"),
+            "stable": self.stability.stays,
             "eigenvalues": [
                 {
                     "real": m.eigenvalue.real,
@@ -177,7 +203,7 @@ class Equilibrium:
                     "natural_frequency_hz": m.natural_frequency / (2.0 * np.pi),
                     "damping_ratio": m.damping_ratio,
                 }
-                for m in (self.modes if self.stability != "unknown" else [])
+                for m in self.known_modes
             ],
         }
 

@@ -49,7 +49,7 @@ class Supports:
         signals = plant.signals(plant.data)
         steps = [step.record for step in plant.drives.steps(signals)] if finishes else []
         self._before = [float(record["offset"]) for record in steps]
-        self._fixed = [0.0 if record["height"] else float(record["offset"]) for record in steps]
+        self._zero = [0.0 if record["height"] else float(record["offset"]) for record in steps]
         self._steps, self._plant, self._inputs = [steps], plant, plant.inputs.positions()
         self._places = [plant.inputs.places(plant.data.arrays, signals)]
 
@@ -68,7 +68,7 @@ class Supports:
         """Return from where the supports have come to their positions: from where they start, then from zero."""
         here, found = self.positions(), list[Array]()
         starts = [self._plant.inputs.variables[index].start for index in self._inputs]
-        for places in ([*self._before, *starts], [*self._fixed, *(0.0 for _ in starts)]):
+        for places in ([*self._before, *starts], [*self._zero, *(0.0 for _ in starts)]):
             begin = np.array(places)
             if not any(np.array_equal(begin, other) for other in (here, *found)):
                 found.append(begin)

@@ -109,6 +109,8 @@ class Findings:
         Reason if it cannot start or stopped, and what to do; else empty.
     warning
         Warning if the result may be wrong; else empty.
+    inaccurate
+        Whether the energy error is larger than the tolerance explains.
     suits
         Recommended solver, and the reason.
     unseen
@@ -134,6 +136,7 @@ class Findings:
     outputs: int = 0
     failure: str = ""
     warning: str = ""
+    inaccurate: bool = False
     suits: SolverPick | None = None
     unseen: tuple[str, ...] = ()
 
@@ -253,6 +256,7 @@ class _Look:
             outputs=int(reached / self.scene.output_interval),
             failure=failure,
             warning=warning,
+            inaccurate=bool(run.verdict),
             suits=pick(self.plant, some, options),
             unseen=self._unseen(reached, failure),
         )

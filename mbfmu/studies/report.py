@@ -16,6 +16,7 @@ from mbfmu.files import replacing
 from mbfmu.viewer.motion import amplitudes
 from mbfmu.viewer.picture import PALETTE
 from mbfmu.viewer.picture import draw as picture_of
+from solvers.statics.spectrum import Stability
 from solvers.steppers import NAMES
 
 if TYPE_CHECKING:
@@ -46,11 +47,12 @@ def plot_result(result: Result, path: Path, names: Sequence[str] = ()) -> None:
     finish(figure, path)
 
 
-STABILITY_STYLES = {  # color, line and marker, from the most to the least stable
-    "stable": ("#4269d0", "-", "o"),
-    "undamped": ("#6cc5b0", "-", "o"),
-    "neutral": ("#9c6b4e", ":", "s"),
-    "unstable": ("#ff725c", "--", "x"),
+STABILITY_STYLES = {  # color, line and marker
+    Stability.STABLE: ("#4269d0", "-", "o"),
+    Stability.UNDAMPED: ("#6cc5b0", "-", "o"),
+    Stability.NEUTRAL: ("#9c6b4e", ":", "s"),
+    Stability.UNSTABLE: ("#ff725c", "--", "x"),
+    Stability.UNKNOWN: ("#97999d", "-.", "^"),
 }
 
 
@@ -91,7 +93,7 @@ def plot_path(path: EquilibriumPath, output: str, title: str, file: Path) -> Non
 
     for branch in path.branches:
         x, y = np.array(branch.output(output)), np.array(branch.values)
-        worst = list(STABILITY_STYLES)
+        worst = list(Stability)
         found = np.array([worst.index(state.stability) for state in branch.states])
         for k in range(len(found) - 1):  # a piece of the line is what the less stable of its ends is
             text = worst[max(found[k], found[k + 1])]

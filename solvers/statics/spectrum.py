@@ -14,6 +14,7 @@ No threshold depends on how fast other modes are.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,35 @@ ALIKE = (
     1e-6  # what is left of a motion, relative, when those before it are taken away, below which it is not independent
 )
 IMPROVED = 1e-3  # longest step that improves an eigenvalue, relative to the fastest one
+
+
+class Stability(StrEnum):
+    """Stability of a linearized motion as a word, from the most to the least stable."""
+
+    STABLE = "stable"
+    UNDAMPED = "undamped"
+    NEUTRAL = "neutral"
+    UNSTABLE = "unstable"
+    UNKNOWN = "unknown"
+
+    @property
+    def text(self) -> str:
+        """Description for people."""
+        return DESCRIPTIONS[self]
+
+    @property
+    def stays(self) -> bool:
+        """Whether small deviations are known to stay small."""
+        return self in (Stability.STABLE, Stability.UNDAMPED)
+
+
+DESCRIPTIONS = {
+    Stability.STABLE: "stable: all modes are damped",
+    Stability.UNDAMPED: "marginally stable: undamped oscillation",
+    Stability.NEUTRAL: "neutral: some modes have neither stiffness nor growth",
+    Stability.UNSTABLE: "UNSTABLE: some modes grow",
+    Stability.UNKNOWN: "stability is not determined, see the note",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,14 +86,14 @@ class Spectrum:
     growing: int | None = None
 
     @property
-    def stability(self) -> str:
-        """``stable``, ``undamped``, ``neutral`` or ``unstable``."""
+    def stability(self) -> Stability:
+        """Stability of the motion; never unknown."""
         s, doubt = self.values, self.doubts
         if self.growing or (s.real > doubt).any():
-            return "unstable"
+            return Stability.UNSTABLE
         if (s == 0.0).any():
-            return "neutral"
-        return "stable" if (s.real < -doubt).all() else "undamped"
+            return Stability.NEUTRAL
+        return Stability.STABLE if (s.real < -doubt).all() else Stability.UNDAMPED
 
 
 def spectrum_of(matrices: Matrices) -> Spectrum:

@@ -45,7 +45,8 @@ class Cut(Kind):
     at_a, at_b
         Points of the joint in the frames of bodies a and b, m.
     rotation_a, rotation_b
-        3x3 axes of the cut frame in the two bodies; identity by default. Constraint equations are named by the axes in
+        Axes of the cut frame in the two bodies, as columns of a 3x3 matrix or as a SciPy ``Rotation``; identity by
+        default. Constraint equations are named by the axes in
         body a.
     """
 

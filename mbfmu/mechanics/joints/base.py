@@ -34,7 +34,8 @@ class Joint(Kind):
     Parameters
     ----------
     at, rotation
-        Origin (m) and 3x3 axes of the joint frame in the parent's frame.
+        Origin (m) of the joint frame in the parent's frame, and its axes there as columns of a 3x3 matrix or as a
+        ``scipy.spatial.transform.Rotation``.
     start, rate
         Initial position (nq,) and velocity (nv,); a single number for one coordinate. Assembly changes given
         values only if the loops cannot close by the other coordinates.

@@ -30,6 +30,7 @@ from typing import Any
 import numpy as np
 
 from mbfmu.errors import UserError
+from mbfmu.mechanics.checks import rotation
 from mbfmu.mechanics.kind import Site
 from solvers.compiled.kernel import kernel
 
@@ -87,7 +88,7 @@ class Geodesic(OutOfPlane):
 
     def fill(self, record: Any, site: Site) -> None:
         """Write b, of s' what lies in the plane."""
-        axes = np.eye(3) if self.rotation is None else np.asarray(self.rotation, float)
+        axes = rotation("rotation of a geodesic joint", self.rotation)
         s = axes.T @ np.asarray(self.at, float) * (1.0, 0.0, 1.0)
         if not s.any():
             raise UserError(f"at of {site.name} is {self.at!r} m; a Geodesic joint needs some way in the x-z plane")
