@@ -8,18 +8,18 @@ from xml.sax.saxutils import escape
 PICTURE = Path(__file__).parent / "images" / "which_solver.svg"
 QUESTIONS = (  # lines of a question, and of the answer if it is yes
     (("Do you need the steady state", "instead of the motion?"), ("mbfmu equilibrium", "no simulation")),
-    (("Does it have cut joints and more", "than 1000 coordinates?"), ("ida", "tolerance: error / 1000")),
+    (("Does the model have cut joints and", "more than 1000 coordinates?"), ("ida", "tolerance: 1/1000 of the error")),
     (
         (
-            "Is it stiff: a sheet, a mesh of bodies,",
+            "Is the model stiff: a sheet, a mesh,",
             "a stiff damped spring? (mbfmu run",
             "reports stability-limited steps)",
         ),
-        ("radau; large: esdirk", "large with loops: ida"),
+        ("radau; if large: esdirk or ida", "tolerance: 1/100 (ida: 1/1000)"),
     ),
-    (("Do its loops have 10 constraint", "equations or more?"), ("hybrid", "tolerance: error / 100")),
+    (("Does the model have 10 or more", "constraint equations?"), ("hybrid", "tolerance: 1/100 of the error")),
 )
-LAST = ("adams", "tolerance: error / 100")
+LAST = ("adams", "tolerance: 1/100 of the error")
 WIDTH, ROW, LINE = 720, 108, 19  # pixels
 QUESTION, ANSWER = (20, 330), (440, 260)  # left edge and width of a column
 INK, BLUE, PAPER = "#1b2733", "#4269d0", "#ffffff"
@@ -64,8 +64,6 @@ def picture() -> str:
         parts.append(arrow(QUESTION[0] + QUESTION[1] / 2, top + height, 0, ROW - height - 8, "no"))
         top += ROW
     parts.append(box(QUESTION[0], top, QUESTION[1], LAST, strong=True))
-    note = ("Repeat the run at a tenth of the", "tolerance: the difference is about the error.")
-    parts.append(box(ANSWER[0], top, ANSWER[1], note, strong=False))
     height = top + 2 * LINE + 22 + 20
     return "\n".join(
         [

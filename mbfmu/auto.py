@@ -209,7 +209,7 @@ def explicit(plant: Plant) -> tuple[str, str]:
     if not s.has_matrices and not s.m:
         return "adams", f"a large open-chain model with {size}"
     if s.n > LARGEST_DENSE:
-        return "ida", f"the only solver for {size} with loops"
+        return "ida", f"{size} with loops, too many for the dense matrices of 'adams' and 'hybrid'"
     if s.m >= WIDE:
         return "hybrid", f"{size} and {s.m} constraints"
     return "adams", f"{size} and {counted(s.m, 'constraint')}" if s.m else f"{size} without loops"
