@@ -172,11 +172,30 @@ def check_declaration(model: str, p: Parameter) -> None:
 class Model:
     """Base class of all models. Subclass it as a frozen dataclass, declare parameters, and write :meth:`build`.
 
-    Class attributes a subclass may set: ``name`` (of the command line and the FMU), ``stop_time`` and
-    ``output_interval`` (s), ``tolerance`` and ``default_solver`` of the default experiment, ``settling``: parameters
-    that damp the motion, with which a comparison lets it run into the steady state, ``viewing``: parameters that
-    ``mbfmu view`` sets by default, and ``effects``: by name, the parameters that turn an effect on;
-    zero turns it off.
+    Parameters
+    ----------
+    **given
+        Values of parameters by name; others keep their defaults.
+
+    Attributes
+    ----------
+    name
+        Name on the command line and of the FMU; by default that of the class in lower case.
+    stop_time, output_interval
+        Stop time and output interval of the default experiment, s.
+    tolerance, default_solver
+        Tolerance and solver of the default experiment.
+    settling
+        Parameters that damp the motion, with which a comparison simulates until the steady state is reached.
+    viewing
+        Parameters that ``mbfmu view`` sets by default.
+    effects
+        By name of an optional effect, the parameters that turn it on; zero turns it off.
+
+    Raises
+    ------
+    UserError
+        There is no such parameter, a value is not allowed, or the class is not a dataclass.
     """
 
     name: ClassVar[str] = ""
