@@ -30,7 +30,7 @@ Run = dict[str, Array]  # signals over time, by name; one column per axis
 STEP, STOP_TIME = 1e-3, 1.5  # communication step and end of the run, s
 STEPS = (0.5e-3, 1e-3, 2e-3, 4e-3, 8e-3)  # communication steps of the study, s
 MOTOR_SPEED = 6000.0 * np.pi / 30.0  # limit of the motors, rad/s
-LABELS = ("initial torque", "torque at the start of the step", "mean torque of the step")  # added to the feedback
+LABELS = ("constant feedforward", "feedforward at the start of the step", "mean feedforward of the step")
 COLORS = ("#9aa3b2", "#4269d0", "#ff725c", "#3ca951", "#efb118", "#a463f2")
 
 
@@ -186,7 +186,7 @@ def required_torques(fmu: Path, step: float = STEP, order: int = 2) -> Run:
 def follow_path(fmu: Path, forward: Array, step: float = STEP) -> Run:
     """Control the arm along the path and return its outputs over time.
 
-    ``forward`` are torques of the motors (N m) that are added to those of the controller, one row per step.
+    ``forward`` are the feedforward torques of the motors (N m), one row per step.
     """
     path, rows = plan_path(), []
     with Slave(fmu, {f"motor{k}.torque": value for k, value in zip(NUMBERS, forward[0], strict=True)}) as slave:
@@ -221,17 +221,17 @@ def tool_error(run: Run, driven: Run) -> Array:
 
 
 def compare_steps(driven: Path, arm: Path, steps: tuple[float, ...] = STEPS) -> dict[str, Array]:
-    """Return the largest errors of the tool (m) for every communication step, by what the controller adds."""
+    """Return the largest errors of the tool (m) for every communication step, by the feedforward torque."""
     errors: dict[str, list[float]] = {name: [] for name in LABELS}
     for step in steps:
         planned = required_torques(driven, step)
-        for name, torques in forward_torques(planned).items():
+        for name, torques in feedforward(planned).items():
             errors[name].append(tool_error(follow_path(arm, torques, step), planned).max())
     return {name: np.array(values) for name, values in errors.items()}
 
 
-def forward_torques(planned: Run) -> dict[str, Array]:
-    """Return the torques of the motors that the controllers add, N m, one row per step."""
+def feedforward(planned: Run) -> dict[str, Array]:
+    """Return three feedforward torques of the motors for the torques that the path requires, N m, one row per step."""
     torques = planned["torque"]
     return dict(zip(LABELS, (np.repeat(torques[:1], len(torques), axis=0), torques, means(torques)), strict=True))
 
@@ -246,11 +246,11 @@ def size_drives(run: Run) -> list[dict[str, float]]:
         drives.append(
             {
                 "ratio": axis.ratio,
-                "gear torque": np.abs(load).max(),
-                "motor torque": np.abs(torque).max(),
-                "RMS torque": float(np.sqrt(np.mean(torque**2))),
-                "motor speed": np.abs(speed).max() * 30.0 / np.pi,
-                "motor power": (torque * speed).max(),
+                "gear torque [N m]": np.abs(load).max(),
+                "motor torque [N m]": np.abs(torque).max(),
+                "RMS torque [N m]": float(np.sqrt(np.mean(torque**2))),
+                "motor speed [rpm]": np.abs(speed).max() * 30.0 / np.pi,
+                "motor power [W]": (torque * speed).max(),
                 "best ratio": ratios[peaks.argmin()],
                 "largest ratio": MOTOR_SPEED / np.abs(run["rate"][:, k]).max(),
             }
@@ -277,27 +277,39 @@ def draw_torques(run: Run, path: Path) -> None:
 
 
 def draw_errors(runs: dict[str, Run], errors: dict[str, Array], path: Path) -> None:
-    """Draw the errors of the tool over time and over the communication step, and the motor torque over the ratio."""
-    figure, (over_time, over_step, over_ratio) = plt.subplots(1, 3, figsize=(13.0, 4.2), layout="constrained")
+    """Draw the errors of the tool over time and over the communication step."""
+    figure, (over_time, over_step) = plt.subplots(1, 2, figsize=(10.0, 4.2), layout="constrained")
     for (name, values), color in zip(errors.items(), COLORS, strict=False):
         over_time.semilogy(runs[name]["time"], 1e3 * tool_error(runs[name], runs["driven"]), color=color)
         over_step.loglog(1e3 * np.array(STEPS), 1e3 * values, "o-", color=color, label=name)
-    ratios = np.geomspace(20.0, 500.0, 200)
-    for k, axis in enumerate(AXES):
-        peaks = peak_torques(runs[LABELS[-1]], k, np.append(ratios, axis.ratio))
-        over_ratio.loglog(ratios, peaks[:-1], color=COLORS[k], label=f"axis {k + 1}")
-        over_ratio.plot(axis.ratio, peaks[-1], "o", color=COLORS[k])
     over_time.set(xlabel="time [s]", ylabel="error of the tool [mm]", title="Step of 1 ms", ylim=(1e-5, 1e2))
     over_step.set(xlabel="communication step [ms]", ylabel="largest error of the tool [mm]", title="Step size")
-    over_ratio.set(xlabel="gear ratio", ylabel="peak torque of the motor [N m]", title="Gear ratio (dot: chosen)")
-    for ax, ticks in ((over_step, 1e3 * np.array(STEPS)), (over_ratio, (20, 50, 100, 200, 500))):
-        ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
-        ax.set_xticks([], minor=True)
+    set_ticks(over_step, 1e3 * np.array(STEPS))
     over_step.legend(loc=(0.02, 0.66), fontsize="small")
-    over_ratio.legend(ncols=2, fontsize="small")
-    for ax in (over_time, over_step, over_ratio):
+    for ax in (over_time, over_step):
         ax.grid(alpha=0.3)
     figure.savefig(path, dpi=80)
+
+
+def draw_ratios(run: Run, path: Path) -> None:
+    """Draw the peak torques of the motors over the gear ratio, and the chosen ratios."""
+    figure, ax = plt.subplots(figsize=(5.4, 4.2), layout="constrained")
+    ratios = np.geomspace(20.0, 500.0, 200)
+    for k, axis in enumerate(AXES):
+        peaks = peak_torques(run, k, np.append(ratios, axis.ratio))
+        ax.loglog(ratios, peaks[:-1], color=COLORS[k], label=f"axis {k + 1}")
+        ax.plot(axis.ratio, peaks[-1], "o", color=COLORS[k])
+    ax.set(xlabel="gear ratio", ylabel="peak torque of the motor [N m]", title="Gear ratio (dot: chosen)")
+    set_ticks(ax, (20, 50, 100, 200, 500))
+    ax.legend(ncols=2, fontsize="small")
+    ax.grid(alpha=0.3)
+    figure.savefig(path, dpi=80)
+
+
+def set_ticks(ax: Any, ticks: Any) -> None:
+    """Label a logarithmic axis at these numbers."""
+    ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    ax.set_xticks([], minor=True)
 
 
 def draw_arm(path: Path) -> None:
@@ -319,7 +331,7 @@ def draw_arm(path: Path) -> None:
     flange = motion.names.index(f"link{len(AXES)}")
     ax.plot(*artist.camera.project(motion.point(flange, TOOL)[:, 0])[0].T, color="#d9483b", lw=1.5)
     ax.set_axis_off()
-    figure.savefig(path, dpi=100)
+    figure.savefig(path, dpi=80)
 
 
 def example(folder: Path) -> dict[str, Run]:
@@ -328,7 +340,7 @@ def example(folder: Path) -> dict[str, Run]:
     driven = mb.export(RobotArm(driven=True), folder / "robot_arm_driven.fmu", settings, native=True)
     arm = mb.export(RobotArm(), folder / "robot_arm.fmu", settings, native=True)
     runs = {"driven": required_torques(driven)}
-    for name, torques in forward_torques(runs["driven"]).items():
+    for name, torques in feedforward(runs["driven"]).items():
         runs[name] = follow_path(arm, torques)
     errors = compare_steps(driven, arm)
     for name, values in errors.items():
@@ -337,6 +349,7 @@ def example(folder: Path) -> dict[str, Run]:
         print(f"axis {k}: " + ", ".join(f"{name} {value:.3g}" for name, value in drive.items()))
     draw_arm(folder / "robot_arm_model.png")
     draw_torques(runs[LABELS[-1]], folder / "robot_arm_torques.png")
+    draw_ratios(runs[LABELS[-1]], folder / "robot_arm_ratios.png")
     draw_errors(runs, errors, folder / "robot_arm.png")
     return runs
 
