@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import mbfmu as mb
 from mbfmu.direct import communication_points, run
@@ -258,3 +259,28 @@ def test_a_mechanism_is_linearized_compared_and_shown(tmp_path: Path) -> None:
             mb.export(what, tmp_path / "arm.fmu")  # type: ignore[arg-type]
     with pytest.raises(mb.UserError, match="does not exist"):
         mb.view(m, tmp_path / "nowhere" / "arm.html", 0.1, solver="adams")
+
+
+def test_images_and_films_are_written_by_the_name_of_the_file(tmp_path: Path) -> None:
+    m = mb.Mechanism(gravity=(0.0, -9.81, 0.0))
+    m.body("arm", m.ground, mb.Revolute(start=-1.0), **mb.rod(mass=1.0, length=1.0))
+    how: dict[str, Any] = {"solver": "adams", "interval": 0.01}
+    first, last, side = (
+        np.asarray(Image.open(mb.view(m, tmp_path / f"arm{k}.png", 0.2, **how, **given)).convert("RGB"), float)
+        for k, given in enumerate(({}, {"time": 0.2}, {"camera": (80.0, 10.0)}))
+    )
+    assert first.shape == (720, 960, 3)
+    assert np.abs(last - first).mean() > 0.5
+    assert np.abs(side - first).mean() > 0.5
+    with Image.open(mb.view(m, tmp_path / "arm.gif", 0.2, **how)) as film:
+        assert film.n_frames == 6
+    for name, given, message in (
+        ("arm.jpg", {}, "must end in .html, .glb, .png, .gif or .mp4"),
+        ("arm.png", {"against": "adams"}, "against requires an HTML page"),
+        ("arm.gif", {"time": 0.1}, "time requires an image"),
+        ("arm.html", {"camera": (0.0, 0.0)}, "camera requires an image or a film"),
+        ("arm.png", {"camera": (0.0, float("nan"))}, "allowed: azimuth and elevation in degrees"),
+        ("arm.png", {"time": 3.0}, "time 3 s is outside the motion"),
+    ):
+        with pytest.raises(mb.UserError, match=message):
+            mb.view(m, tmp_path / name, 0.2, **how, **given)
