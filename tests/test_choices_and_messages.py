@@ -16,6 +16,8 @@ from fmus.fourbar import FourBar
 from fmus.governor import Governor
 from fmus.pendulum import SwingPendulum
 from mbfmu.codes import code_of
+from mbfmu.ensemble.subject import subject_of
+from mbfmu.fmi import export
 from mbfmu.fmi.native import SOLVERS, _with_solver, describe_constants
 from mbfmu.model import of_user
 from mbfmu.native.data import native_model
@@ -54,6 +56,18 @@ def by_simulate(_: Callable[..., Any], folder: Path) -> None:
     mb.simulate(SwingPendulum(), 0.1, interval=1.0)
 
 
+def by_study(_: Callable[..., Any], folder: Path) -> None:
+    subject_of("pendulum", "simulation", 0.1, 1.0)
+
+
+def by_study_of_an_fmu(_: Callable[..., Any], folder: Path) -> None:
+    path = export(SwingPendulum(), folder / "pendulum.fmu")
+    try:
+        subject_of(path, "simulation", 0.1, 1.0)
+    finally:
+        path.unlink()
+
+
 def by_command(name: str) -> Callable[..., None]:
     def call(command: Callable[..., Any], folder: Path) -> None:
         out = folder / {"run": "out", "export": "out.fmu", "view": "out.html"}[name]
@@ -64,7 +78,9 @@ def by_command(name: str) -> Callable[..., None]:
     return call
 
 
-@pytest.mark.parametrize("way", [by_simulate, by_command("run"), by_command("export"), by_command("view")])
+@pytest.mark.parametrize(
+    "way", [by_simulate, by_study, by_study_of_an_fmu, by_command("run"), by_command("export"), by_command("view")]
+)
 def test_an_interval_that_was_given_and_is_longer_than_the_run_is_refused(
     way: Callable[..., None], command: Callable[..., Any], tmp_path: Path
 ) -> None:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 import mbfmu
+from mbfmu.direct import check_interval
 from mbfmu.energy_check import VARIABLES
 from mbfmu.errors import UserError, suggest
 from mbfmu.mechanics import Mechanism
@@ -170,18 +171,23 @@ def subject_of(given: Any, runs: str, stop_time: float | None, interval: float |
     Raises
     ------
     UserError
-        It is none of these, or it cannot be built or read.
+        It is none of these, it cannot be built or read, or the interval that is given is longer than the run.
     """
     if runs not in RUNS:
         raise UserError(f"with is {runs!r}{suggest(str(runs), RUNS)}")
     if isinstance(given, str | Path) and str(given).endswith(".fmu"):
-        return read_fmu(Path(given), stop_time, interval)
+        fmu = read_fmu(Path(given), stop_time, interval)
+        if interval is not None:
+            check_interval(fmu.stop_time, interval)
+        return fmu
     if isinstance(given, Model | Mechanism):
         given = default_scene(of_user(given))
     scene = load_scene(str(given)) if isinstance(given, str | Path) else given
     if not isinstance(scene, Scene):
         raise UserError(f"scene is {given!r}; allowed: a scene or its name, a model, a mechanism, or an FMU's path")
     scene = scene.changed(stop_time=stop_time, output_interval=interval)
+    if interval is not None:
+        check_interval(scene.stop_time, interval)
     return ModelSubject(scene) if runs == "simulation" else exported(scene, runs == "native")
 
 
