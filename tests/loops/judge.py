@@ -27,7 +27,7 @@ from tree import forward, units
 import mbfmu
 import solvers
 from mbfmu.errors import UserError
-from mbfmu.mechanics import JointForce, JointSpring, Mechanism, Plant, PointForce, Spring, Torque
+from mbfmu.mechanics import JointForce, JointSpring, LineForce, Mechanism, Plant, PointForce, Spring, Torque
 from solvers import Options, stepper
 
 FACTOR = 100.0  # c: errors of a right run, in rtol and amplifications
@@ -250,7 +250,7 @@ def conservative(mechanism: Mechanism) -> bool:
     if any(b.joint.drive is not None for b in mechanism.bodies):
         return False
     for _, force, _, _ in mechanism.forces:
-        if isinstance(force, JointForce | PointForce | Torque):
+        if isinstance(force, JointForce | LineForce | PointForce | Torque):
             return False
         if isinstance(force, Spring | JointSpring) and force.damping != 0.0:
             return False
