@@ -5,7 +5,9 @@ from __future__ import annotations
 from solvers.codes import TITLES as OF_SOLVERS
 from solvers.codes import code_of, coded
 
-__all__ = ["TITLES", "code_of", "coded"]
+__all__ = ["NOTES", "TITLES", "code_of", "coded"]
+
+NOTES = {"changed-start", "redundant-constraints", "slow-solver"}  # they do not make a result doubtful
 
 TITLES = OF_SOLVERS | {
     "cannot-assemble": "The loops of the mechanism cannot be closed at the start",

@@ -100,7 +100,8 @@ def parameter(
     tunable
         Whether it may change during a run; it must not change the structure of the mechanism.
     optional
-        Whether the mechanism has no corresponding element if it is zero, so that it cannot change during a run.
+        Whether the mechanism has no corresponding element if the value is zero. Such a parameter cannot change from or
+        to zero during a run.
     structural
         Whether it determines the inputs and outputs; an FMU has it fixed at export.
     choices
@@ -330,6 +331,16 @@ class Model:
         """Return the first line of the docstring."""
         return ((cls.__doc__ or "").strip() or cls.name).splitlines()[0]
 
+    def _hint(self, name: str) -> str:
+        """Return what a name is instead of a parameter, as the end of a message."""
+        known = [p.name for p in self.parameters()]
+        if name in (variable.name for variable in self.plant().inputs.variables):
+            return (
+                "; it is an input. Set its value by Input(start=...) in the model, or simulate with "
+                f"mb.simulate(model, inputs={{{name!r}: ...}})"
+            )
+        return suggest(name, known)
+
     def with_values(self, values: Mapping[str, Any]) -> Self:
         """Return a copy with other parameter values.
 
@@ -347,7 +358,7 @@ class Model:
         changes = {}
         for name, value in values.items():
             if name not in known:
-                raise UserError(f"model {self.name!r} has no parameter {name!r}{suggest(name, known)}")
+                raise UserError(f"model {self.name!r} has no parameter {name!r}{self._hint(name)}")
             changes[name] = read_text(known[name], value) if isinstance(value, str) else value
         return replace(self, **changes)
 

@@ -253,8 +253,8 @@ class Simulation:
         return self.plant.energy(self.stepper.t, self.stepper.q, self.stepper.v)
 
     def start_remarks(self) -> list[str]:
-        """Return the remarks on a singular and on an unstable start."""
-        return [text for text in self.remarks if code_of(text) in ("singular-start", "unstable-start")]
+        """Return the remarks on the model and on its start, without those on the choice of the solver."""
+        return [text for text in self.remarks if code_of(text)]
 
     @property
     def failure(self) -> str:

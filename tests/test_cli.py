@@ -340,7 +340,7 @@ def test_the_compiler_is_announced_and_timed(command: Command, monkeypatch: pyte
 
     monkeypatch.setattr(models, "command_models", compiles)
     lines = command("models")[2].splitlines()
-    assert lines[0].startswith("compiling; this takes a minute or two")
+    assert lines[0].startswith("compiling; this takes one to three minutes")
     assert re.fullmatch(r"compiled in \d+\.\d s", lines[1])
     assert len(lines) == 2
     assert command("models", "-q")[2] == ""

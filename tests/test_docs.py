@@ -55,10 +55,14 @@ def test_the_citation_has_the_version() -> None:
 def test_the_tour_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.chdir(tmp_path)
     text = (DOCS / "tour.md").read_text()
-    (export,) = re.findall(r"^mbfmu export .*", text, re.MULTILINE)
-    assert main(shlex.split(export)[1:]) == 0
+    for name, block in re.findall(r"```python file=(\S+)\n(.*?)```", text, flags=re.DOTALL):
+        Path(name).write_text(block)
+    for export in re.findall(r"^mbfmu export .*", text, re.MULTILINE):
+        assert main(shlex.split(export)[1:]) == 0
     capsys.readouterr()
     for block in re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL):
         exec(compile(block, "docs/tour.md", "exec"), {})
     direct = mbfmu.simulate(mbfmu.find("fourbar")(crank_mass=2.0), 2.0, tolerance=1e-8)
-    assert float(capsys.readouterr().out) == pytest.approx(direct["crank.angle"][-1], abs=1e-6)
+    angle, controlled = capsys.readouterr().out.splitlines()
+    assert float(angle) == pytest.approx(direct["crank.angle"][-1], abs=1e-6)
+    assert controlled in text

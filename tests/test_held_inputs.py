@@ -30,7 +30,7 @@ class Car(mb.Model):
         m.output("car.y", car.position("y"), "height of the car")
         return m
 """
-SAYS = "other values of input 'height' (0 m), which are constant in all runs"
+SAYS = "other values of input 'height' (0 m), which kept this value"
 
 
 @pytest.fixture
@@ -69,4 +69,4 @@ def still() -> mb.Mechanism:
 
 def test_of_many_inputs_the_first_are_named() -> None:
     told = describe_held_inputs([Variable(f"u{k}", "N", "", start=float(k)) for k in range(5)])
-    assert told.startswith("other values of inputs 'u0' (0 N), 'u1' (1 N), 'u2' (2 N) and 2 more, which are constant")
+    assert told.startswith("other values of inputs 'u0' (0 N), 'u1' (1 N), 'u2' (2 N) and 2 more, which kept this")

@@ -132,7 +132,7 @@ def add_steady(p: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="COORDINATE=VALUE",
-        help="start the search at this coordinate instead of the start of the model, as in --from arm1=0.8 (rad "
+        help="start the search exactly at this coordinate, not at the start of the model, as in --from arm1=0.8 (rad "
         "or m); may "
         "be repeated",
     )

@@ -10,7 +10,7 @@ from tqdm import tqdm
 
 from solvers.compiled.cache import time_of_compiling, when_compiling
 
-BEFORE = "compiling; this takes a minute or two, once per machine"
+BEFORE = "compiling; this takes one to three minutes, for native FMUs up to six, once per machine"
 
 
 @contextmanager

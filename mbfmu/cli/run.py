@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from mbfmu.codes import code_of
+from mbfmu.codes import NOTES, code_of
 from mbfmu.curves import errors_of, matching
 from mbfmu.direct import Result, communication_points, loops, run
 from mbfmu.energy_check import VARIABLES
@@ -127,7 +127,7 @@ def command_run(options: argparse.Namespace) -> int:
         show(options, summary(scene, result, way, total))
         show_more(options, "\n".join([*(f"  {line}" for line in notes if not code_of(line)), statistics(result)]))
         for line in (*filter(code_of, notes), *result.remarks):
-            show(options, f"  {'warning' if code_of(line) else 'note'}: {line}")
+            show(options, f"  {'warning' if code_of(line) not in {'', *NOTES} else 'note'}: {line}")
         wrote(options, place.keep(mark(result)))
     if not recorder.used:
         show(options, f"no motion was recorded: use `mbfmu view {options.scene}`, or run with --direct")
@@ -209,7 +209,7 @@ def summary(scene: Scene, result: Result, way: Way, total: float) -> str:
     outputs, s = result.as_dict(), result.statistics
     steps = f"{s.steps} steps ({s.rejected} rejected), {s.rhs_evals} evaluations of the equations of motion"
     switches = f", {s.partition_switches} partition switches" if s.partition_switches else ""
-    made = "including start-up and compilation" if way is Way.DIRECT else "including start-up, compilation and export"
+    made = "including compilation" if way is Way.DIRECT else "including compilation and export"
     lines = [
         f"{result.title}: {result.t[-1]:g} s simulated",
         f"  {way.value}: {result.wall_time:.3g} s; total {total:.3g} s {made}",

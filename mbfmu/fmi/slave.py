@@ -60,7 +60,7 @@ class ModelSlave(Values):
         import_once(self.resources)
 
     def _tell_compiling(self) -> None:
-        text = "compiling; this takes a minute or two, once per machine"
+        text = "compiling; this takes one to three minutes, once per machine"
         self._print(text)
         self.log(text, Fmi2Status.ok, "logAll")
 

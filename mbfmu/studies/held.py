@@ -22,7 +22,6 @@ def describe_held_inputs(inputs: Sequence[Variable]) -> str:
     values = [f"{v.name!r} ({v.start or 0.0:g}{f' {v.unit}' if v.unit != '1' else ''})" for v in inputs[:SHOWN]]
     more = f" and {len(inputs) - SHOWN} more" if len(inputs) > SHOWN else ""
     return (
-        f"other values of {'inputs' if inputs[1:] else 'input'} {', '.join(values)}{more}, which are constant in "
-        "all runs "
-        "(a road, for example, does not move); replace the input in the model by a signal to include its changes"
+        f"other values of {'inputs' if inputs[1:] else 'input'} {', '.join(values)}{more}, which kept this value; to "
+        "examine a varying input, replace it in the model by a signal"
     )

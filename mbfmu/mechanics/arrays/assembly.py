@@ -202,13 +202,16 @@ class Assembly:
 
 
 def _changed(what: str, body: Body, given: Array, found: Array) -> str:
+    """Return a message on a given start position or velocity (k,) that the assembly has changed."""
     before, after = (", ".join(f"{x:.6g}" for x in values) for values in (given, found))
-    largest = np.abs(found - given).max()
+    if len(given) == 1:
+        size = f" {body.joint.units[0]}{'/s' if what == 'rate' else ''}"
+    else:
+        size = f" (largest change {np.abs(found - given).max():.2g})"
     return coded(
         "changed-start",
-        f"{what} of body {body.name!r} is changed from {before} to {after} (by at most {largest:.2g}), because the "
-        "loops cannot close with all given values; give consistent values, or declare as fixed the start values that "
-        "must be kept",
+        f"{what} of body {body.name!r} is changed from {before} to {after}{size}, because the loops cannot close with "
+        "all given values; give consistent values, or declare as fixed the start values that must be kept",
     )
 
 

@@ -43,9 +43,8 @@ class JointStop(Force):
     stiffness
         Contact stiffness, N m/rad for an angle, N/m for a displacement.
     damping
-        Damping c of the contact force k x (1 + c x') (Hunt and Crossley), s/rad or s/m. After an impact at a speed v,
-        slow for 1 / c,
-        the rebound speed is about v (1 - 2 c v / 3).
+        Damping c of the contact force k x (1 + c x') (Hunt and Crossley), s/rad or s/m. After an impact at a velocity
+        v much smaller than 1 / c, the rebound velocity is about v (1 - 2 c v / 3).
     """
 
     record = np.dtype([("q", np.int64), ("v", np.int64), *LIMITS], align=True)
