@@ -11,7 +11,7 @@ import argparse
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from tempfile import NamedTemporaryFile
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import matplotlib.pyplot as plt
@@ -323,9 +323,9 @@ def draw_arm(path: Path) -> None:
     figure = plt.figure(figsize=(7.2, 5.4))
     ax = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     for time in TIMES:
-        with NamedTemporaryFile(suffix=".png") as file:
-            write_png(motion, Path(file.name), time, shot)
-            frame = plt.imread(file.name)
+        with TemporaryDirectory() as work:
+            write_png(motion, Path(work) / "pose.png", time, shot)
+            frame = plt.imread(Path(work) / "pose.png")
         frame[..., 3] *= 1.0 if time == TIMES[-1] else 0.35
         ax.imshow(frame, extent=(-2.0 / 3.0, 2.0 / 3.0, -0.5, 0.5))
     flange = motion.names.index(f"link{len(AXES)}")
