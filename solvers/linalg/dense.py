@@ -309,3 +309,25 @@ def solve_positive(A: Any, n: int, x: Any) -> bool:
             x[i] -= A[k, i] * x[k]
         x[i] /= A[i, i]
     return True
+
+
+@kernel
+def positive_pivots(A: Any, n: int) -> int:
+    """Number of positive pivots of a symmetric A (n, n), the largest remaining one first: A, used up, is positive
+    definite in a subspace of that dimension.
+    """
+    for k in range(n):
+        best = k
+        for i in range(k + 1, n):
+            if A[i, i] > A[best, best]:
+                best = i
+        if not A[best, best] > 0.0:
+            return k
+        for j in range(n):
+            A[k, j], A[best, j] = A[best, j], A[k, j]
+        for i in range(n):
+            A[i, k], A[i, best] = A[i, best], A[i, k]
+        for i in range(k + 1, n):
+            for j in range(k + 1, n):
+                A[i, j] -= A[i, k] * A[k, j] / A[k, k]
+    return n

@@ -34,6 +34,7 @@ APART = 3.0  # least ratio of two successive pivots that separates equations wit
 LEAP = 10.0  # longest distance ahead to the loss of rank, in lengths of the last step
 CLOSER = 100.0  # factor by which Phi~ must lie better in the span of U than L_22 must be zero
 STRIDE, FAR = 0.3, 1.0  # longest step and way of any coordinate, in units of size
+ALIKE = 1e-6  # distance of the critical points of several equations below which they are one: a gap of its square
 COMBINATIONS = 3  # of rows without rank, if their number is kept
 
 
@@ -45,7 +46,7 @@ def seek_block(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
     The gap is |Phi~| there, and u its direction if it is not rounding. Return the number of rows that keep their
     rank; 0: no point was found.
     """
-    c, p = work.critical[0], work.size.shape[0] + 1
+    c, p, before = work.critical[0], work.size.shape[0] + 1, np.inf
     for _ in range(NEWTON):
         eqs.position(c.t, work.q_c, eqs.data, eqs.terms)
         regular = factor_block(eqs.terms, rank, work)
@@ -55,9 +56,10 @@ def seek_block(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
         off = block_residual(eqs.terms, regular, work)
         if not off < np.inf or not block_matrix(eqs, work):
             return 0
-        if off < EXACT:
+        if settled(off, before):
             note_block(eqs, p - regular - flat_directions(regular, work), work)
             return regular
+        before = off
         if not closing_step(regular, work) or not move(eqs, block_step(regular, work), work):
             return 0
         if not farthest(q, t, work) < FAR:
@@ -68,7 +70,7 @@ def seek_block(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
 @kernel
 def seek_held(eqs: Any, t: float, q: Any, regular: int, rank: int, work: Any) -> int:
     """As :func:`seek_block` for a point in which ``regular`` rows keep their rank, independent of its neighborhood."""
-    c, p = work.critical[0], work.size.shape[0] + 1 - regular
+    c, p, before = work.critical[0], work.size.shape[0] + 1 - regular, np.inf
     for _ in range(NEWTON):
         eqs.position(c.t, work.q_c, eqs.data, eqs.terms)
         factor_block(eqs.terms, rank, work)
@@ -92,13 +94,20 @@ def seek_held(eqs: Any, t: float, q: Any, regular: int, rank: int, work: Any) ->
         for i in range(p):
             work.change[i] = abs(work.K_work[i, i])
         full = rank_at(work.change, p, FLAT * FLAT)
-        if off < EXACT:
+        if settled(off, before):
             note_block(eqs, p - full, work)
             return regular
+        before = off
         least_norm(work.z, p, full, work.K_work, work.K_tau, work.K_pivots, work.g)
         if not move(eqs, turn_step(regular, work), work) or not farthest(q, t, work) < FAR:
             return 0
     return 0
+
+
+@inlined
+def settled(off: float, before: float) -> bool:
+    """Whether the point is found: equations that lose their rank within ALIKE of each other leave a residual."""
+    return off < EXACT or ALIKE > off > 0.5 * before
 
 
 @kernel

@@ -1,4 +1,4 @@
-"""How a step has passed a critical point in which any number k of constraint equations loses its rank.
+"""Which constraint equations keep their rank in a step, and how it has passed a critical point in which k lose it.
 
 U (k rows of forces) is the left null space of J~ in the critical point, Z its null space: the tangents of all branches.
 
@@ -11,6 +11,12 @@ the same side. Everything is measured in the rows of B before the point, made or
 counts as much as a single one. A motion along the set of critical points does not change B, so the test also holds for
 more degrees of freedom.
 
+The other equations must keep their rank and their direction. Let L Q^T be the factors of their J~ in one position and
+L X Q^T its part in the same directions in another one, so that X is the identity at first. On the straight line between
+the two an equation can lose its rank only where (1 - s) I + s X, 0 <= s <= 1, is singular, and that is excluded in
+every subspace in which the symmetric part of X is positive definite: this is what is counted. Their direction is kept
+if their tangents turn little.
+
 The sign of a determinant cannot decide this: it changes by (-1)^k, and if branches meet at small angles the tangents
 hardly turn.
 """
@@ -22,7 +28,9 @@ from typing import Any
 import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
-from solvers.linalg.dense import lq, rank_at, solve_positive, turn_in
+from solvers.linalg.dense import factor_lu, lq, positive_pivots, rank_at, solve_lu, turn_in
+
+from .orientation import LITTLE
 
 ASTRAY, ACROSS, ASIDE = 0, 1, 2  # on another branch; straight through; on this side of it
 LOST = 1e-6  # ratio to the first pivot below which a pivot is zero in the critical point
@@ -52,9 +60,9 @@ def scale_rows(terms: Any, work: Any, J: Any) -> None:
 
 
 @kernel
-def weak_part(J: Any, regular: int, work: Any, B: Any) -> None:
+def split(J: Any, regular: int, work: Any, B: Any) -> bool:
     """B[:m - regular, :n - regular] = U^T J Z, J (m, n) in its units, from the factors of the critical point; J and B
-    are different arrays.
+    are different arrays. Return whether the regular equations keep their rank and their direction from there to J.
     """
     m, n = J.shape
     for i in range(m):
@@ -62,14 +70,51 @@ def weak_part(J: Any, regular: int, work: Any, B: Any) -> None:
             B[i, j] = J[work.C_pivots[i], j]
         turn_in(work.C, work.C_tau, regular, n, B[i])
         for k in range(min(i, regular)):
-            for j in range(regular, n):
+            for j in range(n):
                 B[i, j] -= work.C[i, k] * B[k, j]
         if i < regular:
-            for j in range(regular, n):
+            for j in range(n):
                 B[i, j] /= work.C[i, i]
+    kept = steepest_tangent(B, regular, work) <= LITTLE * LITTLE and count_kept(B, regular, work.C, work) == regular
     for i in range(regular, m):
         for j in range(regular, n):
             B[i - regular, j - regular] = B[i, j]
+    return kept
+
+
+@kernel
+def steepest_tangent(B: Any, regular: int, work: Any) -> float:
+    """Largest square of a column of R^-1 N, [R N] = B[:regular]: slope of the tangents of the regular equations, seen
+    from Z.
+    """
+    steepest = 0.0
+    for i in range(regular):
+        for j in range(regular):
+            work.D[i, j] = B[i, j]
+    if not factor_lu(work.D, regular, work.order):
+        return np.inf
+    for k in range(regular, B.shape[1]):
+        square = 0.0
+        for i in range(regular):
+            work.b[i] = B[i, k]
+        solve_lu(work.D, regular, work.order, work.b, work.x)
+        for i in range(regular):
+            square += work.x[i] * work.x[i]
+        if not square < np.inf:
+            return np.inf
+        steepest = max(steepest, square)
+    return steepest
+
+
+@kernel
+def others_stay(terms: Any, rank: int, work: Any) -> bool:
+    """Whether the equations that are regular in the critical point keep their rank and their direction from the last
+    good position to it, and on to that of ``terms``. Fills B of the two: work.slopes and work.J_work.
+    """
+    regular = rank - work.critical[0].lost
+    before = split(work.J_last, regular, work, work.slopes)
+    scale_rows(terms, work, work.C_work)
+    return split(work.C_work, regular, work, work.J_work) and before
 
 
 @kernel
@@ -78,9 +123,8 @@ def passage(terms: Any, rank: int, work: Any) -> int:
     m, n = terms.J.shape
     lost = work.critical[0].lost
     regular = rank - lost
-    weak_part(work.J_last, regular, work, work.slopes)
-    scale_rows(terms, work, work.C_work)
-    weak_part(work.C_work, regular, work, work.J_work)
+    if not others_stay(terms, rank, work):
+        return ASTRAY
     p = n - regular
     lq(work.slopes, m - regular, p, work.tau_B, work.pivots_B, work.x)
     trace = 0.0
@@ -129,11 +173,8 @@ def largest_singular(k: int, p: int, work: Any) -> float:
 
 
 @kernel
-def may_pass(terms: Any, rank: int, work: Any) -> bool:
-    """Whether rows may have lost their rank between the last accepted position and that of ``terms``: whether the
-    straight line from J~ there to J~ here, in normals and in units of J~ there, is not kept regular by a positive
-    definite part.
-    """
+def count_doubtful(terms: Any, rank: int, work: Any) -> int:
+    """How many equations may have lost their rank between the last accepted position and that of ``terms``."""
     n = terms.J.shape[1]
     for i in range(rank):
         row = work.J_work[i]
@@ -145,8 +186,19 @@ def may_pass(terms: Any, rank: int, work: Any) -> bool:
                 row[j] -= work.frame[i, k] * work.J_work[k, j]
         for j in range(rank):
             row[j] /= work.frame[i, i]
+    return rank - count_kept(work.J_work, rank, work.frame, work)
+
+
+@kernel
+def count_kept(X: Any, rank: int, L: Any, work: Any) -> int:
+    """How many of the first ``rank`` equations keep their rank on the straight line from L Q^T to L X Q^T: dimension of
+    a subspace in which X + X^T is positive definite, X balanced by the pivots of L.
+
+    Without that balance the changes of direction of weak equations, which L^-1 has made large, hide their signs.
+    """
     for i in range(rank):
-        work.x[i] = 0.0
         for j in range(i + 1):
-            work.D[i, j] = 0.5 * (work.J_work[i, j] + work.J_work[j, i])
-    return not solve_positive(work.D, rank, work.x)
+            part = np.sqrt(abs(L[i, i] / L[j, j]))
+            work.D[i, j] = X[i, j] * part + X[j, i] / part
+            work.D[j, i] = work.D[i, j]
+    return positive_pivots(work.D, rank)

@@ -23,7 +23,9 @@ orientation is not determined; the position after it is compared with that befor
 
 If several rows lose their rank at once (:mod:`.block`) the sign changes with each, and a jump of one loop of many
 changes the tangents only slightly. Then :mod:`.passage` compares the part of J~ that is zero in the critical point,
-before and after it.
+before and after it. A critical point does not describe equations that lose their rank next to it. Therefore the
+equations that may have lost their rank are counted in each step, and all that the critical point does not explain must
+be shown to keep it; a step in which they are not is refused.
 """
 
 from __future__ import annotations
@@ -38,7 +40,7 @@ from solvers.linalg.dense import ratio
 from .block import begin_block, farthest, seek_block, seek_held
 from .critical import FAR, dimension, moves, seek
 from .orientation import BENT, FLIPPED, STRAIGHT, TURNED, orientation
-from .passage import ACROSS, ASTRAY, hold_critical, may_pass, passage, scale_rows
+from .passage import ACROSS, ASTRAY, count_doubtful, hold_critical, others_stay, passage, scale_rows
 from .workspace import distance, factor, scaled_length
 
 NONE, CROSSING, MISS = 0, 1, 2
@@ -70,7 +72,7 @@ def judge(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
     ``terms`` (of positions) and factors belong to (t, q) before and after the call.
     """
     c, here = work.critical[0], ratio(work.pivot, rank)
-    if c.kind != NONE and c.slope * apart(t, q, work, eqs.terms) <= NEAR * here:
+    if c.kind != NONE and belongs(t, q, rank, work, eqs.terms):
         return c.kind
     c.kind = NONE
     if c.in_vain < AGAIN * here and here < AGAIN * c.in_vain:
@@ -92,7 +94,7 @@ def find(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
     c, freedom = work.critical[0], eqs.terms.J.shape[1] - rank
     begun = begin_block(eqs, t, q, rank, work) if rank > 2 else 0
     several = 0 < begun < rank - 1
-    if several and find_block(eqs, t, q, begun, rank, work) != NONE:
+    if several and find_block(eqs, t, q, begun, rank, work) != NONE and c.lost > 1:
         return CROSSING if c.gap <= GAP else MISS
     if begun == 0 and rank > 2 and work.course[0].known == 1:  # no pivot is far below the others, here or ahead
         return NONE
@@ -106,8 +108,6 @@ def find(eqs: Any, t: float, q: Any, rank: int, work: Any) -> int:
             else:
                 c.gap = np.inf
         c.lost = hold_critical(eqs, rank, work)
-        if c.lost != 1 or (rank > 1 and abs(work.C[rank - 2, rank - 2]) < SINGULAR * abs(work.C[0, 0])):
-            c.lost = 0
         return kind
     if rank > 2 and not several:
         eqs.position(t, q, eqs.data, eqs.terms)
@@ -150,6 +150,12 @@ def apart(t: float, q: Any, work: Any, terms: Any) -> float:
     return far
 
 
+@inlined
+def belongs(t: float, q: Any, rank: int, work: Any, terms: Any) -> bool:
+    """Whether the critical point is the one that makes the smallest pivot here so small."""
+    return work.critical[0].slope * apart(t, q, work, terms) <= NEAR * ratio(work.pivot, rank)
+
+
 @kernel
 def note(eqs: Any, t: float, q: Any, taken: float, next_: float, rank: int, work: Any) -> None:
     """Record the last accepted position (t, q), with its ``terms`` and factors, and the nearest singular configuration.
@@ -166,8 +172,7 @@ def note(eqs: Any, t: float, q: Any, taken: float, next_: float, rank: int, work
     kind = NONE
     if here.ratio < SINGULAR or here.ahead < AHEAD * next_:
         kind = judge(eqs, t, q, rank, work)
-    several = kind == CROSSING and work.critical[0].lost > 1 and distance(work.q_c, q, work) > ACCURATE_DISTANCE
-    if here.ratio < SINGULAR and kind != MISS and not several:
+    if here.ratio < SINGULAR and not determined(q, kind, rank, eqs.terms, work):
         return
     here.known = 1
     for i in range(q.shape[0]):
@@ -179,6 +184,17 @@ def note(eqs: Any, t: float, q: Any, taken: float, next_: float, rank: int, work
     scale_rows(eqs.terms, work, work.J_last)
     for i in range(work.row.shape[0]):
         work.nu_last[i] = eqs.terms.nu[i] / work.row[i]
+
+
+@inlined
+def determined(q: Any, kind: int, rank: int, terms: Any, work: Any) -> bool:
+    """Whether the axes are determined in q, where J~ is nearly singular: next to a near miss, far from a crossing of
+    several equations, or if all equations but one, whose sign :func:`passed` has compared, have kept their rank since
+    the last position of which this is known.
+    """
+    if kind == CROSSING:
+        return work.critical[0].lost > 1 and distance(work.q_c, q, work) > ACCURATE_DISTANCE
+    return kind == MISS or (work.course[0].known == 1 and count_doubtful(terms, rank, work) <= 1)
 
 
 @inlined
@@ -222,11 +238,13 @@ def passed(eqs: Any, t: float, q: Any, exact: float, rank: int, work: Any) -> bo
 def goes_on(eqs: Any, t: float, q: Any, exact: float, rank: int, work: Any) -> bool:
     """The same by the orientation and the known critical point.
 
-    An unchanged orientation is no proof: an even number of rows may have lost their rank on the way.
+    An unchanged orientation is no proof if more than one equation may have lost its rank on the way. Then a crossing
+    must explain it, and all other equations must have kept their rank.
     """
     turn, c = orientation(eqs.terms, rank, work), work.critical[0]
     at_hand = c.kind == CROSSING and within_reach(q, work)
-    if turn == STRAIGHT and not at_hand and not suspicious(q, rank, eqs.terms, work):
+    doubtful = doubtful_equations(q, rank, eqs.terms, work)
+    if turn == STRAIGHT and not at_hand and doubtful == 0:
         return True
     if at_hand and comparable(q, exact, eqs.terms, work):
         side = passage(eqs.terms, rank, work)
@@ -239,11 +257,16 @@ def goes_on(eqs: Any, t: float, q: Any, exact: float, rank: int, work: Any) -> b
     if not keep:  # what was known need not be the next one
         c.kind, c.in_vain = NONE, 0.0
     crossing = judge(eqs, t, q, rank, work) == CROSSING
-    inside = crossing and ratio(work.pivot, rank) < SINGULAR
+    inside = crossing and ratio(work.pivot, rank) < SINGULAR and belongs(t, q, rank, work, eqs.terms)
     near = c.kind != NONE and within_reach(q, work)
-    if crossing and (near or inside) and comparable(q, exact, eqs.terms, work):
+    explained = crossing and (near or inside) and c.lost > 0
+    if explained and comparable(q, exact, eqs.terms, work):
         side = passage(eqs.terms, rank, work)
-        return side != ASTRAY and (inside or goes_straight(eqs, t, q, side, turn, rank, work))
+        if side == ASTRAY or not on_side(q, side, eqs.terms, rank, work):
+            return False
+        return inside or goes_straight(eqs, t, q, side, turn, rank, work)
+    if (explained and not others_stay(eqs.terms, rank, work)) or (doubtful > 1 and not explained):
+        return False
     if inside:
         return True
     if turn == STRAIGHT:
@@ -269,10 +292,12 @@ def within_reach(q: Any, work: Any) -> bool:
 
 
 @inlined
-def suspicious(q: Any, rank: int, terms: Any, work: Any) -> bool:
-    """Whether the step to q was so long that pairs of rows may have lost their rank, unless excluded by the rows."""
+def doubtful_equations(q: Any, rank: int, terms: Any, work: Any) -> int:
+    """How many equations may have lost their rank in the step to q: none if it was short, unless counted."""
     nearest = max(ratio(work.pivot, rank), work.course[0].ratio)
-    return rank > 1 and nearest <= LEAST_TURN * distance(work.q_last, q, work) and may_pass(terms, rank, work)
+    if rank == 1 or nearest > LEAST_TURN * distance(work.q_last, q, work):
+        return 0
+    return count_doubtful(terms, rank, work)
 
 
 @inlined
@@ -292,17 +317,24 @@ def goes_straight(eqs: Any, t: float, q: Any, side: int, turn: int, rank: int, w
     with each row that loses its rank.
     """
     c = work.critical[0]
-    if eqs.terms.J.shape[1] - rank + moves(eqs.terms) == 1:
-        along = 0.0
-        for i in range(q.shape[0]):
-            along += (q[i] - work.q_c[i]) * (work.q_last[i] - work.q_c[i]) / work.size_q[i] ** 2
-        if (side == ACROSS) != (along < 0.0):
-            return False
+    if not on_side(q, side, eqs.terms, rank, work):
+        return False
     if side == ACROSS:
         if turned_back(eqs, t, q, work):
             return False
         c.behind = 1
     return turn != TURNED and (turn == FLIPPED) == (side == ACROSS and c.lost % 2 == 1)
+
+
+@inlined
+def on_side(q: Any, side: int, terms: Any, rank: int, work: Any) -> bool:
+    """Whether q is on this side of the known crossing; that is known with one degree of freedom."""
+    if terms.J.shape[1] - rank + moves(terms) != 1:
+        return True
+    along = 0.0
+    for i in range(q.shape[0]):
+        along += (q[i] - work.q_c[i]) * (work.q_last[i] - work.q_c[i]) / work.size_q[i] ** 2
+    return (side == ACROSS) == (along < 0.0)
 
 
 @kernel

@@ -58,3 +58,24 @@ def fan(
     free = swinging((N + 1) / 3.0 + N, (0.5 * (N + 1) + N) * G, (start, rate), embed)
     exact = None if longer else driven if drive is not None else free
     return Case(m, exact, stop_time)
+
+
+def parallel(tilts: Sequence[float], angle: float, folded: Sequence[int] = ()) -> Any:
+    """Closed positions with the first column at ``angle`` (rad): loops are parallelograms, or ``folded``: coupler on
+    the first column, its own column on the base line. These branches cross at tilt + pi.
+    """
+    q = [angle]
+    for i, tilt in enumerate(tilts):
+        q += [-pi, tilt + pi] if i in folded else [tilt - angle, angle]
+    return np.array(q)
+
+
+def turned(tilts: Sequence[float], loops: Sequence[int], turn: float) -> Any:
+    """Closed as well: the first column lies on the base line of ``loops`` of one tilt, and their couplers and columns
+    have turned about its end by ``turn`` (rad). This branch crosses that of the parallelograms at the tilt.
+    """
+    angle = tilts[loops[0]]
+    q = [angle]
+    for i, tilt in enumerate(tilts):
+        q += [tilt + turn - angle, tilt + turn] if i in loops else [tilt - angle, angle]
+    return np.array(q)

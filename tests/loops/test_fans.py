@@ -66,6 +66,7 @@ def test_loops_pass_their_singular_positions_one_after_the_other_or_at_once(tilt
     [
         ((0.0, 1e-2), "free"),
         ((0.0, 1e-4), "free"),
+        ((0.0, 1e-4, 3e-5, 2.2e-4, -1.4e-4), "free"),
         ((0.0, 1e-4, 2e-4), "reversing"),
         ((0.0, 0.1, 0.2), "reversing"),
     ],
@@ -75,3 +76,16 @@ def test_slightly_different_times_are_right_or_refused(tilts, drive, solver) -> 
     for rtol in (1e-4, 1e-6):
         verdict = judge(mechanism, motion, solver, rtol)
         assert verdict.word in ("right", "refused"), (rtol, verdict)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize(
+    ("start", "rate", "rtol"),
+    [(0.5 * pi, -0.5, 3e-7), (0.4, -1.0, 1e-6), (0.7, -0.5, 1e-6), (0.7, -0.5, 3e-7), (1.0, -2.0, 1e-6)],
+)
+def test_a_loop_that_is_singular_next_to_others_does_not_change_its_branch(start, rate, rtol, solver) -> None:
+    """The first column would stay on one of the base lines, while the loop of that line turns by itself."""
+    case = fan((0.0, 1e-4, 3e-5, 2.2e-4, -1.4e-4), start=start, rate=rate)
+    motion = truth(case.mechanism, np.linspace(0.0, 2.0, 41), case.exact)
+    verdict = judge(case.mechanism, motion, solver, rtol)
+    assert verdict.word in ("right", "refused"), verdict

@@ -73,3 +73,17 @@ def test_solves(n):
 def test_singular_matrices_are_refused():
     assert not dense.factor_lu(np.zeros((2, 2)), 2, np.zeros(2, np.int64))
     assert not dense.solve_positive(np.zeros((2, 2)), 2, np.zeros(2))
+
+
+@pytest.mark.parametrize("n", [0, 1, 2, 7])
+def test_positive_pivots_are_the_dimension_of_a_definite_subspace(n):
+    rng = np.random.default_rng(n)
+    for _ in range(20):
+        A = rng.standard_normal((n, n))
+        A = A + A.T + rng.uniform(-3.0, 3.0) * np.eye(n)
+        positive = int((np.linalg.eigvalsh(A) > 0.0).sum())
+        found = dense.positive_pivots(A.copy(), n)
+        assert found <= positive
+        assert (found == n) == (positive == n)
+    signs = np.diag(np.resize([1.0, -2.0, 3.0], n))
+    assert dense.positive_pivots(signs.copy(), n) == int((np.diag(signs) > 0.0).sum())
