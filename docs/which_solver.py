@@ -12,8 +12,8 @@ QUESTIONS = (  # lines of a question, and of the answer if it is yes
     (
         (
             "Is the model stiff: a sheet, a mesh,",
-            "a stiff damped spring? (mbfmu run",
-            "reports stability-limited steps)",
+            "a stiff damped spring? (with adams many",
+            "steps are limited by stability)",
         ),
         ("radau; if large: esdirk or ida", "tolerance: 1/100 (ida: 1/1000)"),
     ),
