@@ -151,6 +151,38 @@ def test_a_mass_leaves_the_line_of_a_spring_that_is_compressed(start: float, mov
     assert run.start_remarks() == []
 
 
+def masses(frees: tuple[float, ...], push: float) -> mb.Mechanism:
+    """Masses that slide along y, each on a spring of another free length to the same support."""
+    m = mb.Mechanism()
+    drive = mb.Input(name="push", unit="m", start=push)
+    support = m.body("support", m.ground, mb.Translational(axis="x", at=(-DISTANCE, 0.0, 0.0), drive=drive))
+    for k, free in enumerate(frees):
+        mass = m.body(f"mass{k}", m.ground, mb.Translational(axis="y"), mass=1.0)
+        m.force(f"spring{k}", mb.Spring(stiffness=100.0, free=free), support, mass)
+        m.force(f"damper{k}", mb.JointSpring(damping=2.0), mass)
+        m.output(f"y{k}", mass.coordinate())
+    return m
+
+
+@pytest.mark.parametrize("frees", [(1.0, 1.0), (1.0, 1.02), (1.02, 1.0), (1.05, 1.0, 1.02), (1.0, 1.01, 1.04, 1.1)])
+def test_several_bifurcations_one_after_the_other(frees: tuple[float, ...]) -> None:
+    """Each path is left for the one that crosses it first, until no mass is unstable."""
+    found = mb.equilibrium(masses(frees, 0.6))
+    assert found.stability == "stable"
+    expected = [np.sqrt(free**2 - (DISTANCE - 0.6) ** 2) for free in frees]
+    assert np.abs(list(found.outputs.values())[: len(frees)]) == pytest.approx(expected, abs=1e-6)
+
+
+def test_a_bifurcation_is_along_the_motion_that_becomes_unstable() -> None:
+    """The mass of the longer spring leaves first, and the path that crosses there moves that mass alone."""
+    path = mb.equilibrium_path(masses((1.0, 1.02), 0.0), "push", (0.0, 0.6), second=True)
+    assert [state.value for state in path.bifurcations] == pytest.approx([DISTANCE - 1.02, DISTANCE - 1.0], abs=1e-6)
+    for branch, moved in zip(path.branches[1:], ("y1", "y1", "y0", "y0"), strict=True):
+        first = branch.states[1].outputs
+        assert abs(first[moved]) > 1e-3
+        assert abs(first["y0" if moved == "y1" else "y1"]) < 1e-9
+
+
 def test_every_use_of_a_steady_state_finds_the_same(tmp_path: Path) -> None:
     model, settings = Compressed(start=0.6), Settings(start_at_equilibrium=True)
     expected = pytest.approx(height(0.6), abs=1e-6)

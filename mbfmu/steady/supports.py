@@ -3,7 +3,8 @@
 A thin sheet whose clamps come together has many steady states, of which only those that are bent are stable. From its
 start, drawn where the clamps were, Newton finds a flat one, or none. The state before the motion is followed while all
 supports go to their positions together, along the path of steady states (:mod:`solvers.statics.path`), and at the first
-bifurcation onto the path that crosses there, if the first path does not end in a stable state.
+bifurcation onto the path that crosses there, if the first path does not end in a stable state; and so on from that
+path.
 
 A support moves by a :class:`~mbfmu.mechanics.signals.Step`, which starts at its offset, or by an input of position,
 which starts at its start value. It is followed from there, then from zero. A constant position of a drive is part of
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from mbfmu.steady.problem import EquilibriumProblem
 
 STEPS = 400  # states on a path, at most
+PATHS, LARGEST_COUNT = 8, 800  # paths that are followed, and states on all of them, at most
 FOLLOWED = "the supports where they start, by following their motion"
 
 
@@ -107,12 +109,7 @@ def follow_supports(problem: EquilibriumProblem, begin: Array) -> Equilibrium:
         before = problem.solve(problem.start())
         with one_thread():
             follower = Follower(problem.linearized(), Load(apply, 0.0, 1.0), before.q, before.lam[before.rows])
-            states = list(islice(follower.follow(follower.start), STEPS))
-            end = arrived(states)
-            crossings = [state for state in states if state.kind == "bifurcation"]
-            if (end is None or end.unstable) and crossings:
-                side = list(islice(follower.follow(follower.second(crossings[0], 1.0)), STEPS))
-                end = arrived(side) or end
+            end = find_end(follower)
         if end is None:
             reached = f": {follower.ended}" if follower.ended else ""
             raise EquilibriumError(
@@ -122,6 +119,24 @@ def follow_supports(problem: EquilibriumProblem, begin: Array) -> Equilibrium:
         apply(1.0)
     found = problem.state(end.q, end.lam, FOLLOWED)
     return replace(found, solve_time=time.perf_counter() - started)
+
+
+def find_end(follower: Follower) -> State | None:
+    """Return the state at the end of the motion of the supports: a stable one, else the last that was found.
+
+    From each path whose end is unstable or not reached, the path that crosses it first is followed, until a stable
+    end, a path without a bifurcation, or the limits of paths and states.
+    """
+    end, start, left = None, follower.start, LARGEST_COUNT
+    for _ in range(PATHS):
+        states = list(islice(follower.follow(start), min(STEPS, left)))
+        left -= len(states)
+        end = arrived(states) or end
+        crossing = next((state for state in states if state.kind == "bifurcation"), None)
+        if crossing is None or (end is not None and not end.unstable):
+            break
+        start = follower.second(crossing, 1.0)
+    return end
 
 
 def arrived(states: list[State]) -> State | None:

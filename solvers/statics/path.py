@@ -250,7 +250,7 @@ class Follower:
 
             def nearest(at: State) -> float:
                 """Return the size of the eigenvalue nearest to zero, below zero behind the bifurcation."""
-                seed[:], value = self._critical(at, seed)
+                value = self._critical(at, seed)[1]
                 return value if at.unstable == here.unstable else -value
 
             at = self._place(here, there, nearest)
