@@ -54,9 +54,7 @@ TURN = 0.75  # of the squared rate of decrease: if less is lost before the ratio
 CLOSED = 1e-5  # distance from a crossing, in units of size, at which closed positions are on one branch or on another
 ROUND, LINE = 0.3, 0.8  # distance from a crossing up to which branches are lines, in units of size; cosine
 LEAST_TURN = 2.0  # ratio of the pivots per length of a step (in units of size) above which no equation loses its rank
-ACCURATE_DISTANCE = (
-    1e-2  # distance from a critical point of several equations, in units of size, from which B is accurate
-)
+ACCURATE_DISTANCE = 1e-2  # from a critical point of several equations, in units of size, from which B is accurate
 AHEAD = 3.0  # steps ahead for which a singular configuration is searched
 JUMP = 0.7  # of the previous step: distance to a crossing from which the next step jumps over it
 LEAD = 0.67  # of a longer distance, that the step before the jump may cover
@@ -172,18 +170,23 @@ def note(eqs: Any, t: float, q: Any, taken: float, next_: float, rank: int, work
     kind = NONE
     if here.ratio < SINGULAR or here.ahead < AHEAD * next_:
         kind = judge(eqs, t, q, rank, work)
-    if here.ratio < SINGULAR and not determined(q, kind, rank, eqs.terms, work):
-        return
-    here.known = 1
+    if here.ratio >= SINGULAR or determined(q, kind, rank, eqs.terms, work):
+        hold_frame(q, eqs.terms, work)
+
+
+@kernel
+def hold_frame(q: Any, terms: Any, work: Any) -> None:
+    """Keep q, whose ``terms`` and factors are at hand, as the position that later ones are compared with."""
+    work.course[0].known = 1
     for i in range(q.shape[0]):
         work.q_last[i] = q[i]
     for i in range(work.frame.shape[0]):
         work.frame_tau[i], work.frame_pivots[i] = work.tau[i], work.pivots[i]
         for j in range(work.frame.shape[1]):
             work.frame[i, j] = work.A[i, j]
-    scale_rows(eqs.terms, work, work.J_last)
+    scale_rows(terms, work, work.J_last)
     for i in range(work.row.shape[0]):
-        work.nu_last[i] = eqs.terms.nu[i] / work.row[i]
+        work.nu_last[i] = terms.nu[i] / work.row[i]
 
 
 @inlined

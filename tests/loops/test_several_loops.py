@@ -58,6 +58,16 @@ def folded(loops: int, angle: float, first: int):
     return relative(links)
 
 
+@pytest.mark.parametrize(("loops", "solver", "rtol"), [(22, "hybrid", 1e-8), (23, "adams", 1e-6), (40, "hybrid", 1e-4)])
+def test_long_chains_are_nearly_singular_far_from_their_singular_positions(
+    loops: int, solver: str, rtol: float
+) -> None:
+    """The smallest pivots are a thousandth of the largest at 0.2 to 0.6 rad, where no critical point is found."""
+    mechanism, motion = known(loops, False)
+    verdict = judge(mechanism, motion, solver, rtol)
+    assert verdict.word == "right", verdict
+
+
 @pytest.mark.parametrize("loops", [13, 14])
 def test_a_crossing_that_lies_behind_is_found_where_pivots_have_no_gap(loops: int) -> None:
     """In serial chains of so many loops pivots decrease without a gap already 0.05 rad from the singular position."""

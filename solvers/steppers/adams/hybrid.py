@@ -18,7 +18,7 @@ from solvers.projection.lu_partition import (
     span_dependent,
     tangents_turned,
 )
-from solvers.projection.singular import AHEAD, SINGULAR, note, time_left
+from solvers.projection.singular import AHEAD, NONE, SINGULAR, hold_frame, note, time_left
 from solvers.projection.workspace import factor
 
 from .formulas import split
@@ -35,6 +35,8 @@ def look_around(eqs: Any, c: Any, H: Any, work: Any) -> None:
     factor(eqs.terms, work)
     work.course[0].ratio = 0.0
     note(eqs, c.t, work.q, 0.0, 0.0, c.rank, work)
+    if work.critical[0].kind == NONE:  # LU has compared all steps up to here
+        hold_frame(work.q, eqs.terms, work)
 
 
 @kernel
