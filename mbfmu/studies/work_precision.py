@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from textwrap import fill
@@ -47,7 +48,7 @@ def plot_work_precision(found: Comparison, title: str, path: Path) -> None:
             ax.plot([], [], marker, color=OTHER, label=step)
     if any(not row.trusted for row in ended):
         ax.plot([], [], "x", color=OTHER, label="inaccurate or on a wrong branch")
-    for row in ended if len(steps) == 1 else apart(best):
+    for row in ended if len(steps) == 1 else [*apart(best), *_alone(ended, best)]:
         _name(ax, row, above=solvers.index(row.solver) % 2 == 0 or len(steps) > 1)
     _doubt(ax, found, ended)
     ax.set_xscale("log")
@@ -73,6 +74,13 @@ def apart(best: Sequence[Row]) -> list[Row]:
         if not found or height(row) < BETTER * height(found[-1]):
             found.append(row)
     return found
+
+
+def _alone(rows: Sequence[Row], best: Sequence[Row]) -> list[Row]:
+    """Return the runs outside the Pareto front that no line connects to another tolerance, and inaccurate ones."""
+    lines = Counter((row.solver, in_words(row.resolution)) for row in rows if row.trusted)
+    single = [row for row in rows if not row.trusted or lines[row.solver, in_words(row.resolution)] == 1]
+    return [row for row in single if row not in best]
 
 
 def height(row: Row) -> float:
