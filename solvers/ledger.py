@@ -19,8 +19,7 @@ for W is added. The largest such error of a step is ``slip``: at corners of a fo
 the error of W is larger than that of the motion.
 
 Error estimates are those of a smooth motion. A rejected step shows that the force has a corner there: the estimates are
-then multiplied by the same factor as those of W, and use the tolerance of the solver's estimate, which for 'radau' is
-larger than the requested one.
+then multiplied by the same factor as those of W.
 
 The *extent* of the motion is its largest displacement or velocity in absolute tolerances, whichever is smaller. The
 energy of a motion of a few tolerances is not accurate.
@@ -65,7 +64,7 @@ FIELDS: list[Any] = [
     ("sign", "f8"),  # of the speed; it changes where the motion turns
     ("speeds", "f8", SPEEDS),  # root of twice the kinetic energy where the last steps ended, the last one last
     ("lapses", "f8", SPEEDS - 1),  # s, between them; 0: it is not known
-    ("corners", "f8"),  # refusals of the step that is being tried, each in tolerances that its error is held to
+    ("corners", "f8"),  # refusals of the step that is being tried, where a force may have a corner
     ("reach", "f8"),
     ("pace", "f8"),  # the largest displacement and velocity so far, in absolute tolerances
 ]
@@ -163,12 +162,11 @@ def look_anew(books: Any) -> None:
 
 
 @inlined
-def refuse_step(c: Any, looser: float) -> None:
-    """Count a rejected step; ``looser`` is the tolerance that its error exceeds, in requested tolerances, 0.0 if
-    another test rejects it.
-    """
+def refuse_step(c: Any, corner: bool) -> None:
+    """Count a rejected step; ``corner``: its error may be that of a corner of a force."""
     c.rejected += 1
-    c.corners += looser
+    if corner:
+        c.corners += 1.0
 
 
 @inlined

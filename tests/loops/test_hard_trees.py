@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
-from hard_trees import chain, pendulum_among, turning_rods
+from hard_trees import bouncing, chain, pendulum_among, turning_pendulum_on_stops, turning_rods
 from judge import Truth, judge, truth
 from mechanisms import Case, G
 
@@ -97,3 +98,34 @@ def test_masses_at_rest_that_a_force_moves_later_do_not_limit_the_order() -> Non
     result = mb.simulate(m, 1.0, solver="ida", tolerance=1e-6)
     assert result.remarks == ()
     np.testing.assert_allclose(result["rate"], result.t**2, atol=LARGEST_ERROR * 1e-6)
+
+
+STOPS: dict[str, Callable[[], Case]] = {
+    "damped stop": bouncing,
+    "soft stop": lambda: bouncing(1e3, 0.0),
+    "stiff stop": lambda: bouncing(1e5, 0.5),
+    "between soft stops": lambda: turning_pendulum_on_stops(1e3),
+}
+
+
+@pytest.mark.parametrize("solver", ["radau", "adams", "ida"])
+@pytest.mark.parametrize("kind", STOPS)
+def test_stops_are_as_accurate_as_smooth_forces(kind: str, solver: str) -> None:
+    """The estimate of 'radau' is of order 3: where a force has a corner the motion is no more accurate than that."""
+    case = STOPS[kind]()
+    motion = truth(case.mechanism, np.linspace(0.0, case.stop_time, 81), case.exact)
+    for rtol in (1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12):
+        verdict = judge(case.mechanism, motion, solver, rtol, max_steps=200_000)
+        assert verdict.word == "right", (rtol, str(verdict))
+
+
+def test_esdirk_keeps_small_tolerances_and_reports_those_that_it_does_not_use() -> None:
+    """What Newton left of a stage was limited from below, and added up to 40 tolerances at 1e-10, 2900 at 1e-11."""
+    case = chain(61)
+    motion = truth(case.mechanism, np.linspace(0.0, 0.1, 9), case.exact)
+    for rtol in (1e-9, 1e-10):
+        verdict = judge(case.mechanism, motion, "esdirk", rtol, factor=10.0)
+        assert verdict.word == "right", (rtol, str(verdict))
+    result = mb.simulate(case.mechanism, 1e-3, interval=1e-3, solver="esdirk", tolerance=1e-12)
+    assert any("a tolerance of 1e-10 instead of 1e-12" in remark for remark in result.remarks)
+    assert result.statistics.coarser == pytest.approx(100.0)

@@ -245,7 +245,7 @@ def single_step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target
                     take_step(c, H, target, error)
                     return OK
                 code, error = BRANCHES, np.inf
-        refuse_step(c, 1.0 if code == OK else 0.0)
+        refuse_step(c, code == OK)
         change_step(c, error)
         if not c.h > smallest_step(SMALLEST_STEP, work.rate[0], o.max_step, c.t):
             c.single = 0.0
@@ -280,7 +280,7 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any) -> int:
                         return OK
                     code = BRANCHES
         cuts += 1
-        refuse_step(c, 1.0 if code == OK else 0.0)
+        refuse_step(c, code == OK)
         cut(cuts, c, H)
         if o.partition == HYBRID and c.regime == LU and cuts >= o.collapse_cuts:
             give_up_lu(eqs, c, H, work)

@@ -182,7 +182,7 @@ def single_step(eqs: Any, c: Any, o: Any, H: Any, s: Any, scales: Any, target: f
                 book(eqs, c.t + c.h, c, o, scales, s)
                 take_step(c, H, target, error)
                 return OK
-        refuse_step(c, 1.0 if code == OK else 0.0)
+        refuse_step(c, code == OK)
         change_step(c, error)
         if not c.h > smallest_step(SMALLEST_STEP, o.rate, o.max_step, c.t):
             c.single = 0.0
@@ -212,7 +212,7 @@ def step(eqs: Any, c: Any, o: Any, H: Any, s: Any, scales: Any) -> int:
                 accept(c, H, o.max_order, o.max_step)
                 return OK
         cuts += 1
-        refuse_step(c, 1.0 if code == OK else 0.0)
+        refuse_step(c, code == OK)
         cut(cuts, c, H)
         if not c.h > smallest_step(SMALLEST_STEP, o.rate, o.max_step, c.t):
             return COLLAPSED if code == OK else code

@@ -17,6 +17,7 @@ needs of the one before it are its accelerations alone.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -61,6 +62,7 @@ STRICTER = 0.2  # of the tolerance, to which the estimated error of a step is he
 # the rate that it leaves behind, larger by 1 / (h gamma), adds up to a drift.
 EXACT, DRIFT = 0.05, 6.0
 FINEST = 1e-12  # sizes: what rounding leaves of a correction
+LEAST_TOLERANCE = 1e-10  # below it steps are so short that rounding errors add up to more than the tolerance
 CLOSINGS = 2  # on the way back onto the constraints by the factors of the stages
 SLOW = 0.7  # rate of the corrections that calls for new factors
 RENEWALS = 8  # of the factors within a stage
@@ -93,6 +95,9 @@ class TreeESDIRKStepper(Stepper):
         dense = ("adams", "hybrid") if system.n <= LARGEST_DENSE else ()
         self.others = (*dense, "ida") if system.m else ("adams", "ida")
         super().__init__(system, t0, q0, v0, options)
+        self._requested = self.options.rtol
+        if self._requested < LEAST_TOLERANCE:
+            self.options = replace(self.options, rtol=LEAST_TOLERANCE)
         self.system, o = system, self.options
         self._motion, self._saddle = Accelerations(system), Saddle(system)
         self._memory, self._stage = Memory.allocate(system.nq, system.n, system.m), Stage.of(system)
@@ -213,7 +218,7 @@ class TreeESDIRKStepper(Stepper):
         """Solve the stages of a step of h; return its error in tolerances."""
         t, M, s, held = float(self._c["t"]), self._memory, self._stage, self._held
         rate = 1.0 / (GAMMA * h)
-        exact = max(min(EXACT, DRIFT * (self._rate * h) ** 2), FINEST / float(np.max(s.tol / self.system.size)))
+        exact, finest = min(EXACT, DRIFT * (self._rate * h) ** 2), FINEST / float(np.max(s.tol / self.system.size))
         if not self._factors_for(rate):
             return Code.COLLAPSED, np.inf
         s.q[:], s.v[:], s.lam[:] = M.q, M.v, M.lam
@@ -224,7 +229,7 @@ class TreeESDIRKStepper(Stepper):
                 self._c["evaluations"] += 2
                 foresee(self._eqs, at, rate, *held)
                 self.system.apply(s.q, -self._saddle.solve(s.tau, s.none)[0])
-            code = self._solve_stage(at, rate, exact)
+            code = self._solve_stage(at, rate, exact, finest)
             if code is not Code.OK:
                 return code, np.inf
             end_stage(self._eqs, i, at, rate, self._works, *held)
@@ -249,10 +254,11 @@ class TreeESDIRKStepper(Stepper):
                 s.v[:] -= saddle.solve(s.zero, saddle.terms.J @ s.v - saddle.terms.nu)[0]
         return close(system, t, s.q, s.v)
 
-    def _solve_stage(self, t: float, rate: float, exact: float) -> Code:
+    def _solve_stage(self, t: float, rate: float, exact: float, finest: float) -> Code:
         """Solve the stage that has been begun, to ``exact`` tolerances.
 
-        If corrections decrease slowly, factors are renewed on the way; if they grow, at the first guess.
+        If corrections decrease slowly, factors are renewed on the way; if they grow, at the first guess. Corrections
+        below ``finest`` tolerances that do not decrease are rounding errors.
         """
         s, held, slow, before, begun, renewed, fresh = self._stage, self._held[1], UNSEEN, 0.0, 0, 0, np.inf
         guess, reactions = s.q.copy(), s.lam.copy()
@@ -280,6 +286,8 @@ class TreeESDIRKStepper(Stepper):
                 fresh = size
             slow = max(FASTEST, size / before) if k > begun else slow
             if size <= ROUNDING * exact or slow * size <= exact * (1.0 - slow):
+                return Code.OK
+            if k > begun and size <= finest and slow > SLOW:
                 return Code.OK
             before = size
         return Code.COLLAPSED
@@ -359,10 +367,20 @@ class TreeESDIRKStepper(Stepper):
 
     @property
     def notice(self) -> str:
-        """Whether errors may be far above the tolerance: the order is low for a nearly singular mass matrix."""
+        """Whether the tolerance is larger than requested, or errors may be far above it: the order is low for a nearly
+        singular mass matrix.
+        """
         large = describe_large_growth(self._growth.inertia)
-        text = f"{large}, and errors of 'esdirk' (order 3) may be 100 times the tolerance. Use 'adams' or 'ida'"
-        return coded("ill-conditioned-mass", text) if large else ""
+        if large:
+            text = f"{large}, and errors of 'esdirk' (order 3) may be 100 times the tolerance. Use 'adams' or 'ida'"
+            return coded("ill-conditioned-mass", text)
+        if self._requested == self.options.rtol:
+            return ""
+        return coded(
+            "limited-tolerance",
+            f"'esdirk' uses a tolerance of {self.options.rtol:g} instead of {self._requested:g}, because its steps "
+            "would be so short that rounding errors add up. Use 'adams' or 'ida' if this is too large",
+        )
 
     def arrays(self) -> list[NDArray[Any]]:
         """As :meth:`solvers.stepper.Stepper.arrays`."""
@@ -385,6 +403,7 @@ class TreeESDIRKStepper(Stepper):
             restarts=max(0, int(c["starts"]) - 1),
             order=3,
             step_size=float(c["hold"]),
+            coarser=self.options.rtol / self._requested,
             rate_growth=float(self._growth.inertia["largest"][0]),
             rate_growth_at=float(self._growth.inertia["at"][0]),
         )

@@ -50,6 +50,9 @@ CONTROL = np.dtype(
         ("rate", "f8"),  # by which Newton's last correction fell
         ("known", "i8"), ("fresh", "i8"),  # derivatives of a are at hand; they were taken at y
         ("error", "f8"), ("before", "f8"),  # of the last accepted step, and its length: the controller's memory
+        ("estimate", "f8"),  # of that error, however small
+        ("finer", "f8"),  # tolerance where the mass matrix is nearly singular, in units of that elsewhere
+        ("corner_before", "f8"),  # s, end of the last step that was refused because of a corner of a force
         ("rank", "i8"),
         ("steps", "i8"), ("rejected", "i8"), ("evaluations", "i8"), ("starts", "i8"), ("matrices", "i8"),
         ("refused", "i8"),  # steps that might have jumped to another branch

@@ -49,7 +49,9 @@ SMALLEST_STEP = 1e-11  # see solvers.stepper.smallest_step
 # The error that is estimated is that of a formula of order 3: its step is as tolerance^(1/4), and the motion's error,
 # of order 5, as that step^5. For an error in proportion to rtol the estimate is held to LOOSER rtol^POWER.
 LOOSER, POWER = 2.0, 0.8
-UNEXPECTED = 10.0  # ratio of errors, found and expected, that only a corner of a force explains
+# Ratio of errors, estimated and expected from the last step, that only a corner of a force explains. There the motion
+# is no more accurate than the estimate, which is then held to the requested tolerance.
+UNEXPECTED = 7.0
 EXACT = 0.1  # rtol: what Newton leaves of every step has one sign in many, and adds up
 
 
@@ -62,7 +64,8 @@ def weigh(c: Any, o: Any, H: Any, work: Any) -> None:
         c.coarser = max(1.0, RESOLVED / (gap * o.asked))
         if c.coarser > c.coarsest:
             c.coarsest, c.narrowest = c.coarser, gap
-    scale = c.coarser * finer_tolerance(o.rtol, POWER, work)
+    c.finer = finer_tolerance(o.rtol, POWER, work)
+    scale = c.coarser * c.finer
     for i in range(H.q.shape[0]):
         H.tol_q[i] = scale * (o.rtol * abs(H.q[i]) + o.atol * work.size_q[i])
     for i in range(H.v.shape[0]):
@@ -135,7 +138,7 @@ def grow(c: Any, h: float, error: float) -> float:
 @inlined
 def meets_corner(c: Any, h: float, error: float) -> bool:
     """Whether the error of a step of h is far above what the last step's lets expect of a smooth motion."""
-    return c.before > 0.0 and error > UNEXPECTED * c.error * (h / c.before) ** 4
+    return c.before > 0.0 and error > UNEXPECTED * c.estimate * (h / c.before) ** 4
 
 
 @inlined
@@ -155,7 +158,7 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target: float
     while True:
         c.h = min(c.h, o.max_step)
         h = stop_at(c, target) if c.ends > 0 else c.h
-        code, shorter, looser = COLLAPSED, 0.5, 0.0
+        code, shorter, corner = COLLAPSED, 0.5, False
         renewable = c.fresh == 0 and (c.rank == 0 or work.course[0].ratio >= REGULAR)
         if renewable and (c.known == 0 or c.rate > SLOW):
             renewable = False
@@ -165,7 +168,9 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target: float
         if code == OK:
             keep_start(H)
             error = error_of_step(h, H, work.size)
-            if error <= 1.0:
+            corner = meets_corner(c, h, error)
+            largest = min(1.0, o.asked / (c.finer * o.rtol)) if corner else 1.0
+            if error <= largest:
                 for i in range(nq):
                     work.q[i] = H.Q[STAGES - 1, i]
                 for i in range(n):
@@ -180,15 +185,17 @@ def step(eqs: Any, c: Any, o: Any, H: Any, work: Any, scales: Any, target: float
                 if code == OK:
                     accept(c, H, h, after, error)
                     return OK
+                corner = False  # another test refuses the step
             else:
-                code, shorter = COLLAPSED, max(SHORTEST, SAFETY * error**-0.25)
-                looser = o.rtol / o.asked if meets_corner(c, h, error) else 0.0
+                code, shorter = COLLAPSED, max(SHORTEST, SAFETY * (error / largest) ** -0.25)
+                if corner:
+                    c.corner_before = c.t + h
                 if renewable:
                     c.known = 0
         elif renewable:
             c.known, shorter = 0, 1.0
         c.follows = 0
-        refuse_step(c, looser)
+        refuse_step(c, corner)
         if shorter < 1.0:
             c.h = shorter * h
         if not c.h > smallest_step(SMALLEST_STEP, work.rate[0], o.max_step, c.t):
@@ -218,7 +225,9 @@ def accept(c: Any, H: Any, h: float, after: float, error: float) -> None:
     whole = h >= c.h
     c.t, c.hold = after, h
     longer = h * grow(c, h, error)
-    c.error, c.before = max(error, 1e-2), h
+    if after < c.corner_before:  # a corner near the middle of a step is not in the estimate: on in short steps
+        longer = min(longer, max(h, SHORTEST * (c.corner_before - after)))
+    c.error, c.estimate, c.before = max(error, 1e-2), max(error, TINY), h
     c.h = longer if whole else max(c.h, longer)
     c.follows, c.fresh, c.ends = 1, 0, max(0, c.ends - 1)
     c.steps += 1
