@@ -21,6 +21,7 @@ import copy
 import importlib
 import os
 import random
+import resource
 import signal
 import sys
 from collections import Counter
@@ -37,9 +38,10 @@ ROOT = Path(__file__).resolve().parents[1]
 RECURSIONS = "mbfmu.mechanics.recursions"
 OPTIONS = ["-x", "-q", "-n0", "-pno:cacheprovider", "-Wignore::pytest.PytestAssertRewriteWarning"]
 OPTIONS += ["--hypothesis-profile=mutants"]
-TIME_LIMIT = 600  # s, of the tests of one mutant; a mutant that needs longer has been found
-FAILED = (1, 2, -signal.SIGALRM)  # exit codes of pytest: a test, or its import, has failed; the time is over
+TIME_LIMIT = 600  # s of computing time, of the tests of one mutant; a mutant that needs longer has been found
+FAILED = (1, 2, -signal.SIGXCPU)  # exit codes of pytest: a test, or its import, has failed; the time is over
 NOT_RUN = 70
+RESULTS = SURVIVES, FOUND, NOT_TRIED = "SURVIVES", "found", "NOT RUN"
 OPPOSITE: dict[type[ast.operator], type[ast.operator]] = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Add}
 MECHANICS = "tests/mechanics/"
 SHORT = MECHANICS + "test_recursion_identities.py"
@@ -145,23 +147,22 @@ def mutate(node: ast.AST, change: int) -> bool:
     return False
 
 
-def survives(mutant: Mutant | None, tests: list[str]) -> bool:
-    """Return whether the tests pass with this change, or without any."""
+def try_tests(mutant: Mutant | None, tests: list[str]) -> str:
+    """Return what the tests find with this change, or without any: one of RESULTS."""
     sys.stdout.flush()
     child = os.fork()
     if child == 0:
         run_tests(mutant, tests)
     code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-    if code not in (0, *FAILED):
-        sys.exit(f"the tests could not run: exit code {code} of pytest with {mutant}")
-    return code == 0
+    return SURVIVES if code == 0 else FOUND if code in FAILED else NOT_TRIED
 
 
 def run_tests(mutant: Mutant | None, tests: list[str]) -> NoReturn:
     """End this process with the exit code of pytest."""
     code = NOT_RUN
     try:
-        signal.alarm(TIME_LIMIT)  # ends this process
+        used = int(resource.getrusage(resource.RUSAGE_SELF).ru_utime)
+        resource.setrlimit(resource.RLIMIT_CPU, (used + TIME_LIMIT, resource.RLIM_INFINITY))  # ends this process
         if mutant is not None:
             inject_error(mutant)
         with (
@@ -201,18 +202,17 @@ def main() -> None:
     files = list(dict.fromkeys(m.file for m in found))
     for file in files:
         importlib.import_module(f"{RECURSIONS}.{file[:-3]}")
-    if not survives(None, list(dict.fromkeys(test for file in files for test in TESTS[file]))):
+    if try_tests(None, list(dict.fromkeys(test for file in files for test in TESTS[file]))) != SURVIVES:
         sys.exit("the tests fail without a mutation")
-    tried, alive = Counter(m.file for m in found), Counter[str]()
+    counts: dict[str, Counter[str]] = {file: Counter() for file in files}
     for mutant in found:
-        lives = survives(mutant, TESTS[mutant.file])
-        alive[mutant.file] += lives
+        result = try_tests(mutant, TESTS[mutant.file])
+        counts[mutant.file][result] += 1
         place = f"{mutant.file}:{mutant.line} {mutant.function}"
-        print(f"{'SURVIVES' if lives else 'found   '} {place}: {mutant.before}  ->  {mutant.after}", flush=True)
-    print("| file | mutants | survive |\n|---|---|---|")
-    for file, count in tried.items():
-        print(f"| {file} | {count} | {alive[file]} |")
-    print(f"| all | {tried.total()} | {alive.total()} |")
+        print(f"{result:8} {place}: {mutant.before}  ->  {mutant.after}", flush=True)
+    print("| file | mutants | survive | found | not run |\n|---|---|---|---|---|")
+    for file, count in (counts | {"all": sum(counts.values(), Counter[str]())}).items():
+        print(f"| {file} | {count.total()} | " + " | ".join(str(count[result]) for result in RESULTS) + " |")
 
 
 if __name__ == "__main__":

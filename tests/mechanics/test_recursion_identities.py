@@ -19,16 +19,22 @@ STEP = 1e-3
 STENCIL = {-3: -1 / 60, -2: 9 / 60, -1: -45 / 60, 1: 45 / 60, 2: -9 / 60, 3: 1 / 60}  # first derivative, sixth order
 
 
-def driven_tree() -> Plant:
-    """Two driven joints with a spring and a force on them, and free joints between and behind."""
+def driven_tree(*, driven: bool = True) -> Plant:
+    """Three driven joints with a spring and a force on them, and free joints between; or the same, all free."""
+
+    def drive(amplitude: float, frequency: float) -> dict[str, Any]:
+        return {"drive": Harmonic(amplitude=amplitude, frequency=frequency)} if driven else {}
+
     m = Mechanism(gravity=(0.3, -9.81, 2.0))
     inertia = np.array(((2.0, 0.3, -0.2), (0.3, 1.5, 0.1), (-0.2, 0.1, 1.1)))
     solid: dict[str, Any] = {"mass": 1.3, "com": (0.2, -0.1, 0.3), "inertia": inertia}
-    first = m.body("first", m.ground, Revolute(axis=(1, 2, 3), drive=Harmonic(amplitude=0.4, frequency=0.7)), **solid)
+    first = m.body("first", m.ground, Revolute(axis=(1, 2, 3), **drive(0.4, 0.7)), **solid)
     ball = m.body("ball", first, Spherical(at=(0.3, 0.1, 0)), **solid)
-    slide = Translational(axis=(2, -1, 1), at=(0, 0.2, 0.1), drive=Harmonic(amplitude=0.3, frequency=0.4))
+    slide = Translational(axis=(2, -1, 1), at=(0, 0.2, 0.1), **drive(0.3, 0.4))
     second = m.body("second", ball, slide, **solid)
-    m.body("last", second, Revolute(axis="y", at=(0.1, 0.4, 0)), **solid)
+    last = m.body("last", second, Revolute(axis="y", at=(0.1, 0.4, 0)), **solid)
+    m.body("tip", last, Revolute(axis=(3, -1, 2), at=(0.2, 0.3, -0.1), **drive(0.5, 0.6)), **solid)
+    m.output("jacobi", m.jacobi_integral)
     m.force("spring", JointSpring(stiffness=3.0, damping=0.7, free=-0.5), first)
     m.force("push", JointForce(magnitude=2.5), second)
     return Plant(m)
@@ -48,9 +54,32 @@ def test_efforts_of_drives_by_articulated_bodies_are_those_of_inverse_dynamics()
     free = np.concatenate([np.arange(b["vi"], b["vi"] + b["nv"]) for b in bodies[1:] if b["vf"] >= 0])
     efforts, a = held.tau[driven].copy(), held.a[free].copy()
     solved(0.4, q, v, a, np.zeros(0), plant.kernel_data)
-    assert len(driven) == 2
+    assert len(driven) == 3
     np.testing.assert_allclose(efforts, held.tau[driven], rtol=1e-11)
     np.testing.assert_allclose(held.tau[free], 0.0, atol=1e-11 * np.abs(efforts).max())
+
+
+def test_momenta_along_driven_coordinates_are_derivatives_of_the_kinetic_energy() -> None:
+    """Energy less the Jacobi integral is the sum of p v, p = dT/dv of the same tree without drives."""
+    t, plant, free = 0.4, driven_tree(), driven_tree(driven=False)
+    random, q, v = np.random.default_rng(6), free.assembly.start_positions(), np.zeros(free.system.n)
+    free.system.apply(q, random.normal(size=free.system.n))
+    v[:] = random.normal(size=free.system.n)
+    own, twin = plant.data.arrays.bodies, free.data.arrays.bodies
+    mine = [k for k in range(1, len(own)) if own[k]["vf"] >= 0]
+    wanted, motions = 0.0, {1: (0.4, 0.7), 3: (0.3, 0.4), 5: (0.5, 0.6)}
+    for k, (amplitude, frequency) in motions.items():
+        rate = 2.0 * np.pi * frequency
+        q[twin[k]["qf"]], v[twin[k]["vf"]] = amplitude * np.sin(rate * t), amplitude * rate * np.cos(rate * t)
+    for k in motions:
+        e = np.eye(free.system.n)[twin[k]["vf"]]
+        wanted += v @ e * 0.5 * (free.energy(t, q, v + e) - free.energy(t, q, v - e))
+    q0 = np.concatenate([q[twin[k]["qf"] : twin[k]["qf"] + twin[k]["nq"]] for k in mine])
+    v0 = np.concatenate([v[twin[k]["vf"] : twin[k]["vf"] + twin[k]["nv"]] for k in mine])
+    out = np.zeros(1)
+    plant.observe(t, q0, v0, np.zeros(plant.system.n), np.zeros(0), out)
+    assert plant.energy(t, q0, v0) == pytest.approx(free.energy(t, q, v), rel=1e-12)
+    assert plant.energy(t, q0, v0) - out[0] == pytest.approx(wanted, rel=1e-10)
 
 
 def test_the_effort_of_a_drive_has_what_acts_along_its_coordinate() -> None:

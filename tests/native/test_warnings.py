@@ -76,7 +76,7 @@ def logged(model: Model, settings: Settings, folder: Path) -> list[str]:
         ("adams", 0.5, 1e-2, True),
         ("hybrid", 1.0, 1e-3, True),
         ("radau", 0.5, 1e-3, True),
-        ("radau", 1.0, 3e-3, False),
+        ("radau", 4.0, 1e-3, False),
         ("adams", 4.0, 3e-3, False),
         ("hybrid", 4.0, 1e-3, False),
         ("radau", 0.5, 1e-6, False),
