@@ -177,7 +177,8 @@ def test_loops_that_lose_energy_at_a_coarse_tolerance_are_reported(count: int, r
     ).y  # fmt: skip
     result = simulate(row_of_loops(count, rate), 5.0, interval=0.05, solver="ida", tolerance=1e-2)
     wrong = np.abs(result["angle"] - exact[0][: len(result.t)]).max()
-    assert bool(result.warning or result.failure) == bool(wrong > 0.5)
+    if not 0.08 < wrong < 0.2:  # in between either is right, see docs/balance.md
+        assert bool(result.warning or result.failure) == bool(wrong > 0.2)
 
 
 @pytest.mark.parametrize("grounded", [False, True])

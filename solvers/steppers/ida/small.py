@@ -230,7 +230,11 @@ class IDAStepper(IDADriver, DenseStepper):
         if code is not Code.OK:
             return code
         self._tell()
-        return self._begin()
+        book = self._book[0]
+        passage = book["lowest"], book["highest"]
+        code = self._begin()
+        book["lowest"], book["highest"] = passage  # the motion is the same
+        return code
 
     def arrays(self) -> list[NDArray[Any]]:
         """As :meth:`solvers.stepper.Stepper.arrays`."""
