@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from random_mechanisms import MOVING, build
+from scipy.spatial.transform import Rotation
 
 from mbfmu.mechanics import Harmonic, JointForce, JointSpring, Mechanism, Plant, Revolute, Spherical, Translational
 from mbfmu.mechanics.recursions.aba import drive_efforts, forward_dynamics, unforced
@@ -80,6 +81,31 @@ def test_momenta_along_driven_coordinates_are_derivatives_of_the_kinetic_energy(
     plant.observe(t, q0, v0, np.zeros(plant.system.n), np.zeros(0), out)
     assert plant.energy(t, q0, v0) == pytest.approx(free.energy(t, q, v), rel=1e-12)
     assert plant.energy(t, q0, v0) - out[0] == pytest.approx(wanted, rel=1e-10)
+
+
+def test_positions_are_products_of_rotations_and_offsets() -> None:
+    """Bodies on hinges anywhere, r = r_parent + A_parent s: identities of dynamics hold for wrong offsets, too."""
+    random, m = np.random.default_rng(8), Mechanism()
+    body, A, r, wanted = m.ground, np.eye(3), np.zeros(3), []
+    for k in range(4):
+        at, axis, angle, point = (
+            random.normal(size=3),
+            random.normal(size=3),
+            random.uniform(-3.0, 3.0),
+            (0.3, -0.7, 1.1),
+        )
+        joint = Revolute(axis=tuple(axis), at=tuple(at), start=angle, fixed=True)
+        body = m.body(f"b{k}", body, joint, mass=1.0, inertia=(1.0, 1.0, 1.0))
+        r = r + A @ at
+        A = A @ Rotation.from_rotvec(angle * axis / np.linalg.norm(axis)).as_matrix()
+        wanted += [*r, *(r + A @ point)]
+        for place in ((0.0, 0.0, 0.0), point):
+            for direction in "xyz":
+                m.output(f"{k} {place} {direction}", body.position(direction, point=place))
+    plant = Plant(m)
+    out = np.zeros(len(wanted))
+    plant.observe(0.0, *plant.assemble(), np.zeros(plant.system.n), np.zeros(0), out)
+    np.testing.assert_allclose(out, wanted, atol=1e-13)
 
 
 def test_the_effort_of_a_drive_has_what_acts_along_its_coordinate() -> None:
