@@ -12,6 +12,7 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Callable
+from math import sin
 from pathlib import Path
 
 import fmpy
@@ -43,36 +44,47 @@ class Raw:
         self._references = (ctypes.c_uint * self._count)(*references)
         self._values = (ctypes.c_double * self._count)()
         self._step, self._get = self._dll["fmi2DoStep"], self._dll["fmi2GetReal"]  # without the types FMPy declares
+        self._set, self._input = self._dll["fmi2SetReal"], (ctypes.c_double * 1)()
+        self._inputs = {v.name: (ctypes.c_uint * 1)(v.valueReference) for v in fmu.variables.values()}
         self._step.argtypes = [ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_int]
 
     def step(self, t: float, length: float) -> int:
         """fmi2DoStep."""
         return int(self._step(self._component, t, length, 1))
 
+    def set(self, name: str, value: float) -> int:
+        """fmi2SetReal of one variable."""
+        self._input[0] = value
+        return int(self._set(self._component, self._inputs[name], ctypes.c_size_t(1), self._input))
+
     def read(self) -> int:
         """fmi2GetReal of all outputs."""
         return int(self._get(self._component, self._references, ctypes.c_size_t(self._count), self._values))
 
 
-def driven(path: Path) -> Callable[[], None]:
-    """Return a run of an FMU."""
+def driven(path: Path, changed: str = "") -> Callable[[], None]:
+    """Return a run of an FMU; the input ``changed`` is set to another value at every point."""
 
     def run() -> None:
         with Fmu(path) as fmu:
             raw = Raw(fmu)
             for k in range(STEPS):
+                if changed:
+                    assert raw.set(changed, sin(k * LENGTH)) == 0
                 assert raw.step(k * LENGTH, LENGTH) == 0
                 raw.read()
 
     return run
 
 
-def simulated(model: Model, settings: Settings) -> Callable[[], None]:
-    """Return a run without an FMU."""
+def simulated(model: Model, settings: Settings, changed: str = "") -> Callable[[], None]:
+    """Return a run without an FMU; the input ``changed`` is set to another value at every point."""
 
     def run() -> None:
         simulation = Simulation(model, settings)
         for k in range(STEPS):
+            if changed:
+                simulation.set_input(changed, sin(k * LENGTH))
             simulation.advance((k + 1) * LENGTH)
             simulation.outputs()
 
@@ -127,15 +139,18 @@ def main() -> None:
     """Run everything."""
     rows = []
     with tempfile.TemporaryDirectory() as folder:
-        for model in (FourBar(), Governor(), SwingPendulum()):
+        cases = (FourBar(), ""), (Governor(), ""), (SwingPendulum(), ""), (FourBar(), "crank.torque")
+        for model, changed in cases:
             settings = Settings(solver="adams")
             own = export(model, Path(folder, "native.fmu"), settings, native=True)
             other = export(model, Path(folder, "python.fmu"), settings)
             repeats = 5
-            times = median_times(driven(own), driven(other), simulated(model, settings), repeats=repeats)
+            runs = driven(own, changed), driven(other, changed), simulated(model, settings, changed)
+            times = median_times(*runs, repeats=repeats)
             each = [f"{1e6 * t / STEPS:.2f}" for t in times]
-            rows.append([model.name, *each, f"{times[1] / times[0]:.1f}"])
-            if model.name == "fourbar":
+            name = f"{model.name}, changing {changed}" if changed else model.name
+            rows.append([name, *each, f"{times[1] / times[0]:.1f}"])
+            if changed:
                 kept = Path(folder, "kept.fmu")
                 own.rename(kept)
         print(f"us of CPU a step of {1e3 * LENGTH:g} ms with all outputs read, adams at 1e-6, medians of {repeats}")
