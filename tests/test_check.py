@@ -46,7 +46,8 @@ def test_a_singular_position_is_found_when_the_drive_gets_there(scale: float) ->
     assert near.t == pytest.approx((pi - START) / RATE, abs=1e-6)
     assert (near.gap, near.loops, near.passes) == (0.0, ("pin2",), 1)
     assert near.ratio < 1e-6
-    assert found.hard == ("it passes through a singular configuration",)
+    assert found.hard[0] == "it passes through a singular configuration"
+    assert set(found.hard[1:]) <= {"its steps are rejected near singular configurations"}  # 5 of 22 of this short run
     assert (
         f"(branches of the motion cross); smallest singular value of the constraint Jacobian {near.ratio:.1e}"
         in found.as_text()

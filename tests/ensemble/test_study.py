@@ -326,7 +326,7 @@ def test_a_pool_of_its_own(tmp_path: Path):
         ({"keep": ["crank"]}, "'crank'"),
         ({"keep": "crank.rate"}, "a list"),
         ({"scene": "threebar"}, "threebar"),
-        ({"fmu": "nowhere.fmu"}, "either a scene or an fmu"),
+        ({"fmu": "nowhere.fmu"}, "both scene and fmu, or neither"),
         ({"with": "matlab"}, "matlab"),
         ({"count": "many"}, "'many'"),
         ({"samples": 3}, "'samples'"),
