@@ -4,7 +4,8 @@ Numba alone would go on using a cached caller after its callee was edited. So th
 fingerprint of its source and of all sources that it imports, directly or through others:
 ``mbfmu/kernels/<module>-<fingerprint>`` under ``NUMBA_CACHE_DIR`` or the user's cache. Every environment with these
 sources uses the same folders, and an edit recompiles only the modules that import what was edited. Damaged files are
-compiled again. If nothing can be written, every process compiles for itself.
+compiled again. If nothing can be written, every process compiles for itself. So does a process whose sources are edited
+while it runs, as by an update of the checkout: what it has imported may not be what the fingerprint is of.
 """
 
 from __future__ import annotations
@@ -65,11 +66,30 @@ def folder_of(module: str) -> Path:
 def kernel_sources() -> dict[str, str]:
     """Return the source of every module that may hold kernels, by its name."""
     found = {}
-    for place in FOLDERS:
-        for source in place.rglob("*.py"):
-            parts = source.relative_to(HERE.parent).with_suffix("").parts
-            found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = source.read_text("utf-8")
+    for source in read_states():
+        parts = source.relative_to(HERE.parent).with_suffix("").parts
+        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = source.read_text("utf-8")
     return found
+
+
+@cache
+def read_states() -> dict[Path, tuple[int, int]]:
+    """Return the sources of kernels with their states, as this process has found them first."""
+    return {source: state_of(source) for place in FOLDERS for source in place.rglob("*.py")}
+
+
+def state_of(source: Path) -> tuple[int, int]:
+    """Return the time of the last change (ns) and the size (bytes) of a file; zeros: there is none."""
+    try:
+        status = source.stat()
+    except OSError:
+        return 0, 0
+    return status.st_mtime_ns, status.st_size
+
+
+def are_sources_unchanged() -> bool:
+    """Whether no source has been edited since this process has read them."""
+    return all(state_of(source) == state for source, state in read_states().items())
 
 
 def fingerprint_of(sources: Mapping[str, str]) -> str:
@@ -209,7 +229,9 @@ class Cache(FunctionCache):
         return None
 
     def save_overload(self, signature: Any, compiled: Any) -> None:
-        """Keep what was compiled, where that can be written."""
+        """Keep what was compiled, where that can be written and the sources are those of the fingerprint."""
+        if not are_sources_unchanged():
+            return
         try:
             try:
                 super().save_overload(signature, compiled)

@@ -126,6 +126,27 @@ def test_code_of_another_signature_is_not_taken(tmp_path: Path) -> None:
     assert ended(start(script, home))["told"] == first == ["6", "3.0", "2j"]
 
 
+def test_a_process_whose_sources_are_edited_keeps_nothing(tmp_path: Path) -> None:
+    """It may have imported some of them before and some after the edit."""
+    script, home = tmp_path / "demo.py", tmp_path / "home"
+    script.write_text(
+        "import json\n"
+        "from solvers.compiled import cache\n"
+        "from solvers.compiled.kernel import kernel\n\n"
+        "@kernel\n"
+        "def half(x):\n"
+        "    return 0.5 * x\n\n"
+        "edited = next(iter(cache.read_states()))\n"
+        "cache.read_states()[edited] = 0, 0\n"
+        "print(json.dumps({'found': half(38.0)}))\n"
+    )
+    ended(start(script, home))
+    assert not list(home.rglob("demo.half*"))
+    script.write_text(script.read_text().replace("cache.read_states()[edited] = 0, 0\n", ""))
+    ended(start(script, home))
+    assert list(home.rglob("demo.half*.nbc"))
+
+
 def test_a_caller_sees_that_what_it_calls_was_edited(tmp_path: Path) -> None:
     callee, script = tmp_path / "callee.py", tmp_path / "demo.py"
     body = "from solvers.compiled import linking\nlinking.SMALL = 0\n"
